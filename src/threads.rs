@@ -1,5 +1,6 @@
-//! Starts and ends the threads of this crate, which run in programs that others have written; and waits of the threads of those
-//! programs, which may be ended by force in them: `signal.rs`, `sync.rs`, `caller.rs`.
+//! Starts and ends the threads of this crate, which run in programs that others have written. The modules `signal.rs`,
+//! `sync.rs` and `caller.rs` are for the other side: they let the threads of such a program wait in this crate, where
+//! the program may end them by force.
 
 mod caller;
 #[cfg(windows)]
@@ -17,15 +18,16 @@ pub use signal::{Signal, Ticket};
 /// How often [`end_within`] checks whether a thread has ended.
 const CHECK_INTERVAL: Duration = Duration::from_millis(1);
 
-/// Starts a thread with all signals blocked. So the program's signal handlers run in its own threads, and a signal that the
-/// program has blocked in all its threads, to receive it by signalfd or sigwait, is not delivered to one of this crate, which
-/// would end the process.
+/// Starts a thread with all signals blocked. The program's signal handlers then run in the program's own threads. A
+/// signal that the program receives by signalfd or sigwait, blocked in all its threads, is not delivered to a thread of
+/// this crate, which would end the process.
 ///
-/// On Unix it has begun `work` when this returns: without memory for the guard page of its signal stack a thread ends before that,
-/// by a panic of the standard library, and who waits for what it does would wait for ever.
+/// On Unix the thread has begun `work` when this function returns. Without memory for the guard page of its signal
+/// stack a thread ends before it begins `work`, by a panic in the standard library, and a caller that waits for the
+/// thread's work would wait forever.
 ///
 /// # Errors
-/// That of the system, if it gives no thread, or one that cannot begin.
+/// The system's error if it cannot create the thread, or out of memory if the thread cannot begin.
 pub(crate) fn spawn<T: Send + 'static>(
     name: &str,
     work: impl FnOnce() -> T + Send + 'static,
@@ -46,10 +48,10 @@ pub(crate) fn spawn<T: Send + 'static>(
     Ok(thread)
 }
 
-/// Waits for at most `limit` for the end of a thread that may hang in a call of the system; returns whether it has ended.
+/// Waits for at most `limit` for the end of a thread that may hang in a system call; returns whether it has ended.
 ///
-/// The program may unload this library next. If the thread hangs the library is kept in memory until the process ends,
-/// because the thread continues in its code when the call returns.
+/// The program may unload this library next. If the thread hangs, the library is kept in memory until the process ends,
+/// because the thread continues in the library's code when the system call returns.
 pub(crate) fn end_within(thread: JoinHandle<()>, limit: Duration) -> bool {
     let began = Instant::now();
     while !thread.is_finished() {
@@ -64,7 +66,7 @@ pub(crate) fn end_within(thread: JoinHandle<()>, limit: Duration) -> bool {
     true
 }
 
-/// Only Windows unloads a shared library of this crate.
+/// Keeping the library in memory is needed on Windows only: nothing else unloads a shared library of this crate.
 #[cfg(not(windows))]
 const fn keep_library_loaded() {}
 
@@ -73,7 +75,8 @@ fn keep_library_loaded() {
     use std::ffi::c_void;
     use std::ptr::null_mut;
 
-    /// `GET_MODULE_HANDLE_EX_FLAG_PIN | GET_MODULE_HANDLE_EX_FLAG_FROM_ADDRESS`
+    /// `GET_MODULE_HANDLE_EX_FLAG_PIN | GET_MODULE_HANDLE_EX_FLAG_FROM_ADDRESS`: keeps the module that contains an
+    /// address loaded until the process ends.
     const PIN_BY_ADDRESS: u32 = 5;
 
     #[link(name = "kernel32")]
@@ -87,17 +90,17 @@ fn keep_library_loaded() {
     unsafe { GetModuleHandleExW(PIN_BY_ADDRESS, here.cast(), &raw mut module) };
 }
 
-/// Runs `work` with all signals blocked, so that threads which it starts have them blocked too.
+/// Runs `work` with all signals blocked, so that threads which it starts inherit the blocked signals.
 ///
 /// # Errors
-/// That of the system, if the signals cannot be blocked; `work` was not run then.
+/// The system's error if the signals cannot be blocked. `work` is then not run.
 #[cfg(all(feature = "usb", unix))]
 pub(crate) fn with_signals_blocked<T>(work: impl FnOnce() -> T) -> io::Result<T> {
     let _restored = SignalsBlocked::all()?;
     Ok(work())
 }
 
-/// Signals are blocked in this thread until this is dropped, which restores its signal mask.
+/// Blocks all signals in this thread until it is dropped; then it restores the thread's signal mask.
 #[cfg(unix)]
 struct SignalsBlocked {
     before: nix::sys::signal::SigSet,
@@ -110,7 +113,8 @@ impl SignalsBlocked {
         use nix::sys::signal::{SigSet, SigmaskHow};
 
         let mut signals = SigSet::all();
-        // A fault of the thread raises these. If they were blocked the process would end without its handler.
+        // The system raises these signals for a fault of the thread itself. If they were blocked, the process would end
+        // without running its handler.
         [SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV, SIGSYS, SIGTRAP].into_iter().for_each(|fault| signals.remove(fault));
         Ok(Self { before: signals.thread_swap_mask(SigmaskHow::SIG_BLOCK)? })
     }
@@ -128,7 +132,8 @@ impl Drop for SignalsBlocked {
 mod tests {
     use super::*;
 
-    /// WIN-9 A thread has ended when that is said, to its last instruction; one that hangs is not waited for.
+    /// WIN-9 `end_within` reports the end of a thread only after its last instruction, and does not wait for one that
+    /// hangs.
     #[test]
     fn a_thread_that_hangs_is_left() {
         let (goes_on, wait) = std::sync::mpsc::channel::<()>();

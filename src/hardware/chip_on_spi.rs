@@ -1,8 +1,8 @@
 //! `xf-spi:`: a real ECM-XF on a spidev device, with INT0 and INT1 on lines of a GPIO chip.
 //!
-//! INT0 is active while the chip is ready for a packet, and inactive while it processes one (XF EN 1706). When an
-//! exchange has just ended it may still be active from before, so its level says nothing then: what counts is the edge
-//! that comes after the exchange began.
+//! INT0 is active while the chip is ready for a packet, and inactive while it processes one (XF EN 1706). Right after
+//! an exchange INT0 may still be active from before, so its level does not show whether the chip is ready. The link
+//! waits for the edge that follows the beginning of the exchange.
 
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ use crate::io::spi::{EdgeDevice, EdgeSettings, EdgeWires, GpioLine, Level, WireE
 use crate::link::chip_link::{ChipError, ChipInfo, ChipLink, RESET_LOW, speed_hz};
 use crate::xf::host::Wires;
 
-/// A chip on SPI.
+/// A link to an ECM-XF on SPI.
 pub struct SpiChip<W: EdgeWires = EdgeDevice> {
     info: ChipInfo,
     wires: W,
@@ -22,7 +22,7 @@ pub struct SpiChip<W: EdgeWires = EdgeDevice> {
 }
 
 impl SpiChip {
-    /// The chip that an `xf-spi:` link names.
+    /// Opens the chip that an `xf-spi:` link names.
     ///
     /// # Errors
     /// [`ChipError::Uri`]; [`ChipError::Wires`], which says which device or line cannot be used and what to do.
@@ -35,8 +35,7 @@ impl SpiChip {
 }
 
 impl<W: EdgeWires> SpiChip<W> {
-    /// The chip behind these wires, whose clock of SPI has that frequency in Hz; `name` is the name of the link in
-    /// messages.
+    /// A link over these wires, with an SPI clock of `speed_hz`; `name` is the name of the link in messages.
     pub fn over(name: &str, wires: W, speed_hz: u32) -> Self {
         let info = ChipInfo {
             name: name.to_owned(),
@@ -48,7 +47,7 @@ impl<W: EdgeWires> SpiChip<W> {
         Self { info, wires, resets_at_close: false }
     }
 
-    /// The same chip, which is reset now or when it is closed.
+    /// Resets the chip now, when the link is closed, or both, as `times` says.
     ///
     /// # Errors
     /// [`ChipError::Wires`].
@@ -60,7 +59,7 @@ impl<W: EdgeWires> SpiChip<W> {
         Ok(self)
     }
 
-    /// The wires.
+    /// The wires, for tests and for direct access.
     pub const fn wires_mut(&mut self) -> &mut W {
         &mut self.wires
     }
@@ -120,19 +119,19 @@ impl<W: EdgeWires> Drop for SpiChip<W> {
     }
 }
 
-/// When an `xf-spi:` link resets its chip, which needs the line for it.
+/// When an `xf-spi:` link resets its chip. A reset needs the reset line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ResetTimes {
-    /// When it is opened.
+    /// Reset when the link is opened.
     pub at_open: bool,
-    /// When it is closed.
+    /// Reset when the link is closed.
     pub at_close: bool,
 }
 
-/// When the chip is reset; never without the line.
+/// The reset times of a link; none without the reset line.
 ///
 /// # Errors
-/// [`UriError::BadValue`]: another time than the opening, without the line.
+/// [`UriError::BadValue`] if `reset_at=` asks for a reset at closing and the link names no reset line.
 fn reset_times(uri: &LinkUri) -> Result<ResetTimes, UriError> {
     let has_line = uri.typed("reset", GpioLine::parse)?.is_some();
     let times = |at_open, at_close| ResetTimes { at_open, at_close };
@@ -150,14 +149,14 @@ fn reset_times(uri: &LinkUri) -> Result<ResetTimes, UriError> {
     }
 }
 
-/// The mode of the chip's SPI (XF EN 148).
+/// SPI mode of the chip (XF EN 148).
 const SPI_MODE: u8 = 0;
 
-/// The devices that are the wires of an `xf-spi:` link.
+/// The devices that an `xf-spi:` link uses: the spidev device and the GPIO lines.
 ///
 /// # Errors
 /// [`UriError::OtherScheme`] if it is not an `xf-spi:` link; [`UriError::BadPath`] without a device;
-/// [`UriError::BadValue`] for a level of INT0 without its line.
+/// [`UriError::BadValue`] if the link gives a level for INT0 but no line for it.
 fn spi_settings(uri: &LinkUri) -> Result<EdgeSettings, UriError> {
     uri.expect_scheme(Scheme::XfSpi)?;
     let ready = uri.typed("int0", GpioLine::parse)?;
@@ -177,7 +176,7 @@ fn spi_settings(uri: &LinkUri) -> Result<EdgeSettings, UriError> {
     })
 }
 
-/// The error of a link whose wires cannot be used.
+/// The error of a link whose SPI device or GPIO lines cannot be used.
 fn refused(name: &str, error: &WireError) -> ChipError {
     let next = match error {
         WireError::InUse { .. } => "end what uses it, or correct the link",
@@ -192,7 +191,7 @@ mod tests {
     use super::*;
     use crate::xf::MAX_PACKET;
 
-    /// XF-16.6
+    /// XF-16.6 The error of a device or line that cannot be used ends with what to do.
     #[test]
     fn wires_that_cannot_be_used_are_told_with_the_next_step() {
         let said = |error| refused("xf-spi:/dev/spidev0.0", &error).to_string();

@@ -1,7 +1,7 @@
-//! `xf-usb:`: a real ECM-XFU on USB, which is an ECM-XF whose packets have 1024 bytes (XF EN 715).
+//! `xf-usb:`: a real ECM-XFU on USB. An ECM-XFU is an ECM-XF with packets of 1024 bytes (XF EN 715).
 //!
-//! \[OURS] No source says how the chip looks on USB. Each packet is one transfer out and one in, and what comes in is the
-//! answer to the packet before, as on SPI. Ids and endpoints are keys without a default.
+//! \[OURS] No source describes the chip's USB interface. Each packet is one transfer out and one transfer in, and the
+//! data in are the answer to the previous packet, as on SPI. USB ids and endpoints are keys without a default.
 
 use std::time::Duration;
 
@@ -13,25 +13,25 @@ use crate::link::chip_link::{ChipError, ChipInfo, ChipLink};
 use crate::xf::DataSize;
 use crate::xf::host::Wires;
 
-/// Bytes of a packet.
+/// Size of a packet in bytes.
 const PACKET: usize = DataSize::XFU.packet_len();
 
-/// A chip on USB.
+/// A link to an ECM-XFU on USB.
 pub struct UsbChip<W = PacketDevice> {
     info: ChipInfo,
     wires: W,
-    /// What the chip has sent and the driver did not ask for: it looks for the beginning of packets by fewer bytes than a
-    /// packet has, and USB gives whole ones.
+    /// Received bytes that the driver has not asked for yet. While the driver searches for the beginning of packets it
+    /// asks for less than a packet, but USB transfers whole packets.
     rest: [u8; PACKET],
-    /// Bytes at the end of `rest`.
+    /// Number of unread bytes, at the end of `rest`.
     rest_len: usize,
 }
 
 impl UsbChip {
-    /// The chip that an `xf-usb:` link names.
+    /// Opens the chip that an `xf-usb:` link names.
     ///
     /// # Errors
-    /// [`ChipError::Uri`]; [`ChipError::Wires`], which says why it cannot be used and what to do.
+    /// [`ChipError::Uri`]; [`ChipError::Wires`], which says why the device cannot be used and what to do.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, ChipError> {
         let place = usb_place(uri)?;
         let name = uri.to_string();
@@ -41,7 +41,7 @@ impl UsbChip {
 }
 
 impl<W: PacketWires> UsbChip<W> {
-    /// The chip behind these wires; `name` is the name of the link in messages.
+    /// A link over these wires; `name` is the name of the link in messages.
     pub fn over(name: &str, wires: W) -> Self {
         let info = ChipInfo {
             name: name.to_owned(),
@@ -53,12 +53,13 @@ impl<W: PacketWires> UsbChip<W> {
         Self { info, wires, rest: [0; PACKET], rest_len: 0 }
     }
 
-    /// The wires.
+    /// The wires, for tests and for direct access.
     pub const fn wires_mut(&mut self) -> &mut W {
         &mut self.wires
     }
 
-    /// As many bytes as the driver looks for packets in, with nothing in them that the chip takes for one.
+    /// Fills `from_chip` with received bytes while the driver searches for the beginning of packets. It sends zeros,
+    /// which the chip does not take for a packet.
     fn search(&mut self, from_chip: &mut [u8]) -> Result<(), PacketError> {
         for byte in from_chip {
             if self.rest_len == 0 {
@@ -111,10 +112,10 @@ impl<W: PacketWires> ChipLink for UsbChip<W> {
     }
 }
 
-/// The error of a link whose device cannot be used.
+/// The error of a link whose USB device cannot be used.
 fn refused(name: &str, error: &PacketError) -> ChipError {
     let next = match error {
-        // It says itself what to do.
+        // The text of this error already says what to do.
         PacketError::Bus(_) => None,
         PacketError::Missing { .. } => Some("plug it in and switch it on, or correct vid= and pid= (`lsusb`)"),
         PacketError::Several { .. } => Some("unplug the others"),
@@ -134,7 +135,8 @@ fn refused(name: &str, error: &PacketError) -> ChipError {
     ChipError::Wires { name: name.to_owned(), message }
 }
 
-/// The device of an `xf-usb:` link, and its endpoints. \[OURS] No source has the ids of an ECM-XFU or its endpoints.
+/// The USB device of an `xf-usb:` link, and its endpoints. \[OURS] No source gives the USB ids or the endpoints of an
+/// ECM-XFU.
 ///
 /// # Errors
 /// [`UriError::OtherScheme`] if it is not an `xf-usb:` link; [`UriError::MissingKey`].
@@ -149,7 +151,7 @@ fn usb_place(uri: &LinkUri) -> Result<PacketPlace, UriError> {
 mod tests {
     use super::*;
 
-    /// XF-16.11
+    /// XF-16.11 The error of a device that cannot be used ends with what to do.
     #[test]
     fn a_device_that_cannot_be_used_is_told_with_the_next_step() {
         let (vendor, product) = (0x1234, 0x00AB);

@@ -1,6 +1,6 @@
-//! Access to the hardware that a board or its slaves are connected by, without knowledge of a protocol: a HID device on USB
-//! ([`hid`], features `usb`), a device on SPI with its lines ([`spi`], feature `spi`), and a network interface ([`ethernet`],
-//! features `nic` and `serve`).
+//! Access to the hardware to which a board or its slaves are connected, without knowledge of a protocol: a HID device
+//! on USB ([`hid`], features `usb`), a device on SPI with its GPIO lines ([`spi`], feature `spi`), and a network
+//! interface ([`ethernet`], features `nic` and `serve`).
 
 pub mod descriptors;
 #[cfg(all(any(feature = "nic", feature = "serve"), target_os = "linux"))]

@@ -1,14 +1,14 @@
 //! Default routes in the tables of the Linux kernel.
 
-/// The interfaces that have a default route in the kernel's `route`: name, destination, .., mask in the 8th column.
+/// The interfaces with a default route in the kernel's table `route`: name, destination, .., mask in the 8th column.
 pub fn default_routes_v4(table: &str) -> Vec<String> {
     let rows = table.lines().skip(1).map(|line| line.split_whitespace().collect::<Vec<_>>());
     let is_default = |row: &Vec<&str>| row.get(1) == Some(&"00000000") && row.get(7) == Some(&"00000000");
     rows.filter(is_default).map(|row| row[0].to_owned()).collect()
 }
 
-/// The interfaces that have a default route in the kernel's `ipv6_route`: destination, its length, .., name in the last
-/// column. The kernel rejects what goes to `lo`.
+/// The interfaces with a default route in the kernel's table `ipv6_route`: destination, prefix length, .., name in the
+/// last column. Routes to `lo` are left out, since the kernel rejects their packets.
 pub fn default_routes_v6(table: &str) -> Vec<String> {
     let rows = table.lines().map(|line| line.split_whitespace().collect::<Vec<_>>());
     let is_default = |row: &Vec<&str>| row.len() == 10 && row[0].bytes().all(|digit| digit == b'0') && row[1] == "00";

@@ -1,5 +1,5 @@
-//! The arguments of commands as types that hold valid values only, and [`Malformed`]: which argument of a command is
-//! none that the guides allow.
+//! The arguments of commands as types that hold valid values only, and [`Malformed`], the error for an argument that
+//! the guides do not allow.
 
 use core::fmt;
 
@@ -10,9 +10,9 @@ use crate::ethercat::coe::ObjectAddress;
 pub enum Argument {
     /// A number, in the unit that the name says.
     Number(i64),
-    /// Yes or no.
+    /// Yes or no, such as a switch.
     Flag(bool),
-    /// One of a few words.
+    /// One word of a fixed set, such as a state or a kind of slave.
     Word(&'static str),
     /// The kinds of eight slaves.
     Kinds([SlaveKind; 8]),
@@ -22,7 +22,7 @@ pub enum Argument {
     Axis(AxisTarget),
 }
 
-/// The target of one axis, and its digital outputs if it is one of a pulse module.
+/// The target of one axis and, for a pulse module (HSP), its digital outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct AxisTarget {
     /// CSP: the absolute target position in counts. CSV: the target velocity in counts/s, as the drive scales it.
@@ -31,19 +31,19 @@ pub struct AxisTarget {
     pub outputs: u16,
 }
 
-/// What kind of slave a slot belongs to, which the host declares with SET_AXIS, one nibble per slave (UG17 2.1.3). The board
-/// chooses the slave's process data by it.
+/// The kind of slave that a slot belongs to. The host declares it with SET_AXIS, one nibble per slave (UG17 2.1.3), and
+/// the board chooses the slave's process data by it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum SlaveKind {
     /// Servo drive.
     Drive = 0,
-    /// 16 digital inputs and 16 digital outputs. What every slave counts as until it is declared.
+    /// 16 digital inputs and 16 digital outputs. A slave counts as this kind until SET_AXIS declares it.
     #[default]
     Io = 1,
     /// NEXTW high-speed pulse module, one or two channels.
     Hsp = 2,
-    /// Stepper drive (OBS).
+    /// Stepper drive (OBS: seen in programs that work with real boards).
     Step = 3,
     /// No slave.
     None = 0xF,
@@ -87,8 +87,8 @@ impl SlaveKind {
     }
 }
 
-/// An EtherCAT cycle time that SET_DC accepts: 250 us * 2^n with n in 0..=11, so 250 us to 512 ms (UG17 2.1.4; the upper
-/// limit is \[OURS\]).
+/// An EtherCAT cycle time that SET_DC accepts: 250 us * 2^n with n in 0..=11, so 250 us to 512 ms (UG17 2.1.4; the
+/// upper limit is \[OURS\]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct CycleTime(u32);
 
@@ -114,12 +114,12 @@ impl CycleTime {
     }
 }
 
-/// Data2 of SET_DC: the shift of the SYNC0 event against the frame. Programs ask for the automatic one.
+/// Data2 of SET_DC: the shift of the SYNC0 event relative to the frame. Applications request the automatic shift.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum DcShift {
-    /// 0xFFFF, automatic, as applications send it.
+    /// 0xFFFF, automatic: the value that applications send.
     Auto,
-    /// 0xFFFF0000, automatic as well, as the guide's text prints it.
+    /// 0xFFFF0000, automatic as well: the value that the guide's text prints.
     AutoHigh,
     /// Any other value: accepted without effect.
     Other(u32),
@@ -143,8 +143,9 @@ impl DcShift {
     }
 }
 
-/// How a slave is synchronised: DRIVE_TYPE, Data2 of DRIVE_MODE (UG17 2.1.7). `[OURS]` Any value but 0 is DC sync, the
-/// default, because programs reuse a slot and leave in Data2 what an earlier command put there, such as SET_DC's 0xFFFF.
+/// How a slave is synchronised: the argument DRIVE_TYPE in Data2 of DRIVE_MODE (UG17 2.1.7). `[OURS]` Any value but 0
+/// means DC sync, the default, because programs reuse a slot and leave an earlier command's argument in Data2, such as
+/// SET_DC's 0xFFFF.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum DriveSync {
@@ -165,33 +166,34 @@ impl fmt::Display for TorquePercent {
     }
 }
 
-/// Which argument of a command is none that the guides allow. The modelled board rejects such a command with this reason.
+/// The argument of a command that the guides do not allow. The modelled board rejects such a command with this reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Malformed {
-    /// SET_STATE: Data1 is none of 1, 2, 4, 8.
+    /// SET_STATE: Data1 is not 1, 2, 4 or 8.
     State(u32),
     /// SET_AXIS: byte 2 is above 4.
     Group(u8),
-    /// SET_AXIS: the nibble of this slave is 4..=14.
+    /// SET_AXIS: the nibble of this slave is 4..=14, which stands for no kind.
     Kind {
-        /// Slave, 1..=40.
+        /// The slave's number, 1..=40.
         slave: u8,
-        /// The nibble.
+        /// The value of the nibble, 4..=14.
         nibble: u8,
     },
     /// SET_DC: Data1 is not 250 us * 2^n or more than 1 s.
     CycleTime(u32),
     /// SET_FIFO: byte 2 is neither 1 nor 2.
     FifoAction(u8),
-    /// SET_FIFO 2 with Data1 = 0: fewer than 0 entries can never be free, so the FIFO would never run.
+    /// SET_FIFO 2 with Data1 = 0: the FIFO starts once fewer entries than Data1 are free, so with 0 it would never
+    /// start.
     ZeroThreshold,
-    /// DRIVE_MODE: Data1 is none of 8, 9, 10.
+    /// DRIVE_MODE: Data1 is not 8, 9 or 10.
     DriveMode(u32),
-    /// SDO_RD, SDO_WR: the slave number is 0 or above 40 (30).
+    /// SDO_RD, SDO_WR: the slave number is 0, or above 40 (30 in 16-byte mode).
     SdoSlave(u16),
-    /// SDO_RD, SDO_WR: the low half of Data1 is above 255.
+    /// SDO_RD, SDO_WR: the sub-index, the low half of Data1, is above 255.
     SubIndex(u16),
-    /// SDO_WR: the high byte of Parm is none of 1, 2, 4.
+    /// SDO_WR: the size in bytes, the high byte of Parm, is not 1, 2 or 4.
     SdoSize(u8),
 }
 

@@ -1,8 +1,8 @@
-//! Commands with their meaning: one type per kind of slot. Decoding yields only commands that a board executes in some
-//! state of the network; encoding writes what it is given.
+//! Commands with their meaning: one type per kind of slot. Decoding yields only commands that the board executes in at
+//! least one state of the network. Encoding does not check its arguments.
 //!
-//! A slot with an id that does not belong into that kind of slot is kept as `Other`; a known id with an argument that no
-//! guide allows is the error [`Malformed`].
+//! A command that does not belong in this kind of slot is decoded as `Other`. A command with an argument that no guide
+//! allows is the error [`Malformed`].
 //!
 //! ```
 //! use ecmsk::coe::{ObjectAddress, SdoSize};
@@ -36,13 +36,13 @@ pub use slave::{Motion, SlaveCommand, SlotCommand};
 /// A command for the board itself, in slot 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum MasterCommand {
-    /// No request: the board answers with its state alone.
+    /// No request: the board answers with the state of the network alone.
     GetStatus,
     /// Change the EtherCAT state of all slaves; takes many cycles.
     SetState(MasterState),
     /// Declare the kinds of eight slaves: slave `group * 8 + k + 1` is `kinds[k]`.
     SetAxis {
-        /// Byte 2: 0..=4.
+        /// Byte 2: which eight slaves, 0..=4.
         group: u8,
         /// Kinds of the eight slaves. Those for which the board has no slot are ignored.
         kinds: [SlaveKind; 8],
@@ -54,7 +54,7 @@ pub enum MasterCommand {
         /// Data2: the shift of SYNC0.
         shift: DcShift,
     },
-    /// Switch the two CRCs on or off, which takes effect at the next boot.
+    /// Enable or disable the CRCs of command frames and of response frames, from the board's next boot on.
     SetEx {
         /// Data1 bit 0: the board checks the CRC of command frames.
         check_commands: bool,
@@ -67,9 +67,9 @@ pub enum MasterCommand {
     LocalRead,
     /// Write the board's own six digital outputs: bit k is output k. Bits 6 and 7 have no output and are not sent.
     LocalWrite(u8),
-    /// Boot the board again.
+    /// Reset the board, which then boots again.
     SoftReset,
-    /// A command that does not belong into slot 0, or an id that no guide lists.
+    /// A command that does not belong in slot 0, or an id that no guide lists.
     Other(RawSlot),
 }
 
@@ -77,7 +77,7 @@ pub enum MasterCommand {
 const LOCAL_OUTPUTS_MASK: u32 = 0x3F;
 
 impl MasterCommand {
-    /// Decodes slot 0 of a command frame. Byte 3, the CRC, is ignored.
+    /// Decodes slot 0 of a command frame. Byte 3, the frame's CRC, is ignored.
     ///
     /// # Errors
     /// [`Malformed`] if the id is a command for the board and an argument is not allowed.
@@ -105,7 +105,7 @@ impl MasterCommand {
             CommandId::LocalRead => Self::LocalRead,
             CommandId::LocalWrite => Self::LocalWrite((slot.data1 & LOCAL_OUTPUTS_MASK) as u8),
             CommandId::SoftReset => Self::SoftReset,
-            // Byte 3 is the frame's CRC and no part of the command: the same command in two frames must compare equal.
+            // Byte 3 is the frame's CRC and not part of the command: the same command in two frames must compare equal.
             _ => Self::Other(RawSlot { parm: argument.into(), ..*slot }),
         })
     }
@@ -128,7 +128,7 @@ impl MasterCommand {
         Ok(Self::SetAxis { group, kinds })
     }
 
-    /// Encodes the command as slot 0, byte 3 (the CRC) 0.
+    /// Encodes the command as slot 0, with byte 3 (the frame's CRC) set to 0.
     pub fn encode(&self) -> RawSlot {
         let slot = RawSlot { id: self.id().code(), ..RawSlot::ZERO };
         match *self {
@@ -165,7 +165,7 @@ impl MasterCommand {
         }
     }
 
-    /// Writes the arguments as a dump shows them, each with a blank in front.
+    /// Writes the arguments as a dump shows them, each preceded by a blank.
     pub(super) fn write_arguments(&self, f: &mut Formatter<'_>, size: SlotSize) -> fmt::Result {
         match *self {
             Self::SetState(state) => write!(f, " {state}"),
@@ -189,7 +189,7 @@ impl MasterCommand {
         }
     }
 
-    /// Gives the arguments by name, one after the other.
+    /// Calls `give` with the name and the value of each argument.
     pub fn arguments(&self, give: &mut dyn FnMut(&'static str, Argument)) {
         match *self {
             Self::SetState(state) => give("state", Argument::Word(state.name())),

@@ -13,9 +13,9 @@ pub const CRC_BYTE: usize = 3;
 
 static CRC8: Crc<u8, Table<16>> = Crc::<u8, Table<16>>::new(&ALGORITHM);
 
-/// The CRC-8 that belongs into byte 3 of `frame`, whatever that byte holds now.
+/// The CRC-8 that belongs in byte 3 of `frame`, whatever that byte holds now.
 ///
-/// `frame` is a whole frame, 504 or 512 bytes; for any other length the CRC over the bytes given.
+/// `frame` is a whole frame, 504 or 512 bytes. For any other length the result is the CRC over the bytes given.
 pub fn frame_crc(frame: &[u8]) -> u8 {
     let mut digest = CRC8.digest();
     match frame.split_at_checked(CRC_BYTE + 1) {
@@ -28,18 +28,18 @@ pub fn frame_crc(frame: &[u8]) -> u8 {
     digest.finalize()
 }
 
-/// Whether a host accepts a response whose byte 3 is 0. One frame alone does not show whether that is a board that fills in
-/// no CRC or a CRC of 0 (SK-1.20).
+/// Whether a host accepts a response whose byte 3 is 0. Such a frame is ambiguous: the board may leave the CRC out, or
+/// the frame's CRC may be 0 (SK-1.20).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CrcPolicy {
-    /// A frame with a 0 there is accepted as one without CRC; any other value must be the frame's CRC.
+    /// A 0 in byte 3 counts as "no CRC" and is accepted; any other value must be the frame's CRC.
     #[default]
     AbsentAllowed,
     /// Byte 3 must be the frame's CRC, whatever its value.
     Strict,
 }
 
-/// Byte 3 of a frame is not its CRC.
+/// The error that byte 3 of a frame is not its CRC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CrcError {
     /// The CRC over the frame's bytes.
@@ -56,13 +56,13 @@ impl fmt::Display for CrcError {
 
 impl core::error::Error for CrcError {}
 
-/// How byte 3 of a frame compares with the frame's CRC, for a display. Whether a host accepts a frame follows from
-/// [`CrcPolicy`].
+/// How byte 3 of a frame compares with the frame's CRC, for display. [`CrcPolicy`] decides whether a host accepts the
+/// frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CrcStatus {
-    /// Byte 3 is the frame's CRC, which is this value and may be 0.
+    /// Byte 3 is the frame's CRC. The value of the CRC may be 0.
     Right(u8),
-    /// Byte 3 is 0, and that is not the frame's CRC: most likely the sender fills in none.
+    /// Byte 3 is 0 and the frame's CRC is not: most likely the sender does not fill in a CRC.
     Absent {
         /// The CRC over the frame's bytes.
         expected: u8,

@@ -13,8 +13,8 @@
 //! );
 //! ```
 //!
-//! A dump leaves nothing out: if a slot has bytes set that its meaning does not use, or has no meaning at all, its line
-//! ends with the raw fields and the reason. A line without raw fields is thus complete.
+//! A dump omits nothing: if a slot has bytes set that its meaning does not use, or has no meaning at all, its line ends
+//! with the raw fields and the reason. A line without raw fields is therefore complete.
 
 mod meaning;
 mod text;
@@ -26,22 +26,22 @@ use super::{MasterState, SlotSize};
 
 pub use meaning::{ByteOne, KindEvidence, SlaveData, SlaveReading, SlotMeaning};
 
-/// The most slaves that a frame has slots for (those of 12 bytes): the length of a list of slave kinds.
+/// The most slaves that a frame has slots for, 40 with slots of 12 bytes: the length of a list of slave kinds.
 pub const MAX_SLAVES: usize = SlotSize::Bytes12.max_slaves();
 
-/// What a slot of a frame is for, with the slave's number (SK-1).
+/// The purpose of a slot in a frame, with the slave's number (SK-1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SlotRole {
-    /// Slot 0, of the board itself.
+    /// Slot 0, for the board itself.
     Master,
-    /// One of the slots 1..=40 (30), of the slave with this number.
+    /// One of the slots 1..=40 (1..=30 in 16-byte mode), for the slave with this number.
     Slave(u8),
-    /// Slot 41 (31), for SDO transfers.
+    /// Slot 41 (31 in 16-byte mode), for SDO transfers.
     Sdo,
 }
 
 impl SlotRole {
-    /// What slot `i` is for; `None` if a frame of this size has no such slot.
+    /// The purpose of slot `i`; `None` if a frame of this size has no such slot.
     pub const fn of(size: SlotSize, i: usize) -> Option<Self> {
         match i {
             0 => Some(Self::Master),
@@ -52,23 +52,23 @@ impl SlotRole {
     }
 }
 
-/// One slot of a frame: what it is for, what it holds and what that means. Its `Display` is one line without the newline.
+/// One slot of a frame: its purpose, its raw fields and their meaning. Its `Display` is one line without the newline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlotLine {
-    /// What the slot is for.
+    /// The purpose of the slot.
     pub role: SlotRole,
-    /// How many bytes the slot has.
+    /// The size of the slot in bytes.
     pub size: SlotSize,
-    /// Its fields as they stand in the frame; in slot 0 the high byte of `parm` is the frame's CRC.
+    /// The slot's fields as in the frame. In slot 0 the high byte of `parm` is the frame's CRC.
     pub raw: RawSlot,
     /// What the fields mean.
     pub meaning: SlotMeaning,
-    /// Whether the frame's CRC is right; `None` in all slots but slot 0.
+    /// The result of the CRC check of the frame; `None` in all slots but slot 0.
     pub crc: Option<CrcStatus>,
 }
 
 impl SlotLine {
-    /// The line of slot `i`, which means what `meaning` says; `None` if a frame of this size has no such slot.
+    /// Builds the line of slot `i`, whose fields `meaning` decodes; `None` if a frame of this size has no such slot.
     fn of(
         frame: &Frame,
         size: SlotSize,
@@ -80,8 +80,8 @@ impl SlotLine {
         Some(Self { role, size, raw, meaning: meaning(role, &raw), crc })
     }
 
-    /// Whether all bytes are 0, so that the slot neither requests nor reports anything. Slot 0 always does: it has the CRC
-    /// and the state.
+    /// Whether all bytes are 0, so that the slot neither requests nor reports anything. Slot 0 is never idle: it has
+    /// the CRC and the state.
     pub const fn is_idle(&self) -> bool {
         !matches!(self.role, SlotRole::Master) && self.raw.is_zero()
     }
@@ -95,7 +95,7 @@ impl SlotLine {
     }
 }
 
-/// A command frame as readable lines. Its `Display` prints those of [`Self::lines`].
+/// A command frame as readable lines. Its `Display` prints the lines of [`Self::lines`].
 #[derive(Clone, Copy, Debug)]
 pub struct CommandDump<'a> {
     frame: &'a Frame,
@@ -104,7 +104,7 @@ pub struct CommandDump<'a> {
 }
 
 impl<'a> CommandDump<'a> {
-    /// A dump of slot 0 and of the slots of `frame` that request something.
+    /// A dump of slot 0 and of those slots of `frame` that request something.
     pub const fn new(frame: &'a Frame, size: SlotSize) -> Self {
         Self { frame, size, with_idle_slots: false }
     }
@@ -133,7 +133,7 @@ impl<'a> CommandDump<'a> {
     }
 }
 
-/// A response frame as readable lines. Its `Display` prints those of [`Self::lines`].
+/// A response frame as readable lines. Its `Display` prints the lines of [`Self::lines`].
 ///
 /// ```
 /// use ecmsk::sk::dump::{SlaveData, SlotMeaning};
@@ -152,14 +152,14 @@ impl<'a> CommandDump<'a> {
 /// }
 /// ```
 ///
-/// What kind of slave a slot belongs to is not on the wire. The caller may say it with [`Self::kinds`]; otherwise the kind
-/// is derived from the slot's fields as follows, and [`KindEvidence`] tells how certain it is `[OURS]`:
-/// - id IO_RD or IO_WR: an IO slave, since only those take these commands; id CST: a drive, for the same reason;
+/// The kind of slave that a slot belongs to is not on the wire. The caller may set it with [`Self::kinds`]. Otherwise
+/// the kind is derived from the slot's fields as follows, and [`KindEvidence`] says how certain it is `[OURS]`:
+/// - id IO_RD or IO_WR: an IO slave, since only IO slaves take these commands; id CST: a drive, for the same reason;
 /// - bytes 12..15 not 0: a guess at a two-channel HSP;
-/// - the id of another drive command, or Parm (the statusword, if it is one) not 0: a guess at a drive. A stepper's slot
-///   has the same layout. If it is an HSP after all, statusword and position are right and its inputs are shown as torque;
+/// - the id of another drive command, or Parm (a drive's statusword) not 0: a guess at a drive. A stepper's slot has
+///   the same layout. If the slave is an HSP, statusword and position are right and its inputs are shown as torque;
 /// - otherwise, if Data1 fits into 16 bits and Data2 is 0: a guess at an IO slave;
-/// - any other slot is not decoded, its raw fields are shown.
+/// - any other slot is not decoded: its raw fields are shown.
 #[derive(Clone, Copy, Debug)]
 pub struct ResponseDump<'a> {
     frame: &'a Frame,
@@ -170,8 +170,8 @@ pub struct ResponseDump<'a> {
 }
 
 impl<'a> ResponseDump<'a> {
-    /// A dump of slot 0 and of the slots of `frame` that report something. The kinds of the slaves are derived from the
-    /// slots, and byte 1 is taken for the command index.
+    /// A dump of slot 0 and of those slots of `frame` that report something. The kinds of the slaves are derived from
+    /// the slots, and byte 1 is taken for the command index.
     pub const fn new(frame: &'a Frame, size: SlotSize) -> Self {
         Self { frame, size, with_idle_slots: false, kinds: None, mode_in_byte_1: false }
     }
@@ -181,12 +181,12 @@ impl<'a> ResponseDump<'a> {
         Self { with_idle_slots: true, ..self }
     }
 
-    /// Sets the kinds of the slaves: slave n is `kinds[n - 1]`, as the application declared it with SET_AXIS.
+    /// Sets the kinds of the slaves as the application declared them with SET_AXIS: `kinds[n - 1]` is that of slave n.
     pub const fn kinds(self, kinds: &'a [SlaveKind; MAX_SLAVES]) -> Self {
         Self { kinds: Some(kinds), ..self }
     }
 
-    /// Takes byte 1 of a slave's slot for its mode of operation, which firmware 1.5 sends there, and not for the command
+    /// Reads byte 1 of a slave's slot as the mode of operation, which firmware 1.5 sends there, and not as the command
     /// index (SK-3).
     pub const fn mode_in_byte_1(self) -> Self {
         Self { mode_in_byte_1: true, ..self }
@@ -210,7 +210,8 @@ impl<'a> ResponseDump<'a> {
         lines_of_slots(dump.size, dump.with_idle_slots, move |i| dump.line(i))
     }
 
-    /// In OP the slaves' slots hold process data, so that zeros are values. Before OP they may hold an id and nothing else.
+    /// Whether the network is in OP. There the slaves' slots hold process data, in which zeros are values. Before OP
+    /// they may hold only an id.
     fn is_op(&self) -> bool {
         MasterResponse::decode(&self.frame.slot(self.size, 0)).state.state() == Some(MasterState::Op)
     }

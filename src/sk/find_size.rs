@@ -1,8 +1,8 @@
 //! Finds the slot size of a frame from the frame alone, since the wire does not show the board's CONFIG2.
 //!
-//! If the CRC is right in one size only, that is the size. If the board fills in no CRC the slots show it: read in the wrong
-//! size, slots begin in the middle of other slots, and their first byte is mostly no command that belongs there. Either may
-//! fit by chance, so the caller decides how many frames have to agree.
+//! If the CRC is right in only one of the two sizes, that is the frame's size. If the board fills in no CRC, the slots
+//! show the size: read in the wrong size, most slots begin in the middle of other slots, and their first byte is rarely
+//! a command that belongs there. Both tests can succeed by chance, so the caller decides how many frames have to agree.
 
 use super::{
     CommandId, CrcPolicy, FIFO_ENTRIES, Frame, MASTER_CYCLIC, MasterResponse, MasterState, RawSlot, SlotKind, SlotSize,
@@ -10,7 +10,7 @@ use super::{
 };
 
 impl SlotSize {
-    /// The other of the two sizes.
+    /// The other of the two slot sizes.
     pub const fn other(self) -> Self {
         match self {
             Self::Bytes12 => Self::Bytes16,
@@ -29,36 +29,37 @@ impl SlotSize {
 }
 
 impl Frame {
-    /// The size in which byte 3 is the frame's CRC; `None` if it is so in both or in neither. If byte 3 is 0 the result is not
-    /// reliable, because a board that fills in no CRC sends 0 there.
+    /// The size in which byte 3 is the frame's CRC; `None` if that holds for both or for neither. If byte 3 is 0 the
+    /// result is not reliable, because a board that fills in no CRC sends 0 there.
     pub fn size_by_crc(&self) -> Option<SlotSize> {
         SlotSize::only(|size| self.check_crc(size, CrcPolicy::Strict).is_ok())
     }
 
-    /// The size in which the slots have this form; `None` if they have it in both or in neither.
+    /// The size in which the slots have this form; `None` if both or neither fit.
     pub fn size_by_slots(&self, form: SlotForm) -> Option<SlotSize> {
         SlotSize::only(|size| form.fits(self, size))
     }
 }
 
-/// How the slots of a frame look in the right size, depending on what is known about the frame. \[OURS]
+/// The form that the slots of a frame have when read in the right size. It depends on what is known about the frame.
+/// \[OURS]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SlotForm {
     /// The frame is a report. Each slave's slot and the SDO slot begin with a command that belongs there, GET_STATUS included
     /// (SK-3, SK-6), and bytes 12..15 of slot 0 are 0 (SK-1).
     Report,
-    /// The frame is a report that will be refused if it does not fit, so everything that a board may send has to fit: slot 0
-    /// shows a state and what belongs to it (SK-2), the SDO slot begins as for [`SlotForm::Report`], a slave's slot begins
-    /// with any command.
+    /// The frame is a report that the host refuses if it does not fit, so the form admits everything that a board may
+    /// send. Slot 0 shows a state and the fields of that state (SK-2). The SDO slot begins as for [`SlotForm::Report`].
+    /// A slave's slot begins with any known command.
     Answer,
-    /// The frame is a command frame or a report. Each slave's slot and the SDO slot are all zero, or hold a command that
-    /// belongs there (SK-4) and is not GET_STATUS, or the answer to one. A report with slots that answer GET_STATUS does not
-    /// fit, since they hold data without an id.
+    /// The frame is a command frame or a report. Each slave's slot and the SDO slot are all zero, or hold a command
+    /// that belongs there (SK-4) and is not GET_STATUS, or the answer to such a command. A report with slots that
+    /// answer GET_STATUS does not fit, since such slots hold data without an id.
     CommandOrReport,
 }
 
 impl SlotForm {
-    /// Whether the frame's slots have this form in that size.
+    /// Whether the frame's slots, read in this size, have this form.
     pub fn fits(self, frame: &Frame, size: SlotSize) -> bool {
         let slots = frame.slots(size);
         let board = slots.get(0);
@@ -79,8 +80,8 @@ impl SlotForm {
     }
 }
 
-/// Whether a board may send this slot 0: with the id of a command for the board or, in OP, that of the cyclic response; in OP
-/// with no more free entries than the FIFO has, outside OP with zeros in their place.
+/// Whether a board may send this slot 0. Its id is a command for the board or, in OP, the cyclic response. In OP its
+/// free count is at most the depth of the FIFO; outside OP that field is 0.
 fn is_answer_of_board(slot: &RawSlot) -> bool {
     let master = MasterResponse::decode(slot);
     let is_known = belongs(slot, SlotKind::Master);
@@ -97,13 +98,13 @@ const fn is_known(slot: &RawSlot) -> bool {
     !matches!(CommandId::from_code(slot.id), CommandId::Unknown(_))
 }
 
-/// Whether a slot of that kind begins with a command that belongs there.
+/// Whether the slot begins with a command that belongs in slots of this kind.
 const fn belongs(slot: &RawSlot, kind: SlotKind) -> bool {
     CommandId::from_code(slot.id).belongs_in(kind)
 }
 
-/// Whether the slot is a request that belongs into a slot of this kind, or the answer to one. An SDO transfer has to name a
-/// slave.
+/// Whether the slot is a request other than GET_STATUS that belongs in a slot of this kind, or the answer to one. An
+/// SDO transfer has to name an existing slave.
 fn asks(slot: &RawSlot, kind: SlotKind, size: SlotSize) -> bool {
     let names_slave = kind != SlotKind::Sdo || (1..=size.max_slaves()).contains(&usize::from(slot.parm & 0xFF));
     slot.id != CommandId::GetStatus.code() && belongs(slot, kind) && names_slave

@@ -4,7 +4,8 @@ use super::crc::{CRC_BYTE, CrcError, CrcPolicy, CrcStatus, frame_crc};
 use super::slot::{RawSlot, Slot12, Slot16, SlotSize, Slots};
 use super::{MasterCommand, SdoCommand, SlotCommand};
 
-/// Bytes of a frame as it is sent, the size of the board's USB report. With slots of 12 bytes the first 504 are used.
+/// Size of a frame in bytes as it is sent, equal to the board's USB report. With slots of 12 bytes the first 504 are
+/// used.
 pub const FRAME_LEN: usize = 512;
 
 /// One command or response frame. It always carries 512 bytes; the slot size is an argument where it matters.
@@ -14,7 +15,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// A frame of zeros, which is GET_STATUS in every slot without a CRC.
+    /// A frame of zeros: GET_STATUS in every slot, and no CRC.
     pub const fn new() -> Self {
         Self { bytes: [0; FRAME_LEN] }
     }
@@ -24,14 +25,14 @@ impl Frame {
         Self { bytes }
     }
 
-    /// A frame of the first 512 of `bytes`; if there are fewer, the rest is 0.
+    /// A frame of the first 512 of `bytes`; missing bytes are 0.
     pub fn from_prefix(bytes: &[u8]) -> Self {
         let mut frame = Self::new();
         frame.set_prefix(bytes);
         frame
     }
 
-    /// Overwrites the frame with the first 512 of `bytes`; if there are fewer, the rest becomes 0.
+    /// Overwrites the frame with the first 512 of `bytes`; missing bytes become 0.
     #[inline]
     pub fn set_prefix(&mut self, bytes: &[u8]) {
         let (start, rest) = self.bytes.split_at_mut(bytes.len().min(FRAME_LEN));
@@ -49,7 +50,7 @@ impl Frame {
         &mut self.bytes
     }
 
-    /// The bytes that a board of this slot size uses: 504 or 512.
+    /// The bytes that a board with this slot size uses: 504 or 512.
     pub fn wire(&self, size: SlotSize) -> &[u8] {
         &self.bytes[..size.frame_len()]
     }
@@ -70,7 +71,7 @@ impl Frame {
         self.slots(size).get(i)
     }
 
-    /// Writes all bytes of slot `i`; in 12-byte mode `data3` has no place and is left out.
+    /// Writes all bytes of slot `i`. In 12-byte mode there is no room for `data3`, which is left out.
     ///
     /// # Panics
     /// If a frame of this size has no slot `i`.
@@ -84,12 +85,12 @@ impl Frame {
         }
     }
 
-    /// Writes a command for the board itself into slot 0 and sets byte 3, the CRC, to 0.
+    /// Writes a command for the board itself into slot 0 and sets byte 3, the frame's CRC, to 0.
     pub fn put_master(&mut self, size: SlotSize, command: &MasterCommand) {
         self.put(size, 0, &command.encode());
     }
 
-    /// Writes a command into the slot of `slave`, 1..=40 (30).
+    /// Writes a command into the slot of `slave`, 1..=40 (1..=30 in 16-byte mode).
     ///
     /// # Panics
     /// If a frame of this size has no slot for that slave.
@@ -103,22 +104,22 @@ impl Frame {
         self.put(size, size.sdo_slot(), &command.encode());
     }
 
-    /// The value of byte 3, where the CRC belongs.
+    /// The value of byte 3, where the frame's CRC belongs.
     pub const fn crc_byte(&self) -> u8 {
         self.bytes[CRC_BYTE]
     }
 
-    /// The CRC-8 over the frame, which belongs into byte 3.
+    /// The CRC-8 over the frame, which belongs in byte 3.
     pub fn crc(&self, size: SlotSize) -> u8 {
         frame_crc(self.wire(size))
     }
 
-    /// Writes the CRC-8 into byte 3. Any change of the frame after this makes it wrong.
+    /// Writes the CRC-8 into byte 3. Any later change of the frame makes it wrong.
     pub fn fill_crc(&mut self, size: SlotSize) {
         self.bytes[CRC_BYTE] = self.crc(size);
     }
 
-    /// Checks byte 3.
+    /// Checks the CRC in byte 3.
     ///
     /// # Errors
     /// [`CrcError`] if byte 3 is not the frame's CRC; under [`CrcPolicy::AbsentAllowed`] a 0 passes.
@@ -131,7 +132,7 @@ impl Frame {
         if found == expected { Ok(()) } else { Err(CrcError { expected, found }) }
     }
 
-    /// How byte 3 compares with the frame's CRC, for a display.
+    /// How byte 3 compares with the frame's CRC, for display.
     pub fn crc_status(&self, size: SlotSize) -> CrcStatus {
         match self.check_crc(size, CrcPolicy::Strict) {
             Ok(()) => CrcStatus::Right(self.crc_byte()),
@@ -157,7 +158,7 @@ impl core::fmt::Debug for Frame {
     }
 }
 
-/// The direction of a frame.
+/// The direction of a frame between host and board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dir {
     /// Commands to the board.

@@ -1,23 +1,24 @@
-//! The 22 commands: their ids, which slots and which slaves take them, in which states, and when they act (UG17 1.8, table
-//! 1.3).
+//! The 22 commands: their ids, the slots and the kinds of slaves that take them, the states that allow them, and when
+//! they take effect (UG17 1.8, table 1.3).
 //!
-//! A new command of the board begins here, with a row of the table. Four places follow:
+//! To add a command of the board, add a row to the table in this file. Four places follow:
 //!
-//! - `command.rs`, `command/slave.rs` or `command/sdo.rs`, by its slot: its arguments in a frame, in a dump and in JSON;
-//! - `engine/commands.rs`: what the board does;
+//! - `command.rs`, `command/slave.rs` or `command/sdo.rs`, by its slot: its arguments in a frame, in a dump and in
+//!   JSON;
+//! - `engine/commands.rs`: its effect in the model of the board;
 //! - `tests/support/src/guide.rs` and `docs/rules/board.md`: the guide's table, and the rule.
 //!
-//! Tests name each that is missing (`tests/sk/commands.rs`, which also has the bytes of every command), and once the
-//! command is a variant of its enum in `command/` the compiler names the matches over it. What else depends on a command,
-//! such as the kind of slave that a dump guesses by it, follows from its row.
+//! Tests name each missing place (`tests/sk/commands.rs`, which also has the bytes of every command). Once the command
+//! is a variant of its enum in `command/`, the compiler names the matches over it. Everything else that depends on a
+//! command, such as the kind of slave that a dump guesses by it, follows from its row.
 
 use core::fmt;
 
 use super::argument::SlaveKind;
 use super::state::MasterState;
 
-/// Who takes a command: a bit for each [`SlotKind`], and for each [`SlaveKind::nibble`] of the slaves in whose slots it may
-/// stand.
+/// The takers of a command as bit masks: a bit for each [`SlotKind`] in which it may stand, and a bit for each kind of
+/// slave that takes it, by [`SlaveKind::nibble`].
 #[derive(Clone, Copy)]
 struct Takers {
     slots: u8,
@@ -39,7 +40,7 @@ impl Takers {
         takers
     }
 
-    /// Slaves of these kinds.
+    /// A command for the slots of slaves of these kinds.
     const fn slaves(kinds: &[SlaveKind]) -> Self {
         Self::new(&[SlotKind::Slave], kinds)
     }
@@ -56,27 +57,28 @@ const IO: Takers = Takers::slaves(&[SlaveKind::Io]);
 const SDO: Takers = Takers::new(&[SlotKind::Sdo], &[]);
 const NOBODY: Takers = Takers::new(&[], &[]);
 
-/// The states that allow a command, by their letters in the guide's table: Init, PreOP, SafeOP, OP. Each has a bit of its own.
+/// The states that allow a command, one bit each. The letters are those of the guide's table: I Init, P PreOP, S
+/// SafeOP, O OP.
 const IP: u8 = MasterState::Init.code() | MasterState::PreOp.code();
 const IPS: u8 = IP | MasterState::SafeOp.code();
 const IPSO: u8 = IPS | O;
 const PSO: u8 = MasterState::PreOp.code() | MasterState::SafeOp.code() | O;
 const O: u8 = MasterState::Op.code();
 
-/// When a command acts in OP.
+/// When the board executes a command in OP.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Acts {
-    /// When its frame is the next one in the FIFO.
+    /// When the command's frame is the next one in the FIFO.
     InTurn,
-    /// As [`Acts::InTurn`], but it is ignored for an axis that is being homed, since it would move it. SK-7 `[OURS]`:
-    /// SV_OFF always acts, and ends homing; so does ALM_CLR, which starts no motor.
+    /// As [`Acts::InTurn`], but ignored for an axis in homing, since the command would move that axis. SK-7 `[OURS]`:
+    /// SV_OFF always acts, and ends homing; ALM_CLR always acts too, since it starts no motor.
     UnlessHoming,
-    /// When its frame arrives (SK-5 `[OURS]`).
+    /// When the command's frame arrives, without waiting in the FIFO (SK-5 `[OURS]`).
     OnArrival,
 }
 use Acts::{InTurn, OnArrival, UnlessHoming};
 
-/// What the table says of a command besides its code.
+/// A command's row in the table below, besides its code.
 struct Row {
     name: &'static str,
     takers: Takers,
@@ -90,7 +92,7 @@ macro_rules! command_ids {
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum CommandId {
             $($(#[$doc])* #[doc = concat!("`", $text, "`, ", stringify!($code), ".")] #[doc(alias = $text)] $name,)*
-            /// Any other code.
+            /// A code that is not in the table.
             Unknown(u8),
         }
 
@@ -124,7 +126,7 @@ macro_rules! command_ids {
     };
 }
 
-/// The id of every code, as a table because the engine looks one up for each slot in each cycle.
+/// The id of every code, as a lookup table because the engine looks one up for each slot in each cycle.
 static BY_CODE: [CommandId; 256] = {
     let mut ids = [CommandId::Unknown(0); 256];
     let mut code = 0;
@@ -165,37 +167,37 @@ command_ids! {
     SoftReset = 0xBB, "SW_RESET", BOARD, IPSO, OnArrival;
 }
 
-/// What a slot of a frame is for. Each of the three kinds takes its own commands: the columns of the table in UG17 1.8.
+/// The kind of a slot in a frame. Each of the three kinds takes its own commands: the columns of the table in UG17 1.8.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SlotKind {
     /// Slot 0: commands for the board itself.
     Master,
-    /// Slots 1..=40 (30): commands for one slave each.
+    /// Slots 1..=40 (1..=30 in 16-byte mode): commands for one slave each.
     Slave,
     /// The last slot: SDO transfers.
     Sdo,
 }
 
 impl SlotKind {
-    /// All kinds, in the order of their slots in a frame.
+    /// All three kinds, in the order of their slots in a frame.
     pub const ALL: [Self; 3] = [Self::Master, Self::Slave, Self::Sdo];
 }
 
 impl CommandId {
-    /// The name that the guides use, `UNKNOWN` for a code they do not list.
+    /// The name that the guides use; `UNKNOWN` for a code that they do not list.
     pub const fn name(self) -> &'static str {
         self.row().name
     }
 
-    /// Whether this command may stand in slots of that kind (UG17 1.8). GET_STATUS may stand in every slot, an unknown code
-    /// in none.
+    /// Whether this command may stand in slots of that kind (UG17 1.8). GET_STATUS may stand in every slot, an unknown
+    /// code in no slot.
     #[inline]
     pub const fn belongs_in(self, slot: SlotKind) -> bool {
         self.row().takers.slots >> slot as u8 & 1 != 0
     }
 
-    /// Whether a slave of that kind takes this command in its slot (UG17 1.8). DRIVE_MODE may also come before a slave is
-    /// declared: [`SlaveKind::None`] takes it alone.
+    /// Whether a slave of that kind takes this command in its slot (UG17 1.8). DRIVE_MODE may also precede the slave's
+    /// declaration, so it is the only command that [`SlaveKind::None`] takes.
     #[inline]
     pub const fn is_for(self, kind: SlaveKind) -> bool {
         self.row().takers.kinds >> kind.nibble() & 1 != 0
@@ -206,24 +208,26 @@ impl CommandId {
         self.is_for(SlaveKind::Drive) && !self.is_for(SlaveKind::Io)
     }
 
-    /// The kind of slave that alone takes this command; `None` if several do, or no slave.
+    /// The kind of slave that alone takes this command; `None` if several kinds take it, or none.
     pub const fn only_kind(self) -> Option<SlaveKind> {
         let kinds = self.row().takers.kinds;
         if kinds.is_power_of_two() { SlaveKind::from_nibble(kinds.trailing_zeros() as u8) } else { None }
     }
 
-    /// Whether the board executes this command in that state (UG17 1.8), an unknown code in none.
+    /// Whether the board executes this command in that state (UG17 1.8). An unknown code is executed in no state.
     pub const fn is_allowed_in(self, state: MasterState) -> bool {
         self.row().states & state.code() != 0
     }
 
-    /// Whether this command acts when its frame arrives, in OP too, where others wait in the FIFO (SK-5 `[OURS]`).
+    /// Whether this command acts when its frame arrives, even in OP, where other commands wait in the FIFO (SK-5
+    /// `[OURS]`).
     #[inline]
     pub const fn acts_on_arrival(self) -> bool {
         matches!(self.row().acts, OnArrival)
     }
 
-    /// Whether the board ignores this command for an axis that is being homed, since it would move it (SK-7 `[OURS]`).
+    /// Whether the board ignores this command for an axis in homing, since the command would move that axis (SK-7
+    /// `[OURS]`).
     #[inline]
     pub const fn is_ignored_while_homing(self) -> bool {
         matches!(self.row().acts, UnlessHoming)

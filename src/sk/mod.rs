@@ -1,9 +1,9 @@
 //! The wire format of the ECM-SK: slots, frames, CRC-8, typed commands and responses, a readable dump.
 //!
-//! A host sends the board one command frame and receives one response frame per EtherCAT cycle. Both have the same
-//! shape: slot 0 belongs to the board itself, the slots after it to the slaves in the order of the network, the last
-//! slot to SDO transfers. This module has no I/O, no state and no allocation, and is `no_std`. It holds the only byte
-//! offsets of the protocol; everything else in the crate uses its types.
+//! In each EtherCAT cycle a host sends the board one command frame and receives one response frame. Both have the same
+//! layout: slot 0 belongs to the board itself, the slots after it to the slaves in the order of the network, the last
+//! slot to SDO transfers. This module has no I/O, no state and no allocation, and is `no_std`. All byte offsets of the
+//! protocol are in this module; the rest of the crate uses its types.
 //!
 //! How to read it:
 //!
@@ -11,17 +11,17 @@
 //! | --- | --- |
 //! | [`slot`] | a slot as bytes, 12 or 16 of them |
 //! | [`frame`] | a frame: the 512 bytes that travel each way |
-//! | [`find_size`] | which slot size a frame has, told from its bytes |
+//! | [`find_size`] | the slot size of a frame, derived from its bytes |
 //! | [`crc`] | the CRC-8 in byte 3 of a frame |
-//! | [`id`] | the ids of the 22 commands, and which slot takes which of them |
+//! | [`id`] | the ids of the 22 commands, and the slots that take each of them |
 //! | [`argument`] | the arguments of commands as types that hold valid values only |
-//! | [`fifo`] | the depth of the command FIFO, and what SET_FIFO does to it |
+//! | [`fifo`] | the depth of the command FIFO, and the actions of SET_FIFO |
 //! | [`command`] | commands with their meaning: for the board, for a slave, for the SDO slot |
 //! | [`response`] | responses with their meaning; the state of the network is in `state.rs` |
 //! | [`dump`] | a frame as readable lines |
 //!
-//! Three notations stand throughout:
-//! - "40 (30)": the number for slots of 12 bytes and, in brackets, that for slots of 16 bytes.
+//! Three notations are used throughout:
+//! - "40 (30)": the number for slots of 12 bytes and, in brackets, the number for slots of 16 bytes.
 //! - `UG17 2.1.3`: the chapter of NEXTW's *ECM-SK User Guide* V1.7.4; `UG15`: the quick start for firmware 1.5; `OBS`:
 //!   seen in programs that work with real boards; `[OURS]`: a decision of this project, where no source says anything.
 //! - `SK-5.6`: the row of `docs/rules/board.md` in the project's repository that states the rule and its source; a bare
@@ -60,7 +60,7 @@ pub use response::{DriveResponse, HspAxis, HspResponse, IoResponse, MasterRespon
 pub use slot::{RawSlot, SlotSize, Slots};
 pub use state::{MasterState, StateByte};
 
-/// The board's vendor and product id on USB (SK-9), which many hobby devices have as well.
+/// The board's vendor and product id on USB (SK-9). Many hobby devices use the same ids.
 pub const BOARD_IDS: (u16, u16) = (0x16C0, 0x05DF);
 /// Byte 0 of slot 0 of every response in OP: "master cyclic response" (UG17 2.1.1).
 pub const MASTER_CYCLIC: u8 = 0xBF;

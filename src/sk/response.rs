@@ -1,4 +1,4 @@
-//! Responses with their meaning: what slot 0, the slaves' slots and the SDO slot of a response frame say.
+//! Responses with their meaning: slot 0, the slaves' slots and the SDO slot of a response frame.
 //!
 //! ```
 //! use ecmsk::cia402::DriveState;
@@ -22,8 +22,8 @@
 //! assert!(position(&report).is_err());
 //! ```
 //!
-//! Which of these types a slave's slot has to be decoded with is not on the wire: it follows from the kind of slave that
-//! the application has declared with SET_AXIS.
+//! The wire does not show which of these types fits a slave's slot. It follows from the kind of slave that the
+//! application has declared with SET_AXIS.
 
 use super::id::CommandId;
 use super::slot::{RawSlot, SlotSize, TwoChannelSlot, object_word};
@@ -34,18 +34,18 @@ use crate::ethercat::coe::{AbortCode, ObjectAddress};
 /// Slot 0 of a response (SK-2), without byte 3, the CRC, which belongs to the frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct MasterResponse {
-    /// Byte 0: id of the command answered; [`super::MASTER_CYCLIC`] whenever the state is OP.
+    /// Byte 0: id of the answered command; [`super::MASTER_CYCLIC`] whenever the state is OP.
     pub id: u8,
-    /// Byte 1, the error code: with firmware 1.7 the count of command frames with a wrong CRC, which wraps, so that only a
-    /// change of it tells of errors on the wire; with firmware 1.5 a reject code whose values are not published.
+    /// Byte 1, the error code. With firmware 1.7 it counts command frames with a wrong CRC and wraps, so only a change
+    /// of it shows errors on the wire. With firmware 1.5 it is a reject code whose values are not published.
     pub error: u8,
     /// Byte 2: the current state.
     pub state: StateByte,
-    /// Bytes 4..7: the result of the last command for the board.
+    /// Bytes 4..7: the result of the last command for the board itself.
     pub result: u32,
-    /// Bytes 8..9: in OP how many more entries fit into the command FIFO, 0..=160.
+    /// Bytes 8..9: in OP the number of free entries of the command FIFO, 0..=160.
     pub fifo_free: u16,
-    /// Bytes 10..11: in OP how many command frames found the FIFO full and were lost.
+    /// Bytes 10..11: in OP the number of command frames that found the FIFO full and were lost.
     pub full_count: u16,
 }
 
@@ -62,7 +62,7 @@ impl MasterResponse {
         }
     }
 
-    /// Encodes the response as slot 0, byte 3 (the CRC) 0.
+    /// Encodes the response as slot 0, with byte 3 (the frame's CRC) set to 0.
     pub const fn encode(&self) -> RawSlot {
         RawSlot {
             id: self.id,
@@ -87,9 +87,9 @@ pub struct SlaveResponse {
 /// The slot of a servo drive or a stepper in a response (UG17 2.1.15).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct DriveResponse {
-    /// Bytes 0..1.
+    /// Bytes 0..1: the id and the index.
     pub head: SlaveResponse,
-    /// Bytes 2..3: object 0x6041.
+    /// Bytes 2..3: the statusword, object 0x6041.
     pub statusword: Statusword,
     /// Bytes 4..7: the actual position, object 0x6064, in counts.
     pub position: i32,
@@ -127,7 +127,7 @@ impl DriveResponse {
 /// The slot of an IO slave in a response (UG17 2.1.13).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct IoResponse {
-    /// Bytes 0..1.
+    /// Bytes 0..1: the id and the index.
     pub head: SlaveResponse,
     /// Bytes 4..5: the inputs, or the outputs in the answer to IO_WR. Bit k is input (output) k.
     pub bits: u16,
@@ -157,13 +157,13 @@ pub struct HspAxis {
 /// The slot of an HSP in a response (UG17 2.1.15, tables 2.15 and 2.16).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct HspResponse {
-    /// Bytes 0..1.
+    /// Bytes 0..1: the id and the index.
     pub head: SlaveResponse,
-    /// Bytes 2..3: the statusword of axis 1. That of axis 2 is not in the slot.
+    /// Bytes 2..3: the statusword of axis 1. The slot does not contain the statusword of axis 2.
     pub statusword: Statusword,
-    /// Axis 1.
+    /// The position and the inputs of axis 1.
     pub first: HspAxis,
-    /// Axis 2 of a two-channel HSP in 16-byte mode, otherwise 0.
+    /// The position and the inputs of axis 2, for a two-channel HSP in 16-byte mode; otherwise 0.
     pub second: HspAxis,
 }
 
@@ -194,7 +194,7 @@ impl HspResponse {
     }
 }
 
-/// SK-6 `[OURS]`: the bit in Parm of the SDO slot that says that the transfer was aborted and Data2 holds the abort code.
+/// SK-6 `[OURS]`: bit of Parm in the SDO slot. When set, the transfer was aborted and Data2 holds the abort code.
 const SDO_ABORTED: u16 = 0x8000;
 
 /// The SDO slot of a response: how the last SDO transfer ended.
@@ -204,9 +204,9 @@ pub enum SdoResponse {
     Empty,
     /// An object was read or written.
     Done {
-        /// SDO_RD or SDO_WR.
+        /// The answered command: SDO_RD or SDO_WR.
         id: CommandId,
-        /// The slave's number, 1..=40 (30).
+        /// The slave's number, 1..=40 (1..=30 in 16-byte mode).
         slave: u8,
         /// Index and sub-index of the object.
         object: ObjectAddress,
@@ -215,13 +215,13 @@ pub enum SdoResponse {
     },
     /// The slave, or the board on its behalf, aborted the transfer.
     Aborted {
-        /// SDO_RD or SDO_WR.
+        /// The answered command: SDO_RD or SDO_WR.
         id: CommandId,
-        /// The slave's number, 1..=40 (30).
+        /// The slave's number, 1..=40 (1..=30 in 16-byte mode).
         slave: u8,
         /// Index and sub-index of the object.
         object: ObjectAddress,
-        /// The reason.
+        /// The abort code of the SDO transfer.
         code: AbortCode,
     },
     /// The slot holds no answer to an SDO command.

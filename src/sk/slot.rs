@@ -1,4 +1,4 @@
-//! A slot as bytes: 12 or 16 of them, which is known at run time only, and the layouts of its fields.
+//! A slot as bytes, and the layouts of its fields. Its size, 12 or 16 bytes, is known at run time only.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -6,7 +6,7 @@ use super::id::SlotKind;
 use crate::ethercat::coe::ObjectAddress;
 pub use crate::ethercat::{I32Le, U16Le, U32Le};
 
-/// How many bytes a slot has. The pin CONFIG2 of the board decides it (SK-1), and nothing on the wire says it: the host
+/// The size of a slot in bytes. The pin CONFIG2 of the board selects it (SK-1), and the wire does not show it: the host
 /// has to be built or configured for the same size.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum SlotSize {
@@ -18,10 +18,10 @@ pub enum SlotSize {
 }
 
 impl SlotSize {
-    /// Both sizes.
+    /// Both slot sizes.
     pub const ALL: [Self; 2] = [Self::Bytes12, Self::Bytes16];
 
-    /// Bytes of a slot: 12 or 16.
+    /// Size of a slot in bytes: 12 or 16.
     pub const fn bytes(self) -> usize {
         match self {
             Self::Bytes12 => 12,
@@ -38,7 +38,7 @@ impl SlotSize {
         }
     }
 
-    /// Slots of a frame: 42 or 32 (`DEF_MA_MAX`).
+    /// Number of slots in a frame: 42 or 32 (`DEF_MA_MAX`).
     #[doc(alias = "DEF_MA_MAX")]
     pub const fn slots(self) -> usize {
         match self {
@@ -47,22 +47,22 @@ impl SlotSize {
         }
     }
 
-    /// Bytes of a frame: 504 or 512.
+    /// Size of a frame in bytes: 504 or 512.
     pub const fn frame_len(self) -> usize {
         self.bytes() * self.slots()
     }
 
-    /// Slaves a board can drive: 40 or 30.
+    /// Number of slaves that a board can drive: 40 or 30.
     pub const fn max_slaves(self) -> usize {
         self.slots() - 2
     }
 
-    /// The slot for SDO transfers, the last one: 41 or 31.
+    /// The number of the slot for SDO transfers, the last one: 41 or 31.
     pub const fn sdo_slot(self) -> usize {
         self.slots() - 1
     }
 
-    /// What the slot with this number, 0..=41 (31), is for.
+    /// The kind of the slot with this number, 0..=41 (0..=31 in 16-byte mode).
     pub const fn kind_of(self, slot: usize) -> SlotKind {
         match slot {
             0 => SlotKind::Master,
@@ -72,20 +72,20 @@ impl SlotSize {
     }
 }
 
-/// The bytes of a slot of 12, which are also the first twelve of a slot of 16: `u16 CMD` (here as its two bytes),
+/// The bytes of a 12-byte slot, which are also the first twelve of a 16-byte slot: `u16 CMD` (here as its two bytes),
 /// `u16 Parm`, `u32 Data1`, `u32 Data2`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Slot12 {
     /// Byte 0: command id (low byte of `CMD`).
     pub id: u8,
-    /// Byte 1: command index, mode or error code (high byte of `CMD`).
+    /// Byte 1: in a command the command index, in a response the index, the mode or an error code (high byte of `CMD`).
     pub index: u8,
-    /// Bytes 2..3. In slot 0 byte 2 is an argument and byte 3 the frame's CRC, so there they are no one number.
+    /// Bytes 2..3. In slot 0 these are two values and not one number: byte 2 is an argument, byte 3 the frame's CRC.
     pub parm: U16Le,
-    /// Bytes 4..7.
+    /// Bytes 4..7: Data1, whose meaning depends on the command.
     pub data1: U32Le,
-    /// Bytes 8..11.
+    /// Bytes 8..11: Data2, whose meaning depends on the command.
     pub data2: U32Le,
 }
 
@@ -93,7 +93,7 @@ pub struct Slot12 {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Slot16 {
-    /// Bytes 0..11.
+    /// Bytes 0..11: the fields of a 12-byte slot.
     pub slot: Slot12,
     /// Bytes 12..15: used by the two-channel HSP, reserved otherwise.
     pub data3: U32Le,
@@ -106,7 +106,7 @@ pub struct Slot16 {
 pub struct TwoChannelSlot {
     /// Byte 0: command id.
     pub id: u8,
-    /// Byte 1: command index or mode.
+    /// Byte 1: the command index or, with firmware 1.5, the mode of operation.
     pub index: u8,
     /// Bytes 2..3: in a response the statusword of axis 1.
     pub parm: U16Le,
@@ -121,7 +121,7 @@ pub struct TwoChannelSlot {
 }
 
 impl TwoChannelSlot {
-    /// The slot as it is in that size: one of 12 bytes has no place for axis 2.
+    /// The slot as sent with slots of that size: a 12-byte slot has no room for axis 2, whose fields become 0.
     const fn in_size(self, size: SlotSize) -> Self {
         match size {
             SlotSize::Bytes12 => Self { counts2: I32Le::new(0), bits2: U16Le::new(0), ..self },
@@ -136,36 +136,36 @@ const _: () = assert!(size_of::<TwoChannelSlot>() == 16 && align_of::<TwoChannel
 const _: () = assert!(size_of::<Slot12>() * 42 == 504 && size_of::<Slot16>() * 32 == 512);
 const _: () = assert!(SlotSize::Bytes12.frame_len() == 504 && SlotSize::Bytes16.frame_len() == 512);
 
-/// A slot's fields as integers, whatever its size; `data3` is 0 in 12-byte mode.
+/// A slot's fields as integers, whatever the slot's size; `data3` is 0 in 12-byte mode.
 ///
-/// A slot whose id no guide lists is kept as this when it is decoded.
+/// Decoding keeps a slot in this form if no guide lists its id.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct RawSlot {
     /// Byte 0: command id.
     pub id: u8,
-    /// Byte 1: command index, mode or error code.
+    /// Byte 1: in a command the command index, in a response the index, the mode or an error code.
     pub index: u8,
-    /// Bytes 2..3.
+    /// Bytes 2..3: Parm.
     #[doc(alias = "Pram")]
     pub parm: u16,
-    /// Bytes 4..7.
+    /// Bytes 4..7: Data1.
     pub data1: u32,
-    /// Bytes 8..11.
+    /// Bytes 8..11: Data2.
     pub data2: u32,
-    /// Bytes 12..15.
+    /// Bytes 12..15: Data3, 0 in 12-byte mode.
     pub data3: u32,
 }
 
 impl RawSlot {
-    /// All bytes 0, which is GET_STATUS: the slot asks for nothing.
+    /// All bytes 0: GET_STATUS, no request.
     pub const ZERO: Self = Self { id: 0, index: 0, parm: 0, data1: 0, data2: 0, data3: 0 };
 
-    /// Whether every byte is 0: such a command slot asks for nothing, and such a response slot has never been answered in.
+    /// Whether every byte is 0: a command slot with no request, or a response slot that the board has never filled.
     pub const fn is_zero(&self) -> bool {
         self.id == 0 && self.index == 0 && self.parm == 0 && self.data1 == 0 && self.data2 == 0 && self.data3 == 0
     }
 
-    /// The same bytes in the layout of a two-channel HSP; axis 2 is 0 in 12-byte mode.
+    /// The slot's bytes in the layout of a two-channel HSP; axis 2 is 0 in 12-byte mode.
     pub fn two_channel(&self, size: SlotSize) -> TwoChannelSlot {
         bytemuck::cast::<_, TwoChannelSlot>(self.to_wide()).in_size(size)
     }
@@ -186,7 +186,7 @@ impl RawSlot {
         (self.data2 >> 16) as u16
     }
 
-    /// The wire form of 12 bytes; `data3` has no place in it.
+    /// The wire form of 12 bytes, which leaves `data3` out.
     pub fn to_narrow(&self) -> Slot12 {
         Slot12 {
             id: self.id,
@@ -258,7 +258,7 @@ impl<'a> Slots<'a> {
     }
 }
 
-/// Data1 of the SDO slot: `index << 16 | sub-index`.
+/// Data1 of the SDO slot for this object: `index << 16 | sub-index`.
 pub(super) const fn object_word(object: ObjectAddress) -> u32 {
     (object.index as u32) << 16 | object.sub as u32
 }

@@ -1,4 +1,4 @@
-//! The state of the network: what SET_STATE asks for, and what the board reports.
+//! The state of the network, as requested by SET_STATE and as reported by the board.
 
 use core::fmt;
 
@@ -17,7 +17,7 @@ pub enum MasterState {
 }
 
 impl MasterState {
-    /// The state that Data1 of SET_STATE asks for; `None` if it is none of 1, 2, 4, 8.
+    /// The state that Data1 of SET_STATE requests; `None` if Data1 is not 1, 2, 4 or 8.
     pub const fn from_request(data1: u32) -> Option<Self> {
         match data1 {
             1 => Some(Self::Init),
@@ -50,14 +50,15 @@ impl fmt::Display for MasterState {
     }
 }
 
-/// Byte 2 of slot 0 of a response: the current state of the network, or that a slave failed.
+/// Byte 2 of slot 0 of a response: the current state of the network, or a failure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct StateByte(pub u8);
 
 impl StateByte {
-    /// 0: the board has booted and looks for slaves.
+    /// 0: the board has booted and is looking for slaves.
     pub const NETWORK_INIT: Self = Self(0);
-    /// SK-2 `[OURS]`: the bit that is set beside the last good state when slaves were not found or did not follow.
+    /// SK-2 `[OURS]`: bit that marks a failure: slaves were not found, or did not reach the requested state. The low
+    /// nibble then holds the last state that all slaves had reached.
     pub const FAILED: u8 = 0x10;
 
     /// The byte that reports that all slaves are in `state`.
@@ -73,14 +74,15 @@ impl StateByte {
         }
     }
 
-    /// Whether the byte reports that no slave was found or that a slave did not reach the state asked for: any value but 0,
-    /// 1, 2, 4 and 8 (SK-2).
+    /// Whether the byte reports that no slave was found or that a slave did not reach the requested state: any value
+    /// but 0, 1, 2, 4 and 8 (SK-2).
     pub const fn is_failed(self) -> bool {
         self.0 != Self::NETWORK_INIT.0 && MasterState::from_request(self.0 as u32).is_none()
     }
 
-    /// For a failure, its usual cause and what to do, as a text for users; `None` if the byte reports none. Which slave it
-    /// was is not on the wire; a modelled board in this process knows it ([`StateFailure`](crate::engine::StateFailure)).
+    /// The usual cause of a failure and what to do, as a text for users; `None` if the byte reports no failure. The
+    /// wire does not show which slave failed; a modelled board in this process knows it
+    /// ([`StateFailure`](crate::engine::StateFailure)).
     pub const fn explanation(self) -> Option<&'static str> {
         if !self.is_failed() {
             return None;
@@ -108,8 +110,8 @@ impl StateByte {
         })
     }
 
-    /// The state that decides which commands are allowed, which is the low nibble, after a failure too; `None` while the
-    /// network is initialised and for unknown values.
+    /// The state that decides which commands are allowed: the low nibble, even after a failure. `None` while the
+    /// network is initialising, if no state was reached, and for unknown values.
     pub const fn state(self) -> Option<MasterState> {
         if self.0 & !(Self::FAILED | 0x0F) != 0 {
             return None;

@@ -1,18 +1,18 @@
-//! Which thread does something that other threads wait for. Programs end their threads as they like: a watchdog ends one that
-//! waits in a read (`TerminateThread`), and a handler of a signal may end the thread that it has interrupted. What such a
-//! thread has begun in this crate another one takes over.
+//! Identifies the thread that holds a lock or does work that other threads wait for. A program may end such a thread by
+//! force: a watchdog ends one that waits in a read (`TerminateThread`), and a signal handler may end the thread that it
+//! has interrupted. Another thread then takes over what the ended thread has begun in this crate.
 
-/// A thread that is in a call.
+/// The identity of a thread that is in a call of this crate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Caller(imp::Thread);
 
 impl Caller {
-    /// The thread that calls this.
+    /// The calling thread.
     pub fn current() -> Self {
         Self(imp::Thread::current())
     }
 
-    /// Whether the thread does not exist any more.
+    /// Whether the thread has ended.
     pub fn is_gone(&self) -> bool {
         self.0.is_gone()
     }
@@ -20,12 +20,12 @@ impl Caller {
 
 #[cfg(windows)]
 impl Caller {
-    /// In a word, which is never 0.
+    /// The identity packed into one word, which is never 0.
     pub const fn packed(self) -> u64 {
         (self.0.number as u64) << 32 | self.0.made as u64
     }
 
-    /// The thread of [`packed`](Self::packed).
+    /// Unpacks the result of [`packed`](Self::packed).
     pub const fn from_packed(packed: u64) -> Self {
         Self(imp::Thread { number: (packed >> 32) as u32, made: packed as u32 })
     }
@@ -36,12 +36,12 @@ mod imp {
     use rustix::io::Errno;
     use rustix::thread::Pid;
 
-    /// A thread by its number. Linux gives a number away again only after all others.
+    /// A thread by its id. Linux reuses a thread id only after it has used all others.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub struct Thread(Pid);
 
     impl Thread {
-        // It asks the system each time: what a thread keeps of its number is its parent's in a child of fork.
+        // This asks the system each time: in a child of fork, an id that the thread had cached would be the parent's.
         pub fn current() -> Self {
             Self(rustix::thread::gettid())
         }
@@ -63,14 +63,15 @@ mod imp {
 
     type Handle = *mut c_void;
 
-    /// `SYNCHRONIZE | THREAD_QUERY_LIMITED_INFORMATION`
+    /// `SYNCHRONIZE | THREAD_QUERY_LIMITED_INFORMATION`: access for waiting for a thread and for reading its creation
+    /// time.
     const ACCESS: u32 = 0x0010_0800;
 
-    /// A thread by its number, which Windows soon gives to another one, and by when it was made.
+    /// A thread by its id, which Windows may soon reuse, and its creation time, which tells the two threads apart.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub struct Thread {
         pub number: u32,
-        /// The low half of it, which comes again after seven minutes.
+        /// The low half of the creation time, which repeats after seven minutes.
         pub made: u32,
     }
 
@@ -94,7 +95,7 @@ mod imp {
                 if handle.is_null() {
                     return true;
                 }
-                // A thread that has ended is signalled, which is 0.
+                // The handle of a thread that has ended is signalled, so the wait returns 0.
                 let gone = WaitForSingleObject(handle, 0) == 0 || made(handle) != self.made;
                 CloseHandle(handle);
                 gone
@@ -102,7 +103,7 @@ mod imp {
         }
     }
 
-    /// When a thread was made.
+    /// The low half of a thread's creation time.
     ///
     /// # Safety
     /// `thread` is the handle of a thread.
@@ -133,7 +134,7 @@ mod imp {
     }
 }
 
-/// Other systems do not tell.
+/// On other systems there is no way to see whether a thread has ended.
 #[cfg(not(any(target_os = "linux", windows)))]
 mod imp {
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -157,7 +158,7 @@ mod tests {
 
     use super::*;
 
-    /// LIB-70 A thread is there until it has ended.
+    /// LIB-70 `is_gone` is false while a thread runs and true once it has ended.
     #[test]
     fn a_thread_that_has_ended_is_gone() {
         let (caller, told) = mpsc::channel();

@@ -1,6 +1,6 @@
-//! A lock that knows whose it is. `TerminateThread` ends a thread between any two instructions: the next one takes the lock over
-//! whose owner is gone. Whoever waits is in no list, as in those of Windows and of `parking_lot`, which hand the lock on to a
-//! thread that was ended while it waited.
+//! A lock that knows its owner. `TerminateThread` may end the owner between any two instructions; the next thread then
+//! takes the lock over. Waiting threads are in no list. The locks of Windows and of `parking_lot` have such lists, and
+//! hand the lock to a thread that was ended while it waited.
 
 use std::cell::UnsafeCell;
 use std::marker::PhantomData;
@@ -10,27 +10,28 @@ use std::{hint, thread};
 
 use super::Caller;
 
-/// How often a thread tries before it lets others run: a lock is held for as long as it takes to copy a frame. \[OURS]
+/// How many times a thread spins before it yields: a lock is held only for as long as copying a frame takes. \[OURS]
 const SPINS: u32 = 64;
-/// How often it lets others run before it sleeps. \[OURS]
+/// How many times a thread yields before it sleeps. \[OURS]
 const YIELDS: u32 = 64;
 const SLEEP_MS: u32 = 1;
-/// After how many such waits it looks whether the owner is gone: nobody who goes on has the lock for as long. \[OURS]
+/// After how many sleeps a waiting thread checks whether the owner has ended: no running owner holds the lock that
+/// long. \[OURS]
 const CHECK_AFTER: u32 = 32;
-/// In [`Mutex::owner`]: the lock is free.
+/// Value of [`Mutex::owner`] while the lock is free.
 const NOBODY: u64 = 0;
 
-/// Waits without a handle: a thread that is ended while it closes one, as std's sleep does with its timer, keeps a lock of Wine
-/// that every other thread needs to close its own.
+/// Sleeps without a handle. std's sleep closes the handle of a timer, and a thread that is ended in that moment keeps a
+/// lock of Wine that every other thread needs to close its own handles.
 pub fn sleep(limit_ms: u32) {
     // SAFETY: the function has no conditions.
     unsafe { Sleep(limit_ms) };
 }
 
-/// A lock that a thread which was ended by force does not keep.
+/// A lock that is released when its owner is ended by force.
 #[derive(Debug, Default)]
 pub struct Mutex<T> {
-    /// [`Caller::packed`].
+    /// The owner as [`Caller::packed`], or [`NOBODY`].
     owner: AtomicU64,
     value: UnsafeCell<T>,
 }
@@ -39,12 +40,12 @@ pub struct Mutex<T> {
 unsafe impl<T: Send> Sync for Mutex<T> {}
 
 impl<T> Mutex<T> {
-    /// A lock that nobody holds.
+    /// A free lock.
     pub const fn new(value: T) -> Self {
         Self { owner: AtomicU64::new(NOBODY), value: UnsafeCell::new(value) }
     }
 
-    /// Waits for the lock.
+    /// Waits until this thread holds the lock.
     pub fn lock(&self) -> MutexGuard<'_, T> {
         let caller = Caller::current().packed();
         let take_from = |owner| self.owner.compare_exchange(owner, caller, Ordering::Acquire, Ordering::Relaxed);
@@ -61,18 +62,18 @@ impl<T> Mutex<T> {
                     break;
                 }
             }
-            // In a count that came round, the spins come again.
+            // When the counter overflows, spinning begins again, which does no harm.
             tries = tries.wrapping_add(1);
         }
         MutexGuard { mutex: self, of_thread: PhantomData }
     }
 }
 
-/// The lock is held as long as this lives.
+/// Holds the lock while it lives, and releases it when dropped.
 #[derive(Debug)]
 pub struct MutexGuard<'a, T> {
     pub mutex: &'a Mutex<T>,
-    /// It stays with the thread that took the lock.
+    /// Makes the guard not `Send`: it stays with the thread that took the lock.
     of_thread: PhantomData<*const ()>,
 }
 
@@ -87,7 +88,7 @@ impl<T> Deref for MutexGuard<'_, T> {
 
 impl<T> DerefMut for MutexGuard<'_, T> {
     fn deref_mut(&mut self) -> &mut T {
-        // SAFETY: as above, and through this guard alone.
+        // SAFETY: this thread has the lock, and reaches the value through this guard alone.
         unsafe { &mut *self.mutex.value.get() }
     }
 }

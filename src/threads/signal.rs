@@ -1,33 +1,33 @@
-//! What a thread of a program waits at while it waits for another thread. Whoever waits here is known to the system alone: a
-//! condition variable of Windows, and one of `parking_lot`, keep a list of those that wait, in their stacks or beside them, and
-//! a thread that is ended by force in its wait stays in that list for ever.
+//! Waits of the program's threads for another thread. Only the system knows the waiting threads. Condition variables of
+//! Windows and of `parking_lot` keep a list of them, on their stacks or elsewhere, and a thread that is ended by force
+//! during its wait stays in that list forever.
 
 use std::time::Duration;
 
-/// Wakes the threads that wait for something to change. What changes stands under a lock of its owner.
+/// Wakes threads that wait for a change of some state. The state itself is protected by a lock of its owner.
 #[derive(Debug, Default)]
 pub struct Signal(imp::Signal);
 
-/// What is told from here on ends the wait with this.
+/// A ticket for one wait: any notification after it was taken ends that wait.
 pub struct Ticket(imp::Ticket);
 
 impl Signal {
-    /// A signal for which nobody waits.
+    /// A signal without waiting threads.
     pub const fn new() -> Self {
         Self(imp::Signal::new())
     }
 
-    /// To be taken under the lock, before it is released for the wait.
+    /// Takes a ticket. The caller holds the lock of the state, and releases it only afterwards.
     pub fn ticket(&self) -> Ticket {
         Ticket(self.0.ticket())
     }
 
-    /// Waits until something was told since the ticket was taken, for at most `limit`. It may end early.
+    /// Waits for a notification since the ticket was taken, for at most `limit`. The wait may end early.
     pub fn wait(&self, ticket: Ticket, limit: Option<Duration>) {
         self.0.wait(ticket.0, limit);
     }
 
-    /// Ends all waits.
+    /// Wakes all waiting threads.
     pub fn notify_all(&self) {
         self.0.notify_all();
     }
@@ -39,12 +39,13 @@ mod imp {
     use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
     use std::time::Duration;
 
-    /// std's condition variable, whose waits are the kernel's (futex).
+    /// std's condition variable, whose waits are in the kernel (futex).
     #[derive(Debug, Default)]
     pub struct Signal {
         told: Mutex<u64>,
         changed: Condvar,
-        /// How many tickets there are. Those of threads that were ended by force stay, which costs a call of the system.
+        /// Number of outstanding tickets. Threads that were ended by force never return theirs, which only costs a
+        /// needless system call per notification.
         tickets: AtomicUsize,
     }
 
@@ -98,22 +99,22 @@ mod imp {
     type Handle = *mut c_void;
 
     const FOREVER: u32 = u32::MAX;
-    /// How many events are set in one go.
+    /// How many events one pass of `notify_all` sets.
     const AT_ONCE: usize = 8;
-    /// How long a wait is for which Windows has no event.
+    /// Duration of a wait for which Windows could not create an event.
     const WITHOUT_EVENT_MS: u32 = 1;
 
-    /// An event of Windows for each thread that waits, which the next one to wait uses again. That of a thread that was ended
-    /// by force stays its own.
+    /// One Windows event per waiting thread, reused by the next thread that waits. The event of a thread that was ended
+    /// by force is never reused.
     #[derive(Debug, Default)]
     pub struct Signal(Mutex<Vec<Waiter>>);
 
     #[derive(Debug)]
     struct Waiter {
         event: Handle,
-        /// A thread has it.
+        /// Whether a thread uses this event.
         taken: bool,
-        /// That thread is to be woken.
+        /// Whether the thread is waiting and has not been woken yet.
         waits: bool,
     }
 
@@ -162,14 +163,14 @@ mod imp {
 
         pub fn notify_all(&self) {
             loop {
-                // Outside the lock, so that nobody waits for it for the time of a call of the system.
+                // The events are set outside the lock, so that no thread waits for the lock during a system call.
                 let (mut events, mut count) = ([ptr::null_mut(); AT_ONCE], 0);
                 for waiter in self.lock().iter_mut().filter(|waiter| waiter.waits).take(AT_ONCE) {
                     waiter.waits = false;
                     (events[count], count) = (waiter.event, count + 1);
                 }
                 for event in &events[..count] {
-                    // SAFETY: as above.
+                    // SAFETY: the event is open until `drop`.
                     unsafe { SetEvent(*event) };
                 }
                 if count < AT_ONCE {
@@ -204,7 +205,7 @@ mod tests {
 
     use super::*;
 
-    /// LIB-70 Whoever waits is woken by what is told after the ticket was taken, also before the wait has begun.
+    /// LIB-70 A notification after the ticket was taken wakes each waiting thread, even if it comes before the wait.
     #[test]
     fn what_is_told_is_heard() {
         let (signal, state) = (Signal::new(), Mutex::new(0));

@@ -1,9 +1,10 @@
-//! Locks of the program's threads, which may be ended by force: nothing of a thread that waits is kept in its stack, and only on
-//! Windows is it in a list beside it. Who else waits for a lock gets it all the same.
+//! Locks and condition variables for the program's threads, which may be ended by force. No waiting thread is kept in a
+//! list on its stack; on Windows alone there is a list elsewhere. A thread that is ended while it waits does not keep
+//! the others from getting the lock.
 
 pub(crate) use imp::{Condvar, Mutex, MutexGuard, lock, wait, wait_for};
 
-/// std's, with a poisoned lock taken as it is (every state in them is valid between two statements).
+/// std's types, ignoring poisoning: the state under these locks is valid between any two statements.
 #[cfg(not(windows))]
 mod imp {
     use std::sync::PoisonError;
@@ -23,7 +24,8 @@ mod imp {
     }
 }
 
-/// std's locks and condition variables are Windows' own, which keep a list of the threads that wait in their stacks.
+/// On Windows std's locks and condition variables are the system's, which keep a list of waiting threads on their
+/// stacks. So this crate has its own.
 #[cfg(windows)]
 mod imp {
     use std::time::Duration;

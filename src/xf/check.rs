@@ -1,38 +1,38 @@
-//! The check word behind the data segment: a fixed word, or a CRC-32 of the header and the data.
+//! The check word after the data segment: a fixed word, or a CRC-32 of the header and the data.
 //!
-//! The CRC-32 is zlib's (XF EN 741). `crc32fast` computes it with the carry-less multiplication of the processor where
-//! there is one, which matters because every packet of every cycle is checked on both sides; it is small, needs no
-//! `std`, and is the one that zlib's users in Rust have.
+//! The CRC-32 is that of zlib (XF EN 741). `crc32fast` computes it with the processor's carry-less multiplication, if
+//! available. That matters because both sides check every packet of every cycle. The crate is small, needs no `std`,
+//! and is the usual one for zlib's CRC-32 in Rust.
 
 pub use super::check_type::CheckType;
 use super::header::CommandHeader;
 use super::{DataSize, FIXED_CHECK, HEADER_LEN, NOT_READY, Status};
 
-/// Which bytes a CRC-32 covers. Nothing on the wire says it. Which firmware has which is not known.
+/// The bytes that a CRC-32 covers. The wire does not show it, and it is not known which firmware uses which coverage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Coverage {
     /// The header and all n bytes of the data segment, as the manuals say.
     #[default]
     All,
-    /// The header and as many bytes of the data segment as the header says are valid (OBS: the vendor's driver 1.60, built for a
-    /// certain firmware).
+    /// The header and the valid bytes of the data segment, as many as the header says (OBS: the vendor's driver 1.60,
+    /// built for a certain firmware).
     Valid,
-    /// The same, up to the next multiple of 4 bytes (OBS: the vendor's driver 0.1).
+    /// As [`Self::Valid`], rounded up to a multiple of 4 bytes (OBS: the vendor's driver 0.1).
     Valid4,
 }
 
 impl Coverage {
-    /// Every coverage that is known, in the order in which a host tries them.
+    /// All known coverages, in the order in which a host tries them.
     pub const EVERY: [Self; 3] = [Self::All, Self::Valid, Self::Valid4];
 
-    /// How many bytes of a packet's header and data segment count if `len` bytes of data are valid.
+    /// The number of bytes covered, from the beginning of the header, if `len` bytes of the data segment are valid.
     ///
-    /// `[OURS]` A length beyond the data segment, as a damaged header may have, covers all of it.
+    /// `[OURS]` A length beyond the data segment, as in a damaged header, covers the whole segment.
     pub fn bytes(self, size: DataSize, len: u16) -> usize {
         self.end(HEADER_LEN + size.bytes(), len)
     }
 
-    /// As [`Self::bytes`], of header and data segment with `covered` bytes.
+    /// Like [`Self::bytes`], for a header and data segment of `covered` bytes together.
     fn end(self, covered: usize, len: u16) -> usize {
         let valid = HEADER_LEN + usize::from(len);
         match self {
@@ -43,38 +43,39 @@ impl Coverage {
     }
 }
 
-/// What a CRC-32 covers in each direction; one client covers more in its commands than it checks in answers (OBS).
+/// The coverage of the CRC-32 in each direction. One client covers more bytes in its commands than it checks in answers
+/// (OBS).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Coverages {
-    /// In commands.
+    /// The coverage in commands.
     pub commands: Coverage,
-    /// In answers.
+    /// The coverage in answers.
     pub answers: Coverage,
 }
 
 impl From<Coverage> for Coverages {
-    /// The same in both directions.
+    /// The same coverage in both directions.
     fn from(coverage: Coverage) -> Self {
         Self { commands: coverage, answers: coverage }
     }
 }
 
-/// How check words are made.
+/// How check words are computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct CheckRule {
-    /// Fixed word or CRC-32.
+    /// Whether the check word is the fixed word or a CRC-32.
     pub kind: CheckType,
-    /// What a CRC-32 covers.
+    /// The coverage of a CRC-32.
     pub coverage: Coverage,
 }
 
 impl CheckRule {
-    /// The fixed word.
+    /// The fixed check word.
     pub const FIXED: Self = Self { kind: CheckType::Fixed, coverage: Coverage::All };
-    /// CRC-32 over header and data.
+    /// A CRC-32 over the header and the whole data segment.
     pub const CRC32: Self = Self { kind: CheckType::Crc32, coverage: Coverage::All };
 
-    /// The check word of a packet whose header and data segment are `covered`, of which `len` bytes of data are valid.
+    /// The check word of a packet. `covered` is its header and data segment, and `len` the number of valid data bytes.
     pub fn word(self, covered: &[u8], len: u16) -> u32 {
         match self.kind {
             CheckType::Fixed => FIXED_CHECK,
@@ -82,7 +83,7 @@ impl CheckRule {
         }
     }
 
-    /// The rule for a command: with SPI_RECONFIG_OP the check word is always the fixed one (XF EN 715).
+    /// The rule for a command: the check word of SPI_RECONFIG_OP is always the fixed one (XF EN 715).
     pub(super) fn of_command(self, header: &CommandHeader) -> Self {
         match header.code {
             super::CommandCode::SpiReconfig => Self { kind: CheckType::Fixed, ..self },
@@ -91,12 +92,12 @@ impl CheckRule {
     }
 }
 
-/// The CRC-32 over header and data segment, `covered`.
+/// The CRC-32 over `covered`, a header and data segment, with that coverage.
 fn crc32(covered: &[u8], len: u16, coverage: Coverage) -> u32 {
     crc32fast::hash(&covered[..coverage.end(covered.len(), len)])
 }
 
-/// What the check word of a packet says about it.
+/// The result of checking a packet's check word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
     Right,
@@ -105,14 +106,14 @@ pub(super) enum Verdict {
         kind: CheckType,
         expected: u32,
     },
-    /// The status bits of an answer name no type.
+    /// The status bits of the answer name an undefined check type.
     Undefined(u8),
 }
 
-/// The check word of an answer is judged by the answer's own status bits, which a host trusts more than what it has
-/// set.
+/// Checks the check word of an answer by the type in the answer's own status bits. A host trusts these more than the
+/// type that it has set.
 ///
-/// `[OURS]` A CRC that is by chance the word for "not ready" is a right one.
+/// `[OURS]` A valid CRC that equals the word for "not ready" by chance counts as valid.
 pub(super) fn judge_answer(status: Status, len: u16, covered: &[u8], found: u32, coverage: Coverage) -> Verdict {
     let kind = status.check_type();
     let expected = kind.map(|kind| CheckRule { kind, coverage }.word(covered, len));

@@ -1,14 +1,14 @@
-//! Which of its two kinds a check word is.
+//! The type of a check word: fixed or CRC-32.
 
 #[cfg(doc)]
 use super::FIXED_CHECK;
 
-/// What the check word is: the parameter of CRC_TYPE_SET, and bits 1 and 0 of byte 0x0A of an answer. 1 and 2 are
-/// undefined.
+/// The type of a check word: the parameter of CRC_TYPE_SET, and bits 1 and 0 of byte 0x0A of an answer. The values 1
+/// and 2 are undefined.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum CheckType {
-    /// 0: [`FIXED_CHECK`], what the chip starts with (OBS).
+    /// 0: the fixed word [`FIXED_CHECK`], the chip's setting at power-on (OBS).
     #[default]
     Fixed = 0,
     /// 3: CRC-32.

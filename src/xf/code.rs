@@ -1,79 +1,79 @@
 //! The 67 command codes and 91 functions, as one table (XF EN 272, tables 3 and 4, and the block of each command).
 //!
-//! Five codes, 31 to 35, carry 29 functions, which the parameter byte names; the other 62 are one function each. Codes
-//! that only the vendor's header names are unknown here, as to the chip.
+//! Five codes, 31 to 35, have 29 functions, selected by the parameter byte; the other 62 codes are one function each.
+//! Codes that only the vendor's header names are unknown here, as they are to the chip.
 //!
-//! A new command begins here with its row; what follows is its type in [`request`](super::request) and its row in the
-//! table there, its answer in [`response`](super::response), and the lists of the tests.
+//! To add a command, add its row here, then its type in [`request`](super::request) and its row in the table there, its
+//! answer in [`response`](super::response), and its entries in the lists of the tests.
 
 use core::fmt;
 
-/// When a command is done.
+/// When a command is complete.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Timing {
-    /// At once: its answer has the result.
+    /// The command is complete at once: its answer has the result.
     Immediate,
-    /// After a while, during which [`Status::BUSY`](super::Status::BUSY) is set and no other such command is taken.
+    /// The command takes time. Meanwhile [`Status::BUSY`](super::Status::BUSY) is set and the chip accepts no other
+    /// non-immediate command.
     NonImmediate,
-    /// `[OURS]` With parameter 0 after a while, with any other at once.
+    /// `[OURS]` With parameter 0 the command takes time; with any other parameter it is complete at once.
     ByParameter,
 }
 
-/// Where the result of a command stands in its answer.
+/// Where the answer to a command carries the result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum AnswerForm {
-    /// There is none.
+    /// The command has no result.
     Nothing,
-    /// In the return byte.
+    /// The result is in the return byte of the header.
     Value,
-    /// In the data segment.
+    /// The result is in the data segment.
     Data,
-    /// In both.
+    /// The result is in the return byte and in the data segment.
     ValueAndData,
-    /// Each function has its own.
+    /// The place of the result depends on the function, for the codes 31 to 35.
     ByFunction,
 }
 
-/// A row of the table.
+/// A row of the table of commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Command {
-    /// The command.
+    /// The command code.
     pub code: CommandCode,
     /// The name as in the manuals.
     pub name: &'static str,
-    /// When it is done.
+    /// When the command is complete.
     pub timing: Timing,
-    /// Where its result stands.
+    /// Where the answer carries the result.
     pub answer: AnswerForm,
-    /// The functions that the parameter byte names; empty where the command is one function.
+    /// The functions that the parameter byte selects; empty if the command is a single function.
     pub functions: &'static [Function],
 }
 
 /// A function of the codes 31 to 35.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Function {
-    /// The parameter byte.
+    /// The parameter byte that selects the function.
     pub parameter: u8,
     /// The name as in the manuals.
     pub name: &'static str,
-    /// The first firmware that has it; 0 where the manuals name none. What they have for "certain versions" alone is 0
-    /// too.
+    /// The first firmware that has the function; 0 if the manuals name no version or only "certain versions".
     pub since: u8,
-    /// Where its result stands.
+    /// Where the answer carries the result.
     pub answer: AnswerForm,
 }
 
 macro_rules! commands {
     ($($variant:ident = $code:literal, $name:literal, $timing:ident, $answer:ident;)*) => {
-        /// A command code, byte 0x0C of both headers. A code that the manuals do not have survives.
+        /// A command code, byte 0x0C of both headers. Codes that are not in the manuals are kept.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum CommandCode {
             $(#[doc = concat!("Code ", $code, ", `", $name, "`.")] #[doc(alias = $name)] $variant,)*
-            /// Any other code.
+            /// A code that is not in the manuals.
             Unknown(u8),
         }
 
-        /// All commands by ascending code.
+        /// All commands in ascending order of their codes.
         pub static COMMANDS: [Command; 67] = [$(Command {
             code: CommandCode::$variant,
             name: $name,
@@ -173,7 +173,7 @@ commands! {
 }
 
 impl Default for CommandCode {
-    /// INFO_UPDATE_OP, which asks for nothing.
+    /// INFO_UPDATE_OP, which requests nothing.
     fn default() -> Self {
         Self::InfoUpdate
     }
@@ -190,15 +190,16 @@ impl CommandCode {
         self.command().map(|row| row.name)
     }
 
-    /// The function that `parameter` names with the codes 31 to 35; `None` for other codes and unknown parameters.
+    /// The function that `parameter` selects with the codes 31 to 35; `None` for other codes and unknown parameters.
     pub fn function(self, parameter: u8) -> Option<&'static Function> {
         self.command()?.functions.iter().find(|function| function.parameter == parameter)
     }
 
-    /// Whether the command is done at once with this parameter byte. An unknown code is: it is answered with an error.
+    /// Whether the command with this parameter byte is complete at once. This is true for an unknown code, which the
+    /// chip answers with an error.
     ///
-    /// The manuals list 30 of the codes; for others it is what the vendor's driver waits for (OBS), and for 139 and 143
-    /// `[OURS]`.
+    /// The manuals list 30 of the codes. For the others the value follows the vendor's driver (OBS), and for 139 and
+    /// 143 it is `[OURS]`.
     pub fn is_immediate(self, parameter: u8) -> bool {
         match self.command().map(|row| row.timing) {
             Some(Timing::NonImmediate) => false,

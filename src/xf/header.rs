@@ -6,19 +6,20 @@ use super::{CheckType, HEADER_LEN, START_WORD};
 use crate::ethercat::bits;
 
 bits! {
-    /// Word 0x08 of a command, which the manuals call reserve.
+    /// Flags at word 0x08 of a command, called reserve in the manuals.
     Reserve(u16) {
-        /// Bit 15: the GPIO output bytes of this header are to be taken (XF EN 211).
+        /// Bit 15: the chip takes the GPIO outputs of this header (XF EN 211).
         GPIO_OUTPUTS_VALID = 1 << 15;
-        /// Bit 12, in ECAT_INIT_OP and from firmware 0x22 on: the clock of the first slave leads (XF ZH 384).
+        /// Bit 12, in ECAT_INIT_OP and from firmware 0x22 on: the first slave's clock is the reference clock
+        /// (XF ZH 384).
         MASTER_SHIFT = 1 << 12;
-        /// Bit 11, in ECAT_INIT_OP and from firmware 0x22 on: LRW is enabled (XF EN 375).
+        /// Bit 11, in ECAT_INIT_OP and from firmware 0x22 on: LRW datagrams are enabled (XF EN 375).
         LRW = 1 << 11;
     }
 
-    /// Byte 0x0A of a command: clears errors, and asks for what a packet can ask for beside its command.
+    /// Byte 0x0A of a command: clears errors, and requests what a packet can request besides its command.
     Control(u8) {
-        /// Bit 0: "header outputs valid" in the manuals, "update state" in the vendor's header: send 0.
+        /// Bit 0: "header outputs valid" in the manuals, "update state" in the vendor's header. Always send 0.
         BIT_0 = 1 << 0;
         /// Bit 1: the chip reads the states of all slaves, which makes the packet non-immediate (XF EN 211).
         UPDATE_STATE = 1 << 1;
@@ -36,29 +37,30 @@ bits! {
         CLEAR_ALL = 0xF8;
     }
 
-    /// Byte 0x09 of an answer: levels in bits 0 to 2, errors in bits 3 to 7. An error stays until a command clears it.
+    /// Byte 0x09 of an answer: present levels in bits 0 to 2, errors in bits 3 to 7. An error bit stays set until a
+    /// command clears it.
     Errors(u8) {
-        /// Bit 0: pin 52 reports a link; depends on the circuit (XF EN 236).
+        /// Bit 0: pin 52 reports a network link; depends on the circuit (XF EN 236).
         LINK_PIN = 1 << 0;
-        /// Bit 1: the PHY reported a link while the network was initialised.
+        /// Bit 1: the PHY reported a network link while the network was initialised.
         PHY_LINK = 1 << 1;
         /// Bit 2: reserved in the manuals, "ECAT state error" in the vendor's header (OBS).
         STATE = 1 << 2;
         /// Bit 3: a non-immediate command failed.
         NON_IMMEDIATE = 1 << 3;
-        /// Bit 4: a packet with a wrong start or end word.
+        /// Bit 4: a packet had a wrong start or end word.
         SPI = 1 << 4;
         /// Bit 5: a write found the RxFIFO full, or the FIFOs exceed their memory.
         FIFO = 1 << 5;
-        /// Bit 6: a packet with a wrong check word.
+        /// Bit 6: a packet had a wrong check word.
         CRC = 1 << 6;
-        /// Bit 7: a command with a wrong parameter, or a non-immediate one while another runs.
+        /// Bit 7: a command had a wrong parameter, or a non-immediate command came while another one was running.
         COMMAND = 1 << 7;
-        /// Bits 3 to 7: those that are errors.
+        /// Bits 3 to 7: all error bits, without the levels.
         ALL = 0xF8;
     }
 
-    /// Byte 0x0A of an answer.
+    /// Byte 0x0A of an answer: the state of the chip, and the type of the check word.
     Status(u8) {
         /// Bit 2: the cycle of the distributed clocks is stable.
         DC_STABLE = 1 << 2;
@@ -66,19 +68,20 @@ bits! {
         PORT_READY = 1 << 3;
         /// Bit 4: process data are configured and exchanged.
         PDO_CONFIGURED = 1 << 4;
-        /// Bit 5: the answer is to no command; its return byte and its data mean nothing.
+        /// Bit 5: the answer belongs to no command; its return byte and its data have no meaning.
         NOP = 1 << 5;
-        /// Bit 6: the RxFIFO is put out in each cycle.
+        /// Bit 6: the chip takes an RxPDO out of the RxFIFO in each cycle.
         FIFO_ON = 1 << 6;
         /// Bit 7: a non-immediate command runs.
         BUSY = 1 << 7;
     }
 
-    /// Word 0x10: interrupts, as flags in an answer, to clear them in a command, and as a mask in ECAT_INT_SET_ENABLE.
+    /// Word 0x10: interrupts. In an answer these are flags, in a command they clear flags, in ECAT_INT_SET_ENABLE they
+    /// are a mask.
     Interrupts(u32) {
-        /// Bit 31: an EtherCAT packet was received.
+        /// Bit 31: the chip received an EtherCAT frame.
         ETHERCAT = 1 << 31;
-        /// Bit 29: encoder; in the header alone.
+        /// Bit 29: encoder interrupt; only in headers.
         ENCODER = 1 << 29;
         /// Bit 25: the RxFIFO fell to its low limit (XF EN 1310).
         RX_FIFO_LOW = 1 << 25;
@@ -86,32 +89,32 @@ bits! {
         TX_FIFO_HIGH = 1 << 24;
         /// Bit 23: a packet had a wrong check word.
         CRC = 1 << 23;
-        /// Bit 22: the working counter was wrong.
+        /// Bit 22: a working counter was wrong.
         WORKING_COUNTER = 1 << 22;
     }
 }
 
 impl Control {
-    /// The bits that clear these errors; the levels among them have none.
+    /// The control bits that clear these errors. The levels among them cannot be cleared.
     pub const fn clearing(errors: Errors) -> Self {
         Self(errors.0 & Errors::ALL.0)
     }
 }
 
-/// The outputs of a command's header as GPIOs, or GPIOs as those outputs: bit 12 drives GPIO 13, and bit 13 GPIO 12
+/// Converts between the outputs in a command's header and GPIO bits: bit 12 drives GPIO 13, and bit 13 drives GPIO 12
 /// (XF EN 211, XF ZH 246).
 pub const fn swap_gpio_12_and_13(bits: u16) -> u16 {
     bits & !0x3000 | (bits & 0x1000) << 1 | (bits & 0x2000) >> 1
 }
 
 impl Status {
-    /// Bits 1 and 0 of the byte: the check type.
+    /// Bits 1 and 0 of the status byte: the check type.
     const CHECK_TYPE: u8 = 0b11;
 
-    /// The type of the answer's check word; the two bits where they are undefined, 1 or 2.
+    /// The type of the answer's check word.
     ///
     /// # Errors
-    /// The bits, if they are 1 or 2.
+    /// The value of the two bits, if it is undefined: 1 or 2.
     pub const fn check_type(self) -> Result<CheckType, u8> {
         match CheckType::from_code(self.0 & Self::CHECK_TYPE) {
             Some(kind) => Ok(kind),
@@ -119,24 +122,24 @@ impl Status {
         }
     }
 
-    /// The same status with that check type.
+    /// The same status with another check type.
     #[must_use]
     pub const fn with_check_type(self, kind: CheckType) -> Self {
         Self(self.0 & !Self::CHECK_TYPE | kind.code())
     }
 }
 
-/// A byte that reports an EtherCAT state: 0x08 of an answer, and the return byte of ECAT_STATE_GET.
+/// A byte that reports an EtherCAT state: byte 0x08 of an answer, and the return byte of ECAT_STATE_GET.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct NetworkState(pub u8);
 
 impl NetworkState {
     /// 0: the network is not initialised.
     pub const NONE: Self = Self(0);
-    /// Bit 4: an error, beside the state (OBS).
+    /// Bit 4: the error flag besides the state (OBS).
     pub const ERROR: u8 = 0x10;
 
-    /// The state; `None` for 0 and for values that no manual lists.
+    /// The state; `None` for 0 and for values that are not in the manuals.
     pub const fn state(self) -> Option<EtherCatState> {
         EtherCatState::from_code(self.0 & 0x0F)
     }
@@ -153,7 +156,7 @@ impl From<EtherCatState> for NetworkState {
     }
 }
 
-/// Headers, with the place of each field.
+/// Declares header types, with the byte offset of each field.
 macro_rules! headers {
     ($($(#[$doc:meta])* $name:ident { $($(#[$field_doc:meta])* $field:ident: $type:ty = $at:literal,)* })*) => {$(
         $(#[$doc])*
@@ -163,12 +166,12 @@ macro_rules! headers {
         }
 
         impl $name {
-            /// The header in `bytes`, and their start word, whatever that is.
+            /// Decodes the start word, without checking it, and the header.
             pub fn decode(bytes: &[u8; HEADER_LEN]) -> (u32, Self) {
                 (u32::from_le_bytes(bytes_at(bytes, 0)), Self { $($field: HeaderField::get(bytes, $at),)* })
             }
 
-            /// The header as bytes, with its start word.
+            /// Encodes the header, with the start word.
             pub fn encode(&self) -> [u8; HEADER_LEN] {
                 let mut bytes = [0; HEADER_LEN];
                 bytes[..4].copy_from_slice(&START_WORD.to_le_bytes());
@@ -179,7 +182,7 @@ macro_rules! headers {
     )*};
 }
 
-/// What stands in a header.
+/// A field of a header.
 trait HeaderField {
     fn get(bytes: &[u8; HEADER_LEN], at: usize) -> Self;
     fn put(self, bytes: &mut [u8; HEADER_LEN], at: usize);
@@ -223,67 +226,70 @@ fn bytes_at<const N: usize>(bytes: &[u8; HEADER_LEN], at: usize) -> [u8; N] {
 }
 
 headers! {
-    /// The header of a command, without its start word.
+    /// The header of a command, without the start word.
     CommandHeader {
-        /// 0x04..0x07: `i0` to `i3`, by command.
+        /// Bytes 0x04..0x07: the information bytes `i0` to `i3`, whose meaning depends on the command.
         info: [u8; 4] = 0x04,
-        /// 0x08.
+        /// Word at 0x08: the flags that the manuals call reserve.
         reserve: Reserve = 0x08,
-        /// 0x0A.
+        /// Byte 0x0A: clears errors, and requests an update of the states.
         control: Control = 0x0A,
-        /// 0x0B: tells the answer to this command from others. A packet with the index and the code of the one before it
+        /// Byte 0x0B: the index, which the answer repeats. A packet with the same index and code as the previous one
         /// counts as INFO_UPDATE_OP.
         index: u8 = 0x0B,
-        /// 0x0C.
+        /// Byte 0x0C: the command code.
         code: CommandCode = 0x0C,
-        /// 0x0D: `par`, by command.
+        /// Byte 0x0D: the parameter `par`, whose meaning depends on the command.
         parameter: u8 = 0x0D,
-        /// 0x0E: how many bytes of the data segment are used; in SPI_RECONFIG_OP the new n.
+        /// Word 0x0E: the number of bytes used in the data segment; in SPI_RECONFIG_OP the new n (size of the data
+        /// segment).
         len: u16 = 0x0E,
-        /// 0x10: the interrupt flags to clear, bits 31 and 29.
+        /// Double word 0x10: the interrupt flags to clear, bits 31 and 29.
         interrupt_clear: Interrupts = 0x10,
-        /// 0x14..0x15: the interrupt flags of GPIO 0..15 to clear; bit k is GPIO k.
+        /// Bytes 0x14..0x15: the interrupt flags of GPIO 0..15 to clear; bit k is GPIO k.
         gpio_interrupt_clear: u16 = 0x14,
-        /// 0x16..0x17: outputs, taken if [`Reserve::GPIO_OUTPUTS_VALID`]. Bit k is GPIO k, for k up to 11; from firmware
-        /// 0x1E on also 12 to 15, see [`swap_gpio_12_and_13`] (XF ZH 246).
+        /// Bytes 0x16..0x17: the GPIO outputs, taken if [`Reserve::GPIO_OUTPUTS_VALID`] is set. Bit k is GPIO k, for k
+        /// up to 11; from firmware 0x1E on also 12 to 15, see [`swap_gpio_12_and_13`] (XF ZH 246).
         gpio_outputs: u16 = 0x16,
     }
 
-    /// The header of an answer, without its start word.
+    /// The header of an answer, without the start word.
     AnswerHeader {
-        /// 0x04: packets that the chip received with a wrong check word.
+        /// Byte 0x04: number of packets that the chip received with a wrong check word.
         crc_errors: u8 = 0x04,
-        /// 0x05: cycles in which the working counter was wrong.
+        /// Byte 0x05: number of cycles with a wrong working counter.
         wkc_errors: u8 = 0x05,
-        /// 0x06: TxPDOs in the FIFO that the host has not read yet. It lags two exchanges behind (OBS).
+        /// Byte 0x06: number of TxPDOs in the FIFO that the host has not read yet. The value lags two exchanges behind
+        /// (OBS).
         tx_fifo: u8 = 0x06,
-        /// 0x07: RxPDOs in the FIFO that are not sent yet. It lags two exchanges behind (OBS).
+        /// Byte 0x07: number of RxPDOs in the FIFO that the chip has not sent yet. The value lags two exchanges behind
+        /// (OBS).
         rx_fifo: u8 = 0x07,
-        /// 0x08: the state of the network.
+        /// Byte 0x08: the state of the network.
         state: NetworkState = 0x08,
-        /// 0x09.
+        /// Byte 0x09: levels and errors.
         errors: Errors = 0x09,
-        /// 0x0A.
+        /// Byte 0x0A: the chip's status.
         status: Status = 0x0A,
-        /// 0x0B: the index of the command that is answered.
+        /// Byte 0x0B: the index of the answered command.
         index: u8 = 0x0B,
-        /// 0x0C: the code of the command that is answered.
+        /// Byte 0x0C: the code of the answered command.
         code: CommandCode = 0x0C,
-        /// 0x0D: `ret`, by command.
+        /// Byte 0x0D: the return byte `ret`, whose meaning depends on the command.
         ret: u8 = 0x0D,
-        /// 0x0E: how many bytes of the data segment are valid.
+        /// Word 0x0E: the number of valid bytes in the data segment.
         len: u16 = 0x0E,
-        /// 0x10: the interrupt flags.
+        /// Double word 0x10: the interrupt flags.
         interrupts: Interrupts = 0x10,
-        /// 0x14..0x15: the interrupt flags of GPIO 0..15; bit k is GPIO k.
+        /// Bytes 0x14..0x15: the interrupt flags of GPIO 0..15; bit k is GPIO k.
         gpio_interrupts: u16 = 0x14,
-        /// 0x16..0x17: the inputs of GPIO 0..15; bit k is GPIO k.
+        /// Bytes 0x16..0x17: the inputs of GPIO 0..15; bit k is GPIO k.
         gpio_inputs: u16 = 0x16,
     }
 }
 
 impl CommandHeader {
-    /// The header that asks for nothing, with an index.
+    /// A header of INFO_UPDATE_OP, which requests nothing, with this index.
     pub const fn with_index(index: u8) -> Self {
         Self {
             info: [0; 4],
@@ -301,7 +307,7 @@ impl CommandHeader {
 }
 
 impl AnswerHeader {
-    /// The status and the length in `bytes`, which are what the check word of an answer depends on.
+    /// Decodes only the status and the length, on which the check word of an answer depends.
     pub(super) fn status_and_len(bytes: &[u8; HEADER_LEN]) -> (Status, u16) {
         (HeaderField::get(bytes, 0x0A), HeaderField::get(bytes, 0x0E))
     }

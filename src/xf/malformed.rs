@@ -1,41 +1,41 @@
-//! What is wrong with a field of a request or an answer.
+//! The error for an invalid field of a request or an answer.
 
 use core::fmt;
 
-/// A field has a value that the manuals do not allow, or that does not fit into the data segment.
+/// A field has a value that the manuals do not allow, or does not fit into the data segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Malformed {
-    /// The field, as in `SDO_REQ operation`.
+    /// The name of the field, as in `SDO_REQ operation`.
     pub field: &'static str,
-    /// The value that is there.
+    /// The invalid value.
     pub found: u32,
-    /// What may be there.
+    /// The allowed values.
     pub allowed: Allowed,
 }
 
-/// What a field may hold.
+/// The values that a field may have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Allowed {
-    /// No more than this.
+    /// At most this value.
     AtMost(u32),
-    /// No less than this.
+    /// At least this value.
     AtLeast(u32),
-    /// From the first to the second number, both included.
+    /// From the first to the second value, both included.
     Between(u32, u32),
-    /// In words, as in `0 write, 1 read`.
+    /// The allowed values as text, as in `0 write, 1 read`.
     Only(&'static str),
 }
 
 impl Malformed {
-    /// `found` is none of what the words in `allowed` say.
+    /// The error that `found` is not one of the values that `allowed` describes.
     pub(super) const fn only(field: &'static str, found: u32, allowed: &'static str) -> Self {
         Self { field, found, allowed: Allowed::Only(allowed) }
     }
 
-    /// The value if it is at most `most`.
+    /// Returns the value if it is at most `most`.
     ///
     /// # Errors
-    /// It is more.
+    /// The value is larger.
     pub(super) fn at_most(field: &'static str, found: usize, most: usize) -> Result<usize, Self> {
         if found <= most {
             Ok(found)
@@ -44,10 +44,10 @@ impl Malformed {
         }
     }
 
-    /// The value if it is at least `least`.
+    /// Returns the value if it is at least `least`.
     ///
     /// # Errors
-    /// It is less.
+    /// The value is smaller.
     pub(super) fn at_least(field: &'static str, found: usize, least: usize) -> Result<usize, Self> {
         if found >= least {
             Ok(found)
@@ -57,7 +57,7 @@ impl Malformed {
     }
 }
 
-/// No length of ours reaches 2^32; one that did would be shown as the largest number.
+/// Converts a length for display. No length in this crate reaches 2^32; a larger one is shown as the maximum.
 fn saturated(n: usize) -> u32 {
     u32::try_from(n).unwrap_or(u32::MAX)
 }

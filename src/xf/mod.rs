@@ -1,33 +1,33 @@
-//! The wire format of the ECM-XF: packets, check words, typed requests and answers, finding packets in a stream; the
-//! driver of a host, and a model of the chip.
+//! The wire format of the ECM-XF: packets, check words, typed requests and answers, and a search for packets in a
+//! stream. Also the driver of a host, and a model of the chip.
 //!
-//! The ECM-XF is a chip that is an EtherCAT master behind SPI; the ECM-XFU is the same behind USB. A host sends it one
-//! command packet and receives, in the same exchange, one answer packet, which belongs to an earlier command. Both have
-//! the same shape: a header of 24 bytes, a data segment of n bytes, a check word and an end word. But for `chip` this
-//! module has no I/O, no allocation and no state but that of [`resync`] and [`host`], and is `no_std`. It holds the
-//! only byte offsets of the protocol; everything else in the crate uses its types. Each request and each answer is
-//! encoded and decoded, so that hosts and models of the chip speak with the same types.
+//! The ECM-XF is a chip that works as an EtherCAT master behind SPI; the ECM-XFU is the same behind USB. A host sends
+//! it one command packet and receives, in the same exchange, one answer packet, which belongs to an earlier command.
+//! Both have the same layout: a header of 24 bytes, a data segment of n bytes, a check word and an end word. Apart from
+//! `chip` this module has no I/O and no allocation, is `no_std`, and keeps state only in [`resync`] and [`host`]. All
+//! byte offsets of the protocol are in this module; the rest of the crate uses its types. Each request and each answer
+//! can be encoded and decoded, so that hosts and models of the chip use the same types.
 //!
 //! How to read it:
 //!
 //! | module | what it holds |
 //! | --- | --- |
-//! | [`size`] | the size of the data segment, n, which is a value at run time |
+//! | [`size`] | n, the size of the data segment, which is known at run time only |
 //! | [`header`] | the two headers: of a command and of an answer, with the meaning of their bits |
 //! | [`check`] | the check word: fixed or CRC-32, and which bytes it covers |
-//! | [`packet`] | packets are built into a buffer and parsed from one |
-//! | [`resync`] | packets are found in a stream of bytes whose n and offset nobody knows |
+//! | [`packet`] | building packets in a buffer, and parsing them |
+//! | [`resync`] | finding packets in a stream of bytes with unknown n and offset |
 //! | [`code`] | the table of the 67 command codes and 91 functions |
-//! | [`value`] | numbers of slaves, motors and pins that are always in range |
+//! | [`value`] | numbers of slaves, motors and pins, limited to their range |
 //! | [`request`] | the 91 functions as requests, one type each, and [`Request`] over all |
-//! | [`response`] | what the chip answers to them |
-//! | [`fields`] | what each function does and which fields it and its answer have, as a table |
-//! | `layout` | how the layouts of requests and answers are declared, from which encoding, decoding and fields follow |
-//! | [`malformed`] | what is wrong with a field |
-//! | [`host`] | the driver of a host: what to exchange next, and what came back |
+//! | [`response`] | the results in the chip's answers |
+//! | [`fields`] | a table of all functions with the fields of their requests and answers |
+//! | `layout` | declarations of the layouts of requests and answers, from which encoding, decoding and fields follow |
+//! | [`malformed`] | the error for an invalid field |
+//! | [`host`] | the driver of a host: the next exchange, and the interpretation of its answer |
 //! | `chip` | with the feature `sim`: a model of the chip, the other end of the wire |
 //!
-//! Three notations stand throughout:
+//! Three notations are used throughout:
 //! - `XF EN 436`, `XF ZH 442`: the line of the text of NEXTW's *ECM-XF user manual*, English v050 and Chinese v049,
 //!   where the command's block begins; `OBS`: seen in the vendor's own driver and in programs that work with real
 //!   chips; `[OURS]`: a decision of this project, where no source says anything.
@@ -86,11 +86,11 @@ pub const START_WORD: u32 = 0xA1A2_A3A4;
 pub const END_WORD: u32 = 0x5657_5859;
 /// The check word of check type 0 (XF EN 180).
 pub const FIXED_CHECK: u32 = 0x1234_5678;
-/// The check word of an answer that means: the chip is not ready yet, leave it more idle time (OBS).
+/// The check word of an answer that means "not ready": the chip needs more idle time (OBS).
 pub const NOT_READY: u32 = 0x8765_4321;
-/// Bytes of a header, of a command as of an answer.
+/// Size of a header in bytes, both of a command and of an answer.
 pub const HEADER_LEN: usize = 24;
-/// Bytes of the check word and the end word behind the data segment.
+/// Size of the check word and the end word after the data segment, in bytes.
 pub const TRAILER_LEN: usize = 8;
-/// Bytes of the longest packet: 1408 of data and 32 around them.
+/// Size of the longest packet in bytes: 1408 of data and 32 around them.
 pub const MAX_PACKET: usize = DataSize::MAX.packet_len();

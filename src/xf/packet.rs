@@ -1,6 +1,7 @@
-//! Packets: built into a buffer of the caller, and parsed from one.
+//! Packets: building them in the caller's buffer, and parsing them.
 //!
-//! Both directions have the same shape: header 24, data segment n, check word 4, end word 4 (XF EN 174, figure 3).
+//! Both directions have the same layout: header 24 bytes, data segment n, check word 4, end word 4 (XF EN 174, figure
+//! 3).
 
 use core::fmt;
 
@@ -11,38 +12,38 @@ use super::request::{Arguments, Call, Encode, Request};
 use super::response::{Answer, Returned};
 use super::{CommandCode, DataSize, END_WORD, HEADER_LEN, Malformed, NOT_READY, START_WORD};
 
-/// Why bytes are no packet.
+/// Why bytes are not a valid packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PacketError {
-    /// There are more or fewer bytes than a packet has.
+    /// The number of bytes is not that of a packet.
     Length {
-        /// n + 32.
+        /// The length of a packet, n + 32.
         expected: usize,
-        /// The bytes that are there.
+        /// The number of bytes given.
         found: usize,
     },
     /// The first word is not [`START_WORD`].
     StartWord {
-        /// The word that is there.
+        /// The first word of the bytes.
         found: u32,
     },
     /// The last word is not [`END_WORD`].
     EndWord {
-        /// The word that is there.
+        /// The last word of the bytes.
         found: u32,
     },
-    /// The check word is not the one that belongs to the bytes.
+    /// The check word does not match the bytes.
     CheckWord {
-        /// How the word was to be made.
+        /// The type of the check word.
         kind: CheckType,
-        /// The word that belongs to the bytes.
+        /// The check word computed from the bytes.
         expected: u32,
-        /// The word that is there.
+        /// The check word in the packet.
         found: u32,
     },
     /// The status bits of an answer name check type 1 or 2, which are undefined.
     CheckType {
-        /// The two bits.
+        /// The value of the two bits.
         bits: u8,
     },
 }
@@ -66,17 +67,17 @@ impl fmt::Display for PacketError {
 
 impl core::error::Error for PacketError {}
 
-/// Why a packet is not built.
+/// Why a packet cannot be built.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WriteError {
-    /// The buffer is shorter than a packet.
+    /// The buffer is too short for a packet.
     Buffer {
-        /// n + 32.
+        /// The length of a packet, n + 32.
         needed: usize,
-        /// The bytes of the buffer.
+        /// The length of the buffer in bytes.
         found: usize,
     },
-    /// The request or the answer does not fit into the data segment, or has more of something than the chip takes.
+    /// The request or the answer does not fit into the data segment, or exceeds another limit of the chip.
     Malformed(Malformed),
 }
 
@@ -100,8 +101,8 @@ impl From<Malformed> for WriteError {
 /// Builds the command packet of `request` at the beginning of `buffer` and returns its n + 32 bytes, all of which are
 /// written.
 ///
-/// Of `header` the index, the control byte, the clearing of interrupts and the GPIO outputs are taken; code, parameter,
-/// information and length are the request's, and its reserve bits are added.
+/// The index, the control byte, the interrupt flags to clear and the GPIO outputs are taken from `header`. Code,
+/// parameter, information bytes and length come from the request, whose reserve bits are added.
 ///
 /// # Errors
 /// The buffer is too short, or the request does not fit into n bytes.
@@ -119,8 +120,8 @@ pub fn write_request<'b>(
     Ok(close_request(packet, size, rule, header, code, arguments))
 }
 
-/// Builds the command packet around data that stand in its segment already: as many bytes as `arguments` says, behind
-/// which all is 0 then.
+/// Builds the command packet around data that are already in its segment, as many bytes as `arguments` says. The rest
+/// of the segment is set to 0.
 ///
 /// # Errors
 /// The buffer is too short, or the data do not fit into n bytes.
@@ -140,7 +141,7 @@ pub(crate) fn write_around(
     Ok(close_request(packet, size, rule, header, code, arguments))
 }
 
-/// Writes all but the data of a command packet.
+/// Writes everything in a command packet except the data.
 #[inline]
 fn close_request(
     packet: &mut [u8],
@@ -160,8 +161,9 @@ fn close_request(
 /// Builds the answer packet with `answer` at the beginning of `buffer` and returns its n + 32 bytes, all of which are
 /// written.
 ///
-/// Of `header` all is taken but the return byte and the length, which are the answer's, and the check type in the
-/// status, which is that of `rule`. An answer that has no result is `()`, with [`Status::NOP`] if it is to no command.
+/// `header` supplies everything except the return byte and the length, which come from the answer, and the check type
+/// in the status, which comes from `rule`. An answer without a result is `()`; set [`Status::NOP`] if it answers no
+/// command.
 ///
 /// # Errors
 /// The buffer is too short, or the answer does not fit into n bytes.
@@ -182,7 +184,7 @@ pub fn write_answer<'b, 'a>(
     Ok(close(packet, word))
 }
 
-/// Builds an answer packet that says that the chip is not ready: no data, and [`NOT_READY`] for a check word (OBS).
+/// Builds an answer packet that reports "not ready": no data, and [`NOT_READY`] as the check word (OBS).
 ///
 /// # Errors
 /// The buffer is too short.
@@ -193,14 +195,14 @@ pub fn write_not_ready(buffer: &mut [u8], size: DataSize, header: AnswerHeader) 
     Ok(close(&mut buffer[..size.packet_len()], NOT_READY))
 }
 
-/// The places of a packet that are filled first.
+/// The parts of a packet buffer that are written before the check word.
 struct Parts<'b> {
     head: &'b mut [u8],
     data: &'b mut [u8],
 }
 
 impl<'b> Parts<'b> {
-    /// The places at the beginning of `buffer`.
+    /// Splits the beginning of `buffer` into the parts of a packet.
     fn of_buffer(buffer: &'b mut [u8], size: DataSize) -> Result<Self, WriteError> {
         let (needed, found) = (size.packet_len(), buffer.len());
         let Some(packet) = buffer.get_mut(..needed) else { return Err(WriteError::Buffer { needed, found }) };
@@ -210,7 +212,7 @@ impl<'b> Parts<'b> {
     }
 }
 
-/// Writes check word and end word.
+/// Writes the check word and the end word.
 fn close(packet: &mut [u8], word: u32) -> &[u8] {
     let end = packet.len();
     packet[end - 8..end - 4].copy_from_slice(&word.to_le_bytes());
@@ -218,10 +220,10 @@ fn close(packet: &mut [u8], word: u32) -> &[u8] {
     packet
 }
 
-/// A packet whose length, start word and end word are right.
+/// A packet with valid length, start word and end word.
 struct Framed<'p> {
     head: &'p [u8; HEADER_LEN],
-    /// Header and data segment.
+    /// The header and the data segment, which a CRC-32 may cover.
     covered: &'p [u8],
     data: &'p [u8],
     check_word: u32,
@@ -248,7 +250,7 @@ impl<'p> Framed<'p> {
         Ok(Self { head, covered, data, check_word: u32::from_le_bytes(*check_word) })
     }
 
-    /// Whether an answer is in it.
+    /// Checks the check word: whether the packet is an answer or "not ready".
     fn judge(&self, coverage: Coverage) -> Result<Judged, PacketError> {
         let (status, len) = AnswerHeader::status_and_len(self.head);
         let found = self.check_word;
@@ -261,14 +263,14 @@ impl<'p> Framed<'p> {
     }
 }
 
-/// A packet of the chip that is not damaged, as [`Received`] without the packet.
+/// The kind of an undamaged packet from the chip, like [`Received`] but without the packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Judged {
     Answer,
     NotReady,
 }
 
-/// A command packet that was received.
+/// A received command packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CommandPacket<'p> {
     /// The header.
@@ -278,8 +280,8 @@ pub struct CommandPacket<'p> {
 }
 
 impl<'p> CommandPacket<'p> {
-    /// The packet in `bytes`, which are as many as a packet has. The check word has to be as `rule` says; that of
-    /// SPI_RECONFIG_OP is always the fixed one.
+    /// Parses `bytes`, which must have the length of a packet. The check word must match `rule`; in SPI_RECONFIG_OP it
+    /// is always the fixed one.
     ///
     /// # Errors
     /// Length, start word, end word or check word are wrong.
@@ -294,7 +296,7 @@ impl<'p> CommandPacket<'p> {
         Ok(Self { header, data: framed.data })
     }
 
-    /// What the packet asks for. A code or function that the manuals do not have is [`Request::Unknown`].
+    /// Decodes the request in the packet. A code or function that is not in the manuals becomes [`Request::Unknown`].
     ///
     /// # Errors
     /// A field of the request has a value that the manuals do not allow.
@@ -304,22 +306,23 @@ impl<'p> CommandPacket<'p> {
 }
 
 impl CommandHeader {
-    /// The fields that belong to the request.
+    /// The header fields that belong to the request.
     pub const fn arguments(&self) -> Arguments {
         Arguments { parameter: self.parameter, info: self.info, reserve: self.reserve, len: self.len }
     }
 }
 
-/// What a host received.
+/// A valid packet that a host received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Received<'p> {
     /// An answer.
     Answer(AnswerPacket<'p>),
-    /// The chip was not ready for the exchange: the host tries again and leaves it more idle time. No error.
+    /// The chip was not ready for the exchange. This is no error: the host tries again and leaves the chip more idle
+    /// time.
     NotReady,
 }
 
-/// An answer packet that was received.
+/// A received answer packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AnswerPacket<'p> {
     /// The header.
@@ -329,11 +332,11 @@ pub struct AnswerPacket<'p> {
 }
 
 impl<'p> AnswerPacket<'p> {
-    /// The packet in `bytes`, which are as many as a packet has. Whether its check word is fixed or a CRC-32 its own
-    /// status says; `coverage` says what a CRC-32 covers.
+    /// Parses `bytes`, which must have the length of a packet. The packet's own status says whether its check word is
+    /// the fixed one or a CRC-32; `coverage` says which bytes a CRC-32 covers.
     ///
     /// # Errors
-    /// Length, start word, end word or check word are wrong, or the status names no check type.
+    /// Length, start word, end word or check word are wrong, or the status names an undefined check type.
     pub fn parse(bytes: &'p [u8], size: DataSize, coverage: Coverage) -> Result<Received<'p>, PacketError> {
         let framed = Framed::parse(bytes, size)?;
         Ok(match framed.judge(coverage)? {
@@ -342,12 +345,12 @@ impl<'p> AnswerPacket<'p> {
         })
     }
 
-    /// What [`Self::parse`] gives, without the packet.
+    /// The result of [`Self::parse`], without the packet.
     pub(super) fn judge(bytes: &[u8], size: DataSize, coverage: Coverage) -> Result<Judged, PacketError> {
         Framed::parse(bytes, size)?.judge(coverage)
     }
 
-    /// The result that the packet has for `call`. Whether the index is that of the call is the host's to look at.
+    /// The packet's result for `call`. The host itself has to compare the index.
     ///
     /// ```
     /// use ecmsk::xf::request::{StateGet, Slaves};
@@ -386,16 +389,16 @@ impl<'p> AnswerPacket<'p> {
 /// Why an answer packet has no result for a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AnswerError {
-    /// The packet has the NOP flag: it is never a result, even if index and code are those of the command (OBS).
+    /// The packet has the NOP flag: it contains no result, even if index and code are those of the command (OBS).
     Nop {
         /// The packet's index.
         index: u8,
     },
     /// The packet answers another command.
     OtherCommand {
-        /// The command that was asked for.
+        /// The command whose answer was expected.
         expected: CommandCode,
-        /// The command that is answered.
+        /// The command that the packet answers.
         found: CommandCode,
     },
     /// A field of the answer has a value that the manuals do not allow.

@@ -1,23 +1,24 @@
-//! Finds packets in a stream of bytes: nobody knows where in the stream one begins, or how long it is.
+//! Finds packets in a stream of bytes in which the position and the length of packets are unknown.
 //!
-//! That is so on SPI when a host starts while the chip runs, and on USB behind a serial port. What the vendor's driver
-//! does is seen in it (OBS): where an end word and a start word follow each other there is a border between packets,
-//! and two such borders show n. A border may stand in data as well, so that here the check word between the two has to
-//! be right too, by either of its types and any coverage. Once n is known, start word and end word alone tell a
-//! packet, so that one with a wrong check word reaches the parser, which names the error.
+//! This happens on SPI when a host starts while the chip is running, and on USB behind a serial port. The method is
+//! that of the vendor's driver (OBS): an end word followed by a start word is a border between packets, and two such
+//! borders give n. Data may contain the same words, so this reader also requires a valid check word between the
+//! borders, of either type and with any coverage. Once n is known, start word and end word alone identify a packet. A
+//! packet with a wrong check word then reaches the parser, which reports the error.
 
 use super::{DataSize, END_WORD, FIXED_CHECK, HEADER_LEN, MAX_PACKET, NOT_READY, START_WORD};
 
-/// Bytes of a border: end word and start word.
+/// Length of a border in bytes: end word and start word.
 const BORDER: usize = 8;
-/// Bytes that the reader holds: two packets of the longest kind and the beginning of a third one, so that the packet in
-/// front of a border is not lost while the next border has not come.
+/// Capacity of the reader in bytes: two packets of the longest kind and the beginning of a third one. So the packet
+/// before a border is kept until the next border has come.
 const CAPACITY: usize = 2 * MAX_PACKET + BORDER;
 
-/// \[OURS] So many bytes in no packet show that a size is wrong which the reader has found by itself: that of a damaged packet, perhaps.
+/// \[OURS] How many bytes outside packets disprove a size that the reader has found by itself, perhaps from a damaged
+/// packet.
 const FRUITLESS_MAX: usize = 2 * MAX_PACKET;
 
-/// A reader that takes bytes and gives packets. It holds 2888 bytes at most.
+/// A reader that takes bytes and returns packets. It holds at most 2888 bytes.
 ///
 /// ```
 /// use ecmsk::xf::{CheckRule, CommandHeader, DataSize, MAX_PACKET, Resync, request::InfoUpdate, write_request};
@@ -44,17 +45,17 @@ const FRUITLESS_MAX: usize = 2 * MAX_PACKET;
 #[derive(Clone, Debug)]
 pub struct Resync {
     bytes: [u8; CAPACITY],
-    /// Bytes that are held, from the beginning of `bytes`.
+    /// Number of bytes held, at the beginning of `bytes`.
     held: usize,
-    /// Bytes at the beginning that were given away as a packet.
+    /// Number of bytes at the beginning that were returned as a packet.
     given: usize,
-    /// Where the first border may be that was not yet compared with those in front of it. Without it a stream that is
-    /// full of borders would be compared anew with each byte that comes.
+    /// The position of the first possible border that was not yet compared with earlier ones. Without it, a stream full
+    /// of borders would be compared again with each new byte.
     compared: usize,
     size: Option<DataSize>,
-    /// The reader found the size by itself.
+    /// Whether the reader has found the size by itself.
     found: bool,
-    /// Bytes in no packet since the newest one, or since the size was found.
+    /// Number of bytes outside packets since the newest packet, or since the size was found.
     fruitless: usize,
     dropped: u64,
 }
@@ -66,7 +67,7 @@ impl Default for Resync {
 }
 
 impl Resync {
-    /// A reader that finds n by itself.
+    /// A reader that finds n (the size of the data segment) by itself.
     pub const fn new() -> Self {
         Self {
             bytes: [0; CAPACITY],
@@ -85,26 +86,26 @@ impl Resync {
         Self { size: Some(size), ..Self::new() }
     }
 
-    /// The size of the data segment, if it is known.
+    /// The size of the data segment, once it is known.
     pub const fn size(&self) -> Option<DataSize> {
         self.size
     }
 
-    /// From now on packets have that size, as after SPI_RECONFIG_OP; with `None` the reader finds it again. Bytes that
-    /// are held stay.
+    /// Sets the size of packets from now on, as after SPI_RECONFIG_OP; with `None` the reader finds it again. Held
+    /// bytes are kept.
     pub const fn set_size(&mut self, size: Option<DataSize>) {
         self.compared = 0;
         (self.found, self.fruitless) = (false, 0);
         self.size = size;
     }
 
-    /// How many bytes were in no packet.
+    /// The number of bytes that were not part of a packet.
     pub const fn dropped(&self) -> u64 {
         self.dropped
     }
 
-    /// Takes bytes and returns how many: all that there is room for, and at least one whenever [`Self::next_packet`]
-    /// has just given nothing.
+    /// Takes as many bytes as there is room for, and returns their number. This is at least one if
+    /// [`Self::next_packet`] has just returned `None`.
     pub fn push(&mut self, bytes: &[u8]) -> usize {
         self.forget_given();
         let taken = bytes.len().min(CAPACITY - self.held);
@@ -113,7 +114,7 @@ impl Resync {
         taken
     }
 
-    /// The next packet, n + 32 bytes with a right start word and a right end word; `None` until more bytes have come.
+    /// The next packet, n + 32 bytes with valid start and end words; `None` until more bytes have come.
     pub fn next_packet(&mut self) -> Option<&[u8]> {
         self.forget_given();
         let len = loop {
@@ -159,37 +160,37 @@ impl Resync {
         self.dropped += n as u64;
     }
 
-    /// Whether the word at byte `at` is there and is this one.
+    /// Whether this word is at byte `at`.
     fn has(&self, at: usize, word: u32) -> bool {
         self.bytes[..self.held].get(at..at + 4) == Some(&word.to_le_bytes())
     }
 
-    /// Whether an end word and a start word follow each other at byte `at`.
+    /// Whether a border, an end word followed by a start word, is at byte `at`.
     fn is_border(&self, at: usize) -> bool {
         self.has(at, END_WORD) && self.has(at + 4, START_WORD)
     }
 
-    /// Whether a packet of `len` bytes, all of which are held, stands at byte `at`.
+    /// Whether a complete packet of `len` bytes begins at byte `at`.
     fn is_packet(&self, at: usize, len: usize) -> bool {
         self.has(at, START_WORD) && self.has(at + len - 4, END_WORD)
     }
 
-    /// Whether a word that is no CRC stands at byte `at` as a check word: it says nothing about the bytes in front of
-    /// it.
+    /// Whether the check word at byte `at` is constant (fixed or "not ready"), so that it proves nothing about the
+    /// bytes before it.
     fn has_constant_check(&self, at: usize) -> bool {
         self.has(at, FIXED_CHECK) || self.has(at, NOT_READY)
     }
 
-    /// `[OURS]` Whether the packet of `len` bytes at the beginning is more likely two. Without a CRC that is what n is
-    /// taken for if the border between two packets was damaged when n was looked for.
+    /// `[OURS]` Whether the packet of `len` bytes at the beginning is more likely two packets. Without a CRC, the data
+    /// segment size comes out too large if the border between two packets was damaged during the search.
     fn is_joined(&self, len: usize) -> bool {
         let shortest = DataSize::MIN.packet_len();
         let is_end = |at: usize| self.has_constant_check(at - 4) && self.is_border(at);
         self.has_constant_check(len - 8) && (shortest..=len.saturating_sub(shortest)).any(|end| is_end(end - 4))
     }
 
-    /// How many bytes are in front of the first place where a packet of that length is, or may be once more bytes have
-    /// come.
+    /// The number of bytes before the first position at which a packet of that length begins, or may begin once more
+    /// bytes have come.
     fn find_packet(&self, len: usize) -> usize {
         (0..self.held)
             .find(|&at| {
@@ -201,7 +202,7 @@ impl Resync {
             .unwrap_or(self.held)
     }
 
-    /// Finds n. What cannot belong to a packet any more is dropped, so that there is room for more.
+    /// Finds the data segment size n. Bytes that cannot belong to a packet any more are dropped to make room.
     fn find_size(&mut self) -> Option<DataSize> {
         let places = (self.held + 1).saturating_sub(BORDER);
         let is_border = |at: &usize| self.is_border(*at);
@@ -217,11 +218,11 @@ impl Resync {
         }
         self.compared = places;
         if self.held == CAPACITY {
-            // Borders in front of this place were compared with all that there can be behind them.
+            // Borders before this position were compared with everything that can follow them.
             let undecided = CAPACITY + 1 - (MAX_PACKET + BORDER);
             // The last bytes may be the beginning of a border.
             let border = (undecided..places).find(|at| self.is_border(*at)).unwrap_or(places);
-            // The packet in front of that border may be a whole one.
+            // The packet before that border may be complete.
             let earliest = border + 4 - MAX_PACKET;
             let kept = (earliest..border).find(|at| self.has(*at, START_WORD)).unwrap_or(border);
             self.drop_front(kept);
@@ -229,9 +230,9 @@ impl Resync {
         None
     }
 
-    /// The first of the lengths, which ascend, with which the bytes from `packet` on have a right check word.
+    /// The first of the ascending lengths for which the packet at byte `packet` has a valid check word.
     ///
-    /// `[OURS]` The vendor's driver goes by the borders alone.
+    /// `[OURS]` The vendor's driver relies on the borders alone.
     fn checked(&self, packet: usize, lens: impl Iterator<Item = usize>) -> Option<DataSize> {
         let bytes = &self.bytes[packet..self.held];
         let valid = HEADER_LEN + usize::from(u16::from_le_bytes([*bytes.get(0x0E)?, *bytes.get(0x0F)?]));
@@ -252,7 +253,7 @@ impl Resync {
         })
     }
 
-    /// How many bytes of whole packets of that length stand right in front of `packet`.
+    /// The total length of complete packets of `len` bytes directly before byte `packet`.
     fn packets_before(&self, packet: usize, len: usize) -> usize {
         let mut whole = 0;
         while packet - whole >= len && self.is_packet(packet - whole - len, len) {

@@ -1,18 +1,18 @@
-//! The size of the data segment, n: 32 to 1408 bytes, the same for both directions until it is changed.
+//! n, the size of the data segment: 32 to 1408 bytes, the same in both directions until it is changed.
 
-/// How many bytes the data segment of a packet has, 32..=1408 (XF EN 182). A host that does not know it finds it with
-/// [`Resync`](super::Resync), asks for it with SPI_PACK_SIZE_GET and changes it with SPI_RECONFIG_OP.
+/// The size n of a packet's data segment in bytes, 32..=1408 (XF EN 182). A host that does not know n finds it with
+/// [`Resync`](super::Resync), reads it with SPI_PACK_SIZE_GET and changes it with SPI_RECONFIG_OP.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct DataSize(u16);
 
 impl DataSize {
-    /// 32 bytes, the least.
+    /// 32 bytes, the minimum.
     pub const MIN: Self = Self(32);
-    /// 1408 bytes, the most.
+    /// 1408 bytes, the maximum.
     pub const MAX: Self = Self(1408);
-    /// 112 bytes: what an ECM-XF starts with according to the manuals.
+    /// 112 bytes: the size of an ECM-XF at power-on according to the manuals.
     pub const MANUAL: Self = Self(112);
-    /// 1024 bytes: what newer firmware starts with (OBS).
+    /// 1024 bytes: the size at power-on with newer firmware (OBS).
     pub const NEWER: Self = Self(1024);
     /// 992 bytes: the only size of an ECM-XFU, so that a packet is one USB packet of 1024 bytes (XF EN 715).
     pub const XFU: Self = Self(992);
@@ -30,17 +30,17 @@ impl DataSize {
         }
     }
 
-    /// Bytes of the data segment: n.
+    /// Size of the data segment in bytes: n.
     pub const fn bytes(self) -> usize {
         self.0 as usize
     }
 
-    /// Bytes of a whole packet: n + 32.
+    /// Size of a whole packet in bytes: n + 32.
     pub const fn packet_len(self) -> usize {
         super::HEADER_LEN + self.bytes() + super::TRAILER_LEN
     }
 
-    /// n as the length field of SPI_RECONFIG_OP has it.
+    /// The size as in the length field of SPI_RECONFIG_OP.
     pub const fn get(self) -> u16 {
         self.0
     }

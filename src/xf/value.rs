@@ -1,11 +1,11 @@
-//! Values that several requests have, always in their range.
+//! Values that several requests use, limited to their range.
 
 use super::fields::Kind;
 use super::layout::{FieldValue, field_values};
 use super::{Malformed, NetworkState};
 use crate::ethercat::AlState;
 
-/// Defines numbers with an upper limit.
+/// Defines number types with an upper limit.
 macro_rules! numbers {
     ($($(#[$doc:meta])* $name:ident($int:ty), $field:literal, 0..=$most:literal;)*) => {$(
         $(#[$doc])*
@@ -13,7 +13,7 @@ macro_rules! numbers {
         pub struct $name($int);
 
         impl $name {
-            /// The largest one.
+            /// The largest allowed number.
             pub const MAX: Self = Self($most);
 
             /// The number `n`; `None` if it is above [`Self::MAX`].
@@ -21,15 +21,15 @@ macro_rules! numbers {
                 if n <= $most { Some(Self(n)) } else { None }
             }
 
-            /// The number.
+            /// The number as an integer.
             pub const fn get(self) -> $int {
                 self.0
             }
 
-            /// The number `n`.
+            /// The number `n`, from the wire.
             ///
             /// # Errors
-            /// It is above [`Self::MAX`].
+            /// `n` is above [`Self::MAX`].
             pub fn decode(n: $int) -> Result<Self, Malformed> {
                 <Self as FieldValue>::of(n.into())
             }
@@ -52,37 +52,38 @@ macro_rules! numbers {
 }
 
 numbers! {
-    /// A slave by its place on the cable, 0..=127; the first one is 0.
+    /// A slave by its position on the cable, 0..=127; the first one is 0.
     SlaveNumber(u8), "slave number", 0..=127;
     /// An axis of the CiA 402 helper, 0..=127; the first one is 0.
     MotorNumber(u8), "motor number", 0..=127;
-    /// A GPIO, 0..=19; above 15 with certain versions of the chip only.
+    /// A GPIO channel, 0..=19; above 15 only with certain versions of the chip.
     GpioChannel(u8), "GPIO channel", 0..=19;
     /// GPIO 16 to 19 as bits: bit k is GPIO 16 + k.
     UpperPins(u8), "mask of GPIO 16 to 19", 0..=0x0F;
     /// GPIO 0 to 19 as bits: bit k is GPIO k.
     AllPins(u32), "bits of GPIO 0 to 19", 0..=0xF_FFFF;
-    /// A value of 12 bits, 0..=4095, for 0 V to 3.3 V.
+    /// A 12-bit analog value, 0..=4095, for 0 V to 3.3 V.
     Analog(u32), "analog value", 0..=4095;
-    /// The delay of a conversion by the DAC, 0..=1023 in 1/96 us. A full step takes 8 us: more than 768 is advised.
+    /// The delay of a DAC conversion, 0..=1023 in units of 1/96 us. A full-scale step takes 8 us, so more than 768 is
+    /// advised.
     DacDelay(u32), "DAC delay", 0..=1023;
-    /// How many bytes of the flash memory are read at once, 0..=256.
+    /// The number of bytes to read from the flash memory at once, 0..=256.
     FlashBytes(u32), "FOE_FUNC_REQ flash bytes", 0..=256;
-    /// A place in the flash memory of the chip that is for files, 0..=0x3FFFF.
+    /// An address in the chip's flash memory for files, 0..=0x3FFFF.
     FlashAddress(u32), "flash address", 0..=0x3_FFFF;
 }
 
 /// One slave or all of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Slaves {
-    /// This slave.
+    /// The slave with this number.
     One(SlaveNumber),
     /// All slaves: 0xFF.
     All,
 }
 
 impl Slaves {
-    /// All slaves, on the wire.
+    /// The code of all slaves on the wire.
     const ALL: u8 = 0xFF;
 
     /// The byte on the wire: 0..=127 or 0xFF.
@@ -111,7 +112,7 @@ impl From<SlaveNumber> for Slaves {
     }
 }
 
-/// Enums of a few codes, which are all that the manuals allow, but for bits that mean nothing here.
+/// Defines enums whose codes are all that the manuals allow, except ignored bits.
 macro_rules! choices {
     ($($(#[$doc:meta])* $vis:vis $name:ident($int:ty), $field:literal, $allowed:literal $(, but for $ignored:ident)? {
         $($(#[$variant_doc:meta])* $variant:ident = $code:literal,)*
@@ -125,13 +126,13 @@ macro_rules! choices {
 
         #[allow(dead_code, reason = "not every list of codes needs all of it")]
         impl $name {
-            /// All of them.
+            /// All values of the enum.
             pub const ALL: &'static [Self] = &[$(Self::$variant,)*];
 
-            /// Their names, with their codes.
+            /// The names of the values, with their codes.
             pub const NAMES: &'static [(&'static str, u32)] = &[$((stringify!($variant), $code),)*];
 
-            /// The one with this code; `None` for a code that the manuals do not allow.
+            /// The value with this code; `None` for a code that the manuals do not allow.
             pub const fn from_code(code: $int) -> Option<Self> {
                 match code {
                     $($code => Some(Self::$variant),)*
@@ -164,18 +165,19 @@ macro_rules! choices {
 
 pub(super) use choices;
 
-/// Bit 4, which may stand beside a state that is asked for and acknowledges an error as in a slave's AL control: an
-/// application sends 0x12 after one (OBS). `[OURS]` It is left out: an error is acknowledged on the way to any state.
+/// Bit 4 of a requested state, which acknowledges an error as in a slave's AL control; one application sends 0x12 after
+/// an error (OBS). `[OURS]` The bit is ignored, since a change to any state acknowledges errors.
 const ACKNOWLEDGE: u32 = NetworkState::ERROR as u32;
 
 choices! {
-    /// An EtherCAT state as the chip counts them (XF EN 619). [`AlState`] has no Boot, which no slave of ours knows.
+    /// An EtherCAT state with the chip's code (XF EN 619). [`AlState`] has no Boot, since no simulated slave supports
+    /// it.
     pub EtherCatState(u8), "EtherCAT state", "1 Init, 2 PreOP, 3 Boot, 4 SafeOP, 8 OP", but for ACKNOWLEDGE {
         /// 1: Init.
         Init = 1,
         /// 2: Pre-operational.
         PreOp = 2,
-        /// 3: Bootstrap, for files.
+        /// 3: Bootstrap, for file transfer.
         Boot = 3,
         /// 4: Safe-operational.
         SafeOp = 4,
@@ -183,7 +185,7 @@ choices! {
         Op = 8,
     }
 
-    /// A switch.
+    /// A switch, off or on.
     pub(super) Switch(u8), "switch", "0 off, 1 on" {
         /// 0: off.
         Off = 0,

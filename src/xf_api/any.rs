@@ -1,4 +1,4 @@
-//! A command that is known only while the program runs.
+//! Runs commands that the program knows only at run time.
 
 use super::{Xf, XfError};
 use crate::link::chip_link::ChipLink;
@@ -7,7 +7,7 @@ use crate::xf::request::{Call, PdoData, PdoDataFifo, PdoOperation, Visit};
 use crate::xf::response::{Answer, PdoExchange, Returned};
 use crate::xf::{Allowed, Malformed, Request};
 
-/// Runs a request and puts its answer into a data segment.
+/// Runs a request and writes its answer into a data segment.
 struct Run<'x, 'b, L: ChipLink> {
     xf: &'x mut Xf<L>,
     data: &'b mut [u8],
@@ -24,14 +24,15 @@ impl<L: ChipLink> Visit for Run<'_, '_, L> {
 }
 
 impl<L: ChipLink> Xf<L> {
-    /// Runs any request of the 91 functions to its end, and writes its answer into `data` as it stands in a data
-    /// segment, which is 1408 bytes at most: [`FunctionFields`](crate::xf::fields::FunctionFields) reads its fields.
+    /// Runs any request of the 91 functions to its end, and writes its answer into `data` in the layout of a data
+    /// segment, at most 1408 bytes. [`FunctionFields`](crate::xf::fields::FunctionFields) reads its fields.
     ///
-    /// Process data go past the FIFO or through it as with [`Self::cycle`], but only with the operations that the driver
-    /// has: a FIFO write, read or both, and a direct read or both. The layout of their answers is that of the manuals.
+    /// Process data bypass the FIFO or go through it as with [`Self::cycle`]. Only the operations that the driver has
+    /// are possible: a FIFO write, a FIFO read or both, and a direct write with read, or a direct read. The layout of
+    /// their answers is the manuals'.
     ///
     /// # Errors
-    /// As with [`Self::run`]; CRC_TYPE_SET and SPI_RECONFIG_OP are the driver's own.
+    /// As with [`Self::run`]; CRC_TYPE_SET and SPI_RECONFIG_OP are refused, since the driver sends them itself.
     pub fn run_request(&mut self, request: &Request<'_>, data: &mut [u8]) -> Result<Returned, XfError> {
         match request {
             Request::PdoDataFifo(request) => self.run_process(through_fifo(request)?, data),
@@ -67,7 +68,7 @@ fn through_fifo<'d>(request: &PdoDataFifo<'d>) -> Result<ProcessData<'d>, Malfor
 
 fn past_fifo<'d>(request: &PdoData<'d>) -> Result<ProcessData<'d>, Malformed> {
     let PdoData { operation, data: outputs } = *request;
-    // Without "valid" the chip writes and reads.
+    // Without the bit "valid" the chip writes and reads.
     match (operation.contains(PdoOperation::VALID), operation.contains(PdoOperation::WRITE)) {
         (false, _) | (true, true) => Ok(ProcessData::DirectExchange { outputs }),
         (true, false) if operation.contains(PdoOperation::READ) => Ok(ProcessData::DirectRead),

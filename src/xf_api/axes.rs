@@ -1,4 +1,4 @@
-//! Axes by the CiA 402 helper of the chip, which leads their state machines.
+//! Axes under the chip's CiA 402 helper, which drives their state machines.
 
 use std::time::Duration;
 
@@ -17,10 +17,10 @@ use crate::xf::request::{
 const CONTROLWORD: ObjectAddress = ObjectAddress::new(0x6040, 0);
 const STATUSWORD: ObjectAddress = ObjectAddress::new(0x6041, 0);
 
-/// How long an axis may take to a state. \[OURS]
+/// How long an axis may take to reach a state. \[OURS]
 const AXIS_LIMIT: Duration = Duration::from_secs(5);
 
-/// An axis that the helper leads.
+/// An axis whose state machine the helper drives.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Axis {
     motor: MotorNumber,
@@ -28,8 +28,8 @@ pub(super) struct Axis {
 }
 
 impl<L: ChipLink> Xf<L> {
-    /// Gives a slave's controlword and statusword to the helper, which leads the axis `motor`, 0..=127, from then on.
-    /// Until [`Self::enable`] it leaves the axis off.
+    /// Gives a slave's controlword and statusword to the helper, which from then on drives the state machine of axis
+    /// `motor`, 0..=127. The axis stays off until [`Self::enable`].
     ///
     /// # Errors
     /// [`XfError::NotMapped`] if the slave does not map both words, [`XfError::OutOfReach`] if one of them is not among
@@ -57,9 +57,9 @@ impl<L: ChipLink> Xf<L> {
         self.run(&HelperConfigSet { motor: number, controlword_offset, statusword_offset, control, slave })
     }
 
-    /// Switches an axis on and waits until it is in Operation enabled. A fault has to be reset before.
+    /// Switches an axis on and waits until it is in Operation enabled. A fault has to be reset first.
     ///
-    /// In CSP the drive follows its target from then on: the target that is sent has to be where it stands.
+    /// In CSP the drive follows its target from then on, so the target that is sent has to equal the actual position.
     ///
     /// # Errors
     /// [`XfError::NoAxis`], [`XfError::AxisStuck`], [`XfError::Chip`], [`XfError::Link`].
@@ -91,7 +91,7 @@ impl<L: ChipLink> Xf<L> {
         Ok(())
     }
 
-    /// The state of an axis that the helper leads; `None`: its statusword stands for none.
+    /// The CiA 402 state of an axis that the helper drives; `None` if its statusword stands for no state.
     ///
     /// # Errors
     /// [`XfError::Chip`], [`XfError::Link`].
@@ -112,7 +112,7 @@ impl<L: ChipLink> Xf<L> {
         Ok(())
     }
 
-    /// Waits until an axis is in a state.
+    /// Waits until an axis is in the wanted state.
     fn wait_for(&mut self, motor: u8, wanted: DriveState) -> Result<(), XfError> {
         let begin: Ns = self.link.now();
         loop {
@@ -128,7 +128,7 @@ impl<L: ChipLink> Xf<L> {
         }
     }
 
-    /// Remembers a command that may switch an axis on, before it is sent: its answer may be lost.
+    /// Marks an axis as possibly on before a command that may switch it on is sent, because the answer may be lost.
     pub(super) fn note_axis<'d>(&mut self, call: &impl Call<'d>) {
         if let Ok((CommandCode::HelperStateSet, arguments)) = call.command(&mut [0; SLOT_BYTES])
             && arguments.info[0] != DriveState::SwitchOnDisabled.status_bits()

@@ -1,4 +1,4 @@
-//! The errors of the native API for an ECM-XF. Each says what happened, and to what, and what to do.
+//! The errors of the native API for an ECM-XF. Each says what happened, at which slave or object, and what to do.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use crate::span::Span;
 use crate::xf::host::{BudgetError, HostError, ProcessOutcome, StepError};
 use crate::xf::{EtherCatState, Malformed};
 
-/// Why a call has no result.
+/// Why a call failed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 #[non_exhaustive]
@@ -17,10 +17,10 @@ pub enum XfError {
     /// The link cannot be used.
     #[error(transparent)]
     Link(#[from] ChipError),
-    /// The chip, or the driver, refuses.
+    /// The chip or the driver refuses the request.
     #[error(transparent)]
     Chip(#[from] HostError),
-    /// There is no such slave.
+    /// The network has no slave with that number.
     #[error("slave {slave} is not on the network, which has {found}; the first one is 0")]
     NoSuchSlave { slave: u8, found: u8 },
     /// A slave aborts an SDO transfer.
@@ -28,10 +28,10 @@ pub enum XfError {
         "slave {slave} aborts the SDO transfer of {object}: {abort}; check object, size and state in the slave's manual"
     )]
     SdoAborted { slave: u8, object: ObjectAddress, abort: AbortCode },
-    /// An object has another size than the type.
+    /// An object has a different size than the Rust type.
     #[error("{object} of slave {slave} has {found} bytes, not {wanted}; read it as a type of that size, or as bytes")]
     SdoSize { slave: u8, object: ObjectAddress, found: usize, wanted: usize },
-    /// A change of state ended elsewhere.
+    /// A change of state ended in another state.
     #[error(
         "{wanted:?} was not reached: {}; look the code up in the slave's manual, and check its mapping and the states \
          between",
@@ -39,58 +39,59 @@ pub enum XfError {
     )]
     StateStuck {
         wanted: EtherCatState,
-        /// The slaves that are not there: which one, its state, its AL status code.
+        /// The slaves that did not reach the state: number, state, AL status code.
         slaves: Vec<(u8, Option<EtherCatState>, u16)>,
     },
-    /// A slave does not map that object.
+    /// A slave does not map the object.
     #[error("slave {slave} has no {object} among its {direction}; it maps {mapped}")]
     NotMapped {
         slave: u8,
         object: ObjectAddress,
-        /// `outputs` or `inputs`.
+        /// The direction: `outputs` or `inputs`.
         direction: &'static str,
-        /// The objects that it maps.
+        /// The objects that the slave does map.
         mapped: String,
     },
-    /// A mapped object has another size than the type, or does not begin at a byte.
+    /// A mapped object has a different size than the Rust type, or does not begin at a byte boundary.
     #[error(
         "{object} of slave {slave} has {bits} bits from bit {at} of its process data on, and the type {wanted} from a \
          whole byte on"
     )]
     FieldSize { slave: u8, object: ObjectAddress, bits: u8, at: usize, wanted: usize },
-    /// What the slaves map and what the chip has laid out differ.
+    /// The mapping of a slave differs from the chip's layout of its process data.
     #[error(
         "slave {slave} maps {mapped} bytes of {direction}, and the chip has laid out {laid_out}: run Reconfig or \
          ConfigMap in PreOP after a change"
     )]
     OtherLayout { slave: u8, direction: &'static str, mapped: usize, laid_out: usize },
-    /// Process data did not reach the RxFIFO.
+    /// Process data were not accepted into the RxFIFO.
     #[error("process data were not taken ({outcome:?}): {}", advice(*.outcome))]
     ProcessData { outcome: ProcessOutcome },
-    /// The process data of the cycle do not get to the chip in time.
+    /// The cycle is too short to transfer the process data to the chip.
     #[error(transparent)]
     Budget(#[from] BudgetError),
-    /// Nothing leaves the RxFIFO.
+    /// The chip takes no PDO out of the RxFIFO.
     #[error(
         "the RxFIFO has held {held} PDOs for {}: switch it on (FifoEnable), and bring a slave to OP",
         Span(*.waited)
     )]
     FifoStands { held: u8, waited: Duration },
-    /// The helper does not lead that axis.
+    /// The helper does not drive that axis.
     #[error("there is no axis {motor}; add it first (add_axis), with the slave it belongs to")]
     NoAxis { motor: u8 },
-    /// An axis that may be on is added again.
+    /// An axis that may be on cannot be added again.
     #[error("axis {motor} may be on; switch it off first (disable)")]
     AxisOn { motor: u8 },
-    /// Two axes of one slave: the helper would write one controlword for both.
+    /// A slave can have only one axis: the helper would write one controlword for both.
     #[error("axis {motor} leads slave {slave} already; a slave has one axis")]
     SlaveHasAxis { slave: u8, motor: u8 },
-    /// The helper counts 256 bytes from the beginning of a slave's process data on.
+    /// The controlword or statusword is beyond the first 256 bytes of a slave's process data, which are all that the
+    /// helper can address.
     #[error(
         "{object} of slave {slave} is byte {at} of its process data, and the helper reaches the first 256; map it first"
     )]
     OutOfReach { slave: u8, object: ObjectAddress, at: usize },
-    /// An axis did not reach a state.
+    /// An axis did not reach the wanted state in time.
     #[error("axis {motor} is in {found} after {} and not in {wanted}; look at its error code, 0x603F", Span(*.waited))]
     AxisStuck { motor: u8, found: &'static str, wanted: &'static str, waited: Duration },
 }

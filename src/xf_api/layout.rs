@@ -1,20 +1,20 @@
-//! Where the objects of slaves are in the process data of the chip: one slave after the other, each from a whole byte on,
-//! its objects in the order in which it maps them.
+//! Where the slaves' objects are in the process data of the chip. The slaves follow one another, each beginning at a
+//! byte boundary, with their objects in the order of their PDO mapping.
 
 use super::{Xf, XfError};
 use crate::ethercat::coe::ObjectAddress;
 use crate::link::chip_link::ChipLink;
 use crate::xf::request::{MappedObject, PdoAssignment, SlaveInfoItem};
 
-/// A type of objects and of fields in process data, little-endian.
+/// A Rust type for an object or a field in process data, little-endian.
 pub trait Field: Copy {
-    /// How many bytes it has.
+    /// Size of the type in bytes.
     const BYTES: usize;
 
-    /// The value of exactly so many bytes; `None` of any other number.
+    /// Decodes the value; `None` unless `bytes` has exactly [`Self::BYTES`] bytes.
     fn from_le(bytes: &[u8]) -> Option<Self>;
 
-    /// Writes the value into exactly so many bytes.
+    /// Encodes the value into `bytes`, which has exactly [`Self::BYTES`] bytes.
     fn put_le(self, bytes: &mut [u8]);
 }
 
@@ -36,45 +36,45 @@ macro_rules! fields {
 
 fields! { u8 i8 u16 i16 u32 i32 u64 i64 }
 
-/// An object in process data.
+/// A mapped object in the process data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MappedField {
-    /// The object; index 0 is a gap.
+    /// The object; an index of 0 is a gap in the mapping.
     pub object: ObjectAddress,
-    /// Bits from the beginning of the slave's process data.
+    /// Offset in bits from the beginning of the slave's process data.
     pub at: usize,
-    /// How many bits it has.
+    /// Size of the object in bits.
     pub bits: u8,
 }
 
 /// The process data of one slave in one direction.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct SlaveLayout {
-    /// Bytes from the beginning of the chip's PDO.
+    /// Offset in bytes from the beginning of the chip's PDO.
     pub at: usize,
-    /// How many bytes they are.
+    /// Size of the slave's process data in bytes.
     pub bytes: usize,
-    /// The objects, in the order in which they are mapped.
+    /// The objects, in the order of the mapping.
     pub fields: Vec<MappedField>,
 }
 
-/// The process data of the chip: the slaves in their order.
+/// The layout of the chip's process data, with the slaves in network order.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Layout {
-    /// What the host writes: the RxPDO.
+    /// The RxPDO, which the host writes.
     pub outputs: Vec<SlaveLayout>,
-    /// What the host reads: the TxPDO.
+    /// The TxPDO, which the host reads.
     pub inputs: Vec<SlaveLayout>,
 }
 
-/// Bytes of all slaves together.
+/// Size of all slaves' process data together, in bytes.
 pub(super) fn total(slaves: &[SlaveLayout]) -> usize {
     slaves.iter().map(|slave| slave.bytes).sum()
 }
 
 impl<L: ChipLink> Xf<L> {
-    /// Reads from every slave what it maps (0x1C12, 0x1C13 and the objects that they name) and from the chip where that
-    /// is, in PreOP after `Reconfig`, in SafeOP or in OP.
+    /// Reads each slave's mapping (0x1C12, 0x1C13 and the objects that they name), and from the chip where the slave's
+    /// process data are. Possible in PreOP after `Reconfig`, in SafeOP and in OP.
     ///
     /// # Errors
     /// [`XfError::OtherLayout`], [`XfError::SdoAborted`], [`XfError::Chip`], [`XfError::Link`].

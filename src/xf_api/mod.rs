@@ -1,10 +1,10 @@
-//! The native Rust API for a chip ECM-XF: its commands as calls that wait for their end, and process data with types.
+//! The native Rust API for an ECM-XF: its commands as calls that block until they end, and typed process data.
 //!
-//! [`Xf`] owns a chip behind a [`ChipLink`] and drives it by [`Host`]. It has no thread: bytes move while one of its
-//! functions runs. That is enough, since the chip runs the EtherCAT cycle by itself and takes RxPDOs out of its FIFO; a
-//! program that comes late is covered by those it has written ahead ([`ProcessData::ahead`]).
+//! [`Xf`] owns a chip behind a [`ChipLink`] and drives it with [`Host`]. It has no thread: bytes move only while one of
+//! its functions runs. That is enough, since the chip runs the EtherCAT cycle by itself and takes RxPDOs out of its
+//! FIFO. If the program is late, the RxPDOs that it has written ahead bridge the time ([`ProcessData::ahead`]).
 //!
-//! The usual start of an application, and an axis that moves:
+//! A typical start of an application, with an axis that moves:
 //!
 //! ```
 //! use ecmsk::coe::ObjectAddress;
@@ -21,7 +21,7 @@
 //!     xf.run(&Reconfig)?;
 //!     xf.set_state(Slaves::All, EtherCatState::SafeOp)?;
 //!
-//!     // Where the objects of the slave are in its process data is what it has mapped.
+//!     // The slave's mapping decides where its objects are in the process data.
 //!     let mut data = xf.process_data()?;
 //!     let target = data.output::<i32>(0, ObjectAddress::new(0x607A, 0))?;
 //!     let position = data.input::<i32>(0, ObjectAddress::new(0x6064, 0))?;
@@ -43,7 +43,7 @@
 //! }
 //! ```
 //!
-//! Any of the 91 functions of the chip is run by its type from [`request`](crate::xf::request):
+//! Each of the 91 functions of the chip has a type in [`request`](crate::xf::request), with which to run it:
 //!
 //! ```
 //! use ecmsk::xf::request::FirmwareVersionGet;
@@ -55,12 +55,12 @@
 //! ```
 //!
 //! - `mod.rs`: [`Xf`], which runs any command
-//! - `any.rs`: a command that is known only while the program runs
-//! - `network.rs`: the network: its start, states, slaves
+//! - `any.rs`: commands that the program knows only at run time
+//! - `network.rs`: the start of the network, its states and slaves
 //! - `objects.rs`: SDO
 //! - `layout.rs`: where objects are in the process data
 //! - `process.rs`: [`ProcessData`], a cycle
-//! - `axes.rs`: the CiA 402 helper; `stop.rs`: what stops an axis when a program ends
+//! - `axes.rs`: the CiA 402 helper; `stop.rs`: stopping the axes when a program ends
 //! - `error.rs`: [`XfError`]
 
 mod any;
@@ -88,28 +88,29 @@ use crate::xf::request::Call;
 use axes::Axis;
 use stop::Motors;
 
-/// A chip ECM-XF behind its link, started.
+/// A started ECM-XF chip behind its link.
 ///
-/// If it has sent outputs or switched an axis on, it stops what moves when it is dropped: see [`Xf::close`].
+/// If the program has sent outputs or switched an axis on, dropping this value stops all moving axes: see
+/// [`Xf::close`].
 pub struct Xf<L: ChipLink = Box<dyn ChipLink>> {
     host: Host,
     link: L,
-    /// Slaves on the network, as the chip has counted them.
+    /// Number of slaves on the network, as counted by the chip.
     slaves: u8,
-    /// The cycle with which the network was started.
+    /// The cycle time with which the network was started.
     cycle_ns: Option<Ns>,
-    /// Axes that the helper leads.
+    /// Axes that the helper drives.
     axes: Vec<Axis>,
-    /// Those that may be on: the helper was asked to lead them out of Switch on disabled, and they were not seen there
-    /// since.
+    /// Axes that may be on: the helper was asked to take them out of Switch on disabled, and they were not seen in that
+    /// state since.
     on: Motors,
-    /// This program has sent outputs or switched an axis on: it is for it to stop what moves.
+    /// Whether this program has sent outputs or switched an axis on, and so has to stop the axes at its end.
     moves: bool,
 }
 
 impl Xf {
-    /// Opens the chip that a link names, for example `xf-sim:?slaves=drive*2`, and starts it: n and the beginning of
-    /// packets are found, CRC-32 is switched on, the firmware's version is read.
+    /// Opens the chip that a link names, for example `xf-sim:?slaves=drive*2`, and starts it: finds n (the size of the
+    /// data segment) and the beginning of packets, switches CRC-32 on, and reads the firmware's version.
     ///
     /// # Errors
     /// [`XfError::Link`], [`XfError::Chip`].
@@ -120,7 +121,7 @@ impl Xf {
 }
 
 impl<L: ChipLink> Xf<L> {
-    /// The chip behind a link, started.
+    /// Starts the chip behind an open link.
     ///
     /// # Errors
     /// [`XfError::Link`], [`XfError::Chip`].
@@ -132,7 +133,7 @@ impl<L: ChipLink> Xf<L> {
         Ok(xf)
     }
 
-    /// Goes on until the chip is started.
+    /// Steps the driver until the chip is started.
     fn start(&mut self) -> Result<(), XfError> {
         while self.host.state() != HostState::Running {
             self.step(Ns::MAX)?;
@@ -143,12 +144,12 @@ impl<L: ChipLink> Xf<L> {
         Ok(())
     }
 
-    /// The driver: its counters, n, the version of the firmware.
+    /// The driver, with its counters, n (the size of the data segment) and the firmware's version.
     pub const fn host(&self) -> &Host {
         &self.host
     }
 
-    /// The driver, to set what headers put out on GPIO and which interrupt flags they clear.
+    /// The driver, to set the GPIO outputs and the interrupt flags to clear that headers carry.
     pub const fn host_mut(&mut self) -> &mut Host {
         &mut self.host
     }
@@ -158,19 +159,19 @@ impl<L: ChipLink> Xf<L> {
         &self.link
     }
 
-    /// The link, to read INT1, and of a model to use its pins.
+    /// The link, to read INT1 and, for a model, to use its pins.
     pub const fn link_mut(&mut self) -> &mut L {
         &mut self.link
     }
 
-    /// The header of the newest answer: errors, levels of the FIFOs, interrupt flags, GPIO.
+    /// The header of the newest answer, with errors, FIFO levels, interrupt flags and GPIO.
     pub fn header(&self) -> AnswerHeader {
-        // A chip that is started has answered.
+        // A started chip has answered, so there is a header.
         self.host.header().copied().unwrap_or_default()
     }
 
-    /// Runs a command to its end and gives its result. What takes time in the chip, such as a change of state, is waited
-    /// for, for the default of [`Deadlines::busy_ns`](crate::xf::host::Deadlines::busy_ns).
+    /// Runs a command to its end and returns its result. Commands that take time in the chip, such as a change of
+    /// state, may run for the default of [`Deadlines::busy_ns`](crate::xf::host::Deadlines::busy_ns).
     ///
     /// # Errors
     /// [`XfError::Chip`], [`XfError::Link`].
@@ -180,7 +181,7 @@ impl<L: ChipLink> Xf<L> {
         self.result(ticket, call)
     }
 
-    /// As [`Self::run`], with another time for the command to run in the chip.
+    /// Like [`Self::run`], with another time limit for the command in the chip.
     ///
     /// # Errors
     /// As with [`Self::run`].
@@ -190,8 +191,8 @@ impl<L: ChipLink> Xf<L> {
         self.result(ticket, call)
     }
 
-    /// Runs a command and then the one that reads its result, which is given: see [`Host::submit_pair`]. `limit` is for
-    /// the first one.
+    /// Runs a command and then the command that reads its result, and returns that result: see [`Host::submit_pair`].
+    /// `limit` is the time limit of the first command.
     ///
     /// # Errors
     /// As with [`Self::run`].
@@ -206,7 +207,7 @@ impl<L: ChipLink> Xf<L> {
         self.result(ticket, read)
     }
 
-    /// Lets time pass. Meanwhile the chip is asked for its header every
+    /// Lets time pass. Meanwhile the driver asks the chip for its header every
     /// [`poll_ns`](crate::xf::host::HostConfig::poll_ns).
     ///
     /// # Errors
@@ -232,7 +233,7 @@ impl<L: ChipLink> Xf<L> {
         }
     }
 
-    /// An exchange, or a wait until the next one.
+    /// Makes one exchange, or waits until the next one is due.
     fn step(&mut self, until: Ns) -> Result<(), XfError> {
         Ok(self.host.step(&mut self.link, until)?)
     }

@@ -1,4 +1,4 @@
-//! The network of the chip: its start, its states, what is known of its slaves.
+//! The chip's network: its start, its states, and the description of its slaves.
 
 use super::{Xf, XfError};
 use crate::link::chip_link::ChipLink;
@@ -9,14 +9,15 @@ use crate::xf::request::{
 };
 use crate::xf::{EtherCatState, NetworkState};
 
-/// How a network is started.
+/// Settings with which a network is started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NetworkConfig {
-    /// The times of the distributed clocks. SYNC0 is also the cycle; 1 ms by default, with AssignActivate 0x0300.
+    /// The times of the distributed clocks. SYNC0 is also the EtherCAT cycle: 1 ms by default, with AssignActivate
+    /// 0x0300.
     pub dc: DcTiming,
-    /// Whose clock leads; the chip's own by default.
+    /// The source of the reference clock; by default the chip's own clock.
     pub reference_clock: ReferenceClock,
-    /// Process data travel in one LRW datagram if all slaves can; so by default.
+    /// Whether process data travel in one LRW datagram, if all slaves support it; true by default.
     pub lrw: bool,
 }
 
@@ -27,39 +28,39 @@ impl Default for NetworkConfig {
     }
 }
 
-/// What a slave's EEPROM and the chip know of it.
+/// Description of a slave, from its EEPROM and from the chip.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct SlaveDescription {
-    /// Its place, 0 for the first one.
+    /// The slave's position on the network, 0 for the first one.
     pub slave: u8,
-    /// Its name.
+    /// The slave's name.
     pub name: String,
-    /// Vendor id.
+    /// Vendor id from the EEPROM.
     pub vendor: u32,
-    /// Product code.
+    /// Product code from the EEPROM.
     pub product: u32,
-    /// Revision.
+    /// Revision number from the EEPROM.
     pub revision: u32,
-    /// Its EtherCAT state, with the error bit.
+    /// The slave's EtherCAT state, with the error bit.
     pub state: NetworkState,
-    /// Its AL status code.
+    /// The slave's AL status code.
     pub al_status: u16,
-    /// Its configured station address.
+    /// The slave's configured station address.
     pub station_address: u16,
-    /// Its station alias.
+    /// The slave's station alias.
     pub alias: u16,
-    /// Whether it has distributed clocks; `None`: the firmware does not tell.
+    /// Whether the slave has distributed clocks; `None` if the firmware does not report it.
     pub has_dc: Option<bool>,
-    /// Bytes of its outputs as the chip has laid them out, the RxPDO.
+    /// Size of the slave's outputs in the chip's layout of the RxPDO, in bytes.
     pub output_bytes: u32,
-    /// Bytes of its inputs as the chip has laid them out, the TxPDO.
+    /// Size of the slave's inputs in the chip's layout of the TxPDO, in bytes.
     pub input_bytes: u32,
 }
 
 impl<L: ChipLink> Xf<L> {
-    /// Initialises the network and counts its slaves: the FIFO is off and empty then, and the slaves are in Init or
-    /// PreOP. Axes that may be on are stopped before as by [`Self::close`], and a network that was up is brought to Init.
-    /// Axes have to be added anew ([`Self::add_axis`]).
+    /// Initialises the network and returns the number of its slaves. Afterwards the FIFO is off and empty, and the
+    /// slaves are in Init or PreOP. Axes that may be on are stopped first, as by [`Self::close`], and a network that
+    /// was running is brought to Init. Axes have to be added again ([`Self::add_axis`]).
     ///
     /// # Errors
     /// [`XfError::Chip`], [`XfError::Link`].
@@ -77,7 +78,7 @@ impl<L: ChipLink> Xf<L> {
         self.count_slaves()
     }
 
-    /// How many slaves the chip has found when the network was initialised.
+    /// The number of slaves that the chip found when the network was initialised.
     ///
     /// # Errors
     /// [`XfError::Chip`], [`XfError::Link`].
@@ -86,12 +87,12 @@ impl<L: ChipLink> Xf<L> {
         Ok(self.slaves)
     }
 
-    /// Brings slaves to a state, and checks that all of them are there.
+    /// Brings slaves to a state, and checks that all of them have reached it.
     ///
     /// # Errors
-    /// [`XfError::StateStuck`] names those that are not; [`XfError::Chip`], [`XfError::Link`].
+    /// [`XfError::StateStuck`] names the slaves that have not; [`XfError::Chip`], [`XfError::Link`].
     pub fn set_state(&mut self, slaves: Slaves, state: EtherCatState) -> Result<(), XfError> {
-        // What the chip says of the change alone would not tell which slave has refused it.
+        // The chip's answer to the change of state does not tell which slave has refused it.
         let changed = self.run(&StateSet { slaves, state });
         match changed {
             Ok(()) | Err(XfError::Chip(HostError::Failed { .. })) => {}
@@ -114,7 +115,7 @@ impl<L: ChipLink> Xf<L> {
         if elsewhere.is_empty() { Ok(()) } else { Err(XfError::StateStuck { wanted: state, slaves: elsewhere }) }
     }
 
-    /// The state of the network: the lowest one of all slaves, as read from them now.
+    /// The state of the network: the lowest state of all slaves, read from them now.
     ///
     /// # Errors
     /// [`XfError::Chip`], [`XfError::Link`].
@@ -123,7 +124,7 @@ impl<L: ChipLink> Xf<L> {
         self.run(&StateGet { slaves: Slaves::All })
     }
 
-    /// What is known of a slave. Its state is that of the last [`Self::state`] or [`Self::set_state`].
+    /// Describes a slave. Its state is that of the last [`Self::state`] or [`Self::set_state`].
     ///
     /// # Errors
     /// [`XfError::NoSuchSlave`], [`XfError::Chip`], [`XfError::Link`].
@@ -152,7 +153,7 @@ impl<L: ChipLink> Xf<L> {
         })
     }
 
-    /// Older firmware refuses the item.
+    /// Whether a slave has distributed clocks; `None` with older firmware, which refuses this item.
     fn has_dc(&mut self, slave: u8) -> Result<Option<bool>, XfError> {
         match self.item(slave, SlaveInfoItem::HasDc) {
             Ok(has_dc) => Ok(Some(has_dc != 0)),
@@ -161,7 +162,7 @@ impl<L: ChipLink> Xf<L> {
         }
     }
 
-    /// The number of a slave that is on the network.
+    /// Checks that a slave with this number is on the network.
     pub(super) fn slave(&self, slave: u8) -> Result<SlaveNumber, XfError> {
         let number = SlaveNumber::new(slave).filter(|_| slave < self.slaves);
         number.ok_or(XfError::NoSuchSlave { slave, found: self.slaves })

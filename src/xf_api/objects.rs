@@ -1,4 +1,4 @@
-//! Objects of slaves, by SDO.
+//! Reading and writing objects of slaves by SDO.
 
 use std::time::Duration;
 
@@ -9,15 +9,16 @@ use crate::link::chip_link::ChipLink;
 use crate::xf::host::HostError;
 use crate::xf::request::{SDO_DATA_MAX, SdoGet, SdoOperation, SdoRequest};
 
-/// How long the chip waits for the slave. \[OURS]
+/// How long the chip waits for the slave's answer. \[OURS]
 const SDO_TIMEOUT: Duration = Duration::from_secs(1);
-/// How long the driver waits for the chip, which may ask the slave more than once. \[OURS]
+/// How long the driver waits for the chip, which may repeat its request to the slave. \[OURS]
 const SDO_LIMIT: Duration = Duration::from_secs(5);
 
 impl<L: ChipLink> Xf<L> {
     /// Reads an object of a slave, in PreOP, SafeOP or OP.
     ///
-    /// The type has to be as long as the object: of a longer one its first bytes are given, as far as is known.
+    /// The type has to be as long as the object. For a longer object the chip returns, as far as is known, the first
+    /// bytes.
     ///
     /// # Errors
     /// [`XfError::SdoAborted`], [`XfError::SdoSize`], [`XfError::NoSuchSlave`], [`XfError::Chip`], [`XfError::Link`].
@@ -27,10 +28,10 @@ impl<L: ChipLink> Xf<L> {
         T::from_le(bytes).ok_or(XfError::SdoSize { slave, object, found, wanted })
     }
 
-    /// Reads an object of any size up to 256 bytes.
+    /// Reads an object of up to 256 bytes.
     ///
     /// # Errors
-    /// As with [`Self::sdo_read`], but for [`XfError::SdoSize`].
+    /// As with [`Self::sdo_read`], except [`XfError::SdoSize`].
     pub fn sdo_read_bytes(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope) -> Result<Vec<u8>, XfError> {
         let most = SDO_DATA_MAX.min(self.host.size().bytes());
         Ok(self.upload(slave, object, scope, most as u16)?.to_vec())
@@ -46,7 +47,7 @@ impl<L: ChipLink> Xf<L> {
         self.sdo_write_bytes(slave, object, SdoScope::Entry, &bytes[..T::BYTES])
     }
 
-    /// Writes an object of any size up to 256 bytes, and up to n - 12.
+    /// Writes an object of up to 256 bytes, and of at most n - 12 bytes, n being the size of the data segment.
     ///
     /// # Errors
     /// As with [`Self::sdo_write`].

@@ -1,4 +1,4 @@
-//! Process data with types, and the cycle of a program.
+//! Typed process data, and the cycle of a program.
 
 use std::marker::PhantomData;
 use std::time::Duration;
@@ -10,62 +10,63 @@ use crate::ethercat::coe::ObjectAddress;
 use crate::link::chip_link::ChipLink;
 use crate::xf::host::{Budget, HostError, ProcessData as Exchanged, ProcessOutcome};
 
-/// How many RxPDOs a program stays ahead of the chip, by default. \[OURS] At 1 ms a program may be late by 20 ms.
+/// How many RxPDOs a program stays ahead of the chip, by default. \[OURS] With a cycle of 1 ms a program may be late by
+/// 20 ms.
 const AHEAD: u8 = 20;
-/// TxPDOs that may wait in their FIFO: more are read at once, so that inputs are not old. \[OURS] The count lags two
-/// exchanges behind.
+/// How many TxPDOs may wait in the TxFIFO. If there are more, as many as fit into a packet are read at once, so that
+/// inputs are not old. \[OURS] The known level lags two exchanges behind.
 const TX_BACKLOG: u8 = 3;
-/// How often a cycle the chip is asked for the levels of its FIFOs. \[OURS]
+/// How many times per cycle the driver polls the chip's FIFO levels. \[OURS]
 const POLLS_A_CYCLE: Ns = 2;
-/// How long the RxFIFO may stand before it counts as one that nothing leaves. \[OURS]
+/// How long the RxFIFO's level may stay unchanged before the chip counts as taking nothing out of it. \[OURS]
 const STANDS: Duration = Duration::from_secs(2);
 
-/// An object that the host writes, as a type.
+/// A typed handle of an output object in process data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Output<T> {
     at: usize,
     kind: PhantomData<T>,
 }
 
-/// An object that the host reads, as a type.
+/// A typed handle of an input object in process data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Input<T> {
     at: usize,
     kind: PhantomData<T>,
 }
 
-/// The process data of all slaves: what is written in the next cycle, and what was read last.
+/// The process data of all slaves: the outputs of the next cycle, and the newest inputs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ProcessData {
     layout: Layout,
     outputs: Vec<u8>,
     inputs: Vec<u8>,
-    /// How many RxPDOs are kept in the chip's FIFO at most, 1 or more; 20 by default. With more a program may be later,
-    /// and what it writes takes longer to reach the slaves.
+    /// The most RxPDOs to keep in the chip's FIFO, 1 or more; 20 by default. A higher value lets the program be later,
+    /// and delays its outputs on their way to the slaves.
     pub ahead: u8,
 }
 
 impl<T> Output<T> {
-    /// Bytes from the beginning of the RxPDO.
+    /// Offset in bytes from the beginning of the RxPDO.
     pub const fn place(&self) -> usize {
         self.at
     }
 }
 
 impl<T> Input<T> {
-    /// Bytes from the beginning of the TxPDO.
+    /// Offset in bytes from the beginning of the TxPDO.
     pub const fn place(&self) -> usize {
         self.at
     }
 }
 
 impl ProcessData {
-    /// Where the objects are.
+    /// The positions of the objects in the process data.
     pub const fn layout(&self) -> &Layout {
         &self.layout
     }
 
-    /// The object that a slave maps among its outputs, with the type of its size.
+    /// Returns the handle of an object that a slave maps among its outputs. The type must have the object's size.
     ///
     /// # Errors
     /// [`XfError::NoSuchSlave`], [`XfError::NotMapped`], [`XfError::FieldSize`].
@@ -74,7 +75,7 @@ impl ProcessData {
         Ok(Output { at, kind: PhantomData })
     }
 
-    /// The object that a slave maps among its inputs, with the type of its size.
+    /// Returns the handle of an object that a slave maps among its inputs. The type must have the object's size.
     ///
     /// # Errors
     /// As with [`Self::output`].
@@ -83,15 +84,15 @@ impl ProcessData {
         Ok(Input { at, kind: PhantomData })
     }
 
-    /// Sets an output of the next cycle.
+    /// Sets an output for the next cycle.
     ///
     /// # Panics
-    /// The output is that of other process data, and these are shorter.
+    /// If the handle comes from other, longer process data and is out of range here.
     pub fn set<T: Field>(&mut self, output: Output<T>, value: T) {
         value.put_le(&mut self.outputs[output.at..output.at + T::BYTES]);
     }
 
-    /// The value of an output in the next cycle.
+    /// The value that an output has in the next cycle.
     ///
     /// # Panics
     /// As with [`Self::set`].
@@ -99,25 +100,25 @@ impl ProcessData {
         read(&self.outputs, output.at)
     }
 
-    /// The value of an input as it was read last.
+    /// The newest value of an input.
     ///
     /// # Panics
-    /// The input is that of other process data, and these are shorter.
+    /// If the handle comes from other, longer process data and is out of range here.
     pub fn get<T: Field>(&self, input: Input<T>) -> T {
         read(&self.inputs, input.at)
     }
 
-    /// The RxPDO of the next cycle.
+    /// The RxPDO of the next cycle, with the outputs of all slaves.
     pub fn outputs_mut(&mut self) -> &mut [u8] {
         &mut self.outputs
     }
 
-    /// The TxPDO that was read last.
+    /// The newest TxPDO, with the inputs of all slaves.
     pub fn inputs(&self) -> &[u8] {
         &self.inputs
     }
 
-    /// Keeps the newest of these TxPDOs.
+    /// Keeps the newest of the TxPDOs that were read.
     fn keep(&mut self, pdos: &[u8]) {
         if let Some(newest) = pdos.rchunks_exact(self.inputs.len().max(1)).next() {
             self.inputs.copy_from_slice(newest);
@@ -132,7 +133,7 @@ fn read<T: Field>(image: &[u8], at: usize) -> T {
     }
 }
 
-/// Bytes from the beginning of the image to a field.
+/// The offset of an object in the process image, in bytes.
 fn find<T: Field>(
     slaves: &[SlaveLayout],
     slave: u8,
@@ -153,14 +154,15 @@ fn find<T: Field>(
 }
 
 impl<L: ChipLink> Xf<L> {
-    /// The process data as they are laid out, with all outputs 0, and the inputs as they are now, read past the FIFO.
-    /// In SafeOP, to learn positions.
+    /// Builds the process data from the slaves' mapping, with all outputs 0 and the current inputs, read directly and
+    /// not from the FIFO. Called in SafeOP it shows the actual positions.
     ///
-    /// n is chosen for them, unless the link says which (`use_n=`) or has only one: large packets take long, and a cycle
-    /// that cannot be held would leave gaps in every motion. Where n changes, the RxFIFO is off and empty afterwards.
+    /// This also chooses n, the size of the data segment, unless the link sets it (`use_n=`) or has only one: large
+    /// packets take long, and a cycle too short for them would leave gaps in every motion. If the size changes, the
+    /// RxFIFO is off and empty afterwards.
     ///
     /// # Errors
-    /// Those of [`Self::layout`]; [`XfError::Budget`] with the sum, [`XfError::ProcessData`].
+    /// The errors of [`Self::layout`]; [`XfError::Budget`] with the calculation; [`XfError::ProcessData`].
     pub fn process_data(&mut self) -> Result<ProcessData, XfError> {
         let layout = self.layout()?;
         let (outputs, inputs) = (layout::total(&layout.outputs), layout::total(&layout.inputs));
@@ -170,14 +172,15 @@ impl<L: ChipLink> Xf<L> {
         Ok(data)
     }
 
-    /// Sees to it that a cycle of the network has the time for so many bytes of process data.
+    /// Makes sure that so many bytes of process data can be transferred within a network cycle, choosing the data
+    /// segment size if it is free.
     fn fit(&mut self, process_bytes: usize) -> Result<(), XfError> {
         let info = self.link.info();
         let Some(cycle_ns) = self.cycle_ns else { return Ok(()) };
-        // The levels of the FIFOs are looked at often enough to write in step with the chip.
+        // Polling the FIFO levels this often is enough to write in step with the chip.
         self.host.set_poll_ns(cycle_ns / POLLS_A_CYCLE);
         let (Some(clock_hz), config) = (info.clock_hz, self.host.config()) else { return Ok(()) };
-        // An answer is waited for before the next write, unless writes may overtake it.
+        // Without pipelined writes the driver waits for an answer before the next write, which takes a second exchange.
         let exchanges = if config.pipelined_writes { 1 } else { 2 };
         let budget = Budget { process_bytes, clock_hz, idle_ns: config.idle_ns, cycle_ns, exchanges };
         if config.wanted_size.is_some() || info.size.is_some() {
@@ -191,7 +194,7 @@ impl<L: ChipLink> Xf<L> {
         Ok(())
     }
 
-    /// Reads the inputs as they are now, past the FIFO.
+    /// Reads the current inputs directly, bypassing the TxFIFO.
     ///
     /// # Errors
     /// [`XfError::ProcessData`], [`XfError::Chip`], [`XfError::Link`].
@@ -202,8 +205,9 @@ impl<L: ChipLink> Xf<L> {
         Ok(())
     }
 
-    /// One cycle of a program: waits until fewer than [`ProcessData::ahead`] RxPDOs are in the chip's FIFO, adds one,
-    /// and reads inputs. The chip sends one in each EtherCAT cycle, so that the program keeps the network's pace.
+    /// Runs one cycle of a program: waits until fewer than [`ProcessData::ahead`] RxPDOs are in the chip's FIFO, adds
+    /// one, and reads inputs. The chip sends one RxPDO per EtherCAT cycle, which keeps the program in step with the
+    /// network.
     ///
     /// # Errors
     /// [`XfError::FifoStands`], [`XfError::ProcessData`], [`XfError::Chip`], [`XfError::Link`].
@@ -221,18 +225,18 @@ impl<L: ChipLink> Xf<L> {
         Ok(())
     }
 
-    /// Waits until the chip has sent all that was written, and reads the inputs after that.
+    /// Waits until the chip has sent all RxPDOs that were written, and then reads the inputs.
     ///
     /// # Errors
     /// As with [`Self::cycle`].
     pub fn finish(&mut self, data: &mut ProcessData) -> Result<(), XfError> {
         self.wait_held(0)?;
-        // The last RxPDO leaves in a cycle, and the inputs of the next one show it.
+        // The RxFIFO is empty when the last RxPDO is sent; only the inputs of the next cycle show its effect.
         self.pass(Duration::from_millis(10))?;
         self.read_inputs(data)
     }
 
-    /// Waits until the RxFIFO holds so many PDOs at most.
+    /// Waits until the RxFIFO holds at most `most` PDOs.
     fn wait_held(&mut self, most: u8) -> Result<(), XfError> {
         let (mut held, mut since) = (self.held(), self.link.now());
         while held > most {
@@ -247,7 +251,7 @@ impl<L: ChipLink> Xf<L> {
         Ok(())
     }
 
-    /// RxPDOs that the chip's FIFO holds at most.
+    /// An upper bound of the number of RxPDOs in the chip's FIFO.
     fn held(&self) -> u8 {
         self.host.rx_entries().saturating_sub(self.host.rx_free())
     }
@@ -259,12 +263,12 @@ impl<L: ChipLink> Xf<L> {
         Ok(())
     }
 
-    /// Exchanges process data; whether any were read.
+    /// Exchanges process data; returns whether inputs were read.
     pub(super) fn exchange_raw(&mut self, exchanged: Exchanged<'_>) -> Result<bool, XfError> {
         self.moves |= !matches!(exchanged, Exchanged::Read { .. } | Exchanged::DirectRead);
         let sequence = loop {
             match self.host.process(exchanged) {
-                // Those of a call that the wires have ended: they go first.
+                // A call that failed on the link has left process data in the driver, which go first.
                 Err(HostError::ProcessBusy { .. }) => self.step(Ns::MAX)?,
                 taken => break taken?,
             }
@@ -277,7 +281,7 @@ impl<L: ChipLink> Xf<L> {
         };
         match outcome {
             ProcessOutcome::Done { read } => Ok(read),
-            // They are in the FIFO; the inputs are those of a cycle before.
+            // The outputs are in the FIFO; only the inputs were lost, so those of an earlier cycle remain.
             ProcessOutcome::AnswerLost => Ok(false),
             outcome => Err(XfError::ProcessData { outcome }),
         }

@@ -1,4 +1,4 @@
-//! What stops axes: when a program ends, and before the network is started anew.
+//! Stops the axes when a program ends, and before the network is initialised again.
 
 use std::time::Duration;
 
@@ -10,20 +10,20 @@ use crate::xf::EtherCatState;
 use crate::xf::host::{HostError, HostState};
 use crate::xf::request::{Call, FifoEnable, HelperStateGet, HelperStateSet, MotorNumber, Slaves, StateSet};
 
-/// How long all axes together may take to a standstill, and then to Switch on disabled. \[OURS]
+/// How long all axes together may take to come to a standstill, and then again to reach Switch on disabled. \[OURS]
 const STANDSTILL_LIMIT: Duration = Duration::from_secs(3);
-/// How long the network may take to SafeOP. \[OURS]
+/// How long the network may take to reach SafeOP. \[OURS]
 const SAFE_OP_LIMIT: Duration = Duration::from_secs(5);
-/// How long exchanges may fail one after the other until the wires count as cut. \[OURS]
+/// How long all exchanges may fail until the wires count as cut. \[OURS]
 const SILENCE_LIMIT: Duration = Duration::from_secs(2);
-/// How many exchanges may fail one after the other, on a link whose clock stands. \[OURS]
+/// How many exchanges in a row may fail until the wires count as cut, for links whose clock stands still. \[OURS]
 const FAILURES_MAX: u32 = 4000;
-/// Between a failed exchange and the next one. \[OURS]
+/// Pause between a failed exchange and the next one. \[OURS]
 const PAUSE: Duration = Duration::from_millis(1);
-/// How often a command of the stop is run if it may not have reached the chip. \[OURS]
+/// How many times a command of the stop is sent if it may not have reached the chip. \[OURS]
 const TRIES: u32 = 3;
 
-/// Motors of the helper, a bit each: those that may be on.
+/// A set of the helper's motors, one bit each: here those that may be on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Motors(u128);
 
@@ -49,17 +49,18 @@ impl Motors {
     }
 }
 
-/// What has failed while everything is tried to stop the axes.
+/// The failures so far while the axes are stopped.
 struct Effort {
-    /// Exchanges that failed since the newest answer, since when, and how many answers there were then.
+    /// Number of failed exchanges since the newest answer. `failing_since` is the time of the first one, `answers` the
+    /// number of answers at that time.
     failures: u32,
     failing_since: Ns,
     answers: u64,
-    /// The driver had stopped and was started again; that is done once.
+    /// Whether the driver has stopped and was restarted, which is done only once.
     restarted: bool,
-    /// Nothing reaches the chip any more, for this reason.
+    /// The error after which no further command is tried, because nothing reaches the chip any more.
     given_up: Option<XfError>,
-    /// The first thing that went wrong.
+    /// The first error of the stop.
     first: Result<(), XfError>,
 }
 
@@ -72,24 +73,25 @@ impl Effort {
 }
 
 impl<L: ChipLink> Xf<L> {
-    /// Ends the program's work with the chip. If it has sent outputs or switched an axis on, the axes that may be on make
-    /// a quick stop (0x605A, 0x6085 of the drive) and are switched off, the FIFO is switched off, and the network goes to
-    /// SafeOP, in which a slave's outputs have no effect. Dropping does the same, and cannot say what went wrong.
+    /// Ends the program's work with the chip. If the program has sent outputs or switched an axis on, the axes that may
+    /// be on make a quick stop (0x605A, 0x6085 of the drive) and are switched off, the FIFO is switched off, and the
+    /// network goes to SafeOP, in which a slave's outputs have no effect. Dropping does the same, but cannot report
+    /// errors.
     ///
-    /// What fails for one axis keeps no other one from its own stop. Exchanges that fail are tried again until the wires
-    /// were silent for 2 s, and a driver that has stopped is started once more.
+    /// An error at one axis does not keep the others from their stop. Failed exchanges are retried until no answer has
+    /// come for 2 s, and a driver that has stopped is restarted once.
     ///
-    /// Only a program that still runs can do this. If it is killed, the chip repeats the last outputs for ever: in CSP
-    /// an axis stands, in CSV and CST it goes on. What has to stop then has to be stopped by the machine.
+    /// Only a program that still runs can do this. If the program is killed, the chip repeats the last outputs forever:
+    /// in CSP an axis stands still, in CSV and CST it keeps moving. The machine itself then has to stop what must stop.
     ///
     /// # Errors
-    /// The first thing that went wrong: [`XfError::AxisStuck`], [`XfError::Chip`], [`XfError::Link`]. All that could
-    /// still be done was done.
+    /// The first error that occurred: [`XfError::AxisStuck`], [`XfError::Chip`], [`XfError::Link`]. All further steps
+    /// of the stop were tried nevertheless.
     pub fn close(mut self) -> Result<(), XfError> {
         self.stop()
     }
 
-    /// Leaves the chip, its network and its axes as they are, for a program that comes back to them.
+    /// Leaves the chip, its network and its axes running as they are, for a program that connects again later.
     pub fn leave(mut self) {
         self.moves = false;
         self.on = Motors::default();
@@ -99,7 +101,7 @@ impl<L: ChipLink> Xf<L> {
         if !std::mem::take(&mut self.moves) && self.on.is_empty() {
             return Ok(());
         }
-        // What waits comes behind the stop, and nobody is left for results.
+        // The stop must not wait behind queued commands, whose results nobody reads any more.
         self.host.abandon_all();
         let mut effort = self.effort();
         self.stop_axes(&mut effort);
@@ -109,19 +111,19 @@ impl<L: ChipLink> Xf<L> {
         let safe_op = StateSet { slaves: Slaves::All, state: EtherCatState::SafeOp };
         let safe_op = self.insist(&mut effort, &safe_op, super::ns(SAFE_OP_LIMIT), drop);
         effort.note(safe_op);
-        // Dropping does not try again.
+        // After this attempt, dropping the value does not stop the axes again.
         self.on = Motors::default();
         effort.first
     }
 
-    /// Stops the axes that may be on before the network is started anew. Init takes the outputs from one that cannot be
-    /// stopped.
+    /// Stops the axes that may be on before the network is initialised again. An axis that cannot be stopped loses its
+    /// outputs in Init.
     pub(super) fn stop_before_init(&mut self) {
         let mut effort = self.effort();
         self.stop_axes(&mut effort);
     }
 
-    /// The network was started anew: no axis is led.
+    /// The helper drives no axis any more, since the network was initialised again.
     pub(super) fn forget_axes(&mut self) {
         self.axes.clear();
         self.on = Motors::default();
@@ -135,13 +137,13 @@ impl<L: ChipLink> Xf<L> {
     fn stop_axes(&mut self, effort: &mut Effort) {
         use DriveState::{Fault, FaultReactionActive, OperationEnabled, QuickStopActive, SwitchOnDisabled};
         let on = self.on;
-        // All axes begin to stop before any is waited for.
+        // All axes get the quick stop before the first one is waited for.
         self.lead_all(effort, on, QuickStopActive);
         let moves = [Some(OperationEnabled), Some(QuickStopActive), Some(FaultReactionActive), None];
         self.wait_all(effort, on, |found| !moves.contains(&found));
-        // What does not come to rest is switched off too: no torque is less than a torque that nobody leads.
+        // An axis that does not come to rest is switched off too: no torque is safer than torque without control.
         self.lead_all(effort, on, SwitchOnDisabled);
-        // A fault is left alone: without its reset there is no torque, and why it is there can still be read.
+        // A fault is not reset: a drive in Fault has no torque, and its cause stays readable.
         let off = self.wait_all(effort, on, |found| matches!(found, Some(SwitchOnDisabled | Fault)));
         off.iter().for_each(|motor| self.on.remove(motor));
     }
@@ -154,7 +156,8 @@ impl<L: ChipLink> Xf<L> {
         }
     }
 
-    /// Waits until all these axes are where `is_there` wants them, and gives those that are. All share one time limit.
+    /// Waits until `is_there` accepts the state of each of these axes, with one common time limit; returns the axes
+    /// accepted.
     fn wait_all(
         &mut self,
         effort: &mut Effort,
@@ -189,7 +192,7 @@ impl<L: ChipLink> Xf<L> {
         there
     }
 
-    /// Runs a command that does the same when it is run again, and again if it may not have reached the chip.
+    /// Runs a command and retries it if it may not have reached the chip. Running the command twice must do no harm.
     fn insist<'d, C: Call<'d>, T>(
         &mut self,
         effort: &mut Effort,
@@ -210,7 +213,7 @@ impl<L: ChipLink> Xf<L> {
                 Some(Err(error)) => error,
                 None => unreachable!("the command is done"),
             };
-            // A chip that was reset leads no axis any more and would refuse.
+            // If the chip was reset, it drives no axis any more and refuses the command, so there is no retry.
             let again = matches!(self.host.state(), HostState::Stopped(_))
                 || matches!(error, HostError::NoAnswer { .. } | HostError::AnswerLost { .. });
             if !again || tries >= TRIES {
@@ -219,7 +222,7 @@ impl<L: ChipLink> Xf<L> {
         }
     }
 
-    /// Starts a driver that has stopped again, once, and waits until it runs.
+    /// Restarts a driver that has stopped, once, and waits until it runs.
     fn revive(&mut self, effort: &mut Effort) -> Result<(), XfError> {
         if let Some(error) = &effort.given_up {
             return Err(error.clone());
@@ -240,10 +243,10 @@ impl<L: ChipLink> Xf<L> {
         }
     }
 
-    /// A step of the driver. One that fails is followed by the next one, until the wires count as cut.
+    /// Steps the driver. A failed exchange is followed by another one, until the wires count as cut.
     fn keep_on(&mut self, effort: &mut Effort) -> Result<(), XfError> {
         let error = match self.step(Ns::MAX) {
-            // The driver has stopped: what waits has ended.
+            // The driver has stopped, which has ended all pending commands.
             Ok(()) | Err(XfError::Chip(_)) => return Ok(()),
             Err(error) => error,
         };
@@ -257,7 +260,7 @@ impl<L: ChipLink> Xf<L> {
             effort.given_up = Some(error.clone());
             return Err(error);
         }
-        // A wait that fails is counted by the next exchange.
+        // If the wait fails, the next exchange fails too and is counted.
         let _ = self.link.wait_until(now.saturating_add(super::ns(PAUSE)));
         Ok(())
     }
@@ -265,7 +268,7 @@ impl<L: ChipLink> Xf<L> {
 
 impl<L: ChipLink> Drop for Xf<L> {
     fn drop(&mut self) {
-        // There is nobody to tell.
+        // A destructor cannot report an error.
         let _ = self.stop();
     }
 }

@@ -1,13 +1,13 @@
-//! Whether the bytes received on MISO are a valid answer of the board, and if not, which wire is faulty.
+//! Checks whether the bytes received on MISO are a valid answer of the board, and if not, finds the faulty wire.
 
 use std::collections::VecDeque;
 
 use crate::sk::{CommandId, CrcPolicy, Frame, MASTER_CYCLIC, MasterResponse, SlotForm, SlotSize};
 
-/// By how many bits an answer may be shifted for the shift to be recognised. \[OURS]
+/// The bit shifts of an answer that are recognised. \[OURS]
 const SHIFT_BITS: std::ops::RangeInclusive<usize> = 1..=32;
 
-/// What is wrong with the wires, as far as the answers show it.
+/// The wiring fault that the answers indicate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WiringFault {
     /// MISO is always high: nothing drives it, or it is connected to the supply.
@@ -27,24 +27,24 @@ pub enum WiringFault {
         "MISO repeats what MOSI says: the two are connected to one another; connect each to its own pin (J3/J2 9, 10)"
     )]
     Echo,
-    /// The board has the other slot size.
+    /// The board uses the other slot size.
     #[error("the answers have slots of {fits} bytes, not of {set} (CONFIG2): set slot={fits} in the link")]
     SlotSize {
-        /// The slot size in the URI, in bytes.
+        /// The slot size given in the URI, in bytes.
         set: usize,
-        /// The slot size of the answers, in bytes.
+        /// The slot size that fits the answers, in bytes.
         fits: usize,
     },
-    /// The answers are shifted by some bits.
+    /// The answers are shifted by a number of bits.
     #[error(
         "the answers come {bits} bit(s) too {}: the SPI mode is another (mode=1), or the clock is too fast for the wires \
          (speed=, jumper wires less than 10M)",
         if *late { "late" } else { "early" }
     )]
     Bits {
-        /// By how many bits.
+        /// The number of bits by which the answers are shifted.
         bits: usize,
-        /// Whether they come too late, and not too early.
+        /// Whether the answers come too late; otherwise they come too early.
         late: bool,
     },
     /// The answers are shifted by whole bytes.
@@ -54,9 +54,9 @@ pub enum WiringFault {
         if *late { "late" } else { "early" }
     )]
     Bytes {
-        /// By how many bytes.
+        /// The number of bytes by which the answers are shifted.
         bytes: usize,
-        /// Whether they come too late, and not too early.
+        /// Whether the answers come too late; otherwise they come too early.
         late: bool,
     },
     /// The answers are invalid in another way.
@@ -67,28 +67,28 @@ pub enum WiringFault {
     Garbled,
 }
 
-/// How many invalid answers are kept. A fault is only reported if it explains all of them. \[OURS]
+/// How many invalid answers are kept. A fault is reported only if it explains all of them. \[OURS]
 const INVALID_KEPT: usize = 4;
 
-/// After how many answers with different valid CRCs the board counts as one that sends CRCs. An invalid answer has a
-/// valid CRC by chance once in 256 times. \[OURS]
+/// How many answers with different valid CRCs show that the board sends CRCs. An invalid answer has a valid CRC by
+/// chance once in 256 times. \[OURS]
 const VALID_CRCS_MIN: u8 = 2;
 
 /// Checks the answers of one board.
 #[derive(Clone, Debug)]
 pub struct AnswerCheck {
     size: SlotSize,
-    /// Answers with a valid CRC, each different from the one before, since the latest answer without one. Once it has
-    /// reached [`VALID_CRCS_MIN`] it does not change any more.
+    /// Number of answers with a valid CRC, each different from the one before, since the latest answer without a valid
+    /// CRC. Once the number has reached [`VALID_CRCS_MIN`] it stays.
     valid_crcs: u8,
-    /// The latest of these CRCs.
+    /// The CRC of the latest answer counted in `valid_crcs`.
     crc: u8,
-    /// The latest invalid answers since a valid one. An answer equal to the one before it is not kept.
+    /// The latest invalid answers since a valid one. An answer that repeats the one before it is not kept.
     invalid: VecDeque<Frame>,
 }
 
 impl AnswerCheck {
-    /// A check for a board with that slot size.
+    /// A check of the answers of a board with that slot size.
     pub fn new(size: SlotSize) -> Self {
         Self { size, valid_crcs: 0, crc: 0, invalid: VecDeque::with_capacity(INVALID_KEPT) }
     }
@@ -98,10 +98,10 @@ impl AnswerCheck {
         self.valid_crcs >= VALID_CRCS_MIN
     }
 
-    /// Checks an answer.
+    /// Checks an answer and decodes its slot 0.
     ///
     /// # Errors
-    /// The answer is invalid; [`Self::explain`] tells why.
+    /// [`InvalidAnswer`]; [`Self::explain`] then tells the fault.
     pub fn check(&mut self, answer: &Frame) -> Result<MasterResponse, InvalidAnswer> {
         if !self.fits(answer) {
             if self.invalid.back() != Some(answer) {
@@ -117,7 +117,7 @@ impl AnswerCheck {
         Ok(MasterResponse::decode(&answer.slot(self.size, 0)))
     }
 
-    /// Notes the CRC of a valid answer; 0 may be a missing CRC.
+    /// Notes the CRC of a valid answer. A CRC of 0 is not evidence, since the board may leave it out.
     const fn note_crc(&mut self, crc: u8) {
         if self.fills_crc() || crc == self.crc {
             return;
@@ -137,7 +137,7 @@ impl AnswerCheck {
         !same(bytes, 0) && SlotForm::Answer.fits(answer, self.size)
     }
 
-    /// What is wrong, judging by the latest invalid answers.
+    /// The wiring fault that explains the latest invalid answers.
     pub fn explain(&self) -> WiringFault {
         let newest = self.invalid.back().map(|answer| answer.wire(self.size)).unwrap_or_default();
         if same(newest, 0xFF) {
@@ -157,11 +157,11 @@ impl AnswerCheck {
     fn explain_by(&self, policy: CrcPolicy) -> Option<WiringFault> {
         let all = |is: &dyn Fn(&[u8]) -> bool| self.invalid.iter().all(|answer| is(answer.wire(self.size)));
         let other = self.size.other();
-        // The end of a longer frame was not received. It belongs to the SDO slot and is mostly 0.
+        // The end of the longer frame was not received. It belongs to the SDO slot, which is mostly 0.
         if all(&|bytes| is_answer(&Frame::from_prefix(bytes), other, policy)) {
             return Some(WiringFault::SlotSize { set: self.size.bytes(), fits: other.bytes() });
         }
-        // Without a CRC, a shift by whole bytes cannot be told from other faults.
+        // Without a CRC, a shift by whole bytes cannot be distinguished from other faults.
         let most = if policy == CrcPolicy::Strict { *SHIFT_BITS.end() } else { 7 };
         let mut shifts = SHIFT_BITS.take_while(|bits| *bits <= most).flat_map(|bits| [(bits, true), (bits, false)]);
         let (bits, late) = shifts.find(|shift| all(&|bytes| self.is_shifted(bytes, *shift, policy)))?;
@@ -176,7 +176,8 @@ impl AnswerCheck {
         if late {
             return is_answer(&moved, self.size, policy);
         }
-        // The first bits are lost. They belong to the command id of slot 0, so all ids of a first answer are tried.
+        // The first bits are lost. They belong to the command id of slot 0, so each id that a first answer may have is
+        // tried.
         FIRST_ANSWER_IDS.into_iter().any(|id| {
             moved.bytes_mut()[0] = if bits < 8 { moved.bytes()[0] & (0xFF >> bits) | id & !(0xFF >> bits) } else { id };
             is_answer(&moved, self.size, policy)
@@ -184,14 +185,14 @@ impl AnswerCheck {
     }
 }
 
-/// The bytes received are not a valid answer.
+/// The error that received bytes are not a valid answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InvalidAnswer;
 
-/// The command ids in slot 0 of the first answers: GET_STATUS, LIO_RD, and that of OP.
+/// The possible command ids in slot 0 of the first answers: GET_STATUS, LIO_RD, and the cyclic response in OP.
 const FIRST_ANSWER_IDS: [u8; 3] = [CommandId::GetStatus.code(), CommandId::LocalRead.code(), MASTER_CYCLIC];
 
-/// Whether both the CRC and the form are those of an answer; a CRC alone is valid by chance once in 256 times.
+/// Whether a frame has both a fitting CRC and the form of an answer. A CRC alone fits by chance once in 256 times.
 fn is_answer(frame: &Frame, size: SlotSize, policy: CrcPolicy) -> bool {
     let fits = frame.crc_byte() != 0 || policy == CrcPolicy::AbsentAllowed;
     fits && frame.check_crc(size, policy).is_ok() && SlotForm::Answer.fits(frame, size) && !same(frame.wire(size), 0)
@@ -201,7 +202,7 @@ fn same(bytes: &[u8], value: u8) -> bool {
     bytes.iter().all(|byte| *byte == value)
 }
 
-/// The bytes before they were shifted by that many bits; lost bits are 0.
+/// Undoes a shift by that many bits; lost bits become 0.
 fn unshift(bytes: &[u8], bits: usize, late: bool) -> Vec<u8> {
     let (whole, part) = (bits / 8, bits % 8);
     let at = |index: isize| usize::try_from(index).ok().and_then(|index| bytes.get(index)).copied().unwrap_or(0);

@@ -10,19 +10,19 @@ use crate::sk::{CommandId, Frame, MasterCommand, MasterResponse, MasterState, Ra
 
 /// How long RESETN is held low; the board needs 32 us (SK-10). \[OURS]
 const RESET_LOW: Duration = Duration::from_micros(100);
-/// How many valid answers in a row show that the board is there. \[OURS]
+/// How many valid answers in a row show that a board is there. \[OURS]
 const VALID_ANSWERS_MIN: u32 = 2;
-/// After how many invalid answers, without a valid one in between, a wire counts as faulty, unless the board may still
-/// be starting up. \[OURS]
+/// How many invalid answers, without a valid one in between, show that a wire is faulty, unless the board may still be
+/// starting up. \[OURS]
 const INVALID_ANSWERS_MAX: u32 = 8;
-/// After how many answers without a CRC that have the form of a report, but none of which answers LIO_RD, the answers
-/// count as invalid. \[OURS]
+/// How many answers are accepted as "not yet confirmed": they have no CRC and the form of a report, but do not answer
+/// LIO_RD. Beyond that they count as invalid. \[OURS]
 const UNCONFIRMED_ANSWERS_MAX: u32 = 12;
-/// The pause between two of the first exchanges: longer than a cycle below OP, and longer than exchanges without BUSY
-/// need. \[OURS]
+/// The pause between two of the first exchanges: longer than a cycle below OP, and longer than the shortest period
+/// without BUSY. \[OURS]
 const EXCHANGE_INTERVAL: Duration = Duration::from_micros(1500);
-/// A byte that the first frames carry at a place where no board answers it. If it comes back, MISO is connected to
-/// MOSI. \[OURS]
+/// A byte in the first frames, at a position that no board answers. If it comes back, MISO is connected to MOSI.
+/// \[OURS]
 const ECHO_MARK: u8 = 0x5A;
 
 /// Exchanges frames until the board answers reliably; returns its latest answer.
@@ -38,7 +38,7 @@ pub(super) fn begin(
     wires.reset(RESET_LOW).map_err(refused)?;
     let mut answer = Frame::new();
     let (mut exchanges, mut valid, mut invalid, mut rises) = (0, 0, 0, false);
-    // Answers shifted by some bits may look valid, so the fault that an earlier invalid answer has shown is kept.
+    // Answers shifted by some bits may look valid, so a fault that an earlier invalid answer has shown is kept.
     let mut known_fault = WiringFault::Garbled;
     loop {
         let left = options.open_limit.saturating_sub(began.elapsed());
@@ -78,13 +78,13 @@ pub(super) fn begin(
         };
         if let Some(fault) = fault {
             invalid += 1;
-            // Without BUSY, a board that is starting up answers zeros.
+            // Without a BUSY line, zeros may come from a board that is still starting up.
             let may_start = fault == WiringFault::Zeros && !wires.has_busy_line();
             if (invalid >= INVALID_ANSWERS_MAX && !may_start) || began.elapsed() >= options.open_limit {
                 return Err(no_board(fault.to_string()));
             }
         }
-        // Each answer reports the cycle before it, so the next one is only new after a cycle.
+        // Each answer reports the previous cycle, so the next answer is new only after a cycle.
         std::thread::sleep(EXCHANGE_INTERVAL);
     }
 }
@@ -102,7 +102,7 @@ fn question(options: &SpiOptions, number: u32) -> Frame {
     frame
 }
 
-/// The reason of a failure if BUSY does not go low.
+/// The error text if BUSY does not go low.
 pub(super) fn busy_is_high(limit: Duration) -> String {
     format!(
         "BUSY has been high for {limit:?}: the board starts up, finds no slave or hangs (switch it off and on), or busy= \
@@ -110,11 +110,11 @@ pub(super) fn busy_is_high(limit: Duration) -> String {
     )
 }
 
-/// The reason of a failure if BUSY does not go high.
+/// The error text if BUSY does not go high.
 pub(super) const BUSY_IS_LOW: &str = "BUSY does not go high in an exchange: busy= names another line than that of BUSY \
                                       (J3/J2 pin 5), or it is not connected; correct it, or leave busy= out";
 
-/// The error of a link whose wires cannot be used.
+/// The error of a link whose SPI device or GPIO lines cannot be used.
 pub(super) fn refused(name: &str, error: WireError) -> LinkError {
     let next = next_step(&error);
     match error {
@@ -128,7 +128,7 @@ pub(super) fn refused(name: &str, error: WireError) -> LinkError {
     }
 }
 
-/// What to do about wires that cannot be used.
+/// What a user can do if the SPI device or a GPIO line cannot be used.
 pub(crate) const fn next_step(error: &WireError) -> &'static str {
     match error {
         WireError::Missing { .. } => {

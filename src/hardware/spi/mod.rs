@@ -1,27 +1,26 @@
 //! The link `spi:`: a real ECM-SK on a spidev device, with BUSY and RESETN on lines of a GPIO chip.
 //!
 //! On SPI every exchange carries a command frame: the board sends a report only while it receives a frame, and in OP
-//! that frame takes an entry of the board's FIFO. A program nevertheless sees what it would see on USB, one report per
-//! cycle whether it writes or not, because the link has a thread that makes one exchange per cycle, timed by a
-//! [`Pacer`]. An exchange carries the oldest frame that the program has written, or else a frame of GET_STATUS
-//! commands.
+//! that frame takes an entry of the board's FIFO. A program nevertheless gets the same reports as on USB, one per cycle
+//! whether it writes or not. For this the link has a thread that makes one exchange per cycle, timed by a [`Pacer`]. An
+//! exchange carries the oldest frame that the program has written, or else a frame of GET_STATUS commands.
 //!
 //! The price: if the program has no frame ready for a cycle, the GET_STATUS frame puts an entry without targets between
-//! two entries with targets, and the axes stand still for one cycle. This does not happen to a program that writes
-//! ahead. For a program that is late now and then there is the key `prefill=`: that many entries wait in the board's
-//! FIFO, and while they last the link sends no GET_STATUS in between.
+//! two entries with targets, and the axes stand still for one cycle. A program that writes ahead avoids this. For a
+//! program that is occasionally late there is the key `prefill=`: the board's FIFO is filled with that many entries
+//! first, and while they last the link sends no GET_STATUS frame.
 //!
-//! The number of free FIFO entries in a report is what the program may still write: 160 less its own entries in the
-//! board's FIFO and less its frames that the link has not sent yet. Entries that the link has added itself are not
-//! counted.
+//! The number of free FIFO entries in a report is the number of frames that the program may still write: 160 less its
+//! own entries in the board's FIFO and less its frames that the link has not sent yet. Entries that the link has added
+//! itself are not counted.
 //!
 //! Files, in the order in which to read them:
 //!
 //! - `options.rs`: the keys of `spi:` as Rust types, and which combinations are refused
 //! - `queues.rs`: the frames and reports that the program's threads and the link's thread pass to each other
 //! - `runner.rs`: the link's thread
-//! - `pacer.rs`: when the next exchange is due and what it carries
-//! - `sent_frames.rs`: what was sent, to show the program the answers to its own commands
+//! - `pacer.rs`: the time of the next exchange and its content
+//! - `sent_frames.rs`: the frames sent so far, to show the program the answers to its own commands
 //! - `answer_check.rs`: whether an answer is valid, and if not, which wire is faulty
 //! - `begin.rs`: the first exchanges, which test the wires
 
@@ -61,7 +60,7 @@ use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wa
 use crate::sk::{CycleTime, Frame, MasterCommand, MasterState};
 use crate::threads;
 
-/// How long closing the link waits until the frames written before have been sent. \[OURS]
+/// How long closing the link waits for the frames written before to be sent. \[OURS]
 const CLOSE_LIMIT: Duration = Duration::from_secs(1);
 
 /// A link to a board on SPI.
@@ -74,23 +73,23 @@ pub struct SpiLink {
     counts: CallCounts,
 }
 
-/// Counters of a link on SPI, besides those that every link has.
+/// Counters of a link on SPI, in addition to those of every link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SpiStats {
-    /// Counters of its exchanges.
+    /// Counters of the exchanges.
     pub pacer: PacerCounts,
-    /// Invalid answers, which were not passed on as reports.
+    /// Number of invalid answers, which were not passed on as reports.
     pub invalid_answers: u64,
-    /// Frames of the program that were discarded before they were sent, because of a later SET_FIFO clear, a change of
-    /// state out of OP, or SW_RESET.
+    /// Number of the program's frames that were discarded before they were sent, because of a later SET_FIFO clear, a
+    /// change of state out of OP, or SW_RESET.
     pub cleared: u64,
-    /// Frames of the program that were not sent because the board was lost or the link was closed.
+    /// Number of the program's frames that were not sent because the board was lost or the link was closed.
     pub unsent: u64,
-    /// Frames of the program that are waiting to be sent.
+    /// Number of the program's frames that are waiting to be sent.
     pub held: usize,
 }
 
-/// Opens the board in the URI.
+/// Opens the board that the URI names.
 pub(crate) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<Arc<dyn Link>, LinkError> {
     let (options, places) = SpiOptions::from_uri(uri)?;
     let name = uri.to_string();
@@ -151,7 +150,7 @@ impl SpiLink {
         }
     }
 
-    /// Refuses a frame that sets or begins a cycle for which the wires are too slow.
+    /// Refuses a frame that selects or starts a cycle for which the wires are too slow.
     fn refuse(&self, frame: &Frame) -> Result<(), LinkError> {
         let size = self.options.slot;
         let cycle = match MasterCommand::decode(&frame.slot(size, 0), size) {
@@ -192,7 +191,7 @@ impl Link for SpiLink {
     fn close(&self) {
         self.shared.queues.close(Instant::now() + CLOSE_LIMIT);
         if let Some(thread) = self.thread.lock().take() {
-            // The result of a thread that has panicked holds nothing that could be reported here.
+            // The thread's result is of no use here, even if it has panicked.
             let _ = thread.join();
             let unsent = self.shared.queues.counts().unsent;
             if unsent > 0 {

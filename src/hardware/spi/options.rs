@@ -19,7 +19,7 @@ const OPEN_LIMIT: Duration = Duration::from_secs(3);
 /// How long BUSY may stay high after a frame. \[OURS]
 const BUSY_LIMIT: Duration = Duration::from_secs(1);
 
-/// How the wires are used.
+/// Options of a link over SPI.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SpiOptions {
     /// The slot size; an exchange has 504 bytes for 12-byte slots and 512 bytes for 16-byte slots.
@@ -28,7 +28,7 @@ pub struct SpiOptions {
     pub speed_hz: u32,
     /// The cycle time in OP until a SET_DC command sets another one.
     pub cycle: CycleTime,
-    /// How many entries are kept in the board's FIFO: 0..=120.
+    /// How many entries to keep in the board's FIFO: 0..=120.
     pub prefill: u16,
     /// How long a board may take to start up when its link is opened.
     pub open_limit: Duration,
@@ -50,7 +50,7 @@ impl Default for SpiOptions {
 }
 
 impl SpiOptions {
-    /// The options in a URI, and which devices are its wires. Keys that are not given have their defaults.
+    /// The options in a URI, and the devices that it names. Missing keys have their defaults.
     ///
     /// # Errors
     /// [`UriError::OtherScheme`] if it is not an `spi:` link; [`UriError::BadPath`] without a device;
@@ -81,12 +81,13 @@ impl SpiOptions {
         };
         match options.refuses(options.cycle, places.busy.is_some()) {
             Some(why) if options.cycle != CycleTime::DEFAULT => Err(bad_cycle(uri, why)),
-            // The default cycle is checked when OP is requested: below OP these wires may be sufficient.
+            // The default cycle is checked only when OP is requested: below OP these wires may be fast enough.
             _ => Ok((options, places)),
         }
     }
 
-    /// Why OP with that cycle time does not work over these wires, and what to do; `None` if it works.
+    /// Why OP with that cycle time does not work over these wires, and what to do; `None` if it works. `busy` says
+    /// whether BUSY is connected.
     pub(super) fn refuses(&self, cycle: CycleTime, busy: bool) -> Option<String> {
         if !busy && cycle.us() < LEAST_CYCLE_WITHOUT_BUSY_US {
             return Some(format!(
@@ -106,14 +107,14 @@ impl SpiOptions {
         })
     }
 
-    /// How long the transfer of a frame takes.
+    /// The duration of a frame's transfer.
     pub(super) fn on_the_wires(&self) -> Duration {
         let bits = self.slot.frame_len() as u64 * 8;
         Duration::from_nanos(bits * 1_000_000_000 / u64::from(self.speed_hz.max(1)))
     }
 }
 
-/// The spidev file of a link; `allowed` is what an error says that a link has to be.
+/// The spidev file of a link; `allowed` is the expected form of a link, for the error text.
 pub(crate) fn device(uri: &LinkUri, allowed: &'static str) -> Result<PathBuf, UriError> {
     if uri.path().starts_with('/') && !uri.path().contains('\0') {
         return Ok(PathBuf::from(uri.path()));

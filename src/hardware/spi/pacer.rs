@@ -1,9 +1,9 @@
 //! Decides when the next exchange is due and what it carries. The pacer is plain state: it neither reads a clock nor
 //! waits, and time is an argument.
 //!
-//! On SPI every exchange carries a command frame. In OP each of them takes an entry of the board's FIFO, from which the
-//! board removes one entry per cycle. So the link makes one exchange per cycle, timed by this machine's clock. That
-//! clock and the board's clock differ a little, which shows as a rising or falling level of the FIFO in the reports. If
+//! On SPI every exchange carries a command frame. In OP each command frame takes an entry of the board's FIFO, from
+//! which the board removes one entry per cycle. So the link makes one exchange per cycle, timed by this machine's
+//! clock. That clock and the board's clock differ a little, so the FIFO level in the reports slowly rises or falls. If
 //! the level is above the target, an exchange is skipped; if it is below, the next frames of the program are sent
 //! earlier. Reports lag behind by about one exchange, so after each such correction some reports are ignored.
 
@@ -13,53 +13,53 @@ use crate::sk::{
     CommandId, CycleTime, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, SlotSize,
 };
 
-/// The target level without prefill: one entry, so that the FIFO is not empty when an exchange comes a little late.
+/// The target level without prefill: one entry, so that the FIFO is not empty when an exchange is a little late.
 /// \[OURS]
 const LEVEL_MIN: u16 = 1;
 /// Exchanges are skipped if the level is this far above the target. A difference of one is only the phase between the
 /// two clocks. \[OURS]
 const LEVEL_SLACK: u16 = 2;
-/// The largest number of exchanges skipped in a row, so that reports continue. \[OURS]
+/// The most exchanges to skip in a row, so that reports continue. \[OURS]
 const SKIPPED_IN_A_ROW_MAX: u16 = 8;
-/// How many regular reports are ignored after a correction. \[OURS]
+/// How many regular reports to ignore after a correction. \[OURS]
 const IGNORED_REPORTS: u8 = 2;
-/// At this level frames of the program wait in the link. \[OURS]
+/// The FIFO level at which frames of the program have to wait in the link. \[OURS]
 const LEVEL_MAX: u16 = FIFO_ENTRIES - 2;
-/// The largest number of extra entries that are kept because this machine is late at times. \[OURS]
+/// The most extra entries to keep in the FIFO while this machine is late at times. \[OURS]
 const RESERVE_MAX: u16 = 32;
-/// After this many regular exchanges without a late one, the reserve shrinks by one entry. \[OURS]
+/// How many regular exchanges without a late one reduce the reserve by one entry. \[OURS]
 const RESERVE_DECAY_EXCHANGES: u32 = 2000;
 /// How many entries the newest answer may not include yet. \[OURS]
 const UNREPORTED_ENTRIES_MAX: u16 = 2;
-/// The largest age of an answer in cycles. \[OURS]
+/// The largest age of an answer, in cycles. \[OURS]
 const ANSWER_AGE_MAX_CYCLES: Ns = 2;
 /// The largest target level, whatever threshold a program sets. \[OURS]
 const TARGET_LEVEL_MAX: u16 = FIFO_ENTRIES - 5;
 
-/// What an exchange carries.
+/// The content of an exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExchangeContent {
-    /// The oldest frame of the program that the link has not sent yet.
+    /// The oldest frame of the program that has not been sent yet.
     Host,
     /// GET_STATUS in every slot.
     Status,
     /// SET_FIFO with the threshold for the prefill: the board executes nothing until that many entries have arrived.
     Prefill,
-    /// SET_FIFO with the default threshold: the board executes what is in its FIFO although the prefill is not
+    /// SET_FIFO with the default threshold: the board executes the entries in its FIFO although the prefill is not
     /// complete.
     Release,
 }
 
-/// What the link's thread has to do.
+/// The next action of the link's thread.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Plan {
-    /// Nothing before that time, unless the program writes a frame.
+    /// Wait until that time, or until the program writes a frame.
     Wait(Ns),
     /// An exchange is due now.
     Exchange {
-        /// What it carries.
+        /// The content of the exchange.
         content: ExchangeContent,
-        /// Whether it comes in addition to the regular exchange of the cycle.
+        /// Whether the exchange is in addition to the regular one of the cycle.
         extra: bool,
     },
 }
@@ -71,7 +71,7 @@ pub struct WaitingFrames {
     pub frames: usize,
     /// Whether the oldest contains a motion command (CSP, CSV or CST).
     pub motion: bool,
-    /// Whether the link is being closed: no more frames will follow, and these are sent as fast as possible.
+    /// Whether the link is being closed: no more frames will follow, and the waiting ones are sent as fast as possible.
     pub last: bool,
 }
 
@@ -82,40 +82,41 @@ pub struct PacerOptions {
     pub slot: SlotSize,
     /// The cycle time in OP until a SET_DC command sets another one.
     pub cycle: CycleTime,
-    /// How many entries are kept in the FIFO.
+    /// How many entries to keep in the FIFO.
     pub prefill: u16,
-    /// The shortest time between the starts of two exchanges, in nanoseconds; 0 if BUSY tells when the board is ready.
+    /// The shortest time between the starts of two exchanges, in nanoseconds; 0 if BUSY shows when the board is ready.
     pub period_ns: Ns,
-    /// How long the transfer of a frame takes, in nanoseconds.
+    /// The duration of a frame's transfer, in nanoseconds.
     pub wires_ns: Ns,
 }
 
 /// The progress of the prefill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum PrefillState {
-    /// The threshold is not set since OP was reached or the FIFO was cleared.
+    /// The threshold has not been set since OP was reached or the FIFO was cleared.
     Unset,
-    /// The threshold is set, this many entries have been sent since, and the board waits for more.
+    /// The threshold is set and the board waits for more entries; this many have been sent since.
     Waiting(u16),
     /// The FIFO was filled up to the threshold, or the program sets thresholds itself.
     Done,
 }
 
-/// Counters of a pacer.
+/// Counters of a pacer since it was created.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PacerCounts {
-    /// All exchanges.
+    /// Number of all exchanges.
     pub exchanges: u64,
-    /// Exchanges with a frame of the program.
+    /// Number of exchanges with a frame of the program.
     pub host: u64,
-    /// Exchanges in addition to one per cycle.
+    /// Number of exchanges in addition to one per cycle.
     pub extra: u64,
-    /// Cycles in which the exchange was skipped because the FIFO's level was too high, as the clocks differ.
+    /// Number of cycles in which the exchange was skipped because the FIFO level was too high, since the clocks differ.
     pub skipped: u64,
-    /// Cycles in which the exchange was skipped because the program had no frame and the prefill was not used up.
+    /// Number of cycles in which the exchange was skipped because the program had no frame and the prefill was not used
+    /// up.
     pub skipped_with_prefill: u64,
-    /// Commands of the program for slaves that no answer has shown, because they were rejected or were executed between
-    /// two answers.
+    /// Number of the program's commands for slaves that no answer has shown, because they were rejected or were
+    /// executed between two answers.
     pub unanswered: u64,
 }
 
@@ -127,25 +128,25 @@ pub struct Pacer {
     state: Option<MasterState>,
     /// When the next regular exchange is due.
     tick: Ns,
-    /// The earliest time for any exchange.
+    /// The earliest time for any exchange, regular or extra.
     not_before: Ns,
-    /// The level that the FIFO should have after the board has taken an entry out.
+    /// The target for the FIFO level, measured after the board has taken an entry out.
     target_level: u16,
-    /// The present level of the FIFO as far as it is known.
+    /// The estimated present level of the FIFO.
     level: u16,
     /// The level of the FIFO in the newest answer.
     reported: u16,
-    /// Whether there was an extra exchange since the last regular one.
+    /// Whether there has been an extra exchange since the last regular one.
     had_extra: bool,
-    /// By how many cycles this machine has recently been late at most.
+    /// The largest number of cycles by which this machine was late recently: extra entries to keep in the FIFO.
     reserve: u16,
-    /// Regular exchanges since it was last late.
+    /// Number of regular exchanges since this machine was last late.
     on_time: u32,
-    /// How many regular exchanges to skip.
+    /// How many regular exchanges are still to be skipped.
     to_skip: u16,
-    /// How many extra exchanges may be made.
+    /// How many extra exchanges may still be made.
     extra: u16,
-    /// How many further reports to ignore.
+    /// How many reports are still to be ignored.
     ignored_reports: u8,
     prefill: PrefillState,
     sent: SentFrames,
@@ -176,7 +177,7 @@ impl Pacer {
         }
     }
 
-    /// What is due at the time `now`, with `held` frames of the program waiting.
+    /// Decides what to do at the time `now`, with `held` frames of the program waiting.
     pub fn plan(&mut self, now: Ns, held: WaitingFrames) -> Plan {
         self.handle_lateness(now, held);
         // A SET_DC command may have shortened the cycle.
@@ -208,18 +209,19 @@ impl Pacer {
         }
     }
 
-    /// Whether the board waits for entries of the prefill that will not come once the link is closed.
+    /// Whether the board waits for prefill entries that will not come because the link is being closed.
     pub fn owes_release(&self) -> bool {
         matches!(self.prefill, PrefillState::Waiting(_)) && self.op()
     }
 
-    /// Whether the FIFO surely has room for a frame, however old the newest answer is.
+    /// Whether the FIFO certainly has room for a frame, even if the newest answer is old.
     const fn has_room(&self) -> bool {
         self.level < LEVEL_MAX && self.reported < LEVEL_MAX - UNREPORTED_ENTRIES_MAX
     }
 
-    /// A machine that was late does not make up for the missed cycles: the next exchange is due now. Frames that were
-    /// waiting in the meantime should have been in the FIFO, so for a while more entries are kept there.
+    /// Restarts the timing if this machine was late. Missed cycles are not made up for: the next exchange is due now.
+    /// Frames that were waiting in the meantime should have been in the FIFO, so more entries are kept there for a
+    /// while.
     fn handle_lateness(&mut self, now: Ns, held: WaitingFrames) {
         if now <= self.tick + self.period() {
             return;
@@ -234,19 +236,20 @@ impl Pacer {
         }
     }
 
-    /// The target level; the reserve is only added to it while the program has frames waiting anyway.
+    /// The target level. The reserve is added only while the program has frames waiting.
     fn level_for(&self, held: usize) -> u16 {
         if held > 0 && self.reserve > 0 { self.target_level.max(self.reserve + LEVEL_MIN) } else { self.target_level }
     }
 
-    /// Whether the regular exchange that is due is skipped.
+    /// Whether to skip the regular exchange that is due.
     fn skips_tick(&mut self, held: WaitingFrames) -> bool {
         if self.to_skip > 0 {
             self.to_skip -= 1;
             self.counts.skipped += 1;
             return true;
         }
-        // While the link is being closed, the remaining frames are sent as soon as there is room.
+        // While the link is being closed, no regular exchange is needed: the remaining frames are sent as soon as there
+        // is room.
         if held.last && held.frames > 0 {
             return true;
         }
@@ -263,7 +266,8 @@ impl Pacer {
         false
     }
 
-    /// The regular exchange of a cycle is made or skipped; the board takes an entry out of its FIFO meanwhile.
+    /// Advances to the next cycle, whether its exchange was made or skipped. Meanwhile the board takes an entry out of
+    /// its FIFO.
     fn pass_tick(&mut self) {
         self.tick += self.period();
         self.had_extra = false;
@@ -272,7 +276,7 @@ impl Pacer {
         }
     }
 
-    /// An exchange with that frame begins.
+    /// Records that an exchange with that frame begins.
     pub fn begins(&mut self, frame: &Frame, content: ExchangeContent, extra: bool, now: Ns) {
         self.counts.exchanges += 1;
         self.counts.host += u64::from(content == ExchangeContent::Host);
@@ -282,7 +286,7 @@ impl Pacer {
             self.ignored_reports = IGNORED_REPORTS;
             self.had_extra = true;
         } else {
-            // An exchange that is a little late does not delay the following ones.
+            // The next exchange is timed from the due time, so a small delay does not accumulate.
             self.pass_tick();
             self.on_time += 1;
             if self.on_time >= RESERVE_DECAY_EXCHANGES {
@@ -312,7 +316,7 @@ impl Pacer {
         }
     }
 
-    /// The exchange has ended. It began on the wires at least one transfer time ago.
+    /// Records that the exchange has ended. Its transfer began at least one transfer time ago.
     pub fn ended(&mut self, now: Ns) {
         let began = now.saturating_sub(self.options.wires_ns);
         if self.options.period_ns > 0 {
@@ -320,7 +324,7 @@ impl Pacer {
         }
     }
 
-    /// Follows the commands of the program that change the cycle, the FIFO or the kinds of slaves.
+    /// Evaluates the commands of the program that change the cycle, the FIFO or the kinds of slaves.
     fn note_command(&mut self, frame: &Frame) {
         match MasterCommand::decode(&frame.slot(self.options.slot, 0), self.options.slot) {
             Ok(MasterCommand::SetAxis { .. }) if !self.above_preop() => self.sent.forget_kinds(),
@@ -329,7 +333,7 @@ impl Pacer {
                 self.restart_fifo();
                 self.sent.forget_earlier();
             }
-            // A program that sets a threshold to fill the FIFO before it starts gets that level.
+            // If the program sets a threshold to fill the FIFO before it starts, that level becomes the target.
             Ok(MasterCommand::SetFifo(FifoAction::Threshold(free))) if self.op() => {
                 let free = free.min(FIFO_ENTRIES.into()) as u16;
                 self.prefill = PrefillState::Done;
@@ -342,7 +346,7 @@ impl Pacer {
         }
     }
 
-    /// A valid answer came back; `held` frames of the program are waiting.
+    /// Evaluates a valid answer, with `held` frames of the program waiting.
     pub fn answered(&mut self, answer: &MasterResponse, extra: bool, held: usize) {
         let was_op = self.op();
         self.state = answer.state.state();
@@ -373,16 +377,16 @@ impl Pacer {
         }
     }
 
-    /// The FIFO is empty: OP was reached or left, or the FIFO was cleared.
+    /// Resets the FIFO level: OP was reached or left, or the FIFO was cleared.
     fn restart_fifo(&mut self) {
         self.target_level = self.options.prefill.max(LEVEL_MIN);
         (self.level, self.reported, self.to_skip, self.extra, self.ignored_reports) = (0, 0, 0, 0, IGNORED_REPORTS);
         self.prefill = PrefillState::Unset;
     }
 
-    /// Turns a valid answer into the report that the program gets: with the number of FIFO entries that it may still
-    /// write, and with what the slots answered to its own commands. Returns whether the report differs from the answer;
-    /// its CRC has to be computed again then.
+    /// Turns a valid answer into the report for the program. The report shows the number of FIFO entries that the
+    /// program may still write, and the answers of the slots to the program's own commands. Returns whether the report
+    /// differs from the answer, so that its CRC has to be computed again.
     pub fn show(&mut self, answer: &mut Frame, held: usize) -> bool {
         let size = self.options.slot;
         let mut board = answer.slot(size, 0);
@@ -401,7 +405,7 @@ impl Pacer {
         put || shown != free
     }
 
-    /// Whether the latest answer was made in OP.
+    /// Whether the latest answer reported OP.
     pub fn op(&self) -> bool {
         self.state == Some(MasterState::Op)
     }
@@ -410,7 +414,7 @@ impl Pacer {
         matches!(self.state, Some(MasterState::SafeOp | MasterState::Op))
     }
 
-    /// The cycle time that OP has or will have.
+    /// The cycle time in OP, present or future.
     pub const fn cycle(&self) -> CycleTime {
         self.cycle
     }
@@ -425,8 +429,8 @@ impl Pacer {
         self.counts
     }
 
-    /// Builds the link's own frame for an exchange that does not carry one of the program. Its CRC is valid, whether or
-    /// not the board checks it.
+    /// Builds the link's own frame for an exchange without a frame of the program. Its CRC is valid, whether or not the
+    /// board checks it.
     pub fn own_frame(&self, content: ExchangeContent, frame: &mut Frame) {
         let size = self.options.slot;
         frame.set_prefix(&[]);

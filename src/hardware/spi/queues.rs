@@ -1,5 +1,5 @@
 //! The frames and reports that the program's threads and the link's thread pass to each other. All memory is allocated
-//! when the queues are made, and nobody holds their lock during a wait or an exchange.
+//! when the queues are created, and their lock is never held during a wait or an exchange.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -12,29 +12,29 @@ use crate::link::{Dir, LinkError, ReadMeta, Stamp};
 use crate::sk::{FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, SlotSize};
 use crate::threads::Signal;
 
-/// How many frames a program may write ahead: as many as the board's FIFO has entries. \[OURS]
+/// How many frames a program may write ahead: the depth of the board's FIFO. \[OURS]
 const FRAMES_MAX: usize = FIFO_ENTRIES as usize;
 
-/// What the lock of the queues protects.
+/// The state that the lock of the queues protects.
 pub(super) struct QueueState {
     /// Frames of the program that are waiting to be sent, oldest first.
     held: VecDeque<Frame>,
     /// Unread reports with their time and number, oldest first.
     reports: VecDeque<(Frame, Ns, u64)>,
-    /// How many unread reports are kept.
+    /// The capacity of `reports`.
     queue: usize,
     next_report: u64,
     dropped: u64,
-    /// Frames of the program that were discarded, as the board's FIFO discards its entries: by SET_FIFO clear, by
-    /// leaving OP, by a reset.
+    /// Number of the program's frames that were discarded, as the board's FIFO discards its entries: by SET_FIFO clear,
+    /// by leaving OP, or by a reset.
     cleared: u64,
-    /// Frames of the program that were not sent because the link ended.
+    /// Number of the program's frames that were not sent because the link ended.
     unsent: u64,
-    /// Why calls fail, once the board is lost or the link is closed.
+    /// The error of all further calls, once the board is lost or the link is closed.
     over: Option<LinkError>,
-    /// The program has closed the link; until this time the frames that it has written are still sent.
+    /// Set once the program has closed the link: until this time its waiting frames are still sent.
     closing: Option<Instant>,
-    /// How many cancellations there were, by direction.
+    /// Number of cancellations in each direction.
     cancels: [u64; 2],
     op: bool,
 }
@@ -53,14 +53,14 @@ pub(super) struct FrameQueues {
     state: Mutex<QueueState>,
     /// Wakes the link's thread: a frame was written, or the link ends.
     work: Condvar,
-    /// Wakes readers: a report came, or reading ends.
+    /// Wakes readers: a report came, or reading has ended.
     readable: Signal,
-    /// Wakes writers: there is room for a frame, or writing ends.
+    /// Wakes writers: there is room for a frame, or writing has ended.
     room: Signal,
 }
 
 impl FrameQueues {
-    /// Queues that keep up to `queue` unread reports.
+    /// Creates queues that keep up to `queue` unread reports.
     pub fn new(queue: usize) -> Self {
         let queue = queue.max(1);
         let state = QueueState {
@@ -83,7 +83,7 @@ impl FrameQueues {
         self.state.lock()
     }
 
-    /// For the program: queues a frame, and waits for room up to `limit`.
+    /// For the program: queues a frame, waiting for room for up to `limit`.
     pub fn write(&self, frame: &Frame, size: SlotSize, limit: Option<Duration>) -> Result<(), LinkError> {
         let began = Instant::now();
         let mut state = self.state.lock();
@@ -108,7 +108,7 @@ impl FrameQueues {
         Ok(())
     }
 
-    /// For the program: takes the oldest report, and waits for one up to `limit`.
+    /// For the program: takes the oldest report, waiting for one for up to `limit`.
     pub fn read(&self, out: &mut Frame, limit: Option<Duration>) -> Result<ReadMeta, LinkError> {
         let began = Instant::now();
         let mut state = self.state.lock();
@@ -130,14 +130,14 @@ impl FrameQueues {
         }
     }
 
-    /// For the program: ends the waiting calls of one direction.
+    /// For the program: cancels the waiting calls of one direction.
     pub fn cancel(&self, dir: Dir) {
         self.state.lock().cancels[dir as usize] += 1;
         self.room.notify_all();
         self.readable.notify_all();
     }
 
-    /// For the program: ends every call. Frames written before are sent until `until`.
+    /// For the program: ends all calls. Frames written before are still sent until the time `until`.
     pub fn close(&self, until: Instant) {
         let mut state = self.state.lock();
         state.closing.get_or_insert(until);
@@ -145,14 +145,14 @@ impl FrameQueues {
         self.wake_all();
     }
 
-    /// For the link's thread: the board is lost. Has no effect if the program has closed the link.
+    /// For the link's thread: records that the board is lost. Has no effect if the program has closed the link.
     pub fn lose(&self, why: LinkError) {
         let mut state = self.state.lock();
         state.over.get_or_insert(why);
         self.wake_all();
     }
 
-    /// For the link's thread: it ends, and the frames that are still queued are not sent.
+    /// For the link's thread: records its end, so that the frames still queued count as not sent.
     pub fn end(&self) {
         let mut state = self.state.lock();
         state.unsent += state.held.len() as u64;
@@ -161,7 +161,7 @@ impl FrameQueues {
         self.wake_all();
     }
 
-    /// For the link's thread: queues a report. `op` tells whether the board was in OP.
+    /// For the link's thread: queues a report. `op` says whether the board was in OP.
     pub fn report(&self, report: &Frame, at: Ns, op: bool) {
         let mut state = self.state.lock();
         state.op = op;
@@ -175,7 +175,7 @@ impl FrameQueues {
         self.readable.notify_all();
     }
 
-    /// For the link's thread: an invalid answer came. Its sequence number is left out.
+    /// For the link's thread: records an invalid answer. Its report number stays unused, which shows as a gap.
     pub fn no_report(&self) {
         self.state.lock().next_report += 1;
     }
@@ -194,7 +194,7 @@ impl FrameQueues {
         self.work.wait_until(state, until);
     }
 
-    /// Fails if calls fail: the board is lost or the link is closed.
+    /// Returns the error of all calls once the board is lost or the link is closed.
     pub fn check(&self) -> Result<(), LinkError> {
         self.state.lock().check_open()
     }
@@ -221,12 +221,13 @@ impl QueueState {
         self.over.clone().map_or(Ok(()), Err)
     }
 
-    /// Fails if a call in this direction was cancelled that began with this number of cancellations.
+    /// Fails if calls in this direction were cancelled since a call began; `before` has the numbers of cancellations at
+    /// its beginning.
     fn check_cancelled(&self, dir: Dir, before: [u64; 2]) -> Result<(), LinkError> {
         if self.cancels[dir as usize] == before[dir as usize] { Ok(()) } else { Err(LinkError::Cancelled { dir }) }
     }
 
-    /// The frames that are waiting to be sent, as the pacer needs to know them.
+    /// The frames that are waiting to be sent, summarised for the pacer.
     pub fn held(&self, size: SlotSize) -> WaitingFrames {
         WaitingFrames {
             frames: self.held.len(),
@@ -235,14 +236,14 @@ impl QueueState {
         }
     }
 
-    /// Until when frames are still sent, once the program has closed the link.
+    /// The time until which frames are still sent; `None` unless the program has closed the link.
     pub const fn closing(&self) -> Option<Instant> {
         self.closing
     }
 }
 
 /// Whether the board executes the frame on arrival and thereby discards the entries of its FIFO (SK-5). The frames that
-/// the link has not sent yet are then discarded as well. \[OURS]
+/// the link has not sent yet are then discarded too. \[OURS]
 fn discards_fifo(frame: &Frame, size: SlotSize) -> bool {
     match MasterCommand::decode(&frame.slot(size, 0), size) {
         Ok(MasterCommand::SetFifo(FifoAction::Clear) | MasterCommand::SoftReset) => true,
@@ -251,7 +252,7 @@ fn discards_fifo(frame: &Frame, size: SlotSize) -> bool {
     }
 }
 
-/// Waits for a change of the state; fails with the limit if that has passed.
+/// Waits for a change of the state; fails with a timeout once `limit` has passed.
 fn wait(
     signal: &Signal,
     state: &mut MutexGuard<'_, QueueState>,

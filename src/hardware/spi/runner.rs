@@ -1,4 +1,4 @@
-//! The link's thread: it makes one exchange after another, when the pacer says so.
+//! The link's thread, which makes one exchange after another at the times that the pacer gives.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -18,28 +18,28 @@ use crate::sk::{CrcPolicy, Frame, MasterCommand};
 
 /// How often the thread checks, while BUSY is high, whether the link is being closed. \[OURS]
 const CLOSE_CHECK_INTERVAL: Duration = Duration::from_millis(20);
-/// After how many invalid answers in a row the board counts as lost. \[OURS]
+/// How many invalid answers in a row mean that the board is lost. \[OURS]
 const INVALID_ANSWERS_MAX: u32 = 16;
-/// The reason of the loss after SW_RESET.
+/// The reason that the link gives for the loss of the board after SW_RESET.
 const WAS_RESET: &str = "it was reset (SW_RESET)";
 /// A board processes a frame in less than a cycle. If BUSY stays high for longer than this after a SW_RESET, the board
 /// is starting up. \[OURS]
 const BUSY_AFTER_RESET_MAX: Duration = Duration::from_millis(20);
-/// How many valid answers after a SW_RESET show that the board has refused it; the first of them may be an old one.
+/// How many valid answers after a SW_RESET show that the board has refused it; the first of them may be an old answer.
 /// \[OURS]
 const ANSWERS_AFTER_RESET: u32 = 4;
-/// How many exchanges pass between two checks whether BUSY still changes: the kernel keeps 16 edges. \[OURS]
+/// How many exchanges pass between two checks that BUSY still changes. The kernel stores 16 edges. \[OURS]
 const EXCHANGES_PER_EDGE_CHECK: u32 = 16;
 
-/// What the link's thread shares with the link.
+/// State that the link's thread shares with the link.
 pub(super) struct Shared {
     pub name: String,
     pub queues: FrameQueues,
     pub opened: Instant,
     pub counts: Mutex<PacerCounts>,
-    /// The cycle time that OP has or will have, in microseconds.
+    /// The cycle time in OP, present or future, in microseconds.
     pub cycle_us: AtomicU64,
-    /// Invalid answers.
+    /// Number of invalid answers.
     pub invalid_answers: AtomicU64,
 }
 
@@ -69,12 +69,11 @@ pub(super) struct Runner {
     pub options: SpiOptions,
     pub pacer: Pacer,
     pub answer_check: AnswerCheck,
-    /// How many more valid answers are needed to show that the board is still there, after a SW_RESET that it may have
-    /// refused.
+    /// How many more valid answers prove that the board is still there, after a SW_RESET that it may have refused.
     pub reset_doubt: u32,
 }
 
-/// Why the thread ends.
+/// The reason why the thread ends.
 enum EndReason {
     Closed,
     Lost(String),
@@ -111,7 +110,7 @@ impl Runner {
     ) -> Result<(), EndReason> {
         let (content, extra) = self.wait_for_turn()?;
         self.wait_ready()?;
-        // While BUSY was high the program may have discarded its frames.
+        // While BUSY was high the program's frames may have been discarded.
         let content = match content {
             ExchangeContent::Host if !self.shared.queues.take(command) => ExchangeContent::Status,
             content => content,
@@ -138,7 +137,7 @@ impl Runner {
         let resets = content == ExchangeContent::Host
             && matches!(MasterCommand::decode(&command.slot(size, 0), size), Ok(MasterCommand::SoftReset));
         if resets {
-            // A board that checks CRCs refuses a SW_RESET whose CRC is wrong; the next answers show it.
+            // A board that checks CRCs refuses a SW_RESET with a wrong CRC; the next answers show whether it did.
             if command.check_crc(size, CrcPolicy::Strict).is_ok() {
                 return Err(EndReason::Lost(WAS_RESET.to_owned()));
             }
@@ -228,7 +227,7 @@ mod tests {
 
     const SIZE: SlotSize = SlotSize::Bytes12;
 
-    /// Wires to a board in OP whose FIFO stays empty; the link is closed after that many exchanges.
+    /// Fake wires to a board in OP whose FIFO stays empty. After `left` exchanges they close the link.
     struct Constant {
         answer: Frame,
         left: u32,
@@ -268,8 +267,8 @@ mod tests {
         }
     }
 
-    /// The link's thread allocates nothing, from its first exchange to its last: frames of the host and its own,
-    /// answers, some of them none, reports that are read and reports that nobody reads.
+    /// The link's thread does not allocate, from its first exchange to its last. The run has frames of the host and of
+    /// the link, valid and invalid answers, and reports that are read and reports that are not.
     #[test]
     fn the_links_thread_allocates_nothing() {
         let options = SpiOptions { slot: SIZE, ..SpiOptions::default() };
@@ -306,12 +305,12 @@ mod tests {
                 let mut report = Frame::new();
                 while shared.queues.write(&report, SIZE, Some(Duration::ZERO)).is_ok() || shared.queues.check().is_ok()
                 {
-                    // One is read where several come.
+                    // The reader takes one report where several arrive, so that some are dropped unread.
                     let _ = shared.queues.read(&mut report, Some(Duration::from_millis(1)));
                 }
             }
         });
-        // What a thread's first wait costs is no exchange's.
+        // A thread's first wait may allocate, so it happens before the measurement.
         shared.queues.wait_for_work(&mut shared.queues.lock(), Instant::now() + Duration::from_millis(1));
         let counted = allocation_counter::measure(|| runner.run());
         host.join().expect("it ends");

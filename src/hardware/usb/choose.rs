@@ -6,14 +6,15 @@ use super::options::UsbOptions;
 use crate::io::hid::{FoundDevice, NotTheBoard, ReportInterface, Sysfs};
 use crate::link::LinkError;
 
-/// The only board with the serial number and path of the link, if those are given.
+/// The only board with the serial number and path of the link, as far as these are given.
 pub(super) fn choose<'a>(
     name: &str,
     found: &'a [FoundDevice],
     options: &UsbOptions,
     system: &Sysfs,
 ) -> Result<(&'a FoundDevice, ReportInterface), LinkError> {
-    // On Windows a serial number may have to be read from the device; that is left out if there is only one device.
+    // On Windows the serial number may have to be read from the device itself, which is not done if there is only one
+    // device.
     let may_ask = options.serial.is_some() || found.len() > 1;
     let facts: Vec<Facts<'_>> = found.iter().map(|found| Facts::of(found, system, may_ask)).collect();
     let index =
@@ -24,7 +25,7 @@ pub(super) fn choose<'a>(
     }
 }
 
-/// The properties of a device by which the board is selected.
+/// The properties of a device that decide whether it is the board.
 struct Facts<'a> {
     path: &'a str,
     serial: Option<String>,
@@ -38,7 +39,7 @@ impl<'a> Facts<'a> {
         Self { path: &found.path, serial, name, why_no_board: found.interface.err() }
     }
 
-    /// The device in error messages: `1-2.3 (ECM-SK, serial 7)`.
+    /// The text for a device in error messages: `1-2.3 (ECM-SK, serial 7)`.
     fn shown(&self) -> String {
         let serial = self.serial.as_ref().map(|serial| format!("serial {serial}"));
         let known: Vec<String> = self.name.clone().into_iter().chain(serial).collect();
@@ -46,7 +47,7 @@ impl<'a> Facts<'a> {
     }
 }
 
-/// The index of the only board that fits the options, or why there is none or more than one.
+/// The index of the only board that fits the options, or the reason why there is none or more than one.
 fn index_of_board(found: &[Facts<'_>], options: &UsbOptions) -> Result<usize, String> {
     let fits = |facts: &Facts<'_>| {
         facts.why_no_board.is_none()
@@ -68,7 +69,7 @@ fn index_of_board(found: &[Facts<'_>], options: &UsbOptions) -> Result<usize, St
     }
 }
 
-/// Compares names of devices; Windows does not always write them in the same case.
+/// Compares device names; on Windows their case may differ.
 fn same(its: &str, given: &str) -> bool {
     if cfg!(windows) { its.eq_ignore_ascii_case(given) } else { its == given }
 }
@@ -140,8 +141,8 @@ mod tests {
         assert_eq!(index_of_board(&both(), &with(Some("8"), Some("1-2.3"))), Ok(1));
     }
 
-    /// WIRE-80, SK-9.17 If there is a board that the system has not switched on, the error is about that board and not about
-    /// other devices with its ids.
+    /// WIRE-80, SK-9.17 If there is a board without an active configuration, the error is about that board and not
+    /// about other devices with its ids.
     #[test]
     fn a_board_that_is_not_switched_on_is_named_before_other_devices() {
         let off = Facts { why_no_board: Some(NotTheBoard::Unconfigured), ..board("1-3", "7") };

@@ -1,9 +1,8 @@
-//! The link `usb:`: a real ECM-SK on USB, or a virtual one (`ecmsk serve usbip`), which this machine's USB stack shows in
-//! the same way.
+//! The link `usb:`: a real ECM-SK on USB, or a virtual one (`ecmsk serve usbip`), which looks the same to this
+//! machine's USB stack.
 //!
-//! Files: `options.rs` has the keys of `usb:` as Rust types, `choose.rs` selects the board among the devices on the bus,
-//! `refused.rs` explains why a board cannot be opened, `slot_watch.rs` checks
-//! `slot=` against its reports.
+//! Files: `options.rs` has the keys of `usb:` as Rust types, `choose.rs` selects the board among the devices on the
+//! bus, `refused.rs` explains why a board cannot be opened, `slot_watch.rs` checks `slot=` against the board's reports.
 
 mod choose;
 mod options;
@@ -26,9 +25,9 @@ use crate::link::common_options::CommonOptions;
 use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::{BOARD_IDS, Frame, SlotSize};
 
-/// The shortest time limit of a write, for callers that choose a shorter one or none: the transfer takes a microframe of
-/// 125 us, and the operating system some time to report it. A board that has not accepted the frame by then is busy.
-/// \[OURS]
+/// The shortest time limit of a write, used if the caller's limit is shorter or 0. The transfer takes a microframe of
+/// 125 us, and the operating system needs some time to report it. A board that has not accepted the frame by then is
+/// busy. \[OURS]
 const WRITE_LIMIT_MIN: Duration = Duration::from_millis(2);
 
 /// A link to a board on USB.
@@ -42,17 +41,17 @@ struct UsbLink {
     slot_watch: Option<Mutex<SlotWatch>>,
 }
 
-/// Where the board is plugged in.
+/// The place where the board is plugged in.
 struct Place {
     system: Sysfs,
-    /// Bus and ports as Linux names them, or the name of the instance on Windows.
+    /// Bus and ports as Linux names them, or the device instance on Windows.
     path: String,
     high_speed: bool,
-    /// The number of over-currents that the port had counted when the board was opened.
+    /// The over-current count of the port when the board was opened.
     over_currents: u32,
 }
 
-/// Opens the board that the URI names. `uncounted`: reports that nobody reads need not be counted.
+/// Opens the board that the URI names. `uncounted` says that reports which nobody reads need not be counted.
 pub(crate) fn open(uri: &LinkUri, common: &CommonOptions, uncounted: bool) -> Result<Arc<dyn Link>, LinkError> {
     let options = UsbOptions::from_uri(uri)?;
     let name = uri.to_string();
@@ -74,7 +73,7 @@ pub(crate) fn open(uri: &LinkUri, common: &CommonOptions, uncounted: bool) -> Re
 }
 
 impl Place {
-    /// Why the board is gone: an over-current of its port since it was opened, or else `reason`.
+    /// The reason why the board is gone: an over-current at its port since it was opened, or else `reason`.
     fn explain_loss(&self, reason: &str) -> String {
         let times = self.system.over_currents(&self.path);
         if times > self.over_currents {
@@ -121,8 +120,8 @@ impl UsbLink {
         }
     }
 
-    /// Fails if the reports so far, with `report` as the newest one, show that the board has another slot size than was
-    /// given.
+    /// Fails if the reports so far, with `report` as the newest one, show that the board's slot size differs from
+    /// `slot=`.
     fn check_slot_size(&self, report: Option<&Frame>) -> Result<(), LinkError> {
         let Some(slot_watch) = &self.slot_watch else { return Ok(()) };
         let mut watch = slot_watch.lock();

@@ -5,12 +5,12 @@ use crate::address::uri::{LinkUri, UriError};
 /// Options of `usb:`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct UsbOptions {
-    /// The serial number of the board; `None`: any.
+    /// The serial number of the board; `None` for any.
     pub serial: Option<String>,
-    /// Where the board is plugged in, bus and ports as Linux names them or the name of the instance on Windows; `None`:
+    /// Where the board is plugged in: bus and ports as Linux names them, or the device instance on Windows; `None` for
     /// anywhere.
     pub path: Option<String>,
-    /// How many transfers for reports the operating system has at the same time.
+    /// How many transfers for reports are pending in the operating system at the same time.
     pub transfers: usize,
 }
 

@@ -1,9 +1,9 @@
-//! Why a board that was found cannot be opened, and what to do about it.
+//! Explains why a board that was found cannot be opened, and what to do about it.
 
 use crate::io::hid::{FoundDevice, Holder, PipeError, Sysfs, UsbError};
 use crate::link::LinkError;
 
-/// What to do if this user may not open the board.
+/// What to do if the user has no permission to open the board.
 #[cfg(target_os = "linux")]
 const IF_DENIED: &str = "`sudo ecmsk doctor --write-udev-rule` gives it to users, and `ecmsk doctor` says what else is in \
                        the way";
@@ -13,7 +13,7 @@ const IF_DENIED: &str = "be root";
 #[cfg(not(windows))]
 const IF_OUT_OF_MEMORY: &str = "take fewer (`transfers=`), or more for all of USB: `echo 256 | sudo tee \
                            /sys/module/usbcore/parameters/usbfs_memory_mb`";
-/// The user of a board if the system does not show who it is.
+/// Stands for the program that has the board open if the system does not show which one it is.
 #[cfg(not(windows))]
 const UNKNOWN_USER: &str = "another program (root is shown which)";
 #[cfg(windows)]
@@ -23,7 +23,7 @@ const IF_OUT_OF_MEMORY: &str = "take fewer (`transfers=`), or end other programs
 #[cfg(windows)]
 const UNKNOWN_USER: &str = "another program that lets nobody else in (close programs for HID devices one by one)";
 
-/// The error of the link for an error of the operating system when it opened the board.
+/// Turns an error of the operating system at opening the board into the error of the link.
 pub(super) fn refused(name: &str, board: &FoundDevice, error: PipeError, system: &Sysfs) -> LinkError {
     let path = &board.path;
     let no_board = |reason: String| LinkError::NoBoard { name: name.to_owned(), reason };
@@ -46,7 +46,7 @@ pub(super) fn refused(name: &str, board: &FoundDevice, error: PipeError, system:
     }
 }
 
-/// Who uses the board, for [`LinkError::InUse`]: ` by press (PID 12), the board at 1-2`.
+/// The programs that have the board open, for [`LinkError::InUse`]: ` by press (PID 12), the board at 1-2`.
 fn by(path: &str, holders: &[Holder]) -> String {
     let names: Vec<String> = holders.iter().map(Holder::to_string).collect();
     let who = if names.is_empty() { UNKNOWN_USER.to_owned() } else { names.join(" and ") };
@@ -57,7 +57,7 @@ fn by(path: &str, holders: &[Holder]) -> String {
 mod tests {
     use super::*;
 
-    /// LIB-46 Who has the board is named where the system shows it.
+    /// LIB-46 The error names the program that has the board open, where the system shows it.
     #[test]
     fn the_error_for_a_board_in_use_names_its_users() {
         let holder = |pid, name: &str| Holder { pid, name: name.into() };

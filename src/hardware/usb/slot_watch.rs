@@ -1,5 +1,5 @@
-//! Checks whether the reports of a board have slots of the size that the link was given (`slot=`). The board does not tell
-//! which size its jumper CONFIG2 selects, so the content of the reports has to show it.
+//! Checks whether the slots in a board's reports have the size that the link was given (`slot=`). The board does not
+//! report which size its jumper CONFIG2 selects, so the content of the reports has to show it.
 
 use crate::sk::{Frame, SlotForm, SlotSize};
 
@@ -9,7 +9,7 @@ const REPORTS_WITH_CRC_MIN: u32 = 3;
 /// How many reports in a row prove a slot size by the form of their slots, if the board sends no CRC. \[OURS]
 const REPORTS_WITHOUT_CRC_MIN: u32 = 32;
 
-/// What the reports so far show of the board's slot size.
+/// The board's slot size, as far as the reports have shown it.
 #[derive(Debug)]
 pub(crate) struct SlotWatch {
     given: SlotSize,
@@ -18,16 +18,16 @@ pub(crate) struct SlotWatch {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
-    /// The size is not proven yet.
+    /// The reports have not proven a size yet.
     Open {
         /// Reports in a row that fit the given size.
         given: u32,
-        /// Reports in a row that fit the other size: by their CRC, and by the form of their slots.
+        /// Reports in a row that fit the other size: first by their CRC, second by the form of their slots.
         other: [u32; 2],
     },
-    /// The given size is proven.
+    /// The reports have proven the given size.
     Right,
-    /// The other size is proven.
+    /// The reports have proven the other size.
     Wrong,
 }
 
@@ -36,7 +36,7 @@ impl SlotWatch {
         Self { given, state: State::Open { given: 0, other: [0; 2] } }
     }
 
-    /// The size that was given.
+    /// The slot size that the link was given.
     pub const fn given(&self) -> SlotSize {
         self.given
     }
@@ -49,7 +49,7 @@ impl SlotWatch {
             match fitting_size(report) {
                 Some(size) if size == self.given => {
                     (*given, *other) = (*given + 1, [0; 2]);
-                    // The form of the slots alone does not prove the given size: a report may fit it by chance.
+                    // The form of the slots alone does not prove the given size, because a report may fit it by chance.
                     if *given >= REPORTS_WITH_CRC_MIN && report.crc_byte() != 0 {
                         self.state = State::Right;
                     }
@@ -108,18 +108,18 @@ mod tests {
         (1..1000).find_map(|number| Some((number, watch.look(&report(number))?)))
     }
 
-    /// WIRE-81 The CRC tells after three reports.
+    /// WIRE-81 With CRCs, three reports prove another slot size.
     #[test]
     fn another_slot_size_is_known_by_the_crc() {
         for (given, of_board) in SIZES {
             let (number, found) = proven_at(given, |number| with_crc(of_board, number)).unwrap();
-            // A right CRC may be 0, which says nothing.
+            // A valid CRC may be 0, which proves nothing; so a few more reports may be needed.
             assert!((3..=5).contains(&number) && found == of_board, "{number}: {found:?}");
             assert_eq!(proven_at(of_board, |number| with_crc(of_board, number)), None);
         }
     }
 
-    /// WIRE-81 Without a CRC the form of the slots tells after 32 reports.
+    /// WIRE-81 Without a CRC, 32 reports prove another slot size by the form of their slots.
     #[test]
     fn another_slot_size_is_known_by_structure() {
         for (given, of_board) in SIZES {
@@ -130,7 +130,7 @@ mod tests {
         assert_eq!(proven_at(SlotSize::Bytes12, |_| Frame::new()), None, "before anything is set up nothing shows");
     }
 
-    /// WIRE-81 A report that was damaged on its way is no reason to refuse the board.
+    /// WIRE-81 A report that was damaged in transit does not make the link refuse the board.
     #[test]
     fn damaged_reports_prove_nothing() {
         let given = SlotSize::Bytes12;
@@ -140,7 +140,7 @@ mod tests {
             frame
         };
         assert_eq!(proven_at(given, damaged), None);
-        // Two of another size, then one that is right, over and over: a row is what counts.
+        // Two reports of the other size, then one of the given size, over and over: only reports in a row count.
         let mixed = |number: u32| with_crc(if number.is_multiple_of(3) { given } else { SlotSize::Bytes16 }, 1);
         assert_eq!(proven_at(given, mixed), None);
     }

@@ -1,4 +1,4 @@
-//! An interface belongs to one program of ours at a time: a master or slaves, never two of them.
+//! Reserves a network interface for one program of this project at a time: a master or slaves, never both.
 
 use std::io;
 use std::os::linux::net::SocketAddrExt;
@@ -6,18 +6,20 @@ use std::os::unix::net::{SocketAddr, UnixListener};
 
 use super::interface::{Interface, InterfaceError};
 
-/// An interface that nobody else who claims it has, until this is dropped or the process ends.
+/// A claim on a network interface, held until it is dropped or the process ends. No other claim on the interface
+/// succeeds meanwhile.
 ///
-/// It is an abstract socket, whose name exists once in a network namespace, as the number of the interface does.
+/// The claim is an abstract socket. Its name exists only once in a network namespace, as does the number of the
+/// interface.
 pub struct Claim {
     _listener: UnixListener,
 }
 
 impl Claim {
-    /// Claims an interface for this value.
+    /// Claims an interface.
     ///
     /// # Errors
-    /// [`InterfaceError::InUse`]: another one has it; [`InterfaceError::System`].
+    /// [`InterfaceError::InUse`] if another claim exists; [`InterfaceError::System`].
     pub fn new(interface: &Interface) -> Result<Self, InterfaceError> {
         let name = || interface.name.clone();
         let failed = |source: io::Error| match source.kind() {
@@ -34,10 +36,10 @@ impl Claim {
 mod tests {
     use super::*;
 
-    /// ECAT-15.21 An interface is claimed once, until the claim is given back.
+    /// ECAT-15.21 A second claim on an interface fails until the first one is dropped.
     #[test]
     fn an_interface_is_claimed_once() {
-        // No interface of this machine has that number.
+        // A number that no interface of this machine has.
         let interface = Interface { name: "veth1".into(), index: i32::MAX, ..Interface::default() };
         let first = Claim::new(&interface).expect("it is free");
         let refused = Claim::new(&interface).err().expect("it is in use");

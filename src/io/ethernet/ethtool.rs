@@ -1,6 +1,7 @@
-//! How a network card is set up, as `ethtool` shows it: what holds frames back.
+//! The settings of a network card, as `ethtool` shows them, as far as they delay frames.
 //!
-//! Each question is a structure of the kernel's `ethtool.h` that is nothing but numbers of 32 bits, the first of which is the command.
+//! Each request is a structure of the kernel's `ethtool.h` that consists only of 32-bit numbers, the first of which is
+//! the command.
 
 use std::os::fd::AsRawFd;
 
@@ -8,22 +9,22 @@ use rustix::net::{AddressFamily, SocketType, socket};
 
 use super::interface::request_about;
 
-/// What a card is set to; `None`: its driver does not say.
+/// The settings of a network card; `None` where its driver does not report a value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CardSettings {
-    /// How long the card waits for further frames before it tells of one, us.
+    /// How long the card waits for further frames before it reports a received one, in us (interrupt coalescing).
     pub rx_usecs: Option<u32>,
-    /// How long it waits before it tells that frames were sent, us.
+    /// How long the card waits before it reports that frames were sent, in us (interrupt coalescing).
     pub tx_usecs: Option<u32>,
-    /// It chooses how long it waits by itself.
+    /// Whether the card chooses the waiting time itself.
     pub adaptive_rx: Option<bool>,
-    /// The kernel joins frames that were received (generic receive offload).
+    /// Whether the kernel merges received frames (generic receive offload).
     pub gro: Option<bool>,
-    /// The card does (large receive offload).
+    /// Whether the card merges received frames (large receive offload).
     pub lro: Option<bool>,
-    /// The card cuts long ones (TCP segmentation offload).
+    /// Whether the card splits long frames (TCP segmentation offload).
     pub tso: Option<bool>,
-    /// Energy Efficient Ethernet: the link sleeps between frames.
+    /// Whether Energy Efficient Ethernet is on: the link sleeps between frames.
     pub eee: Option<bool>,
 }
 
@@ -33,13 +34,13 @@ const GET_TSO: u32 = 0x1E;
 const GET_FLAGS: u32 = 0x25;
 const GET_GRO: u32 = 0x2B;
 const GET_EEE: u32 = 0x44;
-/// The bit of large receive offload in the flags.
+/// The bit for large receive offload in the flags.
 const FLAG_LRO: u32 = 1 << 15;
 
-/// The settings of the interface of that name.
+/// Reads the settings of the interface with that name.
 pub fn settings(interface: &str) -> CardSettings {
     let Ok(socket) = socket(AddressFamily::INET, SocketType::DGRAM, None) else { return CardSettings::default() };
-    // ethtool_coalesce: the command, then 22 numbers; ethtool_value: one; ethtool_eee: nine.
+    // The structures: ethtool_coalesce has the command and 22 numbers, ethtool_value one number, ethtool_eee nine.
     let coalescing = ask::<23>(&socket, interface, GET_COALESCING);
     let value = |command| ask::<2>(&socket, interface, command).map(|[_, value]| value);
     CardSettings {
@@ -53,7 +54,7 @@ pub fn settings(interface: &str) -> CardSettings {
     }
 }
 
-/// Asks the driver of an interface; `None`: it does not answer.
+/// Sends a request to the driver of an interface; `None` if it does not answer.
 fn ask<const N: usize>(socket: &impl AsRawFd, interface: &str, command: u32) -> Option<[u32; N]> {
     let mut numbers = [0; N];
     numbers[0] = command;
@@ -69,7 +70,7 @@ fn ask<const N: usize>(socket: &impl AsRawFd, interface: &str, command: u32) -> 
 mod tests {
     use super::*;
 
-    /// Interfaces that do not answer, or that there cannot be, have no settings; the loopback interface answers some.
+    /// Interfaces that do not answer or cannot exist have no settings. The loopback interface answers some requests.
     #[test]
     fn who_does_not_answer_has_no_settings() {
         for name in ["", "no_such_card", "a_name_that_is_longer_than_any"] {

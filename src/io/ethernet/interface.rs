@@ -1,4 +1,5 @@
-//! The network interfaces of this machine, and whether one is fit for frames that have no place on a network of people.
+//! The network interfaces of this machine, and whether one may be used for EtherCAT frames without disturbing another
+//! network.
 
 use std::ffi::CStr;
 use std::io;
@@ -13,89 +14,90 @@ use crate::io::routes::{default_routes_v4, default_routes_v6};
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum InterfaceError {
-    /// There is none of that name.
+    /// No interface has this name.
     #[error(
         "there is no network interface {name}; there are {found}. Correct the name, or make a pair: docs/SLAVES.md"
     )]
     Missing { name: String, found: String },
-    /// It is no Ethernet.
+    /// The interface is not an Ethernet interface.
     #[error("the network interface {name} is no Ethernet; name another one")]
     NoEthernet { name: String },
-    /// It is switched off.
+    /// The interface is down.
     #[error("the network interface {name} is down; switch it on: sudo ip link set {name} up")]
     Down { name: String },
-    /// Its frames are too short.
+    /// The interface's MTU is too small.
     #[error(
         "the network interface {name} has frames of {mtu} bytes at most (MTU), and those of EtherCAT have up to {MTU_MIN}; set it: \
          sudo ip link set {name} mtu {MTU_MIN}"
     )]
     ShortFrames { name: String, mtu: u32 },
-    /// This machine is reached by it.
+    /// The interface has an IP address, so it belongs to another network.
     #[error(
         "the network interface {name} has the address {address}, so that it belongs to another network; name an interface \
          that belongs to EtherCAT alone, or take the address away: sudo ip address flush dev {name}"
     )]
     HasAddress { name: String, address: IpAddr },
-    /// Other machines are reached by it.
+    /// The interface has this machine's default route.
     #[error(
         "the network interface {name} is this machine's way to others (its default route): everybody there would get \
          these frames; name another interface{}", insist.map(|with| format!(", or insist with {with}")).unwrap_or_default()
     )]
     DefaultRoute { name: String, insist: Option<&'static str> },
-    /// Another master or other slaves of this project have it.
+    /// Another master or other slaves of this project use the interface.
     #[error(
         "the network interface {name} is used by another program of ecmsk on this machine; end that program, or name another \
          interface"
     )]
     InUse { name: String },
-    /// This program may not use raw frames.
+    /// This program has no permission for raw frames.
     #[error(
         "raw frames on {name} need the capability CAP_NET_RAW, which this program does not have; give it to it: sudo setcap \
          cap_net_raw+ep {program}, or start it with sudo"
     )]
     NoRight { name: String, program: String },
-    /// The system does not let it be used.
+    /// The operating system refuses access.
     #[error("the network interface {name} cannot be used: {source}; look at it with: ip link show {name}")]
     System { name: String, source: io::Error },
 }
 
-/// How long a frame of EtherCAT may be without its Ethernet header, bytes: as long as Ethernet has them.
+/// The MTU that EtherCAT frames need: their maximum size without the Ethernet header, in bytes, which is that of
+/// Ethernet.
 const MTU_MIN: u32 = 1500;
 
-/// The address of an Ethernet card.
+/// The MAC address of an Ethernet card.
 pub type MacAddress = [u8; 6];
 
-/// What the system says about a network interface.
+/// The properties of a network interface.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Interface {
-    /// Its name.
+    /// The interface's name.
     pub name: String,
-    /// Its number, from 1.
+    /// The interface's number, from 1.
     pub index: i32,
-    /// Whether it carries Ethernet; the loopback interface does not.
+    /// Whether the interface is an Ethernet interface; the loopback interface is not.
     pub is_ethernet: bool,
-    /// The address of an Ethernet card.
+    /// The MAC address of the interface.
     pub mac_address: MacAddress,
-    /// Whether it is switched on.
+    /// Whether the interface is up.
     pub is_up: bool,
-    /// Whether there is a link: a cable with somebody at its other end.
+    /// Whether the interface has a link to a device at the other end of its cable.
     pub has_carrier: bool,
-    /// How long its frames may be without their Ethernet header, bytes; `None`: not known.
+    /// The MTU: the maximum size of a frame without its Ethernet header, in bytes; `None` if unknown.
     pub mtu: Option<u32>,
-    /// Its addresses of IP.
+    /// The interface's IP addresses.
     pub addresses: Vec<IpAddr>,
-    /// Whether it is this machine's way to others.
+    /// Whether the interface has this machine's default route.
     pub has_default_route: bool,
 }
 
 impl Interface {
-    /// Whether it can be used for frames that are not of a network of people.
+    /// Whether the interface may be used for EtherCAT frames without disturbing another network.
     ///
-    /// \[OURS] An IPv6 address that the system has made up for the link alone is none: every interface has one. One that is the
-    /// default route has an address, too, and both are allowed together.
+    /// \[OURS] An IPv6 link-local address does not count as an address, since every interface has one. An interface
+    /// with the default route has an address too, so allowing the first allows both.
     ///
     /// # Errors
-    /// [`InterfaceError`].
+    /// [`InterfaceError`], the first reason that is found.
     pub fn is_fit(&self, default_route: DefaultRoute) -> Result<(), InterfaceError> {
         let name = || self.name.clone();
         if !self.is_ethernet {
@@ -119,34 +121,34 @@ impl Interface {
         }
     }
 
-    /// The first of its addresses that is not for its link alone; `None`: it has none.
+    /// The first address that is not link-local; `None` if there is none.
     pub fn address(&self) -> Option<IpAddr> {
         self.addresses.iter().find(|address| !is_of_link(address)).copied()
     }
 }
 
-/// Whether an interface may be this machine's way to others.
+/// Whether an interface with this machine's default route may be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DefaultRoute {
-    /// It may be.
+    /// The interface may be used.
     Allowed,
-    /// It may not; the error says how a user insists on it, if one can.
+    /// The interface is refused. The error names the option that allows it, if there is one.
     Refused {
-        /// The option with which a user insists.
+        /// The option with which a user allows it.
         insist: Option<&'static str>,
     },
 }
 
-/// The interface of that name, if it can be used.
+/// The interface with that name, if it may be used.
 ///
 /// # Errors
-/// [`InterfaceError`].
+/// [`InterfaceError`], which says why not and what to do.
 pub fn check(name: &str, default_route: DefaultRoute) -> Result<Interface, InterfaceError> {
     let failed = |source| InterfaceError::System { name: name.to_owned(), source };
     named(name, interfaces().map_err(failed)?, default_route)
 }
 
-/// The interface `name` among all, if it can be used.
+/// The interface `name` among all, if it may be used.
 fn named(name: &str, all: Vec<Interface>, default_route: DefaultRoute) -> Result<Interface, InterfaceError> {
     let found = all.iter().map(|interface| &*interface.name).collect::<Vec<_>>().join(", ");
     let missing = || InterfaceError::Missing { name: name.to_owned(), found };
@@ -158,13 +160,13 @@ const fn is_of_link(address: &IpAddr) -> bool {
     matches!(address, IpAddr::V6(address) if address.is_unicast_link_local())
 }
 
-/// All network interfaces that this process sees.
+/// All network interfaces that this process can see.
 ///
 /// # Errors
-/// That of the system, if it lists none.
+/// The error of the system, if it cannot list them.
 pub fn interfaces() -> io::Result<Vec<Interface>> {
     let mut all = listed()?;
-    // Without these files there is no IP, and no route.
+    // If these files are missing there is no IP, and so no route.
     let read = |file: &str| std::fs::read_to_string(file).unwrap_or_default();
     let routes = [
         default_routes_v4(&read("/proc/thread-self/net/route")),
@@ -179,11 +181,11 @@ pub fn interfaces() -> io::Result<Vec<Interface>> {
     Ok(all)
 }
 
-/// A request about an interface to the system; `None`: no interface has such a name.
+/// A request about an interface for `ioctl`; `None` if the name is too long for one.
 pub(super) fn request_about(name: &str) -> Option<libc::ifreq> {
     // SAFETY: all bytes of the structure may be zero.
     let mut request: libc::ifreq = unsafe { std::mem::zeroed() };
-    // A zero ends the name.
+    // The name must end with a zero, so it must be shorter than the field.
     if name.len() >= request.ifr_name.len() {
         return None;
     }
@@ -191,7 +193,7 @@ pub(super) fn request_about(name: &str) -> Option<libc::ifreq> {
     Some(request)
 }
 
-/// How long frames of an interface may be.
+/// The MTU of an interface, in bytes.
 fn mtu(asked: &OwnedFd, name: &str) -> Option<u32> {
     let mut request = request_about(name)?;
     // SAFETY: the call reads the name and writes the number, both in a structure of that type.
@@ -203,7 +205,7 @@ fn mtu(asked: &OwnedFd, name: &str) -> Option<u32> {
     u32::try_from(unsafe { request.ifr_ifru.ifru_mtu }).ok()
 }
 
-/// The interfaces without their routes.
+/// Lists the interfaces, without their routes.
 fn listed() -> io::Result<Vec<Interface>> {
     let mut all: Vec<Interface> = Vec::new();
     let mut first = std::ptr::null_mut();
@@ -270,8 +272,8 @@ mod tests {
         }
     }
 
-    /// ECAT-15.3 An interface that is missing, no Ethernet, down, has too short frames, has an address or is the default route is refused with the next
-    /// step; the last alone can be insisted on.
+    /// ECAT-15.3 An interface is refused, with the next step, if it is missing, is no Ethernet interface, is down, has
+    /// a small MTU, has an address or has the default route. Only the last reason can be overridden.
     #[test]
     fn each_unfit_interface_is_refused_with_its_reason() {
         let judged = |interface: Interface, force| {
@@ -298,7 +300,7 @@ mod tests {
         assert_eq!(judged(default_route, true), Ok(7));
     }
 
-    /// ECAT-15.3 The loopback interface of this machine is found, with its address, and is no Ethernet.
+    /// ECAT-15.3 The loopback interface of this machine is listed, and is not an Ethernet interface.
     #[test]
     fn the_loopback_interface_is_known() {
         let all = interfaces().expect("the interfaces");

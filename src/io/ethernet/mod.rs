@@ -1,9 +1,10 @@
-//! Ethernet frames from and to a network interface of this machine, without a word of what is in them (Linux, packet(7)).
+//! Sends and receives Ethernet frames at a network interface of this machine, without interpreting them (Linux,
+//! packet(7)).
 //!
-//! - `claim.rs`: an interface belongs to one program of ours at a time
-//! - `interface.rs`: the network interfaces, and whether one is fit for frames that are not of a network of people
-//! - `ethtool.rs`: how a network card is set up
-//! - `socket.rs`: the frames of one EtherType from and to an interface
+//! - `claim.rs`: reserves an interface for one program at a time
+//! - `interface.rs`: the network interfaces, and whether one may be used for EtherCAT frames
+//! - `ethtool.rs`: the settings of a network card
+//! - `socket.rs`: frames of one EtherType at an interface
 
 mod claim;
 mod ethtool;

@@ -1,5 +1,5 @@
-//! The frames of one EtherType from and to a network interface. Such a socket gets no other frames, and not those that this
-//! machine sends.
+//! Frames of one EtherType at a network interface. The socket receives no other frames, and none that this machine
+//! sends.
 
 use std::io;
 use std::mem::size_of;
@@ -11,24 +11,24 @@ use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketFlags, SocketType, 
 
 use super::interface::{Interface, InterfaceError, request_about};
 
-/// Why a frame was neither sent nor taken.
+/// Why a frame was neither sent nor received.
 ///
-/// What the codes of packet(7) mean for whoever uses the interface:
+/// The meaning of the error codes of packet(7) for the user of the interface:
 ///
 /// | code | what has happened | what it means |
 /// | --- | --- | --- |
-/// | `ENXIO`, `ENODEV` | the interface of the socket does not exist any more: its adapter was pulled, it was deleted, or moved to another namespace | [`SocketError::Gone`]: an interface of the same name that comes later is another one, which this socket never reaches |
-/// | `ENETDOWN` | the interface is switched off; from `recv` also once when it was deleted | [`SocketError::System`]: the frame is lost, and frames go on when it is switched on |
+/// | `ENXIO`, `ENODEV` | the interface of the socket does not exist any more: its adapter was pulled, or it was deleted or moved to another namespace | [`SocketError::Gone`]: a later interface with the same name is another one, which this socket never reaches |
+/// | `ENETDOWN` | the interface is down; from `recv` also once when it was deleted | [`SocketError::System`]: the frame is lost; frames pass again when the interface is up |
 /// | `ENOBUFS`, `EAGAIN`, `ENOMEM` | there is no room for the frame | the frame is lost, as on a cable |
 /// | `EMSGSIZE` | the frame is longer than the MTU, which was lowered since the interface was opened | the frame is lost |
-/// | `EINTR` | a signal | the frame is lost; one to be taken comes with the next call |
+/// | `EINTR` | a signal interrupted the call | a frame to send is lost; a received frame is returned by the next call |
 /// | any other one | | the frame is lost |
 #[derive(Debug, thiserror::Error)]
 pub enum SocketError {
     /// The interface does not exist any more. Open it again when it is back.
     #[error("the network interface is gone; plug it in, and open it again")]
     Gone,
-    /// The error of the system for this frame.
+    /// The system's error for this frame.
     #[error("{0}; look at the interface with: ip link")]
     System(io::Error),
 }
@@ -42,25 +42,25 @@ impl From<Errno> for SocketError {
     }
 }
 
-/// A socket of one network interface.
+/// A socket at one network interface, for frames of one EtherType.
 pub struct Socket {
     fd: OwnedFd,
     index: u32,
 }
 
-/// What is at the other end of the cable of an interface.
+/// The state of the link at an interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LinkState {
-    /// Somebody.
+    /// A device is connected.
     Up,
-    /// Nobody, or the interface is switched off.
+    /// No device is connected, or the interface is down.
     Down,
-    /// The interface itself is gone.
+    /// The interface does not exist any more.
     Gone,
 }
 
 impl Socket {
-    /// Opens the interface for frames of that EtherType.
+    /// Opens a socket at the interface for frames of that EtherType.
     ///
     /// # Errors
     /// [`InterfaceError::NoRight`], [`InterfaceError::System`].
@@ -78,7 +78,8 @@ impl Socket {
 
     fn open_raw(index: i32, ethertype: u16) -> io::Result<Self> {
         let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
-        // Without a protocol it hears nothing. With one it would hear all interfaces until it is bound to this one.
+        // The socket is created without a protocol, so that it receives nothing yet. With one it would receive frames
+        // of all interfaces until it is bound.
         let fd = socket_with(AddressFamily::PACKET, SocketType::RAW, flags, None)?;
         let address = libc::sockaddr_ll {
             sll_family: libc::AF_PACKET as u16,
@@ -89,7 +90,7 @@ impl Socket {
             sll_halen: 0,
             sll_addr: [0; 8],
         };
-        // Frames may be sent to any address; a real interface lets only some of them in by itself.
+        // In promiscuous mode the card accepts frames to any MAC address; otherwise it would drop most of them.
         let membership = libc::packet_mreq {
             mr_ifindex: index,
             mr_type: libc::PACKET_MR_PROMISC as u16,
@@ -113,7 +114,7 @@ impl Socket {
         if results.contains(&-1) { Err(io::Error::last_os_error()) } else { Ok(Self { fd, index }) }
     }
 
-    /// Whether there is a link. The interface may have another name by now.
+    /// The state of the link. The interface may have been renamed since it was opened.
     pub fn link_state(&self) -> LinkState {
         let Ok(name) = index_to_name_inlined(&self.fd, self.index) else { return LinkState::Gone };
         let Some(mut request) = request_about(name.as_str()) else { return LinkState::Gone };
@@ -127,10 +128,10 @@ impl Socket {
         if i32::from(flags) & libc::IFF_RUNNING != 0 { LinkState::Up } else { LinkState::Down }
     }
 
-    /// Takes a frame; its length, which is that of the frame even if it has no room in `frame`. `None`: there is none.
+    /// Receives a frame. Returns its full length, even if it does not fit into `frame`; `None` if there is no frame.
     ///
     /// # Errors
-    /// [`SocketError`].
+    /// [`SocketError`], if the frame could not be received.
     pub fn take(&self, frame: &mut [u8]) -> Result<Option<usize>, SocketError> {
         match recv(&self.fd, frame, RecvFlags::DONTWAIT | RecvFlags::TRUNC) {
             Ok((_, len)) => Ok(Some(len)),
@@ -139,17 +140,17 @@ impl Socket {
         }
     }
 
-    /// Sends a frame. It never waits: without room the frame is lost, as on a cable.
+    /// Sends a frame. The call never waits: if there is no room the frame is lost, as on a cable.
     ///
     /// # Errors
-    /// [`SocketError`].
+    /// [`SocketError`], if the frame was not sent.
     pub fn send(&self, frame: &[u8]) -> Result<(), SocketError> {
         send(&self.fd, frame, SendFlags::DONTWAIT)?;
         Ok(())
     }
 }
 
-/// To wait for frames.
+/// For waiting for frames with `poll`.
 impl AsFd for Socket {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.fd.as_fd()

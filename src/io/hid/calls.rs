@@ -1,4 +1,4 @@
-//! For tests of a pipe: reads, and calls that must end in time.
+//! Helpers for tests of a pipe: reads, and calls that must end in time.
 
 use std::sync::mpsc;
 use std::thread;
@@ -6,10 +6,10 @@ use std::time::Duration;
 
 use super::{Pipe, PipeError, REPORT_LEN};
 
-/// Longer than any call of these tests takes; a call that exceeds it has hung.
+/// Longer than any call in these tests takes; a call that exceeds it hangs.
 pub const PATIENCE: Duration = Duration::from_secs(20);
 
-/// Reads the next report; its first byte and its number.
+/// Reads the next report; returns its first byte and its number.
 pub fn read(pipe: &Pipe, limit: Option<Duration>) -> Result<(u8, u64), PipeError> {
     let mut report = [0xA5; REPORT_LEN];
     let done = pipe.read(&mut report, limit);
@@ -25,8 +25,8 @@ pub fn in_time<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> 
     ended.recv_timeout(PATIENCE).expect("it does not end")
 }
 
-/// Runs `work` in a thread, and ends that thread by force, which frees nothing of it, once it has been in `work` for a while:
-/// it waits by then, or `works_until` does not hold yet.
+/// Runs `work` in a thread, and ends that thread by force, so that nothing of it is freed. This happens after some time
+/// in `work`: either the thread is waiting by then, or `works_until` is still false.
 #[cfg(target_os = "linux")]
 pub fn end_thread_in(work: impl FnOnce() + Send + 'static, mut works_until: impl FnMut() -> bool) {
     use std::os::unix::thread::JoinHandleExt as _;
@@ -55,6 +55,6 @@ pub fn end_thread_in(work: impl FnOnce() + Send + 'static, mut works_until: impl
     while !caller.is_gone() {
         thread::sleep(Duration::from_millis(1));
     }
-    // Joining it would wait for a result.
+    // Joining the thread would wait for its result, which never comes.
     std::mem::forget(thread);
 }

@@ -1,9 +1,9 @@
 //! Errors of libusb and of Windows' HID driver.
 
-/// Whose error codes [`UsbError::Other`] shows.
+/// The system whose error codes [`UsbError::Other`] shows.
 const CODES_OF: &str = if cfg!(windows) { "Windows'" } else { "libusb's" };
 
-/// Why libusb (`enum libusb_error`) or Windows refuses a call.
+/// The reason why libusb (`enum libusb_error`) or Windows refuses a call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UsbError {
     /// An error on the wire.
@@ -12,7 +12,7 @@ pub enum UsbError {
     /// An argument is invalid, or the kernel supports no transfer of that kind.
     #[error("invalid parameter")]
     Invalid,
-    /// This user has no permission.
+    /// The user has no permission.
     #[error("access denied")]
     Access,
     /// The device was unplugged.
@@ -24,7 +24,7 @@ pub enum UsbError {
     /// Another program uses the device.
     #[error("busy")]
     Busy,
-    /// There is no memory, or the kernel's limit for USB transfers is reached (`usbcore.usbfs_memory_mb`).
+    /// There is not enough memory, or the kernel's limit for USB transfers is reached (`usbcore.usbfs_memory_mb`).
     #[error("no memory")]
     NoMemory,
     /// This system does not support the call.

@@ -1,10 +1,11 @@
-//! Which thread handles the backend's events. A call that waits for one does it itself, where the backend lets it, which saves a
-//! change of threads for each report. While no call waits the pipe's own thread does it, so that reports are received whatever the program does.
-//! Only one thread handles events at a time.
+//! Decides which thread handles the backend's events; only one does at a time. A call that waits for an event handles
+//! events itself, where the backend allows it, which saves a context switch for each report. While no call waits, the
+//! pipe's own thread handles events, so that reports are received whatever the program does.
 //!
-//! A call that returns does not wake the pipe's thread, since that would cost a change of threads again; the pipe's thread
-//! checks at an interval whether calls still come. While a single call waits for long the pipe's thread sleeps, and that
-//! call wakes it; if that call's thread is gone, which programs end by force, the pipe's thread goes on in its place.
+//! A call that returns does not wake the pipe's thread, since that would cost a context switch again. Instead the
+//! pipe's thread checks at an interval whether calls still come. During a long wait of a single call the pipe's thread
+//! sleeps, and that call wakes it at its end. If the thread of that call was ended by force, the pipe's thread takes
+//! over.
 
 use std::mem;
 use std::thread;
@@ -17,23 +18,24 @@ use super::error::UsbError;
 use super::reports::{ABANDONED, EVENTS_FAILED, Shared, State};
 use crate::threads::{Caller, Signal};
 
-/// The longest time that a thread waits for events before it checks the pipe's state. \[OURS]
+/// The maximum time for which a thread waits for events before it checks the pipe's state. \[OURS]
 const EVENT_WAIT_MAX: Duration = Duration::from_secs(1);
-/// While calls come and go, the pipe's thread checks for events that they have left at this interval per transfer to the
-/// host. It is half of the shortest cycle (250 us), so that the transfers are resubmitted before the last of them is used. \[OURS]
+/// Interval per transfer to the host at which the pipe's thread, while calls come and go, checks for events that the
+/// calls have not handled. It is half of the shortest cycle (250 us), so that transfers are resubmitted before the last
+/// one is used. \[OURS]
 const CHECK_INTERVAL_PER_TRANSFER: Duration = Duration::from_micros(125);
-/// The longest of these intervals, however many transfers there are. \[OURS]
+/// The longest interval at which the pipe's thread checks for events, for any number of transfers. \[OURS]
 const CHECK_INTERVAL_MAX: Duration = Duration::from_millis(1);
-/// How often it is checked that a thread is still there which others wait for. \[OURS]
+/// Interval at which a thread checks that another one, for which it waits, still exists. \[OURS]
 pub(super) const CALLER_CHECK_INTERVAL: Duration = Duration::from_millis(100);
-/// For how long the end of a transfer is awaited whose thread is gone. \[OURS]
+/// How long to wait for the end of a transfer whose thread was ended by force. \[OURS]
 const ABANDONED_LIMIT: Duration = Duration::from_secs(1);
-/// After an error of the backend's event handling it is tried again after this time .. \[OURS]
+/// Pause after an error of the backend's event handling before the next attempt. \[OURS]
 const RETRY_AFTER: Duration = Duration::from_millis(10);
-/// .. and after this many errors in a row, a second in all, the device counts as lost. \[OURS]
+/// After this many errors of the event handling in a row, one second in all, the device counts as lost. \[OURS]
 const EVENT_ERRORS_MAX: u32 = 100;
 
-/// The interval at which the pipe's thread checks for events, with this many transfers to the host.
+/// The interval at which the pipe's thread checks for events, for a number of transfers to the host.
 fn check_interval(transfers: usize) -> Duration {
     u32::try_from(transfers).map_or(CHECK_INTERVAL_MAX, |transfers| {
         CHECK_INTERVAL_PER_TRANSFER.saturating_mul(transfers).min(CHECK_INTERVAL_MAX)
@@ -41,8 +43,8 @@ fn check_interval(transfers: usize) -> Duration {
 }
 
 impl Shared {
-    /// The body of the pipe's thread. It runs until the pipe is closed and all transfers have ended, or their end is not
-    /// reported any more.
+    /// The body of the pipe's thread. It runs until the pipe is closed and all transfers have ended, or until their end
+    /// can no longer be reported.
     pub fn handle_events(&self, backend: &dyn Backend) {
         let check_interval = check_interval(backend.inputs());
         let mut state = self.state.lock();
@@ -50,7 +52,7 @@ impl Shared {
         let mut cancelled = false;
         while !state.events_failed && (!state.closing || state.submitted > 0) {
             if state.closing && !mem::replace(&mut cancelled, true) {
-                // `closing` is set, so no transfer is resubmitted.
+                // No transfer is resubmitted after this, because `closing` is set.
                 MutexGuard::unlocked(&mut state, || backend.cancel_inputs());
                 continue;
             }
@@ -68,8 +70,8 @@ impl Shared {
                     self.sleep(&mut state);
                 }
             } else if !state.closing && (state.submitted == 0 || state.input_pause.is_complete(backend.inputs())) {
-                // The device is lost, or its reports are left to the system: no event can come but the end of a write, for which
-                // the thread that writes waits itself.
+                // The device is lost, or its reports are left to the system. The only possible event is the end of a
+                // write, for which the writing thread itself waits.
                 self.thread_wakeup.wait(&mut state);
             } else if calls_come && !state.closing && backend.lets_calls_handle_events() {
                 self.handle(&mut state, backend, Duration::ZERO);
@@ -80,7 +82,7 @@ impl Shared {
         }
     }
 
-    /// The pipe's thread waits until the call that handles events leaves, or its thread is gone.
+    /// The pipe's thread sleeps until the call that handles events returns, or until the thread of that call has ended.
     fn sleep(&self, state: &mut MutexGuard<'_, State>) {
         state.thread_asleep = true;
         loop {
@@ -99,8 +101,8 @@ impl Shared {
         state.thread_asleep = false;
     }
 
-    /// Called by a read or write: waits for a change of the state. It may return early, and up to a millisecond late, because
-    /// systems count in milliseconds.
+    /// Called by a read or write: waits for a change of the state. It may return early, and up to a millisecond late,
+    /// since systems time waits in milliseconds.
     pub fn wait(
         &self,
         changed: &Signal,
@@ -115,7 +117,7 @@ impl Shared {
         Self::wait_at(changed, state, limit);
     }
 
-    /// Called by a write: waits like [`Shared::wait`], for the end of its transfer.
+    /// Called by a write: waits for the end of its transfer, otherwise like [`Shared::wait`].
     pub fn wait_written(&self, state: &mut MutexGuard<'_, State>, backend: &dyn Backend, limit: Option<Duration>) {
         if !backend.waits_for_output_apart() {
             return self.wait(&self.writable, state, backend, limit);
@@ -123,12 +125,12 @@ impl Shared {
         state.call_count += 1;
         self.call_unlocked(state, || backend.await_output(limit.unwrap_or(EVENT_WAIT_MAX).min(EVENT_WAIT_MAX)));
         if state.closing && state.output_result.is_some() {
-            // The pipe's thread waits for the end of this transfer and is not informed of it otherwise.
+            // The pipe's thread waits for the end of this transfer and has no other way to learn of it.
             self.wake_all(state, backend);
         }
     }
 
-    /// Ends the transfer to the device of a thread that is gone.
+    /// Cancels the transfer to the device whose thread was ended by force, and waits for its end.
     pub fn end_abandoned_write(&self, state: &mut MutexGuard<'_, State>, backend: &dyn Backend) {
         let began = Instant::now();
         backend.cancel_output();
@@ -141,11 +143,11 @@ impl Shared {
         }
     }
 
-    /// Handles events that are pending, without waiting.
+    /// Handles pending events without waiting.
     pub fn poll_events(&self, state: &mut MutexGuard<'_, State>, backend: &dyn Backend) {
         if !backend.lets_calls_handle_events() {
             if state.reports.is_empty() {
-                // The pipe's thread may be about to.
+                // The pipe's thread may be about to handle the pending events.
                 Self::wait_at(&self.readable, state, Some(CHECK_INTERVAL_MAX));
             }
         } else if state.event_handler.is_none() && !state.events_failed {
@@ -153,7 +155,7 @@ impl Shared {
         }
     }
 
-    /// Ends all waits, whichever thread handles events.
+    /// Wakes all waiting threads, whichever of them handles events.
     pub fn wake_all(&self, state: &State, backend: &dyn Backend) {
         self.readable.notify_all();
         self.writable.notify_all();
@@ -176,12 +178,13 @@ impl Shared {
         state.event_handler = Some(Caller::current());
         self.call_unlocked(state, || backend.handle_events(limit));
         state.event_handler = None;
-        // One of the waiting calls goes on handling events.
+        // One of the waiting calls takes over the handling of events.
         self.readable.notify_all();
         self.writable.notify_all();
     }
 
-    /// Calls the backend without holding the lock. If it fails [`EVENT_ERRORS_MAX`] times in a row the device is lost.
+    /// Calls the backend without holding the lock. After [`EVENT_ERRORS_MAX`] failures in a row the device counts as
+    /// lost.
     fn call_unlocked(&self, state: &mut MutexGuard<'_, State>, work: impl FnOnce() -> Result<(), UsbError>) {
         let done = MutexGuard::unlocked(state, || {
             work().inspect_err(|error| {
@@ -201,7 +204,8 @@ impl Shared {
 mod tests {
     use super::*;
 
-    /// However few transfers wait for reports, they are looked after before they are used up at the shortest cycle.
+    /// With any number of transfers, the check interval is short enough to resubmit them before all are used up at the
+    /// shortest cycle.
     #[test]
     fn transfers_are_looked_after_in_time() {
         let cycle = Duration::from_micros(250);

@@ -1,9 +1,9 @@
-//! While a program reads nothing, its reports may stay in the system's queue, which keeps the newest of them as the pipe's
-//! queue does. Receiving each report costs processor time that nobody has a use for, and that the writes of a program lack,
-//! since Windows has to be asked for every single one.
+//! Pauses the input of a pipe while a program does not read: its reports then stay in the system's queue, which keeps
+//! the newest ones as the pipe's queue does. Receiving every report would cost processor time that the program's writes
+//! lack, since Windows requires a call for each one.
 //!
-//! Reports that the system drops meanwhile are not counted, so a pipe pauses its input only if its owner allows it
-//! ([`PipeOptions::may_pause_input`]). A loss of the device during a pause is noticed by the next call.
+//! The system does not count the reports that it drops meanwhile, so a pipe pauses its input only if its owner allows
+//! it ([`PipeOptions::may_pause_input`]). If the device is lost during a pause, the next call notices it.
 
 use std::time::{Duration, Instant};
 
@@ -16,15 +16,15 @@ use crate::threads::Caller;
 
 /// A pause begins when no call has read for this long. \[OURS]
 const PAUSE_AFTER_UNREAD: Duration = Duration::from_millis(250);
-/// How long the first read after a pause waits at most until the reports of the system's queue are received. \[OURS]
+/// How long the first read after a pause waits at most for the reports in the system's queue. \[OURS]
 const CATCH_UP_WITHIN: Duration = Duration::from_millis(50);
 
 /// The state of a pipe's input.
 pub(super) struct InputPause {
     allowed: bool,
-    /// When the last read ended.
+    /// The time at which the last read ended.
     read_at: Instant,
-    /// The threads whose reads are under way.
+    /// The threads that are in a read.
     readers: Vec<Caller>,
     phase: Phase,
     /// Transfers to the host that are not submitted because of the pause.
@@ -39,14 +39,14 @@ enum Phase {
     Paused,
     /// Transfers are submitted again, and the system's queue is emptied.
     CatchingUp {
-        /// How many reports that queue may still hold.
+        /// How many reports the system's queue may still hold.
         missing: usize,
-        /// When it counts as empty in any case.
+        /// The time at which the system's queue counts as empty in any case.
         until: Instant,
     },
 }
 
-/// A pipe that may not pause its input.
+/// The state of a pipe that may not pause its input.
 impl Default for InputPause {
     fn default() -> Self {
         let held_back = Vec::new();
@@ -59,7 +59,7 @@ impl InputPause {
         Self { allowed: options.may_pause_input, held_back: Vec::with_capacity(options.transfers), ..Self::default() }
     }
 
-    /// Whether transfer `number`, which has ended, is not to be submitted again because of the pause.
+    /// Whether the ended transfer `number` must not be resubmitted because of the pause.
     pub fn keeps_back(&mut self, number: usize) -> bool {
         let paused = self.phase == Phase::Paused;
         if paused {
@@ -68,7 +68,7 @@ impl InputPause {
         paused
     }
 
-    /// Whether the loss of the device is not noticed unless a call asks for it.
+    /// Whether the input is paused, so that the loss of the device is noticed only when a call checks for it.
     pub fn is_paused(&self) -> bool {
         self.phase == Phase::Paused
     }
@@ -94,15 +94,15 @@ impl InputPause {
         }
     }
 
-    /// A report was received.
+    /// Records that a report was received.
     pub const fn note_report(&mut self) {
         if let Phase::CatchingUp { missing, .. } = &mut self.phase {
             *missing = missing.saturating_sub(1);
         }
     }
 
-    /// How long the reports of the system's queue may still take; `None` once they are received. Then the system's queue is
-    /// set to its greatest length again.
+    /// The time within which the remaining reports of the system's queue are awaited; `None` once all are received.
+    /// Then the system's queue gets its maximum length again.
     fn catch_up_time_left(&mut self, backend: &dyn Backend) -> Option<Duration> {
         let Phase::CatchingUp { missing, until } = self.phase else { return None };
         let left = until.saturating_duration_since(Instant::now());
@@ -118,7 +118,7 @@ impl InputPause {
         if !self.allowed || self.phase != Phase::Receiving || self.read_at.elapsed() < PAUSE_AFTER_UNREAD {
             return false;
         }
-        // Those of threads that were ended by force never end.
+        // Reads of threads that were ended by force never end, so they are removed.
         self.readers.retain(|reader| !reader.is_gone());
         self.readers.is_empty()
     }
@@ -151,7 +151,7 @@ impl Shared {
             }
             state.submitted += 1;
         }
-        // The pipe's thread checks for events at the usual interval again.
+        // The pipe's thread has to check for events at its usual interval again.
         self.thread_wakeup.notify_all();
     }
 

@@ -1,8 +1,8 @@
-//! A HID device on USB with reports of a fixed size, one interrupt endpoint each way.
+//! A HID device on USB with reports of a fixed size and one interrupt endpoint in each direction.
 //!
-//! [`find`] lists the devices with the board's ids and says which of them have its report interface; [`Pipe`] sends and
-//! receives reports. Transfers to the host are submitted at all times, so that no report is missed between two reads. The
-//! system is reached through a backend: libusb, or on Windows the system's own HID driver
+//! [`find`] lists the devices with the board's ids and shows which of them have its report interface; [`Pipe`] sends
+//! and receives reports. Transfers to the host are submitted at all times, so that no report is missed between two
+//! reads. The system is accessed through a backend: libusb, or on Windows the system's own HID driver
 //! (docs/decisions/windows-hid-driver.md).
 //!
 //! How to read it:
@@ -10,12 +10,12 @@
 //! | file | what it holds |
 //! | --- | --- |
 //! | `found_device.rs` | a device on the bus, and why it may not be a board |
-//! | `sysfs.rs` | what Linux tells about a device: serial number, speed, who has it open |
+//! | `sysfs.rs` | Linux's information about a device: serial number, speed, processes that have it open |
 //! | `pipe.rs` | an open device: `read`, `write`, `cancel`, `close` |
-//! | `reports.rs` | the state behind a pipe, and what happens when a transfer ends |
+//! | `reports.rs` | the state behind a pipe, and its changes at the end of a transfer |
 //! | `events.rs` | which thread handles the backend's events |
-//! | `input_pause.rs` | when a program only writes, reports may stay in the system's queue |
-//! | `backend.rs` | the trait by which a pipe reaches the system, and `error.rs`, its errors |
+//! | `input_pause.rs` | reports stay in the system's queue while a program only writes |
+//! | `backend.rs` | the trait through which a pipe uses the system, and `error.rs`, its errors |
 //! | `libusb/` | the backend over libusb: `api` (functions), `bus` (objects), `transfer`, `backend`, `find`; in `packets` a device with packets instead of reports |
 //! | `windows/` | the backend over Windows' HID driver, with the same parts |
 //! | `calls.rs`, `*/fake.rs` | for tests: calls with a limit, and a simulated libusb and Windows |
@@ -32,7 +32,7 @@ mod libusb;
 mod pipe;
 mod reports;
 mod sysfs;
-// Its functions are a table; the tests have one on every system.
+// This module is compiled for tests on every system: Windows' functions are in a table, which the tests replace.
 #[cfg(any(windows, test))]
 mod windows;
 

@@ -1,4 +1,4 @@
-//! An open device: a queue of the reports that it has sent, and one report at a time to it.
+//! An open device: a queue of received reports, and one report at a time to the device.
 
 use std::mem;
 use std::sync::Arc;
@@ -14,40 +14,40 @@ use super::reports::{GONE, Shared, State};
 use super::{FoundDevice, REPORT_LEN, ReportInterface};
 use crate::threads::{self, Caller};
 
-/// How a pipe is opened.
+/// Options of a pipe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PipeOptions {
-    /// How many transfers to the host are submitted at a time, 1 or more.
+    /// Number of transfers to the host that are submitted at the same time, 1 or more.
     pub transfers: usize,
-    /// How many reports are kept while nobody reads, 1 or more; the newest ones are kept.
+    /// Capacity of the queue of unread reports, 1 or more; the newest ones are kept.
     pub queue: usize,
-    /// While a program reads nothing, reports may stay in the queue of a system that keeps the newest itself. Those that the
-    /// system drops are not counted.
+    /// Whether reports may stay in the system's queue while a program does not read, if the system keeps the newest
+    /// ones. Reports that the system drops are not counted.
     pub may_pause_input: bool,
 }
 
-/// Why a call of a pipe failed.
+/// The reason why a call of a pipe failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PipeError {
     /// The call did not complete within its limit.
     #[error("nothing within {0:?}")]
     Timeout(Duration),
-    /// The call was ended by [`Pipe::cancel_reads`] or [`Pipe::cancel_writes`].
+    /// The call was cancelled by [`Pipe::cancel_reads`] or [`Pipe::cancel_writes`].
     #[error("the call was cancelled")]
     Cancelled,
     /// The pipe is closed.
     #[error("it is closed")]
     Closed,
-    /// The device was unplugged or does not answer any more, for this reason.
+    /// The device was unplugged or no longer answers, for this reason.
     #[error("{0}")]
     Lost(&'static str),
     /// Only a part of the report was transferred.
     #[error("{moved} of {REPORT_LEN} bytes were moved")]
     Torn {
-        /// How many bytes were transferred.
+        /// Number of bytes transferred.
         moved: usize,
     },
-    /// The device refused the report. Its halt is cleared, so that it can take the next one.
+    /// The device refused the report. The halt is cleared, so the next report can be accepted.
     #[error("it refuses the report (its endpoint stalls)")]
     Stalled,
     /// libusb or Windows refused the call.
@@ -58,13 +58,13 @@ pub enum PipeError {
 /// Counters of a pipe since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PipeStats {
-    /// Reports received.
+    /// Number of reports received.
     pub reports: u64,
-    /// Reports dropped because nobody read them in time.
+    /// Number of reports dropped because they were not read in time.
     pub dropped: u64,
-    /// Transfers to the host that were empty or short.
+    /// Number of transfers to the host that were empty or short.
     pub short: u64,
-    /// Transfers to the host that failed on the wire.
+    /// Number of transfers to the host that failed on the wire.
     pub failed: u64,
 }
 
@@ -77,19 +77,19 @@ pub struct Pipe {
 }
 
 impl Pipe {
-    /// Opens a device. With libusb its interface is detached from the kernel's driver until the pipe is closed. On Windows
-    /// the HID driver keeps it, and other programs may open it too.
+    /// Opens a device. With libusb its interface is detached from the kernel's driver until the pipe is closed. On
+    /// Windows the HID driver keeps the interface, and other programs may open the device too.
     ///
     /// # Errors
-    /// [`PipeError::Usb`] with [`UsbError::Access`] if this user has no permission, with [`UsbError::Busy`] if another
-    /// program uses the device. [`PipeError::Lost`] if it is unplugged meanwhile.
+    /// [`PipeError::Usb`] with [`UsbError::Access`] if the user has no permission, with [`UsbError::Busy`] if another
+    /// program uses the device. [`PipeError::Lost`] if the device was just unplugged.
     pub fn open(found: &FoundDevice, interface: ReportInterface, options: PipeOptions) -> Result<Self, PipeError> {
         let shared = Arc::new(Shared::new(options));
         let backend = found.device.open_backend(interface, options.transfers, &shared)?;
         Self::with_backend(backend, shared)
     }
 
-    /// Opens a pipe over a backend whose listener is `shared`.
+    /// Creates a pipe over a backend whose listener is `shared`.
     pub(super) fn with_backend(backend: Arc<dyn Backend>, shared: Arc<Shared>) -> Result<Self, PipeError> {
         let (thread_shared, thread_backend) = (shared.clone(), backend.clone());
         let events = threads::spawn("usb-events", move || {
@@ -97,7 +97,7 @@ impl Pipe {
             end_of_transfers(&thread_shared, &thread_backend);
         });
         let events = events.map_err(|_| UsbError::NoMemory)?;
-        // From here on dropping the pipe ends the thread and the transfers.
+        // From here on, dropping the pipe ends the thread and the transfers.
         let pipe = Self { shared, event_thread: Mutex::new(Some(events)), backend };
         for number in 0..pipe.backend.inputs() {
             let mut state = pipe.shared.state.lock();
@@ -105,17 +105,17 @@ impl Pipe {
             pipe.backend.submit_input(number).map_err(submit_error)?;
             state.submitted += 1;
         }
-        // Its thread has had nothing to do before.
+        // The pipe's thread had nothing to do before the first transfer was submitted.
         pipe.shared.thread_wakeup.notify_all();
         Ok(pipe)
     }
 
-    /// Reads the oldest report that was not read yet. Returns when this process received it, and its number from 0. The time
-    /// is that of the system's event while a call waits or none has waited for a moment; between two calls it may be up to
-    /// a millisecond late. Without a `limit` the call waits until a report comes.
+    /// Reads the oldest unread report. Returns the time at which this process received it, and its number from 0. The
+    /// time is that of the system's event while a call waits, or if no call has waited for a moment; between two calls
+    /// it may be up to a millisecond late. Without a `limit` the call waits until a report comes.
     ///
     /// # Errors
-    /// [`PipeError`]; `report` is unchanged then.
+    /// [`PipeError`]; `report` is then unchanged.
     pub fn read(&self, report: &mut [u8; REPORT_LEN], limit: Option<Duration>) -> Result<(Instant, u64), PipeError> {
         let mut state = self.shared.state.lock();
         state.input_pause.begin_read();
@@ -135,7 +135,7 @@ impl Pipe {
         self.shared.end_pause(state, &*self.backend);
         self.shared.catch_up(state, &*self.backend, limit);
         if self.shared.queue == 1 && !state.closing {
-            // A queue of one report is for programs that want the newest.
+            // With a queue of one report the program wants the newest one, so pending events are handled first.
             self.shared.poll_events(state, &*self.backend);
         }
         let mut polled = false;
@@ -152,7 +152,7 @@ impl Pipe {
                 return Err(PipeError::Cancelled);
             }
             match time_left(began, limit) {
-                // The limit is over, but a report may be there whose event nobody has handled.
+                // The limit has passed, but a report may have come whose event was not handled yet.
                 Err(_) if !polled => {
                     polled = true;
                     self.shared.poll_events(state, &*self.backend);
@@ -162,7 +162,7 @@ impl Pipe {
         }
     }
 
-    /// Sends one report to the device. Without a `limit` the call waits until the device takes it.
+    /// Sends one report to the device. Without a `limit` the call waits until the device accepts it.
     ///
     /// # Errors
     /// [`PipeError`]. No byte was transferred, except with [`PipeError::Torn`].
@@ -174,7 +174,7 @@ impl Pipe {
         written
     }
 
-    /// Waits until no other thread writes; then it is this thread that does.
+    /// Waits until it is this thread's turn to write, since only one thread writes at a time.
     fn turn_to_write(&self, began: Instant, limit: Option<Duration>) -> Result<WriterTurn<'_>, PipeError> {
         let caller = Caller::current();
         let mut state = self.shared.state.lock();
@@ -220,7 +220,7 @@ impl Pipe {
         state.submitted += 1;
         state.output_submitted = true;
         drop(state);
-        // Without the lock, because on some systems the call returns only when the device has the report.
+        // The lock is released, because on some systems the call returns only when the device has the report.
         // SAFETY: it is this thread's turn to write, and the transfer of the write before has ended.
         let submitted = unsafe { self.backend.submit_output(report) };
         let mut state = self.shared.state.lock();
@@ -231,7 +231,7 @@ impl Pipe {
             if let PipeError::Lost(why) = error {
                 self.shared.lose(&mut state, why);
             }
-            // The thread that closes the pipe may wait for this transfer.
+            // The thread that closes the pipe may be waiting for this transfer.
             self.shared.wake_all(&state, &*self.backend);
             return Err(error);
         }
@@ -251,7 +251,7 @@ impl Pipe {
                 None
             };
             match (given_up, stop) {
-                // The transfer is cancelled and ends soon.
+                // The transfer was cancelled and ends soon.
                 (Some(_), _) => self.shared.wait_written(&mut state, &*self.backend, None),
                 (None, Some(why)) => {
                     given_up = Some(why);
@@ -277,21 +277,21 @@ impl Pipe {
         write_result(outcome, moved, given_up)
     }
 
-    /// Ends the reads under way with [`PipeError::Cancelled`].
+    /// Cancels the running reads, which return [`PipeError::Cancelled`].
     pub fn cancel_reads(&self) {
         let mut state = self.shared.state.lock();
         state.cancelled_reads += 1;
         self.shared.wake_all(&state, &*self.backend);
     }
 
-    /// Ends the writes under way with [`PipeError::Cancelled`].
+    /// Cancels the running writes, which return [`PipeError::Cancelled`].
     pub fn cancel_writes(&self) {
         let mut state = self.shared.state.lock();
         state.cancelled_writes += 1;
         self.shared.wake_all(&state, &*self.backend);
     }
 
-    /// Checks that the pipe is open and the device is there.
+    /// Checks that the pipe is open and the device is connected.
     ///
     /// # Errors
     /// [`PipeError::Closed`], [`PipeError::Lost`].
@@ -315,31 +315,32 @@ impl Pipe {
             state.closing = true;
             self.shared.wake_all(&state, &*self.backend);
         }
-        // The pipe's thread ends the transfers and releases the device, so that it is done even if this thread ends here.
+        // The pipe's thread ends the transfers and releases the device, so that this happens even if the calling thread
+        // ends here.
         let Some(events) = self.event_thread.lock().take() else { return };
-        // A panic in it cannot be reported from here.
+        // A panic of the pipe's thread cannot be reported from here.
         let _ = events.join();
     }
 }
 
-/// What the pipe's thread does last: no transfer is submitted any more, or their end is not reported.
+/// The last steps of the pipe's thread, when all transfers have ended or their end can no longer be reported.
 fn end_of_transfers(shared: &Shared, backend: &Arc<dyn Backend>) {
     let (stalled, leaked) = {
         let state = shared.state.lock();
         (state.stalled, state.events_failed && state.submitted > 0)
     };
     if leaked {
-        // The system may still write into transfers whose end it does not report, so their memory is never freed.
+        // The system may still write into transfers whose end was not reported, so their memory is never freed.
         mem::forget(backend.clone());
     }
     if stalled {
-        // The next program that opens the device is to find a working endpoint.
+        // The next program that opens the device must find a working endpoint.
         backend.clear_input_halt();
     }
     backend.release();
 }
 
-/// This thread writes, or waits for its turn to, until this is dropped.
+/// The turn of this thread to write, from waiting for it until this value is dropped.
 struct WriterTurn<'a> {
     shared: &'a Shared,
     caller: Caller,
@@ -359,7 +360,7 @@ impl Drop for Pipe {
     }
 }
 
-/// The time left until a call's limit; `None` without a limit, or with one too long to be added to the clock.
+/// The time left until a call's limit; `None` without a limit, or if the limit is beyond the range of the clock.
 fn time_left(began: Instant, limit: Option<Duration>) -> Result<Option<Duration>, PipeError> {
     let Some((limit, until)) = limit.and_then(|limit| Some((limit, began.checked_add(limit)?))) else {
         return Ok(None);
@@ -370,10 +371,10 @@ fn time_left(began: Instant, limit: Option<Duration>) -> Result<Option<Duration>
     }
 }
 
-/// The error of a transfer that the system did not take.
+/// The error of a transfer that the system did not accept.
 const fn submit_error(error: UsbError) -> PipeError {
     match error {
-        // The interface is not claimed any more: the device has reset itself.
+        // The interface is no longer claimed, because the device has reset itself.
         UsbError::NoDevice | UsbError::NotFound => PipeError::Lost(GONE),
         other => PipeError::Usb(other),
     }
@@ -381,7 +382,7 @@ const fn submit_error(error: UsbError) -> PipeError {
 
 fn write_result(outcome: Outcome, moved: usize, given_up: Option<PipeError>) -> Result<(), PipeError> {
     match (outcome, moved) {
-        // A cancelled transfer may have completed just before.
+        // A cancelled transfer may have completed just before it was cancelled.
         (Outcome::Done | Outcome::Cancelled, REPORT_LEN) => Ok(()),
         (Outcome::Gone, _) => Err(PipeError::Lost(GONE)),
         (_, 1..) => Err(PipeError::Torn { moved }),

@@ -1,5 +1,5 @@
-//! The state behind a pipe, and what happens to it when a transfer ends: a report is queued, a write is done, the device is
-//! lost.
+//! The state behind a pipe, and its changes at the end of a transfer: a report is queued, a write is done, the device
+//! is lost.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -16,63 +16,65 @@ use crate::threads::{Caller, Signal};
 /// How many transfers in a row may fail on the wire before the device counts as lost. \[OURS]
 const FAILURES_MAX: u32 = 8;
 
-/// For how many reports memory is allocated when the pipe is opened; a longer queue grows as it fills. \[OURS]
+/// Number of reports for which memory is allocated when the pipe is opened; a longer queue grows as it fills. \[OURS]
 const QUEUE_CAPACITY_INITIAL: usize = 1024;
 
-/// For how many threads that write at once memory is allocated when the pipe is opened. \[OURS]
+/// Number of writing threads for which memory is allocated when the pipe is opened. \[OURS]
 const WRITERS_CAPACITY: usize = 8;
 
-// Why a device is lost, for the user.
+// Texts for the user that say why a device is lost.
 pub(super) const GONE: &str = "it was pulled or has reset itself (SW_RESET)";
 const STALLED: &str = "it refuses to send (its endpoint stalls); if it does so again, switch it off and on";
 const FAILING: &str = "its transfers fail: it was pulled, or the cable or the hub is bad";
 const DEFECT: &str = "a defect of this library has ended its transfers; open it again, and please report it with the \
                       output of ECMSK_LOG=trace";
-/// With [`State::events_failed`], too: the transfer of a thread that was ended by force has no end.
+/// The reason if a thread was ended by force during a write, so that the end of its transfer is never reported.
+/// [`State::events_failed`] is then set too.
 pub(super) const ABANDONED: &str = "a thread of the program was ended in a write to it; open it again";
-/// With [`State::events_failed`].
+/// The reason if the backend's event handling has failed for good. [`State::events_failed`] is then set too.
 pub(super) const EVENTS_FAILED: &str = "this system does not say any more what becomes of its transfers; pull it and plug it in \
                                again, and look at the system's log";
 
 /// A report from the device.
 pub(super) struct Report {
     pub bytes: [u8; REPORT_LEN],
-    /// When this process received it from the system.
+    /// The time at which this process received the report from the system.
     pub at: Instant,
-    /// Its number since the pipe was opened, from 0.
+    /// The report's number since the pipe was opened, from 0.
     pub number: u64,
 }
 
 #[derive(Default)]
 pub(super) struct State {
     pub reports: VecDeque<Report>,
-    /// How many transfers are submitted and have not ended.
+    /// Number of transfers that are submitted and have not ended.
     pub submitted: usize,
-    /// The thread that writes, and behind it those that wait to.
+    /// The thread that writes, followed by the threads that wait for their turn.
     pub writers: VecDeque<Caller>,
-    /// The transfer to the device is submitted.
+    /// Whether the transfer to the device is submitted.
     pub output_submitted: bool,
-    /// How the transfer to the device ended, and after how many bytes; `None` until it has.
+    /// The end of the transfer to the device, with the number of bytes transferred; `None` until it has ended.
     pub output_result: Option<(Outcome, usize)>,
-    /// Why the device is lost, for the user; `None` while it is there.
+    /// Why the device is lost, as a text for the user; `None` while it is connected.
     pub lost: Option<&'static str>,
-    /// The endpoint to the host has stalled.
+    /// Whether the endpoint to the host has stalled.
     pub stalled: bool,
     pub closing: bool,
-    /// How often reads were cancelled. A read that sees it change ends.
+    /// Number of cancellations of reads. A read that sees a change of it ends.
     pub cancelled_reads: u64,
-    /// How often writes were cancelled. A write that sees it change ends.
+    /// Number of cancellations of writes. A write that sees a change of it ends.
     pub cancelled_writes: u64,
     /// The thread that is in [`Backend::handle_events`](super::backend::Backend::handle_events).
     pub event_handler: Option<Caller>,
-    /// How often a call has begun to wait or has stopped handling events. The pipe's thread sees by it whether calls come.
+    /// Number of times that a call has begun to wait or has stopped handling events, by which the pipe's thread sees
+    /// whether calls still come.
     pub call_count: u64,
-    /// The pipe's thread sleeps until the call that handles events returns.
+    /// Whether the pipe's thread sleeps until the call that handles events returns.
     pub thread_asleep: bool,
-    /// How often in a row the backend's event handling has failed.
+    /// Number of failures in a row of the backend's event handling.
     pub event_errors: u32,
-    /// The backend's event handling has failed for good. The end of transfers is not reported any more, so the system may
-    /// still own some of them. The device is lost.
+    /// Whether the backend's event handling has failed for good. The ends of transfers are then no longer reported, so
+    /// the system may still use some of them, and the device is lost.
     pub events_failed: bool,
     failures: u32,
     pub input_pause: InputPause,
@@ -86,12 +88,12 @@ impl State {
         Self { reports, writers, input_pause: InputPause::new(options), ..Self::default() }
     }
 
-    /// Whether the thread is gone that has submitted the transfer to the device.
+    /// Whether the thread that submitted the transfer to the device was ended by force.
     pub fn is_write_abandoned(&self) -> bool {
         self.output_submitted && self.writers.front().is_none_or(Caller::is_gone)
     }
 
-    /// An error if the pipe is closed or the device is lost.
+    /// Returns an error if the pipe is closed or the device is lost.
     pub fn check(&self) -> Result<(), PipeError> {
         if self.closing {
             return Err(PipeError::Closed);
@@ -100,7 +102,7 @@ impl State {
     }
 }
 
-/// What the threads that read, write and close share with the pipe's own thread.
+/// State that the threads that read, write and close share with the pipe's own thread.
 pub(super) struct Shared {
     pub queue: usize,
     pub state: Mutex<State>,
@@ -111,7 +113,7 @@ pub(super) struct Shared {
 }
 
 impl Shared {
-    /// The queue keeps the newest [`PipeOptions::queue`] reports.
+    /// Creates the state. The queue keeps the newest [`PipeOptions::queue`] reports.
     pub fn new(options: PipeOptions) -> Self {
         Self {
             queue: options.queue,
@@ -122,14 +124,14 @@ impl Shared {
         }
     }
 
-    /// Waits at `signal` without holding the lock.
+    /// Waits for `signal` without holding the lock.
     pub fn wait_at(signal: &Signal, state: &mut MutexGuard<'_, State>, limit: Option<Duration>) {
         let ticket = signal.ticket();
         MutexGuard::unlocked(state, || signal.wait(ticket, limit));
     }
 
-    /// Marks the device as lost and ends every wait. Reports that were not read yet are dropped and counted, because a
-    /// program must not take an old state of the machine for the present one.
+    /// Marks the device as lost and ends every wait. Unread reports are dropped and counted, because a program must not
+    /// take an old state of the machine for the present one.
     pub fn lose(&self, state: &mut State, why: &'static str) {
         state.lost.get_or_insert(why);
         state.stats.dropped += state.reports.len() as u64;
@@ -148,7 +150,7 @@ impl Shared {
         state.stats.reports += 1;
         state.input_pause.note_report();
         if state.lost.is_some() {
-            // It was received before the device was lost and is handled only now.
+            // This report was received before the device was lost, but is handled only now.
             state.stats.dropped += 1;
             return;
         }
@@ -182,8 +184,8 @@ impl TransferListener for Shared {
                 }
             }
         }
-        // Resubmit under the lock: the thread that closes the pipe cancels all that was submitted before it set `closing`, and
-        // nothing may be submitted after that.
+        // The transfer is resubmitted under the lock: the thread that closes the pipe cancels the transfers submitted
+        // before it set `closing`, and nothing may be submitted after that.
         let wanted = !state.closing && state.lost.is_none();
         let held_back = wanted && state.input_pause.keeps_back(number);
         if wanted && !held_back && resubmit().is_ok() {
@@ -208,7 +210,7 @@ impl TransferListener for Shared {
 
     fn panicked(&self) {
         let mut state = self.state.lock();
-        // Whether the transfer was counted as ended is unknown, so nobody may wait for its end.
+        // It is unknown whether the transfer was counted as ended, so no thread may wait for its end.
         state.events_failed = true;
         self.lose(&mut state, DEFECT);
     }

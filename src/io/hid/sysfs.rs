@@ -1,33 +1,33 @@
-//! What Linux tells in sysfs and /proc about a device on the bus besides its descriptors. Nothing is sent to the device. On
-//! other systems everything here is empty.
+//! Information about a device on the bus that Linux provides in sysfs and /proc, besides its descriptors. Nothing is
+//! sent to the device. On other systems everything here is empty.
 
 use std::fmt;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Reads sysfs and /proc below a folder, which is `/` but in tests.
+/// Reads sysfs and /proc below a root folder, which is `/` except in tests.
 #[derive(Clone, Debug)]
 pub struct Sysfs {
-    /// `None` on systems other than Linux.
+    /// The folder in which `sys` and `proc` are; `None` on systems other than Linux.
     root: Option<PathBuf>,
 }
 
-/// Something about a device's connection that is worth a warning.
+/// A problem of a device's connection that deserves a warning.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DeviceWarning {
     /// The device does not run at high speed, 480 Mbit/s.
     Slow {
-        /// Its speed in Mbit/s; `None` if the system does not tell.
+        /// The device's speed in Mbit/s; `None` if the system does not report it.
         mbit: Option<String>,
     },
     /// The kernel suspends the device while no program has it open (autosuspend).
     Sleeps {
-        /// The file in sysfs that switches it off.
+        /// The file in sysfs that switches autosuspend off.
         control: PathBuf,
     },
     /// The device's port has cut the power because of an over-current.
     OverCurrent {
-        /// How often since the hub was connected.
+        /// The number of over-currents since the hub was connected.
         times: u32,
     },
 }
@@ -81,17 +81,18 @@ impl Sysfs {
         Self { root: cfg!(target_os = "linux").then(|| "/".into()) }
     }
 
-    /// The serial number of the device at `path`, such as `1-2.3`; `None` if it has none or this is no Linux.
+    /// The serial number of the device at `path`, such as `1-2.3`; `None` if it has none, and on systems other than
+    /// Linux.
     pub fn serial(&self, path: &str) -> Option<String> {
         self.attribute(path, "serial")
     }
 
-    /// The product name of the device at `path`; `None` if it has none or this is no Linux.
+    /// The product name of the device at `path`; `None` if it has none, and on systems other than Linux.
     pub fn name(&self, path: &str) -> Option<String> {
         self.attribute(path, "product")
     }
 
-    /// What is worth a warning about the device at `path`.
+    /// The warnings about the connection of the device at `path`.
     pub fn warnings(&self, path: &str, high_speed: bool) -> Vec<DeviceWarning> {
         let mut remarks = Vec::new();
         if !high_speed {
@@ -111,7 +112,7 @@ impl Sysfs {
         remarks
     }
 
-    /// How often the port of the device at `path` has cut the power because of an over-current.
+    /// How many times the port of the device at `path` has cut the power because of an over-current.
     pub fn over_currents(&self, path: &str) -> u32 {
         // The folder of a port is below its hub's interface: 1-2-port3 of hub 1-2, usb1-port2 of the root hub of bus 1.
         let (hub, interface, port) = match (path.rsplit_once('.'), path.split_once('-')) {
@@ -123,8 +124,8 @@ impl Sysfs {
         count.and_then(|count| count.parse().ok()).unwrap_or(0)
     }
 
-    /// The processes that have the device with this bus number and address open. Those of other users are visible to root
-    /// only.
+    /// The processes that have the device with this bus number and address open. Only root can see those of other
+    /// users.
     pub fn holders(&self, (bus, address): (u8, u8)) -> Vec<Holder> {
         let node = PathBuf::from(format!("/dev/bus/usb/{bus:03}/{address:03}"));
         let processes = self.root.iter().flat_map(|root| fs::read_dir(root.join("proc"))).flatten().flatten();
@@ -151,7 +152,7 @@ impl Sysfs {
 }
 
 fn first_line(file: &Path) -> Option<String> {
-    // A device's texts need not be UTF-8.
+    // The texts of a device need not be UTF-8.
     let bytes = fs::read(file).ok()?;
     let text = String::from_utf8_lossy(&bytes).trim().to_owned();
     (!text.is_empty()).then_some(text)
@@ -181,7 +182,7 @@ mod tests {
         }
     }
 
-    /// WIRE-80
+    /// WIRE-80 There are warnings for a device that is slow, may be suspended, or whose port has cut the power.
     #[test]
     fn what_starves_or_slows_a_board_is_remarked() {
         let tree = Tree::new(&[
@@ -201,7 +202,8 @@ mod tests {
         assert!(starved.to_string().contains("power supply of its own"), "{starved}");
     }
 
-    /// WIRE-80 A port of the machine itself stands elsewhere than that of a hub.
+    /// WIRE-80 A device without problems has no warnings. The files of a root hub's port are in another folder than
+    /// those of a hub's port.
     #[test]
     fn a_board_without_trouble_has_no_remark() {
         let tree = Tree::new(&[
@@ -217,7 +219,7 @@ mod tests {
         assert_eq!(Tree::new(&[]).system().warnings("1-2", true), [], "a system that says nothing");
     }
 
-    /// LIB-46 Whoever has the node open holds the board.
+    /// LIB-46 A process with an open file descriptor of the device node is a holder of the device.
     #[test]
     fn holders_are_found_by_their_open_files() {
         let tree = Tree::new(&[

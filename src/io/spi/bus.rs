@@ -1,4 +1,4 @@
-//! One spidev device, which this process has locked.
+//! One spidev device, locked by this process.
 
 use std::os::fd::AsFd;
 use std::path::Path;
@@ -11,7 +11,7 @@ use super::{WireError, list_devices};
 /// Bits per SPI word.
 const WORD_BITS: u8 = 8;
 
-/// A spidev device that is open.
+/// An open spidev device.
 pub(super) struct Bus {
     name: String,
     spi: Spidev,
@@ -24,7 +24,7 @@ impl Bus {
         let name = device.display().to_string();
         let failed = |error: std::io::Error| WireError::of(&name, &error, || list_devices("spidev"));
         let mut spi = Spidev::open(device).map_err(failed)?;
-        // spidev itself allows several programs to open it.
+        // The lock is needed because spidev allows several programs to open the device.
         flock(spi.inner().as_fd(), FlockOperation::NonBlockingLockExclusive).map_err(|errno| failed(errno.into()))?;
         let options = SpidevOptions::new()
             .bits_per_word(WORD_BITS)

@@ -1,4 +1,4 @@
-//! [`Wires`] over the kernel's drivers: a spidev device, and lines of GPIO chips.
+//! Implements [`Wires`] over the kernel's drivers: a spidev device, and lines of GPIO chips.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -33,7 +33,7 @@ impl Device {
     /// Opens the wires and locks them against other programs that use this library.
     ///
     /// # Errors
-    /// [`WireError`].
+    /// [`WireError`], which names the device or line.
     pub fn open(settings: &SpiSettings) -> Result<Self, WireError> {
         let bus = Bus::open(&settings.device, settings.speed_hz, settings.mode)?;
         let busy = settings.busy.as_ref().map(|place| ReadyLine::open(place, Level::Low)).transpose()?;

@@ -1,4 +1,4 @@
-//! [`EdgeWires`] over the kernel's drivers: a spidev device, and lines of GPIO chips.
+//! Implements [`EdgeWires`] over the kernel's drivers: a spidev device, and lines of GPIO chips.
 
 use std::path::PathBuf;
 use std::thread;
@@ -17,17 +17,17 @@ pub struct EdgeSettings {
     pub speed_hz: u32,
     /// The SPI mode, 0..=3.
     pub mode: u8,
-    /// The line that says when the device is ready for an exchange, if it is wired.
+    /// The line that shows when the device is ready for an exchange, if it is wired.
     pub ready: Option<GpioLine>,
-    /// The level of that line while it is.
+    /// The level of that line while the device is ready.
     pub ready_level: Level,
-    /// The line for interrupts, if it is wired.
+    /// The interrupt line, if it is wired.
     pub interrupt: Option<GpioLine>,
     /// The reset line, if it is wired: low resets the device.
     pub reset: Option<GpioLine>,
 }
 
-/// Wires that this process has opened. Their clock is monotonic, and 0 when they are opened.
+/// Wires that this process has opened. Their monotonic clock is 0 at the opening.
 pub struct EdgeDevice {
     bus: Bus,
     ready: Option<ReadyLine>,
@@ -40,7 +40,7 @@ impl EdgeDevice {
     /// Opens the wires and locks them against other programs that use this library.
     ///
     /// # Errors
-    /// [`WireError`].
+    /// [`WireError`], which names the device or line.
     pub fn open(settings: &EdgeSettings) -> Result<Self, WireError> {
         let bus = Bus::open(&settings.device, settings.speed_hz, settings.mode)?;
         let ready = settings.ready.as_ref().map(|place| ReadyLine::open(place, settings.ready_level)).transpose()?;

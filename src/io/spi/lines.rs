@@ -1,5 +1,4 @@
-//! The lines of a device on SPI beside its bus, as lines of a GPIO chip: the one that says when it is ready, its interrupt,
-//! its reset.
+//! The lines of a device on SPI besides its bus, as lines of a GPIO chip: ready, interrupt and reset.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -12,9 +11,9 @@ use rustix::io::Errno;
 
 use super::{WireError, list_devices};
 
-/// The consumer that the kernel names as the user of a line (`gpioinfo` shows it).
+/// The consumer name that the kernel shows as the user of a line (`gpioinfo`).
 const CONSUMER: &str = "ecmsk";
-/// The most edge events that are read from the kernel at a time.
+/// The maximum number of edge events that are read from the kernel at a time.
 const EDGES_PER_READ: usize = 16;
 
 /// The address of a GPIO line: `gpiochip0/25`, `/dev/gpiochip0/25`, or with the line's name, `gpiochip0/BUSY`.
@@ -41,7 +40,7 @@ impl std::fmt::Display for GpioLine {
     }
 }
 
-/// The level of a line.
+/// The level of a GPIO line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
     /// Low.
@@ -50,19 +49,19 @@ pub enum Level {
     High,
 }
 
-/// The line that says when the device is ready for an exchange, by its level and by the edge to it.
+/// The line that shows by its level, and by the edge to that level, when the device is ready for an exchange.
 pub(super) struct ReadyLine {
     input: InputLine,
     ready: Level,
-    /// The buffer for edge events. gpiocdev's call for a single event is not used, because it loses further events that it
-    /// has read with it.
+    /// The buffer for edge events. gpiocdev's call for a single event is not used, because it loses further events that
+    /// it has read together with the first.
     edges: Vec<u64>,
-    /// An edge to ready was read that was not reported yet.
+    /// Whether an edge to the ready level was read but not reported yet.
     has_edge: bool,
 }
 
 impl ReadyLine {
-    /// The line of a device that is ready while the line has that level.
+    /// Opens the line of a device that is ready while the line has that level.
     pub fn open(place: &GpioLine, ready: Level) -> Result<Self, WireError> {
         let edge = match ready {
             Level::Low => EdgeDetection::FallingEdge,
@@ -77,10 +76,10 @@ impl ReadyLine {
         Ok(self.input.is_high()? == (self.ready == Level::High))
     }
 
-    /// Waits until the device is ready, for at most `limit`; whether it is.
+    /// Waits until the device is ready, for at most `limit`; returns whether it is.
     ///
-    /// An edge between reading the level and the wait ends the wait, since the kernel queues it. An older edge does so too,
-    /// which is why the level is read again after each wait.
+    /// An edge between reading the level and the wait ends the wait, since the kernel queues it. An older edge does so
+    /// too, so the level is read again after each wait.
     pub fn wait_ready(&mut self, limit: Duration) -> Result<bool, WireError> {
         let began = Instant::now();
         loop {
@@ -97,8 +96,8 @@ impl ReadyLine {
         }
     }
 
-    /// Waits for an edge to ready since [`Self::has_become_ready`] was called, or since the last edge that this function
-    /// has waited for, for at most `limit`; whether there was one. The level is not looked at.
+    /// Waits for an edge to the ready level for at most `limit`; returns whether there was one. Edges before the last
+    /// call of [`Self::has_become_ready`] or of this function do not count. The level is not checked.
     pub fn wait_edge(&mut self, limit: Duration) -> Result<bool, WireError> {
         let began = Instant::now();
         loop {
@@ -113,7 +112,7 @@ impl ReadyLine {
         }
     }
 
-    /// Whether there was an edge to ready since the last call.
+    /// Whether there was an edge to the ready level since the last call.
     pub fn has_become_ready(&mut self) -> Result<bool, WireError> {
         while self.input.request.has_edge_event().map_err(|error| self.input.failed(&error))? {
             self.take_edges()?;
@@ -121,8 +120,8 @@ impl ReadyLine {
         Ok(std::mem::take(&mut self.has_edge))
     }
 
-    /// Waits until the kernel has an edge, for at most `limit`; whether it has. A signal handler of the program may end
-    /// the wait.
+    /// Waits until the kernel has an edge event, for at most `limit`; returns whether it has. A signal handler of the
+    /// program may end the wait early.
     fn edge_comes(&self, limit: Duration) -> Result<bool, WireError> {
         let limit = Timespec::try_from(limit).unwrap_or(Timespec { tv_sec: i64::MAX, tv_nsec: 0 });
         match poll(&mut [PollFd::new(&self.input.request, PollFlags::IN)], Some(&limit)) {
@@ -140,7 +139,7 @@ impl ReadyLine {
     }
 }
 
-/// A line that the device drives.
+/// An input line, which the device drives.
 pub(super) struct InputLine {
     name: String,
     request: Request,
@@ -161,7 +160,7 @@ impl InputLine {
     }
 }
 
-/// The line that resets the device by a low pulse; otherwise it is high.
+/// The reset line: a low pulse resets the device; otherwise the line is high.
 pub(super) struct ResetLine {
     name: String,
     request: Request,

@@ -1,9 +1,9 @@
-//! A device on SPI: full-duplex exchanges under one chip select, a line that says when the next may begin, a reset or an
-//! interrupt line.
+//! A device on SPI: full-duplex exchanges under one chip select, a line that shows when the next exchange may begin,
+//! and a reset or an interrupt line.
 //!
-//! The link `spi:` uses the trait [`Wires`], with a line whose level says that the device is busy; `xf-spi:` uses
-//! [`EdgeWires`], with one whose edge says that it has become ready. [`Device`] and [`EdgeDevice`] implement them over the
-//! kernel's spidev and GPIO lines; tests implement them themselves.
+//! The link `spi:` uses the trait [`Wires`], with a line whose level shows that the device is busy. The link `xf-spi:`
+//! uses [`EdgeWires`], with a line whose edge shows that the device has become ready. [`Device`] and [`EdgeDevice`]
+//! implement the traits over the kernel's spidev and GPIO lines; tests have implementations of their own.
 
 mod bus;
 mod device;
@@ -17,12 +17,12 @@ pub use edge_device::{EdgeDevice, EdgeSettings};
 pub use lines::{GpioLine, Level};
 use rustix::io::Errno;
 
-/// The wires to one device, which only the owner of this value uses.
+/// The wires to one device; only the owner of this value uses them.
 pub trait Wires: Send {
-    /// Sends `tx` and receives as many bytes into `rx`, under one chip select.
+    /// Sends `tx` and receives the same number of bytes into `rx`, under one chip select.
     ///
     /// # Errors
-    /// [`WireError`]; how many bytes were exchanged is not known then.
+    /// [`WireError`]; it is then unknown how many bytes were exchanged.
     fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), WireError>;
 
     /// Whether a BUSY line is wired, which is low when the next exchange may begin.
@@ -34,7 +34,8 @@ pub trait Wires: Send {
     /// [`WireError`].
     fn is_busy(&mut self) -> Result<bool, WireError>;
 
-    /// Waits until the BUSY line is low, for at most `limit`; whether it is. It may have fallen and risen again meanwhile.
+    /// Waits until the BUSY line is low, for at most `limit`; returns whether it is. The line may have fallen and risen
+    /// again meanwhile.
     ///
     /// # Errors
     /// [`WireError`].
@@ -53,38 +54,38 @@ pub trait Wires: Send {
     fn reset(&mut self, low: Duration) -> Result<bool, WireError>;
 }
 
-/// The wires to one device that tells by an edge when it has become ready, which only the owner of this value uses, and
-/// their clock.
+/// The wires to one device that signals by an edge when it has become ready, with their clock; only the owner of this
+/// value uses them.
 pub trait EdgeWires: Send {
-    /// The time in nanoseconds. Where zero lies is up to the wires.
+    /// The time in nanoseconds; its zero point is arbitrary.
     fn now_ns(&self) -> u64;
 
-    /// Waits for that time.
+    /// Waits for a duration.
     fn sleep(&mut self, time: Duration);
 
-    /// Sends `tx` and receives as many bytes into `rx`, under one chip select.
+    /// Sends `tx` and receives the same number of bytes into `rx`, under one chip select.
     ///
     /// # Errors
-    /// [`WireError`]; how many bytes were exchanged is not known then.
+    /// [`WireError`]; it is then unknown how many bytes were exchanged.
     fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), WireError>;
 
-    /// Whether the line is wired that says when the device is ready.
+    /// Whether the ready line is wired.
     fn has_ready_line(&self) -> bool;
 
-    /// Forgets all edges that have come.
+    /// Forgets all edges that have come so far.
     ///
     /// # Errors
     /// [`WireError`].
     fn forget_edges(&mut self) -> Result<(), WireError>;
 
-    /// Waits for an edge to ready that has come since [`Self::forget_edges`], for at most `limit`; whether there was
-    /// one, which is forgotten then. `false` at once if the line is not wired.
+    /// Waits for an edge to ready since [`Self::forget_edges`], for at most `limit`; returns whether there was one, and
+    /// forgets it. Returns `false` at once if the line is not wired.
     ///
     /// # Errors
     /// [`WireError`].
     fn wait_edge(&mut self, limit: Duration) -> Result<bool, WireError>;
 
-    /// Whether the interrupt line is high; `None`: it is not wired.
+    /// Whether the interrupt line is high; `None` if it is not wired.
     ///
     /// # Errors
     /// [`WireError`].
@@ -99,7 +100,7 @@ pub trait EdgeWires: Send {
     }
 }
 
-/// Why SPI or a GPIO line cannot be used.
+/// The reason why SPI or a GPIO line cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[expect(missing_docs, reason = "`what` is always the device file or line, and the messages say the rest")]
 pub enum WireError {
@@ -113,18 +114,18 @@ pub enum WireError {
     /// This user has no permission.
     #[error("{what} may not be used by this user")]
     Denied { what: String },
-    /// The file is no device of the expected kind.
+    /// The file is not a device of the expected kind.
     #[error("{what} is no device of that kind; {there}")]
     Another {
         what: String,
         /// What exists instead, as a text for the user.
         there: String,
     },
-    /// Another program, or a driver of the kernel, uses it.
+    /// Another program or a kernel driver uses it.
     #[error("{what} is in use{by}")]
     InUse {
         what: String,
-        /// Who uses it, as ` by ...`; empty if that is not known.
+        /// The user of it, as ` by ...`; empty if unknown.
         by: String,
     },
     /// The system refuses the call.
@@ -138,7 +139,7 @@ pub enum WireError {
 }
 
 impl WireError {
-    /// The meaning of an error of the system for a device file.
+    /// Converts an error of the system for a device file.
     fn of(what: &str, error: &std::io::Error, there: impl FnOnce() -> String) -> Self {
         use std::io::ErrorKind::{NotFound, PermissionDenied, ResourceBusy, WouldBlock};
 

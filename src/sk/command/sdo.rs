@@ -10,27 +10,27 @@ use crate::sk::slot::{RawSlot, SlotSize, object_word};
 /// A command for the SDO slot, the last slot of a frame. The board transfers one object at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SdoCommand {
-    /// No request.
+    /// No request: GET_STATUS.
     GetStatus,
     /// Read an object of a slave: SDO upload.
     Read {
-        /// Slave, 1..=40 (30).
+        /// The slave's number, 1..=40 (1..=30 in 16-byte mode).
         slave: u8,
         /// Index and sub-index of the object.
         object: ObjectAddress,
     },
     /// Write an object of a slave: expedited SDO download.
     Write {
-        /// Slave, 1..=40 (30).
+        /// The slave's number, 1..=40 (1..=30 in 16-byte mode).
         slave: u8,
         /// Index and sub-index of the object.
         object: ObjectAddress,
-        /// How many bytes of `value` are sent, which has to be the object's size.
+        /// Number of bytes of `value` to send, which must be the object's size.
         size: SdoSize,
         /// Data2: the value. Bytes beyond `size` do not reach the slave.
         value: u32,
     },
-    /// A command that does not belong into the SDO slot, or an id that no guide lists.
+    /// A command that does not belong in the SDO slot, or an id that no guide lists.
     Other(RawSlot),
 }
 
@@ -80,7 +80,7 @@ impl SdoCommand {
         }
     }
 
-    /// Writes the arguments as a dump shows them, each with a blank in front.
+    /// Writes the arguments as a dump shows them, each preceded by a blank.
     pub(in crate::sk) fn write_arguments(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match *self {
             Self::Read { slave, object } => write!(f, " slave {slave} {object}"),
@@ -100,7 +100,7 @@ impl SdoCommand {
         }
     }
 
-    /// Gives the arguments by name, one after the other.
+    /// Calls `give` with the name and the value of each argument.
     pub fn arguments(&self, give: &mut dyn FnMut(&'static str, Argument)) {
         let mut transfer = |slave: u8, object| {
             give("slave", Argument::Number(slave.into()));

@@ -1,4 +1,4 @@
-//! Commands for one slave, in its slot.
+//! Commands for one slave, in that slave's slot.
 
 use core::fmt::{self, Formatter};
 
@@ -10,14 +10,14 @@ use crate::sk::slot::{RawSlot, SlotSize, TwoChannelSlot};
 /// Arguments of CSP and CSV.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Motion {
-    /// The slave's axis; axis 1 of an HSP.
+    /// Target of the slave's only axis, or of axis 1 of an HSP (pulse module).
     pub first: AxisTarget,
-    /// Axis 2 of a two-channel HSP; any other slave ignores it. A slot of 12 bytes has no place for it.
+    /// Target of axis 2 of a two-channel HSP; any other slave ignores it. A slot of 12 bytes has no room for it.
     pub second: AxisTarget,
 }
 
 impl Motion {
-    /// A target for the slave's (first) axis, all outputs off.
+    /// A target for the slave's only or first axis, with all digital outputs off.
     pub const fn to(target: i32) -> Self {
         Self { first: AxisTarget { target, outputs: 0 }, second: AxisTarget { target: 0, outputs: 0 } }
     }
@@ -30,7 +30,7 @@ impl Motion {
         }
     }
 
-    /// Writes the targets as a dump shows them; axis 2 only if something of it is set.
+    /// Writes the targets as a dump shows them, with axis 2 only if its target or its outputs are not 0.
     fn write(&self, f: &mut Formatter<'_>, what: &str) -> fmt::Result {
         let axis = |f: &mut Formatter<'_>, axis: &AxisTarget| {
             write!(f, " {what} {}", axis.target)?;
@@ -47,7 +47,8 @@ impl Motion {
         axis(f, &self.second)
     }
 
-    /// Gives the targets by name; outputs and axis 2, which most slaves do not have, only if something of them is set.
+    /// Calls `give` with each target by name. Outputs and axis 2, which most slaves do not have, are left out when they
+    /// are 0.
     fn give(&self, what: &'static str, give: &mut dyn FnMut(&'static str, Argument)) {
         give(what, Argument::Number(self.first.target.into()));
         if self.first.outputs != 0 {
@@ -73,16 +74,16 @@ impl Motion {
     }
 }
 
-/// A command for one slave, in its slot, 1..=40 (30).
+/// A command for one slave, in the slot of that slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SlaveCommand {
-    /// No new request: the slave goes on with what it was told.
+    /// No new request: the slave continues with its last command.
     GetStatus,
     /// Choose the mode of operation and with it the slave's process data, before SafeOP.
     DriveMode {
-        /// CSP, CSV or CST.
+        /// The mode of operation: CSP, CSV or CST.
         mode: Mode,
-        /// Free run or DC sync.
+        /// The synchronisation: free run or DC sync.
         sync: DriveSync,
     },
     /// Clear a drive's fault: fault reset of CiA 402.
@@ -105,7 +106,7 @@ pub enum SlaveCommand {
     GoHome,
     /// Abort the homing of all slaves.
     AbortHome,
-    /// A command that does not belong into a slave's slot, or an id that no guide lists.
+    /// A command that does not belong in a slave's slot, or an id that no guide lists.
     Other(RawSlot),
 }
 
@@ -129,7 +130,7 @@ impl SlaveCommand {
         }
     }
 
-    /// Writes the arguments as a dump shows them, each with a blank in front.
+    /// Writes the arguments as a dump shows them, each preceded by a blank.
     pub(in crate::sk) fn write_arguments(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match self {
             Self::DriveMode { mode, sync: DriveSync::DcSync } => write!(f, " {mode}, DC sync"),
@@ -149,7 +150,7 @@ impl SlaveCommand {
         }
     }
 
-    /// Gives the arguments by name, one after the other.
+    /// Calls `give` with the name and the value of each argument.
     pub fn arguments(&self, give: &mut dyn FnMut(&'static str, Argument)) {
         match self {
             Self::DriveMode { mode, sync } => {
@@ -175,18 +176,18 @@ impl SlaveCommand {
         }
     }
 
-    /// The command with an index of the caller's choice, which the response to it repeats.
+    /// Adds a command index, a number of the caller's choice, which the response repeats.
     pub const fn with_index(self, index: u8) -> SlotCommand {
         SlotCommand { index, command: self }
     }
 }
 
-/// The content of a slave's slot: its command and the command's index.
+/// The content of a slave's slot: a command and its index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct SlotCommand {
     /// Byte 1: a number that the application chooses. Firmware 1.7 repeats it in the response to this command.
     pub index: u8,
-    /// Bytes 0 and 2 and up: what the slave is to do.
+    /// Byte 0 and bytes 2 onward: the command and its arguments.
     pub command: SlaveCommand,
 }
 
@@ -205,7 +206,7 @@ impl SlotCommand {
         Self::decode_as(CommandId::from_code(slot.id), slot, size)
     }
 
-    /// The same as [`Self::decode`] where the caller has looked up the slot's id already.
+    /// [`Self::decode`] for a caller that has already looked up the slot's id.
     #[inline(always)]
     pub(crate) fn decode_as(id: CommandId, slot: &RawSlot, size: SlotSize) -> Result<Self, Malformed> {
         let command = match id {

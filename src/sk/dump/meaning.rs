@@ -1,11 +1,11 @@
-//! What a slot of a dump means, as types: for tools that write another format than text, such as JSON.
+//! The meaning of a dump's slots as types, for tools that write another format than text, such as JSON.
 
 use crate::sk::{
     CommandId, DriveResponse, HspResponse, IoResponse, Malformed, MasterCommand, MasterResponse, RawSlot, SdoCommand,
     SdoResponse, SlaveKind, SlotCommand, SlotSize,
 };
 
-/// What a slot means, by the frame's direction and the slot's place.
+/// The meaning of a slot, by the frame's direction and the slot's position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SlotMeaning {
     /// Slot 0 of a command frame.
@@ -14,7 +14,7 @@ pub enum SlotMeaning {
     SlaveCommand(SlotCommand),
     /// The SDO slot of a command frame.
     SdoCommand(SdoCommand),
-    /// A slot of a command frame whose command belongs there but has an argument that no guide allows.
+    /// A command that belongs in the slot and has an argument that no guide allows.
     Malformed(Malformed),
     /// Slot 0 of a response frame.
     MasterResponse(MasterResponse),
@@ -25,9 +25,9 @@ pub enum SlotMeaning {
 }
 
 impl SlotMeaning {
-    /// Encodes the meaning as a slot, byte 3 of slot 0 (the CRC) 0; `None` for [`Self::Malformed`].
+    /// Encodes the meaning as a slot, with byte 3 of slot 0 (the CRC) set to 0; `None` for [`Self::Malformed`].
     ///
-    /// If the result differs from the slot that was decoded, that slot has bytes set that its meaning does not use.
+    /// If the result differs from the decoded slot, that slot has bytes set that its meaning does not use.
     pub fn encode(&self, size: SlotSize) -> Option<RawSlot> {
         Some(match self {
             Self::MasterCommand(command) => command.encode(),
@@ -41,10 +41,10 @@ impl SlotMeaning {
     }
 }
 
-/// The kind of slave that a response slot belongs to, and how certain that is, since it is not on the wire.
+/// The kind of slave that a response slot belongs to, and how certain it is, since the kind is not on the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum KindEvidence {
-    /// The caller declared it.
+    /// The caller declared the kind.
     Given(SlaveKind),
     /// Only this kind takes the command that the slot answers.
     Implied(SlaveKind),
@@ -55,7 +55,7 @@ pub enum KindEvidence {
 }
 
 impl KindEvidence {
-    /// The kind, however certain it is.
+    /// The kind, whatever its certainty; `None` if unknown.
     pub const fn kind(self) -> Option<SlaveKind> {
         match self {
             Self::Given(kind) | Self::Implied(kind) | Self::Guessed(kind) => Some(kind),
@@ -63,7 +63,7 @@ impl KindEvidence {
         }
     }
 
-    /// Applies the rules that stand at [`super::ResponseDump`].
+    /// Applies the rules listed at [`super::ResponseDump`].
     fn from_fields(slot: &RawSlot) -> Self {
         let id = CommandId::from_code(slot.id);
         match id.only_kind() {
@@ -93,17 +93,16 @@ pub struct SlaveReading {
     pub id: CommandId,
     /// Byte 1: the index of that command, or the mode of operation.
     pub byte_one: ByteOne,
-    /// The kind of the slave, and how certain it is.
+    /// The kind of the slave, and how certain the kind is.
     pub kind: KindEvidence,
-    /// Bytes 2 and up, in that kind's layout.
+    /// Bytes 2 onward, in the layout of that kind.
     pub data: SlaveData,
 }
 
-/// Bytes 2 and up of a slave's slot in a response. Each layout repeats bytes 0 and 1 in its `head`.
+/// Bytes 2 onward of a slave's slot in a response. Each layout repeats bytes 0 and 1 in its `head`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SlaveData {
-    /// All bytes are 0, and the slot may be one that holds no values at all: the state is not OP, or there is no kind to
-    /// decode it for.
+    /// All bytes are 0, and zeros are no values here: the network is not in OP, or the kind of slave is unknown.
     Nothing,
     /// The layout of a drive or a stepper.
     Drive(DriveResponse),
@@ -116,7 +115,7 @@ pub enum SlaveData {
 }
 
 impl SlaveReading {
-    /// Decodes a slot, byte 1 as the command index. `in_op`: the state in slot 0 is OP, where zeros are values.
+    /// Decodes a slot, with byte 1 as the command index. `in_op` says that slot 0 reports OP, where zeros are values.
     pub(super) fn of(slot: &RawSlot, size: SlotSize, given: Option<SlaveKind>, in_op: bool) -> Self {
         let kind = given.map_or_else(|| KindEvidence::from_fields(slot), KindEvidence::Given);
         let no_data = RawSlot { id: 0, index: 0, ..*slot }.is_zero();

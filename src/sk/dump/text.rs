@@ -72,7 +72,7 @@ impl Display for SlotLine {
 }
 
 impl SlotLine {
-    /// The fields that the line's text tells; `None` if the text is the raw fields themselves.
+    /// The fields that the line's text shows; `None` if the text is the raw fields themselves.
     fn fields_in_text(&self) -> Option<RawSlot> {
         let used = self.meaning.encode(self.size)?;
         Some(match self.meaning {
@@ -174,7 +174,7 @@ impl SlotLine {
         }
     }
 
-    /// The text after the id of a command that does not belong into this slot.
+    /// Writes why the command is not decoded: its id does not belong in this slot, or no guide lists the id.
     fn foreign_id(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let reason = match (CommandId::from_code(self.raw.id), self.role) {
             (CommandId::Unknown(_), _) => "no such command",

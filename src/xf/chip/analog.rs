@@ -1,16 +1,16 @@
-//! DAC and ADC.
+//! The chip's DAC and ADC.
 
 use crate::ethercat::Ns;
 use crate::xf::request::{AdcMode, Analog, DacTrigger};
 
-/// The middle of the range: what a differential input of 0 V reads.
+/// The middle of the ADC's range: the value of a differential input of 0 V.
 const MIDDLE: i32 = 2048;
 
 pub(super) struct AnalogUnit {
     dac: Option<DacTrigger>,
     delay_ns: Ns,
     data: u16,
-    /// A conversion under way: when it ends, and what it puts out.
+    /// A running DAC conversion: its end, and the value that it outputs.
     converting: Option<(Ns, u16)>,
     output: u16,
     start_pin: bool,
@@ -38,7 +38,7 @@ impl AnalogUnit {
         }
     }
 
-    /// As after a start; what is wired stays.
+    /// Resets the unit as at power-on; the levels at its pins stay.
     pub const fn reset(&mut self) {
         let (start_pin, inputs) = (self.start_pin, self.inputs);
         *self = Self { start_pin, inputs, ..Self::new() };
@@ -53,12 +53,12 @@ impl AnalogUnit {
         (self.dac, self.converting) = (None, None);
     }
 
-    /// `units` of 1/96 us.
+    /// Sets the DAC's conversion time, in units of 1/96 us.
     pub fn set_delay(&mut self, units: u32) {
         self.delay_ns = Ns::from(units) * 1_000 / 96;
     }
 
-    /// False: the DAC is closed.
+    /// Sets the DAC's value; returns false if the DAC is closed.
     pub fn set_data(&mut self, now: Ns, value: Analog) -> bool {
         self.data = value.get() as u16;
         if self.dac == Some(DacTrigger::SetData) {
@@ -68,7 +68,7 @@ impl AnalogUnit {
         self.dac.is_some()
     }
 
-    /// False: the DAC is closed. `[OURS]` With another trigger it has no effect.
+    /// Starts a DAC conversion; returns false if the DAC is closed. `[OURS]` With another trigger this has no effect.
     pub fn start_dac(&mut self, now: Ns) -> bool {
         if self.dac == Some(DacTrigger::StartConv) {
             self.convert(now);
@@ -76,7 +76,7 @@ impl AnalogUnit {
         self.dac.is_some()
     }
 
-    /// The pin DAC_ST gets a level.
+    /// Sets the level of the pin DAC_ST.
     pub fn set_start_pin(&mut self, now: Ns, level: bool) {
         let edge = (self.start_pin, level);
         self.start_pin = level;
@@ -88,7 +88,7 @@ impl AnalogUnit {
         self.convert_at_level(now);
     }
 
-    /// `[OURS]` While the pin has the level of the trigger, new data are put out at once.
+    /// `[OURS]` While the pin has the level of the trigger, new data are output at once.
     fn convert_at_level(&mut self, now: Ns) {
         let level = match self.dac {
             Some(DacTrigger::PinLow) => false,
@@ -105,7 +105,7 @@ impl AnalogUnit {
         self.settle(now);
     }
 
-    /// What the DAC puts out; `None`: it is closed.
+    /// The value that the DAC outputs; `None` if it is closed.
     pub fn output(&self) -> Option<u16> {
         self.dac.map(|_| self.output)
     }
@@ -118,7 +118,7 @@ impl AnalogUnit {
         (self.adc, self.adc_done_at, self.adc_value) = (None, None, None);
     }
 
-    /// False: the ADC is closed.
+    /// Starts an ADC conversion of `takes_ns`; returns false if the ADC is closed.
     pub fn start_adc(&mut self, now: Ns, takes_ns: Ns) -> bool {
         (self.adc_done_at, self.adc_value) = (self.adc.map(|_| now + takes_ns), None);
         self.adc.is_some()
@@ -128,23 +128,24 @@ impl AnalogUnit {
         self.adc.is_some()
     }
 
-    /// A conversion is done that was not read.
+    /// Whether a conversion is complete and its value was not read yet.
     pub const fn adc_is_valid(&self) -> bool {
         self.adc_value.is_some()
     }
 
-    /// The value. `[OURS]` Reading it makes it invalid; then the last one is read again.
+    /// Takes the converted value. `[OURS]` Reading makes the value invalid; a further read returns the last value
+    /// again.
     pub fn take_adc(&mut self) -> u16 {
         self.last_value = self.adc_value.take().unwrap_or(self.last_value);
         self.last_value
     }
 
-    /// The two inputs of the ADC, 0..=4095 each; more counts as 4095.
+    /// Sets the values at the two ADC inputs, 0..=4095 each; larger ones count as 4095.
     pub fn wire_adc(&mut self, positive: u16, negative: u16) {
         self.inputs = [positive.min(4095), negative.min(4095)];
     }
 
-    /// Time passes until `now`.
+    /// Lets time pass until `now`.
     pub fn settle(&mut self, now: Ns) {
         if let Some((_, value)) = self.converting.take_if(|(end, _)| *end <= now) {
             self.output = value;
@@ -159,7 +160,7 @@ impl AnalogUnit {
     }
 }
 
-/// What two inputs read in differential mode. `[OURS]` Half the difference, around the middle of the range.
+/// The value of two inputs in differential mode. `[OURS]` Half their difference, around the middle of the range.
 fn differential(positive: i32, negative: i32) -> u16 {
     (MIDDLE + (positive - negative) / 2).clamp(0, 4095) as u16
 }

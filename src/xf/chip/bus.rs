@@ -1,65 +1,66 @@
-//! What the chip knows of its network: slaves, states as last read, where process data are, the working counter.
+//! The chip's knowledge of its network: slaves, their states as last read, the layout of process data, the working
+//! counter.
 
 use super::network::{IMAGE_MAX, Network, Place, SLAVES_MAX};
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::xf::request::{DcTiming, SlaveBits, SlaveNumber, WkcErrorLimit};
 use crate::xf::{EtherCatState, NetworkState};
 
-/// Whether process data travel in LRW before ECAT_INIT_OP or ENABLE_LRW says so, and with firmware that does not know
-/// the switch. `[OURS]`
+/// Whether process data travel in LRW until ECAT_INIT_OP or ENABLE_LRW sets it, and with firmware that does not have
+/// this switch. `[OURS]`
 const LRW_AT_START: bool = true;
 
-/// What the chip has in its memory about a slave.
+/// The data about a slave in the chip's memory.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Known {
-    /// As ECAT_STATE_GET answers; [`NetworkState::NONE`] if the slave did not answer.
+    /// The state as ECAT_STATE_GET reports it; [`NetworkState::NONE`] if the slave did not answer.
     pub state: NetworkState,
     pub al_status: u16,
-    /// As ECAT_DCSYNC or ECAT_INIT_OP has set it.
+    /// The times of the slave's clock, as set by ECAT_DCSYNC or ECAT_INIT_OP.
     pub dc: DcTiming,
-    /// The last initialisation of the clocks has set its clock.
+    /// Whether the last initialisation of the clocks has activated this slave's distributed clock.
     pub dc_active: bool,
 }
 
-/// Lengths of the process data of a slave that the host has set: of outputs, of inputs.
+/// Lengths of a slave's process data that the host has set: of outputs, of inputs.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SetLengths {
-    /// By CONFIG_SM.
+    /// Lengths set by CONFIG_SM.
     pub of_managers: [Option<u16>; 2],
-    /// By DIRECT_ASSIGN.
+    /// Lengths set by DIRECT_ASSIGN.
     pub assigned: [Option<u16>; 2],
-    /// What DIRECT_ASSIGN has assigned is used.
+    /// Whether the lengths of DIRECT_ASSIGN are used.
     pub is_assigned: bool,
 }
 
-/// The network.
+/// The network as the chip knows it.
 pub(super) struct Bus {
-    /// ECAT_INIT_OP has succeeded.
+    /// Whether ECAT_INIT_OP has succeeded.
     pub initialised: bool,
-    /// Slaves found.
+    /// Number of slaves found.
     pub count: u8,
     pub known: [Known; SLAVES_MAX],
     pub places: [Place; SLAVES_MAX],
     pub lengths: [SetLengths; SLAVES_MAX],
-    /// The slaves whose mailboxes are polled from the next layout of process data on.
+    /// The slaves whose mailboxes are polled after the next layout of process data.
     pub wants_polled: SlaveBits,
-    /// The slaves whose mailboxes are polled.
+    /// The slaves whose mailboxes are polled now.
     pub polls: SlaveBits,
-    /// Process data are configured and exchanged.
+    /// Whether process data are configured and exchanged.
     pub mapped: bool,
     pub rx_bytes: u16,
     pub tx_bytes: u16,
-    /// The newest outputs: what is repeated while the RxFIFO is empty.
+    /// The newest outputs, which are repeated while the RxFIFO is empty.
     pub outputs: [u8; IMAGE_MAX],
     pub inputs: [u8; IMAGE_MAX],
     pub lrw: bool,
     pub working_counter: u16,
-    /// All errors, up to 255.
+    /// Number of all working counter errors, up to 255.
     pub wkc_errors: u8,
-    /// Those one after the other, up to 255.
+    /// Number of working counter errors in a row, up to 255.
     pub wkc_errors_in_a_row: u8,
     pub wkc_limit: WkcErrorLimit,
-    /// From when on the clocks are stable; `None`: no slave has one, or they are not initialised.
+    /// The time from which on the clocks are stable; `None` if no slave has a clock, or if they are not initialised.
     pub dc_stable_at: Option<Ns>,
     pub cycle_ns: Ns,
 }
@@ -97,24 +98,25 @@ impl Bus {
         0..self.count
     }
 
-    /// Slaves with inputs and slaves with outputs.
+    /// The number of slaves with inputs and the number of slaves with outputs.
     pub fn slaves_with(&self) -> (u32, u32) {
         let count = |has: fn(&Place) -> bool| self.places().iter().filter(|place| has(place)).count() as u32;
         (count(|place| place.input_bytes > 0), count(|place| place.output_bytes > 0))
     }
 
-    /// Whether any slave was brought at least to that state.
+    /// Whether any slave was brought to that state or a higher one.
     pub fn any_commanded(&self, state: AlState) -> bool {
         self.places().iter().any(|place| place.commanded >= state)
     }
 
-    /// `outputs_from`: the state from which outputs count.
+    /// The working counter that a cycle should have. `outputs_from` is the state from which on outputs count.
     pub fn expected_working_counter(&self, outputs_from: AlState) -> u16 {
         self.places().iter().map(|place| place.counts(place.commanded, outputs_from)).sum()
     }
 
-    /// Reads a slave's state into the memory. `[OURS]` The error bit is set while the slave is below the state to which
-    /// it was brought, with AL status 0x1B where it left OP by its watchdog and no register tells, or has refused a change.
+    /// Reads a slave's state into the chip's memory. `[OURS]` The error bit is set while the slave is below the state
+    /// to which it was brought, or has refused a change. If the slave left OP by its watchdog and has no register for
+    /// it, the AL status is 0x1B.
     pub fn update(&mut self, network: &impl Network, slave: u8) {
         let (known, place) = (&mut self.known[usize::from(slave)], self.places[usize::from(slave)]);
         let Some(state) = network.state(slave) else {
@@ -131,20 +133,20 @@ impl Bus {
         known.state = NetworkState(EtherCatState::from(state).code() | error);
     }
 
-    /// Whether the slave's mailbox is polled.
+    /// Whether the chip polls the slave's mailbox.
     pub fn is_polled(&self, slave: u8) -> bool {
         SlaveNumber::new(slave).is_some_and(|slave| self.polls.contains(slave))
     }
 
-    /// The lengths of a slave's process data that the host has set; `None`: its mapping objects say it. `[OURS]` What
-    /// DIRECT_ASSIGN assigns is before what CONFIG_SM says.
+    /// The lengths of a slave's process data that the host has set; `None` if the slave's mapping objects decide.
+    /// `[OURS]` DIRECT_ASSIGN has priority over CONFIG_SM.
     pub fn assigned_lengths(&self, slave: u8) -> [Option<u16>; 2] {
         let set = &self.lengths[usize::from(slave)];
         let direction = |n: usize| set.assigned[n].filter(|_| set.is_assigned).or(set.of_managers[n]);
         [direction(0), direction(1)]
     }
 
-    /// The state of all: the lowest one, with the error bit of any.
+    /// The state of the network: the lowest state of all slaves, with the error bit if any slave has it.
     pub fn state_of_all(&self) -> NetworkState {
         let known = &self.known[..self.count.into()];
         let lowest = known.iter().map(|known| known.state.0 & 0x0F).min().unwrap_or(0);
@@ -156,7 +158,8 @@ impl Bus {
         }
     }
 
-    /// Lays out process data of these lengths, which the images hold: of outputs and of inputs of each slave.
+    /// Lays out the process data from the lengths of outputs and inputs of each slave. The process images must have
+    /// room for them.
     pub fn lay_out(&mut self, lengths: &[[u16; 2]]) {
         let (mut outputs, mut inputs) = (0, 0);
         for (place, [output_bytes, input_bytes]) in self.places.iter_mut().zip(lengths.iter().copied()) {
@@ -169,8 +172,8 @@ impl Bus {
         (self.wkc_errors_in_a_row, self.mapped) = (0, true);
     }
 
-    /// Counts a cycle's working counter. False: it was wrong. `[OURS]` One that is higher than expected is that of slaves on
-    /// their way up.
+    /// Evaluates a cycle's working counter; returns false if it was wrong. `[OURS]` A working counter that is too high
+    /// is not wrong: it comes from slaves that have just gone to a higher state.
     pub fn count(&mut self, working_counter: u16, outputs_from: AlState) -> bool {
         self.working_counter = working_counter;
         let right = working_counter >= self.expected_working_counter(outputs_from);

@@ -1,4 +1,4 @@
-//! What each command does at once; one that takes time is started. By subject:
+//! The immediate effect of each command. Commands that take time are started here. By subject:
 //!
 //! | file | commands |
 //! | --- | --- |
@@ -7,7 +7,7 @@
 //! | `pdo.rs` | process data and FIFOs |
 //! | `unit.rs` | the chip itself: packets, version, resets, interrupts; the CiA 402 helper |
 //! | `io.rs` | GPIO, encoder, DAC, ADC |
-//! | `fetched.rs` | what was fetched from registers, EEPROMs and mailboxes |
+//! | `fetched.rs` | results read from registers, EEPROMs and mailboxes |
 
 mod fetched;
 mod io;
@@ -24,12 +24,12 @@ use crate::xf::request::{FoeRequest, ReceiveMailbox, Request};
 use crate::xf::response::{Answer, Returned};
 use crate::xf::{CommandCode, Malformed};
 
-/// Commands that need registers, EEPROMs, files or raw mailboxes. Over a network that has none, such as slave models, they are
-/// answered with the command error, and so are operations 1 and 2 of FOE_FUNC_REQ, which move files; the flash memory that it
-/// reads and writes the chip has itself.
+/// Commands that need registers, EEPROMs, files or raw mailboxes. A network of slave models has none of these; there
+/// the chip answers such commands with the command error. This includes operations 1 and 2 of FOE_FUNC_REQ, which
+/// transfer files, but not its access to the flash memory, which is the chip's own.
 ///
-/// Over such a network ECAT_INIT_OP remembers SYNC1 and the shift and does nothing with them, nor with the reference clock, and
-/// over none with the special slaves, of which the manuals say no more.
+/// On such a network ECAT_INIT_OP stores SYNC1 and the shift but does not use them, nor the reference clock. On no
+/// network does it use the special slaves, which the manuals do not explain.
 pub const NEED_REGISTERS: [CommandCode; 7] = [
     CommandCode::EepromRequest,
     CommandCode::EepromGet,
@@ -40,38 +40,38 @@ pub const NEED_REGISTERS: [CommandCode; 7] = [
     CommandCode::MailboxStatus,
 ];
 
-/// The command is wrong: it has no effect, and the command error is set.
+/// The command is invalid: it has no effect, and the chip sets the command error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Refused;
 
 impl From<Malformed> for Refused {
-    /// A field that the manuals do not allow, or an answer that does not fit into the data segment.
+    /// Refuses a field that the manuals do not allow, or an answer that does not fit into the data segment.
     fn from(_: Malformed) -> Self {
         Self
     }
 }
 
-/// What a command returns, its data being in the segment.
+/// The outcome of a command: the header fields of its answer, whose data are in the segment, or a refusal.
 pub(super) type Outcome = Result<Returned, Refused>;
 
-/// Done, with no result.
+/// The outcome of a successful command without a result.
 const DONE: Outcome = Ok(Returned::NONE);
 
-/// The outcome of what may be refused and has no result.
+/// The outcome of a command without a result, which is refused unless `done`.
 const fn done_if(done: bool) -> Outcome {
     if done { DONE } else { Err(Refused) }
 }
 
-/// The outcome with a result, or the refusal where there is none.
+/// The outcome with this answer, or a refusal if there is none.
 fn answered<'a>(answer: Option<impl Answer<'a>>, data: &mut [u8]) -> Outcome {
     Ok(answer.ok_or(Refused)?.encode(data)?)
 }
 
 impl<N: Network> Chip<N> {
-    /// Runs a command: its data go into `data`, a segment that is all 0.
+    /// Runs a command, and writes the data of its answer into `data`, a segment that is all 0.
     ///
     /// # Errors
-    /// The command is wrong: see [`Refused`].
+    /// [`Refused`], if the command is invalid.
     pub(super) fn run(&mut self, request: &Request<'_>, data: &mut [u8]) -> Outcome {
         if !self.has(request) {
             return Err(Refused);
@@ -154,7 +154,7 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    /// Whether the firmware and the network have this function.
+    /// Whether the firmware and the network support this function.
     fn has(&self, request: &Request<'_>) -> bool {
         let needs_registers = match request {
             Request::FoeRequest(FoeRequest::Upload(_) | FoeRequest::Download(_)) => true,

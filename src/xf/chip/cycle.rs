@@ -1,20 +1,20 @@
-//! Time: EtherCAT cycles, and the ends of commands that take time.
+//! The passage of time: EtherCAT cycles, and the ends of commands that take time.
 
 use super::Chip;
 use super::network::{Exchange, IMAGE_MAX, Network};
 use crate::ethercat::{AlState, Ns};
 use crate::xf::Interrupts;
 
-/// From the first slave in this state on RxPDOs are taken out of the FIFO. `[OURS]`
+/// RxPDOs are taken out of the FIFO once any slave is in this state. `[OURS]`
 const RX_FIFO_FROM: AlState = AlState::Op;
-/// From the first slave in this state on inputs come. `[OURS]`
+/// Inputs are received once any slave is in this state. `[OURS]`
 const INPUTS_FROM: AlState = AlState::SafeOp;
 
 impl<N: Network> Chip<N> {
-    /// Lets time pass until `now`: EtherCAT cycles at SYNC0 of ECAT_INIT_OP, and the ends of commands. A time that has
-    /// passed already has no effect.
+    /// Lets time pass until `now`: EtherCAT cycles with the SYNC0 time of ECAT_INIT_OP, and the ends of commands. A
+    /// time in the past has no effect.
     ///
-    /// It takes as long as the cycles are many: a second of 1 ms cycles is a thousand.
+    /// The call takes as long as all these cycles need: a second with a cycle time of 1 ms is a thousand cycles.
     pub fn run_until(&mut self, now: Ns) {
         while self.next_event() <= now {
             self.now = self.next_event().max(self.now);
@@ -33,13 +33,13 @@ impl<N: Network> Chip<N> {
         self.analog.settle(self.now);
     }
 
-    /// The next cycle, or what the command under way does next if that is earlier.
+    /// The time of the next cycle, or of the next step of the running command if that is earlier.
     fn next_event(&self) -> Ns {
         self.next_job_event().map_or(self.next_cycle, |event| event.min(self.next_cycle))
     }
 
-    /// The time since the last cycle passes in the slaves, then a frame takes outputs to them and brings what they have
-    /// measured.
+    /// Runs a cycle. First the time since the last cycle passes in the slaves; then a frame brings them outputs and
+    /// returns the inputs that they have measured.
     fn cycle(&mut self) {
         self.network.pass(self.now, self.now - self.last_cycle);
         self.last_cycle = self.now;

@@ -1,14 +1,14 @@
-//! The encoder input.
+//! The chip's encoder input.
 
 use crate::xf::request::{EncoderMode, PeripheralInterrupts};
 
-/// The limit of the modes that compare. `[OURS]` No command sets it.
+/// The comparison value of the compare modes. `[OURS]` No command sets it.
 const COMPARE_LIMIT: u32 = u32::MAX;
 
 pub(super) struct Encoder {
     mode: Option<EncoderMode>,
     is_running: bool,
-    /// Quarters of a period since it was opened.
+    /// Position in quarters of a period since the encoder was opened.
     quarters: i64,
     count: u32,
     pub flags: PeripheralInterrupts,
@@ -19,23 +19,23 @@ impl Encoder {
         Self { mode: None, is_running: false, quarters: 0, count: 0, flags: PeripheralInterrupts::NONE }
     }
 
-    /// `[OURS]` The count begins at 0 and does not run.
+    /// Opens the encoder. `[OURS]` The count is 0, and counting is stopped.
     pub const fn open(&mut self, mode: EncoderMode) {
         (self.mode, self.is_running, self.quarters, self.count) = (Some(mode), false, 0, 0);
     }
 
-    /// False: it is not open.
+    /// Starts or stops counting; returns false if the encoder is not open.
     pub const fn run(&mut self, on: bool) -> bool {
         self.is_running = on && self.mode.is_some();
         self.mode.is_some()
     }
 
-    /// The count; `None`: it is not open.
+    /// The count; `None` if the encoder is not open.
     pub fn count(&self) -> Option<u32> {
         self.mode.map(|_| self.count)
     }
 
-    /// The shaft turns by so many quarters of a period.
+    /// Turns the shaft by that many quarters of a period.
     pub fn turn(&mut self, quarters: i32) {
         let Some(mode) = self.mode.filter(|_| self.is_running) else { return };
         let per_count = match mode {
@@ -56,7 +56,7 @@ impl Encoder {
         }
     }
 
-    /// The index pulse comes.
+    /// Handles the index pulse.
     pub fn index(&mut self) {
         if self.is_running {
             self.flags = self.flags | PeripheralInterrupts::ENCODER_INDEX;

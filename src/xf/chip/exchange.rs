@@ -1,5 +1,5 @@
-//! One packet each way: which answer goes out, what a command packet does beside its command, and what the next answer
-//! says.
+//! One packet each way: which answer is sent, what a command packet does besides its command, and what the next answer
+//! contains.
 
 use super::Chip;
 use super::commands::Outcome;
@@ -13,19 +13,19 @@ use crate::xf::{
     Interrupts, MAX_PACKET, Malformed, PacketError, Request, Reserve, Status,
 };
 
-/// GPIO 0 to 11, which the header drives with every firmware (XF EN 211).
+/// Mask of GPIO 0 to 11, which the header drives with every firmware (XF EN 211).
 const HEADER_OUTPUTS: u16 = 0x0FFF;
 
-/// The packet that goes out in the next exchange.
+/// The packet that is sent in the next exchange.
 pub(super) struct Prepared {
     pub bytes: [u8; MAX_PACKET],
-    /// Its header, for an exchange in which the chip is not ready.
+    /// The packet's header, for an exchange in which the chip is not ready.
     pub header: AnswerHeader,
-    /// Its length.
+    /// The packet's length.
     pub len: usize,
 }
 
-/// An answer whose data are bytes already.
+/// An answer whose data are already encoded.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Encoded<'a> {
     ret: u8,
@@ -43,7 +43,7 @@ impl<'a> Answer<'a> for Encoded<'a> {
     }
 }
 
-/// What is answered to a command packet.
+/// The answer to a command packet.
 struct Reply {
     index: u8,
     code: CommandCode,
@@ -52,19 +52,19 @@ struct Reply {
 }
 
 impl Reply {
-    /// `[OURS]` An answer with the NOP flag echoes index and code.
+    /// `[OURS]` An answer with the NOP flag also repeats index and code.
     const fn nop(header: &CommandHeader) -> Self {
         Self { index: header.index, code: header.code, returned: Returned::NONE, is_nop: true }
     }
 }
 
 impl<N: Network> Chip<N> {
-    /// One exchange, whose last byte passes at `now`: the chip takes a command packet and gives the answer to the one
-    /// before. `command` has n + 32 bytes, see [`Self::size`]; any other length is a framing error. `answer` gets as
-    /// much of the packet as it has room for, and 0 behind it.
+    /// Makes one exchange, whose last byte is transferred at `now`: the chip receives a command packet and sends the
+    /// answer to the previous one. `command` has n + 32 bytes, see [`Self::size`]; any other length is a framing error.
+    /// `answer` receives as much of the answer packet as it has room for, followed by zeros.
     ///
     /// While the chip is not ready ([`Self::is_ready`]) it answers with the check word
-    /// [`NOT_READY`](crate::xf::NOT_READY) (OBS). `[OURS]` The command is lost, and the answer that was to go out stays for
+    /// [`NOT_READY`](crate::xf::NOT_READY) (OBS). `[OURS]` The command is then lost, and the prepared answer is sent in
     /// the next exchange.
     pub fn exchange(&mut self, now: Ns, command: &[u8], answer: &mut [u8]) {
         self.run_until(now);
@@ -77,31 +77,31 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    /// Whether the next packet is taken: the chip has started, and has processed the last one.
+    /// Whether the chip accepts the next packet: it has started, and has processed the last packet.
     pub const fn is_ready(&self) -> bool {
         self.now >= self.ready_at
     }
 
-    /// The length of the packet that goes out.
+    /// The length of the packet to send.
     pub(super) const fn outgoing_len(&self, is_ready: bool) -> usize {
         if is_ready { self.prepared.len } else { self.size.packet_len() }
     }
 
-    /// The beginning of the packet that goes out, as many bytes as there is room for.
+    /// Writes the packet to send, cut to the length of `room`.
     pub(super) fn put_outgoing(&self, is_ready: bool, room: &mut [u8]) {
         if is_ready {
             return room.copy_from_slice(&self.prepared.bytes[..room.len()]);
         }
         let mut bytes = [0; MAX_PACKET];
-        // A buffer for the longest packet has room for any.
+        // Cannot fail: the buffer has room for the longest packet.
         let _ = write_not_ready(&mut bytes, self.size, self.prepared.header);
         room.copy_from_slice(&bytes[..room.len()]);
     }
 
     /// Processes a command packet and prepares the answer to it.
     pub(super) fn take(&mut self, command: &[u8]) {
-        // Before the command: in the answer, which goes out in the next exchange, counts lag two exchanges behind
-        // (OBS).
+        // The levels are read before the command runs: the answer is sent in the next exchange, so the levels in it lag
+        // two exchanges behind (OBS).
         let counts = self.fifos.counts();
         let mut data = [0; DataSize::MAX.bytes()];
         let size = self.size;
@@ -119,7 +119,8 @@ impl<N: Network> Chip<N> {
         self.ready_at = self.now + self.timing.packet_ns;
     }
 
-    /// `[OURS]` CRC_TYPE_SET is taken with the fixed word too, and the new type holds from its answer on.
+    /// Parses a command packet. `[OURS]` CRC_TYPE_SET is also accepted with the fixed check word, and the new type
+    /// applies from its answer on.
     fn parse<'p>(&self, bytes: &'p [u8]) -> Result<CommandPacket<'p>, (PacketError, CommandHeader)> {
         let rule = self.check_rule(self.profile.coverages.commands);
         CommandPacket::parse(bytes, self.size, rule).or_else(|error| {
@@ -137,14 +138,14 @@ impl<N: Network> Chip<N> {
         CheckRule { kind: self.check, coverage }
     }
 
-    /// An error is there from now on.
+    /// Sets error bits, which stay set.
     pub(super) fn raise(&mut self, error: Errors) {
         self.errors = self.errors | error;
         self.not_shown = self.not_shown | error;
     }
 
-    /// A packet that is none is counted and not run. `[OURS]` A wrong check word is error bit 6 and interrupt 23, wrong
-    /// start and end words are error bit 4, and the answer has the NOP flag.
+    /// Counts a damaged packet, which is not run. `[OURS]` A wrong check word sets error bit 6 and interrupt 23, a
+    /// wrong start or end word sets error bit 4, and the answer has the NOP flag.
     fn count_damage(&mut self, error: PacketError) {
         self.crc_errors = self.crc_errors.saturating_add(1);
         if matches!(error, PacketError::CheckWord { .. }) {
@@ -155,7 +156,7 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    /// `[OURS]` Of a repeated packet the header is taken too, but it starts no update of states.
+    /// Runs a valid packet. `[OURS]` For a repeated packet only the header takes effect, without an update of states.
     fn run_packet(&mut self, packet: &CommandPacket<'_>, data: &mut [u8]) -> Reply {
         let header = &packet.header;
         self.take_header(header);
@@ -182,10 +183,11 @@ impl<N: Network> Chip<N> {
         outcome
     }
 
-    /// What every header does: clears errors and flags, and drives GPIOs.
+    /// Applies a header: clears errors and interrupt flags, and drives GPIOs.
     ///
-    /// `[OURS]` An error is cleared only when an answer that is no NOP has shown it: a client sends the bits that clear all of them in
-    /// every packet from the first error on, and looks at the answers to its commands alone (OBS); it would never see another one.
+    /// `[OURS]` An error can be cleared only after an answer without NOP has shown it. One client sets the bits that
+    /// clear all errors in every packet from the first error on, but looks only at the answers to its commands (OBS).
+    /// Without this rule such a client would never see another error.
     fn take_header(&mut self, header: &CommandHeader) {
         let shown = self.errors.without(self.not_shown);
         self.errors = self.errors.without(Errors(shown.0 & header.control.0 & Control::CLEAR_ALL.0));
@@ -200,8 +202,8 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    /// Which pins the header drives, and their values: from firmware 0x1E on also 12 to 15, where bit 12 is GPIO 13 and
-    /// bit 13 GPIO 12 (XF ZH 246).
+    /// The pins that the header drives, and their values. From firmware 0x1E on these include 12 to 15, where bit 12 is
+    /// GPIO 13 and bit 13 is GPIO 12 (XF ZH 246).
     const fn header_outputs(&self, bits: u16) -> (u16, u16) {
         if !self.profile.has_wide_header_outputs() {
             return (HEADER_OUTPUTS, bits);
@@ -234,18 +236,18 @@ impl<N: Network> Chip<N> {
         let rule = self.check_rule(self.profile.coverages.answers);
         let bytes = &mut self.prepared.bytes;
         let written = write_answer(bytes, self.size, rule, header, &answer).map(<[u8]>::len);
-        // A size that has just become smaller than the answer leaves no room for it.
+        // If the size has just become smaller than the answer, the answer is sent without its data.
         let without = |bytes| write_answer(bytes, self.size, rule, header, &()).map_or(0, <[u8]>::len);
         self.prepared.len = written.unwrap_or_else(|_| without(&mut self.prepared.bytes));
         self.prepared.header = header;
     }
 
-    /// The first answer after a start: there is no command that it could answer (XF EN 169).
+    /// Prepares the first answer after the start, when there was no command to answer (XF EN 169).
     pub(super) fn prepare_first(&mut self) {
         self.prepare(&Reply::nop(&CommandHeader::default()), (0, 0), &[]);
     }
 
-    /// Bits 0 to 2 of byte 0x09.
+    /// The levels: bits 0 to 2 of byte 0x09.
     fn levels(&self) -> Errors {
         let bit = |on, bit| if on { bit } else { Errors::NONE };
         bit(self.network.has_link(), Errors::LINK_PIN)

@@ -1,14 +1,14 @@
-//! The FIFOs of process data: entries, memory, limits that raise interrupts.
+//! The FIFOs of process data: capacity, memory, levels that raise interrupts.
 
 use crate::xf::Interrupts;
 use crate::xf::request::{FIFO_ENTRIES, FifoThresholdSet};
 
-/// The memory of both FIFOs together, bytes (XF EN 1236).
+/// Size of the memory for both FIFOs together, in bytes (XF EN 1236).
 pub const FIFO_MEMORY: usize = 0x4000;
-/// The most entries that can be set (OBS).
+/// The largest capacity of a FIFO, in entries (OBS).
 pub const FIFO_ENTRIES_MAX: u8 = 128;
 
-/// A ring of entries of one size.
+/// A ring buffer of entries of equal size.
 struct Ring {
     memory: Vec<u8>,
     entry_bytes: usize,
@@ -35,7 +35,7 @@ impl Ring {
         at..at + self.entry_bytes
     }
 
-    /// False: there is no room.
+    /// Appends an entry; returns false if the ring buffer is full.
     fn push(&mut self, entry: &[u8]) -> bool {
         if self.len >= self.entries {
             return false;
@@ -57,13 +57,13 @@ impl Ring {
     }
 }
 
-/// Both FIFOs.
+/// The RxFIFO and the TxFIFO.
 pub(super) struct Fifos {
     rx: Ring,
     tx: Ring,
-    /// The entries as set.
+    /// The capacity of the RxFIFO in entries, as set by the host.
     pub rx_entries: u8,
-    /// The entries as set.
+    /// The capacity of the TxFIFO in entries, as set by the host.
     pub tx_entries: u8,
     pub thresholds: FifoThresholdSet,
 }
@@ -79,7 +79,7 @@ impl Fifos {
         }
     }
 
-    /// As after a start, in the same memory.
+    /// Resets the FIFOs as at power-on, keeping their memory.
     pub fn reset(&mut self) {
         self.build_none();
         (self.rx_entries, self.tx_entries) = (FIFO_ENTRIES, FIFO_ENTRIES);
@@ -91,7 +91,7 @@ impl Fifos {
         self.tx.build(0, 0);
     }
 
-    /// Builds both empty. False: they need more than the memory, and hold nothing now.
+    /// Allocates both FIFOs, empty; returns false, with no capacity, if they exceed the memory.
     pub fn build(&mut self, rx_bytes: u16, tx_bytes: u16) -> bool {
         let (rx, tx) = (usize::from(self.rx_entries), usize::from(self.tx_entries));
         let fits = rx * usize::from(rx_bytes) + tx * usize::from(tx_bytes) <= FIFO_MEMORY;
@@ -112,17 +112,18 @@ impl Fifos {
         self.tx.clear();
     }
 
-    /// Entries in the RxFIFO and in the TxFIFO.
+    /// The levels of the RxFIFO and of the TxFIFO, in entries.
     pub const fn counts(&self) -> (u8, u8) {
         (self.rx.len as u8, self.tx.len as u8)
     }
 
-    /// The host's RxPDO. False: the FIFO is full, and the RxPDO is lost (XF EN 1262).
+    /// Adds an RxPDO of the host; returns false if the FIFO is full and the RxPDO is lost (XF EN 1262).
     pub fn push_rx(&mut self, pdo: &[u8]) -> bool {
         pdo.len() == self.rx.entry_bytes && self.rx.push(pdo)
     }
 
-    /// Copies the RxPDO of a cycle, if there is one, to the beginning of `image`. The interrupt that this raises.
+    /// Takes the RxPDO of a cycle, if there is one, into the beginning of `image`; returns the interrupt that this
+    /// raises.
     pub fn pop_rx(&mut self, image: &mut [u8]) -> Interrupts {
         let Some(pdo) = self.rx.pop() else { return Interrupts::NONE };
         image[..pdo.len()].copy_from_slice(pdo);
@@ -130,7 +131,8 @@ impl Fifos {
         if falls { Interrupts::RX_FIFO_LOW } else { Interrupts::NONE }
     }
 
-    /// The TxPDO of a cycle. When the FIFO is full the oldest is lost (XF EN 1236). The interrupt that this raises.
+    /// Adds the TxPDO of a cycle; a full FIFO loses its oldest entry (XF EN 1236). Returns the interrupt that this
+    /// raises.
     pub fn push_tx(&mut self, pdo: &[u8]) -> Interrupts {
         if self.tx.entries == 0 || pdo.len() != self.tx.entry_bytes {
             return Interrupts::NONE;
@@ -144,7 +146,7 @@ impl Fifos {
         if rises && was < self.tx.len { Interrupts::TX_FIFO_HIGH } else { Interrupts::NONE }
     }
 
-    /// The host reads the oldest TxPDO, to the beginning of `data`. False: there is none, or it does not fit.
+    /// Takes the oldest TxPDO into the beginning of `data`; returns false if there is none, or if it does not fit.
     pub fn pop_tx(&mut self, data: &mut [u8]) -> bool {
         if data.len() < self.tx.entry_bytes {
             return false;

@@ -1,16 +1,16 @@
-//! The part of the flash memory that is for files, as memory.
+//! The part of the chip's flash memory that is for files, kept in RAM.
 
 use crate::xf::request::{FlashAddress, FlashBytes};
 
-/// Bytes of the memory (XF EN 1598).
+/// Size of the memory in bytes (XF EN 1598).
 pub const FLASH_BYTES: usize = FlashAddress::MAX.get() as usize + 1;
-/// What erased memory reads.
+/// The value of an erased byte.
 const ERASED: u8 = 0xFF;
 
 pub(super) struct Flash {
     memory: Vec<u8>,
     read: [u8; FlashBytes::MAX.get() as usize],
-    /// Bytes of `read`; `None`: nothing was read.
+    /// Number of bytes in `read`; `None` if nothing was read.
     len: Option<usize>,
 }
 
@@ -19,12 +19,12 @@ impl Flash {
         Self { memory: vec![ERASED; FLASH_BYTES], read: [0; FlashBytes::MAX.get() as usize], len: None }
     }
 
-    /// As after a start: the memory stays.
+    /// Resets as at power-on; the memory keeps its content.
     pub const fn reset(&mut self) {
         self.len = None;
     }
 
-    /// Whether so many bytes from there on are in the memory.
+    /// Whether the range of `bytes` from `start` on is within the memory.
     pub const fn has(start: u32, bytes: usize) -> bool {
         start as usize + bytes <= FLASH_BYTES
     }
@@ -37,14 +37,14 @@ impl Flash {
         }
     }
 
-    /// `[OURS]` The chip erases what it writes over.
+    /// Writes the memory. `[OURS]` The chip erases the bytes before it writes them.
     pub fn write(&mut self, start: u32, data: &[u8]) {
         if let Some(place) = self.memory.get_mut(start as usize..start as usize + data.len()) {
             place.copy_from_slice(data);
         }
     }
 
-    /// What was read last.
+    /// The bytes that were read last.
     pub fn result(&self) -> Option<&[u8]> {
         self.len.map(|len| &self.read[..len])
     }

@@ -1,9 +1,9 @@
-//! GPIO 0 to 19: modes, pulls, outputs, debounced inputs, interrupts.
+//! GPIO 0 to 19: modes, pull resistors, outputs, debounced inputs, interrupts.
 
 use crate::ethercat::Ns;
 use crate::xf::request::{DebounceClock, DebounceSource, GpioMode, GpioPull, GpioTrigger};
 
-/// GPIO 0 to 19.
+/// Number of GPIOs: 0 to 19.
 pub const PINS: usize = 20;
 
 #[derive(Clone, Copy)]
@@ -12,18 +12,18 @@ struct Pin {
     pull: GpioPull,
     trigger: GpioTrigger,
     is_debounced: bool,
-    /// The output that was set.
+    /// The output value that was set.
     output: bool,
-    /// What is wired to it drives it; `None`: nothing does.
+    /// The level with which an external signal drives the pin; `None` if nothing drives it.
     wired: Option<bool>,
-    /// What the chip reads.
+    /// The level that the chip reads, after debouncing.
     level: bool,
-    /// Since when a debounced input has another level than the chip reads.
+    /// Since when the level at a debounced input differs from the one that the chip reads.
     differs_since: Option<Ns>,
 }
 
 impl Pin {
-    /// All GPIOs are floating inputs at first (XF EN, "GPIO"), with nothing wired to them.
+    /// The state at power-on: all GPIOs are floating inputs (XF EN, "GPIO"), with nothing wired to them.
     const START: Self = Self {
         mode: GpioMode::Input,
         pull: GpioPull::None,
@@ -35,7 +35,7 @@ impl Pin {
         differs_since: None,
     };
 
-    /// The level at the pin. `[OURS]` A floating one is low; a quasi-bidirectional one is pulled up.
+    /// The level at the pin. `[OURS]` A floating pin is low; a quasi-bidirectional pin is pulled up.
     const fn level(&self) -> bool {
         match self.mode {
             GpioMode::Output => self.output,
@@ -49,8 +49,8 @@ impl Pin {
 
     /// Whether that edge raises the interrupt.
     ///
-    /// `[OURS]` The numbers of the vendor's driver are taken for the order of the manual, 3 both, 4 falling, 5 rising,
-    /// where they do not contradict it: 3 stays rising.
+    /// `[OURS]` The numbers of the vendor's driver are read in the order of the manual, 3 both, 4 falling, 5 rising,
+    /// unless the manual contradicts: 3 stays rising.
     const fn is_triggered(&self, rises: bool) -> bool {
         match self.trigger {
             GpioTrigger::Off => false,
@@ -61,7 +61,7 @@ impl Pin {
     }
 }
 
-/// All pins. Masks have bit k for GPIO k.
+/// All GPIOs. In masks bit k is GPIO k.
 pub(super) struct Gpio {
     pins: [Pin; PINS],
     flags: u32,
@@ -73,7 +73,7 @@ impl Gpio {
         Self { pins: [Pin::START; PINS], flags: 0, debounce_ns: 0 }
     }
 
-    /// As after a start; what is wired stays.
+    /// Resets as at power-on; the signals wired to the pins stay.
     pub fn reset(&mut self, now: Ns) {
         let wired = self.pins.map(|pin| pin.wired);
         *self = Self::new();
@@ -92,7 +92,7 @@ impl Gpio {
         self.change(now, pins, |pin| pin.is_debounced = on);
     }
 
-    /// `[OURS]` An input counts once it has kept its level for one period of the clock.
+    /// Sets the debounce clock. `[OURS]` An input changes once its level was constant for one period of this clock.
     pub fn set_debounce_clock(&mut self, clock: DebounceClock) {
         let periods: Ns = 1 << clock.exponent();
         self.debounce_ns = match clock.source() {
@@ -105,7 +105,7 @@ impl Gpio {
         self.pins[usize::from(channel)].trigger = trigger;
     }
 
-    /// Sets the outputs of the pins in `pins`.
+    /// Sets the outputs of the pins in the mask `pins`.
     pub fn set_outputs(&mut self, now: Ns, pins: u32, values: u32) {
         for k in 0..PINS {
             self.change(now, pins & 1 << k, |pin| pin.output = values & 1 << k != 0);
@@ -126,17 +126,17 @@ impl Gpio {
         self.flags &= !pins;
     }
 
-    /// What the chip reads.
+    /// The levels that the chip reads.
     pub fn values(&self) -> u32 {
         self.pins.iter().enumerate().fold(0, |values, (k, pin)| values | u32::from(pin.level) << k)
     }
 
-    /// The level at a pin, whatever the chip reads; low for one that there is not.
+    /// The level at a pin, before debouncing; low for a channel that does not exist.
     pub fn level(&self, channel: u8) -> bool {
         self.pins.get(usize::from(channel)).is_some_and(Pin::level)
     }
 
-    /// Time passes until `now`.
+    /// Lets time pass until `now`.
     pub fn settle(&mut self, now: Ns) {
         for k in 0..PINS {
             let pin = &mut self.pins[k];

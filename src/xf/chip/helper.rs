@@ -1,17 +1,17 @@
-//! The CiA 402 helper: the chip leads the state machines of drives by the low bits of their controlwords.
+//! The CiA 402 helper: the chip drives the state machines of drives by the low bits of their controlwords.
 
 use crate::ethercat::cia402::{Controlword, DriveState, Statusword};
 use crate::xf::chip::network::Place;
 use crate::xf::request::{HelperConfigSet, HelperControl, HelperControlSet};
 
-/// Axes that the chip numbers.
+/// Number of axes that the chip supports.
 const MOTORS: usize = 128;
-/// For how many cycles a fault reset is given, and for how many it is taken away before the next one. `[OURS]`
+/// For how many cycles the fault reset bit is set, and for how many it is clear before the next reset. `[OURS]`
 const RESET_CYCLES: u8 = 8;
-/// The bits of the controlword that lead the state machine: 0 to 3.
+/// Bits 0 to 3 of the controlword, which drive the state machine.
 const LEADING_BITS: u16 = 0x0F;
 
-/// An axis as 402_CONFIG_SET has set it.
+/// An axis, as configured by 402_CONFIG_SET.
 #[derive(Clone, Copy)]
 struct Axis {
     slave: u8,
@@ -19,11 +19,11 @@ struct Axis {
     statusword_at: u16,
     control: HelperControl,
     target: DriveState,
-    /// Cycles since the axis is in Fault and a reset is chosen; 0: it is not.
+    /// Number of cycles since the axis has been in Fault with a reset selected; 0 otherwise.
     in_fault: u8,
 }
 
-/// All axes.
+/// The axes of the helper.
 pub(super) struct Helper {
     axes: [Option<Axis>; MOTORS],
 }
@@ -33,7 +33,7 @@ impl Helper {
         Self { axes: [None; MOTORS] }
     }
 
-    /// 402_CONFIG_SET. `[OURS]` The state to reach is Switch on disabled until 402_STATE_SET names one.
+    /// 402_CONFIG_SET. `[OURS]` The target state is Switch on disabled until 402_STATE_SET sets another one.
     pub fn configure(&mut self, request: &HelperConfigSet) {
         self.axes[usize::from(request.motor.get())] = Some(Axis {
             slave: request.slave.get(),
@@ -45,15 +45,16 @@ impl Helper {
         });
     }
 
-    /// 402_STATE_SET. False: the axis is not configured.
+    /// 402_STATE_SET; returns false if the axis is not configured.
     pub fn set_target(&mut self, motor: u8, target: DriveState) -> bool {
         self.axis_mut(motor).map(|axis| axis.target = target).is_some()
     }
 
-    /// 402_CTL_SET. `[OURS]` Its slave is taken too, its number of motors is not. False: the axis is not configured.
+    /// 402_CTL_SET; returns false if the axis is not configured. `[OURS]` The slave in the request is used, the number
+    /// of motors is not.
     ///
-    /// With `defaults` an axis that is not configured is one now, with both words at the beginning of the slave's PDOs (OBS: the
-    /// vendor's driver 0.1 sets offsets "if the default is not fit").
+    /// With `defaults` an axis that is not configured becomes one, with both words at the beginning of the slave's PDOs
+    /// (OBS: the vendor's driver 0.1 sets offsets "if the default is not fit").
     pub fn set_control(&mut self, request: &HelperControlSet, defaults: bool) -> bool {
         let (motor, control, slave) = (request.motor, request.control, request.slave);
         if defaults && self.axes[usize::from(motor.get())].is_none() {
@@ -63,17 +64,17 @@ impl Helper {
         self.axis_mut(motor.get()).map(set).is_some()
     }
 
-    /// The control byte; `None`: the axis is not configured.
+    /// The control byte of an axis; `None` if the axis is not configured.
     pub fn control(&self, motor: u8) -> Option<HelperControl> {
         self.axes[usize::from(motor)].map(|axis| axis.control)
     }
 
-    /// The statusword in the inputs; 0 where the TxPDO ends before it. `None`: the axis is not configured.
+    /// The statusword in the inputs, or 0 if the TxPDO is too short; `None` if the axis is not configured.
     pub fn statusword(&self, motor: u8, places: &[Place], inputs: &[u8]) -> Option<Statusword> {
         self.axes[usize::from(motor)].map(|axis| axis.statusword(places, inputs).unwrap_or_default())
     }
 
-    /// Overwrites the controlwords of a cycle's outputs.
+    /// Overwrites the controlwords in the outputs of a cycle.
     pub fn lead(&mut self, places: &[Place], outputs: &mut [u8], inputs: &[u8]) {
         for axis in self.axes.iter_mut().flatten().filter(|axis| axis.control.contains(HelperControl::ON)) {
             axis.lead(places, outputs, inputs);
@@ -110,9 +111,10 @@ impl Axis {
         *word = controlword.to_le_bytes();
     }
 
-    /// Whether this cycle has a fault reset. A reset acts by its rising edge, so that it comes and goes.
+    /// Whether the fault reset bit is set in this cycle. A reset acts at a rising edge, so the bit is set and cleared
+    /// in turn.
     ///
-    /// `[OURS]` RESET_ONCE clears itself when its reset was given.
+    /// `[OURS]` RESET_ONCE clears itself after its reset was sent.
     fn gives_reset(&mut self, state: Option<DriveState>) -> bool {
         if state != Some(DriveState::Fault) {
             if self.in_fault > 1 {
@@ -128,19 +130,19 @@ impl Axis {
         if self.in_fault == 2 + RESET_CYCLES {
             self.control = self.control.without(HelperControl::RESET_ONCE);
         }
-        // The first cycle is without it, so that there is an edge whatever the bit was.
+        // The bit is clear in the first cycle, so that there is a rising edge whatever its value was before.
         (2..2 + RESET_CYCLES).contains(&self.in_fault)
     }
 }
 
-/// Bits 0 to 3 of the controlword that lead from a state towards a target (CiA 402-2, table of commands).
+/// Bits 0 to 3 of the controlword that take the axis from a state towards a target (CiA 402-2, table of commands).
 ///
-/// `[OURS]` States that no command leads to (Not ready, Fault reaction, Fault) are led to as Switch on disabled is.
-/// From Quick stop active the way to Operation enabled is by Disable voltage, since not every drive knows the direct
-/// one.
+/// `[OURS]` Targets that no command reaches (Not ready, Fault reaction, Fault) are treated as Switch on disabled. From
+/// Quick stop active to Operation enabled the way is Disable voltage, since not every drive supports the direct
+/// transition.
 const fn command(state: Option<DriveState>, target: DriveState) -> Controlword {
     use DriveState::{OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled, SwitchedOn};
-    /// Quick stop: bit 1 alone.
+    /// Quick stop: only bit 1 is set.
     const QUICK_STOP: Controlword = Controlword(0x02);
     match (target, state) {
         (QuickStopActive, _) => QUICK_STOP,

@@ -1,9 +1,9 @@
-//! Interrupt flags, what of them raises INT1, and the polarity of the lines.
+//! Interrupt flags, the flags that raise INT1, and the polarity of the interrupt lines.
 
 use crate::xf::Interrupts;
 use crate::xf::request::{InterruptEnable, PeripheralInterrupts, Polarity};
 
-/// The flags of word 0x10 but those of the encoder, and what is enabled.
+/// The flags of word 0x10 except those of the encoder, and the enabled interrupts.
 pub(super) struct InterruptUnit {
     flags: Interrupts,
     pub enable: InterruptEnable,
@@ -25,17 +25,17 @@ impl InterruptUnit {
         self.flags = self.flags.with(flags);
     }
 
-    /// Clears flags. `[OURS]` Bits 22 to 25 are cleared at their places too.
+    /// Clears flags. `[OURS]` Bits 22 to 25 are also cleared by the bits of the same number.
     pub const fn clear(&mut self, flags: Interrupts) {
         self.flags = self.flags.without(flags);
     }
 
-    /// Word 0x10 of an answer. `[OURS]` Bit 29 is any flag of the encoder.
+    /// Word 0x10 of an answer. `[OURS]` Bit 29 is set if any flag of the encoder is set.
     pub fn word(&self, encoder: PeripheralInterrupts) -> Interrupts {
         if encoder == PeripheralInterrupts::NONE { self.flags } else { self.flags | Interrupts::ENCODER }
     }
 
-    /// Whether INT1 is active: a flag that is enabled is set (XF EN, figure 8).
+    /// Whether INT1 is active: a flag is set and enabled (XF EN, figure 8).
     pub const fn is_active(&self, gpio: u32, encoder: PeripheralInterrupts) -> bool {
         let pins_8_to_11 = (gpio >> 8) as u8 & 0x0F;
         let peripherals = (encoder.0 | pins_8_to_11) & self.enable.peripherals.0;

@@ -1,7 +1,7 @@
-//! Commands that take time: one at a time, each ends with its effect or with an error.
+//! Commands that take time, as jobs. One job runs at a time, and ends with its effect or with an error.
 //!
-//! A job begins what it asks of the network, a [`Procedure`], and ends when that has been answered and its own time is up. On a
-//! network for which nothing takes time it begins when it ends.
+//! A job starts a [`Procedure`] with its requests to the network. It ends when these are answered and its own duration
+//! has passed. On a network that answers at once, the requests are made at the end of that duration.
 
 mod kinds;
 mod network;
@@ -20,33 +20,33 @@ pub(super) use kinds::{DatagramJob, EepromJob, FileJob, Job, SdoJob, StateJob};
 use requests::Procedure;
 pub(super) use requests::Requests;
 
-/// Bytes of outputs and of inputs of each slave.
+/// The sizes of each slave's outputs and inputs, in bytes.
 pub(super) type Lengths = List<[u16; 2], SLAVES_MAX>;
 
-/// A job under way.
+/// A running job.
 pub(super) struct Running {
     pub job: Job,
-    /// When what it asks of the network begins.
+    /// The time at which the job's requests to the network begin.
     begin_at: Ns,
-    /// When it ends, or a part of it, if the network has answered.
+    /// The earliest end of the job, or of its present part.
     pub due: Ns,
     procedure: Option<Procedure>,
     gained: Option<Gained>,
 }
 
 impl Running {
-    /// An initialisation, which begins when the network port is ready.
+    /// Whether this is an initialisation that is still waiting for the network port.
     pub const fn waits_for_port(&self) -> bool {
         matches!(self.job, Job::Init(_)) && self.procedure.is_none() && self.gained.is_none()
     }
 
-    /// The port is ready so much earlier.
+    /// Advances the job by the time by which the port is ready earlier.
     pub const fn skip(&mut self, ns: Ns) {
         self.due -= ns;
         self.begin_at = self.begin_at.saturating_sub(ns);
     }
 
-    /// When there is something to do, if the network has not answered before.
+    /// The time of the next step if the network does not answer earlier; `None` without one.
     const fn next_event(&self) -> Option<Ns> {
         match (&self.gained, &self.procedure) {
             (Some(_), _) => Some(self.due),
@@ -56,44 +56,44 @@ impl Running {
     }
 }
 
-/// What came of what a job has asked of the network.
+/// The result of a job's requests to the network.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 pub(super) enum Gained {
-    /// There was nothing to ask.
+    /// The job had no requests.
     Nothing,
-    /// It cannot be asked.
+    /// The requests were not possible.
     Failed,
-    /// No answer has come in time.
+    /// The network did not answer in time.
     TimedOut,
     Answer(Answer),
-    /// Bytes of outputs and inputs of each slave.
+    /// The sizes of each slave's outputs and inputs, in bytes.
     Lengths(Result<Lengths, AbortCode>),
     Pdos(Result<PdoConfig, AbortCode>),
 }
 
-/// How a part of a job begins.
+/// The beginning of a job's part: a procedure, or a result without one.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 enum Begun {
     Procedure(Procedure),
     Gained(Gained),
 }
 
-/// How a part of a job ends.
+/// The end of a job's part.
 pub(super) enum Progress {
     Done,
-    /// Another part follows, which ends then.
+    /// Another part follows, whose duration ends at this time.
     Next(Ns),
-    /// It is tried once more then.
+    /// The part is repeated at this time.
     Again(Ns),
     Failed,
 }
 
-/// What SDO_REQ has read, and why the last transfer failed.
+/// The data that SDO_REQ has read, and the abort code of the last transfer.
 pub(super) struct SdoResult {
     pub data: [u8; DataSize::MAX.bytes()],
-    /// Bytes read; `None`: nothing was.
+    /// Number of bytes read; `None` before the first read.
     pub len: Option<usize>,
-    /// 0: it did not fail.
+    /// The abort code; 0 if the transfer succeeded.
     pub abort: AbortCode,
 }
 
@@ -104,7 +104,7 @@ impl SdoResult {
 }
 
 impl<N: Network> Chip<N> {
-    /// Starts a job if none runs. False: one does.
+    /// Starts a job; returns false if another one is running.
     pub(super) fn start_job(&mut self, job: Job) -> bool {
         if self.job.is_some() {
             return false;
@@ -122,13 +122,13 @@ impl<N: Network> Chip<N> {
         true
     }
 
-    /// Gives up what runs.
+    /// Gives up the running job.
     pub(super) fn drop_job(&mut self) {
         self.job = None;
         self.network.give_up();
     }
 
-    /// When there is something to do for the job under way.
+    /// The time of the next step of the running job.
     pub(super) fn next_job_event(&self) -> Option<Ns> {
         let running = self.job.as_ref()?;
         let work = running.procedure.as_ref().and_then(|_| self.network.next_work());
@@ -138,7 +138,7 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    /// How long the first part of a job takes from now on.
+    /// The duration of the first part of a job.
     fn first_part_ns(&self, job: &Job) -> Ns {
         let timing = &self.timing;
         let count = Ns::from(self.bus.count);
@@ -160,7 +160,8 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    /// Goes on with the job under way: asks the network, and ends the job, or a part of it, when it is answered and due.
+    /// Continues the running job: makes its requests to the network, and ends the job or a part of it when the answer
+    /// has come and the duration has passed.
     pub(super) fn run_job(&mut self) {
         while let Some(mut running) = self.job.take() {
             let gained = match self.ask(&mut running) {
@@ -186,7 +187,7 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    /// Asks the network what the job wants to know, if it is time for that.
+    /// Makes the job's requests to the network when it is time, and returns their result when the job is due.
     fn ask(&mut self, running: &mut Running) -> Asked {
         if running.gained.is_none() && running.procedure.is_none() {
             if self.now < running.begin_at {
@@ -212,7 +213,7 @@ impl<N: Network> Chip<N> {
         running.gained.take_if(|_| is_due).map_or(Asked::Waits, Asked::Gained)
     }
 
-    /// Begins what a job asks of the network.
+    /// Starts a procedure that makes requests to the network.
     fn ask_network<F: Future<Output = Gained> + Send + 'static>(
         &mut self,
         procedure: impl FnOnce(Requests) -> F,
@@ -220,7 +221,7 @@ impl<N: Network> Chip<N> {
         self.requests.begin(&mut self.network, procedure)
     }
 
-    /// Begins what is a single operation.
+    /// Starts a procedure with a single operation.
     fn ask_for(&mut self, operation: Operation) -> Begun {
         self.ask_network(|requests| async move { Gained::Answer(requests.ask(operation).await) })
     }
@@ -295,12 +296,13 @@ impl<N: Network> Chip<N> {
             (Job::Datagram(job), gained) => self.end_datagram(job, gained),
             (Job::File(job), Gained::Answer(Answer::File(result))) => self.end_file(job, result),
             (Job::ReceiveMail { .. }, Gained::Answer(Answer::Mail(mail))) => self.end_mail(mail),
-            // What a job gains is what its beginning asked for.
+            // Cannot happen: each result comes from the request of its own job.
             _ => Progress::Failed,
         }
     }
 
-    /// Builds the FIFOs for the present process data. False: they are too long. `[OURS]` That is a FIFO error.
+    /// Allocates the FIFOs for the present process data; returns false if they exceed the memory. `[OURS]` That is a
+    /// FIFO error.
     pub(super) fn build_fifos(&mut self) -> bool {
         let fits = self.fifos.build(self.bus.rx_bytes, self.bus.tx_bytes);
         if !fits {
@@ -320,16 +322,16 @@ impl<N: Network> Chip<N> {
     }
 }
 
-/// How far a job has come with the network.
+/// The progress of a job's requests.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 enum Asked {
     Gained(Gained),
-    /// It is not time yet, or there is no answer.
+    /// It is not time yet, or the answer is still missing.
     Waits,
 }
 
 impl Begun {
-    /// It fails, when it is due.
+    /// The requests are not possible, so that the job fails at its end.
     const FAILED: Self = Self::Gained(Gained::Failed);
 }
 

@@ -1,9 +1,9 @@
-//! Registers of PHYs, as memory.
+//! Registers of PHYs, kept in RAM.
 
 use crate::xf::request::Mdio;
 use crate::xf::response::MdioAnswer;
 
-/// Addresses of PHYs, and registers of each (IEEE 802.3 clause 22).
+/// Number of PHY addresses, and of registers per PHY (IEEE 802.3 clause 22).
 const NUMBERS: usize = 32;
 
 pub(super) struct Phys {
@@ -11,17 +11,17 @@ pub(super) struct Phys {
 }
 
 impl Phys {
-    /// `[OURS]` All registers are 0.
+    /// Creates the registers. `[OURS]` All are 0.
     pub const fn new() -> Self {
         Self { registers: [[0; NUMBERS]; NUMBERS] }
     }
 
-    /// A register; `None` if there is no such one.
+    /// A register of a PHY; `None` if it does not exist.
     pub fn register_mut(&mut self, phy: u8, register: u8) -> Option<&mut u16> {
         self.registers.get_mut(usize::from(phy))?.get_mut(usize::from(register))
     }
 
-    /// `None`: there is no such register.
+    /// Reads or writes a register; `None` if it does not exist.
     pub fn run(&mut self, request: Mdio) -> Option<MdioAnswer> {
         Some(MdioAnswer(match request {
             Mdio::Write { phy, register, value } => {

@@ -1,29 +1,29 @@
-//! A model of the chip: the other end of the wire. A host's packets have the effects and errors that the manuals give
-//! them, on a network of simulated slaves.
+//! A model of the chip, the other end of the wire. A host's packets have the effects and errors that the manuals
+//! describe, on a network of simulated slaves.
 //!
-//! The model is plain data. Time is an argument, in nanoseconds since power-on, and the same calls always give the same
-//! bytes; an exchange and a cycle allocate nothing.
+//! The model is plain data. Time is an argument, in nanoseconds since power-on. The same calls always give the same
+//! bytes; an exchange and a cycle do not allocate.
 //!
 //! | file | what it holds |
 //! | --- | --- |
-//! | `profile.rs`, `timing.rs` | which chip and firmware it is; how long it takes for what |
-//! | `exchange.rs` | packets: which answer goes out, errors, repeated packets, what each header does |
+//! | `profile.rs`, `timing.rs` | the type of the chip and its firmware; the durations of its operations |
+//! | `exchange.rs` | packets: the choice of the answer, errors, repeated packets, the effects of each header |
 //! | `port.rs` | the chip as a stream of bytes |
-//! | `commands.rs`, `commands/` | what each command does at once, by subject |
-//! | `jobs.rs`, `jobs/` | commands that take time: what they do at their end |
+//! | `commands.rs`, `commands/` | the immediate effect of each command, by subject |
+//! | `jobs.rs`, `jobs/` | commands that take time, with their effects at the end |
 //! | `cycle.rs` | time: EtherCAT cycles |
-//! | `bus.rs` | what the chip knows of its network: states, process data, working counter |
+//! | `bus.rs` | the chip's knowledge of its network: states, process data, working counter |
 //! | `fifo.rs`, `helper.rs` | the FIFOs of process data; the CiA 402 helper |
 //! | `interrupts.rs`, `gpio.rs`, `encoder.rs`, `analog.rs`, `flash.rs`, `mdio.rs` | the chip's own units |
-//! | `results.rs` | what was fetched and waits for the host |
-//! | `network.rs`, `network/` | the seam to the slaves; slave models behind it, and slave controllers with a master |
+//! | `results.rs` | results that wait until the host reads them |
+//! | `network.rs`, `network/` | the trait of networks; slave models, and slave controllers with a master |
 //!
-//! How to read it: [`Chip::exchange`] is the whole of a packet; it calls `run` in `commands.rs` for the command. What
-//! takes time is started there as a `Job` and ends in `jobs.rs`, from [`Chip::run_until`].
+//! How to read it: [`Chip::exchange`] handles a whole packet; for the command it calls `run` in `commands.rs`. A
+//! command that takes time is started there as a `Job` and ends in `jobs.rs`, called from [`Chip::run_until`].
 //!
-//! There are two networks. [`Controllers`] is a master and a controller in front of each slave: every frame is real, and all 67
-//! codes are answered. [`SlaveModels`] calls the same slaves without frames: a cycle takes a fraction of the time, and what
-//! [`NEED_REGISTERS`] lists is answered with the command error.
+//! There are two networks. [`Controllers`] has a master and a slave controller in front of each slave: every frame is
+//! real, and all 67 codes are supported. [`SlaveModels`] calls the same slaves without frames. A cycle then takes a
+//! fraction of the time, and the commands in [`NEED_REGISTERS`] are answered with the command error.
 //!
 //! ```
 //! use ecmsk::slave::{Drive, DriveConfig};
@@ -39,10 +39,10 @@
 //! for index in 1..=2 {
 //!     let header = CommandHeader::with_index(index);
 //!     let packet = write_request(&mut command, size, CheckRule::FIXED, header, &FirmwareVersionGet)?;
-//!     // The chip takes its time to start, and to process a packet: here it is given a second for each.
+//!     // The chip needs time to start, and to process a packet: here it gets a second for each.
 //!     chip.exchange(u64::from(index) * 1_000_000_000, packet, answer);
 //! }
-//! // The answer to the packet before.
+//! // The second exchange returns the answer to the first packet.
 //! let received = AnswerPacket::parse(answer, size, Coverage::All)?;
 //! let Received::Answer(packet) = received else { panic!("the chip is ready") };
 //! assert_eq!(packet.header.index, 1);
@@ -96,12 +96,12 @@ use jobs::{Requests, Running, SdoResult};
 use mdio::Phys;
 use results::Results;
 
-/// A chip with its network.
+/// A model of the chip with its network.
 pub struct Chip<N> {
     profile: Profile,
     timing: Timing,
     network: N,
-    /// The time until which everything has run.
+    /// The time until which the model has run.
     now: Ns,
     next_cycle: Ns,
     last_cycle: Ns,
@@ -109,32 +109,32 @@ pub struct Chip<N> {
     size: DataSize,
     check: CheckType,
     prepared: Prepared,
-    /// Index and code of the last packet.
+    /// Index and code of the previous packet.
     previous: Option<(u8, CommandCode)>,
-    /// From when on the next packet is taken.
+    /// The time from which on the next packet is accepted.
     ready_at: Ns,
-    /// From when on the network port is initialised.
+    /// The time from which on the network port is initialised.
     port_ready_at: Ns,
-    /// WARM_RESET was just taken.
+    /// Whether WARM_RESET has just been received.
     restarts: bool,
     errors: Errors,
-    /// Those that no answer to a command has shown.
+    /// Errors that no answer to a command has shown yet.
     not_shown: Errors,
     crc_errors: u8,
     unknown_commands: u64,
 
     bus: Bus,
-    /// The PHY had a link when the network was initialised.
+    /// Whether the PHY had a link when the network was initialised.
     phy_link: bool,
     fifos: Fifos,
-    /// The RxFIFO is put out, as it is after a start (XF EN 674).
+    /// Whether RxPDOs are taken out of the RxFIFO, as at power-on (XF EN 674).
     fifo_on: bool,
     helper: Helper,
     job: Option<Running>,
     sdo: SdoResult,
     results: Results,
     requests: Requests,
-    /// What PDO_CONFIG_REQ has read.
+    /// The PDOs that PDO_CONFIG_REQ has read.
     pdo_config: Option<PdoConfig>,
 
     interrupts: InterruptUnit,
@@ -146,12 +146,12 @@ pub struct Chip<N> {
 }
 
 impl<N: Network> Chip<N> {
-    /// A chip that gets its power at time 0, with a network.
+    /// A chip with this network that is powered on at time 0.
     pub fn new(profile: Profile, network: N) -> Self {
         Self::with_timing(profile, Timing::default(), network)
     }
 
-    /// The same with other durations.
+    /// A chip with other durations, powered on at time 0.
     pub fn with_timing(profile: Profile, timing: Timing, network: N) -> Self {
         let mut chip = Self {
             profile,
@@ -192,13 +192,14 @@ impl<N: Network> Chip<N> {
         chip
     }
 
-    /// The reset line is released at `now`, after which the chip starts.
+    /// Releases the reset line at `now`; the chip then starts.
     pub fn reset(&mut self, now: Ns) {
         self.run_until(now);
         self.restart();
     }
 
-    /// Power-on, the reset line and WARM_RESET: all is as at first but what is outside of the chip and its flash memory.
+    /// Restarts the chip after power-on, the reset line or WARM_RESET. Everything is reset except the pins' external
+    /// signals and the flash memory.
     fn restart(&mut self) {
         self.size = self.profile.size;
         self.check = CheckType::Fixed;
@@ -238,58 +239,58 @@ impl<N: Network> Chip<N> {
         self.now
     }
 
-    /// From when on the chip takes the next packet, which is when INT0 becomes active.
+    /// The time from which on the chip accepts the next packet, at which INT0 becomes active.
     pub const fn ready_at(&self) -> Ns {
         self.ready_at
     }
 
-    /// Whether process data travel in LRW, and not in LRD and LWR.
+    /// Whether process data travel in LRW; otherwise in LRD and LWR.
     pub const fn uses_lrw(&self) -> bool {
         self.bus.lrw
     }
 
-    /// Commands whose code or function no manual has; each was answered with the command error. The vendor's header names more than
-    /// the manuals do (OBS).
+    /// The number of commands whose code or function is not in the manuals; each was answered with the command error.
+    /// The vendor's header has more codes than the manuals (OBS).
     pub const fn unknown_commands(&self) -> u64 {
         self.unknown_commands
     }
 
-    /// The network.
+    /// The chip's network.
     pub const fn network(&self) -> &N {
         &self.network
     }
 
-    /// The network, to cause trouble in it.
+    /// The chip's network, to cause faults in it.
     pub const fn network_mut(&mut self) -> &mut N {
         &mut self.network
     }
 
-    /// The level of INT0 at `now`: active, high after a start, while the chip is ready for a packet (XF EN, "ECM-XF
+    /// The level of INT0 at `now`. It is active, by default high, while the chip is ready for a packet (XF EN, "ECM-XF
     /// Interrupt").
     pub fn int0(&mut self, now: Ns) -> bool {
         self.run_until(now);
         self.is_ready() == self.interrupts.enable.polarity.contains(Polarity::INT0_HIGH)
     }
 
-    /// The level of INT1 at `now`: active, low after a start, while a flag that is enabled is set.
+    /// The level of INT1 at `now`. It is active, by default low, while an enabled flag is set.
     pub fn int1(&mut self, now: Ns) -> bool {
         self.run_until(now);
         let is_active = self.interrupts.is_active(self.gpio.flags(), self.encoder.flags);
         is_active == self.interrupts.enable.polarity.contains(Polarity::INT1_HIGH)
     }
 
-    /// Drives a GPIO, 0..=19, from outside; `None`: nothing does. A channel that there is not has no effect.
+    /// Drives GPIO 0..=19 from outside; `None` drives it no longer. A channel that does not exist is ignored.
     pub fn wire_gpio(&mut self, now: Ns, channel: u8, level: Option<bool>) {
         self.run_until(now);
         self.gpio.wire(self.now, channel, level);
     }
 
-    /// The level at a GPIO, 0..=19, as something wired to it sees it.
+    /// The level at GPIO 0..=19 as seen from outside.
     pub fn gpio_level(&self, channel: u8) -> bool {
         self.gpio.level(channel)
     }
 
-    /// Turns the shaft of the encoder by so many quarters of a period; negative: backwards.
+    /// Turns the encoder's shaft by that many quarters of a period; negative values turn it backwards.
     pub fn turn_encoder(&mut self, quarters: i32) {
         self.encoder.turn(quarters);
     }
@@ -299,31 +300,31 @@ impl<N: Network> Chip<N> {
         self.encoder.index();
     }
 
-    /// What the DAC puts out at `now`, 0..=4095 for 0 V to 3.3 V; `None`: it is closed.
+    /// The value that the DAC outputs at `now`, 0..=4095 for 0 V to 3.3 V; `None` if it is closed.
     pub fn dac_output(&mut self, now: Ns) -> Option<u16> {
         self.run_until(now);
         self.analog.output()
     }
 
-    /// Gives the pin DAC_ST a level.
+    /// Sets the level of the pin DAC_ST.
     pub fn wire_dac_start(&mut self, now: Ns, level: bool) {
         self.run_until(now);
         self.analog.set_start_pin(self.now, level);
     }
 
-    /// Gives the inputs of the ADC their values, 0..=4095 for 0 V to 3.3 V; the negative one counts in differential
+    /// Sets the values at the ADC's inputs, 0..=4095 for 0 V to 3.3 V. The negative input is used only in differential
     /// mode.
     pub fn wire_adc(&mut self, now: Ns, positive: u16, negative: u16) {
         self.run_until(now);
         self.analog.wire_adc(positive, negative);
     }
 
-    /// The flash memory for files, [`FLASH_BYTES`].
+    /// The flash memory for files, of [`FLASH_BYTES`] bytes.
     pub fn flash(&self) -> &[u8] {
         self.flash.memory()
     }
 
-    /// A register of a PHY; `None` if there is no such one, 0..=31 of each.
+    /// A register of a PHY, both numbered 0..=31; `None` if it does not exist.
     pub fn phy_register_mut(&mut self, phy: u8, register: u8) -> Option<&mut u16> {
         self.phys.register_mut(phy, register)
     }

@@ -1,12 +1,12 @@
-//! The seam between the chip and its network.
+//! The trait between the chip and its network.
 //!
 //! | file | what it holds |
 //! | --- | --- |
-//! | `network.rs` | the seam, [`Network`] |
-//! | `operation.rs` | what takes time: asked for, and answered later |
-//! | `list.rs` | lists that allocate nothing |
-//! | `at_once.rs`, `slaves.rs` | networks for which nothing takes time; slave models as one |
-//! | `controllers.rs`, `wire.rs` | a master and slave controllers, between which every frame is real |
+//! | `network.rs` | the trait [`Network`] |
+//! | `operation.rs` | operations that take time, with their answers |
+//! | `list.rs` | lists without allocation |
+//! | `at_once.rs`, `slaves.rs` | networks that answer at once; slave models as such a network |
+//! | `controllers.rs`, `wire.rs` | a master and slave controllers, with real frames between them |
 //! | `simulated.rs` | either of the two, as a link names it |
 
 pub mod at_once;
@@ -28,55 +28,55 @@ use crate::ethercat::coe::{AbortCode, Emergency, ObjectAddress};
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::xf::request::DcTiming;
 
-/// The most slaves that the chip numbers.
+/// The largest number of slaves that the chip supports.
 pub const SLAVES_MAX: usize = 128;
-/// The most bytes of process data in each direction. `[OURS]` The largest data segment.
+/// The largest size of process data in each direction, in bytes. `[OURS]` The largest data segment.
 pub const IMAGE_MAX: usize = crate::xf::DataSize::MAX.bytes();
 
-/// What the EEPROM of a slave says about it.
+/// The identity of a slave from its EEPROM.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Identity {
-    /// Vendor id.
+    /// Vendor id of the slave.
     pub vendor: u32,
-    /// Product code.
+    /// Product code of the slave.
     pub product: u32,
-    /// Revision.
+    /// Revision number of the slave.
     pub revision: u32,
     /// The device's name.
     pub name: String,
-    /// The station alias; 0: none.
+    /// The station alias; 0 for none.
     pub alias: u16,
 }
 
-/// Where the process data of a slave are in the images, and to which state the chip has brought it.
+/// The position of a slave's process data in the process images, and the state to which the chip has brought the slave.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Place {
-    /// First byte of its outputs in the RxPDO.
+    /// Offset of the slave's outputs in the RxPDO, in bytes.
     pub outputs_at: u16,
-    /// Bytes of its outputs.
+    /// Size of the slave's outputs in bytes.
     pub output_bytes: u16,
-    /// First byte of its inputs in the TxPDO.
+    /// Offset of the slave's inputs in the TxPDO, in bytes.
     pub inputs_at: u16,
-    /// Bytes of its inputs.
+    /// Size of the slave's inputs in bytes.
     pub input_bytes: u16,
-    /// The state to which the chip has brought it; the slave may have left it by itself.
+    /// The state to which the chip has brought the slave, which may have left it by itself.
     pub commanded: AlState,
 }
 
 impl Place {
-    /// Its bytes in the image of outputs.
+    /// The range of the slave's outputs in the process image of outputs.
     pub const fn outputs(&self) -> std::ops::Range<usize> {
         self.outputs_at as usize..self.outputs_at as usize + self.output_bytes as usize
     }
 
-    /// Its bytes in the image of inputs.
+    /// The range of the slave's inputs in the process image of inputs.
     pub const fn inputs(&self) -> std::ops::Range<usize> {
         self.inputs_at as usize..self.inputs_at as usize + self.input_bytes as usize
     }
 
-    /// What the slave counts in the working counter in that state: 1 for inputs that are read, 2 for outputs that are written. LRW
-    /// adds so much by itself (ETG.1000.4 5.4); of an LWR beside an LRD the chip counts each slave twice (XF EN 434).
-    /// `outputs_from`: the state from which outputs count.
+    /// The slave's contribution to the working counter in that state: 1 for inputs that are read, 2 for outputs that
+    /// are written. With LRW the slaves themselves count this way (ETG.1000.4 5.4); with LWR and LRD the chip counts
+    /// each slave of the LWR twice (XF EN 434). `outputs_from` is the state from which on outputs count.
     pub fn counts(&self, state: AlState, outputs_from: AlState) -> u16 {
         let read = state >= AlState::SafeOp && self.input_bytes > 0;
         let written = state >= outputs_from && self.output_bytes > 0;
@@ -87,48 +87,50 @@ impl Place {
 /// Why a slave does not enter a state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EnterError {
-    /// It does not answer.
+    /// The slave does not answer.
     NoAnswer,
-    /// It refuses, with that AL status code.
+    /// The slave refuses, with that AL status code.
     Refused(AlStatus),
 }
 
-/// What a slave needs to know before it goes to SafeOP.
+/// The settings of a slave that are made before it goes to SafeOP.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlaveSetup {
-    /// Bytes of its outputs.
+    /// Size of the slave's outputs in bytes.
     pub output_bytes: u16,
-    /// Bytes of its inputs.
+    /// Size of the slave's inputs in bytes.
     pub input_bytes: u16,
-    /// Its SYNC signals; `None`: it runs without distributed clocks.
+    /// The slave's SYNC signals; `None` if it runs without distributed clocks.
     pub sync: Option<DcTiming>,
 }
 
 /// The process data of a cycle.
 #[derive(Debug)]
 pub struct Exchange<'a> {
-    /// What belongs to whom, the first one to slave 0.
+    /// The position of each slave's data, beginning with slave 0.
     pub places: &'a [Place],
-    /// All outputs.
+    /// The outputs of all slaves.
     pub outputs: &'a [u8],
-    /// All inputs. Those of slaves that do not answer keep their values.
+    /// The inputs of all slaves. Inputs of slaves that do not answer keep their values.
     pub inputs: &'a mut [u8],
-    /// They travel in LRW, not in LWR and LRD.
+    /// Whether the data travel in LRW; otherwise in LWR and LRD.
     pub lrw: bool,
 }
 
-/// A network as the chip needs it. Slaves are numbered from 0; a number that no slave has is one that does not answer.
+/// The network of a chip. Slaves are numbered from 0. A number without a slave behaves like a slave that does not
+/// answer.
 ///
-/// What takes time on a wire is asked for by [`Self::start`] and answered by [`Self::poll`].
+/// Operations that take time on a wire are started with [`Self::start`] and answered by [`Self::poll`].
 pub trait Network: Send {
-    /// Whether operations take time, so that they begin with the command; otherwise they are done at once, at its end.
+    /// Whether operations take time. If so they start with the command; otherwise they are executed at the end of the
+    /// command.
     fn takes_time(&self) -> bool;
 
-    /// Whether there are registers, EEPROMs, files and mailboxes behind the slaves' objects. Without them the chip answers what
-    /// needs them with the command error.
+    /// Whether the slaves have registers, EEPROMs, files and mailboxes behind their objects. If not, the chip answers
+    /// commands that need them with the command error.
     fn knows_registers(&self) -> bool;
 
-    /// From which state on outputs count in the working counter. `[OURS]` For models it is OP.
+    /// The state from which on outputs count in the working counter. `[OURS]` For slave models it is OP.
     fn outputs_count_from(&self) -> AlState {
         AlState::Op
     }
@@ -136,40 +138,40 @@ pub trait Network: Send {
     /// Whether the network port has a link.
     fn has_link(&self) -> bool;
 
-    /// What the last scan has read of a slave's EEPROM; `None` if there is no such slave.
+    /// The data that the last scan has read from a slave's EEPROM; `None` if there is no such slave.
     fn identity(&self, slave: u8) -> Option<&Identity>;
 
     /// Whether the slave has distributed clocks.
     fn has_dc(&self, slave: u8) -> bool;
 
-    /// The AL state as it was read last; `None`: the slave does not answer.
+    /// The AL state as last read; `None` if the slave does not answer.
     fn state(&self, slave: u8) -> Option<AlState>;
 
-    /// The AL status code that was read with it; `None`: there is no register for it.
+    /// The AL status code that was read with the state; `None` if there is no register for it.
     fn al_status(&self, _slave: u8) -> Option<AlStatus> {
         None
     }
 
-    /// Sets what a slave has to know before it goes to SafeOP. False: it cannot have such process data.
+    /// Makes a slave's settings for SafeOP; returns false if the slave does not support such process data.
     fn set_up(&mut self, slave: u8, setup: &SlaveSetup) -> bool;
 
-    /// Sets whose clock leads the others: that of the first slave that has one, or the chip's own.
+    /// Selects the reference clock: that of the first slave with a clock, or the chip's own.
     fn set_reference(&mut self, _is_first_slave: bool) {}
 
-    /// How much longer than others SDO transfers with a slave take, where that is not on the wire.
+    /// The additional duration of SDO transfers with this slave, for networks whose frames do not take time.
     fn sdo_delay_ns(&self, _slave: u8) -> Ns {
         0
     }
 
-    /// The abort code with which a slave aborts a transfer of SDO_REQ whatever its dictionary says; `None`: it does not.
+    /// The abort code with which a slave always aborts transfers of SDO_REQ for this object; `None` if it does not.
     fn sdo_abort(&self, _slave: u8, _object: ObjectAddress) -> Option<AbortCode> {
         None
     }
 
-    /// Starts an operation; the one before is given up. The answer, if it has come already.
+    /// Starts an operation and gives up the previous one; returns the answer if it is already there.
     fn start(&mut self, operation: Operation) -> Option<Answer>;
 
-    /// The answer of the operation that was started, once.
+    /// Returns the answer to the started operation once it is there, and only once.
     fn poll(&mut self) -> Option<Answer> {
         None
     }
@@ -177,33 +179,34 @@ pub trait Network: Send {
     /// Gives up the operation that was started.
     fn give_up(&mut self) {}
 
-    /// When [`Self::work`] has to be called next for the operation that was started; `None`: whenever time passes.
+    /// The time at which [`Self::work`] has to be called next for the started operation; `None` for whenever time
+    /// passes.
     fn next_work(&self) -> Option<Ns> {
         None
     }
 
-    /// Goes on with the operation that was started.
+    /// Continues the started operation.
     fn work(&mut self, _now: Ns) {}
 
-    /// The process data of a cycle. The working counter.
+    /// Exchanges the process data of a cycle; returns the working counter.
     fn exchange(&mut self, exchange: Exchange<'_>) -> u16;
 
-    /// `dt_ns` pass, until `now`.
+    /// Lets `dt_ns` pass in the slaves, until `now`.
     fn pass(&mut self, now: Ns, dt_ns: Ns);
 
-    /// The next emergency that a slave has sent.
+    /// Takes the next emergency that a slave has sent.
     fn take_emergency(&mut self) -> Option<(u8, Emergency)> {
         None
     }
 
-    /// Sets whether what a slave sends unasked stays in its mailbox until [`Operation::ReceiveMail`].
+    /// Sets whether unsolicited messages of a slave stay in its mailbox until [`Operation::ReceiveMail`].
     fn keep_mail(&mut self, _slave: u8, _keeps: bool) {}
 
-    /// Whether there is mail in a mailbox whose mail stays.
+    /// Whether a mailbox whose messages stay there has a message.
     fn has_mail(&self, _slave: u8) -> bool {
         false
     }
 
-    /// The chip has started: what it knew of the network is gone.
+    /// Handles a restart of the chip: its knowledge of the network is lost.
     fn reset(&mut self) {}
 }

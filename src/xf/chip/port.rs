@@ -1,22 +1,22 @@
-//! The chip as a stream of bytes both ways, as SPI has it: for each byte to the chip there is one from it.
+//! The chip as a stream of bytes, as on SPI: for each byte to the chip there is one from it.
 
 use super::Chip;
 use super::network::Network;
 use crate::ethercat::Ns;
 use crate::xf::MAX_PACKET;
 
-/// A chip behind its bytes.
+/// A chip behind a stream of bytes.
 ///
-/// The chip counts bytes: after each n + 32 of them a packet ends and the next one begins, wherever the host believes
-/// that it does. A host that is out of step sends packets that are none, each of which is a framing error, and finds
-/// the step again where end word and start word follow each other in what it receives.
+/// The chip counts bytes: each n + 32 of them are a packet, wherever the host assumes its beginning. A host that is out
+/// of step sends invalid packets, each of which is a framing error. It finds the beginning of packets again at an end
+/// word followed by a start word in the received bytes.
 pub struct ChipPort<N> {
     chip: Chip<N>,
-    /// Bytes of the present packet that have passed.
+    /// Number of bytes of the present packet that were transferred.
     at: usize,
-    /// Whether the chip was ready when it began.
+    /// Whether the chip was ready when the present packet began.
     is_ready: bool,
-    /// Its length.
+    /// The length of the present packet.
     len: usize,
     outgoing: [u8; MAX_PACKET],
     incoming: [u8; MAX_PACKET],
@@ -28,7 +28,7 @@ impl<N: Network> ChipPort<N> {
         Self { chip, at: 0, is_ready: false, len: 0, outgoing: [0; MAX_PACKET], incoming: [0; MAX_PACKET] }
     }
 
-    /// The chip.
+    /// The chip behind the port.
     pub const fn chip(&self) -> &Chip<N> {
         &self.chip
     }
@@ -38,8 +38,8 @@ impl<N: Network> ChipPort<N> {
         &mut self.chip
     }
 
-    /// Clocks bytes both ways at `now`: all of `to_chip`, of any number, and as many into `from_chip`. Where the two
-    /// differ in length the shorter one counts. How many bytes passed.
+    /// Transfers bytes both ways at `now`: sends `to_chip` and receives the same number into `from_chip`. If their
+    /// lengths differ, the shorter one counts. Returns the number of bytes transferred.
     pub fn transfer(&mut self, now: Ns, to_chip: &[u8], from_chip: &mut [u8]) -> usize {
         self.chip.run_until(now);
         let passing = to_chip.len().min(from_chip.len());
@@ -60,7 +60,7 @@ impl<N: Network> ChipPort<N> {
         passed
     }
 
-    /// The chip's reset line was low, and is high from `now` on: all is as after power-on, and the next byte begins a packet.
+    /// Releases the chip's reset line at `now`: the chip restarts, and the next byte begins a packet.
     pub fn reset(&mut self, now: Ns) {
         self.chip.reset(now);
         self.at = 0;

@@ -1,21 +1,21 @@
-//! What commands that took time have fetched for the commands that give it to the host.
+//! Results of commands that took time, kept for the commands with which the host reads them.
 
 use super::jobs::DatagramJob;
 use crate::ethercat::coe;
 use crate::xf::request::EMERGENCIES_MAX;
 use crate::xf::response::{Emergencies, Emergency};
 
-/// What EEPROM_REQ has come to.
+/// The result of EEPROM_REQ.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct EepromResult {
-    /// 0: it has succeeded.
+    /// The error code; 0 for success.
     pub error: u8,
     data: [u8; 8],
     len: usize,
 }
 
 impl EepromResult {
-    /// Words that were read, 4 at most.
+    /// The result of a successful read of up to 4 words.
     pub fn of(words: &[u16]) -> Self {
         let mut data = [0; 8];
         for (place, word) in data.as_chunks_mut().0.iter_mut().zip(words) {
@@ -33,14 +33,14 @@ impl EepromResult {
     }
 }
 
-/// What waits for the host; `None`: nothing was fetched.
+/// Results that wait until the host reads them; `None` if there is none.
 #[derive(Default)]
 pub(super) struct Results {
-    /// For EEPROM_GET.
+    /// The result for EEPROM_GET.
     pub eeprom: Option<EepromResult>,
-    /// For RAW_ECAT_FUNC_GET.
+    /// The result for RAW_ECAT_FUNC_GET.
     pub datagram: Option<DatagramJob>,
-    /// For RECV_MAILBOX: a mailbox as it was read.
+    /// The result for RECV_MAILBOX: a mailbox message as it was read.
     pub mail: Option<Vec<u8>>,
     pub emergencies: EmergencyList,
 }
@@ -48,14 +48,14 @@ pub(super) struct Results {
 /// The newest emergencies of slaves.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct EmergencyList {
-    /// The newest one in front.
+    /// The emergencies, the newest one first.
     newest: [Option<Emergency>; EMERGENCIES_MAX],
-    /// The running number of the newest one.
+    /// The serial number of the newest emergency.
     running_number: u16,
 }
 
 impl EmergencyList {
-    /// A slave has sent one. `[OURS]` The first one since the start has the running number 1; it wraps.
+    /// Adds an emergency of a slave. `[OURS]` The first one since the start has the serial number 1; the number wraps.
     pub fn add(&mut self, slave: u8, emergency: coe::Emergency) {
         self.running_number = self.running_number.wrapping_add(1);
         let coe::Emergency { code, register, data } = emergency;
@@ -64,7 +64,7 @@ impl EmergencyList {
         self.newest[0] = Some(Emergency { number: 0, slave, running_number, code, register, data });
     }
 
-    /// The newest ones. `[OURS]` The newest is number 0, and reading takes none away.
+    /// The newest emergencies. `[OURS]` The newest one has the number 0, and reading does not remove any.
     pub fn list(&self, count: usize) -> Option<Emergencies> {
         let mut places = self.newest;
         for (number, place) in (0..).zip(&mut places) {

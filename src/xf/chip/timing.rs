@@ -1,53 +1,53 @@
-//! How long the chip takes for what it does.
+//! The durations of the chip's operations.
 
 use crate::ethercat::{AlState, Ns};
 
-/// Durations. `[OURS]` The manuals give one alone, that a packet is processed in less than 150 us (XF EN, "ECM-XF
-/// Interrupt"); those of the network are of a small one of servo drives. On a network of frames a command takes as long as these
-/// say, or as its frames need if that is longer.
+/// The durations of the chip's operations. `[OURS]` The manuals give only one, that a packet is processed in less than
+/// 150 us (XF EN, "ECM-XF Interrupt"). Those of network operations are typical of a small network of servo drives. On a
+/// network with real frames a command takes this long, or longer if its frames need more time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Timing {
-    /// From power-on or WARM_RESET until packets are taken. The vendor's driver waits 1 s (OBS).
+    /// From power-on or WARM_RESET until packets are accepted. The vendor's driver waits 1 s (OBS).
     pub start_ns: Ns,
-    /// From then until the network port is initialised.
+    /// From the moment at which packets are accepted until the network port is initialised.
     pub port_ns: Ns,
-    /// From the end of a packet until the next one is taken.
+    /// From the end of a packet until the next one is accepted.
     pub packet_ns: Ns,
-    /// ECAT_INIT_OP, of a network of any size.
+    /// Duration of ECAT_INIT_OP, for a network of any size.
     pub init_ns: Ns,
-    /// What each slave adds to RECONFIG_OP and CONFIG_MAP.
+    /// Additional duration of RECONFIG_OP and CONFIG_MAP for each slave.
     pub slave_ns: Ns,
-    /// ECAT_RECONFIG_OP and CONFIG_MAP, without what each slave adds.
+    /// Duration of ECAT_RECONFIG_OP and CONFIG_MAP, without the addition for each slave.
     pub reconfig_ns: Ns,
-    /// From Init to PreOP.
+    /// Duration of a change of state from Init to PreOP.
     pub to_preop_ns: Ns,
-    /// From PreOP to SafeOP.
+    /// Duration of a change of state from PreOP to SafeOP.
     pub to_safeop_ns: Ns,
-    /// From SafeOP to OP.
+    /// Duration of a change of state from SafeOP to OP.
     pub to_op_ns: Ns,
-    /// To a lower state, or to the present one.
+    /// Duration of a change of state to a lower state, or to the present one.
     pub down_ns: Ns,
-    /// What each slave adds to a change of state.
+    /// Additional duration of a change of state for each slave.
     pub change_slave_ns: Ns,
-    /// ECAT_STATE_UPDATE.
+    /// Duration of ECAT_STATE_UPDATE.
     pub update_ns: Ns,
-    /// ECAT_INIT_DC_OP and ECAT_DCSYNC.
+    /// Duration of ECAT_INIT_DC_OP and of ECAT_DCSYNC.
     pub dc_ns: Ns,
-    /// From the end of an initialisation of the clocks until they are stable.
+    /// Time from the end of an initialisation of the clocks until they are stable.
     pub dc_settle_ns: Ns,
-    /// An SDO transfer, an access to an EEPROM or to a mailbox.
+    /// Duration of an SDO transfer, or of an access to an EEPROM or a mailbox.
     pub sdo_ns: Ns,
-    /// PDO_CONFIG_SET and PDO_CONFIG_REQ, which are some SDO transfers.
+    /// Duration of PDO_CONFIG_SET and of PDO_CONFIG_REQ, each of which makes several SDO transfers.
     pub pdo_config_ns: Ns,
-    /// FIFO_INIT.
+    /// Duration of FIFO_INIT.
     pub fifo_init_ns: Ns,
-    /// Reading or writing flash memory; a file takes as long at least.
+    /// Duration of an access to the flash memory, and minimum duration of a file transfer.
     pub flash_ns: Ns,
-    /// A datagram, and setting a sync manager.
+    /// Duration of sending a datagram, and of setting a sync manager.
     pub datagram_ns: Ns,
-    /// A conversion of the ADC.
+    /// Duration of a conversion of the ADC.
     pub adc_ns: Ns,
-    /// The EtherCAT cycle if ECAT_INIT_OP has 0 for SYNC0, and before it.
+    /// The EtherCAT cycle time before ECAT_INIT_OP, and if its SYNC0 time is 0.
     pub cycle_ns: Ns,
 }
 
@@ -82,7 +82,7 @@ impl Default for Timing {
 }
 
 impl Timing {
-    /// One change of state of so many slaves.
+    /// The duration of one change of state of that many slaves.
     pub(super) const fn change_ns(&self, to: AlState, upwards: bool, slaves: u8) -> Ns {
         let change = match to {
             _ if !upwards => self.down_ns,

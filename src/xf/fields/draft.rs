@@ -1,4 +1,4 @@
-//! A request from fields.
+//! Builds a request from fields.
 
 use super::FunctionFields;
 use super::field::{Field, Kind, Place, Value};
@@ -6,7 +6,7 @@ use crate::xf::layout::Writer;
 use crate::xf::request::{Arguments, Encode, Request};
 use crate::xf::{DataSize, Malformed, segment};
 
-/// A request whose fields are written one by one.
+/// A request whose fields are set one by one.
 #[derive(Debug)]
 pub struct Draft<'b> {
     function: &'static FunctionFields,
@@ -14,23 +14,23 @@ pub struct Draft<'b> {
 }
 
 impl<'b> Draft<'b> {
-    /// The request with its defaults. `data` is its data segment, whatever it holds now.
+    /// A request with default values. `data` becomes its data segment; the old content is overwritten.
     ///
-    /// A segment that is shorter than the layout of the function is an error of [`Self::put`].
+    /// If the segment is too short for the layout of the function, [`Self::put`] fails.
     pub fn new(function: &'static FunctionFields, data: &'b mut [u8]) -> Self {
         data.fill(0);
         let arguments = Arguments { parameter: function.function.unwrap_or(0), ..Arguments::NONE };
         let mut draft = Self { function, written: Writer { arguments, data } };
         for field in function.request {
             if let (true, Some(default @ 1..)) = (field.is_number(), field.default) {
-                // A default fits into its field; if the segment is too short for it, so it is for `put`.
+                // A default fits into its field. If the segment is too short for the field, `put` reports it.
                 let _ = field.put(default, &mut draft.written);
             }
         }
         draft
     }
 
-    /// Writes a field.
+    /// Sets a field.
     ///
     /// # Errors
     /// The value does not fit into the field, or the field does not fit into the data segment.
@@ -56,8 +56,8 @@ impl<'b> Draft<'b> {
         counting.map_or(Ok(()), |count| count.put(count.checked(length)?, &mut self.written))
     }
 
-    /// Whether the request has that field as it was written. Some fields count with certain operations alone, such as the
-    /// data of a write; with others their type leaves them out.
+    /// Whether the request uses the field with the value that was set. Some fields are used only by certain operations,
+    /// such as the data of a write; with other operations the request's type ignores them.
     pub fn keeps(&self, field: &Field) -> bool {
         let mut data = [0; DataSize::MAX.bytes()];
         let Ok((_, arguments)) = self.request().and_then(|request| request.command(&mut data)) else { return false };
@@ -79,7 +79,7 @@ impl<'b> Draft<'b> {
         }
     }
 
-    /// The request that the fields are.
+    /// Decodes the request from its fields.
     ///
     /// # Errors
     /// A field has a value that the manuals do not allow.

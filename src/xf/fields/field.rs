@@ -7,35 +7,35 @@ use crate::xf::{Malformed, Reserve, segment};
 /// Names of values, or of bits, with their numbers.
 pub type Names = &'static [(&'static str, u32)];
 
-/// Where a field begins.
+/// The beginning of a field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// `par`, byte 0x0D of a command.
+    /// The parameter `par`, byte 0x0D of a command.
     Parameter,
-    /// `ret`, byte 0x0D of an answer.
+    /// The return byte `ret`, byte 0x0D of an answer.
     Return,
-    /// An information byte, `i0` to `i3`; a wider field goes on in the next ones.
+    /// An information byte, `i0` to `i3`; a wider field continues in the next ones.
     Info(u8),
-    /// Word 0x08 of a command, which the manuals call reserve.
+    /// Word 0x08 of a command, called reserve in the manuals.
     Reserve,
-    /// Word 0x0E of a command, where that is no length.
+    /// Word 0x0E of a command, for commands in which it is not a length.
     Length,
-    /// A byte of the data segment.
+    /// A position in the data segment, in bytes.
     Data(u16),
 }
 
-/// What a field holds.
+/// The kind of a field's content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// A number, shown as a decimal one.
+    /// An unsigned number, shown in decimal.
     Number,
-    /// The same, with a sign.
+    /// A signed number, shown in decimal.
     Signed,
     /// A number, shown in hexadecimal.
     Hex,
-    /// A number of which some have names.
+    /// A number some of whose values have names.
     Named(Names),
-    /// A number that has to be one of these.
+    /// A number that must be one of these named values.
     Choice(Names),
     /// Bits with names.
     Bits(Names),
@@ -43,69 +43,69 @@ pub enum Kind {
     DriveState,
     /// The abort code of an SDO transfer.
     Abort,
-    /// A number of 1, 2 or 4 bytes, or else a text: as the length says.
+    /// A number if it has 1, 2 or 4 bytes, otherwise a text; the length decides.
     NumberOrText,
-    /// Bytes to the end of what is valid, or so many.
+    /// Bytes: as many as the field has, or up to the end of the valid data.
     Bytes,
-    /// A text to the end of what is valid.
+    /// A text up to the end of the valid data.
     Text,
-    /// Objects of a PDO, u32 each; how many of them is the u16 at that byte of the data segment.
+    /// Objects of a PDO, u32 each. Their number is the u16 at byte `count_at` of the data segment.
     Objects {
-        /// Where the number of objects stands.
+        /// The position of the number of objects, in bytes.
         count_at: u16,
     },
     /// A set of slaves: bit b of byte k is slave 8 k + b.
     SlaveSet,
 }
 
-/// A field.
+/// A field of a request or an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Field {
-    /// Its name.
+    /// The field's name.
     pub name: &'static str,
-    /// Where it begins.
+    /// The field's beginning.
     pub place: Place,
-    /// How many bytes it has, 0 if it goes to the end of what is valid.
+    /// The field's size in bytes; 0 if it extends to the end of the valid data.
     pub bytes: u8,
-    /// The lowest of its bits.
+    /// The field's lowest bit.
     pub shift: u8,
-    /// How many bits it has.
+    /// The field's width in bits.
     pub width: u8,
-    /// What it holds.
+    /// The kind of the field's content.
     pub kind: Kind,
-    /// What it holds if a request does not name it; `None`: it has to be named.
+    /// The value if a request does not name the field; `None` if it must be named.
     pub default: Option<u32>,
-    /// The field whose bytes it counts, if that is named.
+    /// The field whose bytes this field counts, if that one is named.
     pub counts: Option<&'static str>,
 }
 
 /// A value of a field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Value<'a> {
-    /// A number.
+    /// The value of a field that is a number.
     Number(i64),
     /// Bytes: of a text, of objects of 4 bytes each, of a set of slaves.
     Bytes(&'a [u8]),
 }
 
 impl Field {
-    /// Whether it is a number; other fields are bytes.
+    /// Whether the content is a number; otherwise it is bytes.
     pub const fn is_number(&self) -> bool {
         !matches!(self.kind, Kind::Bytes | Kind::Text | Kind::Objects { .. } | Kind::SlaveSet)
     }
 
-    /// The bits of the field.
+    /// A mask as wide as the field.
     const fn mask(&self) -> u32 {
         if self.width >= 32 { u32::MAX } else { (1 << self.width) - 1 }
     }
 
-    /// The value in an answer, the field being `base` bytes further on; `None` if the answer does not have it.
+    /// The field's value in an answer, `base` bytes after the field's place; `None` if the answer does not have it.
     pub fn get<'a>(&self, returned: Returned, data: &'a [u8], base: usize) -> Option<Value<'a>> {
         let valid = &data[..data.len().min(returned.len.into())];
         let bytes: &[u8] = match self.place {
             Place::Return => return Some(self.number(&[returned.ret])),
             Place::Data(at) => valid.get(base + usize::from(at)..)?,
-            // These are fields of requests.
+            // These places exist in requests only.
             _ => return None,
         };
         match self.kind {
@@ -123,14 +123,14 @@ impl Field {
         }
     }
 
-    /// The field among the bytes that it shares with others.
+    /// Extracts the field's bits from the bytes that it shares with others.
     fn number(&self, bytes: &[u8]) -> Value<'static> {
         let number = little_endian(bytes);
         let number = if self.bytes == 0 { number } else { number >> self.shift & self.mask() };
         Value::Number(if self.kind == Kind::Signed { (number as i32).into() } else { number.into() })
     }
 
-    /// Writes a number, and leaves the bits beside it.
+    /// Writes a number, leaving the other bits unchanged.
     ///
     /// # Errors
     /// The data segment is too short.
@@ -154,7 +154,7 @@ impl Field {
         Ok(())
     }
 
-    /// Reads the number.
+    /// Reads the field's number.
     ///
     /// # Errors
     /// The data segment is too short.
@@ -171,10 +171,10 @@ impl Field {
         Ok(number >> self.shift & self.mask())
     }
 
-    /// The number as the bits of the field.
+    /// Converts the number to the field's bits.
     ///
     /// # Errors
-    /// It does not fit.
+    /// The number does not fit into the field.
     pub(super) fn checked(&self, number: i64) -> Result<u32, Malformed> {
         let least = if self.kind == Kind::Signed { i32::MIN.into() } else { 0 };
         let most = if self.kind == Kind::Signed { i32::MAX } else { -1 } as u32 & self.mask();

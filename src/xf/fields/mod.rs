@@ -1,8 +1,8 @@
-//! What each of the 91 functions does and which fields it and its answer have, as a table: for programs that take a
-//! request from a user by name, or show an answer field by field.
+//! A table of the 91 functions: their purpose, and the fields of their requests and answers. It is for programs that
+//! take a request from a user by name, or show an answer field by field.
 //!
-//! A field is a place in the header or the data segment, with a name. [`Draft`] writes fields, and
-//! [`Request::decode`](crate::xf::Request::decode) judges what they are together; [`Field::get`] reads those of an
+//! A field is a named place in the header or the data segment. [`Draft`] writes fields, and
+//! [`Request::decode`](crate::xf::Request::decode) checks them as a request; [`Field::get`] reads the fields of an
 //! answer:
 //!
 //! ```
@@ -19,9 +19,9 @@
 //! # Ok::<(), ecmsk::xf::Malformed>(())
 //! ```
 //!
-//! - `mod.rs`: the rows of the table, and finding one by its name
+//! - `mod.rs`: the rows of the table, and the search for a row by name
 //! - `field.rs`: a field: its place, its kind, its value
-//! - `draft.rs`: a request from fields
+//! - `draft.rs`: building a request from fields
 //!
 //! The functions are listed in `request/table.rs`; their fields are those of the layouts of requests and answers.
 
@@ -36,59 +36,59 @@ use super::CommandCode;
 use super::code::{AnswerForm, Timing};
 use super::response::Returned;
 
-/// A function: what it does, its fields, and those of its answer.
+/// A function: its purpose, its fields, and the fields of its answer.
 #[derive(Clone, Copy, Debug)]
 pub struct FunctionFields {
-    /// The name of its type in [`request`](super::request).
+    /// The name of the function's type in [`request`](super::request).
     pub type_name: &'static str,
     /// The command code.
     pub code: CommandCode,
-    /// The parameter that names the function, with the codes 31 to 35.
+    /// The parameter byte that selects the function, for the codes 31 to 35.
     pub function: Option<u8>,
-    /// What it does, in a few words.
+    /// The purpose of the function, in a few words.
     pub what: &'static str,
     /// The fields of the request.
     pub request: &'static [Field],
-    /// The forms that the answer can have; none: there is no result.
+    /// The possible forms of the answer; empty if there is no result.
     pub answers: &'static [AnswerFields],
 }
 
 /// The fields of an answer.
 #[derive(Clone, Copy, Debug)]
 pub struct AnswerFields {
-    /// How many valid bytes an answer of this form has; `None`: any number.
+    /// The number of valid bytes in an answer of this form; `None` for any number.
     pub len: Option<u16>,
-    /// The fields are there once more every so many bytes; `None`: once.
+    /// The fields repeat at this distance in bytes; `None` if they occur once.
     pub every: Option<u16>,
-    /// The fields.
+    /// The fields of the form.
     pub fields: &'static [Field],
 }
 
 impl AnswerFields {
-    /// These fields, in any answer.
+    /// The form of an answer with these fields and any length.
     pub(super) const fn of(fields: &'static [Field]) -> Self {
         Self { len: None, every: None, fields }
     }
 }
 
 impl FunctionFields {
-    /// The name as in the manuals.
+    /// The function's name as in the manuals.
     pub fn name(&self) -> &'static str {
         let function = self.function.and_then(|parameter| self.code.function(parameter)).map(|function| function.name);
         function.or_else(|| self.code.name()).unwrap_or(self.type_name)
     }
 
-    /// The first firmware that has it; 0 where the manuals name none.
+    /// The first firmware that has the function; 0 if the manuals name none.
     pub fn since(&self) -> u8 {
         self.function.and_then(|parameter| self.code.function(parameter)).map_or(0, |function| function.since)
     }
 
-    /// When it is done.
+    /// When the command is complete.
     pub fn timing(&self) -> Timing {
         self.code.command().map_or(Timing::Immediate, |command| command.timing)
     }
 
-    /// Where the result stands in the answer.
+    /// Where the answer carries the result.
     pub fn answer_form(&self) -> AnswerForm {
         let function =
             self.function.and_then(|parameter| self.code.function(parameter)).map(|function| function.answer);
@@ -101,13 +101,13 @@ impl FunctionFields {
         self.request.iter().find(|field| field.name.eq_ignore_ascii_case(name))
     }
 
-    /// The fields of an answer with these fields of the header.
+    /// The form of an answer with these header fields.
     pub fn answer(&self, returned: Returned) -> Option<&'static AnswerFields> {
         self.answers.iter().find(|form| form.len.is_none_or(|len| len == returned.len))
     }
 
-    /// Whether it is meant by a name: that of its type, or the manuals' with or without `ECM_`, `ECM_CMD_` and `ECAT_`;
-    /// in any case, `_` and `-` left out.
+    /// Whether a name means this function: the name of its type, or that of the manuals with or without `ECM_`,
+    /// `ECM_CMD_` and `ECAT_`. Case, `_` and `-` are ignored.
     fn is_named(&self, name: &str) -> bool {
         let full = self.name();
         let command = full.strip_prefix("ECM_").unwrap_or(full);
@@ -117,15 +117,15 @@ impl FunctionFields {
     }
 }
 
-/// The functions that a name means: one, none, or several to which the manuals give one name. The name of a type means
-/// that type.
+/// The functions that a name means: none, one, or several to which the manuals give the same name. The name of a type
+/// means only that type.
 pub fn function(name: &str) -> impl Iterator<Item = &'static FunctionFields> {
     let typed = FUNCTIONS.iter().find(|row| is_same(row.type_name, name));
     let named = move |row: &&FunctionFields| typed.is_none() && row.is_named(name);
     typed.into_iter().chain(FUNCTIONS.iter().filter(named))
 }
 
-/// Whether two names have the same letters and digits, in any case.
+/// Whether two names have the same letters and digits, ignoring case.
 fn is_same(a: &str, b: &str) -> bool {
     fn letters(text: &str) -> impl Iterator<Item = u8> {
         text.bytes().filter(|byte| !matches!(byte, b'_' | b'-')).map(|byte| byte.to_ascii_lowercase())

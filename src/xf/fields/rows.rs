@@ -1,6 +1,6 @@
-//! How the rows of the table are written.
+//! The notation of the rows of the table.
 
-/// Makes rows: the type, what it does, the fields of the request, and after `->` those of its answer.
+/// Builds rows: the type, its purpose, the fields of the request, and after `->` the fields of its answer.
 macro_rules! rows {
     ($($name:ident $(<$life:lifetime>)?, $what:literal, [$($field:expr),* $(,)?] $(-> $($answer:expr),+)?;)*) => {
         &[$(super::FunctionFields {

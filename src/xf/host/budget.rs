@@ -1,15 +1,15 @@
-//! What an exchange costs in time, and the n that process data need.
+//! The duration of an exchange, and the choice of n (the size of the data segment) that process data need.
 
 use core::fmt;
 
 use crate::ethercat::Ns;
 use crate::xf::DataSize;
 
-/// The least n that is chosen if the cycle has the time for it. `[OURS]` 112, what an ECM-XF starts with:
-/// PDO_CONFIG_SET needs 112 bytes.
+/// The smallest data segment size n that is chosen if the cycle is long enough for it. `[OURS]` 112, the n of an ECM-XF
+/// at power-on: PDO_CONFIG_SET needs 112 bytes.
 pub const COMFORTABLE_SIZE: DataSize = DataSize::MANUAL;
 
-/// What is known about a cycle, from which n is chosen.
+/// The properties of a cycle from which n, the size of the data segment, is chosen.
 ///
 /// ```
 /// use ecmsk::xf::DataSize;
@@ -24,71 +24,73 @@ pub const COMFORTABLE_SIZE: DataSize = DataSize::MANUAL;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// Bytes of process data in one packet: of the RxPDOs or of the TxPDOs, whichever are more; at most 1408.
+    /// Bytes of process data in one packet, at most 1408: of the RxPDOs or of the TxPDOs, whichever are larger.
     pub process_bytes: usize,
-    /// The clock of SPI in Hz. The chip takes 96 MHz at most (XF EN 147).
+    /// The SPI clock in Hz. The chip allows at most 96 MHz (XF EN 147).
     pub clock_hz: u32,
-    /// The idle time behind each exchange in nanoseconds; with INT0 what the chip takes on the average.
+    /// The idle time after each exchange, in nanoseconds; with INT0 the average time for which the chip is busy.
     pub idle_ns: Ns,
-    /// The cycle that is to be held, in nanoseconds.
+    /// The intended cycle time, in nanoseconds.
     pub cycle_ns: Ns,
-    /// How many exchanges a cycle has: 1 with [`pipelined_writes`](super::HostConfig::pipelined_writes) and no other
-    /// command in each cycle, else 2 or more.
+    /// Number of exchanges per cycle: 1 with [`pipelined_writes`](super::HostConfig::pipelined_writes) and no other
+    /// command in each cycle, otherwise 2 or more.
     pub exchanges: u32,
 }
 
-/// Why a cycle cannot be held. What to do about it: a longer cycle, a faster clock, less idle time by INT0, fewer
-/// process data, or pipelined writes.
+/// Why a cycle time is not possible. Remedies are a longer cycle, a faster clock, less idle time by means of INT0,
+/// fewer process data, or pipelined writes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BudgetError {
-    /// No packet holds so many process data.
+    /// The process data do not fit into a packet.
     TooManyBytes {
-        /// Bytes of process data.
+        /// Size of the process data in bytes.
         process_bytes: usize,
-        /// n: the one that there is, or 1408, the largest.
+        /// The largest data segment size available: the present one, or 1408.
         most: usize,
     },
-    /// There is no clock, or no exchange.
+    /// The clock frequency or the number of exchanges is 0.
     NoExchange,
     /// The exchanges of a cycle take longer than the cycle.
     CycleTooShort {
-        /// The n that the process data need.
+        /// The data segment size with which the exchanges were calculated.
         size: DataSize,
-        /// The clock of SPI in Hz.
+        /// The SPI clock in Hz.
         clock_hz: u32,
-        /// How long the bytes of one packet take, in nanoseconds.
+        /// Transfer time of one packet, in nanoseconds.
         transfer_ns: Ns,
-        /// The idle time behind it in nanoseconds.
+        /// Idle time after each packet, in nanoseconds.
         idle_ns: Ns,
-        /// How many exchanges a cycle has.
+        /// Number of exchanges per cycle.
         exchanges: u32,
-        /// All of them with their idle time, in nanoseconds.
+        /// Total time of the exchanges with their idle times, in nanoseconds.
         needed_ns: Ns,
-        /// The cycle that was to be held, in nanoseconds.
+        /// The intended cycle time, in nanoseconds.
         cycle_ns: Ns,
     },
 }
 
 impl Budget {
-    /// How long the bytes of one packet take, in nanoseconds, rounded up; `Ns::MAX` without a clock. 1056 bytes take
-    /// 352 us at 24 MHz.
+    /// The transfer time of one packet in nanoseconds, rounded up; `Ns::MAX` without a clock. 1056 bytes take 352 us at
+    /// 24 MHz.
     pub const fn transfer_ns(&self, size: DataSize) -> Ns {
         if self.clock_hz == 0 {
             return Ns::MAX;
         }
-        // 1440 bytes are 1.2e13 bits * ns/s, far below 2^64.
+        // No overflow: 1440 bytes give 1.2e13 bit * ns/s, far below 2^64.
         (size.packet_len() as u64 * 8 * 1_000_000_000).div_ceil(self.clock_hz as u64)
     }
 
-    /// How long the exchanges of one cycle take with this n, with the idle time behind each, in nanoseconds.
+    /// The duration of one cycle's exchanges with this data segment size in nanoseconds, including the idle time after
+    /// each.
     pub const fn needed_ns(&self, size: DataSize) -> Ns {
         self.transfer_ns(size).saturating_add(self.idle_ns).saturating_mul(self.exchanges as u64)
     }
 
-    /// Whether the exchanges of a cycle with this n fit into it.
+    /// Checks that the exchanges of a cycle with this data segment size fit into the cycle.
     ///
     /// # Errors
-    /// They do not, or the process data do not fit into the packet; the error has the sum.
+    /// [`BudgetError`] with the calculation, if the exchanges do not fit into the cycle or the process data not into a
+    /// packet.
     pub const fn check(&self, size: DataSize) -> Result<(), BudgetError> {
         let Self { process_bytes, clock_hz, idle_ns, cycle_ns, exchanges } = *self;
         if clock_hz == 0 || exchanges == 0 {
@@ -104,11 +106,12 @@ impl Budget {
         Err(BudgetError::CycleTooShort { size, clock_hz, transfer_ns, idle_ns, exchanges, needed_ns, cycle_ns })
     }
 
-    /// The n to use: [`COMFORTABLE_SIZE`], or as much more as the process data need. If only less fits into the cycle,
-    /// the least that holds the process data.
+    /// Chooses the data segment size: [`COMFORTABLE_SIZE`], or more if the process data need more. If the cycle is too
+    /// short for that, the smallest size that holds the process data.
     ///
     /// # Errors
-    /// No packet holds the process data, or the exchanges do not fit into the cycle; the error has the sum.
+    /// [`BudgetError`] with the calculation, if no packet holds the process data or the exchanges do not fit into the
+    /// cycle.
     pub fn choose_size(&self) -> Result<DataSize, BudgetError> {
         let least = DataSize::new(self.process_bytes.max(DataSize::MIN.bytes())).unwrap_or(DataSize::MAX);
         [least.max(COMFORTABLE_SIZE), least]

@@ -1,4 +1,4 @@
-//! What a user may want to change about the driver, with its defaults.
+//! The settings of the driver, with their defaults.
 
 use crate::ethercat::Ns;
 use crate::xf::request::FIFO_ENTRIES;
@@ -8,76 +8,81 @@ const US: Ns = 1_000;
 const MS: Ns = 1_000_000;
 const S: Ns = 1_000_000_000;
 
-/// How the driver knows that the chip is ready for the next packet.
+/// How the driver recognises that the chip is ready for the next packet.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Pacing {
-    /// It leaves [`HostConfig::idle_ns`] behind each exchange.
+    /// The driver leaves an idle time of [`HostConfig::idle_ns`] after each exchange.
     #[default]
     Idle,
-    /// It waits for the edge of INT0, which [`Host::ready`](super::Host::ready) reports. While packets are searched,
-    /// and after an answer that says "not ready", it also leaves the idle time.
+    /// The driver waits for the edge of INT0, which [`Host::ready`](super::Host::ready) reports. While it searches for
+    /// packets, and after an answer "not ready", it leaves the idle time as well.
     Int0,
 }
 
 /// The configuration of a [`Host`](super::Host).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HostConfig {
-    /// The n that the chip has, if it is known; `None`, the default: it is found. If no answers come with the size
-    /// given here, it is searched as well.
+    /// The chip's n (size of the data segment), if known. `None`, the default: the driver searches for it. If no
+    /// answers come with the given size, the driver searches as well.
     pub size: Option<DataSize>,
-    /// The n that the chip shall have, as [`Budget::choose_size`](super::Budget::choose_size) gives it; the chip is set
-    /// to it at the start. `None`, the default: it keeps what it has, as an ECM-XFU has to.
+    /// The data segment size n to which the driver sets the chip at the start, as chosen by
+    /// [`Budget::choose_size`](super::Budget::choose_size). `None`, the default: the chip keeps its n, as an ECM-XFU
+    /// must.
     pub wanted_size: Option<DataSize>,
-    /// What a CRC-32 covers; `None`, the default: it is found by trying, and if nothing fits the chip is set to the fixed word.
+    /// Which bytes a CRC-32 covers. `None`, the default: the driver finds out by trying, and if nothing fits sets the
+    /// chip to the fixed check word.
     pub coverages: Option<Coverages>,
-    /// Idle time or INT0; idle time by default.
+    /// Whether the driver paces its exchanges by idle time, the default, or by INT0.
     pub pacing: Pacing,
-    /// The idle time behind an exchange in nanoseconds; 150 us by default (XF EN 1706).
+    /// The idle time after an exchange in nanoseconds; 150 us by default (XF EN 1706).
     pub idle_ns: Ns,
-    /// The longest idle time. `[OURS]` Each answer "not ready" doubles the time up to this, 5 ms by default, and each
-    /// other answer halves it again.
+    /// The longest idle time in nanoseconds; 5 ms by default. `[OURS]` Each answer "not ready" doubles the idle time up
+    /// to this limit, and each other answer halves it again.
     pub idle_max_ns: Ns,
-    /// How often the header is asked for while there is nothing else to do, in nanoseconds; 10 ms by default.
+    /// Interval at which the driver polls the header while it has nothing else to do, in nanoseconds; 10 ms by default.
     pub poll_ns: Ns,
-    /// How often it is asked for while a non-immediate command runs, in nanoseconds; 1 ms by default.
+    /// Interval at which the driver polls the header while a non-immediate command runs, in nanoseconds; 1 ms by
+    /// default.
     pub busy_poll_ns: Ns,
-    /// Whether a write of process data may go out before the answer to the one before is there. With `false`, the
-    /// default, each write takes two exchanges, and none is ever lost while packets get through at all. With `true` it
-    /// takes one; a write that the chip did not accept then is dropped, since a later one has gone out already, and
-    /// reported.
+    /// Whether process data may be written before the answer to the previous write has come. With `false`, the default,
+    /// each write takes two exchanges, and no write is lost as long as any packets get through. With `true` each write
+    /// takes one exchange; a write that the chip did not accept is reported and not retried, since a later one has
+    /// already been sent.
     pub pipelined_writes: bool,
-    /// Entries of the RxFIFO as the chip starts: [`FIFO_ENTRIES`] by default (XF EN 1262). FIFO_SET_RX_CNT and
-    /// FIFO_GET_RX_CNT change what the driver takes for it.
+    /// Number of entries of the RxFIFO when the chip starts: [`FIFO_ENTRIES`] by default (XF EN 1262). FIFO_SET_RX_CNT
+    /// and FIFO_GET_RX_CNT update the driver's value.
     pub rx_entries: u8,
-    /// The FIFO stays as it is: the start neither switches it off nor empties it. For a host that looks at a chip on which
-    /// a machine runs. `false` by default: the usual start of an application does both (OBS).
+    /// Leaves the FIFO as it is: the start neither switches it off nor empties it. This is for a host that observes a
+    /// chip while a machine runs. `false` by default: the usual start of an application does both (OBS).
     pub keep_fifo: bool,
-    /// After so many damaged answers in a row the beginning of packets is searched anew; 8 by default.
+    /// Number of damaged answers in a row after which the driver searches for the beginning of packets again; 8 by
+    /// default.
     pub resync_after: u32,
-    /// After so many waits for INT0 in vain, one after the other, the driver gives up; 3 by default.
+    /// Number of timeouts of INT0 in a row after which the driver stops; 3 by default.
     pub int0_misses: u32,
-    /// How long the driver waits for what.
+    /// The driver's timeouts.
     pub deadlines: Deadlines,
 }
 
-/// How long the driver waits for what, in nanoseconds.
+/// The driver's timeouts, in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Deadlines {
-    /// For packets in the stream of bytes; 3 s by default, since a chip takes up to 1 s to start (OBS).
+    /// Timeout of the search for packets in the stream of bytes; 3 s by default, since a chip takes up to 1 s to start
+    /// (OBS).
     pub search_ns: Ns,
-    /// For the whole start, the search included; 10 s by default.
+    /// Timeout of the whole start, including the search; 10 s by default.
     pub start_ns: Ns,
-    /// For an edge of INT0; 10 ms by default.
+    /// Timeout of the wait for an edge of INT0; 10 ms by default.
     pub int0_ns: Ns,
-    /// For the answer to a packet, all its repetitions included; 100 ms by default.
+    /// Timeout of the answer to a packet, including all its retries; 100 ms by default.
     pub answer_ns: Ns,
-    /// For the end of a non-immediate command; 30 s by default. [`Host::submit_within`](super::Host::submit_within)
-    /// sets another time for one command.
+    /// Timeout of a non-immediate command in the chip; 30 s by default.
+    /// [`Host::submit_within`](super::Host::submit_within) sets another time for one command.
     pub busy_ns: Ns,
-    /// Until a command that waits in its queue is sent, and until the result of one that has ended is read; 60 s by
-    /// default.
+    /// Timeout of a queued command until it is sent, and of an ended command until its result is read from the chip; 60
+    /// s by default.
     pub queue_ns: Ns,
-    /// After SPI_RECONFIG_OP nothing is sent for so long; 100 ms by default (OBS).
+    /// Pause after SPI_RECONFIG_OP in which nothing is sent; 100 ms by default (OBS).
     pub resize_ns: Ns,
 }
 
@@ -94,7 +99,7 @@ impl Default for Deadlines {
 }
 
 impl HostConfig {
-    /// The defaults.
+    /// The default settings.
     pub const DEFAULT: Self = Self {
         size: None,
         wanted_size: None,
@@ -114,7 +119,7 @@ impl HostConfig {
 }
 
 impl Deadlines {
-    /// The defaults.
+    /// The default timeouts.
     pub const DEFAULT: Self = Self {
         search_ns: 3 * S,
         start_ns: 10 * S,

@@ -1,44 +1,44 @@
-//! What the driver counts.
+//! The driver's counters.
 
-/// Counts since the driver was made. All of them only rise.
+/// Counters since the driver was created. They never decrease.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Exchanges, those of the search not counted.
+    /// Exchanges, except those of the search for packets.
     pub exchanges: u64,
-    /// Answers with right words around them and a right check word.
+    /// Answers with a valid start word, end word and check word.
     pub answers: u64,
     /// Answers that were damaged or did not come.
     pub damaged: u64,
     /// Answers that say "not ready".
     pub not_ready: u64,
-    /// Answers with the NOP flag.
+    /// Answers with the NOP flag set.
     pub nops: u64,
-    /// Answers to no command that waits for one: late, doubled, or to a command that was never sent.
+    /// Answers that no command in flight waits for: late, duplicate, or to a command that was never sent.
     pub stray: u64,
-    /// Packets that were sent once more, with the same index and code, so that the chip runs them once.
+    /// Retries: packets sent again with the same index and code, so that the chip runs them only once.
     pub repeated: u64,
-    /// Packets of ours that the chip found damaged, as far as its count of CRC errors and its error bits show.
+    /// Packets from this driver that the chip found damaged, as far as its CRC error count and error bits show it.
     pub rejected: u64,
-    /// Commands that only read, asked again under a new index since their answer was lost.
+    /// Read-only commands that were sent again under a new index because their answer was lost.
     pub asked_again: u64,
     /// Commands that ran and whose answer was lost.
     pub answers_lost: u64,
-    /// How often the beginning of packets was searched.
+    /// Searches for the beginning of packets.
     pub searches: u64,
-    /// How often the chip was reset while the driver ran.
+    /// Resets of the chip while the driver was running.
     pub chip_resets: u64,
-    /// Waits for INT0 in vain.
+    /// Timeouts of INT0.
     pub int0_missed: u64,
-    /// RxPDOs that are in the FIFO, or were put out past it.
+    /// RxPDOs that were written, into the FIFO or directly (PDO_DATA_OP).
     pub rx_written: u64,
-    /// RxPDOs that the chip did not take since the FIFO was full.
+    /// RxPDOs that the chip rejected because the FIFO was full.
     pub rx_full: u64,
-    /// RxPDOs that were not written and are not repeated, since later ones have been.
+    /// RxPDOs that were not written and are not retried, since later ones have been sent.
     pub rx_dropped: u64,
-    /// RxPDOs of which nobody knows whether they were written.
+    /// RxPDOs for which it is unknown whether they were written.
     pub rx_unknown: u64,
     /// Answers with TxPDOs that were lost.
     pub tx_lost: u64,
-    /// Reports about process data that nobody took in time.
+    /// Reports about process data that were overwritten before the program took them.
     pub reports_overwritten: u64,
 }

@@ -1,16 +1,17 @@
-//! What a CRC-32 covers, in each direction. Nothing on the wire says it, but a packet's length is known, so that it is found by
-//! trying: an answer whose check word is right shows it for answers, a command that the chip runs shows it for commands.
+//! Finds which bytes a CRC-32 covers, in each direction. The wire does not say it, but the length of a packet is known,
+//! so the driver tries the possible coverages. An answer with a valid check word shows the coverage of answers; a
+//! command that the chip runs shows the coverage of commands.
 
 use crate::xf::{Coverage, Coverages, DataSize};
 
-/// Packets of the start that the chip may reject for their check word until CRC-32 is given up. \[OURS] Each coverage has three
-/// tries, so that a bit that flips on the wire does not decide.
+/// How many packets of the start the chip may reject for their check word before CRC-32 is given up. \[OURS] Each
+/// coverage has three tries, so that a single bit error on the wire does not decide.
 const REJECTIONS_MAX: u32 = 3 * Coverage::EVERY.len() as u32;
-/// Answers one after the other that no coverage fits, before any has fitted, until CRC-32 is given up. \[OURS] Fewer than the
-/// damaged answers behind which packets are searched.
+/// How many answers in a row may fit no coverage, before any has fitted, until CRC-32 is given up. \[OURS] Fewer than
+/// the damaged answers that start a search for packets.
 const UNFIT_MAX: u32 = 4;
 
-/// The coverages that are possible, in the order of [`Coverage::EVERY`].
+/// The coverages that are still possible, as flags in the order of [`Coverage::EVERY`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Candidates([bool; Coverage::EVERY.len()]);
 
@@ -29,30 +30,30 @@ impl Candidates {
         self.iter().next().unwrap_or_default()
     }
 
-    /// Those stay that cover as much of such a packet as `right` does.
+    /// Keeps only the coverages that include the same bytes of a packet of this size and length as `right` does.
     fn keep_as(&mut self, right: Coverage, size: DataSize, len: u16) {
         let fits = Coverage::EVERY.map(|coverage| coverage.bytes(size, len) == right.bytes(size, len));
         self.0 = core::array::from_fn(|n| self.0[n] && fits[n]);
     }
 }
 
-/// What is known of it.
+/// The coverages that are still possible for answers and for commands.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CoverageSearch {
     answers: Candidates,
     commands: Candidates,
-    /// An answer with a CRC-32 was right.
+    /// Whether an answer with a CRC-32 was valid.
     answers_fit: bool,
-    /// A command with a CRC-32 was run.
+    /// Whether the chip has run a command with a CRC-32.
     commands_fit: bool,
-    /// What is tried after a rejection.
+    /// The coverage to try after a rejection.
     trying: Option<Coverage>,
     rejections: u32,
     unfit: u32,
 }
 
 impl CoverageSearch {
-    /// `given`: nothing is to be found.
+    /// Starts a search; with `given` the coverages are known and nothing is searched.
     pub(super) fn new(given: Option<Coverages>) -> Self {
         Self {
             answers: given.map_or(Candidates::EVERY, |given| Candidates::one(given.answers)),
@@ -65,23 +66,23 @@ impl CoverageSearch {
         }
     }
 
-    /// The best guess for commands: what answers have, if that is possible, and another one after each rejection.
+    /// The best guess for commands: the coverage of answers if that is possible, and another one after each rejection.
     pub(super) fn of_commands(&self) -> Coverage {
         let as_answers = || self.commands.iter().find(|coverage| self.answers.iter().any(|other| other == *coverage));
         self.trying.or_else(as_answers).unwrap_or(self.commands.first())
     }
 
-    /// Those that answers may have, the likeliest first.
+    /// The possible coverages of answers, the most likely first.
     pub(super) fn of_answers(&self) -> impl Iterator<Item = Coverage> + use<> {
         self.answers.iter()
     }
 
-    /// What is taken for it.
+    /// The present best guess for both directions.
     pub(super) fn coverages(&self) -> Coverages {
         Coverages { commands: self.of_commands(), answers: self.answers.first() }
     }
 
-    /// Whether it is open for commands, and a command of another length would show it.
+    /// Whether several coverages are still possible for commands, so that a command of another length would help.
     pub(super) fn is_open(&self) -> bool {
         self.commands.iter().count() > 1
     }
@@ -91,30 +92,31 @@ impl CoverageSearch {
         self.commands_fit
     }
 
-    /// Whether answers tell nothing more.
+    /// Whether the coverage of answers is known, so that further answers show nothing new.
     pub(super) fn answers_are_known(&self) -> bool {
         self.answers_fit && self.answers.iter().count() == 1
     }
 
-    /// The check word of an answer is right with that coverage.
+    /// Records that the check word of an answer is valid with that coverage.
     pub(super) fn answer_fits(&mut self, coverage: Coverage, size: DataSize, len: u16) {
         self.answers.keep_as(coverage, size, len);
         (self.answers_fit, self.unfit) = (true, 0);
     }
 
-    /// An answer's CRC-32 is wrong with every coverage. Whether it is to be given up.
+    /// Records that an answer's CRC-32 is wrong with every coverage. Returns whether CRC-32 is to be given up.
     pub(super) const fn answer_is_unfit(&mut self) -> bool {
         self.unfit += 1;
         !self.answers_fit && self.unfit >= UNFIT_MAX
     }
 
-    /// The chip has run a command whose CRC-32 had that coverage.
+    /// Records that the chip has run a command whose CRC-32 had that coverage.
     pub(super) fn command_ran(&mut self, used: Coverage, size: DataSize, len: u16) {
         self.commands.keep_as(used, size, len);
         (self.trying, self.commands_fit, self.rejections) = (None, true, 0);
     }
 
-    /// The chip has rejected one with that coverage. Whether CRC-32 is to be given up; otherwise another coverage is the best guess now.
+    /// Records that the chip has rejected a command with that coverage. Returns whether CRC-32 is to be given up;
+    /// otherwise the next coverage is now the best guess.
     pub(super) fn command_is_rejected(&mut self, used: Coverage) -> bool {
         let behind = || self.commands.iter().skip_while(move |coverage| *coverage != used).skip(1);
         self.trying = behind().chain(self.commands.iter()).next();

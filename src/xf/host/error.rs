@@ -1,4 +1,4 @@
-//! What goes wrong between a host and its chip.
+//! The errors of the communication between a host and its chip.
 
 use core::fmt;
 
@@ -10,129 +10,130 @@ use crate::xf::{CommandCode, DataSize, Malformed, PacketError};
 /// Why a command has no result, or why the driver has stopped. `Display` says what happened and what to do next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HostError {
-    /// The driver has stopped: no packets are in what the chip sends.
+    /// The driver has stopped: it found no packets in the bytes from the chip.
     Silent {
-        /// How long they were searched.
+        /// Duration of the search.
         waited_ns: Ns,
-        /// How many bytes came in that time.
+        /// Number of bytes received during the search.
         bytes: u64,
     },
     /// The driver has stopped: the start took too long.
     StartTooLong {
-        /// The step that did not end.
+        /// The step that did not finish.
         step: StartStep,
-        /// How long the start took.
+        /// Time since the start of the chip began.
         waited_ns: Ns,
-        /// What was wrong with the last answer, if it was damaged.
+        /// The defect of the last answer, if it was damaged.
         last: Option<PacketError>,
     },
-    /// The driver has stopped: the chip says that its packets have another n than they have.
+    /// The driver has stopped: the chip reports a data segment size that differs from that of its packets.
     OtherSize {
-        /// n of the packets.
+        /// The data segment size of the packets.
         expected: DataSize,
-        /// What SPI_PACK_SIZE_GET answers.
+        /// The data segment size that SPI_PACK_SIZE_GET reports.
         found: DataSize,
     },
-    /// The driver has stopped: INT0 did not come.
+    /// The driver has stopped: INT0 did not become active.
     Int0Missing {
-        /// How long it was waited for, each time.
+        /// Duration of each wait.
         waited_ns: Ns,
-        /// How many times one after the other.
+        /// Number of timeouts in a row.
         times: u32,
     },
-    /// No answer came. Whether the command ran is unknown.
+    /// No answer came. It is unknown whether the command ran.
     NoAnswer {
-        /// The command.
+        /// The command that got no answer.
         code: CommandCode,
-        /// Its index.
+        /// The command's index.
         index: u8,
-        /// How often the packet was sent.
+        /// How many times the packet was sent.
         copies: u32,
-        /// How long.
+        /// Time since the packet was first sent.
         waited_ns: Ns,
-        /// What was wrong with the last answer, if it was damaged.
+        /// The defect of the last answer, if it was damaged.
         last: Option<PacketError>,
     },
-    /// The command ran, but the one answer with its result was damaged.
+    /// The command ran, but the only answer with its result was damaged.
     AnswerLost {
-        /// The command.
+        /// The command whose answer was lost.
         code: CommandCode,
     },
     /// The chip refused the command: error bit 7.
     Refused {
-        /// The command.
+        /// The refused command.
         code: CommandCode,
     },
     /// A non-immediate command ended with error bit 3.
     Failed {
-        /// The command.
+        /// The command that failed.
         code: CommandCode,
-        /// Why, for an SDO; `None` if the chip did not tell.
+        /// The SDO abort code; `None` if the command is no SDO or the chip did not report a code.
         abort: Option<AbortCode>,
-        /// How long it ran.
+        /// How long the command ran.
         waited_ns: Ns,
     },
     /// A non-immediate command has not ended.
     StillBusy {
-        /// The command.
+        /// The command that is still running.
         code: CommandCode,
-        /// How long it has been running.
+        /// How long the command has been running.
         waited_ns: Ns,
     },
-    /// The command waited in its queue for too long and was not sent.
+    /// The command was queued for too long and was not sent.
     NotSent {
-        /// The command.
+        /// The command that was not sent.
         code: CommandCode,
-        /// How long it waited.
+        /// How long the command was queued.
         waited_ns: Ns,
     },
-    /// The chip was reset: what it was to do is lost, and it is started anew.
+    /// The chip was reset: all its pending commands are lost, and the driver starts it again.
     ChipReset,
-    /// The queue is full.
+    /// The queue of commands is full.
     QueueFull {
-        /// The command.
+        /// The command for which the queue has no room.
         code: CommandCode,
-        /// How many commands the queue holds.
+        /// The capacity of the queue.
         slots: usize,
     },
-    /// The command has more data than a place of the queue, or a packet.
+    /// The command's data do not fit into a slot of the queue, or into a packet.
     TooLong {
-        /// The command.
+        /// The command that is too long.
         code: CommandCode,
-        /// Bytes of its data.
+        /// Size of the data in bytes.
         found: usize,
-        /// Bytes at most.
+        /// The limit in bytes.
         most: usize,
     },
-    /// The command is not for the queue: process data go by `Host::process`, n and the check word are the driver's own.
+    /// The command cannot be queued: process data are sent with `Host::process`, and the driver itself sets the data
+    /// segment size and the check word.
     OfDriver {
-        /// The command.
+        /// The command that cannot be queued.
         code: CommandCode,
     },
-    /// The second of two commands does not read the result of the first one.
+    /// The second command of a pair does not read the result of the first one.
     NoRead {
         /// The second command.
         code: CommandCode,
     },
-    /// There is no command with this ticket: its result was taken already.
+    /// No command belongs to this ticket: its result was already taken.
     UnknownTicket,
-    /// The ticket is that of another command.
+    /// The ticket belongs to another command.
     OtherCommand {
-        /// The command of the ticket.
+        /// The command that the ticket belongs to.
         expected: CommandCode,
-        /// The command it was taken with.
+        /// The command that the caller passed.
         found: CommandCode,
     },
-    /// Process data are waiting already.
+    /// Earlier process data are still waiting to be sent.
     ProcessBusy {
-        /// Those that are waiting.
+        /// The sequence number of the waiting process data.
         sequence: u32,
     },
-    /// The RxFIFO has no room for so many PDOs.
+    /// The RxFIFO may have no room for that many PDOs.
     FifoFull {
-        /// PDOs that were to be written.
+        /// Number of PDOs to write.
         needed: u8,
-        /// The room there is for sure.
+        /// Number of entries that are certainly free.
         free: u8,
     },
     /// A field of the command or of its answer has a value that the manuals do not allow.
@@ -140,7 +141,7 @@ pub enum HostError {
 }
 
 impl HostError {
-    /// What is to be told where [`Host::gave_crc_up`](super::Host::gave_crc_up), which is no error.
+    /// The warning for a driver whose [`Host::gave_crc_up`](super::Host::gave_crc_up) is true. It is not an error.
     pub const CRC_GIVEN_UP: &str = "the chip's CRC-32 covers nothing that is known (all of a packet, its valid bytes, these up to a \
                                     multiple of 4): it was set to the fixed check word, with which bits that flip on the wires go \
                                     unnoticed; keep the wires short and speed= low, and send a recording (docs/HARDWARE.md)";
@@ -152,7 +153,7 @@ impl From<Malformed> for HostError {
     }
 }
 
-/// Nanoseconds in milliseconds with three places.
+/// Formats nanoseconds as milliseconds with three decimals.
 struct Millis(Ns);
 
 impl fmt::Display for Millis {
@@ -161,7 +162,7 @@ impl fmt::Display for Millis {
     }
 }
 
-/// What was wrong with the last answer.
+/// Formats the defect of the last answer.
 struct Last(Option<PacketError>);
 
 impl fmt::Display for Last {

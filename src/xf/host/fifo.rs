@@ -1,21 +1,21 @@
-//! How many PDOs the RxFIFO has room for, from counts that lag behind.
+//! Estimates the free entries of the RxFIFO from level counts that lag behind.
 
-/// By how many exchanges the counts in the header lag behind (OBS).
+/// The number of exchanges by which the counts in the header lag behind (OBS).
 const COUNT_LAG: u8 = 2;
 
-/// A write that the counts may not show yet.
+/// A write that the counts may not include yet.
 #[derive(Clone, Copy, Debug, Default)]
 struct Write {
     sequence: u32,
     pdos: u8,
-    /// The exchange of the last copy.
+    /// The exchange in which the last copy of the write was sent.
     exchange: u64,
-    /// Answers that came in exchanges behind it.
+    /// Number of answers in later exchanges.
     answers: u8,
 }
 
-/// The estimate. It never says more than there is, whenever the write reached the chip: only cycles that the counts do
-/// not show yet make the room larger.
+/// The estimate of the free entries. It is never too high, whenever the write reached the chip: the real number can
+/// only be higher, by cycles that the counts do not show yet.
 #[derive(Clone, Debug)]
 pub(super) struct RxRoom {
     pub(super) entries: u8,
@@ -28,14 +28,14 @@ impl RxRoom {
         Self { entries, count: 0, writes: [None; 4] }
     }
 
-    /// PDOs for which there is room for sure.
+    /// Number of entries that are certainly free.
     pub(super) fn free(&self) -> u8 {
         let unseen = self.writes.iter().flatten().fold(0u8, |sum, write| sum.saturating_add(write.pdos));
         self.entries.saturating_sub(self.count).saturating_sub(unseen)
     }
 
-    /// A copy of a write goes out. If there is no place to remember it, the oldest one makes room, and is counted as
-    /// there.
+    /// Records that a copy of a write is sent. If there is no place to record it, the oldest write is dropped and
+    /// counts as included in the chip's count.
     pub(super) fn wrote(&mut self, sequence: u32, pdos: u8, exchange: u64) {
         if pdos == 0 {
             return;
@@ -52,14 +52,14 @@ impl RxRoom {
         self.writes[place] = Some(write);
     }
 
-    /// A write is known not to have been done.
+    /// Records that a write was certainly not executed.
     pub(super) fn not_written(&mut self, sequence: u32) {
         for write in &mut self.writes {
             *write = write.filter(|write| write.sequence != sequence);
         }
     }
 
-    /// An answer of this exchange has this count.
+    /// Records the count in the answer of this exchange.
     pub(super) fn answer(&mut self, exchange: u64, count: u8) {
         self.count = count;
         for place in &mut self.writes {
@@ -74,7 +74,7 @@ impl RxRoom {
         }
     }
 
-    /// The FIFO was emptied, or the chip was reset.
+    /// Resets the estimate: the FIFO was emptied, or the chip was reset.
     pub(super) fn cleared(&mut self) {
         self.writes = [None; 4];
     }

@@ -1,61 +1,62 @@
-//! The packet that waits for its answer, and when the answer is there.
+//! The packet in flight, and how its answer is recognised.
 //!
-//! The same packet is sent in every exchange until its answer has come. Since the chip takes the second of two
-//! consecutive packets with the same index and code for INFO_UPDATE, the command runs once however often it is sent,
-//! and it does run if any of the copies arrives whole. If its one answer was damaged, those to the copies behind it
-//! have the NOP flag and show that it ran.
+//! The driver sends the same packet in every exchange until its answer has come. Of two consecutive packets with the
+//! same index and code the chip treats the second as INFO_UPDATE. So the command runs once however often it is sent,
+//! and it does run if any of the copies arrives intact. If the only answer with the result was damaged, the answers to
+//! later copies have the NOP flag and show that the command ran.
 
 use super::start::StartStep;
 use crate::ethercat::Ns;
 use crate::xf::{AnswerHeader, CommandCode, Status};
 
-/// After so many answers with the NOP flag in a row, without a sign that the chip rejected a copy, the command ran and
-/// its result is lost. `[OURS]` 2: one could be the answer to a copy that was rejected, if the chip's count of errors
-/// lags behind as its counts of FIFO entries do; the copy after it then runs and has its result in the next answer.
+/// How many answers with the NOP flag in a row, without a sign that the chip rejected a copy, show that the command ran
+/// and its result is lost. `[OURS]` 2: a single one could answer a copy that was rejected, if the chip's error count
+/// lags behind as its FIFO counts do. The next copy then runs, and its result is in the next answer.
 const NOPS_OF_A_LOST_ANSWER: u32 = 2;
 
-/// Which part of a command in the queue a packet is.
+/// The part of a queued command that a packet is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
     /// The command itself.
     Request,
-    /// The read of its result.
+    /// Reading the command's result.
     Read,
-    /// The read of its abort code.
+    /// Reading the command's abort code.
     AbortCode,
 }
 
-/// What a packet is for.
+/// The purpose of a packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Purpose {
     Start(StartStep),
-    /// A new header.
+    /// Polling the header.
     Info,
-    /// A command of the queue.
+    /// A queued command, with the part that is sent.
     Slot(usize, Part),
     /// Process data.
     Process {
         sequence: u32,
-        /// RxPDOs that are written.
+        /// Number of RxPDOs written.
         written: u8,
-        /// Those of them that go into the FIFO.
+        /// Number of the written RxPDOs that go into the FIFO.
         queued: u8,
         reads: bool,
-        /// Its header clears the errors by which it is seen that RxPDOs were not taken, in each of its copies.
+        /// Whether the packet's header clears, in each copy, the error bits that show that RxPDOs were rejected.
         clears: bool,
-        /// These errors may be those of a packet before, whose answer was not there when this one was sent.
+        /// Whether the error bits for rejected RxPDOs may come from an earlier packet that had no answer yet when this
+        /// one was sent.
         others: bool,
     },
 }
 
-/// What an answer means for the packet.
+/// The meaning of an answer for the packet in flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
-    /// It is not the answer.
+    /// The packet's answer is still missing.
     Open,
-    /// It has the result.
+    /// This is the packet's answer, with the result.
     Result,
-    /// The command ran; its result is lost.
+    /// The command ran, but its result is lost.
     Lost,
 }
 
@@ -65,7 +66,7 @@ pub(super) struct Flight {
     pub(super) index: u8,
     pub(super) code: CommandCode,
     pub(super) copies: u32,
-    /// The exchange of the first copy.
+    /// The exchange in which the first copy was sent.
     pub(super) first: u64,
     pub(super) since: Ns,
     pub(super) deadline: Ns,
@@ -73,12 +74,12 @@ pub(super) struct Flight {
 }
 
 impl Flight {
-    /// A packet whose first copy is sent now, in this exchange.
+    /// A packet whose first copy is sent in this exchange.
     pub(super) const fn new(purpose: Purpose, index: u8, code: CommandCode, exchange: u64) -> Self {
         Self { purpose, index, code, copies: 1, first: exchange, since: 0, deadline: Ns::MAX, nops: 0 }
     }
 
-    /// The same packet with the times of its first copy and its end.
+    /// Sets the time of the first copy, and from it the deadline of the answer.
     pub(super) const fn within(self, since: Ns, answer_ns: Ns) -> Self {
         Self { since, deadline: since.saturating_add(answer_ns), ..self }
     }
@@ -88,7 +89,8 @@ impl Flight {
         header.index == self.index && header.code == self.code
     }
 
-    /// Takes an answer. `rejected` is whether it shows that the chip rejected a packet since the answer before.
+    /// Evaluates an answer. `rejected` says whether the answer shows that the chip has rejected a packet since the
+    /// previous answer.
     pub(super) fn judge(&mut self, header: &AnswerHeader, rejected: bool) -> Verdict {
         if rejected {
             self.nops = 0;
@@ -103,7 +105,7 @@ impl Flight {
             self.nops += 1;
         }
         match self.purpose {
-            // There is no result that could be lost, and whether its answers have the flag no source says.
+            // These packets have no result to lose. No source says whether their answers carry the NOP flag.
             Purpose::Info | Purpose::Start(StartStep::NotBusy) if !rejected => Verdict::Result,
             _ if self.nops >= NOPS_OF_A_LOST_ANSWER && self.copies > NOPS_OF_A_LOST_ANSWER => Verdict::Lost,
             _ => Verdict::Open,

@@ -1,8 +1,8 @@
-//! The driver of a host for the chip: which bytes to exchange next, and what the bytes that came back mean.
+//! The driver of a host for the chip: it decides which bytes to exchange next, and interprets the bytes received.
 //!
-//! It is pure: the time is an argument, bytes go in and out, nothing waits, nothing is allocated, no thread is started.
-//! Who owns the wires asks [`Host::next`] what to do, does it, and gives [`Host::received`] what came back. [`Host::step`]
-//! is that for wires that implement [`Wires`]:
+//! The driver is pure: time is an argument, bytes are passed in and out, nothing waits or allocates, and no thread is
+//! started. The owner of the wires asks [`Host::next`] what to do, does it, and passes the received bytes to
+//! [`Host::received`]. [`Host::step`] does this for wires that implement [`Wires`]:
 //!
 //! ```
 //! use ecmsk::xf::host::{Host, HostConfig, HostError, HostState, StepError, Wires};
@@ -41,35 +41,36 @@
 //! assert!(matches!(host.state(), HostState::Stopped(_)));
 //! ```
 //!
-//! Meanwhile commands are submitted at any time ([`Host::submit`], [`Host::submit_pair`]) and their results taken
-//! ([`Host::take`]); process data have a way of their own ([`Host::process`], [`Host::take_report`], [`Host::inputs`]).
+//! Commands can be submitted at any time ([`Host::submit`], [`Host::submit_pair`]) and their results taken later
+//! ([`Host::take`]). Process data have functions of their own ([`Host::process`], [`Host::take_report`],
+//! [`Host::inputs`]).
 //!
 //! # No command runs twice
 //!
-//! A packet is sent in every exchange until its answer is there. The chip takes the second of two consecutive packets
-//! with the same index and code for INFO_UPDATE, so that the command runs once, whichever of the copies arrives whole,
-//! and the answers to the others carry the NOP flag. Two of those without a sign that the chip rejected a packet say
-//! that the command ran and its one answer was damaged: what only reads is asked again under a new index, anything else
-//! never. The next command has the next index.
+//! A packet is sent in every exchange until its answer has come. Of two consecutive packets with the same index and
+//! code the chip treats the second as INFO_UPDATE. So the command runs once, whichever of the copies arrives intact,
+//! and the answers to the other copies carry the NOP flag. Two of these without a sign that the chip rejected a packet
+//! show that the command ran and its only answer was damaged. A read-only command is then sent again under a new index;
+//! any other command is not. The next command has the next index.
 //!
 //! # How to read it
 //!
 //! | file | what it holds |
 //! | --- | --- |
-//! | `mod.rs` | [`Host`]: what a program calls |
+//! | `mod.rs` | [`Host`]: the functions that a program calls |
 //! | `wires.rs` | [`Wires`], and a step of the driver over them |
-//! | `next.rs` | what is sent next |
-//! | `received.rs` | what an answer means |
-//! | `settle.rs` | what the end of a packet means for whom it was sent for |
-//! | `flight.rs` | the packet that waits for its answer |
-//! | `inbox.rs` | what came back, and the TxPDOs |
+//! | `next.rs` | the choice of the next packet |
+//! | `received.rs` | the interpretation of an answer |
+//! | `settle.rs` | the effects of a packet's end on its command or process data |
+//! | `flight.rs` | the packet in flight |
+//! | `inbox.rs` | the received packet, and the TxPDOs |
 //! | `slots.rs` | the queues of commands |
-//! | `process.rs` | process data; `fifo.rs`: the room in the RxFIFO |
-//! | `search.rs`, `start.rs` | n and the beginning of packets; the steps of the start |
-//! | `coverage.rs` | what a CRC-32 covers, found by trying |
+//! | `process.rs` | process data; `fifo.rs`: the free entries of the RxFIFO |
+//! | `search.rs`, `start.rs` | the search for n and the beginning of packets; the steps of the start |
+//! | `coverage.rs` | the bytes that a CRC-32 covers, found by trying |
 //! | `pace.rs` | idle time and INT0 |
-//! | `budget.rs` | what an exchange costs, and the n for process data |
-//! | `config.rs`, `error.rs`, `counters.rs` | numbers to change, what goes wrong, what is counted |
+//! | `budget.rs` | the duration of an exchange, and the n for process data |
+//! | `config.rs`, `error.rs`, `counters.rs` | settings, errors, counters |
 
 mod budget;
 mod config;
@@ -113,52 +114,53 @@ use process::Process;
 use search::Search;
 use slots::{SlotState, Slots};
 
-/// What to do now.
+/// The next action for the owner of the wires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Next<'h> {
-    /// Clock these bytes out, and give [`Host::received`] as many that came back. If the exchange failed, give it none.
+    /// Clock these bytes out, and pass the same number of received bytes to [`Host::received`]; if the exchange failed,
+    /// pass none.
     Exchange(&'h [u8]),
-    /// Nothing before this time, unless something is submitted.
+    /// Do nothing before this time, unless something is submitted.
     WaitUntil(Ns),
-    /// Nothing before INT0's edge, which [`Host::ready`] takes, or this time.
+    /// Wait for the edge of INT0, to be reported with [`Host::ready`].
     WaitForReady {
-        /// Until then at the latest.
+        /// The end of the wait, if INT0 does not become active.
         until: Ns,
     },
 }
 
-/// How far the driver is.
+/// The state of the driver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HostState {
     /// The chip is being started; commands wait in their queues.
     Starting(StartStep),
     /// Commands are sent.
     Running,
-    /// Packets are searched, since too many answers were damaged one after the other. It goes on afterwards.
+    /// The driver searches for packets, since too many answers in a row were damaged. It continues afterwards.
     Searching,
-    /// The driver has stopped; [`Host::restart`] begins anew.
+    /// The driver has stopped; [`Host::restart`] starts it again.
     Stopped(HostError),
 }
 
-/// What the last exchange was for.
+/// The content of the last exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Outstanding {
     Filler,
     Packet,
 }
 
-/// The driver. About 13 kB, all of it in itself.
+/// The driver. Its size is about 13 kB, and it allocates nothing.
 #[derive(Clone, Debug)]
 pub struct Host {
     config: HostConfig,
     state: HostState,
     size: DataSize,
-    /// How the check words of commands are made.
+    /// How the check words of commands are computed.
     rule: CheckRule,
     coverages: CoverageSearch,
-    /// CRC-32 was given up: it covers nothing that is known.
+    /// Whether CRC-32 was given up because it fits no known coverage.
     gave_crc_up: bool,
-    /// The chip has been set to CRC-32: an answer with the fixed word shows that it was reset.
+    /// Whether the chip has been set to CRC-32, so that an answer with the fixed word shows a reset of the chip.
     crc_on: bool,
     started: Ns,
     search: Search,
@@ -167,54 +169,56 @@ pub struct Host {
     process: Process,
     room: RxRoom,
     flight: Option<Flight>,
-    /// The packet that goes out, which `current` says, and the one that the outputs of the next process data stand in.
+    /// Two packet buffers: `current` is the index of the packet being sent; the other one receives the outputs of the
+    /// next process data.
     packets: [[u8; MAX_PACKET]; 2],
     current: usize,
     inbox: Inbox,
     index: u8,
     exchange: u64,
-    /// The exchange of the newest answer.
+    /// The number of the exchange with the newest answer.
     answered: u64,
     outstanding: Option<Outstanding>,
-    /// INT0 came after the exchange that is outstanding.
+    /// Whether INT0 became active after the exchange whose end is still to be reported.
     ready_seen: bool,
     header: Option<AnswerHeader>,
     /// The header of the first answer.
     found: Option<AnswerHeader>,
-    /// Packets that the chip rejected, as far as was seen.
+    /// Number of packets that the chip rejected, as far as its answers show.
     rejections: u64,
     bad_in_row: u32,
     last_error: Option<PacketError>,
-    /// Index, code and copies so far of the packets of the last two exchanges, the older one first.
+    /// Index, code and number of copies of the packets in the last two exchanges, the older one first.
     sent: [(u8, CommandCode, u32); 2],
-    /// The answer of the last exchange is that to the packet of the one before: the chip was ready and lags no further.
-    /// Of more than two copies nobody knows to which of them an answer is.
+    /// Whether the last answer belongs to the packet of the exchange before, that is, whether the chip was ready and
+    /// lags no further. With more than two copies an answer cannot be assigned to one of them.
     in_step: bool,
-    /// The error bits of `header` are those behind all packets that were sent: none ended without its answer since then.
+    /// Whether the error bits of `header` include the effects of all packets sent: none has ended without its answer
+    /// since.
     bits_known: bool,
-    /// The chip is busy, or may be.
+    /// Whether the chip is busy, or may be.
     busy: bool,
-    /// The exchange in which the non-immediate command was seen to be accepted.
+    /// The number of the exchange whose answer showed that the non-immediate command was accepted.
     accepted: u64,
-    /// Errors that do not go away when they are cleared, and how often that was tried.
+    /// Errors that remain when they are cleared, and are therefore ignored.
     stuck: Errors,
     clear_tries: u32,
-    /// Those for which these tries were.
+    /// The errors that the attempts counted in `clear_tries` were to clear.
     cleared: Errors,
-    /// The last packet that was no INFO_UPDATE was process data.
+    /// Whether the last packet other than INFO_UPDATE was process data.
     process_last: bool,
-    /// When the last packet was done.
+    /// The time at which the last packet ended.
     settled: Ns,
-    /// What the header of each packet puts out.
+    /// The GPIO outputs in the header of each packet.
     gpio_outputs: Option<u16>,
-    /// What the header of the next packet clears: of the chip, of GPIO.
+    /// The interrupt flags that the header of the next packet clears: those of the chip and those of GPIO.
     interrupts_to_clear: (Interrupts, u16),
     version: Option<FirmwareVersion>,
     counters: Counters,
 }
 
 impl Host {
-    /// A driver that starts the chip, from time `now` on.
+    /// A driver that begins to start the chip at the time `now`.
     pub fn new(now: Ns, config: HostConfig) -> Self {
         let mut host = Self {
             state: HostState::Searching,
@@ -263,16 +267,16 @@ impl Host {
         host
     }
 
-    /// Starts the chip anew. Commands that are not done end with [`HostError::ChipReset`]; counters go on.
+    /// Starts the chip again. Pending commands end with [`HostError::ChipReset`]; counters continue.
     pub fn restart(&mut self, now: Ns) {
         self.begin_start(now);
-        // An exchange may have ended just now.
+        // An exchange may just have ended, so the chip needs its idle time.
         self.pacer.hold(now.saturating_add(self.config.idle_ns));
     }
 
     fn begin_start(&mut self, now: Ns) {
         if matches!(self.state, HostState::Stopped(_)) {
-            // It may be another chip.
+            // After a stop another chip may be connected, whose coverages are unknown.
             self.coverages = CoverageSearch::new(self.config.coverages);
         }
         self.forget_all();
@@ -289,23 +293,25 @@ impl Host {
         }
     }
 
-    /// How often the header is asked for while there is nothing else to do: [`HostConfig::poll_ns`].
+    /// Sets the interval at which the header is polled while there is nothing else to do: [`HostConfig::poll_ns`].
     pub const fn set_poll_ns(&mut self, poll_ns: Ns) {
         self.config.poll_ns = poll_ns;
     }
 
-    /// How often the header is asked for while a non-immediate command runs: [`HostConfig::busy_poll_ns`].
+    /// Sets the interval at which the header is polled while a non-immediate command runs:
+    /// [`HostConfig::busy_poll_ns`].
     pub const fn set_busy_poll_ns(&mut self, busy_poll_ns: Ns) {
         self.config.busy_poll_ns = busy_poll_ns;
     }
 
-    /// From the next start on the chip keeps the n that it is found with: [`HostConfig::wanted_size`] is `None`.
+    /// From the next start on leaves the chip's data segment size n as it is found: [`HostConfig::wanted_size`] becomes
+    /// `None`.
     pub const fn keep_size(&mut self) {
         (self.config.size, self.config.wanted_size) = (None, None);
     }
 
-    /// Starts anew with another n, to which the chip is set (SPI_RECONFIG_OP). As with every start, the RxFIFO is off and
-    /// empty afterwards, with the entries that it had; an ECM-XFU refuses.
+    /// Starts the chip again and sets it to another data segment size n (SPI_RECONFIG_OP). As after every start, the
+    /// RxFIFO is off and empty afterwards; the number of its entries stays. An ECM-XFU refuses this.
     pub fn resize(&mut self, now: Ns, size: DataSize) {
         (self.config.size, self.config.wanted_size) = (Some(self.size), Some(size));
         let entries = self.room.entries;
@@ -313,71 +319,74 @@ impl Host {
         self.room = RxRoom::new(entries);
     }
 
-    /// The configuration, as it is now.
+    /// The present configuration.
     pub const fn config(&self) -> &HostConfig {
         &self.config
     }
 
-    /// How far the driver is.
+    /// The present state of the driver.
     pub const fn state(&self) -> HostState {
         self.state
     }
 
-    /// The n of packets; before it is found, what the driver takes it for.
+    /// The n (size of the data segment) of packets; before it is found, the driver's assumption.
     pub const fn size(&self) -> DataSize {
         self.size
     }
 
-    /// The check word that packets have now. It is the fixed one before CRC-32 was set, and where [`Self::gave_crc_up`].
+    /// The present check type of packets: the fixed word before CRC-32 was set and if [`Self::gave_crc_up`], otherwise
+    /// CRC-32.
     pub const fn check(&self) -> CheckType {
         self.rule.kind
     }
 
-    /// What a CRC-32 covers, as far as it was found.
+    /// Which bytes a CRC-32 covers, as far as that was found.
     pub fn coverages(&self) -> Coverages {
         self.coverages.coverages()
     }
 
-    /// Whether the chip was set back to the fixed check word, since its CRC-32 covers nothing that is known. Bits that flip on the
-    /// wires go unnoticed then, and so does a reset of the chip.
+    /// Whether the chip was set back to the fixed check word because its CRC-32 fits no known coverage. Bit errors on
+    /// the wire and resets of the chip then go unnoticed.
     pub const fn gave_crc_up(&self) -> bool {
         self.gave_crc_up
     }
 
-    /// The header of the newest answer: errors, levels, interrupt flags, GPIO. `None` before the first one.
+    /// The header of the newest answer, with errors, FIFO levels, interrupt flags and GPIO. `None` before the first
+    /// answer.
     pub const fn header(&self) -> Option<&AnswerHeader> {
         self.header.as_ref()
     }
 
-    /// The header of the first answer since the driver was made, before the start has cleared errors. Where packets were
-    /// searched, the chip has counted that as a packet or two with wrong words. `None` before the first answer.
+    /// The header of the first answer since the driver was created, before the start has cleared errors. If the driver
+    /// searched for packets, the chip has counted that as one or two packets with a wrong start or end word. `None`
+    /// before the first answer.
     pub const fn found(&self) -> Option<&AnswerHeader> {
         self.found.as_ref()
     }
 
-    /// What the chip said about itself at the start.
+    /// The firmware version that the chip reported at the start.
     pub const fn version(&self) -> Option<FirmwareVersion> {
         self.version
     }
 
-    /// What was counted.
+    /// The driver's counters.
     pub const fn counters(&self) -> Counters {
         self.counters
     }
 
-    /// What the header of every packet puts out on GPIO 0 to 15 from now on, as
-    /// [`CommandHeader::gpio_outputs`](super::CommandHeader::gpio_outputs) has it; `None`, as at first: nothing.
+    /// Sets the outputs of GPIO 0 to 15 that the header of every packet carries from now on, as in
+    /// [`CommandHeader::gpio_outputs`](super::CommandHeader::gpio_outputs); `None`, the initial value, sets none.
     pub const fn set_gpio_outputs(&mut self, outputs: Option<u16>) {
         self.gpio_outputs = outputs;
     }
 
-    /// The next packet that is made clears these interrupt flags: those of the chip, and those of GPIO 0 to 15 as bits.
+    /// Clears these interrupt flags with the next packet: those of the chip, and those of GPIO 0 to 15 as bits.
     pub fn clear_interrupts(&mut self, chip: Interrupts, gpio: u16) {
         let (chip_before, gpio_before) = self.interrupts_to_clear;
         self.interrupts_to_clear = (chip_before | chip, gpio_before | gpio);
     }
 
-    /// INT0 has become active.
+    /// Reports that INT0 has become active.
     pub fn ready(&mut self, _now: Ns) {
         match self.outstanding {
             Some(_) => self.ready_seen = true,
@@ -385,18 +394,18 @@ impl Host {
         }
     }
 
-    /// Puts a command into its queue: one for immediate commands, one for the others, of which one runs at a time while
-    /// immediate ones go on.
+    /// Queues a command. There is one queue for immediate commands and one for non-immediate commands, of which one
+    /// runs at a time while immediate ones continue.
     ///
     /// # Errors
-    /// The queue is full, the command is too long or one of the driver's own, its data are not what the chip takes, or
-    /// the driver has stopped, for the reason that is told.
+    /// The queue is full, the command is too long or reserved for the driver, its data are not valid for the chip, or
+    /// the driver has stopped; then the error is the reason of the stop.
     pub fn submit<'d, C: Call<'d>>(&mut self, now: Ns, call: &C) -> Result<Ticket, HostError> {
         self.submit_within(now, call, self.config.deadlines.busy_ns)
     }
 
-    /// As [`Self::submit`], with `busy_ns` for the time in nanoseconds that a non-immediate command may run, as for
-    /// files and for the network's initialisation.
+    /// Like [`Self::submit`]; `busy_ns` is the time in nanoseconds for which a non-immediate command may run. File
+    /// transfers and the initialisation of the network need a long one.
     ///
     /// # Errors
     /// As with [`Self::submit`].
@@ -406,13 +415,13 @@ impl Host {
         self.slots.submit(now, busy_ns, call, None)
     }
 
-    /// Puts two commands into the queue of which the second one reads the result of the first: SDO_REQ and SDO_GET,
-    /// PDO_CONFIG_REQ and _GET, EEPROM_REQ and _GET, RAW_ECAT_FUNC_REQ and _GET, FOE_FUNC_REQ and _GET, STATE_UPDATE
-    /// and STATE_GET. Nothing else that would change the result runs between them. The ticket is that of the second
-    /// one; if the first one fails, that is the result.
+    /// Queues two commands, the second of which reads the result of the first: SDO_REQ and SDO_GET, PDO_CONFIG_REQ and
+    /// _GET, EEPROM_REQ and _GET, RAW_ECAT_FUNC_REQ and _GET, FOE_FUNC_REQ and _GET, STATE_UPDATE and STATE_GET. No
+    /// other command that would change the result runs between them. The ticket belongs to the second command; if the
+    /// first one fails, its error is the result.
     ///
     /// # Errors
-    /// As with [`Self::submit`]; or the second command does not just read.
+    /// As with [`Self::submit`]; or the second command is not a pure read.
     pub fn submit_pair<'d, 'e, C: Call<'d>, R: Call<'e>>(
         &mut self,
         now: Ns,
@@ -426,14 +435,14 @@ impl Host {
         self.slots.submit(now, busy_ns, call, Some(read))
     }
 
-    /// Whether the command of a ticket is done. A ticket whose result was taken is.
+    /// Whether the command of a ticket is done. This is also true if its result was already taken.
     pub fn is_done(&self, ticket: Ticket) -> bool {
         let slot = &self.slots.all[ticket.slot];
         slot.sequence != ticket.sequence || matches!(slot.state, SlotState::Free | SlotState::Done(_))
     }
 
-    /// The result of a command, which makes its place in the queue free; `None` while it is not done. `call` is what
-    /// was submitted, of a pair the second one.
+    /// Takes the result of a command, which frees its slot in the queue; `None` while the command is not done. `call`
+    /// is the submitted command, or the second one of a pair.
     pub fn take<'h, 'd, C: Call<'d>>(
         &'h mut self,
         ticket: Ticket,
@@ -458,8 +467,8 @@ impl Host {
         Some(result.and_then(|()| decode()))
     }
 
-    /// Drops a command whose result nobody will take: its place in the queue is free once it is done. One that was not
-    /// sent yet is not sent any more.
+    /// Drops a command whose result is not needed: its slot in the queue is freed when the command is done. A command
+    /// that was not sent yet is not sent any more.
     pub fn abandon(&mut self, ticket: Ticket) {
         let slot = &mut self.slots.all[ticket.slot];
         if slot.sequence == ticket.sequence {
@@ -467,30 +476,30 @@ impl Host {
         }
     }
 
-    /// Drops all commands, as [`Self::abandon`] does, and all results: for what has to go before everything else.
+    /// Drops all commands and results as [`Self::abandon`] does, so that a more urgent command need not wait.
     pub fn abandon_all(&mut self) {
         self.slots.all.iter_mut().for_each(slots::Slot::abandon);
     }
 
-    /// The entries of the RxFIFO, as far as the driver knows.
+    /// The number of entries of the RxFIFO, as far as the driver knows.
     pub const fn rx_entries(&self) -> u8 {
         self.room.entries
     }
 
-    /// Takes process data for the next exchange and gives the number by which [`Self::take_report`] tells what became
-    /// of them.
+    /// Submits process data for the next exchange. Returns their sequence number, with which [`Self::take_report`]
+    /// reports their outcome.
     ///
     /// # Errors
-    /// Others are waiting, the data are longer than n, the RxFIFO may have no room ([`Self::rx_free`]), or the driver has
-    /// stopped, for the reason that is told.
+    /// Earlier process data are still waiting, the data are longer than the data segment, the RxFIFO may have no room
+    /// ([`Self::rx_free`]), or the driver has stopped; then the error is the reason of the stop.
     pub fn process(&mut self, data: ProcessData<'_>) -> Result<u32, HostError> {
         let (kind, outputs) = data.parts();
         self.process_in_place(kind, outputs.len(), |place| place.copy_from_slice(outputs))
     }
 
-    /// As [`Self::process`], for a program that has its outputs in pieces: `write` is given the `len` bytes of the next
-    /// packet in which the RxPDOs go out, with whatever stood there before, and has to write each of them. It is not
-    /// called if there is an error.
+    /// Like [`Self::process`], for a program whose outputs are in pieces: `write` gets the `len` bytes of the next
+    /// packet that carry the RxPDOs, with their old content, and has to write each of them. It is not called if there
+    /// is an error.
     ///
     /// # Errors
     /// As with [`Self::process`].
@@ -509,23 +518,23 @@ impl Host {
         self.process.submit(kind, len, segment, write)
     }
 
-    /// How many PDOs the RxFIFO has room for at least. The chip's counts lag two exchanges behind: what has been
-    /// written since is taken off.
+    /// The number of RxFIFO entries that are certainly free. The chip's counts lag two exchanges behind, so recent
+    /// writes are subtracted.
     pub fn rx_free(&self) -> u8 {
         self.room.free()
     }
 
-    /// What became of process data, the oldest first. 4 reports are kept.
+    /// Takes the oldest report about the outcome of process data. The driver keeps 4 reports.
     pub fn take_report(&mut self) -> Option<ProcessReport> {
         self.process.take_report()
     }
 
-    /// The TxPDOs of the last answer that had any.
+    /// The TxPDOs of the newest answer that contained any.
     pub fn inputs(&self) -> &[u8] {
         self.inbox.inputs()
     }
 
-    /// Whether a command fits into a packet, once n is known.
+    /// Checks that a command fits into a packet, once the data segment size n is known.
     fn room_for<'d, C: Call<'d>>(&self, call: &C) -> Result<(), HostError> {
         let found = usize::from(call.encode(&mut [0; SLOT_BYTES])?.len);
         let most = self.size.bytes();

@@ -1,4 +1,4 @@
-//! What is sent next.
+//! Chooses what to send next.
 
 use super::flight::{Flight, Part, Purpose};
 use super::pace::Pace;
@@ -11,20 +11,20 @@ use crate::xf::packet::write_around;
 use crate::xf::request::{Arguments, InfoUpdate};
 use crate::xf::{CommandCode, CommandHeader, Control, Errors, Request, Reserve, WriteError, write_request};
 
-/// After so many attempts to clear an error it is taken for one that stays, and ignored until it goes away.
+/// After this many attempts to clear it, an error counts as permanent and is ignored until it disappears.
 const CLEAR_TRIES: u32 = 3;
 
-/// What to do now, as [`Next`] without the bytes.
+/// The next action, like [`Next`] but without the bytes.
 pub(super) enum Plan {
     Exchange(Outstanding),
     WaitUntil(Ns),
     WaitForReady { until: Ns },
 }
 
-/// What is to be sent.
+/// The content of the next exchange, if there is one.
 enum Choice {
     Filler,
-    /// What stands in the packet buffer.
+    /// The packet in the buffer.
     Packet,
     Nothing {
         until: Ns,
@@ -32,11 +32,11 @@ enum Choice {
 }
 
 impl Host {
-    /// What to do now. It may be called at any time; what it gives holds until something is submitted or comes in. An
-    /// exchange whose end was not reported counts as one that failed.
+    /// Returns the next action. This may be called at any time; the result is valid until something is submitted or
+    /// received. An exchange whose end was not reported counts as failed.
     ///
     /// # Errors
-    /// The driver has stopped, for this reason.
+    /// The reason why the driver has stopped.
     pub fn next(&mut self, now: Ns) -> Result<Next<'_>, HostError> {
         Ok(match self.plan(now)? {
             Plan::Exchange(Outstanding::Filler) => Next::Exchange(self.search.filler()),
@@ -48,7 +48,7 @@ impl Host {
         })
     }
 
-    /// What [`Self::next`] gives, without the bytes.
+    /// The result of [`Self::next`], without the bytes.
     pub(super) fn plan(&mut self, now: Ns) -> Result<Plan, HostError> {
         if self.outstanding.is_some() {
             self.came(now, 0);
@@ -62,7 +62,8 @@ impl Host {
             Pace::Missed => {
                 self.counters.int0_missed += 1;
                 if self.pacer.misses >= self.config.int0_misses && self.bad_in_row > 0 {
-                    // A chip that was reset to another n waits for the rest of a packet.
+                    // A chip that was reset and now has another data segment size waits for the rest of a packet, so
+                    // INT0 stays inactive.
                     self.pacer.misses = 0;
                     self.search_anew(now);
                 } else if self.pacer.misses >= self.config.int0_misses {
@@ -95,25 +96,26 @@ impl Host {
         self.pacer.began();
     }
 
-    /// The driver stops: all that waits ends with this error.
+    /// Stops the driver: all pending commands end with this error.
     pub(super) fn stop(&mut self, error: HostError) {
         self.slots.fail_all(error);
         self.forget_all();
         self.state = HostState::Stopped(error);
     }
 
-    /// Searches packets where they are no more.
+    /// Begins a search for packets where they are no longer found.
     pub(super) fn search_anew(&mut self, now: Ns) {
         let running = self.state == HostState::Running;
         let state = if running { HostState::Searching } else { HostState::Starting(StartStep::Search) };
         self.begin_search(now, state);
     }
 
-    /// Packets are searched; `state` is how that shows.
+    /// Begins a search for packets; `state` is the driver's state meanwhile.
     pub(super) fn begin_search(&mut self, now: Ns, state: HostState) {
         self.search = Search::new(now);
         if let Some(overtaken) = &mut self.process.overtaken {
-            // What is sent meanwhile is rejected too.
+            // The chip also rejects the bytes sent during the search, so its error count does not show what happened to
+            // this write.
             overtaken.unclear = true;
         }
         self.counters.searches += 1;
@@ -121,7 +123,7 @@ impl Host {
         self.state = state;
     }
 
-    /// Ends what has waited for too long.
+    /// Ends everything whose timeout has passed.
     fn expire(&mut self, now: Ns) {
         if let HostState::Starting(step) = self.state {
             let waited_ns = now.saturating_sub(self.started);
@@ -136,8 +138,8 @@ impl Host {
         self.flight = None;
         self.settled = now;
         if self.state == HostState::Running && self.answered < flight.first {
-            // "Not ready" is also what packets end with of which some fit into one of ours, as after a reset to n 112
-            // where n was 1408.
+            // Answers "not ready" may be due to a wrong data segment size n. Several smaller packets may fit exactly
+            // into one of the assumed size, as after a reset from n = 1408 to n = 112, so that its end looks valid.
             self.begin_search(now, HostState::Searching);
         }
         match flight.purpose {
@@ -148,7 +150,7 @@ impl Host {
                 let waited_ns = now.saturating_sub(since);
                 let error = HostError::NoAnswer { code, index, copies, waited_ns, last: self.last_error };
                 self.slots.all[slot].state = SlotState::Done(Err(error));
-                // It may be running.
+                // The command may be running although its answer is missing.
                 self.busy |= !code.is_immediate(self.slots.all[slot].arguments.parameter);
             }
             Purpose::Process { sequence, written, .. } => {
@@ -172,7 +174,7 @@ impl Host {
         }
     }
 
-    /// Sends the packet again, or process data behind process data.
+    /// Sends the packet in flight again or, with pipelined writes, the next process data.
     fn go_on(&mut self, now: Ns) -> Choice {
         if let Some(overtaken) = self.may_be_overtaken() {
             self.process.overtaken = Some(overtaken);
@@ -184,7 +186,7 @@ impl Host {
             self.exchange = exchange;
             flight.copies += 1;
             self.sent = [self.sent[1], (flight.index, flight.code, flight.copies)];
-            // The second copy fetches the answer to the first one.
+            // The second copy is no retry: it fetches the answer to the first one.
             self.counters.repeated += u64::from(flight.copies > 2);
             if let Purpose::Process { sequence, queued, .. } = flight.purpose {
                 self.room.wrote(sequence, queued, exchange);
@@ -193,8 +195,8 @@ impl Host {
         Choice::Packet
     }
 
-    /// The process data on their way, if the next ones may go out before their answer is there: the chip was ready for
-    /// them, has counted all that it rejected before them, and no command waits for its turn.
+    /// The process data in flight, if the next ones may be sent before their answer has come. For this the chip was
+    /// ready for them, all earlier rejections are counted, and no command is waiting.
     fn may_be_overtaken(&self) -> Option<Overtaken> {
         let flight = self.flight.as_ref()?;
         let Purpose::Process { sequence, written, reads, .. } = flight.purpose else { return None };
@@ -259,7 +261,7 @@ impl Host {
         Choice::Nothing { until: due.min(deadline.max(now + 1)) }
     }
 
-    /// The command that may be sent now.
+    /// The next command that may be sent now.
     fn waiting_command(&self) -> Option<(usize, Part)> {
         let request = |slot| (slot, Part::Request);
         let other = || self.slots.first_waiting(false).filter(|_| self.slots.running().is_none() && !self.busy);
@@ -269,25 +271,25 @@ impl Host {
             .or_else(|| other().map(request))
     }
 
-    /// The errors that a command is not to find: they would be taken for its own.
+    /// The errors to clear before a command is sent, since they would otherwise be taken for the command's own.
     fn to_clear(&self) -> Errors {
         self.seen().without(self.stuck)
     }
 
-    /// The errors that a header clears, those that did not go away among them.
+    /// The errors that a header clears, including those that earlier attempts did not clear.
     fn seen(&self) -> Errors {
         self.own_errors(self.header.map_or(Errors::NONE, |header| header.errors))
     }
 
-    /// Those of these errors that a header may clear.
+    /// The errors among `seen` that a header may clear.
     pub(super) fn own_errors(&self, seen: Errors) -> Errors {
         let own = Errors(seen.0 & Errors::ALL.0);
-        // That of the command that runs is not seen yet, or is its end.
+        // The error bit of the running command must stay: it is not known yet, or it reports the end of the command.
         if self.slots.running().is_some() { own.without(Errors::NON_IMMEDIATE) } else { own }
     }
 
-    /// The header of a new packet. The index counts 1 to 255 and begins again, so that no packet has that of the one
-    /// before.
+    /// The header of a new packet. The index counts from 1 to 255 and wraps, so that two consecutive packets never have
+    /// the same index.
     fn new_header(&mut self, control: Control) -> CommandHeader {
         self.index = if self.index == u8::MAX { 1 } else { self.index + 1 };
         let (interrupt_clear, gpio_interrupt_clear) = core::mem::take(&mut self.interrupts_to_clear);
@@ -299,7 +301,7 @@ impl Host {
         CommandHeader { control, interrupt_clear, gpio_interrupt_clear, reserve, gpio_outputs, ..header }
     }
 
-    /// What stands in the packet buffer is on its way.
+    /// Records that the packet in the buffer is sent now and is in flight.
     fn launch(&mut self, now: Ns, purpose: Purpose, code: CommandCode) -> Choice {
         self.exchange += 1;
         self.bits_known = false;
@@ -309,7 +311,7 @@ impl Host {
         Choice::Packet
     }
 
-    /// Sends a request that fits into every packet.
+    /// Sends a request that fits into a packet of any size.
     fn send_short(&mut self, now: Ns, purpose: Purpose, control: Control, request: &Request<'_>) -> Choice {
         let header = self.new_header(control);
         match write_request(&mut self.packets[self.current], self.size, self.rule, header, request) {
@@ -319,7 +321,7 @@ impl Host {
     }
 
     fn send_info(&mut self, now: Ns) -> Choice {
-        // The control byte clears the error of the same bit.
+        // Each bit of the control byte clears the error bit of the same number.
         let control = Control(self.seen().0);
         self.send_short(now, Purpose::Info, control, &InfoUpdate.into())
     }
@@ -335,7 +337,7 @@ impl Host {
                 return self.launch(now, Purpose::Slot(slot, part), code);
             }
             Err(WriteError::Malformed(malformed)) => malformed.into(),
-            // The buffer holds the longest packet.
+            // Cannot happen: the buffer holds the longest packet.
             Err(WriteError::Buffer { needed, found }) => HostError::TooLong { code, found: needed, most: found },
         };
         self.slots.all[slot].state = SlotState::Done(Err(error));
@@ -353,11 +355,11 @@ impl Host {
         }
         let Some(outgoing) = self.process.sent() else { return Choice::Nothing { until: now + 1 } };
         let Outgoing { sequence, code, arguments, written, queued, reads } = outgoing;
-        // The outputs stand in it already.
+        // The outputs are already in this packet.
         let packet = &mut self.packets[1 - self.current];
         let sent = write_around(packet, self.size, self.rule, header, code, arguments).is_ok();
         if !sent {
-            // n has become smaller since they were submitted.
+            // The outputs no longer fit, because the data segment has become smaller since they were submitted.
             self.report(sequence, ProcessOutcome::Refused);
             return Choice::Nothing { until: now + 1 };
         }

@@ -1,30 +1,30 @@
-//! When the next exchange may begin: after the idle time, or at the edge of INT0.
+//! The time of the next exchange: after the idle time, or at the edge of INT0.
 
 use super::config::{HostConfig, Pacing};
 use crate::ethercat::Ns;
 
-/// What has to be waited for.
+/// The condition for the next exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Pace {
-    /// Nothing.
+    /// The exchange may begin now.
     Go,
-    /// This time.
+    /// The exchange may begin at this time.
     Until(Ns),
-    /// INT0, until this time at the latest.
+    /// The exchange may begin when INT0 becomes active; the wait ends at this time.
     Int0(Ns),
-    /// INT0 did not come.
+    /// INT0 did not become active in time.
     Missed,
 }
 
 #[derive(Clone, Debug)]
 pub(super) struct Pacer {
-    /// The present idle time.
+    /// The present idle time, in nanoseconds.
     idle_ns: Ns,
-    /// Not before this time.
+    /// The earliest time for the next exchange.
     not_before: Ns,
-    /// INT0 is waited for, since then.
+    /// Since when the driver has been waiting for INT0.
     waiting_since: Option<Ns>,
-    /// Waits in vain, one after the other, for a chip that otherwise answers.
+    /// Number of INT0 timeouts in a row from a chip that otherwise answers.
     pub(super) misses: u32,
 }
 
@@ -33,12 +33,12 @@ impl Pacer {
         Self { idle_ns: config.idle_ns, not_before: 0, waiting_since: None, misses: 0 }
     }
 
-    /// An exchange begins.
+    /// Records that an exchange begins.
     pub(super) const fn began(&mut self) {
         self.waiting_since = None;
     }
 
-    /// An exchange has ended. `ready` is whether INT0 has come since it began.
+    /// Records that an exchange has ended. `ready` says whether INT0 has become active since its beginning.
     pub(super) fn ended(&mut self, now: Ns, config: &HostConfig, ready: bool, whole_packet: bool) {
         if config.pacing == Pacing::Int0 && whole_packet {
             self.waiting_since = (!ready).then_some(now);
@@ -49,36 +49,37 @@ impl Pacer {
         }
     }
 
-    /// The edge of INT0.
+    /// Records the edge of INT0.
     pub(super) const fn ready(&mut self) {
         self.waiting_since = None;
         self.misses = 0;
     }
 
-    /// Nothing is sent before this time, whatever INT0 does.
+    /// Sends nothing before this time, whatever the level of INT0.
     pub(super) fn hold(&mut self, until: Ns) {
         self.waiting_since = None;
         self.not_before = self.not_before.max(until);
     }
 
-    /// INT0 did not come since the chip does not take packets: it starts, or has packets of another n.
+    /// Does not count INT0 timeouts, because the chip takes no packets: it is starting, or its packets have another
+    /// data segment size.
     pub(super) const fn excuse_int0(&mut self) {
         self.misses = 0;
     }
 
-    /// The chip was not ready: more idle time from now on.
+    /// Doubles the idle time, up to the configured maximum, because the chip was not ready.
     pub(super) fn slower(&mut self, config: &HostConfig) {
         self.excuse_int0();
-        // An idle time of 0 would stay 0.
+        // The lower bound matters: an idle time of 0 would remain 0 when doubled.
         self.idle_ns = self.idle_ns.max(1_000).saturating_mul(2).min(config.idle_max_ns.max(config.idle_ns));
     }
 
-    /// The chip was ready: less idle time, down to what is configured.
+    /// Halves the idle time, down to the configured one, because the chip was ready.
     pub(super) fn faster(&mut self, config: &HostConfig) {
         self.idle_ns = (self.idle_ns / 2).max(config.idle_ns);
     }
 
-    /// What has to be waited for now. A wait in vain is given once; the exchange may then begin.
+    /// The condition for the next exchange. An INT0 timeout is returned once; after that the exchange may begin.
     pub(super) fn pace(&mut self, now: Ns, config: &HostConfig) -> Pace {
         if now < self.not_before {
             return Pace::Until(self.not_before);

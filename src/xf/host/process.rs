@@ -1,48 +1,48 @@
-//! Process data that wait for their exchange, and what became of those that have gone out.
+//! Process data that are waiting for their exchange, and the outcome of those that were sent.
 
 use super::error::HostError;
 use crate::xf::request::{Arguments, PdoOperation};
 use crate::xf::{CommandCode, Errors};
 
-/// Reports that are kept until they are taken.
+/// Number of reports that are kept until the program takes them.
 const REPORTS: usize = 4;
 
-/// The errors that a write leaves which the chip did not take.
+/// The error bits that the chip sets when it rejects a write.
 pub(super) const NOT_TAKEN: Errors = Errors::FIFO.with(Errors::COMMAND);
 
 /// Process data for one exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProcessData<'d> {
-    /// RxPDOs into the FIFO, and as many TxPDOs out of it: PDO_DATA_FIFO_OP.
+    /// PDO_DATA_FIFO_OP: RxPDOs into the FIFO, and the same number of TxPDOs out of the FIFO.
     Exchange {
-        /// How many PDOs.
+        /// Number of PDOs to write, and maximum number to read.
         count: u8,
-        /// The RxPDOs one after the other.
+        /// The RxPDOs, one after the other.
         outputs: &'d [u8],
     },
-    /// RxPDOs into the FIFO alone.
+    /// PDO_DATA_FIFO_OP: RxPDOs into the FIFO, without reading TxPDOs.
     Write {
-        /// How many PDOs.
+        /// Number of PDOs to write.
         count: u8,
-        /// The RxPDOs one after the other.
+        /// The RxPDOs, one after the other.
         outputs: &'d [u8],
     },
-    /// TxPDOs out of the FIFO alone.
+    /// PDO_DATA_FIFO_OP: TxPDOs out of the FIFO, without writing RxPDOs.
     Read {
-        /// How many PDOs at most.
+        /// Maximum number of PDOs to read.
         count: u8,
     },
-    /// One RxPDO and one TxPDO past the FIFO: PDO_DATA_OP.
+    /// PDO_DATA_OP: one RxPDO and one TxPDO directly, without the FIFO.
     DirectExchange {
-        /// The RxPDO.
+        /// The RxPDO with the outputs of all slaves.
         outputs: &'d [u8],
     },
-    /// One TxPDO past the FIFO, as to learn positions.
+    /// PDO_DATA_OP: one TxPDO directly, without the FIFO, for example to learn positions.
     DirectRead,
 }
 
 impl<'d> ProcessData<'d> {
-    /// What they are, and the RxPDOs.
+    /// Splits into the kind of exchange and the RxPDOs.
     pub(super) fn parts(self) -> (ProcessKind, &'d [u8]) {
         match self {
             Self::Exchange { count, outputs } => (ProcessKind::Exchange { count }, outputs),
@@ -54,27 +54,28 @@ impl<'d> ProcessData<'d> {
     }
 }
 
-/// What process data are, without the RxPDOs themselves: [`Host::process_in_place`](super::Host::process_in_place).
+/// The kind of an exchange of process data, without the RxPDOs themselves, for
+/// [`Host::process_in_place`](super::Host::process_in_place).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProcessKind {
-    /// [`ProcessData::Exchange`]
+    /// Like [`ProcessData::Exchange`].
     Exchange {
-        /// How many PDOs.
+        /// Number of PDOs to write, and maximum number to read.
         count: u8,
     },
-    /// [`ProcessData::Write`]
+    /// Like [`ProcessData::Write`].
     Write {
-        /// How many PDOs.
+        /// Number of PDOs to write.
         count: u8,
     },
-    /// [`ProcessData::Read`]
+    /// Like [`ProcessData::Read`].
     Read {
-        /// How many PDOs at most.
+        /// Maximum number of PDOs to read.
         count: u8,
     },
-    /// [`ProcessData::DirectExchange`]
+    /// Like [`ProcessData::DirectExchange`].
     DirectExchange,
-    /// [`ProcessData::DirectRead`]
+    /// Like [`ProcessData::DirectRead`].
     DirectRead,
 }
 
@@ -91,7 +92,7 @@ impl ProcessKind {
         }
     }
 
-    /// RxPDOs that go into the FIFO.
+    /// Number of RxPDOs that go into the FIFO.
     pub(super) const fn queued(self) -> u8 {
         match self {
             Self::Exchange { count } | Self::Write { count } => count,
@@ -100,36 +101,36 @@ impl ProcessKind {
     }
 }
 
-/// What became of process data.
+/// The outcome of an exchange of process data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProcessOutcome {
-    /// The chip has answered. If they were to be read, [`Host::inputs`](super::Host::inputs) has the TxPDOs.
+    /// The chip has answered. If the exchange read TxPDOs, [`Host::inputs`](super::Host::inputs) has them.
     Done {
-        /// TxPDOs were read; `false` if none were asked for, or the TxFIFO was empty.
+        /// Whether TxPDOs were read; `false` if none were requested, or the TxFIFO was empty.
         read: bool,
     },
     /// The RxFIFO was full: the RxPDOs are lost.
     Full,
     /// The chip refused the command: wrong length, or process data are not exchanged yet.
     Refused,
-    /// The RxPDOs were written; the answer and the TxPDOs in it are lost.
+    /// The RxPDOs were written, but the answer with the TxPDOs is lost.
     AnswerLost,
-    /// The RxPDOs were not written. Later ones have gone out since then, so that these are not sent again.
+    /// The RxPDOs were not written. They are not retried, since later ones have already been sent.
     NotWritten,
-    /// No answer came in time, or the chip was reset: whether the RxPDOs were written is unknown.
+    /// No answer came in time, or the chip was reset: it is unknown whether the RxPDOs were written.
     Unknown,
 }
 
-/// The end of an exchange of process data.
+/// The report of an exchange of process data that has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ProcessReport {
-    /// Which ones: what [`Host::process`](super::Host::process) gave for them.
+    /// The sequence number that [`Host::process`](super::Host::process) returned.
     pub sequence: u32,
-    /// What became of them.
+    /// The outcome of the exchange.
     pub outcome: ProcessOutcome,
 }
 
-/// Process data that were written and overtaken by the next ones before their answer was there.
+/// Process data that were written and, before their answer came, followed by the next ones.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Overtaken {
     pub(super) sequence: u32,
@@ -137,22 +138,22 @@ pub(super) struct Overtaken {
     pub(super) code: CommandCode,
     pub(super) written: u8,
     pub(super) reads: bool,
-    /// How many packets the chip had rejected when they were overtaken, as far as was seen.
+    /// The number of packets known to be rejected by the chip when the next process data were sent.
     pub(super) rejections: u64,
-    /// The chip's count of errors does not tell how many packets it rejected since then, or its error bits whether it
-    /// took the RxPDOs.
+    /// Whether the chip's error count cannot show how many packets it has rejected since then, or its error bits cannot
+    /// show whether it took the RxPDOs.
     pub(super) unclear: bool,
 }
 
-/// Process data that were submitted. Their outputs stand in the packet that goes out next.
+/// Submitted process data. Their outputs are in the buffer of the next packet.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Outgoing {
     pub(super) sequence: u32,
     pub(super) code: CommandCode,
     pub(super) arguments: Arguments,
-    /// RxPDOs, in the FIFO or past it.
+    /// Number of RxPDOs, into the FIFO or direct.
     pub(super) written: u8,
-    /// RxPDOs into the FIFO.
+    /// Number of RxPDOs that go into the FIFO.
     pub(super) queued: u8,
     pub(super) reads: bool,
 }
@@ -162,9 +163,9 @@ pub(super) struct Process {
     sequence: u32,
     waiting: Option<Outgoing>,
     reports: [Option<ProcessReport>; REPORTS],
-    /// The place of the oldest report.
+    /// The index of the oldest report.
     oldest: usize,
-    /// How many there are.
+    /// Number of reports kept.
     kept: usize,
     pub(super) overtaken: Option<Overtaken>,
 }
@@ -174,12 +175,12 @@ impl Process {
         Self { sequence: 0, waiting: None, reports: [None; REPORTS], oldest: 0, kept: 0, overtaken: None }
     }
 
-    /// The sequence of the data that wait, if any do.
+    /// The sequence number of the process data that are waiting, if there are any.
     pub(super) fn waiting(&self) -> Option<u32> {
         self.waiting.as_ref().map(|waiting| waiting.sequence)
     }
 
-    /// Takes process data, whose `len` bytes of outputs `write` puts into the segment of the next packet.
+    /// Submits process data; `write` puts their `len` bytes of outputs into the data segment of the next packet.
     pub(super) fn submit(
         &mut self,
         kind: ProcessKind,
@@ -194,7 +195,7 @@ impl Process {
         let most = segment.len();
         write(segment.get_mut(..len).ok_or(HostError::TooLong { code, found: len, most })?);
         self.sequence = self.sequence.wrapping_add(1);
-        // A segment has 1408 bytes at most.
+        // The cast is safe: a data segment has at most 1408 bytes.
         let arguments = Arguments { parameter, info: [operation.0, 0, 0, 0], len: len as u16, ..Arguments::NONE };
         let queued = kind.queued();
         let written = if matches!(kind, ProcessKind::DirectExchange) { 1 } else { queued };
@@ -203,12 +204,12 @@ impl Process {
         Ok(self.sequence)
     }
 
-    /// Those that wait, which are on their way then, or are not sent at all.
+    /// Takes the waiting process data, because they are sent now or not at all.
     pub(super) fn sent(&mut self) -> Option<Outgoing> {
         self.waiting.take()
     }
 
-    /// Adds a report; whether the oldest one had to go for it.
+    /// Adds a report; returns whether the oldest one was overwritten.
     pub(super) fn report(&mut self, report: ProcessReport) -> bool {
         let lost = self.kept == REPORTS;
         if lost {

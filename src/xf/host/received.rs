@@ -1,4 +1,4 @@
-//! What came back: damaged, not ready, or an answer, and what its header says.
+//! Interprets the received bytes: a damaged packet, "not ready", or an answer with its header.
 
 use super::flight::{Flight, Purpose, Verdict};
 use super::process::ProcessOutcome;
@@ -11,15 +11,15 @@ use crate::xf::{
 };
 
 impl Host {
-    /// Takes what came back in the exchange that [`Self::next`] asked for: as many bytes as went out, or none if the
-    /// exchange failed. `now` is when it ended.
+    /// Takes the bytes received in the exchange that [`Self::next`] requested: as many as were sent, or none if the
+    /// exchange failed. `now` is the end of the exchange.
     pub fn received(&mut self, now: Ns, bytes: &[u8]) {
         let (place, len) = (self.inbox.packet(), bytes.len().min(MAX_PACKET));
         place[..len].copy_from_slice(&bytes[..len]);
         self.came(now, bytes.len());
     }
 
-    /// As [`Self::received`], of so many bytes that stand in the inbox.
+    /// Like [`Self::received`], for `len` bytes that are already in the inbox.
     pub(super) fn came(&mut self, now: Ns, len: usize) {
         let ready = core::mem::take(&mut self.ready_seen);
         match self.outstanding.take() {
@@ -47,7 +47,7 @@ impl Host {
         }
     }
 
-    /// Bytes of the search.
+    /// Evaluates bytes that were received during the search for packets.
     fn searched(&mut self, now: Ns, len: usize) {
         let bytes = self.inbox.received(len.min(MAX_PACKET)).unwrap_or_default();
         let Some(size) = self.search.take(bytes) else {
@@ -78,8 +78,8 @@ impl Host {
         matches!(self.flight, Some(flight) if flight.purpose == Purpose::Start(StartStep::Resize))
     }
 
-    /// SPI_RECONFIG_OP went out: the answer is skipped, as the vendor's driver does, and the new n is tried. A chip that
-    /// was not ready has not taken it: it is sent again.
+    /// Handles the answer to SPI_RECONFIG_OP. The answer is ignored, as in the vendor's driver, and the new data
+    /// segment size n is tried. If the chip was not ready, it has not taken the command, which is sent again.
     fn resized(&mut self, now: Ns, len: usize, ready: bool) {
         self.counters.exchanges += 1;
         self.flight = None;
@@ -91,12 +91,12 @@ impl Host {
         }
         self.size = self.config.wanted_size.unwrap_or(self.size);
         self.pacer.hold(now.saturating_add(self.config.deadlines.resize_ns));
-        // A fixed word is no sign of a reset now.
+        // After this command the chip may use the fixed word again, which must not be taken for a reset.
         self.crc_on = false;
         self.state = HostState::Starting(StartStep::CheckType);
     }
 
-    /// Whether the packet is an answer. A CRC-32 is tried with every coverage that answers may have.
+    /// Checks whether the received packet is an answer. A CRC-32 is tried with every coverage that answers may have.
     fn judge(&mut self, len: usize) -> Result<Judged, PacketError> {
         let expected = self.size.packet_len();
         let bytes = self.inbox.received(len).ok_or(PacketError::Length { expected, found: len })?;
@@ -143,7 +143,7 @@ impl Host {
             self.header = Some(*header);
             return;
         }
-        // An answer that comes twice says nothing about the packet before.
+        // A duplicate of the previous answer says nothing about the packet before.
         let tells = |header: &AnswerHeader| (header.index, header.code, header.status.contains(Status::NOP));
         let new = self.header.is_none_or(|before| tells(&before) != tells(header));
         let (index, code, copies) = self.sent[0];
@@ -159,11 +159,12 @@ impl Host {
         self.follow_check_type(header);
     }
 
-    /// Counts packets that the chip rejected since the answer before; whether there were any.
+    /// Counts packets that the chip has rejected since the previous answer; returns whether there were any.
     ///
-    /// `[OURS]` Its count of CRC errors rose, or its error bits for packets have appeared. A count that fell, and bits
-    /// without a count, belong to an answer that comes late, to a count that was cleared or does not rise above 255:
-    /// how many packets it were is unclear then. At 255, error bits that stay may be those of one packet more.
+    /// `[OURS]` A rejection shows as a rise of the chip's CRC error count, or as new error bits for packets. The number
+    /// of rejections is unclear if the count fell or if bits appeared without a count: then the answer is late, the
+    /// count was cleared, or the count is at its end of 255. At 255, error bits that stay may mean one more rejected
+    /// packet.
     fn count_rejections(&mut self, header: &AnswerHeader) -> bool {
         let Some(before) = self.header else { return false };
         let rose = header.crc_errors.wrapping_sub(before.crc_errors);
@@ -198,7 +199,8 @@ impl Host {
         let flight = *flight;
         match verdict {
             Verdict::Open => {
-                // A NOP answers a copy whose first answer is there already, or one that was rejected.
+                // An answer with NOP is not stray: it answers another copy of a packet that has its answer already, or
+                // a rejected copy.
                 self.counters.stray += u64::from(!nop);
             }
             Verdict::Result | Verdict::Lost => {
@@ -213,8 +215,8 @@ impl Host {
         }
     }
 
-    /// Commands have the check type that the chip's answers have; until it is CRC-32 for good, a packet with another
-    /// one is made anew.
+    /// Makes commands use the check type of the chip's answers. Until CRC-32 is set for good, a packet in flight with
+    /// another check type is replaced.
     fn follow_check_type(&mut self, header: &AnswerHeader) {
         let Ok(kind) = header.status.check_type() else { return };
         let follows = matches!(self.state, HostState::Starting(step) if step != StartStep::FixedWord);
@@ -224,13 +226,13 @@ impl Host {
         }
     }
 
-    /// The chip has rejected a packet: if it is the one of the start that is on its way, and none with a CRC-32 was taken yet, it is
-    /// made anew with another coverage. Whether it is.
+    /// Handles a rejected packet of the start. If it is the packet in flight and no command with a CRC-32 was accepted
+    /// yet, the packet is replaced by one with another coverage. Returns whether that was done.
     fn tries_coverage(&mut self, header: &AnswerHeader) -> bool {
         let Some(flight) = self.flight.filter(|flight| matches!(flight.purpose, Purpose::Start(_))) else {
             return false;
         };
-        // What was rejected may be the packet before, where the answer does not echo which one it was.
+        // Without an echo of index and code, the rejected packet may be the previous one.
         let is_this = flight.matches(header) || flight.copies > 2;
         let is_open = self.coverages.is_open() || !self.coverages.commands_fit();
         if self.rule.kind != CheckType::Crc32 || !is_this || !is_open {
@@ -245,7 +247,7 @@ impl Host {
         true
     }
 
-    /// A packet of the start was run: if it had a CRC-32, its coverage is right.
+    /// Learns from a packet of the start that has run: if it had a CRC-32, its coverage is right.
     fn learn_coverage(&mut self, flight: &Flight) {
         if self.rule.kind == CheckType::Crc32
             && matches!(flight.purpose, Purpose::Start(_))
@@ -256,7 +258,7 @@ impl Host {
         }
     }
 
-    /// The chip is set to the fixed word, which it takes whatever its CRC-32 covers.
+    /// Sets the chip to the fixed check word. The chip accepts this command whatever its CRC-32 covers.
     fn give_crc_up(&mut self) {
         self.gave_crc_up = true;
         self.crc_on = false;
@@ -266,7 +268,7 @@ impl Host {
         self.state = HostState::Starting(StartStep::FixedWord);
     }
 
-    /// What the chip was to do is lost; it is started anew.
+    /// Handles a reset of the chip: its pending commands are lost, and it is started again.
     pub(super) fn chip_was_reset(&mut self, now: Ns) {
         self.counters.chip_resets += 1;
         self.forget_all();
@@ -274,9 +276,9 @@ impl Host {
         self.state = HostState::Starting(StartStep::CheckType);
     }
 
-    /// Ends all that waits or is under way, and knows nothing of the chip any more but n.
+    /// Ends everything pending or in flight, and forgets all knowledge of the chip except the data segment size n.
     pub(super) fn forget_all(&mut self) {
-        // Reports come in the order of the process data.
+        // The overtaken process data come first, so that reports are in the order of submission.
         self.settle_overtaken(None);
         if let Some(flight) = self.flight.take()
             && let Purpose::Process { sequence, written, .. } = flight.purpose
@@ -299,7 +301,7 @@ impl Host {
     }
 }
 
-/// The slot whose command runs, if one does.
+/// The slot of the running command and the time of its beginning, if a command runs.
 pub(super) fn running_since(slots: &Slots) -> Option<(usize, Ns)> {
     let slot = slots.running()?;
     match slots.all[slot].state {

@@ -1,13 +1,14 @@
-//! Finds n and the beginning of a packet: bytes are clocked until packets show, and then up to the end of one.
+//! Searches for the data segment size n and the beginning of a packet: bytes are clocked until packets are recognised,
+//! and then up to the end of a packet.
 
 use crate::ethercat::Ns;
 use crate::xf::{DataSize, MAX_PACKET, Resync};
 
-/// Bytes that are clocked at a time. `[OURS]` As many as the least packet has, so that the idle time behind them comes
-/// at least once in each packet.
+/// Number of bytes that are clocked at a time. `[OURS]` The length of the smallest packet, so that each packet contains
+/// at least one idle time.
 const CHUNK: usize = DataSize::MIN.packet_len();
 
-/// What is sent meanwhile: no start word, so that the chip takes it for no command.
+/// The bytes sent during the search: no start word, so that the chip does not take them for a command.
 static FILLER: [u8; MAX_PACKET] = [0; MAX_PACKET];
 
 #[derive(Clone, Debug)]
@@ -23,23 +24,23 @@ impl Search {
         Self { reader: Resync::new(), pushed: 0, given: 0, since }
     }
 
-    /// Bytes that have come.
+    /// Number of bytes received so far.
     pub(super) const fn bytes(&self) -> u64 {
         self.pushed
     }
 
-    /// What is to be clocked out.
+    /// The bytes to clock out next.
     pub(super) fn filler(&self) -> &'static [u8] {
         let len = self.reader.size().map_or(CHUNK, |size| size.packet_len() - self.held(size));
         &FILLER[..len.clamp(1, MAX_PACKET)]
     }
 
-    /// Bytes of the packet that has begun. 0 means that the next byte is the first one of a packet.
+    /// Number of bytes received of the current packet; 0 means that the next byte is the first one of a packet.
     fn held(&self, size: DataSize) -> usize {
         ((self.pushed - self.reader.dropped() - self.given) % size.packet_len() as u64) as usize
     }
 
-    /// Takes what came back, and gives n once the next byte is the first one of a packet.
+    /// Takes received bytes; returns the data segment size once the next byte is the first one of a packet.
     pub(super) fn take(&mut self, bytes: &[u8]) -> Option<DataSize> {
         let mut rest = bytes;
         while !rest.is_empty() {

@@ -1,4 +1,4 @@
-//! What the end of a packet means for whom it was sent for.
+//! Applies the end of a packet to the command or the process data for which it was sent.
 
 use super::flight::{Flight, Part, Purpose, Verdict};
 use super::process::{NOT_TAKEN, Overtaken, ProcessOutcome};
@@ -12,14 +12,14 @@ use crate::xf::response::Returned;
 use crate::xf::{AnswerHeader, AnswerPacket, CheckRule, CheckType, CommandCode, DataSize, Errors, Status};
 
 impl Host {
-    /// The packet of `flight` has its answer, or its answer is lost and `header` shows that it ran.
+    /// Ends the packet `flight`: its answer has come, or the answer is lost and `header` shows that the command ran.
     pub(super) fn settle(&mut self, now: Ns, flight: &Flight, verdict: Verdict, header: &AnswerHeader) {
         let lost = verdict == Verdict::Lost;
         match flight.purpose {
             Purpose::Start(step) if !lost => self.started(now, step, header),
-            // The step is done again.
+            // The step of the start is repeated.
             Purpose::Start(_) => {}
-            // A header that was to clear errors and has them still was a try; one that nobody answered was none.
+            // This counts as an attempt to clear errors only if it was answered and the errors are still there.
             Purpose::Info => self.clear_tries += u32::from(self.cleared.intersects(header.errors)),
             Purpose::Slot(slot, part) => self.settle_slot(now, slot, part, lost, header),
             Purpose::Process { sequence, written, reads, clears, others, .. } => {
@@ -33,7 +33,7 @@ impl Host {
         }
     }
 
-    /// A step of the start has its answer.
+    /// Evaluates the answer to a step of the start.
     fn started(&mut self, now: Ns, step: StartStep, header: &AnswerHeader) {
         let answer = AnswerPacket { header: *header, data: self.inbox.data(self.size) };
         let next = match step {
@@ -122,7 +122,7 @@ impl Host {
         }
     }
 
-    /// What a command that was done tells about the FIFOs.
+    /// Updates the RxFIFO estimate from a command that has run.
     fn learn(&mut self, code: CommandCode, parameter: u8, ret: u8, lost: bool) {
         match code {
             CommandCode::FifoSetRxCount => self.room.entries = parameter,
@@ -132,8 +132,8 @@ impl Host {
         }
     }
 
-    /// Whether the non-immediate command has ended: the answer to a packet that was sent after it had been accepted has
-    /// the busy flag clear.
+    /// Checks whether the non-immediate command has ended. This shows in the answer to a packet that was sent after the
+    /// command had been accepted: its busy flag is clear.
     pub(super) fn look_for_end(&mut self, now: Ns, flight: &Flight, header: &AnswerHeader) {
         let Some((slot, since)) = running_since(&self.slots) else { return };
         if flight.first <= self.accepted || header.status.contains(Status::BUSY) {
@@ -166,7 +166,7 @@ impl Host {
         let pdos = u64::from(written);
         let done = PdoOperation(header.ret);
         let fifo = code == CommandCode::PdoDataFifo;
-        // What the return byte of 6 means no manual says: its data tell.
+        // No manual says what the return byte of command 6 (PDO_DATA_OP) means, so the length of its data decides.
         let refusable = if fifo {
             !done.contains(PdoOperation::WRITE) && !done.contains(PdoOperation::READ)
         } else {
@@ -206,21 +206,21 @@ impl Host {
         self.report(sequence, outcome);
     }
 
-    /// Whether the error bits do not tell if the chip took the RxPDOs of a packet whose answer is lost: its copies clear
-    /// them, or they may be those of another packet.
+    /// Whether the error bits cannot show if the chip took the RxPDOs of a packet whose answer is lost: the packet's
+    /// copies clear these bits, or the bits may come from another packet.
     fn is_doubtful(&self, clears: bool, others: bool, header: &AnswerHeader) -> bool {
         let others = others || self.stuck.intersects(NOT_TAKEN);
         clears || others && header.errors.intersects(NOT_TAKEN)
     }
 
-    /// Nobody knows whether RxPDOs were written.
+    /// Reports that it is unknown whether RxPDOs were written.
     pub(super) fn settle_unknown(&mut self, sequence: u32, written: u8) {
         self.counters.rx_unknown += u64::from(written);
         self.report(sequence, ProcessOutcome::Unknown);
     }
 
-    /// Process data that were overtaken by the next ones: the answer with `header` may be theirs. With `None` nothing will tell any
-    /// more. Whether the answer was theirs.
+    /// Settles process data that were followed by the next ones before their answer, if `header` is the header of that
+    /// answer. With `None` no answer can come any more. Returns whether the answer was theirs.
     pub(super) fn settle_overtaken(&mut self, header: Option<&AnswerHeader>) -> bool {
         let Some(overtaken) = self.process.overtaken else { return false };
         let Overtaken { sequence, index, code, written, reads, .. } = overtaken;
@@ -239,9 +239,9 @@ impl Host {
         }
     }
 
-    /// The process data behind them have their answer, and they have not: the chip's count of errors says whether they
-    /// were written, if no error bit says that somebody's were not. Of the packets since then `flight` ran once, and the
-    /// newest copy is not counted yet; whatever else was sent may have been rejected.
+    /// Settles process data whose answer is missing while that of the next ones (`flight`) has come. If no error bit
+    /// reports rejected process data, the chip's error count shows whether they were written. Of the packets since
+    /// then, `flight` has run once and its newest copy is not counted yet; all others may have been rejected.
     fn settle_overtaken_by(&mut self, flight: &Flight, header: &AnswerHeader) {
         let Some(overtaken) = self.process.overtaken.take() else { return };
         let Overtaken { sequence, written, reads, rejections, unclear, .. } = overtaken;

@@ -1,4 +1,5 @@
-//! The commands that wait, run or are done: a queue of immediate ones and one of the others, of fixed size.
+//! The slots of commands that are queued, running or done. There is a queue of immediate and one of non-immediate
+//! commands, both of fixed size.
 
 use super::error::HostError;
 use super::flight::Part;
@@ -8,22 +9,23 @@ use crate::xf::request::{Arguments, Encode, PdoOperation, Request, UnknownComman
 use crate::xf::response::Returned;
 use crate::xf::{AnswerHeader, CommandCode, Malformed};
 
-/// How many immediate commands wait or are not taken yet.
+/// Size of the queue of immediate commands, including those whose result was not taken yet.
 pub const IMMEDIATE_SLOTS: usize = 4;
-/// How many non-immediate commands wait or are not taken yet. One of them runs at a time.
+/// Size of the queue of non-immediate commands, including those whose result was not taken yet. One of them runs at a
+/// time.
 pub const NON_IMMEDIATE_SLOTS: usize = 4;
-/// Bytes of data that a command may have, and that are kept of an answer. The longest are RAW_ECAT_FUNC_REQ and
-/// FOE_FUNC_REQ with 276.
+/// Maximum size of a command's data, and of the kept data of an answer, in bytes. The longest commands are
+/// RAW_ECAT_FUNC_REQ and FOE_FUNC_REQ with 276.
 pub const SLOT_BYTES: usize = 288;
 
-/// A command that was submitted, by which its result is taken.
+/// Identifies a submitted command, to take its result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Ticket {
     pub(super) slot: usize,
     pub(super) sequence: u64,
 }
 
-/// A command as it is sent, and where the second one of a pair is.
+/// The second command of a pair, which reads the result of the first.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Read {
     pub(super) code: CommandCode,
@@ -33,11 +35,11 @@ pub(super) struct Read {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SlotState {
     Free,
-    /// Until this part is sent.
+    /// The part is waiting to be sent.
     Waiting(Part),
-    /// Its packet is on its way.
+    /// The packet with this part is in flight.
     Sent(Part),
-    /// It runs since then.
+    /// The command has been running since this time.
     Running(Ns),
     Done(Result<(), HostError>),
 }
@@ -45,22 +47,22 @@ pub(super) enum SlotState {
 #[derive(Clone, Debug)]
 pub(super) struct Slot {
     pub(super) state: SlotState,
-    /// Nobody will take the result.
+    /// Whether the command was dropped, so that its result is not needed.
     abandoned: bool,
     pub(super) sequence: u64,
     pub(super) code: CommandCode,
     pub(super) arguments: Arguments,
-    /// What reads the result.
+    /// The command that reads the result.
     pub(super) read: Option<Read>,
-    /// When it was submitted, or when it ended and its result was to be read.
+    /// The time at which the command was submitted, or at which it ended and its result had to be read.
     pub(super) submitted: Ns,
     pub(super) busy_ns: Ns,
-    /// When it has ended with error bit 3, after so long.
+    /// How long the command ran before it ended with error bit 3.
     pub(super) failed_after: Ns,
     pub(super) returned: Returned,
-    /// First the data of the command, then those of the answer.
+    /// The data of the command; later the data of its answer.
     pub(super) bytes: [u8; SLOT_BYTES],
-    /// Bytes of the answer's data segment that are there.
+    /// Number of bytes kept of the answer's data segment.
     pub(super) held: usize,
 }
 
@@ -80,7 +82,7 @@ impl Slot {
         held: 0,
     };
 
-    /// Drops the command if it was not sent yet, and else its result.
+    /// Drops the command if it was not sent yet, and otherwise its result.
     pub(super) fn abandon(&mut self) {
         match self.state {
             SlotState::Waiting(Part::Request) => self.state = SlotState::Free,
@@ -92,12 +94,12 @@ impl Slot {
         matches!(self.state, SlotState::Free) || self.abandoned && matches!(self.state, SlotState::Done(_))
     }
 
-    /// The command whose answer is the result.
+    /// The command whose answer contains the result.
     pub(super) fn answering(&self) -> CommandCode {
         self.read.map_or(self.code, |read| read.code)
     }
 
-    /// What is sent for this part.
+    /// The request to send for this part.
     pub(super) fn request(&self, part: Part) -> Request<'_> {
         let (code, arguments, data) = match (part, self.read) {
             (Part::Read, Some(read)) => (read.code, read.arguments, &[][..]),
@@ -107,7 +109,7 @@ impl Slot {
         Request::Unknown(UnknownCommand { code, arguments, data })
     }
 
-    /// Keeps an answer and its data segment.
+    /// Keeps an answer's header fields and its data segment.
     pub(super) fn keep(&mut self, header: &AnswerHeader, data: &[u8]) {
         self.held = data.len().min(SLOT_BYTES);
         self.bytes[..self.held].copy_from_slice(&data[..self.held]);
@@ -115,12 +117,12 @@ impl Slot {
     }
 }
 
-/// Both queues.
+/// The slots of both queues.
 #[derive(Clone, Debug)]
 pub(super) struct Slots {
     pub(super) all: [Slot; IMMEDIATE_SLOTS + NON_IMMEDIATE_SLOTS],
     sequence: u64,
-    /// False: all are free or done, so that a cycle of process data alone need not look at each of them.
+    /// False if all slots are free or done, so that a cycle with process data alone need not look at each of them.
     maybe_pending: bool,
 }
 
@@ -129,7 +131,7 @@ impl Slots {
         Self { all: [Slot::FREE; IMMEDIATE_SLOTS + NON_IMMEDIATE_SLOTS], sequence: 0, maybe_pending: false }
     }
 
-    /// Puts a command, and what reads its result, into its queue.
+    /// Queues a command and, for a pair, the command that reads its result.
     pub(super) fn submit(
         &mut self,
         now: Ns,
@@ -167,7 +169,7 @@ impl Slots {
         Ok(Ticket { slot, sequence: self.sequence })
     }
 
-    /// The immediate command, or the other one, that waits the longest.
+    /// The oldest waiting command of the immediate or of the non-immediate queue.
     pub(super) fn first_waiting(&self, immediate: bool) -> Option<usize> {
         if !self.maybe_pending {
             return None;
@@ -177,7 +179,7 @@ impl Slots {
             .min_by_key(|slot| self.all[*slot].sequence)
     }
 
-    /// A read that belongs to a command which has ended.
+    /// A waiting read of the result of a command that has ended.
     pub(super) fn waiting_read(&self) -> Option<(usize, Part)> {
         if !self.maybe_pending {
             return None;
@@ -188,7 +190,8 @@ impl Slots {
         })
     }
 
-    /// The non-immediate command that runs or whose result is still to be read, so that no other may begin.
+    /// The non-immediate command that is running or whose result is still to be read; no other one may begin before
+    /// that.
     pub(super) fn running(&self) -> Option<usize> {
         use Part::{AbortCode, Read, Request};
         if !self.maybe_pending {
@@ -207,7 +210,7 @@ impl Slots {
             .map(|place| IMMEDIATE_SLOTS + place)
     }
 
-    /// Ends all that are not done.
+    /// Ends all commands that are not done with this error.
     pub(super) fn fail_all(&mut self, error: HostError) {
         for slot in &mut self.all {
             if !matches!(slot.state, SlotState::Free | SlotState::Done(_)) {
@@ -216,7 +219,7 @@ impl Slots {
         }
     }
 
-    /// Ends what waits in a queue for too long, and what runs for too long.
+    /// Ends commands that have been queued or have been running for too long.
     pub(super) fn expire(&mut self, now: Ns, queue_ns: Ns) {
         if !self.maybe_pending {
             return;
@@ -243,7 +246,7 @@ impl Slots {
         }
     }
 
-    /// When the next command has waited or run for too long.
+    /// The earliest time at which a command's timeout passes.
     pub(super) fn next_deadline(&self, queue_ns: Ns) -> Option<Ns> {
         self.all
             .iter()
@@ -256,9 +259,9 @@ impl Slots {
     }
 }
 
-/// Whether a command only reads, so that it may run again if its answer was lost. `[OURS]` All whose answer has a
-/// result but those that also do something: 5 takes TxPDOs out of the FIFO, 24 clears, 6, 81 and 144 read with some
-/// arguments alone.
+/// Whether a command only reads, so that it may run again if its answer was lost. `[OURS]` These are all commands with
+/// a result, except those with a side effect: 5 takes TxPDOs out of the FIFO, 24 clears, and 6, 81 and 144 only read
+/// with some arguments.
 pub(super) fn only_reads(code: CommandCode, arguments: &Arguments) -> bool {
     let writes = match code {
         CommandCode::PdoDataFifo | CommandCode::CrcErrorCountClear => true,
@@ -273,7 +276,7 @@ pub(super) fn only_reads(code: CommandCode, arguments: &Arguments) -> bool {
     has_result(code, arguments) && !writes && code.is_immediate(arguments.parameter)
 }
 
-/// Whether the answer to a command has a result.
+/// Whether the answer to a command contains a result.
 pub(super) fn has_result(code: CommandCode, arguments: &Arguments) -> bool {
     let form = match code.command().map(|row| row.answer) {
         Some(AnswerForm::ByFunction) => code.function(arguments.parameter).map(|function| function.answer),
@@ -282,7 +285,7 @@ pub(super) fn has_result(code: CommandCode, arguments: &Arguments) -> bool {
     form.is_some_and(|form| form != AnswerForm::Nothing)
 }
 
-/// The read of a pair, if it is one.
+/// Prepares the second command of a pair; fails if it is not a read.
 pub(super) fn read_of(read: &impl Encode) -> Result<Read, HostError> {
     let (code, arguments) = read.command(&mut [0; SLOT_BYTES])?;
     if arguments.len > 0 || !only_reads(code, &arguments) {
@@ -291,7 +294,7 @@ pub(super) fn read_of(read: &impl Encode) -> Result<Read, HostError> {
     Ok(Read { code, arguments })
 }
 
-/// What a result is decoded from, if the segment was kept whole.
+/// Checks that the answer's valid data were kept completely.
 pub(super) fn whole(slot: &Slot) -> Result<(), Malformed> {
     Malformed::at_most("valid data length", slot.returned.len.into(), slot.held).map(drop)
 }

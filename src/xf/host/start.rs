@@ -1,4 +1,4 @@
-//! The steps from a chip of which nothing is known to one that takes commands: the usual start of an application (OBS).
+//! The steps that take an unknown chip to one that accepts commands: the usual start of an application (OBS).
 
 use core::fmt;
 
@@ -7,33 +7,34 @@ use crate::xf::request::{
 };
 use crate::xf::{CheckType, Control, DataSize};
 
-/// A step of the start. Each may be done twice without harm, so that one whose answer is lost is done again.
+/// A step of the start. Each step may be repeated without harm, and is repeated if its answer is lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum StartStep {
-    /// Packets are found in the stream of bytes, and with them n.
+    /// Packets and their data segment size n are searched in the stream of bytes.
     Search,
-    /// CRC_TYPE_SET 3: CRC-32; again behind [`Self::Resize`], since nobody says whether the type outlives that.
+    /// CRC_TYPE_SET 3: CRC-32. This is repeated after [`Self::Resize`], since no source says whether the check type
+    /// survives it.
     CheckType,
-    /// CRC_TYPE_SET 0: the fixed word, since the CRC-32 of the chip covers nothing that is known.
+    /// CRC_TYPE_SET 0: the fixed check word, if the chip's CRC-32 fits no known coverage.
     FixedWord,
-    /// SPI_PACK_SIZE_GET: the chip is asked for n.
+    /// SPI_PACK_SIZE_GET: reads the chip's data segment size n.
     PackSize,
-    /// SPI_PACK_SIZE_GET once more, with another length: it shows whether a CRC-32 covers whole words of 4 bytes.
+    /// SPI_PACK_SIZE_GET again, with another length, which shows whether a CRC-32 covers whole words of 4 bytes.
     Coverage,
-    /// SPI_RECONFIG_OP: the chip is set to the n that is wanted.
+    /// SPI_RECONFIG_OP: sets the chip to the wanted data segment size n.
     Resize,
-    /// FW_VERSION_GET.
+    /// FW_VERSION_GET: reads the firmware's version.
     Version,
-    /// INFO_UPDATE until the chip is not busy; errors of before are cleared.
+    /// INFO_UPDATE until the chip is not busy; clears earlier errors.
     NotBusy,
-    /// FIFO_ENABLE 0: the RxFIFO is not put out.
+    /// FIFO_ENABLE 0: the chip stops taking RxPDOs out of the RxFIFO.
     FifoOff,
-    /// FIFO_CLR_OP: both FIFOs are emptied.
+    /// FIFO_CLR_OP: empties both FIFOs.
     FifoClear,
 }
 
 impl StartStep {
-    /// What is sent in this step; `wanted` is the n that [`Self::Resize`] sets.
+    /// The request to send in this step; `wanted` is the data segment size that [`Self::Resize`] sets.
     pub(super) fn request(self, wanted: DataSize) -> Request<'static> {
         match self {
             Self::PackSize | Self::Coverage => SpiPackSizeGet.into(),
@@ -41,15 +42,15 @@ impl StartStep {
             Self::Resize => SpiReconfig { size: wanted }.into(),
             Self::CheckType => CrcTypeSet { kind: CheckType::Crc32 }.into(),
             Self::Version => FirmwareVersionGet.into(),
-            // While packets are searched none is sent.
+            // During the search no request is sent.
             Self::Search | Self::NotBusy => InfoUpdate.into(),
             Self::FifoOff => FifoEnable { on: false }.into(),
             Self::FifoClear => FifoClear { fifos: Fifos::Both }.into(),
         }
     }
 
-    /// The length field of this step's packet, where it is not that of its data. \[OURS] No source says that a command may have
-    /// one without data.
+    /// The length field of this step's packet, if it differs from the length of its data. \[OURS] No source says that a
+    /// command without data may have a length.
     pub(super) const fn len(self) -> u16 {
         match self {
             Self::Coverage => 1,
@@ -57,7 +58,7 @@ impl StartStep {
         }
     }
 
-    /// The errors that the packet of this step clears.
+    /// The errors that this step's packet clears.
     pub(super) const fn control(self) -> Control {
         match self {
             Self::NotBusy => Control::CLEAR_ALL,
@@ -65,11 +66,11 @@ impl StartStep {
         }
     }
 
-    /// The step behind this one; `None` after the last one. [`Self::Resize`], [`Self::FixedWord`] and [`Self::Coverage`] stand
-    /// beside the order.
+    /// The next step; `None` after the last one. [`Self::Resize`], [`Self::FixedWord`] and [`Self::Coverage`] are
+    /// outside this order.
     ///
-    /// `[OURS]` Applications ask for n first (OBS). Here the check word is set first, so that one packet alone has the
-    /// fixed word, with which a bit that flips goes unnoticed.
+    /// `[OURS]` Applications read the data segment size first (OBS). This driver sets the check word first, so that
+    /// only one packet has the fixed word, with which bit errors go unnoticed.
     pub(super) const fn next(self) -> Option<Self> {
         match self {
             Self::Search | Self::Resize => Some(Self::CheckType),

@@ -1,4 +1,4 @@
-//! The wires to a chip as the driver uses them, and one step of the driver over them.
+//! The trait of the wires to a chip, and one step of the driver over such wires.
 
 use super::next::Plan;
 use super::{Host, HostError, Outstanding};
@@ -6,26 +6,26 @@ use crate::ethercat::Ns;
 
 /// The wires to one chip, with a clock.
 pub trait Wires {
-    /// Why an exchange or a wait failed.
+    /// The error of an exchange or a wait.
     type Error;
 
-    /// The time in nanoseconds. Where zero lies is up to the wires.
+    /// The time in nanoseconds; its zero point is arbitrary.
     fn now(&self) -> Ns;
 
-    /// Clocks `to_chip` out and as many bytes into `from_chip`, under one chip select.
+    /// Sends `to_chip` and receives the same number of bytes into `from_chip`, under one chip select.
     ///
     /// # Errors
-    /// The wires cannot be used; how many bytes passed is not known then.
+    /// The wires cannot be used; it is unknown how many bytes were transferred.
     fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), Self::Error>;
 
-    /// Waits until that time; not at all if it has passed.
+    /// Waits until that time; returns at once if it has passed.
     ///
     /// # Errors
     /// The wires cannot be used any more.
     fn wait_until(&mut self, time: Ns) -> Result<(), Self::Error>;
 
-    /// Waits for INT0 to become active after the last exchange, until that time at the latest; whether it did. Wires
-    /// without INT0 wait for nothing and give `false`.
+    /// Waits until INT0 becomes active after the last exchange, at most until that time; returns whether it did. Wires
+    /// without INT0 return `false` at once.
     ///
     /// # Errors
     /// INT0 cannot be read.
@@ -37,16 +37,16 @@ pub trait Wires {
 pub enum StepError<E> {
     /// The driver has stopped.
     Host(HostError),
-    /// The wires cannot be used.
+    /// An exchange or a wait over the wires has failed.
     Wires(E),
 }
 
 impl Host {
-    /// One step over these wires: an exchange, or a wait for the next one that ends at `until`.
+    /// Makes one step over these wires: an exchange, or a wait for the next exchange that ends at `until`.
     ///
     /// # Errors
-    /// The driver has stopped, or the wires cannot be used. What was on its way in an exchange that failed is sent
-    /// again by the next step, as after a damaged answer.
+    /// The driver has stopped, or the wires cannot be used. A packet whose exchange failed is sent again by the next
+    /// step, as after a damaged answer.
     pub fn step<W: Wires + ?Sized>(&mut self, wires: &mut W, until: Ns) -> Result<(), StepError<W::Error>> {
         match self.plan(wires.now()).map_err(StepError::Host)? {
             Plan::Exchange(what) => {

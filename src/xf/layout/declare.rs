@@ -1,10 +1,11 @@
 //! The macro that declares types with their layouts.
 
-/// Types whose values have places: `pub struct` and `pub enum` are defined here, those after `impl` elsewhere. A value
-/// without a place is a layout of its own.
+/// Declares the layout of types: `pub struct` and `pub enum` also define the type, `impl` refers to a type defined
+/// elsewhere. The place of each value in header or data segment stands after `=`. A value without a place is itself a
+/// type with a layout.
 ///
-/// The variants of an enum are told apart by a number, whose place and name stand after `by`, with what an error calls
-/// it and what may be there.
+/// A number selects the variant of an enum. After `by` stand its place, the name that errors use for it, and its
+/// allowed values.
 macro_rules! layout {
     () => {};
 
@@ -75,7 +76,7 @@ macro_rules! layout {
             const OPERATION: Spot = $by.one_of(NAMES).of::<$int>(stringify!($operation));
 
             impl $(<$life>)? $name $(<$life>)? {
-                /// The number of the variant.
+                /// The number that selects this variant.
                 pub(in crate::xf) const fn $operation(&self) -> $int {
                     match self {
                         $(Self::$variant { .. } => $code,)*
@@ -115,7 +116,7 @@ macro_rules! layout {
     };
 }
 
-/// A part of a layout, with a spot or a layout of its own: its fields, how it is written, how it is read.
+/// A part of a layout, which has a spot or is itself a type with a layout: its fields, writing it, reading it.
 macro_rules! part {
     (fields $name:ident: $type:ty) => {
         <$type as Layout<'_>>::FIELDS

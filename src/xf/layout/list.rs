@@ -1,9 +1,9 @@
-//! Lists of fields that are made while the crate is compiled.
+//! Lists of fields that are built at compile time.
 
 use super::{Count, Fixed, Spot};
 use crate::xf::fields::{Field, Place};
 
-/// The fields of a layout, by their places, each name once.
+/// The fields of a layout in the order of their places, each name once.
 #[derive(Clone, Copy, Debug)]
 pub struct FieldList {
     fields: [Field; Self::MOST],
@@ -11,12 +11,12 @@ pub struct FieldList {
 }
 
 impl FieldList {
-    /// The most fields that a function has.
+    /// The maximum number of fields of a function.
     const MOST: usize = 12;
-    /// No field.
+    /// The empty list.
     pub const NONE: Self = Self { fields: [super::par().field; Self::MOST], len: 0 };
 
-    /// The field of a spot, and those that go with it.
+    /// The field of a spot, with its byte count and its fixed number if it has them.
     pub const fn of(spot: Spot) -> Self {
         let list = match spot.count {
             Some(Count { field, .. }) => Self::NONE.with(Field { counts: Some(spot.field.name), ..field }),
@@ -28,7 +28,7 @@ impl FieldList {
         }
     }
 
-    /// This list with another one.
+    /// Merges another list into this one.
     pub const fn and(mut self, other: Self) -> Self {
         let mut n = 0;
         while n < other.len {
@@ -38,14 +38,14 @@ impl FieldList {
         self
     }
 
-    /// This list and behind it the field of a spot, wherever that stands.
+    /// Appends the field of a spot at the end, whatever its place.
     pub const fn then(mut self, spot: Spot) -> Self {
         self.fields[self.len] = spot.field;
         self.len += 1;
         self
     }
 
-    /// This list with a field, which is known already if its name is.
+    /// Inserts a field in the order of places, unless the list has a field of that name.
     pub const fn with(mut self, field: Field) -> Self {
         let mut n = 0;
         while n < self.len {
@@ -63,7 +63,7 @@ impl FieldList {
         self
     }
 
-    /// A list that begins with that field, wherever that stands.
+    /// Inserts a field at the beginning, whatever its place.
     pub const fn after(self, first: Field) -> Self {
         let (mut list, mut n) = (Self::NONE.with(first), 0);
         while n < self.len {
@@ -74,7 +74,8 @@ impl FieldList {
         list
     }
 
-    /// The fields as those of an answer: `par` is `ret`, and what counts is seen from what it counts.
+    /// Converts the fields to those of an answer: `par` becomes `ret`, and byte counts are left out, since the field
+    /// that they count shows its own length.
     pub const fn returned(self) -> Self {
         let (mut list, mut n) = (Self::NONE, 0);
         while n < self.len {
@@ -88,7 +89,7 @@ impl FieldList {
         list
     }
 
-    /// Where the last field in the data segment ends, or begins if it goes to the end of what is valid.
+    /// The end of the last field in the data segment; for a field of variable length, its beginning.
     pub const fn end(&self) -> usize {
         let (mut end, mut n) = (0, 0);
         while n < self.len {
@@ -101,12 +102,12 @@ impl FieldList {
         end
     }
 
-    /// How many fields there are.
+    /// The number of fields.
     pub const fn len(&self) -> usize {
         self.len
     }
 
-    /// The fields as an array of just that many.
+    /// The fields as an array of exactly `N` fields, the length of the list.
     pub const fn array<const N: usize>(&self) -> [Field; N] {
         let (mut fields, mut n) = ([self.fields[0]; N], 0);
         while n < N {
@@ -117,7 +118,7 @@ impl FieldList {
     }
 }
 
-/// A list as a slice that lives as long as the program.
+/// Turns a list into a slice with static lifetime.
 macro_rules! field_slice {
     ($list:expr) => {{
         const LIST: $crate::xf::layout::FieldList = $list;
@@ -126,7 +127,7 @@ macro_rules! field_slice {
     }};
 }
 
-/// A type, its data living as long as the program.
+/// Expands to a type with the lifetime `'static`, if it has one.
 macro_rules! type_of {
     ($name:ident) => { $name };
     ($name:ident <$life:lifetime>) => { $name<'static> };
@@ -143,7 +144,7 @@ const fn same(a: &str, b: &str) -> bool {
     n == a.len() && n == b.len()
 }
 
-/// Where a field stands: the header before the data segment.
+/// Sort key of a field's place: header fields come before the data segment.
 const fn order(field: &Field) -> u32 {
     let (part, byte) = match field.place {
         Place::Parameter | Place::Return => (0, 0),

@@ -1,5 +1,5 @@
-//! Layouts: where each value of a request or an answer stands, said once. How it is written, how it is read and its
-//! table of fields follow from that.
+//! Layouts: the place of each value of a request or an answer, declared once. Writing, reading and the table of fields
+//! follow from the declaration.
 //!
 //! ```text
 //! layout! {
@@ -13,9 +13,9 @@
 //! }
 //! ```
 //!
-//! - `mod.rs`: the traits: a layout, a part of it, a value of one field
-//! - `spot.rs`: where a part stands, and what goes with it
-//! - `list.rs`: lists of fields that are made while the crate is compiled
+//! - `mod.rs`: the traits: a layout, a part of a layout, the value of one field
+//! - `spot.rs`: the place of a part, and its properties
+//! - `list.rs`: lists of fields that are built at compile time
 //! - `declare.rs`: the macro
 
 mod declare;
@@ -33,10 +33,10 @@ use super::request::Arguments;
 use super::response::Returned;
 use super::{Malformed, segment};
 
-/// What a request or an answer is written into.
+/// The destination for encoding a request or an answer.
 #[derive(Debug)]
 pub struct Writer<'a> {
-    /// The fields of the header. The parameter of a command is the return byte of an answer.
+    /// The header fields. `parameter` is a command's parameter, or an answer's return byte.
     pub arguments: Arguments,
     /// The data segment.
     pub data: &'a mut [u8],
@@ -47,43 +47,43 @@ impl<'a> Writer<'a> {
         Self { arguments: Arguments::NONE, data }
     }
 
-    /// Writes bytes from byte `at` of the data segment on, which are valid then.
+    /// Writes bytes from byte `at` of the data segment on, and marks them as valid.
     ///
     /// # Errors
-    /// The segment is shorter.
+    /// The segment ends before that.
     pub fn put_at(&mut self, at: usize, bytes: &[u8]) -> Result<(), Malformed> {
         let end = segment::put_at(self.data, at, bytes)?;
         self.arguments.len = self.arguments.len.max(end);
         Ok(())
     }
 
-    /// The fields of the header of an answer.
+    /// The header fields as those of an answer.
     pub fn returned(&self) -> Returned {
         Returned { ret: self.arguments.parameter, len: self.arguments.len }
     }
 }
 
-/// What a request or an answer is read from.
+/// The source for decoding a request or an answer.
 #[derive(Clone, Copy, Debug)]
 pub struct Reader<'d> {
-    /// The fields of the header. The parameter of a command is the return byte of an answer.
+    /// The header fields. `parameter` is a command's parameter, or an answer's return byte.
     pub arguments: Arguments,
     /// The data segment.
     pub data: &'d [u8],
 }
 
 impl<'d> Reader<'d> {
-    /// An answer.
+    /// A reader of an answer.
     pub fn of(returned: Returned, data: &'d [u8]) -> Self {
         Self { arguments: Arguments { parameter: returned.ret, len: returned.len, ..Arguments::NONE }, data }
     }
 }
 
-/// A type whose values have places in the header and the data segment.
+/// A type whose values have places in the header and in the data segment.
 pub trait Layout<'d>: Sized {
-    /// Its fields.
+    /// The fields of the layout.
     const FIELDS: FieldList;
-    /// How many bytes of the data segment there have to be.
+    /// The minimum size of the data segment, in bytes.
     const END: usize = Self::FIELDS.end();
 
     /// Writes the values.
@@ -92,7 +92,7 @@ pub trait Layout<'d>: Sized {
     /// Reads the values.
     fn take(from: &Reader<'d>) -> Result<Self, Malformed>;
 
-    /// Writes the values into a segment that is all 0. All bytes up to [`Self::END`] are valid then.
+    /// Encodes the values into a data segment that is all 0. All bytes up to [`Self::END`] are then valid.
     fn encoded(&self, data: &mut [u8]) -> Result<Arguments, Malformed> {
         let mut to = Writer::new(data);
         to.put_at(Self::END, &[])?;
@@ -100,48 +100,48 @@ pub trait Layout<'d>: Sized {
         Ok(to.arguments)
     }
 
-    /// Reads the values from a segment that may be too short.
+    /// Decodes the values; fails if the segment is too short.
     fn decoded(arguments: &Arguments, data: &'d [u8]) -> Result<Self, Malformed> {
         segment::get_at(data, 0, Self::END)?;
         Self::take(&Reader { arguments: *arguments, data })
     }
 
-    /// As [`Self::encoded`], for an answer.
+    /// Like [`Self::encoded`], for an answer.
     fn answered(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
         self.encoded(data).map(|arguments| Returned { ret: arguments.parameter, len: arguments.len })
     }
 
-    /// As [`Self::decoded`], for an answer, of which the valid bytes count.
+    /// Like [`Self::decoded`], for an answer, using only its valid bytes.
     fn of_answer(returned: Returned, data: &'d [u8]) -> Result<Self, Malformed> {
         let Reader { arguments, data } = Reader::of(returned, returned.valid(data)?);
         Self::decoded(&arguments, data)
     }
 }
 
-/// An answer as fields.
+/// The possible forms of an answer, as fields.
 pub trait Forms {
-    /// The forms that it can have.
+    /// The possible forms of the answer.
     const FORMS: &'static [AnswerFields];
 }
 
-/// A value of one field, which is a number.
+/// A value that is a number in one field.
 pub trait FieldValue: Copy {
-    /// How many bytes the field has where nothing else is said.
+    /// The field's size in bytes, unless the layout says otherwise.
     const BYTES: u8;
-    /// What the field holds where nothing else is said.
+    /// The field's kind, unless the layout says otherwise.
     const KIND: Kind;
 
-    /// The number.
+    /// The value as a number.
     fn number(self) -> u32;
 
     /// The value with that number.
     ///
     /// # Errors
-    /// The manuals do not allow it.
+    /// The manuals do not allow the number.
     fn of(number: u32) -> Result<Self, Malformed>;
 }
 
-/// Types as [`FieldValue`]s: bytes, kind, the value as a number, the number as a value.
+/// Implements [`FieldValue`] for types: size, kind, conversion to a number, conversion from a number.
 macro_rules! field_values {
     ($($type:ty, $bytes:literal, $kind:expr, |$value:ident| $number:expr, |$found:ident| $read:expr;)*) => {$(
         impl $crate::xf::layout::FieldValue for $type {
@@ -169,17 +169,17 @@ field_values! {
     i32, 4, Kind::Signed, |value| value as u32, |number| Ok(number as i32);
 }
 
-/// What stands at a spot: a number, or bytes.
+/// The content of a spot: a number, or bytes.
 pub trait Part<'d>: Sized {
-    /// How many bytes it has where nothing else is said; 0 if it goes to the end of what is valid.
+    /// The size in bytes, unless the layout says otherwise; 0 if the part extends to the end of the valid data.
     const BYTES: u8;
-    /// What it holds where nothing else is said.
+    /// The kind of the content, unless the layout says otherwise.
     const KIND: Kind;
 
-    /// Writes it.
+    /// Writes the part at its spot.
     fn put(&self, spot: &Spot, to: &mut Writer<'_>) -> Result<(), Malformed>;
 
-    /// Reads it.
+    /// Reads the part from its spot.
     fn take(spot: &Spot, from: &Reader<'d>) -> Result<Self, Malformed>;
 }
 
@@ -219,7 +219,7 @@ impl<const N: usize> Part<'_> for [u8; N] {
     }
 }
 
-/// Bytes that go on as far as a count or the length field says.
+/// Bytes of variable length, given by a count or by the length field.
 impl<'d> Part<'d> for &'d [u8] {
     const BYTES: u8 = 0;
     const KIND: Kind = Kind::Bytes;
@@ -251,15 +251,15 @@ impl<'d> Part<'d> for &'d [u8] {
 
 /// A text at the end of the data.
 ///
-/// `[OURS]` It ends where the length field says, or before that at the first byte 0; a length field that leaves no text
-/// is not believed, since the chip reads fixed layouts whatever the length says.
+/// `[OURS]` The text ends where the length field says, or before that at the first byte 0. A length field that leaves
+/// no text is ignored, since the chip reads fixed layouts whatever the length says.
 fn text(rest: &[u8], named: usize) -> &[u8] {
     let rest = if named == 0 { rest } else { &rest[..named.min(rest.len())] };
     rest.split(|byte| *byte == 0).next().unwrap_or_default()
 }
 
-/// An answer that is one value, which has its place.
+/// An answer that is a single value at a fixed place.
 pub trait ValueAnswer: FieldValue {
-    /// Where it stands.
+    /// The place of the value.
     const AT: Place;
 }

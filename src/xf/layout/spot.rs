@@ -1,31 +1,32 @@
-//! Where a part of a layout stands, and what goes with it.
+//! The place of a part of a layout, and its properties.
 
 use super::{FieldValue, Part, Reader, ValueAnswer, Writer};
 use crate::xf::fields::{Field, Kind, Names, Place};
 use crate::xf::{Allowed, Malformed};
 
-/// A field before its name and its type are known, and what goes with it on the wire.
+/// A field in a layout declaration, whose name and type are added later, with the numbers on the wire that belong to
+/// it.
 #[derive(Clone, Copy, Debug)]
 pub struct Spot {
-    /// The field.
+    /// The field, as far as it is declared.
     pub field: Field,
-    /// The number of its bytes.
+    /// The number on the wire that counts the field's bytes.
     pub count: Option<Count>,
-    /// A fixed number that goes with it.
+    /// A fixed number on the wire that precedes the field.
     pub fixed: Option<Fixed>,
 }
 
-/// `par`.
+/// The parameter byte of a command, `par`.
 pub const fn par() -> Spot {
     Spot::new(Place::Parameter)
 }
 
-/// `ret`.
+/// The return byte of an answer, `ret`.
 pub const fn ret() -> Spot {
     Spot::new(Place::Return)
 }
 
-/// An information byte.
+/// An information byte of a command, `i0` to `i3`.
 pub const fn info(byte: u8) -> Spot {
     Spot::new(Place::Info(byte))
 }
@@ -35,22 +36,22 @@ pub const fn reserve() -> Spot {
     Spot::new(Place::Reserve)
 }
 
-/// Word 0x0E of a command, where that is no length.
+/// Word 0x0E of a command, for commands in which it is not a length.
 pub const fn length() -> Spot {
     Spot::new(Place::Length)
 }
 
-/// A byte of the data segment.
+/// A position in the data segment.
 pub const fn at(byte: u16) -> Spot {
     Spot::new(Place::Data(byte))
 }
 
-/// A byte of the data segment from which on the field goes to the end of what is valid. A request need not have it.
+/// A field from a byte of the data segment to the end of the valid data. In a request it may be empty.
 pub const fn tail(byte: u16) -> Spot {
     at(byte).or(0)
 }
 
-/// An answer that is one value, with its name.
+/// The name of an answer that is a single value.
 pub const fn value(name: &'static str) -> Spot {
     at(0).named(name)
 }
@@ -69,59 +70,59 @@ impl Spot {
         Self { field, ..self }
     }
 
-    /// A name that is not the one of the Rust field.
+    /// Sets the field's name, if it differs from that of the Rust field.
     pub const fn named(self, name: &'static str) -> Self {
         self.with(Field { name, ..self.field })
     }
 
-    /// As many bytes, where the type has not as many.
+    /// Sets the field's size, if it differs from that of the type.
     pub const fn bytes(self, bytes: u8) -> Self {
         self.with(Field { bytes, ..self.field })
     }
 
-    /// Some bits of its bytes.
+    /// Limits the field to some bits of its bytes.
     pub const fn part(self, shift: u8, width: u8) -> Self {
         self.with(Field { shift, width, ..self.field })
     }
 
-    /// What it holds, where the type does not say it.
+    /// Sets the kind of the content, if the type does not define it.
     pub const fn kind(self, kind: Kind) -> Self {
         self.with(Field { kind, ..self.field })
     }
 
-    /// It is shown in hexadecimal.
+    /// Shows the field in hexadecimal.
     pub const fn hex(self) -> Self {
         self.kind(Kind::Hex)
     }
 
-    /// It is one of these numbers.
+    /// Limits the field to these named numbers.
     pub const fn one_of(self, names: Names) -> Self {
         self.kind(Kind::Choice(names))
     }
 
-    /// It is a set of these bits.
+    /// Makes the field a set of these named bits.
     pub const fn bits(self, names: Names) -> Self {
         self.kind(Kind::Bits(names))
     }
 
-    /// What it is in a request that does not name it.
+    /// Sets the value that the field has if a request does not name it.
     pub const fn or(self, default: u32) -> Self {
         self.with(Field { default: Some(default), ..self.field })
     }
 
-    /// It counts the bytes of that field, if that is named.
+    /// Makes the field count the bytes of another field, if that one is named.
     pub const fn counts(self, field: &'static str) -> Self {
         self.with(Field { counts: Some(field), default: Some(0), ..self.field })
     }
 
-    /// How many bytes it has stands at another spot, as a number of 2 bytes unless that says otherwise. `name` is what
-    /// an error calls the number.
+    /// The size of the field is a number at another spot, of 2 bytes unless that spot says otherwise. `name` is the
+    /// number's name in errors.
     pub const fn counted(self, at: Self, name: &'static str, allowed: Allowed) -> Self {
         let field = at.or(0).of::<u16>("bytes").field;
         Self { count: Some(Count { field, name, allowed, valid: None }), ..self }
     }
 
-    /// What counts has to be valid, too. `name` is what an error calls the length field.
+    /// Requires that the counted bytes are also valid by the length field, whose name in errors is `name`.
     pub const fn all_valid(self, name: &'static str) -> Self {
         match self.count {
             Some(count) => Self { count: Some(Count { valid: Some(name), ..count }), ..self },
@@ -129,12 +130,13 @@ impl Spot {
         }
     }
 
-    /// A fixed number stands before it.
+    /// A fixed number precedes the field.
     pub const fn after(self, fixed: Fixed) -> Self {
         Self { fixed: Some(fixed), ..self }
     }
 
-    /// The spot of a field with this name, unless it has one, and this type.
+    /// Completes the declaration of a field: adds the name of the Rust field, unless the declaration has one, and the
+    /// properties of its type.
     pub const fn of<'d, T: Part<'d>>(self, name: &'static str) -> Self {
         let field = self.field;
         let bytes = if field.bytes > 0 { field.bytes } else { T::BYTES };
@@ -148,12 +150,12 @@ impl Spot {
         })
     }
 
-    /// The field of an answer that is such a value.
+    /// The field of an answer that is a single value of type `T`.
     pub const fn returned<T: ValueAnswer>(self) -> Field {
         Field { place: T::AT, ..self.of::<T>("").field }
     }
 
-    /// The byte of the data segment where it begins.
+    /// The position in the data segment at which the field begins.
     pub const fn byte(&self) -> usize {
         match self.field.place {
             Place::Data(byte) => byte as usize,
@@ -161,23 +163,23 @@ impl Spot {
         }
     }
 
-    /// Writes what stands here.
+    /// Writes the part at this spot.
     #[inline]
     pub fn put<'d, T: Part<'d>>(&self, part: &T, to: &mut Writer<'_>) -> Result<(), Malformed> {
         part.put(self, to)
     }
 
-    /// Reads what stands here.
+    /// Reads the part from this spot.
     #[inline]
     pub fn take<'d, T: Part<'d>>(&self, from: &Reader<'d>) -> Result<T, Malformed> {
         T::take(self, from)
     }
 }
 
-/// How many bytes a field has, as a number in another one.
+/// The size of a field, as a number in another field.
 #[derive(Clone, Copy, Debug)]
 pub struct Count {
-    /// Where the number stands.
+    /// The field with the number.
     pub field: Field,
     name: &'static str,
     allowed: Allowed,
@@ -185,7 +187,7 @@ pub struct Count {
 }
 
 impl Count {
-    /// The number, if it is allowed.
+    /// Returns the number if it is allowed.
     fn checked(&self, found: u32) -> Result<u32, Malformed> {
         match self.allowed {
             Allowed::AtMost(most) | Allowed::Between(_, most) if found > most => {
@@ -199,10 +201,10 @@ impl Count {
         self.field.put(self.checked(u32::try_from(bytes).unwrap_or(u32::MAX))?, to)
     }
 
-    /// The number of a field that begins at byte `begin`.
+    /// Reads the size of the field that begins at byte `begin`.
     ///
-    /// `[OURS]` If the length field has more, what is over is left out; if it has less, the request is malformed, where
-    /// the length field counts.
+    /// `[OURS]` Valid bytes beyond this size are ignored. If fewer bytes are valid, the request is malformed, for
+    /// fields whose bytes must be valid.
     pub(super) fn take(&self, begin: usize, from: &Reader<'_>) -> Result<usize, Malformed> {
         let bytes = self.checked(self.field.take(from)?)? as usize;
         if let Some(name) = self.valid {
@@ -212,32 +214,32 @@ impl Count {
     }
 }
 
-/// A number that the manuals fix.
+/// A number that the manuals fix, such as the size of a structure.
 #[derive(Clone, Copy, Debug)]
 pub struct Fixed {
-    /// Where it stands; its default is the number.
+    /// The field with the number, which is the field's default.
     pub field: Field,
-    /// The bits of it that are looked at.
+    /// The bits of the number that are compared.
     looked_at: u32,
     name: &'static str,
     allowed: &'static str,
 }
 
 impl Fixed {
-    /// The default of this spot. `name` is what an error calls it.
+    /// The fixed number is the default of this spot. `name` is its name in errors.
     pub const fn new<T: FieldValue>(spot: Spot, looked_at: u32, name: &'static str, allowed: &'static str) -> Self {
         Self { field: spot.of::<T>("number").field, looked_at, name, allowed }
     }
 
-    /// Writes it.
+    /// Writes the fixed number.
     pub fn put(&self, to: &mut Writer<'_>) -> Result<(), Malformed> {
         self.field.put(self.field.default.unwrap_or(0), to)
     }
 
-    /// Reads it.
+    /// Reads the number and compares it.
     ///
     /// # Errors
-    /// It is another one.
+    /// The number differs from the fixed one.
     pub fn check(&self, from: &Reader<'_>) -> Result<(), Malformed> {
         let (found, fixed) = (self.field.take(from)?, self.field.default.unwrap_or(0));
         let is_right = found & self.looked_at == fixed & self.looked_at;

@@ -1,4 +1,4 @@
-//! The chip itself: packets, check words, version, resets, error counts, PHY.
+//! Requests for the chip itself: packets, check words, version, resets, error counts, PHY.
 
 use crate::ethercat::bits;
 use crate::xf::fields::{Kind, Names};
@@ -6,63 +6,68 @@ use crate::xf::layout::{field_values, layout};
 use crate::xf::{CheckType, DataSize, Malformed};
 
 layout! {
-    /// SPI_PACK_SIZE_GET, code 20: n, @0 u16 (XF EN 704).
+    /// SPI_PACK_SIZE_GET, code 20: reads n, the size of the data segment (XF EN 704). Answer: u16 at byte 0.
     pub struct SpiPackSizeGet;
 
-    /// CRC_ERR_CNT_CLR, code 24: clears the count of wrong check words; what `ret` means the manuals do not say
-    /// (XF EN 730).
+    /// CRC_ERR_CNT_CLR, code 24: clears the count of wrong check words. The manuals do not say what the return byte
+    /// means (XF EN 730).
     pub struct CrcErrorCountClear;
 
-    /// FW_VERSION_GET, code 56: version and series of the chip (XF EN 1285).
+    /// FW_VERSION_GET, code 56: reads version and series of the chip (XF EN 1285).
     pub struct FirmwareVersionGet;
 
-    /// WARM_RESET, code 127: all is as after power-on; the next command has to wait until the chip has started, for
-    /// which the vendor's driver takes 1 s (XF EN 1517).
+    /// WARM_RESET, code 127: resets the chip as at power-on. The next command has to wait until the chip has started,
+    /// for which the vendor's driver allows 1 s (XF EN 1517).
     pub struct WarmReset;
 
-    /// ECAT_WKC_CONTI_ERR_CNT_GET, code 130: wrong working counters one after the other, in `ret` (XF EN 1526).
+    /// ECAT_WKC_CONTI_ERR_CNT_GET, code 130: reads the number of wrong working counters in a row, from the return byte
+    /// (XF EN 1526).
     pub struct WkcErrorCountGet;
 
-    /// ECAT_WKC_CONTI_ERR_MAX_GET, code 131: how many of them are allowed, in `ret` (XF EN 1538).
+    /// ECAT_WKC_CONTI_ERR_MAX_GET, code 131: reads how many wrong working counters in a row are allowed, from the
+    /// return byte (XF EN 1538).
     pub struct WkcErrorMaxGet;
 
-    /// CRC_TYPE_SET, code 25: what the check word is, from the answer to this command on. `par` the type (XF EN 741).
+    /// CRC_TYPE_SET, code 25: sets the type of check words, from the answer to this command on. The parameter is the
+    /// type (XF EN 741).
     pub struct CrcTypeSet {
-        /// The type.
+        /// The new type.
         pub kind: CheckType = par(),
     }
 
-    /// SPI_RECONFIG_OP, code 23: another n. The length field is the new n, and the check word of this packet is always
-    /// the fixed one (XF EN 715). An ECM-XFU keeps its 992 bytes.
+    /// SPI_RECONFIG_OP, code 23: sets another n, the size of the data segment. The length field is the new n, and the
+    /// check word of this packet is always the fixed one (XF EN 715). An ECM-XFU keeps its 992 bytes.
     pub struct SpiReconfig {
         /// The new size of the data segment.
         pub size: DataSize = length(),
     }
 
-    /// ASYNCCMD_RESET, code 75: ends what keeps the chip busy; it is always taken. `par` what (XF EN 1446).
+    /// ASYNCCMD_RESET, code 75: ends what keeps the chip busy. The chip always accepts it. The parameter selects the
+    /// actions (XF EN 1446).
     pub struct AsyncReset {
         actions: AsyncResetActions = par().named("action"),
     }
 
-    /// ECAT_WKC_CONTI_ERR_MAX_SET, code 132: how many wrong working counters one after the other are allowed. Beyond
-    /// them process data are exchanged no more, and bits 4 and 6 of the status are clear. `par` the limit (XF EN 1553).
+    /// ECAT_WKC_CONTI_ERR_MAX_SET, code 132: sets how many wrong working counters in a row are allowed. Beyond this
+    /// limit the chip stops exchanging process data and clears bits 4 and 6 of the status. The parameter is the limit
+    /// (XF EN 1553).
     pub struct WkcErrorMaxSet {
         limit: WkcErrorLimit = par(),
     }
 
-    /// MDIO, code 81: a register of a PHY (XF EN 1455). `par` 0 write, 1 read; `i0` register, `i1` PHY, `i2`, `i3` u16
-    /// data.
+    /// MDIO, code 81: writes or reads a register of a PHY (XF EN 1455). Parameter: 0 write, 1 read; information bytes:
+    /// `i0` register, `i1` PHY, `i2` and `i3` data as u16.
     pub enum Mdio by operation: u8 = par(), "operation", "0 write, 1 read" {
-        /// Writes a register.
+        /// Writes a register of a PHY.
         Write = 0 {
             /// Address of the PHY.
             phy: u8 = info(1),
             /// Number of the register.
             register: u8 = info(0),
-            /// The value.
+            /// The new value of the register.
             value: u16 = info(2).hex().or(0),
         },
-        /// Reads a register; the answer has 2 bytes, @0 u16.
+        /// Reads a register of a PHY. Answer: u16 at byte 0.
         Read = 1 {
             /// Address of the PHY.
             phy: u8 = info(1),
@@ -72,7 +77,7 @@ layout! {
     }
 }
 
-/// What [`AsyncReset`] ends, as bits.
+/// Names of the actions of [`AsyncReset`], as bits.
 const RESETS: Names = &[("clear_busy", 1), ("skip_port_wait", 2), ("give_up", 4)];
 
 field_values! {
@@ -94,39 +99,39 @@ field_values! {
 }
 
 impl WkcErrorMaxSet {
-    /// The request with that limit; `None` if it is 0, which the chip does not take.
+    /// The request with that limit; `None` for 0, which the chip does not accept.
     pub const fn new(limit: WkcErrorLimit) -> Option<Self> {
         if limit.0 == 0 { None } else { Some(Self { limit }) }
     }
 
-    /// The limit.
+    /// The limit that the request sets.
     pub const fn limit(self) -> WkcErrorLimit {
         self.limit
     }
 }
 
-/// `n` as a size of the data segment.
+/// Converts `n` to a size of the data segment.
 pub(in crate::xf) fn data_size(field: &'static str, n: u16) -> Result<DataSize, Malformed> {
     DataSize::new(n.into()).ok_or(Malformed::only(field, n.into(), "32 to 1408"))
 }
 
-/// How many wrong working counters one after the other are allowed.
+/// A limit for the number of wrong working counters in a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct WkcErrorLimit(u8);
 
 impl Default for WkcErrorLimit {
-    /// What the chip starts with: any number.
+    /// The chip's setting at power-on: no limit.
     fn default() -> Self {
         Self::NONE
     }
 }
 
 impl WkcErrorLimit {
-    /// 255: any number.
+    /// 255: no limit.
     pub const NONE: Self = Self(0xFF);
     pub(in crate::xf) const NAMES: Names = &[("none", Self::NONE.0 as u32)];
 
-    /// The limit with this code: 0..=254, or 255 for none. The chip may report 0, but does not take it.
+    /// The limit with this code: 0..=254, or 255 for no limit. The chip may report 0 but does not accept it.
     pub const fn from_code(code: u8) -> Self {
         Self(code)
     }
@@ -136,35 +141,35 @@ impl WkcErrorLimit {
         self.0
     }
 
-    /// How many are allowed, 0..=254; `None` for any number.
+    /// The allowed number, 0..=254; `None` if there is no limit.
     pub const fn most(self) -> Option<u8> {
         if self.0 == Self::NONE.0 { None } else { Some(self.0) }
     }
 }
 
 bits! {
-    /// What [`AsyncReset`] ends.
+    /// The actions of [`AsyncReset`].
     AsyncResetActions(u8) {
         /// Bit 0: clears the busy flag.
         CLEAR_BUSY = 1 << 0;
         /// Bit 1: skips the wait for the network port at the start.
         SKIP_PORT_WAIT = 1 << 1;
-        /// Bit 2: gives up the command that runs.
+        /// Bit 2: gives up the running command.
         GIVE_UP = 1 << 2;
-        /// Bits 0 to 2.
+        /// Bits 0 to 2: all actions.
         ALL = 0x07;
     }
 }
 
 impl AsyncReset {
-    /// The request that does all of these; `None` if they are none, or have a bit that the manuals do not have.
+    /// A request for these actions; `None` if there is none, or if a bit is set that is not in the manuals.
     ///
-    /// `[OURS]` The manuals list the values 1, 2 and 4, which look like bits: their sums are taken for several of them.
+    /// `[OURS]` The manuals list the values 1, 2 and 4, which look like bits. So their sums stand for several actions.
     pub const fn new(actions: AsyncResetActions) -> Option<Self> {
         if actions.0 != 0 && AsyncResetActions::ALL.contains(actions) { Some(Self { actions }) } else { None }
     }
 
-    /// What is ended.
+    /// The actions of the request.
     pub const fn actions(self) -> AsyncResetActions {
         self.actions
     }

@@ -1,37 +1,37 @@
-//! The encoder input: code 33, QEI_FUNC_OP.
+//! Requests for the encoder input: code 33, QEI_FUNC_OP.
 
 use crate::xf::layout::layout;
 use crate::xf::value::choices;
 
 layout! {
-    /// ECM_EncStart, code 33, `par` 5: starts to count (XF EN 1007).
+    /// ECM_EncStart, code 33, parameter 5: starts counting (XF EN 1007).
     pub struct EncStart;
 
-    /// ECM_EncStop, code 33, `par` 6: stops to count (XF EN 1014).
+    /// ECM_EncStop, code 33, parameter 6: stops counting (XF EN 1014).
     pub struct EncStop;
 
-    /// ECM_EncGetCount, code 33, `par` 21: the count, @0 u32 (XF EN 1021).
+    /// ECM_EncGetCount, code 33, parameter 21: reads the count (XF EN 1021). Answer: u32 at byte 0.
     pub struct EncGetCount;
 }
 
 choices! {
-    /// How the encoder counts.
+    /// The counting mode of the encoder.
     pub EncoderMode(u32), "ECM_EncOpen mode", "0x000 x4 free, 0x100 x2 free, 0x200 x4 compare, 0x300 x2 compare" {
-        /// 0x000: all four edges, freely.
+        /// 0x000: counts all four edges, without a limit.
         X4Free = 0x000,
-        /// 0x100: two edges, freely.
+        /// 0x100: counts two edges, without a limit.
         X2Free = 0x100,
-        /// 0x200: all four edges, up to a comparison.
+        /// 0x200: counts all four edges, up to a comparison value.
         X4Compare = 0x200,
-        /// 0x300: two edges, up to a comparison.
+        /// 0x300: counts two edges, up to a comparison value.
         X2Compare = 0x300,
     }
 }
 
 layout! {
-    /// ECM_EncOpen, code 33, `par` 4: opens the encoder (XF EN 995). 4 bytes: @0 u32 mode.
+    /// ECM_EncOpen, code 33, parameter 4: opens the encoder (XF EN 995). Data, 4 bytes (@offset): @0 u32 mode.
     pub struct EncOpen {
-        /// How it counts.
+        /// The counting mode.
         pub mode: EncoderMode = at(0),
     }
 }

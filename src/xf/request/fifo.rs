@@ -1,65 +1,67 @@
-//! The FIFOs of process data: the RxFIFO holds RxPDOs that the chip sends, one a cycle, the TxFIFO the TxPDOs it
-//! received.
+//! Requests for the FIFOs of process data. The RxFIFO holds RxPDOs, of which the chip sends one per cycle; the TxFIFO
+//! holds the TxPDOs that the chip has received.
 
 use crate::xf::Malformed;
 use crate::xf::layout::{FieldList, Layout, Reader, Spot, Writer, info, layout, par};
 use crate::xf::value::choices;
 
-/// The entries of each FIFO after a start (XF EN 1236).
+/// Number of entries of each FIFO after the chip's start (XF EN 1236).
 pub const FIFO_ENTRIES: u8 = 64;
 
 layout! {
-    /// FIFO_GET_TX_CNT, code 53: the entries of the TxFIFO as set, in `ret` (XF EN 1249).
+    /// FIFO_GET_TX_CNT, code 53: reads the capacity of the TxFIFO from the return byte, in entries (XF EN 1249).
     pub struct FifoGetTxCount;
 
-    /// FIFO_GET_RX_CNT, code 55: the entries of the RxFIFO as set, in `ret` (XF EN 1273).
+    /// FIFO_GET_RX_CNT, code 55: reads the capacity of the RxFIFO from the return byte, in entries (XF EN 1273).
     pub struct FifoGetRxCount;
 
-    /// FIFO_INIT, code 66: builds the FIFOs from their entries and the sizes of the PDOs; 0x4000 bytes together at most
-    /// (XF EN 1345).
+    /// FIFO_INIT, code 66: allocates the FIFOs from their capacities and the sizes of the PDOs, together at most 0x4000
+    /// bytes (XF EN 1345).
     pub struct FifoInit;
 
-    /// FIFO_ENABLE, code 18: whether the RxFIFO is put out in each cycle. `par` the switch (XF EN 674).
+    /// FIFO_ENABLE, code 18: switches on or off that the chip takes an RxPDO out of the RxFIFO in each cycle. The
+    /// parameter is the switch (XF EN 674).
     pub struct FifoEnable {
-        /// It is put out.
+        /// Whether the chip takes RxPDOs out of the RxFIFO.
         pub on: bool = par(),
     }
 
-    /// FIFO_PACK_SIZE_GET, code 19: the bytes of one PDO, that is of one entry. `par` which; the answer @0 u16
-    /// (XF EN 685).
+    /// FIFO_PACK_SIZE_GET, code 19: reads the size of one PDO, which is one entry of a FIFO. The parameter selects the
+    /// FIFO (XF EN 685). Answer: u16 at byte 0, in bytes.
     pub struct FifoPackSizeGet {
-        /// Of which FIFO.
+        /// The FIFO whose entries are meant.
         pub fifo: Fifo = par(),
     }
 
-    /// FIFO_CLR_OP, code 51: empties FIFOs. `par` which (XF EN 1224).
+    /// FIFO_CLR_OP, code 51: empties FIFOs. The parameter selects them (XF EN 1224).
     pub struct FifoClear {
-        /// Which FIFOs.
+        /// The FIFOs to empty.
         pub fifos: Fifos = par(),
     }
 
-    /// FIFO_SET_TX_CNT, code 52: the entries of the TxFIFO, 64 at first; when it is full the oldest is lost. `par`
-    /// entries (XF EN 1236).
+    /// FIFO_SET_TX_CNT, code 52: sets the capacity of the TxFIFO, 64 entries at power-on. A full TxFIFO loses its
+    /// oldest entry. The parameter is the number of entries (XF EN 1236).
     pub struct FifoSetTxCount {
-        /// Entries.
+        /// The capacity in entries.
         pub entries: u8 = par(),
     }
 
-    /// FIFO_SET_RX_CNT, code 54: the entries of the RxFIFO, 64 at first; when it is full the new one is lost. `par`
-    /// entries (XF EN 1262).
+    /// FIFO_SET_RX_CNT, code 54: sets the capacity of the RxFIFO, 64 entries at power-on. A full RxFIFO loses the new
+    /// entry. The parameter is the number of entries (XF EN 1262).
     pub struct FifoSetRxCount {
-        /// Entries.
+        /// The capacity in entries.
         pub entries: u8 = par(),
     }
 }
 
-/// ECAT_SET_FIFO_TH, code 70: limits at which the FIFOs raise an interrupt. `par` bit 0 TxFIFO high on, bit 1
-/// RxFIFO low on; `i0` limit of the TxFIFO, `i1` of the RxFIFO (XF EN 1374).
+/// ECAT_SET_FIFO_TH, code 70: sets the FIFO levels that raise an interrupt (XF EN 1374). Parameter: bit 0 enables the
+/// interrupt of the TxFIFO, bit 1 that of the RxFIFO; information bytes: `i0` level of the TxFIFO, `i1` level of the
+/// RxFIFO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct FifoThresholdSet {
-    /// The interrupt comes when the TxFIFO rises to so many entries.
+    /// The level that raises an interrupt when the TxFIFO rises to it; `None` for no interrupt.
     pub tx_high: Option<u8>,
-    /// The interrupt comes when the RxFIFO falls to so many entries.
+    /// The level that raises an interrupt when the RxFIFO falls to it; `None` for no interrupt.
     pub rx_low: Option<u8>,
 }
 
@@ -88,7 +90,7 @@ impl Layout<'_> for FifoThresholdSet {
 }
 
 choices! {
-    /// One of the FIFOs, in [`FifoPackSizeGet`].
+    /// One of the two FIFOs, in [`FifoPackSizeGet`].
     pub Fifo(u8), "FIFO_PACK_SIZE_GET FIFO", "0 RxPDO, 1 TxPDO" {
         /// 0: the RxFIFO.
         Rx = 0,
@@ -96,9 +98,9 @@ choices! {
         Tx = 1,
     }
 
-    /// Which FIFOs are emptied, in [`FifoClear`].
+    /// The FIFOs to empty, in [`FifoClear`].
     pub Fifos(u8), "FIFO_CLR_OP FIFOs", "0 both, 1 TxFIFO, 2 RxFIFO" {
-        /// 0: both.
+        /// 0: both FIFOs.
         Both = 0,
         /// 1: the TxFIFO.
         Tx = 1,

@@ -1,4 +1,5 @@
-//! General inputs and outputs: codes 31, GPIO_CONFIG_SET, and 32, GPIO_FUNC_OP. All are floating inputs at first.
+//! Requests for general-purpose inputs and outputs: codes 31, GPIO_CONFIG_SET, and 32, GPIO_FUNC_OP. At power-on all
+//! GPIOs are floating inputs.
 //!
 //! The functions whose names end in `Ext` are for chips or firmware that have GPIO 16 to 19 or more functions.
 
@@ -7,22 +8,24 @@ use crate::xf::layout::layout;
 use crate::xf::value::choices;
 
 layout! {
-    /// ECM_GpioGetValue, code 32, `par` 1: the inputs, @0 u16, bit k is GPIO k (XF EN 940).
+    /// ECM_GpioGetValue, code 32, parameter 1: reads the inputs (XF EN 940). Answer: u16 at byte 0, bit k is GPIO k.
     pub struct GpioGetValue;
 
-    /// ECM_GpioExtGetValue, code 32, `par` 3, from firmware 9 on: the inputs, @0 u32, bit k is GPIO k, 0 to 19
-    /// (XF EN 953).
+    /// ECM_GpioExtGetValue, code 32, parameter 3, from firmware 9 on: reads the inputs of GPIO 0 to 19 (XF EN 953).
+    /// Answer: u32 at byte 0, bit k is GPIO k.
     pub struct GpioExtGetValue;
 
-    /// ECM_GpioGetIntFlag, code 32, `par` 5: the interrupt flags, @0 u16, bit k is GPIO k (XF EN 968).
+    /// ECM_GpioGetIntFlag, code 32, parameter 5: reads the interrupt flags (XF EN 968). Answer: u16 at byte 0, bit k is
+    /// GPIO k.
     pub struct GpioGetIntFlag;
 
-    /// ECM_GpioExtGetIntFlag, code 32, `par` 7: the interrupt flags, @0 u32, bit k is GPIO k, 0 to 19 (XF EN 980).
+    /// ECM_GpioExtGetIntFlag, code 32, parameter 7: reads the interrupt flags of GPIO 0 to 19 (XF EN 980). Answer: u32
+    /// at byte 0, bit k is GPIO k.
     pub struct GpioExtGetIntFlag;
 }
 
 choices! {
-    /// What a GPIO is.
+    /// The mode of a GPIO.
     pub GpioMode(u8), "GPIO mode", "0 input, 1 output, 2 open drain, 3 quasi-bidirectional" {
         /// 0: input.
         Input = 0,
@@ -34,9 +37,9 @@ choices! {
         QuasiBidirectional = 3,
     }
 
-    /// The resistor at a GPIO.
+    /// The pull resistor at a GPIO.
     pub GpioPull(u8), "GPIO pull", "0 none, 1 up, 2 down" {
-        /// 0: none.
+        /// 0: no resistor.
         None = 0,
         /// 1: pull-up.
         Up = 1,
@@ -44,24 +47,24 @@ choices! {
         Down = 2,
     }
 
-    /// Which edges raise the interrupt of a GPIO. The manuals number them 0 to 3; the vendor's driver of 2020 sends 0,
-    /// 3, 4 and 5 (OBS), so that 4 and 5 are taken as well and keep their numbers.
+    /// The edges that raise the interrupt of a GPIO. The manuals number them 0 to 3. The vendor's driver of 2020 sends
+    /// 0, 3, 4 and 5 (OBS), so 4 and 5 are accepted too and kept as they are.
     pub GpioTrigger(u8), "GPIO interrupt type", "0 off, 1 both edges, 2 falling, 3 rising, or 4, 5 of the vendor's driver" {
-        /// 0: none.
+        /// 0: no edge, no interrupt.
         Off = 0,
-        /// 1: both.
+        /// 1: both edges.
         Both = 1,
-        /// 2: the falling one.
+        /// 2: falling edges.
         Falling = 2,
-        /// 3: the rising one.
+        /// 3: rising edges.
         Rising = 3,
-        /// 4: only the vendor's driver knows what it means.
+        /// 4: sent by the vendor's driver; its meaning is unknown.
         Driver4 = 4,
-        /// 5: only the vendor's driver knows what it means.
+        /// 5: sent by the vendor's driver; its meaning is unknown.
         Driver5 = 5,
     }
 
-    /// What counts the clock of debouncing.
+    /// The clock source for debouncing inputs.
     pub DebounceSource(u8), "debounce clock source", "0 192 MHz, 1 10 kHz" {
         /// 0: 192 MHz.
         Mhz192 = 0,
@@ -71,85 +74,90 @@ choices! {
 }
 
 layout! {
-    /// ECM_GpioSetMode, code 31, `par` 0: what GPIO 0 to 15 are. `i0`, `i1` mask, `i2` mode, `i3` pull (XF EN 825).
+    /// ECM_GpioSetMode, code 31, parameter 0: sets the mode of GPIO 0 to 15 (XF EN 825). Information bytes: `i0` and
+    /// `i1` mask, `i2` mode, `i3` pull resistor.
     pub struct GpioSetMode {
-        /// Which ones: bit k is GPIO k.
+        /// The GPIOs to set: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
-        /// What they are.
+        /// The new mode of the selected GPIOs.
         pub mode: GpioMode = info(2),
-        /// Their resistor.
+        /// The pull resistor of the selected GPIOs.
         pub pull: GpioPull = info(3).or(0),
     }
 
-    /// ECM_GpioSetMode, code 31, `par` 8: what GPIO 16 to 19 are. `i0` mask, `i2` mode, `i3` pull (XF EN 838).
+    /// ECM_GpioSetMode, code 31, parameter 8: sets the mode of GPIO 16 to 19 (XF EN 838). Information bytes: `i0` mask,
+    /// `i2` mode, `i3` pull resistor.
     pub struct GpioSetModeExt {
-        /// Which ones.
+        /// The GPIOs to set.
         pub pins: UpperPins = info(0).hex(),
-        /// What they are.
+        /// The new mode of the selected GPIOs.
         pub mode: GpioMode = info(2),
-        /// Their resistor.
+        /// The pull resistor of the selected GPIOs.
         pub pull: GpioPull = info(3).or(0),
     }
 
-    /// ECM_GpioEnableDebounce, code 31, `par` 2: whether inputs among GPIO 0 to 15 are debounced. `i0`, `i1` mask, `i2`
-    /// switch (XF EN 850).
+    /// ECM_GpioEnableDebounce, code 31, parameter 2: switches debouncing of inputs among GPIO 0 to 15 on or off
+    /// (XF EN 850). Information bytes: `i0` and `i1` mask, `i2` switch.
     pub struct GpioEnableDebounce {
-        /// Which ones: bit k is GPIO k.
+        /// The GPIOs to set: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
-        /// They are debounced.
+        /// Whether the selected inputs are debounced.
         pub on: bool = info(2),
     }
 
-    /// ECM_GpioEnableDebounce, code 31, `par` 9: whether inputs among GPIO 16 to 19 are debounced. `i0` mask, `i2`
-    /// switch (XF EN 861).
+    /// ECM_GpioEnableDebounce, code 31, parameter 9: switches debouncing of inputs among GPIO 16 to 19 on or off
+    /// (XF EN 861). Information bytes: `i0` mask, `i2` switch.
     pub struct GpioEnableDebounceExt {
-        /// Which ones.
+        /// The GPIOs to set.
         pub pins: UpperPins = info(0).hex(),
-        /// They are debounced.
+        /// Whether the selected inputs are debounced.
         pub on: bool = info(2),
     }
 
-    /// ECM_GpioSetDebounceClock, code 31, `par` 3: inputs are sampled every 2^exponent periods of the source. `i0` bits
-    /// 0 to 3 exponent, bit 4 source (XF EN 876).
+    /// ECM_GpioSetDebounceClock, code 31, parameter 3: sets the sampling period of debounced inputs to 2^exponent
+    /// periods of the source (XF EN 876). Information byte `i0`: bits 0 to 3 exponent, bit 4 source.
     pub struct GpioSetDebounceClock {
-        /// The clock.
+        /// The debounce clock.
         pub clock: DebounceClock,
     }
 
-    /// ECM_GpioIntEnable, code 31, `par` 1: which edges of a GPIO raise an interrupt. `i0` channel, `i1` edges
-    /// (XF EN 890).
+    /// ECM_GpioIntEnable, code 31, parameter 1: sets which edges of a GPIO raise an interrupt (XF EN 890). Information
+    /// bytes: `i0` channel, `i1` edges.
     pub struct GpioIntEnable {
-        /// Which one; above 15 with certain versions alone.
+        /// The GPIO; above 15 only with certain versions of the chip.
         pub channel: GpioChannel = info(0),
-        /// Which edges.
+        /// The edges that raise an interrupt.
         pub trigger: GpioTrigger = info(1),
     }
 
-    /// ECM_GpioIntClear, code 31, `par` 4: clears interrupt flags. `i0`, `i1` mask (XF EN 899).
+    /// ECM_GpioIntClear, code 31, parameter 4: clears interrupt flags (XF EN 899). Information bytes: `i0` and `i1`
+    /// mask.
     pub struct GpioIntClear {
-        /// Which ones: bit k is GPIO k.
+        /// The flags to clear: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
     }
 
-    /// ECM_GpioIntClear, code 31, `par` 6, from firmware 9 on: clears interrupt flags. `i0` to `i2` mask (XF EN 910).
+    /// ECM_GpioIntClear, code 31, parameter 6, from firmware 9 on: clears interrupt flags of GPIO 0 to 19 (XF EN 910).
+    /// Information bytes: `i0` to `i2` mask.
     pub struct GpioIntClearExt {
-        /// Which ones.
+        /// The flags to clear.
         pub pins: AllPins = info(0).bytes(3).hex(),
     }
 
-    /// ECM_GpioSetValue, code 32, `par` 0: the outputs. `i0`, `i1` bits (XF EN 920).
+    /// ECM_GpioSetValue, code 32, parameter 0: sets the outputs (XF EN 920). Information bytes: `i0` and `i1` bits.
     pub struct GpioSetValue {
-        /// Bit k is GPIO k.
+        /// The outputs: bit k is GPIO k.
         pub values: u16 = info(0).hex(),
     }
 
-    /// ECM_GpioExtSetValue, code 32, `par` 2, from firmware 9 on: the outputs. `i0` to `i2` bits (XF EN 930).
+    /// ECM_GpioExtSetValue, code 32, parameter 2, from firmware 9 on: sets the outputs of GPIO 0 to 19 (XF EN 930).
+    /// Information bytes: `i0` to `i2` bits.
     pub struct GpioExtSetValue {
-        /// Bit k is GPIO k.
+        /// The outputs: bit k is GPIO k.
         pub values: AllPins = info(0).bytes(3).hex(),
     }
 
-    /// How often debounced inputs are sampled: every 2^exponent periods of the source.
+    /// The sampling period of debounced inputs: 2^exponent periods of the source.
     pub struct DebounceClock {
         exponent: u8 = info(0).part(0, 4),
         source: DebounceSource = info(0).part(4, 4),
@@ -162,12 +170,12 @@ impl DebounceClock {
         if exponent <= 15 { Some(Self { exponent, source }) } else { None }
     }
 
-    /// The exponent, 0..=15.
+    /// The exponent of the sampling period, 0..=15.
     pub const fn exponent(self) -> u8 {
         self.exponent
     }
 
-    /// The source.
+    /// The clock source.
     pub const fn source(self) -> DebounceSource {
         self.source
     }

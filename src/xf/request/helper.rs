@@ -1,4 +1,4 @@
-//! The CiA 402 helper: the chip itself leads the state machines of drives, by their controlwords.
+//! Requests for the CiA 402 helper: the chip itself drives the state machines of drives by means of their controlwords.
 
 use super::{MotorNumber, SlaveNumber};
 use crate::ethercat::bits;
@@ -8,75 +8,78 @@ use crate::xf::fields::Kind;
 use crate::xf::layout::{Fixed, field_values, info, layout};
 
 bits! {
-    /// What the helper does with an axis.
+    /// The control byte: what the helper does with an axis.
     HelperControl(u8) {
-        /// Bit 3: a fault is reset once.
+        /// Bit 3: the helper resets a fault once.
         RESET_ONCE = 1 << 3;
-        /// Bit 4: the helper leads the axis: it overwrites bits 0 to 3 of the controlword, and bit 7 if a reset of
-        /// faults is chosen (XF ZH 708).
+        /// Bit 4: the helper drives the axis: it overwrites bits 0 to 3 of the controlword, and bit 7 if a fault reset
+        /// is selected (XF ZH 708).
         ON = 1 << 4;
-        /// Bit 7: faults are reset whenever there is one.
+        /// Bit 7: the helper resets every fault that occurs.
         RESET_ALWAYS = 1 << 7;
     }
 }
 
 layout! {
-    /// 402_CONFIG_SET, code 26: where an axis has its words. `par` motor, `i0` offset of the controlword, `i1` of the
-    /// statusword, `i2` control byte, `i3` slave (XF EN 750, XF ZH 708).
+    /// 402_CONFIG_SET, code 26: sets where the words of an axis are in the process data (XF EN 750, XF ZH 708).
+    /// Parameter: motor; information bytes: `i0` offset of the controlword, `i1` offset of the statusword, `i2` control
+    /// byte, `i3` slave.
     pub struct HelperConfigSet {
-        /// Which axis.
+        /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),
-        /// Bytes from the beginning of the slave's RxPDO to the controlword.
+        /// Offset of the controlword in the slave's RxPDO, in bytes.
         pub controlword_offset: u8 = info(0),
-        /// Bytes from the beginning of the slave's TxPDO to the statusword.
+        /// Offset of the statusword in the slave's TxPDO, in bytes.
         pub statusword_offset: u8 = info(1),
-        /// What the helper does.
+        /// What the helper does with the axis: the control byte.
         pub control: HelperControl = info(2),
-        /// Which slave the axis belongs to.
+        /// The slave to which the axis belongs.
         pub slave: SlaveNumber = info(3),
     }
 
-    /// 402_STATE_SET, code 27: the state an axis shall reach. `par` motor, `i0` state (XF EN 767).
+    /// 402_STATE_SET, code 27: sets the state that an axis has to reach (XF EN 767). Parameter: motor; information
+    /// bytes: `i0` state.
     pub struct HelperStateSet {
-        /// Which axis.
+        /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),
-        /// The state.
+        /// The requested state.
         pub state: DriveState = info(0),
     }
 
-    /// 402_STATE_GET, code 28: the state of an axis, in `ret`. `par` motor (XF EN 778).
+    /// 402_STATE_GET, code 28: reads the state of an axis from the return byte (XF EN 778). Parameter: motor.
     pub struct HelperStateGet {
-        /// Which axis.
+        /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),
     }
 
-    /// 402_CTL_SET, code 29: what the helper does with an axis. `par` motor, `i0` control byte, `i1` 0x5A, `i2` number
-    /// of motors, `i3` slave (XF EN 795).
+    /// 402_CTL_SET, code 29: sets what the helper does with an axis (XF EN 795). Parameter: motor; information bytes:
+    /// `i0` control byte, `i1` 0x5A, `i2` number of motors, `i3` slave.
     pub struct HelperControlSet {
-        /// Which axis.
+        /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),
-        /// What the helper does.
+        /// What the helper does with the axis: the control byte.
         pub control: HelperControl = info(0),
-        /// How many axes there are.
+        /// The number of axes.
         pub motors: u8 = info(2).after(CONTROL_KEY),
-        /// Which slave the axis belongs to.
+        /// The slave to which the axis belongs.
         pub slave: SlaveNumber = info(3),
     }
 
-    /// 402_CTL_GET, code 30: what the helper does with an axis, in `ret`. `par` motor (XF EN 813).
+    /// 402_CTL_GET, code 30: reads the control byte of an axis from the return byte (XF EN 813). Parameter: motor.
     pub struct HelperControlGet {
-        /// Which axis.
+        /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),
     }
 
-    /// 402_GET_STATUSWORD, code 74: the statusword of an axis, @0 u16. `par` motor (XF EN 1432).
+    /// 402_GET_STATUSWORD, code 74: reads the statusword of an axis (XF EN 1432). Parameter: motor. Answer: u16 at
+    /// byte 0.
     pub struct HelperStatuswordGet {
-        /// Which axis.
+        /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),
     }
 }
 
-/// `i1` of [`HelperControlSet`].
+/// The fixed value in `i1` of [`HelperControlSet`].
 const CONTROL_KEY: Fixed = Fixed::new::<u8>(info(1).named("key").hex().or(0x5A), 0xFF, "402_CTL_SET i1", "0x5A");
 
 field_values! {
@@ -84,7 +87,7 @@ field_values! {
     DriveState, 1, Kind::DriveState, |state| state.status_bits().into(), |code| requested_state(code);
 }
 
-/// The state that a code asks for, which has to be one of the table's.
+/// The state that a code requests; the manuals' table lists the allowed codes.
 fn requested_state(code: u32) -> Result<DriveState, Malformed> {
     let allowed = "0x00, 0x40, 0x21, 0x23, 0x27, 0x07, 0x0F or 0x08";
     match Statusword(code as u16).state() {

@@ -1,4 +1,5 @@
-//! The interrupt lines: INT0 says whether the chip is ready for a packet, INT1 is raised by what is enabled.
+//! Requests for the interrupt lines. INT0 shows whether the chip is ready for a packet; the enabled interrupts raise
+//! INT1.
 
 use crate::ethercat::bits;
 use crate::xf::Interrupts;
@@ -6,32 +7,32 @@ use crate::xf::fields::Kind;
 use crate::xf::layout::{field_values, layout};
 
 layout! {
-    /// ECAT_INT_GET_ENABLE, code 59: what [`InterruptSetEnable`] has set (XF EN 1327).
+    /// ECAT_INT_GET_ENABLE, code 59: reads the settings of [`InterruptSetEnable`] (XF EN 1327).
     pub struct InterruptGetEnable;
 }
 
 bits! {
-    /// Which level of a line is its active one.
+    /// The active level of the interrupt lines.
     Polarity(u8) {
-        /// Bit 0: INT1 is active when high; at first when low.
+        /// Bit 0: INT1 is active high. Clear at power-on: INT1 is active low.
         INT1_HIGH = 1 << 0;
-        /// Bit 1: INT0 is active, which is ready for a packet, when high; so at first.
+        /// Bit 1: INT0 is active high; INT0 is active while the chip is ready for a packet. Set at power-on.
         INT0_HIGH = 1 << 1;
     }
 
-    /// Interrupts of GPIO 8 to 11 and of the encoder.
+    /// Enables of the interrupts of GPIO 8 to 11 and of the encoder.
     PeripheralInterrupts(u8) {
-        /// Bit 0: GPIO 8.
+        /// Bit 0: the interrupt of GPIO 8.
         GPIO_8 = 1 << 0;
-        /// Bit 1: GPIO 9.
+        /// Bit 1: the interrupt of GPIO 9.
         GPIO_9 = 1 << 1;
-        /// Bit 2: GPIO 10.
+        /// Bit 2: the interrupt of GPIO 10.
         GPIO_10 = 1 << 2;
-        /// Bit 3: GPIO 11.
+        /// Bit 3: the interrupt of GPIO 11.
         GPIO_11 = 1 << 3;
-        /// Bit 4: the encoder's index.
+        /// Bit 4: the encoder's index pulse.
         ENCODER_INDEX = 1 << 4;
-        /// Bit 5: the encoder's comparison.
+        /// Bit 5: the encoder's count has reached the comparison value.
         ENCODER_COMPARE = 1 << 5;
         /// Bit 6: the encoder's counter overflowed or underflowed.
         ENCODER_OVERFLOW = 1 << 6;
@@ -39,22 +40,23 @@ bits! {
 }
 
 layout! {
-    /// What raises INT1, and the polarity of both lines.
+    /// The interrupts that raise INT1, and the polarity of both lines.
     pub struct InterruptEnable {
-        /// `par` of the command, `ret` of the answer.
+        /// The polarity: the parameter of the command, the return byte of the answer.
         pub polarity: Polarity = par(),
-        /// @0 u32.
+        /// Bytes 0..3 of the data: the enabled interrupts.
         pub sources: Interrupts = at(0),
-        /// @4: bit k is GPIO k, 0 to 7.
+        /// Byte 4 of the data: the enabled interrupts of GPIO 0 to 7; bit k is GPIO k.
         pub gpio: u8 = at(4).hex().or(0),
-        /// @5.
+        /// Byte 5 of the data: the enabled interrupts of GPIO 8 to 11 and of the encoder.
         pub peripherals: PeripheralInterrupts = at(5).or(0),
     }
 
-    /// ECAT_INT_SET_ENABLE, code 58: what raises INT1, and the polarity of both lines (XF EN 1310). `par` polarity; 6
-    /// bytes: @0 u32 sources, @4 GPIO 0 to 7, @5 GPIO 8 to 11 and the encoder.
+    /// ECAT_INT_SET_ENABLE, code 58: sets which interrupts raise INT1, and the polarity of both lines (XF EN 1310).
+    /// Parameter: polarity. Data, 6 bytes (@offset): @0 u32 interrupts, @4 GPIO 0 to 7, @5 GPIO 8 to 11 and the
+    /// encoder.
     pub struct InterruptSetEnable {
-        /// What is set.
+        /// The new settings of interrupts and polarity.
         pub enable: InterruptEnable,
     }
 }

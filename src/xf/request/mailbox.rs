@@ -1,4 +1,4 @@
-//! Mailboxes of slaves, and the emergencies that came through them.
+//! Requests for mailboxes of slaves, and for the emergencies received through them.
 
 use core::fmt;
 
@@ -7,87 +7,90 @@ use crate::xf::fields::Kind;
 use crate::xf::layout::{Part, Reader, Spot, Writer, field_values, layout};
 use crate::xf::{Malformed, segment};
 
-/// The most emergencies that the chip lists.
+/// The maximum number of emergencies that the chip lists.
 pub const EMERGENCIES_MAX: usize = 8;
 
 layout! {
-    /// COE_EMERGENCY, code 83: the newest emergencies. `par` how many (XF EN 1490).
+    /// COE_EMERGENCY, code 83: reads the newest emergencies. The parameter is their number (XF EN 1490).
     pub struct CoeEmergency {
-        /// How many.
+        /// The number of emergencies to read.
         pub count: EmergencyCount = par(),
     }
 
-    /// A part of a mailbox.
+    /// A range of bytes in a mailbox message.
     pub struct MailboxPart {
         start: PartNumber = info(0).or(0),
         length: PartNumber = info(2).or(0),
     }
 
-    /// RECV_MAILBOX, code 143: what a slave sent by mailbox (XF EN 1646, XF ZH 1563). The answer to the second form has the
-    /// bytes.
+    /// RECV_MAILBOX, code 143: reads a message that a slave has sent by mailbox (XF EN 1646, XF ZH 1563). The answer to
+    /// `Read` has the bytes.
     pub enum ReceiveMailbox by operation: u8 = par(), "RECV_MAILBOX operation", "0 request, 1 read" {
-        /// `par` 0: the chip fetches a slave's mailbox. `i0`, `i1` u16 slave.
+        /// Parameter 0: the chip fetches the message from a slave's mailbox. Information bytes: `i0` and `i1`: slave as
+        /// u16.
         Request = 0 {
-            /// Which slave.
+            /// The slave whose mailbox is fetched.
             slave: SlaveNumber = info(0).bytes(2).or(0),
         },
-        /// `par` 1: a part of what it fetched. `i0`, `i1` start, `i2`, `i3` length.
+        /// Parameter 1: reads a part of the fetched message. Information bytes: `i0` and `i1` start, `i2` and `i3`
+        /// length.
         Read = 1 (part: MailboxPart),
     }
 
-    /// MBX_STAT, code 144: which slaves have mail, and which are asked (XF EN 1663, XF ZH 1580). The answers to the first
-    /// and the last form have the bits.
+    /// MBX_STAT, code 144: reads which slaves have mailbox messages, and sets or reads which mailboxes the chip polls
+    /// (XF EN 1663, XF ZH 1580). The answers to `ReadFlags` and `ReadPolling` have one bit per slave.
     pub enum MailboxStatus by operation: u8 = par(),
         "MBX_STAT operation", "0 read flags, 1 set polling, 2 read polling"
     {
-        /// `par` 0: which mailboxes are full, in OP.
+        /// Parameter 0: reads which mailboxes are full, in OP.
         ReadFlags = 0,
-        /// `par` 1: which mailboxes the chip polls, from the next [`Reconfig`](super::Reconfig) on. The data are the bits.
+        /// Parameter 1: sets which mailboxes the chip polls, from the next [`Reconfig`](super::Reconfig) on. The data
+        /// have one bit per slave.
         SetPolling = 1 (slaves: SlaveBits = tail(0)),
-        /// `par` 2: which mailboxes the chip polls.
+        /// Parameter 2: reads which mailboxes the chip polls.
         ReadPolling = 2,
     }
 }
 
-/// How many emergencies are asked for, 1..=8.
+/// The number of emergencies to read, 1..=8.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct EmergencyCount(u8);
 
 impl EmergencyCount {
-    /// So many; `None` unless `n` is 1..=8.
+    /// The number `n`; `None` unless it is 1..=8.
     pub const fn new(n: u8) -> Option<Self> {
         if n >= 1 && n as usize <= EMERGENCIES_MAX { Some(Self(n)) } else { None }
     }
 
-    /// How many.
+    /// The number as an integer.
     pub const fn get(self) -> u8 {
         self.0
     }
 }
 
 impl MailboxPart {
-    /// From byte `start`, 0..=63, so many bytes, 0..=63; `None` for others.
+    /// `length` bytes, 0..=63, from byte `start`, 0..=63; `None` for larger values.
     ///
-    /// Above these the manuals can be read in two ways, as 64 or as 256 times the high byte, so that a host does not
-    /// ask for them.
+    /// For larger values the manuals are ambiguous, since the high byte may count 64 or 256. So a host does not use
+    /// them.
     pub const fn new(start: u8, length: u8) -> Option<Self> {
         let part = Self { start: PartNumber(start as u16), length: PartNumber(length as u16) };
         if start < 64 && length < 64 { Some(part) } else { None }
     }
 
-    /// The first byte.
+    /// The position of the first byte.
     pub const fn start(self) -> u16 {
         self.start.0
     }
 
-    /// How many bytes.
+    /// The number of bytes.
     pub const fn length(self) -> u16 {
         self.length.0
     }
 }
 
-/// A number in two information bytes, up to 16575. `[OURS]` As the manuals' text has it, high * 64 + low; their drawing
-/// shows a field of 16 bits, where the high byte would count 256.
+/// A number in two information bytes, up to 16575. `[OURS]` It is high * 64 + low, as in the text of the manuals. Their
+/// drawing shows a field of 16 bits, in which the high byte would count 256.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 struct PartNumber(u16);
 
@@ -100,7 +103,7 @@ impl fmt::Debug for PartNumber {
 field_values! {
     PartNumber, 2, Kind::Number,
         |number| {
-            // The largest number, 255 * 64 + 255, has no low part below 64.
+            // The limit of 255 is for the largest number, 255 * 64 + 255, whose low byte is above 63.
             let high = (number.0 / 64).min(255);
             (high << 8 | (number.0 - high * 64)).into()
         },
@@ -110,7 +113,7 @@ field_values! {
         |count| EmergencyCount::new(count as u8).ok_or(Malformed::only("COE_EMERGENCY count", count, "1 to 8"));
 }
 
-/// A bit for each slave: bit b of byte k is slave 8 k + b.
+/// A set of slaves, one bit each: bit b of byte k is slave 8 k + b.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct SlaveBits {
     bits: u128,
@@ -118,16 +121,16 @@ pub struct SlaveBits {
 }
 
 impl SlaveBits {
-    /// The bytes of a set for 128 slaves.
+    /// The size of a set for 128 slaves, in bytes.
     const MOST: usize = 16;
 
-    /// No slave of a network of so many, 0..=128; more count as 128.
+    /// The empty set for a network of that many slaves, 0..=128; larger numbers count as 128.
     pub const fn for_slaves(slaves: u8) -> Self {
         let bytes = slaves.div_ceil(8);
         Self { bits: 0, bytes: if bytes as usize > Self::MOST { Self::MOST as u8 } else { bytes } }
     }
 
-    /// The same set with that slave in it, and with as many bytes as it needs for that.
+    /// Adds the slave to the set, which is extended to as many bytes as it needs.
     #[must_use]
     pub const fn with(self, slave: SlaveNumber) -> Self {
         let needed = slave.get() / 8 + 1;
@@ -140,12 +143,12 @@ impl SlaveBits {
         self.bits & 1 << slave.get() != 0
     }
 
-    /// How many bytes the length field counts: 1 for 8 slaves.
+    /// The size of the set in bytes, for the length field: 1 for 8 slaves.
     pub const fn bytes(self) -> u8 {
         self.bytes
     }
 
-    /// Reads the bytes that an answer has, those for the first 128 slaves.
+    /// Reads the set from the valid bytes of an answer, up to 128 slaves.
     pub(in crate::xf) fn read_valid(valid: &[u8]) -> Self {
         let (mut bytes, len) = ([0; Self::MOST], valid.len().min(Self::MOST));
         bytes[..len].copy_from_slice(&valid[..len]);
@@ -153,7 +156,7 @@ impl SlaveBits {
     }
 }
 
-/// All 16 bytes, whatever the length field counts.
+/// As a field a set has all 16 bytes, whatever the length field says.
 impl Part<'_> for SlaveBits {
     const BYTES: u8 = 0;
     const KIND: Kind = Kind::SlaveSet;

@@ -1,8 +1,9 @@
-//! The 91 functions as requests: one type each, which holds only what the manuals allow, and [`Request`] over all.
+//! The 91 functions as requests: one type each, which holds only values that the manuals allow, and the enum
+//! [`Request`] of all.
 //!
-//! A type encodes itself into the fields of the header that belong to it ([`Arguments`]) and the data segment, and
-//! decodes itself from them. Like the chip it reads fixed layouts from the data segment, whatever the length field
-//! says; only the requests that say so go by the length (XF-4.3).
+//! A type encodes itself into its fields of the header ([`Arguments`]) and the data segment, and decodes itself from
+//! them. Like the chip it reads fixed layouts from the data segment, whatever the length field says. Only requests that
+//! say so use the length field (XF-4.3).
 //!
 //! | file | requests |
 //! | --- | --- |
@@ -65,43 +66,43 @@ use super::{CommandCode, Malformed, Reserve, segment};
 /// The fields of a command header that belong to the request.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Arguments {
-    /// `par`, byte 0x0D.
+    /// The parameter `par`, byte 0x0D.
     pub parameter: u8,
-    /// `i0` to `i3`, bytes 0x04 to 0x07.
+    /// The information bytes `i0` to `i3`, bytes 0x04 to 0x07.
     pub info: [u8; 4],
-    /// Word 0x08; ECAT_INIT_OP alone uses bits of it.
+    /// The reserve bits, word 0x08; only ECAT_INIT_OP uses them.
     pub reserve: Reserve,
-    /// Word 0x0E: bytes of the data segment that are used; in SPI_RECONFIG_OP the new n.
+    /// Word 0x0E: the number of used bytes in the data segment; in SPI_RECONFIG_OP the new size of the data segment.
     pub len: u16,
 }
 
 impl Arguments {
-    /// All fields 0.
+    /// All fields are 0.
     pub const NONE: Self = Self { parameter: 0, info: [0; 4], reserve: Reserve::NONE, len: 0 };
 }
 
-/// A request of one function, and what is answered to it. `'d` is how long its data live, if it has any.
+/// A request of one function, with the type of its answer. `'d` is the lifetime of its data, if it has any.
 pub trait Call<'d>: Sized {
     /// The command code.
     const CODE: CommandCode;
-    /// The parameter that names the function, with the codes 31 to 35.
+    /// The parameter that selects the function, for the codes 31 to 35.
     const FUNCTION: Option<u8> = None;
-    /// The result; `()` if there is none.
+    /// The type of the result; `()` if there is none.
     type Answer<'a>: Answer<'a>;
 
     /// Writes the data into a segment that is all 0, and returns the fields of the header.
     ///
     /// # Errors
-    /// The data do not fit into the segment, or there are more than the chip takes.
+    /// The data do not fit into the segment, or exceed a limit of the chip.
     fn encode(&self, data: &mut [u8]) -> Result<Arguments, Malformed>;
 
-    /// Reads the request from the fields of the header and the whole data segment.
+    /// Decodes the request from the fields of the header and the whole data segment.
     ///
     /// # Errors
     /// A field has a value that the manuals do not allow.
     fn decode(arguments: &Arguments, data: &'d [u8]) -> Result<Self, Malformed>;
 
-    /// Reads the result from the answer's return byte, length and whole data segment.
+    /// Decodes the result from the answer's return byte, length and whole data segment.
     ///
     /// # Errors
     /// A field has a value that the manuals do not allow.
@@ -110,21 +111,21 @@ pub trait Call<'d>: Sized {
     }
 }
 
-/// What is done with a request as its own type: see [`Request::visit`].
+/// A visitor that handles a request as its own type: see [`Request::visit`].
 pub trait Visit {
-    /// The result.
+    /// The result of the visitor.
     type Output;
 
-    /// Takes the request.
+    /// Handles the request.
     fn call<'d, C: Call<'d>>(self, call: &C) -> Self::Output;
 }
 
-/// What a command packet is built from: a [`Call`] or a [`Request`].
+/// A [`Call`] or a [`Request`], from which a command packet can be built.
 pub trait Encode {
-    /// Writes the data into a segment that is all 0, and returns code and fields of the header.
+    /// Writes the data into a segment that is all 0, and returns the command code and the fields of the header.
     ///
     /// # Errors
-    /// The data do not fit into the segment, or there are more than the chip takes.
+    /// The data do not fit into the segment, or exceed a limit of the chip.
     fn command(&self, data: &mut [u8]) -> Result<(CommandCode, Arguments), Malformed>;
 }
 
@@ -135,22 +136,23 @@ impl<'d, C: Call<'d>> Encode for C {
     }
 }
 
-/// A command whose code or function the manuals do not have. The chip answers it with a command error.
+/// A command whose code or function is not in the manuals. The chip answers it with a command error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct UnknownCommand<'d> {
     /// The code.
     pub code: CommandCode,
-    /// The fields of the header.
+    /// The fields of the command's header.
     pub arguments: Arguments,
     /// The whole data segment.
     pub data: &'d [u8],
 }
 
 impl Request<'_> {
-    /// Whether the request is done at once: its answer has the result. Any other sets the busy flag for a while.
+    /// Whether the request is complete at once, with its result in the answer. Any other request sets the busy flag for
+    /// a while.
     pub fn is_immediate(&self) -> bool {
         let parameter = match self {
-            // The one command whose parameter decides it.
+            // RECV_MAILBOX is the only command for which the parameter decides this.
             Self::ReceiveMailbox(request) => request.operation(),
             _ => 0,
         };

@@ -1,4 +1,4 @@
-//! Initialisation, states, slaves and clocks.
+//! Requests for initialisation, states, slaves and clocks.
 
 use super::{SlaveNumber, Slaves};
 use crate::xf::fields::Names;
@@ -8,87 +8,90 @@ use crate::xf::value::choices;
 use crate::xf::{EtherCatState, Malformed, Reserve};
 
 layout! {
-    /// INFO_UPDATE_OP, code 0: asks for a new header and nothing else (XF EN 369).
+    /// INFO_UPDATE_OP, code 0: requests a new header and nothing else (XF EN 369).
     pub struct InfoUpdate;
 
-    /// ECAT_RECONFIG_OP, code 2: the chip lays out its memory anew after a change of process data (XF EN 402).
+    /// ECAT_RECONFIG_OP, code 2: the chip allocates its memory again after a change of process data (XF EN 402).
     pub struct Reconfig;
 
-    /// ECAT_INIT_DC_OP, code 3: initialises the distributed clocks, as is needed after [`DcSync`] (XF EN 413).
+    /// ECAT_INIT_DC_OP, code 3: initialises the distributed clocks, which is needed after [`DcSync`] (XF EN 413).
     pub struct InitDc;
 
-    /// ECAT_SLV_CNT_GET, code 16: how many slaves there are, in `ret` (XF EN 661).
+    /// ECAT_SLV_CNT_GET, code 16: reads the number of slaves from the return byte (XF EN 661).
     pub struct SlaveCountGet;
 
     /// ECAT_STATE_UPDATE, code 57: the chip reads the states of the slaves into its memory (XF EN 1304).
     pub struct StateUpdate;
 
-    /// ECAT_CONFIG_MAP, code 73: as [`Reconfig`], for slaves that fall back to their default process data with that
-    /// (XF EN 1421, XF ZH 410).
+    /// ECAT_CONFIG_MAP, code 73: like [`Reconfig`], for slaves that would fall back to their default process data with
+    /// it (XF EN 1421, XF ZH 410).
     pub struct ConfigMap;
 
-    /// ECAT_STATE_SET, code 12: brings slaves to a state. `par` slaves, `i0` state, to which bit 4 may be added (XF EN 619; OBS).
+    /// ECAT_STATE_SET, code 12: brings slaves to a state. Parameter: slaves; information byte `i0`: state, to which
+    /// bit 4 may be added (XF EN 619; OBS).
     pub struct StateSet {
-        /// Which slaves.
+        /// The slaves to bring to the state.
         pub slaves: Slaves = par(),
-        /// The state they shall reach.
+        /// The requested state.
         pub state: EtherCatState = info(0),
     }
 
-    /// ECAT_STATE_CHECK, code 41: what [`StateSet`], [`StateUpdate`] and [`StateGet`] do, in one (XF EN 1187).
+    /// ECAT_STATE_CHECK, code 41: combines [`StateSet`], [`StateUpdate`] and [`StateGet`] (XF EN 1187).
     pub struct StateCheck {
-        /// Which slaves.
+        /// The slaves to bring to the state.
         pub slaves: Slaves = par(),
-        /// The state they shall reach.
+        /// The requested state.
         pub state: EtherCatState = info(0),
     }
 
-    /// ECAT_STATE_GET, code 13: the state in the chip's memory, which [`StateUpdate`] renews. `par` slaves; `ret` the
-    /// state (XF EN 627).
+    /// ECAT_STATE_GET, code 13: reads the state stored in the chip, which [`StateUpdate`] renews, from the return byte.
+    /// Parameter: slaves (XF EN 627).
     pub struct StateGet {
-        /// Which slaves.
+        /// The slaves whose state is read.
         pub slaves: Slaves = par(),
     }
 
-    /// ECAT_PDO_WC_GET, code 4: numbers about the working counter. `par` which; the answer @0 u32 (XF EN 421).
+    /// ECAT_PDO_WC_GET, code 4: reads a number about the working counter. Parameter: which number (XF EN 421). Answer:
+    /// u32 at byte 0.
     pub struct PdoWorkingCounterGet {
-        /// Which number.
+        /// The number to read.
         pub which: WorkingCounterItem = par(),
     }
 
-    /// ENABLE_LRW, code 142: whether process data travel in one LRW datagram, if the slaves can, or in LRD and LWR.
-    /// `par` the switch (XF EN 1635).
+    /// ENABLE_LRW, code 142: sets whether process data travel in one LRW datagram, if the slaves support it, or in LRD
+    /// and LWR. The parameter is the switch (XF EN 1635).
     pub struct EnableLrw {
-        /// LRW; otherwise LRD and LWR.
+        /// True for LRW, false for LRD and LWR.
         pub lrw: bool = par(),
     }
 
-    /// ECAT_SLV_INFO_GET, code 15: an item about a slave. `par` slave, `i0` item (XF EN 643).
+    /// ECAT_SLV_INFO_GET, code 15: reads an item about a slave. Parameter: slave; information byte `i0`: item
+    /// (XF EN 643).
     pub struct SlaveInfoGet {
-        /// Which slave.
+        /// The slave to ask about.
         pub slave: SlaveNumber = par(),
-        /// Which item.
+        /// The item to read.
         pub item: SlaveInfoItem = info(0),
     }
 
     /// The times of the distributed clocks.
     #[derive(Default)]
     pub struct DcTiming {
-        /// The word AssignActivate of the slave's description, such as 0x0300 for SYNC0.
+        /// The word AssignActivate from the slave's ESI file, such as 0x0300 for SYNC0.
         pub assign_activate: u16 = at(2).hex().or(0),
-        /// Cycle of SYNC0 in nanoseconds.
+        /// Cycle time of SYNC0 in nanoseconds.
         pub sync0_ns: u32 = at(4),
-        /// Cycle of SYNC1 in nanoseconds.
+        /// Cycle time of SYNC1 in nanoseconds.
         pub sync1_ns: u32 = at(8).or(0),
-        /// Shift of SYNC0 in nanoseconds.
-        // The manuals print 0x12 and draw 12.
+        /// Shift time of SYNC0 in nanoseconds.
+        // The manuals' text says 0x12, their drawing shows 12.
         pub shift_ns: i32 = at(12).or(0),
     }
 
-    /// ECAT_DCSYNC, code 50: other times for one slave, after [`EcatInit`] and before [`InitDc`] (XF EN 1201, XF ZH 1136).
-    /// 16 bytes as with [`EcatInit`], but @0 is the slave, and @1 is reserved.
+    /// ECAT_DCSYNC, code 50: sets other times for one slave, after [`EcatInit`] and before [`InitDc`] (XF EN 1201,
+    /// XF ZH 1136). Data, 16 bytes as in [`EcatInit`], except @0 slave and @1 reserved.
     pub struct DcSync {
-        /// Which slave. `[OURS]` 0xFF is all of them, as elsewhere.
+        /// The slave to set. `[OURS]` 0xFF means all slaves, as elsewhere.
         pub slaves: Slaves = at(0),
         /// The times of the distributed clock.
         pub dc: DcTiming,
@@ -96,25 +99,25 @@ layout! {
 }
 
 choices! {
-    /// Which number [`PdoWorkingCounterGet`] asks for. In theory the counter is inputs + 2 * outputs.
+    /// The number that [`PdoWorkingCounterGet`] reads. The expected working counter is inputs + 2 * outputs.
     pub WorkingCounterItem(u8), "PDO_WC_GET item", "1 slaves with inputs, 2 slaves with outputs, 3 working counter" {
-        /// 1: how many slaves have inputs.
+        /// 1: number of slaves with inputs.
         Inputs = 1,
-        /// 2: how many slaves have outputs.
+        /// 2: number of slaves with outputs.
         Outputs = 2,
-        /// 3: the working counter of the last cycle.
+        /// 3: working counter of the last cycle.
         Counter = 3,
     }
 
-    /// What [`SlaveInfoGet`] asks for.
+    /// The item that [`SlaveInfoGet`] reads.
     pub SlaveInfoItem(u8), "SLV_INFO_GET item", "0 to 13" {
         /// 0: vendor id.
         Vendor = 0,
         /// 1: product code.
         Product = 1,
-        /// 2: revision.
+        /// 2: revision number.
         Revision = 2,
-        /// 3: name, a text.
+        /// 3: name, as a text.
         Name = 3,
         /// 4: configured station address.
         StationAddress = 4,
@@ -124,32 +127,32 @@ choices! {
         State = 6,
         /// 7: AL status code.
         AlStatus = 7,
-        /// 8: bytes of outputs, the RxPDO.
+        /// 8: size of the outputs, the RxPDO, in bytes.
         OutputBytes = 8,
-        /// 9: bytes of inputs, the TxPDO.
+        /// 9: size of the inputs, the TxPDO, in bytes.
         InputBytes = 9,
-        /// 10: whether the slave has distributed clocks (OBS, as those below).
+        /// 10: whether the slave has distributed clocks (OBS, like all further items).
         HasDc = 10,
-        /// 11: cycle of the distributed clock.
+        /// 11: cycle time of the distributed clock.
         DcCycle = 11,
-        /// 12: shift of the distributed clock.
+        /// 12: shift time of the distributed clock.
         DcShift = 12,
         /// 13: whether the distributed clock is active.
         DcActive = 13,
     }
 
-    /// Whose clock leads the distributed clocks: reserve bit 12 of [`EcatInit`], from firmware 0x22 on. The two manuals
-    /// contradict each other; the vendor's header names the bit as it is here.
+    /// The reference clock of the distributed clocks: reserve bit 12 of [`EcatInit`], from firmware 0x22 on. The two
+    /// manuals contradict each other; the names here are those of the vendor's header.
     pub ReferenceClock(u8), "reference clock", "0 bus shift, 1 master shift" {
-        /// 0: bus shift, the chip's own clock.
+        /// 0: bus shift; the chip's own clock is the reference.
         Chip = 0,
-        /// 1: master shift, the clock of the first slave that has one.
+        /// 1: master shift; the clock of the first slave with distributed clocks is the reference.
         FirstSlave = 1,
     }
 }
 
 impl SlaveInfoGet {
-    /// The answer, whose length says what it is unless a text is asked for.
+    /// Decodes the answer. Its length decides the type, except for items that are texts.
     pub(super) fn info<'a>(&self, returned: Returned, data: &'a [u8]) -> Result<SlaveInfo<'a>, Malformed> {
         match self.item {
             SlaveInfoItem::Name => Ok(SlaveInfo::Text(returned.valid(data)?)),
@@ -158,36 +161,38 @@ impl SlaveInfoGet {
     }
 }
 
-/// ECAT_INIT_OP, code 1: initialises the network (XF EN 375, XF ZH 384). `par` 48 for special slaves; reserve bits 12
-/// and 11; 16 bytes: @0 0xFF, @1 0x81 for a FIFO that is off at start, @2 u16 AssignActivate, @4 u32 SYNC0, @8 u32
-/// SYNC1, @12 i32 shift, in nanoseconds.
+/// ECAT_INIT_OP, code 1: initialises the network (XF EN 375, XF ZH 384). Parameter: 48 for special slaves; reserve bits
+/// 12 and 11. Data, 16 bytes (@offset): @0 0xFF, @1 0x81 for a FIFO that is off at start, @2 u16 AssignActivate, @4 u32
+/// SYNC0, @8 u32 SYNC1, @12 i32 shift, times in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct EcatInit {
-    /// `par` is 48: the manuals call the slaves special and say no more.
+    /// Whether the parameter is 48, for slaves that the manuals call special without an explanation.
     pub special_slaves: bool,
-    /// Whose clock leads, from firmware 0x22 on.
+    /// The reference clock, from firmware 0x22 on.
     pub reference_clock: ReferenceClock,
-    /// LRW is used if all slaves can, from firmware 0x22 on; see [`EnableLrw`].
+    /// Whether LRW is used if all slaves support it, from firmware 0x22 on; see [`EnableLrw`].
     pub lrw: bool,
-    /// The RxFIFO is put out from the start; otherwise [`FifoEnable`](super::FifoEnable) switches it on.
+    /// Whether the chip takes RxPDOs out of the RxFIFO from the start; otherwise [`FifoEnable`](super::FifoEnable)
+    /// enables it later.
     pub fifo_on: bool,
     /// The times of the distributed clocks.
     pub dc: DcTiming,
 }
 
 impl EcatInit {
-    /// `par` for special slaves.
+    /// The parameter for special slaves.
     const SPECIAL_SLAVES: u8 = 48;
     const SPECIAL: Spot =
         par().one_of(&[("no", 0), ("yes", Self::SPECIAL_SLAVES as u32)]).or(0).of::<u8>("special_slaves");
-    /// Two of the reserve bits.
+    /// The two reserve bits that this command uses.
     const RESERVE: Spot = reserve().bits(Self::BITS).or(0).of::<u16>("reserve");
     const BITS: Names = &[("master_shift", Reserve::MASTER_SHIFT.0 as u32), ("lrw", Reserve::LRW.0 as u32)];
-    /// @0, a fixed value.
+    /// Byte 0 of the data, which is fixed: all slaves.
     const ALL_SLAVES: Spot = at(0).of::<u8>("slaves");
-    /// @1: the FIFO is off at start.
+    /// Byte 1 of the data: the FIFO is off at start.
     const FIFO_OFF: u8 = 0x81;
-    /// @1: the FIFO is on. `[OURS]` The manuals know 0x81 alone and call it fixed; any other value is taken for on.
+    /// Byte 1 of the data: the FIFO is on at start. `[OURS]` The manuals list only 0x81 and call it fixed; any other
+    /// value is taken for on.
     const FIFO_ON: u8 = 0;
     const FIFO: Spot = at(1)
         .one_of(&[("on", Self::FIFO_ON as u32), ("off", Self::FIFO_OFF as u32)])

@@ -1,4 +1,4 @@
-//! Process data and their configuration.
+//! Requests for process data and their configuration.
 
 use super::SlaveNumber;
 use crate::ethercat::bits;
@@ -9,21 +9,22 @@ use crate::xf::value::choices;
 use crate::xf::{Malformed, segment};
 
 layout! {
-    /// ECAT_PDO_CONFIG_GET, code 9: what [`PdoConfigRequest`] has read (XF EN 533).
+    /// ECAT_PDO_CONFIG_GET, code 9: returns the PDOs that [`PdoConfigRequest`] has read (XF EN 533).
     pub struct PdoConfigGet;
 }
 
 bits! {
-    /// `i0` of [`PdoDataFifo`] and of [`PdoData`], and the return byte of their answers. Other bits of the vendor's
-    /// header are unknown, and survive.
+    /// Bits of `i0` in [`PdoDataFifo`] and [`PdoData`], and of the return byte of their answers. The meaning of further
+    /// bits in the vendor's header is unknown; they are kept.
     PdoOperation(u8) {
-        /// Bit 0: outputs are written, or were.
+        /// Bit 0: write outputs; in an answer, outputs were written.
         WRITE = 1 << 0;
-        /// Bit 1: inputs are read, or were. In an answer of [`PdoDataFifo`] it is clear if the TxFIFO was empty (OBS).
+        /// Bit 1: read inputs; in an answer, inputs were read. In an answer of [`PdoDataFifo`] it is clear if the
+        /// TxFIFO was empty (OBS).
         READ = 1 << 1;
-        /// Bit 2, in [`PdoData`]: bits 0 and 1 are valid; without it the chip writes and reads.
+        /// Bit 2, in [`PdoData`]: bits 0 and 1 are valid. Without it the chip writes and reads.
         VALID = 1 << 2;
-        /// Bit 7, in an answer: it failed (OBS).
+        /// Bit 7, in an answer: the operation failed (OBS).
         FAILED = 1 << 7;
     }
 }
@@ -33,37 +34,38 @@ field_values! {
 }
 
 layout! {
-    /// ECAT_PDO_DATA_FIFO_OP, code 5: RxPDOs into the FIFO, TxPDOs out of it (XF EN 436). `par` how many PDOs, `i0` what is
-    /// done; the length is that of all RxPDOs together (OBS).
+    /// ECAT_PDO_DATA_FIFO_OP, code 5: puts RxPDOs into the FIFO and takes TxPDOs out of it (XF EN 436). Parameter:
+    /// number of PDOs; information byte `i0`: operation. The length is that of all RxPDOs together (OBS).
     pub struct PdoDataFifo<'d> {
-        /// How many PDOs are written, and read at most.
+        /// The number of PDOs to write, and the maximum number to read.
         pub count: u8 = par(),
-        /// Write, read or both.
+        /// The operation: write, read or both.
         pub operation: PdoOperation = info(0),
-        /// The RxPDOs one after the other.
+        /// The RxPDOs, one after the other.
         pub data: &'d [u8] = tail(0),
     }
 
-    /// ECAT_PDO_DATA_OP, code 6: outputs and inputs past the FIFO (XF EN 452). `i0` what is done; the data are one RxPDO.
+    /// ECAT_PDO_DATA_OP, code 6: writes outputs and reads inputs directly, bypassing the FIFO (XF EN 452). Information
+    /// bytes: `i0` operation; the data are one RxPDO.
     pub struct PdoData<'d> {
-        /// Write, read or both; with [`PdoOperation::VALID`].
+        /// The operation: write, read or both, with [`PdoOperation::VALID`].
         pub operation: PdoOperation = info(0),
-        /// The RxPDO.
+        /// The RxPDO with the outputs of all slaves.
         pub data: &'d [u8] = tail(0),
     }
 
-    /// ECAT_PDO_CONFIG_REQ, code 8: reads the PDOs of a slave for [`PdoConfigGet`] (XF EN 517). 4 bytes: @0 slave, @1 0,
-    /// @2 u16 assignment.
+    /// ECAT_PDO_CONFIG_REQ, code 8: reads the PDOs of a slave, which [`PdoConfigGet`] then returns (XF EN 517). Data, 4
+    /// bytes (@offset): @0 slave, @1 0, @2 u16 assignment.
     pub struct PdoConfigRequest {
-        /// Which slave.
+        /// The slave whose PDOs are read.
         pub slave: SlaveNumber = at(0),
-        /// Outputs or inputs.
+        /// Whether the outputs or the inputs are read.
         pub assignment: PdoAssignment = at(2),
     }
 }
 
 choices! {
-    /// The object that lists a slave's PDOs.
+    /// The object with the PDO assignment of a slave's sync manager.
     pub PdoAssignment(u16), "PDO assignment", "0x1C12 or 0x1C13" {
         /// 0x1C12: RxPDOs, the outputs.
         Rx = 0x1C12,
@@ -72,19 +74,20 @@ choices! {
     }
 }
 
-/// An object in a PDO: `u32`, low byte bits, then sub-index, then index.
+/// An object in a PDO, as in the mapping object: `u32` with the length in bits in the low byte, then sub-index, then
+/// index.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct MappedObject {
-    /// Index; 0 where there is no object.
+    /// Index of the object; 0 for a gap.
     pub index: u16,
     /// Sub-index.
     pub sub: u8,
-    /// Length in bits.
+    /// Length of the object in bits.
     pub bits: u8,
 }
 
 impl MappedObject {
-    /// The object with so many bits.
+    /// A mapped object with a length of `bits`.
     pub const fn new(object: ObjectAddress, bits: u8) -> Self {
         Self { index: object.index, sub: object.sub, bits }
     }
@@ -94,19 +97,19 @@ impl MappedObject {
         ObjectAddress::new(self.index, self.sub)
     }
 
-    /// An entry of a PDO's mapping object as bytes: bits, sub-index, index.
+    /// The entry of the mapping object as bytes: bits, sub-index, index.
     pub(in crate::xf) const fn to_bytes(self) -> [u8; 4] {
         let [low, high] = self.index.to_le_bytes();
         [self.bits, self.sub, low, high]
     }
 
-    /// The object of such an entry.
+    /// Decodes an entry of a mapping object.
     pub(crate) const fn from_bytes([bits, sub, low, high]: [u8; 4]) -> Self {
         Self { index: u16::from_le_bytes([low, high]), sub, bits }
     }
 }
 
-/// A PDO: its mapping object, and up to 8 objects in it.
+/// A PDO: its mapping object, and up to 8 mapped objects.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct PdoMap {
     index: u16,
@@ -115,7 +118,7 @@ pub struct PdoMap {
 }
 
 impl PdoMap {
-    /// The most objects that the chip takes.
+    /// The maximum number of objects per PDO that the chip supports.
     pub const OBJECTS: usize = 8;
 
     /// The PDO with the mapping object `index`, such as 0x1600, and these objects; `None` if there are more than 8.
@@ -130,44 +133,45 @@ impl PdoMap {
         self.index
     }
 
-    /// The objects in order.
+    /// The mapped objects, in the order of the mapping.
     pub fn objects(&self) -> &[MappedObject] {
         &self.objects[..self.count.into()]
     }
 }
 
-/// The PDOs that are assigned to a sync manager of a slave: what [`PdoConfigSet`] sets and [`PdoConfigGet`] reads.
+/// The PDOs that are assigned to a sync manager of a slave, as set by [`PdoConfigSet`] and read by [`PdoConfigGet`].
 ///
-/// @0 slave, @1 how many PDOs, @2 u16 assignment, then for 3 (4) PDOs: u16 mapping objects @4, u16 counts of objects
-/// @10 (@12), 8 objects each @16 (@20). 112 (148) bytes; the longer form is that of newer firmware (OBS).
+/// Data (@offset): @0 slave, @1 number of PDOs, @2 u16 assignment, then for 3 (4) PDOs: u16 mapping objects @4, u16
+/// numbers of objects @10 (@12), 8 objects each @16 (@20). 112 (148) bytes; the longer form is that of newer firmware
+/// (OBS).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PdoConfig {
-    /// Which slave.
+    /// The slave to which the PDOs belong.
     pub slave: SlaveNumber,
-    /// Outputs or inputs.
+    /// Whether these are the outputs or the inputs.
     pub assignment: PdoAssignment,
     form: PdoConfigForm,
     count: u8,
     maps: [PdoMap; 4],
 }
 
-/// How many PDOs a [`PdoConfig`] has room for.
+/// The form of a [`PdoConfig`], which limits its number of PDOs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum PdoConfigForm {
-    /// 3 PDOs, 112 bytes.
+    /// 3 PDOs in 112 bytes.
     Three = 3,
-    /// 4 PDOs, 148 bytes: in answers of newer firmware (OBS).
+    /// 4 PDOs in 148 bytes, in answers of newer firmware (OBS).
     Four = 4,
 }
 
 impl PdoConfigForm {
-    /// How many PDOs there is room for.
+    /// The maximum number of PDOs.
     pub const fn maps(self) -> usize {
         self as usize
     }
 
-    /// Bytes of the layout: 112 or 148.
+    /// The size of the layout in bytes: 112 or 148.
     pub const fn bytes(self) -> usize {
         self.objects_at() + self.maps() * PdoMap::OBJECTS * 4
     }
@@ -180,7 +184,7 @@ impl PdoConfigForm {
         4 + 4 * self.maps()
     }
 
-    /// The fields: each PDO with its objects.
+    /// The fields of the layout: each PDO with its objects.
     pub(in crate::xf) const fn fields(self) -> FieldList {
         const NAMES: [(&str, &str); 4] =
             [("pdo1", "objects1"), ("pdo2", "objects2"), ("pdo3", "objects3"), ("pdo4", "objects4")];
@@ -202,7 +206,7 @@ impl PdoConfigForm {
 const _: () = assert!(PdoConfigForm::Three.bytes() == 112 && PdoConfigForm::Four.bytes() == 148);
 
 impl PdoConfig {
-    /// The configuration with these PDOs; `None` if there are more than `form` has room for.
+    /// The configuration with these PDOs; `None` if `form` has no room for them.
     pub fn new(slave: SlaveNumber, assignment: PdoAssignment, form: PdoConfigForm, maps: &[PdoMap]) -> Option<Self> {
         if maps.len() > form.maps() {
             return None;
@@ -212,20 +216,20 @@ impl PdoConfig {
         Some(config)
     }
 
-    /// How many PDOs there is room for.
+    /// The form, which limits the number of PDOs.
     pub const fn form(&self) -> PdoConfigForm {
         self.form
     }
 
-    /// The PDOs in order.
+    /// The PDOs, in the order of the assignment.
     pub fn maps(&self) -> &[PdoMap] {
         &self.maps[..self.count.into()]
     }
 
-    /// Writes the layout and returns its length.
+    /// Encodes the layout and returns its length.
     pub(in crate::xf) fn write(&self, data: &mut [u8]) -> Result<u16, Malformed> {
         let form = self.form;
-        // Places of PDOs and objects that are not there stay 0.
+        // The space of missing PDOs and objects stays 0.
         let len = segment::put_at(data, form.bytes(), &[])?;
         data[..4].copy_from_slice(&[self.slave.get(), self.count, 0, 0]);
         data[2..4].copy_from_slice(&self.assignment.code().to_le_bytes());
@@ -240,7 +244,7 @@ impl PdoConfig {
         Ok(len)
     }
 
-    /// Reads the layout. What stands behind the PDOs and objects that are counted means nothing.
+    /// Decodes the layout. Data beyond the counted PDOs and objects are ignored.
     pub(in crate::xf) fn read(data: &[u8], form: PdoConfigForm) -> Result<Self, Malformed> {
         let data = segment::get_at(data, 0, form.bytes())?;
         let word = |at: usize| u16::from_le_bytes([data[at], data[at + 1]]);
@@ -261,21 +265,21 @@ impl PdoConfig {
     }
 }
 
-/// ECAT_PDO_CONFIG_SET, code 7: sets the PDOs of a slave, 3 at most with 8 objects at most (XF EN 468).
+/// ECAT_PDO_CONFIG_SET, code 7: sets the PDOs of a slave, at most 3 with at most 8 objects each (XF EN 468).
 ///
-/// The layout is [`PdoConfig`]'s of 112 bytes; with more PDOs or objects SDOs set them.
+/// The layout is [`PdoConfig`]'s of 112 bytes. For more PDOs or objects use SDOs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PdoConfigSet {
     config: PdoConfig,
 }
 
 impl PdoConfigSet {
-    /// The request with these PDOs; `None` if they are more than 3.
+    /// The request with these PDOs; `None` if there are more than 3.
     pub fn new(slave: SlaveNumber, assignment: PdoAssignment, maps: &[PdoMap]) -> Option<Self> {
         Some(Self { config: PdoConfig::new(slave, assignment, PdoConfigForm::Three, maps)? })
     }
 
-    /// What is set.
+    /// The configuration that the request sets.
     pub const fn config(&self) -> &PdoConfig {
         &self.config
     }

@@ -1,16 +1,16 @@
-//! EtherCAT datagrams as they are.
+//! Requests for single EtherCAT datagrams.
 
 use crate::xf::Allowed;
 use crate::xf::layout::{Spot, at, layout, tail};
 use crate::xf::value::choices;
 
 layout! {
-    /// RAW_ECAT_FUNC_GET, code 138: what came back of [`RawRequest`]'s datagram (XF EN 1580).
+    /// RAW_ECAT_FUNC_GET, code 138: returns the datagram of [`RawRequest`] as it came back (XF EN 1580).
     pub struct RawGet;
 }
 
 choices! {
-    /// The command of a datagram.
+    /// The EtherCAT command of a datagram.
     pub RawOperation(u8), "RAW_ECAT_FUNC_REQ operation", "1, 2, 4, 5, 7, 8 or 10 to 14" {
         /// 1: APRD.
         Aprd = 1,
@@ -37,34 +37,35 @@ choices! {
     }
 }
 
-/// Where the data of [`RawRequest`] and of its answer begin.
+/// The offset of the datagram's data in [`RawRequest`] and in its answer, in bytes.
 pub(crate) const RAW_HEAD: usize = 20;
 
-/// The most data of a datagram.
+/// The maximum size of a datagram's data, in bytes.
 pub const RAW_DATA_MAX: usize = 256;
 
-/// The data at [`RAW_HEAD`], counted @2. `name` is what an error calls the count.
+/// The datagram's data at [`RAW_HEAD`], whose size is the u16 at byte 2. `name` is the name of that size in errors.
 pub(in crate::xf) const fn raw_data(name: &'static str) -> Spot {
     tail(RAW_HEAD as u16).counted(at(2), name, Allowed::AtMost(RAW_DATA_MAX as u32))
 }
 
 layout! {
-    /// RAW_ECAT_FUNC_REQ, code 137: sends a datagram (XF EN 1560, XF ZH 1474). 20 bytes and the data: @0 operation, @2 u16
-    /// bytes, @4 u16 ADP, @6 u16 ADO, @8 u32 logical address, @12 i32 time limit in us, @20 data.
+    /// RAW_ECAT_FUNC_REQ, code 137: sends a datagram (XF EN 1560, XF ZH 1474). Data, 20 bytes and the datagram's
+    /// (@offset): @0 operation, @2 u16 bytes, @4 u16 ADP, @6 u16 ADO, @8 u32 logical address, @12 i32 timeout in us,
+    /// @20 data.
     ///
-    /// A datagram that reads has data too, as many bytes as shall be read.
+    /// A datagram that reads has data too: as many bytes as it has to read.
     pub struct RawRequest<'d> {
-        /// The datagram's command.
+        /// The datagram's EtherCAT command.
         pub operation: RawOperation = at(0),
-        /// Position or station address of the slave.
+        /// Auto-increment position or station address of the slave.
         pub adp: u16 = at(4).hex().or(0),
-        /// Offset in the slave's memory.
+        /// Address in the slave's memory.
         pub ado: u16 = at(6).hex().or(0),
-        /// Logical address, with LRD, LWR and LRW.
+        /// Logical address, for LRD, LWR and LRW.
         pub logical: u32 = at(8).hex().or(0),
-        /// How long the chip waits for the datagram, in microseconds.
+        /// The timeout for the datagram, in microseconds.
         pub timeout_us: i32 = at(12).or(10_000),
-        /// The data, [`RAW_DATA_MAX`] bytes at most.
+        /// The datagram's data, at most [`RAW_DATA_MAX`] bytes.
         pub data: &'d [u8] = raw_data("RAW_ECAT_FUNC_REQ data length"),
     }
 }

@@ -1,4 +1,4 @@
-//! Objects of slaves, by SDO.
+//! Requests for objects of slaves, by SDO.
 
 use super::SlaveNumber;
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
@@ -8,46 +8,48 @@ use crate::xf::layout::{field_values, layout};
 use crate::xf::value::Switch;
 
 layout! {
-    /// ECAT_SDO_GET, code 11: the data that [`SdoRequest`] has read (XF EN 606).
+    /// ECAT_SDO_GET, code 11: returns the data that [`SdoRequest`] has read (XF EN 606).
     pub struct SdoGet;
 
-    /// ECAT_SDO_ABORTCODE_GET, code 69: why the last [`SdoRequest`] failed, @0 u32 (XF EN 1358).
+    /// ECAT_SDO_ABORTCODE_GET, code 69: reads the abort code of the last failed [`SdoRequest`] (XF EN 1358). Answer:
+    /// u32 at byte 0.
     pub struct SdoAbortCodeGet;
 }
 
-/// The most bytes that [`SdoRequest`] writes.
+/// The maximum number of bytes that [`SdoRequest`] writes.
 pub const SDO_DATA_MAX: usize = 256;
 
 layout! {
-    /// What [`SdoRequest`] does.
+    /// The operation of [`SdoRequest`].
     pub enum SdoOperation<'d> by operation: u8 = at(0), "operation", "0 write, 1 read" {
-        /// Writes these bytes, [`SDO_DATA_MAX`] at most.
+        /// Writes these bytes, at most [`SDO_DATA_MAX`].
         Write = 0 (data: &'d [u8] = tail(12)
             .counted(at(6), "SDO_REQ data length", Allowed::AtMost(SDO_DATA_MAX as u32))
             .all_valid("SDO_REQ valid data length")),
-        /// Reads; [`SdoGet`] gives the data.
+        /// Reads the object; [`SdoGet`] then returns the data.
         Read = 1 {
-            /// How many bytes the object has.
+            /// The size of the object in bytes.
             bytes: u16 = at(6),
         },
     }
 
-    /// ECAT_SDO_REQ, code 10: reads or writes an object of a slave (XF EN 579). If it fails, the answer that ends it has
-    /// [`Errors::NON_IMMEDIATE`](crate::xf::Errors::NON_IMMEDIATE), and [`SdoAbortCodeGet`] says why.
+    /// ECAT_SDO_REQ, code 10: reads or writes an object of a slave (XF EN 579). If it fails, the answer that ends it
+    /// has [`Errors::NON_IMMEDIATE`](crate::xf::Errors::NON_IMMEDIATE) set, and [`SdoAbortCodeGet`] reads the reason.
     ///
-    /// 12 bytes and the data to write: @0 0 write, 1 read, @1 slave, @2 u16 index, @4 sub-index, @5 complete access, @6 u16
-    /// bytes, @8 u32 time limit in us, @12 data (the manual prints 0x12). The data end where the length field says.
+    /// Data, 12 bytes and the data to write (@offset): @0 0 write, 1 read, @1 slave, @2 u16 index, @4 sub-index, @5
+    /// complete access, @6 u16 bytes, @8 u32 timeout in us, @12 data (the manual prints 0x12). The length field gives
+    /// the end of the data.
     pub struct SdoRequest<'d> {
-        /// Which slave.
+        /// The slave whose object is accessed.
         pub slave: SlaveNumber = at(1),
-        /// Which object.
+        /// The object to read or write.
         pub object: ObjectAddress,
-        /// The entry alone, or all of them.
-        // The byte is reserved in the manual, and the flag of complete access in the vendor's driver (OBS).
+        /// One entry of the object, or all of them (complete access).
+        // The byte is reserved in the manual, and the flag for complete access in the vendor's driver (OBS).
         pub scope: SdoScope = at(5).named("complete").or(0),
-        /// How long the chip waits for the slave, in microseconds.
+        /// The timeout for the slave, in microseconds.
         pub timeout_us: u32 = at(8).or(1_000_000),
-        /// Read or write.
+        /// The operation: read or write.
         pub operation: SdoOperation<'d>,
     }
 

@@ -1,4 +1,4 @@
-//! Sync managers and FMMUs of a slave, and process data of assigned length.
+//! Requests for sync managers and FMMUs of a slave, and for process data of manually assigned length.
 
 use super::SlaveNumber;
 use crate::xf::Malformed;
@@ -6,46 +6,47 @@ use crate::xf::layout::{FieldList, Layout, Reader, Spot, Writer, at, layout};
 use crate::xf::value::choices;
 
 layout! {
-    /// ECAT_CONFIG_SM, code 71: sets a sync manager otherwise than the slave's own memory says (XF EN 1388, XF ZH 1297). 8
-    /// bytes: @0 slave, @1 number, @2 u16 start, @4 u16 length, @6 control, @7 activate.
+    /// ECAT_CONFIG_SM, code 71: sets a sync manager differently from the slave's EEPROM (XF EN 1388, XF ZH 1297). Data,
+    /// 8 bytes (@offset): @0 slave, @1 number, @2 u16 start, @4 u16 length, @6 control, @7 activate.
     pub struct ConfigSyncManager {
-        /// Which slave.
+        /// The slave with the sync manager.
         pub slave: SlaveNumber = at(0),
-        /// Which sync manager.
+        /// The number of the sync manager.
         pub number: u8 = at(1),
-        /// Where its memory starts.
+        /// The start address of its buffer.
         pub start: u16 = at(2).hex(),
-        /// How many bytes it has.
+        /// The length of its buffer in bytes.
         pub length: u16 = at(4),
-        /// The control byte of the slave's register.
+        /// The control byte for the sync manager's register.
         pub control: u8 = at(6).hex(),
-        /// The activate byte of the slave's register.
+        /// The activate byte for the sync manager's register.
         pub activate: u8 = at(7).hex(),
     }
 
-    /// DIRECT_ASSIGN, code 82: the lengths of a slave's process data are assigned by hand (XF EN 1472, XF ZH 1381).
+    /// DIRECT_ASSIGN, code 82: assigns the lengths of a slave's process data manually (XF EN 1472, XF ZH 1381).
     pub enum DirectAssign by operation: u8 = par(), "DIRECT_ASSIGN operation", "0 switch, 1 length" {
-        /// `par` 0; `i0` slave, `i1` 0 off, 1 on.
+        /// Parameter 0: switches the manual lengths on or off. Information bytes: `i0` slave, `i1` 0 off, 1 on.
         Switch = 0 {
-            /// Which slave.
+            /// The slave with the manual lengths.
             slave: SlaveNumber = info(0),
-            /// The lengths assigned are used.
+            /// Whether the assigned lengths are used.
             on: bool = info(1).or(0),
         },
-        /// `par` 1; `i0` slave, `i1` 0 output, 1 input, `i2`, `i3` u16 bytes.
+        /// Parameter 1: assigns a length. Information bytes: `i0` slave, `i1` 0 output, 1 input, `i2` and `i3` bytes as
+        /// u16.
         Length = 1 {
-            /// Which slave.
+            /// The slave whose length is assigned.
             slave: SlaveNumber = info(0),
-            /// Outputs or inputs.
+            /// Whether the length is that of the outputs or of the inputs.
             direction: Direction = info(1).or(0),
-            /// How many bytes they have.
+            /// The length in bytes.
             bytes: u16 = info(2).or(0),
         },
     }
 }
 
 choices! {
-    /// Which process data [`DirectAssign`] means.
+    /// The direction of the process data in [`DirectAssign`].
     pub Direction(u8), "DIRECT_ASSIGN direction", "0 output, 1 input" {
         /// 0: outputs, the RxPDO.
         Output = 0,
@@ -54,11 +55,11 @@ choices! {
     }
 }
 
-/// ECAT_CONFIG_FMMU, code 72: without effect, since the chip sets the FMMUs itself (XF EN 1407, XF ZH 1314). 5 bytes:
-/// @0 slave, @1..@4 the functions of FMMU 0 to 3.
+/// ECAT_CONFIG_FMMU, code 72: has no effect, since the chip sets the FMMUs itself (XF EN 1407, XF ZH 1314). Data, 5
+/// bytes (@offset): @0 slave, @1..@4 the functions of FMMU 0 to 3.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ConfigFmmu {
-    /// Which slave.
+    /// The slave with the FMMUs.
     pub slave: SlaveNumber,
     /// The functions of FMMU 0 to 3.
     pub functions: [u8; 4],

@@ -1,4 +1,4 @@
-//! The 91 functions by ascending code and parameter: the type of each, what it does, and what is answered.
+//! The 91 functions by ascending code and parameter: the type of each, its purpose, and its answer.
 
 use super::super::response::*;
 use super::*;
@@ -8,16 +8,16 @@ use crate::xf::fields::{AnswerFields, FunctionFields};
 use crate::xf::layout::{Forms, Layout, field_slice, type_of, value};
 use crate::xf::{DataSize, NetworkState};
 
-/// Defines [`Request`], what makes each type a [`Call`], and the table of fields. A row has the type, code and parameter
-/// where several functions have one code, what it does, and after `->` the answer, with the name of a single value.
+/// Defines [`Request`], the [`Call`] of each type, and the table of fields. A row has the type, code and parameter if
+/// several functions share one code, the purpose, and after `->` the answer, with a name if it is a single value.
 macro_rules! requests {
     ($($name:ident $(<$life:lifetime>)? $(= $code:ident($function:literal))?, $what:literal
         $(-> $answer:ty $(= $value:expr)? $(, by $read:path)?)?;)*) => {
-        /// Any request.
+        /// Any request to the chip.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum Request<'d> {
             $(#[doc = concat!("See [`", stringify!($name), "`].")] $name($name $(<$life>)?),)*
-            /// A code or function that the manuals do not have.
+            /// A command whose code or function is not in the manuals.
             Unknown(UnknownCommand<'d>),
         }
 
@@ -32,10 +32,10 @@ macro_rules! requests {
         },)*];
 
         impl<'d> Request<'d> {
-            /// How many functions there are.
+            /// The number of functions.
             pub const FUNCTIONS: usize = [$(stringify!($name)),*].len();
 
-            /// The request of a command with this code, these fields of its header and this whole data segment.
+            /// Decodes the request of a command from its code, the fields of its header and its whole data segment.
             ///
             /// # Errors
             /// A field has a value that the manuals do not allow.
@@ -54,7 +54,7 @@ macro_rules! requests {
                 }
             }
 
-            /// Calls a visitor with the request as its own type; `None` if it is unknown.
+            /// Calls a visitor with the request as its own type; `None` if the request is unknown.
             pub fn visit<V: Visit>(&self, visitor: V) -> Option<V::Output> {
                 match self {
                     $(Self::$name(request) => Some(visitor.call(request)),)*
@@ -62,7 +62,7 @@ macro_rules! requests {
                 }
             }
 
-            /// The parameter that names the function, with the codes 31 to 35.
+            /// The parameter that selects the function, for the codes 31 to 35.
             pub fn function(&self) -> Option<u8> {
                 match self {
                     $(Self::$name(_) => $name::FUNCTION,)*
@@ -111,7 +111,7 @@ macro_rules! requests {
     };
 }
 
-/// The command code, which mostly has the name of the type.
+/// The command code, which mostly has the same name as the type.
 macro_rules! code {
     ($name:ident) => {
         CommandCode::$name
@@ -121,7 +121,7 @@ macro_rules! code {
     };
 }
 
-/// The type of an answer.
+/// Expands to the type of an answer; `()` without one.
 macro_rules! answer {
     () => {
         ()
@@ -131,7 +131,7 @@ macro_rules! answer {
     };
 }
 
-/// The forms of an answer.
+/// Expands to the forms of an answer.
 macro_rules! forms {
     ($name:ty,) => {
         &[]
@@ -144,7 +144,7 @@ macro_rules! forms {
     };
 }
 
-/// Whether a command with this code and these fields is a `C`.
+/// Whether a command with this code and these fields is a request of type `C`.
 fn is_for<'d, C: Call<'d>>(code: CommandCode, arguments: &Arguments) -> bool {
     code == C::CODE && C::FUNCTION.is_none_or(|function| function == arguments.parameter)
 }

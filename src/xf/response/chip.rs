@@ -1,4 +1,5 @@
-//! Version and series of the chip, the limit of working counter errors, registers of PHYs, the size of packets.
+//! Answers about the chip: its version and series, the limit of working counter errors, registers of PHYs, the size of
+//! packets.
 
 use super::{Answer, Returned};
 use crate::xf::fields::{AnswerFields, Kind};
@@ -6,29 +7,31 @@ use crate::xf::layout::{FieldList, Forms, Layout, field_slice, field_values, lay
 use crate::xf::request::{WkcErrorLimit, data_size};
 use crate::xf::{DataSize, Malformed};
 
-/// The answer to FW_VERSION_GET (XF EN 1285): `ret` version; newer firmware adds 20 bytes, older has none (XF ZH 1208).
+/// The answer to FW_VERSION_GET (XF EN 1285): the version in the return byte; newer firmware adds 20 bytes of data,
+/// older firmware has none (XF ZH 1208).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct FirmwareVersion {
     /// The version, such as 0x22.
     pub version: u8,
-    /// What newer firmware adds.
+    /// The identity that newer firmware adds.
     pub identity: Option<FirmwareIdentity>,
 }
 
 layout! {
-    /// What newer firmware says about itself.
+    /// The identity of the chip in answers of newer firmware.
     pub struct FirmwareIdentity {
-        /// @0 u16: the extended version.
-        // The drawing has lost a column; that these two bytes are the extended version is our reading of it.
+        /// Bytes 0..1 of the data: the extended version.
+        // A column is missing in the manual's drawing, so that the extended version in these two bytes is an
+        // interpretation.
         pub extended: u16 = at(0).hex(),
-        /// @3: which chip it is.
+        /// Byte 3 of the data: the type of the chip.
         pub series: Series = at(3),
-        /// @4..@19: for the vendor's own use.
+        /// Bytes 4..19 of the data: identification for the vendor's own use.
         pub identification: [u8; 16] = at(4),
     }
 }
 
-/// Which chip it is. The manual names ECM-XF, ECM-XFL, ECM-XFU and ECM-XM, and gives none a number (XF EN 1285).
+/// The type of the chip. The manual names ECM-XF, ECM-XFL, ECM-XFU and ECM-XM without their numbers (XF EN 1285).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Series(pub u8);
 
@@ -58,7 +61,7 @@ impl Forms for FirmwareVersion {
     ))];
 }
 
-/// The answer to MDIO (XF EN 1455): @0 u16 what was read; nothing after a write.
+/// The answer to MDIO (XF EN 1455): the value read, u16 at byte 0 of the data; `None` after a write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct MdioAnswer(pub Option<u16>);
 
@@ -79,7 +82,7 @@ impl Forms for MdioAnswer {
     const FORMS: &'static [AnswerFields] = &[AnswerFields::of(&[value("value").hex().returned::<u16>()])];
 }
 
-/// The return byte.
+/// The limit is the return byte.
 impl Answer<'_> for WkcErrorLimit {
     fn encode(&self, _: &mut [u8]) -> Result<Returned, Malformed> {
         Ok(Returned::value(self.code()))
@@ -94,7 +97,7 @@ impl Forms for WkcErrorLimit {
     const FORMS: &'static [AnswerFields] = &[AnswerFields::of(&[ret().of::<WkcErrorLimit>("limit").field])];
 }
 
-/// @0 u16: n.
+/// The size of the data segment is the u16 at byte 0 of the data.
 impl Answer<'_> for DataSize {
     fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
         self.get().encode(data)

@@ -1,4 +1,4 @@
-//! States of axes of the CiA 402 helper, and enabled interrupts.
+//! Answers about axes of the CiA 402 helper, and about enabled interrupts.
 
 use super::answers;
 use crate::ethercat::cia402::{DriveState, Statusword};
@@ -6,15 +6,16 @@ use crate::xf::fields::Kind;
 use crate::xf::layout::field_values;
 use crate::xf::request::InterruptEnable;
 
-/// The answer to [`HelperStateGet`](crate::xf::request::HelperStateGet): `ret` bits of the statusword (XF EN 778).
+/// The answer to [`HelperStateGet`](crate::xf::request::HelperStateGet): state bits of the statusword, in the return
+/// byte (XF EN 778).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct DriveStateByte(pub u8);
 
 impl DriveStateByte {
-    /// The state; `None` for values that stand for none.
+    /// The state; `None` for values that stand for no state.
     ///
     /// `[OURS]` The manuals mask the statusword with 0x6F. Here bit 5 is ignored for Not ready, Switch on disabled,
-    /// Fault reaction active and Fault, as CiA 402 has it.
+    /// Fault reaction active and Fault, as in CiA 402.
     pub const fn state(self) -> Option<DriveState> {
         Statusword(self.0 as u16).state()
     }
@@ -31,6 +32,6 @@ field_values! {
 }
 
 answers! {
-    /// `ret` polarity; 6 bytes as in the command (XF EN 1327).
+    /// The polarity in the return byte, and 6 bytes of data as in the command (XF EN 1327).
     InterruptEnable;
 }

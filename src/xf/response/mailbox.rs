@@ -1,4 +1,4 @@
-//! Emergencies that came through mailboxes, and sets of slaves.
+//! Answers about emergencies received through mailboxes, and sets of slaves.
 
 use super::{Answer, Returned, answer_fields};
 use crate::xf::fields::{AnswerFields, Kind};
@@ -7,30 +7,30 @@ use crate::xf::request::{EMERGENCIES_MAX, SlaveBits};
 use crate::xf::{Malformed, segment};
 
 layout! {
-    /// An emergency of a slave (CoE).
+    /// A CoE emergency of a slave.
     #[derive(Default)]
     pub struct Emergency {
-        /// @0: its place in the list, 0..=7.
+        /// Byte 0: the position in the list, 0..=7.
         pub number: u8 = at(0).kind(Kind::Named(&[("none", NO_EMERGENCY as u32)])),
-        /// @1: the slave.
+        /// Byte 1: the slave's number.
         pub slave: u8 = at(1),
-        /// @2 u16: which one it is since the chip has started.
+        /// Bytes 2..3: serial number of the emergency since the chip has started.
         pub running_number: u16 = at(2),
-        /// @4 u16: the error code, as object 0x603F has it.
+        /// Bytes 4..5: the error code, as in object 0x603F.
         pub code: u16 = at(4).hex(),
-        /// @6: the error register, object 0x1001.
+        /// Byte 6: the error register, object 0x1001.
         pub register: u8 = at(6).hex(),
-        /// @7..@11: what the slave's maker says more.
+        /// Bytes 7..11: additional manufacturer-specific data.
         pub data: [u8; 5] = at(7),
     }
 }
 
 const EMERGENCY: usize = Emergency::END;
 
-/// The number of a place without an emergency.
+/// The number in a position without an emergency.
 const NO_EMERGENCY: u8 = 0xFF;
 
-/// The answer to COE_EMERGENCY (XF EN 1490): 12 bytes for each emergency that was asked for, 1 to 8 of them.
+/// The answer to COE_EMERGENCY (XF EN 1490): 12 bytes for each requested emergency, 1 to 8 of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Emergencies {
     count: u8,
@@ -38,8 +38,8 @@ pub struct Emergencies {
 }
 
 impl Emergencies {
-    /// A list with these places, some of which may hold none; `None` if they are more than 8. An emergency has the
-    /// number 0xFF of none only by mistake, and is none then.
+    /// A list of emergencies by position, where a position may be empty; `None` if there are more than 8. An emergency
+    /// with the number 0xFF counts as empty.
     pub fn new(places: &[Option<Emergency>]) -> Option<Self> {
         let mut list = Self { count: u8::try_from(places.len()).ok()?, ..Self::default() };
         list.places.get_mut(..places.len())?.copy_from_slice(places);
@@ -49,12 +49,12 @@ impl Emergencies {
         Some(list)
     }
 
-    /// The places in order.
+    /// The positions in order; `None` for an empty one.
     pub fn places(&self) -> &[Option<Emergency>] {
         &self.places[..self.count.into()]
     }
 
-    /// The emergencies in order.
+    /// The emergencies in order, without empty positions.
     pub fn iter(&self) -> impl Iterator<Item = &Emergency> {
         self.places().iter().flatten()
     }
@@ -92,7 +92,7 @@ impl Forms for Emergencies {
         &[AnswerFields { every: Some(EMERGENCY as u16), ..answer_fields!(Emergency) }];
 }
 
-/// A bit for each slave (XF EN 1663); as many bytes as the length counts.
+/// The set of slaves (XF EN 1663), with as many bytes as the length field says.
 impl Answer<'_> for SlaveBits {
     fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
         let mut to = Writer::new(data);

@@ -1,9 +1,8 @@
-//! What the chip answers: the result of each request, from the return byte, the length and the data segment of an
-//! answer.
+//! Answers of the chip: the result of each request, decoded from the return byte, the length and the data segment.
 //!
-//! [`Call::Answer`](super::Call::Answer) names the type of a request's answer. Some are plain: `()` is no result, `u8`
-//! the return byte, `u16` and `u32` a number @0, a slice the valid bytes of the data segment. A list like that of the
-//! requests:
+//! [`Call::Answer`](super::Call::Answer) names the type of a request's answer. Some are plain types: `()` is no result,
+//! `u8` the return byte, `u16` and `u32` a number at byte 0 of the data, a slice the valid bytes of the data segment.
+//! The files correspond to those of the requests:
 //!
 //! | file | answers |
 //! | --- | --- |
@@ -37,9 +36,9 @@ use super::{Malformed, segment};
 /// The fields of an answer's header that belong to the result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Returned {
-    /// `ret`, byte 0x0D.
+    /// The return byte `ret`, byte 0x0D.
     pub ret: u8,
-    /// Word 0x0E: how many bytes of the data segment are valid.
+    /// Word 0x0E: the number of valid bytes in the data segment.
     pub len: u16,
 }
 
@@ -47,12 +46,12 @@ impl Returned {
     /// No result.
     pub const NONE: Self = Self { ret: 0, len: 0 };
 
-    /// The result is the return byte alone.
+    /// A result in the return byte alone.
     pub(super) const fn value(ret: u8) -> Self {
         Self { ret, len: 0 }
     }
 
-    /// The result is in the data segment alone.
+    /// A result in the data segment alone.
     pub(super) const fn data(len: u16) -> Self {
         Self { ret: 0, len }
     }
@@ -60,16 +59,16 @@ impl Returned {
     /// The valid bytes of the data segment.
     ///
     /// # Errors
-    /// The length says that there are more than the segment has.
+    /// The length field exceeds the segment.
     pub(super) fn valid(self, data: &[u8]) -> Result<&[u8], Malformed> {
         let len = Malformed::at_most("valid data length", self.len.into(), data.len())?;
         Ok(&data[..len])
     }
 
-    /// The `n` bytes at the beginning of the data segment, which have to be valid.
+    /// The first `n` bytes of the data segment, which have to be valid.
     ///
     /// # Errors
-    /// The length says that there are fewer, or more than the segment has.
+    /// The length field is less than `n`, or exceeds the segment.
     pub(super) fn first(self, data: &[u8], n: usize) -> Result<&[u8], Malformed> {
         let valid = self.valid(data)?;
         Malformed::at_least("valid data length", valid.len(), n)?;
@@ -77,7 +76,7 @@ impl Returned {
     }
 }
 
-/// The result of a request. `'a` is how long its data live, if it has any.
+/// The result of a request. `'a` is the lifetime of its data, if it has any.
 pub trait Answer<'a>: Copy + fmt::Debug + PartialEq {
     /// Writes the data into a segment that is all 0, and returns the fields of the header.
     ///
@@ -85,7 +84,7 @@ pub trait Answer<'a>: Copy + fmt::Debug + PartialEq {
     /// The data do not fit into the segment.
     fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed>;
 
-    /// Reads the result from the fields of the header and the whole data segment.
+    /// Decodes the result from the fields of the header and the whole data segment.
     ///
     /// # Errors
     /// A field has a value that the manuals do not allow.
@@ -101,7 +100,7 @@ macro_rules! answer_fields {
     };
 }
 
-/// Answers whose layout says all.
+/// Implements [`Answer`] for types whose layout describes the whole answer.
 macro_rules! answers {
     ($($(#[$doc:meta])* $name:ident $(<$life:lifetime>)?;)*) => {$(const _: () = {
         use $crate::xf::layout::{Forms, Layout, type_of};

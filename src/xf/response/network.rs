@@ -1,21 +1,21 @@
-//! Items about slaves.
+//! Answers with items about slaves.
 
 use super::{Answer, Returned};
 use crate::xf::Malformed;
 use crate::xf::fields::{AnswerFields, Kind};
 use crate::xf::layout::{Forms, tail};
 
-/// The answer to [`SlaveInfoGet`](crate::xf::request::SlaveInfoGet). The manuals give no sizes, so that the answer's
-/// length says what it is (XF EN 643).
+/// The answer to [`SlaveInfoGet`](crate::xf::request::SlaveInfoGet). The manuals give no sizes, so the length of the
+/// answer decides the type (XF EN 643).
 ///
 /// `[OURS]` The chip answers items 0 to 2, 8 and 9 with 4 bytes, 4 to 7 with 2 bytes, and 3 with a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SlaveInfo<'a> {
-    /// One byte.
+    /// An item of one byte.
     U8(u8),
-    /// Two bytes.
+    /// An item of two bytes.
     U16(u16),
-    /// Four bytes.
+    /// An item of four bytes.
     U32(u32),
     /// The name, or an item of any other length.
     Text(&'a [u8]),

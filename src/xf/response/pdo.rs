@@ -1,4 +1,4 @@
-//! Process data and their configuration.
+//! Answers with process data and their configuration.
 
 use super::{Answer, Returned, answers};
 use crate::xf::Malformed;
@@ -7,14 +7,15 @@ use crate::xf::layout::{Forms, field_slice, layout};
 use crate::xf::request::{PdoConfig, PdoConfigForm, PdoOperation};
 
 layout! {
-    /// The answer to [`PdoDataFifo`](crate::xf::request::PdoDataFifo) and [`PdoData`](crate::xf::request::PdoData): `ret`
-    /// what was done, the data TxPDOs (XF EN 436 and 452).
+    /// The answer to [`PdoDataFifo`](crate::xf::request::PdoDataFifo) and [`PdoData`](crate::xf::request::PdoData): the
+    /// executed operation in the return byte, the TxPDOs in the data (XF EN 436 and 452).
     ///
-    /// `[OURS]` To a read of several PDOs the chip answers with as many whole TxPDOs as it has, but not more than that.
+    /// `[OURS]` If a request reads several PDOs, the chip answers with as many whole TxPDOs as it has, up to that
+    /// number.
     pub struct PdoExchange<'d> {
-        /// What was done: written, read; or that it failed.
+        /// The executed operation: written, read, or failed.
         pub done: PdoOperation = ret(),
-        /// The TxPDOs one after the other.
+        /// The TxPDOs, one after the other.
         pub data: &'d [u8] = tail(0),
     }
 }
@@ -23,7 +24,7 @@ answers! {
     PdoExchange<'d>;
 }
 
-/// 112 bytes for 3 PDOs (XF EN 533), 148 bytes for 4 of newer firmware (OBS): the length says which.
+/// The length decides the form: 112 bytes for 3 PDOs (XF EN 533), 148 bytes for 4 PDOs of newer firmware (OBS).
 impl Answer<'_> for PdoConfig {
     fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
         self.write(data).map(Returned::data)

@@ -1,4 +1,4 @@
-//! Answers that are a number, bytes, or a word that other parts of the crate have a type for.
+//! Answers that are a number, bytes, or a type of another part of the crate.
 
 use super::{Answer, DriveStateByte, Returned};
 use crate::ethercat::cia402::Statusword;
@@ -9,7 +9,7 @@ use crate::xf::request::{Analog, HelperControl};
 use crate::xf::value::{EtherCatState, Switch};
 use crate::xf::{Malformed, NetworkState, segment};
 
-/// No result: length 0; what the return byte holds means nothing.
+/// No result: the length is 0, and the return byte has no meaning.
 impl Answer<'_> for () {
     fn encode(&self, _: &mut [u8]) -> Result<Returned, Malformed> {
         Ok(Returned::NONE)
@@ -25,7 +25,7 @@ field_values! {
     Statusword, 2, Kind::Hex, |word| word.0.into(), |word| Ok(Statusword(word as u16));
 }
 
-/// Answers that are one value.
+/// Implements [`Answer`] for types that are a single value.
 macro_rules! value_answers {
     ($($(#[$doc:meta])* $type:ty = $place:expr;)*) => {$(
         impl ValueAnswer for $type {
@@ -52,27 +52,27 @@ macro_rules! value_answers {
 }
 
 value_answers! {
-    /// The return byte.
+    /// The return byte as a number.
     u8 = Place::Return;
     /// The return byte as the state of the network or of a slave.
     NetworkState = Place::Return;
     /// The return byte as the helper's control byte.
     HelperControl = Place::Return;
-    /// The return byte.
+    /// The return byte as the state of an axis.
     DriveStateByte = Place::Return;
-    /// @0 u16.
+    /// A u16 at byte 0 of the data.
     u16 = Place::Data(0);
-    /// @0 u32.
+    /// A u32 at byte 0 of the data.
     u32 = Place::Data(0);
-    /// @0 u16, a statusword.
+    /// A statusword, u16 at byte 0 of the data.
     Statusword = Place::Data(0);
-    /// @0 u32, why an SDO transfer failed; 0 if it did not.
+    /// The abort code of an SDO transfer, u32 at byte 0 of the data; 0 if the transfer did not fail.
     AbortCode = Place::Data(0);
-    /// @0 u32, 0..=4095.
+    /// An analog value, 0..=4095, u32 at byte 0 of the data.
     Analog = Place::Data(0);
 }
 
-/// The state, and the bit of an error beside it.
+/// The state in bits 0 to 3, and the error bit.
 impl Forms for NetworkState {
     const FORMS: &'static [AnswerFields] = &[AnswerFields::of(&[
         ret().part(0, 4).of::<NetworkState>("state").field,

@@ -1,4 +1,4 @@
-//! Datagrams and EEPROMs.
+//! Answers with datagrams and EEPROM data.
 
 use super::{Answer, Returned, answer_fields, answers};
 use crate::xf::Malformed;
@@ -7,34 +7,34 @@ use crate::xf::layout::{Forms, Layout, Reader, layout};
 use crate::xf::request::{RawOperation, raw_data};
 
 layout! {
-    /// The answer to [`RawGet`](crate::xf::request::RawGet): the layout of the request, with the working counter @16 i32
-    /// (XF EN 1580).
+    /// The answer to [`RawGet`](crate::xf::request::RawGet): the layout of the request, with the working counter as i32
+    /// at byte 16 (XF EN 1580).
     ///
-    /// Both manuals give its length as 4 + n, but what they draw needs 20 + n. `[OURS]` The length is 20 + n; a host goes
-    /// by @2, the number of data bytes, whatever the length.
+    /// Both manuals give the length 4 + n, but their drawings need 20 + n. `[OURS]` The length is 20 + n. A host uses
+    /// the number of data bytes at byte 2, whatever the length.
     pub struct RawAnswer<'d> {
-        /// The datagram's command; see [`RawOperation::from_code`].
+        /// The datagram's EtherCAT command; see [`RawOperation::from_code`].
         pub operation: u8 = at(0).kind(Kind::Named(RawOperation::NAMES)),
-        /// Position or station address of the slave.
+        /// Auto-increment position or station address of the slave.
         pub adp: u16 = at(4).hex(),
-        /// Offset in the slave's memory.
+        /// Address in the slave's memory.
         pub ado: u16 = at(6).hex(),
         /// Logical address.
         pub logical: u32 = at(8).hex(),
-        /// The time limit in microseconds.
+        /// The timeout in microseconds.
         pub timeout_us: i32 = at(12),
         /// The working counter; negative if the datagram did not come back.
         pub working_counter: i32 = at(16),
-        /// The data, 256 bytes at most.
+        /// The datagram's data, at most 256 bytes.
         pub data: &'d [u8] = raw_data("RAW_ECAT_FUNC_GET data length"),
     }
 
-    /// The answer to [`EepromGet`](crate::xf::request::EepromGet): `ret` error code, the data up to 8 bytes (OBS) that were
-    /// read (XF EN 1168).
+    /// The answer to [`EepromGet`](crate::xf::request::EepromGet): an error code in the return byte, and up to 8 bytes
+    /// (OBS) of data (XF EN 1168).
     pub struct EepromAnswer<'d> {
         /// The error code, which the manuals do not explain.
         pub error: u8 = ret(),
-        /// What was read.
+        /// The data read from the EEPROM.
         pub data: &'d [u8] = tail(0),
     }
 }
@@ -44,7 +44,7 @@ answers! {
 }
 
 impl RawAnswer<'_> {
-    /// The datagram's command; `None` if the manuals have no such code.
+    /// The datagram's EtherCAT command; `None` for a code that is not in the manuals.
     pub const fn operation(&self) -> Option<RawOperation> {
         RawOperation::from_code(self.operation)
     }

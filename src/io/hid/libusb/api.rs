@@ -1,7 +1,7 @@
-//! libusb's functions, looked up by name when the first link `usb:` is opened, so that neither the build of this crate nor a
+//! libusb's functions, looked up by name when the first `usb:` link is opened. So neither the build of this crate nor a
 //! program that uses another link needs the library (docs/decisions/libusb-is-loaded-at-run-time.md).
 //!
-//! Names and layouts: `libusb.h` of libusb 1.0.
+//! Names and layouts are those of `libusb.h` of libusb 1.0.
 
 use std::ffi::{c_int, c_short, c_uchar, c_uint, c_void};
 use std::marker::{PhantomData, PhantomPinned};
@@ -11,17 +11,17 @@ use libloading::Library;
 
 use super::UsbError;
 
-/// The file name of the library.
+/// The file name of libusb.
 const LIBRARY_NAME: &str = if cfg!(target_os = "macos") { "libusb-1.0.0.dylib" } else { "libusb-1.0.so.0" };
 
-/// libusb cannot be loaded.
+/// The error that libusb cannot be loaded.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("libusb cannot be loaded ({message}); install it: `sudo apt-get install libusb-1.0-0`")]
 pub struct LibusbMissing {
     message: String,
 }
 
-/// One of libusb's structures that the header leaves undefined. `Kind` tells them apart.
+/// A structure that libusb's header declares without a definition. `Kind` distinguishes the types.
 #[repr(C)]
 pub(super) struct Opaque<Kind> {
     nothing: [u8; 0],
@@ -35,7 +35,7 @@ pub(super) type RawContext = Opaque<OfContext>;
 pub(super) type RawDevice = Opaque<OfDevice>;
 pub(super) type RawHandle = Opaque<OfHandle>;
 
-/// `struct libusb_device_descriptor`
+/// The C layout of `struct libusb_device_descriptor`.
 #[repr(C)]
 #[derive(Default)]
 pub(super) struct DeviceDescriptor {
@@ -53,7 +53,7 @@ pub(super) struct DeviceDescriptor {
     pub configurations: u8,
 }
 
-/// `struct libusb_config_descriptor`
+/// The C layout of `struct libusb_config_descriptor`.
 #[repr(C)]
 pub(super) struct ConfigurationDescriptor {
     pub length: u8,
@@ -69,14 +69,14 @@ pub(super) struct ConfigurationDescriptor {
     pub extra_length: c_int,
 }
 
-/// `struct libusb_interface`
+/// The C layout of `struct libusb_interface`.
 #[repr(C)]
 pub(super) struct InterfaceSettings {
     pub settings: *const InterfaceDescriptor,
     pub count: c_int,
 }
 
-/// `struct libusb_interface_descriptor`
+/// The C layout of `struct libusb_interface_descriptor`.
 #[repr(C)]
 pub(super) struct InterfaceDescriptor {
     pub length: u8,
@@ -93,7 +93,7 @@ pub(super) struct InterfaceDescriptor {
     pub extra_length: c_int,
 }
 
-/// `struct libusb_endpoint_descriptor`
+/// The C layout of `struct libusb_endpoint_descriptor`.
 #[repr(C)]
 pub(super) struct EndpointDescriptor {
     pub length: u8,
@@ -108,7 +108,7 @@ pub(super) struct EndpointDescriptor {
     pub extra_length: c_int,
 }
 
-/// `struct libusb_transfer`, without isochronous packets.
+/// The C layout of `struct libusb_transfer`, without isochronous packets.
 #[repr(C)]
 pub(super) struct RawTransfer {
     pub handle: *mut RawHandle,
@@ -125,21 +125,21 @@ pub(super) struct RawTransfer {
     pub packets: c_int,
 }
 
-/// `struct libusb_pollfd`
+/// The C layout of `struct libusb_pollfd`.
 #[repr(C)]
 pub(super) struct PollDescriptor {
     pub descriptor: c_int,
     pub events: c_short,
 }
 
-/// `LIBUSB_TRANSFER_TYPE_BULK`
+/// `LIBUSB_TRANSFER_TYPE_BULK`: the type of a bulk transfer.
 pub(super) const BULK: u8 = 2;
-/// `LIBUSB_TRANSFER_TYPE_INTERRUPT`
+/// `LIBUSB_TRANSFER_TYPE_INTERRUPT`: the type of an interrupt transfer.
 pub(super) const INTERRUPT: u8 = 3;
-/// `LIBUSB_SPEED_HIGH`
+/// `LIBUSB_SPEED_HIGH`: 480 Mbit/s.
 pub(super) const HIGH_SPEED: c_int = 3;
 
-/// `enum libusb_transfer_status`
+/// The values of `enum libusb_transfer_status`.
 pub(in crate::io::hid) mod status {
     use super::c_int;
 
@@ -149,13 +149,13 @@ pub(in crate::io::hid) mod status {
     pub const NO_DEVICE: c_int = 5;
 }
 
-/// `LIBUSB_ERROR_TIMEOUT`
+/// `LIBUSB_ERROR_TIMEOUT`: the transfer has timed out.
 pub(super) const TIMEOUT: c_int = -7;
 /// `LIBUSB_ERROR_INTERRUPTED`: a signal has ended the wait.
 pub(super) const INTERRUPTED: c_int = -10;
 
 impl UsbError {
-    /// `Ok` with a return value of libusb, unless it is an error code.
+    /// Converts a return value of libusb: an error if it is an error code, otherwise the value.
     pub(in crate::io::hid) const fn check(code: c_int) -> Result<c_int, Self> {
         Err(match code {
             0.. => return Ok(code),
@@ -181,7 +181,7 @@ macro_rules! functions {
         }
 
         impl Api {
-            /// Looks the functions up.
+            /// Looks up all functions in the library.
             ///
             /// # Safety
             /// The library is libusb 1.0, and stays loaded as long as one of its functions may be called.
@@ -224,18 +224,18 @@ functions! {
     interrupt_transfer = libusb_interrupt_transfer(*mut RawHandle, c_uchar, *mut c_uchar, c_int, *mut c_int, c_uint) -> c_int;
 }
 
-/// Loads the system's libusb, which then stays loaded as long as the process lives.
+/// Loads the system's libusb, which then stays loaded until the process ends.
 pub(super) fn load() -> Result<&'static Api, LibusbMissing> {
     static LOADED: OnceLock<(Api, Library)> = OnceLock::new();
     if LOADED.get().is_none() {
         let loaded = open().map_err(|error| LibusbMissing { message: with_sources(&error) })?;
         LOADED.get_or_init(|| loaded);
     }
-    // A failure is not kept: the next call tries again, since the library may be installed meanwhile.
+    // A failure is not stored: the next call tries again, because the library may be installed meanwhile.
     LOADED.get().map(|(api, _)| api).ok_or_else(|| LibusbMissing { message: String::new() })
 }
 
-/// An error followed by its sources: the last one is the dynamic linker's own message.
+/// An error followed by its sources. The last one is the dynamic linker's own message.
 fn with_sources(error: &libloading::Error) -> String {
     let mut message = error.to_string();
     let mut next = std::error::Error::source(error);
@@ -259,7 +259,7 @@ fn open() -> Result<(Api, Library), libloading::Error> {
 mod tests {
     use super::*;
 
-    /// Sizes by the C compiler, for 64-bit machines (`sizeof` of the types in `libusb.h`).
+    /// The sizes match those of the C compiler on 64-bit machines (`sizeof` of the types in `libusb.h`).
     #[test]
     #[cfg(target_pointer_width = "64")]
     fn layouts_are_those_of_the_header() {

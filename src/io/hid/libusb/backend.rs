@@ -27,7 +27,7 @@ impl Device {
     ) -> Result<Arc<dyn Backend>, UsbError> {
         let handle = Arc::new(self.open()?);
         match handle.detach_driver_by_itself() {
-            // Such a system has no driver that would have to be detached.
+            // A system without this function has no kernel driver to detach.
             Ok(()) | Err(UsbError::NotSupported) => {}
             Err(error) => return Err(error),
         }
@@ -49,7 +49,7 @@ impl Backend for LibusbBackend {
         self.inputs.get(number).ok_or(UsbError::Invalid)?.submit()
     }
 
-    // The kernel queues no reports: without a submitted transfer they are lost.
+    // The kernel does not queue reports: without a submitted transfer they are lost.
     fn set_system_queue(&self, _reports: Option<usize>) -> bool {
         false
     }
@@ -77,12 +77,12 @@ impl Backend for LibusbBackend {
     }
 
     fn clear_input_halt(&self) {
-        // If the endpoint stalls again the next transfer reports it.
+        // If the endpoint stalls again, the next transfer reports it.
         let _ = self.handle.clear_halt(self.interface.input);
     }
 
     fn clear_output_halt(&self) {
-        // If the endpoint stalls again the next transfer reports it.
+        // If the endpoint stalls again, the next transfer reports it.
         let _ = self.handle.clear_halt(self.interface.output);
     }
 
@@ -91,7 +91,7 @@ impl Backend for LibusbBackend {
     }
 }
 
-/// A claimed interface, released when this is dropped.
+/// A claimed interface, which is released on drop.
 pub(super) struct Claim {
     handle: Arc<Handle>,
     interface: u8,
@@ -110,7 +110,7 @@ impl Claim {
 
 impl Drop for Claim {
     fn drop(&mut self) {
-        // This fails if the device was unplugged, and then there is nothing to release.
+        // If the device was unplugged this fails, and there is nothing to release.
         let _ = self.handle.release(self.interface);
     }
 }

@@ -14,10 +14,10 @@ use super::api::{
 };
 use crate::threads;
 
-/// The most ports on the way from the root hub to a device: USB 2.0 4.1.1 allows five hubs in a row.
+/// The maximum number of ports between the root hub and a device: USB 2.0 4.1.1 allows five hubs in a row.
 const PORTS_MAX: usize = 7;
 
-/// Why USB cannot be used on this machine.
+/// The reason why USB cannot be used on this machine.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BusError {
     /// libusb is not installed.
@@ -28,7 +28,7 @@ pub enum BusError {
     Usb(#[from] UsbError),
 }
 
-/// All USB buses of this machine: a context of libusb.
+/// All USB buses of this machine, as a libusb context.
 pub struct Bus {
     api: &'static Api,
     raw: NonNull<RawContext>,
@@ -36,19 +36,19 @@ pub struct Bus {
 
 // SAFETY: libusb's contexts may be used by any threads at once.
 unsafe impl Send for Bus {}
-// SAFETY: as above.
+// SAFETY: libusb's contexts may be used by any threads at once.
 unsafe impl Sync for Bus {}
 
 impl Bus {
-    /// Loads libusb and makes a context.
+    /// Loads libusb and creates a context.
     ///
     /// # Errors
-    /// [`BusError`].
+    /// [`BusError`], if libusb is missing or refuses.
     pub fn open() -> Result<Arc<Self>, BusError> {
         Ok(Self::over(api::load()?)?)
     }
 
-    /// Makes a context with these functions.
+    /// Creates a context with these functions.
     pub(super) fn over(api: &'static Api) -> Result<Arc<Self>, UsbError> {
         let mut raw = ptr::null_mut();
         // SAFETY: `raw` receives the new context. libusb starts a thread of its own here, which must receive no signals of the
@@ -59,7 +59,7 @@ impl Bus {
         Ok(Arc::new(Self { api, raw: NonNull::new(raw).ok_or(UsbError::NoMemory)? }))
     }
 
-    /// The devices that are plugged in.
+    /// Lists the connected devices.
     pub(super) fn devices(self: &Arc<Self>) -> Result<Vec<Device>, UsbError> {
         let mut list = ptr::null_mut();
         // SAFETY: `list` receives an array, which is freed below.
@@ -88,7 +88,7 @@ impl Bus {
         };
         // SAFETY: the context is valid until `drop`.
         let code = unsafe { (self.api.handle_events)(self.raw.as_ptr(), &raw mut limit, ptr::null_mut()) };
-        // Threads of the program wait here too, and a signal to one of them ends the wait.
+        // Threads of the program wait here too. A signal to one of them ends the wait, which is no error.
         if code == INTERRUPTED { Ok(()) } else { UsbError::check(code).map(drop) }
     }
 
@@ -114,7 +114,7 @@ pub(in crate::io::hid) struct Device {
 
 // SAFETY: libusb's devices may be used by any threads at once.
 unsafe impl Send for Device {}
-// SAFETY: as above.
+// SAFETY: libusb's devices may be used by any threads at once.
 unsafe impl Sync for Device {}
 
 /// An interface with its alternate setting 0.
@@ -134,7 +134,7 @@ pub(super) struct Endpoint {
 }
 
 impl Device {
-    /// idVendor and idProduct.
+    /// The USB vendor id and product id (idVendor, idProduct).
     pub fn ids(&self) -> Result<(u16, u16), UsbError> {
         let mut descriptor = DeviceDescriptor::default();
         // SAFETY: the device is valid until `drop`; `descriptor` receives the copy.
@@ -142,7 +142,7 @@ impl Device {
         Ok((descriptor.vendor, descriptor.product))
     }
 
-    /// Bus number and device address, which name its node below /dev/bus/usb.
+    /// Bus number and device address, which name the device node below /dev/bus/usb.
     pub fn node(&self) -> (u8, u8) {
         // SAFETY: the device is valid until `drop`.
         unsafe { ((self.bus.api.bus_number)(self.raw.as_ptr()), (self.bus.api.address)(self.raw.as_ptr())) }
@@ -156,7 +156,7 @@ impl Device {
         ports[..usize::try_from(count).unwrap_or(0).min(PORTS_MAX)].to_vec()
     }
 
-    /// Whether it runs at high speed, 480 Mbit/s.
+    /// Whether the device runs at high speed, 480 Mbit/s.
     pub fn high_speed(&self) -> bool {
         // SAFETY: the device is valid until `drop`.
         unsafe { (self.bus.api.speed)(self.raw.as_ptr()) == HIGH_SPEED }
@@ -199,17 +199,18 @@ pub(super) struct Handle {
     events: Descriptors,
 }
 
-/// The descriptors at which libusb's events are waited for; none where libusb does not tell them.
+/// The file descriptors that signal libusb's events; none if libusb does not provide them.
 ///
-/// A thread that waits in libusb holds its locks, and programs end their threads by force in their waits. So a thread waits at
-/// the descriptors, and is in libusb only while it handles what has come.
+/// A thread that waits inside libusb holds its locks, and programs may end waiting threads by force. So a thread waits
+/// for the descriptors, and enters libusb only to handle events that have come.
 struct Descriptors {
     all: [libc::pollfd; Self::MAX],
     count: usize,
 }
 
 impl Descriptors {
-    /// libusb has one for itself, one for its timer and one for each open device. \[OURS]
+    /// The maximum number of descriptors: libusb has one for itself, one for its timer and one for each open device.
+    /// \[OURS]
     const MAX: usize = 8;
 
     fn of(bus: &Bus) -> Self {
@@ -236,7 +237,7 @@ impl Descriptors {
         found
     }
 
-    /// Waits for an event for at most `limit`; whether there may be one.
+    /// Waits for an event for at most `limit`; returns whether there may be one.
     fn wait(&self, limit: Duration) -> Result<bool, UsbError> {
         let mut all = self.all;
         let limit_ms = c_int::try_from(limit.as_micros().div_ceil(1000)).unwrap_or(c_int::MAX);
@@ -245,7 +246,7 @@ impl Descriptors {
         match ready {
             0 => Ok(false),
             1.. => Ok(true),
-            // A signal of the program ends the wait.
+            // A signal to the program has ended the wait, which is no error.
             _ if io::Error::last_os_error().kind() == io::ErrorKind::Interrupted => Ok(false),
             _ => Err(UsbError::Io),
         }
@@ -254,7 +255,7 @@ impl Descriptors {
 
 // SAFETY: libusb's handles may be used by any threads at once.
 unsafe impl Send for Handle {}
-// SAFETY: as above.
+// SAFETY: libusb's handles may be used by any threads at once.
 unsafe impl Sync for Handle {}
 
 impl Handle {
@@ -274,7 +275,8 @@ impl Handle {
         if self.events.wait(limit)? { self.bus.handle_events(Duration::ZERO) } else { Ok(()) }
     }
 
-    /// From now on claiming an interface detaches the kernel's driver from it, and releasing it attaches the driver again.
+    /// Makes libusb detach the kernel's driver from an interface when it is claimed, and attach the driver again on
+    /// release.
     pub fn detach_driver_by_itself(&self) -> Result<(), UsbError> {
         // SAFETY: the handle is open until `drop`.
         UsbError::check(unsafe { (self.bus.api.detach_driver_by_itself)(self.raw(), 1) }).map(drop)
@@ -290,26 +292,28 @@ impl Handle {
         UsbError::check(unsafe { (self.bus.api.release)(self.raw(), interface.into()) }).map(drop)
     }
 
-    /// Sends bytes to an endpoint of that kind, bulk or interrupt, and waits for at most `limit`; libusb's code, and how
-    /// many bytes went out.
+    /// Sends bytes to an endpoint of that kind, bulk or interrupt, and waits for at most `limit`. Returns libusb's code
+    /// and the number of bytes sent.
     pub fn send(&self, endpoint: u8, kind: u8, bytes: &[u8], limit: Duration) -> (c_int, usize) {
         // SAFETY: libusb only reads what is to be sent.
         unsafe { self.transfer(endpoint, kind, bytes.as_ptr().cast_mut(), bytes.len(), limit) }
     }
 
-    /// As [`Self::send`], from an endpoint.
+    /// Like [`Self::send`], but receives from an endpoint.
     pub fn receive(&self, endpoint: u8, kind: u8, bytes: &mut [u8], limit: Duration) -> (c_int, usize) {
         // SAFETY: the buffer is this function's alone.
         unsafe { self.transfer(endpoint, kind, bytes.as_mut_ptr(), bytes.len(), limit) }
     }
 
+    /// Transfers bytes to or from an endpoint and waits.
+    ///
     /// # Safety
-    /// `bytes` points to `len` bytes, which libusb writes to if the endpoint is one to the host.
+    /// `bytes` points to `len` bytes, which libusb writes to if the endpoint sends to the host.
     unsafe fn transfer(&self, endpoint: u8, kind: u8, bytes: *mut u8, len: usize, limit: Duration) -> (c_int, usize) {
         let api = self.bus.api;
         let transfer = if kind == BULK { api.bulk_transfer } else { api.interrupt_transfer };
         let mut moved = 0;
-        // For libusb 0 means no limit.
+        // libusb takes 0 as "no limit".
         let limit_ms = limit.as_millis().clamp(1, u32::MAX.into()) as u32;
         // SAFETY: the handle is open until `drop`; the rest by the caller's promise. libusb returns when it has ended the
         // transfer.
@@ -317,7 +321,7 @@ impl Handle {
         (code, usize::try_from(moved).unwrap_or(0).min(len))
     }
 
-    /// Clears the halt of an endpoint that has no transfer submitted.
+    /// Clears the halt of an endpoint without a submitted transfer.
     pub fn clear_halt(&self, endpoint: u8) -> Result<(), UsbError> {
         // SAFETY: the handle is open until `drop`.
         UsbError::check(unsafe { (self.bus.api.clear_halt)(self.raw(), endpoint) }).map(drop)
@@ -336,17 +340,17 @@ impl Drop for Handle {
 /// # Safety
 /// `tree` came from libusb.
 unsafe fn interfaces(tree: &ConfigurationDescriptor) -> Vec<Interface> {
-    // SAFETY: by the caller's promise, here and below.
+    // SAFETY: by the caller's promise the tree came from libusb, so its counts are those of its arrays.
     let interfaces = unsafe { entries(tree.interfaces, tree.interface_count.into()) };
     let first = interfaces.iter().filter_map(|interface| {
         let count = usize::try_from(interface.count).unwrap_or(0);
-        // SAFETY: as above.
+        // SAFETY: by the caller's promise the tree came from libusb, so its counts are those of its arrays.
         let settings = unsafe { entries(interface.settings, count) };
         settings.iter().find(|setting| setting.alternate == 0)
     });
     first
         .map(|setting| {
-            // SAFETY: as above.
+            // SAFETY: by the caller's promise the tree came from libusb, so its counts are those of its arrays.
             let endpoints = unsafe { entries(setting.endpoints, setting.endpoint_count.into()) };
             let endpoint = |of: &api::EndpointDescriptor| Endpoint {
                 address: of.address,
@@ -359,7 +363,7 @@ unsafe fn interfaces(tree: &ConfigurationDescriptor) -> Vec<Interface> {
         .collect()
 }
 
-/// A C array as a slice; a null pointer stands for no entries.
+/// A C array as a slice; a null pointer gives an empty slice.
 ///
 /// # Safety
 /// `first` is null or points to `count` entries, which do not change during `'a`.
@@ -367,6 +371,6 @@ unsafe fn entries<'a, T>(first: *const T, count: usize) -> &'a [T] {
     if first.is_null() || count == 0 {
         return &[];
     }
-    // SAFETY: by the caller's promise.
+    // SAFETY: by the caller's promise `first` points to `count` entries that do not change.
     unsafe { slice::from_raw_parts(first, count) }
 }

@@ -1,5 +1,5 @@
-//! A simulated libusb with one device, for tests. The test decides what the device sends, takes and refuses, and when it is
-//! unplugged.
+//! A simulated libusb with one device, for tests. The test decides which reports the device sends, accepts and refuses,
+//! and when it is unplugged.
 
 mod functions;
 
@@ -22,14 +22,14 @@ pub const PRODUCT: u16 = 0x05DF;
 
 const NO_DEVICE: c_int = -4;
 
-/// What the device does with a report from the host.
+/// How the device reacts to a report from the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Takes {
-    /// It takes the report.
+    /// The device accepts the report.
     All,
-    /// It does not take the report. When the host cancels the transfer `moved` bytes have been transferred.
+    /// The device does not accept the report. `moved` bytes have been transferred when the host cancels the transfer.
     None { moved: usize },
-    /// Its endpoint stalls until the halt is cleared.
+    /// The device's endpoint stalls until the halt is cleared.
     Nothing,
 }
 
@@ -45,7 +45,7 @@ struct Ending {
 unsafe impl Send for Inside {}
 
 struct Inside {
-    /// Submitted transfers, the oldest first.
+    /// The submitted transfers, the oldest first.
     pending: Vec<*mut RawTransfer>,
     endings: VecDeque<Ending>,
     to_send: VecDeque<(c_int, Vec<u8>)>,
@@ -54,30 +54,30 @@ struct Inside {
     halted: bool,
     halts_cleared: Vec<u8>,
     interrupted: bool,
-    /// How many of the next waits for events a signal ends.
+    /// How many of the next waits for events are ended by a signal.
     signals: u32,
     /// How many of the next waits for events fail.
     event_errors: u32,
-    /// How many waits for events there were.
+    /// Number of waits for events so far.
     event_waits: u64,
-    /// What is readable while there is an event, and its other end; `None`: events are waited for in libusb.
+    /// A socket that is readable while there is an event, and its other end; `None` if libusb itself is waited in.
     bell: Option<(UnixStream, UnixStream)>,
     rung: bool,
     gone: bool,
-    /// How many calls there were.
+    /// Number of calls of libusb so far.
     calls: usize,
     /// The number of the call at which the device is unplugged.
     pulled_at: usize,
-    /// Return values that calls have instead of their own, by the names of the functions.
+    /// Return values that replace those of calls, by the names of the functions.
     answers: Vec<(&'static str, c_int)>,
-    /// How many contexts, devices, handles, claims and transfers exist.
+    /// Number of existing contexts, devices, handles, claims and transfers.
     leaked: [isize; 5],
-    /// What the next submission of a transfer does besides; see [`FakeUsb::at_next_submit`].
+    /// An action during the next submission of a transfer; see [`FakeUsb::at_next_submit`].
     hook: Option<Box<dyn FnOnce() + Send>>,
     cancels: usize,
-    /// What the device answers to a packet; see [`FakeUsb::on_packet`].
+    /// The device's answer to a packet; see [`FakeUsb::on_packet`].
     answer_packet: Option<PacketAnswer>,
-    /// What it has answered and the host has not fetched.
+    /// The answers that the host has not fetched yet.
     packets: VecDeque<Vec<u8>>,
 }
 
@@ -94,7 +94,7 @@ thread_local! {
 }
 
 impl FakeUsb {
-    /// A bus with its device, which exist until the test program ends.
+    /// Creates a bus with its device, which exist until the test program ends.
     pub fn new() -> &'static Self {
         Box::leak(Box::new(Self {
             inside: Mutex::new(Inside {
@@ -125,14 +125,14 @@ impl FakeUsb {
         }))
     }
 
-    /// The same with a descriptor at which events are waited for, as the real one has.
+    /// Like [`Self::new`], with a file descriptor for events, as the real libusb has.
     pub fn with_descriptor() -> &'static Self {
         let world = Self::new();
         world.inside.lock().bell = Some(UnixStream::pair().expect("two sockets"));
         world
     }
 
-    /// The bus as the code under test sees it.
+    /// The bus, as the code under test opens it.
     pub fn bus(&'static self) -> Result<Arc<Bus>, UsbError> {
         NEXT.set(Some(self));
         Bus::over(&functions::FAKE)
@@ -154,7 +154,7 @@ impl FakeUsb {
         done
     }
 
-    /// The device sends `bytes`; the transfer that receives them ends with `status`.
+    /// Makes the device send `bytes`; the transfer that receives them ends with `status`.
     pub fn send(&self, status: c_int, bytes: &[u8]) {
         self.with(|inside| {
             inside.to_send.push_back((status, bytes.to_vec()));
@@ -171,37 +171,37 @@ impl FakeUsb {
         self.with(Inside::pull);
     }
 
-    /// Unplugs the device in the call of libusb with this number, counted from 1.
+    /// Unplugs the device during the call of libusb with this number, counted from 1.
     pub fn pull_at(&self, call: usize) {
         self.with(|inside| inside.pulled_at = call);
     }
 
-    /// The next `times` waits for events are ended by a signal.
+    /// Ends the next `times` waits for events by a signal.
     pub fn signal(&self, times: u32) {
         self.with(|inside| inside.signals = times);
     }
 
-    /// The next `times` waits for events fail, beginning with one that is under way.
+    /// Makes the next `times` waits for events fail, beginning with a wait that is already running.
     pub fn fail_events(&self, times: u32) {
         self.with(|inside| inside.event_errors = times);
     }
 
-    /// How often events were waited for.
+    /// The number of waits for events so far.
     pub fn event_waits(&self) -> u64 {
         self.inside.lock().event_waits
     }
 
-    /// Calls of the function `name` return `code`.
+    /// Makes calls of the function `name` return `code`.
     pub fn answer(&self, name: &'static str, code: c_int) {
         self.with(|inside| inside.answers.push((name, code)));
     }
 
-    /// Calls return their own values again.
+    /// Lets calls return their own values again.
     pub fn answers_as_it_is(&self) {
         self.with(|inside| inside.answers.clear());
     }
 
-    /// What the device answers to packets by transfers that the host waits for; nothing if it is empty.
+    /// Sets the device's answer to packets in transfers for which the host waits; an empty answer is none.
     pub fn on_packet(&self, answer: impl FnMut(&[u8]) -> Vec<u8> + Send + 'static) {
         self.with(|inside| inside.answer_packet = Some(Box::new(answer)));
     }
@@ -241,7 +241,7 @@ impl FakeUsb {
         self.inside.lock().halts_cleared.clone()
     }
 
-    /// How many contexts, devices, handles, claims and transfers exist.
+    /// The number of existing contexts, devices, handles, claims and transfers.
     pub fn leaked(&self) -> [isize; 5] {
         self.inside.lock().leaked
     }
@@ -266,7 +266,7 @@ impl FakeUsb {
 }
 
 impl Inside {
-    /// Makes the descriptor readable while there is an event, and not readable while there is none.
+    /// Makes the descriptor readable while there is an event, and only then.
     fn ring(&mut self) {
         let Some((mut read, mut write)) = self.bell.as_ref().map(|(read, write)| (read, write)) else { return };
         let wanted = !self.endings.is_empty() || self.interrupted || self.event_errors > 0 || self.signals > 0;

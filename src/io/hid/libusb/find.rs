@@ -9,9 +9,9 @@ use crate::io::descriptors::{HID, TO_HOST, carries_reports};
 /// All devices with this vendor and product id. Nothing is sent to any of them.
 ///
 /// # Errors
-/// Those of libusb.
+/// [`UsbError`], if libusb cannot list the devices.
 pub fn find(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Vec<FoundDevice>, UsbError> {
-    // A device that is unplugged meanwhile has no readable ids and is left out.
+    // The ids of a device that was just unplugged cannot be read, so it is left out.
     let wanted = bus.devices()?.into_iter().filter(|device| device.ids() == Ok((vendor, product)));
     let mut found: Vec<FoundDevice> = wanted.map(look).collect();
     found.sort_by(|a, b| a.path.cmp(&b.path));
@@ -19,8 +19,8 @@ pub fn find(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Vec<FoundDevice
 }
 
 impl FoundDevice {
-    /// The product name and the serial number as the system has them. Nothing is sent to the device; `may_ask` matters on
-    /// Windows only.
+    /// The product name and the serial number, as the system has read them. Nothing is sent to the device; `may_ask`
+    /// has an effect on Windows only.
     pub fn texts(&self, system: &Sysfs, _may_ask: bool) -> (Option<String>, Option<String>) {
         (system.name(&self.path), system.serial(&self.path))
     }
@@ -78,7 +78,7 @@ mod tests {
         Interface { number: 1, class: HID, endpoints: endpoints.to_vec() }
     }
 
-    /// SK-9.2, SK-9.3 Interface and endpoints decide, wherever they stand.
+    /// SK-9.2, SK-9.3 A board is recognised by the class of its interface and by its endpoints, at any position.
     #[test]
     fn a_board_is_known_by_its_reports() {
         let (input, output) = (endpoint(0x81, 3, 512), endpoint(0x02, 3, 512));

@@ -1,8 +1,8 @@
-//! The backend over libusb, for every system but Windows.
+//! The backend over libusb, for every system except Windows.
 //!
-//! From the library upwards: `api.rs` its functions, looked up by name; `bus.rs` its objects as Rust types; `transfer.rs` its
-//! asynchronous transfers; `find.rs` which devices can be a board; `backend.rs` an open board; `packets.rs` an open device that
-//! is no board. `fake.rs` stands in for the library in tests.
+//! From the library upwards: `api.rs` has libusb's functions, looked up by name; `bus.rs` its objects as Rust types;
+//! `transfer.rs` its asynchronous transfers; `find.rs` the search for boards; `backend.rs` an open board; `packets.rs`
+//! an open device other than a board. `fake.rs` replaces the library in tests.
 
 mod api;
 mod backend;

@@ -1,5 +1,5 @@
-//! A device that takes and gives packets by two endpoints, bulk or interrupt, one transfer at a time. It need not be a HID
-//! device.
+//! A device that exchanges packets through two endpoints, bulk or interrupt, one transfer at a time. It need not be a
+//! HID device.
 
 use std::sync::Arc;
 use std::thread;
@@ -11,44 +11,44 @@ use super::backend::Claim;
 use super::bus::{Bus, BusError, Handle, Interface};
 use crate::io::descriptors::TO_HOST;
 
-/// How long a device may take for one packet in one direction. \[OURS]
+/// Timeout of one packet in one direction. \[OURS]
 const PACKET_LIMIT: Duration = Duration::from_secs(1);
-/// The bits of an endpoint's attributes that say of which kind it is (USB 2.0 table 9-13).
+/// The bits of an endpoint's attributes with its transfer type (USB 2.0 table 9-13).
 const KIND: u8 = 3;
 
-/// Which device, and by which endpoints.
+/// The USB ids of a device, and the endpoints for its packets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PacketPlace {
-    /// idVendor.
+    /// USB vendor id, idVendor.
     pub vendor: u16,
-    /// idProduct.
+    /// USB product id, idProduct.
     pub product: u16,
-    /// The number of the endpoint that takes packets, 1..=15.
+    /// The number of the endpoint to the device, 1..=15.
     pub output: u8,
-    /// The number of the endpoint that gives packets, 1..=15.
+    /// The number of the endpoint to the host, 1..=15.
     pub input: u8,
 }
 
 /// Packets to and from one device, with a clock; only the owner of this value uses it.
 pub trait PacketWires: Send {
-    /// The time in nanoseconds. Where zero lies is up to the wires.
+    /// The time in nanoseconds; its zero point is arbitrary.
     fn now_ns(&self) -> u64;
 
-    /// Waits for that time.
+    /// Waits for a duration.
     fn sleep(&mut self, time: Duration);
 
-    /// Sends `tx` and receives as many bytes into `rx`.
+    /// Sends `tx` and receives the same number of bytes into `rx`.
     ///
     /// # Errors
-    /// [`PacketError`]; whether the device has taken the packet is not known then.
+    /// [`PacketError`]; it is then unknown whether the device has accepted the packet.
     fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), PacketError>;
 }
 
-/// Why packets cannot be exchanged.
+/// The reason why packets cannot be exchanged.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum PacketError {
-    /// USB cannot be used.
+    /// USB cannot be used on this machine.
     #[error(transparent)]
     Bus(#[from] BusError),
     /// No device has these ids.
@@ -63,15 +63,15 @@ pub enum PacketError {
     /// The device cannot be opened or used.
     #[error("{0}")]
     Usb(#[from] UsbError),
-    /// The device does not take a packet, or gives none.
+    /// The device does not accept a packet in time, or does not send one.
     #[error("the device {what} within {limit:?}")]
     Late { what: &'static str, limit: Duration },
-    /// The device takes or gives another number of bytes.
+    /// The device accepts or sends another number of bytes.
     #[error("the device {what} {found} bytes and not {wanted}")]
     Length { what: &'static str, found: usize, wanted: usize },
 }
 
-/// A device that this process has opened, with its interface claimed. Its clock is monotonic, and 0 when it is opened.
+/// A device that this process has opened, with its interface claimed. Its monotonic clock is 0 at the opening.
 pub struct PacketDevice {
     claim: Claim,
     output: Endpoint,
@@ -79,7 +79,7 @@ pub struct PacketDevice {
     opened: Instant,
 }
 
-/// The address and the kind of an endpoint.
+/// The address and the transfer type of an endpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Endpoint {
     address: u8,
@@ -87,14 +87,14 @@ struct Endpoint {
 }
 
 impl PacketDevice {
-    /// Opens the device, and detaches the kernel's driver from its interface until this is dropped.
+    /// Opens the device, and detaches the kernel's driver from its interface until this value is dropped.
     ///
     /// # Errors
-    /// [`PacketError`].
+    /// [`PacketError`], which says why the device cannot be used.
     pub fn open(bus: &Arc<Bus>, place: PacketPlace) -> Result<Self, PacketError> {
         let PacketPlace { vendor, product, .. } = place;
         let mut found = bus.devices()?;
-        // A device that is unplugged meanwhile has no readable ids and is left out.
+        // The ids of a device that was just unplugged cannot be read, so it is left out.
         found.retain(|device| device.ids() == Ok((vendor, product)));
         let [device] = &found[..] else {
             return Err(match found.len() {
@@ -106,7 +106,7 @@ impl PacketDevice {
         let (number, output, input) = endpoints(&interfaces, place)?;
         let handle = Arc::new(device.open()?);
         match handle.detach_driver_by_itself() {
-            // Such a system has no driver that would have to be detached.
+            // A system without this function has no kernel driver to detach.
             Ok(()) | Err(UsbError::NotSupported) => {}
             Err(error) => return Err(error.into()),
         }
@@ -138,7 +138,7 @@ impl PacketWires for PacketDevice {
     }
 }
 
-/// The result of a transfer with libusb's code.
+/// Converts libusb's code and the transferred length to the result of a transfer.
 fn check(code: i32, found: usize, wanted: usize, [nothing, some]: [&'static str; 2]) -> Result<(), PacketError> {
     if code == TIMEOUT && found == 0 {
         return Err(PacketError::Late { what: nothing, limit: PACKET_LIMIT });
@@ -149,7 +149,7 @@ fn check(code: i32, found: usize, wanted: usize, [nothing, some]: [&'static str;
     if found == wanted { Ok(()) } else { Err(PacketError::Length { what: some, found, wanted }) }
 }
 
-/// The interface that has both endpoints, and these.
+/// The interface that has both endpoints, and these endpoints.
 fn endpoints(interfaces: &[Interface], place: PacketPlace) -> Result<(u8, Endpoint, Endpoint), PacketError> {
     let carries_packets = |attributes: u8| [BULK, INTERRUPT].contains(&(attributes & KIND));
     let find = |interface: &Interface, address: u8| {
@@ -185,7 +185,8 @@ mod tests {
         PacketDevice::open(&usb.bus().expect("it opens"), place)
     }
 
-    /// XF-16.10 A packet goes out by one endpoint and one comes back by the other, whole; afterwards nothing of it is left.
+    /// XF-16.10 A packet is sent through one endpoint and the answer received through the other, complete and without
+    /// remainders.
     #[test]
     fn packets_go_both_ways() {
         let usb = FakeUsb::new();
@@ -200,8 +201,8 @@ mod tests {
         assert_eq!(usb.leaked(), [0; 5]);
     }
 
-    /// XF-16.11 A device that answers nothing, too little or not at all any more is told apart; afterwards it may answer
-    /// again.
+    /// XF-16.11 There are different errors for a device that does not answer, answers too little, or is gone.
+    /// Afterwards the device may answer again.
     #[test]
     fn a_device_that_does_not_answer_is_an_error() {
         let usb = FakeUsb::new();
@@ -220,7 +221,7 @@ mod tests {
         assert_eq!(exchange(), Err("no such device".to_owned()));
     }
 
-    /// XF-16.11 A device that is not there, is another, or has no such endpoints, and one that cannot be opened.
+    /// XF-16.11 The errors of a device that is missing, is not the only one, has no such endpoints or cannot be opened.
     #[test]
     fn a_device_that_cannot_be_opened_is_named() {
         let said = |usb, place| open(usb, place).err().expect("it does not open").to_string();
@@ -239,7 +240,7 @@ mod tests {
         }
     }
 
-    /// XF-16.10 Endpoints are bulk or interrupt, of one interface.
+    /// XF-16.10 The endpoints must be bulk or interrupt endpoints of one interface.
     #[test]
     fn endpoints_are_of_one_interface() {
         let descriptor = |address, attributes| Descriptor { address, attributes, packet: 512 };

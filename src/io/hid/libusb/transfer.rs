@@ -1,4 +1,4 @@
-//! libusb's asynchronous transfers. No other file passes memory to libusb.
+//! libusb's asynchronous transfers. No other file passes memory to libusb that it uses after the call.
 
 use std::cell::UnsafeCell;
 use std::ffi::{c_int, c_void};
@@ -24,7 +24,7 @@ impl Outcome {
 
 /// A transfer of one report on an interrupt endpoint. While it is submitted, libusb owns its buffer.
 pub(super) struct Transfer {
-    /// A leaked box, because libusb keeps its address.
+    /// A leaked box, since libusb keeps its address.
     inner: NonNull<Inner>,
 }
 
@@ -35,18 +35,19 @@ struct Inner {
     /// The number of a transfer to the host, for the listener.
     number: usize,
     listener: Arc<dyn TransferListener>,
-    /// Keeps the handle open, which the transfer refers to.
+    /// Keeps the device handle open, which libusb's transfer refers to.
     handle: Arc<Handle>,
 }
 
 // SAFETY: libusb's functions on transfers may be called from any thread. The buffer is accessed by libusb while the transfer
 // is submitted, otherwise in `fill` and `ended` only.
 unsafe impl Send for Transfer {}
-// SAFETY: as above; the caller of `fill` sees to it that no two threads are in it.
+// SAFETY: libusb's functions on transfers may be called from any thread, and by the promise of `fill`'s caller no two threads
+// are in `fill`.
 unsafe impl Sync for Transfer {}
 
 impl Transfer {
-    /// Makes a transfer for the endpoint with this address; `None` if there is no memory.
+    /// Creates a transfer for the endpoint with this address; `None` if there is no memory.
     pub fn new(handle: &Arc<Handle>, endpoint: u8, number: usize, listener: Arc<dyn TransferListener>) -> Option<Self> {
         // SAFETY: the function has no conditions. 0 is the number of isochronous packets.
         let raw = NonNull::new(unsafe { (handle.bus().api().new_transfer)(0) })?;
@@ -79,7 +80,7 @@ impl Transfer {
         unsafe { self.inner.as_ref() }
     }
 
-    /// Sets the report that is sent to the device.
+    /// Sets the report to send to the device.
     ///
     /// # Safety
     /// The transfer is not submitted, and no other thread calls this function.
@@ -88,12 +89,12 @@ impl Transfer {
         unsafe { (*self.inner().buffer.get()).copy_from_slice(report) };
     }
 
-    /// Submits the transfer. The thread that handles events calls the listener when it has ended.
+    /// Submits the transfer. At its end the thread that handles events calls the listener.
     pub fn submit(&self) -> Result<(), UsbError> {
         self.inner().submit()
     }
 
-    /// Cancels the transfer, which then ends soon; without effect on one that is not submitted.
+    /// Cancels the transfer, which then ends soon. Has no effect if it is not submitted.
     pub fn cancel(&self) {
         let inner = self.inner();
         // SAFETY: the transfer is valid until `drop`.
@@ -103,7 +104,7 @@ impl Transfer {
 
 impl Drop for Transfer {
     fn drop(&mut self) {
-        // SAFETY: it came from a box, and the owner drops a transfer only after it has ended.
+        // SAFETY: the pointer came from a box, and the owner drops a transfer only after it has ended.
         let inner = unsafe { Box::from_raw(self.inner.as_ptr()) };
         // SAFETY: no flag is set that makes libusb free the buffer as well.
         unsafe { (inner.handle.bus().api().free_transfer)(inner.raw.as_ptr()) };
@@ -117,13 +118,13 @@ impl Inner {
     }
 }
 
-/// The callback that libusb calls when a transfer has ended. A panic must not leave it: that would abort the program, whose
-/// axes may be moving.
+/// The callback that libusb calls at the end of a transfer. It catches panics: an uncaught one would abort the program,
+/// whose axes may be moving.
 extern "C" fn ended(raw: *mut RawTransfer) {
     if catch_unwind(|| call_listener(raw)).is_ok() {
         return;
     }
-    // SAFETY: as in `call_listener`.
+    // SAFETY: libusb passes the transfer with the user data that `Transfer::new` has set.
     let transfer = unsafe { &*(*raw).user_data.cast::<Inner>() };
     let lost = catch_unwind(AssertUnwindSafe(|| transfer.listener.panicked()));
     let also = if lost.is_err() { ", and so has what was to end the link" } else { "" };

@@ -1,4 +1,4 @@
-//! The pipe over a simulated libusb, which does on request what a kernel does by accident only.
+//! Tests of the pipe over a simulated libusb, which causes on request what a kernel causes only by accident.
 
 use std::sync::mpsc;
 use std::thread;
@@ -21,7 +21,7 @@ fn open(world: &'static FakeUsb) -> Pipe {
     Pipe::open(&found, INTERFACE_OF_BOARD, LIMITS).expect("it opens")
 }
 
-/// A listener with a defect.
+/// A listener that panics.
 #[derive(Default)]
 struct Panics {
     lost: Mutex<bool>,
@@ -40,7 +40,7 @@ impl crate::io::hid::backend::TransferListener for Panics {
     }
 }
 
-/// A panic in what libusb calls does not leave it: the program goes on, and the board is lost.
+/// A panic in a callback of libusb is caught: the program continues, and the board counts as lost.
 #[test]
 fn a_panic_in_the_callback_does_not_end_the_program() {
     let world = FakeUsb::new();
@@ -57,7 +57,7 @@ fn a_panic_in_the_callback_does_not_end_the_program() {
     assert!(why.contains("defect") && why.contains("open it again"), "{why}");
 }
 
-/// Reports come in their order with their numbers; what is no whole one is skipped and counted.
+/// Reports are returned in order with their numbers; empty and short ones are skipped and counted.
 #[test]
 fn empty_and_short_reports_are_skipped_and_counted() {
     let world = FakeUsb::new();
@@ -84,15 +84,15 @@ fn of_reports_nobody_reads_the_newest_are_kept() {
     assert_eq!(pipe.stats(), PipeStats { reports: 10, dropped: 6, short: 0, failed: 0 });
 }
 
-/// Calls that wait handle libusb's events themselves; when the program does something else then, reports are taken
-/// all the same, more of them than transfers wait.
+/// Waiting calls handle libusb's events themselves. Between two calls, while the program does something else, reports
+/// are received nevertheless, even more than there are transfers.
 #[test]
 fn reports_are_taken_between_two_calls() {
     let world = FakeUsb::new();
     let pipe = open(world);
     let mut sent = 0;
     for _ in 0..20 {
-        // A call waits, and ends by a report or by its limit.
+        // A call waits, and ends by a timeout or by a report.
         assert_eq!(read(&pipe, SOON), Err(PipeError::Timeout(SOON.unwrap())));
         world.send(status::COMPLETED, &[1; 512]);
         sent += 1;
@@ -106,7 +106,7 @@ fn reports_are_taken_between_two_calls() {
     }
 }
 
-/// A read that waits and handles libusb's events, while the pipe's thread sleeps: nobody looks whether there are any.
+/// Starts a read that waits and handles libusb's events while the pipe's thread sleeps.
 #[track_caller]
 fn waiting_reader(world: &FakeUsb, pipe: &Arc<Pipe>) -> thread::JoinHandle<Result<(u8, u64), PipeError>> {
     let reads = pipe.clone();
@@ -114,7 +114,8 @@ fn waiting_reader(world: &FakeUsb, pipe: &Arc<Pipe>) -> thread::JoinHandle<Resul
     let state = || (pipe.shared.state.lock().thread_asleep, world.event_waits());
     for round in 0..400 {
         if round % 3 == 0 {
-            // Whoever handles them is interrupted: the pipe's thread, which began before the call, leaves them to it then.
+            // This interrupts the thread that handles events. If it is the pipe's thread, which began before the read,
+            // the read takes over.
             pipe.cancel_writes();
         }
         let before = state();
@@ -126,8 +127,8 @@ fn waiting_reader(world: &FakeUsb, pipe: &Arc<Pipe>) -> thread::JoinHandle<Resul
     panic!("the pipe's thread does not sleep");
 }
 
-/// While a call waits on a silent board the pipe's thread sleeps, and wakes when the call leaves: reports are taken
-/// between two calls then too.
+/// The pipe's thread sleeps while a call waits for a silent board, and wakes when the call returns. So reports are
+/// received between two calls in this case too.
 #[test]
 fn the_pipes_thread_sleeps_while_a_call_waits() {
     let world = FakeUsb::new();
@@ -144,7 +145,7 @@ fn the_pipes_thread_sleeps_while_a_call_waits() {
     }
 }
 
-/// A write that finds the board gone ends a read that handles events, though nothing else happens.
+/// A write that finds the board gone ends a read that is handling events, even without further events.
 #[test]
 fn a_write_that_finds_the_board_gone_ends_a_read() {
     let world = FakeUsb::new();
@@ -155,7 +156,8 @@ fn a_write_that_finds_the_board_gone_ends_a_read() {
     assert_eq!(in_time(|| reader.join().unwrap()), Err(PipeError::Lost(GONE)));
 }
 
-/// LIB-65 A write that finds the board gone: of the reports that were kept none is read any more, they count as dropped.
+/// LIB-65 If a write finds the board gone, the unread reports in the queue are not returned any more; they count as
+/// dropped.
 #[test]
 fn kept_reports_go_with_the_board() {
     let world = FakeUsb::new();
@@ -170,8 +172,8 @@ fn kept_reports_go_with_the_board() {
     assert_eq!(stats.dropped, stats.reports - 1, "each is counted once");
 }
 
-/// WIRE-95 Where the system says for good no more what becomes of transfers, every call ends with that reason, and so does
-/// closing; what the system still has stays its own.
+/// WIRE-95 If the system permanently stops reporting the ends of transfers, every call ends with that reason, and so
+/// does closing. Memory that the system may still use is not freed.
 #[test]
 fn events_that_fail_for_good_end_every_call() {
     for closed in [false, true] {
@@ -190,7 +192,7 @@ fn events_that_fail_for_good_end_every_call() {
             drop(closes);
         }
         for call in [in_time(|| reader.join().unwrap().map(drop)), in_time(|| writer.join().unwrap())] {
-            // A call is ended by what comes first.
+            // A call ends with whichever reason comes first.
             assert!(
                 call == Err(PipeError::Lost(EVENTS_FAILED)) || (closed && call == Err(PipeError::Closed)),
                 "{call:?}"
@@ -204,7 +206,7 @@ fn events_that_fail_for_good_end_every_call() {
     }
 }
 
-/// WIRE-95 Errors now and then are none of the board's: reports go on.
+/// WIRE-95 Occasional errors of the event handling are not errors of the board: reports continue.
 #[test]
 fn events_that_fail_at_times_end_nothing() {
     let world = FakeUsb::new();
@@ -218,7 +220,8 @@ fn events_that_fail_at_times_end_nothing() {
     assert_eq!(world.leaked(), NOTHING_LEFT);
 }
 
-/// The call that handles libusb's events for all ends: the others go on, and end by what they wait for.
+/// If the call that handles libusb's events for all calls ends, the others continue, and end by their own report or
+/// cancellation.
 #[test]
 fn calls_do_not_need_one_another() {
     for round in 0..20 {
@@ -240,7 +243,8 @@ fn calls_do_not_need_one_another() {
     }
 }
 
-/// A board that refuses to send is lost at once, with what to do; whoever opens it next finds the halt cleared.
+/// If the board's endpoint to the host stalls, the board is lost at once, and the error says what to do. The next
+/// program that opens the board finds the halt cleared.
 #[test]
 fn a_stall_of_the_board_ends_every_read() {
     let world = FakeUsb::new();
@@ -258,7 +262,7 @@ fn a_stall_of_the_board_ends_every_read() {
     assert_eq!(world.leaked(), NOTHING_LEFT);
 }
 
-/// A report that the board refuses is an error of that write; reads go on, and so does the next write.
+/// If the board refuses a report, only that write fails; reads continue, and the next write succeeds.
 #[test]
 fn a_stall_of_a_write_is_an_error_of_that_write() {
     let world = FakeUsb::new();
@@ -273,7 +277,8 @@ fn a_stall_of_a_write_is_an_error_of_that_write() {
     assert_eq!(world.taken(), [[2; REPORT_LEN]]);
 }
 
-/// A write that reached its limit, was cancelled or closed tells whether nothing, a part or all has moved.
+/// A write that has timed out, was cancelled or closed reports whether nothing, a part or all of the report was
+/// transferred.
 #[test]
 fn a_write_that_is_given_up_says_what_has_moved() {
     let world = FakeUsb::new();
@@ -303,15 +308,15 @@ fn a_write_that_is_given_up_says_what_has_moved() {
     assert_eq!(world.taken().len(), 1);
 }
 
-/// The cable is cut at each call that opening, using and closing makes of libusb: every call ends, by itself, and
-/// says that the board is gone; nothing is left of the device.
+/// The cable is cut at each single call of libusb during opening, using and closing. Every call ends by itself and
+/// reports that the board is gone, and no libusb object is left.
 #[test]
 fn a_cable_cut_at_any_moment_ends_every_call() {
     fn run(world: &'static FakeUsb) -> Result<(), PipeError> {
         let bus = world.bus()?;
         let found = super::super::find(&bus, fake::VENDOR, fake::PRODUCT)?.pop();
         let found = found.ok_or(UsbError::NoDevice)?;
-        // Its descriptors are not there any more.
+        // The descriptors can no longer be read.
         let interface = found.interface.map_err(|_| UsbError::NoDevice)?;
         let pipe = Pipe::open(&found, interface, LIMITS)?;
         world.send(status::COMPLETED, &[1; 512]);
@@ -357,8 +362,8 @@ fn reader_and_writer_are_told_when_the_cable_is_pulled() {
     assert_eq!(pipe.write(&[1; REPORT_LEN], None), Err(PipeError::Lost(GONE)));
 }
 
-/// A report comes in just as the pipe is closed: its transfer is not begun again behind the back of the one that
-/// closes, who would wait for the board's next report.
+/// A report arrives just while the pipe is being closed. Its transfer must not be resubmitted after the cancellation,
+/// since closing would then wait for the board's next report.
 #[test]
 fn a_report_in_the_moment_of_closing_holds_nobody_up() {
     let world = FakeUsb::new();
@@ -370,7 +375,7 @@ fn a_report_in_the_moment_of_closing_holds_nobody_up() {
             closer.close();
             let _ = closing.send(());
         });
-        // The time to cancel before the transfer is handed over, for a pipe that lets that happen.
+        // This leaves time for the cancellation before the transfer is submitted, in case the pipe allows that order.
         world.wait_for_a_cancel(Duration::from_millis(100));
     });
     world.send(status::COMPLETED, &[1; 512]);
@@ -378,7 +383,7 @@ fn a_report_in_the_moment_of_closing_holds_nobody_up() {
     drop(pipe);
 }
 
-/// Signals to the thread that reads, as many as there may be, are no errors: reports go on at once.
+/// Any number of signals to the reading thread are no errors: reports continue at once.
 #[test]
 fn signals_do_not_hold_up_reports() {
     let world = FakeUsb::new();
@@ -388,7 +393,7 @@ fn signals_do_not_hold_up_reports() {
     assert_eq!(read(&pipe, Some(PATIENCE / 2)), Ok((7, 0)));
 }
 
-/// Transfers that fail on the wire are begun again and counted; a row of them is a board that is gone.
+/// Transfers that fail on the wire are resubmitted and counted; several failures in a row mean that the board is gone.
 #[test]
 fn a_wire_that_fails_is_not_asked_for_ever() {
     const ERROR: i32 = 1;
@@ -405,7 +410,7 @@ fn a_wire_that_fails_is_not_asked_for_ever() {
     assert!(why.contains("cable"), "{why}");
 }
 
-/// Whatever refuses while a board is opened, nothing stays open.
+/// Whichever call fails while a board is opened, nothing stays open.
 #[test]
 fn an_open_that_fails_leaves_nothing() {
     for (name, code, error) in [
@@ -429,7 +434,7 @@ fn an_open_that_fails_leaves_nothing() {
     assert_eq!(world.leaked(), NOTHING_LEFT, "a system without kernel drivers");
 }
 
-/// A device that the system has not switched on says so; one whose descriptors make no sense too.
+/// A device without an active configuration, and a device with invalid descriptors, are reported as such.
 #[test]
 fn a_device_without_descriptors_is_no_board() {
     use super::super::NotTheBoard;
@@ -449,13 +454,13 @@ fn a_device_without_descriptors_is_no_board() {
     assert!(matches!(world.bus(), Err(UsbError::Other(-99))));
 }
 
-/// A thread of the program that is ended by force.
+/// Tests in which a thread of the program is ended by force.
 #[cfg(target_os = "linux")]
 mod ended_by_force {
     use super::super::super::calls::end_thread_in;
     use super::*;
 
-    /// What a program does then: reads and writes in other threads, Close, and the next Open.
+    /// Checks that the program can continue afterwards: reads and writes in other threads, closing, and opening again.
     fn goes_on(world: &'static FakeUsb, pipe: Arc<Pipe>) {
         world.set_takes(Takes::All);
         world.send(status::COMPLETED, &[5; 512]);
@@ -463,7 +468,7 @@ mod ended_by_force {
         assert_eq!(in_time(move || read(&reads, None)).map(|(fill, _)| fill), Ok(5));
         let writes = pipe.clone();
         assert_eq!(in_time(move || writes.write(&[9; REPORT_LEN], None)), Ok(()));
-        // More than there are transfers: somebody submits them anew.
+        // These are more reports than transfers, so the transfers must be resubmitted.
         (0..10).for_each(|fill| world.send(status::COMPLETED, &[fill; 512]));
         world.until_pending(LIMITS.transfers);
         in_time(move || pipe.close());
@@ -471,7 +476,8 @@ mod ended_by_force {
         assert_eq!(claims, 0, "others may have the board");
     }
 
-    /// LIB-70 A thread that is ended while it waits in a read, the only one, and the one of two that handles libusb's events.
+    /// LIB-70 A thread is ended while it waits in a read: the only reading thread, and the one of two that handles
+    /// events.
     #[test]
     fn in_a_read() {
         for others in [0, 1] {
@@ -482,7 +488,7 @@ mod ended_by_force {
             end_thread_in(
                 move || _ = read(&reads, None),
                 move || {
-                    // Whoever handles events is interrupted, until it is the reader that does.
+                    // This interrupts the thread that handles events, until the reader does.
                     handles.cancel_writes();
                     thread::sleep(Duration::from_millis(5));
                     handles.shared.state.lock().thread_asleep
@@ -502,8 +508,8 @@ mod ended_by_force {
         }
     }
 
-    /// LIB-70 A thread that is ended in a write that the board does not take: the next write takes it back. If there is none,
-    /// Close does.
+    /// LIB-70 A thread is ended in a write that the board does not accept. The next write cancels the transfer; without
+    /// a next write, closing does.
     #[test]
     fn in_a_write() {
         for closes in [false, true] {
@@ -528,7 +534,7 @@ mod ended_by_force {
         }
     }
 
-    /// LIB-70 A thread that is ended while it waits for another one's write to end: those behind it have their turn.
+    /// LIB-70 A thread is ended while it waits for its turn to write: the threads behind it still get their turn.
     #[test]
     fn before_its_turn_to_write() {
         let world = FakeUsb::with_descriptor();

@@ -1,31 +1,32 @@
-//! The functions of Windows that this crate uses. They are imported, as the vendor's library imports them, because loading
-//! `setupapi.dll` at run time takes longer than opening a board. All of them exist since Windows Vista.
+//! The functions of Windows that this crate uses. They are imported at load time, as in the vendor's library, because
+//! loading `setupapi.dll` at run time takes longer than opening a board. All of them exist since Windows Vista.
 //!
-//! Names and layouts: `fileapi.h`, `ioapiset.h`, `minwinbase.h`, `hidsdi.h`, `hidpi.h`, `setupapi.h`, `cfgmgr32.h`.
+//! Names and layouts are those of `fileapi.h`, `ioapiset.h`, `minwinbase.h`, `hidsdi.h`, `hidpi.h`, `setupapi.h`,
+//! `cfgmgr32.h`.
 
 use std::ffi::c_void;
 
 pub type Bool = i32;
 pub type Handle = *mut c_void;
 
-/// `INVALID_HANDLE_VALUE`
+/// `INVALID_HANDLE_VALUE`: the handle of a file that could not be opened.
 pub const INVALID_HANDLE: Handle = -1_isize as Handle;
-/// `GENERIC_READ | GENERIC_WRITE`
+/// `GENERIC_READ | GENERIC_WRITE`: access for reading and writing.
 pub const READ_AND_WRITE: u32 = 0xC000_0000;
-/// `FILE_SHARE_READ | FILE_SHARE_WRITE`
+/// `FILE_SHARE_READ | FILE_SHARE_WRITE`: other programs may open the device too.
 pub const SHARED: u32 = 3;
-/// `OPEN_EXISTING`
+/// `OPEN_EXISTING`: opens a device, and creates nothing.
 pub const OPEN_EXISTING: u32 = 3;
-/// `FILE_FLAG_OVERLAPPED`
+/// `FILE_FLAG_OVERLAPPED`: for asynchronous reads and writes.
 pub const OVERLAPPED: u32 = 0x4000_0000;
-/// `DIGCF_PRESENT | DIGCF_DEVICEINTERFACE`
+/// `DIGCF_PRESENT | DIGCF_DEVICEINTERFACE`: lists the interfaces of connected devices.
 pub const PRESENT_INTERFACES: u32 = 0x12;
-/// `HIDP_STATUS_SUCCESS`
+/// `HIDP_STATUS_SUCCESS`: the status of a successful call of `hid.dll`.
 pub const HIDP_SUCCESS: i32 = 0x0011_0000;
-/// `CR_SUCCESS`
+/// `CR_SUCCESS`: the result of a successful call of `cfgmgr32.dll`.
 pub const CR_SUCCESS: u32 = 0;
 
-/// `GUID`
+/// The C layout of `GUID`.
 #[repr(C)]
 #[derive(Clone, Copy, Default)]
 pub struct Guid {
@@ -35,7 +36,7 @@ pub struct Guid {
     pub data4: [u8; 8],
 }
 
-/// `OVERLAPPED`
+/// The C layout of `OVERLAPPED`.
 #[repr(C)]
 pub struct Overlapped {
     pub internal: usize,
@@ -45,7 +46,7 @@ pub struct Overlapped {
     pub event: Handle,
 }
 
-/// `SP_DEVICE_INTERFACE_DATA`. `setupapi.h` packs it on x86, which changes nothing.
+/// The C layout of `SP_DEVICE_INTERFACE_DATA`. `setupapi.h` packs it on x86, which makes no difference.
 #[repr(C)]
 #[derive(Clone, Copy, Default)]
 pub struct InterfaceData {
@@ -55,7 +56,7 @@ pub struct InterfaceData {
     pub reserved: usize,
 }
 
-/// `SP_DEVINFO_DATA`, as above.
+/// The C layout of `SP_DEVINFO_DATA`. `setupapi.h` packs it on x86, which makes no difference.
 #[repr(C)]
 #[derive(Clone, Copy, Default)]
 pub struct DeviceData {
@@ -65,20 +66,20 @@ pub struct DeviceData {
     pub reserved: usize,
 }
 
-/// `SP_DEVICE_INTERFACE_DETAIL_DATA_W` with room for a long path.
+/// The C layout of `SP_DEVICE_INTERFACE_DETAIL_DATA_W`, with room for a long path.
 #[repr(C)]
 pub struct InterfaceDetail {
     pub size: u32,
     pub path: [u16; PATH_LEN_MAX],
 }
 
-/// Room for a device path and its zero, in UTF-16 units. Paths of HID devices have some 100 characters.
+/// Room for a device path with its terminating zero, in UTF-16 units. Paths of HID devices have about 100 characters.
 pub const PATH_LEN_MAX: usize = 1024;
-/// The value of [`InterfaceDetail::size`]: the size of the C structure, whose path has one character and which is packed on
-/// x86.
+/// The value of [`InterfaceDetail::size`]: the size of the C structure, which has room for one character of the path
+/// and is packed on x86.
 pub const INTERFACE_DETAIL_SIZE: u32 = if cfg!(target_pointer_width = "64") { 8 } else { 6 };
 
-/// `HIDP_CAPS`
+/// The C layout of `HIDP_CAPS`.
 #[repr(C)]
 #[derive(Clone, Copy, Default)]
 pub struct Capabilities {
@@ -89,14 +90,14 @@ pub struct Capabilities {
     pub rest: [u16; 28],
 }
 
-/// `PHIDP_PREPARSED_DATA`, known by its address only.
+/// `PHIDP_PREPARSED_DATA`, an opaque pointer.
 pub type Preparsed = *mut c_void;
-/// `HDEVINFO`
+/// `HDEVINFO`, an opaque handle.
 pub type DeviceList = *mut c_void;
 
 macro_rules! functions {
     ($($library:literal: { $($field:ident = $name:ident ($($argument:ty),*) $(-> $result:ty)?;)* })*) => {
-        /// The functions of Windows, or those of a simulated one in tests.
+        /// The functions of Windows; in tests those of a simulated Windows.
         #[derive(Clone, Copy)]
         pub struct Api {
             $($(pub $field: unsafe extern "system" fn($($argument),*) $(-> $result)?,)*)*
@@ -114,7 +115,7 @@ macro_rules! functions {
 
         #[cfg(windows)]
         impl Api {
-            /// The functions of the running Windows.
+            /// The functions of the real Windows.
             pub const WINDOWS: Self = Self { $($($field: imported::$name,)*)* };
         }
     };
@@ -160,7 +161,7 @@ functions! {
 mod tests {
     use super::*;
 
-    /// Sizes by MinGW's compilers (`sizeof` of the types in Windows' headers).
+    /// The sizes match those of MinGW's compilers (`sizeof` of the types in Windows' headers).
     #[test]
     fn layouts_are_those_of_the_headers() {
         let word = size_of::<usize>();

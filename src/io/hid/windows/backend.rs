@@ -1,5 +1,5 @@
-//! The backend over Windows' HID driver: overlapped reads and writes. No other file passes memory to Windows that it uses
-//! after the call.
+//! The backend over Windows' HID driver, with overlapped reads and writes. No other file passes memory to Windows that
+//! it uses after the call.
 
 use std::cell::UnsafeCell;
 use std::ptr::{self, NonNull};
@@ -12,10 +12,10 @@ use super::find::ReportInterface;
 use super::handle::OwnedHandle;
 use super::{Backend, NUMBERED_LEN, Outcome, REPORT_LEN, TransferListener, UsbError, codes};
 
-/// The most reports that the driver queues for a handle without a read under way (HidD_SetNumInputBuffers); its default is
-/// 32. The driver does not count what it drops, so this is what it is set to. \[OURS]
+/// The longest queue of reports that the driver keeps for a handle without a pending read (HidD_SetNumInputBuffers);
+/// its default is 32. The driver does not count the reports that it drops, so it is set to this maximum. \[OURS]
 const DRIVER_QUEUE_MAX: usize = 512;
-/// The shortest queue that the driver may be set to.
+/// The shortest queue that the driver accepts.
 const DRIVER_QUEUE_MIN: usize = 2;
 
 struct OverlappedBackend {
@@ -23,17 +23,17 @@ struct OverlappedBackend {
     output: Transfer,
     /// The completion port for transfers to the host.
     port: OwnedHandle,
-    /// Set at the end of the transfer to the device. Waiting for that at the port would take two more calls of the system,
-    /// and under Wine each of them costs a good part of the time of a write.
+    /// The event that is set at the end of the transfer to the device. The completion port is not used for this,
+    /// because it would take two more system calls, which under Wine cost a good part of the time of a write.
     output_ended: OwnedHandle,
-    /// Set to interrupt the wait for `output_ended`.
+    /// The event that interrupts the wait for `output_ended`.
     output_interrupted: OwnedHandle,
     handle: Arc<OwnedHandle>,
     listener: Arc<dyn TransferListener>,
 }
 
 impl Device {
-    /// Opens the device shared: every handle gets every report.
+    /// Opens the device in shared mode; every handle gets every report.
     pub fn open_backend(
         &self,
         _interface: ReportInterface,
@@ -44,7 +44,7 @@ impl Device {
         let port = handle.port()?;
         let [output_ended, output_interrupted] = [OwnedHandle::event(&self.bus)?, OwnedHandle::event(&self.bus)?];
         let inputs = (0..transfers).map(|_| Transfer::new(ptr::null_mut())).collect();
-        // An event with its lowest bit set keeps the end of this transfer from the completion port.
+        // With the lowest bit of its event handle set, the end of this transfer is not reported at the completion port.
         let output = Transfer::new(output_ended.raw().map_addr(|address| address | 1));
         let backend = OverlappedBackend {
             inputs,
@@ -55,7 +55,7 @@ impl Device {
             handle,
             listener: listener.clone(),
         };
-        // If the driver cannot queue as many the device is opened all the same.
+        // The device is usable even if the driver cannot queue that many reports.
         backend.set_system_queue(None);
         Ok(Arc::new(backend))
     }
@@ -63,11 +63,11 @@ impl Device {
 
 /// A transfer of one report. While it is submitted, Windows owns its buffer.
 struct Transfer {
-    /// A leaked box, because Windows keeps its address.
+    /// A leaked box, since Windows keeps its address.
     inner: NonNull<Inner>,
 }
 
-/// Windows returns the address of the first field with the end of a transfer.
+/// The memory of a transfer. `overlapped` is the first field, whose address Windows returns at the end of the transfer.
 #[repr(C)]
 struct Inner {
     overlapped: UnsafeCell<Overlapped>,
@@ -77,11 +77,12 @@ struct Inner {
 // SAFETY: Windows accesses the overlapped structure and the buffer while the transfer is submitted, otherwise only
 // `submit_output` and `ended` do.
 unsafe impl Send for Transfer {}
-// SAFETY: as above.
+// SAFETY: Windows accesses the overlapped structure and the buffer while the transfer is submitted, otherwise only
+// `submit_output` and `ended` do.
 unsafe impl Sync for Transfer {}
 
 impl Transfer {
-    /// `event` is set when the transfer has ended; null for none.
+    /// Creates a transfer. `event` is set at the end of the transfer; null for none.
     fn new(event: Handle) -> Self {
         let overlapped = Overlapped { internal: 0, internal_high: 0, offset: 0, offset_high: 0, event };
         let inner = Inner { overlapped: overlapped.into(), buffer: [0; NUMBERED_LEN].into() };
@@ -104,15 +105,15 @@ impl Transfer {
 
 impl Drop for Transfer {
     fn drop(&mut self) {
-        // SAFETY: it came from a box, and a backend is dropped after all its transfers have ended.
+        // SAFETY: the pointer came from a box, and a backend is dropped after all its transfers have ended.
         drop(unsafe { Box::from_raw(self.inner.as_ptr()) });
     }
 }
 
 impl OverlappedBackend {
-    /// Whether a transfer was submitted, by the return value of the function that submits it.
+    /// Checks whether a transfer was submitted, by the return value of the submitting function.
     fn submitted(&self, done: i32) -> Result<(), UsbError> {
-        // A transfer that is complete at once is reported at the port as well.
+        // A transfer that completes at once is reported at the completion port as well.
         if done != 0 {
             return Ok(());
         }
@@ -131,7 +132,8 @@ impl OverlappedBackend {
         self.submitted(done)
     }
 
-    /// Waits for the end of a transfer for at most `limit_ms` and calls the listener. Returns `false` if none has ended.
+    /// Waits for the end of a transfer for at most `limit_ms` and calls the listener. Returns `false` if none has
+    /// ended.
     fn next_event(&self, limit_ms: u32) -> Result<bool, UsbError> {
         let (mut moved, mut key, mut overlapped) = (0, 0, ptr::null_mut());
         let next = self.handle.bus().api().next_completion;
@@ -139,7 +141,7 @@ impl OverlappedBackend {
         let good = unsafe { next(self.port.raw(), &raw mut moved, &raw mut key, &raw mut overlapped, limit_ms) } != 0;
         let code = if good { 0 } else { self.handle.bus().last_error() };
         if overlapped.is_null() {
-            // The wait was interrupted, nothing has ended yet, or the port has failed.
+            // The wait was interrupted, no transfer has ended yet, or the completion port has failed.
             return if good || code == codes::NOTHING_YET { Ok(false) } else { Err(codes::open_error(code)) };
         }
         self.ended(overlapped, codes::outcome(code), moved as usize);
@@ -159,13 +161,13 @@ impl OverlappedBackend {
         // SAFETY: the transfer has ended, and no other thread handles events meanwhile. The bytes are copied, since the
         // listener may submit the transfer again while it uses them.
         let bytes = unsafe { *input.inner().buffer.get() };
-        // The board uses no report ids, so a report with one is not the board's.
+        // The board uses no report ids, so a report with an id does not come from it.
         let report = if bytes[0] == 0 { bytes.get(1..moved).unwrap_or_default() } else { &[] };
         self.listener.input_ended(number, outcome, report, &|| self.read(input));
     }
 }
 
-/// A limit in whole milliseconds, which Windows waits in, rounded up.
+/// Converts a limit to whole milliseconds, Windows' unit for waits, rounded up.
 fn milliseconds(limit: Duration) -> u32 {
     u32::try_from(limit.as_micros().div_ceil(1000)).unwrap_or(u32::MAX - 1)
 }
@@ -225,7 +227,7 @@ impl Backend for OverlappedBackend {
 
     fn handle_events(&self, limit: Duration) -> Result<(), UsbError> {
         let mut limit = milliseconds(limit);
-        // Handle all that have ended, at most as many as there are transfers, so that the loop ends.
+        // Handles all transfers that have ended, at most as many as there are, so that the loop ends.
         for _ in 0..=self.inputs.len() {
             if !self.next_event(limit)? {
                 break;
@@ -258,7 +260,7 @@ impl Backend for OverlappedBackend {
         let good =
             unsafe { (api.transfer_result)(self.handle.raw(), self.output.overlapped(), &raw mut moved, 0) } != 0;
         let code = if good { 0 } else { self.handle.bus().last_error() };
-        // The report id is not part of the report.
+        // The report id is not a part of the report.
         let moved = (moved as usize).min(NUMBERED_LEN).saturating_sub(1);
         self.listener.output_ended(codes::outcome(code), moved);
         Ok(())
@@ -269,11 +271,11 @@ impl Backend for OverlappedBackend {
         unsafe { (self.handle.bus().api().set_event)(self.output_interrupted.raw()) };
     }
 
-    // The driver clears stalls by itself.
+    // The driver itself clears stalls.
     fn clear_input_halt(&self) {}
 
     fn clear_output_halt(&self) {}
 
-    // The handle is closed when the backend is dropped, because other threads may still be in a call with it.
+    // The handle is closed when the backend is dropped, since other threads may still be in a call with it.
     fn release(&self) {}
 }

@@ -1,34 +1,34 @@
-//! The HID devices of this machine.
+//! The HID devices of this machine, as Windows' HID driver provides them.
 
 use std::sync::Arc;
 
 use super::api::Api;
 
-/// Why the HID devices of this machine cannot be used.
+/// The reason why the HID devices of this machine cannot be used.
 #[cfg(windows)]
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BusError {
-    /// Windows lists no devices.
+    /// Windows cannot list the devices.
     #[error("Windows does not list its HID devices ({0}); start it anew")]
     Usb(#[from] super::UsbError),
 }
 
-/// Windows' HID driver.
+/// Access to Windows' HID driver.
 pub struct Bus {
     api: Api,
 }
 
 impl Bus {
-    /// Windows' HID driver, which every Windows has.
+    /// Opens Windows' HID driver, which exists in every Windows.
     ///
     /// # Errors
-    /// None. [`BusError`] is used where its devices cannot be listed.
+    /// None here. [`BusError`] is the error of listing the devices.
     #[cfg(windows)]
     pub fn open() -> Result<Arc<Self>, BusError> {
         Ok(Arc::new(Self { api: Api::WINDOWS }))
     }
 
-    /// The driver that these functions reach.
+    /// Access to the driver with these functions.
     #[cfg(test)]
     pub(super) fn over(api: Api) -> Arc<Self> {
         Arc::new(Self { api })
@@ -38,7 +38,7 @@ impl Bus {
         &self.api
     }
 
-    /// The error code of this thread's last call of Windows.
+    /// The error code of this thread's last call of a Windows function.
     pub(super) fn last_error(&self) -> u32 {
         // SAFETY: the function has no conditions.
         unsafe { (self.api.last_error)() }
@@ -50,6 +50,6 @@ pub struct Device {
     pub(super) bus: Arc<Bus>,
     /// The device path, terminated by a zero.
     pub(super) path: Vec<u16>,
-    /// The serial number, if Windows' name of the USB device contains it.
+    /// The serial number, if the USB device's name in Windows contains it.
     pub(super) serial: Option<String>,
 }

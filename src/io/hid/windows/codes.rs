@@ -4,9 +4,9 @@ use super::{Outcome, UsbError};
 
 /// `ERROR_IO_PENDING`: the transfer is submitted.
 pub const PENDING: u32 = 997;
-/// `WAIT_TIMEOUT`: nothing has happened within the limit.
+/// `WAIT_TIMEOUT`: nothing happened within the limit.
 pub const NOTHING_YET: u32 = 258;
-/// `ERROR_OPERATION_ABORTED`
+/// `ERROR_OPERATION_ABORTED`: the transfer was cancelled.
 const ABORTED: u32 = 995;
 
 /// The codes that mean that the device was unplugged. Which of them a call returns depends on the version of Windows and on
@@ -14,7 +14,7 @@ const ABORTED: u32 = 995;
 /// such device (55, 433), delete pending (303), not connected (1167), removed (1617).
 const GONE: [u32; 9] = [2, 3, 5, 6, 55, 303, 433, 1167, 1617];
 
-/// How a transfer ended, by its error code; 0 is success.
+/// The outcome of a transfer by its error code; 0 is success.
 pub fn outcome(code: u32) -> Outcome {
     match code {
         0 => Outcome::Done,
@@ -24,25 +24,25 @@ pub fn outcome(code: u32) -> Outcome {
     }
 }
 
-/// The error of an open device that takes no transfer.
+/// The error of an open device that accepts no transfer.
 pub fn submit_error(code: u32) -> UsbError {
     if GONE.contains(&code) { UsbError::NoDevice } else { open_error(code) }
 }
 
-/// The error of a device that does not open.
+/// The error of a device that cannot be opened.
 pub fn open_error(code: u32) -> UsbError {
     match code {
-        // As in `GONE`, without the codes that mean something else for a device that is being opened.
+        // The codes in `GONE`, without those that have another meaning while a device is being opened.
         2 | 3 | 55 | 303 | 433 | 1167 | 1617 => UsbError::NoDevice,
         5 => UsbError::Access,
-        // Not enough memory (8, 14), no system resources (1450), quota (1816).
+        // Out of memory (8, 14), of system resources (1450), or of quota (1816).
         8 | 14 | 1450 | 1816 => UsbError::NoMemory,
         // Another program has opened the device without sharing it.
         32 => UsbError::Busy,
-        // General failure, a timeout on the wire, an I/O error.
+        // General failure (31), timeout on the wire (121), I/O error (1117).
         31 | 121 | 1117 => UsbError::Io,
         1 | 50 => UsbError::NotSupported,
-        // Invalid parameter, invalid user buffer (a report of another length).
+        // Invalid parameter (87), or invalid user buffer (1784): a report of another length.
         87 | 1784 => UsbError::Invalid,
         other => UsbError::Other(i32::try_from(other).unwrap_or(i32::MAX)),
     }
@@ -52,7 +52,7 @@ pub fn open_error(code: u32) -> UsbError {
 mod tests {
     use super::*;
 
-    /// WIN-43
+    /// WIN-43 Each error code is mapped to the state of the device that it means.
     #[test]
     fn a_code_says_what_has_become_of_the_device() {
         assert_eq!(outcome(0), Outcome::Done);

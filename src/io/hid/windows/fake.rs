@@ -1,5 +1,5 @@
-//! A simulated Windows with HID devices, for tests. The test decides what the devices send, take and refuse, and when they
-//! are unplugged.
+//! A simulated Windows with HID devices, for tests. The test decides which reports the devices send, accept and refuse,
+//! and when they are unplugged.
 
 mod functions;
 
@@ -17,27 +17,27 @@ use super::{NUMBERED_LEN, UsbError};
 
 pub const VENDOR: u16 = 0x16C0;
 pub const PRODUCT: u16 = 0x05DF;
-/// `ERROR_OPERATION_ABORTED`
+/// `ERROR_OPERATION_ABORTED`: the transfer was cancelled.
 const ABORTED: u32 = 995;
 
-/// What the board does with a report from the host.
+/// How the board reacts to a report from the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Takes {
-    /// It takes the report.
+    /// The board accepts the report.
     All,
-    /// It does not take the report.
+    /// The board does not accept the report.
     Nothing,
     /// The transfer fails on the wire, with this error code of Windows.
     Fails(u32),
 }
 
-/// A device as Windows lists it.
+/// A device in Windows' list.
 pub struct Listed {
-    /// The part of its path between `\\?\` and the class, such as `hid#vid_16c0&pid_05df#7&1&0&0000`.
+    /// The part of the device path between `\\?\` and the class, such as `hid#vid_16c0&pid_05df#7&1&0&0000`.
     pub name: &'static str,
-    /// The names of its parent devices, the nearest first.
+    /// The names of the parent devices, the nearest one first.
     pub parents: &'static [&'static str],
-    /// The lengths in bytes of its reports to the host and from the host.
+    /// The lengths of the reports in bytes, to the host and from the host.
     pub reports: [u16; 2],
 }
 
@@ -48,7 +48,7 @@ pub const BOARD: Listed = Listed {
     reports: [NUMBERED_LEN as u16; 2],
 };
 
-/// A transfer that is under way.
+/// A pending transfer.
 struct Pending {
     overlapped: *mut Overlapped,
     buffer: *mut u8,
@@ -66,7 +66,7 @@ struct Inside {
     woken: bool,
     /// Whether a backend's two events are set: the end of the transfer to the device, and the interruption.
     set: [bool; 2],
-    /// The first of a backend's events was created.
+    /// Whether the first of a backend's two events was created.
     has_event: bool,
     to_send: VecDeque<Vec<u8>>,
     takes: Takes,
@@ -75,19 +75,19 @@ struct Inside {
     gone: Option<u32>,
     /// The error code of opening the board for reports.
     refused: Option<u32>,
-    /// How many handles, lists and other objects exist.
+    /// Number of existing handles, lists and other objects.
     leaked: isize,
-    /// The paths that were opened.
+    /// The device paths that were opened.
     opened: Vec<String>,
-    /// How many texts were read from a device.
+    /// Number of texts that were read from a device.
     asked: usize,
-    /// The length of the driver's queue.
+    /// The length of the driver's queue of reports.
     keeps: Option<u32>,
-    /// A write does not return while this is set.
+    /// Whether writes are held: they do not return while this is set.
     held: bool,
 }
 
-/// The simulated Windows with its devices, of which one is opened.
+/// The simulated Windows with its devices, one of which is opened.
 #[repr(align(8))] // The lowest bits of its address tell its handles apart.
 pub struct FakeWindows {
     inside: Mutex<Inside>,
@@ -99,7 +99,7 @@ thread_local! {
 }
 
 impl FakeWindows {
-    /// A Windows with these devices, which exists until the test program ends.
+    /// Creates a Windows with these devices, which exists until the test program ends.
     pub fn new(devices: Vec<Listed>) -> &'static Self {
         let inside = Inside {
             devices,
@@ -135,7 +135,7 @@ impl FakeWindows {
         done
     }
 
-    /// The board sends a report with the report id `number`.
+    /// Makes the board send a report with the report id `number`.
     pub fn send(&self, number: u8, report: &[u8]) {
         self.with(|inside| {
             inside.to_send.push_back([&[number], report].concat());
@@ -147,7 +147,7 @@ impl FakeWindows {
         self.with(|inside| inside.takes = takes);
     }
 
-    /// The next write returns only after [`FakeWindows::let_go`] was called.
+    /// Makes the next write return only after [`FakeWindows::let_go`] was called.
     pub fn hold(&self) {
         self.with(|inside| inside.held = true);
     }
@@ -160,7 +160,7 @@ impl FakeWindows {
         self.with(|inside| inside.refused = Some(code));
     }
 
-    /// Unplugs the board; calls and transfers fail with this error code.
+    /// Unplugs the board. Calls and transfers then fail with this error code.
     pub fn pull(&self, code: u32) {
         self.with(|inside| {
             inside.gone = Some(code);
@@ -170,7 +170,7 @@ impl FakeWindows {
         });
     }
 
-    /// Waits until `count` transfers are under way.
+    /// Waits until `count` transfers are pending.
     pub fn until_pending(&self, count: usize) {
         let mut inside = self.inside.lock();
         while inside.pending.len() != count || !inside.ended.is_empty() {
@@ -178,7 +178,7 @@ impl FakeWindows {
         }
     }
 
-    /// The reports that the board has taken, each with its report id.
+    /// The reports that the board has accepted, each with its report id.
     pub fn taken(&self) -> Vec<Vec<u8>> {
         self.with(|inside| inside.taken.clone())
     }
@@ -191,7 +191,7 @@ impl FakeWindows {
         self.with(|inside| inside.asked)
     }
 
-    /// How many reads are under way.
+    /// The number of pending reads.
     pub fn reads(&self) -> usize {
         self.with(|inside| inside.pending.iter().filter(|pending| pending.to_host).count())
     }
@@ -200,14 +200,14 @@ impl FakeWindows {
         self.with(|inside| inside.keeps)
     }
 
-    /// How many handles, lists and other objects exist.
+    /// The number of existing handles, lists and other objects.
     pub fn leaked(&self) -> isize {
         self.with(|inside| inside.leaked)
     }
 }
 
 impl Inside {
-    /// Delivers the board's reports to reads, the oldest first.
+    /// Delivers the board's reports to pending reads, the oldest first.
     fn deliver(&mut self) {
         while !self.to_send.is_empty() {
             let Some(at) = self.pending.iter().position(|pending| pending.to_host) else { break };

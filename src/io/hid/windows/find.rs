@@ -1,5 +1,5 @@
-//! Lists the HID devices with the board's ids, and decides by their report lengths which of them can be a board. The ids are
-//! part of Windows' device names, so that keyboards and other devices are not opened.
+//! Lists the HID devices with the board's ids, and decides by their report lengths which of them can be a board.
+//! Windows' device names contain the ids, so that keyboards and other devices need not be opened.
 
 use std::ffi::c_void;
 use std::mem;
@@ -17,13 +17,13 @@ use crate::io::hid::NotTheBoard;
 #[cfg(windows)]
 use crate::io::hid::{FoundDevice, Sysfs};
 
-/// Room for a device's text in UTF-16 units. A string descriptor has 126 at most.
+/// Room for a text of a device in UTF-16 units. A string descriptor has at most 126.
 const TEXT_LEN: usize = 128;
-/// How many levels above a HID device the USB device is at most: its parent, or the parent of its interface.
+/// How many levels the USB device is above a HID device at most: its parent, or the parent of its interface.
 const PARENTS_MAX: usize = 2;
 
-/// Proof that a device's reports have the wanted size in both directions. Interface and endpoints are known to the driver
-/// only.
+/// Proof that a device's reports have the wanted size in both directions. Only the driver knows interface and
+/// endpoints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReportInterface(());
 
@@ -37,7 +37,7 @@ pub(super) struct Candidate {
 /// All devices with this vendor and product id. Nothing is sent to any of them.
 ///
 /// # Errors
-/// Those of Windows.
+/// [`UsbError`], if Windows cannot list the devices.
 #[cfg(windows)]
 pub fn find(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Vec<FoundDevice>, UsbError> {
     let found = candidates(bus, vendor, product)?.into_iter().map(|candidate| {
@@ -49,12 +49,13 @@ pub fn find(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Vec<FoundDevice
 
 #[cfg(windows)]
 impl FoundDevice {
-    /// The product name and the serial number. What Windows does not know is read from the device, if `may_ask`.
+    /// The product name and the serial number. If `may_ask`, values unknown to Windows are read from the device.
     pub fn texts(&self, _system: &Sysfs, may_ask: bool) -> (Option<String>, Option<String>) {
         self.device.texts(may_ask)
     }
 
-    /// The error with which Windows refuses to open the device for reports; `None` if it opens. It is closed again.
+    /// The error with which Windows refuses to open the device for reports; `None` if it can be opened. The device is
+    /// closed again.
     pub fn refused(&self) -> Option<UsbError> {
         self.device.refused()
     }
@@ -69,7 +70,7 @@ pub(super) fn candidates(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Ve
         let named = names::text(&path).and_then(|path| names::of_path(&path));
         let Some(named) = named.filter(|named| (named.vendor, named.product) == (vendor, product)) else { continue };
         let device = Device { bus: bus.clone(), path, serial: serial(bus, node) };
-        // A device that is unplugged meanwhile is left out.
+        // A device that was just unplugged is left out.
         let interface = match device.capabilities() {
             Ok(capabilities) => report_interface(&capabilities),
             Err(UsbError::NoDevice) => continue,
@@ -86,7 +87,7 @@ fn report_interface(capabilities: &Capabilities) -> Result<ReportInterface, NotT
     if both == [NUMBERED_LEN; 2] { Ok(ReportInterface(())) } else { Err(NotTheBoard::OtherReports) }
 }
 
-/// The serial number of the USB device that a HID device belongs to, if Windows' name of that device contains it.
+/// The serial number of the USB device above a HID device, if the USB device's name in Windows contains it.
 fn serial(bus: &Bus, node: u32) -> Option<String> {
     let mut node = node;
     for _ in 0..PARENTS_MAX {
@@ -133,7 +134,7 @@ impl Device {
         OwnedHandle::open(&self.bus, &self.path, true).err()
     }
 
-    /// The product name and the serial number. What Windows does not know is read from the device, if `may_ask`.
+    /// The product name and the serial number. If `may_ask`, values unknown to Windows are read from the device.
     pub(super) fn texts(&self, may_ask: bool) -> (Option<String>, Option<String>) {
         let asked = if may_ask { OwnedHandle::open(&self.bus, &self.path, false).ok() } else { None };
         let text = |function: unsafe extern "system" fn(_, *mut c_void, u32) -> u8| {
@@ -148,7 +149,7 @@ impl Device {
     }
 }
 
-/// Windows' list of the HID devices that are present.
+/// Windows' list of the connected HID devices.
 struct List<'a> {
     bus: &'a Bus,
     class: Guid,

@@ -1,4 +1,4 @@
-//! Handles of Windows that are closed when they are dropped.
+//! Windows handles that are closed on drop.
 
 use std::ffi::c_void;
 use std::ptr;
@@ -9,7 +9,7 @@ use super::api::{self, Handle};
 use super::bus::Bus;
 use super::codes;
 
-/// A handle that is closed when this is dropped.
+/// A Windows handle that is closed on drop.
 pub struct OwnedHandle {
     bus: Arc<Bus>,
     raw: Handle,
@@ -17,12 +17,12 @@ pub struct OwnedHandle {
 
 // SAFETY: Windows' handles may be used by any threads at once.
 unsafe impl Send for OwnedHandle {}
-// SAFETY: as above.
+// SAFETY: Windows' handles may be used by any threads at once.
 unsafe impl Sync for OwnedHandle {}
 
 impl OwnedHandle {
-    /// Opens the device at a path that is terminated by a zero: for reports if `overlapped`, otherwise only to query the
-    /// driver, which succeeds whatever other programs do with the device.
+    /// Opens the device at a path that ends with a zero. With `overlapped` it is opened for reports, otherwise only for
+    /// queries to the driver, which succeed whatever other programs do with the device.
     pub fn open(bus: &Arc<Bus>, path: &[u16], overlapped: bool) -> Result<Self, UsbError> {
         let (access, flags) = if overlapped { (api::READ_AND_WRITE, api::OVERLAPPED) } else { (0, 0) };
         // SAFETY: the path is terminated by a zero, which is checked here.
@@ -42,7 +42,7 @@ impl OwnedHandle {
         Self::made(bus, raw)
     }
 
-    /// The handle that a call of Windows has made, or the error of that call.
+    /// Wraps the handle that a Windows function has returned, or returns the error of that function.
     fn made(bus: &Arc<Bus>, raw: Handle) -> Result<Self, UsbError> {
         if raw.is_null() || raw == api::INVALID_HANDLE {
             return Err(codes::open_error(bus.last_error()));
@@ -50,16 +50,16 @@ impl OwnedHandle {
         Ok(Self { bus: bus.clone(), raw })
     }
 
-    /// A completion port for the transfers of this handle.
+    /// Creates a completion port for the transfers of this handle.
     pub fn port(&self) -> Result<Self, UsbError> {
         // SAFETY: the handle is open until `drop`.
         let raw = unsafe { (self.bus.api().create_port)(self.raw, ptr::null_mut(), 0, 1) };
         Self::made(&self.bus, raw)
     }
 
-    /// An auto-reset event.
+    /// Creates an auto-reset event.
     pub fn event(bus: &Arc<Bus>) -> Result<Self, UsbError> {
-        // SAFETY: without attributes and name.
+        // SAFETY: an event without attributes and without a name has no conditions.
         let raw = unsafe { (bus.api().create_event)(ptr::null(), 0, 0, ptr::null()) };
         Self::made(bus, raw)
     }

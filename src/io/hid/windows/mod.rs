@@ -1,8 +1,8 @@
-//! The backend over Windows' own HID driver, for which nothing has to be installed (docs/decisions/windows-hid-driver.md).
+//! The backend over Windows' own HID driver, which needs no installation (docs/decisions/windows-hid-driver.md).
 //!
 //! `api.rs` has the functions of Windows, `codes.rs` the meaning of their error codes, `names.rs` that of device names,
 //! `handle.rs` a handle that is closed once, `find.rs` the search for boards, `backend.rs` the transfers, `fake.rs` a
-//! simulated Windows for tests, so that all of this is tested on any system.
+//! simulated Windows for tests, so that all of this is tested on every system.
 
 mod api;
 mod backend;
@@ -27,5 +27,6 @@ use super::REPORT_LEN;
 use super::backend::{Backend, Outcome, TransferListener};
 use super::error::UsbError;
 
-/// Bytes of a report as the driver passes it: its first byte is the report id, which is 0 for a device that uses none.
+/// Size of a report with its report id in bytes, as the driver passes it. The first byte is the id, which is 0 for a
+/// device without report ids.
 const NUMBERED_LEN: usize = REPORT_LEN + 1;

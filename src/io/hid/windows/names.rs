@@ -1,4 +1,5 @@
-//! Windows' names of devices, which contain the ids and often the serial number, so that no device has to be opened for them.
+//! Windows' names of devices. They contain the ids and often the serial number, so that no device has to be opened to
+//! read these.
 
 /// The parts of the path of a HID device, such as
 /// `\\?\hid#vid_16c0&pid_05df&mi_00#7&1a2b3c4d&0&0000#{4d1e55b2-f16f-11cf-88cb-001111000030}`.
@@ -6,8 +7,9 @@
 pub struct DeviceName {
     pub vendor: u16,
     pub product: u16,
-    /// Its instance, with `-` for characters that have a meaning in a URI: `7-1a2b3c4d-0-0000`. Windows derives it from the
-    /// port or from the device's serial number, so that it stays the same when the device is plugged in again.
+    /// The device's instance, with `-` for characters that have a meaning in a URI: `7-1a2b3c4d-0-0000`. Windows
+    /// derives it from the port or from the device's serial number, so that it stays the same when the device is
+    /// plugged in again.
     pub instance: String,
 }
 
@@ -26,8 +28,9 @@ pub fn of_path(path: &str) -> Option<DeviceName> {
     Some(DeviceName { vendor, product, instance })
 }
 
-/// The serial number in the name of a USB device's instance, such as `USB\VID_16C0&PID_05DF\0001`. To a device without one
-/// Windows gives a name that contains `&`; the names of a device's interfaces (`&MI_00`) contain no serial number.
+/// The serial number in the name of a USB device's instance, such as `USB\VID_16C0&PID_05DF\0001`. For a device without
+/// a serial number Windows creates a name that contains `&`; the names of a device's interfaces (`&MI_00`) contain no
+/// serial number.
 pub fn serial_of(instance: &str) -> Option<&str> {
     let mut parts = instance.split('\\');
     let (bus, device, name) = (parts.next()?, parts.next()?, parts.next()?);
@@ -35,7 +38,7 @@ pub fn serial_of(instance: &str) -> Option<&str> {
     (is_device && !name.is_empty() && !name.contains('&')).then_some(name)
 }
 
-/// A text of Windows up to its terminating zero; `None` if it is empty.
+/// Decodes a text of Windows up to its terminating zero; `None` if it is empty.
 pub fn text(wide: &[u16]) -> Option<String> {
     let end = wide.iter().position(|unit| *unit == 0).unwrap_or(wide.len());
     let text = String::from_utf16_lossy(&wide[..end]).trim().to_owned();
@@ -48,7 +51,7 @@ mod tests {
 
     const CLASS: &str = "{4d1e55b2-f16f-11cf-88cb-001111000030}";
 
-    /// WIN-40
+    /// WIN-40 A device path contains the ids and the instance of the device.
     #[test]
     fn a_path_says_ids_and_place() {
         let board = |instance: &str| DeviceName { vendor: 0x16C0, product: 0x05DF, instance: instance.to_owned() };
@@ -61,7 +64,7 @@ mod tests {
         assert_eq!(of_path(""), None);
     }
 
-    /// WIN-40
+    /// WIN-40 The last part of a device name is a serial number unless Windows has generated it.
     #[test]
     fn a_serial_number_is_what_windows_has_not_made_up() {
         assert_eq!(serial_of(r"USB\VID_16C0&PID_05DF\0001"), Some("0001"));

@@ -1,4 +1,4 @@
-//! Finding and opening boards, and the pipe, over a simulated Windows.
+//! Tests of finding and opening boards, and of the pipe, over a simulated Windows.
 
 use std::sync::Arc;
 use std::thread;
@@ -34,7 +34,8 @@ fn open() -> (&'static FakeWindows, Arc<Pipe>) {
     (world, pipe)
 }
 
-/// WIN-40 Ids, place and serial number are in Windows' names: no other device is opened, and none is asked for a text.
+/// WIN-40 Ids, instance and serial number are read from Windows' names: no other device is opened, and no text is read
+/// from a device.
 #[test]
 fn a_board_is_found_by_its_names() {
     let relay = Listed { name: "hid#vid_16c0&pid_05df#7&2&0&0000", parents: &[], reports: [9, 9] };
@@ -61,7 +62,7 @@ fn a_board_is_found_by_its_names() {
     assert_eq!(world.leaked(), 0);
 }
 
-/// WIN-41 On the way to and from Windows' driver a report has its number, 0, in front; of 512 bytes, no more and no less.
+/// WIN-41 Windows' driver passes reports with their id 0 in front, both ways. The report itself has exactly 512 bytes.
 #[test]
 fn a_report_has_its_number_in_front() {
     let (world, pipe) = open();
@@ -79,8 +80,8 @@ fn a_report_has_its_number_in_front() {
     assert_eq!(read(&pipe, Some(SOON)), Err(PipeError::Timeout(SOON)));
 }
 
-/// WIN-42 Reads are always under way; of reports nobody reads the newest are kept, the others counted. Windows' driver
-/// drops what it has no room for without a word, so it is given all the room there is.
+/// WIN-42 Reads are pending at all times. Of unread reports the newest are kept and the others counted. Windows' driver
+/// drops reports silently when its queue is full, so the queue is set to its maximum.
 #[test]
 fn of_reports_nobody_reads_the_newest_are_kept() {
     let (world, pipe) = open();
@@ -93,8 +94,8 @@ fn of_reports_nobody_reads_the_newest_are_kept() {
     assert_eq!(pipe.stats().dropped, 6);
 }
 
-/// WIN-43 Whatever code Windows has for a board that was pulled: every call ends at once and says so, and so do all after
-/// it. Nothing stays open.
+/// WIN-43 Whichever error code Windows uses for an unplugged board, every call ends at once and reports the loss, and
+/// so do all later calls. Nothing stays open.
 #[test]
 fn every_call_ends_when_the_board_goes() {
     for code in [2, 5, 6, 55, 303, 433, 1167, 1617] {
@@ -119,7 +120,7 @@ fn every_call_ends_when_the_board_goes() {
     }
 }
 
-/// LIB-65 Reports that were kept go with the board, and are counted: whoever finds it gone is told none of them.
+/// LIB-65 When the board is gone, unread reports in the queue are dropped and counted, and no longer returned.
 #[test]
 fn kept_reports_go_with_the_board() {
     let (world, pipe) = open();
@@ -133,7 +134,8 @@ fn kept_reports_go_with_the_board() {
     assert_eq!((stats.reports - 1, stats.dropped), (stats.dropped, stats.dropped), "each is counted once");
 }
 
-/// WIN-43 A wire that fails without a word about the device is asked again, and counts as gone after 9 failures in a row.
+/// WIN-43 Transfers that fail on the wire without another reason are repeated; after 9 failures in a row the board
+/// counts as gone.
 #[test]
 fn a_wire_that_fails_is_not_asked_for_ever() {
     let (world, pipe) = open();
@@ -149,8 +151,8 @@ fn a_wire_that_fails_is_not_asked_for_ever() {
     assert!(matches!(ended, Err(PipeError::Lost(_))), "{ended:?}");
 }
 
-/// WIN-44 A write that the board does not take is taken back at its limit, when it is cancelled and when the pipe is
-/// closed; then the next one may pass.
+/// WIN-44 A write that the board does not accept is cancelled at its limit, by a cancellation, and by closing the pipe.
+/// The next write can then succeed.
 #[test]
 fn a_write_that_is_not_taken_is_taken_back() {
     let (world, pipe) = open();
@@ -174,7 +176,7 @@ fn a_write_that_is_not_taken_is_taken_back() {
     assert_eq!(world.taken().iter().map(|report| report[1]).collect::<Vec<_>>(), [3]);
 }
 
-/// WIN-44 Reads go on, and end, while Windows does not come back from a write.
+/// WIN-44 Reads continue, and can end, while a write does not return from Windows.
 #[test]
 fn a_write_that_windows_holds_holds_no_read() {
     let (world, pipe) = open();
@@ -191,7 +193,7 @@ fn a_write_that_windows_holds_holds_no_read() {
     assert!(matches!(ended, Ok(()) | Err(PipeError::Timeout(_))), "{ended:?}");
 }
 
-/// WIN-44 Closing ends a read that waits, at once, and gives all back.
+/// WIN-44 Closing ends a waiting read at once and releases everything.
 #[test]
 fn close_ends_a_read_that_waits() {
     let (world, pipe) = open();
@@ -205,7 +207,7 @@ fn close_ends_a_read_that_waits() {
     assert_eq!(world.leaked(), 0);
 }
 
-/// WIN-45 A board that does not open says why, and nothing of it stays open.
+/// WIN-45 If a board cannot be opened, the error says why, and nothing stays open.
 #[test]
 fn an_open_that_fails_leaves_nothing() {
     for (code, error) in [(5, UsbError::Access), (32, UsbError::Busy), (433, UsbError::NoDevice)] {
@@ -225,15 +227,15 @@ fn an_open_that_fails_leaves_nothing() {
     assert_eq!(world.leaked(), 0);
 }
 
-/// A board whose program has only written for a while, so that its input is paused and reports stay in Windows' queue.
+/// A board with paused input: its program has only written for a while, so that reports stay in Windows' queue.
 fn with_paused_input() -> (&'static FakeWindows, Pipe) {
     let world = FakeWindows::new(vec![BOARD]);
     let pipe = open_with(world, PipeOptions { may_pause_input: true, ..LIMITS }).expect("it opens");
     assert_eq!(pipe.write(&[1; REPORT_LEN], None), Ok(()));
     assert_eq!(world.reads(), TRANSFERS);
     in_time(move || {
-        // A pause begins by setting the driver's queue. Without that, reads may be missing just because none was submitted again
-        // yet.
+        // A pause begins with setting the driver's queue. Without this check, reads may be missing only because none
+        // was resubmitted yet.
         while world.keeps() != Some(QUEUE as u32) || world.reads() > 0 {
             pipe.write(&[1; REPORT_LEN], None).expect("it takes it");
             world.send(0, &[99; REPORT_LEN]);
@@ -243,8 +245,8 @@ fn with_paused_input() -> (&'static FakeWindows, Pipe) {
     })
 }
 
-/// WIN-67 Reports are left to the driver while a program only writes, which keeps the newest; a read takes them first, and
-/// from then on none is lost again.
+/// WIN-67 While a program only writes, reports stay in the driver's queue, which keeps the newest. The first read
+/// returns these, and from then on no report is lost.
 #[test]
 fn while_a_program_only_writes_its_reports_rest() {
     let (world, pipe) = with_paused_input();
@@ -267,7 +269,8 @@ fn while_a_program_only_writes_its_reports_rest() {
     assert_eq!(read(&pipe, Some(PATIENCE)).map(|(fill, number)| (fill, number > first.1)), Ok((6, true)));
 }
 
-/// WIN-67 A board that says nothing more keeps no read waiting for what it does not send, and what was kept is read.
+/// WIN-67 If the board sends nothing more, a read after a pause still returns the queued reports without waiting for
+/// new ones.
 #[test]
 fn a_silent_board_ends_a_rest() {
     let (_, pipe) = with_paused_input();
@@ -277,8 +280,8 @@ fn a_silent_board_ends_a_rest() {
     assert_eq!(in_time(move || read(&reads, None)).map(|(fill, _)| fill), Ok(99));
 }
 
-/// WIN-67 A board that is closed or unplugged while its input is paused: closing ends everything; a loss is told by the next
-/// write, the next read and the next look.
+/// WIN-67 If the board is closed during a pause, everything ends. If it is unplugged during a pause, the next write,
+/// read or check reports the loss.
 #[test]
 fn a_board_that_goes_while_its_reports_rest() {
     let (world, pipe) = with_paused_input();
@@ -303,8 +306,8 @@ fn a_board_that_goes_while_its_reports_rest() {
     assert!(matches!(pipe.check(), Err(PipeError::Lost(_))), "nothing is under way that would tell");
 }
 
-/// WIN-67 A program that does nothing with its board is given no work by it: its reports are left to the driver, and the
-/// newest are read when it goes on.
+/// WIN-67 If a program does nothing with its board, reports stay in the driver's queue and cost no processor time. The
+/// newest are read when the program continues.
 #[test]
 fn reports_rest_while_a_program_does_nothing() {
     let world = FakeWindows::new(vec![BOARD]);
@@ -324,7 +327,8 @@ fn reports_rest_while_a_program_does_nothing() {
     }
 }
 
-/// WIN-67 A program that reads now and then, and one that may not leave its reports unread: reads are under way at all times.
+/// WIN-67 There is no pause for a program that reads from time to time, nor for one that must count all its reports:
+/// reads are pending at all times.
 #[test]
 fn others_never_rest() {
     let world = FakeWindows::new(vec![BOARD]);

@@ -1,4 +1,4 @@
-//! What was fetched from EEPROMs, datagrams and mailboxes; lengths of process data that the host assigns.
+//! Results read from EEPROMs, datagrams and mailboxes; lengths of process data that the host assigns.
 
 use super::{DONE, Outcome, Refused, answered};
 use crate::ethercat::AlState;
@@ -8,13 +8,13 @@ use crate::xf::request::{DirectAssign, Direction, MailboxPart, MailboxStatus, Sl
 use crate::xf::response::{Answer, EepromAnswer, RawAnswer};
 
 impl<N: Network> Chip<N> {
-    /// `[OURS]` Before anything was read or written it is refused.
+    /// EEPROM_GET. `[OURS]` It is refused before an EEPROM was read or written.
     pub(super) fn eeprom_get(&self, data: &mut [u8]) -> Outcome {
         let result = self.results.eeprom.as_ref();
         answered(result.map(|result| EepromAnswer { error: result.error, data: result.data() }), data)
     }
 
-    /// `[OURS]` Before a datagram went out it is refused.
+    /// RAW_ECAT_FUNC_GET. `[OURS]` It is refused before a datagram was sent.
     pub(super) fn raw_get(&self, data: &mut [u8]) -> Outcome {
         let answer = self.results.datagram.as_ref().map(|job| RawAnswer {
             operation: job.operation.code(),
@@ -28,10 +28,10 @@ impl<N: Network> Chip<N> {
         answered(answer, data)
     }
 
-    /// Lengths are used from the next layout of process data on, where the assignment is on then.
+    /// DIRECT_ASSIGN. The lengths apply from the next layout of process data on, if the assignment is then switched on.
     ///
-    /// `[OURS]` A direction to which none was assigned keeps that of the mapping; one that no image holds, and a slave that was
-    /// not found, are refused. ECAT_INIT_OP forgets it.
+    /// `[OURS]` A direction without an assigned length keeps the length of the mapping. A length that does not fit into
+    /// the process image, and a slave that was not found, are refused. ECAT_INIT_OP resets the lengths.
     pub(super) fn direct_assign(&mut self, request: &DirectAssign) -> Outcome {
         let (DirectAssign::Switch { slave, .. } | DirectAssign::Length { slave, .. }) = *request;
         if !self.found(slave.into()) {
@@ -47,14 +47,16 @@ impl<N: Network> Chip<N> {
         DONE
     }
 
-    /// `[OURS]` Bytes that are not in the mailbox are refused, and so are all before one was fetched.
+    /// The answer of RECV_MAILBOX with a part of a message. `[OURS]` Bytes beyond the message are refused, and so is
+    /// any part before a message was fetched.
     pub(super) fn mailbox_part(&self, part: MailboxPart, data: &mut [u8]) -> Outcome {
         let (start, len) = (usize::from(part.start()), usize::from(part.length()));
         let mail = self.results.mail.as_deref();
         answered(mail.and_then(|mail| mail.get(start..start + len)), data)
     }
 
-    /// `[OURS]` Without a network it is refused. Bits of slaves that were not found are left out; a slave outside OP has no mail.
+    /// MBX_STAT. `[OURS]` It is refused without a network. Bits of slaves that were not found are left out; a slave
+    /// outside OP has no mail.
     pub(super) fn mailbox_status(&mut self, request: &MailboxStatus, data: &mut [u8]) -> Outcome {
         if self.bus.count == 0 {
             return Err(Refused);

@@ -1,4 +1,4 @@
-//! GPIO, encoder, DAC and ADC: codes 31 to 35.
+//! Commands for GPIO, encoder, DAC and ADC: codes 31 to 35.
 
 use super::{DONE, Outcome, answered, done_if};
 use crate::xf::chip::Chip;
@@ -6,23 +6,23 @@ use crate::xf::chip::network::Network;
 use crate::xf::request::{Analog, Request, UpperPins};
 use crate::xf::response::Answer;
 
-/// GPIO 0 to 15.
+/// Mask of GPIO 0 to 15.
 const LOWER_PINS: u32 = 0xFFFF;
-/// GPIO 0 to 19.
+/// Mask of GPIO 0 to 19.
 const ALL_PINS: u32 = 0xF_FFFF;
 
-/// A mask of GPIO 16 to 19 as one of all.
+/// Converts a mask of GPIO 16 to 19 to a mask of all GPIOs.
 fn upper(pins: UpperPins) -> u32 {
     u32::from(pins.get()) << 16
 }
 
 impl<N: Network> Chip<N> {
-    /// `None`: it is no command of these units.
+    /// Runs a command of GPIO, encoder, DAC or ADC; `None` for other commands.
     pub(super) fn run_io(&mut self, request: &Request<'_>, data: &mut [u8]) -> Option<Outcome> {
         if self.set_io(request) { Some(DONE) } else { self.use_io(request, data) }
     }
 
-    /// What cannot be refused. False: it is no such command.
+    /// Runs a command of these units that cannot be refused; returns false for other commands.
     fn set_io(&mut self, request: &Request<'_>) -> bool {
         let (now, gpio, encoder, analog) = (self.now, &mut self.gpio, &mut self.encoder, &mut self.analog);
         match *request {
@@ -47,7 +47,7 @@ impl<N: Network> Chip<N> {
         true
     }
 
-    /// What has a result, and `[OURS]` what a unit that is not open cannot do and refuses.
+    /// Runs a command that has a result, or that is refused `[OURS]` because its unit is not open.
     fn use_io(&mut self, request: &Request<'_>, data: &mut [u8]) -> Option<Outcome> {
         let (now, gpio, encoder, analog) = (self.now, &mut self.gpio, &mut self.encoder, &mut self.analog);
         Some(match *request {

@@ -1,4 +1,4 @@
-//! States, slaves, working counter, results of SDO transfers.
+//! Commands for states, slaves and the working counter, and for results of SDO transfers.
 
 use super::{Outcome, Refused, answered, done_if};
 use crate::xf::chip::Chip;
@@ -6,7 +6,7 @@ use crate::xf::chip::network::Network;
 use crate::xf::request::{PdoWorkingCounterGet, SlaveInfoGet, SlaveInfoItem, Slaves, StateGet, WorkingCounterItem};
 use crate::xf::response::{Answer, SlaveInfo};
 
-/// The station address of the first slave, the next one has the next. `[OURS]`
+/// The station address of the first slave; further slaves have consecutive addresses. `[OURS]`
 const FIRST_STATION_ADDRESS: u16 = 0x1001;
 
 impl<N: Network> Chip<N> {
@@ -20,7 +20,7 @@ impl<N: Network> Chip<N> {
         Ok(number.encode(data)?)
     }
 
-    /// From the chip's memory. `[OURS]` All slaves together have the lowest state of any.
+    /// ECAT_STATE_GET, from the chip's memory. `[OURS]` The state of all slaves together is the lowest of them.
     pub(super) fn state_get(&self, request: &StateGet, data: &mut [u8]) -> Outcome {
         let state = match request.slaves {
             Slaves::All => Some(self.bus.state_of_all()),
@@ -29,8 +29,8 @@ impl<N: Network> Chip<N> {
         answered(state, data)
     }
 
-    /// `[OURS]` Items 10 and 13 are one byte, 11 and 12 four. Those above 13, up to 40 in the vendor's header (OBS), nobody describes:
-    /// they are refused.
+    /// ECAT_SLV_INFO_GET. `[OURS]` Items 10 and 13 have one byte, 11 and 12 four. Items above 13, which are in the
+    /// vendor's header up to 40 (OBS) without a description, are refused.
     pub(super) fn slave_info(&self, request: &SlaveInfoGet, data: &mut [u8]) -> Outcome {
         let slave = request.slave.get();
         if !self.found(request.slave.into()) {
@@ -60,7 +60,7 @@ impl<N: Network> Chip<N> {
         Ok(item.encode(data)?)
     }
 
-    /// `[OURS]` Firmware before 0x22 does not have it.
+    /// ENABLE_LRW. `[OURS]` Firmware before 0x22 does not support it.
     pub(super) fn enable_lrw(&mut self, lrw: bool) -> Outcome {
         if self.profile.is_newer() {
             self.bus.lrw = lrw;
@@ -68,8 +68,8 @@ impl<N: Network> Chip<N> {
         done_if(self.profile.is_newer())
     }
 
-    /// As many bytes as were read, or as the data segment holds; none if the last read failed. `[OURS]` Before any were read it is
-    /// refused.
+    /// ECAT_SDO_GET, with as many bytes as were read and fit into the data segment; none if the last read failed.
+    /// `[OURS]` It is refused before the first read.
     pub(super) fn sdo_get(&self, data: &mut [u8]) -> Outcome {
         let read = self.sdo.len.map(|len| &self.sdo.data[..len.min(data.len())]);
         answered(read, data)

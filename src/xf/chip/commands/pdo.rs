@@ -1,4 +1,4 @@
-//! Process data through the FIFOs and past them.
+//! Commands for process data, through the FIFOs and directly.
 
 use super::{DONE, Outcome, Refused};
 use crate::xf::Errors;
@@ -9,11 +9,11 @@ use crate::xf::request::{Fifo, Fifos, PdoData, PdoDataFifo, PdoOperation};
 use crate::xf::response::Returned;
 
 impl<N: Network> Chip<N> {
-    /// RxPDOs into the FIFO, TxPDOs out of it.
+    /// PDO_DATA_FIFO_OP: puts RxPDOs into the FIFO and takes TxPDOs out of it.
     ///
-    /// `[OURS]` Without process data, or with another length than that of `par` RxPDOs, nothing is done: the answer
-    /// says failed, and the command error is set. Of RxPDOs for which there is no room the rest is lost: a FIFO error,
-    /// and the answer says failed and not written.
+    /// `[OURS]` Without configured process data, or if the length is not that of `par` RxPDOs, nothing is done: the
+    /// answer says "failed", and the command error is set. RxPDOs beyond the free entries are lost: the FIFO error is
+    /// set, and the answer says "failed" and not "written".
     pub(super) fn pdo_data_fifo(&mut self, request: &PdoDataFifo<'_>, data: &mut [u8]) -> Returned {
         let (writes, reads) = (has(request.operation, PdoOperation::WRITE), has(request.operation, PdoOperation::READ));
         let (count, rx_bytes) = (usize::from(request.count), usize::from(self.bus.rx_bytes));
@@ -42,11 +42,14 @@ impl<N: Network> Chip<N> {
         Returned { ret: done.0, len: len as u16 }
     }
 
-    /// Outputs and inputs past the FIFOs: the RxPDO is put out from the next cycle on, the TxPDO is the newest.
+    /// PDO_DATA_OP: writes outputs and reads inputs without the FIFOs. The RxPDO is sent from the next cycle on; the
+    /// TxPDO is the newest one.
     ///
-    /// Bit 2 of the operation comes back in the return byte: the vendor's driver takes inputs only with it (OBS).
+    /// Bit 2 of the operation is repeated in the return byte, because the vendor's driver accepts inputs only with it
+    /// (OBS).
     ///
-    /// `[OURS]` Without "bits are valid" no data are no write. A wrong length fails as in [`Self::pdo_data_fifo`], without the bit.
+    /// `[OURS]` Without "bits are valid", a request without data does not write. A wrong length fails as in
+    /// [`Self::pdo_data_fifo`], without that bit.
     pub(super) fn pdo_data(&mut self, request: &PdoData<'_>, data: &mut [u8]) -> Returned {
         let is_chosen = has(request.operation, PdoOperation::VALID);
         let writes = if is_chosen { has(request.operation, PdoOperation::WRITE) } else { !request.data.is_empty() };
@@ -91,7 +94,8 @@ impl<N: Network> Chip<N> {
         DONE
     }
 
-    /// Entries hold from the next FIFO_INIT or layout of process data on. `[OURS]` 0 and more than 128 are refused.
+    /// Sets the capacity of a FIFO, which applies from the next FIFO_INIT or layout of process data on. `[OURS]` 0 and
+    /// more than 128 are refused.
     pub(super) fn set_entries(entries: &mut u8, wanted: u8) -> Outcome {
         if !(1..=FIFO_ENTRIES_MAX).contains(&wanted) {
             return Err(Refused);

@@ -1,4 +1,4 @@
-//! Commands that take time are started, if none runs and their arguments are right.
+//! Starts commands that take time, if none is running and their arguments are valid.
 
 use super::{Outcome, Refused, done_if};
 use crate::ethercat::coe::SdoScope;
@@ -13,25 +13,26 @@ use crate::xf::request::{
     SdoOperation, SdoRequest, Slaves,
 };
 
-/// The shortest cycle that ECAT_INIT_OP takes, nanoseconds. `[OURS]`
+/// The shortest cycle that ECAT_INIT_OP accepts, in nanoseconds. `[OURS]`
 pub const SYNC0_MIN_NS: u32 = 50_000;
 
 impl<N: Network> Chip<N> {
-    /// Starts a command that takes time, or refuses an unknown one.
+    /// Starts a command that takes time; refuses an unknown command.
     pub(super) fn start(&mut self, request: &Request<'_>) -> Outcome {
         let job = self.job_for(request).ok_or(Refused)?;
         done_if(self.start_job(job))
     }
 
-    /// The update of states that a header asks for. `[OURS]` By control bit 1, as the manuals have it, where the
-    /// vendor's header has bit 0; it takes time beside the packet's own command. False: a command runs.
+    /// Starts the update of states that a header requests; returns false if a command is running. `[OURS]` The request
+    /// is control bit 1, as in the manuals, and not bit 0, as in the vendor's header. The update takes time in addition
+    /// to the packet's own command.
     pub(in crate::xf::chip) fn start_update(&mut self) -> bool {
         self.start_job(Job::StateUpdate)
     }
 
-    /// `None`: an argument is wrong, or nobody knows the command.
+    /// The job for a command; `None` if an argument is invalid or the command is unknown.
     ///
-    /// `[OURS]` A slave that was not found is a wrong argument.
+    /// `[OURS]` The number of a slave that was not found is an invalid argument.
     fn job_for(&self, request: &Request<'_>) -> Option<Job> {
         Some(match request {
             Request::EcatInit(init) => {
@@ -64,7 +65,7 @@ impl<N: Network> Chip<N> {
         })
     }
 
-    /// Whether there are slaves, and this one is among them.
+    /// Whether this slave, or any slave for "all", was found.
     pub(super) fn found(&self, slaves: Slaves) -> bool {
         match slaves {
             Slaves::One(slave) => slave.get() < self.bus.count,
@@ -78,7 +79,7 @@ impl<N: Network> Chip<N> {
             SdoOperation::Read { bytes } => bytes.into(),
             SdoOperation::Write(written) => {
                 writes = true;
-                // The request holds 256 bytes at most.
+                // The slice fits: a request holds at most 256 bytes.
                 data[..written.len()].copy_from_slice(written);
                 written.len()
             }
@@ -108,7 +109,8 @@ impl<N: Network> Chip<N> {
         })
     }
 
-    /// `[OURS]` Nothing can go out before the network was initialised, and a time limit below 0 is a wrong argument.
+    /// The job for a datagram. `[OURS]` No datagram can be sent before the network was initialised; a negative timeout
+    /// is an invalid argument.
     fn datagram_job(&self, request: &RawRequest<'_>) -> Option<Job> {
         let timeout_us = u32::try_from(request.timeout_us).ok().filter(|_| self.bus.initialised)?;
         let mut data = [0; RAW_DATA_MAX];
@@ -126,8 +128,8 @@ impl<N: Network> Chip<N> {
         }))
     }
 
-    /// `[OURS]` The time limit is that of each packet. A file without a name, and one to be written that reaches behind the flash
-    /// memory, are wrong arguments.
+    /// The job for a file transfer. `[OURS]` The timeout applies to each packet. A file without a name, and a download
+    /// from beyond the flash memory, are invalid arguments.
     fn file_job(&self, file: &FoeFile<'_>, downloads: bool) -> Option<Job> {
         let is_in_memory = !downloads || Flash::has(file.start.get(), file.bytes as usize);
         (self.found(file.slave.into()) && is_in_memory && !file.name.is_empty()).then(|| {
@@ -143,13 +145,13 @@ impl<N: Network> Chip<N> {
         })
     }
 
-    /// When a time limit that begins now is over.
+    /// The end of a timeout that begins now.
     fn deadline(&self, timeout_us: u32) -> Ns {
         self.now.saturating_add(Ns::from(timeout_us) * 1_000)
     }
 }
 
-/// `None`: it reaches behind the flash memory.
+/// The job for an access to the flash memory; `None` if it reaches beyond the memory.
 fn flash_job(request: &FoeRequest<'_>) -> Option<Job> {
     match *request {
         FoeRequest::ReadFlash { start, bytes } => {

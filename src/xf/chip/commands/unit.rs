@@ -1,4 +1,4 @@
-//! The chip itself, and what the CiA 402 helper tells.
+//! Commands for the chip itself, and for reading the state of the CiA 402 helper.
 
 use super::{DONE, Outcome, answered, done_if};
 use crate::ethercat::cia402::Statusword;
@@ -9,7 +9,7 @@ use crate::xf::response::{Answer, DriveStateByte, FirmwareVersion};
 use crate::xf::{DataSize, Errors};
 
 impl<N: Network> Chip<N> {
-    /// From the next packet on, and in the answer to this one.
+    /// SPI_RECONFIG_OP: the new size applies to the next packet and to the answer to this one.
     pub(super) fn set_size(&mut self, size: DataSize) -> Outcome {
         let is_allowed = !self.profile.size_is_fixed;
         if is_allowed {
@@ -23,12 +23,13 @@ impl<N: Network> Chip<N> {
         Ok(FirmwareVersion { version, identity }.encode(data)?)
     }
 
-    /// `[OURS]` The return byte is the count that was cleared.
+    /// CRC_ERR_CNT_CLR. `[OURS]` The return byte is the count before it was cleared.
     pub(super) fn clear_crc_errors(&mut self, data: &mut [u8]) -> Outcome {
         Ok(std::mem::take(&mut self.crc_errors).encode(data)?)
     }
 
-    /// `[OURS]` A command that is given up has no more effects, whether by 1 or by 4; 4 says that it has failed.
+    /// ASYNCCMD_RESET. `[OURS]` A command that is given up, by action 1 or 4, has no further effects; action 4 also
+    /// reports it as failed.
     pub(super) fn reset_job(&mut self, actions: AsyncResetActions) -> Outcome {
         if actions.contains(AsyncResetActions::GIVE_UP) && self.job.is_some() {
             self.raise(Errors::NON_IMMEDIATE);
@@ -42,7 +43,7 @@ impl<N: Network> Chip<N> {
         DONE
     }
 
-    /// The port is ready now, and an initialisation that waits for it goes on.
+    /// Makes the port ready now, so that an initialisation waiting for it continues.
     fn skip_port_wait(&mut self) {
         let skipped = self.port_ready_at.saturating_sub(self.now);
         self.port_ready_at -= skipped;
@@ -51,13 +52,13 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    /// The axis' statusword as it came last; `None`: the axis is not configured.
+    /// The newest statusword of an axis; `None` if the axis is not configured.
     pub(super) fn statusword(&self, motor: MotorNumber) -> Option<Statusword> {
         self.helper.statusword(motor.get(), self.bus.places(), &self.bus.inputs)
     }
 
     pub(super) fn drive_state(&self, motor: MotorNumber, data: &mut [u8]) -> Outcome {
-        // Those bits of the statusword that say the state (XF EN 778).
+        // Only the bits of the statusword that encode the state (XF EN 778).
         let state = |word: Statusword| DriveStateByte((word.0 & Statusword::STATE_BITS) as u8);
         answered(self.statusword(motor).map(state), data)
     }

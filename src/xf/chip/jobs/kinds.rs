@@ -1,4 +1,4 @@
-//! The jobs there are, with what each needs to know.
+//! The kinds of jobs, with their arguments.
 
 use crate::ethercat::coe::{ObjectAddress, SdoScope};
 use crate::ethercat::{AlState, Ns};
@@ -7,11 +7,11 @@ use crate::xf::request::{
     RawOperation, SDO_DATA_MAX, Slaves,
 };
 
-/// What runs.
+/// A job: a command that takes time, with its arguments.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 pub(in crate::xf::chip) enum Job {
     Init(EcatInit),
-    /// RECONFIG_OP and CONFIG_MAP.
+    /// RECONFIG_OP and CONFIG_MAP: the layout of process data.
     Map,
     InitDc,
     DcSync(DcSync),
@@ -32,7 +32,7 @@ pub(in crate::xf::chip) enum Job {
     },
     File(FileJob),
     SetManager(ConfigSyncManager),
-    /// CONFIG_FMMU, which has no effect any more.
+    /// CONFIG_FMMU, which no longer has an effect.
     SetFmmus,
     Eeprom(EepromJob),
     Datagram(DatagramJob),
@@ -46,7 +46,7 @@ pub(in crate::xf::chip) struct SdoJob {
     pub object: ObjectAddress,
     pub scope: SdoScope,
     pub deadline: Ns,
-    /// Bytes to read, or of `data` to write.
+    /// The number of bytes to read, or to write from `data`.
     pub bytes: usize,
     pub writes: bool,
     pub data: [u8; SDO_DATA_MAX],
@@ -55,24 +55,24 @@ pub(in crate::xf::chip) struct SdoJob {
 #[derive(Clone, Copy)]
 pub(in crate::xf::chip) struct StateJob {
     pub slaves: Slaves,
-    /// `None`: Boot, which no slave here knows.
+    /// The target state; `None` for Boot, which no simulated slave supports.
     pub target: Option<AlState>,
-    /// All states are read at the end: ECAT_STATE_CHECK.
+    /// Whether all states are read at the end, as ECAT_STATE_CHECK does.
     pub updates: bool,
-    /// A slave of this part does not answer, or cannot be set up.
+    /// Whether a slave in the present step does not answer or cannot be set up.
     pub has_failed: bool,
 }
 
-/// A file of a slave and its place in the flash memory.
+/// The transfer of a file between a slave and the flash memory.
 pub(in crate::xf::chip) struct FileJob {
     pub slave: u8,
     pub name: Vec<u8>,
     pub password: u32,
     pub start: u32,
-    /// The length of the file; of one that is read 0 is any.
+    /// The length of the file; for a file that is read, 0 means any length.
     pub bytes: u32,
     pub timeout_ns: Ns,
-    /// It is written to the slave, not read from it.
+    /// Whether the file is written to the slave; otherwise it is read.
     pub downloads: bool,
 }
 
@@ -84,7 +84,7 @@ pub(in crate::xf::chip) struct EepromJob {
     pub deadline: Ns,
 }
 
-/// A datagram; in the end as it came back.
+/// A datagram; after its return, as it came back.
 #[derive(Clone, Copy)]
 pub(in crate::xf::chip) struct DatagramJob {
     pub operation: RawOperation,
@@ -93,14 +93,14 @@ pub(in crate::xf::chip) struct DatagramJob {
     pub logical: u32,
     pub timeout_us: i32,
     pub deadline: Ns,
-    /// -1: it did not come back.
+    /// The working counter; -1 if the datagram did not come back.
     pub working_counter: i32,
     pub bytes: usize,
     pub data: [u8; RAW_DATA_MAX],
 }
 
 impl Job {
-    /// When the host's patience ends.
+    /// The time at which the timeout in the host's command ends.
     pub(super) const fn deadline(&self) -> Option<Ns> {
         match self {
             Self::Sdo(job) => Some(job.deadline),

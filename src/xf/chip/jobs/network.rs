@@ -1,4 +1,4 @@
-//! Initialisation, process data, clocks, changes of state.
+//! Jobs for initialisation, process data, clocks and changes of state.
 
 use super::{Begun, Gained, Lengths, Progress, StateJob, pdos};
 use crate::ethercat::coe::AbortCode;
@@ -10,7 +10,7 @@ use crate::xf::chip::network::{EnterError, Entered, EnteringSlaves, List, Networ
 use crate::xf::request::{DcSync, EcatInit, ReferenceClock, Slaves};
 
 impl<N: Network> Chip<N> {
-    /// What the chip knew of the network is gone.
+    /// Begins ECAT_INIT_OP: forgets the previous network.
     pub(super) fn begin_init(&mut self, init: &EcatInit) -> Begun {
         let old = std::mem::replace(&mut self.bus, Bus::new(self.timing.cycle_ns));
         (self.bus.lrw, self.bus.wkc_limit) = (old.lrw, old.wkc_limit);
@@ -23,8 +23,8 @@ impl<N: Network> Chip<N> {
         self.ask_for(Operation::Scan)
     }
 
-    /// `[OURS]` The slaves are in Init then; a network without slaves is an error. A clock of the chip leads with firmware that
-    /// knows the switch alone.
+    /// Ends ECAT_INIT_OP. `[OURS]` The slaves are then in Init; a network without slaves is an error. The chip's own
+    /// clock is the reference clock only with firmware that has the switch for it.
     pub(super) fn end_init(&mut self, init: &EcatInit, found: u8) -> Progress {
         self.bus.count = found;
         if found == 0 {
@@ -48,9 +48,11 @@ impl<N: Network> Chip<N> {
         self.end_init_dc()
     }
 
-    /// Process data are laid out in PreOP, in which the slaves' mailboxes answer and their mapping may be changed.
+    /// Begins the layout of process data. It is possible in PreOP, where the slaves' mailboxes answer and the mapping
+    /// may be changed.
     ///
-    /// `[OURS]` In another state it fails. FIFOs that do not fit are a FIFO error and no failure.
+    /// `[OURS]` In another state the job fails. FIFOs that exceed their memory set the FIFO error, but the job
+    /// succeeds.
     pub(super) fn begin_map(&mut self) -> Begun {
         let is_preop = |slave| self.network.state(slave) == Some(AlState::PreOp);
         if self.bus.count == 0 || !self.bus.slaves().all(is_preop) {
@@ -77,7 +79,8 @@ impl<N: Network> Chip<N> {
         self.ask_network(|requests| async move { Gained::Lengths(pdos::lengths(&requests, &assigned).await) })
     }
 
-    /// False: a slave's mapping was not read, or there are more process data than the images hold.
+    /// Lays out process data; returns false if a slave's mapping could not be read, or if the data exceed the process
+    /// images.
     fn lay_out(&mut self, lengths: Result<Lengths, AbortCode>) -> bool {
         match lengths {
             Ok(lengths) => {
@@ -92,7 +95,7 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    /// Slaves with clocks take their times, if AssignActivate is not 0.
+    /// Ends ECAT_INIT_DC_OP: slaves with clocks use their times, if AssignActivate is not 0.
     pub(super) fn end_init_dc(&mut self) -> Progress {
         if !self.bus.initialised {
             return Progress::Failed;
@@ -114,7 +117,7 @@ impl<N: Network> Chip<N> {
         Progress::Done
     }
 
-    /// The slaves that are found, of those that are named.
+    /// Those of the named slaves that were found.
     pub(in crate::xf::chip) fn chosen(&self, slaves: Slaves) -> std::ops::Range<u8> {
         match slaves {
             Slaves::All => self.bus.slaves(),
@@ -122,7 +125,7 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    /// How long the next change on the way to the target takes.
+    /// The duration of the next step towards the target state.
     pub(super) fn next_change_ns(&self, job: &StateJob) -> Ns {
         let slaves = self.chosen(job.slaves);
         match (job.target, self.next_state(job)) {
@@ -134,13 +137,13 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    /// Whether a slave is below the target.
+    /// Whether any slave is below the target.
     fn goes_up(&self, job: &StateJob, target: AlState) -> bool {
         self.chosen(job.slaves).filter_map(|slave| self.network.state(slave)).any(|state| state < target)
     }
 
-    /// The state that slaves in the lowest one enter next: one above, or the target. `None`: all are there, or none
-    /// answers.
+    /// The next state for the slaves in the lowest state: one above, or the target. `None` if all are in the target
+    /// state, or none answers.
     fn next_state(&self, job: &StateJob) -> Option<AlState> {
         let target = job.target?;
         let states = self.chosen(job.slaves).filter_map(|slave| self.network.state(slave));
@@ -148,10 +151,10 @@ impl<N: Network> Chip<N> {
         Some(lowest.above().min(target))
     }
 
-    /// One change of state: slaves go up one state at a time and together, those in the lowest first; they go down at
-    /// once.
+    /// Begins one step of a change of state. Slaves go up together, one state at a time, beginning with those in the
+    /// lowest state; they go down in a single step.
     ///
-    /// `[OURS]` Process data that are not laid out are before SafeOP, as the slaves have them.
+    /// `[OURS]` If process data are not laid out yet, that is done before SafeOP, from the slaves' own mapping.
     pub(super) fn begin_change(&mut self, job: &mut StateJob) -> Begun {
         let Some(target) = job.target else {
             self.note_boot(job);
@@ -184,16 +187,16 @@ impl<N: Network> Chip<N> {
         self.ask_for(Operation::Enter(slaves))
     }
 
-    /// Process data are laid out on the way to SafeOP, which goes on at once.
+    /// Ends the layout of process data on the way to SafeOP; the change of state continues at once.
     pub(super) fn end_layout(&mut self, lengths: Result<Lengths, AbortCode>) -> Progress {
         if self.lay_out(lengths) { Progress::Again(self.now) } else { Progress::Failed }
     }
 
-    /// Tells a slave what it has to know before it enters a state. False: it cannot, and has AL status 0x17.
+    /// Prepares a slave for a state; returns false, with AL status 0x17, if that is not possible.
     fn set_up(&mut self, slave: u8, to: AlState) -> bool {
         let place = &mut self.bus.places[usize::from(slave)];
         if self.network.takes_time() {
-            // What it leaves is not expected any more while it does.
+            // While the slave leaves its state, the working counter no longer includes it.
             place.commanded = place.commanded.min(to);
         }
         if to != AlState::SafeOp || self.network.state(slave) != Some(AlState::PreOp) {
@@ -231,7 +234,7 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    /// `[OURS]` The state that a slave has entered is in the chip's memory at once.
+    /// Records the end of a slave's change of state. `[OURS]` The chip's memory has the new state at once.
     fn note_entered(&mut self, slave: u8, to: AlState, entered: Result<(), EnterError>) {
         match entered {
             Ok(()) => {
@@ -250,7 +253,7 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    /// The chip refuses a change of state for a slave.
+    /// Records that the chip itself refuses a change of state for a slave.
     fn refuse(&mut self, slave: u8, status: AlStatus) {
         self.bus.update(&self.network, slave);
         let known = &mut self.bus.known[usize::from(slave)];

@@ -1,4 +1,4 @@
-//! The PDOs of slaves by their mapping objects: read, written, and counted.
+//! The PDOs of slaves, read, written and counted by means of their mapping objects.
 
 use super::Lengths;
 use super::requests::Requests;
@@ -7,10 +7,10 @@ use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::xf::chip::network::{IMAGE_MAX, Value};
 use crate::xf::request::{MappedObject, PdoAssignment, PdoConfig, PdoConfigForm, PdoConfigRequest, PdoMap};
 
-/// How long a slave may take for an SDO of a mapping. `[OURS]`
+/// Timeout of an SDO transfer for a slave's mapping. `[OURS]`
 const ANSWER_MAX_NS: Ns = 1_000_000_000;
 
-/// One object of a slave, up to 4 bytes; a longer one is a wrong length.
+/// Reads an object of up to 4 bytes; a longer one is a length error.
 async fn read_number(requests: &Requests, slave: u8, index: u16, sub: u8) -> Result<u32, AbortCode> {
     let object = (slave, ObjectAddress::new(index, sub));
     let (value, len) = requests.read(object, SdoScope::Entry, 4, ANSWER_MAX_NS).await?;
@@ -29,34 +29,34 @@ async fn write_number(requests: &Requests, slave: u8, index: u16, sub: u8, value
     requests.write(object, SdoScope::Entry, Value::of(0, value), ANSWER_MAX_NS).await
 }
 
-/// An entry of a mapping object.
+/// Reads one entry of a mapping object.
 async fn read_entry(requests: &Requests, slave: u8, index: u16, sub: u8) -> Result<MappedObject, AbortCode> {
     Ok(MappedObject::from_bytes(read_number(requests, slave, index, sub).await?.to_le_bytes()))
 }
 
-/// A PDO that is assigned, and how many objects it has.
+/// Reads the index of an assigned PDO, and its number of objects.
 ///
 /// # Errors
-/// The abort code with which the slave aborts.
+/// The abort code of the slave.
 async fn assigned(requests: &Requests, slave: u8, assignment: PdoAssignment, sub: u8) -> Result<(u16, u8), AbortCode> {
     let index = read_number(requests, slave, assignment.code(), sub).await? as u16;
     let objects = read_number(requests, slave, index, 0).await? as u8;
     Ok((index, objects))
 }
 
-/// How many PDOs are assigned.
+/// Reads the number of assigned PDOs.
 async fn count(requests: &Requests, slave: u8, assignment: PdoAssignment) -> Result<u8, AbortCode> {
     match read_number(requests, slave, assignment.code(), 0).await {
-        // A slave without process data in this direction.
+        // The slave has no process data in this direction.
         Err(AbortCode::NO_OBJECT) => Ok(0),
         count => Ok(count?.min(u8::MAX.into()) as u8),
     }
 }
 
-/// How many bytes are mapped in a direction, as the slave's own mapping objects say.
+/// The size of the process data in one direction according to the slave's mapping objects, in bytes.
 ///
 /// # Errors
-/// The abort code with which the slave aborts, or [`AbortCode::PDO_LENGTH`]: more than [`IMAGE_MAX`].
+/// The abort code of the slave, or [`AbortCode::PDO_LENGTH`] for more than [`IMAGE_MAX`].
 async fn mapped_bytes(requests: &Requests, slave: u8, assignment: PdoAssignment) -> Result<u16, AbortCode> {
     let mut bits = 0_usize;
     for sub in 1..=count(requests, slave, assignment).await? {
@@ -69,10 +69,11 @@ async fn mapped_bytes(requests: &Requests, slave: u8, assignment: PdoAssignment)
     if bytes > IMAGE_MAX { Err(AbortCode::PDO_LENGTH) } else { Ok(bytes as u16) }
 }
 
-/// How many bytes of outputs and of inputs each slave has, as its own mapping objects say where nobody has assigned a length.
+/// The sizes of each slave's outputs and inputs in bytes: the length that the host has assigned, otherwise that of the
+/// slave's mapping objects.
 ///
 /// # Errors
-/// The abort code with which a slave aborts, or [`AbortCode::PDO_LENGTH`]: they are more than the images hold.
+/// The abort code of a slave, or [`AbortCode::PDO_LENGTH`] if the sizes exceed the process images.
 pub(super) async fn lengths(requests: &Requests, assigned: &[[Option<u16>; 2]]) -> Result<Lengths, AbortCode> {
     let mut lengths = Lengths::empty([0; 2]);
     let mut totals = [0; 2];
@@ -93,9 +94,10 @@ pub(super) async fn lengths(requests: &Requests, assigned: &[[Option<u16>; 2]]) 
     Ok(lengths)
 }
 
-/// The usual order of CoE: the assignment is emptied, then each PDO is, filled and counted, then they are assigned.
+/// Writes PDO mapping and assignment in the usual order of CoE: clears the assignment, fills each PDO and sets its
+/// number of objects, then assigns the PDOs.
 ///
-/// `[OURS]` A PDO without objects is assigned as it is, for slaves whose PDOs are fixed.
+/// `[OURS]` A PDO without objects is assigned without changing its mapping, for slaves with fixed PDOs.
 pub(super) async fn set(requests: &Requests, config: &PdoConfig) -> Result<(), AbortCode> {
     let (slave, assignment) = (config.slave.get(), config.assignment.code());
     write_number(requests, slave, assignment, 0, &[0]).await?;
@@ -112,7 +114,8 @@ pub(super) async fn set(requests: &Requests, config: &PdoConfig) -> Result<(), A
     write_number(requests, slave, assignment, 0, &[config.maps().len() as u8]).await
 }
 
-/// `[OURS]` More PDOs or objects than the answer has room for are an error, with abort code 0x06040042.
+/// Reads PDO assignment and mapping. `[OURS]` If the answer has no room for all PDOs or objects, the result is the
+/// abort code 0x06040042.
 pub(super) async fn read(
     requests: &Requests,
     request: &PdoConfigRequest,

@@ -1,7 +1,7 @@
-//! What a procedure asks of the network: operations one after the other, written as the sequence that they are.
+//! The requests of a procedure to the network: operations one after the other, written as an `async` sequence.
 //!
-//! A procedure is an `async fn`, as the master's sequences are. The chip polls it itself, hands over what it asks for, and gives it
-//! the answer.
+//! A procedure is an `async fn`, like the sequences of the master. The chip polls it, passes its requests to the
+//! network, and returns the answers to it.
 
 use std::future::poll_fn;
 use std::pin::{Pin, pin};
@@ -15,38 +15,38 @@ use crate::ethercat::Ns;
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::xf::chip::network::{Answer, Network, Operation, Value};
 
-/// What a procedure waits for.
+/// The state of a procedure's request.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 #[derive(Debug, Default)]
 enum Slot {
     #[default]
     Empty,
-    /// It asks for this.
+    /// The procedure requests this operation.
     Asked(Operation),
-    /// The network has been asked.
+    /// The network is executing the operation.
     Running,
     Answered(Answer),
 }
 
-/// The way of a procedure to the network.
+/// The connection of a procedure to the network, through which it makes requests.
 #[derive(Clone, Debug, Default)]
 pub(in crate::xf::chip) struct Requests(Arc<Mutex<Slot>>);
 
-/// A procedure under way.
+/// A running procedure.
 pub(in crate::xf::chip) struct Procedure {
     requests: Requests,
     task: Pin<Box<dyn Future<Output = Gained> + Send>>,
 }
 
 impl Procedure {
-    /// Goes on as far as the answers of the network allow; what came of it, if it has ended.
+    /// Continues the procedure as far as the network's answers allow; returns its result once it has ended.
     pub(super) fn run(&mut self, network: &mut impl Network) -> Option<Gained> {
         self.requests.go_on(self.task.as_mut(), network)
     }
 }
 
 impl Requests {
-    /// Begins a procedure. On a network for which nothing takes time it ends at once, and nothing is allocated.
+    /// Starts a procedure. On a network that answers at once, the procedure ends at once and nothing is allocated.
     pub(super) fn begin<F: Future<Output = Gained> + Send + 'static>(
         &self,
         network: &mut impl Network,
@@ -99,7 +99,7 @@ impl Requests {
         .await
     }
 
-    /// [`Operation::Read`]: the value as far as there is room, and its whole length.
+    /// [`Operation::Read`]: returns as much of the value as there is room for, and its full length.
     pub(super) async fn read(
         &self,
         (slave, object): (u8, ObjectAddress),
@@ -113,7 +113,7 @@ impl Requests {
         }
     }
 
-    /// [`Operation::Write`].
+    /// [`Operation::Write`]: writes a whole value.
     pub(super) async fn write(
         &self,
         (slave, object): (u8, ObjectAddress),

@@ -1,4 +1,4 @@
-//! SDO transfers, and what comes of the PDOs of a slave.
+//! The ends of SDO transfers and of accesses to a slave's PDOs.
 
 use super::{Begun, Gained, Progress, SdoJob};
 use crate::ethercat::coe::AbortCode;
@@ -21,10 +21,10 @@ impl<N: Network> Chip<N> {
         self.ask_for(Operation::Read { slave, object, scope, room, timeout_ns })
     }
 
-    /// A slave that does not answer is waited for until the time limit; then the abort code is that of a timeout.
+    /// Ends SDO_REQ. If a slave does not answer within the timeout, the abort code is that of a timeout.
     ///
-    /// `[OURS]` The abort code is kept until the next transfer, and is 0 after one that succeeds. Of a value that is longer
-    /// than the bytes asked for, these are given; 0 asks for all that a data segment holds.
+    /// `[OURS]` The abort code is kept until the next transfer, and is 0 after a successful one. Of a value that is
+    /// longer than the requested number of bytes, that many are returned; 0 requests as many as a data segment holds.
     pub(super) fn end_sdo(&mut self, job: &SdoJob, gained: Gained) -> Progress {
         let result = match gained {
             Gained::Answer(Answer::Value(value)) => value.map(|(value, _)| {
@@ -40,13 +40,13 @@ impl<N: Network> Chip<N> {
             Ok(()) => AbortCode(0),
         };
         if result.is_err() && !job.writes {
-            // What was read before is not what was asked for now.
+            // A failed read must not leave the data of an earlier one.
             self.sdo.len = Some(0);
         }
         if result.is_ok() { Progress::Done } else { Progress::Failed }
     }
 
-    /// `[OURS]` A mapping that fails leaves the abort code of its SDO.
+    /// Ends an access to a slave's PDOs. `[OURS]` If it fails, the abort code of its SDO is kept.
     pub(super) fn end_pdo_transfer(&mut self, result: Result<(), AbortCode>) -> Progress {
         self.sdo.abort = result.err().unwrap_or(AbortCode(0));
         if result.is_ok() { Progress::Done } else { Progress::Failed }

@@ -1,4 +1,4 @@
-//! What reaches behind the objects of slaves: sync managers, EEPROMs, datagrams, files, mailboxes.
+//! Jobs that bypass the objects of slaves: sync managers, EEPROMs, datagrams, files, mailboxes.
 
 use super::{Begun, DatagramJob, EepromJob, FileJob, Gained, Progress, done_if};
 use crate::ethercat::coe::AbortCode;
@@ -11,12 +11,12 @@ use crate::xf::chip::network::{Answer, EepromFailure, Network, Operation};
 use crate::xf::chip::results::EepromResult;
 use crate::xf::request::{ConfigSyncManager, EepromOperation};
 
-/// How many words EEPROM_REQ reads: 8 bytes, as much as EEPROM_GET returns (OBS).
+/// Number of words that EEPROM_REQ reads: 8 bytes, as many as EEPROM_GET returns (OBS).
 const EEPROM_WORDS: usize = 4;
-/// The first sync manager of process data; those before are the mailbox's.
+/// The first sync manager for process data; lower ones are for the mailbox.
 const PROCESS_MANAGERS: u8 = 2;
 
-/// The error code of EEPROM_GET. `[OURS]` The manuals name none but 0 by implication.
+/// The error code in EEPROM_GET. `[OURS]` The manuals define only 0, and that by implication.
 const fn eeprom_error(failure: EepromFailure) -> u8 {
     match failure {
         EepromFailure::NoAnswer => 1,
@@ -25,11 +25,11 @@ const fn eeprom_error(failure: EepromFailure) -> u8 {
     }
 }
 
-/// The same where the time limit of EEPROM_REQ was over. `[OURS]`
+/// The error code in EEPROM_GET after a timeout of EEPROM_REQ. `[OURS]`
 const EEPROM_TIMED_OUT: u8 = 2;
 
 impl<N: Network> Chip<N> {
-    /// `[OURS]` Where fewer words follow, fewer are read.
+    /// Begins EEPROM_REQ. `[OURS]` At the end of the EEPROM fewer words are read.
     pub(super) fn begin_eeprom(&mut self, job: &EepromJob) -> Begun {
         let EepromJob { slave, position, operation, .. } = *job;
         let operation = match operation {
@@ -62,8 +62,8 @@ impl<N: Network> Chip<N> {
         self.ask_for(Operation::SetManager { slave: request.slave.get(), number: request.number, registers })
     }
 
-    /// `[OURS]` The slave has it at once, and again whenever it goes to PreOP or SafeOP. Process data have its length from the
-    /// next layout on; which ones says the direction in its control byte.
+    /// Ends CONFIG_SM. `[OURS]` The sync manager is set at once, and again whenever the slave goes to PreOP or SafeOP.
+    /// From the next layout on, process data have its length, in the direction given by its control byte.
     pub(super) fn end_set_manager(&mut self, request: &ConfigSyncManager, is_set: bool) -> Progress {
         if is_set && request.number >= PROCESS_MANAGERS {
             let is_on = SmActivate(request.activate).contains(SmActivate::ENABLE);
@@ -77,7 +77,8 @@ impl<N: Network> Chip<N> {
         done_if(is_set)
     }
 
-    /// `[OURS]` What EEPROM_GET gives is kept until the next EEPROM_REQ ends; after a write it has no data.
+    /// Ends EEPROM_REQ. `[OURS]` The result for EEPROM_GET is kept until the next EEPROM_REQ ends; after a write it has
+    /// no data.
     pub(super) fn end_eeprom(&mut self, gained: Gained) -> Progress {
         let result = match gained {
             Gained::Answer(Answer::Eeprom(result)) => result.map_err(eeprom_error),
@@ -90,7 +91,8 @@ impl<N: Network> Chip<N> {
         done_if(result.is_ok())
     }
 
-    /// `[OURS]` A datagram that does not come back in time is a failure, and its answer has the working counter -1.
+    /// Ends RAW_ECAT_FUNC_REQ. `[OURS]` A datagram that does not come back in time is a failure; its answer has the
+    /// working counter -1.
     pub(super) fn end_datagram(&mut self, job: &DatagramJob, gained: Gained) -> Progress {
         let mut result = *job;
         let came = match gained {
@@ -108,7 +110,7 @@ impl<N: Network> Chip<N> {
     pub(super) fn begin_file(&mut self, job: &FileJob) -> Begun {
         let (slave, name, password, timeout_ns) = (job.slave, job.name.clone(), job.password, job.timeout_ns);
         self.ask_for(if job.downloads {
-            // The command was refused if it reached behind the memory.
+            // The slice is valid: a command that reaches beyond the memory was refused.
             let content = self.flash.memory()[job.start as usize..][..job.bytes as usize].to_vec();
             Operation::WriteFile { slave, name, password, content, timeout_ns }
         } else {
@@ -116,9 +118,10 @@ impl<N: Network> Chip<N> {
         })
     }
 
-    /// `[OURS]` A file that is longer than FOE_FUNC_REQ says (0: any), or reaches behind the flash memory, fails with FoE's
-    /// "disk full", and the memory stays as it was; of a shorter one the bytes behind it stay. ECAT_SDO_ABORTCODE_GET gives the
-    /// error code of FoE, that of a timeout if there was no answer, and 0 after a transfer that succeeded.
+    /// Ends a file transfer. `[OURS]` A file that is longer than FOE_FUNC_REQ says (0: any length), or that exceeds the
+    /// flash memory, fails with the FoE error "disk full" and leaves the memory unchanged. A shorter file leaves the
+    /// bytes after it unchanged. ECAT_SDO_ABORTCODE_GET then returns the FoE error code, a timeout if there was no
+    /// answer, or 0 after a success.
     pub(super) fn end_file(&mut self, job: &FileJob, result: Result<Vec<u8>, u32>) -> Progress {
         let result = result.and_then(|content| {
             let is_as_said = job.bytes == 0 || content.len() <= job.bytes as usize;
@@ -135,7 +138,8 @@ impl<N: Network> Chip<N> {
         done_if(result.is_ok())
     }
 
-    /// `[OURS]` An empty mailbox, and a slave that does not answer, are a failure; what was fetched before stays.
+    /// Ends the request of RECV_MAILBOX. `[OURS]` An empty mailbox and a slave that does not answer are failures; an
+    /// earlier message is kept.
     pub(super) fn end_mail(&mut self, mail: Option<Vec<u8>>) -> Progress {
         let has_come = mail.is_some();
         self.results.mail = mail.or_else(|| self.results.mail.take());

@@ -1,40 +1,42 @@
-//! Networks that do everything at once.
+//! Networks that execute every operation at once.
 
 use super::{Answer, EnterError, Entered, Exchange, Identity, Network, Operation, Place, SlaveSetup, Value};
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::{AlState, Ns};
 
-/// A network whose slaves are asked by calls, not by frames, so that nothing takes time. It knows no registers, EEPROMs, files
-/// and mailboxes. Slaves are numbered from 0; a number that no slave has is one that does not answer.
+/// A network whose slaves are called directly and not by frames, so that nothing takes time. It has no registers,
+/// EEPROMs, files or mailboxes. Slaves are numbered from 0. A number without a slave behaves like a slave that does not
+/// answer.
 pub trait AtOnce: Send {
     /// Whether the network port has a link.
     fn has_link(&self) -> bool;
 
-    /// Counts the slaves, [`SLAVES_MAX`](super::SLAVES_MAX) at most, brings those that answer to Init and finds out who they are.
+    /// Counts the slaves, at most [`SLAVES_MAX`](super::SLAVES_MAX), brings those that answer to Init, and reads their
+    /// identities.
     fn scan(&mut self) -> u8;
 
-    /// What the last scan has found out about a slave; `None` if there is no such slave.
+    /// The identity of a slave, as read by the last scan; `None` if there is no such slave.
     fn identity(&self, slave: u8) -> Option<&Identity>;
 
     /// Whether the slave has distributed clocks.
     fn has_dc(&self, slave: u8) -> bool;
 
-    /// The AL state; `None`: the slave does not answer.
+    /// The AL state; `None` if the slave does not answer.
     fn state(&self, slave: u8) -> Option<AlState>;
 
     /// Requests an AL state.
     ///
     /// # Errors
-    /// The slave does not answer, or refuses.
+    /// The slave does not answer, or refuses the state.
     fn enter(&mut self, slave: u8, state: AlState) -> Result<(), EnterError>;
 
-    /// Sets the lengths of sync managers 2 (outputs) and 3 (inputs), bytes.
+    /// Sets the lengths of sync managers 2 (outputs) and 3 (inputs), in bytes.
     fn set_sync_managers(&mut self, slave: u8, outputs: u16, inputs: u16);
 
-    /// Sets the cycle of SYNC0; `None`: the slave runs without distributed clocks.
+    /// Sets the cycle time of SYNC0; `None` if the slave runs without distributed clocks.
     fn set_sync_cycle(&mut self, slave: u8, cycle_ns: Option<Ns>);
 
-    /// SDO upload of as much of the value as `value` has room for. The length of the whole value.
+    /// SDO upload of as much of the value as `value` has room for. Returns the full length of the value.
     ///
     /// # Errors
     /// The abort code; [`AbortCode::TIMEOUT`] if the slave does not answer.
@@ -44,23 +46,23 @@ pub trait AtOnce: Send {
     /// SDO download of a whole value.
     ///
     /// # Errors
-    /// As [`Self::read`].
+    /// As with [`Self::read`].
     fn write(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode>;
 
-    /// How much longer than others SDO transfers with a slave take.
+    /// The additional duration of SDO transfers with this slave.
     fn sdo_delay_ns(&self, _slave: u8) -> Ns {
         0
     }
 
-    /// The abort code with which a slave aborts a transfer of SDO_REQ whatever its dictionary says; `None`: it does not.
+    /// The abort code with which a slave always aborts transfers of SDO_REQ for this object; `None` if it does not.
     fn sdo_abort(&self, _slave: u8, _object: ObjectAddress) -> Option<AbortCode> {
         None
     }
 
-    /// The process data of a cycle, as for [`Network::exchange`]. The working counter.
+    /// Exchanges the process data of a cycle, as in [`Network::exchange`]; returns the working counter.
     fn exchange(&mut self, places: &[Place], outputs: &[u8], inputs: &mut [u8], lrw: bool) -> u16;
 
-    /// `dt_ns` pass.
+    /// Lets `dt_ns` pass in the slaves.
     fn pass(&mut self, dt_ns: Ns);
 }
 
@@ -103,7 +105,7 @@ impl<N: AtOnce> Network for N {
         false
     }
 
-    /// It ends at once.
+    /// Executes the operation at once and returns its answer.
     fn start(&mut self, operation: Operation) -> Option<Answer> {
         Some(match operation {
             Operation::Scan => Answer::Scanned(self.scan()),

@@ -1,5 +1,4 @@
-//! Slave controllers, and the master that reaches them by frames: what is done to slaves, and what comes of it, is what
-//! the wire brings.
+//! Slave controllers, and a master that reaches them by frames, so that all effects on slaves come over the wire.
 
 use std::collections::VecDeque;
 
@@ -16,25 +15,27 @@ use crate::slave::Slave;
 use crate::slave::esc::{CabledChain, Chain, UndescribedError};
 use crate::slave::handle::SimHandle;
 
-/// How often the chip looks after an operation that is under way. `[OURS]`
+/// The interval at which the chip works on a running operation. `[OURS]`
 const WORK_NS: Ns = 50_000;
-/// How long a slave may take for a change of its state. `[OURS]`
+/// Timeout of a slave's change of state. `[OURS]`
 const STATE_MAX_NS: Ns = 10_000_000_000;
 
-/// How long after a datagram of the host to or from a slave's mailbox what the slave sends is the host's. `[OURS]`
+/// For how long after a datagram of the host to or from a slave's mailbox the messages of that slave are left for the
+/// host. `[OURS]`
 const HOST_MAIL_NS: Ns = 1_000_000_000;
 
-/// An operation under way.
+/// A running operation.
 struct Pending {
     jobs: Vec<JobId>,
-    /// The answer, when all jobs have ended.
+    /// Makes the answer once all jobs have ended.
     answer: Answering,
 }
 
 type Answering = Box<dyn FnMut(&mut Master) -> Option<Answer> + Send>;
 
 impl Pending {
-    /// The answer is made of what the last of these jobs ends with.
+    /// An operation that consists of these jobs of the master. The answer is made from the result of the last job to
+    /// end.
     fn new<T: Ending + 'static>(mut left: Vec<Job<T>>, answer: impl Fn(&Master, T) -> Answer + Send + 'static) -> Self {
         let jobs = left.iter().map(|job| job.id()).collect();
         let ended = move |master: &mut Master| {
@@ -51,14 +52,14 @@ impl Pending {
     }
 }
 
-/// Slaves in a line behind their controllers, and a master. There are 40 slaves at most, since the master has room for so many.
+/// Slaves in a line behind their slave controllers, and a master. At most 40 slaves, the master's limit.
 pub struct Controllers {
     master: Master,
     wire: ChainWire,
     handle: SimHandle,
     identities: Vec<Identity>,
     pending: Option<Pending>,
-    /// When the network is looked after next for it.
+    /// The time at which the master is polled next for the running operation.
     next_work: Ns,
     answer: Option<Answer>,
     emergencies: VecDeque<(u8, Emergency)>,
@@ -66,12 +67,12 @@ pub struct Controllers {
     mail: Mail,
 }
 
-/// Whose mail stays in the mailbox for the host.
+/// The slaves whose messages stay in the mailbox for the host.
 #[derive(Default)]
 struct Mail {
-    /// The slaves that the host has chosen.
+    /// The slaves that the host has selected.
     chosen: SlaveSet,
-    /// Those with whose mailbox the host has to do by datagrams, and until when that lasts.
+    /// The slaves whose mailboxes the host accesses by datagrams, and the time at which that ends.
     by_datagrams: Vec<(u8, Ns)>,
 }
 
@@ -82,10 +83,10 @@ impl Mail {
 }
 
 impl Controllers {
-    /// These slaves, switched on at time 0, which `handle` reaches. It counts them from 1.
+    /// A network of these slaves, switched on at time 0, controlled by `handle`, which counts slaves from 1.
     ///
     /// # Errors
-    /// [`UndescribedError`]: a slave does not say what belongs into its EEPROM.
+    /// [`UndescribedError`] if a slave does not provide the content of its EEPROM.
     pub fn new(slaves: Vec<Box<dyn Slave>>, handle: SimHandle) -> Result<Self, UndescribedError> {
         let slaves = CabledChain::new(slaves, handle.cable().clone())?;
         Ok(Self {
@@ -102,38 +103,38 @@ impl Controllers {
         })
     }
 
-    /// The handle by which scripts and tests reach the network while it runs. It counts slaves from 1.
+    /// The handle with which scripts and tests control the network while it runs. It counts slaves from 1.
     pub fn handle(&self) -> SimHandle {
         self.handle.clone()
     }
 
-    /// The slaves behind their controllers.
+    /// The slaves behind their slave controllers.
     pub const fn chain(&self) -> &Chain {
         self.wire.slaves.chain()
     }
 
-    /// The slaves behind their controllers, to cause something in them.
+    /// The slaves behind their slave controllers, to cause faults in them.
     pub const fn chain_mut(&mut self) -> &mut Chain {
         self.wire.slaves.chain_mut()
     }
 
-    /// The device of a slave, to look at; `None`: there is no such slave.
+    /// The device of a slave, to inspect it; `None` if there is no such slave.
     pub fn slave(&self, slave: u8) -> Option<&dyn Slave> {
         (usize::from(slave) < self.chain().len()).then(|| self.chain().slave(slave.into()).device())
     }
 
-    /// The device of a slave, to cause a fault in it; `None`: there is no such slave.
+    /// The device of a slave, to cause a fault in it; `None` if there is no such slave.
     pub fn slave_mut(&mut self, slave: u8) -> Option<&mut dyn Slave> {
         let is_there = usize::from(slave) < self.chain().len();
         is_there.then(|| self.chain_mut().slave_mut(slave.into()).device_mut())
     }
 
-    /// The master, to look at.
+    /// The master, to inspect it.
     pub const fn master(&self) -> &Master {
         &self.master
     }
 
-    /// Goes on with what is under way, as far as the answers that have come allow.
+    /// Continues the running operation as far as the received frames allow.
     fn poll_master(&mut self, now: Ns) {
         self.master.poll(now, &mut self.wire);
         while let Some(event) = self.master.take_event() {
@@ -149,7 +150,7 @@ impl Controllers {
         self.answer = Some(answer);
     }
 
-    /// Starts the jobs of the master that an operation is; `None`: there are none, and the answer is there.
+    /// Starts the master's jobs for an operation; `None` if it needs no job, and its answer is there already.
     fn begin(&mut self, operation: Operation) -> Option<Pending> {
         let master = &mut self.master;
         Some(match operation {
@@ -196,7 +197,7 @@ impl Controllers {
                     self.answer = Some(Answer::ManagerSet(false));
                     return None;
                 }
-                // It takes its start and its length while it is off.
+                // The controller accepts start and length only while the sync manager is off.
                 let mut off = registers;
                 off.activate = SmActivate::NONE;
                 let mut write = |registers: SyncManager| {
@@ -218,7 +219,7 @@ impl Controllers {
         })
     }
 
-    /// The host sends a datagram. If it is for the mailbox of a slave, what the slave answers is the host's.
+    /// Notes a datagram of the host. If it accesses the mailbox of a slave, the slave's answer is left for the host.
     fn note_host_mail(&mut self, command: Command, address: u32) {
         if !matches!(command, Command::Fprd | Command::Fpwr) {
             return;
@@ -237,7 +238,7 @@ impl Controllers {
         self.master.keep_mail(slave, true);
     }
 
-    /// Mailboxes with which the host has nothing to do any more are the chip's again.
+    /// Ends the host's access to mailboxes whose time has passed, so that the chip reads them again.
     fn end_host_mail(&mut self) {
         let now = self.wire.now;
         while let Some(n) = self.mail.by_datagrams.iter().position(|(_, until)| now >= *until) {
@@ -267,7 +268,7 @@ fn identity(info: &SlaveInfo) -> Identity {
     }
 }
 
-/// Requests the states that slaves are to enter, one for all that are to enter the same.
+/// Requests the states that slaves have to enter, with one job for all slaves with the same target.
 fn request_states(master: &mut Master, slaves: &[(u8, AlState)]) -> Vec<Job<Result<(), StateError>>> {
     let groups = [AlState::Init, AlState::PreOp, AlState::SafeOp, AlState::Op].map(|target| {
         let chosen = slaves.iter().filter(|(_, state)| *state == target).map(|(slave, _)| slave + 1);
@@ -277,7 +278,7 @@ fn request_states(master: &mut Master, slaves: &[(u8, AlState)]) -> Vec<Job<Resu
     groups.map(|(target, slaves)| master.request_state(slaves, target, STATE_MAX_NS)).collect()
 }
 
-/// What became of slaves that were to enter a state.
+/// The results for slaves that had to enter a state.
 fn entered(master: &Master, slaves: &[(u8, AlState)]) -> Entered {
     let mut entered = Entered::empty((0, AlState::Init, Ok(())));
     slaves.iter().for_each(|(slave, state)| entered.push((*slave, *state, has_entered(master, *slave, *state))));
@@ -318,7 +319,7 @@ impl Network for Controllers {
         true
     }
 
-    /// Sync manager 2 is on from SafeOP on.
+    /// Outputs count from SafeOP on, when sync manager 2 is enabled.
     fn outputs_count_from(&self) -> AlState {
         AlState::SafeOp
     }

@@ -1,8 +1,8 @@
-//! A list in a place of its own, so that what slave models are asked for allocates nothing.
+//! A list of fixed capacity, so that operations on slave models do not allocate.
 
 use std::ops::Deref;
 
-/// Up to `N` items.
+/// A list of up to `N` items.
 #[derive(Clone, Copy, Debug)]
 pub struct List<T, const N: usize> {
     items: [T; N],
@@ -10,12 +10,12 @@ pub struct List<T, const N: usize> {
 }
 
 impl<T: Copy, const N: usize> List<T, N> {
-    /// An empty list. `fill` is what lies in places that are not in use.
+    /// An empty list. `fill` is the value of unused places.
     pub const fn empty(fill: T) -> Self {
         Self { items: [fill; N], len: 0 }
     }
 
-    /// The first items, as many as there is room for.
+    /// A list of the first items, as many as there is room for.
     pub fn of(fill: T, items: &[T]) -> Self {
         let mut list = Self::empty(fill);
         list.len = items.len().min(N);
@@ -23,7 +23,7 @@ impl<T: Copy, const N: usize> List<T, N> {
         list
     }
 
-    /// Adds an item; one for which there is no room is left out.
+    /// Adds an item, or drops it if the list is full.
     pub fn push(&mut self, item: T) {
         if let Some(place) = self.items.get_mut(self.len) {
             *place = item;
@@ -31,10 +31,11 @@ impl<T: Copy, const N: usize> List<T, N> {
         }
     }
 
-    /// Has `fill` write into the whole room, and takes as many items as it says, at most those.
+    /// Lets `fill` write items into the first `room` places. `fill` returns the number of items, which is limited to
+    /// the room.
     ///
     /// # Errors
-    /// What `fill` gives.
+    /// The error of `fill`.
     pub fn fill<E>(&mut self, room: usize, fill: impl FnOnce(&mut [T]) -> Result<usize, E>) -> Result<usize, E> {
         let room = room.min(N);
         let len = fill(&mut self.items[..room])?;

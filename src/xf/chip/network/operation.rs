@@ -1,4 +1,4 @@
-//! What a network is asked for, and what it answers.
+//! The operations of a network, and their answers.
 
 use super::{EnterError, List, SLAVES_MAX};
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
@@ -6,152 +6,153 @@ use crate::ethercat::registers::SyncManager;
 use crate::ethercat::{AlState, Command, Ns};
 use crate::xf::DataSize;
 
-/// A value of an object, as far as the chip has use for it.
+/// The value of an object, limited to the size of a data segment.
 pub type Value = List<u8, { DataSize::MAX.get() as usize }>;
-/// Slaves, and the state that each is to enter.
+/// Slaves, each with the state that it has to enter.
 pub type EnteringSlaves = List<(u8, AlState), SLAVES_MAX>;
-/// What became of slaves that were to enter a state.
+/// Slaves that had to enter a state, each with that state and the result.
 pub type Entered = List<(u8, AlState, Result<(), EnterError>), SLAVES_MAX>;
 
-/// What a network is asked for, one thing at a time. Slaves are numbered from 0.
+/// An operation of a network, one at a time. Slaves are numbered from 0.
 #[allow(clippy::large_enum_variant, reason = "there is one at a time, and boxing it would allocate")]
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Operation {
-    /// Slaves are counted, those that answer are brought to Init, and their EEPROMs are read.
+    /// Counts the slaves, brings those that answer to Init, and reads their EEPROMs.
     Scan,
-    /// The states of all slaves are read.
+    /// Reads the states of all slaves.
     ReadStates,
-    /// Each of these slaves is brought to a state.
+    /// Brings each of these slaves to a state.
     Enter(EnteringSlaves),
-    /// SDO upload.
+    /// Reads an object: SDO upload.
     Read {
-        /// Whose object.
+        /// The slave whose object is read.
         slave: u8,
-        /// Which object.
+        /// The object to read.
         object: ObjectAddress,
-        /// As a whole or not.
+        /// One entry, or all of them (complete access).
         scope: SdoScope,
-        /// How many bytes of the value are of use.
+        /// The maximum number of bytes to return.
         room: usize,
-        /// How long the slave may take for each answer.
+        /// The timeout for each answer of the slave.
         timeout_ns: Ns,
     },
-    /// SDO download.
+    /// Writes an object: SDO download.
     Write {
-        /// Whose object.
+        /// The slave whose object is written.
         slave: u8,
-        /// Which object.
+        /// The object to write.
         object: ObjectAddress,
-        /// As a whole or not.
+        /// One entry, or all of them (complete access).
         scope: SdoScope,
-        /// The whole value.
+        /// The whole value to write.
         value: Value,
-        /// How long the slave may take for each answer.
+        /// The timeout for each answer of the slave.
         timeout_ns: Ns,
     },
-    /// A datagram goes out.
+    /// Sends a datagram.
     Datagram {
-        /// Its command.
+        /// The datagram's EtherCAT command.
         command: Command,
-        /// Its address, as [`DatagramHeader::address`](crate::ethercat::DatagramHeader::address) has it.
+        /// The datagram's address, as in [`DatagramHeader::address`](crate::ethercat::DatagramHeader::address).
         address: u32,
-        /// Its data.
+        /// The datagram's data.
         data: Vec<u8>,
     },
-    /// Words of an EEPROM are read.
+    /// Reads words of an EEPROM.
     ReadEeprom {
-        /// Whose EEPROM.
+        /// The slave whose EEPROM is read.
         slave: u8,
-        /// The first word.
+        /// The address of the first word.
         word: u16,
-        /// How many words.
+        /// The number of words.
         count: usize,
     },
-    /// A word of an EEPROM is written.
+    /// Writes a word of an EEPROM.
     WriteEeprom {
-        /// Whose EEPROM.
+        /// The slave whose EEPROM is written.
         slave: u8,
-        /// Which word.
+        /// The address of the word.
         word: u16,
-        /// What is written.
+        /// The new value.
         value: u16,
     },
-    /// A sync manager is set otherwise than the EEPROM says: at once, and whenever it is set again.
+    /// Sets a sync manager differently from the EEPROM, at once and whenever it is set again.
     SetManager {
-        /// Whose sync manager.
+        /// The slave with the sync manager.
         slave: u8,
-        /// Which one.
+        /// The number of the sync manager.
         number: u8,
-        /// Its registers.
+        /// The content of the sync manager's registers.
         registers: SyncManager,
     },
-    /// A file is read.
+    /// Reads a file from a slave (FoE).
     ReadFile {
-        /// Whose file.
+        /// The slave whose file is read.
         slave: u8,
-        /// Its name.
+        /// The file's name.
         name: Vec<u8>,
-        /// Its password.
+        /// The file's password.
         password: u32,
-        /// How long the slave may take for each packet.
+        /// The timeout for each packet of the slave.
         timeout_ns: Ns,
     },
-    /// A file is written.
+    /// Writes a file to a slave (FoE).
     WriteFile {
-        /// Whose file.
+        /// The slave whose file is written.
         slave: u8,
-        /// Its name.
+        /// The file's name.
         name: Vec<u8>,
-        /// Its password.
+        /// The file's password.
         password: u32,
-        /// What is in it.
+        /// The file's content.
         content: Vec<u8>,
-        /// How long the slave may take for each packet.
+        /// The timeout for each packet of the slave.
         timeout_ns: Ns,
     },
-    /// The message in the mailbox of a slave is read.
+    /// Reads the message in the mailbox of a slave.
     ReceiveMail {
-        /// Whose mailbox.
+        /// The slave whose mailbox is read.
         slave: u8,
     },
 }
 
-/// What a network answers. Which one belongs to an [`Operation`] has its name.
+/// The answer of a network. Each variant names the [`Operation`] that it answers.
 #[allow(clippy::large_enum_variant, reason = "there is one at a time, and boxing it would allocate")]
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Answer {
-    /// [`Operation::Scan`]: how many slaves were found, [`SLAVES_MAX`](super::SLAVES_MAX) at most.
+    /// [`Operation::Scan`]: the number of slaves found, at most [`SLAVES_MAX`](super::SLAVES_MAX).
     Scanned(u8),
-    /// [`Operation::ReadStates`].
+    /// [`Operation::ReadStates`]: the states were read.
     StatesRead,
-    /// [`Operation::Enter`]: what became of each slave.
+    /// [`Operation::Enter`]: the result for each slave.
     Entered(Entered),
-    /// [`Operation::Read`]: the value up to the room for it, and the length of the whole value; or the abort code,
+    /// [`Operation::Read`]: as much of the value as there is room for, and its full length; or the abort code,
     /// [`AbortCode::TIMEOUT`] if the slave does not answer.
     Value(Result<(Value, usize), AbortCode>),
     /// [`Operation::Write`]: nothing, or the abort code as for [`Self::Value`].
     Written(Result<(), AbortCode>),
-    /// [`Operation::Datagram`]: data and working counter; `None`: it did not come back.
+    /// [`Operation::Datagram`]: data and working counter; `None` if the datagram did not come back.
     Datagram(Option<(Vec<u8>, u16)>),
     /// [`Operation::ReadEeprom`] and [`Operation::WriteEeprom`]: the words that were read.
     Eeprom(Result<Vec<u16>, EepromFailure>),
-    /// [`Operation::SetManager`]: whether the slave has taken it.
+    /// [`Operation::SetManager`]: whether the slave has accepted the registers.
     ManagerSet(bool),
-    /// [`Operation::ReadFile`] and [`Operation::WriteFile`]: the file that was read; or the error code of FoE,
+    /// [`Operation::ReadFile`] and [`Operation::WriteFile`]: the content that was read; or the FoE error code,
     /// [`AbortCode::TIMEOUT`] if the slave does not answer.
     File(Result<Vec<u8>, u32>),
-    /// [`Operation::ReceiveMail`]: the message as it lay in the mailbox; `None`: there is none, or the slave does not answer.
+    /// [`Operation::ReceiveMail`]: the message from the mailbox; `None` if there is none, or if the slave does not
+    /// answer.
     Mail(Option<Vec<u8>>),
-    /// The network knows nothing of the kind.
+    /// The network does not support the operation.
     Unknown,
 }
 
-/// Why an EEPROM was not read or written.
+/// Why an access to an EEPROM failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EepromFailure {
     /// The slave does not answer.
     NoAnswer,
-    /// The EEPROM, or something else that uses it, is busy for too long.
+    /// The EEPROM was busy for too long, or in use by something else.
     Busy,
     /// The EEPROM refuses the command.
     Refused,

@@ -1,4 +1,4 @@
-//! Simulated slaves behind the chip: as models, or as controllers.
+//! Simulated slaves behind the chip, either as models or with slave controllers.
 
 use super::{Answer, Controllers, Exchange, Identity, Network, Operation, SlaveModels, SlaveSetup};
 use crate::ethercat::coe::{AbortCode, Emergency, ObjectAddress};
@@ -6,17 +6,17 @@ use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::Slave;
 use crate::slave::handle::SimHandle;
 
-/// Simulated slaves behind the chip.
+/// A network of simulated slaves behind the chip.
 #[allow(clippy::large_enum_variant, reason = "a chip has one")]
 pub enum SimulatedNetwork {
-    /// As models.
+    /// Slave models that are called directly.
     Models(SlaveModels),
-    /// Behind controllers.
+    /// Slaves behind slave controllers, reached by frames.
     Controllers(Controllers),
 }
 
 impl SimulatedNetwork {
-    /// The handle by which scripts and tests reach the network while it runs.
+    /// The handle with which scripts and tests control the network while it runs.
     pub fn handle(&self) -> SimHandle {
         match self {
             Self::Models(models) => models.handle(),
@@ -24,7 +24,7 @@ impl SimulatedNetwork {
         }
     }
 
-    /// The model of a slave, to look at; `None`: there is no such slave.
+    /// The model of a slave, to inspect it; `None` if there is no such slave.
     pub fn slave(&self, slave: u8) -> Option<&dyn Slave> {
         match self {
             Self::Models(models) => models.slave(slave),
@@ -32,7 +32,7 @@ impl SimulatedNetwork {
         }
     }
 
-    /// The model of a slave, to cause a fault in it; `None`: there is no such slave.
+    /// The model of a slave, to cause a fault in it; `None` if there is no such slave.
     pub fn slave_mut(&mut self, slave: u8) -> Option<&mut dyn Slave> {
         match self {
             Self::Models(models) => models.slave_mut(slave).map(|slave| slave as &mut dyn Slave),
@@ -41,7 +41,7 @@ impl SimulatedNetwork {
     }
 }
 
-/// The network that it is.
+/// Calls an expression on the network of either kind.
 macro_rules! either {
     ($self:expr, $network:ident => $call:expr) => {
         match $self {

@@ -1,4 +1,4 @@
-//! A network of slave models.
+//! A network of slave models that are called directly.
 
 use super::{AtOnce, EnterError, Identity, Place, SLAVES_MAX};
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
@@ -6,13 +6,13 @@ use crate::ethercat::{AlState, MAX_SLAVES, Ns};
 use crate::slave::handle::SimHandle;
 use crate::slave::{Slave, step_all};
 
-/// A model at its place on the cable.
+/// A slave model at its position on the cable.
 struct Station {
     slave: Box<dyn Slave>,
     identity: Identity,
 }
 
-/// Slave models in the order of the cable, and what goes wrong along it.
+/// Slave models in the order of the cable, and the faults along it.
 pub struct SlaveModels {
     stations: Vec<Station>,
     handle: SimHandle,
@@ -21,24 +21,24 @@ pub struct SlaveModels {
 }
 
 impl SlaveModels {
-    /// A network of these slaves. A scan never finds those beyond the 128th.
+    /// A network of these slaves. A scan finds at most the first 128 of them.
     pub fn new(slaves: Vec<Box<dyn Slave>>) -> Self {
         let station = |slave| Station { slave, identity: Identity::default() };
         Self { stations: slaves.into_iter().map(station).collect(), handle: SimHandle::default(), clock: 0 }
     }
 
-    /// The same network with a handle that somebody else has, too.
+    /// The same network, controlled by a handle that others share.
     pub fn reached_by(self, handle: SimHandle) -> Self {
         Self { handle, ..self }
     }
 
-    /// The handle by which scripts and tests reach the network while it runs. It counts slaves from 1, and knows those
-    /// beyond the 40th only as far as a cut is before them.
+    /// The handle with which scripts and tests control the network while it runs. It counts slaves from 1. Of slaves
+    /// beyond the 40th it knows only whether a cut is before them.
     pub fn handle(&self) -> SimHandle {
         self.handle.clone()
     }
 
-    /// Cuts the cable after that many slaves; 0: before the first one, so that there is no link.
+    /// Cuts the cable after that many slaves; 0 cuts it before the first one, so that the port has no link.
     pub fn cut_after(&mut self, slaves: u8) {
         self.handle.cut_after(slaves);
     }
@@ -48,22 +48,22 @@ impl SlaveModels {
         self.handle.heal();
     }
 
-    /// Makes a slave not answer, or answer again. Frames still pass it, and time passes in it.
+    /// Makes a slave stop answering, or answer again. Frames still pass through the slave, and time passes in it.
     pub fn silence(&mut self, slave: u8, silent: bool) {
         self.handle.silence(slave + 1, silent);
     }
 
-    /// The model of a slave, to look at; `None`: there is no such slave.
+    /// The model of a slave, to inspect it; `None` if there is no such slave.
     pub fn slave(&self, slave: u8) -> Option<&dyn Slave> {
         self.stations.get(usize::from(slave)).map(|station| &*station.slave)
     }
 
-    /// The model of a slave, to cause a fault in it; `None`: there is no such slave.
+    /// The model of a slave, to cause a fault in it; `None` if there is no such slave.
     pub fn slave_mut(&mut self, slave: u8) -> Option<&mut (dyn Slave + 'static)> {
         self.stations.get_mut(usize::from(slave)).map(|station| &mut *station.slave)
     }
 
-    /// Whether frames reach the slave and it answers.
+    /// Whether frames reach the slave and the slave answers.
     fn answers(&self, slave: u8) -> bool {
         let is_beyond = usize::from(slave) >= MAX_SLAVES;
         usize::from(slave) < self.reachable() && (is_beyond || self.handle.answering().contains(slave + 1))
@@ -81,7 +81,7 @@ impl SlaveModels {
         self.stations.len().min(self.handle.reach().into()).min(SLAVES_MAX)
     }
 
-    /// Slaves that have lost their power begin anew, in Init. They are there when they answer again.
+    /// Restarts slaves that have lost their power, in Init. They are back once they answer again.
     fn power_off(&mut self) {
         for slave in self.handle.take_powered_off().iter() {
             if let Some(station) = self.stations.get_mut(usize::from(slave) - 1) {
@@ -100,9 +100,9 @@ impl SlaveModels {
     }
 }
 
-/// Identity, read by SDO: it stands for the EEPROM, which the models do not have.
+/// Reads a slave's identity by SDO, in place of the EEPROM, which models do not have.
 fn identity(slave: &mut dyn Slave) -> Identity {
-    // Every slave can go to PreOP and back to Init; one that does not has no identity.
+    // Every slave can go to PreOP and back to Init; a slave that does not has no identity.
     let _ = slave.enter(AlState::PreOp);
     let mut number = |sub| slave.upload(ObjectAddress::new(0x1018, sub)).map_or(0, |value| value.bits);
     let (vendor, product, revision) = (number(1), number(2), number(3));

@@ -1,4 +1,4 @@
-//! The wire between the chip's master and slave controllers.
+//! The wire between the chip's master and the slave controllers.
 
 use std::collections::VecDeque;
 
@@ -6,14 +6,14 @@ use crate::ethercat::Ns;
 use crate::master::{FrameBuffer, Wire, WireDown};
 use crate::slave::esc::{CabledChain, FrameFate};
 
-/// Slave controllers on a wire. `[OURS]` A frame is back in the moment in which it went out; the slaves see it when it passes
-/// them, some microseconds later.
+/// Slave controllers on a wire. `[OURS]` A frame is back at the moment in which it was sent; the slaves process it at
+/// the time at which it passes them, some microseconds later.
 pub(super) struct ChainWire {
     pub(super) slaves: CabledChain,
     pub(super) now: Ns,
-    /// Frames on their way back.
+    /// Frames that are on their way back to the master.
     back: VecDeque<Vec<u8>>,
-    /// Buffers of frames that have come back.
+    /// Free buffers, for reuse.
     spare: Vec<Vec<u8>>,
 }
 
@@ -22,7 +22,7 @@ impl ChainWire {
         Self { slaves, now: 0, back: VecDeque::new(), spare: Vec::new() }
     }
 
-    /// Time passes until `now`.
+    /// Lets time pass until `now`.
     pub(super) fn advance(&mut self, now: Ns) {
         self.now = now;
         self.slaves.advance(now);

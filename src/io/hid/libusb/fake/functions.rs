@@ -16,7 +16,7 @@ use super::{Ending, FakeUsb, NEXT, NO_DEVICE, PRODUCT, Takes, VENDOR, report_of,
 const IO: c_int = -1;
 const NOT_FOUND: c_int = -5;
 
-/// A wait with a limit from here on has to be interrupted by the code under test; that it times out is a failure.
+/// The code under test must interrupt waits with a limit from here on; if such a wait times out, the test fails.
 const LONG: Duration = Duration::from_secs(1);
 
 fn world<T>(pointer: *mut T) -> &'static FakeUsb {
@@ -63,7 +63,7 @@ unsafe extern "C" fn init(context: *mut *mut RawContext) -> c_int {
     let world = NEXT.take().expect("a test calls FakeUsb::bus");
     code(world.enter("init").map(|_| ()).or_else(|code| if code == NO_DEVICE { Ok(()) } else { Err(code) }).map(|()| {
         world.count(0, 1);
-        // SAFETY: the caller's place for it.
+        // SAFETY: the caller passes a valid pointer for the result.
         unsafe { *context = ptr::from_ref(world).cast_mut().cast() };
     }))
 }
@@ -80,16 +80,16 @@ unsafe extern "C" fn devices(context: *mut RawContext, list: *mut *mut *mut RawD
         Err(code) => return code as isize,
     };
     world.count(1, there);
-    // A list ends with a null pointer.
+    // The list ends with a null pointer, as libusb's does.
     let entries: Box<[*mut RawDevice; 2]> =
         Box::new([if there == 1 { context.cast() } else { ptr::null_mut() }, ptr::null_mut()]);
-    // SAFETY: the caller's place for it.
+    // SAFETY: the caller passes a valid pointer for the result.
     unsafe { *list = Box::into_raw(entries).cast() };
     there
 }
 
 unsafe extern "C" fn free_devices(list: *mut *mut RawDevice, _unref: c_int) {
-    // SAFETY: it comes from `devices`.
+    // SAFETY: the list comes from `devices`.
     drop(unsafe { Box::from_raw(list.cast::<[*mut RawDevice; 2]>()) });
 }
 
@@ -98,7 +98,7 @@ unsafe extern "C" fn unref_device(device: *mut RawDevice) {
 }
 
 unsafe extern "C" fn device_descriptor(_device: *mut RawDevice, descriptor: *mut DeviceDescriptor) -> c_int {
-    // SAFETY: the caller's place for it.
+    // SAFETY: the caller passes a valid pointer for the result.
     unsafe { *descriptor = DeviceDescriptor { vendor: VENDOR, product: PRODUCT, ..DeviceDescriptor::default() } };
     0
 }
@@ -117,7 +117,7 @@ unsafe extern "C" fn configuration(device: *mut RawDevice, tree: *mut *mut Confi
             extra: ptr::null(),
             extra_length: 0,
         };
-        // Small, and freed with the test program.
+        // The leaked memory is small, and is freed when the test program ends.
         let endpoints: &[_] = Box::leak(Box::new([endpoint(0x81), endpoint(0x02)]));
         let setting = |alternate, endpoint_count| InterfaceDescriptor {
             length: 9,
@@ -135,7 +135,7 @@ unsafe extern "C" fn configuration(device: *mut RawDevice, tree: *mut *mut Confi
         };
         let settings: &[_] = Box::leak(Box::new([setting(1, 0), setting(0, 2)]));
         let interfaces: &[_] = Box::leak(Box::new([
-            // Descriptors may be empty.
+            // A configuration may have an interface without settings.
             InterfaceSettings { settings: ptr::null(), count: -1 },
             InterfaceSettings { settings: settings.as_ptr(), count: 2 },
         ]));
@@ -152,13 +152,13 @@ unsafe extern "C" fn configuration(device: *mut RawDevice, tree: *mut *mut Confi
             extra: ptr::null(),
             extra_length: 0,
         };
-        // SAFETY: the caller's place for it.
+        // SAFETY: the caller passes a valid pointer for the result.
         unsafe { *tree = Box::into_raw(Box::new(of_all)) };
     }))
 }
 
 unsafe extern "C" fn free_configuration(tree: *mut ConfigurationDescriptor) {
-    // SAFETY: it comes from `configuration`.
+    // SAFETY: the tree comes from `configuration`.
     drop(unsafe { Box::from_raw(tree) });
 }
 
@@ -171,7 +171,7 @@ unsafe extern "C" fn address(_device: *mut RawDevice) -> u8 {
 }
 
 unsafe extern "C" fn ports(_device: *mut RawDevice, ports: *mut u8, _room: c_int) -> c_int {
-    // SAFETY: the caller's place for it.
+    // SAFETY: the caller passes a valid pointer for the result.
     unsafe { *ports = 2 };
     1
 }
@@ -184,7 +184,7 @@ unsafe extern "C" fn open(device: *mut RawDevice, handle: *mut *mut RawHandle) -
     let world = world(device);
     code(world.enter("open").map(drop).map(|()| {
         world.count(2, 1);
-        // SAFETY: the caller's place for it.
+        // SAFETY: the caller passes a valid pointer for the result.
         unsafe { *handle = device.cast() };
     }))
 }
@@ -232,7 +232,7 @@ unsafe extern "C" fn new_transfer(_packets: c_int) -> *mut RawTransfer {
 }
 
 unsafe extern "C" fn free_transfer(transfer: *mut RawTransfer) {
-    // SAFETY: it comes from `new_transfer`.
+    // SAFETY: the transfer comes from `new_transfer`.
     let transfer = unsafe { Box::from_raw(transfer) };
     let world = world(transfer.handle);
     let address = ptr::from_ref(&*transfer).cast_mut();
@@ -243,7 +243,7 @@ unsafe extern "C" fn free_transfer(transfer: *mut RawTransfer) {
 }
 
 unsafe extern "C" fn submit(transfer: *mut RawTransfer) -> c_int {
-    // SAFETY: the caller's transfer.
+    // SAFETY: the caller passes a valid transfer.
     let world = world(unsafe { (*transfer).handle });
     let hook = world.with(|inside| inside.hook.take());
     if let Some(work) = hook {
@@ -263,7 +263,7 @@ unsafe extern "C" fn submit(transfer: *mut RawTransfer) -> c_int {
 }
 
 unsafe extern "C" fn cancel(transfer: *mut RawTransfer) -> c_int {
-    // SAFETY: the caller's transfer.
+    // SAFETY: the caller passes a valid transfer.
     let world = world(unsafe { (*transfer).handle });
     world.with(|inside| {
         inside.cancels += 1;
@@ -283,7 +283,7 @@ unsafe extern "C" fn cancel(transfer: *mut RawTransfer) -> c_int {
 
 unsafe extern "C" fn handle_events(context: *mut RawContext, limit: *mut libc::timeval, _done: *mut c_int) -> c_int {
     let world = world(context);
-    // SAFETY: the caller's limit.
+    // SAFETY: the caller passes a valid limit.
     let limit = unsafe { Duration::new((*limit).tv_sec as u64, (*limit).tv_usec as u32 * 1000) };
     let mut inside = world.inside.lock();
     inside.event_waits += 1;
@@ -292,7 +292,7 @@ unsafe extern "C" fn handle_events(context: *mut RawContext, limit: *mut libc::t
         inside.ring();
         return INTERRUPTED;
     }
-    // A wait that is not interrupted never ends, so that a test notices it.
+    // A long wait that is not interrupted never ends here, so that the test notices it.
     while inside.endings.is_empty() && !inside.interrupted && inside.event_errors == 0 {
         if limit < LONG {
             world.changed.wait_for(&mut inside, limit);
@@ -329,7 +329,7 @@ unsafe extern "C" fn descriptors(context: *mut RawContext) -> *const *const Poll
     let inside = world(context).inside.lock();
     let Some((read, _)) = &inside.bell else { return ptr::null() };
     let one = PollDescriptor { descriptor: read.as_raw_fd(), events: libc::POLLIN };
-    // Small, and freed with the test program.
+    // The leaked memory is small, and is freed when the test program ends.
     let list: &[*const PollDescriptor; 2] =
         Box::leak(Box::new([Box::into_raw(Box::new(one)).cast_const(), ptr::null()]));
     list.as_ptr()
@@ -361,7 +361,7 @@ unsafe extern "C" fn packet(
             inside.packets.extend(answer);
             bytes.len()
         };
-        // SAFETY: the caller's place for it.
+        // SAFETY: the caller passes a valid pointer for the result.
         unsafe { *moved = count as c_int };
         Ok(())
     });

@@ -14,16 +14,16 @@ use super::super::api::{
 use super::super::codes::{NOTHING_YET, PENDING};
 use super::{FakeWindows, HERE, Pending};
 
-/// `ERROR_FILE_NOT_FOUND`, `ERROR_NO_MORE_ITEMS`, `ERROR_INVALID_PARAMETER`, `ERROR_NOT_FOUND`
+/// Error codes of Windows: `ERROR_FILE_NOT_FOUND`, `ERROR_NO_MORE_ITEMS`, `ERROR_INVALID_PARAMETER`, `ERROR_NOT_FOUND`.
 const NO_FILE: u32 = 2;
 const NO_MORE: u32 = 259;
 const INVALID: u32 = 87;
 const NOT_FOUND: u32 = 1168;
-/// `CR_NO_SUCH_DEVNODE`
+/// `CR_NO_SUCH_DEVNODE`: there is no such node.
 const NO_NODE: u32 = 13;
-/// The difference between the number of a node and that of its parent.
+/// The difference between the number of a node and that of its parent node.
 const GENERATION: u32 = 100;
-/// A wait with a limit from here on has to be interrupted by the code under test.
+/// The code under test must interrupt waits with a limit from here on.
 const LONG_MS: u32 = 1000;
 const CLASS: &str = "#{4d1e55b2-f16f-11cf-88cb-001111000030}";
 
@@ -60,7 +60,8 @@ pub(super) const FAKE: Api = Api {
     device_id,
 };
 
-/// The Windows that a handle belongs to. A handle is its address, with the kind of the handle in the lowest bits.
+/// The simulated Windows that a handle belongs to. The handle is its address, with the kind of the handle in the lowest
+/// bits.
 fn world(handle: *mut c_void) -> &'static FakeWindows {
     // SAFETY: all handles here are made of the address of a `FakeWindows`, which is never freed.
     unsafe { &*handle.map_addr(|address| address & !LOWEST).cast::<FakeWindows>() }
@@ -68,11 +69,11 @@ fn world(handle: *mut c_void) -> &'static FakeWindows {
 
 /// The bits that are 0 in the address of a `FakeWindows`.
 const LOWEST: usize = align_of::<FakeWindows>() - 1;
-// These bits in the handles of a backend's two events.
+// These bits mark the handles of a backend's two events.
 const FIRST: usize = 2;
 const SECOND: usize = 4;
 
-/// The number of the event that a handle stands for, 0 or 1.
+/// The number of the event with this handle, 0 or 1.
 pub(super) fn event(handle: Handle) -> usize {
     match handle.addr() & LOWEST & !1 {
         FIRST => 0,
@@ -94,7 +95,7 @@ fn give_back(handle: *mut c_void) {
     world(handle).with(|inside| inside.leaked -= 1);
 }
 
-/// Returns true for the code 0; otherwise sets the last error to it and returns false.
+/// Returns true for the code 0. For other codes sets the last error and returns false.
 fn answer(code: u32) -> Bool {
     if code == 0 {
         return 1;
@@ -163,7 +164,7 @@ unsafe extern "system" fn write_file(
     _moved: *mut u32,
     overlapped: *mut Overlapped,
 ) -> Bool {
-    // SAFETY: the caller's buffer has so many bytes.
+    // SAFETY: the caller's buffer has that many bytes.
     let report = unsafe { slice::from_raw_parts(buffer, length as usize) }.to_vec();
     let world = world(handle);
     let mut inside = world.inside.lock();
@@ -194,7 +195,7 @@ unsafe extern "system" fn next_completion(
 ) -> Bool {
     let world = world(port);
     let mut inside = world.inside.lock();
-    // A wait that is not interrupted never ends, so that a test notices it.
+    // A long wait that is not interrupted never ends here, so that the test notices it.
     while inside.ended.is_empty() && !inside.woken {
         if limit_ms < LONG_MS {
             world.changed.wait_for(&mut inside, Duration::from_millis(limit_ms.into()));
@@ -208,7 +209,7 @@ unsafe extern "system" fn next_completion(
         None => (ptr::null_mut(), NOTHING_YET, 0),
     };
     world.changed.notify_all();
-    // SAFETY: the caller's places for them.
+    // SAFETY: the caller passes valid pointers for the results.
     unsafe { (*overlapped, *moved) = (which, bytes as u32) };
     answer(code)
 }
@@ -235,7 +236,7 @@ unsafe extern "system" fn set_event(handle: Handle) -> Bool {
 
 unsafe extern "system" fn wait_any(count: u32, handles: *const Handle, all: Bool, limit_ms: u32) -> u32 {
     assert_eq!(all, 0, "any of them");
-    // SAFETY: the caller has so many.
+    // SAFETY: the caller passes that many handles.
     let handles = unsafe { slice::from_raw_parts(handles, count as usize) };
     let world = world(handles[0]);
     let mut inside = world.inside.lock();
@@ -261,7 +262,7 @@ unsafe extern "system" fn transfer_result(
     wait: Bool,
 ) -> Bool {
     assert_eq!(wait, 0, "it has ended");
-    // SAFETY: the caller's transfer and place.
+    // SAFETY: the caller passes a valid transfer and a valid pointer for the result.
     let code = unsafe {
         *moved = (*overlapped).internal_high as u32;
         (*overlapped).internal as u32
@@ -274,7 +275,7 @@ unsafe extern "system" fn last_error() -> u32 {
 }
 
 unsafe extern "system" fn hid_class(class: *mut Guid) {
-    // SAFETY: the caller's place for it.
+    // SAFETY: the caller passes a valid pointer for the result.
     unsafe { *class = Guid { data1: 0x4D1E_55B2, ..Guid::default() } };
 }
 
@@ -285,7 +286,7 @@ unsafe extern "system" fn preparsed(handle: Handle, preparsed: *mut Preparsed) -
     }) {
         return 0;
     }
-    // SAFETY: the caller's place for it.
+    // SAFETY: the caller passes a valid pointer for the result.
     unsafe { *preparsed = handle };
     1
 }
@@ -300,7 +301,7 @@ unsafe extern "system" fn capabilities(preparsed: Preparsed, capabilities: *mut 
         let path = inside.opened.last().expect("it was opened");
         inside.devices.iter().find(|device| path.contains(device.name)).expect("one of the list").reports
     });
-    // SAFETY: the caller's place for it.
+    // SAFETY: the caller passes a valid pointer for the result.
     unsafe { *capabilities = Capabilities { input_len, output_len, ..Capabilities::default() } };
     HIDP_SUCCESS
 }
@@ -314,7 +315,7 @@ fn asked(handle: Handle, said: &str, text: *mut c_void, bytes: u32) -> u8 {
     world(handle).with(|inside| inside.asked += 1);
     let units: Vec<u16> = said.encode_utf16().chain([0]).collect();
     assert!(units.len() * 2 <= bytes as usize);
-    // SAFETY: the caller's place has room for so many bytes.
+    // SAFETY: the caller's buffer has room for that many bytes.
     unsafe { text.cast::<u16>().copy_from_nonoverlapping(units.as_ptr(), units.len()) };
     1
 }
@@ -328,7 +329,7 @@ unsafe extern "system" fn serial_text(handle: Handle, text: *mut c_void, bytes: 
 }
 
 unsafe extern "system" fn list(class: *const Guid, _names: *const u16, _window: Handle, flags: u32) -> DeviceList {
-    // SAFETY: the caller's.
+    // SAFETY: the caller passes valid pointers.
     assert_eq!((unsafe { (*class).data1 }, flags), (0x4D1E_55B2, PRESENT_INTERFACES), "HID devices that are there");
     handle(here())
 }
@@ -346,7 +347,7 @@ unsafe extern "system" fn interface(
     data: *mut InterfaceData,
 ) -> Bool {
     let count = world(list).with(|inside| inside.devices.len());
-    // SAFETY: the caller's, with its size.
+    // SAFETY: the caller passes a valid structure, whose size is checked below.
     let data = unsafe { &mut *data };
     assert_eq!(data.size as usize, size_of::<InterfaceData>());
     data.reserved = number as usize;
@@ -361,7 +362,7 @@ unsafe extern "system" fn detail(
     _needed: *mut u32,
     device: *mut DeviceData,
 ) -> Bool {
-    // SAFETY: the caller's.
+    // SAFETY: the caller passes valid pointers.
     let (number, detail, device) = unsafe { ((*interface).reserved, &mut *detail, &mut *device) };
     if detail.size != INTERFACE_DETAIL_SIZE || device.size as usize != size_of::<DeviceData>() {
         return answer(INVALID);
@@ -381,7 +382,7 @@ unsafe extern "system" fn parent(parent: *mut u32, node: u32, _flags: u32) -> u3
     if !there {
         return NO_NODE;
     }
-    // SAFETY: the caller's place for it.
+    // SAFETY: the caller passes a valid pointer for the result.
     unsafe { *parent = node + GENERATION };
     CR_SUCCESS
 }
@@ -391,7 +392,7 @@ unsafe extern "system" fn device_id(node: u32, id: *mut u16, units: u32, _flags:
     let name = here().with(|inside| inside.devices[number].parents[generation - 1]);
     let name: Vec<u16> = name.encode_utf16().chain([0]).collect();
     assert!(name.len() <= units as usize);
-    // SAFETY: the caller's place has room for so many.
+    // SAFETY: the caller's buffer has room for that many units.
     unsafe { id.copy_from_nonoverlapping(name.as_ptr(), name.len()) };
     CR_SUCCESS
 }

@@ -121,8 +121,8 @@
 //! | `sdo.rs`, `information.rs`, `foe.rs` | SDO transfers, SDO information, files |
 //! | `registers.rs` | single datagrams of a user, registers of a slave |
 //! | `topology.rs` | the tree of the cables |
-//! | `clock_tree.rs`, `clocks.rs`, `pace.rs` | distributed clocks: propagation delays, setting them, cycles in phase with them |
-//! | `process_data.rs`, `process_data/slave.rs` | logical addresses of outputs and inputs, frames of a cycle; the part of one slave |
+//! | `clock_tree.rs`, `clocks.rs`, `pace.rs` | distributed clocks: delays, setting them, cycles in phase with them |
+//! | `process_data.rs`, `process_data/slave.rs` | logical addresses of process data, frames of a cycle; the part of one slave |
 //! | `process_data/expected.rs` | the right working counters |
 //! | `watch.rs` | the watch: missing slaves, returned slaves, unsolicited messages |
 

@@ -1,26 +1,30 @@
 //! The EC01M: an exact model of the chip over any [`Fieldbus`]. Plain data and pure steps.
 //!
-//! [`Engine::host`] takes a command frame with the time of its arrival, [`Engine::cycle`] runs one EtherCAT cycle and
-//! gives the report. The engine never sleeps, never asks for the time and allocates nothing after it was made. Two
+//! [`Engine::host`] takes a command frame with the time of its arrival, and [`Engine::cycle`] runs one EtherCAT cycle
+//! and makes the report. The engine never sleeps, never reads a clock, and allocates nothing after it was made. Two
 //! runners drive it: [`Threaded`] on the real clock, [`Stepped`] on a virtual one.
 //!
-//! | file | what it answers |
+//! | file | what it has |
 //! | --- | --- |
-//! | `mod.rs`, `config.rs` | the engine: what a command frame and a cycle do; its pins and its firmware |
-//! | `commands.rs` | what each command of the board does, and why one is rejected |
-//! | `fifo.rs`, `partial_frames.rs` | how command frames wait for their cycle (the depth of the FIFO is `FIFO_ENTRIES` of `sk`), and how frames that arrive in pieces are put together |
+//! | `mod.rs`, `config.rs` | the engine: the handling of a command frame and of a cycle; its pins and its firmware |
+//! | `commands.rs` | the effect of each command of the board, and the reasons for rejecting one |
+//! | `fifo.rs`, `partial_frames.rs` | the FIFO in which frames wait for their cycle; frames that arrive in pieces |
 //! | `sdo.rs` | the SDO slot |
-//! | `outputs.rs`, `outputs_record.rs` | how commands become process data, which of them were sent, and what SET_FIFO takes back |
-//! | `response.rs` | how inputs become the response frame |
+//! | `outputs.rs` | the way of commands into process data, which outputs were sent, what SET_FIFO takes back |
+//! | `outputs_record.rs` | the history of outputs, for that |
+//! | `response.rs` | the way of inputs into the response frame |
 //! | `axis.rs`, `fault_reset.rs` | SV_ON, SV_OFF, ALM_CLR and the targets of one axis |
-//! | `go_home.rs`, `homing.rs`, `restore.rs` | GO_HOME and ABORT_HOME, the homing of one axis, and its mode of operation afterwards |
-//! | `network.rs`, `jobs.rs`, `lost.rs`, `state_failure.rs` | SET_STATE: the steps from state to state, the jobs of the bus for them, lost slaves, and why a change has failed |
-//! | `volatile.rs`, `firmware.rs`, `test_mode.rs` | what SW_RESET resets, how firmware 1.5 differs from 1.7, and test mode |
-//! | `counters.rs`, `event.rs`, `unexecuted.rs`, `snapshot.rs` | what people can see of a board beside the wire |
-//! | `board.rs`, `handle.rs` | the engine with its bus and its time, and what scripts and tests do to it |
-//! | `stepped.rs`, `threaded.rs`, `realtime.rs`, `handover.rs`, `reports.rs` | the runners: how time passes, and how frames and reports go between host and board |
+//! | `go_home.rs`, `homing.rs`, `restore.rs` | GO_HOME and ABORT_HOME; homing of one axis; its mode of operation after it |
+//! | `network.rs`, `jobs.rs` | SET_STATE: the steps from state to state, and the jobs of the bus for them |
+//! | `lost.rs`, `state_failure.rs` | lost slaves; why a change of state has failed |
+//! | `volatile.rs`, `firmware.rs` | the state that SW_RESET resets; the differences of firmware 1.5 from 1.7 |
+//! | `test_mode.rs`, `switch_off.rs` | test mode; switching a board off |
+//! | `counters.rs`, `event.rs`, `unexecuted.rs`, `snapshot.rs` | the state of a board that the wire does not show |
+//! | `board.rs`, `handle.rs` | the engine with its bus and its time; faults that scripts and tests cause |
+//! | `stepped.rs`, `threaded.rs`, `realtime.rs` | the runners: how time passes |
+//! | `handover.rs`, `reports.rs` | the queues of frames and reports between host and board |
 //!
-//! To add a command of the board: its id and its arguments in `sk/id.rs` and `sk/command`, what it does in `commands.rs`.
+//! To add a command of the board: its id and arguments in `sk/id.rs` and `sk/command`, its effect in `commands.rs`.
 
 mod axis;
 mod board;

@@ -15,8 +15,8 @@
 //! Files, in the order in which to read them:
 //!
 //! - `options.rs`: the keys of `tcp:` as Rust types
-//! - `message.rs`, `wire.rs`, `wire_error.rs`, `fields.rs`, `counts.rs`, `failure.rs`: the messages of the protocol and their bytes,
-//!   shared by client and server; `vectors.rs` tests the bytes
+//! - `message.rs`, `wire.rs`, `wire_error.rs`, `fields.rs`, `counts.rs`, `failure.rs`: the messages of the protocol and their
+//!   bytes, shared by client and server; `vectors.rs` tests the bytes
 //! - `channel.rs`, `inbox.rs`, `waker.rs`, `tls.rs`, `proof.rs`: a connection with or without TLS, and the shared
 //!   secret, for both ends
 //! - `connect.rs`: how a client connects

@@ -83,7 +83,7 @@ impl Acceptor {
         Ok(Self { shared, waker, thread: Some(thread) })
     }
 
-    /// Ends the thread and all connections. The clients have been notified before.
+    /// Ends the thread and all connections, after the clients were notified.
     pub(super) fn stop(&mut self) {
         self.shared.stop.store(true, Ordering::Release);
         self.waker.wake();
@@ -305,7 +305,7 @@ fn log_refused(from: SocketAddr, why: Refusal, text: &str, shared: &Shared) {
     log_ended(from, &reason, shared);
 }
 
-/// Handles a client's messages until the connection ends; returns why.
+/// Handles a client's messages until the connection ends. Returns the reason of the end.
 fn serve_client(channel: &Channel, inbox: &mut Inbox, client: &Client, session: &mut Session<'_>) -> Left {
     let mut last_message = Instant::now();
     let patience = patience(client.keepalive);
@@ -357,7 +357,7 @@ fn serve_client(channel: &Channel, inbox: &mut Inbox, client: &Client, session: 
     }
 }
 
-/// Sends what is left and gives the client time to receive it before the connection is closed.
+/// Sends the remaining bytes and gives the client time to receive them before the connection is closed.
 fn farewell(channel: &Channel, client: &Client, inbox: &mut Inbox, is_gone: bool) {
     let until = Instant::now() + FAREWELL_MAX;
     while !is_gone && client.is_blocked() && Instant::now() < until {

@@ -30,7 +30,7 @@ pub(super) struct PendingConnection {
     /// The TLS session during the handshake.
     handshake: Option<Box<Connection>>,
     material: Option<Material>,
-    /// Once the connection is refused: until when it may take to receive the reason.
+    /// For a refused connection: how long it may still take to receive the reason.
     refused_until: Option<Instant>,
 }
 
@@ -42,7 +42,7 @@ pub(super) enum Look {
     Introduced(Introduction),
     /// It has to be refused with [`PendingConnection::refuse`].
     Refused(Refusal, String),
-    /// It has ended, and why; `None` after a refusal.
+    /// The connection has ended, with the reason; `None` after a refusal.
     Ended(Option<String>),
 }
 
@@ -94,7 +94,7 @@ impl PendingConnection {
         self.refused_until.unwrap_or(self.came + options.hello_limit)
     }
 
-    /// Handles what has arrived.
+    /// Handles the bytes that have arrived.
     pub(super) fn look(&mut self, now: Instant, options: &ServeOptions) -> Look {
         if self.is_refused() {
             return self.drain(now);

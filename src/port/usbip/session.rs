@@ -26,7 +26,7 @@ const WAIT_SLICE: Duration = Duration::from_millis(50);
 /// The size of the buffer for the host's bytes.
 const INPUT_BUFFER_BYTES: usize = 16 * 1024;
 
-/// Why a host no longer has the board.
+/// The reason why a host no longer has the board.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SessionEnd {
     /// The host closed the connection, or it broke.
@@ -64,7 +64,7 @@ pub struct Session {
     device_id: u32,
     send_timeout: Duration,
     device: Mutex<Device>,
-    /// Wakes the thread that waits for reports: the host wants one.
+    /// Wakes the thread that waits for reports, when the host wants one.
     reads: Condvar,
     /// Wakes the thread that passes frames to the board.
     writes: Condvar,

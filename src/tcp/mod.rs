@@ -1,7 +1,6 @@
 //! The link `tcp://host:port`: a board that another process or machine serves (`ecmsk serve tcp`,
 //! [`crate::port::tcp`]).
 //!
-//! Every client gets every report, with the board's time, its sequence number and how many were dropped. One client,
 //! Every client gets every report, with the board's time, its sequence number and the number of dropped reports. One
 //! client, the writer, may also send commands. A write has succeeded when the board behind the server has taken the
 //! frame, so it takes a round trip. No frame is ever sent twice: if the connection ends during a write, the call fails
@@ -12,6 +11,7 @@
 //! by force: a waiting thread holds no lock, and only the end of a thread that is just taking bytes ends the
 //! connection. Once the link is open nothing is allocated, except in a TLS session, where rustls allocates for each
 //! message.
+//!
 //! Files, in the order in which to read them:
 //!
 //! - `options.rs`: the keys of `tcp:` as Rust types

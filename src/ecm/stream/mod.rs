@@ -210,10 +210,10 @@ impl Stream<'_> {
     ///
     /// [`Options::read_limit`]: super::Options::read_limit
     ///
+    /// # Errors
     /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::WrongState`] when the network has left OP,
     /// [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Link`]. Nothing is written then. An axis that is
     /// switched off or lost is no error here: its next target is refused.
-    /// or lost is no error here: its next target is refused.
     pub fn step(&mut self) -> Result<StreamStats, EcmError> {
         self.refresh()?;
         self.targets.require_uncleared()?;

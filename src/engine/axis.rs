@@ -65,7 +65,7 @@ pub(super) struct Axis {
     pub(super) homing: AxisHoming,
 }
 
-/// The state of an axis to which SET_FIFO 1 (clear) returns when it takes back entries that a bus has taken ahead.
+/// The state of an axis to which SET_FIFO 1 (clear) returns when it takes back entries whose outputs a bus has queued.
 /// Every cycle records one, so it is small: the homing phase is recorded separately, for the few slaves that are
 /// homing.
 #[derive(Clone, Copy, Debug, Default)]
@@ -240,9 +240,9 @@ impl Axis {
     }
 
     /// Whether the statusword answers an older controlword, because the present one has not reached the drive yet.
-    /// Behind a bus that takes outputs ahead, SV_ON must not act on such a statusword: it would repeat a transition
-    /// that is done, and switch off for a cycle a drive that is enabled already. A statusword that shows the next
-    /// state, or a fault, counts at once.
+    /// Behind a bus that queues outputs, SV_ON must not act on such a statusword: it would repeat a transition that is
+    /// done, and switch off for a cycle a drive that is enabled already. A statusword that shows the next state, or a
+    /// fault, counts at once.
     fn is_answered_late(&self, state: Option<DriveState>, ids: OutputIds) -> bool {
         let AxisOut { controlword, .. } = self.requested.out;
         if self.asked_until <= ids.sent_until {

@@ -55,7 +55,7 @@ const fn state_bit(state: MasterState) -> u8 {
     }
 }
 
-/// What happened to a command that was not rejected.
+/// The outcome of a command that was not rejected.
 enum Outcome {
     /// The command was executed. After IO_WR: the output image that the answer shows.
     Executed(Option<u16>),

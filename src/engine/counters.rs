@@ -115,9 +115,9 @@ pub struct Counters {
     /// SDO requests that repeat the transfer under way, as polling programs send them. Each counts as part of that
     /// transfer; nothing is lost.
     pub sdo_repeated: u64,
-    /// Cycles without a report, because a bus that takes outputs ahead has lost their answers.
+    /// Cycles without a report, because a bus that queues outputs has lost their answers.
     pub answers_lost: u64,
-    /// Sets of outputs that a bus had taken and then gave up. As far as is known they were not sent, or a slave that
+    /// Sets of outputs that a bus had queued and then gave up. As far as is known they were not sent, or a slave that
     /// the bus cannot name has missed them.
     pub outputs_lost: u64,
     /// Cycles that were skipped because the machine was late, on a bus that does not catch up on cycles. Motion stood

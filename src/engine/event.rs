@@ -78,15 +78,14 @@ pub enum EventKind {
         /// The working counter when every slave answers.
         expected: u16,
     },
-    /// A bus that takes outputs ahead has lost answers, because they were not polled in time. Their cycles have no
-    /// report.
+    /// A bus that queues outputs has lost answers, because they were not polled in time. Their cycles have no report.
     AnswersLost {
         /// How many cycles in a row.
         cycles: u32,
     },
     /// The hardware that runs the bus no longer answers. Logged once, until it answers again.
     BusDown,
-    /// A bus that takes outputs ahead has given up some sets: their targets may not have reached the slaves.
+    /// A bus that queues outputs has given up some of them: their targets may not have reached the slaves.
     OutputsLost {
         /// The number of sets of outputs; each is for one cycle.
         sets: u32,

@@ -161,7 +161,7 @@ impl Handover {
         }
     }
 
-    /// The number of reports that were dropped because nobody read them.
+    /// The number of reports that were dropped because they were not read in time.
     pub(super) fn dropped(&self) -> u64 {
         lock(&self.outbox).reports.dropped()
     }

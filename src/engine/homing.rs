@@ -1,10 +1,10 @@
 //! The homing of one axis (SK-7): bit 4 of the controlword, which statuswords of the drive count, and when homing has
 //! ended.
 //!
-//! **Which statuswords count** \[OURS]. When bit 4 rises, bits 10, 12 and 13 may still show an earlier homing or another
-//! mode. The inputs of a cycle were measured before its outputs arrived, so that the first statusword that counts is the
-//! one after the cycle that carried bit 4 to the drive, however many outputs a bus has taken ahead. A result, attained or
-//! error, is accepted in three cases, in which it cannot be an old one:
+//! **Which statuswords count** \[OURS]. When bit 4 rises, bits 10, 12 and 13 may still show an earlier homing or
+//! another mode. The inputs of a cycle were measured before its outputs arrived, so that the first statusword that
+//! counts is the one after the cycle that carried bit 4 to the drive, however many outputs a bus has queued. A result,
+//! attained or error, is accepted in three cases, in which it cannot be an old one:
 //! - A statusword that counts has shown bits 12 and 13 clear before.
 //! - The drive, enabled and in mode 6, has shown them clear in every answer of the last [`RESULT_SETTLE_NS`] before bit 4
 //!   reached it. So the result of a drive that is home at once, by methods 35 and 37, is accepted at once.

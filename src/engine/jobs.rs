@@ -11,8 +11,8 @@ use crate::fieldbus::{
 };
 use crate::sk::{DriveSync, MasterState};
 
-/// The bus is told of new declarations after this time without another one: programs send SET_AXIS, SET_DC and
-/// DRIVE_MODE one after the other, 2 ms apart (LIB, habits). \[OURS]
+/// How long after the last declaration the bus gets the new configuration to prepare: programs send SET_AXIS, SET_DC
+/// and DRIVE_MODE one after the other, 2 ms apart (LIB, habits). \[OURS]
 const DECLARED_NS: Ns = 10_000_000;
 
 /// The running job of the bus, other than an SDO transfer.
@@ -76,12 +76,13 @@ impl Engine {
         }
     }
 
-    /// A command has declared settings. The bus is told of them when [`DECLARED_NS`] have passed without another one.
+    /// SET_AXIS, SET_DC or DRIVE_MODE has declared settings: the bus prepares them [`DECLARED_NS`] after the last such
+    /// command.
     pub(super) const fn declared(&mut self, at: Ns) {
         (self.volatile.has_declared, self.volatile.told_at) = (true, Some(at.saturating_add(DECLARED_NS)));
     }
 
-    /// In PreOP, tells the bus the declared configuration, so that it may prepare it.
+    /// Passes the declared configuration to the bus in PreOP, so that the bus may prepare it.
     fn tell_declarations(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         let is_due = self.volatile.told_at.is_some_and(|at| now >= at);
         let is_free = self.job.is_none() && self.sdo_owner.is_none();
@@ -310,7 +311,8 @@ impl Engine {
                 let Some(work) = self.job.take() else { return };
                 self.network_job_done(work, done, now);
                 if self.volatile.has_declared {
-                    // The preparation of the bus is used up, or slaves have left PreOP since: it has to be told again.
+                    // The bus has used its prepared configuration, or slaves have left PreOP since: it gets the
+                    // configuration again.
                     self.declared(now);
                 }
             }

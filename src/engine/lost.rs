@@ -154,7 +154,7 @@ impl Engine {
     fn lose_slave(&mut self, slave: usize, at: Ns) {
         self.end_homing_of_lost(slave, at);
         if self.network().in_op() {
-            // Commands in outputs that the bus has taken and not sent do not reach the slave.
+            // Commands in outputs that the bus has queued and not sent do not reach the slave.
             self.volatile.heads[slave - 1] = self.shown_heads[slave - 1];
         }
         // The slot keeps its values while the slave is lost. After its return the slot shows the real outputs: off.
@@ -242,8 +242,8 @@ impl Engine {
         awaits
     }
 
-    /// Whether a step may begin. Behind a bus that takes outputs ahead, lost slaves return to OP only when no outputs
-    /// from before their loss are left, so that old outputs switch on no motor and no digital output \[OURS].
+    /// Whether a step may begin. Behind a bus that queues outputs, lost slaves return to OP only when no outputs from
+    /// before their loss are queued, so that old outputs switch on no motor and no digital output \[OURS].
     pub(super) fn may_begin_step(&mut self, step: Step) -> bool {
         if step != Step::RecoverTo(MasterState::Op) {
             return true;

@@ -250,7 +250,7 @@ impl Engine {
         (target > state).then(|| (target, now.saturating_sub(since)))
     }
 
-    /// Why the last change of state has failed; `None`: it has not.
+    /// Why the last change of state has failed; `None`: no failure.
     pub fn state_failure(&self) -> Option<StateFailure> {
         self.volatile.failure.filter(|_| self.state().is_failed())
     }
@@ -280,7 +280,7 @@ impl Engine {
         self.volatile.cycle.max(CycleTime::DEFAULT).ns()
     }
 
-    /// The free entries of the command FIFO. Entries whose outputs a bus has taken and not sent still count as used.
+    /// The free entries of the command FIFO. Entries whose outputs a bus has queued and not sent still count as used.
     pub fn fifo_free(&self) -> u16 {
         self.fifo.free(self.entries_ahead.len() as u16)
     }

@@ -23,8 +23,8 @@ pub(super) enum Step {
     RecoverTo(MasterState),
 }
 
-/// How long the first attempt of a recovery waits for all lost slaves together; then it goes on without the silent ones
-/// \[OURS]. An SDO has the same timeout.
+/// How long the first attempt of a recovery waits for all lost slaves together; then the recovery goes on without the
+/// silent ones \[OURS]. An SDO has the same timeout.
 const RECOVERY_TIMEOUT_NS: Ns = 1_000_000_000;
 /// How long each further attempt waits for silent slaves \[OURS]. Slaves that answer at all do so within this time.
 const RECOVERY_RETRY_TIMEOUT_NS: Ns = 100_000_000;

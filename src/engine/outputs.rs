@@ -1,5 +1,5 @@
 //! Outputs: their way from the entries of the command FIFO into the process image and to the bus. If SET_FIFO 1 clears
-//! entries that a bus has taken ahead and not sent, their outputs are taken back.
+//! entries whose outputs a bus has queued and not sent, these outputs are taken back.
 //!
 //! **Which outputs were sent** is known by the ids of polled cycles, some cycles late, and by the end of a clear. When
 //! the outputs of an entry are known to be sent, the entry counts as executed, and its slots for the board itself (slot
@@ -26,7 +26,7 @@ const AHEAD_MAX_SWITCHING_ON: u64 = 1;
 /// enough to leave no gap in their motion when the runner is a few cycles late.
 const AHEAD_MAX_BESIDE_MOTION: u64 = 4;
 
-/// The progress of a clear of the outputs that a bus has taken and not sent. No outputs are pushed during a clear.
+/// The progress of a clear of the outputs that a bus has queued and not sent. No outputs are pushed during a clear.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Clearing {
     Idle,
@@ -46,8 +46,8 @@ pub(super) struct EntryAhead {
     deferred: Option<DeferredSlots>,
 }
 
-/// The slots of a FIFO entry that are for the board itself: slot 0 and the SDO slot. On a bus that takes outputs ahead
-/// they act when the outputs of the entry are sent (SK-5), and not at all if a clear takes the entry back.
+/// The slots of a FIFO entry that are for the board itself: slot 0 and the SDO slot. On a bus that queues outputs they
+/// act when the outputs of the entry are sent (SK-5), and not at all if a clear takes the entry back.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DeferredSlots {
     pub(super) master: RawSlot,
@@ -226,7 +226,7 @@ impl Engine {
         self.clearing != Clearing::Idle
     }
 
-    /// Requests a clear of the outputs that the bus has taken and not sent. A clear that is under way suffices, since
+    /// Requests a clear of the outputs that the bus has queued and not sent. A clear that is under way suffices, since
     /// no outputs were pushed since it began.
     pub(super) fn clear_ahead(&mut self) {
         if self.clearing == Clearing::Idle && self.unconfirmed() > 0 {

@@ -10,7 +10,7 @@ pub struct Report {
     pub at: Ns,
     /// The number of the report since the host interface was opened, counted from 0.
     pub sequence: u64,
-    /// The number of reports that were dropped so far because nobody read them.
+    /// The number of reports that were dropped so far because they were not read in time.
     pub dropped: u64,
 }
 

@@ -168,8 +168,8 @@ impl Engine {
     }
 
     /// Delays a GO_HOME while a host's earlier write of the same axis's mode is under way. The end of that write ends
-    /// homing, and would do so at any moment while the drive is moving, before the CSP target fits the new home
-    /// position.
+    /// homing, so GO_HOME waits: otherwise its own homing would be ended in the middle of the motion, before the CSP
+    /// target fits the new home position.
     pub(super) fn hold_go_home(&mut self) {
         let Some((slave, axis)) = self.volatile.sdo.running_write().and_then(mode_write) else { return };
         self.volatile.axes[slave - 1][axis].homing.wait();

@@ -33,7 +33,7 @@ pub struct Snapshot {
     pub at: Ns,
     /// The state of the network, byte 2 of slot 0.
     pub state: StateByte,
-    /// Why the last change of state has failed; `None`: it has not.
+    /// Why the last change of state has failed; `None`: no failure.
     pub failure: Option<StateFailure>,
     /// The BUSY pin between two exchanges: high from a boot until the first PreOP after it. An SPI host that ignores
     /// the pin reads zeros meanwhile (SK-4, SK-10).

@@ -75,7 +75,7 @@ pub enum StateFailure {
     Refused {
         /// Slave, from 1.
         slave: u8,
-        /// The state that it has refused.
+        /// The state that the slave has refused.
         target: MasterState,
         /// The AL status code (ETG.1000.6 table 11).
         al_status: u16,

@@ -24,7 +24,7 @@ pub enum Unexecuted {
     Cleared,
     /// [`Counters::sdo_aborted`]: an SDO transfer was started, and the slave aborted it or did not answer.
     SdoAborted,
-    /// [`Counters::outputs_lost`]: a bus that takes outputs ahead gave them up.
+    /// [`Counters::outputs_lost`]: a bus that queues outputs gave some of them up.
     OutputsLost,
     /// [`Counters::cycles_left_out`]: the machine was late and skipped cycles, so that commands are executed late.
     LeftOut,
@@ -122,7 +122,7 @@ impl Unexecuted {
         }
     }
 
-    /// What the user can do about it.
+    /// Advice for the user about this kind of loss.
     pub const fn advice(self) -> &'static str {
         match self {
             Self::Full => {
@@ -166,7 +166,7 @@ mod tests {
     use super::*;
 
     /// SK-4.78 The text for a command that missed a slave because the slave had left OP does not name lost slaves
-    /// alone, and begins with what to do about it.
+    /// alone, and begins with the advice.
     #[test]
     fn leaving_op_is_no_loss_of_a_slave() {
         let (meaning, advice) = (Unexecuted::ForLost.meaning(), Unexecuted::ForLost.advice());

@@ -48,7 +48,7 @@ pub(super) struct Volatile {
     pub(super) cycle: CycleTime,
     /// Whether SET_AXIS, DRIVE_MODE or SET_DC came since the boot.
     pub(super) has_declared: bool,
-    /// When to tell the bus the declared configuration, board time; `None`: the bus knows it.
+    /// When the bus gets the declared configuration to prepare, board time; `None`: it has it already.
     pub(super) told_at: Option<Ns>,
     pub(super) network: Network,
     /// The reason of the newest failed change of state.

@@ -105,7 +105,7 @@ pub enum LinkError {
     /// The operating system reported an error.
     #[error("{what}: {message}")]
     Io {
-        /// The operation that failed, and on what.
+        /// The operation that failed, with its object.
         what: String,
         /// The system's message.
         message: String,

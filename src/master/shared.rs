@@ -336,7 +336,7 @@ impl Shared {
         }
     }
 
-    /// A state is requested of a slave: it may leave its present state.
+    /// Notes that a state is requested of a slave, so that the slave may leave its present state.
     pub(super) fn expect_state(&mut self, slave: u8, target: AlState) {
         if target < AlState::SafeOp {
             self.active.remove(slave);

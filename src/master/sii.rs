@@ -9,7 +9,8 @@ use crate::ethercat::sii::{SII_INFO_LEN, Sii, SiiIdentity, SiiInfo, VENDOR_WORD}
 /// \[OURS] How long a command without acknowledgement is repeated. While an EEPROM stores a written word it
 /// acknowledges nothing, for as long as any command may take.
 const SILENT_MAX_NS: Ns = BUSY_MAX_NS;
-/// \[OURS] The pause before such a repeat, about the time in which an EEPROM stores a word.
+/// \[OURS] The pause before a command without acknowledgement is repeated, about the time in which an EEPROM stores a
+/// word.
 const AGAIN_NS: Ns = 5_000_000;
 /// \[OURS] The most bytes that are read of an EEPROM.
 const BYTES_MAX: usize = 0x8000;

@@ -30,7 +30,7 @@ pub enum SiiError {
     Checksum {
         /// The checksum in the EEPROM.
         found: u8,
-        /// The checksum of the words.
+        /// The checksum that the first words should have.
         expected: u8,
     },
     /// The end of the categories is missing.

@@ -43,7 +43,7 @@ enum ConnectError {
     Displaced(String),
 }
 
-/// The pause before the next attempt when the server has made room for others. \[OURS]
+/// The pause before the next attempt after the server has closed the connection to make room for others. \[OURS]
 const RETRY_PAUSE: Duration = Duration::from_millis(20);
 
 impl From<LinkError> for ConnectError {

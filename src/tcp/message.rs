@@ -5,7 +5,7 @@ use crate::engine::Counters;
 use crate::link::{ReadMeta, Stamp, Wait};
 use crate::sk::{FRAME_LEN, SlotSize};
 
-/// What a client is allowed to do.
+/// The rights of a client.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Role {
     /// The client receives every report and may send commands. There is at most one writer.
@@ -157,7 +157,8 @@ pub enum Message<'a> {
     },
     /// A report of the board.
     Report {
-        /// Its time and number on the server's link; `dropped` includes the reports that were dropped for this client.
+        /// Time and sequence number of the report on the server's link; `dropped` includes the reports that were
+        /// dropped for this client.
         meta: ReadMeta,
         /// The report.
         frame: &'a [u8; FRAME_LEN],

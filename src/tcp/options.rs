@@ -92,7 +92,7 @@ fn address(path: &str) -> Option<(String, u16)> {
 mod tests {
     use super::*;
 
-    /// A URI without a port means the default port, on which servers listen unless they are told another one.
+    /// A URI without a port means the default port, which is also the default of servers.
     #[test]
     fn a_uri_without_a_port_means_the_default_port() {
         for (uri, host, port) in [

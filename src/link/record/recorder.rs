@@ -268,7 +268,7 @@ mod tests {
                 tells.send(Caller::current()).expect("the test waits for it");
                 end_where_it_wakes();
                 loop {
-                    // By then the recorder's thread waits, at the latest before the next entry.
+                    // After this pause the recorder's thread waits, or will wait before the next entry.
                     std::thread::sleep(LOOK_INTERVAL);
                     record(&recording);
                 }

@@ -63,7 +63,7 @@ pub enum IdentityError {
     /// bInterval is out of range.
     #[error("an endpoint's interval is 1 to 16 (2^(n-1) times 125 us), not {found}; leave it at 1")]
     Interval { found: u8 },
-    /// A USB 2.0 port does not provide that much current.
+    /// The current exceeds the limit of a USB 2.0 port.
     #[error("a USB 2.0 port gives 500 mA, not {found}; ask for less")]
     Power { found: u16 },
 }

@@ -26,7 +26,7 @@ pub struct TooMany;
 pub struct Counters {
     /// Frames that the board has taken.
     pub frames: u64,
-    /// Reports that the host has got.
+    /// Reports that the host has received.
     pub reports: u64,
     /// Reports that were replaced by a newer one before the host fetched them.
     pub superseded: u64,

@@ -264,7 +264,7 @@ impl Session {
         }
     }
 
-    /// Completes what [`Device::begin_read`] has begun.
+    /// Reads a report for the device, after [`Device::begin_read`].
     fn read(&self, report: &mut Frame, wait: Wait) -> Result<(), SessionEnd> {
         match self.link.read(report, wait) {
             Ok(_) => self.device.lock().report(report),

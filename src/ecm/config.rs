@@ -21,7 +21,7 @@ pub const DEFAULT_STANDSTILL_COUNTS: u32 = 16;
 pub enum Guard {
     /// At most this many counts, 1 or more.
     Within(u32),
-    /// Any distance.
+    /// No guard: any distance is allowed.
     Off,
 }
 

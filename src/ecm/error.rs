@@ -48,7 +48,7 @@ pub enum EcmError {
         what: &'static str,
         /// How long the operation has waited.
         waited: Duration,
-        /// What reports showed instead.
+        /// The state in reports, as text.
         seen: String,
         hint: &'static str,
     },
@@ -65,7 +65,7 @@ pub enum EcmError {
     #[error("{what} needs {needs}, the board is in {found}; use set_state first")]
     WrongState {
         what: &'static str,
-        /// The states that allow it.
+        /// The states that allow the call.
         needs: &'static str,
         found: StateByte,
     },
@@ -118,7 +118,7 @@ pub enum EcmError {
         object: ObjectAddress,
         code: AbortCode,
     },
-    /// An object holds more than the type it was read as.
+    /// The value of an object does not fit the type with which it was read.
     #[error("{object} of slave {slave} is 0x{value:X}, too wide for {bits} bits; read it as a wider type")]
     SdoTooWide { slave: u8, object: ObjectAddress, value: u32, bits: u32 },
     /// The axis is not in Operation enabled.
@@ -133,7 +133,7 @@ pub enum EcmError {
         slave.map_or_else(|| "a slave (the board does not say which) is".to_owned(), |slave| format!("slave {slave} is"))
     )]
     SlaveLost {
-        /// The slave, if it is known.
+        /// The lost slave; `None`: not known.
         slave: Option<u8>,
         found: StateByte,
     },
@@ -174,7 +174,7 @@ pub enum EcmError {
     /// The axis is being homed.
     #[error("slave {slave} is homing; wait for it to end, or abort it")]
     IsHoming { slave: u8 },
-    /// Homing ended without a home.
+    /// Homing ended without "homing attained".
     #[error("homing of slave {slave} failed: {why}; check its method and switches, then home again")]
     HomingFailed { slave: u8, why: &'static str },
     /// Another thread is using what the call needs.

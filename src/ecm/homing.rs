@@ -200,7 +200,7 @@ impl Ecm {
         offset.map_or(Ok(()), |offset| self.sdo_write(slave, object(0x607C, 0), offset))
     }
 
-    /// Sends GO_HOME to all axes in one frame, and waits until all are home.
+    /// Sends GO_HOME to all axes in one frame, and waits until all have attained home.
     fn go(
         &self,
         slaves: &[u8],

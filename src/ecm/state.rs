@@ -105,7 +105,7 @@ impl Ecm {
         let hint = "give it more time, or look at the slaves' LEDs";
         // The command is not repeated, as that would restart a failed change. So a lost frame ends in a timeout.
         let task = Task::new("a change of state", hint, limit, &commands).once();
-        // A failure that is shown before the change has begun is an old one.
+        // A failure in the state byte before the change has begun is an old one.
         let old = self.state()?;
         // The board rejects this change without showing it (SK-4.63).
         if old.state() == Some(MasterState::Init) && wanted > MasterState::PreOp {

@@ -13,13 +13,13 @@ enum Power {
     /// voltage.
     #[default]
     Off,
-    /// SV_ON is under way.
+    /// SV_ON is in progress.
     SwitchingOn,
-    /// Operation enabled was reached, and the controlword keeps it.
+    /// SV_ON has reached Operation enabled, and the controlword stays at Enable operation.
     On,
     /// SV_OFF is under way.
     SwitchingOff,
-    /// SV_OFF is under way, and an SV_ON came after it.
+    /// SV_OFF is in progress, and an SV_ON that came after it waits.
     SwitchingOffThenOn,
 }
 
@@ -28,7 +28,8 @@ enum Power {
 pub(super) struct AxisRequest {
     power: Power,
     fault_reset: FaultReset,
-    /// The outputs to the drive without bit 7 (fault reset) and bit 4 (homing start) of the controlword.
+    /// Controlword and target for the drive; bits 7 (fault reset) and 4 (homing start) of the controlword are added
+    /// later.
     pub(super) out: AxisOut,
 }
 
@@ -76,7 +77,7 @@ pub(super) struct AxisCheckpoint {
 }
 
 impl AxisCheckpoint {
-    /// Whether these outputs switch on no motor and no digital output.
+    /// Whether outputs with this state switch on neither a motor nor a digital output.
     pub(super) fn is_at_rest(&self) -> bool {
         let AxisOut { controlword, outputs, .. } = self.requested.out;
         controlword == Controlword::DISABLE_VOLTAGE && outputs == 0 && !self.requested.fault_reset.is_under_way()

@@ -212,7 +212,7 @@ impl Board {
         self.engine.period_ns()
     }
 
-    /// Whether cycles that a runner is late for are run one after the other ([`Fieldbus::catches_up`]).
+    /// Whether a late runner runs all missed cycles one after the other ([`Fieldbus::catches_up`]).
     pub fn catches_up(&self) -> bool {
         self.bus.catches_up()
     }

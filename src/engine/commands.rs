@@ -200,7 +200,7 @@ impl Engine {
         }
         let head = SlotHead { id: slot.id, index: slot.index, output_image: None };
         if slot.id == CommandId::GetStatus.code() {
-            // Outside OP bytes 1..11 keep the last result (UG17 2.1.1).
+            // Outside OP bytes 1..11 of a slave's slot keep the last result (UG17 2.1.1).
             let kept = if self.network().in_op() { head } else { self.volatile.heads[slave - 1] };
             self.volatile.heads[slave - 1] = SlotHead { id: slot.id, ..kept };
             return;

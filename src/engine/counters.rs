@@ -81,12 +81,12 @@ impl fmt::Display for Reason {
     }
 }
 
-/// The counters of a board since it was switched on. The wire does not show them.
+/// The counters of a board since it was switched on. Reports do not carry most of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Command frames that arrived.
     pub frames: u64,
-    /// Reports that were made.
+    /// Reports that the board has made.
     pub reports: u64,
     /// Commands that were rejected, by [`Reason::kind`].
     pub rejected: [u64; Reason::KINDS],

@@ -62,7 +62,7 @@ pub enum EventKind {
     },
     /// Another master sends frames on the network. Logged once.
     OtherMaster {
-        /// The source address of its frames, as slaves have changed it.
+        /// The source address of the other master's frames, as slaves have changed it.
         address: [u8; 6],
     },
     /// A slave answers, but with a wrong working counter for so long that its inputs are stale. It counts as lost.
@@ -80,7 +80,7 @@ pub enum EventKind {
     },
     /// A bus that queues outputs has lost answers, because they were not polled in time. Their cycles have no report.
     AnswersLost {
-        /// How many cycles in a row.
+        /// The number of consecutive cycles.
         cycles: u32,
     },
     /// The hardware that runs the bus no longer answers. Logged once, until it answers again.
@@ -114,7 +114,7 @@ pub enum EventKind {
         slave: u8,
         /// The axis of the slave, from 0.
         axis: u8,
-        /// How it ended.
+        /// The result of the homing.
         end: HomingEnd,
     },
     /// The board could not restore the mode of DRIVE_MODE after homing. The drive stays in homing mode (SK-7 \[OURS]).
@@ -143,7 +143,7 @@ pub enum EventKind {
         line: u32,
         /// The verb of the script line.
         verb: &'static str,
-        /// The slave, from 1; `None`: it happened to the cable or to the board.
+        /// The slave, from 1; `None`: the line acts on the cable or the board.
         slave: Option<u8>,
         /// The error code, AL status code or abort code that the slave shows as a result.
         code: Option<u32>,

@@ -118,14 +118,14 @@ impl Engine {
         }
     }
 
-    /// Ends the homing of all axes of a slave.
+    /// Ends the homing of all axes of a slave, for the cause `end`.
     pub(super) fn end_homing(&mut self, slave: usize, end: HomingEnd, at: Ns) {
         for axis in 0..MAX_AXES {
             self.end_homing_of_axis(slave, axis, end, at);
         }
     }
 
-    /// Ends the homing of one axis.
+    /// Ends the homing of one axis, for the cause `end`.
     pub(super) fn end_homing_of_axis(&mut self, slave: usize, axis: usize, end: HomingEnd, at: Ns) {
         if self.volatile.axes[slave - 1][axis].homing.end(end) {
             self.log.push(Event { at, kind: EventKind::HomingEnded { slave: slave as u8, axis: axis as u8, end } });

@@ -42,7 +42,7 @@ const RESULT_SETTLE_ANSWERS: u64 = 4;
 /// How long a drive may take to come to a standstill after homing has ended; it shows a standstill by bit 10 \[OURS].
 const STANDSTILL_TIMEOUT_NS: Ns = 500_000_000;
 
-/// How the homing of an axis ended.
+/// The cause that ended the homing of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum HomingEnd {
     /// Statusword bits 10 and 12: homing attained.

@@ -251,7 +251,7 @@ impl Engine {
         lacking.map(|n| StateFailure::Mode { slave: n as u8 + 1, kind: self.volatile.kinds[n] })
     }
 
-    /// The change of state under way has failed.
+    /// Fails the change of state in progress.
     fn fail_state(&mut self, why: StateFailure, at: Ns) {
         self.volatile.network.fail();
         self.volatile.left_shown_from = Some(self.answers_valid_from(at));

@@ -470,7 +470,7 @@ impl Engine {
         }
     }
 
-    /// Whether the cable before the first slave seems to be cut.
+    /// Whether the bus has been without a cycle for so long that the cable before the first slave seems to be cut.
     fn is_bus_silent(&self, now: Ns) -> bool {
         now - self.last_passed > self.silence_tolerance_ns()
     }

@@ -13,7 +13,7 @@ pub(super) enum Step {
     Boot,
     /// Map the process data, before the change from PreOP to SafeOP.
     Configure,
-    /// Bring the slaves to that state.
+    /// Bring all slaves to that state.
     Move(MasterState),
     /// Bring lost slaves to PreOP, in whatever state they are.
     RecoverToPreOp,
@@ -47,7 +47,7 @@ struct Change {
     deadline: Ns,
     /// When the jobs first handled this change, board time; `None`: it is newer than their last run.
     seen_at: Option<Ns>,
-    /// [`Step::Configure`] has begun, with the declarations of that time.
+    /// Whether [`Step::Configure`] has begun, with the settings declared by then.
     configuring: bool,
     configured: bool,
     /// Other settings were declared during the configuration, so that all slaves have to start in PreOP again.
@@ -354,7 +354,7 @@ impl Network {
         self.scanned = found > 0;
     }
 
-    /// A step has succeeded.
+    /// Updates the state after a step that has succeeded.
     pub(super) fn done(&mut self, step: Step) {
         let state = match step {
             Step::Scan => return,
@@ -386,7 +386,7 @@ impl Network {
         }
     }
 
-    /// Lost slaves are back in the state of the network.
+    /// Ends an attempt of the recovery: the slaves that it recovered are in the state of the network.
     fn recovered(&mut self, state: MasterState) {
         let Some(change) = &mut self.change else { return };
         // A request that has replaced the change meanwhile also brings back the other lost slaves.

@@ -30,9 +30,9 @@ const AHEAD_MAX_BESIDE_MOTION: u64 = 4;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Clearing {
     Idle,
-    /// The clear starts with the next cycle.
+    /// A clear is requested; it starts with the next cycle.
     Requested,
-    /// The bus is clearing.
+    /// The bus is dropping its queued outputs.
     Running,
 }
 
@@ -55,7 +55,7 @@ pub(super) struct DeferredSlots {
 }
 
 impl Engine {
-    /// Pushes as many sets of outputs as the bus takes, each with the commands of one FIFO entry.
+    /// Passes sets of outputs to the bus, each with the commands of one FIFO entry, until its queue is full.
     pub(super) fn push_outputs(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if self.is_clearing() {
             return;
@@ -143,7 +143,7 @@ impl Engine {
         0
     }
 
-    /// How many sets of outputs the bus may hold now.
+    /// The most sets of outputs that may be queued in the bus now.
     fn ahead_max(&self) -> u64 {
         let found = usize::from(self.network().found());
         let axes = || self.volatile.axes[..found].iter().enumerate();

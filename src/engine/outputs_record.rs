@@ -19,7 +19,7 @@ pub(super) struct OutputsRecord {
     pub(super) homing_active: SlaveSet,
     /// The homing of the axes of the slaves in `homing_active`. The elements of all other slaves are out of date.
     pub(super) homing: [[AxisHoming; MAX_AXES]; MAX_SLAVES],
-    /// When this set was handed to the bus.
+    /// When the set was passed to the bus, board time.
     pub(super) pushed_at: Ns,
     /// The phase of the output test.
     pub(super) test: TestPhase,

@@ -32,7 +32,7 @@ impl ReportQueue {
         self.len == 0
     }
 
-    /// How many reports were dropped so far.
+    /// The number of reports dropped so far, because they were not read in time.
     pub(super) const fn dropped(&self) -> u64 {
         self.dropped
     }

@@ -96,7 +96,7 @@ impl Engine {
         if self.volatile.restores.due.iter().all(|due| due.is_empty()) {
             return;
         }
-        // A lost slave takes no SDO.
+        // The mode of a lost slave cannot be written by SDO.
         let not_yet = self.homing_slaves().union(self.network().lost());
         let restores = &mut self.volatile.restores;
         let due = (0..MAX_AXES).flat_map(|axis| restores.due[axis].iter().map(move |slave| Restore { slave, axis }));

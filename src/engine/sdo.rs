@@ -54,7 +54,7 @@ pub(super) enum Accepted {
     Replaces(CommandId),
 }
 
-/// The SDO slot of the response, and the transfer of the host under way.
+/// The SDO slot of the response, and the transfers that the host has requested.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SdoSlot {
     answer: RawSlot,

@@ -61,7 +61,7 @@ pub struct Snapshot {
 }
 
 impl Board {
-    /// The state of the board now.
+    /// Takes a snapshot of the board.
     pub fn snapshot(&self) -> Snapshot {
         let engine = self.engine();
         let link = self.network_answers();

@@ -56,7 +56,7 @@ pub enum StateFailure {
     Declared {
         /// Slave, from 1.
         slave: u8,
-        /// The kind that SET_AXIS has declared; IO if none has.
+        /// The kind that SET_AXIS has declared; IO if the slave is undeclared.
         kind: SlaveKind,
         /// The AL status code (ETG.1000.6 table 11), 0 if there was none.
         al_status: u16,
@@ -100,7 +100,7 @@ pub enum StateFailure {
     },
     /// The hardware between the board and the slaves cannot do what SET_AXIS and SET_DC ask for.
     Hardware(HardwareLimit),
-    /// The change of state took too long.
+    /// The change of state exceeded its timeout.
     Late {
         /// The next state that the network had to reach.
         target: MasterState,

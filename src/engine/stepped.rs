@@ -30,7 +30,7 @@ pub enum Stop {
         /// How many cycles have passed without a report since.
         cycles: u64,
     },
-    /// The board has booted since the interface was opened.
+    /// The board has rebooted since the interface was opened: it has to be opened again.
     Rebooted,
     /// The interface was closed.
     Closed,

@@ -22,7 +22,7 @@ pub(super) enum TestPhase {
     Waiting,
     /// The test has been running since this board time.
     Running(Ns),
-    /// A host has written outputs.
+    /// The test has ended, because a host has written outputs.
     Over,
 }
 
@@ -45,7 +45,7 @@ impl Engine {
         match self.volatile.test {
             TestPhase::Booting if self.talks() => {
                 self.volatile.test = TestPhase::Waiting;
-                // PreOP accepts every state.
+                // In PreOP a request for any state is accepted.
                 self.volatile.network.request(MasterState::Op, now.saturating_add(self.config.state_timeout_ns), false);
             }
             TestPhase::Waiting if in_op => {

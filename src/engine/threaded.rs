@@ -328,7 +328,7 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
         now = clock.now();
         let late = now.saturating_sub(due);
         if catches_up && late > catch_up_max {
-            // The next cycle is due now. Any rest of the gap would count as too long again in the next turn of the loop.
+            // The next cycle is due now: a rest of the gap would exceed the limit again in the next iteration.
             due = now;
             skipped += late;
             shared.skipped_ns.fetch_add(late.as_nanos() as u64, Ordering::Relaxed);

@@ -313,7 +313,7 @@ impl Master {
         self.process.is_open()
     }
 
-    /// The next event.
+    /// Takes the oldest event; `None`: there is no event.
     pub fn take_event(&mut self) -> Option<Event> {
         self.bus.with(|shared| shared.events.pop_front())
     }

@@ -35,7 +35,7 @@ impl From<Unanswered> for DatagramError {
 /// The answer to a datagram.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct DatagramAnswer {
-    /// The data, as many bytes as were sent.
+    /// The data of the answer, as many bytes as were sent.
     pub data: Vec<u8>,
     /// The working counter, whatever its value is.
     pub working_counter: u16,

@@ -20,7 +20,7 @@ const NUMBER_BYTES: usize = 4;
 /// The least bytes of data in a segment other than the last one (ETG.1000.6 5.6.2).
 const SEGMENT_BYTES_MIN: usize = 7;
 
-/// Why a transfer has failed.
+/// Why an SDO transfer has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SdoError {
     /// The slave or the master has aborted the transfer.

@@ -68,7 +68,7 @@ pub struct SlaveStatus {
 }
 
 impl SlaveStatus {
-    /// The AL state; `None`: Boot, or one that does not exist.
+    /// The AL state; `None`: Boot, or an invalid state code.
     pub const fn state(&self) -> Option<AlState> {
         match self.status.state() {
             RequestedState::State(state) => Some(state),

@@ -13,7 +13,7 @@ const SLOTS: usize = SlotSize::Bytes12.slots();
 pub struct Answers {
     /// The slots that calls have claimed.
     claimed: SlotSet,
-    /// For each claimed slot the newest answer that names the claimed command, and the time of its report.
+    /// For each claimed slot the newest answer with the id of the claimed command, and the time of its report.
     newest: [(Stamp, RawSlot); SLOTS],
     /// Claimed slots that have shown the command in every report since the claim, so that the answer may be an old one.
     unchanged: SlotSet,

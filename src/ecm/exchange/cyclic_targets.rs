@@ -12,7 +12,7 @@ pub type Outputs = [u16; 2];
 /// The targets of all slaves, by slot. A slot of zeros has no target.
 pub struct CyclicTargets {
     size: SlotSize,
-    /// Slaves that have a target in `next` or in `last`.
+    /// Slaves with a target in `next` or in `last`.
     set: SlaveSet,
     /// The targets for the next frame. They are repeated in each frame until other targets are set.
     next: Box<Frame>,

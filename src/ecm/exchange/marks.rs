@@ -68,7 +68,7 @@ impl Marks {
         self.returned[(mark / 64) as usize] & 1 << (mark % 64) != 0
     }
 
-    /// The board's result in the cycle that executed the frame with that mark.
+    /// The result of the board (Data1 of slot 0) in the cycle that executed the frame with that mark.
     pub const fn result(&self, mark: u8) -> u32 {
         self.results[mark as usize]
     }

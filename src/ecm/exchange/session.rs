@@ -43,7 +43,7 @@ pub struct HomingAxes {
 /// The open stream, whose steps write the frames.
 #[derive(Clone, Copy, Debug)]
 pub struct StreamPacer {
-    /// The thread that made its last step.
+    /// The thread that made the last step of the stream.
     pub thread: ThreadId,
     /// When the last step was made.
     pub last_step: Instant,

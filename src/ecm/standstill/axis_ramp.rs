@@ -20,11 +20,12 @@ const STANDSTILL_COUNTS: f64 = 2.0;
 /// The ramp of the axes of one slave.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum AxisRamp {
-    /// From these targets, which come before the last commanded ones, with these initial speeds, counts per frame.
+    /// Positions: from these targets, which come before the last commanded ones, with these initial speeds, counts per
+    /// frame.
     Position(Motion, [f64; 2]),
-    /// From these velocities to 0.
+    /// Velocities: from these to 0.
     Velocity(Motion),
-    /// From that torque to 0.
+    /// A torque: from this to 0.
     Torque(i16),
 }
 

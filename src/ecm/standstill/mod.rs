@@ -87,7 +87,7 @@ pub fn discard_held(
     left: &mut LeftBehind,
 ) -> Result<(), EcmError> {
     let mut stop = Stop::new(ecm, session, deadline, left);
-    // The error of the discarding says more than one of the last frame.
+    // The error of the discarding explains more than an error of the last frame would.
     stop.discard_held().inspect_err(|_| drop(stop.in_one_step()))
 }
 

@@ -194,7 +194,7 @@ impl Stream<'_> {
         let stepped = std::mem::take(&mut self.stepped);
         if stepped || self.targets.changes != self.ecm.exchange.changes() {
             let mut session = self.ecm.exchange.lock()?;
-            // Much time may have passed since the last step.
+            // Reports may be waiting, as much time may have passed since the last step.
             if stepped {
                 self.ecm.exchange.catch_up(&mut session)?;
             }

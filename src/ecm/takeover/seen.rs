@@ -37,7 +37,7 @@ impl Seen {
         self.homing != Homing::No
     }
 
-    /// Reports were lost before the next one.
+    /// Notes that reports were lost before the next one.
     pub(super) fn missed(&mut self) {
         if let Homing::Asked { missed, .. } = &mut self.homing {
             *missed = true;

@@ -125,7 +125,7 @@ impl Watch {
         }
     }
 
-    /// Reports were lost before the next one.
+    /// Notes that reports were lost before the next one.
     pub fn missed(&mut self) {
         self.slaves.iter_mut().for_each(Seen::missed);
     }

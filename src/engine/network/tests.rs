@@ -6,7 +6,7 @@ fn at(state: MasterState) -> Network {
     Network { reached: Some(state), found: 1, scanned: true, talks: true, ..Network::default() }
 }
 
-/// SK-4: the steps of every way from one state to another.
+/// SK-4: the steps of every change from one state to another.
 #[test]
 fn every_way_is_walked_step_by_step() {
     use MasterState::*;

@@ -39,7 +39,7 @@ impl Network {
         self.slaves.cable()
     }
 
-    /// The slaves.
+    /// The simulated slaves, in network order.
     pub const fn chain(&self) -> &Chain {
         self.slaves.chain()
     }

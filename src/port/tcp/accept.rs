@@ -25,7 +25,7 @@ use crate::threads;
 
 /// How many connections the system may queue until they are accepted; it limits this value itself. \[OURS]
 const BACKLOG: i32 = 4096;
-/// How many connections are accepted before those that are pending are looked at again. \[OURS]
+/// How many connections are accepted before the pending ones are checked again. \[OURS]
 const ACCEPTED_IN_A_ROW_MAX: usize = 16;
 /// How long the server waits until a client has received why its connection ends. \[OURS]
 const FAREWELL_MAX: Duration = Duration::from_millis(500);
@@ -146,8 +146,8 @@ fn wait(
     next_try: Instant,
     shared: &Shared,
 ) {
-    // `takes` and the deadlines use the same `now`: if the listener is not polled, the deadline at which there is room
-    // again must be.
+    // `takes` and the deadlines use the same `now`: while the listener is not polled, the time at which there is room
+    // again must be one of the deadlines.
     let takes = pool.has_room(now) && now >= next_try;
     let times = [
         pool.next_time(now, &shared.hub.options),

@@ -82,7 +82,7 @@ impl Client {
         self.push(&mut outgoing);
     }
 
-    /// The report's data, with `dropped` counted from when the client connected.
+    /// Time and sequence number of a report, with `dropped` counted since the client connected.
     pub(super) fn count(&self, meta: ReadMeta) -> ReadMeta {
         ReadMeta { dropped: meta.dropped.saturating_sub(self.dropped_before), ..meta }
     }
@@ -105,7 +105,7 @@ impl Client {
         self.give_up();
     }
 
-    /// Sends what is waiting, as far as the socket has room.
+    /// Sends the waiting bytes, as far as the socket has room.
     pub(super) fn flush(&self) {
         self.push(&mut self.out.lock());
     }

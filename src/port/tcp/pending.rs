@@ -36,11 +36,11 @@ pub(super) struct PendingConnection {
 
 /// The state of a pending connection.
 pub(super) enum Look {
-    /// Its Hello has not arrived yet.
+    /// The Hello of the connection has not arrived yet.
     Waits,
-    /// Its Hello has arrived.
+    /// The Hello of the connection has arrived.
     Introduced(Introduction),
-    /// It has to be refused with [`PendingConnection::refuse`].
+    /// The connection has to be refused with [`PendingConnection::refuse`].
     Refused(Refusal, String),
     /// The connection has ended, with the reason; `None` after a refusal.
     Ended(Option<String>),
@@ -74,7 +74,7 @@ impl PendingConnection {
         Box::new(Self { from, came, has_sent, channel, inbox, out, handshake, material, refused_until })
     }
 
-    /// The connection, and what has arrived after the Hello.
+    /// The connection, and the bytes that have arrived after the Hello.
     pub(super) fn into_parts(self: Box<Self>) -> (Channel, Inbox) {
         (self.channel, self.inbox)
     }

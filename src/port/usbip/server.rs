@@ -314,7 +314,7 @@ impl Shared {
         }
         match stream.try_clone() {
             Ok(stream) => clients.push_back((number, stream)),
-            // Its connection ends by the time limit for the request.
+            // The connection ends by the time limit for the request.
             Err(error) => {
                 self.notes.tell(Event::SystemError { what: format!("cannot watch a client of USB/IP: {error}") });
             }
@@ -396,7 +396,7 @@ impl Shared {
     }
 }
 
-/// The open wish of a client after its request.
+/// The rest of a client's request, once it was read and answered.
 enum Wanted {
     /// The request is answered.
     Nothing,

@@ -178,7 +178,7 @@ impl Session {
                     if let Err(error) = device.submit(&transfer, &data) {
                         return error.into();
                     }
-                    // A report that is already there is fetched here, without waking the other thread.
+                    // A report that is waiting already is fetched here, without waking the other thread.
                     if device.begin_read() {
                         drop(device);
                         if let Err(end) = self.read(&mut report, Wait::Now) {

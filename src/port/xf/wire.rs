@@ -23,7 +23,7 @@ pub const WAIT_MAX_US: u32 = 1_000_000;
 pub enum Kind {
     /// From the server, when a connection begins.
     Greeting = 0,
-    /// Bytes to the chip, 1 to [`EXCHANGE_MAX`], under one chip select; the answer has as many from it.
+    /// Bytes to the chip, 1 to [`EXCHANGE_MAX`], under one chip select; the answer has as many bytes from the chip.
     Exchange = 1,
     /// Waits for INT0 to become active after the last exchange, at most the given microseconds (u32). The answer is 1
     /// if it became active, otherwise 0.
@@ -32,7 +32,8 @@ pub enum Kind {
     Int1 = 3,
     /// Waits for the given microseconds (u32); the answer has no body.
     Delay = 4,
-    /// From a host: it ends and leaves the network as it is; the answer has no body. From the server: the server ends.
+    /// From a host: the host ends its session and leaves the network as it is; the answer has no body. From the server:
+    /// the server ends.
     Close = 5,
     /// Pulls the chip's reset line low for 100 ms and releases it; the answer has no body.
     Reset = 6,
@@ -83,7 +84,7 @@ pub enum Request<'m> {
     Int1,
     /// Wait for this many microseconds.
     Delay(u32),
-    /// The host ends.
+    /// The host ends its session.
     Close,
     /// Reset the chip.
     Reset,

@@ -28,8 +28,8 @@ enum Power {
 pub(super) struct AxisRequest {
     power: Power,
     fault_reset: FaultReset,
-    /// Controlword and target for the drive; bits 7 (fault reset) and 4 (homing start) of the controlword are added
-    /// later.
+    /// Controlword, target and digital outputs for the drive; bits 7 (fault reset) and 4 (homing start) of the
+    /// controlword are added later.
     pub(super) out: AxisOut,
 }
 

@@ -60,7 +60,7 @@ impl Board {
         &self.engine
     }
 
-    /// The engine of the board, to call what has no command on the wire.
+    /// The engine of the board, for operations without a command on the wire.
     pub const fn engine_mut(&mut self) -> &mut Engine {
         &mut self.engine
     }

@@ -263,7 +263,7 @@ impl Network {
         self.newest = None;
     }
 
-    /// When the jobs first handled the present change; `None`: they have not, or there is none.
+    /// When the jobs first handled the present change; `None`: they have not yet, or no change is in progress.
     pub(super) fn change_seen_at(&self) -> Option<Ns> {
         self.change.and_then(|change| change.seen_at)
     }
@@ -336,12 +336,12 @@ impl Network {
         }
     }
 
-    /// The target of the present change; `None`: there is none.
+    /// The target state of the present change; `None`: no change is in progress.
     pub(super) fn target(&self) -> Option<MasterState> {
         self.change.map(|change| change.target)
     }
 
-    /// When the present change fails unless it has ended; `None`: there is none.
+    /// The time at which the present change fails if it has not ended; `None`: no change is in progress.
     pub(super) fn deadline(&self) -> Option<Ns> {
         self.change.map(|change| change.deadline)
     }

@@ -55,7 +55,8 @@ pub(super) struct DeferredSlots {
 }
 
 impl Engine {
-    /// Passes sets of outputs to the bus, each with the commands of one FIFO entry, until its queue is full.
+    /// Passes sets of outputs to the bus, each with the commands of one FIFO entry, as long as the bus has room for
+    /// more.
     pub(super) fn push_outputs(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if self.is_clearing() {
             return;
@@ -174,7 +175,7 @@ impl Engine {
         entries
     }
 
-    /// SW_RESET: drops the slots of pushed entries that have not acted yet. They never act.
+    /// SW_RESET: the slot 0 and SDO commands of entries that wait for their outputs to be sent are dropped.
     pub(super) fn drop_deferred(&mut self) {
         self.entries_ahead.iter_mut().for_each(|ahead| ahead.deferred = None);
     }

@@ -158,7 +158,8 @@ pub(crate) fn host_config(info: &ChipInfo, options: &ChipOptions) -> HostConfig 
 /// The number of exchanges within which an answer must come. \[OURS]
 const EXCHANGES_TO_ANSWER: Ns = 10;
 
-/// The default deadlines. On a slow SPI clock the deadline of answers is longer: some exchanges of the largest n.
+/// The default deadlines. On a slow SPI clock the deadline of answers is longer: [`EXCHANGES_TO_ANSWER`] exchanges of
+/// the longest packet.
 fn deadlines(clock_hz: Option<u32>) -> Deadlines {
     let longest = clock_hz.map_or(0, |hertz| MAX_PACKET as u64 * 8_000_000_000 / u64::from(hertz.max(1)));
     let answer_ns = Deadlines::DEFAULT.answer_ns.max(EXCHANGES_TO_ANSWER * longest);

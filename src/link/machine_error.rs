@@ -8,7 +8,7 @@ use crate::address::keys::WHERE_TO_LOOK;
 pub struct ManufacturerObjectsError {
     /// The path of the file.
     pub file: String,
-    /// The fault, with the number of the line.
+    /// The fault in the file, with the number of the line.
     pub message: String,
 }
 
@@ -26,7 +26,7 @@ pub enum ScriptError {
         line: u32,
         /// The position in the line, in characters from 1.
         column: usize,
-        /// The fault, and what is allowed.
+        /// The fault in the line, and what is allowed there.
         message: String,
     },
     /// A line changes frames, but the simulated board reaches its slaves without frames.

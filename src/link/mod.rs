@@ -162,7 +162,7 @@ pub trait Link: Send + Sync {
     /// occurs on a network, the board may have taken it or not.
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError>;
 
-    /// Reads the oldest unread report into `out`. After an error `out` is unchanged.
+    /// Reads the oldest unread report into `out`. Without a report `out` stays unchanged.
     ///
     /// # Errors
     /// Those of [`Link::write`], and [`LinkError::Silent`] on a virtual clock.

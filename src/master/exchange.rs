@@ -305,7 +305,7 @@ impl Exchange {
             IndexUse::Flying(_) => false,
             IndexUse::Resting { until } => now >= until,
         };
-        // If no index is free because all belong to lost frames, the next one of these is reused early.
+        // If no index is free because too many frames were lost, the index that was lost first is reused early.
         let is_resting = |index: &u8| matches!(self.indices[usize::from(*index)], IndexUse::Resting { .. });
         let mut all = (0..=u8::MAX).map(|n| self.next_index.wrapping_add(n));
         let index = all.clone().find(is_free).or_else(|| all.find(is_resting))?;

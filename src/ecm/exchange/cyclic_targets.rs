@@ -112,7 +112,7 @@ impl CyclicTargets {
         }
     }
 
-    /// The frame was not written: targets that it would have carried first are dropped.
+    /// The frame was not written: targets that it would have carried for the first time are dropped.
     pub fn revert(&mut self) {
         self.next.clone_from(&self.last);
     }

@@ -69,7 +69,7 @@ impl Watch {
                 slaves.for_each(Seen::forget_all_but_the_mode);
             }
             Ok(MasterCommand::SetDc { cycle, .. }) if set_up => self.cycle = cycle,
-            // Whether a discarded entry or one before it was executed last is unknown.
+            // It is unknown which entry was executed last: one of the discarded ones, or one before them.
             Ok(MasterCommand::SetFifo(FifoAction::Clear)) => {
                 self.forget_targets();
                 self.has_threshold = false;

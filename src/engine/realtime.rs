@@ -26,8 +26,8 @@ impl RealTime {
             set_thread_priority_and_policy, thread_native_id,
         };
 
-        // An ordinary thread may sleep 50 us longer than it asked for (timer slack); 1 ns needs no privilege. If the
-        // call fails, sleeps are just less exact.
+        // By default a thread may sleep 50 us longer than requested (timer slack). A slack of 1 ns needs no privilege;
+        // if the call fails, sleeps are just less exact.
         let _ = rustix::thread::set_current_timer_slack(NonZeroU64::new(1));
         let mut warnings = Vec::new();
         if let Some(priority) = self.priority {

@@ -235,8 +235,8 @@ impl Session {
         }
     }
 
-    /// As [`Session::executed`], also before it is known whether the board repeats marks; for uses without a safety
-    /// risk.
+    /// As [`Session::executed`], also before it is known whether the board repeats marks; for uses in which an error
+    /// matters little.
     pub fn probably_executed(&self, sent: Sent) -> bool {
         self.executed(sent) || self.marks.echo == Echo::Unknown && self.credit.has_executed(sent.number)
     }

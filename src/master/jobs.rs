@@ -219,7 +219,7 @@ impl Master {
         Plan { slave, station, mailbox: info.and_then(SlaveInfo::mailbox_managers), registers, sync }
     }
 
-    /// The mailbox of a slave; for a slave that was not found it has no protocols.
+    /// The slave and mailbox for a transfer; the mailbox is `None` if the slave was not found.
     fn peer(&self, slave: u8, timeout_ns: Ns) -> Peer {
         let info = self.slave(slave);
         let (station, mailbox) = info.map_or((0, None), |info| (info.station, info.mailbox));

@@ -1,4 +1,4 @@
-//! The board itself: its CRC switches, its FIFO, its reset, and waiting until it is there again.
+//! The board itself: its CRC switches, its FIFO, its reset, and waiting until it is available again.
 
 use std::time::{Duration, Instant};
 
@@ -9,26 +9,26 @@ use crate::address::uri::LinkUri;
 use crate::link::{FAILED_OPEN, LinkError};
 use crate::sk::{FifoAction, MasterCommand};
 
-/// \[OURS] The time between two tries to open a board that is not there.
+/// \[OURS] The time between two attempts to open an absent board.
 const RETRY_INTERVAL: Duration = Duration::from_millis(50);
 
-/// Which CRCs the board uses (SET_EX).
+/// The CRC switches of the board (SET_EX).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CrcSwitches {
-    /// The board checks the CRCs of command frames and executes no frame with a wrong one (SK-1.24). This API always fills
-    /// them.
+    /// Whether the board checks the CRCs of command frames and executes no frame with a wrong one (SK-1.24). This API
+    /// fills the CRCs in any case.
     pub check_commands: bool,
-    /// The board fills the CRCs of its reports, so that bits which change on the way are noticed.
+    /// Whether the board fills the CRCs of its reports, so that corrupted reports are detected.
     pub fill_responses: bool,
 }
 
 impl Ecm {
-    /// Switches the CRCs of command frames and of reports on or off, from the board's next start on ([`Ecm::reset`], or power).
-    /// The board keeps the switches. Not possible in OP.
+    /// Switches the CRCs of command frames and of reports on or off. The switches take effect at the next start of the
+    /// board ([`Ecm::reset`], or power), which keeps them. Not possible in OP.
     ///
     /// # Errors
-    /// [`EcmError::WrongState`], [`EcmError::Setting`] for reports without a CRC where [`Options::strict_crc`] wants one,
-    /// [`EcmError::Timeout`], [`EcmError::Link`].
+    /// [`EcmError::WrongState`], [`EcmError::Setting`] for reports without a CRC if [`Options::strict_crc`] requires
+    /// one, [`EcmError::Timeout`], [`EcmError::Link`].
     pub fn set_crc(&self, switches: CrcSwitches) -> Result<(), EcmError> {
         if self.exchange.options.strict_crc && !switches.fill_responses {
             return Err(EcmError::Setting {
@@ -45,12 +45,12 @@ impl Ecm {
         self.master("SET_EX", &MasterCommand::SetEx { check_commands, fill_responses }).map(|_| ())
     }
 
-    /// Discards the entries of the board's FIFO. An axis in CSP then holds the target that was executed last: it stops at once
-    /// and without a ramp. An axis in CSV keeps the velocity that was executed last, one in CST the torque. To stop gently end
-    /// the stream instead.
+    /// Discards the entries of the board's FIFO. An axis in CSP then holds the target that was executed last: it stops
+    /// at once and without a ramp. An axis in CSV keeps the velocity that was executed last, and one in CST the torque.
+    /// To stop gently, end the stream instead.
     ///
-    /// A [`Stream`](super::Stream) that is open takes no target and no step any more, as its next targets do not begin where the
-    /// axes are ([`EcmError::Cleared`]). Its end brings to rest what still moves.
+    /// An open [`Stream`](super::Stream) accepts no more targets and steps, as its next targets do not continue the
+    /// positions of the axes ([`EcmError::Cleared`]). Its end brings moving axes to a standstill.
     ///
     /// # Errors
     /// [`EcmError::WrongState`], [`EcmError::Timeout`], [`EcmError::Link`].
@@ -60,14 +60,14 @@ impl Ecm {
         let clear = [(0, MasterCommand::SetFifo(FifoAction::Clear).encode())];
         self.exchange.run(
             &Task::new("clearing the FIFO", hint, limit, &clear).seen(&ahead_of_the_board),
-            // The command acts on arrival; its own frame is the first entry after it.
+            // The command acts on arrival. The frame that carries it becomes the first entry after it.
             |session, sent| Ok(session.executed(sent).then_some(())),
         )
     }
 
-    /// Restarts the board (SW_RESET). Axes that move are brought to a standstill first; then the board forgets everything but the
-    /// CRC switches, and the connection ends. The slaves lose their master, so that drives switch off. To go on, wait for the
-    /// board with [`Ecm::open_when_there`].
+    /// Restarts the board (SW_RESET). Moving axes are brought to a standstill first. Then the board forgets everything
+    /// except the CRC switches, and the connection ends. The slaves lose their master, so that drives switch off. To go
+    /// on, wait for the board with [`Ecm::open_when_there`].
     ///
     /// ```
     /// use std::time::Duration;
@@ -83,8 +83,8 @@ impl Ecm {
     /// ```
     ///
     /// # Errors
-    /// Why axes may have moved at that moment, as [`Ecm::close`]: the board is reset all the same. [`EcmError::Timeout`] if
-    /// it still reports, [`EcmError::NoReport`], [`EcmError::Link`].
+    /// Why axes may have moved at that moment, as for [`Ecm::close`]; the board is reset in any case.
+    /// [`EcmError::Timeout`] if the board still makes reports, [`EcmError::NoReport`], [`EcmError::Link`].
     pub fn reset(mut self) -> Result<(), EcmError> {
         self.exchange.link.check()?;
         let rested = self.bring_to_rest(false, &mut LeftBehind::default());
@@ -93,8 +93,7 @@ impl Ecm {
         let task = Task::new("SW_RESET", hint, limit, &commands);
         let seen = |session: &Session| format!("it still reports, in {}", session.board().state);
         let done = self.exchange.run(&task.seen(&seen), |_, _| Ok(None::<()>));
-        // No axis is left to be stopped.
-        // Closing in this way cannot fail.
+        // No axis is left to be stopped, and closing without a stop cannot fail.
         let _ = self.end(Close::Leave);
         match done {
             Err(EcmError::Link(LinkError::Lost { .. })) => rested,
@@ -103,12 +102,12 @@ impl Ecm {
         }
     }
 
-    /// Opens a board as soon as it is there: after [`Ecm::reset`], or after it was unplugged. Gives the time that it took, in
-    /// virtual time on a link that has it.
+    /// Opens a board as soon as it is available: after [`Ecm::reset`], or after it was unplugged. Also returns the time
+    /// that this took, in virtual time on a link that has it.
     ///
     /// # Errors
-    /// [`EcmError::Timeout`] if it is not there in time, with the last error of opening it. Errors of [`Ecm::open_with`] that
-    /// waiting does not mend end the call at once.
+    /// [`EcmError::Timeout`] if the board does not appear in time, with the last error of opening it. Errors of
+    /// [`Ecm::open_with`] that waiting cannot remedy end the call at once.
     pub fn open_when_there(uri: &str, options: Options, limit: Duration) -> Result<(Self, Duration), EcmError> {
         let limit = limit.min(super::exchange::LIMIT_MAX);
         let is_virtual = LinkUri::parse(uri).is_ok_and(|uri| uri.value("clock") == Some("virtual"));

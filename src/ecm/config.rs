@@ -1,4 +1,4 @@
-//! The configuration of a network: a value that is checked as a whole before any of it is sent.
+//! The configuration of a network. It is checked as a whole before any part of it is sent.
 
 use std::fmt;
 
@@ -7,21 +7,21 @@ use crate::address::slaves;
 use crate::ethercat::cia402::Mode;
 use crate::sk::{CycleTime, DriveSync, SlaveKind, SlotSize};
 
-/// \[OURS] The default guard of an axis, counts: the target of a cycle may be one turn of a 17-bit encoder away from the actual
-/// position.
+/// \[OURS] The default guard of an axis, counts: a target may be up to one turn of a 17-bit encoder away from the
+/// actual position.
 pub const DEFAULT_GUARD_COUNTS: u32 = 1 << 17;
 
-/// \[OURS] How far an axis that stands may move within 8 cycles by default, counts: encoders have noise.
+/// \[OURS] How far a stationary axis may move within 8 cycles by default, counts: encoders are noisy.
 pub const DEFAULT_STANDSTILL_COUNTS: u32 = 16;
 
-/// How far the target of a cycle in CSP may be from the actual position of the axis. It is a limit for each target of a stream, in
-/// the tool `--lead-limit`: an axis that does not follow is not led on, and a motion does not begin elsewhere. The way of a motion
-/// has no limit by it.
+/// How far each target of a stream in CSP may be from the actual position of the axis; `--lead-limit` in the tool. The
+/// guard stops a motion whose axis does not follow, and one that does not begin at the actual position. It does not
+/// limit the length of a motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Guard {
-    /// At most that many counts, 1 or more.
+    /// At most this many counts, 1 or more.
     Within(u32),
-    /// Any distance.
+    /// No guard: any distance is allowed.
     Off,
 }
 
@@ -31,28 +31,28 @@ impl Default for Guard {
     }
 }
 
-/// How an axis is run.
+/// The settings of an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
-    /// CSP, CSV or CST. It decides which process data are mapped (SK-7.31).
+    /// CSP, CSV or CST. The mode decides which process data are mapped (SK-7.31).
     pub mode: Mode,
     /// Whether the slave is synchronized by distributed clocks.
     pub sync: DriveSync,
-    /// Targets that are further away than this are refused.
+    /// The largest allowed distance of a target from the actual position.
     pub guard: Guard,
-    /// Counts of one unit of the program.
+    /// How many counts one unit of the program has.
     pub scale: Scale,
-    /// An axis that moves no further than that within 8 cycles (at most 16 ms, at least one cycle) stands, counts. Set more
-    /// than the noise of its encoder.
+    /// The standstill threshold, counts: an axis that moves at most this far within 8 cycles (at most 16 ms, at least
+    /// one cycle) counts as stationary. Set it above the noise of the encoder.
     pub standstill: u32,
 }
 
 impl Axis {
     /// CSP with distributed clocks and the default guard, in counts.
     pub const CSP: Self = Self::new(Mode::Csp);
-    /// CSV, else as [`Axis::CSP`]; velocities have no guard.
+    /// CSV, otherwise as [`Axis::CSP`]; velocities have no guard.
     pub const CSV: Self = Self::new(Mode::Csv);
-    /// CST, else as [`Axis::CSP`]; torques have no guard.
+    /// CST, otherwise as [`Axis::CSP`]; torques have no guard.
     pub const CST: Self = Self::new(Mode::Cst);
 
     const fn new(mode: Mode) -> Self {
@@ -77,13 +77,13 @@ impl Default for Axis {
 pub enum Slave {
     /// A servo drive.
     Drive(Axis),
-    /// A stepper: CSP alone (SK-7.36).
+    /// A stepper, which supports CSP alone (SK-7.36).
     Step(Axis),
-    /// A pulse module of one or two channels: CSP or CSV (SK-7.35). Both channels share the axis's settings.
+    /// A pulse module of one or two channels, in CSP or CSV (SK-7.35). Both channels share the settings.
     Hsp(Axis),
-    /// 16 inputs and 16 outputs.
+    /// An IO slave with 16 inputs and 16 outputs.
     Io,
-    /// A slave that is on the network and not used; it stays in PreOP.
+    /// A slave that is connected but not used; it stays in PreOP.
     Unused,
 }
 
@@ -93,7 +93,7 @@ impl Slave {
         Self::with_axis(kind, Axis::CSP)
     }
 
-    /// A slave of that kind, whose axis, if it has one, is run so.
+    /// A slave of that kind; its axis, if it has one, gets these settings.
     pub const fn with_axis(kind: SlaveKind, axis: Axis) -> Self {
         match kind {
             SlaveKind::Drive => Self::Drive(axis),
@@ -104,7 +104,7 @@ impl Slave {
         }
     }
 
-    /// Its kind in SET_AXIS.
+    /// The kind of the slave in SET_AXIS.
     pub const fn kind(&self) -> SlaveKind {
         match self {
             Self::Drive(_) => SlaveKind::Drive,
@@ -115,7 +115,7 @@ impl Slave {
         }
     }
 
-    /// How its axis is run; `None` for an IO slave and an unused one.
+    /// The settings of the slave's axis; `None` for an IO slave and an unused one.
     pub const fn axis(&self) -> Option<&Axis> {
         match self {
             Self::Drive(axis) | Self::Step(axis) | Self::Hsp(axis) => Some(axis),
@@ -124,7 +124,7 @@ impl Slave {
     }
 }
 
-/// The modes that a kind of slave has (SK-7.35, SK-7.36).
+/// The modes that a kind of slave supports (SK-7.35, SK-7.36).
 pub(super) const fn modes(kind: SlaveKind) -> &'static [Mode] {
     match kind {
         SlaveKind::Drive => &[Mode::Csp, Mode::Csv, Mode::Cst],
@@ -134,7 +134,7 @@ pub(super) const fn modes(kind: SlaveKind) -> &'static [Mode] {
     }
 }
 
-/// As the tool's `--slaves` has it: `drive`, `drive:csv`, `io`.
+/// The format of `--slaves` in the tool: `drive`, `drive:csv`, `io`.
 impl fmt::Display for Slave {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(slaves::word(self.kind()))?;
@@ -145,17 +145,17 @@ impl fmt::Display for Slave {
     }
 }
 
-/// The network, as [`Ecm::configure`](super::Ecm::configure) tells the board.
+/// The configuration of the network, which [`Ecm::configure`](super::Ecm::configure) sends to the board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
-    /// The slaves in the order of the cable: slave 1 is the first.
+    /// The slaves in network order: slave 1 is the first.
     pub slaves: Vec<Slave>,
     /// EtherCAT cycle, microseconds: 250 * 2^n, at most 1 s.
     pub cycle_us: u32,
 }
 
 impl Default for Config {
-    /// No slave yet, a cycle of 1000 us.
+    /// No slaves, and a cycle of 1000 us.
     fn default() -> Self {
         Self { slaves: Vec::new(), cycle_us: CycleTime::DEFAULT.us() }
     }
@@ -167,10 +167,10 @@ impl Config {
         Self { slaves: vec![Slave::Drive(Axis::CSP); count], ..Self::default() }
     }
 
-    /// Checks whether a board of that slot size can run it; gives the cycle.
+    /// Checks whether a board with that slot size can run the configuration. Returns the cycle time.
     ///
     /// # Errors
-    /// [`ConfigError`], the first thing that is wrong.
+    /// [`ConfigError`], for the first fault.
     pub fn check(&self, size: SlotSize) -> Result<CycleTime, ConfigError> {
         let cycle = CycleTime::from_us(self.cycle_us).ok_or(ConfigError::Cycle { found_us: self.cycle_us })?;
         if self.slaves.is_empty() || self.slaves.len() > size.max_slaves() {
@@ -193,16 +193,16 @@ impl Config {
     }
 }
 
-/// Why a [`Config`] cannot be used. Nothing of it was sent.
+/// Why a [`Config`] cannot be used. None of it was sent.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ConfigError {
-    /// The board has no such cycle.
+    /// The board does not support this cycle time.
     #[error("cycle_us is {found_us}: a cycle is 250 us * 2^n, at most 1 s; set 250, 500, 1000, 2000 or 4000")]
     Cycle {
-        /// What was given.
+        /// The cycle time of the configuration, microseconds.
         found_us: u32,
     },
-    /// There are no slaves, or too many.
+    /// The configuration has no slaves, or too many.
     #[error("{found} slaves: with slots of {slot} bytes a board drives 1 to {max}; list the slaves in `slaves`")]
     Count {
         /// Slaves in the configuration.
@@ -212,30 +212,30 @@ pub enum ConfigError {
         /// Bytes of a slot.
         slot: usize,
     },
-    /// The kind of slave has no such mode.
+    /// The kind of slave does not support the mode.
     #[error("slave {slave} is a {kind} in {found}: set its mode to {}", names(allowed))]
     Mode {
-        /// Slave.
+        /// Slave, from 1.
         slave: u8,
-        /// Its kind.
+        /// The kind of the slave.
         kind: &'static str,
-        /// The mode that was given.
+        /// The mode in the configuration.
         found: Mode,
-        /// The modes it has.
+        /// The modes that the kind supports.
         allowed: &'static [Mode],
     },
-    /// A guard that refuses every target.
+    /// The guard would refuse every target.
     #[error("slave {slave} has a guard of 0 counts, which lets no target pass; set 1 or more, or Guard::Off")]
     Guard {
-        /// Slave.
+        /// Slave, from 1.
         slave: u8,
     },
     /// The counts of a unit are 0, or no finite number.
     #[error("slave {slave} has {found} counts per unit; set a number that is finite and not 0")]
     Scale {
-        /// Slave.
+        /// Slave, from 1.
         slave: u8,
-        /// What was given.
+        /// The counts per unit in the configuration.
         found: f64,
     },
 }

@@ -1,4 +1,4 @@
-//! The errors of the native API. Each says what happened, and to what, and ends with what to do.
+//! The errors of the native API. Each message names what happened and where, and ends with what to do.
 
 use std::time::Duration;
 
@@ -14,41 +14,41 @@ use crate::span::Span;
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 #[non_exhaustive]
 pub enum EcmError {
-    /// The link failed. After [`LinkError::Lost`] open a new [`Ecm`](super::Ecm): nothing reconnects by itself.
+    /// The link failed. After [`LinkError::Lost`] open a new [`Ecm`](super::Ecm): there is no automatic reconnection.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The configuration cannot be used. Nothing of it was sent.
+    /// The configuration cannot be used. None of it was sent.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// The link does not know the slot size, and no report showed it.
+    /// The link does not know the slot size, and reports did not show it.
     #[error("`{name}` does not say how many bytes a slot has; put `slot=12` or `slot=16` (CONFIG2 high) into the link")]
     SlotUnknown { name: String },
     /// A setting cannot be used.
     #[error("{what} is {found}; set {allowed}")]
     Setting { what: &'static str, found: String, allowed: &'static str },
-    /// The board made no report that can be used.
+    /// The board has made no usable report.
     #[error(
         "{what}: no usable report for {} ({bad_crc} with a wrong CRC since it was opened); {}",
         Span(*.waited), silence(*.network_down)
     )]
     NoReport {
-        /// What needed a report.
+        /// The operation that needed a report.
         what: &'static str,
-        /// How long that has waited.
+        /// How long the operation has waited.
         waited: Duration,
-        /// Reports discarded since the board was opened, because their CRC was wrong.
+        /// The number of reports since the board was opened that were discarded because of a wrong CRC.
         bad_crc: u64,
-        /// The board is in this process and hears nothing of its network, see
+        /// Whether the board runs in this process and receives nothing from its network, see
         /// [`LinkStats::network_down`](crate::link::LinkStats::network_down).
         network_down: bool,
     },
-    /// The board reports, but what was waited for did not happen.
+    /// The board makes reports, but the operation was not done in time.
     #[error("{what}: not done after {}, {seen}; {hint}", Span(*.waited))]
     Timeout {
         what: &'static str,
-        /// How long it was waited for.
+        /// How long the operation has waited.
         waited: Duration,
-        /// What reports showed instead.
+        /// The state in reports, as text.
         seen: String,
         hint: &'static str,
     },
@@ -56,47 +56,47 @@ pub enum EcmError {
     #[error("{wanted} was not reached, the board is in {found}: {suspect}")]
     StateStuck {
         wanted: MasterState,
-        /// The state in which it ended.
+        /// The state in which the change ended.
         found: StateByte,
-        /// The slave that was the cause, as far as it could be found.
+        /// The slave that caused this, as far as a host can find it.
         suspect: Suspect,
     },
-    /// The network's state does not allow the call.
+    /// The state of the network does not allow the call.
     #[error("{what} needs {needs}, the board is in {found}; use set_state first")]
     WrongState {
         what: &'static str,
-        /// The states that allow it.
+        /// The states that allow the call.
         needs: &'static str,
         found: StateByte,
     },
-    /// The network has another number of slaves than the configuration.
+    /// The network and the configuration have different numbers of slaves.
     #[error(
         "{} configured and the board found {found}; correct `slaves`, or check cables and power",
         slaves_are(*.declared)
     )]
     SlaveCount {
-        /// Slaves in the configuration.
+        /// The number of slaves in the configuration.
         declared: usize,
-        /// Slaves that the board has found on the network.
+        /// The number of slaves that the board has found.
         found: usize,
     },
-    /// No slave of that number is configured.
+    /// No slave with that number is configured.
     #[error(
         "there is no slave {slave}, {} configured; call configure, or adopt for a board that runs",
         slaves_are(*.declared)
     )]
     NoSuchSlave {
         slave: u8,
-        /// Slaves that are configured.
+        /// The number of configured slaves.
         declared: usize,
     },
-    /// The slave is of another kind.
+    /// The call is not for this kind of slave.
     #[error("slave {slave} is configured as {kind}, {what} is not for it; use it on {wanted}")]
     WrongKind {
         slave: u8,
         kind: &'static str,
         what: &'static str,
-        /// The slaves for which that is.
+        /// The kinds of slaves for which the call is.
         wanted: &'static str,
     },
     /// The axis is configured for another mode.
@@ -118,26 +118,26 @@ pub enum EcmError {
         object: ObjectAddress,
         code: AbortCode,
     },
-    /// An object holds more than the type it was read as.
+    /// The value of an object does not fit the type with which it was read.
     #[error("{object} of slave {slave} is 0x{value:X}, too wide for {bits} bits; read it as a wider type")]
     SdoTooWide { slave: u8, object: ObjectAddress, value: u32, bits: u32 },
-    /// The axis is not switched on.
+    /// The axis is not in Operation enabled.
     #[error("slave {slave} is not in Operation enabled (statusword 0x{:04X}); call servo_on first", statusword.0)]
     NotEnabled { slave: u8, statusword: Statusword },
     /// The first channel of an HSP is switched on, the second one is not.
     #[error("the second channel of slave {slave} is not in Operation enabled; call clear_alarm, then servo_on")]
     SecondOff { slave: u8 },
-    /// A slave has been lost in OP: its slot keeps old values.
+    /// A slave was lost in OP: its slot keeps old values.
     #[error(
         "{} lost, the board is in {found}; check cable and power, then set_state brings it back",
         slave.map_or_else(|| "a slave (the board does not say which) is".to_owned(), |slave| format!("slave {slave} is"))
     )]
     SlaveLost {
-        /// The slave, if it is known.
+        /// The lost slave; `None`: not known.
         slave: Option<u8>,
         found: StateByte,
     },
-    /// A stream of that depth could not be brought to a standstill within the limit of closing.
+    /// The stream is too deep: its axes could not be brought to a standstill within the time limit of closing.
     #[error(
         "depth is {found}; with a cycle of {cycle:?} set 1 to {max}: what is ahead of the board and the ramp have to end \
          within the 2 s of closing"
@@ -168,45 +168,45 @@ pub enum EcmError {
     /// A position in units does not fit the 32 bits of the wire.
     #[error("{units} units of slave {slave} are no 32-bit count; check the value and the axis's scale")]
     OutOfRange { slave: u8, units: f64 },
-    /// The FIFO was cleared while a stream was open: the axes are not where its next targets begin.
+    /// The FIFO was cleared while a stream was open: its next targets do not continue the positions of the axes.
     #[error("the FIFO was cleared while the stream was open; end it, and start another one from the actual positions")]
     Cleared,
     /// The axis is being homed.
     #[error("slave {slave} is homing; wait for it to end, or abort it")]
     IsHoming { slave: u8 },
-    /// Homing ended without a home.
+    /// Homing ended without "homing attained".
     #[error("homing of slave {slave} failed: {why}; check its method and switches, then home again")]
     HomingFailed { slave: u8, why: &'static str },
-    /// Another thread uses what the call needs.
+    /// Another thread is using what the call needs.
     #[error("{what} is in use by another thread; wait for it to end")]
     Busy { what: &'static str },
 }
 
 impl EcmError {
-    /// The error of a call that is for other slaves than one of that kind.
+    /// The error of a call on the wrong kind of slave; `wanted`: the kinds that it is for.
     pub(super) const fn wrong_kind(slave: u8, kind: SlaveKind, what: &'static str, wanted: &'static str) -> Self {
         Self::WrongKind { slave, kind: kind.name(), what, wanted }
     }
 }
 
-/// The slave that keeps the network from changing its state, as far as a host can find out.
+/// The slave that probably prevents a change of state, as far as a host can find it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum Suspect {
     /// A slave does not answer an SDO.
     Silent { slave: u8 },
-    /// A slave lacks objects of its kind.
+    /// A slave lacks an object that its declared kind must have.
     NotOfKind {
         slave: u8,
         kind: &'static str,
         /// The object that is missing.
         missing: ObjectAddress,
     },
-    /// Nothing is configured. Then the board takes every slave for an IO slave.
+    /// No slave was declared: the board takes every slave for an IO slave.
     Undeclared,
-    /// All slaves answer and fit the configuration. The wire does not carry AL status codes.
+    /// All slaves answer and match the configuration. The wire does not carry AL status codes.
     Unknown,
-    /// No slave answers at all, or the state allows no SDO.
+    /// No slave answers, or the state allows no SDO.
     Network,
 }
 
@@ -232,7 +232,7 @@ impl std::fmt::Display for Suspect {
     }
 }
 
-/// `1 slave is`, `3 slaves are`.
+/// The beginning of a sentence about silent slaves: `1 slave is`, `3 slaves are`.
 const fn silence(network_down: bool) -> &'static str {
     if network_down {
         "nothing comes back from the network: look at the cable to the first slave, at the network card or the chip that it begins at, and \
@@ -250,7 +250,7 @@ fn slaves_are(count: usize) -> String {
 mod tests {
     use super::*;
 
-    /// One slave is one slave.
+    /// A message about one slave uses the singular.
     #[test]
     fn one_slave() {
         let said = |declared| EcmError::SlaveCount { declared, found: 2 }.to_string();

@@ -1,10 +1,11 @@
-//! An error type for `main`.
+//! An error type for the `main` of programs.
 
 use std::error::Error;
 use std::fmt;
 
-/// Any error, for `main` to return: `Result<(), Failure>` ends a program with exit code 1 and the words of the error. Returned
-/// itself, the error would be shown in its debug format. A text is one, too: `Err("the door is open")?`.
+/// Any error, as the return type of `main`: `Result<(), Failure>` ends a program with exit code 1 and the message of
+/// the error. `main` would show any other error type in its debug format. A text can be a failure, too:
+/// `Err("the door is open")?`.
 ///
 /// ```
 /// use ecmsk::ecm::{Ecm, Failure};
@@ -18,7 +19,7 @@ use std::fmt;
 /// ```
 pub struct Failure(String);
 
-// It is no std::error::Error itself: there would be two implementations of From<Failure>.
+// `Failure` does not implement std::error::Error: `From<Failure>` would have two implementations then.
 impl<E: Into<Box<dyn Error + Send + Sync>>> From<E> for Failure {
     fn from(error: E) -> Self {
         Self(error.into().to_string())
@@ -31,7 +32,7 @@ impl fmt::Display for Failure {
     }
 }
 
-/// `main` shows its error in this format.
+/// `main` prints an error in its debug format.
 impl fmt::Debug for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         fmt::Display::fmt(self, f)
@@ -42,7 +43,7 @@ impl fmt::Debug for Failure {
 mod tests {
     use super::*;
 
-    /// Errors and texts become one by `?`, and it shows their words alone in both formats.
+    /// `?` converts errors and texts, and both formats show the message alone.
     #[test]
     fn errors_and_texts_become_failures() {
         let number = |text: &str| -> Result<u8, Failure> { Ok(text.parse()?) };

@@ -1,4 +1,4 @@
-//! Homing with progress: of one axis, or of several whose GO_HOME stands in one frame, as the board wants it (SK-7.27).
+//! Homing of one axis, or of several whose GO_HOMEs share a frame, as the board requires it (SK-7.27); with progress.
 
 use std::cell::RefCell;
 use std::time::Duration;
@@ -10,82 +10,85 @@ use crate::ethercat::cia402::{MODES_OF_OPERATION, Mode, Statusword};
 use crate::ethercat::coe::ObjectAddress;
 use crate::sk::{CommandId, RawSlot, SlaveCommand, SlotCommand};
 
-/// \[OURS] Bits 12 and 13 of the statusword may be those of an earlier homing, until the drive clears them as it begins. If
-/// they are set from the beginning they count after that time.
+/// \[OURS] Bits 12 and 13 of the statusword may be left from an earlier homing until the drive clears them. If they
+/// stay set from the beginning, they count after this time.
 const OLD_RESULT_MAX: Duration = Duration::from_millis(100);
-/// \[OURS] A GO_HOME that has no answer after so many reports was lost: more than the FIFO and a handshake take.
+/// \[OURS] A GO_HOME without an answer after this many reports was lost: more than the FIFO and a handshake take.
 const ANSWER_REPORTS_MAX: u64 = 200;
 const HINT: &str = "check method, speeds and switches; the axis was told to end homing";
 
-/// How an axis is homed: the objects of CiA 402 that are written before GO_HOME. What is `None` stays as the drive has it.
+/// The CiA 402 objects of homing that are written before GO_HOME. The drive keeps its value for each one that is
+/// `None`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Homing {
     /// 0x6098: homing method.
     pub method: i8,
-    /// 0x6099:1, speed while it looks for the switch, the drive's units.
+    /// 0x6099:1, speed during the search for the switch, in the drive's units.
     pub switch_speed: Option<u32>,
-    /// 0x6099:2, speed while it looks for zero, the drive's units.
+    /// 0x6099:2, speed during the search for zero, in the drive's units.
     pub zero_speed: Option<u32>,
-    /// 0x609A, the drive's units.
+    /// 0x609A, homing acceleration, in the drive's units.
     pub acceleration: Option<u32>,
     /// 0x607C, home offset in counts.
     pub offset: Option<i32>,
-    /// How long the motion may take; after that it is aborted.
+    /// The time limit of the motion, after which homing is aborted.
     pub limit: Duration,
 }
 
 impl Homing {
-    /// Homing by that method, with all else as the drive has it, within a minute.
+    /// Homing with that method, all other values as in the drive, and a time limit of one minute.
     pub const fn method(method: i8) -> Self {
         let limit = Duration::from_secs(60);
         Self { method, switch_speed: None, zero_speed: None, acceleration: None, offset: None, limit }
     }
 }
 
-/// How far the homing of an axis is.
+/// The phase of the homing of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HomingPhase {
-    /// Its objects are being written.
+    /// The objects of the axis are being written.
     Preparing,
     /// The axis moves.
     Moving,
-    /// The motion has ended; the mode of operation is set back.
+    /// The motion has ended; the mode of operation is being restored.
     Restoring,
 }
 
-/// What an axis shows while it is homed.
+/// The progress of an axis that is being homed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HomingProgress {
-    /// Slave.
+    /// Slave, from 1.
     pub slave: u8,
-    /// How far its homing is.
+    /// The phase of the homing.
     pub phase: HomingPhase,
     /// Actual position, counts.
     pub position: i32,
     /// Statusword: bit 10 target reached, 12 homing attained, 13 homing error.
     pub statusword: Statusword,
-    /// Time since the call.
+    /// Time since the call of [`Ecm::home`].
     pub elapsed: Duration,
 }
 
 impl Ecm {
-    /// Homes an axis that is switched on: writes its objects, sends GO_HOME, waits for the end, and sets the mode of operation
-    /// back, which firmware 1.5 does not do by itself. `progress` is called with each report and may use the board, too.
+    /// Homes an axis that is switched on: writes its objects, sends GO_HOME, waits for the end, and restores the mode
+    /// of operation, which firmware 1.5 does not do by itself. `progress` is called with each report and may use the
+    /// board, too.
     ///
-    /// Of an HSP the first channel is homed. The second one cannot be homed alone: if a program has written 6 to its 0x6860
-    /// it begins together with the first one, and only its own statusword (0x6841, by [`Ecm::sdo_read`]) tells how it ends.
+    /// On an HSP this homes the first channel. The second channel cannot be homed alone: if a program has written 6 to
+    /// its 0x6860, it starts together with the first one, and only its own statusword (0x6841, by [`Ecm::sdo_read`])
+    /// shows how its homing ends.
     ///
     /// # Errors
-    /// [`EcmError::HomingFailed`], [`EcmError::Alarm`], [`EcmError::NotEnabled`], [`EcmError::SdoAborted`] for an object
-    /// or method the drive has not got, [`EcmError::Timeout`], [`EcmError::Busy`] while another homing runs,
-    /// [`EcmError::WrongState`], [`EcmError::WrongKind`], [`EcmError::NoSuchSlave`], [`EcmError::Link`].
+    /// [`EcmError::HomingFailed`], [`EcmError::Alarm`], [`EcmError::NotEnabled`], [`EcmError::SdoAborted`] for an
+    /// object or method that the drive does not have, [`EcmError::Timeout`], [`EcmError::Busy`] while another homing
+    /// runs, [`EcmError::WrongState`], [`EcmError::WrongKind`], [`EcmError::NoSuchSlave`], [`EcmError::Link`].
     pub fn home(&self, slave: u8, homing: &Homing, progress: impl FnMut(&HomingProgress)) -> Result<(), EcmError> {
         self.home_all(&[(slave, *homing)], progress)
     }
 
-    /// Homes several axes together: writes the objects of all, starts them with one frame, and waits for the last one. The
-    /// longest of their limits holds for all. If one axis fails the homing of the others is aborted, and the error is that of
-    /// the one.
+    /// Homes several axes together: writes the objects of all, starts them with one frame, and waits for the last one.
+    /// The longest of their time limits applies to all. If one axis fails, the homing of the others is aborted, and its
+    /// error is returned.
     ///
     /// ```
     /// use ecmsk::ecm::{Config, Ecm, Homing};
@@ -121,15 +124,16 @@ impl Ecm {
         });
         let done = prepared.and_then(|()| self.go(&slaves, &go, limit, began, &mut progress));
         let started = self.exchange.lock().is_ok_and(|session| !session.homing.started.is_empty());
-        // \[OURS] No axis homes any more when this returns. A single axis that failed has ended by itself.
+        // \[OURS] No axis is homing any more when this returns. If a single axis failed, its homing has ended by
+        // itself.
         let goes_on = match &done {
             Ok(()) => false,
             Err(EcmError::HomingFailed { .. } | EcmError::Alarm { .. }) => slaves.len() > 1,
             Err(_) => true,
         };
         let aborted = if started && goes_on { self.abort_homing() } else { Ok(()) };
-        // Writing the mode back ends homing on either firmware, and the axes take targets again. It is tried for all of them,
-        // even if some calls fail.
+        // Writing the mode ends homing in both firmware versions, and the axes take targets again. It is tried for all
+        // axes, even if some writes fail.
         let mut restored = Ok(());
         for (slave, mode) in slaves.iter().zip(modes) {
             let told = self.tell(*slave, HomingPhase::Restoring, began, &mut progress);
@@ -145,7 +149,7 @@ impl Ecm {
         done.and(aborted).and(restored).and(released)
     }
 
-    /// Makes sure that the axes can be homed, and takes them away from streams. Gives their modes of operation.
+    /// Checks that the axes can be homed, and removes their targets from streams. Returns their modes of operation.
     fn reserve(&self, slaves: &[u8]) -> Result<Vec<Mode>, EcmError> {
         let mut session = self.exchange.lock()?;
         let mut modes = Vec::with_capacity(slaves.len());
@@ -166,7 +170,7 @@ impl Ecm {
         Ok(modes)
     }
 
-    /// Tells the program how far the homing of an axis is.
+    /// Reports the progress of an axis to the program.
     fn tell(
         &self,
         slave: u8,
@@ -175,7 +179,7 @@ impl Ecm {
         progress: &mut impl FnMut(&HomingProgress),
     ) -> Result<(), EcmError> {
         let elapsed = self.exchange.now().saturating_sub(began);
-        // The session is free while the program's own function runs: it may use the board.
+        // The session is unlocked while the program's function runs: it may use the board.
         let told = progress_of(&*self.exchange.lock()?, slave, phase, elapsed);
         progress(&told);
         Ok(())
@@ -196,7 +200,7 @@ impl Ecm {
         offset.map_or(Ok(()), |offset| self.sdo_write(slave, object(0x607C, 0), offset))
     }
 
-    /// Sends GO_HOME to all axes in one frame, and waits until all are home.
+    /// Sends GO_HOME to all axes in one frame, and waits until all have attained home.
     fn go(
         &self,
         slaves: &[u8],
@@ -205,7 +209,7 @@ impl Ecm {
         began: Duration,
         progress: &mut impl FnMut(&HomingProgress),
     ) -> Result<(), EcmError> {
-        // A repeat after the end of homing would start it again: a frame that is lost is an error.
+        // GO_HOME is not repeated: after the end of homing a repeat would start it again. So a lost frame is an error.
         let seen = |session: &Session| {
             let words = slaves.iter().map(|slave| {
                 let word = session.statusword(*slave).0;
@@ -247,7 +251,7 @@ impl Ecm {
     }
 
     /// Aborts the homing of all slaves (ABORT_HOME). A call of [`Ecm::home`] in another thread ends with
-    /// [`EcmError::HomingFailed`]. If no axis is being homed nothing is sent.
+    /// [`EcmError::HomingFailed`]. If no axis is being homed, nothing is sent.
     ///
     /// # Errors
     /// [`EcmError::Timeout`], [`EcmError::WrongState`], [`EcmError::Link`].
@@ -256,7 +260,7 @@ impl Ecm {
             let mut session = self.exchange.lock_in_op("abort_homing")?;
             let Some(slave) = session.homing.active.iter().next() else { return Ok(()) };
             session.homing.aborted = session.homing.active;
-            // Objects are still being written: homing ends before GO_HOME is sent.
+            // The objects are still being written: homing ends before GO_HOME is sent.
             if session.homing.started.is_empty() {
                 return Ok(());
             }
@@ -275,27 +279,29 @@ fn refuse_aborted(session: &Session, slave: u8) -> Result<(), EcmError> {
     Err(EcmError::HomingFailed { slave, why: "it was aborted" })
 }
 
-/// What the newest report shows of an axis.
+/// The progress of an axis, from the newest report.
 fn progress_of(session: &Session, slave: u8, phase: HomingPhase, elapsed: Duration) -> HomingProgress {
     let position = session.slot(slave.into()).data1 as i32;
     HomingProgress { slave, phase, position, statusword: session.statusword(slave), elapsed }
 }
 
-/// The homing of one axis, report by report.
+/// The homing of one axis, judged report by report.
 struct AxisHoming {
     slave: u8,
-    /// The board has taken GO_HOME.
+    /// Whether the board has accepted GO_HOME.
     taken: bool,
-    /// "Homing attained" and "homing error" in the first report behind GO_HOME: those of an earlier homing.
+    /// "Homing attained" and "homing error" in the first report after GO_HOME was sent: they may be those of an earlier
+    /// homing.
     first: Option<(bool, bool)>,
-    /// Some report has shown neither of them since: what is shown later is of this homing.
+    /// Whether a report has shown both bits clear since: later bits belong to this homing.
     seen_clear: bool,
-    /// "Homing error" was shown where it had not been, be it before the answer to GO_HOME: on a bus that answers late the
-    /// effect may come first. The board sets the mode back soon, and in that bit 12 means something else.
+    /// Whether "homing error" appeared after it was clear, even before the answer to GO_HOME: on a bus with late
+    /// answers the effect may be seen first. Soon after it the board restores the mode, in which bit 12 has another
+    /// meaning.
     failed: bool,
-    /// Time of the first report that was looked at, nanoseconds.
+    /// When the first report after GO_HOME was made, nanoseconds.
     since: Option<u64>,
-    /// Home is found. The board may have set the mode back since, and the bits mean something else.
+    /// Whether homing was attained. Then the board may have restored the mode, in which the bits have another meaning.
     home: bool,
 }
 
@@ -304,8 +310,8 @@ impl AxisHoming {
         Self { slave, taken: false, first: None, seen_clear: false, failed: false, since: None, home: false }
     }
 
-    /// Reads the newest report; says whether home is found. `ran`: the frame with GO_HOME was executed for sure, or never
-    /// will be.
+    /// Reads the newest report. Returns whether homing was attained. `ran`: the frame with GO_HOME was certainly
+    /// executed, or never will be.
     fn read(&mut self, session: &Session, ran: bool, tell: impl FnOnce(u8, HomingPhase)) -> Result<bool, EcmError> {
         let slave = self.slave;
         let failed = |why| Err(EcmError::HomingFailed { slave, why });
@@ -327,13 +333,13 @@ impl AxisHoming {
         if !word.is_enabled() {
             return failed("the drive was switched off");
         }
-        // Without the answer to GO_HOME the bits are those of an earlier homing.
+        // Without an answer to GO_HOME the bits are left from an earlier homing.
         if !self.taken {
             return failed("the board did not take GO_HOME, or its frame was lost");
         }
         let now = session.reports.at().0;
         let is_valid = Duration::from_nanos(now - *self.since.get_or_insert(now)) >= OLD_RESULT_MAX;
-        // An earlier error that no report has shown cleared is this homing's too, whatever is shown instead of it.
+        // An earlier error that no report has shown cleared counts for this homing, too, even if the bit is clear now.
         let still_failed = first.1 && !self.seen_clear && (is_valid || !error);
         if (self.failed || still_failed) && !self.home {
             return failed("the drive reports a homing error (statusword bit 13)");

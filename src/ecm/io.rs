@@ -1,4 +1,4 @@
-//! The inputs and outputs of IO slaves, and the board's own.
+//! Inputs and outputs of IO slaves, and of the board itself.
 
 use super::config::Slave;
 use super::exchange::Task;
@@ -17,7 +17,7 @@ impl Ecm {
         self.io("reading inputs", slave, SlaveCommand::IoRead)
     }
 
-    /// Sets the 16 outputs of an IO slave, in OP. Bit k is output k. They stay until they are set again.
+    /// Sets the 16 outputs of an IO slave, in OP. Bit k is output k. Outputs stay until they are set again.
     ///
     /// # Errors
     /// As [`Ecm::inputs`].
@@ -44,7 +44,7 @@ impl Ecm {
         })
     }
 
-    /// Reads the board's own six inputs, in any state. Bit k is input k.
+    /// Reads the six inputs of the board itself, in any state. Bit k is input k.
     ///
     /// # Errors
     /// [`EcmError::Timeout`], [`EcmError::Link`].
@@ -52,7 +52,7 @@ impl Ecm {
         self.local("reading the board's inputs", MasterCommand::LocalRead).map(|result| result as u8)
     }
 
-    /// Sets the board's own six outputs, in any state. Bit k is output k.
+    /// Sets the six outputs of the board itself, in any state. Bit k is output k.
     ///
     /// # Errors
     /// [`EcmError::Setting`] for bits 6 and 7, [`EcmError::Timeout`], [`EcmError::Link`].
@@ -71,7 +71,7 @@ impl Ecm {
             if !session.in_op() {
                 return Ok((session.board().id == slot.id).then_some(session.board().result));
             }
-            // In OP the answer does not say to which command it belongs: it is valid once the frame was executed (SK-8.3).
+            // In OP the answer does not show its command: it is valid once the frame was executed (SK-8.3).
             Ok(session.result(sent))
         })
     }

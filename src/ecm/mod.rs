@@ -1,5 +1,5 @@
-//! The native Rust API: one ECM-SK over any link. It checks what a program does before the board gets it: states, modes, alarms,
-//! the distance of targets, room in the FIFO.
+//! The native Rust API: one ECM-SK over any link. The API checks commands before it sends them to the board: states,
+//! modes, alarms, the distance of targets, room in the FIFO.
 //!
 //! ```
 //! use ecmsk::ecm::{Close, Config, Ecm};
@@ -21,23 +21,23 @@
 //! # Ok::<(), ecmsk::ecm::EcmError>(())
 //! ```
 //!
-//! [`Ecm`] may be shared by threads: calls take turns report by report, and the command of one thread goes out in the frames
-//! of another thread's [`Stream`]. Every call has a limit ([`Options`]). A board that is lost stays lost
-//! ([`LinkError::Lost`]): opening another [`Ecm`] is the program's decision ([`Ecm::open_when_there`]).
+//! [`Ecm`] may be shared by threads: calls take turns report by report, and the command of one thread goes out in the
+//! frames of another thread's [`Stream`]. Every call has a timeout ([`Options`]). A lost board stays lost
+//! ([`LinkError::Lost`]): the program decides whether to open another [`Ecm`] ([`Ecm::open_when_there`]).
 //!
-//! Positions, velocities and torques are those of the wire, in counts and 0.1 %; a [`Scale`] of an axis converts positions.
-//! On a link with virtual time limits are the board's time, on any other the machine's.
+//! Positions, velocities and torques are those of the wire, in counts and 0.1 %; a [`Scale`] of an axis converts
+//! positions. Timeouts are in board time on a link with virtual time, and in machine time on any other link.
 //!
 //! # How to read the source
 //!
 //! In this order:
 //!
-//! 1. Values that a program gives and gets: `options.rs`, `config.rs`, `scale.rs`, `snapshot.rs`, `error.rs`, `failure.rs`;
-//!    `network.rs` is the configuration as the other files use it.
-//! 2. `exchange/`: frames go out and reports come in, for all calls of all threads; what is known of the board.
+//! 1. Values that a program passes and gets: `options.rs`, `config.rs`, `scale.rs`, `snapshot.rs`, `error.rs`, `failure.rs`;
+//!    `network.rs` is the configuration in the form that the other files use.
+//! 2. `exchange/`: sends frames and receives reports for all calls of all threads, and keeps the state of the board.
 //! 3. The calls, one file for each subject: `state.rs` configures the network and changes its state, `servo.rs` switches axes,
-//!    `io.rs`, `sdo.rs`, `homing.rs`, and `board.rs` for the board itself. Each sends a `Task` through the exchange and looks at
-//!    reports until it is done.
+//!    `io.rs`, `sdo.rs`, `homing.rs`, and `board.rs` for the board itself. Each call sends a `Task` through the exchange and
+//!    checks reports until it is done.
 //! 4. `stream/`: targets for all axes in every cycle.
 //! 5. `standstill/`: how moving axes are brought to a standstill when a stream ends or a board is closed.
 //! 6. `takeover/`: the same for the axes of a program that has ended without closing its board.
@@ -82,18 +82,19 @@ use crate::link::{Link, LinkError, LinkInfo, Share, Wait};
 use crate::open;
 use crate::sk::{Frame, SlotSize, StateByte};
 
-/// Reports that are read to find the slot size. \[OURS]
+/// The most reports that are read to find the slot size. \[OURS]
 const PROBE_REPORTS: usize = 3;
 
-/// One board.
+/// A handle of an open board.
 pub struct Ecm {
     exchange: Exchange,
-    /// It was closed.
+    /// Whether the board was closed.
     done: bool,
 }
 
 impl Ecm {
-    /// Opens the board that a link's URI names, in the state in which it is: nothing is sent, and a network in OP goes on.
+    /// Opens the board that the URI of a link names, in its present state: nothing is sent, and a network in OP goes
+    /// on.
     ///
     /// # Errors
     /// [`EcmError::Link`], [`EcmError::SlotUnknown`], [`EcmError::NoReport`].
@@ -110,7 +111,7 @@ impl Ecm {
         Self::over(open::open(uri, Share::ByName)?, options)
     }
 
-    /// The board behind a link that is open already. Closing the [`Ecm`] closes the link.
+    /// Opens the board behind an open link. Closing the [`Ecm`] closes the link.
     ///
     /// # Errors
     /// As [`Ecm::open_with`].
@@ -131,15 +132,15 @@ impl Ecm {
         }
     }
 
-    /// The board's slot size: that of the options or of the link, or the one that was found.
+    /// The slot size of the board: that of the options or of the link, or else the one found in reports.
     ///
     /// # Errors
-    /// [`EcmError::Busy`], [`EcmError::Link`] once it is closed.
+    /// [`EcmError::Busy`], [`EcmError::Link`] once the board is closed.
     pub fn slot_size(&self) -> Result<SlotSize, EcmError> {
         Ok(self.exchange.lock()?.size)
     }
 
-    /// What is known of the link.
+    /// The properties of the link.
     pub const fn link_info(&self) -> &LinkInfo {
         &self.exchange.info
     }
@@ -152,7 +153,7 @@ impl Ecm {
         Ok(self.exchange.lock_newest()?.snapshot())
     }
 
-    /// Waits for the next report. Called often enough it gives one of each cycle.
+    /// Waits for the next report. If it is called often enough, it returns one report of each cycle.
     ///
     /// # Errors
     /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::Link`], [`EcmError::Busy`].
@@ -176,7 +177,7 @@ impl Ecm {
         }
     }
 
-    /// The network's state, by the newest report.
+    /// The state of the network in the newest report.
     ///
     /// # Errors
     /// As [`Ecm::snapshot`].
@@ -184,15 +185,15 @@ impl Ecm {
         Ok(self.snapshot()?.state())
     }
 
-    /// Counts since the board was opened.
+    /// Counters since the board was opened.
     ///
     /// # Errors
-    /// [`EcmError::Busy`], [`EcmError::Link`] once it is closed.
+    /// [`EcmError::Busy`], [`EcmError::Link`] once the board is closed.
     pub fn stats(&self) -> Result<Stats, EcmError> {
         Ok(self.exchange.lock()?.stats)
     }
 
-    /// What is worth a line in a log since the last call, at most the newest 64.
+    /// Takes the news for a log since the last call, at most the newest 64.
     ///
     /// # Errors
     /// As [`Ecm::stats`].
@@ -201,12 +202,12 @@ impl Ecm {
     }
 }
 
-/// docs/GUIDE.md: its programs run as tests.
+/// Runs the programs of docs/GUIDE.md as tests.
 #[cfg(all(doctest, feature = "sim"))]
 #[doc = include_str!("../../docs/GUIDE.md")]
 struct Guide;
 
-/// The slot size of reports, where the link does not know it: the one in which their CRC is right, if the board fills that.
+/// Finds the slot size from reports, if the link does not know it: the one with a right CRC, if the board fills CRCs.
 fn probe(link: &dyn Link, info: &LinkInfo, options: &Options) -> Result<SlotSize, EcmError> {
     let mut report = Frame::new();
     for _ in 0..PROBE_REPORTS {

@@ -1,4 +1,4 @@
-//! What the slaves are configured as, in the form that every report and every frame is looked at with.
+//! The configuration of the slaves, in the form in which every report and every frame is handled.
 
 use std::time::Duration;
 
@@ -7,13 +7,13 @@ use super::config::{Axis, Config, Slave};
 use crate::ethercat::{MAX_SLAVES, SlaveSet};
 use crate::sk::{DriveResponse, RawSlot};
 
-/// A copy of a [`Config`] that allocates nothing.
+/// A copy of a [`Config`] without heap allocations.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Network {
     slaves: [Slave; MAX_SLAVES],
-    /// How many slaves are configured.
+    /// The number of configured slaves.
     pub(super) count: usize,
-    /// The EtherCAT cycle, if it is known.
+    /// The EtherCAT cycle, ns; `None`: not known.
     pub(super) cycle_ns: Option<u64>,
     /// The slaves that are HSPs.
     pub(super) hsps: SlaveSet,
@@ -36,29 +36,29 @@ impl Network {
         network
     }
 
-    /// The EtherCAT cycle, never 0; that of the factory setting where it is not known.
+    /// The EtherCAT cycle, never 0; the factory setting if it is not known.
     pub(super) fn cycle(&self) -> Duration {
         Duration::from_nanos(self.cycle_ns.unwrap_or(1_000_000))
     }
 
-    /// The configuration of slave 1..; `None` if it has none.
+    /// The configuration of a slave, from 1; `None`: it is not configured.
     pub(super) fn slave(&self, slave: u8) -> Option<&Slave> {
         self.slaves[..self.count].get(usize::from(slave).checked_sub(1)?)
     }
 
-    /// The configuration of a slave, which must have one.
+    /// The configuration of a slave; an error if it is not configured.
     pub(super) fn declared(&self, slave: u8) -> Result<&Slave, EcmError> {
-        // Called for each of 40 axes in a cycle: no error is made that is then dropped.
+        // Called for each of 40 axes in a cycle: no error value is built that would then be dropped.
         self.slave(slave).ok_or(EcmError::NoSuchSlave { slave, declared: self.count })
     }
 
-    /// How the axis of a slave is run, which `what` is for.
+    /// The settings of a slave's axis; an error if it has none. `what`: the call that needs the axis.
     pub(super) fn axis(&self, slave: u8, what: &'static str) -> Result<&Axis, EcmError> {
         let config = self.declared(slave)?;
         config.axis().ok_or_else(|| EcmError::wrong_kind(slave, config.kind(), what, "a drive, STEP or HSP"))
     }
 
-    /// The error of a slave that shows an alarm in this slot of a report.
+    /// The error for a slave with an alarm; `slot`: its slot in a report.
     pub(super) fn alarm(&self, slave: u8, slot: &RawSlot) -> EcmError {
         let code = match self.slave(slave) {
             Some(Slave::Hsp(_)) => 0,
@@ -67,7 +67,7 @@ impl Network {
         EcmError::Alarm { slave, code }
     }
 
-    /// The slaves that are configured, with their numbers.
+    /// The configured slaves, with their numbers.
     pub(super) fn slaves(&self) -> impl Iterator<Item = (u8, &Slave)> {
         (1..).zip(&self.slaves[..self.count])
     }

@@ -1,52 +1,52 @@
-//! Settings of an [`Ecm`](super::Ecm): limits, checks, and what becomes of the axes at its end.
+//! Settings of an [`Ecm`](super::Ecm): timeouts, checks, and the treatment of axes when it is closed.
 
 use std::time::Duration;
 
 use crate::sk::SlotSize;
 
-/// SK `[OURS]`: how long closing a board may take in all.
+/// SK `[OURS]`: the time limit for closing a board.
 pub const CLOSE_LIMIT: Duration = Duration::from_secs(2);
 
-/// What becomes of the axes when an [`Ecm`](super::Ecm) is closed or dropped.
+/// The treatment of the axes when an [`Ecm`](super::Ecm) is closed or dropped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Close {
-    /// Axes that move are brought to a standstill and stay enabled, so that a vertical axis does not drop: in CSP they hold the last
-    /// target that the board has accepted, velocities and torques are ramped to 0.
+    /// Moving axes are brought to a standstill and stay enabled, so that a vertical axis does not drop: in CSP they
+    /// hold the last target that the board has accepted; velocities and torques are ramped to 0.
     #[default]
     Hold,
-    /// As [`Close::Hold`], then the axes are switched off.
+    /// As [`Close::Hold`], after which the axes are switched off.
     ServoOff,
-    /// Nothing is sent: the board goes on to execute the entries of its FIFO.
+    /// Nothing is sent: the board goes on executing the entries of its FIFO.
     Leave,
 }
 
 /// Settings of an [`Ecm`](super::Ecm). Every value has a default; all limits are \[OURS].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
-    /// The board's slot size, if the link does not know it.
+    /// The slot size of the board, for a link that does not know it.
     pub slot: Option<SlotSize>,
-    /// Whether a report whose CRC byte is 0 has to match it, too. Otherwise 0 means that there is no CRC (SK-1).
+    /// Whether a CRC byte of 0 in a report must match, too. Otherwise 0 means that the report has no CRC (SK-1).
     pub strict_crc: bool,
-    /// Whether targets are checked by the guards of axes.
+    /// Whether the guards of axes check targets.
     pub guard: bool,
-    /// How long a board may be silent: 1 s, and never less than three cycles.
+    /// How long the board may make no report: 1 s, and at least three cycles.
     pub read_limit: Duration,
     /// How long the board may take to accept a frame: 1 s.
     pub write_limit: Duration,
-    /// How long a change of state may take: 30 s, more than the board's own limit.
+    /// How long a change of state may take: 30 s, more than the board's own timeout.
     pub state_limit: Duration,
-    /// How long an SDO transfer may take: 3 s, more than the board's own limit.
+    /// How long an SDO transfer may take: 3 s, more than the board's own timeout.
     pub sdo_limit: Duration,
-    /// How long it may take to switch axes on or off, to clear alarms, and to read and set inputs and outputs: 5 s.
+    /// How long it may take to switch axes on or off, to clear alarms, to read inputs and to set outputs: 5 s.
     pub servo_limit: Duration,
-    /// What becomes of the axes when the [`Ecm`](super::Ecm) is dropped.
+    /// The treatment of the axes when the [`Ecm`](super::Ecm) is dropped.
     pub close: Close,
-    /// How long the ramp of a velocity or a torque to 0 takes: 250 ms, at most 1.5 s.
+    /// How long the ramp of a velocity or torque to 0 takes: 250 ms by default, at most 1.5 s.
     pub ramp: Duration,
 }
 
 impl Options {
-    /// The longest ramp: closing has to end within [`CLOSE_LIMIT`].
+    /// The longest ramp, so that closing ends within [`CLOSE_LIMIT`].
     pub const MAX_RAMP: Duration = Duration::from_millis(1500);
 }
 

@@ -1,7 +1,7 @@
-//! SDO transfers with types, one at a time.
+//! Typed SDO transfers, one at a time.
 //!
-//! The SDO slot shows an answer until the next one. A request that equals the last one would find the old answer there and
-//! take it for its own: before such a request another object is read (SK-6.10).
+//! The SDO slot keeps showing an answer until the next one. A request that equals the last one would find the old
+//! answer there and mistake it for its own: before such a request another object is read (SK-6.10).
 
 use std::time::Duration;
 
@@ -10,8 +10,9 @@ use super::{Ecm, EcmError};
 use crate::ethercat::coe::{ObjectAddress, SdoSize};
 use crate::sk::{CommandId, MasterState, SdoCommand, SdoResponse};
 
-/// Objects that are read before a request that equals the last one: the device type, which every slave has (SK-6.10).
-/// \[OURS] If that is the object asked for, or its answer is still to come, the vendor id, product code or revision.
+/// Objects that may be read before a request that equals the last one: the device type, which every slave has
+/// (SK-6.10). \[OURS] If that is the requested object itself, or its answer is still to come: vendor id, product code
+/// or revision.
 const IN_BETWEEN: [ObjectAddress; 4] = [
     ObjectAddress::new(0x1000, 0),
     ObjectAddress::new(0x1018, 1),
@@ -19,15 +20,15 @@ const IN_BETWEEN: [ObjectAddress; 4] = [
     ObjectAddress::new(0x1018, 3),
 ];
 
-/// A type of values that an SDO transfer reads and writes.
+/// A type that an SDO transfer can read and write.
 pub trait SdoValue: Copy + Send {
-    /// Its size in the transfer.
+    /// The size of the type in the transfer.
     const SIZE: SdoSize;
 
-    /// The value as it stands in Data2.
+    /// The value in the format of Data2.
     fn to_raw(self) -> u32;
 
-    /// The value of Data2, which is extended by zeros; `None` if it does not fit this type.
+    /// Converts Data2, which is extended by zeros; `None` if the value does not fit the type.
     fn from_raw(raw: u32) -> Option<Self>;
 }
 
@@ -80,7 +81,8 @@ impl Ecm {
         T::from_raw(raw).ok_or(EcmError::SdoTooWide { slave, object, value: raw, bits })
     }
 
-    /// Writes an object of a slave, in PreOP, SafeOP or OP, with the size of the type. If no answer comes it is written again.
+    /// Writes an object of a slave, in PreOP, SafeOP or OP, with the size of the type. A request without an answer is
+    /// repeated.
     ///
     /// # Errors
     /// As [`Ecm::sdo_read`].
@@ -89,7 +91,7 @@ impl Ecm {
         self.transfer(command, self.exchange.options.sdo_limit).map(|_| ())
     }
 
-    /// Makes a transfer and gives the value that was read or written.
+    /// Carries out a transfer. Returns the value that was read or written.
     pub(super) fn transfer(&self, command: SdoCommand, limit: Duration) -> Result<u32, EcmError> {
         let began = self.exchange.now();
         let limit = limit.min(LIMIT_MAX);
@@ -112,12 +114,12 @@ impl Ecm {
             return Err(EcmError::NoSuchSlave { slave: wanted.slave, declared: size.max_slaves() });
         }
         if let Some(object) = in_between {
-            // An abort changes what the slot shows, too.
+            // An abort also changes the answer in the slot.
             match self.transfer_once(SdoCommand::Read { slave: wanted.slave, object }, limit) {
                 Ok(_) | Err(EcmError::SdoAborted { .. }) => {}
                 Err(error) => return Err(error),
             }
-            // The board makes one transfer after the other: those whose answers were late are over.
+            // The board carries out transfers in order: those with late answers have ended.
             self.exchange.lock()?.late_sdos.clear();
         }
         let left = limit.saturating_sub(self.exchange.now().saturating_sub(began));
@@ -136,7 +138,7 @@ impl Ecm {
         let task = Task::new(what, hint, limit, &commands).seen(&seen);
         let done = self.exchange.run(&task, |session, _| wanted.answer(session));
         if let Err(EcmError::Timeout { .. }) = done {
-            // The answer may come yet, and must not be taken for that of a later transfer.
+            // The answer may still come, and must not be mistaken for that of a later transfer.
             let mut session = self.exchange.lock()?;
             if !session.late_sdos.contains(&wanted.object) {
                 session.late_sdos.push(wanted.object);
@@ -146,13 +148,13 @@ impl Ecm {
     }
 }
 
-/// What the answer to a request shows.
+/// The properties by which the answer to a request is recognised.
 #[derive(Clone, Copy)]
 struct Wanted {
     id: CommandId,
     slave: u8,
     object: ObjectAddress,
-    /// The value that is written, which the answer repeats; `None` for a read.
+    /// The written value, which the answer repeats; `None` for a read.
     value: Option<u32>,
 }
 
@@ -166,12 +168,12 @@ impl Wanted {
         Self { id: command.id(), slave, object, value }
     }
 
-    /// Whether the newest report shows the answer to a request for the same object already.
+    /// Whether the newest report already shows an answer that would match the request.
     fn is_shown(self, session: &Session) -> bool {
         !matches!(Self { value: None, ..self }.answer(session), Ok(None))
     }
 
-    /// The value in the answer, or the abort; `None` if the newest report shows another answer.
+    /// The value or the abort in the answer; `None` if the newest report shows no matching answer.
     fn answer(self, session: &Session) -> Result<Option<u32>, EcmError> {
         let wanted = (self.id, self.slave, self.object);
         match SdoResponse::decode(&session.slot(session.size.sdo_slot())) {

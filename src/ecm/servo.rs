@@ -10,21 +10,21 @@ use crate::sk::{RawSlot, SlaveCommand, SlotCommand};
 
 const HINT: &str = "look at the drive's display; mains power, enable inputs and alarms keep a drive off";
 
-/// \[OURS] How long it may take to switch axes off again that did not all come on.
+/// \[OURS] How long it may take to switch axes off again after some of them could not be switched on.
 const SWITCH_OFF_LIMIT: Duration = Duration::from_secs(1);
 
 impl Ecm {
-    /// Switches axes on and waits until all are in Operation enabled; of an HSP in slots of 16 bytes both channels. They
-    /// hold the position where they are. Axes that are on already get no command. If one of the others does not come on, all
-    /// of them are switched off again: none comes on by itself later.
+    /// Switches axes on and waits until all are in Operation enabled; on an HSP in 16-byte slots both channels. They
+    /// hold their present position. Axes that are on already get no command. If one of the others does not come on, all
+    /// these others are switched off again, so that none comes on by itself later.
     ///
     /// # Errors
-    /// [`EcmError::Alarm`] at once if one of them has an alarm, [`EcmError::IsHoming`], [`EcmError::SlaveLost`],
+    /// [`EcmError::Alarm`] at once if an axis has an alarm, [`EcmError::IsHoming`], [`EcmError::SlaveLost`],
     /// [`EcmError::Timeout`], [`EcmError::WrongState`], [`EcmError::NoSuchSlave`], [`EcmError::WrongKind`],
     /// [`EcmError::Link`].
     pub fn servo_on(&self, slaves: &[u8]) -> Result<(), EcmError> {
         let mut commands = self.axis_commands("servo_on", slaves, SlaveCommand::ServoOn)?;
-        // The board ignores the command for an axis that is homing (SK-7.43), which is on anyway.
+        // The board ignores the command for an axis that is homing (SK-7.43), which is on in any case.
         let homing = self.exchange.lock()?.homing.active;
         if let Some(slave) = slaves.iter().copied().find(|slave| homing.contains(*slave)) {
             return Err(EcmError::IsHoming { slave });
@@ -34,7 +34,7 @@ impl Ecm {
         {
             let session = self.exchange.lock()?;
             slaves.iter().try_for_each(|slave| session.refuse_alarm(*slave))?;
-            // In the frame of a stream the command would stand where the axis's next target does.
+            // In a frame of a stream the command would replace the axis's next target.
             commands.retain(|(slave, _)| !session.is_on(*slave as u8));
         }
         if commands.is_empty() {
@@ -50,14 +50,14 @@ impl Ecm {
         ended.map_err(|error| self.switch_off_again(&commands, error))
     }
 
-    /// Switches axes off again that did not all come on. Gives the error, with what became of that.
+    /// Switches axes off after some could not be switched on. Returns `error`, extended if switching off has failed.
     fn switch_off_again(&self, commands: &[(usize, RawSlot)], error: EcmError) -> EcmError {
         if matches!(error, EcmError::Link(_)) {
             return error;
         }
         let size = match self.exchange.lock() {
             Ok(session) if session.in_op() => session.size,
-            // Outside OP they are off.
+            // Outside OP all axes are off.
             _ => return error,
         };
         let off = SlotCommand::from(SlaveCommand::ServoOff).encode(size);
@@ -83,7 +83,7 @@ impl Ecm {
     /// Switches axes off and waits until none is in Operation enabled. A vertical axis without a brake drops.
     ///
     /// # Errors
-    /// As [`Ecm::servo_on`], but for alarms: a drive with an alarm is off.
+    /// As [`Ecm::servo_on`], except for alarms: a drive with an alarm is off.
     pub fn servo_off(&self, slaves: &[u8]) -> Result<(), EcmError> {
         let commands = self.axis_commands("servo_off", slaves, SlaveCommand::ServoOff)?;
         if commands.is_empty() {
@@ -95,11 +95,11 @@ impl Ecm {
         self.until_second("switching off", &commands, limit, |word| !word.is_enabled(), false)
     }
 
-    /// Resets the alarms of axes and waits until they are gone. The axes are off then. Some alarms need power off and on. Axes
-    /// without an alarm get no command.
+    /// Resets the alarms of axes and waits until they are gone. The axes are off then. Some alarms need a power cycle.
+    /// Axes without an alarm get no command.
     ///
     /// # Errors
-    /// [`EcmError::Alarm`] for one that stays, else as [`Ecm::servo_on`].
+    /// [`EcmError::Alarm`] for an alarm that stays, otherwise as [`Ecm::servo_on`].
     pub fn clear_alarm(&self, slaves: &[u8]) -> Result<(), EcmError> {
         let mut commands = self.axis_commands("clear_alarm", slaves, SlaveCommand::AlarmClear)?;
         self.refuse_lost(slaves)?;
@@ -125,7 +125,7 @@ impl Ecm {
         done
     }
 
-    /// Sends commands to axes and waits until each of them is done.
+    /// Sends commands to axes and waits until each of them has taken effect.
     fn until(
         &self,
         what: &'static str,
@@ -152,7 +152,8 @@ impl Ecm {
         })
     }
 
-    /// Reads the statuswords of second channels until all are right; with `no_alarm` an alarm ends that at once.
+    /// Reads the statuswords of second channels until all are as wanted. With `no_alarm` an alarm ends the wait at
+    /// once.
     fn until_second(
         &self,
         what: &'static str,
@@ -177,8 +178,8 @@ impl Ecm {
         Ok(())
     }
 
-    /// Finds out which slaves are lost, if the state says that some are: a frame with a mark tells, and an empty command in
-    /// the board's slot gets one.
+    /// If the state byte shows lost slaves, finds out which they are: by the answers to a frame with a mark. An empty
+    /// command in slot 0 makes the frame carry one.
     pub(super) fn find_lost(&self, limit: Duration) -> Result<(), EcmError> {
         {
             let session = self.exchange.lock()?;
@@ -190,7 +191,7 @@ impl Ecm {
         self.exchange.run(&task, |session, sent| Ok((!session.in_op() || session.executed(sent)).then_some(())))
     }
 
-    /// Refuses a slave that is lost: what its slot shows is old.
+    /// Returns an error if a slave is lost: its slot shows old values.
     fn refuse_lost(&self, slaves: &[u8]) -> Result<(), EcmError> {
         self.find_lost(self.exchange.options.servo_limit)?;
         let session = self.exchange.lock()?;
@@ -207,7 +208,7 @@ impl Ecm {
         }
     }
 
-    /// The same command for each of those axes, after it is certain that all of them take it.
+    /// The same command for each of these axes, after a check that all of them can take it.
     pub(super) fn axis_commands(
         &self,
         what: &'static str,

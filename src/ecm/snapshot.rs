@@ -1,4 +1,4 @@
-//! One report with its meaning: what the board and its slaves showed in one cycle.
+//! A decoded report: the state of the board and its slaves in one cycle.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use super::scale::Scale;
 use crate::link::ReadMeta;
 use crate::sk::{DriveResponse, Frame, HspResponse, IoResponse, MasterResponse, SdoResponse, SlotSize, StateByte};
 
-/// What a slave's slot of a report holds.
+/// The decoded slot of a slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SlaveView {
     /// A drive or a stepper.
@@ -19,12 +19,12 @@ pub enum SlaveView {
     Io(IoResponse),
 }
 
-/// One report: the board and all slaves in the same cycle. Slots of slaves are refreshed in OP only (SK-3).
+/// A decoded report: the board and all slaves in the same cycle. Slots of slaves are refreshed in OP only (SK-3).
 #[derive(Clone, Debug)]
 pub struct Snapshot {
-    /// When it was made, and its number: a gap between two numbers means that reports were not read.
+    /// Time and sequence number of the report. A gap between two numbers means that reports were not read.
     pub meta: ReadMeta,
-    /// Slot 0: the state, the count of CRC errors, the FIFO.
+    /// Slot 0: the state, the CRC error count, the FIFO.
     pub board: MasterResponse,
     pub(super) frame: Frame,
     pub(super) size: SlotSize,
@@ -37,12 +37,12 @@ impl Snapshot {
         self.board.state
     }
 
-    /// How many slaves are configured.
+    /// The number of configured slaves.
     pub fn slaves(&self) -> usize {
         self.network.count
     }
 
-    /// What a slave's slot holds, by the kind it is configured as; `None` for a slave that is unused or not configured.
+    /// The slot of a slave, decoded for its configured kind; `None` for a slave that is unused or not configured.
     pub fn slave(&self, slave: u8) -> Option<SlaveView> {
         let slot = |slave: u8| self.frame.slot(self.size, slave.into());
         match self.network.slave(slave)? {
@@ -53,7 +53,7 @@ impl Snapshot {
         }
     }
 
-    /// What the slot of a drive or a stepper holds; `None` if the slave is neither.
+    /// The slot of a drive or a stepper; `None` if the slave is neither.
     pub fn drive(&self, slave: u8) -> Option<DriveResponse> {
         match self.slave(slave)? {
             SlaveView::Drive(drive) => Some(drive),
@@ -61,7 +61,7 @@ impl Snapshot {
         }
     }
 
-    /// The actual position of a slave's first axis, counts; `None` if it has no axis.
+    /// The actual position of a slave's first axis, counts; `None` if the slave has no axis.
     pub fn position(&self, slave: u8) -> Option<i32> {
         match self.slave(slave)? {
             SlaveView::Drive(drive) => Some(drive.position),
@@ -70,18 +70,18 @@ impl Snapshot {
         }
     }
 
-    /// The actual position of a slave's first axis, in its units ([`Scale`]).
+    /// The actual position of a slave's first axis, in the units of its [`Scale`].
     pub fn position_units(&self, slave: u8) -> Option<f64> {
         let scale: Scale = self.network.slave(slave)?.axis()?.scale;
         Some(scale.to_units(self.position(slave)?))
     }
 
-    /// The SDO slot: the last transfer that has ended.
+    /// The SDO slot: the transfer that ended last.
     pub fn sdo(&self) -> SdoResponse {
         SdoResponse::decode(&self.frame.slot(self.size, self.size.sdo_slot()))
     }
 
-    /// The report as it was read.
+    /// The undecoded report.
     pub const fn frame(&self) -> &Frame {
         &self.frame
     }

@@ -14,16 +14,16 @@ use crate::sk::{
     CommandId, DcShift, MasterCommand, MasterState, RawSlot, SdoCommand, SlaveCommand, SlaveKind, StateByte,
 };
 
-/// SK-4 `[OURS]`: how long the board may take for an answer with the count of slaves to SET_AXIS, and for one to SET_DC and
+/// SK-4 `[OURS]`: how long the board may take to answer SET_AXIS with the count of slaves, and to answer SET_DC and
 /// DRIVE_MODE.
 const CONFIGURE_LIMIT: Duration = Duration::from_secs(2);
-/// \[OURS] How long it may take in all to find the slave that keeps the network from changing its state.
+/// \[OURS] The time limit of the search for the slave that prevents a change of state.
 const SUSPECT_LIMIT: Duration = Duration::from_secs(3);
 const HINT: &str = "see whether frames get lost (Ecm::stats), then configure again";
 
 impl Ecm {
-    /// Tells the board what the network is, in PreOP (SET_AXIS, SET_DC, DRIVE_MODE). The whole configuration is checked before
-    /// anything is sent, and each answer is waited for.
+    /// Sends the configuration of the network to the board, in PreOP (SET_AXIS, SET_DC, DRIVE_MODE). The whole
+    /// configuration is checked before anything is sent, and the call waits for each answer.
     ///
     /// # Errors
     /// [`EcmError::Config`], [`EcmError::WrongState`] (also for a board found in OP: see [`Ecm::adopt`]),
@@ -67,8 +67,8 @@ impl Ecm {
         self.exchange.set_network(config)
     }
 
-    /// Takes over a board that is configured already, as a board in OP: `config` is what it was configured as. Nothing is
-    /// sent, and axes in motion go on.
+    /// Takes over a board that is configured already, for example one in OP. `config` is its present configuration.
+    /// Nothing is sent, and moving axes go on.
     ///
     /// # Errors
     /// [`EcmError::Config`], [`EcmError::Busy`].
@@ -77,7 +77,7 @@ impl Ecm {
         self.exchange.set_network(config)
     }
 
-    /// Sends a command for the board itself, outside OP; gives its result.
+    /// Sends a command for the board itself, outside OP. Returns its result.
     pub(super) fn master(&self, what: &'static str, command: &MasterCommand) -> Result<u32, EcmError> {
         let slot = command.encode();
         self.exchange.run(&Task::new(what, HINT, CONFIGURE_LIMIT, &[(0, slot)]).exclusive(), |session, _| {
@@ -85,29 +85,29 @@ impl Ecm {
         })
     }
 
-    /// Changes the network's state and waits until it is reached. From Init it has to go to PreOP first, where the network
-    /// is configured.
+    /// Changes the state of the network and waits until it is reached. From Init the network must first go to PreOP,
+    /// where it is configured.
     ///
     /// # Errors
-    /// [`EcmError::StateStuck`], which says where and, as far as a host can know, on which slave;
+    /// [`EcmError::StateStuck`], with the state and, as far as a host can know it, the slave that caused it;
     /// [`EcmError::WrongState`] from Init to SafeOP or OP, [`EcmError::NoReport`], [`EcmError::Timeout`],
     /// [`EcmError::Link`].
     pub fn set_state(&self, wanted: MasterState) -> Result<(), EcmError> {
         self.set_state_within(wanted, self.exchange.options.state_limit)
     }
 
-    /// As [`Ecm::set_state`], within another limit than that of the options.
+    /// As [`Ecm::set_state`], with another timeout than that of the options.
     ///
     /// # Errors
     /// As [`Ecm::set_state`].
     pub fn set_state_within(&self, wanted: MasterState, limit: Duration) -> Result<(), EcmError> {
         let commands = [(0, MasterCommand::SetState(wanted).encode())];
         let hint = "give it more time, or look at the slaves' LEDs";
-        // A repeat would start a change again that has failed. A frame that is lost ends in a timeout.
+        // The command is not repeated, as that would restart a failed change. So a lost frame ends in a timeout.
         let task = Task::new("a change of state", hint, limit, &commands).once();
-        // A failure that is shown before the change has begun is an old one.
+        // A failure in the state byte before the change has begun is an old one.
         let old = self.state()?;
-        // The board rejects that change (SK-4.63) without showing it.
+        // The board rejects this change without showing it (SK-4.63).
         if old.state() == Some(MasterState::Init) && wanted > MasterState::PreOp {
             return Err(EcmError::WrongState { what: "a change to SafeOP or OP", needs: "PreOP", found: old });
         }
@@ -130,8 +130,8 @@ impl Ecm {
         }
     }
 
-    /// Reads from each slave an object that its kind must have: the first slave that does not answer, or has no such object, is
-    /// the suspect.
+    /// Reads from each slave an object that its kind must have. The first slave that does not answer, or does not have
+    /// the object, is the suspect.
     fn suspect(&self) -> Suspect {
         let began = self.exchange.now();
         let Ok(session) = self.exchange.lock() else { return Suspect::Network };

@@ -6,54 +6,57 @@ use super::homing::AxisHoming;
 use crate::ethercat::cia402::{Controlword, DriveState, Mode};
 use crate::fieldbus::{AxisIn, AxisOut, Ns};
 
-/// The power stage as the last commands want it.
+/// The power state that SV_ON or SV_OFF has requested of an axis, and whether it is reached.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Power {
-    /// Off, by SV_OFF or because the drive has left Operation enabled by itself: the controlword stays at Disable voltage.
+    /// Off, after SV_OFF or because the drive left Operation enabled by itself. The controlword stays at Disable
+    /// voltage.
     #[default]
     Off,
-    /// SV_ON is under way.
+    /// SV_ON is in progress.
     SwitchingOn,
-    /// Operation enabled was reached, and the controlword keeps it.
+    /// SV_ON has reached Operation enabled, and the controlword stays at Enable operation.
     On,
     /// SV_OFF is under way.
     SwitchingOff,
-    /// SV_OFF is under way, and an SV_ON came after it.
+    /// SV_OFF is in progress, and an SV_ON that came after it waits.
     SwitchingOffThenOn,
 }
 
-/// What commands have requested of an axis, and how far its outputs have got with it.
+/// What commands have requested of an axis, and the outputs that they have led to so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AxisRequest {
     power: Power,
     fault_reset: FaultReset,
-    /// The outputs to the drive without bit 7 (fault reset) and bit 4 (homing start) of the controlword.
+    /// Controlword, target and digital outputs for the drive; bits 7 (fault reset) and 4 (homing start) of the
+    /// controlword are added later.
     pub(super) out: AxisOut,
 }
 
-/// How often something other than a command has ended what commands had requested of an axis; both wrap.
+/// How often requests of commands were ended by something other than a command. Both counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Ends {
-    /// An answer of the drive has ended an SV_ON or SV_OFF.
+    /// How often a statusword of the drive has ended an SV_ON or SV_OFF.
     by_drive: u8,
-    /// The slave was lost, which has ended all requests.
+    /// How often the loss of the slave has ended all requests.
     by_loss: u8,
 }
 
-/// The ids of outputs when the answer of a cycle comes.
+/// Ids of sets of outputs, at the time when the answer of a cycle comes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct OutputIds {
-    /// Outputs before this one are known to be sent.
+    /// All sets of outputs with a lower id are known to be sent.
     pub(super) sent_until: u64,
-    /// The outputs that are pushed next.
+    /// The id of the set that is pushed next.
     pub(super) next: u64,
 }
 
-/// One axis as the board drives it.
+/// The state of one axis: its requests, what its statusword showed last, and its homing.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Axis {
     pub(super) requested: AxisRequest,
-    /// Until outputs before this one are sent, the drive has not got the present controlword; 0: it has.
+    /// The drive has the present controlword once all sets of outputs with a lower id than this one are sent. 0: it has
+    /// it already.
     asked_until: u64,
     /// The statusword of the last cycle showed Operation enabled, in the mode of DRIVE_MODE.
     enabled: bool,
@@ -63,8 +66,9 @@ pub(super) struct Axis {
     pub(super) homing: AxisHoming,
 }
 
-/// The state of an axis to which a SET_FIFO clear returns when it takes back entries that a bus has taken ahead. It is
-/// recorded in every cycle and therefore small: the phase of homing is recorded only for the few slaves that have one.
+/// The state of an axis to which SET_FIFO 1 (clear) returns when it takes back entries whose outputs a bus has queued.
+/// Every cycle records one, so it is small: the homing phase is recorded separately, for the few slaves that are
+/// homing.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AxisCheckpoint {
     requested: AxisRequest,
@@ -73,7 +77,7 @@ pub(super) struct AxisCheckpoint {
 }
 
 impl AxisCheckpoint {
-    /// Whether these outputs switch on no motor and no digital output.
+    /// Whether outputs with this state switch on neither a motor nor a digital output.
     pub(super) fn is_at_rest(&self) -> bool {
         let AxisOut { controlword, outputs, .. } = self.requested.out;
         controlword == Controlword::DISABLE_VOLTAGE && outputs == 0 && !self.requested.fault_reset.is_under_way()
@@ -81,11 +85,11 @@ impl AxisCheckpoint {
 }
 
 impl Axis {
-    /// SV_ON. It does not reset a fault, and in the state Fault it is not kept: else a later ALM_CLR would start the motor
-    /// \[OURS].
+    /// SV_ON. It does not reset a fault. In the state Fault the request is dropped, since otherwise a later ALM_CLR
+    /// would start the motor \[OURS].
     ///
-    /// An SV_ON during an SV_OFF waits for its end \[OURS]: until then the statusword may still show Operation enabled
-    /// while the drive is switching off.
+    /// An SV_ON during an SV_OFF waits until the SV_OFF has ended \[OURS]: until then the statusword may still show
+    /// Operation enabled while the drive is switching off.
     pub(super) fn switch_on(&mut self) {
         self.requested.power = match self.requested.power {
             Power::On => Power::On,
@@ -94,7 +98,7 @@ impl Axis {
         };
     }
 
-    /// SV_OFF: switches the axis off through the states of CiA 402.
+    /// SV_OFF: switches the axis off through the CiA 402 states, one transition at a time.
     pub(super) fn switch_off(&mut self) {
         if self.requested.power != Power::Off {
             self.requested.power = Power::SwitchingOff;
@@ -114,17 +118,17 @@ impl Axis {
         matches!(self.requested.power, Power::SwitchingOn | Power::SwitchingOffThenOn)
     }
 
-    /// Whether the axis follows targets now.
+    /// Whether the axis follows targets: SV_ON has enabled it, and it is in the mode of DRIVE_MODE.
     pub(super) fn follows(&self) -> bool {
         self.enabled && self.requested.power == Power::On
     }
 
-    /// Whether SV_ON has brought the drive to Operation enabled, in whatever mode.
+    /// Whether SV_ON has brought the drive to Operation enabled, in any mode of operation.
     pub(super) fn is_on(&self) -> bool {
         self.requested.power == Power::On
     }
 
-    /// The outputs to the drive in the next set, which has that id.
+    /// The outputs to the drive for the next set of outputs; `id` is the id of that set.
     #[inline]
     pub(super) fn next_out(&mut self, id: u64) -> AxisOut {
         let mut out = self.requested.out;
@@ -140,7 +144,7 @@ impl Axis {
         out
     }
 
-    /// Whether the next set of outputs differs from `last`, or may do so.
+    /// Whether the next set of outputs may differ from `last`.
     pub(super) fn differs_from(&self, last: &AxisOut) -> bool {
         let mut next = self.requested.out;
         if self.homing.start_bit() {
@@ -149,7 +153,8 @@ impl Axis {
         self.requested.fault_reset.is_under_way() || self.homing.is_under_way() || next != *last
     }
 
-    /// Takes a target if the axis follows targets now. False: the axis is not in Operation enabled by SV_ON.
+    /// Takes a target if the axis follows targets now. Returns false if it does not: SV_ON has not brought it to
+    /// Operation enabled, or it is not in the mode of DRIVE_MODE.
     pub(super) fn set_target(&mut self, target: i32) -> bool {
         let follows = self.follows();
         if follows {
@@ -158,17 +163,17 @@ impl Axis {
         follows
     }
 
-    /// 0x6060 was written. A drive that shows Operation enabled (`newest`) takes targets from the next outputs on if that is
-    /// the mode of DRIVE_MODE: the entry that comes next is not too early for it.
+    /// Called after a write of 0x6060. If the newest statusword (`newest`) shows Operation enabled and the mode is that
+    /// of DRIVE_MODE (`in_mode`), the axis takes targets at once: the target of the next FIFO entry is not discarded.
     pub(super) fn mode_written(&mut self, newest: Option<DriveState>, in_mode: bool) {
         self.enabled = newest == Some(DriveState::OperationEnabled) && in_mode;
     }
 
-    /// Takes the inputs of the cycle at `at`: chooses the next controlword and, while the axis does not follow, the
-    /// target that holds it where it is. `written` is the value that was written to 0x6060 last.
+    /// Takes the inputs of the cycle at `at`: chooses the next controlword and, while the axis does not follow targets,
+    /// the target that holds it at its actual position. `written` is the value written to 0x6060 last.
     ///
-    /// Once the axis is enabled the last such target stays until the first motion command, so that a load cannot move the
-    /// axis and its target with it.
+    /// Once the axis is enabled this holding target stays unchanged until the first motion command, so that a load
+    /// cannot drag the axis and its target along.
     pub(super) fn answer(&mut self, at: Ns, input: &AxisIn, mode: Mode, written: u8, ids: OutputIds) {
         let state = input.statusword.state();
         let in_mode = written == mode.code();
@@ -187,24 +192,28 @@ impl Axis {
     }
 
     /// The slave of the axis is lost: all requests end, so that no motor starts when the slave comes back. The target
-    /// holds the axis where it was measured last.
+    /// holds the axis at the position that was measured last.
     pub(super) fn lose(&mut self, input: &AxisIn, mode: Option<Mode>) {
         let ends = Ends { by_loss: self.ends.by_loss.wrapping_add(1), ..self.ends };
         *self = Self { ends, ..Self::default() };
         self.requested.out.target = holding_target(input, mode);
     }
 
-    /// The state of the axis after the newest outputs, for [`Self::roll_back_to`].
+    /// The state of the axis after the newest outputs, as [`Self::roll_back_to`] takes it.
     pub(super) const fn checkpoint(&self) -> AxisCheckpoint {
         AxisCheckpoint { requested: self.requested, ends: self.ends, homing_low_sets: self.homing.low_sets_left() }
     }
 
-    /// Takes back what was requested since `then`, because SET_FIFO has cleared those entries. An axis that is off, or has been
-    /// off since, is off: no motor starts because entries were cleared, not even for the time until the next answer \[OURS].
-    /// What has ended an SV_ON that was sent is not undone by another one that was not. An axis that does not follow its target
-    /// is held where it was measured last, not where it was then. If the slave was lost since, the axis returns to what it was
-    /// when the slave came back: off, digital outputs too. `newest`: the state in the newest answer. `homing`: the state of
-    /// homing then; `None`: the axis was not homing. `next`: the outputs that are pushed next.
+    /// Takes back all requests since `then`, because SET_FIFO 1 has cleared their entries.
+    ///
+    /// An axis that is off, or was off at any time since `then`, stays off: clearing entries starts no motor, not even
+    /// until the next answer \[OURS]. If an SV_ON that was sent was ended by the drive, a later SV_ON that was cleared
+    /// does not undo that. An axis that does not follow targets is held at its newest measured position, not at the
+    /// position of `then`. If the slave was lost since `then`, the axis returns to its state after the return of the
+    /// slave: off, digital outputs too.
+    ///
+    /// `newest`: the drive state in the newest answer. `homing`: the homing state at `then`; `None`: the axis was not
+    /// homing. `next`: the id of the outputs that are pushed next.
     pub(super) fn roll_back_to(
         &mut self,
         then: &AxisCheckpoint,
@@ -224,15 +233,17 @@ impl Axis {
         self.requested = requested;
         self.asked_until = next + 1;
         if requested.power == Power::On {
-            // The drive may have left Operation enabled while an SV_OFF and an SV_ON, which are taken back, were waiting.
+            // The drive may have left Operation enabled while the SV_OFF and SV_ON that are now taken back were
+            // waiting.
             self.follow_statusword(newest, next);
         }
         self.homing.roll_back_to(homing.unwrap_or(&AxisHoming::idle(then.homing_low_sets)));
     }
 
-    /// Whether the state answers an older controlword than the present one, which the drive has not got yet. An SV_ON that went
-    /// by it would ask again for a step that is done: behind a bus that takes outputs ahead, a drive that is enabled already
-    /// would be switched off for a cycle. What shows the next step, and a fault, counts at once.
+    /// Whether the statusword answers an older controlword, because the present one has not reached the drive yet.
+    /// Behind a bus that queues outputs, SV_ON must not act on such a statusword: it would repeat a transition that is
+    /// done, and switch off for a cycle a drive that is enabled already. A statusword that shows the next state, or a
+    /// fault, counts at once.
     fn is_answered_late(&self, state: Option<DriveState>, ids: OutputIds) -> bool {
         let AxisOut { controlword, .. } = self.requested.out;
         if self.asked_until <= ids.sent_until {
@@ -241,7 +252,7 @@ impl Axis {
         let (Some(shown), Some(asked)) = (state.and_then(height), height_asked(controlword)) else { return false };
         match self.requested.power {
             Power::Off | Power::On => false,
-            // Whatever shows is from before the drive was switched off.
+            // This statusword was measured before the drive was switched off.
             Power::SwitchingOn if asked == 0 => true,
             Power::SwitchingOn => shown + 1 < asked,
             Power::SwitchingOffThenOn if shown == 0 => true,
@@ -249,7 +260,8 @@ impl Axis {
         }
     }
 
-    /// Takes the next transition of SV_ON or SV_OFF that the state of the drive allows; `next`: the outputs that are pushed next.
+    /// Takes the next transition of SV_ON or SV_OFF that the drive state allows. `next`: the id of the outputs that are
+    /// pushed next.
     fn follow_statusword(&mut self, state: Option<DriveState>, next: u64) {
         use DriveState::*;
         let Some(state) = state else { return };
@@ -268,7 +280,7 @@ impl Axis {
                 (power, Controlword::DISABLE_VOLTAGE)
             }
             (Power::SwitchingOffThenOn, SwitchOnDisabled) => (Power::SwitchingOn, Controlword::SHUTDOWN),
-            // A fault ends SV_ON and SV_OFF, and the board does not enable a drive again that has left Operation enabled by
+            // A fault ends SV_ON and SV_OFF. The board does not enable a drive again that has left Operation enabled by
             // itself [OURS]: only SV_ON starts a motor.
             _ => (Power::Off, Controlword::DISABLE_VOLTAGE),
         };
@@ -283,7 +295,7 @@ impl Axis {
     }
 }
 
-/// How far a drive in that state is switched on: 0 in Switch on disabled, 3 in Operation enabled.
+/// The rank of a drive state on the way to Operation enabled: 0 for Switch on disabled, 3 for Operation enabled.
 const fn height(state: DriveState) -> Option<u8> {
     match state {
         DriveState::SwitchOnDisabled => Some(0),
@@ -294,7 +306,7 @@ const fn height(state: DriveState) -> Option<u8> {
     }
 }
 
-/// How far the controlword switches a drive on.
+/// The rank of the drive state that a controlword requests, as in [`height`].
 fn height_asked(controlword: Controlword) -> Option<u8> {
     [Controlword::DISABLE_VOLTAGE, Controlword::SHUTDOWN, Controlword::SWITCH_ON, Controlword::ENABLE_OPERATION]
         .iter()

@@ -1,21 +1,22 @@
-//! A board: the engine, the bus that it drives, and the time that it has reached. Runners run boards.
+//! The board: the engine, the bus that it drives, and the board time reached so far. Runners (`Stepped`, `Threaded`)
+//! run it.
 
 use super::partial_frames::{Assembler, INCOMPLETE_CYCLES};
 use super::{BoardHandle, Engine, EngineConfig, Event, PartialFrames};
 use crate::fieldbus::{CardsGone, Fieldbus, Ns, Strangers};
 use crate::sk::Frame;
 
-/// A script: what is done to a board and its network at given times.
+/// A script: actions on a board and its network at given times.
 pub trait Script: Send {
-    /// A cycle begins at `now`: does everything that is due by then and calls `done` for each part of it. Must not
-    /// allocate.
+    /// Called when a cycle begins at `now`. Carries out every action that is due and calls `done` for each of them.
+    /// Must not allocate.
     fn run(&mut self, now: Ns, done: &mut dyn FnMut(Event));
 
-    /// Whether nothing is left to do.
+    /// Whether all actions of the script are done.
     fn is_over(&self) -> bool;
 }
 
-/// An EC01M with its network. It is plain state, which changes only in these calls.
+/// An EC01M with its network. It is plain state, which changes only in calls of these methods.
 pub struct Board {
     engine: Engine,
     bus: Box<dyn Fieldbus>,
@@ -29,7 +30,7 @@ pub struct Board {
     /// When the newest cycle of the bus passed.
     last_passed: Ns,
     partial: Assembler,
-    /// How often the board had booted and whether the host interface answered in the last cycle.
+    /// The boot count of the board, and whether its host interface answered, both in the last cycle.
     seen: (u64, bool),
 }
 
@@ -59,7 +60,7 @@ impl Board {
         &self.engine
     }
 
-    /// The engine of the board, for what the wire does not reach.
+    /// The engine of the board, for operations without a command on the wire.
     pub const fn engine_mut(&mut self) -> &mut Engine {
         &mut self.engine
     }
@@ -79,18 +80,18 @@ impl Board {
         &*self.bus
     }
 
-    /// The BUSY pin between two exchanges: high until the first PreOP since the board booted. A host on SPI that does
-    /// not look at it sees zeros (SK-4).
+    /// The BUSY pin between two exchanges: high from a boot until the first PreOP after it. An SPI host that ignores
+    /// the pin reads zeros meanwhile (SK-4).
     pub const fn busy(&self) -> bool {
         !self.engine.talks()
     }
 
-    /// The network cards that are gone ([`Fieldbus::cards_gone`]).
+    /// The network cards that have disappeared ([`Fieldbus::cards_gone`]).
     pub fn cards_gone(&self) -> Option<CardsGone> {
         self.bus.cards_gone()
     }
 
-    /// What comes back of the wire beside the answers of slaves ([`Fieldbus::strangers`]).
+    /// Frames received from the network that are no answers of slaves ([`Fieldbus::strangers`]).
     pub fn strangers(&self) -> Strangers {
         self.bus.strangers()
     }
@@ -110,13 +111,14 @@ impl Board {
         self.next_cycle
     }
 
-    /// Cycles since the board was switched on.
+    /// The number of cycles since the board was switched on.
     pub const fn cycles(&self) -> u64 {
         self.cycles
     }
 
-    /// When the last report was made and how many cycles have passed without one since, while the board makes no reports
-    /// and no script is left that could change that: the cable before the first slave is cut, or reports are suppressed.
+    /// While the board makes no reports: when it made the last one, and how many cycles have passed since. `None`:
+    /// reports come, or may still come. The board makes none when the cable before the first slave is cut or reports
+    /// are suppressed, and no script is left that could change that.
     pub fn silence(&self) -> Option<(Ns, u64)> {
         let over = self.script.as_ref().is_none_or(|script| script.is_over());
         let silent = over && self.silent_cycles > 0 && self.now - self.last_report > self.engine.silence_tolerance_ns();
@@ -130,7 +132,7 @@ impl Board {
     }
 
     /// Bytes of command frames arrive at `at`, in pieces of any length. The cycles that are due by then run first. A
-    /// frame has arrived with its last byte; [`PartialFrames`] says what happens to one that stays incomplete.
+    /// frame counts as arrived with its last byte; [`PartialFrames`] says what happens to incomplete frames.
     pub fn bytes(&mut self, bytes: &[u8], at: Ns, report: &mut dyn FnMut(&Frame, Ns)) {
         self.advance(at, report);
         self.drop_late(self.now);
@@ -145,7 +147,8 @@ impl Board {
         }
     }
 
-    /// Drops a frame that has been incomplete for too long. Each cycle looks, since no call comes while no bytes come.
+    /// Drops a frame that has been incomplete for too long. Called in each cycle, since no bytes may come to trigger
+    /// it.
     fn drop_late(&mut self, now: Ns) {
         if self.engine.config().partial_frames == PartialFrames::Dropped
             && let Some(bytes) = self.partial.drop_late(now, INCOMPLETE_CYCLES * self.engine.period_ns())
@@ -154,8 +157,8 @@ impl Board {
         }
     }
 
-    /// Drops an incomplete frame when the board has booted, and when the host interface answers again: the first byte
-    /// after that begins a frame, whatever came before (SK-4, SK-5 \[OURS]).
+    /// Drops an incomplete frame when the board has booted, and when the host interface answers again: the next byte
+    /// begins a new frame (SK-4, SK-5 \[OURS]).
     fn forget_partial(&mut self) {
         let (boots, talks) = (self.engine.boots(), self.engine.talks());
         if (boots, talks) != self.seen {
@@ -166,7 +169,7 @@ impl Board {
         }
     }
 
-    /// Time passes until `to`, and every cycle that is due runs.
+    /// Advances board time to `to` and runs every cycle that is due by then.
     pub fn advance(&mut self, to: Ns, report: &mut dyn FnMut(&Frame, Ns)) {
         while self.next_cycle <= to {
             self.cycle(report);
@@ -198,8 +201,8 @@ impl Board {
         }
     }
 
-    /// The bus uses the time until then, at most until the next cycle is due; it is `now` on the runner's clock, of which the
-    /// board is behind if its runner is late. A bus whose time is virtual need not be called.
+    /// Lets the bus work until `until`, at most until the next cycle is due. `now` is the time of the runner's clock,
+    /// which is ahead of board time if the runner is late. A bus on virtual time does not need this call.
     pub fn work_until(&mut self, now: Ns, until: Ns) {
         self.bus.work_until(now, until);
     }
@@ -209,18 +212,19 @@ impl Board {
         self.engine.period_ns()
     }
 
-    /// Whether cycles that a runner is late for are run one after the other ([`Fieldbus::catches_up`]).
+    /// Whether a late runner runs all missed cycles one after the other ([`Fieldbus::catches_up`]).
     pub fn catches_up(&self) -> bool {
         self.bus.catches_up()
     }
 
-    /// The runner was late, and has left out that many cycles: the board's time does not include them.
+    /// The runner was late and has skipped that many cycles. Board time does not include them.
     pub fn leave_out(&mut self, cycles: u64) {
         self.bus.leave_out(cycles.saturating_mul(self.engine.period_ns()));
         self.engine.note_left_out(cycles);
     }
 
-    /// Boots the board: time passes until the host interface answers, at most `limit_ns`. Whether it answers then.
+    /// Boots the board: advances time until the host interface answers, at most by `limit_ns`. Returns whether it
+    /// answers.
     pub fn boot(&mut self, limit_ns: Ns) -> bool {
         let end = self.now + limit_ns;
         while !self.engine.talks() && self.next_cycle <= end {

@@ -1,4 +1,5 @@
-//! The commands of the board: what each does when its command frame is executed, and why one is rejected (SK-4).
+//! The commands of the board: what each of them does when its command frame is executed, and why it may be rejected
+//! (SK-4).
 
 use super::sdo::Accepted;
 use super::{CrcSwitches, Engine, Event, EventKind, HomingEnd, Reason, Rejection, SlotHead};
@@ -9,15 +10,15 @@ use crate::sk::{
     SlaveKind, SlotCommand, SlotKind,
 };
 
-/// The bit for a kind of slot in [`ADMITTED`].
+/// The bit that stands for a kind of slot in [`ADMITTED`].
 const fn slot_bit(slot: SlotKind) -> u8 {
     1 << slot as u8
 }
 
 const STATES: [MasterState; 4] = [MasterState::Init, MasterState::PreOp, MasterState::SafeOp, MasterState::Op];
 
-/// For each command code the slots that it belongs in, [`slot_bit`], and the states that allow it, [`state_bit`]. It is a
-/// table because it is needed for every slot in every cycle.
+/// For each command code the slots that may hold it ([`slot_bit`]) and the network states that allow it
+/// ([`state_bit`]). It is a precomputed table because every slot of every cycle needs it.
 static ADMITTED: [u8; 256] = {
     let mut admitted = [0; 256];
     let mut n = 0;
@@ -44,7 +45,7 @@ static ADMITTED: [u8; 256] = {
     admitted
 };
 
-/// The bit for a state in [`ADMITTED`]; other bits than those of [`slot_bit`].
+/// The bit that stands for a network state in [`ADMITTED`]. These bits do not overlap those of [`slot_bit`].
 const fn state_bit(state: MasterState) -> u8 {
     match state {
         MasterState::Init => 1 << 4,
@@ -54,17 +55,17 @@ const fn state_bit(state: MasterState) -> u8 {
     }
 }
 
-/// What happened to a command that was not rejected.
+/// The outcome of a command that was not rejected.
 enum Outcome {
-    /// The command was executed. The answer to IO_WR shows this output image.
+    /// The command was executed. After IO_WR: the output image that the answer shows.
     Executed(Option<u16>),
     /// The command was ignored because the slave is homing.
     Ignored,
-    /// The command has no effect, and is answered as if it had.
+    /// The command has no effect, but is answered as if it had been executed.
     InVain,
 }
 
-/// Whether a command is for slaves in that role.
+/// Whether a slave in that role takes the command.
 #[inline(always)]
 pub(super) const fn check_kind(command: &SlaveCommand, role: Role) -> Result<(), Reason> {
     let id = command.id();
@@ -121,8 +122,8 @@ impl Engine {
         self.start_homing();
     }
 
-    /// Executes slot 0 of a FIFO entry. Commands that have acted on arrival do not act again. When it becomes known that
-    /// the entry was sent the network may have left OP; the commands that OP allows are executed all the same.
+    /// Executes slot 0 of a FIFO entry. Commands that have acted on arrival do not act again. The network may have left
+    /// OP before the board learns that the entry was sent; commands that OP allows are executed nevertheless.
     pub(super) fn execute_queued_master(&mut self, slot: &RawSlot, at: Ns) {
         let id = CommandId::from_code(slot.id);
         if id.acts_on_arrival() {
@@ -141,7 +142,7 @@ impl Engine {
             self.run_master(&command, at)
         });
         match done {
-            // SW_RESET has no answer: it has reset what would show one.
+            // SW_RESET has no answer: it has reset the slot that would show one.
             Ok(_) if id == CommandId::SoftReset => {}
             Ok(result) => {
                 self.volatile.master_id = id;
@@ -153,8 +154,8 @@ impl Engine {
         }
     }
 
-    /// Executes a command of slot 0. The result, which bytes 4..7 of the answer show; SK-2 \[OURS]: 0 for a command
-    /// without one.
+    /// Executes a command of slot 0. Returns the result for bytes 4..7 of the answer; 0 for a command without a result
+    /// (SK-2 \[OURS]).
     fn run_master(&mut self, command: &MasterCommand, at: Ns) -> Result<u32, Reason> {
         match *command {
             MasterCommand::GetStatus | MasterCommand::Other(_) => {}
@@ -199,15 +200,15 @@ impl Engine {
         }
         let head = SlotHead { id: slot.id, index: slot.index, output_image: None };
         if slot.id == CommandId::GetStatus.code() {
-            // Outside OP bytes 1..11 keep the last result (UG17 2.1.1).
+            // Outside OP bytes 1..11 of a slave's slot keep the last result (UG17 2.1.1).
             let kept = if self.network().in_op() { head } else { self.volatile.heads[slave - 1] };
             self.volatile.heads[slave - 1] = SlotHead { id: slot.id, ..kept };
             return;
         }
         let id = CommandId::from_code(slot.id);
         let done = match id {
-            // Nearly every slot of a machine in motion holds CSP: with a constant id the compiler makes faster code of
-            // the same function.
+            // In motion nearly every slot holds CSP. A call with a constant id lets the compiler specialise `run_slot`
+            // for it.
             CommandId::Csp => self.run_slot(slave, CommandId::Csp, slot, at),
             _ => self.run_other_slot(slave, id, slot, at),
         };
@@ -221,13 +222,13 @@ impl Engine {
                 self.commanded.remove(slave as u8);
                 self.volatile.heads[slave - 1] = head;
             }
-            // SK-3 [OURS]: byte 0 is the id of the command executed last, and this one was not executed.
+            // SK-3 [OURS]: byte 0 is the id of the command executed last, and this command was not executed.
             Ok(Outcome::Ignored) => {
                 self.commanded.remove(slave as u8);
             }
             Err(reason) => {
                 self.commanded.remove(slave as u8);
-                // SK-4 [OURS]: outside OP the answer stays as it was, in OP it becomes that of GET_STATUS.
+                // SK-4 [OURS]: outside OP the answer stays as it was. In OP it becomes an answer to GET_STATUS.
                 if self.network().in_op() {
                     self.volatile.heads[slave - 1] = SlotHead::default();
                 }
@@ -263,7 +264,8 @@ impl Engine {
         }
         check_kind(command, self.role(slave))?;
         if command.id().is_ignored_while_homing() && self.ignores_motion(slave) {
-            // A program that waits for the answer to SV_ON would wait until homing has ended [OURS].
+            // SV_ON is answered during homing [OURS]: a program that waits for the answer would otherwise wait until
+            // homing ends.
             let is_on = *command == SlaveCommand::ServoOn;
             return Ok(if is_on { Outcome::InVain } else { Outcome::Ignored });
         }
@@ -295,8 +297,8 @@ impl Engine {
         Ok(Outcome::Executed(None))
     }
 
-    /// Byte 1 of the answer to DRIVE_MODE: in firmware 1.5 the mode (UG15 2.1.5); SK-3: 0 for an IO slave, and for a number
-    /// without a slave \[OURS].
+    /// Byte 1 of the answer to DRIVE_MODE: in firmware 1.5 the mode of operation (UG15 2.1.5). SK-3: 0 for an IO slave,
+    /// and for a number without a slave \[OURS].
     fn index_of_drive_mode(&self, slave: usize, index: u8) -> u8 {
         self.config.firmware.byte_1(index, self.declared_mode(slave))
     }
@@ -306,18 +308,18 @@ impl Engine {
         self.volatile.axes[slave - 1][..axes].iter_mut().for_each(act);
     }
 
-    /// Whether CSP, CSV or CST is accepted: only in the mode that DRIVE_MODE chose, and while 0x6060 has that value. Of a
-    /// slave with two axes axis 1 decides \[OURS].
+    /// Whether CSP, CSV or CST is accepted: only in the mode that DRIVE_MODE chose, and while 0x6060 has that value. On
+    /// a slave with two axes, axis 1 decides \[OURS].
     pub(super) fn check_mode(&self, slave: usize, mode: Mode) -> Result<(), Reason> {
         let right = self.role(slave).mode() == Some(mode) && self.volatile.modes_written[slave - 1][0] == mode.code();
         if right { Ok(()) } else { Err(Reason::WrongMode) }
     }
 
-    /// Takes the targets and digital outputs of CSP, CSV or CST. A target for an axis 2 that is in another mode than axis
-    /// 1 is discarded \[OURS].
+    /// Takes the targets and digital outputs of CSP, CSV or CST. A target for an axis 2 that is in another mode than
+    /// axis 1 is discarded \[OURS].
     ///
-    /// A command counts as discarded once, whether one target or both are. Its digital outputs are taken all the same,
-    /// since they do not depend on the power stage \[OURS].
+    /// A command counts as discarded once, whether one or both of its targets are discarded. Its digital outputs are
+    /// taken in any case, since they do not depend on the power stage \[OURS].
     #[inline]
     fn set_targets(&mut self, slave: usize, mode: Mode, motion: &Motion) -> Result<(), Reason> {
         self.check_mode(slave, mode)?;

@@ -1,15 +1,16 @@
-//! What a board is before a program tells it anything.
+//! The configuration of a board: its pins, its firmware and its timeouts.
 
 use super::{Firmware, PartialFrames};
 use crate::fieldbus::Ns;
 use crate::sk::SlotSize;
 
-/// The configuration of a board: its pins and its firmware, and not what programs tell it.
+/// The configuration of a board at power-on: its pins, its firmware and its timeouts. Settings that programs send
+/// (SET_AXIS, DRIVE_MODE, SET_DC) are not part of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EngineConfig {
     /// Pin CONFIG2: the size of a slot.
     pub slot: SlotSize,
-    /// The firmware that is modelled.
+    /// The modelled firmware version.
     pub firmware: Firmware,
     /// Pin CONFIG1 is high: test mode (SK-4). The board goes to OP by itself and switches the outputs of all IO slaves on
     /// and off in turn.

@@ -1,4 +1,4 @@
-//! Counters of commands that did not reach their slaves, and the reasons, since the wire does not show all of it.
+//! Counters of commands that did not reach their slaves, and the reasons. The wire shows only some of them.
 
 use std::fmt;
 
@@ -7,19 +7,19 @@ use crate::sk::Malformed;
 /// Why a command was not executed (SK-4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Reason {
-    /// The id is none of the 22 that the board knows.
+    /// The id is none of the 22 command ids that the board knows.
     UnknownId,
-    /// The command is not for that kind of slot, or not for that kind of slave.
+    /// The command does not belong in that slot, or not to that kind of slave.
     WrongSlot,
     /// The state of the network does not allow the command.
     WrongState,
-    /// The guides do not allow an argument.
+    /// An argument has a value that the guides do not allow.
     BadArgument(Malformed),
-    /// CSP, CSV or CST came in another mode than that of DRIVE_MODE or of 0x6060.
+    /// CSP, CSV or CST does not match the mode of DRIVE_MODE or the value of 0x6060.
     WrongMode,
-    /// The request was held while another SDO transfer was under way, and a newer one has replaced it.
+    /// An SDO request was waiting behind a running transfer, and a newer request has replaced it.
     SdoBusy,
-    /// GO_HOME came for a drive that is not in homing mode.
+    /// GO_HOME came for a drive whose mode of operation is not homing (6).
     NotInHomingMode,
     /// GO_HOME came while another slave was homing.
     HomingElsewhere,
@@ -30,10 +30,10 @@ pub enum Reason {
 }
 
 impl Reason {
-    /// How many kinds of reason there are.
+    /// The number of kinds of reasons.
     pub const KINDS: usize = 10;
 
-    /// The names of the kinds, in the order of [`Counters::rejected`].
+    /// The names of the kinds of reasons, in the order of [`Counters::rejected`].
     pub const NAMES: [&'static str; Self::KINDS] = [
         "unknown_id",
         "wrong_slot",
@@ -47,7 +47,7 @@ impl Reason {
         "not_enabled",
     ];
 
-    /// The index into [`Counters::rejected`].
+    /// The index of the reason in [`Counters::rejected`].
     pub const fn kind(self) -> usize {
         match self {
             Self::UnknownId => 0,
@@ -81,65 +81,66 @@ impl fmt::Display for Reason {
     }
 }
 
-/// The counters of a board since it was switched on. The wire does not show them.
+/// The counters of a board since it was switched on. Reports do not carry most of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Command frames that arrived.
     pub frames: u64,
-    /// Reports that were made.
+    /// Reports that the board has made.
     pub reports: u64,
     /// Commands that were rejected, by [`Reason::kind`].
     pub rejected: [u64; Reason::KINDS],
-    /// Commands that were ignored because their slave was homing, because its mode was being restored after homing, or, GO_HOME,
-    /// because of an ABORT_HOME in the same frame.
+    /// Commands that were ignored because their slave was homing or its mode was being restored after homing. Also each
+    /// GO_HOME that was ignored because of an ABORT_HOME in the same frame.
     pub ignored_homing: u64,
-    /// How often the mode of operation could not be restored after homing, so that the drive has stayed in homing mode.
+    /// How often the mode of operation could not be restored after homing, so that the drive stays in homing mode.
     pub modes_not_restored: u64,
     /// Commands whose targets were discarded because the axis was not in Operation enabled.
     pub discarded_before_enabled: u64,
-    /// Commands that did not reach their slave: it was lost before or after they were executed, or it had left OP before
-    /// the others.
+    /// Commands that did not reach their slave: it was lost before or after they were executed, or it had left OP
+    /// before the other slaves.
     pub for_lost: u64,
     /// FIFO entries that were dropped by SET_FIFO 1 or by leaving OP.
     pub cleared: u64,
-    /// Frames that were lost because the FIFO was full.
+    /// Command frames that were lost because the FIFO was full.
     pub full: u64,
-    /// Frames with a wrong CRC.
+    /// Command frames with a wrong CRC.
     pub crc: u64,
-    /// Frames that did not arrive completely.
+    /// Command frames that did not arrive completely.
     pub incomplete: u64,
     /// FIFO entries that were executed.
     pub executed: u64,
-    /// Cycles in OP that took no entry, because the FIFO was empty or below its threshold.
+    /// Cycles in OP that took no FIFO entry, because the FIFO was empty or had not reached its threshold.
     pub idle_cycles: u64,
-    /// SDO requests that repeat the one under way, as programs that poll send them. They are part of that transfer, and
-    /// nothing is lost.
+    /// SDO requests that repeat the transfer under way, as polling programs send them. Each counts as part of that
+    /// transfer; nothing is lost.
     pub sdo_repeated: u64,
-    /// Cycles that made no report because a bus that takes outputs ahead has lost their answers.
+    /// Cycles without a report, because a bus that queues outputs has lost their answers.
     pub answers_lost: u64,
-    /// Sets of outputs that a bus had taken and has given up: what they held was not sent for all that is known, or some slave has
-    /// missed it and nobody knows which one.
+    /// Sets of outputs that a bus had queued and then gave up. As far as is known they were not sent, or a slave that
+    /// the bus cannot name has missed them.
     pub outputs_lost: u64,
-    /// Cycles that were left out because the machine was too late for them, on a bus whose cycles are not caught up on: what moves
-    /// has stood still for so long.
+    /// Cycles that were skipped because the machine was late, on a bus that does not catch up on cycles. Motion stood
+    /// still for as many cycles.
     pub cycles_left_out: u64,
-    /// Cycles in OP in which the ring of cables was broken, on a bus with a card at each end. Nothing is lost by that; another cut
-    /// would cost slaves.
+    /// Cycles in OP in which the ring of cables was broken, on a bus with a network card at each end. No data are lost,
+    /// but a second cut would disconnect slaves.
     pub ring_broken: u64,
-    /// Cycles in OP in which some slave that was not lost kept its inputs of before, since the working counter beside the new ones was
-    /// wrong, or may have been.
+    /// Cycles in OP in which a slave that was not lost kept its previous inputs, since the working counter of the new
+    /// ones was wrong or may have been wrong.
     pub inputs_held: u64,
-    /// How often the inputs of a slave have become stale: it is lost then ([`STALE_AFTER`](crate::fieldbus::STALE_AFTER)).
+    /// How often the inputs of a slave have become stale, so that it counted as lost
+    /// ([`STALE_AFTER`](crate::fieldbus::STALE_AFTER)).
     pub inputs_stale: u64,
-    /// SDO transfers of the host that the slave has aborted, or that were not answered in time.
+    /// SDO transfers of the host that the slave has aborted, or has not answered in time.
     pub sdo_aborted: u64,
-    /// Command frames that arrived while the board booted, after a SW_RESET that the host had not noticed yet. They are
-    /// not among [`Counters::frames`].
+    /// Command frames that arrived while the board booted: the host had not noticed the SW_RESET yet.
+    /// [`Counters::frames`] does not include them.
     pub while_booting: u64,
 }
 
 impl Counters {
-    /// How many commands were rejected, for whatever reason.
+    /// The number of rejected commands, of all reasons together.
     pub fn rejected_total(&self) -> u64 {
         self.rejected.iter().sum()
     }

@@ -1,4 +1,4 @@
-//! Events of a board: what people may want to know, and the wire does not show.
+//! Events of a board: what happened there that the wire does not show, for logs and tools.
 
 use std::fmt;
 
@@ -12,17 +12,17 @@ use crate::fieldbus::Ns;
 use crate::sk::CommandId;
 use crate::span::Seconds;
 
-/// Something that people may want to know and that the wire does not show.
+/// An event of a board that the wire does not show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Event {
-    /// When it happened or was seen, in board time.
+    /// When the event happened or was detected, board time.
     pub at: Ns,
     /// The kind of event, with its details.
     pub kind: EventKind,
 }
 
 impl Event {
-    /// The same with its time counted from `zero`, on the board's clock.
+    /// The same event with its time counted from `zero`, board time.
     pub const fn since(self, zero: Ns) -> Self {
         Self { at: self.at.saturating_sub(zero), ..self }
     }
@@ -33,12 +33,12 @@ impl Event {
 pub enum EventKind {
     /// A command was not executed.
     Rejected(Rejection),
-    /// SET_DC had a Data2 that no guide mentions; it was accepted (SK-4 \[OURS]).
+    /// SET_DC had a Data2 that no guide mentions. The board has accepted it (SK-4 \[OURS]).
     OddDcShift {
         /// The value of Data2.
         data2: u32,
     },
-    /// DRIVE_MODE had a Data2 that no guide mentions; it was taken for DC sync (SK-4 \[OURS]).
+    /// DRIVE_MODE had a Data2 that no guide mentions. The board has taken it for DC sync (SK-4 \[OURS]).
     OddDriveType {
         /// Slave, from 1.
         slave: u8,
@@ -50,62 +50,62 @@ pub enum EventKind {
         /// The number of bytes that were received.
         bytes: u16,
     },
-    /// A slave in SafeOP or OP does not answer any more (SK-4).
+    /// A slave no longer answers in SafeOP or OP (SK-4).
     SlaveLost {
         /// Slave, from 1.
         slave: u8,
     },
-    /// A slave has left SafeOP or OP by itself, and says why. It is lost.
+    /// A slave has left SafeOP or OP by itself and shows an AL status code. It counts as lost.
     SlaveFell {
-        /// Which one, and why.
+        /// The slave and its AL status code.
         fall: SlaveFall,
     },
     /// Another master sends frames on the network. Logged once.
     OtherMaster {
-        /// The source address of its frames, as slaves have changed it.
+        /// The source address of the other master's frames, as slaves have changed it.
         address: [u8; 6],
     },
-    /// The inputs of a slave that answers have not come for too long, since the working counter beside them is wrong. It is lost.
+    /// A slave answers, but with a wrong working counter for so long that its inputs are stale. It counts as lost.
     InputsStale {
         /// Slave, from 1.
         slave: u8,
     },
-    /// The working counter of a cycle in OP was too low, and the bus does not name the slaves that did not answer, or it was too
-    /// high. Logged once, until the working counter is right again.
+    /// In a cycle of OP the working counter was too low without the bus naming slaves that did not answer, or it was
+    /// too high. Logged once, until the working counter is right again.
     WorkingCounter {
-        /// The working counter.
+        /// The working counter of that cycle.
         counted: u16,
         /// The working counter when every slave answers.
         expected: u16,
     },
-    /// A bus that takes outputs ahead has lost answers, because they were not polled in time. They made no report.
+    /// A bus that queues outputs has lost answers, because they were not polled in time. Their cycles have no report.
     AnswersLost {
-        /// How many cycles in a row.
+        /// The number of consecutive cycles.
         cycles: u32,
     },
-    /// The hardware that runs the bus does not answer any more. Logged once, until it answers.
+    /// The hardware that runs the bus no longer answers. Logged once, until it answers again.
     BusDown,
-    /// A bus that takes outputs ahead has given some up: targets in them may not have reached the slaves.
+    /// A bus that queues outputs has given up some of them: their targets may not have reached the slaves.
     OutputsLost {
-        /// How many sets of outputs, each of a cycle.
+        /// The number of sets of outputs; each is for one cycle.
         sets: u32,
-        /// A chip runs the bus.
+        /// Whether a chip (ECM-XF) runs the bus.
         has_chip: bool,
     },
-    /// A slave has left OP because the bus configured other slaves. It returns to OP with them, its motors and outputs
-    /// off (SK-4 \[OURS]).
+    /// A slave has left OP because the bus configured other slaves. It returns to OP with them, with its motors and
+    /// digital outputs off (SK-4 \[OURS]).
     SlaveDisturbed {
         /// Slave, from 1.
         slave: u8,
     },
-    /// A change of state has failed and left a slave in a lower state than the others (SK-4 \[OURS]).
+    /// A change of state has failed and left this slave in a lower state than the others (SK-4 \[OURS]).
     SlaveLeft {
         /// Slave, from 1.
         slave: u8,
     },
-    /// A change of state has failed (SK-4): the state byte is the last state that all slaves reached, plus 0x10.
+    /// A change of state has failed (SK-4). The state byte is 0x10 plus the last state that all slaves have reached.
     StateFailed {
-        /// Why.
+        /// The reason of the failure.
         why: StateFailure,
     },
     /// The homing of an axis has ended.
@@ -114,10 +114,10 @@ pub enum EventKind {
         slave: u8,
         /// The axis of the slave, from 0.
         axis: u8,
-        /// How it ended.
+        /// The result of the homing.
         end: HomingEnd,
     },
-    /// The board could not restore the mode of DRIVE_MODE after homing; the drive has stayed in homing mode (SK-7 \[OURS]).
+    /// The board could not restore the mode of DRIVE_MODE after homing. The drive stays in homing mode (SK-7 \[OURS]).
     ModeNotRestored {
         /// Slave, from 1.
         slave: u8,
@@ -139,15 +139,15 @@ pub enum EventKind {
     },
     /// A line of a script was carried out.
     Scripted {
-        /// The line, from 1.
+        /// The number of the line in the script, from 1.
         line: u32,
-        /// The verb of the line.
+        /// The verb of the script line.
         verb: &'static str,
-        /// The slave, from 1; `None`: it happened to the cable or to the board.
+        /// The slave, from 1; `None`: the line acts on the cable or the board.
         slave: Option<u8>,
-        /// The error code, AL status code or abort code that the slave shows from now on.
+        /// The error code, AL status code or abort code that the slave shows as a result.
         code: Option<u32>,
-        /// The time of the line is over, and its effect has ended.
+        /// Whether the event is the end of the line's effect, after its duration.
         ended: bool,
     },
 }
@@ -155,15 +155,15 @@ pub enum EventKind {
 /// A rejected command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rejection {
-    /// The slot that held the command.
+    /// The number of the slot that held the command.
     pub slot: u8,
     /// The id of the command.
     pub id: CommandId,
-    /// Why it was rejected.
+    /// The reason of the rejection.
     pub reason: Reason,
 }
 
-/// The advice for an object that a slave does not have.
+/// Advice for users, when a simulated slave does not have an object.
 const MAKERS_OBJECTS: &str = "; if the real drive has it, give the simulated one its maker's objects: \
                               slaves=drive:objects@FILE, or drive:objects@any, which stores what it is told";
 
@@ -276,7 +276,7 @@ impl fmt::Display for Event {
     }
 }
 
-/// The newest events.
+/// A ring buffer with the newest events.
 #[derive(Clone, Debug)]
 pub(super) struct EventLog {
     ring: [Option<Event>; Self::KEPT],
@@ -284,7 +284,7 @@ pub(super) struct EventLog {
 }
 
 impl EventLog {
-    /// How many events are kept.
+    /// The number of events that the log keeps.
     const KEPT: usize = 32;
 
     pub(super) const fn new() -> Self {
@@ -296,7 +296,7 @@ impl EventLog {
         self.total += 1;
     }
 
-    /// How many events there were so far.
+    /// The number of events so far, including those that were dropped.
     pub(super) const fn total(&self) -> u64 {
         self.total
     }

@@ -1,18 +1,19 @@
-//! The pulse of ALM_CLR: bit 7 of the controlword rises, stays, and falls.
+//! The fault reset pulse of ALM_CLR: bit 7 of the controlword rises, stays set for some cycles, and falls.
 
-/// How many sets of outputs have the bit set, and the least number without it before it rises again \[OURS]: 2 ms at the
-/// shortest cycle, so that a drive that does not read its controlword in every cycle sees the edge all the same.
+/// How many sets of outputs have the bit set, and how many have it clear at least before it rises again \[OURS]. That
+/// is 2 ms at the shortest cycle, so that a drive that does not read its controlword in every cycle still sees the
+/// edge.
 const PULSE_SETS: u8 = 8;
 
-/// The fault reset bit in the newest set of outputs.
+/// The state of the fault reset bit in the newest set of outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Bit {
     /// The bit is clear and may rise.
     #[default]
     Clear,
-    /// The bit is set, and will be in `more` further sets.
+    /// The bit is set, and stays set in `more` further sets.
     Set { more: u8 },
-    /// The bit is clear, and has to be in `more` further sets before it may rise.
+    /// The bit is clear, and must stay clear in `more` further sets before it may rise.
     Resting { more: u8 },
 }
 
@@ -20,8 +21,8 @@ enum Bit {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct FaultReset {
     bit: Bit,
-    /// An ALM_CLR came whose pulse has not begun. One that comes during a pulse makes another pulse after it \[OURS],
-    /// since the drive may not be ready for a reset before.
+    /// An ALM_CLR came whose pulse has not begun. An ALM_CLR during a pulse causes another pulse after it \[OURS],
+    /// since the drive may not have been ready for a reset before.
     requested: bool,
 }
 
@@ -31,7 +32,7 @@ impl FaultReset {
         self.requested = true;
     }
 
-    /// The drive shows no fault: no further pulse is needed.
+    /// The drive shows no fault: a pulse under way ends with the next set, and a requested one is dropped.
     pub(super) const fn end(&mut self) {
         self.requested = false;
         if let Bit::Set { more } = &mut self.bit {
@@ -39,12 +40,12 @@ impl FaultReset {
         }
     }
 
-    /// Whether the bit is set, or will change.
+    /// Whether the bit is set or will change in one of the next sets.
     pub(super) const fn is_under_way(&self) -> bool {
         self.requested || !matches!(self.bit, Bit::Clear)
     }
 
-    /// The bit for the next set of outputs.
+    /// The value of the fault reset bit for the next set of outputs.
     pub(super) const fn next_bit(&mut self) -> bool {
         self.bit = match self.bit {
             Bit::Clear if self.requested => {

@@ -5,29 +5,30 @@ use std::collections::VecDeque;
 use super::Firmware;
 use crate::sk::{FIFO_ENTRIES, Frame, SlotSize};
 
-/// The numbers of places are kept as bytes.
+/// Indices of places are stored as `u8`.
 const _: () = assert!(FIFO_ENTRIES <= 256);
 
-/// The frames that wait for their cycle.
+/// The ring buffer of command frames that wait for their cycle.
 ///
-/// The place that became free last is used first: a program that keeps three entries waiting uses three or four places
-/// again and again, and not the memory of all 160.
+/// The place freed last is reused first: a program that keeps three entries in the FIFO touches three or four places
+/// again and again, instead of the memory of all 160.
 #[derive(Debug)]
 pub(super) struct CommandFifo {
-    /// The places for frames, as many as were in use at once so far. These three have the capacity for the whole FIFO.
+    /// Storage for frames: as many places as were ever in use at once. These three collections have the capacity for
+    /// the whole FIFO.
     places: Vec<Frame>,
-    /// The places of the entries, the next one to execute first.
+    /// The places of the queued entries, the next one to execute first.
     waiting: VecDeque<u8>,
-    /// The places without an entry.
+    /// The free places.
     vacant: Vec<u8>,
     threshold: u16,
     full_count: u16,
-    /// No entries are taken out, whatever the threshold is.
+    /// Whether [`Self::take`] returns no entries, whatever the threshold is.
     held: bool,
 }
 
-/// The threshold of free entries below which entries are taken: with 160, the default, that begins with the first entry
-/// (SK-5).
+/// The board begins to take entries when fewer than this number are free. With the default of 160 it begins with the
+/// first entry (SK-5).
 const DEFAULT_THRESHOLD: u16 = FIFO_ENTRIES;
 
 impl CommandFifo {
@@ -47,7 +48,8 @@ impl CommandFifo {
         self.waiting.len() as u16
     }
 
-    /// The free entries, when `ahead` of those that were taken out have not been sent yet.
+    /// The number of free entries. `ahead`: how many entries were taken out and are not sent yet; they still count as
+    /// used.
     pub(super) fn free(&self, ahead: u16) -> u16 {
         FIFO_ENTRIES.saturating_sub(self.len() + ahead)
     }
@@ -57,7 +59,7 @@ impl CommandFifo {
         self.full_count
     }
 
-    /// Queues a frame. False: the FIFO is full, and the full count has risen.
+    /// Queues a frame. Returns false if the FIFO is full; the full count has risen then.
     pub(super) fn push(&mut self, frame: &Frame, ahead: u16, firmware: Firmware, size: SlotSize) -> bool {
         if self.free(ahead) == 0 {
             self.full_count = self.full_count.wrapping_add(firmware.full_count_step(size));
@@ -84,7 +86,7 @@ impl CommandFifo {
         Some(self.places[usize::from(place)].clone())
     }
 
-    /// Takes no entries out any more, or takes them again; a fault for scripts and tests.
+    /// Stops taking entries out, or resumes it. A fault for scripts and tests.
     pub(super) const fn hold(&mut self, held: bool) {
         self.held = held;
     }
@@ -94,13 +96,13 @@ impl CommandFifo {
         self.threshold = free.min(FIFO_ENTRIES.into()) as u16;
     }
 
-    /// SW_RESET: clears entries, threshold and full count. How many entries were dropped.
+    /// SW_RESET: clears entries, threshold and full count. Returns the number of dropped entries.
     pub(super) fn reset(&mut self) -> u16 {
         self.full_count = 0;
         self.clear()
     }
 
-    /// SET_FIFO 1: clears entries and threshold, not the full count. How many entries were dropped.
+    /// SET_FIFO 1: clears entries and threshold, but not the full count. Returns the number of dropped entries.
     pub(super) fn clear(&mut self) -> u16 {
         self.threshold = DEFAULT_THRESHOLD;
         let gone = self.len();
@@ -117,8 +119,8 @@ mod tests {
         Frame::from_prefix(&[n])
     }
 
-    /// Entries come out in the order in which they came, whatever places they lie in; and a program that keeps few
-    /// entries waiting goes over few places.
+    /// Entries come out in the order in which they went in, whichever places store them, and a program that keeps few
+    /// entries queued uses few places.
     #[test]
     fn few_entries_take_few_places() {
         let mut fifo = CommandFifo::new();

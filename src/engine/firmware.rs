@@ -1,8 +1,9 @@
-//! The two firmware versions that are modelled, and every difference between them (SK-3 \[OURS]: all else is as in 1.7).
+//! The two firmware versions that are modelled, and every difference between them (SK-3 \[OURS]: all else is as in
+//! 1.7).
 
 use crate::sk::SlotSize;
 
-/// Which firmware of the EC01M is modelled (SK-3).
+/// The modelled firmware version of the EC01M (SK-3).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Firmware {
     /// 1.7: byte 1 of a slave's slot is the command index, the full count counts commands, the mode is restored after
@@ -31,8 +32,8 @@ impl Firmware {
         }
     }
 
-    /// What a lost frame adds to the full count. SK-5: firmware 1.5 counts 32-bit words, 126 for a frame of 504 bytes
-    /// (UG15n) and 128 for one of 512 \[OURS]; firmware 1.7 counts commands \[OURS].
+    /// How much a lost frame adds to the full count. SK-5: firmware 1.5 counts 32-bit words, 126 for a frame of 504
+    /// bytes (UG15n) and 128 for one of 512 \[OURS]; firmware 1.7 counts commands \[OURS].
     pub(super) const fn full_count_step(self, size: SlotSize) -> u16 {
         match self {
             Self::V17 => 1,
@@ -45,7 +46,7 @@ impl Firmware {
         matches!(self, Self::V17)
     }
 
-    /// Whether all slaves must have ended homing before the next GO_HOME (UG17 2.1.18, hint 4).
+    /// Whether a GO_HOME is rejected until the homing of all other slaves has ended (UG17 2.1.18, hint 4).
     pub(super) const fn one_homing_at_a_time(self) -> bool {
         matches!(self, Self::V17)
     }

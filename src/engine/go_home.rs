@@ -1,25 +1,25 @@
-//! GO_HOME, ABORT_HOME and everything that ends homing (SK-7), for all slaves. The homing of one axis is in `homing.rs`.
+//! GO_HOME, ABORT_HOME and everything that ends homing (SK-7), for all slaves. `homing.rs` has the homing of one axis.
 
 use super::homing::{Answer, HomingEnd, HomingEvent};
 use super::{Engine, Event, EventKind, Reason};
 use crate::ethercat::cia402::Mode;
 use crate::fieldbus::{CycleDone, MAX_AXES, MAX_SLAVES, Ns, SlaveSet};
 
-/// How far the homing of a slave has got.
+/// The homing phase of a slave.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum HomingPhase {
     /// The slave is not homing.
     #[default]
     Idle,
-    /// GO_HOME was executed, and the homing of at least one axis has not ended.
+    /// GO_HOME was executed, and at least one axis of the slave is still homing.
     Homing,
-    /// Homing has ended, and the mode of DRIVE_MODE is not restored yet (firmware 1.7).
+    /// Homing has ended, and the board has not restored the mode of DRIVE_MODE yet (firmware 1.7).
     Restoring,
 }
 
 impl Engine {
-    /// How far the homing of a slave (from 1) has got. Commands for a slave that is not [`HomingPhase::Idle`] are
-    /// ignored, but for SV_OFF, ALM_CLR and ABORT_HOME.
+    /// The homing phase of a slave (from 1). Unless it is [`HomingPhase::Idle`], all commands for the slave except
+    /// SV_OFF, ALM_CLR and ABORT_HOME are ignored.
     pub fn homing_phase(&self, slave: u8) -> HomingPhase {
         let Some(axes) = usize::from(slave).checked_sub(1).and_then(|n| self.volatile.axes.get(n)) else {
             return HomingPhase::Idle;
@@ -48,18 +48,19 @@ impl Engine {
         slaves
     }
 
-    /// Whether a command that moves axes is ignored because the slave is homing. Counts it if so.
+    /// Whether a motion command is ignored because the slave is homing. If so, the command is counted.
     pub(super) fn ignores_motion(&mut self, slave: usize) -> bool {
         let ignored = self.homing_phase(slave as u8) != HomingPhase::Idle;
         self.counters.ignored_homing += u64::from(ignored);
         ignored
     }
 
-    /// GO_HOME, which starts with the other slots of its frame, for those axes of a slave whose 0x6060 / 0x6860 is 6. Of a module
-    /// of two channels with 12-byte slots only axis 1 may start, as every command there moves axis 1 alone (SK-3 \[OURS]).
+    /// GO_HOME. Homing starts after all slots of the frame are executed, for those axes of the slave whose 0x6060 /
+    /// 0x6860 is 6. On a module of two channels with 12-byte slots only axis 1 may start, as every command there moves
+    /// axis 1 alone (SK-3 \[OURS]).
     ///
-    /// SK-7 \[OURS]: for a drive that SV_ON has not brought to Operation enabled the command is rejected and not kept, so
-    /// that a later SV_ON does not start homing. If one of several axes is not enabled, none starts.
+    /// SK-7 \[OURS]: for a drive that SV_ON has not brought to Operation enabled the command is rejected and not kept,
+    /// so that a later SV_ON does not start homing. If one of several axes is not enabled, none of them starts.
     pub(super) fn go_home(&mut self, slave: usize) -> Result<(), Reason> {
         let axes = 1 + usize::from(self.carries_two_channels(slave));
         let modes = self.volatile.modes_written[slave - 1];
@@ -78,8 +79,8 @@ impl Engine {
         Ok(())
     }
 
-    /// All slots of a frame are executed: each GO_HOME of it starts now, together with the others. SK-7 \[OURS]: an ABORT_HOME in
-    /// the same frame keeps them from starting, whichever slot holds it.
+    /// Called when all slots of a frame are executed: starts all GO_HOMEs of the frame together. SK-7 \[OURS]: an
+    /// ABORT_HOME in the same frame prevents that, whichever slot holds it.
     #[inline]
     pub(super) fn start_homing(&mut self) {
         let slaves = std::mem::take(&mut self.go_homes);
@@ -99,7 +100,7 @@ impl Engine {
         }
     }
 
-    /// Whether any of these slaves is homing, as far as a program can see in its reports.
+    /// Whether any of these slaves is still homing, as far as its reports show.
     fn is_any_homing_of(&self, slaves: SlaveSet) -> bool {
         slaves.iter().any(|slave| {
             let axes = &self.volatile.axes[usize::from(slave) - 1];
@@ -117,27 +118,27 @@ impl Engine {
         }
     }
 
-    /// Ends the homing of all axes of a slave.
+    /// Ends the homing of all axes of a slave, for the cause `end`.
     pub(super) fn end_homing(&mut self, slave: usize, end: HomingEnd, at: Ns) {
         for axis in 0..MAX_AXES {
             self.end_homing_of_axis(slave, axis, end, at);
         }
     }
 
-    /// Ends the homing of one axis.
+    /// Ends the homing of one axis, for the cause `end`.
     pub(super) fn end_homing_of_axis(&mut self, slave: usize, axis: usize, end: HomingEnd, at: Ns) {
         if self.volatile.axes[slave - 1][axis].homing.end(end) {
             self.log.push(Event { at, kind: EventKind::HomingEnded { slave: slave as u8, axis: axis as u8, end } });
         }
     }
 
-    /// Takes the inputs of a cycle for all axes that are homing, or have not finished what follows it.
+    /// Takes the inputs of a cycle for all axes that are homing or have not finished the steps after it.
     pub(super) fn answer_homing(&mut self, done: &CycleDone) {
         let (outputs_received, period_ns) = (self.newest_answered, self.period_ns());
         if self.volatile.homing_active.is_empty() {
             return;
         }
-        // What was there before is no answer to the outputs of this cycle.
+        // Inputs kept from an earlier cycle are no answer to the outputs of this cycle.
         for slave in self.volatile.homing_active.difference(self.inputs.held).iter().map(usize::from) {
             if self.volatile.axes[slave - 1].iter().all(|axis| axis.homing.is_idle()) {
                 self.volatile.homing_active.remove(slave as u8);
@@ -163,7 +164,7 @@ impl Engine {
         }
     }
 
-    /// Ends the homing of a slave that is lost, and the attempts to restore its mode, since it takes no SDO.
+    /// Ends the homing of a lost slave and stops restoring its mode, since it takes no SDO.
     pub(super) fn end_homing_of_lost(&mut self, slave: usize, at: Ns) {
         self.end_homing(slave, HomingEnd::Lost, at);
         for axis in 0..MAX_AXES {
@@ -176,8 +177,8 @@ impl Engine {
         }
     }
 
-    /// The network leaves OP, which ends all homing. The modes of operation are restored in SafeOP; on the way up from a
-    /// lower state they are written anyway.
+    /// The network leaves OP, which ends all homing. The board restores modes of operation while the network is in
+    /// SafeOP; the way up from a lower state writes them anyway.
     pub(super) fn leave_homing_with_op(&mut self, at: Ns) {
         for slave in 1..=MAX_SLAVES {
             self.end_homing(slave, HomingEnd::LeftOp, at);

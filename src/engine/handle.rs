@@ -1,4 +1,4 @@
-//! What scripts and tests do to the board itself while it runs, from any thread. For its network there is
+//! A handle by which scripts and tests cause faults of a running board, from any thread. For its network there is
 //! [`Cable`](crate::slave::cable::Cable).
 
 use std::sync::Arc;
@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 use super::Engine;
 
-/// The value of `local_inputs` as long as no call has set them.
+/// The value of `local_inputs` until a call sets them.
 const UNTOUCHED: u8 = u8::MAX;
 
 struct Shared {
@@ -15,7 +15,7 @@ struct Shared {
     local_inputs: AtomicU8,
 }
 
-/// A handle on a [`super::Board`]; clones are handles on the same board. Calls take effect in its next cycle.
+/// A handle to a [`super::Board`]. Clones refer to the same board. Calls take effect in its next cycle.
 #[derive(Clone)]
 pub struct BoardHandle(Arc<Shared>);
 
@@ -30,12 +30,12 @@ impl Default for BoardHandle {
 }
 
 impl BoardHandle {
-    /// The board makes no reports, while everything else goes on, or it makes them again.
+    /// Suppresses the reports of the board while everything else goes on, or ends that.
     pub fn suppress_reports(&self, suppressed: bool) {
         self.0.reports_suppressed.store(suppressed, Ordering::Relaxed);
     }
 
-    /// The board takes no entries out of its FIFO, so that it fills and the full count rises, or it takes them again.
+    /// Stops the board from taking entries out of its FIFO, so that it fills and the full count rises, or ends that.
     pub fn hold_fifo(&self, held: bool) {
         self.0.fifo_held.store(held, Ordering::Relaxed);
     }
@@ -45,7 +45,7 @@ impl BoardHandle {
         self.0.local_inputs.store(bits & 0x3F, Ordering::Relaxed);
     }
 
-    /// Puts in force what was called since the last cycle.
+    /// Applies the calls since the last cycle to the engine.
     pub(super) fn apply(&self, engine: &mut Engine) {
         engine.suppress_reports(self.0.reports_suppressed.load(Ordering::Relaxed));
         engine.hold_fifo(self.0.fifo_held.load(Ordering::Relaxed));

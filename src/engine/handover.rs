@@ -1,8 +1,8 @@
-//! The hand-over between host threads and the runner's thread: command frames in, reports out.
+//! The queues between the threads of the host and the runner's thread: command frames in, reports out.
 //!
-//! Neither side holds a lock across a wait or for longer than it takes to copy a frame. Everything is allocated when the
-//! hand-over is made. The locks come from the parent module, so that a test can run the same file on a scheduler that
-//! tries the interleavings.
+//! Neither side holds a lock across a wait, or longer than it takes to copy a frame. All memory is allocated when the
+//! hand-over is made. The lock types come from the parent module, so that a test can compile this file with a scheduler
+//! that tries all interleavings.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -13,7 +13,7 @@ use super::sync::{Condvar, Mutex, MutexGuard, lock, wait, wait_for};
 use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
-/// Whether the interface is open.
+/// Whether the interface is open; if not, why it has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     Open,
@@ -33,7 +33,7 @@ struct Outbox {
     cancels: u64,
 }
 
-/// The hand-over, in both directions.
+/// Both queues: command frames from the host to the runner, and reports from the runner to the host.
 pub(super) struct Handover {
     inbox: Mutex<Inbox>,
     space: Condvar,
@@ -42,8 +42,8 @@ pub(super) struct Handover {
 }
 
 impl Handover {
-    /// A hand-over with room for `room` frames between two visits of the runner, and for `queue` reports that nobody has
-    /// read. A writer waits while the inbox is full, as on a USB device that does not accept data.
+    /// Makes a hand-over whose inbox holds `room` frames and whose outbox keeps the newest `queue` unread reports. A
+    /// writer waits while the inbox is full, as on a USB device that does not accept data.
     pub(super) fn new(room: usize, queue: usize) -> Self {
         Self {
             inbox: Mutex::new(Inbox { frames: VecDeque::with_capacity(room), room, phase: Phase::Open, cancels: 0 }),
@@ -53,8 +53,8 @@ impl Handover {
         }
     }
 
-    /// Host: hands over a frame that arrives at `at`. Waits until `turn`, when the wire is free, and for room, both until
-    /// `end`.
+    /// Host: hands over a frame that arrives at `at`. First waits until `turn`, when the wire is free, and then for
+    /// room in the inbox; both waits end at `end`.
     pub(super) fn send(&self, frame: &Frame, at: Ns, turn: Instant, end: Option<Instant>) -> Result<(), Stop> {
         let mut inbox = lock(&self.inbox);
         let cancels = inbox.cancels;
@@ -75,17 +75,18 @@ impl Handover {
         Ok(())
     }
 
-    /// Host: takes the oldest report, and waits for one until `end`.
+    /// Host: takes the oldest report. If there is none, waits for one until `end`.
     pub(super) fn receive(&self, out: &mut Frame, end: Option<Instant>) -> Result<Report, Stop> {
         self.receive_in_parts(out, end, None)
     }
 
-    /// How often reads were cancelled, for [`Self::receive_in_parts`].
+    /// How often reads were cancelled so far, for [`Self::receive_in_parts`].
     pub(super) fn reads_cancelled(&self) -> u64 {
         lock(&self.outbox).cancels
     }
 
-    /// The same as a part of a wait that began when reads had been cancelled so often; `None`: it begins now.
+    /// As [`Self::receive`], for one part of a longer wait. `cancelled`: the value of [`Self::reads_cancelled`] when
+    /// the whole wait began, so that a cancellation between two parts is seen; `None`: the wait begins now.
     pub(super) fn receive_in_parts(
         &self,
         out: &mut Frame,
@@ -107,7 +108,7 @@ impl Handover {
         }
     }
 
-    /// Runner: takes the oldest frame, if `is_there` says so of its time of arrival, and gives that.
+    /// Runner: takes the oldest frame if `is_there` accepts its time of arrival, and returns that time.
     pub(super) fn next_frame(&self, out: &mut Frame, is_there: impl FnOnce(Ns) -> bool) -> Option<Ns> {
         let mut inbox = lock(&self.inbox);
         if inbox.frames.front().is_none_or(|(_, at)| !is_there(*at)) {
@@ -129,7 +130,7 @@ impl Handover {
         self.news.notify_one();
     }
 
-    /// Ends all waits in both directions, and all later calls. The first reason stays.
+    /// Ends all present waits and all later calls with `why`. The first reason stays.
     pub(super) fn end(&self, why: Stop) {
         for phase in [&mut lock(&self.inbox).phase, &mut lock(&self.outbox).phase] {
             if *phase == Phase::Open {
@@ -140,19 +141,19 @@ impl Handover {
         self.news.notify_all();
     }
 
-    /// Cancels the writes that wait now.
+    /// Cancels all writes that are waiting.
     pub(super) fn cancel_writes(&self) {
         lock(&self.inbox).cancels += 1;
         self.space.notify_all();
     }
 
-    /// Cancels the reads that wait now.
+    /// Cancels all reads that are waiting.
     pub(super) fn cancel_reads(&self) {
         lock(&self.outbox).cancels += 1;
         self.news.notify_all();
     }
 
-    /// Whether the interface is open.
+    /// Returns an error unless the interface is open.
     pub(super) fn check(&self) -> Result<(), Stop> {
         match lock(&self.outbox).phase {
             Phase::Open => Ok(()),
@@ -160,7 +161,7 @@ impl Handover {
         }
     }
 
-    /// How many reports were dropped so far because nobody read them.
+    /// The number of reports that were dropped because they were not read in time.
     pub(super) fn dropped(&self) -> u64 {
         lock(&self.outbox).reports.dropped()
     }
@@ -177,7 +178,7 @@ fn wait_until<'a, T>(
     })
 }
 
-/// The time until `end`; `None`: there is no limit.
+/// The time left until `end`; `None`: there is no limit.
 fn time_left(end: Option<Instant>) -> Result<Option<Duration>, Stop> {
     let left = end.map(|end| end.saturating_duration_since(Instant::now()));
     if left == Some(Duration::ZERO) { Err(Stop::Timeout) } else { Ok(left) }

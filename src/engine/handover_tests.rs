@@ -1,4 +1,4 @@
-//! The hand-over by itself, on the machine's threads. The interleavings are tried by `tests/schedules`.
+//! Tests of the hand-over alone, on threads of the operating system. `tests/schedules` tries the interleavings.
 
 use std::thread;
 use std::time::{Duration, Instant};
@@ -7,11 +7,11 @@ use super::handover::Handover;
 use super::stepped::Stop;
 use crate::sk::Frame;
 
-/// Longer than anything takes here.
+/// A timeout that only ends a hanging test.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// LIB-38 A full inbox makes a writer wait until the runner has taken a frame, and no longer than its limit. Frames come
-/// out in their order, each when it has arrived.
+/// LIB-38 A writer waits while the inbox is full, until the runner has taken a frame, and no longer than its timeout.
+/// Frames come out in order, each of them not before its time of arrival.
 #[test]
 fn a_full_inbox_makes_a_writer_wait() {
     let handover = Handover::new(2, 4);
@@ -24,7 +24,7 @@ fn a_full_inbox_makes_a_writer_wait() {
     assert_eq!(send(30, Duration::from_millis(20)), Err(Stop::Timeout));
     thread::scope(|scope| {
         let writer = scope.spawn(|| send(30, PATIENCE));
-        // It waits by now, or finds room when it comes.
+        // By now the writer waits. If it starts later, it finds room at once.
         thread::sleep(Duration::from_millis(50));
         assert_eq!(handover.next_frame(&mut out, |at| at <= 9), None);
         assert_eq!(handover.next_frame(&mut out, |at| at <= 10), Some(10));
@@ -34,7 +34,7 @@ fn a_full_inbox_makes_a_writer_wait() {
     assert_eq!(times, [None, Some(20), None, Some(30), None]);
 }
 
-/// LIB-55 Of reports that nobody reads the newest are kept, and the others counted.
+/// LIB-55 The newest unread reports are kept, and the dropped ones are counted.
 #[test]
 fn reports_are_dropped_and_counted() {
     let handover = Handover::new(1, 4);

@@ -1,10 +1,10 @@
 //! The homing of one axis (SK-7): bit 4 of the controlword, which statuswords of the drive count, and when homing has
 //! ended.
 //!
-//! **Which statuswords count** \[OURS]. When bit 4 rises, bits 10, 12 and 13 may still show an earlier homing or another
-//! mode. The inputs of a cycle were measured before its outputs arrived, so that the first statusword that counts is the
-//! one after the cycle that carried bit 4 to the drive, however many outputs a bus has taken ahead. A result, attained or
-//! error, is accepted in three cases, in which it cannot be an old one:
+//! **Which statuswords count** \[OURS]. When bit 4 rises, bits 10, 12 and 13 may still show an earlier homing or
+//! another mode. The inputs of a cycle were measured before its outputs arrived, so that the first statusword that
+//! counts is the one after the cycle that carried bit 4 to the drive, however many outputs a bus has queued. A result,
+//! attained or error, is accepted in three cases, in which it cannot be an old one:
 //! - A statusword that counts has shown bits 12 and 13 clear before.
 //! - The drive, enabled and in mode 6, has shown them clear in every answer of the last [`RESULT_SETTLE_NS`] before bit 4
 //!   reached it. So the result of a drive that is home at once, by methods 35 and 37, is accepted at once.
@@ -29,20 +29,20 @@ use std::fmt;
 use crate::ethercat::cia402::{DriveState, Statusword};
 use crate::fieldbus::Ns;
 
-/// The least number of sets of outputs with bit 4 clear before it rises again \[OURS]: 2 ms at the shortest cycle, so
-/// that a drive that does not read its controlword in every cycle sees the edge all the same.
+/// How many sets of outputs must have bit 4 clear before it may rise again \[OURS]. That is 2 ms at the shortest cycle,
+/// so that a drive that does not read its controlword in every cycle still sees the edge.
 const START_BIT_LOW_SETS: u8 = 8;
 
-/// How long a drive has to show no result before bit 4 rises, or the same result after it, until its result is accepted
-/// \[OURS].
+/// The result of a drive is accepted after it has shown no result for this long before bit 4 rose, or the same result
+/// for this long after it \[OURS].
 const RESULT_SETTLE_NS: Ns = 20_000_000;
-/// In how many answers it has to do so at least \[OURS].
+/// The least number of answers within [`RESULT_SETTLE_NS`], for long cycles \[OURS].
 const RESULT_SETTLE_ANSWERS: u64 = 4;
 
-/// How long a drive may take to come to a standstill, which it shows by bit 10, after its homing was ended \[OURS].
+/// How long a drive may take to come to a standstill after homing has ended; it shows a standstill by bit 10 \[OURS].
 const STANDSTILL_TIMEOUT_NS: Ns = 500_000_000;
 
-/// How the homing of an axis ended.
+/// The cause that ended the homing of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum HomingEnd {
     /// Statusword bits 10 and 12: homing attained.
@@ -64,7 +64,7 @@ pub enum HomingEnd {
 }
 
 impl HomingEnd {
-    /// Whether a FIFO entry has ended homing, so that a SET_FIFO clear can take the end back.
+    /// Whether homing was ended by a command of a FIFO entry. A SET_FIFO 1 that clears the entry takes that back.
     const fn is_from_fifo_entry(self) -> bool {
         matches!(self, Self::ServoOff | Self::Aborted)
     }
@@ -85,7 +85,7 @@ impl fmt::Display for HomingEnd {
     }
 }
 
-/// The result that a statusword shows in homing mode.
+/// The homing result in a statusword: bits 10 and 12 for attained, bit 13 for error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ShownResult {
     None,
@@ -114,31 +114,31 @@ const fn shows_no_result(Statusword(word): Statusword) -> bool {
 enum Phase {
     #[default]
     Idle,
-    /// GO_HOME was executed. Bit 4 rises as soon as it has been clear for long enough.
+    /// GO_HOME was executed. Bit 4 rises once it has been clear for [`START_BIT_LOW_SETS`] sets of outputs.
     Requested,
-    /// Bit 4 is set since the outputs with the id `first`. The last `in_a_row` answers have shown `result`, and with
+    /// Bit 4 is set, since the outputs with the id `first`. The last `in_a_row` answers have shown `result`. With
     /// `clear_seen` a result is accepted at once.
     Running { first: u64, result: ShownResult, in_a_row: u64, clear_seen: bool },
-    /// Homing has ended. Bit 4 is clear since the outputs with the id `clear`, and the drive comes to a standstill.
+    /// Homing has ended. Bit 4 is clear since the outputs with the id `clear`, and the drive is coming to a standstill.
     Braking { end: HomingEnd, clear: Option<u64>, answers: u64 },
-    /// The drive stands still, and the outputs from the id `there` on hold it.
+    /// The drive stands still. The outputs from the id `there` on hold it at its actual position.
     Holding { end: HomingEnd, there: Option<u64> },
 }
 
-/// What the answer of a cycle has changed.
+/// A change in the homing of an axis, caused by the answer of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum HomingEvent {
     /// Homing has ended.
     Ended(HomingEnd),
-    /// After the end the drive has come to a standstill and is held there. The mode may change.
+    /// The drive has come to a standstill after homing and is held there. The mode of operation may change.
     AtStandstill,
 }
 
-/// The answer of an axis in a cycle.
+/// The statusword of an axis in the answer of a cycle, with its timing.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Answer {
     pub(super) statusword: Statusword,
-    /// The id of the newest outputs that had reached the slave when it measured this.
+    /// The id of the newest outputs that had reached the slave when it measured this statusword.
     pub(super) outputs_received: Option<u64>,
     /// The time from one answer to the next.
     pub(super) period_ns: Ns,
@@ -150,7 +150,7 @@ impl Answer {
         outputs.is_some() && self.outputs_received >= outputs
     }
 
-    /// How many answers come in that time.
+    /// The number of answers that come within `ns`.
     fn in_time(&self, ns: Ns) -> u64 {
         ns.div_ceil(self.period_ns.max(1))
     }
@@ -160,38 +160,40 @@ impl Answer {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct AxisHoming {
     phase: Phase,
-    /// How many sets of outputs have to have bit 4 clear before it may rise.
+    /// How many more sets of outputs must have bit 4 clear before it may rise.
     low_sets_left: u8,
-    /// How many answers in a row have shown the drive in mode 6 without a result, before bit 4 rose.
+    /// The number of consecutive answers, before bit 4 rose, that showed the drive enabled, in mode 6 and without a
+    /// result.
     clear_answers: u64,
-    /// Answers of cycles before this time may be from before the change to mode 6.
+    /// Answers of cycles before this time may have been measured before the change to mode 6.
     mode_since: Ns,
-    /// The newest homing that no FIFO entry has ended: the id of its first outputs, and how it ended.
+    /// The newest homing that something other than a FIFO entry has ended: the id of its first outputs, and how it
+    /// ended.
     ended: Option<(u64, HomingEnd)>,
 }
 
 impl AxisHoming {
-    /// An axis that is not homing, with that many sets of outputs before bit 4 may rise.
+    /// An axis that is not homing. Bit 4 must stay clear in `low_sets_left` more sets of outputs.
     pub(super) const fn idle(low_sets_left: u8) -> Self {
         Self { phase: Phase::Idle, low_sets_left, clear_answers: 0, mode_since: 0, ended: None }
     }
 
-    /// How many sets of outputs have to have bit 4 clear before it may rise.
+    /// How many more sets of outputs must have bit 4 clear before it may rise.
     pub(super) const fn low_sets_left(&self) -> u8 {
         self.low_sets_left
     }
 
-    /// Whether GO_HOME was executed and homing has not ended.
+    /// Whether GO_HOME was executed and homing has not ended yet.
     pub(super) const fn is_homing(&self) -> bool {
         matches!(self.phase, Phase::Requested | Phase::Running { .. })
     }
 
-    /// Whether homing has ended and the mode must not change yet.
+    /// Whether homing has ended, but the mode of operation must not change yet.
     pub(super) const fn is_ending(&self) -> bool {
         matches!(self.phase, Phase::Braking { .. } | Phase::Holding { .. })
     }
 
-    /// Whether the axis is not homing, and nothing of the last homing is left to do.
+    /// Whether the axis is not homing and has finished the steps after its last homing.
     pub(super) const fn is_idle(&self) -> bool {
         matches!(self.phase, Phase::Idle)
     }
@@ -201,19 +203,19 @@ impl AxisHoming {
         self.is_idle() && self.low_sets_left == 0
     }
 
-    /// Starts homing, for GO_HOME.
+    /// GO_HOME: homing starts with one of the next sets of outputs.
     pub(super) const fn start(&mut self) {
         self.phase = Phase::Requested;
     }
 
-    /// GO_HOME waits: bit 4 does not rise in the next outputs.
+    /// Delays a requested homing: bit 4 does not rise in the next set of outputs.
     pub(super) fn wait(&mut self) {
         if self.phase == Phase::Requested {
             self.low_sets_left = self.low_sets_left.max(1);
         }
     }
 
-    /// Ends homing if it is under way. Whether it was.
+    /// Ends homing. Returns whether the axis was homing.
     pub(super) const fn end(&mut self, end: HomingEnd) -> bool {
         if !self.is_homing() {
             return false;
@@ -229,21 +231,21 @@ impl AxisHoming {
         true
     }
 
-    /// Does not wait for a standstill after homing: the slave is lost, or its mode has changed already.
+    /// Skips the wait for a standstill after homing: the slave is lost, or its mode has changed already.
     pub(super) const fn skip_standstill(&mut self) {
         if self.is_ending() {
             self.phase = Phase::Idle;
         }
     }
 
-    /// 0x6060 was written by that time. Answers of cycles before it are ignored.
+    /// 0x6060 was written, at the latest at `at`. Answers of earlier cycles are ignored.
     pub(super) const fn mode_written(&mut self, at: Ns) {
         self.clear_answers = 0;
         self.mode_since = at;
     }
 
-    /// Takes the answer of the cycle at `at` while bit 4 is clear, to find out whether the drive, enabled and in mode 6,
-    /// shows no result.
+    /// Takes the answer of the cycle at `at` while bit 4 is clear. Counts consecutive answers in which the drive is
+    /// enabled, in mode 6, and shows no result.
     pub(super) fn observe_idle(&mut self, at: Ns, in_mode_6: bool, statusword: Statusword) {
         if matches!(self.phase, Phase::Running { .. }) {
             return;
@@ -252,19 +254,19 @@ impl AxisHoming {
         self.clear_answers = if clear_answers && at >= self.mode_since { self.clear_answers + 1 } else { 0 };
     }
 
-    /// Whether a report has shown the host a result of this homing: the newest outputs in reports have the id `shown`,
-    /// which carried bit 4, and the statusword shows a result.
+    /// Whether a report has shown a result of this homing to the host: the statusword shows a result, and the newest
+    /// outputs that reports cover (id `shown`) had bit 4 set.
     pub(super) fn seems_over(&self, shown: Option<u64>, statusword: Statusword) -> bool {
         matches!(self.phase, Phase::Running { first, .. } if shown >= Some(first))
             && ShownResult::of(statusword) != ShownResult::None
     }
 
-    /// Bit 4 in the next outputs, if nothing changes.
+    /// Bit 4 of the controlword in the next outputs, if no command changes it.
     pub(super) const fn start_bit(&self) -> bool {
         matches!(self.phase, Phase::Running { .. })
     }
 
-    /// Whether the next outputs have to be sent even if they are the same as the last.
+    /// Whether the next outputs must be sent even if they equal the last ones.
     pub(super) const fn is_under_way(&self) -> bool {
         self.low_sets_left > 0
             || matches!(
@@ -273,7 +275,7 @@ impl AxisHoming {
             )
     }
 
-    /// Bit 4 in the next outputs, which have that id.
+    /// Bit 4 of the controlword in the next outputs; `id` is their id.
     pub(super) fn next_bit(&mut self, id: u64) -> bool {
         match &mut self.phase {
             Phase::Running { .. } => return true,
@@ -290,7 +292,7 @@ impl AxisHoming {
         false
     }
 
-    /// Takes the answer of a cycle. `Some`: what it has changed.
+    /// Takes the answer of a cycle. Returns the change that it causes, if any.
     pub(super) fn take_answer(&mut self, answer: &Answer) -> Option<HomingEvent> {
         let Statusword(word) = answer.statusword;
         let off = answer.statusword.state().is_some_and(|state| state != DriveState::OperationEnabled);
@@ -337,8 +339,8 @@ impl AxisHoming {
         }
     }
 
-    /// Takes back what was done since `then`, because SET_FIFO has cleared those entries. A homing that the drive has
-    /// ended stays ended.
+    /// Takes back what FIFO entries have done since `then`, because SET_FIFO 1 has cleared these entries. A homing that
+    /// the drive has ended stays ended.
     pub(super) fn roll_back_to(&mut self, then: &Self) {
         let braking = |end| Phase::Braking { end, clear: None, answers: 0 };
         let (phase, rest) = match (self.phase, then.phase) {
@@ -370,7 +372,7 @@ mod tests {
         Answer { statusword, outputs_received: Some(outputs_received), period_ns: 1_000_000 }
     }
 
-    /// Homing since the outputs 10.
+    /// An axis that is homing since the outputs with id 10.
     fn running() -> AxisHoming {
         let mut homing = AxisHoming::default();
         homing.start();
@@ -378,8 +380,8 @@ mod tests {
         homing
     }
 
-    /// SK-5.22 Entries that a clear takes back while a drive goes home change nothing of what it has shown since they were
-    /// sent: having shown no result it is believed at once.
+    /// SK-5.22 A clear that takes back entries during homing does not change what the drive has shown since: it has
+    /// shown no result, so that its next result is accepted at once.
     #[test]
     fn what_was_shown_counts_after_a_clear() {
         let mut homing = running();
@@ -389,8 +391,8 @@ mod tests {
         assert_eq!(homing.take_answer(&answer(ATTAINED, 11)), Some(HomingEvent::Ended(HomingEnd::Attained)));
     }
 
-    /// SK-5.22 An ABORT_HOME and the GO_HOME after it, both taken back: the homing of before goes on, and its end is its
-    /// own, which no later clear undoes.
+    /// SK-5.22 A clear takes back an ABORT_HOME and the GO_HOME after it. The first homing goes on, and its end by the
+    /// drive is not taken back by a later clear.
     #[test]
     fn another_homing_is_taken_back() {
         let mut homing = running();
@@ -401,15 +403,15 @@ mod tests {
         assert_eq!(first, 11 + u64::from(START_BIT_LOW_SETS), "after its rest");
         homing.roll_back_to(&then);
         assert!(homing.is_homing() && homing.next_bit(first + 1));
-        // Answered before the second one's bit 4 could have been sent.
+        // This answer was measured before bit 4 of the second homing could have been sent.
         assert_eq!(homing.take_answer(&answer(CLEAR, 10)), None);
         assert_eq!(homing.take_answer(&answer(ATTAINED, 10)), Some(HomingEvent::Ended(HomingEnd::Attained)));
         homing.roll_back_to(&then);
         assert!(!homing.is_homing(), "what the drive has ended stays ended");
     }
 
-    /// SK-5.22 A homing that waits for bit 4's rest goes on when the ABORT_HOME that ended it is taken back, and not when
-    /// the drive has left Operation enabled meanwhile.
+    /// SK-5.22 A homing was waiting until bit 4 had been clear for long enough when an ABORT_HOME ended it. When the
+    /// ABORT_HOME is taken back, homing goes on, unless the drive has left Operation enabled meanwhile.
     #[test]
     fn one_that_waits_is_taken_back_to() {
         for (end, goes_on) in [(HomingEnd::Aborted, true), (HomingEnd::ServoOff, true), (HomingEnd::NotEnabled, false)]
@@ -423,7 +425,8 @@ mod tests {
         }
     }
 
-    /// SK-7.39 Answers that may be older than the mode say nothing, whatever they show: the 20 ms begin after them.
+    /// SK-7.39 Answers that may be older than the change of mode are ignored, whatever they show: the 20 ms begin after
+    /// them.
     #[test]
     fn answers_of_before_the_mode_say_nothing() {
         const MS: Ns = 1_000_000;
@@ -444,8 +447,8 @@ mod tests {
         }
     }
 
-    /// SK-7.41 The drive is given time to stand from when bit 4 has fallen in the outputs that it got: what it showed before,
-    /// bit 10 of an earlier move for example, says nothing.
+    /// SK-7.41 The time for coming to a standstill begins when the drive has got outputs with bit 4 clear. Statuswords
+    /// from before that are ignored, for example bit 10 of an earlier move.
     #[test]
     fn standing_counts_when_bit_4_has_fallen() {
         const REACHED: Statusword = Statusword(0x0237 | Statusword::TARGET_REACHED);

@@ -1,5 +1,5 @@
-//! The jobs of the bus, which take longer than a cycle: which one the engine starts when, and what follows its end. Which
-//! steps a change of state needs is decided in `network.rs`.
+//! The jobs of the bus, which take longer than a cycle: when the engine starts each of them, and what it does at their
+//! end. `network.rs` decides which steps a change of state needs.
 
 use super::network::Step;
 use super::restore::{SdoOwner, mode_object, mode_write};
@@ -11,16 +11,16 @@ use crate::fieldbus::{
 };
 use crate::sk::{DriveSync, MasterState};
 
-/// So long nothing more has to be declared until the bus is told: programs send SET_AXIS, SET_DC and DRIVE_MODE one after the other, 2 ms
-/// apart (LIB, habits). \[OURS]
+/// How long after the last declaration the bus gets the new configuration to prepare: programs send SET_AXIS, SET_DC
+/// and DRIVE_MODE one after the other, 2 ms apart (LIB, habits). \[OURS]
 const DECLARED_NS: Ns = 10_000_000;
 
-/// The job of the bus under way that is no SDO.
+/// The running job of the bus, other than an SDO transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct NetworkJob {
-    /// The step that the job is for.
+    /// The step of boot or of a change of state that the job carries out.
     pub(super) step: Step,
-    /// When the bus ends it as failed, if it is a change of state.
+    /// When the bus ends the job as failed, if it is a change of state; board time.
     until: Ns,
 }
 
@@ -33,7 +33,7 @@ const fn al_state(state: MasterState) -> AlState {
     }
 }
 
-/// The state that a step leads to.
+/// The network state in which the network is after a step.
 const fn target_of(step: Step) -> MasterState {
     match step {
         Step::Scan | Step::Boot | Step::RecoverToPreOp => MasterState::PreOp,
@@ -43,7 +43,7 @@ const fn target_of(step: Step) -> MasterState {
 }
 
 impl Engine {
-    /// Takes the ends of the jobs under way, and starts the next ones.
+    /// Handles the jobs that have ended, and starts the next ones.
     pub(super) fn run_jobs(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if std::mem::take(&mut self.cancel_job) && self.job.take().is_some() {
             bus.cancel_job();
@@ -60,7 +60,8 @@ impl Engine {
         if self.job.is_none() {
             self.start_step(now, bus);
         }
-        // They take turns, but for a host's write of a mode, which may make a restore needless.
+        // Transfers of the host and of the board take turns. A host's write of a mode goes first: it may make a restore
+        // needless.
         if self.host_had_turn && self.volatile.sdo.waiting_write().and_then(mode_write).is_none() {
             self.start_restore_if_free(now, bus);
         }
@@ -75,12 +76,13 @@ impl Engine {
         }
     }
 
-    /// Something was declared: the bus is told when nothing else follows.
+    /// SET_AXIS, SET_DC or DRIVE_MODE has declared settings: the bus prepares them [`DECLARED_NS`] after the last such
+    /// command.
     pub(super) const fn declared(&mut self, at: Ns) {
         (self.volatile.has_declared, self.volatile.told_at) = (true, Some(at.saturating_add(DECLARED_NS)));
     }
 
-    /// Tells the bus in PreOP what the next configuration will be, so that it may prepare it.
+    /// Passes the declared configuration to the bus in PreOP, so that the bus may prepare it.
     fn tell_declarations(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         let is_due = self.volatile.told_at.is_some_and(|at| now >= at);
         let is_free = self.job.is_none() && self.sdo_owner.is_none();
@@ -92,7 +94,7 @@ impl Engine {
         }
     }
 
-    /// Ends a change of state that takes too long (SK-4 \[OURS]: 10 s), whatever the bus does, and cancels a job that no
+    /// Fails a change of state that takes too long (SK-4 \[OURS]: 10 s), whatever the bus does. Cancels a job that no
     /// longer leads to the target.
     fn give_up_late_or_obsolete(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         let late = self.network().deadline().is_some_and(|deadline| now >= deadline);
@@ -108,7 +110,8 @@ impl Engine {
         }
     }
 
-    /// Starts the next step if no SDO is under way, since that may be to a slave that the step configures or moves.
+    /// Starts the next step, unless an SDO transfer is under way: it may be with a slave that the step configures or
+    /// moves.
     fn start_step(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         while self.sdo_owner.is_none()
             && let Some(step) = self.network().next_step()
@@ -129,7 +132,7 @@ impl Engine {
             self.volatile.network.begin(step);
             let until = self.step_deadline(step, now);
             let Some(job) = self.network_job(step, until.saturating_sub(now)) else {
-                // No slave has to change its state: the state is reached.
+                // No slave has to change its state: the step is done.
                 self.step_done(step, now);
                 continue;
             };
@@ -140,11 +143,11 @@ impl Engine {
         }
     }
 
-    /// SK-6: what the host has written before SET_STATE, or beside it, the slave has before the board configures it: what the
-    /// board writes then, 0x6060 among it, is what counts.
+    /// Starts an SDO transfer that the host requested before SET_STATE, or in the same frame (SK-6). It runs before the
+    /// board configures the slaves, so that the values that the board writes then (0x6060 and others) take precedence.
     fn start_earlier_sdo(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         let Some(seen_at) = self.network().change_seen_at() else { return };
-        // One that needs no transfer has ended at once, and there may be one behind it.
+        // A request that needs no transfer ends at once, and another one may be held behind it.
         for _ in 0..2 {
             if self.sdo_owner.is_none() && self.volatile.sdo.waits_since(seen_at) {
                 self.start_host_sdo(now, bus);
@@ -157,20 +160,20 @@ impl Engine {
             return;
         }
         let Some(request) = self.volatile.sdo.waiting(self.config.sdo_timeout_ns) else { return };
-        // SK-6 [OURS]: no transfer is started to a slave that is lost, even if it could answer again, or that was never
-        // found.
+        // SK-6 [OURS]: no transfer is started with a slave that was never found or is lost, even if it could answer
+        // again.
         if request.slave > self.network().found() || self.network().lost().contains(request.slave) {
             self.volatile.sdo.started();
             return self.sdo_done(Err(AbortCode::TIMEOUT), now);
         }
-        // The bus is busy during a scan and during a configuration.
+        // The bus refuses jobs during a scan and during a configuration.
         if self.sdo_owner.is_none() && bus.start(Job::Sdo(request), now).is_ok() {
             self.volatile.sdo.started();
             self.sdo_owner = Some(SdoOwner::Host);
         }
     }
 
-    /// When a step has failed.
+    /// When a step counts as failed, board time.
     fn step_deadline(&self, step: Step, now: Ns) -> Ns {
         let change_ends = self.network().deadline().unwrap_or(now.saturating_add(self.config.state_timeout_ns));
         let timeout = self.network().step_timeout(step, change_ends.saturating_sub(now));
@@ -203,7 +206,7 @@ impl Engine {
         SlaveSet::first(self.network().found())
     }
 
-    /// Whether a change of state is one between PreOP and OP, in which slaves that are not used take no part.
+    /// Whether a change of state is one between PreOP and OP: slaves that are not used take no part in it.
     fn concerns_used_slaves_only(&self, to: MasterState) -> bool {
         let from = self.network().state();
         to > MasterState::PreOp || to == MasterState::PreOp && from > Some(MasterState::PreOp)
@@ -221,8 +224,8 @@ impl Engine {
         slaves
     }
 
-    /// Whether SET_AXIS, DRIVE_MODE or SET_DC have declared something else than the network was configured with last, or
-    /// is being configured with now.
+    /// Whether SET_AXIS, DRIVE_MODE or SET_DC have declared a configuration other than the one that the network has, or
+    /// is getting now.
     pub(super) fn has_new_declarations(&self) -> bool {
         let otherwise = |n: usize| {
             (self.volatile.roles[n], self.volatile.syncs[n]) != (self.declared_role(n), self.volatile.modes[n].1)
@@ -236,20 +239,19 @@ impl Engine {
         Role::of(self.volatile.kinds[n], mode)
     }
 
-    /// The mode of operation that DRIVE_MODE declares for a slave (from 1); 0 for a slave that is declared as a kind
-    /// without one.
+    /// The mode of operation that DRIVE_MODE declares for a slave (from 1); 0 for a kind of slave without modes.
     pub(super) fn declared_mode(&self, slave: usize) -> u8 {
         self.declared_role(slave - 1).mode().map_or(0, |mode| mode.code())
     }
 
-    /// Why the network cannot be configured as declared; `None`: it can. SK-7 \[OURS]: mode 10 for an HSP, and any mode
-    /// but 8 for a STEP, fail the change from PreOP to SafeOP, whichever slave is declared so.
+    /// Why the network cannot be configured as declared; `None`: it can. SK-7 \[OURS]: an HSP declared with mode 10, or
+    /// a STEP with any mode but 8, fails the change from PreOP to SafeOP, whichever slave it is.
     fn lacks_process_data(&self) -> Option<StateFailure> {
         let lacking = (0..usize::from(self.network().found())).find(|n| !self.declared_role(*n).has_process_data());
         lacking.map(|n| StateFailure::Mode { slave: n as u8 + 1, kind: self.volatile.kinds[n] })
     }
 
-    /// The change of state under way has failed.
+    /// Fails the change of state in progress.
     fn fail_state(&mut self, why: StateFailure, at: Ns) {
         self.volatile.network.fail();
         self.volatile.left_shown_from = Some(self.answers_valid_from(at));
@@ -257,7 +259,7 @@ impl Engine {
         self.log.push(Event { at, kind: EventKind::StateFailed { why } });
     }
 
-    /// The failure of a step because of a refusal.
+    /// The reason of a state failure, for a step that a slave has refused.
     fn failure_of(&self, step: Step, refusal: Refusal) -> StateFailure {
         let kind = usize::from(refusal.slave).checked_sub(1).and_then(|n| self.volatile.kinds.get(n));
         let configuring = matches!(step, Step::Configure | Step::RecoverConfigure);
@@ -274,7 +276,7 @@ impl Engine {
         BusConfig { cycle: self.volatile.cycle, selected: self.found_slaves(), slaves }
     }
 
-    /// The same, which is in force from now on.
+    /// The declared configuration, which is in force from now on.
     fn bus_config(&mut self) -> BusConfig {
         let config = self.declared_config();
         self.volatile.cycle_in_op = config.cycle;
@@ -300,7 +302,7 @@ impl Engine {
                 Some(SdoOwner::Restore(restore)) => {
                     self.host_had_turn = false;
                     self.restored(restore, result, now);
-                    // SK-6 [OURS]: a request of the host that came during a transfer of the board runs next.
+                    // SK-6 [OURS]: a host request that came during a transfer of the board runs next.
                     self.start_host_sdo(now, bus);
                 }
                 None => {}
@@ -309,7 +311,8 @@ impl Engine {
                 let Some(work) = self.job.take() else { return };
                 self.network_job_done(work, done, now);
                 if self.volatile.has_declared {
-                    // What the bus has prepared is used, or slaves have left PreOP since.
+                    // The bus has used its prepared configuration, or slaves have left PreOP since: it gets the
+                    // configuration again.
                     self.declared(now);
                 }
             }
@@ -321,7 +324,8 @@ impl Engine {
             (Step::Scan, JobDone::Scan { found }) => {
                 let found = found.min(self.config.slot.max_slaves() as u8);
                 self.volatile.network.scanned(found);
-                // After SW_RESET fewer slaves may be found. What the others were sent last is not handed to the bus again.
+                // After SW_RESET fewer slaves may be found. The last outputs of the missing ones must not go to the bus
+                // again.
                 self.outputs.slaves[usize::from(found)..].fill(Default::default());
                 let before = self.volatile.failure.filter(|why| *why != StateFailure::NoSlave);
                 self.volatile.failure = if found == 0 { Some(StateFailure::NoSlave) } else { before };
@@ -355,7 +359,7 @@ impl Engine {
                 self.volatile.failure = Some(StateFailure::Hardware(limit));
             }
             (_, JobDone::Beyond(limit)) => self.fail_state(StateFailure::Hardware(limit), now),
-            // A new request has given the change more time meanwhile: the step starts again.
+            // A new request has extended the deadline meanwhile: the step starts again.
             (Step::Move(_), JobDone::State(Err(_)))
                 if now >= until && self.network().deadline().is_some_and(|deadline| deadline > until) => {}
             (_, JobDone::State(Err(refusal)) | JobDone::Configure(Err(refusal))) => {
@@ -365,7 +369,7 @@ impl Engine {
         }
     }
 
-    /// Sets which pulse modules have a second axis. Axes that no longer exist lose their requests and outputs.
+    /// Sets which pulse modules have a second axis. Requests and outputs of axes that no longer exist are dropped.
     pub(super) fn set_second_axes(&mut self, second_axes: SlaveSet) {
         for slave in self.volatile.second_axes.difference(second_axes).iter().map(usize::from) {
             self.volatile.axes[slave - 1][1] = Axis::default();
@@ -387,7 +391,7 @@ impl Engine {
         }
         self.note_moved(step, now);
         if was_op != self.network().in_op() {
-            // OP begins and ends with an empty FIFO, and with axes without requests.
+            // OP begins and ends with an empty FIFO and without requests of axes.
             self.clear_fifo();
             self.leave_homing_with_op(now);
             self.drop_commanded();
@@ -404,14 +408,14 @@ impl Engine {
             self.volatile.restores.cancel_all();
         }
         if !was_op && self.network().in_op() {
-            // The inputs of SafeOP make the targets of the first outputs: they hold every axis where it is.
+            // The inputs of SafeOP give the targets of the first outputs, which hold every axis where it is.
             self.answer_axes();
             self.begin_op_outputs();
         }
     }
 
-    /// These slaves were configured: the board has written the mode of DRIVE_MODE to 0x6060 ("At PreOP -> SafeOP the board
-    /// writes DRIVE_MODE's value").
+    /// The bus has configured these slaves, and so has written the mode of DRIVE_MODE to 0x6060 ("At PreOP -> SafeOP
+    /// the board writes DRIVE_MODE's value").
     fn modes_configured(&mut self, slaves: SlaveSet) {
         for slave in slaves.iter().map(usize::from) {
             self.volatile.restores.cancel_slave(slave as u8);

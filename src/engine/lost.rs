@@ -1,6 +1,6 @@
-//! Lost slaves (SK-4, "Cable"): a slave that does not answer in SafeOP or OP is lost until a SET_STATE brings it back, and so is one
-//! whose inputs are stale.
-//! Its slot keeps its values, commands for it are counted and not executed, and the other slaves go on.
+//! Lost slaves (SK-4, "Cable"). A slave that no longer answers in SafeOP or OP, or whose inputs are stale, is lost
+//! until a SET_STATE brings it back. Its slot keeps its values, commands for it are counted and not executed, and the
+//! other slaves go on.
 
 use super::axis::AxisCheckpoint;
 use super::commands::check_kind;
@@ -14,16 +14,16 @@ use crate::fieldbus::{CycleDone, Inputs, Ns, Pacing, Role, SlaveSet};
 use crate::sk::{CommandId, MasterState, RawSlot, SlaveCommand, SlotCommand, SlotKind};
 
 impl Engine {
-    /// The used slaves that the outputs of the newest cycle have not reached. A slave that is not used is never in OP;
-    /// its slot shows the newest command, like the slot of a number without a slave.
+    /// The used slaves that the outputs of the newest cycle have not reached. A slave that is not used is never in OP
+    /// and never counts as unreached: its slot shows the newest command, like the slot of a number without a slave.
     fn unreached(&self) -> SlaveSet {
         let unreached = self.inputs.lost.union(self.inputs.without_outputs);
         if unreached.is_empty() { unreached } else { unreached.intersection(self.used_slaves()) }
     }
 
-    /// Counts the commands that have not reached their slaves, when the answer of a cycle has come: those in its outputs
-    /// (`carried` is their id, if they were new ones), those in outputs before them whose answers were lost, and those that
-    /// were sent to lost slaves before the bus named them.
+    /// Called with the answer of a cycle: counts the commands that did not reach their slaves. These are commands in
+    /// the outputs of the cycle (`carried`: their id, if they were new), in earlier outputs whose answers were lost,
+    /// and those that were sent to lost slaves before the bus named them as lost.
     pub(super) fn count_unreached(&mut self, carried: Option<u64>) {
         let Inputs { lost, without_outputs, .. } = self.inputs;
         let lost_before = std::mem::replace(&mut self.lost_before, lost);
@@ -44,20 +44,22 @@ impl Engine {
                 None => is_newest,
             };
             let missed = self.commanded_by.of(id).intersection(unreached);
-            // Where answers were lost in between, whoever is not in OP now may have missed all since the one before.
+            // If answers were lost in between, a slave that is not in OP now may have missed all outputs since the last
+            // answer.
             let missed =
                 missed.iter().filter(|slave| was_lost(*slave) || id >= unanswered && without_outputs.contains(*slave));
             self.counters.for_lost += missed.count() as u64;
         }
     }
 
-    /// Logs once that the working counter is too low while the bus names no lost slave, or too high, and counts cycles whose inputs are
-    /// not believed.
+    /// Logs once that the working counter is too low while the bus names no lost slave, or is too high. Counts cycles
+    /// whose inputs are ignored because of a wrong working counter.
     pub(super) fn note_working_counter(&mut self, done: &CycleDone) {
         let CycleDone { at, working_counter: counted, expected_working_counter: expected, .. } = *done;
         let is_held = !self.inputs.held.difference(self.network().lost()).is_empty();
         self.counters.inputs_held += u64::from(is_held);
-        // After a time without frames it is told which slaves have left OP by that, as soon as that is known.
+        // After a pause without frames the bus names the slaves that have left OP as soon as it knows them: no event
+        // until then.
         let is_low = counted < expected && self.inputs.lost.is_empty() && self.inputs.stood_still_ns == 0;
         let is_wrong = is_low || counted > expected && is_held;
         if is_wrong && expected > 0 && !self.working_counter_wrong {
@@ -66,10 +68,10 @@ impl Engine {
         self.working_counter_wrong = is_wrong;
     }
 
-    /// Slaves that are in a lower state than the network while no change of state is under way: a change that other
-    /// slaves have refused has left them there.
+    /// Slaves that are in a lower state than the network while no change of state is under way: a failed change,
+    /// refused by other slaves, has left them there.
     fn left_behind(&self) -> SlaveSet {
-        // The end of a Configure names the slaves that it has disturbed.
+        // A Configure names at its end the slaves that it has disturbed.
         if self.job.is_some_and(|work| matches!(work.step, Step::Move(_) | Step::RecoverConfigure)) {
             return SlaveSet::EMPTY;
         }
@@ -80,17 +82,18 @@ impl Engine {
         }
     }
 
-    /// The cable before the first slave is cut: all used slaves are lost. The bus has no cycle that could name them.
+    /// The cable before the first slave is cut: all used slaves are lost. No cycle of the bus passes that could name
+    /// them.
     pub(super) fn note_silence(&mut self, at: Ns) {
         self.inputs.lost = self.used_slaves();
         self.note_lost(at);
     }
 
-    /// Finds out which slaves are lost since the last cycle.
+    /// Finds the slaves that were lost since the last cycle.
     ///
-    /// SK-4 \[OURS]: a change to a lower state that fails may leave slaves below the state that the network ends in.
-    /// These are lost, too: they take no outputs, and SET_STATE brings them back like other lost slaves, configured again
-    /// and with their outputs off.
+    /// SK-4 \[OURS]: a failed change to a lower state may leave slaves in a state below that of the network. These
+    /// slaves are lost, too: they take no outputs, and SET_STATE brings them back like other lost slaves, configured
+    /// again and with their outputs off.
     pub(super) fn note_lost(&mut self, at: Ns) {
         if !self.network().notices_losses(self.volatile.left_shown_from.is_some()) {
             return;
@@ -128,7 +131,7 @@ impl Engine {
             self.lose_slave(slave.into(), at);
             self.log.push(event);
         }
-        // A change to a lower state does not wait for lost slaves: the step starts again without them.
+        // A change to a lower state does not wait for lost slaves: the step starts again without the slaves lost now.
         if let Some(work) = self.job
             && let Step::Move(to) = work.step
             && Some(to) < self.network().state()
@@ -137,7 +140,7 @@ impl Engine {
         }
     }
 
-    /// Slaves have left OP because the bus configured others. They come back to OP together with those.
+    /// Slaves have left OP because the bus configured other slaves. All of them return to OP together.
     pub(super) fn note_disturbed(&mut self, disturbed: SlaveSet, at: Ns) {
         let disturbed = disturbed.intersection(self.used_slaves());
         for slave in self.present(disturbed).iter() {
@@ -147,14 +150,14 @@ impl Engine {
         self.volatile.network.mark_disturbed(disturbed);
     }
 
-    /// Ends everything that was under way for a slave that is lost.
+    /// Ends all requests for a slave that is lost, of commands and of homing.
     fn lose_slave(&mut self, slave: usize, at: Ns) {
         self.end_homing_of_lost(slave, at);
         if self.network().in_op() {
-            // Commands that the bus has taken and not sent do not reach the slave.
+            // Commands in outputs that the bus has queued and not sent do not reach the slave.
             self.volatile.heads[slave - 1] = self.shown_heads[slave - 1];
         }
-        // The slot keeps its values while the slave is lost. Once it is back the slot shows its true outputs.
+        // The slot keeps its values while the slave is lost. After its return the slot shows the real outputs: off.
         self.volatile.heads[slave - 1].outputs_off();
         self.shown_heads[slave - 1].outputs_off();
         let mode = self.role(slave).mode();
@@ -164,7 +167,7 @@ impl Engine {
         }
     }
 
-    /// Shows in the report the commands of the outputs with that id, but for slaves that these have not reached.
+    /// Makes the report show the commands of the outputs with that id, except for slaves that these have not reached.
     pub(super) fn show_heads(&mut self, id: u64) {
         let heads = &self.records.of(id).heads;
         let lost = self.network().lost().union(self.unreached());
@@ -179,15 +182,14 @@ impl Engine {
         }
     }
 
-    /// Whether commands for a slave are not executed because it is lost. Outside OP its settings can be changed all the
-    /// same.
+    /// Whether commands for a slave are not executed because it is lost. Outside OP its settings can still be changed.
     pub(super) fn is_lost_in_op(&self, slave: usize) -> bool {
         let lost = self.network().lost();
         !lost.is_empty() && self.network().in_op() && lost.contains(slave as u8)
     }
 
-    /// A command for a lost slave: it is counted, and its slot keeps its values. A command that is not valid is rejected
-    /// all the same. SK-4 \[OURS]
+    /// Handles a command for a lost slave: it is counted, and the slot keeps its values. An invalid command is rejected
+    /// as for any slave. SK-4 \[OURS]
     pub(super) fn execute_for_lost(&mut self, slave: usize, slot: &RawSlot, at: Ns) {
         let id = CommandId::from_code(slot.id);
         if id == CommandId::GetStatus {
@@ -204,32 +206,33 @@ impl Engine {
             }
         });
         match right {
-            // ABORT_HOME is for all slaves, whichever slot it is in.
+            // ABORT_HOME is for all slaves, whichever slot holds it.
             Ok(()) if id == CommandId::AbortHome => self.abort_home(at),
             Ok(()) => self.counters.for_lost += 1,
             Err(reason) => self.reject(slave, id, reason, at),
         }
     }
 
-    /// Notes that a command for a slave goes with the next outputs.
+    /// Notes that the next outputs carry a command for a slave.
     pub(super) fn mark_commanded(&mut self, slave: usize) {
         if self.commanded.contains(slave as u8) {
-            // The bus was down when the command before should have been sent.
+            // The outputs with the previous command were never sent, since the bus was down.
             self.counters.for_lost += 1;
         }
-        // A slave that is declared as none is not in OP, and nothing reaches it.
+        // A slave that SET_AXIS declares as not used is not in OP, and no command reaches it.
         if self.network().in_op() && self.role(slave) != Role::Unused {
             self.commanded.insert(slave as u8);
         }
     }
 
-    /// Commands that were executed will not be sent, because OP begins or ends.
+    /// Counts executed commands that will not be sent, because OP begins or ends.
     pub(super) fn drop_commanded(&mut self) {
         self.counters.for_lost += u64::from(std::mem::take(&mut self.commanded).len());
     }
 
-    /// Whether no step may begin yet, because a change of state has failed and no answer has shown which slaves it has left in
-    /// another state. These are lost, and the next change has to bring them back as such. A bus that is silent shows it never.
+    /// Whether the next step has to wait. After a failed change of state it waits for an answer that shows which slaves
+    /// were left in another state: these are lost, and the next change has to bring them back. It does not wait for a
+    /// silent bus.
     pub(super) fn awaits_who_was_left(&mut self, now: Ns) -> bool {
         let left_shown_from = self.volatile.left_shown_from;
         let awaits = left_shown_from.is_some_and(|from| self.last_passed < from) && !self.is_bus_silent(now);
@@ -239,8 +242,8 @@ impl Engine {
         awaits
     }
 
-    /// Whether a step may begin. Lost slaves return to OP only when a bus that takes outputs ahead has none left from
-    /// before their loss, so that old outputs switch on no motor and no digital output \[OURS].
+    /// Whether a step may begin. Behind a bus that queues outputs, lost slaves return to OP only when no outputs from
+    /// before their loss are queued, so that old outputs switch on no motor and no digital output \[OURS].
     pub(super) fn may_begin_step(&mut self, step: Step) -> bool {
         if step != Step::RecoverTo(MasterState::Op) {
             return true;
@@ -256,16 +259,18 @@ impl Engine {
                 axes[..used].iter().map(|axes| &axes[usize::from(slave) - 1]).all(AxisCheckpoint::is_at_rest)
             })
         });
-        // With no slave in OP a bus may send no outputs, so that old ones never become sent. They can be cleared then.
+        // With no slave in OP a bus may send no outputs, so that old outputs would stay in it for ever. So they are
+        // cleared.
         if alone && !at_rest {
             self.clear_ahead();
         }
         at_rest && !self.is_clearing()
     }
 
-    /// With no slave in OP a bus may send no outputs. Entries that it was handed would wait until slaves are back, and those
-    /// behind them would be executed then, an SV_ON of long ago, too. So entries are cleared if cycles have passed without
-    /// them; not while slaves return to OP, since what is rolled back then would be theirs.
+    /// Clears entries that a bus holds while no slave is in OP. Such a bus may send no outputs: the entries would wait
+    /// until slaves are back, and the entries behind them would be executed then, even an SV_ON of long ago. The clear
+    /// comes once cycles have passed without these outputs, but not while slaves return to OP: it would roll back their
+    /// state.
     pub(super) fn clear_what_nobody_gets(&mut self) {
         let alone = self.present(self.used_slaves()).is_empty();
         let return_now = self.job.is_some_and(|work| matches!(work.step, Step::RecoverTo(_)));
@@ -278,16 +283,16 @@ impl Engine {
         }
     }
 
-    /// The time from which cycles ran after something that has ended by `now`.
+    /// The time from which answers are sure to have been measured after something that has ended by `now`.
     pub(super) fn answers_valid_from(&self, now: Ns) -> Ns {
         match self.pacing {
             Pacing::Runner => now,
-            // The clock of the bus may differ from ours by a cycle.
+            // The clock of the bus may differ from board time by a cycle.
             Pacing::Bus { .. } => now.saturating_add(self.longest_period_ns()),
         }
     }
 
-    /// A step has changed the state of slaves.
+    /// A step has changed the state of slaves: answers from before count no longer.
     pub(super) fn note_moved(&mut self, step: Step, now: Ns) {
         let who = match step {
             Step::RecoverTo(to) if to > MasterState::PreOp => self.network().recovering(),
@@ -297,7 +302,8 @@ impl Engine {
         let answers_valid_from = self.answers_valid_from(now);
         who.iter().for_each(|slave| self.volatile.answers_valid_from[usize::from(slave) - 1] = answers_valid_from);
         if step == Step::RecoverTo(MasterState::Op) {
-            // Their present inputs make the targets of their first outputs, which hold them where they are.
+            // The present inputs of the slaves give the targets of their first outputs, which hold the axes where they
+            // are.
             who.iter().for_each(|slave| self.answer_slave(slave.into()));
         }
     }

@@ -1,26 +1,30 @@
 //! The EC01M: an exact model of the chip over any [`Fieldbus`]. Plain data and pure steps.
 //!
-//! [`Engine::host`] takes a command frame with the time of its arrival, [`Engine::cycle`] runs one EtherCAT cycle and
-//! gives the report. The engine never sleeps, never asks for the time and allocates nothing after it was made. Two
+//! [`Engine::host`] takes a command frame with the time of its arrival, and [`Engine::cycle`] runs one EtherCAT cycle
+//! and makes the report. The engine never sleeps, never reads a clock, and allocates nothing after it was made. Two
 //! runners drive it: [`Threaded`] on the real clock, [`Stepped`] on a virtual one.
 //!
-//! | file | what it answers |
+//! | file | what it has |
 //! | --- | --- |
-//! | `mod.rs`, `config.rs` | the engine: what a command frame and a cycle do; its pins and its firmware |
-//! | `commands.rs` | what each command of the board does, and why one is rejected |
-//! | `fifo.rs`, `partial_frames.rs` | how command frames wait for their cycle (the depth of the FIFO is `FIFO_ENTRIES` of `sk`), and how frames that arrive in pieces are put together |
+//! | `mod.rs`, `config.rs` | the engine: the handling of a command frame and of a cycle; its pins and its firmware |
+//! | `commands.rs` | the effect of each command of the board, and the reasons for rejecting one |
+//! | `fifo.rs`, `partial_frames.rs` | the FIFO in which frames wait for their cycle; frames that arrive in pieces |
 //! | `sdo.rs` | the SDO slot |
-//! | `outputs.rs`, `outputs_record.rs` | how commands become process data, which of them were sent, and what SET_FIFO takes back |
-//! | `response.rs` | how inputs become the response frame |
+//! | `outputs.rs` | the way of commands into process data, which outputs were sent, what SET_FIFO takes back |
+//! | `outputs_record.rs` | the history of outputs, for that |
+//! | `response.rs` | the way of inputs into the response frame |
 //! | `axis.rs`, `fault_reset.rs` | SV_ON, SV_OFF, ALM_CLR and the targets of one axis |
-//! | `go_home.rs`, `homing.rs`, `restore.rs` | GO_HOME and ABORT_HOME, the homing of one axis, and its mode of operation afterwards |
-//! | `network.rs`, `jobs.rs`, `lost.rs`, `state_failure.rs` | SET_STATE: the steps from state to state, the jobs of the bus for them, lost slaves, and why a change has failed |
-//! | `volatile.rs`, `firmware.rs`, `test_mode.rs` | what SW_RESET resets, how firmware 1.5 differs from 1.7, and test mode |
-//! | `counters.rs`, `event.rs`, `unexecuted.rs`, `snapshot.rs` | what people can see of a board beside the wire |
-//! | `board.rs`, `handle.rs` | the engine with its bus and its time, and what scripts and tests do to it |
-//! | `stepped.rs`, `threaded.rs`, `realtime.rs`, `handover.rs`, `reports.rs` | the runners: how time passes, and how frames and reports go between host and board |
+//! | `go_home.rs`, `homing.rs`, `restore.rs` | GO_HOME and ABORT_HOME; homing of one axis; its mode of operation after it |
+//! | `network.rs`, `jobs.rs` | SET_STATE: the steps from state to state, and the jobs of the bus for them |
+//! | `lost.rs`, `state_failure.rs` | lost slaves; why a change of state has failed |
+//! | `volatile.rs`, `firmware.rs` | the state that SW_RESET resets; the differences of firmware 1.5 from 1.7 |
+//! | `test_mode.rs`, `switch_off.rs` | test mode; switching a board off |
+//! | `counters.rs`, `event.rs`, `unexecuted.rs`, `snapshot.rs` | the state of a board that the wire does not show |
+//! | `board.rs`, `handle.rs` | the engine with its bus and its time; faults that scripts and tests cause |
+//! | `stepped.rs`, `threaded.rs`, `realtime.rs` | the runners: how time passes |
+//! | `handover.rs`, `reports.rs` | the queues of frames and reports between host and board |
 //!
-//! To add a command of the board: its id and its arguments in `sk/id.rs` and `sk/command`, what it does in `commands.rs`.
+//! To add a command of the board: its id and arguments in `sk/id.rs` and `sk/command`, its effect in `commands.rs`.
 
 mod axis;
 mod board;
@@ -88,65 +92,66 @@ use volatile::{CrcSwitches, FACTORY_CRC, SlotHead, Volatile};
 pub struct Engine {
     config: EngineConfig,
     pacing: Pacing,
-    /// The CRC switches that SET_EX has set and the next boot puts in force.
+    /// The CRC switches that SET_EX has set. They take effect at the next boot.
     remembered: CrcSwitches,
     volatile: Volatile,
     fifo: CommandFifo,
-    /// The job of the bus under way that is no SDO.
+    /// The running job of the bus, other than an SDO transfer.
     job: Option<jobs::NetworkJob>,
-    /// Who has asked for the SDO transfer under way. It may run beside a change of state.
+    /// Which side requested the running SDO transfer: the host, or the board. It may run during a change of state.
     sdo_owner: Option<restore::SdoOwner>,
-    /// The newest transfer that ended was one of the host.
+    /// Whether the SDO transfer that ended last was one of the host.
     host_had_turn: bool,
     cancel_job: bool,
     cancel_sdo: bool,
     clearing: outputs::Clearing,
     outputs: Outputs,
-    /// The bus has not taken `outputs`, or they are not the newest that it has sent.
+    /// The bus has refused the newest outputs, or has not sent them because they were cleared: they must be pushed
+    /// again.
     outputs_left: bool,
     inputs: Inputs,
     next_output_id: u64,
-    /// All outputs with a lower id are known to be sent. Ids of outputs that were cleared are used again.
+    /// All outputs with a lower id are known to be sent. Ids of cleared outputs are reused.
     unconfirmed_from: u64,
     /// The id of the first outputs since OP was reached.
     op_from: u64,
-    /// The id of the newest outputs that a polled cycle carried.
+    /// The id of the newest outputs that a polled cycle has carried.
     newest_answered: Option<u64>,
-    /// Slaves that the cycle answered before this one named as lost.
+    /// Slaves that the previous answered cycle named as lost.
     lost_before: SlaveSet,
-    /// Slaves that were homing when the frame under execution began.
+    /// Slaves that were homing before the frame that is being executed.
     homing_before: SlaveSet,
-    /// The slaves with a GO_HOME in the frame under execution, and whether there is an ABORT_HOME in it.
+    /// The slaves with a GO_HOME in the frame that is being executed, and whether that frame has an ABORT_HOME.
     go_homes: SlaveSet,
     aborts_homing: bool,
-    /// The state behind the outputs that are not known to be sent, and behind the newest that were sent.
+    /// The state at each set of outputs that is not known to be sent, and at the newest one that was sent.
     records: OutputsHistory,
-    /// The slaves that those sets, and many before them, have a command for.
+    /// For each set of outputs in `records`, and for many before them, the slaves for which the set has a command.
     commanded_by: CommandedHistory,
-    /// The state when OP was reached, for a clear before any outputs of this OP were sent.
+    /// The state when OP was reached, to which a clear returns if no outputs of this OP were sent.
     op_start: Box<OutputsRecord>,
     /// FIFO entries whose outputs are not known to be sent.
     entries_ahead: VecDeque<outputs::EntryAhead>,
-    /// The most sets of outputs that may be not known to be sent, since no more records are kept.
+    /// The limit of sets of outputs that are not known to be sent: `records` has no room for more.
     unconfirmed_max: u64,
-    /// Slaves with a command that was executed and goes with the next outputs.
+    /// Slaves with an executed command that the next outputs carry.
     commanded: SlaveSet,
-    /// The heads of the slaves' slots in the report: those of the newest outputs that were sent.
+    /// The heads of the slaves' slots as reports show them: those of the newest outputs that were sent.
     shown_heads: [SlotHead; MAX_SLAVES],
     /// When the newest cycle of the bus passed.
     last_passed: Ns,
-    /// When the newest cycle passed that carried new outputs.
+    /// When the newest cycle with new outputs passed.
     last_carried: Ns,
     /// When the next cycle should run to stay in step with the distributed clocks.
     next_deadline: Option<Ns>,
-    /// The working counter of the newest cycle was too low, and the bus names no lost slave, or it was too high.
+    /// In the newest cycle the working counter was too low while the bus named no lost slave, or it was too high.
     working_counter_wrong: bool,
-    /// The hardware that runs the bus did not answer in the cycle before.
+    /// The hardware that runs the bus did not answer in the previous cycle.
     bus_down: bool,
-    /// Another master was seen and told.
+    /// Another master on the network was seen and logged.
     has_told_other_master: bool,
     local_inputs: u8,
-    /// The outputs of the chip that the bus was told last.
+    /// The outputs of the chip (LIO) that were passed to the bus last.
     local_outputs_told: u8,
     reports_suppressed: bool,
     boots: u64,
@@ -155,10 +160,11 @@ pub struct Engine {
 }
 
 impl Engine {
-    /// A board at power-on, over a bus with that pacing.
+    /// A board at power-on. `pacing`: whether the bus or the runner owns the cycle.
     pub fn new(config: EngineConfig, pacing: Pacing) -> Self {
-        // A cycle of our runner is answered at once. A bus that owns its cycle holds some outputs, has sent some since it
-        // was polled last, and has not answered some. A lost slave may be named as late as an answer comes.
+        // A cycle that the runner owns is answered at once. A bus that owns its cycle holds some sets of outputs, has
+        // sent some since its last poll, and has not answered some. It may name a lost slave as late as an answer
+        // comes.
         let (unconfirmed_max, answered) = match pacing {
             Pacing::Runner => (1, 0),
             Pacing::Bus { depth, answer_delay } => {
@@ -220,8 +226,8 @@ impl Engine {
         self.network().talks()
     }
 
-    /// How often the board has booted: 1, and one more with every SW_RESET. A host interface that was opened before a
-    /// boot has to be opened again.
+    /// How often the board has booted: 1 at power-on, and one more with every SW_RESET. A host interface that was
+    /// opened before a boot has to be opened again.
     pub const fn boots(&self) -> u64 {
         self.boots
     }
@@ -231,20 +237,20 @@ impl Engine {
         self.network().state_byte()
     }
 
-    /// Whether boot or a change of state has steps under way or to come, or an SDO transfer is under way.
+    /// Whether boot, a change of state or an SDO transfer is under way.
     pub fn is_busy(&self) -> bool {
         self.job.is_some() || self.sdo_owner.is_some() || self.network().next_step().is_some()
     }
 
-    /// The state up to which a SET_STATE is under way, and for how long it has been by `now`, in nanoseconds; `None`: there is
-    /// none, or it leads down.
+    /// The target of a change to a higher state under way, and how long that has lasted at `now`, in nanoseconds.
+    /// `None`: no change is under way, or its target is a lower state.
     pub fn going_up(&self, now: Ns) -> Option<(crate::sk::MasterState, Ns)> {
         let (state, target, deadline) = (self.network().state()?, self.network().target()?, self.network().deadline()?);
         let since = deadline.saturating_sub(self.config.state_timeout_ns);
         (target > state).then(|| (target, now.saturating_sub(since)))
     }
 
-    /// Why a change of state has failed; `None`: none has.
+    /// Why the last change of state has failed; `None`: no failure.
     pub fn state_failure(&self) -> Option<StateFailure> {
         self.volatile.failure.filter(|_| self.state().is_failed())
     }
@@ -254,7 +260,7 @@ impl Engine {
         Leds::in_state(self.state())
     }
 
-    /// The lost slaves: they have left SafeOP or OP by themselves, and no SET_STATE has brought them back (SK-4).
+    /// The lost slaves: they have left SafeOP or OP, and no SET_STATE has brought them back yet (SK-4).
     pub const fn lost(&self) -> SlaveSet {
         self.network().lost()
     }
@@ -274,7 +280,7 @@ impl Engine {
         self.volatile.cycle.max(CycleTime::DEFAULT).ns()
     }
 
-    /// The free entries of the command FIFO. Entries whose outputs a bus has taken and not sent count as used.
+    /// The free entries of the command FIFO. Entries whose outputs a bus has queued and not sent still count as used.
     pub fn fifo_free(&self) -> u16 {
         self.fifo.free(self.entries_ahead.len() as u16)
     }
@@ -284,7 +290,7 @@ impl Engine {
         &self.counters
     }
 
-    /// How many events there were so far: rejections and other things that the wire does not show.
+    /// The number of events so far: rejections and others that the wire does not show.
     pub const fn events_total(&self) -> u64 {
         self.log.total()
     }
@@ -304,13 +310,13 @@ impl Engine {
         self.volatile.local_outputs
     }
 
-    /// Makes no reports any more, while everything else goes on, or makes them again. A fault for scripts and tests.
+    /// Suppresses reports while everything else goes on, or ends that. A fault for scripts and tests.
     pub(super) const fn suppress_reports(&mut self, suppressed: bool) {
         self.reports_suppressed = suppressed;
     }
 
-    /// Takes no entries out of the FIFO any more, so that it fills, or takes them again. A fault for scripts and tests:
-    /// SW_RESET does not end it.
+    /// Stops taking entries out of the FIFO, so that it fills, or ends that. A fault for scripts and tests, which
+    /// SW_RESET does not end.
     pub(super) const fn hold_fifo(&mut self, held: bool) {
         self.fifo.hold(held);
     }
@@ -336,7 +342,7 @@ impl Engine {
         if !self.network().in_op() {
             return self.execute(frame, at);
         }
-        // SK-5 [OURS]: these three act on arrival, before queueing and also when the FIFO is full.
+        // SK-5 [OURS]: these three commands act on arrival, before queueing and also when the FIFO is full.
         let boots = self.boots;
         let slot = frame.slot(size, 0);
         if CommandId::from_code(slot.id).acts_on_arrival() {
@@ -351,7 +357,7 @@ impl Engine {
         }
     }
 
-    /// Counts a command frame that was dropped because only its first `bytes` bytes came in time.
+    /// Counts a command frame that was dropped because only its first `bytes` bytes arrived in time.
     fn frame_incomplete(&mut self, bytes: usize, at: Ns) {
         self.counters.incomplete += 1;
         self.log.push(Event { at, kind: EventKind::Incomplete { bytes: bytes as u16 } });
@@ -362,10 +368,10 @@ impl Engine {
         self.counters.incomplete += 1;
     }
 
-    /// Runs one cycle at `now`: jobs of the bus, FIFO entries, process data, and the report, which goes to `report` with
-    /// the time of its cycle. Whether a cycle of the bus has passed: with the cable cut before the first slave none does.
-    /// In OP there is no report then; before OP the board makes its reports in its own cycle, whatever the bus does
-    /// (SK-9).
+    /// Runs one cycle at `now`: jobs of the bus, FIFO entries, process data, and the report, which goes to `report`
+    /// with the time of its cycle. Returns whether a cycle of the bus has passed: none does while the cable before the
+    /// first slave is cut. In OP there is no report then; before OP the board makes its reports in its own cycle,
+    /// whatever the bus does (SK-9).
     pub fn cycle(&mut self, now: Ns, bus: &mut dyn Fieldbus, report: &mut dyn FnMut(&Frame, Ns)) -> bool {
         if let Some(bits) = bus.local_inputs() {
             self.set_local_inputs(bits);
@@ -400,7 +406,7 @@ impl Engine {
             if self.is_bus_silent(now) {
                 self.note_silence(now);
             }
-            // While the board boots nobody can read the response, and a boot takes hundreds of cycles.
+            // While the board boots no host can read the response, and a boot takes hundreds of cycles.
             if self.talks() {
                 self.refresh_response();
             }
@@ -413,14 +419,14 @@ impl Engine {
         passed
     }
 
-    /// A runner has left out cycles.
+    /// Counts cycles in OP that a late runner has skipped.
     const fn note_left_out(&mut self, cycles: u64) {
         if self.network().in_op() {
             self.counters.cycles_left_out += cycles;
         }
     }
 
-    /// Another master that comes while this one runs is told once.
+    /// Logs the first frame of another master on the network, once.
     fn note_other_master(&mut self, bus: &dyn Fieldbus, at: Ns) {
         if self.has_told_other_master {
             return;
@@ -438,8 +444,8 @@ impl Engine {
         self.bus_down = down;
     }
 
-    /// When the cycle after the one at `now` is due: a period later, or when the bus has asked for it, at most half a
-    /// period sooner or later \[OURS].
+    /// When the cycle after the one at `now` is due: a period later, or at the time that the bus has asked for, at most
+    /// half a period earlier or later \[OURS].
     pub(super) fn next_cycle(&mut self, now: Ns) -> Ns {
         let period = self.period_ns();
         let planned = now + period;
@@ -454,9 +460,9 @@ impl Engine {
         }
     }
 
-    /// How long no cycle of the bus may pass before the cable counts as cut. A bus that owns its cycle has no cycle in
-    /// some of ours, by its phase, by jitter, and when the length of the cycle changes \[OURS: two of the longest
-    /// cycles], and answers come later still.
+    /// How long the bus may be without a cycle before the cable counts as cut. A bus that owns its cycle has none in
+    /// some of the board's cycles: because of its phase, of jitter, and when the cycle time changes. So two of the
+    /// longest cycles are allowed \[OURS], and the delay of answers on top.
     pub(crate) fn silence_tolerance_ns(&self) -> Ns {
         match self.pacing {
             Pacing::Runner => 0,
@@ -464,13 +470,13 @@ impl Engine {
         }
     }
 
-    /// Whether the cable before the first slave seems to be cut.
+    /// Whether the bus has been without a cycle for so long that the cable before the first slave seems to be cut.
     fn is_bus_silent(&self, now: Ns) -> bool {
         now - self.last_passed > self.silence_tolerance_ns()
     }
 
-    /// SW_RESET: resets all variables but the CRC switches of SET_EX, which take effect now. The host interface answers
-    /// again when the boot has reached PreOP.
+    /// SW_RESET: resets all variables except the CRC switches of SET_EX, which take effect now. The host interface
+    /// answers again when the boot has reached PreOP.
     fn reset(&mut self) {
         self.counters.cleared += u64::from(self.fifo.reset());
         self.clear_ahead();
@@ -488,7 +494,7 @@ impl Engine {
         self.clear_ahead();
     }
 
-    /// How many axes SV_ON, SV_OFF and ALM_CLR act on: all that the slave has in its role, whatever the size of a slot
+    /// The number of axes that SV_ON, SV_OFF and ALM_CLR act on: all axes of the slave's role, whatever the slot size
     /// \[OURS].
     fn axes(&self, slave: usize) -> usize {
         match self.role(slave) {
@@ -498,8 +504,8 @@ impl Engine {
         }
     }
 
-    /// Whether the slot of a slave carries two channels (SK-3): with 12-byte slots a module of two channels moves axis 1
-    /// only \[OURS].
+    /// Whether the slot of a slave carries two channels (SK-3). With 12-byte slots a module of two channels moves axis
+    /// 1 only \[OURS].
     fn carries_two_channels(&self, slave: usize) -> bool {
         self.config.slot == SlotSize::Bytes16 && self.volatile.second_axes.contains(slave as u8)
     }
@@ -509,7 +515,7 @@ impl Engine {
         &self.volatile.network
     }
 
-    /// Whether an axis of a slave has torque, or is about to have, by what was measured last.
+    /// Whether an axis of a slave has torque or is about to have, by its newest inputs.
     fn has_torque(&self, slave: u8) -> bool {
         use crate::ethercat::cia402::DriveState::{FaultReactionActive, OperationEnabled, QuickStopActive};
         let n = usize::from(slave) - 1;
@@ -520,7 +526,7 @@ impl Engine {
         })
     }
 
-    /// The role of a slave (from 1) as the network was configured; unused if there is no slave with that number.
+    /// The role of a slave (from 1) in the present configuration of the network; unused for a number without a slave.
     fn role(&self, slave: usize) -> Role {
         if slave <= usize::from(self.network().found()) { self.volatile.roles[slave - 1] } else { Role::Unused }
     }

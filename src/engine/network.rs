@@ -1,5 +1,5 @@
-//! The state of the network (SK-4): boot, changes of state, failures, and the recovery of lost slaves. It decides which
-//! step comes next; `jobs.rs` runs the job of the bus for it.
+//! The state of the network (SK-4): boot, changes of state, failures, and the recovery of lost slaves. This file
+//! decides which step comes next; `jobs.rs` runs the job of the bus for it.
 
 use crate::fieldbus::{Ns, SlaveSet};
 use crate::sk::{MasterState, StateByte};
@@ -9,34 +9,34 @@ use crate::sk::{MasterState, StateByte};
 pub(super) enum Step {
     /// Find the slaves, at boot.
     Scan,
-    /// Bring all slaves that were found to PreOP, at boot.
+    /// Bring all found slaves to PreOP, at boot.
     Boot,
     /// Map the process data, before the change from PreOP to SafeOP.
     Configure,
-    /// Bring the slaves to that state.
+    /// Bring all slaves to that state.
     Move(MasterState),
-    /// Bring lost slaves to PreOP, whichever state they are in.
+    /// Bring lost slaves to PreOP, in whatever state they are.
     RecoverToPreOp,
-    /// Map the process data of those slaves again.
+    /// Map the process data of the recovering slaves again.
     RecoverConfigure,
-    /// Bring those slaves to the state of the network.
+    /// Bring the recovering slaves to the state of the network.
     RecoverTo(MasterState),
 }
 
-/// How long the recovery waits for all lost slaves together, until it goes on without those that do not answer \[OURS].
-/// It is the time after which an SDO fails, too.
+/// How long the first attempt of a recovery waits for all lost slaves together; then the recovery goes on without the
+/// silent ones \[OURS]. An SDO has the same timeout.
 const RECOVERY_TIMEOUT_NS: Ns = 1_000_000_000;
-/// How long it waits each time after that, since slaves that answer have done so by then \[OURS].
+/// How long each further attempt waits for silent slaves \[OURS]. Slaves that answer at all do so within this time.
 const RECOVERY_RETRY_TIMEOUT_NS: Ns = 100_000_000;
 
-/// How far the recovery of lost slaves has got.
+/// The progress of the recovery of lost slaves.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Recovery {
     #[default]
     NotBegun,
     InPreOp,
     Configured,
-    /// The slaves are back. Those that were lost since then wait for the next SET_STATE.
+    /// The lost slaves are back. Slaves that are lost from now on wait for the next SET_STATE.
     Done,
 }
 
@@ -45,20 +45,20 @@ enum Recovery {
 struct Change {
     target: MasterState,
     deadline: Ns,
-    /// The first look of the jobs at it; `None`: it came since their last one.
+    /// When the jobs first handled this change, board time; `None`: it is newer than their last run.
     seen_at: Option<Ns>,
-    /// [`Step::Configure`] has begun, with the declarations of that time.
+    /// Whether [`Step::Configure`] has begun, with the settings declared by then.
     configuring: bool,
     configured: bool,
-    /// Something else was declared since, so that all slaves have to start in PreOP again.
+    /// Other settings were declared during the configuration, so that all slaves have to start in PreOP again.
     declared_anew: bool,
     recovery: Recovery,
-    /// The lost slaves that the change still has to bring back: those that were lost when the recovery began, without
-    /// those that have refused; `None`: it has not begun.
+    /// The lost slaves that this change still has to bring back: those that were lost when the recovery began, without
+    /// those that have refused. `None`: the recovery has not begun.
     to_recover: Option<SlaveSet>,
-    /// The slaves among them that have not answered in this round, so that the others go on without them.
+    /// The slaves in `to_recover` that have not answered in this attempt: the others go on without them.
     unanswered: SlaveSet,
-    /// A lost slave has refused.
+    /// A lost slave has refused a step of the recovery.
     refused: bool,
 }
 
@@ -87,20 +87,20 @@ pub(super) struct Network {
     failed: bool,
     found: u8,
     scanned: bool,
-    /// PreOP was reached since the board booted, so that USB and SPI answer.
+    /// Whether PreOP was reached since the board booted: USB and SPI answer then.
     talks: bool,
     change: Option<Change>,
-    /// The newest request since the jobs were looked at, beside a change that was under way already. Should that change turn out
-    /// to have failed, this one begins.
+    /// The newest SET_STATE since the last run of the jobs, if another change was under way already. This one begins if
+    /// that change turns out to have failed.
     newest: Option<Change>,
-    /// The slaves that have left the state of the network by themselves.
+    /// The slaves that are lost: they have left the state of the network by themselves, and are not back.
     lost: SlaveSet,
-    /// The slaves among them that the change under way is bringing back now.
+    /// The lost slaves that the present change is bringing back now.
     recovering: SlaveSet,
 }
 
 impl Step {
-    /// Whether it is the first step of a recovery.
+    /// Whether the step is the first one of a recovery.
     fn begins_recovery(self) -> bool {
         match self {
             Self::RecoverToPreOp => true,
@@ -111,7 +111,7 @@ impl Step {
 }
 
 impl Network {
-    /// The state that decides which commands are allowed.
+    /// The state that decides which commands are allowed; `None`: the network is booting.
     pub(super) const fn state(&self) -> Option<MasterState> {
         self.reached
     }
@@ -139,7 +139,7 @@ impl Network {
         self.found
     }
 
-    /// Whether all slaves are in that state, and nothing else was asked for.
+    /// Whether all slaves are in that state and no other state is requested.
     pub(super) fn rests_in(&self, state: MasterState) -> bool {
         self.reached == Some(state) && self.change.is_none() && !self.failed && self.lost.is_empty()
     }
@@ -154,10 +154,10 @@ impl Network {
         self.recovering
     }
 
-    /// Whether slaves that do not answer now are lost. In OP they always are, and in SafeOP except during a change to OP,
-    /// which waits for them until its deadline. Below SafeOP no process data are exchanged, and the next change of state
-    /// finds out. SK-4 \[OURS] A change that has not begun any step, because it `awaits` what the one before has left
-    /// behind, waits for nobody yet.
+    /// Whether slaves that do not answer now count as lost. In OP they always do, and in SafeOP except during a change
+    /// to OP, which waits for them until its deadline. Below SafeOP no process data are exchanged, and the next change
+    /// of state finds missing slaves. SK-4 \[OURS]: a change whose first step still waits (`awaits`) for news of a
+    /// failed change before it does not wait for slaves yet.
     pub(super) fn notices_losses(&self, awaits: bool) -> bool {
         match self.reached {
             Some(MasterState::Op) => true,
@@ -173,8 +173,8 @@ impl Network {
         self.lost = self.lost.union(slaves);
     }
 
-    /// Marks slaves as lost that have left the state of the network because others were configured in a recovery. The same
-    /// recovery brings them back.
+    /// Marks slaves as lost that have left the state of the network because a recovery configured other slaves. The
+    /// same recovery brings them back.
     pub(super) fn mark_disturbed(&mut self, slaves: SlaveSet) {
         if slaves.is_empty() {
             return;
@@ -186,12 +186,12 @@ impl Network {
         }
     }
 
-    /// SET_STATE. False: this state does not accept it (Init accepts Init and PreOP only).
+    /// SET_STATE. Returns false if the present state does not accept it (Init accepts Init and PreOP only).
     ///
-    /// A request during a change replaces its target, and with `new_declarations` the configuration, too. A request that
-    /// changes nothing does not give the change more time \[OURS], so that a program that sends SET_STATE in every frame
-    /// sees a failure, too. A request for the present state acknowledges a failure. Every request that is accepted brings
-    /// lost slaves back.
+    /// A request during a change replaces the target, and with `new_declarations` also the configuration. A request
+    /// that changes nothing does not extend the deadline \[OURS], so that a program that sends SET_STATE in every frame
+    /// still sees a failure. A request for the present state acknowledges a failure. Every accepted request brings lost
+    /// slaves back.
     pub(super) fn request(&mut self, target: MasterState, deadline: Ns, new_declarations: bool) -> bool {
         let Some(state) = self.reached else { return false };
         if state == MasterState::Init && target > MasterState::PreOp {
@@ -206,7 +206,7 @@ impl Network {
         }
         self.change = Some(match self.change {
             Some(change) if change.configuring && new_declarations => Change { declared_anew: true, ..new },
-            // Slaves that were lost since the others came back come back, too.
+            // Slaves that were lost after the recovery of this change are brought back, too.
             Some(change) if change.target == target && change.recovery == Recovery::Done && !self.lost.is_empty() => {
                 Change { recovery: Recovery::NotBegun, to_recover: None, refused: false, ..change }
             }
@@ -219,20 +219,21 @@ impl Network {
         true
     }
 
-    /// The next step; `None`: there is nothing to do.
+    /// The next step; `None`: no step is needed.
     pub(super) fn next_step(&self) -> Option<Step> {
         let Some(state) = self.reached else {
             return Some(if self.scanned { Step::Boot } else { Step::Scan });
         };
         let change = self.change?;
         Some(match (state, change.target) {
-            // A change to a lower state does not wait for lost slaves: they are recovered after it [OURS].
+            // A change to a lower state does not wait for lost slaves: their recovery follows it [OURS].
             (from, to) if to < from => Step::Move(to),
             (from, _) if !self.lost.is_empty() && change.recovery != Recovery::Done => {
                 Self::recovery_step(from, change.recovery)
             }
             (from, to) if to == from => Step::Move(to),
-            // Some slaves may be in a higher state than others: all start again in the state that all have reached [OURS].
+            // Some slaves may be in a higher state than others: all start again in the state that all have reached
+            // [OURS].
             (from, change_to) if self.failed || change.declared_anew && change_to > from => Step::Move(from),
             (MasterState::Init, _) => Step::Move(MasterState::PreOp),
             (MasterState::PreOp, _) if !change.configured => Step::Configure,
@@ -250,19 +251,19 @@ impl Network {
         }
     }
 
-    /// The jobs are looked at.
+    /// The jobs start to handle the present change at `now`.
     pub(super) fn see(&mut self, now: Ns) {
         if let Some(change) = &mut self.change {
             change.seen_at.get_or_insert(now);
         }
     }
 
-    /// The ends of all jobs are known.
+    /// The jobs have handled all ends of the cycle: an earlier change can no longer turn out to have failed.
     pub(super) fn seen(&mut self) {
         self.newest = None;
     }
 
-    /// When the change under way was seen first; `None`: there is none.
+    /// When the jobs first handled the present change; `None`: they have not yet, or no change is in progress.
     pub(super) fn change_seen_at(&self) -> Option<Ns> {
         self.change.and_then(|change| change.seen_at)
     }
@@ -280,10 +281,10 @@ impl Network {
         }
     }
 
-    /// How long a step may take, when the change has `left` until its deadline; `None`: until the deadline.
+    /// How long a step may take when the change has `left` until its deadline; `None`: until the deadline.
     ///
-    /// A slave that does not answer does not delay the recovery of the others \[OURS]: they come back without it, and
-    /// then it is asked again until the deadline.
+    /// A silent slave does not delay the recovery of the others \[OURS]: they come back without it, and afterwards the
+    /// board tries the silent one again until the deadline.
     pub(super) fn step_timeout(&self, step: Step, left: Ns) -> Option<Ns> {
         let change = self.change?;
         let alone = change.to_recover.is_some_and(|to_recover| to_recover.len() <= 1);
@@ -297,7 +298,7 @@ impl Network {
         }
     }
 
-    /// A slave does not come back with the others: it has not answered (`silent`), or it has refused and is not asked
+    /// A slave does not come back with the others: it has not answered (`silent`), or it has refused and is not tried
     /// again.
     pub(super) fn recovery_failed(&mut self, slave: u8, silent: bool) {
         let Some(change) = &mut self.change else { return };
@@ -321,7 +322,7 @@ impl Network {
         }
     }
 
-    /// Whether the step under way no longer leads to the target, because another state was requested.
+    /// Whether the running step no longer leads to the target, because another state was requested.
     pub(super) fn is_obsolete(&self, step: Step) -> bool {
         match (step, self.change, self.reached) {
             (Step::Configure, Some(change), Some(state)) => change.target <= state,
@@ -335,24 +336,25 @@ impl Network {
         }
     }
 
-    /// The state to which the change under way leads; `None`: there is none.
+    /// The target state of the present change; `None`: no change is in progress.
     pub(super) fn target(&self) -> Option<MasterState> {
         self.change.map(|change| change.target)
     }
 
-    /// When the change under way has failed; `None`: there is none.
+    /// The time at which the present change fails if it has not ended; `None`: no change is in progress.
     pub(super) fn deadline(&self) -> Option<Ns> {
         self.change.map(|change| change.deadline)
     }
 
     pub(super) fn scanned(&mut self, found: u8) {
-        // Slaves that have not come to PreOP at boot have failed until they do, however often they are tried.
+        // If slaves have not come to PreOP at boot, the network counts as failed until they do, through all further
+        // attempts.
         self.failed = found == 0 || self.failed && self.found > 0;
         self.found = found;
         self.scanned = found > 0;
     }
 
-    /// A step has succeeded.
+    /// Updates the state after a step that has succeeded.
     pub(super) fn done(&mut self, step: Step) {
         let state = match step {
             Step::Scan => return,
@@ -384,10 +386,10 @@ impl Network {
         }
     }
 
-    /// Lost slaves are back in the state of the network.
+    /// Ends an attempt of the recovery: the slaves that it recovered are in the state of the network.
     fn recovered(&mut self, state: MasterState) {
         let Some(change) = &mut self.change else { return };
-        // A request that has replaced the change meanwhile brings back the others that are lost, too.
+        // A request that has replaced the change meanwhile also brings back the other lost slaves.
         let to_recover = change.to_recover.unwrap_or(self.lost).difference(self.recovering);
         change.to_recover = Some(to_recover);
         if !to_recover.is_empty() {
@@ -408,10 +410,10 @@ impl Network {
         }
     }
 
-    /// A step has failed, or the change took too long: the change ends where it is, without another attempt. At boot the
-    /// board scans again.
+    /// A step has failed, or the change took too long: the change ends in the present state, without another attempt.
+    /// At boot the board scans again.
     ///
-    /// SK-4: a SET_STATE that has come since the cycle before does what it would do a cycle later.
+    /// SK-4: a SET_STATE that has come since the previous cycle begins now, as it would a cycle later.
     pub(super) fn fail(&mut self) {
         self.failed = true;
         self.change = self.newest.take();

@@ -1,17 +1,17 @@
-//! Outputs: from the entries of the command FIFO into the process image and to the bus, and how they are taken back when
-//! SET_FIFO clears what a bus has taken ahead and not sent.
+//! Outputs: their way from the entries of the command FIFO into the process image and to the bus. If SET_FIFO 1 clears
+//! entries whose outputs a bus has queued and not sent, these outputs are taken back.
 //!
 //! **Which outputs were sent** is known by the ids of polled cycles, some cycles late, and by the end of a clear. When
-//! the outputs of an entry are known to be sent, the entry counts as executed, and the part of it that is for the board
-//! itself acts.
+//! the outputs of an entry are known to be sent, the entry counts as executed, and its slots for the board itself (slot
+//! 0 and the SDO slot) act.
 //!
-//! **How many sets of outputs a bus holds** can only be estimated: every cycle since the newest polled one has taken one set, if
-//! one had been pushed by then. The estimate decides how many sets are pushed, never which were sent.
+//! **How many sets of outputs a bus holds** can only be estimated: every cycle since the newest polled one has taken
+//! one set, if one had been pushed by then. The estimate decides how many sets are pushed, never which were sent.
 //!
-//! **An axis that is being switched on** is held where it was measured last. Outputs that a bus holds have an older
-//! position: an axis that sags while its brake opens would be pulled back to it when it is enabled. So while an axis is
-//! being switched on only a few sets are pushed ahead \[OURS]: [`AHEAD_MAX_SWITCHING_ON`], or [`AHEAD_MAX_BESIDE_MOTION`]
-//! while other axes follow targets, so that these do not stop.
+//! **An axis that is being switched on** is held at the position that was measured last. Outputs that a bus holds have
+//! an older position: an axis that sags while its brake opens would be pulled back to it when it is enabled. So while
+//! an axis is being switched on only a few sets are pushed ahead \[OURS]: [`AHEAD_MAX_SWITCHING_ON`], or
+//! [`AHEAD_MAX_BESIDE_MOTION`] while other axes follow targets, so that these do not stop.
 
 use super::outputs_record::OutputsRecord;
 use super::volatile::Volatile;
@@ -22,31 +22,32 @@ use crate::sk::RawSlot;
 
 /// How many sets of outputs a bus may hold while an axis is being switched on and no axis follows targets \[OURS].
 const AHEAD_MAX_SWITCHING_ON: u64 = 1;
-/// The same while other axes follow targets \[OURS]: enough to leave no gap in their motion when the runner is a few
-/// cycles late.
+/// How many sets of outputs a bus may hold while an axis is being switched on and other axes follow targets \[OURS]:
+/// enough to leave no gap in their motion when the runner is a few cycles late.
 const AHEAD_MAX_BESIDE_MOTION: u64 = 4;
 
-/// Whether outputs that a bus has taken and not sent are being cleared. No outputs are pushed meanwhile.
+/// The progress of a clear of the outputs that a bus has queued and not sent. No outputs are pushed during a clear.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Clearing {
     Idle,
-    /// The clear starts with the next cycle.
+    /// A clear is requested; it starts with the next cycle.
     Requested,
-    /// The bus is clearing.
+    /// The bus is dropping its queued outputs.
     Running,
 }
 
 /// A FIFO entry whose outputs were pushed and are not known to be sent.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct EntryAhead {
-    /// The id of the outputs that carry it.
+    /// The id of the outputs that carry the commands of the entry.
     id: u64,
-    /// The slots of the entry that act only when the outputs are sent; `None`: they have acted.
+    /// The slots of the entry that act only when the outputs are sent; `None`: the entry has none, or they have acted
+    /// already.
     deferred: Option<DeferredSlots>,
 }
 
-/// The slots of a FIFO entry that are for the board itself: slot 0 and the SDO slot. On a bus that takes outputs ahead
-/// they act when the outputs of the entry are sent (SK-5), and not at all if a clear takes the entry back.
+/// The slots of a FIFO entry that are for the board itself: slot 0 and the SDO slot. On a bus that queues outputs they
+/// act when the outputs of the entry are sent (SK-5), and not at all if a clear takes the entry back.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DeferredSlots {
     pub(super) master: RawSlot,
@@ -54,7 +55,8 @@ pub(super) struct DeferredSlots {
 }
 
 impl Engine {
-    /// Pushes as many sets of outputs as the bus takes, each with the commands of one FIFO entry.
+    /// Passes sets of outputs to the bus, each with the commands of one FIFO entry, as long as the bus has room for
+    /// more.
     pub(super) fn push_outputs(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if self.is_clearing() {
             return;
@@ -82,7 +84,7 @@ impl Engine {
             record.test = self.volatile.test;
             self.outputs_left = bus.push(&self.outputs).is_err();
             if self.outputs_left {
-                // The cable was cut just now: the commands that were executed go with the next outputs.
+                // The cable was cut just now: the next outputs carry the commands that were executed.
                 self.counters.executed += u64::from(has_entry);
                 self.run_deferred(deferred, now);
                 return;
@@ -95,7 +97,7 @@ impl Engine {
         }
     }
 
-    /// Executes the next FIFO entry. Whether there was one, and the slots of it that act later.
+    /// Executes the next FIFO entry. Returns whether there was one, and those of its slots that act later.
     fn take_entry(&mut self, now: Ns) -> (bool, Option<DeferredSlots>) {
         let Some(entry) = self.fifo.take(self.entries_ahead.len() as u16) else { return (false, None) };
         let size = self.config.slot;
@@ -114,7 +116,7 @@ impl Engine {
         self.execute_queued_master(&master, at);
         self.execute_sdo(&sdo, at);
         if !self.network().in_op() {
-            // The network has left OP before it was known that the entry was sent: slot 0 answers newer commands.
+            // The network left OP before the board knew that the entry was sent: slot 0 already answers newer commands.
             (self.volatile.master_id, self.volatile.master_result) = shown;
         }
     }
@@ -124,8 +126,8 @@ impl Engine {
         self.next_output_id - self.unconfirmed_from
     }
 
-    /// How many sets of outputs the bus holds by estimate: each cycle since the newest polled one has taken the oldest set that
-    /// had been pushed by then.
+    /// The estimated number of sets of outputs that the bus holds: each cycle since the newest polled one has taken the
+    /// oldest set that had been pushed by then.
     fn estimated_ahead(&self, now: Ns) -> u64 {
         if self.pacing == Pacing::Runner {
             return self.unconfirmed();
@@ -142,7 +144,7 @@ impl Engine {
         0
     }
 
-    /// How many sets of outputs the bus may hold now.
+    /// The most sets of outputs that may be queued in the bus now.
     fn ahead_max(&self) -> u64 {
         let found = usize::from(self.network().found());
         let axes = || self.volatile.axes[..found].iter().enumerate();
@@ -158,7 +160,8 @@ impl Engine {
         }
     }
 
-    /// The outputs below that id were sent, so that their entries are executed. How many entries these are.
+    /// All outputs with an id below `unconfirmed_from` were sent: their entries count as executed. Returns the number
+    /// of these entries.
     fn confirm_sent(&mut self, unconfirmed_from: u64, at: Ns) -> u64 {
         let mut entries = 0;
         while let Some(EntryAhead { deferred, .. }) =
@@ -172,18 +175,18 @@ impl Engine {
         entries
     }
 
-    /// SW_RESET: slots of pushed entries that have not acted yet never act.
+    /// SW_RESET: the slot 0 and SDO commands of entries that wait for their outputs to be sent are dropped.
     pub(super) fn drop_deferred(&mut self) {
         self.entries_ahead.iter_mut().for_each(|ahead| ahead.deferred = None);
     }
 
-    /// Whether the outputs of the axes differ from those that were pushed last.
+    /// Whether the outputs of any axis differ from those that were pushed last.
     fn outputs_changed(&self) -> bool {
         let axes = self.volatile.axes.iter().zip(&self.outputs.slaves).take(self.network().found().into());
         axes.flat_map(|(axes, image)| axes.iter().zip(image)).any(|(axis, out)| axis.differs_from(out))
     }
 
-    /// Takes from a cycle that has passed which outputs were sent.
+    /// Notes the outputs that were sent, by the ids in a cycle that has passed.
     pub(super) fn note_confirmed(&mut self, done: &CycleDone) {
         let sent = done.outputs.map_or(0, |id| (id + 1).min(self.next_output_id));
         let entries = self.confirm_sent(sent, done.at);
@@ -206,7 +209,7 @@ impl Engine {
         }
     }
 
-    /// OP begins: the next outputs are its first ones.
+    /// Called when OP begins: records the state before its first outputs.
     pub(super) fn begin_op_outputs(&mut self) {
         self.op_from = self.next_output_id;
         let op_start = &mut self.op_start;
@@ -224,15 +227,15 @@ impl Engine {
         self.clearing != Clearing::Idle
     }
 
-    /// Requests a clear of the outputs that the bus has taken and not sent. A clear that is under way is enough, since no
-    /// outputs were pushed since it began.
+    /// Requests a clear of the outputs that the bus has queued and not sent. A clear that is under way suffices, since
+    /// no outputs were pushed since it began.
     pub(super) fn clear_ahead(&mut self) {
         if self.clearing == Clearing::Idle && self.unconfirmed() > 0 {
             self.clearing = Clearing::Requested;
         }
     }
 
-    /// Starts a clear that was requested, and takes the end of one that runs.
+    /// Starts a requested clear, and handles the end of a running one.
     pub(super) fn run_clear(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if self.clearing == Clearing::Requested {
             bus.clear_ahead(now);
@@ -246,8 +249,8 @@ impl Engine {
         }
     }
 
-    /// The outputs that were not sent are cleared, and so are their entries. The axes return to their state at the newest
-    /// outputs that were sent, and the next outputs get the ids that follow those.
+    /// The bus has dropped the outputs that were not sent; their entries count as cleared. The axes return to their
+    /// state at the newest outputs that were sent, and the next outputs get the ids that follow those.
     fn cleared(&mut self, Cleared { newest_sent }: Cleared, at: Ns) {
         let next = newest_sent.map_or(0, |id| id + 1).clamp(self.unconfirmed_from, self.next_output_id);
         self.confirm_sent(next, at);
@@ -262,7 +265,7 @@ impl Engine {
         }
     }
 
-    /// Returns to the state at the newest outputs that were sent.
+    /// Returns the axes to their state at the newest outputs that were sent.
     fn roll_back(&mut self) {
         let sent = match self.next_output_id.checked_sub(1) {
             Some(newest) if newest >= self.op_from => self.records.of(newest),
@@ -270,7 +273,7 @@ impl Engine {
         };
         let lost = self.network().lost();
         self.volatile.test = sent.test;
-        // What was pushed last is gone, and what was sent before it may be what no axis asks for any more.
+        // The outputs pushed last are gone, and those sent before them may differ from what the axes now request.
         self.outputs_left = true;
         let next = self.next_output_id;
         for (slave, (n, axes)) in (1..).zip(self.volatile.axes.iter_mut().enumerate()) {
@@ -291,7 +294,7 @@ impl Engine {
     }
 }
 
-/// Copies the outputs of the axes to the process image, and their state to `record`.
+/// Copies the outputs of the axes to the process image, and the state of the axes to `record`.
 fn refresh_outputs(outputs: &mut Outputs, volatile: &mut Volatile, record: &mut OutputsRecord) {
     let Outputs { id, slaves } = outputs;
     let [first, second] = &mut record.axes;
@@ -312,7 +315,7 @@ fn refresh_outputs(outputs: &mut Outputs, volatile: &mut Volatile, record: &mut 
     }
 }
 
-/// How many axes in the outputs of a slave are used; the outputs of the others stay zero.
+/// The number of axes in use in the outputs of a slave. The outputs of the others stay zero.
 pub(super) const fn used_axes(second_axes: SlaveSet, slave: u8) -> usize {
     1 + second_axes.contains(slave) as usize
 }

@@ -1,5 +1,5 @@
-//! What belonged to each set of outputs: commands, axes and homing as they were when the set was made. Answers come some
-//! cycles later, and a SET_FIFO clear takes back what was pushed, so that the state behind a set is needed after it was
+//! The history of sets of outputs: commands, axes and homing as they were when each set was made. Answers come some
+//! cycles later, and SET_FIFO 1 takes back sets that were pushed, so the state at a set is needed after the set was
 //! made.
 
 use super::axis::AxisCheckpoint;
@@ -8,18 +8,18 @@ use super::test_mode::TestPhase;
 use super::volatile::SlotHead;
 use crate::fieldbus::{MAX_AXES, MAX_SLAVES, Ns, SlaveSet};
 
-/// The state that one set of outputs was made from.
+/// The state from which one set of outputs was made.
 #[derive(Clone, Debug)]
 pub(super) struct OutputsRecord {
-    /// What the slaves' slots of the response show once the set was sent.
+    /// The heads that the slaves' slots of the response show once the set was sent.
     pub(super) heads: [SlotHead; MAX_SLAVES],
     /// The axes: the first axis of every slave, then the second ones, since most slaves have only one.
     pub(super) axes: [[AxisCheckpoint; MAX_SLAVES]; MAX_AXES],
-    /// Slaves with an axis whose homing, or what follows it, was under way.
+    /// Slaves with an axis that was homing or had not finished the steps after it.
     pub(super) homing_active: SlaveSet,
-    /// The homing of the axes of those slaves. The entries of all other slaves are out of date.
+    /// The homing of the axes of the slaves in `homing_active`. The elements of all other slaves are out of date.
     pub(super) homing: [[AxisHoming; MAX_AXES]; MAX_SLAVES],
-    /// When this set was handed to the bus.
+    /// When the set was passed to the bus, board time.
     pub(super) pushed_at: Ns,
     /// The phase of the output test.
     pub(super) test: TestPhase,
@@ -38,59 +38,59 @@ impl OutputsRecord {
     }
 }
 
-/// The records of the newest sets of outputs: a ring that is indexed by the id of a set.
+/// The records of the newest sets of outputs: a ring buffer, indexed by the id of a set.
 #[derive(Debug)]
 pub(super) struct OutputsHistory(Vec<OutputsRecord>);
 
 impl OutputsHistory {
-    /// Room for the records of that many sets. Allocates once.
+    /// Allocates room for the records of `sets` sets of outputs.
     pub(super) fn new(sets: usize) -> Self {
         Self(vec![OutputsRecord::new(); sets])
     }
 
-    /// How many sets it remembers.
+    /// The number of sets that the history keeps.
     pub(super) const fn len(&self) -> u64 {
         self.0.len() as u64
     }
 
-    /// The record of the outputs with that id, which has to be one of the newest [`Self::len`] ids.
+    /// The record of the outputs with that id, which must be one of the newest [`Self::len`] ids.
     pub(super) fn of(&self, id: u64) -> &OutputsRecord {
         &self.0[(id % self.len()) as usize]
     }
 
-    /// The same record, to be written when the outputs with that id are made.
+    /// The record for the outputs with that id, to be written when they are made.
     pub(super) fn of_mut(&mut self, id: u64) -> &mut OutputsRecord {
         let place = (id % self.len()) as usize;
         &mut self.0[place]
     }
 }
 
-/// How many sets are remembered with the slaves that they have a command for, at least: a bus may name lost slaves late, as it may
-/// be busy with another one for a second, and a cycle takes 250 us. \[OURS]
+/// The least number of sets for which the slaves with a command are kept. A bus may name lost slaves late: it may be
+/// busy with another slave for a second, and a cycle takes 250 us. \[OURS]
 const COMMANDED_SETS: usize = 4096;
 
-/// The slaves that a command carried by a set is for, of more sets than have a record: a slave may be named long after it
-/// was lost.
+/// For each set of outputs the slaves for which it carries a command: a ring buffer that covers more sets than
+/// [`OutputsHistory`], since a bus may name a slave long after it was lost.
 #[derive(Debug)]
 pub(super) struct CommandedHistory(Vec<SlaveSet>);
 
 impl CommandedHistory {
-    /// Room for more sets than that many, which have a record. Allocates once.
+    /// Allocates room for [`COMMANDED_SETS`] more sets than the `records` of [`OutputsHistory`].
     pub(super) fn new(records: usize) -> Self {
         Self(vec![SlaveSet::EMPTY; records + COMMANDED_SETS])
     }
 
-    /// How many sets it remembers.
+    /// The number of sets that the history keeps.
     pub(super) const fn len(&self) -> u64 {
         self.0.len() as u64
     }
 
-    /// The slaves of a set, which has to be one of the newest [`Self::len`].
+    /// The slaves with a command in the set with that id, which must be one of the newest [`Self::len`] ids.
     pub(super) fn of(&self, id: u64) -> SlaveSet {
         self.0[(id % self.len()) as usize]
     }
 
-    /// The set with that id is made.
+    /// Records the slaves with a command in a new set.
     pub(super) fn put(&mut self, id: u64, slaves: SlaveSet) {
         let place = (id % self.len()) as usize;
         self.0[place] = slaves;

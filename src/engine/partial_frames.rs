@@ -1,8 +1,8 @@
-//! Command frames that arrive in pieces, put together (CONFIG3, SK-5).
+//! Assembles command frames that arrive in pieces (CONFIG3, SK-5).
 //!
-//! A frame that does not arrive completely is counted as incomplete and not executed: it takes no FIFO entry and raises
-//! no CRC error count. Bytes of it that come after it was dropped begin the next frame \[OURS]: with CRC checking on,
-//! that frame fails its CRC, and so do those after it until no bytes come for 100 cycles.
+//! A frame that does not arrive completely is counted as incomplete and not executed: it takes no FIFO entry and does
+//! not raise the CRC error count. Bytes of such a frame that come after it was dropped begin the next frame \[OURS]:
+//! with CRC checking on, that frame fails its CRC, and so do the frames after it until no bytes come for 100 cycles.
 
 use crate::fieldbus::Ns;
 use crate::sk::{Frame, SlotSize};
@@ -21,7 +21,7 @@ pub enum PartialFrames {
     Awaited,
 }
 
-/// The command frame of which bytes are still missing.
+/// A command frame that has not arrived completely yet.
 #[derive(Debug)]
 pub(super) struct Assembler {
     frame: Frame,
@@ -35,7 +35,7 @@ impl Assembler {
         Self { frame: Frame::new(), filled: 0, began: 0 }
     }
 
-    /// Takes those bytes that belong to the frame. How many they were.
+    /// Takes the bytes that belong to the present frame. Returns their number.
     pub(super) fn take(&mut self, bytes: &[u8], at: Ns, size: SlotSize) -> usize {
         if self.filled == 0 {
             self.began = at;
@@ -46,7 +46,7 @@ impl Assembler {
         taken
     }
 
-    /// The frame once it is complete. The next byte then begins another frame.
+    /// The frame if it is complete. The next byte then begins another frame.
     pub(super) fn complete(&mut self, size: SlotSize) -> Option<&Frame> {
         if self.filled < size.frame_len() {
             return None;
@@ -55,12 +55,13 @@ impl Assembler {
         Some(&self.frame)
     }
 
-    /// Drops an incomplete frame, so that the next byte begins a frame. Whether there was one.
+    /// Drops an incomplete frame, so that the next byte begins a new one. Returns whether there was one.
     pub(super) fn forget(&mut self) -> bool {
         std::mem::take(&mut self.filled) > 0
     }
 
-    /// Drops an incomplete frame whose first byte came longer ago than `limit_ns`. `Some`: how many of its bytes had come.
+    /// Drops an incomplete frame whose first byte came more than `limit_ns` ago. Returns the number of bytes that had
+    /// come.
     pub(super) fn drop_late(&mut self, now: Ns, limit_ns: Ns) -> Option<usize> {
         let late = self.filled > 0 && now - self.began > limit_ns;
         late.then(|| std::mem::take(&mut self.filled))

@@ -1,11 +1,11 @@
-//! What the thread of the runner needs from the operating system: exact sleeps, and if configured, priority and locked
-//! memory.
+//! Services of the operating system for the runner's thread: exact sleeps and, if configured, real-time priority, a
+//! processor of its own and locked memory.
 
 #[cfg(target_os = "linux")]
 use std::num::NonZeroU64;
 use std::time::{Duration, Instant};
 
-/// Settings that the system may refuse. A refusal is a warning, not an error.
+/// Real-time settings of the runner's thread. If the system refuses one, that is a warning and no error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RealTime {
     /// The SCHED_FIFO priority of the thread, 1..=99; `None`: it has no real-time priority.
@@ -17,7 +17,7 @@ pub struct RealTime {
 }
 
 impl RealTime {
-    /// Applies the settings to the calling thread. The warnings: what was refused and what to do.
+    /// Applies the settings to the calling thread. Returns a warning for each refused one, with what to do.
     #[cfg(target_os = "linux")]
     pub(crate) fn apply(self) -> Vec<String> {
         use rustix::mm::{MlockAllFlags, mlockall};
@@ -26,8 +26,8 @@ impl RealTime {
             set_thread_priority_and_policy, thread_native_id,
         };
 
-        // An ordinary thread may sleep 50 us longer than it asked for; this one asks for its exact time. That needs no
-        // privilege, and if it fails sleeps are just less exact.
+        // By default a thread may sleep 50 us longer than requested (timer slack). A slack of 1 ns needs no privilege;
+        // if the call fails, sleeps are just less exact.
         let _ = rustix::thread::set_current_timer_slack(NonZeroU64::new(1));
         let mut warnings = Vec::new();
         if let Some(priority) = self.priority {
@@ -62,7 +62,7 @@ impl RealTime {
         warnings
     }
 
-    /// Applies the settings to the calling thread. The warnings: what was refused and what to do.
+    /// Applies the settings to the calling thread. Returns a warning for each refused one, with what to do.
     #[cfg(not(target_os = "linux"))]
     pub(crate) fn apply(self) -> Vec<String> {
         let asked =
@@ -88,12 +88,12 @@ fn run_on(cpu: u16) -> std::io::Result<()> {
     Ok(sched_setaffinity(None, &set)?)
 }
 
-/// The speed of the runner's clock in billionths of that of the machine's clock, 1..=1 000 000 000.
+/// The speed of the runner's clock, in billionths of the speed of the machine's clock, 1..=1 000 000 000.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rate(u32);
 
 impl Default for Rate {
-    /// The speed of the machine's clock.
+    /// The full speed of the machine's clock.
     fn default() -> Self {
         Self::billionths(Self::ONE)
     }
@@ -102,7 +102,7 @@ impl Default for Rate {
 impl Rate {
     const ONE: u32 = 1_000_000_000;
 
-    /// That many billionths of the speed of the machine's clock; 0 counts as 1, and more than a billion as a billion.
+    /// A speed in billionths of that of the machine's clock. 0 counts as 1, and more than a billion as a billion.
     pub const fn billionths(billionths: u32) -> Self {
         Self(match billionths {
             0 => 1,
@@ -119,8 +119,8 @@ impl Rate {
         nanos(span.as_nanos() * u128::from(self.0) / u128::from(Self::ONE))
     }
 
-    /// Converts a span of the runner's clock to the machine's time, rounded up: when it has passed on the machine, it has
-    /// passed on the runner's clock, too.
+    /// Converts a span of the runner's clock to machine time, rounded up: when it has passed on the machine, it has
+    /// also passed on the runner's clock.
     pub(super) fn real(self, span: Duration) -> Duration {
         if self.0 == Self::ONE {
             return span;
@@ -133,7 +133,8 @@ fn nanos(nanos: u128) -> Duration {
     Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX))
 }
 
-/// The clock of the runner, and absolute sleeps on it. All times but the result of [`Clock::instant`] are on this clock.
+/// The runner's clock, which starts at 0, and absolute sleeps on it. All times except the result of [`Clock::instant`]
+/// are times of this clock.
 pub(super) struct Clock {
     rate: Rate,
     #[cfg(target_os = "linux")]
@@ -155,17 +156,17 @@ impl Clock {
         self.rate
     }
 
-    /// The time since the start.
+    /// The time since the start of the clock.
     pub(super) fn now(&self) -> Duration {
         self.rate.slowed(self.start.elapsed())
     }
 
-    /// The instant of the machine at that time since the start.
+    /// The machine's instant for a time of this clock.
     pub(super) fn instant(&self, at: Duration) -> Instant {
         self.start + self.rate.real(at)
     }
 
-    /// Sleeps until that time since the start; not at all if it has passed.
+    /// Sleeps until that time of this clock, or not at all if it has passed.
     #[cfg(target_os = "linux")]
     pub(super) fn sleep_until(&self, at: Duration) {
         use rustix::thread::{ClockId, clock_nanosleep_absolute};
@@ -178,7 +179,7 @@ impl Clock {
         while clock_nanosleep_absolute(ClockId::Monotonic, &request) == Err(rustix::io::Errno::INTR) {}
     }
 
-    /// Sleeps until that time since the start; not at all if it has passed.
+    /// Sleeps until that time of this clock, or not at all if it has passed.
     #[cfg(not(target_os = "linux"))]
     pub(super) fn sleep_until(&self, at: Duration) {
         if let Some(left) = at.checked_sub(self.now()) {
@@ -193,7 +194,8 @@ mod tests {
 
     const SECOND: Duration = Duration::from_secs(1);
 
-    /// A clock that goes slower: spans there are rounded down, spans here up, so that neither ends too soon.
+    /// With a slower clock, machine time is converted rounded down and runner time rounded up, so that neither ends too
+    /// soon.
     #[test]
     fn spans_at_a_rate() {
         let [half, third] = [500_000_000, 300_000_000].map(Rate::billionths);
@@ -204,11 +206,11 @@ mod tests {
         let machine = Rate::default();
         assert_eq!((machine.slowed(ns(7)), machine.real(ns(7))), (ns(7), ns(7)));
         assert_eq!((Rate::billionths(0), Rate::billionths(u32::MAX)), (Rate::billionths(1), machine));
-        // 10^20 ns are more than a span of nanoseconds holds.
+        // The result would be 10^20 ns, more than a `u64` holds.
         assert_eq!(Rate::billionths(1).real(100 * SECOND), ns(u64::MAX));
     }
 
-    /// A sleep ends at its time and not before, whatever second it ends in.
+    /// A sleep never ends before its time, also when it ends in another second.
     #[test]
     fn sleeps_are_long_enough() {
         let clock = Clock::start(Rate::default());
@@ -220,7 +222,7 @@ mod tests {
         }
     }
 
-    /// At half the rate they take twice as long.
+    /// At half the rate a sleep takes twice as long.
     #[test]
     fn sleeps_at_a_rate() {
         let clock = Clock::start(Rate::billionths(500_000_000));

@@ -1,24 +1,23 @@
-//! The queue of reports that nobody has read: the newest are kept, the oldest are dropped and counted (LIB, as Windows
-//! does).
+//! The queue of unread reports: the newest are kept, the oldest are dropped and counted (LIB, as Windows does).
 
 use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
-/// What a reader gets with each report.
+/// Time and number of a report, for its reader.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Report {
     /// When the report was made, in board time.
     pub at: Ns,
-    /// The number of the report since the host interface was opened, from 0.
+    /// The number of the report since the host interface was opened, counted from 0.
     pub sequence: u64,
-    /// How many reports were dropped so far because nobody read them.
+    /// The number of reports that were dropped so far because they were not read in time.
     pub dropped: u64,
 }
 
-/// A ring of reports. It allocates when it is made and never again.
+/// A ring buffer of reports, allocated once.
 pub(super) struct ReportQueue {
     ring: Vec<(Frame, Ns)>,
-    /// The number of the oldest report that is kept.
+    /// The sequence number of the oldest report that is kept.
     first: u64,
     len: usize,
     dropped: u64,
@@ -33,7 +32,7 @@ impl ReportQueue {
         self.len == 0
     }
 
-    /// How many reports were dropped so far.
+    /// The number of reports dropped so far, because they were not read in time.
     pub(super) const fn dropped(&self) -> u64 {
         self.dropped
     }
@@ -73,7 +72,8 @@ impl ReportQueue {
 mod tests {
     use super::*;
 
-    /// LIB-55 The newest reports are kept, the oldest go first, and each that went unread is counted; their numbers go on.
+    /// LIB-55 The newest reports are kept, the oldest are dropped first, and each dropped one is counted. Sequence numbers
+    /// count dropped reports, too.
     #[test]
     fn the_oldest_goes_first_and_is_counted() {
         let mut queue = ReportQueue::new(3);

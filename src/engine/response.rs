@@ -1,4 +1,4 @@
-//! The inputs of a cycle: the axes take them, and the response frame is made of them (SK-2, SK-3).
+//! Inputs of a cycle: they go to the axes and into the response frame (SK-2, SK-3).
 
 use super::axis::OutputIds;
 use super::{Engine, SlotHead};
@@ -8,7 +8,7 @@ use crate::sk::{
 };
 
 impl Engine {
-    /// A cycle has passed, and `self.inputs` holds what the slaves have sent.
+    /// Handles a cycle that has passed; `self.inputs` has the inputs of the slaves.
     pub(super) fn complete(&mut self, done: &CycleDone) {
         let carried = done.outputs.filter(|id| Some(*id) > self.newest_answered && *id < self.next_output_id);
         self.note_lost(done.at);
@@ -28,7 +28,7 @@ impl Engine {
         }
     }
 
-    /// Refreshes the response, but for the slots of slaves in OP.
+    /// Refreshes the response, except the slots of slaves in OP.
     pub(super) fn refresh_response(&mut self) {
         if !self.network().in_op() {
             self.refresh_heads();
@@ -54,8 +54,8 @@ impl Engine {
         }
     }
 
-    /// All axes take the inputs of the cycle, but for those of lost slaves, and of slaves whose inputs are older: no drive is switched
-    /// on by what it said before.
+    /// All axes take the inputs of the cycle, except those of lost slaves and of slaves whose inputs were kept from an
+    /// earlier cycle: old inputs must not switch a drive on.
     pub(super) fn answer_axes(&mut self) {
         let unanswered = self.network().lost().union(self.inputs.held);
         for slave in 1..usize::from(self.network().found()) + 1 {
@@ -77,8 +77,8 @@ impl Engine {
         }
     }
 
-    /// Refreshes the slots of all slaves in OP, in every cycle and whatever the commands were. The slots of lost slaves
-    /// keep their values.
+    /// Refreshes the slots of all slaves in OP. This happens in every cycle, whatever the commands were. The slots of
+    /// lost slaves keep their values.
     fn refresh_slave_slots(&mut self) {
         let size = self.config.slot;
         let lost = self.network().lost();
@@ -125,7 +125,8 @@ impl Engine {
         }
     }
 
-    /// Refreshes the slots of slaves outside OP: they show id and index of the last command and keep the rest.
+    /// Refreshes the slots of slaves outside OP: they show the id and index of the last command and keep the other
+    /// bytes.
     fn refresh_heads(&mut self) {
         let size = self.config.slot;
         for slave in 1..=size.max_slaves() {

@@ -1,5 +1,5 @@
-//! The mode of operation after homing (SK-7, firmware 1.7): the board restores the mode of DRIVE_MODE by SDO transfers of
-//! its own.
+//! Restores the mode of operation after homing (SK-7, firmware 1.7): the board writes the mode of DRIVE_MODE by SDO
+//! transfers of its own.
 
 use super::homing::HomingEnd;
 use super::{Engine, Event, EventKind};
@@ -8,31 +8,31 @@ use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::fieldbus::{Fieldbus, Job, MAX_AXES, MAX_SLAVES, Ns, SdoRequest, SlaveSet};
 use crate::sk::MasterState;
 
-/// How often a transfer is attempted \[OURS]. If all attempts fail the drive stays in homing mode, which is counted and
+/// The number of attempts to restore a mode \[OURS]. If all fail, the drive stays in homing mode, which is counted and
 /// logged.
 const ATTEMPTS_MAX: u8 = 3;
 
-/// The axis whose mode is restored.
+/// An axis whose mode the board restores.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Restore {
     slave: u8,
     axis: usize,
 }
 
-/// Who has asked for the SDO transfer of the bus. A transfer of the host runs beside a change of state (SK-6), so that a
-/// slave that is slow to change its state does not block the others.
+/// The side that requested the running SDO transfer. A transfer of the host may run during a change of state (SK-6), so
+/// that a slave that is slow to change its state does not block the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SdoOwner {
     Host,
     Restore(Restore),
 }
 
-/// The modes that have to be restored.
+/// The axes whose mode of operation has to be restored.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Restores {
-    /// The slaves whose axis has to get its mode back, for each axis.
+    /// For each axis number, the slaves on which the mode of that axis has to be restored.
     due: [SlaveSet; MAX_AXES],
-    /// How many transfers have failed, for each axis that is due.
+    /// For each axis in `due`, the number of failed attempts.
     failed: [[u8; MAX_AXES]; MAX_SLAVES],
     running: Option<Restore>,
 }
@@ -42,17 +42,17 @@ impl Restores {
         Self { due: [SlaveSet::EMPTY; MAX_AXES], failed: [[0; MAX_AXES]; MAX_SLAVES], running: None }
     }
 
-    /// Whether a mode of that slave has to be restored, or a transfer for it is under way.
+    /// Whether a mode of that slave still has to be restored, or is being restored.
     pub(super) fn concern(&self, slave: u8) -> bool {
         self.due.iter().any(|due| due.contains(slave)) || self.running.is_some_and(|running| running.slave == slave)
     }
 
-    /// Cancels everything but the transfer under way.
+    /// Cancels all restores except the transfer under way.
     pub(super) fn cancel_all(&mut self) {
         *self = Self { running: self.running, ..Self::new() };
     }
 
-    /// As [`Self::cancel_all`], for one slave.
+    /// Cancels all restores of one slave except a transfer under way.
     pub(super) fn cancel_slave(&mut self, slave: u8) {
         (0..MAX_AXES).for_each(|axis| self.cancel(Restore { slave, axis }));
     }
@@ -67,7 +67,7 @@ impl Restores {
     }
 }
 
-/// The axis whose mode of operation (0x6060, 0x6860) an object is; `None`: it is another object.
+/// The axis (from 0) whose mode of operation that object is (0x6060, 0x6860); `None` for any other object.
 pub(super) const fn mode_object(object: ObjectAddress) -> Option<usize> {
     const SECOND: u16 = MODES_OF_OPERATION + SECOND_AXIS_OFFSET;
     match (object.index, object.sub) {
@@ -77,26 +77,26 @@ pub(super) const fn mode_object(object: ObjectAddress) -> Option<usize> {
     }
 }
 
-/// Slave and axis whose mode of operation a download of the host writes; `None`: it writes another object.
+/// The slave and axis (from 0) whose mode of operation a download of the host writes; `None` for any other object.
 pub(super) fn mode_write((slave, object): (u8, ObjectAddress)) -> Option<(usize, usize)> {
     Some((slave.into(), mode_object(object)?))
 }
 
 impl Engine {
-    /// The homing of that axis has ended and its mode may change: the mode is to be restored.
+    /// The homing of an axis has ended and its mode may change: schedules the restore of its mode.
     pub(super) fn restore_later(&mut self, slave: usize, axis: usize) {
         if self.config.firmware.restores_mode() {
             self.volatile.restores.due[axis].insert(slave as u8);
         }
     }
 
-    /// Starts the next transfer that is due: one of those that have failed least often, and only when no axis of its
-    /// slave is homing any more.
+    /// Starts the next restore. Axes with fewer failed attempts go first, and a slave has to wait while one of its axes
+    /// is homing.
     pub(super) fn start_restore(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if self.volatile.restores.due.iter().all(|due| due.is_empty()) {
             return;
         }
-        // A lost slave takes no SDO.
+        // The mode of a lost slave cannot be written by SDO.
         let not_yet = self.homing_slaves().union(self.network().lost());
         let restores = &mut self.volatile.restores;
         let due = (0..MAX_AXES).flat_map(|axis| restores.due[axis].iter().map(move |slave| Restore { slave, axis }));
@@ -118,7 +118,7 @@ impl Engine {
         }
     }
 
-    /// The transfer for that axis has ended.
+    /// Handles the end of the transfer that restores the mode of an axis.
     pub(super) fn restored(&mut self, restore: Restore, result: Result<u32, AbortCode>, now: Ns) {
         self.volatile.restores.running = None;
         match result {
@@ -126,7 +126,7 @@ impl Engine {
                 self.note_mode(restore.slave, restore.axis, mode as u8);
                 self.volatile.restores.cancel(restore);
             }
-            // The next change to SafeOP writes the mode anyway.
+            // The next change to SafeOP writes the mode in any case.
             Err(_) if self.network().state() < Some(MasterState::SafeOp) => self.volatile.restores.cancel(restore),
             Err(code) => {
                 let failures = self.volatile.restores.failures(restore);
@@ -138,19 +138,19 @@ impl Engine {
         }
     }
 
-    /// The host has written a mode of operation by SDO, which replaces the mode that was to be restored.
+    /// The host has written a mode of operation by SDO. The board does not restore another mode over it.
     pub(super) fn mode_written(&mut self, slave: u8, axis: usize, mode: u8, now: Ns) {
         self.note_mode(slave, axis, mode);
         self.volatile.restores.cancel(Restore { slave, axis });
         self.end_homing_of_axis(slave.into(), axis, HomingEnd::ModeWritten, now);
-        // The mode has changed already: a standstill is not waited for, and no mode is restored.
+        // The mode has changed already: the board neither waits for a standstill nor restores a mode.
         let since = self.answers_valid_from(now);
         let homing = &mut self.volatile.axes[usize::from(slave) - 1][axis].homing;
         homing.skip_standstill();
         homing.mode_written(since);
     }
 
-    /// The write of 0x6060 has succeeded: the axis is in that mode, and takes targets if it is the one of DRIVE_MODE.
+    /// A write of 0x6060 has succeeded: the axis is in that mode, and takes targets if that is the mode of DRIVE_MODE.
     fn note_mode(&mut self, slave: u8, axis: usize, mode: u8) {
         let n = usize::from(slave) - 1;
         self.volatile.modes_written[n][axis] = mode;
@@ -159,22 +159,23 @@ impl Engine {
         self.volatile.axes[n][axis].mode_written(newest, in_mode);
     }
 
-    /// Whether the waiting transfer of the host has to wait longer, because it writes the mode of an axis that has not
-    /// come to a standstill after homing. Such a transfer ends homing.
+    /// Whether the waiting transfer of the host has to wait longer: it writes the mode of an axis that has not come to
+    /// a standstill after homing. If the axis is homing, this call ends that.
     pub(super) fn holds_mode_write(&mut self, now: Ns) -> bool {
         let Some((slave, axis)) = self.volatile.sdo.waiting_write().and_then(mode_write) else { return false };
         self.end_homing_of_axis(slave, axis, HomingEnd::ModeWritten, now);
         self.volatile.axes[slave - 1][axis].homing.is_ending()
     }
 
-    /// A GO_HOME waits for the end of a write of the axis's mode that the host has begun before it. Such a write ends homing,
-    /// and would do so while the drive goes home: at any time, and before the target of CSP is one of after the home event.
+    /// Delays a GO_HOME while a host's earlier write of the same axis's mode is under way. The end of that write ends
+    /// homing, so GO_HOME waits: otherwise its own homing would be ended in the middle of the motion, before the CSP
+    /// target fits the new home position.
     pub(super) fn hold_go_home(&mut self) {
         let Some((slave, axis)) = self.volatile.sdo.running_write().and_then(mode_write) else { return };
         self.volatile.axes[slave - 1][axis].homing.wait();
     }
 
-    /// Gives up restoring a mode of a slave that is lost.
+    /// Stops restoring the mode of an axis because its slave is lost.
     pub(super) fn give_up_restore_of_lost(&mut self, slave: u8, axis: usize, now: Ns) {
         let restore = Restore { slave, axis };
         if self.volatile.restores.due[axis].contains(slave) && self.volatile.restores.running != Some(restore) {

@@ -1,17 +1,18 @@
-//! The SDO slot (SK-6): one transfer at a time, the answer stays until the next one ends, and one request is held meanwhile.
+//! The SDO slot (SK-6): one transfer at a time, whose answer stays until the next one ends; one more request is held
+//! meanwhile.
 
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::fieldbus::{Ns, SdoRequest};
 use crate::sk::{CommandId, RawSlot, SdoCommand, SdoResponse};
 
-/// A transfer that the host has requested.
+/// An SDO transfer that the host has requested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct SdoTransfer {
     pub(super) slave: u8,
     pub(super) object: ObjectAddress,
-    /// `None`: an upload. `Some`: a download of that size, and the value as it was in Data2.
+    /// `None`: an upload. `Some`: a download, with its size and all 4 bytes of Data2.
     pub(super) write: Option<(SdoSize, u32)>,
-    /// When the host has asked for it.
+    /// When the host requested the transfer, board time.
     asked_at: Ns,
 }
 
@@ -25,7 +26,7 @@ impl SdoTransfer {
         Some(Self { slave, object, write, asked_at })
     }
 
-    /// Whether both ask for the same to the bit.
+    /// Whether both requests are identical to the bit.
     fn repeats(&self, other: &Self) -> bool {
         Self { asked_at: other.asked_at, ..*self } == *other
     }
@@ -37,30 +38,30 @@ impl SdoTransfer {
         }
     }
 
-    /// Slave and object, if it is a download.
+    /// Slave and object of a download; `None` for an upload.
     fn written(&self) -> Option<(u8, ObjectAddress)> {
         self.write.map(|_| (self.slave, self.object))
     }
 }
 
-/// What happened to a request.
+/// How a request was handled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Accepted {
     New,
-    /// The newest request asks for the same, and has not ended.
+    /// The request repeats the newest one, which has not ended.
     Repeats,
-    /// The request that was held, with that id, is replaced by this one and never runs.
+    /// The request replaces a held one with that id, which never runs.
     Replaces(CommandId),
 }
 
-/// The SDO slot of the response, and the transfer of the host under way.
+/// The SDO slot of the response, and the transfers that the host has requested.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SdoSlot {
     answer: RawSlot,
     running: Option<SdoTransfer>,
-    /// Runs as soon as the bus takes it.
+    /// The request that runs as soon as the bus takes it.
     waiting: Option<SdoTransfer>,
-    /// Came while another one of the host waited or ran, and follows it.
+    /// A request that came while another one of the host waited or ran. It runs after that one.
     held: Option<SdoTransfer>,
 }
 
@@ -74,9 +75,10 @@ impl SdoSlot {
         &self.answer
     }
 
-    /// Takes a command of the host. SK-6 \[OURS]: a request that comes while another one waits or runs is held, one deep, and runs
-    /// next: a client library writes one object within a millisecond after another, and does not look for the answers. A
-    /// request that repeats the newest one is part of it, since programs that poll send it in every frame.
+    /// Takes a command of the host. SK-6 \[OURS]: a request that comes while another one waits or runs is held, one
+    /// deep, and runs next: a client library writes one object within a millisecond after another without waiting for
+    /// answers. A request that repeats the newest one counts as the same transfer, since programs that poll send it in
+    /// every frame.
     pub(super) fn command(&mut self, command: SdoCommand, at: Ns) -> Accepted {
         let Some(transfer) = SdoTransfer::of(command, at) else { return Accepted::New };
         let newest = self.held.or(self.waiting).or(self.running);
@@ -90,40 +92,40 @@ impl SdoSlot {
         self.held.replace(transfer).map_or(Accepted::New, |replaced| Accepted::Replaces(replaced.id()))
     }
 
-    /// Whether a transfer waits that the host has asked for by then.
+    /// Whether a transfer is waiting that the host requested at `by` or earlier.
     pub(super) fn waits_since(&self, by: Ns) -> bool {
         self.waiting.is_some_and(|transfer| transfer.asked_at <= by)
     }
 
-    /// The transfer that waits to be started; `None`: none does.
+    /// The transfer that waits for the bus; `None`: no transfer waits.
     pub(super) fn waiting(&self, timeout_ns: Ns) -> Option<SdoRequest> {
         let SdoTransfer { slave, object, write, .. } = self.waiting?;
         Some(SdoRequest { slave, object, write: write.map(|(size, value)| (size, value & size.mask())), timeout_ns })
     }
 
-    /// Slave and object of the transfer that waits, if it is a download.
+    /// Slave and object of the waiting transfer, if it is a download.
     pub(super) fn waiting_write(&self) -> Option<(u8, ObjectAddress)> {
         self.waiting.as_ref().and_then(SdoTransfer::written)
     }
 
-    /// Slave and object of the transfer under way, if it is a download.
+    /// Slave and object of the running transfer, if it is a download.
     pub(super) fn running_write(&self) -> Option<(u8, ObjectAddress)> {
         self.running.as_ref().and_then(SdoTransfer::written)
     }
 
-    /// The transfer that waited was started.
+    /// The bus has started the waiting transfer.
     pub(super) fn started(&mut self) {
         self.running = self.waiting.take();
     }
 
-    /// The transfer under way has ended: puts its answer into the slot. Which transfer it was.
+    /// The running transfer has ended: puts its answer into the slot. Returns the transfer.
     pub(super) fn finish(&mut self, result: Result<u32, AbortCode>) -> Option<SdoTransfer> {
         let transfer = self.running.take()?;
         self.waiting = self.held.take();
         let (id, slave, object) = (transfer.id(), transfer.slave, transfer.object);
         self.answer = match result {
-            // The answer to a download repeats all bytes of Data2 as they were sent, since programs compare them (LIB,
-            // habits).
+            // The answer to a download repeats all bytes of Data2 as the host sent them, since programs compare them
+            // (LIB, habits).
             Ok(read) => {
                 let value = transfer.write.map_or(read, |(_, value)| value);
                 SdoResponse::Done { id, slave, object, value }.encode()

@@ -1,4 +1,4 @@
-//! What can be seen of a board beside the wire: its LEDs, its BUSY pin, and what it knows of its network.
+//! The part of the board's state that is visible beside the wire: LEDs, BUSY pin, and its knowledge of the network.
 
 use super::{Board, StateFailure};
 use crate::fieldbus::{Ns, RingState, SlaveSet};
@@ -14,7 +14,7 @@ pub struct Leds {
 }
 
 impl Leds {
-    /// The LEDs in a state. While the network is initialising both are off \[OURS], since no guide says it.
+    /// The LEDs in a state. While the network is initialising both are off \[OURS], since no guide specifies them.
     pub const fn in_state(state: StateByte) -> Self {
         let (yellow, green) = match state.state() {
             _ if state.is_failed() => (true, true),
@@ -33,17 +33,17 @@ pub struct Snapshot {
     pub at: Ns,
     /// The state of the network, byte 2 of slot 0.
     pub state: StateByte,
-    /// Why a change of state has failed; `None`: none has.
+    /// Why the last change of state has failed; `None`: no failure.
     pub failure: Option<StateFailure>,
-    /// The BUSY pin between two exchanges: high until the first PreOP since the board booted. A host on SPI that does not
-    /// look at it reads zeros then (SK-4, SK-10).
+    /// The BUSY pin between two exchanges: high from a boot until the first PreOP after it. An SPI host that ignores
+    /// the pin reads zeros meanwhile (SK-4, SK-10).
     pub busy: bool,
     /// The LEDs that show the state.
     pub leds: Leds,
     /// LEDR1, power: always on.
     pub power: bool,
-    /// The yellow LED of the network socket, 100 Mbit/s: on while frames come back, since a simulated bus does not tell
-    /// more about its link.
+    /// The yellow LED of the network socket, 100 Mbit/s: on while frames come back, since a simulated bus reports
+    /// nothing else about its link.
     pub link: bool,
     /// The green LED of the network socket flashes: traffic. There is traffic in every cycle while there is a link.
     pub traffic: bool,
@@ -51,17 +51,17 @@ pub struct Snapshot {
     pub slaves_found: u8,
     /// The slaves that are lost.
     pub lost: SlaveSet,
-    /// The slave with the reference clock: the first one with distributed clocks; `None`: no slave has, or the bus does not
-    /// know.
+    /// The slave with the reference clock: the first one with distributed clocks. `None`: no slave has them, or the bus
+    /// does not know.
     pub reference_clock: Option<u8>,
-    /// How the ring of cables is; `None`: there is no second card.
+    /// The state of the ring of cables; `None`: there is no second network card.
     pub ring: Option<RingState>,
     /// The six outputs of the chip, bit k is output k.
     pub local_outputs: u8,
 }
 
 impl Board {
-    /// The state of the board now.
+    /// Takes a snapshot of the board.
     pub fn snapshot(&self) -> Snapshot {
         let engine = self.engine();
         let link = self.network_answers();

@@ -1,5 +1,5 @@
-//! Why the network is not in the state that was requested. Byte 2 of slot 0 shows only that it is not: it is 0x10 plus
-//! the last state that all slaves have reached, 0x12 most often.
+//! Why the network is not in the requested state. Byte 2 of slot 0 shows only the failure: it is 0x10 plus the last
+//! state that all slaves have reached, most often 0x12.
 
 use std::fmt;
 
@@ -8,17 +8,17 @@ use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::{HardwareLimit, Ns, Refusal};
 use crate::sk::{MasterState, SlaveKind, StateByte};
 
-/// The AL status code of a watchdog that is set wrong (ETG.1000.6 table 11).
+/// The AL status code for an invalid watchdog configuration (ETG.1000.6 table 11).
 const WRONG_WATCHDOG: u16 = AlStatus::INVALID_WATCHDOG.0;
 
-/// A slave that has left SafeOP or OP by itself, and says why.
+/// A slave that has left SafeOP or OP by itself, with its AL status code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlaveFall {
     /// Slave, from 1.
     pub slave: u8,
     /// The AL status code (ETG.1000.6 table 11).
     pub al_status: u16,
-    /// For how long this machine has sent no frame before, since it was late by that, ns; 0: it was not.
+    /// The length of a pause before it in which this machine was late and sent no frames, ns; 0: there was none.
     pub stood_still_ns: Ns,
 }
 
@@ -51,20 +51,20 @@ impl fmt::Display for SlaveFall {
 pub enum StateFailure {
     /// No slave was found.
     NoSlave,
-    /// A slave has refused the process data for its declared kind, in the change from PreOP to SafeOP. The usual cause is
-    /// a slave that no SET_AXIS has declared, which counts as IO.
+    /// In the change from PreOP to SafeOP a slave has refused the process data of its declared kind. The usual cause is
+    /// a slave that no SET_AXIS has declared: it counts as IO.
     Declared {
         /// Slave, from 1.
         slave: u8,
-        /// The kind that SET_AXIS has declared; IO if none has.
+        /// The kind that SET_AXIS has declared; IO if the slave is undeclared.
         kind: SlaveKind,
         /// The AL status code (ETG.1000.6 table 11), 0 if there was none.
         al_status: u16,
-        /// The SDO that the slave has aborted; `None`: it has aborted none.
+        /// The SDO that the slave has aborted; `None`: it has aborted no SDO.
         abort: Option<(ObjectAddress, AbortCode)>,
     },
-    /// DRIVE_MODE has given a slave a mode in which its kind has no process data (SK-7): CST to an HSP, another one than
-    /// CSP to a STEP.
+    /// DRIVE_MODE has given a slave a mode for which its kind has no process data (SK-7): CST to an HSP, or a mode
+    /// other than CSP to a STEP.
     Mode {
         /// Slave, from 1.
         slave: u8,
@@ -75,12 +75,13 @@ pub enum StateFailure {
     Refused {
         /// Slave, from 1.
         slave: u8,
-        /// The state that it has refused.
+        /// The state that the slave has refused.
         target: MasterState,
         /// The AL status code (ETG.1000.6 table 11).
         al_status: u16,
     },
-    /// A slave does not take the time after which it leaves OP without outputs (registers 0x0400 and 0x0420), or says that it is wrong.
+    /// A slave refuses the watchdog time after which it leaves OP without outputs (registers 0x0400 and 0x0420), or
+    /// reports it as invalid.
     Watchdog {
         /// Slave, from 1.
         slave: u8,
@@ -90,18 +91,18 @@ pub enum StateFailure {
         /// Slave, from 1.
         slave: u8,
     },
-    /// A slave answers, has not reached the state, and does not say why.
+    /// A slave answers, but has not reached the state, and shows no AL status code.
     WithoutReason {
         /// Slave, from 1.
         slave: u8,
-        /// The state that was to be reached.
+        /// The state that the slave had to reach.
         target: MasterState,
     },
     /// The hardware between the board and the slaves cannot do what SET_AXIS and SET_DC ask for.
     Hardware(HardwareLimit),
-    /// The change of state took too long.
+    /// The change of state exceeded its timeout.
     Late {
-        /// The state that was to be reached next.
+        /// The next state that the network had to reach.
         target: MasterState,
     },
     /// A slave has left SafeOP or OP by itself.
@@ -109,9 +110,9 @@ pub enum StateFailure {
         /// Slave, from 1.
         slave: u8,
     },
-    /// A slave has left SafeOP or OP by itself, and says why.
+    /// A slave has left SafeOP or OP by itself and shows an AL status code.
     Fell(SlaveFall),
-    /// A slave answers, but its inputs have not come for too long: the working counter beside them is wrong.
+    /// A slave answers, but its inputs are stale: the working counter beside them was wrong for too long.
     Stale {
         /// Slave, from 1.
         slave: u8,
@@ -119,7 +120,7 @@ pub enum StateFailure {
 }
 
 impl StateFailure {
-    /// The failure when a slave has made a job of the bus fail; `kind` is the declared kind of that slave.
+    /// The state failure for a slave that has made a job of the bus fail. `kind`: the declared kind of that slave.
     pub(super) const fn of(refusal: Refusal, configuring: bool, target: MasterState, kind: SlaveKind) -> Self {
         let Refusal { slave, al_status, abort } = refusal;
         match (al_status, abort, configuring) {
@@ -131,7 +132,7 @@ impl StateFailure {
         }
     }
 
-    /// The slave that has caused the failure, from 1; `None`: no slave in particular has.
+    /// The slave that has caused the failure, from 1; `None`: the failure is not that of one slave.
     pub const fn slave(&self) -> Option<u8> {
         match *self {
             Self::Declared { slave, .. }
@@ -147,7 +148,7 @@ impl StateFailure {
         }
     }
 
-    /// The text to show beside a state byte: this reason if it is known, else the general meaning of such a byte
+    /// The text to show beside a state byte: this reason if it is known, else the general meaning of the byte
     /// ([`StateByte::explanation`]). `None`: the state has not failed.
     pub fn explain(state: StateByte, why: Option<&Self>) -> Option<String> {
         let general = state.explanation()?;
@@ -155,7 +156,7 @@ impl StateFailure {
     }
 }
 
-/// The name of a kind, and its nibble in SET_AXIS.
+/// Shows a kind of slave by its name, and by its nibble in SET_AXIS.
 struct Kind(SlaveKind);
 
 impl fmt::Display for Kind {
@@ -164,7 +165,7 @@ impl fmt::Display for Kind {
     }
 }
 
-/// What happened, then what to do.
+/// The reason, followed by what the user can do.
 impl fmt::Display for StateFailure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -230,7 +231,7 @@ impl fmt::Display for StateFailure {
     }
 }
 
-/// An AL status code and its meaning.
+/// Shows an AL status code with its meaning.
 struct Status(u16);
 
 impl fmt::Display for Status {

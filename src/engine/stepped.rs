@@ -1,5 +1,5 @@
-//! The runner with virtual time: time passes only in the calls of the host, so that hours pass in seconds and a single
-//! calling thread gets the same bytes every time.
+//! The runner with virtual time: time passes only in calls of the host, so that hours pass in seconds, and a single
+//! calling thread gets the same bytes in every run.
 
 use std::time::Duration;
 
@@ -10,12 +10,12 @@ use super::reports::{Report, ReportQueue};
 use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
-/// How much board time a read takes that does not wait \[OURS]: one USB microframe. Without it no time would pass for a
+/// How much board time a read without waiting takes \[OURS]: one USB microframe. Otherwise no time would pass for a
 /// program that polls.
 const POLL_READ_NS: Ns = 125_000;
 
-/// How much time [`Stepped::pass`] lets pass before calls of other threads may run in between \[OURS]: some hundred
-/// cycles, which take less than a millisecond.
+/// How much time [`Stepped::pass`] lets pass before calls of other threads may run \[OURS]: some hundred cycles, which
+/// take less than a millisecond of machine time.
 const PASS_STEP_NS: Ns = 100_000_000;
 
 /// Why a call on a stepped or threaded board has ended without result.
@@ -23,14 +23,14 @@ const PASS_STEP_NS: Ns = 100_000_000;
 pub enum Stop {
     /// The time limit of the call has passed.
     Timeout,
-    /// The board makes no reports, and nothing is left that could change that.
+    /// The board makes no reports, and nothing can change that any more.
     Silent {
         /// When the last report was made, board time.
         since: Ns,
         /// How many cycles have passed without a report since.
         cycles: u64,
     },
-    /// The board has booted since the interface was opened.
+    /// The board has rebooted since the interface was opened: it has to be opened again.
     Rebooted,
     /// The interface was closed.
     Closed,
@@ -49,15 +49,16 @@ struct State {
 
 /// A board on virtual time.
 ///
-/// Its lock is a fair one, which waiting threads get in turn: no call here waits for anything but the lock, so that with
-/// an unfair lock a thread that only reads could keep a writer out for ever.
+/// Its lock is fair: waiting threads get it in turn. Calls here wait for nothing but the lock, so with an unfair lock a
+/// thread that only reads could block a writer for ever.
 pub struct Stepped {
     state: Mutex<State>,
     host_ns: Ns,
 }
 
 impl Stepped {
-    /// Opens the board's host interface; a write takes `host_ns` of its time, and the newest `queue` reports are kept.
+    /// Opens the board's host interface. A write takes `host_ns` of board time, and the newest `queue` reports are
+    /// kept.
     pub fn new(board: Board, host_ns: Ns, queue: usize) -> Self {
         let boots = board.engine().boots();
         Self { state: Mutex::new(State { board: Some(board), reports: ReportQueue::new(queue), boots }), host_ns }
@@ -67,7 +68,7 @@ impl Stepped {
         self.state.lock()
     }
 
-    /// Hands over a frame. When it has arrived, board time.
+    /// Hands over a frame. Returns the board time at which it has arrived.
     ///
     /// # Errors
     /// [`Stop::Rebooted`], [`Stop::Closed`]; the frame was not taken.
@@ -84,7 +85,8 @@ impl Stepped {
         Ok(at)
     }
 
-    /// The oldest report that was not read yet. Time passes until there is one, at most `limit`; `None`: no limit.
+    /// Takes the oldest unread report. If there is none, time passes until there is one, at most `limit`; `None`: no
+    /// limit.
     ///
     /// # Errors
     /// [`Stop::Timeout`]; [`Stop::Silent`] as soon as a cycle passes without a report, since nothing changes while this
@@ -117,8 +119,8 @@ impl Stepped {
         }
     }
 
-    /// Lets that much time pass. The board time then. Reports that are made meanwhile are queued like any others. Calls
-    /// of other threads may run in between.
+    /// Lets that much time pass and returns the new board time. Reports made meanwhile are queued like any others.
+    /// Calls of other threads may run in between.
     ///
     /// # Errors
     /// [`Stop::Rebooted`], [`Stop::Closed`].
@@ -151,7 +153,7 @@ impl Stepped {
         }
     }
 
-    /// Whether the interface is open. No time passes.
+    /// Succeeds if the interface is open. No time passes.
     ///
     /// # Errors
     /// [`Stop::Rebooted`], [`Stop::Closed`].
@@ -160,13 +162,13 @@ impl Stepped {
         alive(board, *boots).map(|_| ())
     }
 
-    /// Calls `look` with the board and the number of reports dropped so far; `None`: the interface was closed.
+    /// Calls `look` with the board and the number of reports dropped so far. `None`: the interface was closed.
     pub fn look<T>(&self, look: impl FnOnce(&Board, u64) -> T) -> Option<T> {
         let state = self.lock();
         state.board.as_ref().map(|board| look(board, state.reports.dropped()))
     }
 
-    /// Closes the interface. The board; `None`: the interface was closed before.
+    /// Closes the interface and returns the board; `None`: it was closed before.
     pub fn close(&self) -> Option<Board> {
         self.lock().board.take()
     }

@@ -1,19 +1,19 @@
-//! A board that is switched off: what it drives is brought to a standstill first.
+//! Switching a board off: its drives are brought to a standstill first.
 
 use super::Board;
 use crate::fieldbus::{Ns, SlaveSet};
 use crate::sk::{FifoAction, Frame, MasterCommand, MasterState, SlaveCommand};
 
-/// How long all axes together may take to a standstill. \[OURS]
+/// How long all axes together may take to come to a standstill. \[OURS]
 const STANDSTILL_NS: Ns = 3_000_000_000;
-/// How long the network may take to PreOP. \[OURS]
+/// How long the network may take to reach PreOP. \[OURS]
 const PRE_OP_NS: Ns = 5_000_000_000;
 
 impl Board {
-    /// Brings the board to where nothing moves, before it is switched off: what waits in the FIFO is cleared, every axis is
-    /// switched off as by SV_OFF, which makes it brake (0x605C of the drive), and the network goes to PreOP, so that no
-    /// output holds. Time passes meanwhile, some seconds at most. The slaves with an axis that was on to the end; they
-    /// have left OP all the same, unless the bus is down.
+    /// Brings the network to a safe state before the board is switched off: the FIFO is cleared, every axis is switched
+    /// off as by SV_OFF, which makes it brake (0x605C of the drive), and the network goes to PreOP, so that no output
+    /// holds. Board time passes meanwhile, some seconds at most. Returns the slaves with an axis that was still on at
+    /// the end of the wait for the standstill; they have left OP all the same, unless the bus is down.
     pub fn switch_off(&mut self) -> SlaveSet {
         if !self.engine().network().in_op() {
             return SlaveSet::EMPTY;
@@ -46,7 +46,7 @@ impl Board {
         let end = self.now().saturating_add(limit_ns);
         let is_gone = |board: &Self| board.cards_gone().is_some_and(|gone| gone.is_all);
         while !done(self) && self.now() < end && !is_gone(self) {
-            // No runner keeps the time here: the board is never late.
+            // No runner keeps the time here, so the board is never late.
             self.work_until(self.now(), self.next_cycle());
             self.cycle(&mut |_, _| {});
         }

@@ -1,5 +1,5 @@
-//! Test mode (pin CONFIG1 high, SK-4): the board goes to OP by itself, with the defaults, and switches the outputs of all
-//! IO slaves on and off in turn until a host writes outputs.
+//! Test mode (pin CONFIG1 high, SK-4): the board goes to OP by itself, with default settings. Until a host writes
+//! outputs it switches the outputs of all IO slaves on and off in turn.
 
 use super::Engine;
 use crate::fieldbus::{Ns, Role};
@@ -7,26 +7,26 @@ use crate::sk::MasterState;
 
 /// How long all outputs of all IO slaves are on at the beginning of each round. SK-4 \[OURS]: 2 s.
 pub const ALL_ON_NS: Ns = 2_000_000_000;
-/// How long each output is on alone after that, slave by slave from output 0 on, before the next round begins \[OURS].
+/// How long each single output is on after that, slave by slave from output 0 on, until the next round begins \[OURS].
 pub const ONE_ON_NS: Ns = 250_000_000;
-/// How many outputs an IO slave has.
+/// The number of digital outputs of an IO slave.
 const OUTPUTS: u64 = 16;
 
-/// How far the output test has got.
+/// The phase of the output test.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum TestPhase {
     /// The board has not reached PreOP since it booted.
     #[default]
     Booting,
-    /// The board has requested OP once. Whenever it is in OP the test starts from the beginning.
+    /// The board has requested OP once. The test starts from the beginning whenever the network is in OP.
     Waiting,
-    /// The test runs since this time.
+    /// The test has been running since this board time.
     Running(Ns),
-    /// A host has written outputs.
+    /// The test has ended, because a host has written outputs.
     Over,
 }
 
-/// The outputs of the `n`-th (from 0) of `slaves` IO slaves, that long after the test began.
+/// The output image of the `n`-th (from 0) of `slaves` IO slaves, `elapsed_ns` after the test began.
 fn image(n: u64, slaves: u64, elapsed_ns: Ns) -> u16 {
     let round_ns = ALL_ON_NS + slaves * OUTPUTS * ONE_ON_NS;
     match (elapsed_ns % round_ns).checked_sub(ALL_ON_NS) {
@@ -45,7 +45,7 @@ impl Engine {
         match self.volatile.test {
             TestPhase::Booting if self.talks() => {
                 self.volatile.test = TestPhase::Waiting;
-                // PreOP accepts every state.
+                // In PreOP a request for any state is accepted.
                 self.volatile.network.request(MasterState::Op, now.saturating_add(self.config.state_timeout_ns), false);
             }
             TestPhase::Waiting if in_op => {
@@ -63,7 +63,7 @@ impl Engine {
         self.write_outputs(|n| image(n, slaves, elapsed_ns));
     }
 
-    /// A host writes outputs: the test ends, and the outputs that it has switched on go off \[OURS].
+    /// A host has written outputs: the test ends, and the outputs that it has switched on go off \[OURS].
     pub(super) fn end_output_test(&mut self) {
         if self.config.test && self.volatile.test != TestPhase::Over {
             self.volatile.test = TestPhase::Over;

@@ -13,34 +13,35 @@ use super::{Board, Counters, Event, Snapshot};
 use crate::fieldbus::{CardsGone, Ns};
 use crate::sk::Frame;
 
-/// How often the runner takes frames from the inbox at least, however long the cycle is. Closing takes no longer either.
+/// The longest time between two visits of the runner to its inbox, even in long cycles. It bounds the time of a close,
+/// too.
 const VISIT_INTERVAL: Duration = Duration::from_millis(5);
-/// How many frames a host can hand over between two visits of the runner: more than can come in that time.
+/// The number of frames that a host can hand over between two visits of the runner: more than can arrive in that time.
 const INBOX_FRAMES: usize = 256;
-/// The longest delay whose cycles are caught up on. After a longer one (a machine that was suspended, a process stopped
-/// in a debugger) the board's time skips the whole gap, and the gap is counted \[OURS]. A machine that is too slow for
-/// its cycles has such gaps again and again, and its board runs more slowly than the clock.
+/// The longest delay after which cycles are caught up on. After a longer one (a machine that was suspended, a process
+/// stopped in a debugger) board time skips the whole gap, and the gap is counted \[OURS]. A machine that is too slow
+/// for its cycles has such gaps again and again, and its board runs more slowly than the clock.
 const CATCH_UP_MAX: Duration = Duration::from_secs(1);
-/// How long a write that must not wait may wait all the same until the wire is free: one USB microframe of board time
+/// A write with a shorter timeout may still wait this long until the wire is free: one USB microframe of board time
 /// \[OURS], so that two writes in a row do not fail.
 const TURN_WAIT_MAX: Duration = Duration::from_micros(125);
-/// How often a read that waits looks for what has happened meanwhile: a network that does not answer makes no reports. \[OURS]
+/// How often a waiting read checks for other news: a network that does not answer makes no reports. \[OURS]
 pub const LOOK_INTERVAL: Duration = Duration::from_millis(20);
-/// How many events are kept for the log of the host between two calls.
+/// The number of events that are kept for the host's log between two calls.
 const EVENTS_KEPT: usize = 32;
 
-/// How late the runner's cycles began.
+/// How late the cycles of the runner began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Lateness {
-    /// How many cycles have run.
+    /// The number of cycles that have run.
     pub cycles: u64,
-    /// The greatest delay of a cycle after its deadline, nanoseconds of machine time.
+    /// The longest delay of a cycle after its deadline, nanoseconds of machine time.
     pub worst_ns: u64,
     /// How much board time was skipped because the runner was late, nanoseconds.
     pub skipped_ns: u64,
 }
 
-/// What other threads can see of the board besides reports.
+/// A copy of the board's state for other threads.
 struct BoardView {
     counters: Counters,
     snapshot: Snapshot,
@@ -58,9 +59,9 @@ struct Shared {
     skipped_ns: AtomicU64,
     /// When the next cycle is due, board time.
     due: AtomicU64,
-    /// Cycles that are later than that will be skipped, nanoseconds.
+    /// A cycle that is later than this is skipped, nanoseconds of board time.
     late_max_ns: AtomicU64,
-    /// The first card of two that is gone, and the last one that there was.
+    /// `card_gone`: the first of two network cards that has disappeared. `all_gone`: the last card has.
     card_gone: OnceLock<CardsGone>,
     all_gone: OnceLock<CardsGone>,
 }
@@ -89,7 +90,7 @@ impl Shared {
 
     /// Ends the interface when the last network card is gone.
     fn note_cards(&self, gone: CardsGone) {
-        // What was told before stays.
+        // The first loss that was noted stays.
         if gone.is_all {
             let _ = self.all_gone.set(gone);
             self.handover.end(Stop::BusGone);
@@ -99,14 +100,14 @@ impl Shared {
     }
 }
 
-/// The times at which frames arrive.
+/// Arrival times of written frames.
 #[derive(Default)]
 struct Writes {
     /// When the next frame may arrive, on the runner's clock.
     next: Duration,
-    /// The newest arrival, board time. No later frame arrives before it, unless more time was skipped since.
+    /// The newest arrival, board time. No later frame arrives before it, unless more board time was skipped since.
     newest: Ns,
-    /// How much board time was skipped by then.
+    /// How much board time had been skipped when `newest` was set.
     skipped: Ns,
 }
 
@@ -114,7 +115,7 @@ struct Writes {
 pub struct Threaded {
     shared: Arc<Shared>,
     clock: Arc<Clock>,
-    /// Board time when the clock started.
+    /// Board time when the runner's clock started.
     zero: Ns,
     host: Duration,
     writes: Mutex<Writes>,
@@ -122,8 +123,9 @@ pub struct Threaded {
 }
 
 impl Threaded {
-    /// Opens the host interface of the board and starts its thread. A write takes `host_ns`, and the newest `queue`
-    /// reports are kept. Board time passes at that rate of machine time; the limits of calls are machine time.
+    /// Opens the host interface of the board and starts its thread. A write takes `host_ns` of board time, and the
+    /// newest `queue` reports are kept. `rate` is the speed of board time relative to machine time; timeouts of calls
+    /// are machine time.
     ///
     /// # Errors
     /// The error of the system if it starts no thread; the board is dropped then.
@@ -151,8 +153,8 @@ impl Threaded {
         })
     }
 
-    /// Hands over a frame. Waits at most `limit`, but at least 125 us, for the frames before it and for room. When the
-    /// frame has arrived, board time.
+    /// Hands over a frame. Waits for earlier frames and for room at most `limit`, but at least 125 us. Returns the
+    /// board time at which the frame has arrived.
     ///
     /// # Errors
     /// [`Stop`]; the frame was not taken.
@@ -168,7 +170,8 @@ impl Threaded {
             }
             let (now_there, skipped) = self.board_time(now);
             let at = now_there + (arrival - now).as_nanos() as Ns;
-            // A write during a gap that had only begun got a time in the gap, which was skipped: it does not delay later writes.
+            // A write at the beginning of a gap got a time within the gap, which was skipped later: it must not delay
+            // later writes.
             let newest = if std::mem::replace(&mut writes.skipped, skipped) == skipped { writes.newest } else { 0 };
             writes.newest = newest.max(at);
             (arrival, writes.newest)
@@ -178,8 +181,9 @@ impl Threaded {
         Ok(at)
     }
 
-    /// Board time at that time of the runner's clock, and how much was skipped. It does not include what was skipped, nor what will
-    /// be: while the runner is so late that the gap will be skipped, what is written arrives with the cycle that is due.
+    /// Converts a time of the runner's clock to board time, and returns how much board time was skipped so far. If the
+    /// runner is so late that it will skip the present gap, the result is the time of the cycle that is due: a frame
+    /// written now arrives with it.
     fn board_time(&self, now: Duration) -> (Ns, Ns) {
         let due = self.shared.due.load(Ordering::Acquire);
         let skipped = self.shared.skipped_ns.load(Ordering::Relaxed);
@@ -188,7 +192,7 @@ impl Threaded {
         (if is_gap { due } else { at }, skipped)
     }
 
-    /// The oldest report that was not read yet. Waits at most `limit` for one; `None`: no limit.
+    /// Takes the oldest unread report. If there is none, waits for one at most `limit`; `None`: no limit.
     ///
     /// # Errors
     /// [`Stop`].
@@ -196,7 +200,7 @@ impl Threaded {
         self.shared.handover.receive(out, limit.and_then(end_after))
     }
 
-    /// The same; each 20 ms that it waits calls `meanwhile`, without a lock.
+    /// As [`Self::read`], but calls `meanwhile` every 20 ms of the wait, without holding a lock.
     ///
     /// # Errors
     /// [`Stop`].
@@ -218,7 +222,7 @@ impl Threaded {
         }
     }
 
-    /// Whether the interface is open. Does not wait.
+    /// Succeeds if the interface is open. Does not wait.
     ///
     /// # Errors
     /// [`Stop::Rebooted`], [`Stop::Closed`].
@@ -226,12 +230,12 @@ impl Threaded {
         self.shared.handover.check()
     }
 
-    /// Cancels the writes that wait now.
+    /// Cancels all writes that are waiting.
     pub fn cancel_writes(&self) {
         self.shared.handover.cancel_writes();
     }
 
-    /// Cancels the reads that wait now.
+    /// Cancels all reads that are waiting.
     pub fn cancel_reads(&self) {
         self.shared.handover.cancel_reads();
     }
@@ -247,7 +251,7 @@ impl Threaded {
         self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner).snapshot
     }
 
-    /// The network cards that are gone.
+    /// The network cards that have disappeared; `None`: all are there.
     pub fn cards_gone(&self) -> Option<&CardsGone> {
         self.shared.all_gone.get().or_else(|| self.shared.card_gone.get())
     }
@@ -258,7 +262,7 @@ impl Threaded {
         (shown.events.drain(..).collect(), shown.counters, shown.now)
     }
 
-    /// How late the cycles were so far.
+    /// How late the cycles have begun so far.
     pub fn lateness(&self) -> Lateness {
         Lateness {
             cycles: self.shared.cycles.load(Ordering::Relaxed),
@@ -267,7 +271,7 @@ impl Threaded {
         }
     }
 
-    /// Ends every wait and stops the thread. The board; `None`: the runner was closed before.
+    /// Ends every wait, stops the thread and returns the board; `None`: the runner was closed before.
     pub fn close(&self) -> Option<Board> {
         self.shared.handover.end(Stop::Closed);
         self.shared.stop.store(true, Ordering::Release);
@@ -282,7 +286,7 @@ impl Drop for Threaded {
     }
 }
 
-/// The end of a wait that begins now; `None`: it is later than an instant can hold.
+/// The end of a wait that begins now; `None`: an `Instant` cannot hold it.
 fn end_after(limit: Duration) -> Option<Instant> {
     Instant::now().checked_add(limit)
 }
@@ -302,19 +306,20 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
     let zero = board.now();
     let cycles = board.cycles();
     let mut frame = Frame::new();
-    // The gaps that board time has skipped: by so much it is behind the clock.
+    // The sum of the gaps that board time has skipped: it is behind the runner's clock by this much.
     let mut skipped = Duration::ZERO;
     let mut now = Duration::ZERO;
     let mut has_left_out = false;
     let rate = clock.rate();
     let (between_visits, catch_up_max) = (rate.slowed(VISIT_INTERVAL), rate.slowed(CATCH_UP_MAX));
     let catches_up = board.catches_up();
-    // Cycles are caught up on in parts, and frames are taken after each part. Where they are not, a part is one cycle.
+    // Late cycles are caught up on in parts, and frames are taken after each part. Without catching up a part is one
+    // cycle.
     let longest_part = if catches_up { between_visits.as_nanos() as Ns } else { 0 };
     while !shared.stop.load(Ordering::Acquire) {
         let mut due = skipped + Duration::from_nanos(board.next_cycle() - zero);
         shared.late_max_ns.store(late_max(&board), Ordering::Relaxed);
-        // Who sees this sees also what was skipped before.
+        // Release: a thread that sees this value also sees the skipped time stored before it.
         shared.due.store(board.next_cycle(), Ordering::Release);
         let wake = due.min(now + between_visits);
         let board_time = |time: Duration| zero + time.saturating_sub(skipped).as_nanos() as Ns;
@@ -323,7 +328,7 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
         now = clock.now();
         let late = now.saturating_sub(due);
         if catches_up && late > catch_up_max {
-            // The next cycle is due now. Any rest of the gap would count as too long again in the next turn of the loop.
+            // The next cycle is due now: a rest of the gap would exceed the limit again in the next iteration.
             due = now;
             skipped += late;
             shared.skipped_ns.fetch_add(late.as_nanos() as u64, Ordering::Relaxed);
@@ -356,7 +361,7 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
             shared.handover.end(Stop::Rebooted);
         }
     }
-    // Frames that were accepted before the end arrive all the same.
+    // Frames that were accepted before the end still reach the board.
     let now = board.now();
     take_frames(&mut board, now, now, shared, &mut frame);
     board
@@ -367,14 +372,14 @@ fn late_max(board: &Board) -> Ns {
     if board.catches_up() { CATCH_UP_MAX.as_nanos() as Ns } else { board.period_ns() / 2 }
 }
 
-/// How many cycles are left out where they are not caught up on: as many as there have to be for the next one to be due in time
-/// again; none, if this one is at most half a cycle late \[OURS].
+/// How many cycles a runner that does not catch up leaves out: as many as it takes for the next one to be due in time.
+/// None, if this cycle is at most half a cycle late \[OURS].
 const fn cycles_to_leave_out(late_ns: Ns, period_ns: Ns) -> u64 {
     if late_ns <= period_ns / 2 { 0 } else { late_ns.div_ceil(period_ns) }
 }
 
-/// Takes the frames that have come by `until` from the inbox. One that seems to come after `board_now` was written before the gap
-/// that its time is in was skipped: it is there.
+/// Takes the frames from the inbox that arrive by `until`. A frame with an arrival time after `board_now` was written
+/// before a gap was skipped that contains this time: it counts as arrived.
 fn take_frames(board: &mut Board, until: Ns, board_now: Ns, shared: &Shared, frame: &mut Frame) {
     while let Some(at) = shared.handover.next_frame(frame, |at| at <= until || at >= board_now) {
         let at = at.clamp(board.now(), until.max(board.now()));
@@ -406,8 +411,8 @@ mod tests {
 
     const SIZE: SlotSize = SlotSize::Bytes12;
 
-    /// NIC-2.4 A cycle that is half a cycle late at most runs; of a later one as many whole cycles are left out as it takes for
-    /// the next one to be in time.
+    /// NIC-2.4 A cycle that is at most half a cycle late runs. For a later one, whole cycles are left out until the
+    /// next one is in time.
     #[test]
     fn late_cycles_are_left_out_whole() {
         const MS: Ns = 1_000_000;
@@ -416,7 +421,8 @@ mod tests {
         }
     }
 
-    /// NIC-2.8 A read that waits looks for what has happened meanwhile, ends with its time, and can be cancelled at any moment.
+    /// NIC-2.8 A waiting read calls `meanwhile` again and again, ends with its timeout, and can be cancelled at any
+    /// moment.
     #[test]
     fn a_read_that_waits_looks_around() {
         // Without slaves the board makes no reports.
@@ -429,7 +435,8 @@ mod tests {
         let over = AtomicBool::new(false);
         std::thread::scope(|scope| {
             scope.spawn(|| {
-                // Whenever it comes, between two looks too; before the read has begun it cancels nothing.
+                // A cancellation works at any moment, also between two calls of `meanwhile`. Before the read has begun
+                // it has no effect.
                 while !over.load(Ordering::Relaxed) {
                     threaded.cancel_reads();
                     std::thread::sleep(Duration::from_micros(700));
@@ -443,8 +450,8 @@ mod tests {
         });
     }
 
-    /// SK-9.8 The runner's thread allocates nothing, from its first cycle to its last: the way to OP, entries, nonsense,
-    /// reports that are read and reports that nobody reads.
+    /// SK-9.8 The runner's thread allocates nothing from its first cycle to its last: on the way to OP, with entries,
+    /// with invalid commands, with reports that are read and reports that are not.
     #[test]
     fn the_runners_thread_allocates_nothing() {
         let mut board = Board::new(

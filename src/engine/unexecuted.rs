@@ -1,14 +1,14 @@
-//! Commands that were not executed, or not in time, and were not rejected either: what happened to them, by the counter that
-//! counts them.
+//! Commands that were neither executed in time nor rejected: what happened to them, by the counter that counts them.
 
 use super::Counters;
 
-/// Why commands were not executed, apart from a [`Reason`](super::Reason): each is a number of [`Counters`] (SK-4).
+/// A cause of commands that were not executed, apart from a [`Reason`](super::Reason) for a rejection. Each has a
+/// counter in [`Counters`] (SK-4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Unexecuted {
     /// [`Counters::full`]: the command FIFO had no room for the frame.
     Full,
-    /// [`Counters::crc`]: the frame's CRC was wrong, and the board checks it.
+    /// [`Counters::crc`]: the CRC of the frame was wrong, and CRC checking is on.
     Crc,
     /// [`Counters::incomplete`]: the frame did not arrive completely.
     Incomplete,
@@ -20,27 +20,27 @@ pub enum Unexecuted {
     BeforeEnabled,
     /// [`Counters::for_lost`]: the slave was lost, or had left OP.
     ForLost,
-    /// [`Counters::cleared`]: the entry was in the FIFO when it was cleared, or when OP was left.
+    /// [`Counters::cleared`]: the entry was in the FIFO when SET_FIFO 1 cleared it, or when the network left OP.
     Cleared,
-    /// [`Counters::sdo_aborted`]: an SDO transfer was carried out, and the slave refused it.
+    /// [`Counters::sdo_aborted`]: an SDO transfer was started, and the slave aborted it or did not answer.
     SdoAborted,
-    /// [`Counters::outputs_lost`]: a bus that takes outputs ahead has given them up.
+    /// [`Counters::outputs_lost`]: a bus that queues outputs gave some of them up.
     OutputsLost,
-    /// [`Counters::cycles_left_out`]: the machine was late, and so is all that was to be executed.
+    /// [`Counters::cycles_left_out`]: the machine was late and skipped cycles, so that commands are executed late.
     LeftOut,
-    /// [`Counters::ring_broken`]: nothing was left unexecuted, but the next cut of a cable would cost slaves.
+    /// [`Counters::ring_broken`]: no command was lost, but another cut of the ring would disconnect slaves.
     RingBroken,
-    /// [`Counters::inputs_held`]: nothing was left unexecuted, but what slaves sent was not believed.
+    /// [`Counters::inputs_held`]: no command was lost, but inputs were ignored because of a wrong working counter.
     InputsHeld,
-    /// [`Counters::inputs_stale`]: slaves were lost since their inputs did not come.
+    /// [`Counters::inputs_stale`]: slaves were lost because their inputs did not come for too long.
     InputsStale,
 }
 
 impl Unexecuted {
-    /// How many kinds there are.
+    /// The number of kinds.
     pub const KINDS: usize = 14;
 
-    /// All kinds.
+    /// All kinds, in the order of their variants.
     pub const ALL: [Self; Self::KINDS] = [
         Self::Full,
         Self::Crc,
@@ -58,7 +58,7 @@ impl Unexecuted {
         Self::InputsStale,
     ];
 
-    /// The count of this kind.
+    /// The value of this kind's counter.
     pub const fn of(self, counters: &Counters) -> u64 {
         match self {
             Self::Full => counters.full,
@@ -78,7 +78,7 @@ impl Unexecuted {
         }
     }
 
-    /// The name of its counter, for JSON and tables.
+    /// The name of this kind's counter, for JSON and tables.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Full => "full",
@@ -98,7 +98,7 @@ impl Unexecuted {
         }
     }
 
-    /// What is counted, to be written after the number: `3 command frame(s) found the FIFO full and were lost`.
+    /// The meaning of the count, as text to follow the number: `3 command frame(s) found the FIFO full and were lost`.
     pub const fn meaning(self) -> &'static str {
         match self {
             Self::Full => "command frame(s) found the FIFO full and were lost",
@@ -122,7 +122,7 @@ impl Unexecuted {
         }
     }
 
-    /// What the user can do about it.
+    /// Advice for the user about this kind of loss.
     pub const fn advice(self) -> &'static str {
         match self {
             Self::Full => {
@@ -155,7 +155,7 @@ impl Unexecuted {
         }
     }
 
-    /// Whether the program itself has caused the loss on purpose: by SET_FIFO 1, or by leaving OP.
+    /// Whether the program has caused the loss on purpose: by SET_FIFO 1, or by leaving OP.
     pub const fn is_asked_for(self) -> bool {
         matches!(self, Self::Cleared)
     }
@@ -165,8 +165,8 @@ impl Unexecuted {
 mod tests {
     use super::*;
 
-    /// SK-4.78 A command that has missed its slave since that had left OP is not said to be one for a lost slave alone, and what to
-    /// do about it comes first.
+    /// SK-4.78 The text for a command that missed a slave because the slave had left OP does not name lost slaves
+    /// alone, and begins with the advice.
     #[test]
     fn leaving_op_is_no_loss_of_a_slave() {
         let (meaning, advice) = (Unexecuted::ForLost.meaning(), Unexecuted::ForLost.advice());

@@ -1,4 +1,5 @@
-//! The state of a board that SW_RESET resets: everything that programs have told it, but for the CRC switches of SET_EX.
+//! The part of a board's state that SW_RESET resets: everything that programs have set, except the CRC switches of
+//! SET_EX.
 
 use super::axis::Axis;
 use super::network::Network;
@@ -9,8 +10,8 @@ use crate::ethercat::cia402::Mode;
 use crate::fieldbus::{MAX_AXES, MAX_SLAVES, Ns, Role, SlaveSet};
 use crate::sk::{CommandId, CycleTime, DriveSync, Frame, SlaveKind};
 
-/// For each slave the time from which answers were measured after its last change of state. Older answers, which a bus
-/// may still deliver later, do not show whether it is in that state.
+/// For each slave the time from which answers were measured after its last change of state. A bus may still deliver
+/// older answers later, which do not show whether the slave is in that state.
 pub(super) type AnswersValidFrom = [Ns; MAX_SLAVES];
 
 /// The CRC switches of SET_EX.
@@ -23,56 +24,56 @@ pub(super) struct CrcSwitches {
 /// The factory setting of the CRC switches, SK-1 \[OURS].
 pub(super) const FACTORY_CRC: CrcSwitches = CrcSwitches { check_commands: false, fill_responses: true };
 
-/// What the slot of a slave shows of the command that was executed last.
+/// The bytes of a slave's slot that show the command executed last.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SlotHead {
     pub(super) id: u8,
     pub(super) index: u8,
-    /// After IO_WR the output image that Data1 of the answer shows; `None`: it was another command.
+    /// After IO_WR: the output image that Data1 of the answer shows; `None` after any other command.
     pub(super) output_image: Option<u16>,
 }
 
 impl SlotHead {
-    /// The outputs of the slave are off, whatever IO_WR has written last.
+    /// The outputs of the slave are off: the answer shows 0 instead of the image that IO_WR has written.
     pub(super) fn outputs_off(&mut self) {
         self.output_image = self.output_image.map(|_| 0);
     }
 }
 
-/// The state of a board that SW_RESET resets.
+/// The part of a board's state that SW_RESET resets.
 pub(super) struct Volatile {
     pub(super) switches: CrcSwitches,
     pub(super) kinds: [SlaveKind; MAX_SLAVES],
     pub(super) modes: [(Mode, DriveSync); MAX_SLAVES],
     pub(super) cycle: CycleTime,
-    /// Something was declared since the boot.
+    /// Whether SET_AXIS, DRIVE_MODE or SET_DC came since the boot.
     pub(super) has_declared: bool,
-    /// When the bus is told what is declared; `None`: it knows.
+    /// When the bus gets the declared configuration to prepare, board time; `None`: it has it already.
     pub(super) told_at: Option<Ns>,
     pub(super) network: Network,
-    /// The newest failure of a change of state.
+    /// The reason of the newest failed change of state.
     pub(super) failure: Option<StateFailure>,
-    /// Cycle, roles and synchronization types in force: as they were configured in the last change to SafeOP.
+    /// Cycle, roles and synchronization types that are in force, as configured in the last change to SafeOP.
     pub(super) cycle_in_op: CycleTime,
     pub(super) roles: [Role; MAX_SLAVES],
-    /// The pulse modules of two channels among the slaves.
+    /// The pulse modules that have two channels.
     pub(super) second_axes: SlaveSet,
     pub(super) syncs: [DriveSync; MAX_SLAVES],
     pub(super) answers_valid_from: AnswersValidFrom,
-    /// A change of state has failed: the time from which answers show in which states it has left the slaves. `None`: that
-    /// is known.
+    /// After a failed change of state: the time from which answers show in which states it has left the slaves. `None`:
+    /// these states are known.
     pub(super) left_shown_from: Option<Ns>,
     pub(super) test: test_mode::TestPhase,
-    /// The value that the board or an SDO of the host has written to 0x6060 (0x6860) last.
+    /// For each axis the mode that the board or an SDO of the host has written last to 0x6060 (0x6860).
     pub(super) modes_written: [[u8; MAX_AXES]; MAX_SLAVES],
     pub(super) axes: [[Axis; MAX_AXES]; MAX_SLAVES],
     pub(super) sdo: SdoSlot,
-    /// The slaves with an axis that is homing, or for which something of homing is left to do. Slaves that have just
+    /// The slaves with an axis that is homing, or that has not finished the steps after it. Slaves that have just
     /// finished may still be in the set.
     pub(super) homing_active: SlaveSet,
     /// The modes of operation that the board has to restore after homing.
     pub(super) restores: Restores,
-    /// Byte 0 and bytes 4..7 of slot 0 outside OP.
+    /// Byte 0 (id) and bytes 4..7 (result) of slot 0 outside OP.
     pub(super) master_id: CommandId,
     pub(super) master_result: u32,
     pub(super) crc_errors: u8,

@@ -1,10 +1,10 @@
-//! Counters of a program's calls.
+//! Counters of the reads and writes of a program, for [`LinkStats`].
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::{LinkError, LinkStats};
 
-/// How many reads and writes have succeeded and failed.
+/// The numbers of successful and failed reads and writes of a link.
 #[derive(Default)]
 pub(crate) struct CallCounts {
     written: AtomicU64,
@@ -24,13 +24,13 @@ impl CallCounts {
         counted(done, &self.read, &self.read_errors)
     }
 
-    /// How many calls have ended so far.
+    /// The number of calls that have ended so far.
     pub(crate) fn ended(&self) -> u64 {
         let LinkStats { written, read, write_errors, read_errors, .. } = self.stats();
         written + read + write_errors + read_errors
     }
 
-    /// The counters of a link as far as its calls show them.
+    /// The counters of the link that follow from its calls.
     pub(crate) fn stats(&self) -> LinkStats {
         let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
         LinkStats {

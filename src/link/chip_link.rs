@@ -1,10 +1,12 @@
-//! How a host reaches one ECM-XF, as the chip that it is or with a board over it: the trait [`ChipLink`] and every link to a chip there is.
+//! Links to an ECM-XF, used as the chip that it is or with a board over it: the trait [`ChipLink`], its errors and
+//! options.
 //!
-//! A chip has no frames. Its host clocks bytes both ways ([`Wires`]), and [`Host`](crate::xf::host::Host) makes packets
-//! of them. The URI is that of any link, with schemes of its own, for example `xf-sim:?slaves=drive*3,io`.
+//! A chip has no frames. Its host transfers bytes in both directions at once ([`Wires`]), and
+//! [`Host`](crate::xf::host::Host) finds packets in them. The URI has the form of any link's, with schemes of its own,
+//! for example `xf-sim:?slaves=drive*3,io`.
 //!
-//! What opens such links is in `open/chip.rs`; the links are `xf-sim:` (`testbed/chip.rs`), `xf-spi:` and `xf-usb:`
-//! (`hardware/`), and one around a link that records (`record/chip.rs`).
+//! `open/chip.rs` opens such links. They are `xf-sim:` (`testbed/chip.rs`), `xf-spi:` and `xf-usb:` (`hardware/`), and
+//! a recording around another one (`record/chip.rs`).
 
 mod options;
 
@@ -20,35 +22,35 @@ use crate::xf::DataSize;
 use crate::xf::MAX_PACKET;
 use crate::xf::host::{Deadlines, HostConfig, Pacing, Wires};
 
-/// What a link to a chip is.
+/// The properties of a link to a chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChipInfo {
     /// The URI in its normal form.
     pub name: String,
-    /// The only n there can be, if the link has one.
+    /// The only data size n that the link supports; `None`: it supports several.
     pub size: Option<DataSize>,
-    /// The clock of SPI in Hz; `None`: the link has none.
+    /// The SPI clock, Hz; `None`: the link is not SPI.
     pub clock_hz: Option<u32>,
-    /// Whether INT0 is wired.
+    /// Whether the INT0 line is connected.
     pub has_int0: bool,
     /// Whether time is virtual: it then advances only inside calls.
     pub virtual_time: bool,
 }
 
-/// The link to one chip, which only its owner uses.
+/// A link to one chip, for exclusive use by its owner.
 pub trait ChipLink: Wires<Error = ChipError> + Send {
-    /// What it is.
+    /// The properties of the link.
     fn info(&self) -> ChipInfo;
 
-    /// The level of INT1; `None`: it is not wired. The chip chooses which level is active
-    /// (XF EN 1316; low after a start).
+    /// The level of INT1; `None`: the line is not connected. A setting of the chip decides which level is active (XF EN
+    /// 1316; low after a start).
     ///
     /// # Errors
     /// [`ChipError::Wires`].
     fn int1(&mut self) -> Result<Option<bool>, ChipError>;
 
-    /// Pulls the chip's reset line low for [`RESET_LOW`] and releases it. The chip is as after power-on then, and takes its time to
-    /// start. Returns `false`, and does nothing, if the line is not wired.
+    /// Pulls the chip's reset line low for [`RESET_LOW`] and releases it. The chip then starts as after power-on, which
+    /// takes time. If the line is not connected, returns `false` and does nothing.
     ///
     /// # Errors
     /// [`ChipError::Wires`].
@@ -60,7 +62,7 @@ pub trait ChipLink: Wires<Error = ChipError> + Send {
 /// How long a chip's reset line is pulled low (OBS: a client of the chip).
 pub const RESET_LOW: Duration = Duration::from_millis(100);
 
-/// A link behind a pointer is a link.
+/// Implements the traits of a link for pointers to a link.
 macro_rules! through {
     ($($pointer:ty),*) => {$(
         impl<L: Wires + ?Sized> Wires for $pointer {
@@ -109,39 +111,39 @@ pub enum ChipError {
     /// The URI or one of its keys is invalid.
     #[error(transparent)]
     Uri(#[from] UriError),
-    /// The link is one to a board.
+    /// The URI names a board and not a chip.
     #[error("`{name}` is a board and no ECM-XF; name a chip, such as xf-sim:?slaves=drive*2; see `ecmsk link help`")]
     NotAChip { name: String },
-    /// This build cannot open links of that scheme.
+    /// This build cannot open links with this scheme.
     #[error("link `{scheme}:` is not in this build; {hint}")]
     Unsupported {
         scheme: Scheme,
-        /// What to do instead.
+        /// What the user can do instead.
         hint: String,
     },
-    /// The file with a simulated slave's manufacturer-specific objects is invalid.
+    /// The file with manufacturer-specific objects of a simulated slave is invalid.
     #[error(transparent)]
     ManufacturerObjects(#[from] crate::link::machine_error::ManufacturerObjectsError),
-    /// The script of what happens to the slaves is invalid, or has a line that cannot happen there.
+    /// The script is invalid, or has a line that is impossible on these slaves.
     #[error(transparent)]
     Script(#[from] crate::link::machine_error::SimulatedSlavesError),
-    /// The slaves cannot be put on a network of controllers.
+    /// The slaves cannot be simulated with slave controllers.
     #[error("{name}: {reason}; take that slave out, or write network=models")]
     Network {
         name: String,
-        /// Why.
+        /// The reason.
         reason: String,
     },
     /// The wires cannot be used.
     #[error("{name}: {message}")]
     Wires {
         name: String,
-        /// What happened and what to do.
+        /// The fault, and what the user can do.
         message: String,
     },
 }
 
-/// How the driver uses a chip behind that link.
+/// The settings of the driver for a chip behind this link.
 pub(crate) fn host_config(info: &ChipInfo, options: &ChipOptions) -> HostConfig {
     HostConfig {
         size: info.size,
@@ -153,10 +155,11 @@ pub(crate) fn host_config(info: &ChipInfo, options: &ChipOptions) -> HostConfig 
     }
 }
 
-/// How many exchanges an answer may take. \[OURS]
+/// The number of exchanges within which an answer must come. \[OURS]
 const EXCHANGES_TO_ANSWER: Ns = 10;
 
-/// The default deadlines; on a slow clock an answer has the time for some exchanges of the largest n.
+/// The default deadlines. On a slow SPI clock the deadline of answers is longer: [`EXCHANGES_TO_ANSWER`] exchanges of
+/// the longest packet.
 fn deadlines(clock_hz: Option<u32>) -> Deadlines {
     let longest = clock_hz.map_or(0, |hertz| MAX_PACKET as u64 * 8_000_000_000 / u64::from(hertz.max(1)));
     let answer_ns = Deadlines::DEFAULT.answer_ns.max(EXCHANGES_TO_ANSWER * longest);

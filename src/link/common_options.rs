@@ -52,7 +52,7 @@ impl CommonOptions {
         Wait::For(self.write_timeout)
     }
 
-    /// What a link with these options is, whose real clock begins when it is opened.
+    /// The properties of a link with these options. Its real clock starts now.
     pub fn info(&self, name: String, slot: Option<SlotSize>) -> LinkInfo {
         let (read_wait, write_wait) = (self.read_wait(), self.write_wait());
         LinkInfo { name, slot, virtual_time: false, opened_at: Stamp(0), read_wait, write_wait }

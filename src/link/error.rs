@@ -1,4 +1,4 @@
-//! Why a call of a link has failed.
+//! The errors of links.
 
 use std::borrow::Cow;
 use std::time::Duration;
@@ -25,18 +25,18 @@ pub enum LinkError {
     /// The script is invalid.
     #[error(transparent)]
     Script(#[from] ScriptError),
-    /// This build cannot open links of that scheme.
+    /// This build cannot open links with this scheme.
     #[error("link `{scheme}:` is not in this build; {hint}")]
     Unsupported {
         scheme: String,
-        /// What to do instead.
+        /// What the user can do instead.
         hint: String,
     },
     /// No board answers.
     #[error("no board at `{name}`: {reason}")]
     NoBoard {
         name: String,
-        /// What was found instead and what to do.
+        /// What was found instead, and what the user can do.
         reason: String,
     },
     /// The slot size in the URI differs from that of the board's reports.
@@ -58,20 +58,20 @@ pub enum LinkError {
         name: String,
         /// The user of the board in the form ` by ...`, or empty if unknown.
         by: String,
-        /// What can be done instead of closing it there.
+        /// What the user can do instead of closing it there.
         instead: &'static str,
     },
     /// The time limit of a call has passed.
     #[error("{dir} {}: {what}", how_long(*waited))]
     Timeout {
         dir: Dir,
-        /// The limit; zero for a call that was not to wait.
+        /// The limit; zero for a call that must not wait.
         waited: Duration,
         /// What the call was waiting for.
         what: &'static str,
     },
-    /// The board makes no reports, and on a virtual clock nothing can happen during the read that would change this,
-    /// because time advances only inside calls.
+    /// On a virtual clock: the board makes no reports, and nothing can change that during the read, because time
+    /// advances only inside calls.
     #[error(
         "the board has been silent since {} of its time ({cycles} cycles); plug the cable to the first slave, then read again",
         Span(Duration::from_nanos(*.since_ns))
@@ -85,15 +85,15 @@ pub enum LinkError {
     /// The board is gone: it was unplugged, or reset by SW_RESET.
     #[error("the board at `{name}` is gone: {reason}; open it again")]
     Lost { name: String, reason: Cow<'static, str> },
-    /// The connection to the board's server ended while a frame was on its way, so it is not known whether the board
-    /// has taken it.
+    /// The connection to the board's server ended during a write, so it is not known whether the board has taken the
+    /// frame.
     #[error(
         "the connection to `{name}` ended while a frame was on its way ({reason}): whether the board took it is not \
          known; open it again and look at the board before you send anything twice"
     )]
     Unsure {
         name: String,
-        /// How it ended.
+        /// How the connection ended.
         reason: String,
     },
     /// The link was closed, by this thread or another one.
@@ -105,7 +105,7 @@ pub enum LinkError {
     /// The operating system reported an error.
     #[error("{what}: {message}")]
     Io {
-        /// The operation that failed, and on what.
+        /// The operation that failed, with its object.
         what: String,
         /// The system's message.
         message: String,
@@ -122,7 +122,7 @@ impl LinkError {
         Self::Timeout { dir, waited: wait.limit().unwrap_or_default(), what }
     }
 
-    /// The error of the link `name` that gets no thread.
+    /// The error of the link `name` when the system provides no thread.
     pub(crate) fn no_thread(name: &str, error: &std::io::Error) -> Self {
         Self::Io {
             what: format!("start the thread of `{name}`"),

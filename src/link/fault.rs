@@ -64,7 +64,7 @@ const PENDING_MAX: usize = 64;
 struct PendingReport {
     frame: Frame,
     meta: ReadMeta,
-    /// When the program gets it, as time since the link was opened.
+    /// When the program may get the report, as time since the link was opened.
     due: Duration,
 }
 

@@ -1,4 +1,4 @@
-//! Links that wrap another link and change or watch its traffic.
+//! Links that wrap another link and change or observe its traffic.
 
 use std::time::Duration;
 
@@ -13,17 +13,17 @@ pub trait Layer: Send + Sync {
     /// The wrapped link.
     fn inner(&self) -> &dyn Link;
 
-    /// [`Link::info`].
+    /// [`Link::info`] of this layer; by default that of the inner link.
     fn info(&self) -> LinkInfo {
         self.inner().info()
     }
 
-    /// [`Link::network`].
+    /// [`Link::network`] of this layer; by default that of the inner link.
     fn network(&self) -> Option<KnownNetwork> {
         self.inner().network()
     }
 
-    /// [`Link::write`].
+    /// [`Link::write`] of this layer; by default that of the inner link.
     ///
     /// # Errors
     /// Those of [`Link::write`].
@@ -31,7 +31,7 @@ pub trait Layer: Send + Sync {
         self.inner().write(frame, wait)
     }
 
-    /// [`Link::read`].
+    /// [`Link::read`] of this layer; by default that of the inner link.
     ///
     /// # Errors
     /// Those of [`Link::read`].
@@ -39,7 +39,7 @@ pub trait Layer: Send + Sync {
         self.inner().read(out, wait)
     }
 
-    /// [`Link::pass`].
+    /// [`Link::pass`] of this layer; by default that of the inner link.
     ///
     /// # Errors
     /// Those of [`Link::pass`].
@@ -47,22 +47,22 @@ pub trait Layer: Send + Sync {
         self.inner().pass(time)
     }
 
-    /// [`Link::cancel`].
+    /// [`Link::cancel`] of this layer; by default that of the inner link.
     fn cancel(&self, dir: Dir) {
         self.inner().cancel(dir);
     }
 
-    /// [`Link::close`].
+    /// [`Link::close`] of this layer; by default that of the inner link.
     fn close(&self) {
         self.inner().close();
     }
 
-    /// [`Link::vanish`].
+    /// [`Link::vanish`] of this layer; by default that of the inner link.
     fn vanish(&self) {
         self.inner().vanish();
     }
 
-    /// [`Link::check`].
+    /// [`Link::check`] of this layer; by default that of the inner link.
     ///
     /// # Errors
     /// Those of [`Link::check`].
@@ -70,7 +70,7 @@ pub trait Layer: Send + Sync {
         self.inner().check()
     }
 
-    /// [`Link::stats`].
+    /// [`Link::stats`] of this layer; by default those of the inner link.
     fn stats(&self) -> LinkStats {
         self.inner().stats()
     }

@@ -1,4 +1,4 @@
-//! Why the files that describe a simulated machine cannot be used.
+//! Errors in the files that describe a simulated machine.
 
 use crate::address::keys::WHERE_TO_LOOK;
 
@@ -8,7 +8,7 @@ use crate::address::keys::WHERE_TO_LOOK;
 pub struct ManufacturerObjectsError {
     /// The path of the file.
     pub file: String,
-    /// What is wrong, with the number of the line.
+    /// The fault in the file, with the number of the line.
     pub message: String,
 }
 
@@ -26,10 +26,10 @@ pub enum ScriptError {
         line: u32,
         /// The position in the line, in characters from 1.
         column: usize,
-        /// What is wrong and what is allowed.
+        /// The fault in the line, and what is allowed there.
         message: String,
     },
-    /// A line does something to frames, for a board over simulated slaves, which are reached without any.
+    /// A line changes frames, but the simulated board reaches its slaves without frames.
     #[error(
         "{file}, line {line}: `{verb}` happens to frames, and a simulated board reaches its slaves without any; take the line out, \
          or serve the slaves with `ecmsk serve ethercat`"
@@ -37,7 +37,7 @@ pub enum ScriptError {
     NoFrames { file: String, line: u32, verb: &'static str },
 }
 
-/// Why slaves, or what happens to them, cannot be had.
+/// Why simulated slaves cannot be set up, or their script cannot run.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum SimulatedSlavesError {
@@ -47,7 +47,7 @@ pub enum SimulatedSlavesError {
     /// See [`ScriptError`].
     #[error(transparent)]
     Script(#[from] ScriptError),
-    /// The script does something to a board.
+    /// A line acts on a board, but there is only a chip.
     #[error("{file}, line {line}: `{verb}` happens to a board, and there is none here; take the line out")]
     NoBoard { file: String, line: u32, verb: &'static str },
 }

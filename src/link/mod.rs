@@ -1,16 +1,16 @@
-//! How a host program reaches one ECM-SK board: the trait [`Link`], and what is a link around a link.
+//! The way of a host program to one ECM-SK board: the trait [`Link`], and links that wrap another link.
 //!
 //! A link exchanges whole 512-byte frames with one board: command frames out, reports in. The same trait covers a
-//! simulated board in this process (`sim:`, and with an ECM-XF before its slaves `xf-sim:`), a real board on USB (`usb:`)
-//! or SPI (`spi:`), and a board that another process or machine serves (`tcp:`). Links that change or record the traffic
-//! wrap another link ([`Layer`]).
+//! simulated board in this process (`sim:`, and with an ECM-XF before its slaves `xf-sim:`), a real board on USB
+//! (`usb:`) or SPI (`spi:`), and a board that another process or machine serves (`tcp:`). Links that change or record
+//! the traffic wrap another link ([`Layer`]).
 //!
-//! - `mod.rs`: [`Link`]; `error.rs`, `machine_error.rs`: [`LinkError`], and what is wrong with the files of a simulated machine
+//! - `mod.rs`: [`Link`]; `error.rs`, `machine_error.rs`: [`LinkError`], and errors in the files of a simulated machine
 //! - `layer.rs`, `fault.rs`, `record/`: links around a link: fault injection (`fault.*`) and recording (`record=`)
 //! - `chip_link.rs`: the trait of links to an ECM-XF itself, which is a chip and no board
 //! - `common_options.rs`, `call_counts.rs`: the keys that every link has as Rust types, and the counters of a program's calls
-//! - `network.rs`: what is known of the slaves behind a link, for programs that ask the server of a board
-//! - `paths.rs`: the public paths of what lives in other rooms: the URI (`address/`), the links themselves (`hardware/`,
+//! - `network.rs`: the known slaves behind a link, for programs that ask the server of a board
+//! - `paths.rs`: the public paths of items from other rooms: the URI (`address/`), the links themselves (`hardware/`,
 //!   `own_board/`, `testbed/`, `tcp/`), and opening them (`open/`)
 
 pub(crate) mod call_counts;
@@ -47,12 +47,12 @@ pub enum Wait {
 }
 
 impl Wait {
-    /// At most that long; a wait of no time is [`Wait::Now`].
+    /// Waits at most `limit`; for a duration of zero that is [`Wait::Now`].
     pub const fn at_most(limit: Duration) -> Self {
         if limit.is_zero() { Self::Now } else { Self::For(limit) }
     }
 
-    /// The longest time; `None` if there is no limit.
+    /// The longest duration of the wait; `None`: no limit.
     pub const fn limit(self) -> Option<Duration> {
         match self {
             Self::Forever => None,
@@ -61,47 +61,47 @@ impl Wait {
         }
     }
 
-    /// When a wait that begins now ends; `None`: never, or beyond the range of [`Instant`].
+    /// When a wait that begins now ends; `None`: never, or too late for an [`Instant`].
     pub fn deadline(self) -> Option<Instant> {
         Instant::now().checked_add(self.limit()?)
     }
 }
 
-/// What a link is: its name, its slot size, its clock and its default time limits.
+/// The properties of a link: its name, its slot size, its clock and its default timeouts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LinkInfo {
     /// The URI in its normal form.
     pub name: String,
-    /// The slot size of the board's frames; `None` if neither the URI nor the board has told it.
+    /// The slot size of the board's frames; `None` if neither the URI nor the board has given it.
     pub slot: Option<SlotSize>,
     /// Whether the board's time is virtual: it advances only inside calls to the link, and no wait takes real time.
     pub virtual_time: bool,
     /// When the link was opened, on the link's own clock.
     pub opened_at: Stamp,
-    /// The limit of a read for callers that do not choose one, from the key `read_timeout_ms`.
+    /// The timeout of reads for callers that do not choose one, from the key `read_timeout_ms`.
     pub read_wait: Wait,
-    /// The limit of a write for callers that do not choose one, from the key `write_timeout_ms`.
+    /// The timeout of writes for callers that do not choose one, from the key `write_timeout_ms`.
     pub write_wait: Wait,
 }
 
-/// A moment on a link's clock, in nanoseconds: when a command frame was handed over, or when a report was made. Where
-/// zero lies depends on the link; see [`LinkInfo::opened_at`].
+/// A time on a link's clock, in nanoseconds: when a command frame was handed over, or when a report was made. The link
+/// chooses the zero of its clock; see [`LinkInfo::opened_at`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Stamp(pub u64);
 
 impl Stamp {
-    /// The moment as recordings have it, which count with a sign.
+    /// The time as a signed number, as recordings have it.
     pub fn nanoseconds(self) -> i64 {
         i64::try_from(self.0).unwrap_or(i64::MAX)
     }
 }
 
-/// What is known of a report besides its bytes.
+/// Time and sequence number of a report.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReadMeta {
-    /// When the report was made, on the link's clock. A real board does not tell, so there it is when the link received
-    /// the report: on SPI the start of the exchange, on USB the moment at which the operating system handed it over,
-    /// which between two reads is up to 1 ms after its arrival.
+    /// When the report was made, on the link's clock. A real board does not give this time. For it, this is when the
+    /// link received the report: on SPI the start of the exchange, on USB the moment at which the operating system
+    /// handed it over, which between two reads is up to 1 ms after its arrival.
     pub at: Stamp,
     /// The number of the report, counted from 0 since the link was opened. A gap means that reports were dropped.
     pub sequence: u64,
@@ -132,37 +132,37 @@ pub struct LinkStats {
     pub faults: fault::FaultStats,
     /// The board's own counters; `None` for a real board, which does not report them.
     pub board: Option<crate::engine::Counters>,
-    /// Why the board's last change of state failed, known for a board in this process only; `None` if it did not fail
-    /// or the link cannot know. [`StateFailure::explain`](crate::engine::StateFailure::explain) turns it into text.
+    /// Why the board's last change of state failed; only for a board in this process. `None` if it did not fail or the
+    /// link cannot know. [`StateFailure::explain`](crate::engine::StateFailure::explain) turns it into text.
     pub state_failure: Option<crate::engine::StateFailure>,
-    /// The network of the board answers no more, so that the board makes no reports: the cable to the first slave is cut, its card or
-    /// its chip is gone. Known for a board in this process only.
+    /// Whether the board receives nothing from its network, so that it makes no reports: the cable to the first slave
+    /// is cut, or the network card or chip is gone. Only for a board in this process.
     pub network_down: bool,
 }
 
-/// A way to exchange frames with one ECM-SK board.
+/// A connection to one ECM-SK board, over which frames are exchanged.
 ///
 /// Frames are passed on whole and unchanged. Reading, writing and closing may happen in three different threads. Every
-/// wait ends: by its time limit, by the loss of the board, or by [`Link::close`].
+/// wait ends: by its timeout, by the loss of the board, or by [`Link::close`].
 pub trait Link: Send + Sync {
-    /// Name, slot size, clock and default limits of the link.
+    /// Name, slot size, clock and default timeouts of the link.
     fn info(&self) -> LinkInfo;
 
-    /// What the server of the board knows of the slaves behind it; `None` if nothing is known. The board itself is not
-    /// asked.
+    /// The slaves behind the board, as far as its server knows them; `None` if nothing is known. The call does not ask
+    /// the board.
     fn network(&self) -> Option<KnownNetwork> {
         None
     }
 
-    /// Hands a command frame to the board and returns when that happened.
+    /// Hands a command frame to the board. Returns the time at which that happened.
     ///
     /// # Errors
     /// The board has not taken the frame: [`LinkError::Timeout`], [`LinkError::Lost`], [`LinkError::Closed`],
     /// [`LinkError::Cancelled`], [`LinkError::WrongSlot`], [`LinkError::Io`]. Only after [`LinkError::Unsure`], which
-    /// occurs on a network, it may have taken it or not.
+    /// occurs on a network, the board may have taken it or not.
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError>;
 
-    /// Stores the oldest unread report in `out`; without one, `out` is left as it is.
+    /// Reads the oldest unread report into `out`. Without a report `out` stays unchanged.
     ///
     /// # Errors
     /// Those of [`Link::write`], and [`LinkError::Silent`] on a virtual clock.
@@ -183,8 +183,8 @@ pub trait Link: Send + Sync {
         Ok(None)
     }
 
-    /// Ends at once the calls that are now waiting in one direction; they fail with [`LinkError::Cancelled`]. Later
-    /// calls are not affected.
+    /// Cancels the calls that are now waiting in one direction; they fail with [`LinkError::Cancelled`]. Later calls
+    /// are not affected.
     fn cancel(&self, dir: Dir);
 
     /// Ends every wait and releases the board. A second call does nothing.
@@ -197,7 +197,7 @@ pub trait Link: Send + Sync {
         self.close();
     }
 
-    /// Whether the board is still connected. Nothing is read or written, and the call does not wait.
+    /// Checks whether the board is still connected. The call reads and writes nothing, and does not wait.
     ///
     /// # Errors
     /// [`LinkError::Lost`] once the board is gone, [`LinkError::Closed`] after [`Link::close`].
@@ -226,7 +226,7 @@ pub(crate) fn check_pass(time: Duration) -> Result<(), LinkError> {
 /// again and again after SW_RESET sees it start up.
 pub(crate) const FAILED_OPEN: Duration = Duration::from_millis(50);
 
-/// How [`open`] decides whether a simulated board that this process already has is used again.
+/// How [`open`] decides whether a link gets a simulated board that this process already has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Share {
     /// A board is found again by the same `name=`. A link without a name gets a board of its own, which ends with the

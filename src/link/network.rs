@@ -1,4 +1,4 @@
-//! What the server of a board knows of the slaves behind it, in the syntax of the tool's options.
+//! The known slaves behind the server of a board, in the syntax of the tool's options.
 
 use crate::address::slaves::list;
 use crate::address::uri::LinkUri;
@@ -14,14 +14,14 @@ pub struct KnownNetwork {
 }
 
 impl KnownNetwork {
-    /// These values, with those of `other` where a value is unknown.
+    /// These values; each unknown one is replaced by that of `other`.
     #[must_use]
     pub fn or(self, other: Self) -> Self {
         let or = |this: String, other: String| if this.is_empty() { other } else { this };
         Self { slaves: or(self.slaves, other.slaves), counts_per_unit: or(self.counts_per_unit, other.counts_per_unit) }
     }
 
-    /// Whether nothing is known.
+    /// Whether neither slaves nor units are known.
     pub fn is_empty(&self) -> bool {
         self.slaves.is_empty() && self.counts_per_unit.is_empty()
     }
@@ -33,7 +33,7 @@ impl KnownNetwork {
         Self::of_slaves(listed.unwrap_or_default().iter().map(|slave| slave.model.name().to_owned()))
     }
 
-    /// The network of these slaves, given by their words in network order.
+    /// A network of slaves, given as words of `--slaves` in network order.
     pub(crate) fn of_slaves(words: impl Iterator<Item = String>) -> Self {
         Self { slaves: list(words), ..Self::default() }
     }
@@ -44,7 +44,7 @@ mod tests {
     use super::*;
     use crate::ecm::{Axis, Slave};
 
-    /// The words are those of `--slaves`.
+    /// The slaves have the syntax of `--slaves`.
     #[test]
     fn a_known_network_has_the_syntax_of_the_slaves_option() {
         let of_sim = |name| KnownNetwork::of_sim(name).slaves;

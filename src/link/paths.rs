@@ -1,4 +1,5 @@
-//! The public paths of links, whichever room they live in: this file has nothing else, and it alone names rooms above this one.
+//! The public paths of links, whichever room has them. This file has nothing else, and it alone names rooms above this
+//! one.
 
 #[cfg(feature = "sim")]
 #[doc(hidden)]

@@ -1,8 +1,9 @@
-//! What sequences of datagrams are written with: send, wait, judge.
+//! Operations from which sequences of datagrams are written: send, wait, check the answer.
 //!
-//! What takes more than one datagram (a scan, a change of state, an SDO) is an `async fn` that reads as the sequence that it
-//! is. Nothing runs it but [`Master::poll`](super::Master::poll), which goes on with it as far as the answers that have come
-//! allow. No waker and no executor is needed, and the same answers at the same times always give the same steps.
+//! Everything that takes more than one datagram (a scan, a change of state, an SDO) is an `async fn` that reads like
+//! its sequence of datagrams. Only [`Master::poll`](super::Master::poll) runs these futures: each call continues them
+//! as far as the received answers allow. No waker and no executor is needed, and the same answers at the same times
+//! always give the same steps.
 
 use std::future::{Future, poll_fn};
 use std::pin::Pin;
@@ -16,15 +17,15 @@ pub(super) use super::shared::Bus;
 use super::shared::Shared;
 use crate::ethercat::{Command, Ns};
 
-/// A sequence under way.
+/// A future that is one running sequence of datagrams.
 pub(super) type Task<T> = Pin<Box<dyn Future<Output = T> + Send>>;
 
-/// Why a register was not read or written.
+/// Why a register access has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Unanswered {
-    /// No frame came back, however often it was sent.
+    /// No frame came back in any of the tries.
     Lost,
-    /// The frame came back with another working counter than 1: none or several slaves have done it.
+    /// The frame came back with this working counter instead of 1: no slave or several slaves have taken it.
     Counter(u16),
 }
 
@@ -34,14 +35,14 @@ impl From<Lost> for Unanswered {
     }
 }
 
-/// A datagram that was queued. Dropped, it is given up.
+/// A handle of a queued datagram. Dropping it abandons the datagram.
 pub(super) struct Ticket {
     shared: Arc<Mutex<Shared>>,
     number: usize,
 }
 
 impl Ticket {
-    /// Waits for the answer, whose data are put into `data`; the working counter.
+    /// Waits for the answer and copies its data into `data`. Returns the working counter.
     ///
     /// # Errors
     /// [`Lost`].
@@ -65,12 +66,13 @@ const fn register(adp: u16, ado: u16) -> u32 {
 }
 
 impl Bus {
-    /// Waits until it is that time.
+    /// Waits until `time`, on the master's clock.
     pub(super) async fn sleep_until(&self, time: Ns) {
         poll_fn(|_| if self.now() >= time { Poll::Ready(()) } else { Poll::Pending }).await;
     }
 
-    /// Waits until the watch has to look at the slaves again: it is time for it, or a cycle had too few answers.
+    /// Waits until the watch has to check the slaves again: its interval has passed, or a cycle had a wrong working
+    /// counter.
     pub(super) async fn wait_for_alarm(&self) {
         let next = self.with(|shared| shared.now.saturating_add(shared.settings.watch_ns));
         poll_fn(|_| {
@@ -84,24 +86,24 @@ impl Bus {
         self.sleep_until(self.now().saturating_add(ns)).await;
     }
 
-    /// Queues a datagram that is sent again if it is lost.
+    /// Queues a datagram, which is sent again if it is lost, up to [`Settings::tries`](super::Settings::tries) times.
     pub(super) fn queue(&self, command: Command, adp: u16, ado: u16, data: &[u8]) -> Ticket {
         let tries = self.with(|shared| shared.settings.tries);
         self.queue_with(command, adp, ado, data, tries)
     }
 
-    /// Queues a datagram that is sent that often at most.
+    /// Queues a datagram, which is sent at most `tries` times.
     pub(super) fn queue_with(&self, command: Command, adp: u16, ado: u16, data: &[u8], tries: u8) -> Ticket {
         let number = self.with(|shared| shared.exchange.request(command, register(adp, ado), data, tries));
         Ticket { shared: Arc::clone(&self.0), number }
     }
 
-    /// Sends a datagram whose data are replaced by the answer's; the working counter.
+    /// Sends a datagram and replaces `data` by the data of its answer. Returns the working counter.
     pub(super) async fn exchange(&self, command: Command, adp: u16, ado: u16, data: &mut [u8]) -> Result<u16, Lost> {
         self.queue(command, adp, ado, data).answer(data).await
     }
 
-    /// Reads a register of one station.
+    /// Reads a register of the slave with that station address.
     pub(super) async fn read<const N: usize>(&self, station: u16, ado: u16) -> Result<[u8; N], Unanswered> {
         let mut data = [0; N];
         match self.exchange(Command::Fprd, station, ado, &mut data).await? {
@@ -110,7 +112,7 @@ impl Bus {
         }
     }
 
-    /// Writes registers of one station.
+    /// Writes registers of the slave with that station address.
     pub(super) async fn write(&self, station: u16, ado: u16, data: &[u8]) -> Result<(), Unanswered> {
         match self.queue(Command::Fpwr, station, ado, data).answer(&mut []).await? {
             1 => Ok(()),
@@ -118,12 +120,12 @@ impl Bus {
         }
     }
 
-    /// Writes registers of all slaves; how many have taken it.
+    /// Writes registers of all slaves. Returns the number of slaves that have taken the write.
     pub(super) async fn write_all(&self, ado: u16, data: &[u8]) -> Result<u16, Lost> {
         self.queue(Command::Bwr, 0, ado, data).answer(&mut []).await
     }
 
-    /// Writes several registers of all slaves, one after the other, in as few frames as they need.
+    /// Writes several registers of all slaves, one after the other, in as few frames as possible.
     pub(super) async fn write_all_of<const N: usize>(&self, writes: [(u16, &[u8]); N]) -> Result<(), Lost> {
         let tickets = writes.map(|(ado, data)| self.queue(Command::Bwr, 0, ado, data));
         for ticket in tickets {
@@ -133,7 +135,7 @@ impl Bus {
     }
 }
 
-/// Runs sequences side by side; what each has given, in their order.
+/// Runs sequences concurrently. Returns their results in the order of the sequences.
 pub(super) async fn join<F: Future>(sequences: impl IntoIterator<Item = F>) -> Vec<F::Output> {
     let mut running: Vec<_> = sequences.into_iter().map(|sequence| (Box::pin(sequence), None)).collect();
     poll_fn(|context| {

@@ -1,8 +1,8 @@
-//! Distributed clocks: how long a frame takes to each slave, what time its clock shows, and its SYNC signals.
+//! Distributed clocks: propagation delays, setting the clocks, and SYNC signals.
 //!
-//! A write to 0x0900 makes all slaves keep when this one frame has passed each of their ports. From that follow the delays
-//! along the tree, and what has to be added to each local time. From then on each cycle brings the time of the reference
-//! clock, which is the first slave with a clock, to all others.
+//! A broadcast write to 0x0900 makes every slave latch the receive times of this one frame at its ports. From them
+//! follow the propagation delays in the tree and the offset of each local time. From then on each cycle distributes the
+//! time of the reference clock, that of the first slave with a clock, to all others.
 
 use std::future::poll_fn;
 use std::task::Poll;
@@ -19,19 +19,20 @@ use crate::ethercat::registers::{
 };
 use crate::ethercat::{Command, Ns, SlaveSet};
 
-/// The first pulse of SYNC0 comes so much later than its slave is told, as with other masters, and 10 cycles later at least: one
-/// that comes in the past never comes.
+/// The time from writing the SYNC0 start time to the first pulse, ns, as with other masters; at least 10 cycles. A
+/// start time in the past would never cause a pulse.
 const START_NS: u64 = 100_000_000;
-/// \[OURS] How near to the reference a clock has to be before its SYNC signals begin, ns, as other masters want it.
+/// \[OURS] The largest difference of a clock from the reference, ns, at which its SYNC signals may start, as with other
+/// masters.
 const NEAR_NS: i64 = 10_000;
-/// \[OURS] How long the master waits for that; then the signals begin all the same.
+/// \[OURS] How long the master waits for a clock to reach [`NEAR_NS`]; then the SYNC signals start in any case.
 const NEAR_MAX_NS: Ns = 1_000_000_000;
-/// \[OURS] A clock that is further away from the reference than that, ns, is set anew.
+/// \[OURS] A clock with a larger difference from the reference, ns, is set anew.
 const FAR_NS: i64 = 1_000_000;
 const NEAR_POLL_NS: Ns = 2_000_000;
-/// \[OURS] A frame is never on the way for so long, ns.
+/// \[OURS] An upper bound for the time that a frame is in flight, ns.
 const ROUND_MAX_NS: i32 = 1_000_000;
-/// The value of the speed counter start that all known masters write; a write makes the filters begin anew.
+/// The value for "speed counter start" that all known masters write. Writing it restarts the filters of the clock.
 const SPEED_START: u16 = 0x1000;
 
 async fn passed_at(bus: &Bus, station: u16) -> Result<Passed, Unanswered> {
@@ -42,8 +43,8 @@ async fn passed_at(bus: &Bus, station: u16) -> Result<Passed, Unanswered> {
     Ok(Passed { ports, unit })
 }
 
-/// Makes room for what so many slaves need at most: all of them may be back from being without power at once, and the clock of each
-/// is set by a measurement of its own.
+/// Allocates memory for the largest number of concurrent measurements. After a loss of power all slaves may come back
+/// at once, and the clock of each is set by a measurement of its own.
 pub(super) fn make_room(shared: &mut Shared, slaves: usize) {
     let clocks = usize::from(shared.clocks.all.len());
     shared.measurements.resize_with(clocks, || Measurement::new(slaves));
@@ -51,7 +52,7 @@ pub(super) fn make_room(shared: &mut Shared, slaves: usize) {
 }
 
 impl Measurement {
-    /// With room for so many slaves.
+    /// A measurement with memory for that many slaves.
     fn new(slaves: usize) -> Self {
         let mut measurement = Self {
             reads: Vec::with_capacity(slaves),
@@ -69,7 +70,7 @@ impl Measurement {
     }
 }
 
-/// A measurement under way. Dropped, it gives its memory back.
+/// A running measurement of propagation delays. Dropping it returns its memory for the next one.
 pub(super) struct Measuring<'a> {
     bus: &'a Bus,
     measurement: Measurement,
@@ -84,7 +85,7 @@ impl Drop for Measuring<'_> {
 }
 
 impl<'a> Measuring<'a> {
-    /// Reads when the newest frame that was latched has passed each slave, and finds the delays.
+    /// Reads the latched receive times of all slaves, and computes the propagation delays.
     async fn new(bus: &'a Bus) -> Self {
         let (measurement, all) = bus.with(|shared| (shared.measurements.pop(), shared.clocks.all));
         let mut measuring = Self { bus, measurement: measurement.unwrap_or_default() };
@@ -119,45 +120,45 @@ impl<'a> Measuring<'a> {
         measuring
     }
 
-    /// When the frame has passed a slave, and how long the way to it is, ns.
+    /// The receive times of a slave, and its propagation delay, ns.
     fn of(&self, slave: u8) -> Option<(Passed, u32)> {
         let n = usize::from(slave).checked_sub(1)?;
         Some(((*self.measurement.passed.get(n)?)?, *self.measurement.delays.get(n)?))
     }
 
-    /// The port by which the frame has come to each slave: the one that it has passed first. That is port 0 unless IN and OUT are swapped
-    /// there, or if it is not known.
+    /// For each slave the port by which frames enter it: the one with the earliest receive time. It is port 0 unless IN
+    /// and OUT are swapped at the slave, or if the times are unknown.
     pub(super) fn entries(&self) -> Vec<u8> {
         let places = self.bus.with(|shared| shared.clocks.places.clone());
         let entry = |(place, passed): (&Place, &Option<Passed>)| {
             let mut open = (0..PORTS).filter(|port| is_open(place.ports, *port));
             if !is_open(place.ports, 0) {
-                // Frames turn where nobody is behind: they have come by the other one.
+                // At the end of a line, frames turn around: with a single open port it is the one by which they enter.
                 return open.next().filter(|_| open.next().is_none());
             }
             let passed = (*passed)?;
             let after_port_0 = |port: &usize| passed.ports[*port].wrapping_sub(passed.ports[0]).cast_signed();
-            // A port that this frame has not passed has kept an older time.
+            // A port that this frame has not passed still has an older receive time.
             open.filter(|port| after_port_0(port) > -ROUND_MAX_NS).min_by_key(after_port_0)
         };
         places.iter().zip(&self.measurement.passed).map(|one| entry(one).unwrap_or(0) as u8).collect()
     }
 
-    /// How long the way to each slave is, ns.
+    /// The propagation delay of each slave, ns.
     pub(super) fn delays(&self) -> &[u32] {
         &self.measurement.delays
     }
 }
 
-/// Sets the clocks of slaves to the time of those that have been set already; if there are none, to that of the master. How
-/// long the way to each slave is, is known then.
+/// Sets the clocks of `slaves` to the time of the clocks that are set already, or to that of the master if none is.
+/// Returns the measurement with the propagation delays.
 pub(super) async fn set(bus: &Bus, slaves: SlaveSet) -> Result<Measuring<'_>, Lost> {
     let (all, set, missing) = bus.with(|shared| (shared.clocks.all, shared.clocks.set, shared.missing));
     let latched_at = bus.now();
     bus.write_all(RECEIVE_TIMES, &[0; 4]).await?;
     let measuring = Measuring::new(bus).await;
     let station = |slave| bus.with(|shared| shared.clocks.station(slave));
-    // What the time was when the frame was at the first slave, by a clock that runs.
+    // The time at which the frame was at the first slave, computed from a clock that is set.
     let running = set.difference(missing).difference(slaves).iter().next();
     let time = match running.and_then(|slave| Some((station(slave)?, measuring.of(slave)?))) {
         Some((station, (Passed { unit, .. }, delay))) => {
@@ -185,19 +186,19 @@ pub(super) async fn set(bus: &Bus, slaves: SlaveSet) -> Result<Measuring<'_>, Lo
     Ok(measuring)
 }
 
-/// The ports by which frames come to the slaves, as [`Measuring::entries`] says.
+/// Latches receive times and returns for each slave the port by which frames enter it ([`Measuring::entries`]).
 pub(super) async fn entries(bus: &Bus) -> Result<Vec<u8>, Lost> {
     bus.write_all(RECEIVE_TIMES, &[0; 4]).await?;
     Ok(Measuring::new(bus).await.entries())
 }
 
-/// Brings the time of the reference, or the master's, to all clocks, as each cycle does.
+/// Distributes the time of the reference clock, or that of the master, to all clocks, as each cycle does.
 pub(super) async fn distribute(bus: &Bus) {
     let Some(ClockDatagram { command, station, time }) = bus.with(|shared| shared.clock_datagram()) else { return };
     let mut data = time.to_le_bytes();
     let answer = bus.queue_with(command, station, SYSTEM_TIME, &data, 1).answer(&mut data).await;
     let slaves = bus.with(|shared| shared.live.len());
-    // No slave counts twice.
+    // A valid working counter is at most the number of slaves: each adds 1.
     if command == Command::Frmw && answer.is_ok_and(|counter| (1..=slaves).contains(&counter.into())) {
         bus.with(|shared| shared.clocks.take_time(u64::from_le_bytes(data), shared.missing));
     }
@@ -206,13 +207,14 @@ pub(super) async fn distribute(bus: &Bus) {
 /// Stops the SYNC signals of a slave.
 pub(super) async fn stop_sync(bus: &Bus, slave: u8, station: u16) -> Result<(), Unanswered> {
     if bus.with(|shared| shared.clocks.all.contains(slave)) {
-        // What belongs to the slave's own controller is not written before it is the master's.
+        // Before this write gives control to the master, the slave's own controller may have it, and other writes have
+        // no effect.
         bus.write(station, CYCLIC_UNIT_CONTROL, &[0; 2]).await?;
     }
     Ok(())
 }
 
-/// Sets the clock of a slave, if it is not, and starts its SYNC signals.
+/// Sets the clock of a slave if necessary, and starts its SYNC signals.
 pub(super) async fn start_sync(
     bus: &Bus,
     slave: u8,
@@ -225,7 +227,7 @@ pub(super) async fn start_sync(
     stop_sync(bus, slave, station).await?;
     let (is_set, is_reference) =
         bus.with(|shared| (shared.clocks.set.contains(slave), shared.clocks.reference(shared.missing) == Some(slave)));
-    // One that has missed the frame by which it was set never comes near.
+    // A clock that has missed the frame by which it was set would never come close to the reference.
     if !is_set || !is_reference && difference_ns(bus, station).await?.abs() > FAR_NS {
         set(bus, [slave].into_iter().collect()).await?;
     }
@@ -246,7 +248,7 @@ pub(super) async fn start_sync(
     bus.write(station, CYCLIC_UNIT_CONTROL, &assign_activate.to_le_bytes()).await
 }
 
-/// By how much the clock of a slave is ahead of the reference.
+/// How much the clock of a slave is ahead of the reference, ns; negative: behind it.
 async fn difference_ns(bus: &Bus, station: u16) -> Result<i64, Unanswered> {
     let difference = SystemTimeDifference(u32::from_le_bytes(bus.read(station, SYSTEM_TIME_DIFFERENCE).await?));
     Ok(difference.ahead_ns())
@@ -255,7 +257,8 @@ async fn difference_ns(bus: &Bus, station: u16) -> Result<i64, Unanswered> {
 async fn wait_until_near(bus: &Bus, slave: u8, station: u16) -> Result<(), Unanswered> {
     let until = bus.now().saturating_add(NEAR_MAX_NS);
     loop {
-        // The reference follows nobody, and shows by how much it was away from the one before it.
+        // The reference clock follows no other one. Its difference register still shows the one from an earlier
+        // reference.
         if bus.with(|shared| shared.clocks.reference(shared.missing) == Some(slave)) {
             return Ok(());
         }

@@ -1,13 +1,13 @@
-//! Which process data each slave has, and their bytes.
+//! The configuration of a user: process data of each slave, its sync managers, and the distributed clocks.
 
 use super::{ConfigureError, Master, Pace, ProcessManager, ReferenceClock, SyncSignals, process_data};
 use crate::ethercat::registers::SyncManager;
 use crate::ethercat::sii::SiiSmType;
 
 impl Master {
-    /// Sets how long the process data of a slave are, bytes, as they were mapped: they lie in the first sync manager that the
-    /// slave describes for each direction. They take effect when the slave goes from PreOP to SafeOP. Outputs are 0 then,
-    /// unless nothing has changed.
+    /// Sets the lengths of a slave's process data, bytes, as its PDOs are mapped. The data of each direction use the
+    /// first sync manager that the slave describes for it. The lengths take effect when the slave goes from PreOP to
+    /// SafeOP. Its outputs are 0 then, unless nothing has changed.
     ///
     /// # Errors
     /// [`ConfigureError`].
@@ -29,7 +29,8 @@ impl Master {
         self.configure_managers(slave, described, described)
     }
 
-    /// Configures a slave whose sync managers for outputs and for inputs have these lengths, the first one with number 0.
+    /// Configures the process data sync managers of a slave. `output_len` and `input_len` give the length of the n-th one
+    /// (from 0) of their direction, bytes.
     fn configure_managers(
         &mut self,
         slave: u8,
@@ -50,7 +51,7 @@ impl Master {
             return Err(ConfigureError::Active(slave));
         }
         self.process.configure(slave, outputs, inputs, lacks_lrw, active)?;
-        // Those of other slaves may be elsewhere now.
+        // The inputs of other slaves may have moved.
         let Self { bus, process, .. } = self;
         bus.with(|shared| {
             (1..).zip(&mut shared.live).for_each(|(slave, live)| live.inputs_at = process.inputs_at(slave))
@@ -58,14 +59,15 @@ impl Master {
         Ok(())
     }
 
-    /// Sets where a sync manager lies, and its control byte, other than the EEPROM describes it, from the slave's next way to PreOP
-    /// (the mailbox, 0 and 1) or to SafeOP (process data) on. One of process data that the EEPROM does not describe is that of
-    /// the direction in its control byte. Another scan forgets it.
+    /// Sets the start address and control byte of a sync manager, in place of those in the EEPROM. They take effect
+    /// when the slave goes to PreOP the next time (0 and 1, the mailbox), or to SafeOP (process data). For process data
+    /// that the EEPROM does not describe, the control byte gives the direction. Another scan resets this.
     ///
-    /// The length of process data is that of [`Self::configure`]; a mailbox has no other control bytes than the usual ones.
+    /// The length of process data is that of [`Self::configure`]. A mailbox keeps the usual control byte.
     ///
     /// # Errors
-    /// [`ConfigureError::NoSlave`]; [`ConfigureError::NoManager`]: the slave has no such sync manager, or a mailbox without bytes.
+    /// [`ConfigureError::NoSlave`]; [`ConfigureError::NoManager`]: the slave has no such sync manager, or it would be a
+    /// mailbox of 0 bytes.
     pub fn set_manager(&mut self, slave: u8, number: u8, registers: SyncManager) -> Result<(), ConfigureError> {
         let place = usize::from(slave).checked_sub(1).and_then(|n| self.slaves.get_mut(n));
         let info = place.ok_or(ConfigureError::NoSlave(slave))?;
@@ -73,11 +75,12 @@ impl Master {
         if is_set { Ok(()) } else { Err(ConfigureError::NoManager(slave)) }
     }
 
-    /// Sets what the sync managers of a slave are for, number 0 first, as its object 0x1C00 says it, where its EEPROM says nothing of it
-    /// ([`assumes_managers`](super::SlaveInfo::assumes_managers)). They take effect with the next [`Self::configure`]. Another scan forgets it.
+    /// Sets the purpose of each sync manager of a slave, number 0 first, as its object 0x1C00 gives it. Only for a
+    /// slave whose EEPROM does not give it ([`assumes_managers`](super::SlaveInfo::assumes_managers)). It takes effect
+    /// with the next [`Self::configure`]. Another scan resets this.
     ///
     /// # Errors
-    /// [`ConfigureError::NoSlave`]; [`ConfigureError::NoManager`]: its EEPROM says what they are.
+    /// [`ConfigureError::NoSlave`]; [`ConfigureError::NoManager`]: the EEPROM gives the purposes.
     pub fn assume_managers(&mut self, slave: u8, uses: &[SiiSmType]) -> Result<(), ConfigureError> {
         let place = usize::from(slave).checked_sub(1).and_then(|n| self.slaves.get_mut(n));
         let info = place.ok_or(ConfigureError::NoSlave(slave))?;
@@ -88,8 +91,8 @@ impl Master {
         Ok(())
     }
 
-    /// Sets whether what a slave sends unasked stays in its mailbox until [`Self::receive_mail`], or another request to that
-    /// mailbox, takes it. At first the master takes it by itself. Another scan forgets it.
+    /// Sets whether unsolicited messages of a slave stay in its mailbox until [`Self::receive_mail`], or a request to
+    /// that mailbox, reads them. By default the master reads and drops them. Another scan resets this.
     pub fn keep_mail(&mut self, slave: u8, keeps: bool) {
         self.bus.with(|shared| {
             if let Some(live) = shared.live_mut(slave) {
@@ -98,12 +101,12 @@ impl Master {
         });
     }
 
-    /// Whether there was mail in a slave's mailbox when it was looked at last, which is done for those of [`Self::keep_mail`].
+    /// Whether the watch found a message in a slave's mailbox the last time; only for slaves with [`Self::keep_mail`].
     pub fn has_mail(&self, slave: u8) -> bool {
         self.bus.with(|shared| shared.live_mut(slave).is_some_and(|live| live.has_mail))
     }
 
-    /// Sets which SYNC signals a slave with distributed clocks gets from its way to SafeOP on; `None`: none.
+    /// Sets the SYNC signals that a slave with distributed clocks gets on its way to SafeOP; `None`: no signals.
     ///
     /// # Errors
     /// [`ConfigureError::NoSlave`].
@@ -111,21 +114,21 @@ impl Master {
         if self.process.set_sync(slave, sync) { Ok(()) } else { Err(ConfigureError::NoSlave(slave)) }
     }
 
-    /// Sets whose time all clocks follow, from the next cycle on. With the master's no reference clock answers, so that a pace
-    /// has no effect.
+    /// Sets the reference for all clocks, from the next cycle on. With [`ReferenceClock::Master`] no slave sends a
+    /// reference time, so that [`Self::set_pace`] has no effect on deadlines.
     pub fn set_reference(&mut self, reference: ReferenceClock) {
         self.bus.with(|shared| shared.reference = reference);
     }
 
-    /// Sets whether process data travel in LRW, as they do at first, or in an LWR and an LRD, from the next cycle on. Slaves without
-    /// LRW never get one.
+    /// Sets whether process data use LRW, the default, or an LWR and an LRD, from the next cycle on. Slaves without LRW
+    /// always use LWR and LRD.
     pub const fn set_lrw(&mut self, is_used: bool) {
         self.process.set_lrw(is_used);
     }
 
-    /// Sets how long cycles are, by which slaves' watchdogs go, and how they follow the reference clock, which
-    /// [`CycleDone::next_deadline`](super::CycleDone::next_deadline) then says; `None`: nothing is said, and watchdogs stay as they
-    /// are.
+    /// Sets the cycle time, from which the watchdogs of slaves follow, and the phase of cycles to the reference clock,
+    /// from which [`CycleDone::next_deadline`](super::CycleDone::next_deadline) follows. `None`: there are no
+    /// deadlines, and watchdogs are not written.
     pub fn set_pace(&mut self, pace: Option<Pace>) {
         self.bus.with(|shared| (shared.pace, shared.pacer) = (pace, super::pace::Pacer::default()));
     }
@@ -135,7 +138,7 @@ impl Master {
         self.process.outputs_mut(slave)
     }
 
-    /// The inputs of a slave as they came last; `None`: there is no slave with that number.
+    /// The newest inputs of a slave; `None`: there is no slave with that number.
     pub fn inputs(&self, slave: u8) -> Option<&[u8]> {
         self.process.inputs(slave)
     }

@@ -1,9 +1,9 @@
-//! The end of a cycle: what it tells of the slaves.
+//! The end of a cycle: what its working counters show about the slaves.
 
 use super::process_data::ProcessData;
 use super::shared::Shared;
 
-/// Ends a cycle, and sees whether slaves are missing or have left OP.
+/// Ends a cycle, and checks by its working counters whether slaves are missing or have left OP.
 pub(super) fn judge(process: &mut ProcessData, shared: &mut Shared) {
     let Some(done) = process.finish(shared.active) else { return };
     if let Some(time) = done.reference_time {
@@ -20,7 +20,7 @@ pub(super) fn judge(process: &mut ProcessData, shared: &mut Shared) {
         && shared.missing.is_empty()
         && shared.mute.is_empty();
     if done.lost > 0 || done.present.is_none() {
-        // It tells nothing of slaves.
+        // A lost frame shows nothing about the slaves.
         return;
     }
     let counters = (done.working_counter, done.expected_working_counter, done.present);

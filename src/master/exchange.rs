@@ -1,8 +1,9 @@
-//! The frame layer: who owns which index, which answer belongs to which frame, and what became of it.
+//! The frame layer: assigns indices to frames, matches answers with frames, and handles lost frames.
 //!
-//! Every frame has one of 256 indices, which all its datagrams carry. An answer is taken if its frame is on the way and each
-//! datagram has the command, the address as far as slaves leave it, and the length that were sent. Everything else is counted
-//! and dropped. The index of a frame that was lost rests for a while, so that a late answer meets no new owner.
+//! Each frame has one of 256 indices, which all its datagrams carry. An answer is accepted if its frame is in flight
+//! and each datagram has the command, length and address that were sent, except for address bits that slaves change.
+//! All other frames are counted and dropped. The index of a lost frame is not reused for a while, so that a late answer
+//! cannot be taken for that of a newer frame.
 
 use std::collections::VecDeque;
 
@@ -12,71 +13,72 @@ use crate::ethercat::{
     FRAME_LEN_MIN, Frame, FrameHeader, FrameWriter, MAX_SLAVES, Ns,
 };
 
-/// \[OURS] How many frames may be on the way.
+/// \[OURS] The number of frames that may be in flight.
 const FLIGHTS: usize = 32;
-/// \[OURS] How many datagrams beside the cycle there is room for before more needs memory. Short ones: of each slave one of the watch,
-/// one of a change of state and one of a change that was given up, and some. Long ones: two of each mailbox, and some.
+/// \[OURS] How many acyclic datagrams have preallocated memory. Short ones: for each slave one of the watch, one of a
+/// change of state and one of an abandoned change, and some more. Long ones: two for each mailbox, and some more.
 const SHORT_REQUESTS: usize = 3 * MAX_SLAVES + 16;
 const LONG_REQUESTS: usize = 2 * MAX_SLAVES + 16;
-/// \[OURS] How many bytes a short one has at most. Registers have fewer.
+/// \[OURS] The most bytes of data in a short datagram. Register accesses have fewer.
 const SHORT_LEN: usize = 64;
-/// \[OURS] How many datagrams a frame has at most.
+/// \[OURS] The most datagrams in a frame.
 const DATAGRAMS_MAX: usize = 64;
 
-/// What became of frames.
+/// Counters of the frames of a master, by what happened to them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameCounters {
     /// Frames that were sent.
     pub sent: u64,
-    /// Frames that the wire did not take.
+    /// Frames that the wire did not accept for sending.
     pub unsent: u64,
     /// Frames that came back.
     pub answered: u64,
     /// Frames that did not come back in time.
     pub lost: u64,
-    /// Lost frames that came back after all.
+    /// Lost frames that came back after the timeout.
     pub late: u64,
-    /// Frames that came back once more.
+    /// Frames that came back a second time.
     pub doubled: u64,
-    /// Frames with an index of ours that are not what was sent with it.
+    /// Frames with an index in use whose datagrams are not those that were sent.
     pub mismatched: u64,
     /// Frames with an index that is not in use.
     pub unknown: u64,
-    /// Frames of another master: their source is neither ours nor ours as slaves change it.
+    /// Frames of another master: their source address is not that of this master, with or without the bit that slaves
+    /// set.
     pub foreign: u64,
-    /// Frames of ours that have passed no slave.
+    /// Frames of this master that came back without having passed a slave.
     pub unpassed: u64,
-    /// What is no frame of EtherCAT with datagrams.
+    /// Received frames that are not valid EtherCAT frames with datagrams.
     pub malformed: u64,
 }
 
-/// No frame came back, however often it was sent.
+/// No frame came back in any of the tries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Lost;
 
-/// What an index is in use for.
+/// The state of a frame index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum IndexUse {
     Free,
-    /// Its frame has come back, and no other one has had the index since.
+    /// The frame has come back, and the index was not reused since.
     Answered,
-    /// The frame is on the way: which one it is.
+    /// The frame is in flight; its place in `flights`.
     Flying(usize),
-    /// The frame was lost.
+    /// The frame was lost. The index may be reused from `until` on.
     Resting {
         until: Ns,
     },
 }
 
-/// Who a datagram is for.
+/// The receiver of a datagram's answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Owner {
     Request(usize),
-    /// A datagram of the cycle, by its number there.
+    /// The cycle; the number of the datagram there.
     Cycle(u8),
 }
 
-/// A datagram that was sent.
+/// A datagram of a frame in flight.
 #[derive(Clone, Copy, Debug)]
 struct Sent {
     command: Command,
@@ -86,7 +88,8 @@ struct Sent {
 }
 
 impl Sent {
-    /// Whether a datagram is this one on its way back. Slaves change the position in the address of some commands.
+    /// Whether `header` can belong to the answer of this datagram. Slaves change the position in the address of some
+    /// commands.
     fn is_answered_by(&self, header: &DatagramHeader) -> bool {
         let kept = match self.command.addressing() {
             Addressing::Position | Addressing::Broadcast => 0xFFFF_0000,
@@ -96,7 +99,7 @@ impl Sent {
     }
 }
 
-/// A frame on the way.
+/// A frame in flight.
 #[derive(Debug, Default)]
 struct Flight {
     is_used: bool,
@@ -112,28 +115,28 @@ enum RequestState {
     Unused,
     Queued,
     Flying,
-    /// Its frame has come back, with that working counter.
+    /// The frame has come back; the working counter of the datagram.
     Answered(u16),
     Lost,
 }
 
-/// A datagram beside the cycle.
+/// An acyclic datagram: one that is not part of a cycle.
 #[derive(Debug)]
 struct Request {
     state: RequestState,
     command: Command,
     address: u32,
     data: Vec<u8>,
-    /// There is room for more than [`SHORT_LEN`] bytes.
+    /// Whether `data` has capacity for more than [`SHORT_LEN`] bytes.
     is_long: bool,
-    /// How often it may still be sent.
+    /// How many more times the datagram may be sent.
     tries: u8,
-    /// Nobody waits for it any more.
+    /// Whether the ticket was dropped, so that nothing waits for the answer.
     is_abandoned: bool,
 }
 
 impl Request {
-    /// A long or a short one that is not in use.
+    /// An unused request with memory for a long or a short datagram.
     fn new(is_long: bool) -> Self {
         let (state, command) = (RequestState::Unused, Command::Nop);
         let data = Vec::with_capacity(if is_long { DATA_LEN_MAX } else { SHORT_LEN });
@@ -141,7 +144,7 @@ impl Request {
     }
 }
 
-/// The requests that are not in use, by their numbers.
+/// The unused requests, by their indices in `requests`.
 #[derive(Debug)]
 struct Unused {
     short: Vec<usize>,
@@ -153,19 +156,19 @@ impl Unused {
         if is_long { &mut self.long } else { &mut self.short }
     }
 
-    /// Nobody uses a request any more.
+    /// Returns a request that is no longer needed.
     fn take_back(&mut self, number: usize, request: &mut Request) {
         request.state = RequestState::Unused;
         self.of(request.is_long).push(number);
     }
 }
 
-/// The frame layer.
+/// The frame layer: all frame indices, frames in flight and acyclic datagrams.
 #[derive(Debug)]
 pub(super) struct Exchange {
     settings: Settings,
     indices: [IndexUse; 256],
-    /// Where the search for a free index begins.
+    /// The index at which the search for a free one begins.
     next_index: u8,
     flights: Vec<Flight>,
     requests: Vec<Request>,
@@ -173,11 +176,11 @@ pub(super) struct Exchange {
     queue: VecDeque<usize>,
     buffer: [u8; FRAME_LEN_MAX],
     pub(super) counters: FrameCounters,
-    /// The source of the last frame of another master.
+    /// The source address of the newest frame of another master.
     pub(super) other_source: Option<[u8; 6]>,
 }
 
-/// A frame of the cycle that is being put together.
+/// A frame of the cycle while datagrams are added to it.
 pub(super) struct CyclicFrame<'a> {
     writer: FrameWriter<'a>,
     datagrams: &'a mut Vec<Sent>,
@@ -186,7 +189,7 @@ pub(super) struct CyclicFrame<'a> {
 }
 
 impl CyclicFrame<'_> {
-    /// Adds a datagram, if it fits.
+    /// Adds a datagram. Returns false if it does not fit.
     pub(super) fn push(&mut self, command: Command, address: u32, data: &[u8], number: u8) -> bool {
         let fits = self.writer.push(DatagramHeader::new(command, self.index, address), data).is_ok();
         if fits {
@@ -195,7 +198,7 @@ impl CyclicFrame<'_> {
         fits
     }
 
-    /// Sends it.
+    /// Sends the frame.
     pub(super) fn send(self, wire: &mut (impl Wire + ?Sized)) {
         send(wire, self.writer, self.counters);
     }
@@ -204,7 +207,7 @@ impl CyclicFrame<'_> {
 fn send(wire: &mut (impl Wire + ?Sized), writer: FrameWriter<'_>, counters: &mut FrameCounters) {
     match wire.send(writer.finish()) {
         Ok(()) => counters.sent += 1,
-        // It is lost as any other one that does not come back.
+        // The frame then expires like any other one that does not come back.
         Err(_) => counters.unsent += 1,
     }
 }
@@ -229,13 +232,13 @@ impl Exchange {
         exchange
     }
 
-    /// Makes room for so many short datagrams besides those that there is room for from the start.
+    /// Allocates memory for `more` short datagrams beyond those from the start.
     pub(super) fn reserve_short(&mut self, more: usize) {
         let has = self.requests.iter().filter(|request| !request.is_long).count();
         self.reserve((SHORT_REQUESTS + more).saturating_sub(has), false);
     }
 
-    /// Makes room for so many more datagrams, long or short ones.
+    /// Allocates memory for `more` datagrams, long or short ones.
     fn reserve(&mut self, more: usize, is_long: bool) {
         let has = self.requests.len();
         let all = has + more;
@@ -246,7 +249,7 @@ impl Exchange {
         unused.reserve(all - unused.len());
     }
 
-    /// Queues a datagram, which has at most [`DATA_LEN_MAX`] bytes; its number, by which the answer is taken.
+    /// Queues a datagram with at most [`DATA_LEN_MAX`] bytes. Returns its number for [`Self::answer`].
     pub(super) fn request(&mut self, command: Command, address: u32, data: &[u8], tries: u8) -> usize {
         let is_long = data.len() > SHORT_LEN;
         let number = self.unused.of(is_long).pop().unwrap_or_else(|| {
@@ -262,7 +265,7 @@ impl Exchange {
         number
     }
 
-    /// The working counter of an answer, whose data are put into `data`; `None`: it has not come yet.
+    /// The working counter of an answer, whose data are copied into `data`; `None`: it has not come yet.
     pub(super) fn answer(&self, number: usize, data: &mut [u8]) -> Option<Result<u16, Lost>> {
         let request = self.requests.get(number)?;
         match request.state {
@@ -275,7 +278,7 @@ impl Exchange {
         }
     }
 
-    /// Nobody waits for a datagram any more.
+    /// Abandons a datagram: its answer is not needed.
     pub(super) fn release(&mut self, number: usize) {
         let Some(request) = self.requests.get_mut(number) else { return };
         request.is_abandoned = true;
@@ -284,17 +287,17 @@ impl Exchange {
         }
     }
 
-    /// A frame is on the way.
+    /// Whether any frame is in flight.
     pub(super) fn is_flying(&self) -> bool {
         self.flights.iter().any(|flight| flight.is_used)
     }
 
-    /// A frame with datagrams beside the cycle is on the way, or some are queued.
+    /// Whether a frame with acyclic datagrams is in flight.
     pub(super) fn is_acyclic_flying(&self) -> bool {
         self.flights.iter().any(|flight| flight.is_used && !flight.is_cyclic)
     }
 
-    /// The first index that may be used, and a place for its frame.
+    /// Claims a free index, and a place in `flights` for its frame.
     fn claim(&mut self, now: Ns, is_cyclic: bool) -> Option<usize> {
         let place = self.flights.iter().position(|flight| !flight.is_used)?;
         let is_free = |index: &u8| match self.indices[usize::from(*index)] {
@@ -302,7 +305,7 @@ impl Exchange {
             IndexUse::Flying(_) => false,
             IndexUse::Resting { until } => now >= until,
         };
-        // If so many frames were lost that all indices rest, the one that does so for longest is taken.
+        // If no index is free because too many frames were lost, the index that was lost first is reused early.
         let is_resting = |index: &u8| matches!(self.indices[usize::from(*index)], IndexUse::Resting { .. });
         let mut all = (0..=u8::MAX).map(|n| self.next_index.wrapping_add(n));
         let index = all.clone().find(is_free).or_else(|| all.find(is_resting))?;
@@ -315,7 +318,7 @@ impl Exchange {
         Some(place)
     }
 
-    /// Begins a frame of the cycle; `None`: too many are on the way.
+    /// Begins a frame of the cycle; `None`: too many frames are in flight.
     pub(super) fn begin_cyclic(&mut self, now: Ns) -> Option<CyclicFrame<'_>> {
         let place = self.claim(now, true)?;
         let Self { flights, buffer, counters, settings, .. } = self;
@@ -324,7 +327,8 @@ impl Exchange {
         Some(CyclicFrame { writer, index: flight.index, datagrams: &mut flight.datagrams, counters })
     }
 
-    /// Sends queued datagrams in one frame of at most `bytes_max` bytes, but one datagram at least. Whether there were some.
+    /// Sends queued datagrams in one frame of at most `bytes_max` bytes, but at least one datagram. Returns whether a
+    /// frame was sent.
     pub(super) fn send_queued(&mut self, now: Ns, bytes_max: usize, wire: &mut (impl Wire + ?Sized)) -> bool {
         while let Some(number) = self.queue.front().copied()
             && self.requests[number].is_abandoned
@@ -360,7 +364,7 @@ impl Exchange {
         true
     }
 
-    /// A frame has come. Calls `cycle` with the number of each datagram of the cycle in it.
+    /// Handles a received frame. Calls `cycle` with the number of each datagram of the cycle in it.
     pub(super) fn receive(&mut self, bytes: &[u8], mut cycle: impl FnMut(u8, &Datagram<'_>)) {
         let Ok(frame) = Frame::decode(bytes) else {
             self.counters.malformed += 1;
@@ -425,7 +429,7 @@ impl Exchange {
         }
     }
 
-    /// Whether a frame with that source is one of ours that has passed a slave; others are counted.
+    /// Whether a frame with that source address is one of this master that has passed a slave. All others are counted.
     fn is_ours(&mut self, source: [u8; 6]) -> bool {
         let ours = self.settings.source;
         let passed = [ours[0] | FrameHeader::PASSED_A_SLAVE, ours[1], ours[2], ours[3], ours[4], ours[5]];
@@ -439,7 +443,7 @@ impl Exchange {
         is_ours
     }
 
-    /// Gives up frames that are on the way for too long.
+    /// Gives up frames whose timeout has passed.
     pub(super) fn expire(&mut self, now: Ns) {
         for place in 0..self.flights.len() {
             if self.flights[place].is_used && now >= self.flights[place].expires {
@@ -448,7 +452,7 @@ impl Exchange {
         }
     }
 
-    /// Gives up the frames of the cycle that are on the way.
+    /// Gives up the frames of the cycle that are in flight.
     pub(super) fn expire_cyclic(&mut self, now: Ns) {
         for place in 0..self.flights.len() {
             if self.flights[place].is_used && self.flights[place].is_cyclic {

@@ -1,4 +1,4 @@
-//! Files by FoE: packet by packet, each with its acknowledgement; a packet that is shorter than the mailbox ends the file.
+//! Files by FoE: each packet has an acknowledgement, and a packet that does not fill the mailbox ends the file.
 
 use super::VALUE_BYTES_MAX;
 use super::bus::Bus;
@@ -8,33 +8,33 @@ use crate::ethercat::foe::{FOE_OVERHEAD, FoeError, FoeMessage};
 use crate::ethercat::mailbox::{MAILBOX_HEADER_LEN, MailboxProtocol};
 use crate::ethercat::sii::MailboxProtocols;
 
-/// \[OURS] How long the master waits before it sends again what a slave was too busy for.
+/// \[OURS] How long the master waits before it repeats a packet for which a slave was busy.
 const BUSY_NS: Ns = 10_000_000;
-/// \[OURS] How often a slave may say so of one packet.
+/// \[OURS] How often a slave may answer one packet with busy.
 const BUSY_MAX: u32 = 6_000;
 
 /// Why a file was not read or written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FileError {
-    /// The slave, or the master, has ended the transfer.
+    /// The slave or the master has ended the transfer with an FoE error.
     #[error("ended with error {0}")]
     File(FoeError),
-    /// There was no answer.
+    /// The slave has not answered.
     #[error(transparent)]
     Mailbox(#[from] MailboxError),
 }
 
-/// A transfer.
+/// A running FoE transfer.
 struct Transfer {
     mailbox: Mailbox,
     timeout_ns: Ns,
 }
 
-/// What a slave says to a packet.
+/// The answer of a slave to a packet.
 enum Answer {
-    /// It was taken.
+    /// The slave has acknowledged the packet.
     Taken,
-    /// The packet that was asked for was put behind the content; whether it is the last one.
+    /// The slave has sent the requested packet, whose data were appended to the content. `is_last`: it ends the file.
     Data { is_last: bool },
 }
 
@@ -44,7 +44,8 @@ impl Transfer {
         Ok(Self { mailbox, timeout_ns: peer.timeout_ns })
     }
 
-    /// Sends a message, again if the slave is busy, until the slave takes it as packet `packet`, or sends that one.
+    /// Sends a message, and repeats it while the slave is busy. Returns when the slave acknowledges packet number
+    /// `packet`, or sends the packet with that number.
     async fn ask(&mut self, message: FoeMessage<'_>, packet: u32, content: &mut Vec<u8>) -> Result<Answer, FileError> {
         for _ in 0..BUSY_MAX {
             let until = self.mailbox.now().saturating_add(self.timeout_ns);
@@ -64,7 +65,7 @@ impl Transfer {
                     FoeMessage::Ack { .. } | FoeMessage::Data { .. } => FoeError::PACKET_NUMBER,
                     _ => FoeError::ILLEGAL,
                 };
-                // An older packet once more is none to this one.
+                // A repeated older packet is no answer to this message.
                 if !self.mailbox.leaves_out() {
                     return self.fail(wrong).await;
                 }
@@ -80,7 +81,7 @@ impl Transfer {
     }
 
     async fn fail<R>(&mut self, code: FoeError) -> Result<R, FileError> {
-        // It has ended whether the slave takes note or not.
+        // The transfer has ended even if the slave does not receive this.
         let _ = self.say(FoeMessage::Error { code, text: &[] }).await;
         self.mailbox.wants_no_answer();
         Err(FileError::File(code))

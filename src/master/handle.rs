@@ -1,15 +1,15 @@
-//! The handle of what was started, whose type says what its end is.
+//! Handles of running jobs. The type of a handle gives the type of the job's result.
 
 use std::fmt;
 use std::marker::PhantomData;
 
 use super::{DatagramAnswer, DatagramError, FileError, MailboxError, ScanError, SdoError, SiiError, StateError};
 
-/// Names something that was started.
+/// The id of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct JobId(pub(super) u64);
 
-/// Something that was started and ends with a `T`, which [`Master::take`](super::Master::take) gives.
+/// A handle of a job whose result is a `T`. [`Master::take`](super::Master::take) returns the result.
 pub struct Job<T> {
     id: JobId,
     end: PhantomData<fn() -> T>,
@@ -20,7 +20,7 @@ impl<T> Job<T> {
         Self { id, end: PhantomData }
     }
 
-    /// Its name among all that was started, whatever it ends with.
+    /// The id of the job, without the type of its result.
     pub const fn id(self) -> JobId {
         self.id
     }
@@ -46,20 +46,20 @@ impl<T> From<Job<T>> for JobId {
     }
 }
 
-/// What a [`Job`] may end with.
+/// The types that the result of a [`Job`] may have.
 pub trait Ending: Sized {
     #[doc(hidden)]
     fn into_end(self) -> End;
 
-    /// `None`: the end is another job's, of another master.
+    /// Converts the result of a job; `None`: it has another type, as the handle is one of another master.
     #[doc(hidden)]
     fn of(end: End) -> Option<Self>;
 }
 
-/// One type for all ends, so that they wait in one queue, and one type for each end.
+/// Defines the enum of all results, so that they can share one queue, and the conversions from and to each type.
 macro_rules! ends {
     ($($kind:ident: $end:ty),+ $(,)?) => {
-        /// How something that was started has ended.
+        /// The result of a job of any kind.
         #[derive(Clone, Debug)]
         pub enum End {
             $(#[allow(missing_docs, reason = "its type says it")] $kind($end)),+

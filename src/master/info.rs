@@ -1,4 +1,4 @@
-//! What a scan finds out about a slave.
+//! The information that a scan collects about each slave.
 
 use super::{SiiError, Upstream, sii_error};
 use crate::ethercat::registers::{BufferMode, DlStatus, Features, SmControl, SmDirection, SyncManager};
@@ -8,33 +8,33 @@ use crate::ethercat::sii::{
 };
 use crate::ethercat::{DATA_LEN_MAX, WireError};
 
-/// \[OURS] The shortest mailbox that the master uses: an SDO with its headers has room in it.
+/// \[OURS] The shortest mailbox that the master uses, bytes: an SDO with its headers fits.
 pub const MAILBOX_BYTES_MIN: u16 = 16;
-/// The longest mailbox, which is what one datagram carries.
+/// The longest mailbox, bytes: the data of one datagram.
 pub const MAILBOX_BYTES_MAX: u16 = DATA_LEN_MAX as u16;
 
-/// \[OURS] Where the process data of a slave lie whose EEPROM has no sync managers for them: behind its mailboxes, at a multiple of
-/// this, outputs first, each with room for three buffers of 128 bytes at least.
+/// \[OURS] The alignment of process data of a slave whose EEPROM has no sync managers for them. They follow its
+/// mailboxes, outputs first, each with room for three buffers of at least 128 bytes.
 const AREA_ALIGN: u16 = 0x80;
 const AREA_ROOM: u16 = 3 * 128;
 
-/// What is said about a slave's mailbox.
+/// The mailbox of a slave, as its EEPROM describes it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MailboxInfo {
-    /// Where both mailboxes lie.
+    /// Addresses and lengths of both mailboxes in the slave's memory.
     pub areas: MailboxAreas,
-    /// Which protocols it speaks.
+    /// The mailbox protocols that the slave supports.
     pub protocols: MailboxProtocols,
-    /// What its CANopen can do.
+    /// The CoE services that the slave supports.
     pub coe: CoeDetails,
 }
 
-/// A sync manager for process data as the slave describes it.
+/// A sync manager for process data, as the slave describes it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ProcessManager {
-    /// Its number.
+    /// The number of the sync manager.
     pub number: u8,
-    /// Its registers, with the length that the slave's own PDOs have.
+    /// The registers of the sync manager, with the length of the slave's default PDOs.
     pub registers: SyncManager,
 }
 
@@ -43,39 +43,40 @@ pub struct ProcessManager {
 pub struct SlaveInfo {
     /// The station address that the master has given it.
     pub station: u16,
-    /// The station alias, 0: none.
+    /// The station alias; 0: the slave has none.
     pub alias: u16,
-    /// Who it is.
+    /// Vendor, product, revision and serial number.
     pub identity: SiiIdentity,
-    /// Its name, as [`SiiText`](crate::ethercat::sii::SiiText) shows it; empty if it says none.
+    /// The name of the slave, as [`SiiText`](crate::ethercat::sii::SiiText) shows it; empty if the EEPROM has none.
     pub name: String,
-    /// What its controller can do.
+    /// The features of the slave controller.
     pub features: Features,
-    /// How many FMMUs it has.
+    /// The number of FMMUs.
     pub fmmus: u8,
-    /// How many sync managers it has.
+    /// The number of sync managers.
     pub sync_managers: u8,
-    /// Its ports.
+    /// The state of the slave's ports.
     pub ports: DlStatus,
-    /// Where it is connected; `None`: it is the first one.
+    /// The slave and port to which this slave is connected; `None`: it is the first one.
     pub upstream: Option<Upstream>,
-    /// The port by which frames come to it, as its clock says: 0, unless its IN and OUT are swapped, or if it has none.
+    /// The port by which frames enter the slave, from the receive times of its clock. It is 0 unless IN and OUT are
+    /// swapped, and for a slave without a clock.
     pub entry_port: u8,
-    /// Its mailbox; `None`: it has none, or none that can be used.
+    /// The mailbox; `None`: the slave has none, or none that can be used.
     pub mailbox: Option<MailboxInfo>,
-    /// Its sync managers for outputs.
+    /// The sync managers for outputs.
     pub outputs: Vec<ProcessManager>,
-    /// Its sync managers for inputs.
+    /// The sync managers for inputs.
     pub inputs: Vec<ProcessManager>,
-    /// It takes no LRW, as its controller or its EEPROM says.
+    /// Whether the slave does not support LRW, by its controller or its EEPROM.
     pub lacks_lrw: bool,
-    /// The content of its EEPROM, as far as it was read, or why it was not. Without it the master knows of no mailbox
-    /// and of no process data.
+    /// The content of the EEPROM, as far as it was read, or why it was not. Without it the master knows neither a
+    /// mailbox nor process data of the slave.
     pub eeprom: Result<Vec<u8>, SiiError>,
 }
 
 impl SlaveInfo {
-    /// A slave of which only registers are known.
+    /// A slave of which only the registers are known.
     pub(super) fn new(station: u16, eeprom: Result<Vec<u8>, SiiError>) -> Self {
         let mut info = Self {
             station,
@@ -121,7 +122,7 @@ impl SlaveInfo {
                 SiiSmType::Inputs => (&mut self.inputs, CategoryKind::TxPdos),
                 _ => continue,
             };
-            // What the PDOs say counts more than the default length, which some slaves leave at 0.
+            // The sum of the PDOs takes precedence over the default length, which some slaves leave at 0.
             let len = pdo_bytes(sii, kind, number).unwrap_or(described.len);
             let registers = SyncManager::enabled(described.start, len, described.control);
             list.push(ProcessManager { number, registers });
@@ -131,8 +132,8 @@ impl SlaveInfo {
         }
     }
 
-    /// Whether its EEPROM says nothing of sync managers for process data, although it has CANopen and so may have some: object 0x1C00
-    /// says which they are, see [`Master::assume_managers`](super::Master::assume_managers).
+    /// Whether the slave has CoE and its EEPROM describes no sync managers for process data. Its object 0x1C00 then
+    /// gives their purposes, for [`Master::assume_managers`](super::Master::assume_managers).
     pub fn assumes_managers(&self) -> bool {
         let sii = self.eeprom.as_deref().ok().and_then(|bytes| Sii::new(bytes).ok());
         let is_process_data =
@@ -141,7 +142,8 @@ impl SlaveInfo {
         !self.lacks_coe() && sii.is_some_and(|sii| !is_described(sii))
     }
 
-    /// The sync managers are for that, number 0 first. The EEPROM says nothing of those for process data.
+    /// Sets the purposes of the sync managers, number 0 first, for a slave whose EEPROM describes none for process
+    /// data.
     pub(super) fn assume_managers(&mut self, uses: &[SiiSmType]) {
         let areas = self.mailbox.map(|mailbox| mailbox.areas).unwrap_or_default();
         let ends = [areas.receive, areas.send].map(|area| area.start.saturating_add(area.len));
@@ -163,8 +165,8 @@ impl SlaveInfo {
         self.eeprom = eeprom;
     }
 
-    /// How many bytes of its own outputs and inputs a slave has, as its EEPROM says; `None`: it says nothing of them, and the slave has
-    /// objects that say it.
+    /// The lengths of the slave's default outputs and inputs, bytes, as its EEPROM gives them. `None`: the EEPROM does
+    /// not give them, and the slave has objects that do.
     pub fn described_bytes(&self) -> [Option<u16>; 2] {
         let is_read = self.eeprom.is_ok();
         [&self.outputs, &self.inputs].map(|managers| {
@@ -174,12 +176,13 @@ impl SlaveInfo {
         })
     }
 
-    /// What is wrong with its EEPROM: why it was not read, or what of its content is not right; `None`: nothing is.
+    /// Why the EEPROM was not read, or what is wrong with its content; `None`: it is in order.
     pub fn eeprom_fault(&self) -> Option<SiiError> {
         self.eeprom.as_deref().map_or_else(|error| Some(*error), sii_error::fault)
     }
 
-    /// Takes a sync manager for what the EEPROM should have said. False: it is one of a mailbox that there is not.
+    /// Replaces what the EEPROM says about a sync manager. Returns false if it belongs to a mailbox that the slave does
+    /// not have.
     pub(super) fn set_manager(&mut self, number: u8, registers: SyncManager) -> bool {
         if number < 2 {
             let areas = self.mailbox.as_mut().map(|mailbox| &mut mailbox.areas);
@@ -199,13 +202,13 @@ impl SlaveInfo {
         true
     }
 
-    /// Whether the slave has no CANopen: its EEPROM was read, and says so.
+    /// Whether the slave has no CoE, according to its EEPROM. False if that was not read.
     pub fn lacks_coe(&self) -> bool {
         let has_coe = self.mailbox.is_some_and(|mailbox| mailbox.protocols.contains(MailboxProtocols::COE));
         self.eeprom.is_ok() && !has_coe
     }
 
-    /// The indices of the PDOs that the EEPROM assigns to the sync managers of outputs, and of inputs.
+    /// The indices of the PDOs that the EEPROM assigns to sync managers for outputs, and for inputs.
     pub fn assigned_pdos(&self) -> [Vec<u16>; 2] {
         let sii = self.eeprom.as_deref().ok().and_then(|bytes| Sii::new(bytes).ok());
         let of = |kind, managers: &[ProcessManager]| {
@@ -225,18 +228,18 @@ impl SlaveInfo {
     }
 }
 
-/// Whether a mailbox can be that long.
+/// Whether a mailbox may have that length, bytes.
 const fn is_mailbox_len(len: u16) -> bool {
     MAILBOX_BYTES_MIN <= len && len <= MAILBOX_BYTES_MAX
 }
 
-/// Where an area may begin that is not before this.
+/// The first aligned address for a process data area from `from` on.
 fn next_area(from: u16) -> u16 {
     from.checked_next_multiple_of(AREA_ALIGN).unwrap_or(u16::MAX)
 }
 
-/// What a sync manager is for. \[OURS] Of one that has a place and no type the control byte tells, if it is switched on or no one there
-/// has a type: a single buffer is a mailbox.
+/// The purpose of a sync manager. \[OURS] If it has an address and no type, and it is enabled or no sync manager there
+/// has a type, the control byte gives the purpose: a single buffer is a mailbox.
 fn use_of(sii: &Sii<'_>, manager: &SiiSyncManager) -> SiiSmType {
     let may_be_used =
         || manager.enable.contains(SiiSmEnable::ENABLE) || sii.sync_managers().all(|one| one.kind == SiiSmType::Unused);
@@ -252,12 +255,12 @@ fn use_of(sii: &Sii<'_>, manager: &SiiSyncManager) -> SiiSmType {
     }
 }
 
-/// The PDOs of all categories of a kind; of each up to the first one that is none.
+/// The PDOs of all categories of a kind. In each category the list ends before the first invalid PDO.
 fn pdos<'s>(sii: &Sii<'s>, kind: CategoryKind) -> impl Iterator<Item = SiiPdo<'s>> + use<'s> {
     sii.all_of(kind).flat_map(|category| category.pdos().map_while(Result::<_, WireError>::ok))
 }
 
-/// How many bytes the PDOs have together that an EEPROM assigns to a sync manager; `None`: it assigns none.
+/// The sum of the PDOs that an EEPROM assigns to a sync manager, bytes; `None`: it assigns none.
 fn pdo_bytes(sii: &Sii<'_>, kind: CategoryKind, manager: u8) -> Option<u16> {
     let mut bits = None;
     for pdo in pdos(sii, kind).filter(|pdo| pdo.sync_manager == manager) {

@@ -1,4 +1,4 @@
-//! SDO information: which objects a slave has, and what they are.
+//! SDO information: the list of a slave's objects, and their descriptions.
 
 use super::bus::Bus;
 use super::mailbox::{FIRST_OBJECT, MailboxError, Peer};
@@ -10,29 +10,29 @@ use crate::ethercat::coe::{
 use crate::ethercat::mailbox::MailboxProtocol;
 use crate::ethercat::sii::MailboxProtocols;
 
-/// The objects of a list.
+/// Reads a list of objects.
 pub(super) async fn list(bus: Bus, peer: Peer, list: ObjectListType) -> Result<Vec<u16>, SdoError> {
     let question = list.code().to_le_bytes();
     let answer = ask(bus, peer, InformationKind::ListRequest, &question, InformationKind::ListResponse).await?;
-    // The first number says which list it is.
+    // The first number of the answer is the type of the list.
     if decode_u16(&answer) != Ok(list.code()) {
         return Err(MailboxError::WrongAnswer.into());
     }
     Ok(answer.as_chunks().0.iter().skip(1).map(|index| u16::from_le_bytes(*index)).collect())
 }
 
-/// The description of an object.
+/// Reads the description of an object, undecoded.
 pub(super) async fn object(bus: Bus, peer: Peer, index: u16) -> Result<Vec<u8>, SdoError> {
     let question = index.to_le_bytes();
     ask(bus, peer, InformationKind::ObjectRequest, &question, InformationKind::ObjectResponse).await
 }
 
-/// The description of a sub-index.
+/// Reads the description of a sub-index, undecoded.
 pub(super) async fn entry(bus: Bus, peer: Peer, request: EntryRequest) -> Result<Vec<u8>, SdoError> {
     ask(bus, peer, InformationKind::EntryRequest, &request.encode(), InformationKind::EntryResponse).await
 }
 
-/// Asks, and puts the fragments of the answer behind each other.
+/// Sends a request, and joins the fragments of the answer.
 async fn ask(
     bus: Bus,
     peer: Peer,
@@ -51,7 +51,7 @@ async fn ask(
         let data = mailbox.receive(MailboxProtocol::Coe, until).await?;
         let fragment = match CoeMessage::decode(data) {
             Ok(CoeMessage::Information(fragment)) => fragment,
-            // Some slaves refuse it as they refuse an SDO.
+            // Some slaves refuse SDO information by an SDO abort.
             Ok(CoeMessage::SdoRequest(SdoRequest::Abort { object, code })) if object != FIRST_OBJECT => {
                 return Err(SdoError::Abort(code));
             }
@@ -67,7 +67,7 @@ async fn ask(
             }
             return Err(MailboxError::WrongAnswer.into());
         }
-        // The numbers of fragments count down.
+        // Each fragment gives the number of those that are left: it counts down.
         if expected.is_some_and(|expected| expected != fragment.left) {
             return Err(MailboxError::WrongAnswer.into());
         }

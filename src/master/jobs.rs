@@ -1,4 +1,4 @@
-//! What takes more than one datagram and is started by the user: scans, changes of state, SDOs.
+//! Jobs: operations of more than one datagram that a user starts, such as scans, changes of state and SDOs.
 
 use std::future::Future;
 use std::task::{Context, Poll};
@@ -19,32 +19,32 @@ use super::{
 use crate::ethercat::coe::{EntryRequest, ObjectAddress, ObjectListType, SdoScope};
 use crate::ethercat::{AlState, Command, Ns, SlaveSet};
 
-/// \[OURS] How many changes of state, and how many transfers of numbers, there is room for at once before more needs memory.
+/// \[OURS] How many changes of state, and how many transfers of numbers, can run at once without allocating.
 const CHANGES: usize = 1;
 const TRANSFERS: usize = 8;
-/// \[OURS] The same of jobs of all kinds, with such whose ends were not taken yet.
+/// \[OURS] How many jobs of all kinds there can be without allocating, including those whose result was not taken.
 pub(super) const JOBS: usize = 32;
 
-/// What a sequence gives when it has ended.
+/// The result of a job's sequence.
 pub(super) enum Output {
     Scan(Result<Vec<SlaveInfo>, ScanError>),
     Done(End),
 }
 
-/// A sequence that was started.
+/// A running job.
 pub(super) struct Running {
     pub(super) id: JobId,
     pub(super) work: Work,
 }
 
-/// The transfer of a number: of which slave and object.
+/// A slot for transfers of numbers, with the arguments of one transfer: kind, slave, object and scope.
 type NumberPlace = Place<(NumberTransfer, Peer, ObjectAddress, SdoScope), End>;
 
-/// Where a sequence runs.
+/// The future of a running job, or the slot that holds it.
 pub(super) enum Work {
-    /// In a box of its own.
+    /// A future in a box of its own.
     Once(Task<Output>),
-    /// In places that are used again.
+    /// A change of state, in a slot that is reused.
     State(StateChange),
     Number(NumberPlace),
 }
@@ -59,7 +59,7 @@ impl Work {
     }
 }
 
-/// The places that nobody uses.
+/// The unused slots.
 #[derive(Default)]
 pub(super) struct Places {
     changes: Vec<StateChange>,
@@ -67,7 +67,7 @@ pub(super) struct Places {
 }
 
 impl Places {
-    /// Those for so many slaves.
+    /// Slots for a network with that many slaves.
     fn new(bus: &Bus, slaves: usize) -> Self {
         let mut places = Self::default();
         places.changes.extend((0..CHANGES).map(|_| StateChange::new(bus, slaves)));
@@ -75,7 +75,7 @@ impl Places {
         places
     }
 
-    /// A sequence has ended, or is given up.
+    /// Takes back the slot of a job that has ended or was cancelled.
     pub(super) fn take_back(&mut self, work: Work) {
         match work {
             Work::Once(_) => {}
@@ -99,7 +99,7 @@ fn number_place(bus: &Bus) -> NumberPlace {
 }
 
 impl Master {
-    /// Makes of a sequence's end what is told of it.
+    /// Converts the result of a sequence into that of the job. Takes over the slaves after a scan.
     pub(super) fn end(&mut self, output: Output) -> End {
         match output {
             Output::Done(done) => done,
@@ -116,7 +116,7 @@ impl Master {
         }
     }
 
-    /// Starts a sequence.
+    /// Starts a job in a box of its own.
     fn start<T: Ending>(&mut self, task: impl Future<Output = T> + Send + 'static) -> Job<T> {
         self.begin(Work::Once(Box::pin(async move { Output::Done(task.await.into_end()) })))
     }
@@ -128,7 +128,7 @@ impl Master {
         Job::new(id)
     }
 
-    /// Starts the transfer of a number.
+    /// Starts the transfer of a number, in a slot that is reused.
     fn start_number<T>(
         &mut self,
         transfer: NumberTransfer,
@@ -143,23 +143,25 @@ impl Master {
         self.begin(Work::Number(place))
     }
 
-    /// How something that was started has ended, once; `None`: it has not, or was given up.
+    /// The result of a job, which can be taken once. `None`: the job has not ended, was cancelled, or its result was
+    /// taken.
     pub fn take<T: Ending>(&mut self, job: Job<T>) -> Option<T> {
         let place = self.done.iter().position(|(id, _)| *id == job.id())?;
         self.done.remove(place).and_then(|(_, end)| T::of(end))
     }
 
-    /// What has ended and was not taken, the first one first. [`Self::cancel`] forgets an end that nobody wants.
+    /// The jobs that have ended and whose results were not taken, oldest first. [`Self::cancel`] drops an unwanted
+    /// result.
     pub fn ended(&self) -> impl Iterator<Item = JobId> {
         self.done.iter().map(|(id, _)| *id)
     }
 
-    /// What was started last.
+    /// The id of the job that was started last.
     pub(crate) const fn newest(&self) -> JobId {
         JobId(self.next_job)
     }
 
-    /// Gives up something that was started. Its end is never told; what was sent takes effect.
+    /// Cancels a job, whose result is dropped. Datagrams that were sent already take effect.
     pub fn cancel(&mut self, job: impl Into<JobId>) {
         let id = job.into();
         if let Some(n) = self.jobs.iter().position(|job| job.id == id) {
@@ -168,18 +170,18 @@ impl Master {
         self.done.retain(|(done, _)| *done != id);
     }
 
-    /// Starts a scan: which slaves there are, who they are. It brings all slaves to Init without a configuration, and gives up
-    /// everything else that is under way.
+    /// Starts a scan, which finds the slaves and identifies them. It brings all slaves to Init, deletes their
+    /// configuration, and cancels all other jobs.
     pub fn scan(&mut self) -> Job<Result<u8, ScanError>> {
         self.forget();
         let bus = self.bus.clone();
         self.begin(Work::Once(Box::pin(async move { Output::Scan(scan::scan(bus).await) })))
     }
 
-    /// Takes slaves for found that another master has found and goes on to run: their station addresses, and the contents of their
-    /// EEPROMs. Nothing is sent, nothing of them is changed, and nobody watches over them. Their mailboxes can be used where
-    /// the other master leaves them alone; a request is not counted there, so that the other one's counters stay right.
-    /// Everything else that is under way is given up.
+    /// Uses a network that another master has scanned and goes on to run: takes the station addresses of its slaves and
+    /// the contents of their EEPROMs. The call sends nothing and changes nothing in the slaves, and no watch starts.
+    /// Mailboxes can be used while the other master does not use them. Requests to them have counter 0, so that the
+    /// counters of the other master stay right. All other jobs are cancelled.
     pub fn join<'s>(&mut self, slaves: impl IntoIterator<Item = (u16, &'s [u8])>) {
         self.forget();
         let slaves = slaves.into_iter().map(|(station, eeprom)| SlaveInfo::new(station, Ok(eeprom.to_vec())));
@@ -191,7 +193,7 @@ impl Master {
         });
     }
 
-    /// Gives up what is under way, and forgets all slaves.
+    /// Cancels all jobs, and forgets all slaves.
     fn forget(&mut self) {
         self.jobs.clear();
         self.watch = None;
@@ -200,9 +202,9 @@ impl Master {
         self.bus.with(Shared::reset);
     }
 
-    /// Starts to bring slaves to a state, step by step and each at its own pace, within `timeout_ns`. Errors are acknowledged on
-    /// the way. Its end names the first slave that does not get there; the others do all the same. On the way to
-    /// OP there have to be cycles.
+    /// Starts to bring slaves to a state, step by step and each at its own pace, within `timeout_ns`. Errors of slaves
+    /// are acknowledged on the way. The result names the first slave that does not reach the state; all others still go
+    /// there. A change to OP needs running cycles.
     pub fn request_state(&mut self, slaves: SlaveSet, target: AlState, timeout_ns: Ns) -> Job<Result<(), StateError>> {
         let mut change = self.places.changes.pop().unwrap_or_else(|| StateChange::new(&self.bus, 0));
         change.begin(&self.bus, slaves.iter().map(|slave| self.plan(slave)), target, timeout_ns);
@@ -212,20 +214,20 @@ impl Master {
     fn plan(&self, slave: u8) -> Plan {
         let (registers, sync) = (self.process.registers(slave), self.process.sync(slave));
         let info = self.slave(slave);
-        // A station that nobody has does not answer.
+        // A slave that was not found gets station address 0, which no slave answers.
         let station = info.map_or(0, |info| info.station);
         Plan { slave, station, mailbox: info.and_then(SlaveInfo::mailbox_managers), registers, sync }
     }
 
-    /// The mailbox of a slave; of one that is not there it is none.
+    /// The slave and mailbox for a transfer; the mailbox is `None` if the slave was not found.
     fn peer(&self, slave: u8, timeout_ns: Ns) -> Peer {
         let info = self.slave(slave);
         let (station, mailbox) = info.map_or((0, None), |info| (info.station, info.mailbox));
         Peer { slave, station, mailbox, timeout_ns }
     }
 
-    /// Starts to read an object of any length, at most [`VALUE_BYTES_MAX`](super::VALUE_BYTES_MAX). `timeout_ns`: how long the
-    /// slave may take for each answer.
+    /// Starts to read an object, of at most [`VALUE_BYTES_MAX`](super::VALUE_BYTES_MAX) bytes. `timeout_ns`: how long
+    /// the slave may take for each answer.
     pub fn upload(
         &mut self,
         slave: u8,
@@ -236,8 +238,8 @@ impl Master {
         self.start(sdo::upload(self.bus.clone(), self.peer(slave, timeout_ns), object, scope))
     }
 
-    /// Starts to read an object of any length, of which the first 4 bytes are told, as a number. As nothing else is kept, it
-    /// allocates nothing. `timeout_ns`: as for [`Self::upload`].
+    /// Starts to read an object of any length and returns its first 4 bytes as a number. The rest is not kept, so that
+    /// the transfer allocates nothing. `timeout_ns`: as for [`Self::upload`].
     pub fn upload_number(
         &mut self,
         slave: u8,
@@ -248,7 +250,8 @@ impl Master {
         self.start_number(NumberTransfer::Upload, slave, object, scope, timeout_ns)
     }
 
-    /// Starts to write an object; one of up to 4 bytes allocates nothing. `timeout_ns`: how long the slave may take for each answer.
+    /// Starts to write an object. Values of up to 4 bytes allocate nothing. `timeout_ns`: how long the slave may take
+    /// for each answer.
     pub fn download(
         &mut self,
         slave: u8,
@@ -264,17 +267,20 @@ impl Master {
         self.start(async move { sdo::download(bus, peer, object, scope, &value).await })
     }
 
-    /// Starts to ask which objects a slave has. `timeout_ns`: how long the slave may take for each part of the answer.
+    /// Starts to read a list of a slave's objects. `timeout_ns`: how long the slave may take for each part of the
+    /// answer.
     pub fn object_list(&mut self, slave: u8, list: ObjectListType, timeout_ns: Ns) -> Job<Result<Vec<u16>, SdoError>> {
         self.start(information::list(self.bus.clone(), self.peer(slave, timeout_ns), list))
     }
 
-    /// Starts to ask what an object is. The answer is an [`ObjectDescription`](crate::ethercat::coe::ObjectDescription) to be decoded.
+    /// Starts to read the description of an object, an encoded
+    /// [`ObjectDescription`](crate::ethercat::coe::ObjectDescription).
     pub fn describe_object(&mut self, slave: u8, index: u16, timeout_ns: Ns) -> Job<Result<Vec<u8>, SdoError>> {
         self.start(information::object(self.bus.clone(), self.peer(slave, timeout_ns), index))
     }
 
-    /// Starts to ask what a sub-index is. The answer is an [`EntryDescription`](crate::ethercat::coe::EntryDescription) to be decoded.
+    /// Starts to read the description of a sub-index, an encoded
+    /// [`EntryDescription`](crate::ethercat::coe::EntryDescription).
     pub fn describe_entry(
         &mut self,
         slave: u8,
@@ -284,8 +290,8 @@ impl Master {
         self.start(information::entry(self.bus.clone(), self.peer(slave, timeout_ns), request))
     }
 
-    /// Starts to read a file, at most [`VALUE_BYTES_MAX`](super::VALUE_BYTES_MAX). `password`: 0, or what the slave wants to
-    /// know. `timeout_ns`: how long the slave may take for each packet.
+    /// Starts to read a file of at most [`VALUE_BYTES_MAX`](super::VALUE_BYTES_MAX) bytes. `password`: 0, or the one
+    /// that the slave requires. `timeout_ns`: how long the slave may take for each packet.
     pub fn read_file(
         &mut self,
         slave: u8,
@@ -297,8 +303,8 @@ impl Master {
         self.start(async move { foe::read(bus, peer, &name, password).await })
     }
 
-    /// Starts to write a file. `password`: 0, or what the slave wants to know. `timeout_ns`: how long the slave may take for
-    /// each packet.
+    /// Starts to write a file. `password`: 0, or the one that the slave requires. `timeout_ns`: how long the slave may
+    /// take for each packet.
     pub fn write_file(
         &mut self,
         slave: u8,
@@ -321,36 +327,36 @@ impl Master {
         self.station(slave).ok_or(DatagramError::NoSlave(slave))
     }
 
-    /// Starts to read `count` words of a slave's EEPROM from word `first` on; behind its end an EEPROM mostly reads as 0xFFFF.
-    /// One sequence at a time has an EEPROM, and none while the slave's state is changed.
+    /// Starts to read `count` words of a slave's EEPROM from word `first` on; behind the end an EEPROM mostly reads as
+    /// 0xFFFF. Only one job at a time may use an EEPROM, and none while the slave changes its state.
     pub fn read_eeprom(&mut self, slave: u8, first: u16, count: usize) -> Job<Result<Vec<u16>, SiiError>> {
         let eeprom = Eeprom::open(self.bus.clone(), slave, self.station(slave));
         self.start(async move { eeprom.await?.read(first, count).await })
     }
 
-    /// Starts to write words of a slave's EEPROM from word `first` on, one after the other. A scan reads them; a slave loads the
-    /// first ones when it is switched on. One sequence at a time has an EEPROM, and none while the slave's state is changed.
+    /// Starts to write words of a slave's EEPROM from word `first` on, one after the other. A scan reads the new words;
+    /// the slave itself loads the first ones when it is switched on. Only one job at a time may use an EEPROM, and none
+    /// while the slave changes its state.
     pub fn write_eeprom(&mut self, slave: u8, first: u16, words: &[u16]) -> Job<Result<(), SiiError>> {
         let eeprom = Eeprom::open(self.bus.clone(), slave, self.station(slave));
         let words = words.to_vec();
         self.start(async move { eeprom.await?.write(first, &words).await })
     }
 
-    /// Starts to read `len` bytes of a slave's registers, or of its memory, from `address` on. It is tried again if a frame is
-    /// lost.
+    /// Starts to read `len` bytes of a slave's registers or memory from `address` on. A lost frame is repeated.
     pub fn read_registers(&mut self, slave: u8, address: u16, len: usize) -> Job<Result<Vec<u8>, DatagramError>> {
         let (bus, station) = (self.bus.clone(), self.station_to_ask(slave));
         self.start(async move { registers::read(bus, station?, address, len).await })
     }
 
-    /// Starts to write a slave's registers, or its memory, from `address` on. It is tried again if a frame is lost, so that the
-    /// slave may be written twice; [`Self::datagram`] writes it once at most.
+    /// Starts to write a slave's registers or memory from `address` on. A lost frame is repeated, so that the slave may
+    /// be written twice; [`Self::datagram`] writes at most once.
     pub fn write_registers(&mut self, slave: u8, address: u16, data: &[u8]) -> Job<Result<(), DatagramError>> {
         let (bus, station, data) = (self.bus.clone(), self.station_to_ask(slave), data.to_vec());
         self.start(async move { registers::write(bus, station?, address, data).await })
     }
 
-    /// Starts to read the AL states of all slaves, which [`Self::status`] then tells.
+    /// Starts to read the AL states of all slaves. [`Self::status`] then returns them.
     pub fn read_states(&mut self) -> Job<()> {
         let (bus, stations) = (self.bus.clone(), self.slaves.iter().map(|info| info.station).collect::<Vec<_>>());
         self.start(async move {
@@ -358,8 +364,8 @@ impl Master {
         })
     }
 
-    /// Starts to read the message in a slave's mailbox as it lies there, header and all. Nothing is asked of the slave, so that
-    /// it is what the slave has sent unasked; see [`Self::keep_mail`].
+    /// Starts to read the message in a slave's mailbox as it is, with its header. The master sends no request before,
+    /// so that the message is an unsolicited one; see [`Self::keep_mail`].
     pub fn receive_mail(&mut self, slave: u8) -> Job<Result<Option<Vec<u8>>, MailboxError>> {
         let (bus, peer) = (self.bus.clone(), self.peer(slave, 0));
         self.start(async move {
@@ -369,10 +375,10 @@ impl Master {
         })
     }
 
-    /// Starts to send a datagram of any command. `address`: the position (0, then minus 1 for each slave) or the station address
-    /// in the lower and the address in the slave in the upper 16 bits, or the logical address; see
-    /// [`DatagramHeader::address`](crate::ethercat::DatagramHeader::address). It is sent once only, and whatever the working
-    /// counter is, what came back is the answer. Nothing keeps it from what the master itself does with the slaves.
+    /// Starts to send a datagram of any command. `address`: in the lower 16 bits the position (0, then minus 1 for each
+    /// slave) or the station address, in the upper 16 bits the address in the slave; or the logical address; see
+    /// [`DatagramHeader::address`](crate::ethercat::DatagramHeader::address). The datagram is sent once only, and its
+    /// answer counts with any working counter. It may interfere with what the master itself does with the slaves.
     pub fn datagram(
         &mut self,
         command: Command,

@@ -1,8 +1,8 @@
-//! The mailbox of a slave: one request and its answer, whatever else the slave sends in between, and whatever gets lost.
+//! The mailbox of a slave: one request and its answer at a time, whatever else the slave sends and whatever is lost.
 //!
-//! No request is done twice: if a frame that writes one is lost, the same message is written again with the same counter, by
-//! which the slave knows it. Nor is the first request in PreOP taken for one of another master. No answer is lost: if a frame that
-//! reads one is lost, the slave is asked for a repeat.
+//! No request is executed twice: if a frame that writes a request is lost, the same message is written again with the
+//! same counter, by which the slave recognises it. The first request in PreOP is not mistaken for one of another
+//! master. No answer is lost: if a frame that reads an answer is lost, the master asks the slave for a repeat.
 
 use super::bus::{Bus, Unanswered};
 use super::mailbox_state::MailboxState;
@@ -17,48 +17,49 @@ use crate::ethercat::registers::{
 use crate::ethercat::sii::MailboxProtocols;
 use crate::ethercat::{Command, Ns};
 
-/// \[OURS] How long the master waits until it looks again whether there is an answer.
+/// \[OURS] The interval in which the master checks for an answer.
 const POLL_NS: Ns = 100_000;
 /// \[OURS] How long a slave may take to repeat its last message.
 const REPEAT_MAX_NS: Ns = 50_000_000;
-/// What the first request to a mailbox asks for, which every slave with CoE has: the device type. Its value is of no interest.
+/// The object of the first request to a mailbox, the device type, which every slave with CoE has. Its value is not
+/// used.
 pub(super) const FIRST_OBJECT: ObjectAddress = ObjectAddress::new(0x1000, 0);
-/// \[OURS] How long the master waits for that answer.
+/// \[OURS] How long the master waits for the answer to the first request.
 const FIRST_MAX_NS: Ns = 20_000_000;
-/// The sync managers of the mailbox.
+/// The sync managers of the mailbox: for requests and for answers.
 const REQUESTS: u8 = 0;
 const ANSWERS: u8 = 1;
 
 /// Why a request has no answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MailboxError {
-    /// The slave has no mailbox, or does not speak the protocol.
+    /// The slave has no mailbox, or does not support the protocol.
     #[error("the slave has no mailbox for this protocol, as its EEPROM says")]
     NoMailbox,
     /// The request is longer than the mailbox.
     #[error("the request does not fit into the slave's mailbox")]
     TooLong,
-    /// Another request is under way.
+    /// Another request to the mailbox is under way.
     #[error("a request to this slave is under way; wait until it has ended")]
     Busy,
     /// The slave does not answer datagrams.
     #[error("the slave does not answer; check its cable and its power")]
     NoAnswer,
-    /// The time is up.
+    /// The timeout has passed without an answer.
     #[error("the slave has given no answer when the time was up")]
     TimeUp,
-    /// The slave says what was wrong with the request.
+    /// The slave has answered with a mailbox error.
     #[error("the slave answers with {0}")]
     Fault(MailboxFault),
-    /// The answer is none to the request, or longer than what was asked for.
+    /// The answer does not belong to the request, or is longer than allowed.
     #[error("the slave's answer is none to the request")]
     WrongAnswer,
 }
 
-/// Whose mailbox is used, and how long the slave may take for each answer.
+/// The slave whose mailbox is used, and how long it may take for each answer.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Peer {
-    /// Its number, from 1.
+    /// The number of the slave, from 1.
     pub(super) slave: u8,
     pub(super) station: u16,
     pub(super) mailbox: Option<MailboxInfo>,
@@ -66,7 +67,7 @@ pub(super) struct Peer {
 }
 
 impl Peer {
-    /// Takes the mailbox, if the slave speaks the protocol, and takes away what has been left in it.
+    /// Claims the mailbox if the slave supports the protocol, and drains messages that were left in it.
     pub(super) async fn open(self, bus: Bus, protocol: MailboxProtocols) -> Result<Mailbox, MailboxError> {
         let info = self.mailbox.filter(|info| info.protocols.contains(protocol)).ok_or(MailboxError::NoMailbox)?;
         let mut mailbox = Mailbox::open(bus, self.slave, self.station, info).ok_or(MailboxError::Busy)?;
@@ -76,18 +77,18 @@ impl Peer {
     }
 }
 
-/// The mailbox of one slave, for one user at a time.
+/// Exclusive access to the mailbox of one slave. Dropping it releases the mailbox.
 pub(super) struct Mailbox {
     bus: Bus,
-    /// Its number, from 1.
+    /// The number of the slave, from 1.
     slave: u8,
     station: u16,
     info: MailboxInfo,
-    /// A message as it lies in its box. The memory for it is the slave's, whoever uses the mailbox.
+    /// One mailbox message, for sending or receiving. The buffer is kept per slave between accesses.
     bytes: Vec<u8>,
-    /// The slave has not answered the last request.
+    /// Whether the slave has not answered the last request yet.
     is_waiting: bool,
-    /// The message was asked for once more, so that it may be an older one.
+    /// Whether a repeat was requested for this message, so that it may be an older one.
     is_repeated: bool,
 }
 
@@ -104,7 +105,7 @@ impl Drop for Mailbox {
 }
 
 impl Mailbox {
-    /// Takes the mailbox of a slave; `None`: another one has it.
+    /// Claims the mailbox of a slave; `None`: it is in use.
     pub(super) fn open(bus: Bus, slave: u8, station: u16, info: MailboxInfo) -> Option<Self> {
         let bytes = bus.with(|shared| {
             let live = shared.live_mut(slave)?;
@@ -126,17 +127,17 @@ impl Mailbox {
         self.bus.sleep(ns).await;
     }
 
-    /// How long the mailbox of answers is, bytes.
+    /// The length of the mailbox for answers, bytes.
     pub(super) const fn answer_len(&self) -> usize {
         self.info.areas.send.len as usize
     }
 
-    /// How many bytes of data a message to the slave can have.
+    /// The most bytes of data in a message to the slave.
     pub(super) const fn room(&self) -> usize {
         (self.info.areas.receive.len as usize).saturating_sub(MAILBOX_HEADER_LEN)
     }
 
-    /// Sends a message.
+    /// Sends a message, again if its frame is lost.
     pub(super) async fn send(
         &mut self,
         protocol: MailboxProtocol,
@@ -163,7 +164,7 @@ impl Mailbox {
                 .await;
             match written {
                 Ok(1) => return Ok(()),
-                // The first one has come, and fills the box until the slave takes it.
+                // The lost frame has reached the slave, and its message fills the mailbox until the slave reads it.
                 Ok(0) if was_lost => return Ok(()),
                 Ok(0) if !self.is_reached().await? => return Err(MailboxError::NoAnswer),
                 Ok(_) => {}
@@ -176,7 +177,7 @@ impl Mailbox {
         }
     }
 
-    /// Whether the slave answers at all.
+    /// Whether the slave answers datagrams at all.
     async fn is_reached(&self) -> Result<bool, MailboxError> {
         match self.bus.read::<1>(self.station, sync_manager_status(REQUESTS)).await {
             Ok(_) => Ok(true),
@@ -185,7 +186,8 @@ impl Mailbox {
         }
     }
 
-    /// Waits for the next message of a protocol; its data. Emergencies become events, and other messages are left out.
+    /// Waits for the next message of a protocol and returns its data. Emergencies become events, and all other messages
+    /// are dropped.
     pub(super) async fn receive(&mut self, protocol: MailboxProtocol, until: Ns) -> Result<&[u8], MailboxError> {
         loop {
             if self.collect().await? && self.is_answer(protocol)? {
@@ -200,30 +202,30 @@ impl Mailbox {
         Ok(MailboxMessage::decode(&self.bytes).map(|message| message.data).unwrap_or_default())
     }
 
-    /// What was received is none to the request. Whether it may be one to a request before, or an older one once more, so that the right
-    /// one still comes.
+    /// Called for a message that does not answer the request. Returns whether it may belong to an earlier request or be
+    /// a repeated older message, so that the right answer may still come.
     pub(super) fn leaves_out(&mut self) -> bool {
         let is_late = self.is_repeated || self.state(|state| std::mem::take(&mut state.owes));
         self.is_waiting |= is_late;
         is_late
     }
 
-    /// The slave has answered this request. Slaves answer one after the other, so that nothing of those before is to come.
+    /// The slave has answered the present request. Slaves answer in order, so no answer to an earlier request can come.
     pub(super) fn settle(&self) {
         self.state(|state| state.owes = false);
     }
 
-    /// There is no answer to the message that was sent.
+    /// The slave does not answer the message that was just sent.
     pub(super) const fn wants_no_answer(&mut self) {
         self.is_waiting = false;
     }
 
-    /// Reads the message that the slave has sent, as it lies in its box; `None`: there is none. An emergency becomes an event,
-    /// too.
+    /// Reads the message in the slave's mailbox as it is; `None`: the mailbox is empty. An emergency also becomes an
+    /// event.
     pub(super) async fn take(&mut self) -> Result<Option<Vec<u8>>, MailboxError> {
         let is_full = self.collect().await?;
         if is_full {
-            // Whatever it is, it is the user's.
+            // The user gets the message whatever its kind is; this call only notes emergencies.
             let _ = self.is_answer(MailboxProtocol::Coe);
         }
         self.bus.with(|shared| {
@@ -234,9 +236,9 @@ impl Mailbox {
         Ok(is_full.then(|| self.bytes.clone()))
     }
 
-    /// Of a slave that has entered PreOP nobody knows which counter it takes for that of a repeat: some remember the last request of
-    /// another master over Init, and would drop the first one of this master that has the same. So that is a request that may be
-    /// dropped; what follows has another counter than either.
+    /// Sends a harmless first request after a slave has entered PreOP. Some slaves still remember the counter of the
+    /// last request of another master, through Init, and drop a first request with the same counter as a repeat. This
+    /// request may be dropped; the following ones have another counter than either.
     async fn begin(&mut self, timeout_ns: Ns) -> Result<(), MailboxError> {
         let is_counted = self.state(|state| state.is_shared || state.counter != MailboxCounter::NONE);
         if is_counted || !self.info.protocols.contains(MailboxProtocols::COE) {
@@ -247,25 +249,25 @@ impl Mailbox {
         self.send(MailboxProtocol::Coe, until, |room| request.encode(room).ok()).await?;
         match self.receive(MailboxProtocol::Coe, until).await {
             Err(MailboxError::NoAnswer) => Err(MailboxError::NoAnswer),
-            // Whatever it is; and without an answer the next request shows whether there is ever one.
+            // Any answer will do. If there is none, the next request shows whether the slave answers at all.
             _ => Ok(()),
         }
     }
 
-    /// Takes away what the slave has sent without being asked, or as an answer to a request that was given up.
+    /// Drops messages in the mailbox that are unsolicited, or that answer an abandoned request.
     pub(super) async fn drain(&mut self) -> Result<(), MailboxError> {
-        // \[OURS] A slave that fills its box each time is not waited for.
+        // \[OURS] The limit ends this for a slave that refills its mailbox each time.
         for _ in 0..16 {
             if !self.collect().await? {
                 break;
             }
-            // An answer that nobody waits for has no meaning.
+            // An answer without a waiting request is dropped; this call only notes emergencies.
             let _ = self.is_answer(MailboxProtocol::Coe);
         }
         Ok(())
     }
 
-    /// Reads the message that the slave has sent, if there is one.
+    /// Reads a message from the slave's mailbox. Returns false if there is none.
     async fn collect(&mut self) -> Result<bool, MailboxError> {
         let status = self.bus.read::<1>(self.station, sync_manager_status(ANSWERS)).await;
         let [status] = status.map_err(|_| MailboxError::NoAnswer)?;
@@ -284,14 +286,14 @@ impl Mailbox {
                     return Ok(counter == 1 && (self.is_new() || repeats == 0));
                 }
                 Err(_) if repeats == 3 => return Err(MailboxError::NoAnswer),
-                // The slave may have taken it for read.
+                // For the slave the message may count as read.
                 Err(_) => self.ask_for_repeat().await?,
             }
             repeats += 1;
         }
     }
 
-    /// Has the slave put its last message into the box once more.
+    /// Asks the slave to put its last message into the mailbox again.
     async fn ask_for_repeat(&self) -> Result<(), MailboxError> {
         let until = self.bus.now().saturating_add(REPEAT_MAX_NS);
         let repeat = self.state(|state| {
@@ -308,24 +310,25 @@ impl Mailbox {
                 return Ok(());
             }
             if self.bus.now() >= until {
-                // Slaves without repeats are read as they are.
+                // Slaves without support for repeats: the mailbox is read as it is.
                 return Ok(());
             }
             self.bus.sleep(POLL_NS).await;
         }
     }
 
-    /// Whether the message is another one than the last, which a repeat may bring again: not every slave counts its messages right.
+    /// Whether the counter of the message differs from that of the last one: a repeat may bring the last one again. Without
+    /// a repeat the result is not used, since some slaves count wrongly.
     fn is_new(&self) -> bool {
         let Ok(message) = MailboxMessage::decode(&self.bytes) else { return false };
         let counter = message.header.counter;
         self.state(|state| !counter.repeats(std::mem::replace(&mut state.received, counter)))
     }
 
-    /// Whether the message is one of the protocol and no emergency.
+    /// Whether the message belongs to the protocol and is no emergency.
     ///
     /// # Errors
-    /// [`MailboxError::WrongAnswer`]: it is longer than its box; [`MailboxError::Fault`].
+    /// [`MailboxError::WrongAnswer`]: it is longer than the mailbox; [`MailboxError::Fault`].
     fn is_answer(&self, protocol: MailboxProtocol) -> Result<bool, MailboxError> {
         let message = MailboxMessage::decode(&self.bytes).map_err(|_| MailboxError::WrongAnswer)?;
         if message.header.protocol == MailboxProtocol::Error {

@@ -1,32 +1,33 @@
-//! What the master keeps of a slave's mailbox from one request to the next.
+//! The state of a slave's mailbox that lasts from one request to the next.
 
 use crate::ethercat::mailbox::MailboxCounter;
 
-/// What the master knows of a mailbox.
+/// Counters and flags of one slave's mailbox.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct MailboxState {
-    /// The counter of the last request.
+    /// The counter of the newest request.
     pub(super) counter: MailboxCounter,
-    /// The counter of the last message of the slave.
+    /// The counter of the newest message of the slave.
     pub(super) received: MailboxCounter,
-    /// The bit by which repeats are asked for.
+    /// The repeat request bit of the sync manager, as written last.
     pub(super) repeat: bool,
-    /// A request is under way.
+    /// Whether a sequence is using the mailbox.
     pub(super) is_open: bool,
-    /// The slave has not answered a request that was given up, and may still do so.
+    /// Whether the slave may still answer an abandoned request.
     pub(super) owes: bool,
-    /// Another master uses the mailbox, too: requests are not counted, so that none of its own is taken for a repeat.
+    /// Whether another master uses the mailbox, too. Requests then have counter 0, so that the slave takes none of that
+    /// master's requests for a repeat.
     pub(super) is_shared: bool,
 }
 
 impl MailboxState {
-    /// The slave enters PreOP: it has forgotten all messages.
+    /// Called when the slave enters PreOP: it has forgotten all messages.
     pub(super) const fn begin(&mut self) {
         (self.counter, self.received, self.repeat) = (MailboxCounter::NONE, MailboxCounter::NONE, false);
         self.owes = false;
     }
 
-    /// Whether a request is under way.
+    /// Whether a sequence is using the mailbox.
     pub(super) const fn is_open(&self) -> bool {
         self.is_open
     }

@@ -1,34 +1,37 @@
-//! A small EtherCAT master in software, for networks of up to [`MAX_SLAVES`](crate::ethercat::MAX_SLAVES) slaves.
+//! An EtherCAT master in software, for networks of up to [`MAX_SLAVES`](crate::ethercat::MAX_SLAVES) slaves.
 //!
-//! It is pure and polled: it knows no clock, no thread and no network card. Time is an argument, in nanoseconds of one clock
-//! that never goes back; frames go out and come in by a [`Wire`]. The same frames at the same times always give the same
-//! steps.
+//! The master is pure and polled: it uses no clock, no thread and no network card. Time is an argument, in nanoseconds of
+//! one clock that never goes back; a [`Wire`] sends and receives the frames. The same frames at the same times always
+//! lead to the same steps.
 //!
-//! A cycle allocates nothing. Nor does what a running program causes, once slaves were found: changes of state
-//! ([`Master::request_state`]), transfers of up to 4 bytes ([`Master::download`], [`Master::upload_number`]), slaves that are lost and
-//! come back, and emergencies. Other jobs allocate when they begin.
+//! A cycle allocates nothing. After a scan the jobs of a running program allocate nothing either: changes of state
+//! ([`Master::request_state`]), transfers of up to 4 bytes ([`Master::download`], [`Master::upload_number`]), slaves that
+//! are lost and come back, and emergencies. Other jobs allocate when they begin.
 //!
-//! # Who calls what when
+//! # Calls and their order
 //!
-//! - [`Master::poll`] as often as the user likes, say each 50 us: it takes the frames that have come, goes on with what is
-//!   under way, and sends what that needs.
-//! - What takes more than a frame is started and gives a [`Job`]: [`Master::scan`], [`Master::request_state`],
-//!   [`Master::upload`], [`Master::download`], [`Master::object_list`], [`Master::read_file`], [`Master::write_eeprom`], [`Master::datagram`] and others.
-//!   [`Master::take`] tells how it has ended; everything ends. Several may run at once: SDOs to several slaves, changes
-//!   of state of several sets of slaves, both beside cycles.
-//! - [`Master::configure`] in PreOP, once a slave's process data are mapped.
-//! - [`Master::cycle`] once a cycle, from SafeOP on: it sends the process data. When its frames have come back,
-//!   [`Master::take_cycle`] says so, with the working counters. Outputs are set at any time before by
-//!   [`Master::outputs_mut`], inputs read behind by [`Master::inputs`]. On its way to OP a slave waits for outputs.
-//! - With distributed clocks: [`Master::set_sync`] before a slave's way to SafeOP, [`Master::set_pace`] once;
-//!   [`CycleDone::next_deadline`] then says when the next cycle should be.
-//!   [`CycleDone::fresh`] says whose inputs are those of that cycle: with a working counter that is wrong they stay as they were.
-//! - [`Master::take_event`] tells what happens unasked: emergencies, lost slaves and such that come back, states that were left.
-//!   [`Master::missing`] says who does not answer now. A slave that was cut off is brought back by [`Master::request_state`];
-//!   one that was without power ([`Event::PowerCycled`]) has to be mapped by SDO before that, as at the start.
+//! - [`Master::poll`] as often as the user likes, say every 50 us: it receives frames, continues the running jobs, and
+//!   sends the frames that they need.
+//! - Each operation of more than one frame is a job, whose start returns a [`Job`]: [`Master::scan`],
+//!   [`Master::request_state`], [`Master::upload`], [`Master::download`], [`Master::object_list`], [`Master::read_file`],
+//!   [`Master::write_eeprom`], [`Master::datagram`] and others. [`Master::take`] returns the result; every job ends.
+//!   Several jobs may run at once: SDOs to several slaves, and changes of state of several sets of slaves, both beside
+//!   cycles.
+//! - [`Master::configure`] in PreOP, once the process data of a slave are mapped.
+//! - [`Master::cycle`] once per cycle, from SafeOP on: it sends the process data. When its frames have come back,
+//!   [`Master::take_cycle`] returns the working counters. [`Master::outputs_mut`] sets outputs at any time before, and
+//!   [`Master::inputs`] reads inputs after it. On its way to OP a slave waits for outputs.
+//! - [`CycleDone::fresh`] has the slaves whose inputs are those of that cycle. With a wrong working counter inputs stay as
+//!   they were.
+//! - With distributed clocks: [`Master::set_sync`] before a slave goes to SafeOP, and [`Master::set_pace`] once.
+//!   [`CycleDone::next_deadline`] is then the time for the next cycle.
+//! - [`Master::take_event`] returns what happens without a request: emergencies, slaves that are lost or come back, states
+//!   that slaves leave. [`Master::missing`] has the slaves that do not answer now. [`Master::request_state`] brings back
+//!   a slave that was cut off. A slave that was without power ([`Event::PowerCycled`]) first has to be mapped by SDO, as
+//!   at the start.
 //!
-//! While there are cycles, what is under way shares one frame behind those of each cycle; otherwise it goes as fast as answers
-//! come back.
+//! While there are cycles, the datagrams of jobs share one frame behind those of each cycle. Otherwise jobs go as fast as
+//! answers come back.
 //!
 //! ```
 //! # #[cfg(feature = "sim")] {
@@ -103,23 +106,25 @@
 //!
 //! | file | what it holds |
 //! | --- | --- |
-//! | `mod.rs` | the [`Master`]: its turns |
-//! | `jobs.rs`, `handle.rs`, `configure.rs` | what a user starts, and the types of its ends; process data of slaves |
-//! | `place.rs` | where sequences run that allocate nothing |
+//! | `mod.rs` | the [`Master`]: polls and cycles |
+//! | `jobs.rs`, `handle.rs` | the jobs that a user can start, their handles and the types of their results |
+//! | `configure.rs` | the configuration of process data and clocks |
+//! | `place.rs` | preallocated slots for sequences |
 //! | `settings.rs`, `wire.rs` | [`Settings`], [`Wire`] |
-//! | `exchange.rs` | the frame layer: indices, what belongs to which frame, lost and late frames |
-//! | `bus.rs` | what sequences of datagrams are written with |
-//! | `shared.rs` | what sequences, the cycle and the user share; events |
-//! | `cycle_end.rs` | what the end of a cycle tells of the slaves |
-//! | `scan.rs`, `info.rs`, `sii.rs`, `sii_error.rs` | finding slaves, what is known of them, their EEPROMs |
-//! | `states.rs`, `state_error.rs`, `watchdog.rs` | changes of the AL state; the watchdog that ends OP when the master is gone |
-//! | `mailbox.rs`, `mailbox_state.rs` | messages to slaves, without loss and without a second time |
+//! | `exchange.rs` | the frame layer: indices, matching of answers, lost and late frames |
+//! | `bus.rs` | the operations from which sequences of datagrams are written |
+//! | `shared.rs` | the state that sequences, the cycle and the user share; events |
+//! | `cycle_end.rs` | what the working counters of a cycle show about the slaves |
+//! | `scan.rs`, `info.rs`, `sii.rs`, `sii_error.rs` | finding and identifying slaves, their EEPROMs |
+//! | `states.rs`, `state_error.rs`, `watchdog.rs` | changes of the AL state; the watchdog that ends OP without a master |
+//! | `mailbox.rs`, `mailbox_state.rs` | mailbox messages, none lost and none executed twice |
 //! | `sdo.rs`, `information.rs`, `foe.rs` | SDO transfers, SDO information, files |
 //! | `registers.rs` | single datagrams of a user, registers of a slave |
-//! | `topology.rs`, `clock_tree.rs`, `clocks.rs`, `pace.rs` | the tree of the cables; distributed clocks, what is known of them and setting them; cycles that keep step with them |
-//! | `process_data.rs`, `process_data/slave.rs` | where outputs and inputs lie, the frames of a cycle; what of that is one slave's |
-//! | `process_data/expected.rs` | which working counters are right |
-//! | `watch.rs` | who is missing, who is back, whose mailbox has something to say |
+//! | `topology.rs` | the tree of the cables |
+//! | `clock_tree.rs`, `clocks.rs`, `pace.rs` | distributed clocks: delays, setting them, cycles in phase with them |
+//! | `process_data.rs`, `process_data/slave.rs` | logical addresses of process data, frames of a cycle; the part of one slave |
+//! | `process_data/expected.rs` | the right working counters |
+//! | `watch.rs` | the watch: missing slaves, returned slaves, unsolicited messages |
 
 mod bus;
 mod clock_tree;
@@ -183,10 +188,10 @@ use jobs::{JOBS, Places, Running};
 use process_data::ProcessData;
 use shared::Shared;
 
-/// \[OURS] How many frames are received in one poll at most, so that a flood of them ends.
+/// \[OURS] The most frames that one poll receives, so that a flood of frames cannot hold it up.
 const RECEIVED_MAX: usize = 256;
 
-/// The master. The page of this module says who calls what when.
+/// The master. The documentation of this module says which calls it needs, and when.
 pub struct Master {
     bus: Bus,
     jobs: Vec<Running>,
@@ -195,13 +200,13 @@ pub struct Master {
     done: VecDeque<(JobId, End)>,
     slaves: Vec<SlaveInfo>,
     process: ProcessData,
-    /// The watch over the slaves that were found.
+    /// The task that watches over the slaves that were found.
     watch: Option<Task<()>>,
     buffer: Box<FrameBuffer>,
 }
 
 impl Master {
-    /// A master that knows of no slaves yet.
+    /// A master that knows no slaves yet.
     pub fn new(settings: Settings) -> Self {
         Self {
             bus: Bus(Arc::new(Mutex::new(Shared::new(settings)))),
@@ -216,7 +221,7 @@ impl Master {
         }
     }
 
-    /// Takes what has come, goes on with what is under way, and sends what that needs.
+    /// Receives frames, continues all jobs as far as the answers allow, and sends the frames that they need.
     pub fn poll(&mut self, now: Ns, wire: &mut (impl Wire + ?Sized)) {
         self.receive(now, wire);
         self.run();
@@ -232,7 +237,7 @@ impl Master {
                 let Some(len) = wire.receive(buffer) else { break };
                 let bytes = &buffer[..len.min(buffer.len())];
                 shared.exchange.receive(bytes, |number, datagram| process.receive(number, datagram));
-                // That was the last answer. What else may have come is none, and is taken the next time.
+                // The last answer has come. Any further frame is no answer, and the next call receives it.
                 if was_awaited && !shared.exchange.is_flying() {
                     break;
                 }
@@ -245,11 +250,11 @@ impl Master {
         });
     }
 
-    /// Goes on with all sequences.
+    /// Continues all sequences.
     fn run(&mut self) {
         let mut context = Context::from_waker(Waker::noop());
         if let Some(watch) = &mut self.watch {
-            // It never ends.
+            // The watch never ends.
             let _ = watch.as_mut().poll(&mut context);
         }
         let mut n = 0;
@@ -266,16 +271,17 @@ impl Master {
         }
     }
 
-    /// Sends datagrams beside the cycle: as fast as answers come, or behind the frames of a cycle while there are cycles.
+    /// Sends acyclic datagrams: as fast as answers come back, or, while there are cycles, behind the frames of each
+    /// cycle.
     fn send_acyclic(&mut self, now: Ns, wire: &mut (impl Wire + ?Sized)) {
         self.bus.with(|shared| while !shared.has_cycles() && shared.exchange.send_queued(now, FRAME_LEN_MAX, wire) {});
     }
 
-    /// Sends the frames of a cycle, and one frame beside them. The cycle before has ended then, with those of its frames that have
-    /// come back.
+    /// Sends the frames of a cycle, and one frame with acyclic datagrams. Ends the previous cycle, with those of its
+    /// frames that have come back.
     pub fn cycle(&mut self, now: Ns, wire: &mut (impl Wire + ?Sized)) {
-        // Without a frame on the way what may have come is no answer, and is taken before the next one: each look at a card is a call
-        // of the system.
+        // Without a frame in flight there is no answer to receive, and other frames can wait for the next poll. That
+        // saves a system call for each cycle on a network card.
         let is_awaited = self.bus.with(|shared| {
             shared.now = shared.now.max(now);
             shared.exchange.is_flying()
@@ -296,29 +302,29 @@ impl Master {
         });
     }
 
-    /// The cycle that has ended last, once. A cycle ends when all its frames have come back, when they are given up, or with the
-    /// next one.
+    /// The cycle that has ended last; each is returned once. A cycle ends when all its frames have come back, when they
+    /// are given up, or when the next one begins.
     pub const fn take_cycle(&mut self) -> Option<CycleDone> {
         self.process.take_done()
     }
 
-    /// Whether frames of the cycle are still on the way.
+    /// Whether frames of the cycle are still in flight.
     pub const fn is_cycle_open(&self) -> bool {
         self.process.is_open()
     }
 
-    /// The next event.
+    /// Takes the oldest event; `None`: there is no event.
     pub fn take_event(&mut self) -> Option<Event> {
         self.bus.with(|shared| shared.events.pop_front())
     }
 
-    /// What became of its frames.
+    /// The counters of all frames so far.
     pub fn counters(&self) -> FrameCounters {
         self.bus.with(|shared| shared.exchange.counters)
     }
 
-    /// The source address of another master on the wire, or of something that sends frames of EtherCAT by mistake, as slaves have
-    /// changed it; `None`: there has been none.
+    /// The source address, as slaves have changed it, of frames from another master or from a device that sends
+    /// EtherCAT frames by mistake. `None`: there were no such frames.
     pub fn other_master(&self) -> Option<[u8; 6]> {
         self.bus.with(|shared| shared.exchange.other_source)
     }
@@ -343,25 +349,28 @@ impl Master {
         self.bus.with(|shared| (1..).zip(&shared.live).for_each(|(slave, live)| look(slave, &live.status)));
     }
 
-    /// When the AL status of all slaves was asked for last, if all have answered or are known to be gone; `None`: not yet. It is while
-    /// cycles have too few answers, and each [`Settings::watch_ns`] while not all slaves are in OP.
+    /// The time of the newest check of all AL states, if every slave has answered or is known to be missing; `None`:
+    /// not yet. The master checks them when cycles have a wrong working counter, and every [`Settings::watch_ns`] while
+    /// not all slaves are in OP.
     pub fn states_read(&self) -> Option<Ns> {
         self.bus.with(|shared| shared.states_read)
     }
 
-    /// When it was asked last who is missing, if all of that was answered: for the AL status of all slaves, and where that did not tell
-    /// why a working counter is wrong for the inputs of each; `None`: not yet. What a slave has not answered by then it does not answer.
+    /// The time of the newest complete search for missing slaves; `None`: not yet. It reads the AL states of all slaves
+    /// and, if these do not explain a wrong working counter, the inputs of each slave. A slave that has not answered by
+    /// then is missing.
     pub fn searched(&self) -> Option<Ns> {
         self.bus.with(|shared| shared.searched)
     }
 
-    /// The slaves that answer and are in SafeOP or OP, and whose inputs do not come, as far as it is known. Others that share a
-    /// datagram with them are read all the same.
+    /// The slaves that answer, in SafeOP or OP, but whose inputs do not come, as far as known. The inputs of other
+    /// slaves in the same datagram are still taken.
     pub fn mute(&self) -> SlaveSet {
         self.bus.with(|shared| shared.mute)
     }
 
-    /// What these slaves add to the expected working counter of a cycle, as far as they are in SafeOP or OP for all that is known.
+    /// What these slaves add to the expected working counter of a cycle; only those that are in SafeOP or OP as far as
+    /// known.
     pub fn working_counter_of(&self, slaves: SlaveSet) -> u16 {
         if slaves.is_empty() {
             return 0;
@@ -369,12 +378,13 @@ impl Master {
         self.process.expected(slaves.intersection(self.bus.with(|shared| shared.active)))
     }
 
-    /// The slave with the reference clock, from 1: the first one with distributed clocks that answers; `None`: there is none.
+    /// The slave with the reference clock, from 1: the first one with distributed clocks that answers; `None`: there is
+    /// none.
     pub fn reference_clock(&self) -> Option<u8> {
         self.bus.with(|shared| shared.clocks.reference(shared.missing))
     }
 
-    /// The slaves that do not answer, as far as it is known: a cycle after the one that was short.
+    /// The slaves that do not answer, as far as known: about a cycle after the one with the wrong working counter.
     pub fn missing(&self) -> SlaveSet {
         self.bus.with(|shared| shared.missing)
     }

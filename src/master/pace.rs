@@ -1,41 +1,44 @@
-//! When the next cycle should be, so that cycles keep step with the reference clock.
+//! The clock that follows the reference clock: it computes the next deadline of cycles.
 
 use crate::ethercat::Ns;
 
-/// How cycles follow the reference clock.
+/// The cycle time, and the phase of cycles to the reference clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pace {
-    /// The cycle, ns.
+    /// The cycle time, ns.
     pub cycle_ns: Ns,
-    /// How much later than at a multiple of the cycle, by the reference clock, a frame shall pass that clock's slave, ns.
+    /// When a frame should pass the slave with the reference clock, as an offset from multiples of the cycle in
+    /// reference time, ns.
     pub phase_ns: Ns,
 }
 
-/// \[OURS] By which part of a cycle the next one is early or late at most while the phase is not reached.
+/// \[OURS] The most by which one cycle is shifted to reach the phase: this fraction of a cycle, 1/50.
 const STEP_DIVISOR: i64 = 50;
-/// \[OURS] Of what is unexpected about a clock, one part of so many is taken for true: of the time, and of its speed.
+/// \[OURS] Gains of the PLL: 1/16 of the phase error, and 1/512 of it for the frequency.
 const TIME_GAIN: i64 = 16;
 const SPEED_GAIN: i64 = 512;
-/// \[OURS] What is unexpected by more than that is a clock that was set, ns.
+/// \[OURS] A phase error above this means that the reference clock was stepped: lock anew, ns.
 const JUMP_NS: i64 = 1_000_000;
-/// The speed is kept in parts of that many of a nanosecond a cycle.
+/// The unit of the frequency: this fraction of a nanosecond per cycle.
 const SPEED_UNIT: i64 = 1 << 20;
 
-/// What is known of the reference clock.
+/// A PLL that follows the reference clock.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Pacer {
-    /// By how much the reference is ahead of the master's clock, ns, when the newest frame was sent; `None`: not known yet.
+    /// How much the reference clock was ahead of the master's clock when the newest frame was sent, ns; `None`: not
+    /// locked yet.
     ahead: Option<i64>,
-    /// What of it is less than a nanosecond.
+    /// The fraction of `ahead` below a nanosecond, in 1/[`SPEED_UNIT`] ns.
     fraction: i64,
-    /// How much that grows each cycle.
+    /// The frequency: how much `ahead` grows in each cycle, in 1/[`SPEED_UNIT`] ns.
     speed: i64,
-    /// When the newest cycle should have been.
+    /// The deadline of the newest cycle.
     planned: Option<Ns>,
 }
 
 impl Pacer {
-    /// A cycle was sent at `sent_at` and has met the reference at its time `reference`; when the next one should be.
+    /// Takes the measurement of a cycle: it was sent at `sent_at`, and the reference clock read `reference` then.
+    /// Returns the deadline of the next cycle.
     pub(super) fn next(&mut self, pace: Pace, sent_at: Ns, reference: u64) -> Option<Ns> {
         let cycle = i64::try_from(pace.cycle_ns).ok().filter(|cycle| *cycle > 0)?;
         let seen = reference.wrapping_sub(sent_at).cast_signed();
@@ -56,7 +59,7 @@ impl Pacer {
             }
         };
         self.ahead = Some(ahead);
-        // A runner that is late by a little keeps to the plan.
+        // A runner that is a little late keeps to the planned deadlines.
         let is_near = |planned: &Ns| planned.abs_diff(sent_at) < pace.cycle_ns / 2;
         let base = self.planned.filter(is_near).unwrap_or(sent_at).saturating_add(pace.cycle_ns);
         let then = ahead.wrapping_add(self.speed / SPEED_UNIT);
@@ -74,8 +77,8 @@ impl Pacer {
 mod tests {
     use super::*;
 
-    /// Cycles keep step with a clock that is faster or slower, whatever phase they begin with, and a late runner
-    /// changes nothing for long.
+    /// Cycles keep in phase with a clock that is faster or slower, whatever phase they begin with. A late cycle
+    /// disturbs that only briefly.
     #[test]
     fn cycles_keep_step_with_a_clock_that_drifts() {
         for (drift_ppb, phase_ns, begin) in [(100_000, 0, 0), (-100_000, 300_000, 777_777), (0, 999_999, 500_000)] {
@@ -97,7 +100,7 @@ mod tests {
         }
     }
 
-    /// A clock that jumps, and times at the ends of what a number can say, do no harm.
+    /// A stepped clock, and times at the limits of their type, cause no panic.
     #[test]
     fn any_times_do_no_harm() {
         let mut pacer = Pacer::default();

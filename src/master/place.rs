@@ -1,28 +1,29 @@
-//! Places for sequences that a running program causes: what such a sequence needs of memory is there before it begins.
+//! Preallocated, reusable slots for futures, so that jobs started while cycles run do not allocate.
 //!
-//! A sequence is a future whose type has no name, so that it lies in a box. A box that is made for each one would be memory that the
-//! thread with the cycles asks for. A place is made once, for one kind of sequence, and holds one after the other.
+//! The future of an `async fn` has no name for its type, so that it is stored in a box. A new box for each future would
+//! be an allocation on the thread that runs the cycles. A slot is allocated once, for one kind of future, and stores
+//! one after the other.
 
 use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-/// A place for one sequence at a time, each of which is asked for by a `Q` and gives an `R`.
+/// A slot for one sequence at a time. A sequence is made from a `Q` and results in an `R`.
 pub(crate) type Place<Q, R> = Box<dyn Sequences<Q, R>>;
 
-/// What can be done with a [`Place`].
+/// The operations of a [`Place`].
 pub(crate) trait Sequences<Q, R>: Send {
-    /// Begins a sequence. One that is under way is given up.
+    /// Begins a sequence. A running one is dropped.
     fn begin(&mut self, order: Q);
 
-    /// Goes on with the sequence; what it has given. Without one that is under way there is nothing to wait for, and none ends.
+    /// Polls the sequence and returns its result when it is ready. An empty slot is always pending.
     fn poll(&mut self, context: &mut Context<'_>) -> Poll<R>;
 
-    /// Gives up the sequence that is under way: it is dropped.
+    /// Drops the running sequence.
     fn give_up(&mut self);
 }
 
-/// A place for the sequences that `begin` makes.
+/// Allocates a slot for the sequences that `begin` makes.
 pub(crate) fn place<Q, R, F>(begin: impl FnMut(Q) -> F + Send + 'static) -> Place<Q, R>
 where
     Q: 'static,
@@ -33,7 +34,7 @@ where
 
 struct Seat<B, F> {
     begin: B,
-    /// The one under way.
+    /// The running sequence.
     sequence: Pin<Box<Option<F>>>,
 }
 

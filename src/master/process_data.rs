@@ -1,12 +1,13 @@
-//! Process data: where each slave's outputs and inputs lie, and the frames of a cycle.
+//! Process data: the logical addresses of each slave's outputs and inputs, and the frames of a cycle.
 //!
-//! Outputs and inputs of a slave lie behind each other in one LRW with those of other slaves, as many as a datagram has room
-//! for. Slaves without LRW share an LWR and an LRD. A slave is never cut in two, so that its working counter is that of one
-//! datagram. Inputs travel in a frame as they came last: those of a slave that does not answer stay as they were.
+//! The outputs and inputs of slaves are placed one after the other in one LRW, as many as its datagram has room for.
+//! Slaves without LRW share an LWR and an LRD. The data of a slave are never split, so that one working counter covers
+//! them. The frame carries the newest inputs of each slave out again: those of a slave that does not answer come back
+//! unchanged.
 //!
-//! **A working counter is right** if it is the sum of what slaves add that take part for certain, and of what others may add
-//! besides: such that are lost, that are on their way from state to state, or whose inputs are known not to come
-//! ([`Standing`]). Nothing of a datagram with another one is believed, whether it is too low or too high.
+//! **A working counter is right** if it is the sum of what the certain participants add, and of what others may add.
+//! Those are slaves that are lost, that are changing their state, or whose inputs are known not to come ([`Standing`]).
+//! The inputs of a datagram with any other working counter are ignored, whether it is too low or too high.
 
 mod expected;
 mod slave;
@@ -26,21 +27,22 @@ use expected::Expected;
 pub(super) use slave::Registers;
 use slave::{Place, SlaveData, bytes_of};
 
-/// The most process data of one datagram: beside them the first frame carries the clock and the states of all slaves.
+/// The most process data in one datagram, bytes: the first frame also carries the datagrams of the clock and of all AL
+/// states.
 pub const SEGMENT_BYTES_MAX: usize = DATA_LEN_MAX - (DATAGRAM_OVERHEAD + CLOCK_LEN) - (DATAGRAM_OVERHEAD + STATE_LEN);
 const CLOCK_LEN: usize = 8;
 const STATE_LEN: usize = 2;
-/// How far the logical addresses of two datagrams are apart: more than one has bytes.
+/// The distance of the logical addresses of two datagrams, more than the bytes of one.
 const SEGMENT_STEP: u32 = 0x800;
-/// The numbers of the datagrams of a cycle; those of segments follow.
+/// The numbers of the datagrams of a cycle. Those of the segments follow.
 const CLOCK: u8 = 0;
 const STATES: u8 = 1;
 const SEGMENTS: u8 = 2;
 /// \[OURS] The most datagrams with process data of one cycle.
 const SEGMENTS_MAX: usize = 64;
-/// \[OURS] For how many there is room before more needs memory.
+/// \[OURS] How many of these have preallocated memory.
 const SEGMENTS_USUAL: usize = 4;
-/// What is written of a segment in its own datagram, if LRW is off, has the number of the segment and this.
+/// With LRW off, a segment has its outputs in a datagram of their own, whose number is that of the segment plus this.
 const WRITES: u8 = SEGMENTS_MAX as u8;
 
 /// Why process data cannot be configured.
@@ -49,88 +51,88 @@ pub enum ConfigureError {
     /// There is no slave with that number.
     #[error("there is no slave {0}; the scan found fewer")]
     NoSlave(u8),
-    /// The slave describes no sync manager for a direction that has process data.
+    /// The slave describes no sync manager for a direction that should have process data.
     #[error("slave {0} describes no sync manager for its process data in this direction")]
     NoManager(u8),
     /// The slave is in SafeOP or OP.
     #[error("slave {0} exchanges process data; bring it to PreOP first")]
     Active(u8),
-    /// The process data fit into no datagram.
+    /// The process data of the slave do not fit into a datagram.
     #[error("slave {slave} has {bytes} bytes of process data, and a datagram has room for {SEGMENT_BYTES_MAX}")]
     TooLong {
-        /// Which slave.
+        /// Slave, from 1.
         slave: u8,
-        /// How many bytes its outputs and inputs have together.
+        /// Bytes of its outputs and inputs together.
         bytes: usize,
     },
     /// The slave has fewer FMMUs than sync managers with process data.
     #[error("slave {slave} has {has} FMMUs and needs {needs}")]
     TooFewFmmus {
-        /// Which slave.
+        /// Slave, from 1.
         slave: u8,
-        /// How many it needs.
+        /// The number of FMMUs that it needs.
         needs: usize,
-        /// How many it has.
+        /// The number of FMMUs that it has.
         has: u8,
     },
 }
 
-/// A cycle whose frames have come back, or are given up.
+/// The result of a cycle whose frames have come back or were given up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CycleDone {
-    /// Its number, from 1.
+    /// The number of the cycle, from 1.
     pub number: u64,
-    /// When its frames were sent.
+    /// When the frames of the cycle were sent, ns of the master's clock.
     pub sent_at: Ns,
-    /// The sum of the working counters of the process data.
+    /// The sum of the working counters of all datagrams with process data.
     pub working_counter: u16,
-    /// Those of them that came back with an LWR, where LRW is not used: masters that count a slave's outputs twice in any case, as an
-    /// LRW does, add these once more.
+    /// The part of `working_counter` that comes from LWRs, if LRW is not used. Other masters count outputs twice in any
+    /// case, as LRW does: their working counter is higher by this.
     pub written: u16,
-    /// What the sum is if all slaves that are in SafeOP or OP take part.
+    /// The working counter if all slaves in SafeOP or OP take part.
     pub expected_working_counter: u16,
-    /// Datagrams with process data that did not come back in time.
+    /// The number of datagrams with process data that did not come back in time.
     pub lost: u8,
-    /// The slaves that share a datagram which was lost, or which not all of them have answered. Which ones are gone is found out
-    /// by [`Master::missing`](super::Master::missing).
+    /// The slaves with a share in a datagram that was lost or had a working counter below the expected one.
+    /// [`Master::missing`](super::Master::missing) later names those that do not answer.
     pub short: SlaveSet,
-    /// The slaves whose inputs are those of this cycle. The inputs of others stay as they were: their datagram did not come back,
-    /// or its working counter is not one that it may have.
+    /// The slaves whose inputs are those of this cycle. All others keep their previous inputs, because their datagram
+    /// was lost or had a wrong working counter.
     pub fresh: SlaveSet,
-    /// The slaves that share a datagram which came back with a working counter that it may not have, too low or too high.
+    /// The slaves with a share in a datagram whose working counter was wrong, too low or too high.
     pub doubtful: SlaveSet,
-    /// How many slaves the frame has passed; `None`: it did not come back.
+    /// The number of slaves that the frame has passed; `None`: it did not come back.
     pub present: Option<u16>,
-    /// All slaves are in OP, and none has an error.
+    /// Whether all slaves are in OP without an error.
     pub all_in_op: bool,
-    /// The AL status of all slaves that the frame has passed, the bits of all together.
+    /// The AL status registers of all slaves that the frame has passed, combined by OR.
     pub states: u16,
     /// The time of the reference clock when the frame passed it, ns.
     pub reference_time: Option<u64>,
-    /// When the next cycle should be sent to keep the pace that was set, ns of the master's clock; `None`: no pace is set, or no
-    /// reference has answered.
+    /// When the next cycle should be sent to keep the pace, ns of the master's clock; `None`: no pace is set, or no
+    /// reference clock has answered.
     pub next_deadline: Option<Ns>,
 }
 
-/// A datagram with process data.
+/// A datagram with process data; with LRW off two, an LWR and an LRD.
 #[derive(Debug)]
 struct Segment {
     command: Command,
     data: Vec<u8>,
     slaves: SlaveSet,
-    /// The working counters that came back in this cycle, together.
+    /// The sum of the working counters that came back in this cycle.
     counted: u16,
-    /// That of its LWR among them.
+    /// The working counter of the LWR, which is part of `counted`.
     written: u16,
-    /// How many of its datagrams have not come back in this cycle.
+    /// How many datagrams of the segment have not come back in this cycle.
     missing: u8,
-    /// The working counters that are right: of the datagram with the inputs, or the only one, and of the LWR beside it if LRW is off.
+    /// The right working counters: of the only datagram or the one with the inputs, and, with LRW off, of the LWR.
     expected: [Expected; 2],
-    /// Its inputs have come with a working counter that is right.
+    /// The inputs have come back with a right working counter.
     is_fresh: bool,
-    /// And with one to which all slaves have added all.
+    /// The working counter of the inputs shows that all slaves have taken part with all their data.
     is_of_all: bool,
-    /// A datagram has come with one that is not.
+    /// A datagram of the segment has come back with a wrong working counter.
     is_doubtful: bool,
 }
 
@@ -150,40 +152,41 @@ impl Segment {
         }
     }
 
-    /// The working counter; `None`: not all of its datagrams have come back.
+    /// The working counter of the segment; `None`: not all of its datagrams have come back.
     fn answer(&self) -> Option<u16> {
         (self.missing == 0).then_some(self.counted)
     }
 }
 
-/// The process data of all slaves, and the cycle under way.
+/// The process data of all slaves, and the state of the present cycle.
 #[derive(Debug, Default)]
 pub(super) struct ProcessData {
     slaves: Vec<SlaveData>,
     segments: Vec<Segment>,
-    /// Memory for the data of further segments.
+    /// Preallocated buffers for further segments.
     spare: Vec<Vec<u8>>,
-    /// Instead of each LRW an LWR and an LRD are sent.
+    /// Whether an LWR and an LRD are sent in place of each LRW.
     is_lrw_off: bool,
-    /// What the expected working counters were computed for; `None`: the places of slaves are others since.
+    /// The standing for which the expected working counters were computed; `None`: the layout of the data has changed
+    /// since.
     standing: Option<Standing>,
-    /// The time that was sent to the reference clock.
+    /// The time that was sent in the datagram of the reference clock.
     sent_time: u64,
     cycle: CycleDone,
-    /// Datagrams that have not come back yet.
+    /// The number of datagrams that have not come back yet.
     pending: usize,
     is_open: bool,
     done: Option<CycleDone>,
 }
 
-/// The sync manager with a length; without one it is off.
+/// The sync manager with that length; a length of 0 disables it.
 pub(super) const fn with_len(manager: SyncManager, len: u16) -> SyncManager {
     let activate = if len > 0 { SmActivate::ENABLE } else { SmActivate::NONE };
     SyncManager { len, activate, control: SmControl(manager.control.0), ..manager }
 }
 
 impl ProcessData {
-    /// Forgets everything: these slaves were found.
+    /// Resets everything after a scan that has found these slaves.
     pub(super) fn reset(&mut self, slaves: &[SlaveInfo]) {
         let (slaves, is_lrw_off) = (slaves.iter().map(SlaveData::of).collect(), self.is_lrw_off);
         *self = Self { slaves, is_lrw_off, ..Self::default() };
@@ -191,7 +194,8 @@ impl ProcessData {
         self.spare.extend((0..SEGMENTS_USUAL).map(|_| Vec::with_capacity(SEGMENT_BYTES_MAX)));
     }
 
-    /// Sets the sync managers of a slave. `active`: the slaves whose places have to stay. If nothing changes it allocates nothing.
+    /// Sets the sync managers of a slave. `active`: the slaves whose logical addresses must stay. Allocates nothing if
+    /// nothing changes.
     pub(super) fn configure(
         &mut self,
         slave: u8,
@@ -234,7 +238,7 @@ impl ProcessData {
         Ok(())
     }
 
-    /// Gives a slave its places.
+    /// Assigns logical addresses to the data of a slave.
     fn place(&mut self, slave: u8) {
         let n = usize::from(slave) - 1;
         let SlaveData { outputs, inputs, lacks_lrw, .. } = &self.slaves[n];
@@ -284,7 +288,7 @@ impl ProcessData {
         self.slave(slave)?.sync
     }
 
-    /// Sets the SYNC signals of a slave. Whether there is one.
+    /// Sets the SYNC signals of a slave. Returns false if there is no slave with that number.
     pub(super) fn set_sync(&mut self, slave: u8, sync: Option<SyncSignals>) -> bool {
         let data = usize::from(slave).checked_sub(1).and_then(|n| self.slaves.get_mut(n));
         data.map(|data| data.sync = sync).is_some()
@@ -299,7 +303,7 @@ impl ProcessData {
         self.segments.get_mut(segment)?.data.get_mut(range)
     }
 
-    /// The inputs of a slave as they came last.
+    /// The newest inputs of a slave.
     pub(super) fn inputs(&self, slave: u8) -> Option<&[u8]> {
         let Place { segment, range } = &self.slave(slave)?.input_place;
         if range.is_empty() {
@@ -308,14 +312,14 @@ impl ProcessData {
         self.segments.get(*segment)?.data.get(range.clone())
     }
 
-    /// Whether the outputs and the inputs of a slave are in a datagram, as numbers.
+    /// Whether the outputs and the inputs of a slave are in a datagram, each as 1 or 0.
     fn parts(&self, slave: u8, segment: usize) -> [u16; 2] {
         let Some(data) = self.slave(slave) else { return [0; 2] };
         [&data.output_place, &data.input_place]
             .map(|place| u16::from(!place.range.is_empty() && place.segment == segment))
     }
 
-    /// What a slave adds to the working counter of a datagram, or of both if LRW is off.
+    /// What a slave adds to the working counter of a segment, with LRW off to both of its datagrams together.
     fn counts(&self, slave: u8, segment: usize) -> u16 {
         let [outputs, inputs] = self.parts(slave, segment);
         let lacks_lrw = self.slave(slave).is_some_and(|data| data.lacks_lrw);
@@ -330,17 +334,17 @@ impl ProcessData {
         self.is_lrw_off = !is_used;
     }
 
-    /// Where the inputs of a slave are in the logical memory, and how many bytes; `None`: it has none that may be read beside the
+    /// The logical address and length of a slave's inputs, bytes; `None`: it has no inputs that may be read outside the
     /// cycle.
     pub(super) fn inputs_at(&self, slave: u8) -> Option<(u32, usize)> {
         let SlaveData { inputs, input_place: Place { segment, range }, .. } = self.slave(slave)?;
-        // What is read out of a mailbox is gone.
+        // Reading a sync manager in mailbox mode would take the data away from the cycle.
         let is_buffered = inputs.iter().all(|(_, manager)| manager.control.mode() == BufferMode::Buffered);
         let at = *segment as u32 * SEGMENT_STEP + range.start as u32;
         (is_buffered && !range.is_empty()).then_some((at, range.len()))
     }
 
-    /// Who takes part in the next cycles.
+    /// Computes the right working counters for the next cycles, if the participants have changed.
     fn expect(&mut self, standing: Standing) {
         if self.standing == Some(standing) {
             return;
@@ -372,7 +376,8 @@ impl ProcessData {
         self.segments.iter().enumerate().map(of).sum()
     }
 
-    /// Sends the frames of a cycle. The one before has ended. `clock`: the datagram that brings the time to all clocks.
+    /// Sends the frames of a cycle, after the end of the previous one. `clock`: the datagram that distributes the
+    /// reference time.
     pub(super) fn send(
         &mut self,
         now: Ns,
@@ -417,15 +422,15 @@ impl ProcessData {
         frame.send(wire);
     }
 
-    /// A datagram of the cycle has come back.
+    /// Takes a datagram of the cycle that has come back.
     pub(super) fn receive(&mut self, number: u8, datagram: &Datagram<'_>) {
         self.pending = self.pending.saturating_sub(1);
-        // No slave counts twice.
+        // A plausible working counter is at most the number of slaves: each adds 1.
         let is_believed = usize::from(datagram.working_counter) <= self.slaves.len();
         match number {
             CLOCK if !is_believed => {}
             CLOCK => {
-                // What comes back as it was sent was read from no clock.
+                // Data that come back unchanged were not read from any clock.
                 let time = datagram.data.first_chunk().map(|bytes| u64::from_le_bytes(*bytes));
                 self.cycle.reference_time = time.filter(|time| *time != self.sent_time);
             }
@@ -473,12 +478,12 @@ impl ProcessData {
         }
     }
 
-    /// Whether the cycle under way has come back whole.
+    /// Whether all datagrams of the present cycle have come back.
     pub(super) const fn is_whole(&self) -> bool {
         self.is_open && self.pending == 0
     }
 
-    /// Ends the cycle under way; `None`: there is none.
+    /// Ends the present cycle; `None`: there is none.
     pub(super) fn finish(&mut self, active: SlaveSet) -> Option<CycleDone> {
         if !std::mem::take(&mut self.is_open) {
             return None;
@@ -508,24 +513,24 @@ impl ProcessData {
         self.done
     }
 
-    /// What the time of the reference clock means for the cycle that has ended.
+    /// Adds the reference time and the next deadline to the cycle that has ended.
     pub(super) const fn note_time(&mut self, time: u64, next_deadline: Option<Ns>) {
         if let Some(done) = &mut self.done {
             (done.reference_time, done.next_deadline) = (Some(time), next_deadline);
         }
     }
 
-    /// When the last cycle was sent.
+    /// When the newest cycle was sent.
     pub(super) const fn sent_at(&self) -> Ns {
         self.cycle.sent_at
     }
 
-    /// Whether frames of the cycle are on the way.
+    /// Whether a cycle was sent and has not ended.
     pub(super) const fn is_open(&self) -> bool {
         self.is_open
     }
 
-    /// The cycle that has ended last, once.
+    /// The cycle that has ended last; each is returned once.
     pub(super) const fn take_done(&mut self) -> Option<CycleDone> {
         self.done.take()
     }

@@ -1,21 +1,21 @@
-//! Single datagrams for a user: any command with any address, and the registers of one slave.
+//! Single datagrams for a user: any command to any address, and accesses to the registers of one slave.
 
 use super::bus::{Bus, Unanswered};
 use crate::ethercat::{Command, DATA_LEN_MAX};
 
-/// Why a datagram, or an access to registers, has given nothing.
+/// Why a datagram or a register access has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DatagramError {
     /// The frame did not come back.
     #[error("the frame did not come back; check the cables")]
     Lost,
-    /// There are more data than a datagram has room for.
+    /// The data do not fit into a datagram.
     #[error("{0} bytes fit into no datagram, which has room for {DATA_LEN_MAX}; ask for fewer at once")]
     TooLong(usize),
     /// The scan found no slave with that number.
     #[error("there is no slave {0}; the scan found fewer")]
     NoSlave(u8),
-    /// The frame came back with another working counter than 1, which one slave counts.
+    /// The frame came back with another working counter than the 1 that a single slave adds.
     #[error(
         "the working counter is {0}, not 1: the slave does not answer, or has no such registers, or does not let a \
          master write them now"
@@ -32,12 +32,12 @@ impl From<Unanswered> for DatagramError {
     }
 }
 
-/// What came back of a datagram.
+/// The answer to a datagram.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct DatagramAnswer {
-    /// The data, as many bytes as were sent.
+    /// The data of the answer, as many bytes as were sent.
     pub data: Vec<u8>,
-    /// What slaves have done with the datagram.
+    /// The working counter, whatever its value is.
     pub working_counter: u16,
 }
 
@@ -45,7 +45,7 @@ const fn check_len(bytes: usize) -> Result<(), DatagramError> {
     if bytes > DATA_LEN_MAX { Err(DatagramError::TooLong(bytes)) } else { Ok(()) }
 }
 
-/// Sends a datagram once, whatever it does.
+/// Sends a datagram once.
 ///
 /// # Errors
 /// [`DatagramError`].
@@ -63,7 +63,7 @@ pub(super) async fn datagram(
     }
 }
 
-/// Reads registers of a station.
+/// Reads registers of the slave with that station address.
 ///
 /// # Errors
 /// [`DatagramError`].
@@ -77,7 +77,7 @@ pub(super) async fn read(bus: Bus, station: u16, address: u16, len: usize) -> Re
     }
 }
 
-/// Writes registers of a station.
+/// Writes registers of the slave with that station address.
 ///
 /// # Errors
 /// [`DatagramError`].

@@ -1,4 +1,4 @@
-//! The scan: which slaves there are, who they are, and their station addresses.
+//! The scan: finds the slaves, identifies them, and assigns station addresses.
 
 use super::bus::{Bus, Unanswered, join};
 use super::exchange::Lost;
@@ -12,33 +12,33 @@ use crate::ethercat::registers::{
 };
 use crate::ethercat::{AlState, Command, MAX_SLAVES, Ns};
 
-/// The station address of the first slave; those of others follow (most masters give these).
+/// The station address of the first slave; the others follow in network order. Most masters assign these.
 pub(super) const FIRST_STATION: u16 = 0x1001;
-/// \[OURS] How long slaves may take to enter Init.
+/// \[OURS] How long slaves may take to reach Init.
 const INIT_MAX_NS: Ns = 2_000_000_000;
 
-/// \[OURS] How often the ports are opened in a row, each time with all tries, while no frame comes back: one that is open without a link
-/// loses the frame behind its slave, which has had it.
+/// \[OURS] How often the scan opens all ports again, each time with all tries, after no frame has come back: opening a
+/// port without a link loses the frame behind that slave, which has taken the write already.
 const LOST_MAX: u32 = 2;
 
 /// Why a scan has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ScanError {
-    /// A frame did not come back in the course of the scan.
+    /// A frame was lost during the scan.
     #[error("frames get lost during the scan; check the cables")]
     Lost,
-    /// There are more slaves than the master can have.
+    /// There are more slaves than the master supports.
     #[error("{found} slaves are connected, and the master has room for {MAX_SLAVES}; connect fewer")]
     TooMany {
-        /// How many slaves were found.
+        /// The number of slaves found.
         found: u16,
     },
-    /// The number of slaves has changed in the course of the scan.
+    /// The number of slaves has changed during the scan.
     #[error("{first} slaves were counted, then {then}; check the cables and the slaves' power, and scan again")]
     Changed {
-        /// How many slaves were counted first.
+        /// The number of slaves at the first count.
         first: u16,
-        /// How many were counted then.
+        /// The number of slaves at the later count.
         then: u16,
     },
 }
@@ -49,13 +49,13 @@ impl From<Lost> for ScanError {
     }
 }
 
-/// How many slaves are connected; 0, too, if no frame comes back.
+/// The number of connected slaves; also 0 if no frame comes back.
 async fn count(bus: &Bus) -> u16 {
     bus.exchange(Command::Brd, 0, TYPE, &mut [0]).await.unwrap_or(0)
 }
 
-/// Opens the ports of all slaves as at power-on, behind which others may be hidden whose ports are closed, too; how many slaves there
-/// are then.
+/// Opens the ports of all slaves, as at power-on, again and again: slaves behind a closed port may have closed ports,
+/// too. Returns the number of slaves then.
 async fn uncover(bus: &Bus) -> u16 {
     let (mut found, mut lost) = (None, 0);
     for _ in 0..=MAX_SLAVES {
@@ -69,15 +69,15 @@ async fn uncover(bus: &Bus) -> u16 {
     found.unwrap_or(0)
 }
 
-/// Lets all slaves that frames reach be written, opens their ports, and has them hear their station address alone; how many they are
-/// before that.
+/// Makes all reachable slaves writable, opens their ports, and disables their alias addresses. Returns the number of
+/// slaves reachable before.
 async fn uncover_next(bus: &Bus) -> Result<u16, Lost> {
-    // Ports as their links are, for good: all slaves destroy frames of others, as they come.
+    // All ports automatic, permanently, and frames without EtherCAT are destroyed, as after power-on.
     const AUTOMATIC: [u8; 2] = [DlControl::DESTROYS_OTHERS as u8, 0];
     const WITHOUT_ALIAS: [u8; 1] = [0];
     let count = bus.queue(Command::Brd, 0, TYPE, &[0]);
     bus.write_all_of([
-        // Protection ends in the frame that has given leave to write: that is the byte before.
+        // The first byte enables writes within this frame, and the second one ends the write protection.
         (ESC_WRITE_ENABLE, &[0; 2]),
         (WRITE_REGISTER_ENABLE, &[0; 2]),
         (DL_CONTROL, &AUTOMATIC),
@@ -87,7 +87,7 @@ async fn uncover_next(bus: &Bus) -> Result<u16, Lost> {
     count.answer(&mut [0]).await
 }
 
-/// Finds the slaves. All of them go to Init and lose what they were configured with.
+/// Finds the slaves. All of them go to Init, and their configuration is deleted.
 pub(super) async fn scan(bus: Bus) -> Result<Vec<SlaveInfo>, ScanError> {
     let found = uncover(&bus).await;
     if found == 0 {
@@ -113,13 +113,14 @@ pub(super) async fn scan(bus: Bus) -> Result<Vec<SlaveInfo>, ScanError> {
     bus.with(|shared| shared.begin(&slaves));
     let clocks = bus.with(|shared| shared.clocks.all);
     if !clocks.is_empty() {
-        // In a ring a frame does not come back the way that it went, and only a way back tells how long it is. If the ring is
-        // broken already, slaves behind the gap are reached by that end alone.
+        // In a ring a frame comes back by another way than it went, but delays are measured on frames that return the
+        // same way: so the ring is opened. If the ring is broken already, slaves behind the gap can be reached by that
+        // end alone.
         let mut ends = if ports.iter().all(|ports| is_open(*ports, 0)) { loose_ends(&ports) } else { Vec::new() };
         if !ends.is_empty() {
             let entries = clocks::entries(&bus).await?;
             slaves.iter_mut().zip(&entries).for_each(|(slave, port)| slave.entry_port = *port);
-            // Where IN and OUT are swapped frames come in by such a port, and no frame would come back any more.
+            // If IN and OUT are swapped, frames enter the slave by this port: closing it would stop all frames.
             ends.retain(|end| entries.get(usize::from(end.slave) - 1) != Some(&end.port));
         }
         close(&bus, &slaves, &ends, true).await?;
@@ -137,20 +138,20 @@ pub(super) async fn scan(bus: Bus) -> Result<Vec<SlaveInfo>, ScanError> {
     Ok(slaves)
 }
 
-/// Closes ports of slaves, or lets them be open again by themselves.
+/// Closes ports of slaves, or makes them automatic again.
 async fn close(bus: &Bus, slaves: &[SlaveInfo], ends: &[Upstream], is_closed: bool) -> Result<(), Lost> {
     for Upstream { slave, port } in ends {
         let Some(SlaveInfo { station, .. }) = slaves.get(usize::from(*slave) - 1) else { continue };
         let Ok(control) = bus.read(*station, DL_CONTROL).await else { return Err(Lost) };
         let loops = if is_closed { LoopControl::Closed } else { LoopControl::Auto };
         let control = DlControl(u32::from_le_bytes(control)).with_loop(usize::from(*port), loops);
-        // The answer to a write that closes a port may be lost with the frame that was there.
+        // Closing a port may destroy the very frame that would come back with the answer.
         let _ = bus.queue(Command::Fpwr, *station, DL_CONTROL, &control.0.to_le_bytes()).answer(&mut []).await?;
     }
     Ok(())
 }
 
-/// Brings all slaves to Init, without addresses and without a configuration, whatever another master has left there.
+/// Brings all slaves to Init without addresses and without configuration, whatever another master has left in them.
 async fn reset(bus: &Bus) -> Result<(), Lost> {
     let init = AlControl::request(RequestedState::State(AlState::Init)).with(AlControl::ACKNOWLEDGE);
     bus.write_all_of([
@@ -158,9 +159,10 @@ async fn reset(bus: &Bus) -> Result<(), Lost> {
         (STATION_ADDRESS, &[0; 2]),
         (FMMU, &[0; 16 * FMMU_LEN]),
         (SYNC_MANAGER, &[0; 16 * SYNC_MANAGER_LEN]),
-        // The units for SYNC are off, and the master's.
+        // SYNC signals are off, and the master controls the SYNC unit.
         (CYCLIC_UNIT_CONTROL, &[0; 2]),
-        // As all known masters set the filters of the clocks; and receive times are those of frames that come by port 0.
+        // The filter depths that all known masters write. The last byte (0x0936) is 0: receive times are those of frames
+        // that enter by port 0.
         (TIME_DIFFERENCE_FILTER, &[0x00, 0x0C, 0x00]),
         (SPEED_COUNTER_START, &0x1000_u16.to_le_bytes()),
         (WATCHDOG_DIVIDER, &watchdog::DIVIDER.to_le_bytes()),
@@ -172,12 +174,12 @@ async fn reset(bus: &Bus) -> Result<(), Lost> {
     Ok(())
 }
 
-/// What there is to know about a slave.
+/// Collects the information about a slave.
 async fn identify(bus: &Bus, station: u16) -> Result<SlaveInfo, Unanswered> {
     let until = bus.now() + INIT_MAX_NS;
     loop {
         let status = AlStatusWithCode::decode(&bus.read(station, AL_STATUS).await?).status;
-        // One that stays elsewhere says so when it is asked for a state.
+        // A slave that does not reach Init reports an error later, when a change of state is requested.
         if status.state() == RequestedState::State(AlState::Init) || bus.now() >= until {
             break;
         }

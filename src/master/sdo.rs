@@ -1,4 +1,4 @@
-//! SDO transfers: values of any length, expedited, normal or in segments, one sub-index or all.
+//! SDO transfers of values of any length: expedited, normal or segmented, of one sub-index or with complete access.
 
 use super::bus::Bus;
 use super::handle::{End, Ending};
@@ -11,28 +11,28 @@ use crate::ethercat::coe::{
 use crate::ethercat::mailbox::{MAILBOX_HEADER_LEN, MailboxProtocol};
 use crate::ethercat::sii::MailboxProtocols;
 
-/// \[OURS] The longest value that is read, bytes.
+/// \[OURS] The longest value that an upload accepts, bytes.
 pub const VALUE_BYTES_MAX: usize = 0x10_0000;
 
-/// How many bytes a number has at most.
+/// The most bytes of a number.
 const NUMBER_BYTES: usize = 4;
 
-/// What a segment has at least that is not the last one (ETG.1000.6 5.6.2).
+/// The least bytes of data in a segment other than the last one (ETG.1000.6 5.6.2).
 const SEGMENT_BYTES_MIN: usize = 7;
 
-/// Why a transfer has failed.
+/// Why an SDO transfer has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SdoError {
-    /// The slave, or the master, has aborted it.
+    /// The slave or the master has aborted the transfer.
     #[error("aborted with {0}")]
     Abort(AbortCode),
-    /// There was no answer.
+    /// The slave has not answered.
     #[error(transparent)]
     Mailbox(#[from] MailboxError),
 }
 
 impl SdoError {
-    /// The abort code that says the same; [`AbortCode::TIMEOUT`] where there was no answer.
+    /// The abort code for this error; [`AbortCode::TIMEOUT`] if the slave has not answered.
     pub const fn abort_code(self) -> AbortCode {
         match self {
             Self::Abort(code) => code,
@@ -45,7 +45,7 @@ impl SdoError {
     }
 }
 
-/// A transfer: of which slave and object.
+/// A running SDO transfer of one object of a slave.
 pub(super) struct Sdo {
     mailbox: Mailbox,
     object: ObjectAddress,
@@ -66,8 +66,9 @@ impl Sdo {
         Ok(until)
     }
 
-    /// Sends a request and gives what `take` makes of its answer. One that is none to this request is left out if it may be one to
-    /// another, whose answer nobody waits for any more; else `take` says with which code that ends the transfer.
+    /// Sends a request and returns what `take` makes of the answer. `take` returns an abort code for a message that
+    /// does not answer the request: such a message is dropped if it may answer an abandoned request, and else ends the
+    /// transfer.
     async fn ask<R>(
         &mut self,
         request: SdoRequest<'_>,
@@ -84,7 +85,7 @@ impl Sdo {
                 Err(error) => return Err(error.into()),
             };
             let wrong = match CoeMessage::decode(data) {
-                // The answer to the first request to this mailbox, which is not waited for that long.
+                // The late answer to the first request to this mailbox, whose timeout is short.
                 Ok(CoeMessage::SdoRequest(SdoRequest::Abort { object, code }))
                     if object == FIRST_OBJECT && object != self.object =>
                 {
@@ -103,7 +104,7 @@ impl Sdo {
                         Err(code) => code,
                     }
                 }
-                // What slaves send without being asked.
+                // An unsolicited message.
                 Ok(_) => continue,
                 Err(_) => AbortCode::LENGTH,
             };
@@ -113,9 +114,9 @@ impl Sdo {
         }
     }
 
-    /// Tells the slave that the transfer has ended.
+    /// Tells the slave that the transfer is aborted.
     async fn give_up(&mut self, code: AbortCode) {
-        // It has ended whether the slave takes note or not.
+        // The transfer has ended even if the slave does not receive this.
         let _ = self.send(SdoRequest::Abort { object: self.object, code }).await;
         self.mailbox.wants_no_answer();
     }
@@ -125,13 +126,13 @@ impl Sdo {
         Err(SdoError::Abort(code))
     }
 
-    /// How many bytes a message has room for, of which some are no data of a value.
+    /// The most bytes of a value in a message; `overhead`: bytes of the message that are not part of a value.
     const fn room(&self, overhead: usize) -> usize {
         (self.mailbox.room() + MAILBOX_HEADER_LEN).saturating_sub(overhead)
     }
 }
 
-/// Some slaves abort by the service of answers.
+/// The abort code in a response: some slaves send an abort with the mailbox service of responses.
 fn abort_in(response: SdoResponse<'_>) -> Option<AbortCode> {
     let SdoResponse::Unknown(command, rest) = response else { return None };
     let mut whole = [command, 0, 0, 0, 0, 0, 0, 0];
@@ -142,13 +143,13 @@ fn abort_in(response: SdoResponse<'_>) -> Option<AbortCode> {
     }
 }
 
-/// What takes a value that is read.
+/// A receiver of an uploaded value.
 pub(super) trait Value: Default {
-    /// There will be so many bytes.
+    /// Announces `len` bytes.
     fn reserve(&mut self, len: usize);
-    /// These bytes follow those before.
+    /// Appends bytes to the value.
     fn extend(&mut self, bytes: &[u8]);
-    /// How many bytes there were.
+    /// The number of bytes received so far.
     fn len(&self) -> usize;
 }
 
@@ -166,7 +167,7 @@ impl Value for Vec<u8> {
     }
 }
 
-/// A value of which the first 4 bytes are kept.
+/// A value of which only the first 4 bytes are kept.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Beginning {
     bytes: [u8; NUMBER_BYTES],
@@ -186,16 +187,16 @@ impl Value for Beginning {
     }
 }
 
-/// A transfer that allocates nothing: of a number.
+/// The transfer of a number, which allocates nothing.
 pub(super) enum NumberTransfer {
-    /// An object of any length is read, of which the first 4 bytes are told.
+    /// Upload of an object of any length, of which the first 4 bytes are kept.
     Upload,
-    /// So many bytes of these are written.
+    /// Download of that many of these bytes.
     Download([u8; NUMBER_BYTES], usize),
 }
 
 impl NumberTransfer {
-    /// The download of a value that is short enough.
+    /// The download of a value; `None`: the value is too long for a number.
     pub(super) fn download(value: &[u8]) -> Option<Self> {
         let mut bytes = [0; NUMBER_BYTES];
         bytes.get_mut(..value.len())?.copy_from_slice(value);
@@ -213,7 +214,7 @@ impl NumberTransfer {
     }
 }
 
-/// Reads an object.
+/// Uploads an object.
 pub(super) async fn upload<V: Value>(
     bus: Bus,
     peer: Peer,
@@ -231,7 +232,7 @@ pub(super) async fn upload<V: Value>(
                 _ if other != object => return Err(AbortCode::COMMAND),
                 SdoValuePart::Expedited(data) => (data.len(), data),
                 SdoValuePart::Unsized(four) => (four.len(), &four[..]),
-                // What follows a value in its message has no meaning.
+                // Bytes behind the value in its message have no meaning.
                 SdoValuePart::First { size, data } => {
                     let size = usize::try_from(size).unwrap_or(usize::MAX);
                     (size, &data[..data.len().min(size)])
@@ -261,7 +262,7 @@ pub(super) async fn upload<V: Value>(
             .await?;
         match is_last {
             Ok(true) => break,
-            // Each one brings the value nearer to its end.
+            // Every segment must have data, so that the transfer ends.
             Ok(false) if value.len() - before >= SEGMENT_BYTES_MIN => {}
             Ok(false) => return sdo.fail(AbortCode::COMMAND).await,
             Err(code) => return sdo.fail(code).await,
@@ -274,7 +275,7 @@ pub(super) async fn upload<V: Value>(
     Ok(value)
 }
 
-/// Writes an object.
+/// Downloads an object.
 pub(super) async fn download(
     bus: Bus,
     peer: Peer,

@@ -1,22 +1,23 @@
-//! What a user may want to change about the master.
+//! The settings of the master.
 
 use crate::ethercat::Ns;
 
 /// The settings of a master. Times are in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
-    /// The source address of its frames. Bit 1 of the first byte should be 0: slaves set it, and by it the master knows frames
-    /// that have passed one.
+    /// The source address of the master's frames. Bit 1 of the first byte should be 0: slaves set it, and by it the
+    /// master recognises frames that have passed a slave.
     pub source: [u8; 6],
-    /// \[OURS] How long a frame may take to come back; then it is lost.
+    /// \[OURS] The timeout of a frame; a frame that comes back later counts as lost.
     pub frame_timeout_ns: Ns,
-    /// \[OURS] How often a datagram that harms nothing if it is done twice is sent at most, if nothing comes back.
+    /// \[OURS] How often a datagram is sent at most if no frame comes back; only for datagrams that may be executed
+    /// twice.
     pub tries: u8,
-    /// \[OURS] How long the index of a lost frame is not used again, so that a late answer is known as one.
+    /// \[OURS] How long the index of a lost frame is not reused, so that a late answer is recognised as such.
     pub index_rest_ns: Ns,
-    /// \[OURS] How often the master looks for slaves that have gone or left their state, and for mail that it has not asked for.
+    /// \[OURS] The interval in which the master checks for missing slaves, left states and unsolicited messages.
     pub watch_ns: Ns,
-    /// \[OURS] The longest frame that is sent beside the cyclic ones, bytes. One datagram is sent, however long it is.
+    /// \[OURS] The longest frame with acyclic datagrams beside cycles, bytes. A single longer datagram is still sent.
     pub acyclic_bytes_max: usize,
 }
 

@@ -1,4 +1,4 @@
-//! What sequences of datagrams, the cycle and the user share: the frames, the condition of each slave, the events.
+//! State that the sequences, the cycle and the user share: frames, the condition of each slave, events.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -14,60 +14,61 @@ use crate::ethercat::coe::Emergency;
 use crate::ethercat::registers::{AlStatusRegister, AlStatusWithCode, Features, RequestedState};
 use crate::ethercat::{AlState, AlStatus, Command, Ns, SlaveSet};
 
-/// \[OURS] How many events wait at most; the oldest are lost.
+/// \[OURS] The most events in the queue; when it is full, the oldest one is dropped.
 pub const EVENTS_MAX: usize = 64;
-/// \[OURS] How long after the last cycle datagrams beside it wait for the next one.
+/// \[OURS] How long after a cycle acyclic datagrams still wait for the next cycle.
 const CYCLIC_NS: Ns = 20_000_000;
 
-/// What happens without being asked for.
+/// Something that has happened without a request of the user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Event {
-    /// A slave has sent an emergency.
+    /// A slave has sent an emergency message.
     Emergency {
-        /// Which slave, from 1.
+        /// Slave, from 1.
         slave: u8,
-        /// What it says.
+        /// The content of the message.
         emergency: Emergency,
     },
-    /// A slave answers no more: its cable is cut, or it has no power.
+    /// A slave no longer answers: its cable is cut, or it has no power.
     Lost {
-        /// Which slave, from 1.
+        /// Slave, from 1.
         slave: u8,
     },
     /// A slave that was lost answers again.
     Returned {
-        /// Which slave, from 1.
+        /// Slave, from 1.
         slave: u8,
     },
-    /// A slave that was lost had no power. It is in Init and has to be configured again; [`Self::Returned`] comes first.
+    /// A slave that was lost has had no power. It is in Init and must be configured again. [`Self::Returned`] comes
+    /// first.
     PowerCycled {
-        /// Which slave, from 1.
+        /// Slave, from 1.
         slave: u8,
     },
-    /// A slave has left its state, or reports an error, without being asked for a state.
+    /// A slave has left its state, or reports an error, without a request of the user.
     Status {
-        /// Which slave, from 1.
+        /// Slave, from 1.
         slave: u8,
-        /// Its state and its error.
+        /// The state and error flag of the slave.
         status: AlStatusRegister,
-        /// Why.
+        /// The AL status code of the slave.
         code: AlStatus,
     },
 }
 
-/// What the master knows of the present condition of a slave.
+/// The condition of a slave, as far as the master knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlaveStatus {
-    /// It answers.
+    /// Whether the slave answers.
     pub is_present: bool,
-    /// Its AL status when it was read last.
+    /// The newest AL status of the slave.
     pub status: AlStatusRegister,
-    /// Its AL status code then.
+    /// The AL status code that was read with it.
     pub code: AlStatus,
 }
 
 impl SlaveStatus {
-    /// The AL state; `None`: Boot, or one that does not exist.
+    /// The AL state; `None`: Boot, or an invalid state code.
     pub const fn state(&self) -> Option<AlState> {
         match self.status.state() {
             RequestedState::State(state) => Some(state),
@@ -76,22 +77,22 @@ impl SlaveStatus {
     }
 }
 
-/// What changes of a slave.
+/// The changing state of one slave.
 #[derive(Clone, Debug)]
 pub(super) struct Live {
     pub(super) status: SlaveStatus,
     pub(super) mailbox: MailboxState,
-    /// Memory for a message of its mailbox, while nobody uses that.
+    /// The buffer for mailbox messages of the slave, while no sequence uses it.
     pub(super) mailbox_bytes: Vec<u8>,
-    /// A change of its state is under way.
+    /// Whether a change of the slave's state is under way.
     is_changing: bool,
-    /// A user's sequence reads or writes its EEPROM.
+    /// Whether a user's job reads or writes the EEPROM of the slave.
     is_eeprom_used: bool,
-    /// What it sends unasked stays in its mailbox until a user takes it.
+    /// Whether unsolicited messages stay in the mailbox until a user reads them.
     pub(super) keeps_mail: bool,
-    /// There was mail in its mailbox when the watch looked last.
+    /// Whether the watch found a message in the mailbox the last time.
     pub(super) has_mail: bool,
-    /// Where its inputs are in the logical memory, and how many bytes; `None`: there are none that may be read beside the cycle.
+    /// Logical address and length of the inputs, bytes; `None`: there are none that may be read outside the cycle.
     pub(super) inputs_at: Option<(u32, usize)>,
 }
 
@@ -111,43 +112,43 @@ impl Default for Live {
     }
 }
 
-/// What is known of the part of each slave in process data.
+/// How each slave takes part in the process data, as far as known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Standing {
-    /// They are in OP, and answer.
+    /// Slaves in OP that answer.
     pub(super) in_op: SlaveSet,
-    /// They are in SafeOP, and answer: their inputs are there for certain, and whether outputs are taken is up to them.
+    /// Slaves in SafeOP that answer: they add their inputs for certain, and may add outputs.
     pub(super) in_safe_op: SlaveSet,
-    /// They do not answer, and may be back: then all of their data are.
+    /// Slaves that do not answer, but may be back: they add all of their data or nothing.
     pub(super) gone: SlaveSet,
-    /// Any part of them may count: their sync managers and FMMUs are being changed or were left, they have left their state, or
-    /// their inputs do not come.
+    /// Slaves that may add any part of their data: their sync managers and FMMUs are being changed or were left as they
+    /// were, they have left their state, or their inputs do not come.
     pub(super) unsure: SlaveSet,
 }
 
 impl Standing {
-    /// The slaves whose inputs are there if the working counter is right.
+    /// The slaves whose inputs are valid if the working counter is right.
     pub(super) const fn certain(&self) -> SlaveSet {
         self.in_op.union(self.in_safe_op)
     }
 }
 
-/// What a measurement needs of memory, to be used again.
+/// Preallocated memory for one measurement of propagation delays.
 #[derive(Default)]
 pub(super) struct Measurement {
-    /// Reads of all slaves, side by side.
+    /// Slots for reading the receive times of all slaves concurrently.
     pub(super) reads: Vec<place::Place<(Bus, u16), Option<Passed>>>,
     pub(super) passed: Vec<Option<Passed>>,
-    /// How long the way to each slave is, ns.
+    /// The propagation delay of each slave, ns.
     pub(super) delays: Vec<u32>,
 }
 
-/// The way of a sequence to the frames.
+/// A handle by which sequences access the shared state.
 #[derive(Clone)]
 pub(super) struct Bus(pub(super) Arc<Mutex<Shared>>);
 
 impl Bus {
-    /// What sequences and the cycle share.
+    /// Calls `action` with the shared state, under its lock.
     pub(super) fn with<R>(&self, action: impl FnOnce(&mut Shared) -> R) -> R {
         action(&mut self.0.lock())
     }
@@ -157,43 +158,45 @@ impl Bus {
     }
 }
 
-/// What sequences and the cycle share.
+/// State that the sequences, the cycle and the user share.
 pub(super) struct Shared {
     pub(super) settings: Settings,
     pub(super) now: Ns,
-    /// When the last cycle was sent.
+    /// When the newest cycle was sent.
     pub(super) last_cycle: Option<Ns>,
     pub(super) exchange: Exchange,
     pub(super) live: Vec<Live>,
-    /// The slaves that exchange process data.
+    /// The slaves in SafeOP or OP, which exchange process data.
     pub(super) active: SlaveSet,
-    /// Those of them that are in OP and in SafeOP without an error, and were asked for no other state since.
+    /// The slaves in `active` that are in OP and in SafeOP without an error, and for which no other state was requested
+    /// since.
     pub(super) in_op: SlaveSet,
     pub(super) in_safe_op: SlaveSet,
     /// The slaves that do not answer.
     pub(super) missing: SlaveSet,
-    /// The slaves whose sync managers and FMMUs of process data may be on, in whatever state they are.
+    /// The slaves whose sync managers and FMMUs for process data may be enabled, whatever their state is.
     pub(super) mapped: SlaveSet,
-    /// The slaves that answer, and whose inputs do not come.
+    /// The slaves that answer, but whose inputs do not come.
     pub(super) mute: SlaveSet,
-    /// Slaves that share a datagram whose working counter was not right in the last cycle.
+    /// Slaves with a share in a datagram that had a wrong working counter in the newest cycle.
     pub(super) doubtful: SlaveSet,
-    /// When the AL status of all slaves was asked for last, if all of that was answered.
+    /// When all AL states were read the last time, if every read was answered.
     pub(super) states_read: Option<Ns>,
-    /// When it was asked last who is missing, if all of that was answered: for the states, and where those did not tell for inputs.
+    /// When the last complete search for missing slaves began: of all states and, where these explain nothing, of
+    /// inputs.
     pub(super) searched: Option<Ns>,
-    /// The last cycle has found all slaves in OP.
+    /// Whether the newest cycle has found all slaves in OP.
     pub(super) is_all_in_op: bool,
-    /// A cycle was other than the one before, and other than expected.
+    /// Whether a cycle had other working counters than the one before, and wrong ones.
     pub(super) is_alarmed: bool,
-    /// The working counters of the last cycle: of process data, expected, of all slaves.
+    /// The working counters of the newest cycle: of process data, the expected one, and the number of slaves passed.
     pub(super) last_counters: (u16, u16, Option<u16>),
     pub(super) clocks: Clocks,
-    /// Memory for measurements of delays, while there are none.
+    /// Preallocated memory for measurements of propagation delays, while these do not run.
     pub(super) measurements: Vec<Measurement>,
-    /// Whose time the clocks follow.
+    /// The clock that all distributed clocks follow.
     pub(super) reference: ReferenceClock,
-    /// How cycles follow the reference clock.
+    /// The cycle time, and the phase of cycles to the reference clock.
     pub(super) pace: Option<Pace>,
     pub(super) pacer: Pacer,
     pub(super) events: VecDeque<Event>,
@@ -228,7 +231,7 @@ impl Shared {
         }
     }
 
-    /// Forgets all slaves.
+    /// Resets everything that belongs to slaves.
     pub(super) fn reset(&mut self) {
         (self.last_cycle, self.last_counters) = (None, (0, 0, None));
         (self.states_read, self.searched) = (None, None);
@@ -240,7 +243,7 @@ impl Shared {
         (self.clocks, self.pacer) = (Clocks::default(), Pacer::default());
     }
 
-    /// These slaves were found.
+    /// Takes over the slaves that a scan has found.
     pub(super) fn begin(&mut self, slaves: &[SlaveInfo]) {
         self.live.resize(slaves.len(), Live::default());
         for ((slave, info), live) in (1..).zip(slaves).zip(&mut self.live) {
@@ -256,7 +259,7 @@ impl Shared {
         }
     }
 
-    /// The datagram that brings the time to all clocks; `None`: no clock has been set.
+    /// The datagram that distributes the reference time to all clocks; `None`: no clock is set.
     pub(super) fn clock_datagram(&self) -> Option<ClockDatagram> {
         let station = self.clocks.reference_station(self.missing)?;
         Some(match self.reference {
@@ -265,7 +268,7 @@ impl Shared {
         })
     }
 
-    /// Who takes part in cycles, for all that is known.
+    /// How each slave takes part in the next cycle, as far as known.
     pub(super) fn standing(&self) -> Standing {
         let Self { active, missing, mapped, mute, in_op, in_safe_op, .. } = *self;
         let answering = active.difference(missing).difference(mute);
@@ -274,7 +277,7 @@ impl Shared {
         Standing { in_op, in_safe_op, gone, unsure: mapped.difference(in_op).difference(in_safe_op).difference(gone) }
     }
 
-    /// Where the inputs of a slave are in the logical memory, and how many bytes; `None`: none may be read beside the cycle.
+    /// Logical address and length of a slave's inputs, bytes; `None`: it has none that may be read outside the cycle.
     pub(super) fn inputs_of(&self, slave: u8) -> Option<(u32, usize)> {
         self.live.get(usize::from(slave).checked_sub(1)?)?.inputs_at
     }
@@ -283,12 +286,12 @@ impl Shared {
         self.live.get_mut(usize::from(slave).checked_sub(1)?)
     }
 
-    /// Whether there are cycles, behind whose frames others wait for their turn.
+    /// Whether cycles are running, so that acyclic datagrams wait for their turn behind the frames of a cycle.
     pub(super) fn has_cycles(&self) -> bool {
         self.last_cycle.is_some_and(|last| self.now.saturating_sub(last) < CYCLIC_NS)
     }
 
-    /// The AL status of a slave was read in the course of a change of its state.
+    /// Takes an AL status that was read during a change of the slave's state.
     pub(super) fn note_status(&mut self, slave: u8, status: AlStatusWithCode) {
         let Some(live) = self.live_mut(slave) else { return };
         let was_present = std::mem::replace(&mut live.status.is_present, true);
@@ -312,7 +315,7 @@ impl Shared {
         }
     }
 
-    /// The AL status of a slave was read without a reason.
+    /// Takes an AL status that the watch has read. A change without a request becomes an event.
     pub(super) fn see_status(&mut self, slave: u8, status: AlStatusWithCode) {
         let Some(live) = self.live_mut(slave) else { return };
         let before = live.status;
@@ -323,7 +326,7 @@ impl Shared {
         }
     }
 
-    /// A slave does not answer.
+    /// Marks a slave as missing.
     pub(super) fn lose(&mut self, slave: u8) {
         self.missing.insert(slave);
         if let Some(live) = self.live_mut(slave)
@@ -333,7 +336,7 @@ impl Shared {
         }
     }
 
-    /// A slave is asked for a state.
+    /// Notes that a state is requested of a slave, so that the slave may leave its present state.
     pub(super) fn expect_state(&mut self, slave: u8, target: AlState) {
         if target < AlState::SafeOp {
             self.active.remove(slave);
@@ -343,40 +346,42 @@ impl Shared {
         }
     }
 
-    /// A change of a slave's state begins. False: another one is under way, or its EEPROM is in use, which a change may need.
+    /// Begins a change of a slave's state. Returns false if another one is under way, or the EEPROM, which a change may
+    /// need, is in use.
     pub(super) fn begin_change(&mut self, slave: u8) -> bool {
         let live = self.live_mut(slave).filter(|live| !live.is_changing && !live.is_eeprom_used);
         live.is_some_and(|live| !std::mem::replace(&mut live.is_changing, true))
     }
 
-    /// The change of a slave's state has ended.
+    /// Ends a change of a slave's state.
     pub(super) fn end_change(&mut self, slave: u8) {
         if let Some(live) = self.live_mut(slave) {
             live.is_changing = false;
         }
     }
 
-    /// A sequence wants the EEPROM of a slave for itself. False: it is in use, or may be, in a change of the state.
+    /// Claims the EEPROM of a slave. Returns false if it is in use, or the slave is changing its state, which may need
+    /// it.
     pub(super) fn claim_eeprom(&mut self, slave: u8) -> bool {
         let live = self.live_mut(slave).filter(|live| !live.is_changing && !live.is_eeprom_used);
         live.is_some_and(|live| !std::mem::replace(&mut live.is_eeprom_used, true))
     }
 
-    /// Nobody uses the EEPROM of a slave any more.
+    /// Releases the EEPROM of a slave.
     pub(super) fn release_eeprom(&mut self, slave: u8) {
         if let Some(live) = self.live_mut(slave) {
             live.is_eeprom_used = false;
         }
     }
 
-    /// Whether a slave has a mailbox that nobody uses now.
+    /// Whether a slave has a mailbox that no sequence is using.
     pub(super) fn has_idle_mailbox(&mut self, slave: u8) -> bool {
         self.live_mut(slave).is_some_and(|live| {
             live.status.is_present && live.status.state() > Some(AlState::Init) && !live.mailbox.is_open()
         })
     }
 
-    /// These mailboxes are full. Those of them whose mail a user takes.
+    /// Notes the slaves with a full mailbox. Returns those whose messages a user reads.
     pub(super) fn note_mail(&mut self, full: SlaveSet) -> SlaveSet {
         let mut kept = SlaveSet::EMPTY;
         for (slave, live) in (1..).zip(&mut self.live) {
@@ -388,7 +393,7 @@ impl Shared {
         kept
     }
 
-    /// The mailbox of a slave begins anew.
+    /// Resets the mailbox state of a slave that enters PreOP.
     pub(super) fn begin_mailbox(&mut self, slave: u8) {
         if let Some(live) = self.live_mut(slave) {
             live.mailbox.begin();

@@ -1,4 +1,4 @@
-//! The EEPROM of a slave: reading it up to the end of its categories, reading and writing words of it.
+//! The EEPROM of a slave: reading its content up to the end of the categories, reading and writing single words.
 
 use super::bus::{Bus, Unanswered};
 use super::sii_error::{BUSY_MAX_NS, SiiError};
@@ -6,14 +6,15 @@ use crate::ethercat::Ns;
 use crate::ethercat::registers::{SII_ADDRESS, SII_CONFIGURATION, SII_CONTROL, SII_DATA, SiiCommand, SiiControl};
 use crate::ethercat::sii::{SII_INFO_LEN, Sii, SiiIdentity, SiiInfo, VENDOR_WORD};
 
-/// \[OURS] For how long a command is tried that the EEPROM does not acknowledge: while it keeps a word that was written it answers
-/// nothing, for as long as a command may take.
+/// \[OURS] How long a command without acknowledgement is repeated. While an EEPROM stores a written word it
+/// acknowledges nothing, for as long as any command may take.
 const SILENT_MAX_NS: Ns = BUSY_MAX_NS;
-/// \[OURS] How long the master waits before it tries that again, about as long as an EEPROM writes a word.
+/// \[OURS] The pause before a command without acknowledgement is repeated, about the time in which an EEPROM stores a
+/// word.
 const AGAIN_NS: Ns = 5_000_000;
-/// \[OURS] How many bytes of an EEPROM are read at most.
+/// \[OURS] The most bytes that are read of an EEPROM.
 const BYTES_MAX: usize = 0x8000;
-/// The registers from control to data, as one datagram reads them.
+/// The length of the registers from control to data, bytes, which one datagram reads.
 const READ_LEN: usize = (SII_DATA - SII_CONTROL) as usize + 8;
 
 impl From<Unanswered> for SiiError {
@@ -22,13 +23,13 @@ impl From<Unanswered> for SiiError {
     }
 }
 
-/// Offers the EEPROM to the slave's own controller, which may need it for a change of state.
+/// Gives the EEPROM to the slave's own controller, which may need it for a change of state, or takes it back.
 pub(super) async fn offer(bus: &Bus, station: u16, is_offered: bool) -> Result<(), Unanswered> {
     bus.write(station, SII_CONFIGURATION, &[is_offered.into()]).await
 }
 
-/// The fixed words and the categories, as far as they are whole: what stands before one that has no end counts, and
-/// [`fault`](super::sii_error::fault) says that it has none.
+/// Reads the fixed words and the categories, as far as they are complete. If the end of the categories is missing, all
+/// before it counts, and [`fault`](super::sii_error::fault) reports that.
 ///
 /// # Errors
 /// [`SiiError`].
@@ -52,20 +53,20 @@ pub(super) async fn read(bus: &Bus, station: u16) -> Result<Vec<u8>, SiiError> {
                     return Ok(bytes);
                 }
             }
-            // Behind the end of an EEPROM there is nobody who acknowledges.
+            // Addresses behind the end of an EEPROM are not acknowledged.
             Err(SiiError::Command(_)) => return Ok(bytes),
             Err(error) => return Err(error),
         }
     }
-    // What was read behind the end depends on how many bytes come at once.
+    // Cut what was read behind the end: how much that is depends on the bytes per read, 4 or 8.
     while Sii::lacks(&bytes[..bytes.len() - 2]) == Ok(0) {
         bytes.truncate(bytes.len() - 2);
     }
     Ok(bytes)
 }
 
-/// The size of an EEPROM without an end of its categories behind which it begins anew, as its address has no more bits; `None`: it does
-/// not.
+/// For content without an end of the categories: the size after which it repeats, because the EEPROM has fewer address
+/// bits; `None`: it does not repeat.
 fn wraps_at(bytes: &[u8]) -> Option<usize> {
     let is_again = |size: &usize| bytes.get(*size..).is_some_and(|behind| behind.starts_with(&bytes[..SII_INFO_LEN]));
     std::iter::successors(Some(SII_INFO_LEN), |size| Some(2 * size))
@@ -73,7 +74,7 @@ fn wraps_at(bytes: &[u8]) -> Option<usize> {
         .find(is_again)
 }
 
-/// Who the slave is.
+/// Reads the identity of a slave.
 ///
 /// # Errors
 /// [`SiiError`].
@@ -86,11 +87,11 @@ pub(super) async fn identity(bus: &Bus, station: u16) -> Result<SiiIdentity, Sii
         bytes[at..].iter_mut().zip(&data[..count]).for_each(|(to, byte)| *to = *byte);
         at += count;
     }
-    // What was read behind the identity depends on how many bytes come at once.
+    // Only the identity counts: how much is read behind it depends on the bytes per read, 4 or 8.
     Ok(SiiInfo::decode(&bytes).identity)
 }
 
-/// Reads on until there are `len` bytes.
+/// Extends `bytes` by reading until it has `len` bytes.
 async fn read_up_to(bus: &Bus, station: u16, bytes: &mut Vec<u8>, len: usize) -> Result<(), SiiError> {
     while bytes.len() < len {
         let word = (bytes.len() / 2) as u16;
@@ -100,7 +101,7 @@ async fn read_up_to(bus: &Bus, station: u16, bytes: &mut Vec<u8>, len: usize) ->
     Ok(())
 }
 
-/// The bytes from a word on, and how many they are: 4 or 8.
+/// Reads from a word on. Returns the bytes and their number, 4 or 8.
 async fn read_words(bus: &Bus, station: u16, word: u16) -> Result<([u8; 8], usize), SiiError> {
     let (status, data) = command(bus, station, SiiControl::NONE.with_command(SiiCommand::Read), word, None).await?;
     Ok((data, if status.contains(SiiControl::READS_8_BYTES) { 8 } else { 4 }))
@@ -108,13 +109,13 @@ async fn read_words(bus: &Bus, station: u16, word: u16) -> Result<([u8; 8], usiz
 
 /// Writes a word.
 async fn write_word(bus: &Bus, station: u16, word: u16, value: u16) -> Result<(), SiiError> {
-    // The bit that allows a write counts in the datagram with the command alone.
+    // The write enable bit must be in the same datagram as the command.
     let write = SiiControl::NONE.with_command(SiiCommand::Write).with(SiiControl::WRITE_ENABLE);
     command(bus, station, write, word, Some(value)).await?;
     Ok(())
 }
 
-/// Runs a command for a word, with `value` for the data register; the status and the data register then.
+/// Runs a command for a word, with `value` for the data register. Returns the status and the data registers after it.
 async fn command(
     bus: &Bus,
     station: u16,
@@ -133,8 +134,8 @@ async fn command(
         let until = bus.now() + BUSY_MAX_NS;
         let is_taken = match bus.write(station, SII_CONTROL, written).await {
             Ok(()) => true,
-            // A command of another master is under way, and what is read then is its answer. Or it is this one, whose frame came
-            // back on the second try alone: it does no harm twice.
+            // A command of another master is running, and its data would be read. Or it is this command: its first
+            // frame was lost on the way back. Executing it twice does no harm.
             Err(Unanswered::Counter(_)) => false,
             Err(Unanswered::Lost) => return Err(SiiError::NoAnswer),
         };
@@ -164,7 +165,7 @@ async fn command(
     Err(if kept { SiiError::Busy } else { SiiError::Command(status) })
 }
 
-/// The EEPROM of a slave, for one sequence alone. Dropped, it is there for others.
+/// Exclusive access to the EEPROM of a slave. Dropping it releases the EEPROM.
 pub(super) struct Eeprom {
     bus: Bus,
     slave: u8,
@@ -178,7 +179,7 @@ impl Drop for Eeprom {
 }
 
 impl Eeprom {
-    /// The EEPROM of a slave with a station address.
+    /// Claims the EEPROM of the slave with that station address.
     ///
     /// # Errors
     /// [`SiiError`].
@@ -188,7 +189,7 @@ impl Eeprom {
             return Err(SiiError::InUse(slave));
         }
         let eeprom = Self { bus, slave, station };
-        // A change of state that was refused has left it to the slave's own controller.
+        // A refused change of state may have left the EEPROM to the slave's own controller.
         offer(&eeprom.bus, station, false).await?;
         Ok(eeprom)
     }
@@ -211,7 +212,7 @@ impl Eeprom {
     /// Writes words from `first` on.
     ///
     /// # Errors
-    /// [`SiiError`]; the words before have been written.
+    /// [`SiiError`]; the words before the failing one are written.
     pub(super) async fn write(&self, first: u16, words: &[u16]) -> Result<(), SiiError> {
         check_end(first, words.len())?;
         for (n, word) in (first..=u16::MAX).zip(words) {

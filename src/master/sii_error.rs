@@ -1,13 +1,13 @@
-//! What is wrong with an EEPROM: why it was not read, or what of its content is not right.
+//! Faults of an EEPROM: why it was not read, or what is wrong with its content.
 
 use crate::ethercat::Ns;
 use crate::ethercat::registers::SiiControl;
 use crate::ethercat::sii::{SII_INFO_LEN, Sii};
 
-/// How long a command for an EEPROM may take (TwinCAT): some slaves' own controllers emulate theirs, in flash memory.
+/// How long an EEPROM command may take (TwinCAT): the controllers of some slaves emulate the EEPROM in flash memory.
 pub(super) const BUSY_MAX_NS: Ns = 100_000_000;
 
-/// Why an EEPROM was not read.
+/// Why an EEPROM was not read, or what is wrong with its content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SiiError {
     /// The slave did not answer.
@@ -19,38 +19,38 @@ pub enum SiiError {
     /// The EEPROM reports an error.
     #[error("the EEPROM reports an error, status 0x{:04X}", .0.0)]
     Command(SiiControl),
-    /// Nobody has written it.
+    /// The EEPROM was never written.
     #[error("the EEPROM is empty: all of its first 64 words are 0x{0:02X}{0:02X}")]
     Empty(u8),
-    /// Its checksum is wrong, so that the slave's controller loads nothing of it.
+    /// The checksum is wrong, so that the slave controller loads nothing from the EEPROM.
     #[error(
         "the checksum of the EEPROM's first words is 0x{found:02X} and should be 0x{expected:02X}: the slave's controller loads \
          nothing of it"
     )]
     Checksum {
-        /// What stands there.
+        /// The checksum in the EEPROM.
         found: u8,
-        /// What should stand there.
+        /// The checksum that the first words should have.
         expected: u8,
     },
-    /// Its categories have no end.
+    /// The end of the categories is missing.
     #[error("the EEPROM's categories are not whole: behind word 0x{word:04X} nothing of them can be read")]
     NoEnd {
-        /// How many words are whole.
+        /// The number of words that are complete.
         word: u16,
     },
     /// The scan found no slave with that number.
     #[error("there is no slave {0}; the scan found fewer")]
     NoSlave(u8),
-    /// The EEPROM is being accessed, or the state of the slave is being changed, which may need the EEPROM.
+    /// The EEPROM is being accessed, or the slave is changing its state, which may need the EEPROM.
     #[error("the EEPROM of slave {0} is in use, or its state is being changed; wait until that has ended")]
     InUse(u8),
-    /// The words lie behind the last one that can be addressed.
+    /// The words would extend beyond the last address.
     #[error("the words end behind word 0xFFFF; ask for fewer")]
     TooLong,
 }
 
-/// What is wrong with a content that was read: nothing keeps a master from it, but whoever looks at the slave has to know.
+/// What is wrong with the content of an EEPROM. The master works with it all the same, but the tools report it.
 pub(crate) fn fault(content: &[u8]) -> Option<SiiError> {
     let sii = Sii::new(content).ok()?;
     if let Some(byte) = sii.blank() {
@@ -62,7 +62,7 @@ pub(crate) fn fault(content: &[u8]) -> Option<SiiError> {
     }
     let whole: usize = sii.categories().map_while(Result::ok).map(|category| 2 + category.data.len() / 2).sum();
     let word = u16::try_from(SII_INFO_LEN / 2 + whole).unwrap_or(u16::MAX);
-    // One that ends with a category needs no other end.
+    // Content that ends exactly behind a category needs no end mark.
     let is_cut = Sii::lacks(content) != Ok(0) && content.len() > 2 * usize::from(word);
     is_cut.then_some(SiiError::NoEnd { word })
 }

@@ -1,4 +1,5 @@
-//! Changes of the AL state: step by step, with what each step needs, until the slave is there, refuses, or time is up.
+//! Changes of the AL state: step by step, with the preparation of each step, until the slave is there, refuses, or the
+//! timeout has passed.
 
 use std::sync::Arc;
 use std::task::{Context, Poll};
@@ -13,43 +14,43 @@ use crate::ethercat::registers::{
 };
 use crate::ethercat::{AlState, AlStatus, MAX_SLAVES, Ns};
 
-/// \[OURS] How long a slave that is asked for its state again and again has between two times.
+/// \[OURS] The interval in which a slave's AL status is polled.
 pub(super) const STATE_POLL_NS: Ns = 200_000;
 
-/// What the steps of one slave write.
+/// The registers that the steps of one slave write.
 #[derive(Clone, Debug)]
 pub(super) struct Plan {
-    /// Its number, from 1.
+    /// Slave, from 1.
     pub(super) slave: u8,
     pub(super) station: u16,
     /// The sync managers of the mailbox.
     pub(super) mailbox: Option<[SyncManager; 2]>,
-    /// What the registers say about its process data; `None`: it is not there.
+    /// The registers for its process data; `None`: the slave was not found.
     pub(super) registers: Option<Arc<Registers>>,
     pub(super) sync: Option<SyncSignals>,
 }
 
-/// What one slave does in a change of state.
+/// The part of one slave in a change of state.
 struct Part {
     slave: u8,
-    /// What is to be written, until it begins.
+    /// The registers to be written; `None` once the sequence has begun.
     plan: Option<Plan>,
     way: Place<(Plan, AlState, Ns), Result<(), StateReason>>,
     ended: Option<Result<(), StateReason>>,
 }
 
-/// A place for a change of state: slaves are brought to it, each at its own pace.
+/// A reusable slot for a change of state of several slaves, each at its own pace.
 pub(super) struct StateChange {
     target: AlState,
     timeout_ns: Ns,
-    /// Those of the slaves that take part, and others for which there is room, in the order of the cable.
+    /// The parts of the participating slaves in network order, and unused ones behind them.
     parts: Vec<Part>,
-    /// How many slaves take part.
+    /// The number of participating slaves.
     slaves: usize,
 }
 
 impl StateChange {
-    /// With room for so many slaves.
+    /// Allocates a slot for that many slaves.
     pub(super) fn new(bus: &Bus, slaves: usize) -> Self {
         let mut change =
             Self { target: AlState::Init, timeout_ns: 0, parts: Vec::with_capacity(MAX_SLAVES), slaves: 0 };
@@ -57,7 +58,7 @@ impl StateChange {
         change
     }
 
-    /// Begins a change of state of the slaves that these plans are for. There is none under way here.
+    /// Begins a change of state of the slaves in `plans`. The slot must be unused.
     pub(super) fn begin(&mut self, bus: &Bus, plans: impl IntoIterator<Item = Plan>, target: AlState, timeout_ns: Ns) {
         (self.target, self.timeout_ns, self.slaves) = (target, timeout_ns, 0);
         for plan in plans {
@@ -70,7 +71,8 @@ impl StateChange {
         }
     }
 
-    /// Goes on with all slaves; when all have ended, the error of the first one in the order of the cable that is not there.
+    /// Continues the changes of all slaves. When all have ended, returns the error of the first failed slave in network
+    /// order.
     pub(super) fn poll(&mut self, bus: &Bus, context: &mut Context<'_>) -> Poll<Result<(), StateError>> {
         let target = self.target;
         let parts = &mut self.parts[..self.slaves];
@@ -90,7 +92,7 @@ impl StateChange {
         Poll::Ready(failed.map_or(Ok(()), |(slave, reason)| Err(StateError { slave, target, reason })))
     }
 
-    /// Gives up what is under way.
+    /// Cancels the change of state.
     pub(super) fn give_up(&mut self) {
         for part in &mut self.parts[..self.slaves] {
             part.plan = None;
@@ -107,7 +109,7 @@ impl Part {
     }
 }
 
-/// A change of a slave's state under way. Dropped, it has ended.
+/// Marks a slave as changing its state. Dropping it removes the mark.
 struct Change<'a> {
     bus: &'a Bus,
     slave: u8,
@@ -125,19 +127,19 @@ impl Drop for Change<'_> {
     }
 }
 
-/// Brings a slave to a state.
+/// Brings a slave to a state, and finds the reason if it fails.
 async fn bring(bus: Bus, plan: Plan, target: AlState, until: Ns) -> Result<(), StateReason> {
     let (bus, plan) = (&bus, &plan);
     let Some(_change) = Change::begin(bus, plan.slave) else { return Err(StateReason::Busy) };
     let ended = lead(bus, plan, target, until).await;
-    // Does it answer at all?
+    // Whether the slave answers at all decides which error it is.
     if ended == Err(StateReason::NotTaken(0)) && bus.read::<1>(plan.station, TYPE).await.is_err() {
         return Err(StateReason::NoAnswer);
     }
     ended
 }
 
-/// Leads a slave there, step by step.
+/// Takes a slave to a state, step by step.
 async fn lead(bus: &Bus, plan: &Plan, target: AlState, until: Ns) -> Result<(), StateReason> {
     let mut current = acknowledge(bus, plan, until).await?;
     while current != target {
@@ -158,22 +160,22 @@ async fn request(bus: &Bus, plan: &Plan, control: AlControl) -> Result<(), State
     Ok(bus.write(plan.station, AL_CONTROL, &control.0.to_le_bytes()).await?)
 }
 
-/// Takes back the acknowledgement of a request, where a controller shows it as an error: with device emulation (0x0141 bit 0) AL status
-/// copies AL control, bit 4 too, and nobody is there who would clear that, or give it a code. A device with a state machine stays where
-/// it is.
+/// Repeats a request without the acknowledge bit, for slaves that show that bit as an error. With device emulation
+/// (0x0141 bit 0) the AL status copies the AL control register, with bit 4, and no application clears it or sets an AL
+/// status code. A device with a state machine keeps its state.
 pub(super) async fn take_acknowledgement_back(bus: &Bus, station: u16) -> Result<(), Unanswered> {
     let AlStatusWithCode { status, code } = AlStatusWithCode::decode(&bus.read(station, AL_STATUS).await?);
     if !status.contains(AlStatusRegister::ERROR) || code != AlStatus::NONE {
         return Ok(());
     }
     match bus.write(station, AL_CONTROL, &AlControl::request(status.state()).0.to_le_bytes()).await {
-        // A device that is still at work on the request before takes none.
+        // A device that is still busy with the previous request takes no new one.
         Ok(()) | Err(Unanswered::Counter(_)) => Ok(()),
         Err(lost) => Err(lost),
     }
 }
 
-/// Clears an error, and leaves states that are no steps; the state then.
+/// Acknowledges an error, and leaves Boot and invalid states. Returns the state after that.
 async fn acknowledge(bus: &Bus, plan: &Plan, until: Ns) -> Result<AlState, StateReason> {
     loop {
         let AlStatusWithCode { status: now, code } = status(bus, plan).await?;
@@ -185,7 +187,7 @@ async fn acknowledge(bus: &Bus, plan: &Plan, until: Ns) -> Result<AlState, State
             }
             _ if bus.now() >= until => return Err(StateReason::TimeUp { state }),
             RequestedState::State(_) => {}
-            // Boot and states that there are not are left for Init alone.
+            // From Boot and invalid states the only way leads to Init.
             _ => {
                 let init = AlControl::request(RequestedState::State(AlState::Init));
                 request(bus, plan, init.with(AlControl::ACKNOWLEDGE)).await?;
@@ -200,7 +202,7 @@ async fn acknowledge(bus: &Bus, plan: &Plan, until: Ns) -> Result<AlState, State
     }
 }
 
-/// One step: prepares it, asks for it, waits for it.
+/// Takes one step: prepares it, requests the state, and waits for it.
 async fn step(bus: &Bus, plan: &Plan, from: AlState, to: AlState, until: Ns) -> Result<(), StateReason> {
     match (from, to) {
         (AlState::Init, AlState::PreOp) => prepare_mailbox(bus, plan).await?,
@@ -230,7 +232,7 @@ async fn wait_for(bus: &Bus, plan: &Plan, from: AlState, to: AlState, until: Ns)
         if bus.now() >= until {
             return Err(StateReason::TimeUp { state });
         }
-        // A slave that is elsewhere without an error has lost its power on the way.
+        // A slave in a third state without an error has lost its power meanwhile.
         if state != RequestedState::State(from) {
             return Err(StateReason::Refused { state, code });
         }
@@ -238,7 +240,7 @@ async fn wait_for(bus: &Bus, plan: &Plan, from: AlState, to: AlState, until: Ns)
     }
 }
 
-/// Init to PreOP: the mailbox, and the EEPROM for the slave's own controller.
+/// For Init to PreOP: sets up the mailbox, and gives the EEPROM to the slave's own controller.
 async fn prepare_mailbox(bus: &Bus, plan: &Plan) -> Result<(), Unanswered> {
     if let Some(managers) = &plan.mailbox {
         for (n, manager) in (0..).zip(managers) {
@@ -249,13 +251,13 @@ async fn prepare_mailbox(bus: &Bus, plan: &Plan) -> Result<(), Unanswered> {
     sii::offer(bus, plan.station, true).await
 }
 
-/// A sync manager takes its start and its length while it is off.
+/// Writes a sync manager. It accepts address and length only while it is disabled.
 async fn set_manager(bus: &Bus, plan: &Plan, n: u8, manager: &SyncManager) -> Result<(), Unanswered> {
     bus.write(plan.station, sync_manager(n), &SyncManager::default().encode()).await?;
     bus.write(plan.station, sync_manager(n), &manager.encode()).await
 }
 
-/// PreOP to SafeOP: sync managers and FMMUs of process data, and the clock.
+/// For PreOP to SafeOP: sets up sync managers and FMMUs of process data, and the clock.
 async fn prepare_process_data(bus: &Bus, plan: &Plan) -> Result<(), StateReason> {
     bus.with(|shared| shared.mapped.insert(plan.slave));
     if let Some(registers) = &plan.registers {
@@ -270,7 +272,7 @@ async fn prepare_process_data(bus: &Bus, plan: &Plan) -> Result<(), StateReason>
     Ok(clocks::start_sync(bus, plan.slave, plan.station, plan.sync).await?)
 }
 
-/// Below SafeOP nothing is exchanged any more.
+/// Below SafeOP: disables the exchange of process data.
 async fn end_process_data(bus: &Bus, plan: &Plan) -> Result<(), Unanswered> {
     clocks::stop_sync(bus, plan.slave, plan.station).await?;
     let Some(registers) = &plan.registers else { return Ok(()) };

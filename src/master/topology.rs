@@ -1,16 +1,16 @@
-//! The tree of the cables: which slave is connected to which port of which other one.
+//! The tree of the cables: for each slave, the slave and port to which it is connected.
 
 use crate::ethercat::registers::{DlStatus, PORTS};
 
-/// The ports by which a frame leaves a slave, in the order in which it does; it comes by port 0.
+/// The ports by which a frame leaves a slave, in that order, when it has entered by port 0.
 pub(super) const PORT_ORDER: [usize; PORTS - 1] = [3, 1, 2];
 
-/// Where a slave is connected.
+/// The slave and port to which another slave is connected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Upstream {
-    /// The slave towards the master, from 1.
+    /// The next slave towards the master, from 1.
     pub slave: u8,
-    /// Its port, 1..=3.
+    /// The port of that slave, 1..=3.
     pub port: u8,
 }
 
@@ -19,21 +19,22 @@ pub(super) const fn is_open(ports: DlStatus, port: usize) -> bool {
     ports.communicates(port) && !ports.is_closed(port)
 }
 
-/// Where each slave is connected, in the order in which a frame comes to them; `None`: at the master.
+/// The slave and port to which each slave is connected, in network order; `None`: the master.
 ///
-/// \[OURS] Slaves whose ports do not tell are taken for a line.
+/// \[OURS] If the states of the ports fit no tree, the slaves are taken for a line.
 pub fn upstreams(slaves: &[DlStatus]) -> Vec<Option<Upstream>> {
     walk(slaves).0
 }
 
-/// The open ports with a link behind which no slave was found: a second card of the master closes a ring there.
+/// The open ports with a link behind which no slave was found. A ring is closed there by a second network card of the
+/// master.
 pub(super) fn loose_ends(slaves: &[DlStatus]) -> Vec<Upstream> {
     walk(slaves).1
 }
 
-/// Where each slave is connected, and the ports to which none is.
+/// The slave and port to which each slave is connected, and the open ports to which no slave is.
 fn walk(slaves: &[DlStatus]) -> (Vec<Option<Upstream>>, Vec<Upstream>) {
-    // Ports by which a frame will leave slaves that it has come to, the next one last.
+    // Ports by which the frame still has to leave slaves that it has entered, the next one last.
     let mut ahead: Vec<Upstream> = Vec::new();
     let mut upstreams = Vec::with_capacity(slaves.len());
     for (before, ports) in (0u8..).zip(slaves) {
@@ -74,7 +75,7 @@ mod tests {
         assert_eq!(found(&tree), [None, Some((1, 3)), Some((1, 1)), Some((3, 1)), Some((1, 2))]);
     }
 
-    /// An open port of the last slave is where a second card closes the ring.
+    /// A ring with a second card: the open port of the last slave is a loose end.
     #[test]
     fn a_ring_ends_at_a_loose_end() {
         assert_eq!(loose_ends(&[ports(&[1]), ports(&[])]), []);

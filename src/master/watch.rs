@@ -1,5 +1,5 @@
-//! The watch over the slaves while nothing is asked of them: who is gone, who is back, who has left a state, whose inputs do not
-//! come, and whose mailbox has something to say.
+//! The watch over the slaves: detects slaves that are missing, are back, have left a state, or send no inputs, and
+//! reads unsolicited mailbox messages.
 
 use super::bus::{Bus, Ticket};
 use super::mailbox::Mailbox;
@@ -12,14 +12,14 @@ use crate::ethercat::registers::{
 use crate::ethercat::sii::SiiIdentity;
 use crate::ethercat::{AlState, Command, MAX_SLAVES, Ns, SlaveSet};
 
-/// \[OURS] The station address that a slave has while it is not known which one it is.
+/// \[OURS] A temporary station address, for a slave that is being identified.
 const UNKNOWN_STATION: u16 = 0x0FFF;
-/// \[OURS] How often slaves that have come back are looked for.
+/// \[OURS] The interval in which the watch searches for slaves that have come back.
 const RETURN_NS: Ns = 20_000_000;
-/// The sync manager of answers.
+/// The sync manager of the mailbox for answers.
 const ANSWERS: u8 = 1;
 
-/// Reads the AL status of all slaves. `tickets` is empty before and behind.
+/// Reads the AL status of all slaves. `tickets` is reused memory: empty before and after.
 pub(super) async fn read_states(bus: &Bus, stations: &[u16], tickets: &mut Vec<(u8, Ticket)>) {
     let (asked, mut is_complete) = (bus.now(), true);
     for (slave, station) in (1..).zip(stations) {
@@ -33,7 +33,7 @@ pub(super) async fn read_states(bus: &Bus, stations: &[u16], tickets: &mut Vec<(
                 bus.with(|shared| shared.see_status(slave, status));
             }
             Ok(0) => bus.with(|shared| shared.lose(slave)),
-            // Nobody knows: several have answered, or none has.
+            // Inconclusive: several slaves have answered, or the frame was lost.
             Ok(_) | Err(_) => is_complete = false,
         }
     }
@@ -42,15 +42,15 @@ pub(super) async fn read_states(bus: &Bus, stations: &[u16], tickets: &mut Vec<(
     }
 }
 
-/// The watch.
+/// The state of the watch.
 pub(super) struct Watch {
     bus: Bus,
     slaves: Vec<SlaveInfo>,
     stations: Vec<u16>,
     tickets: Vec<(u8, Ticket)>,
-    /// The slaves whose inputs are about to be read, with where these are and how many bytes.
+    /// The slaves whose inputs are to be read, with their logical address and length, bytes.
     asked: Vec<(u8, u32, usize)>,
-    /// When slaves that have come back are looked for next.
+    /// When to search next for slaves that have come back.
     next_return: Ns,
 }
 
@@ -89,9 +89,9 @@ impl Watch {
         self.slaves.get(usize::from(slave).checked_sub(1)?).map(|info| info.station)
     }
 
-    /// Finds out whose inputs do not come while a working counter is wrong that slaves which are missing do not explain: reads those of
-    /// each slave alone, beside the cycle, by the logical address at which the cycle does. Nothing is written, and what is read stays
-    /// there for the cycle. Whether all have answered.
+    /// Finds slaves whose inputs do not come, when missing slaves do not explain a wrong working counter. It reads the
+    /// inputs of each slave alone, outside the cycle, at their logical address. Nothing is written, and the inputs stay
+    /// in the slave for the cycle. Returns whether all reads were answered.
     async fn find_mute(&mut self) -> bool {
         self.bus.with(|shared| {
             let asked = shared.doubtful.union(shared.mute).intersection(shared.active).difference(shared.missing);
@@ -112,7 +112,7 @@ impl Watch {
         is_complete
     }
 
-    /// Reads the mailboxes that are full although nobody waits for an answer, but for those whose mail a user takes.
+    /// Drains mailboxes that have a message without a waiting request, except those that a user reads.
     async fn look_for_mail(&mut self) {
         for (slave, info) in (1..).zip(&self.slaves) {
             if info.mailbox.is_some() && self.bus.with(|shared| shared.has_idle_mailbox(slave)) {
@@ -134,13 +134,13 @@ impl Watch {
                 continue;
             };
             if let Some(mut mailbox) = Mailbox::open(self.bus.clone(), slave, *station, *mailbox) {
-                // What cannot be read now is there next time.
+                // A message that cannot be read now is read the next time.
                 let _ = mailbox.drain().await;
             }
         }
     }
 
-    /// Looks for slaves that have lost their station address: they were without power.
+    /// Searches for slaves that have lost their station address, because they were without power.
     async fn find_returned(&mut self) {
         let Ok(count) = self.bus.exchange(Command::Brd, 0, TYPE, &mut [0]).await else { return };
         let count = count.min(self.slaves.len() as u16) as u8;
@@ -148,7 +148,7 @@ impl Watch {
             let adp = u16::from(position).wrapping_neg();
             self.tickets.push((position, self.bus.queue(Command::Aprd, adp, STATION_ADDRESS, &[0; 2])));
         }
-        // The slave at each place where frames come by; 0: nobody knows yet.
+        // The slave at each position of the cable; 0: not known yet.
         let mut order = [0; MAX_SLAVES];
         let mut is_known = true;
         while let Some((position, ticket)) = self.tickets.pop() {
@@ -159,7 +159,7 @@ impl Watch {
             order[usize::from(position)] = known.unwrap_or(0);
             is_known &= answer == Ok(1) && (known.is_some() || matches!(station, 0 | UNKNOWN_STATION));
         }
-        // Who stands where is known by all answers together, or not at all.
+        // The order is known only if all answers have come.
         if !is_known {
             return;
         }
@@ -167,17 +167,17 @@ impl Watch {
         for place in (1..=count).filter(|place| order[usize::from(*place) - 1] == 0) {
             let candidates = candidates(order, place, self.slaves.len() as u8);
             let absent = (1..=self.slaves.len() as u8).filter(|slave| !order.contains(slave)).collect();
-            // What does not succeed now is tried again.
+            // If this fails, the next search tries it again.
             let _ = self.identify(place, candidates, absent).await;
         }
     }
 
-    /// Gives a slave without a station address, the `place`th on the cable, its own again, if it is one of the `candidates`
-    /// and missing. `absent`: the slaves whose addresses nobody has.
+    /// Assigns its station address again to a slave that has lost it, at position `place` (from 1) of the cable, if it
+    /// is one of `candidates` and missing. `absent`: the slaves whose station address no slave has now.
     async fn identify(&self, place: u8, candidates: SlaveSet, absent: SlaveSet) -> Option<()> {
         let adp = (u16::from(place) - 1).wrapping_neg();
         let unknown = UNKNOWN_STATION.to_le_bytes();
-        // No other one may have it.
+        // No other slave may have this address.
         self.bus.queue(Command::Fpwr, UNKNOWN_STATION, STATION_ADDRESS, &[0; 2]).answer(&mut []).await.ok()?;
         self.bus.queue(Command::Apwr, adp, STATION_ADDRESS, &unknown).answer(&mut []).await.ok()?;
         self.bus.write(UNKNOWN_STATION, SII_CONFIGURATION, &[2]).await.ok()?;
@@ -200,9 +200,9 @@ impl Watch {
         Some(())
     }
 
-    /// The candidate with that identity and alias. Of several equal ones it is the only one that frames can reach now, by the port
-    /// where it was connected; `None`: more than one can be meant, so that it waits for the others, or it is not known yet that it
-    /// was gone.
+    /// The candidate with that identity and alias. If several have the same, the one whose upstream port is open, if
+    /// only one of them can be reached that way. `None`: several can be meant, so that the slave has to wait for the
+    /// others, or the slave was not known to be missing.
     async fn one_of(&self, candidates: SlaveSet, absent: SlaveSet, identity: SiiIdentity, alias: u16) -> Option<u8> {
         let is_equal = |slave: &u8| {
             let info = self.slaves.get(usize::from(*slave) - 1);
@@ -232,15 +232,15 @@ impl Watch {
     }
 }
 
-/// The slaves that the one at a place (from 1) can be of whom nobody knows who it is: in the order of the cable those between its
-/// neighbours that are known, and of several unknown ones there each is behind the one before it.
+/// The slaves that the unidentified one at position `place` (from 1) can be. In network order they are between its
+/// nearest known neighbours; with several unknown positions there, each is behind the one before it.
 fn candidates(order: &[u8], place: u8, slaves: u8) -> SlaveSet {
     let at = usize::from(place) - 1;
     let begin = order[..at].iter().rposition(|slave| *slave != 0).map_or(0, |known| known + 1);
     let end = order[at..].iter().position(|slave| *slave != 0).map_or(order.len(), |known| known + at);
     let before = begin.checked_sub(1).map_or(0, |known| order[known]);
     let behind = order.get(end).copied().unwrap_or(slaves + 1);
-    // Those before it in the gap are others, and so are those behind it.
+    // Unknown positions before and behind this one in the gap belong to other slaves.
     let (first, last) = (before + 1 + (at - begin) as u8, behind.saturating_sub((end - at) as u8));
     (first..=last).collect()
 }
@@ -249,7 +249,7 @@ fn candidates(order: &[u8], place: u8, slaves: u8) -> SlaveSet {
 mod tests {
     use super::*;
 
-    /// Which slaves the one at a place can be follows from those around it.
+    /// The candidates for a position follow from the known slaves around it.
     #[test]
     fn a_slave_is_known_by_its_neighbours() {
         let of = |order: &[u8], place| candidates(order, place, 5).iter().collect::<Vec<_>>();
@@ -259,12 +259,12 @@ mod tests {
         assert_eq!(of(&[0, 2, 0, 4, 0], 5), [5]);
         assert_eq!([of(&[0, 0, 0, 0, 0], 1), of(&[0, 0, 0, 0, 0], 4)], [[1], [4]]);
         assert_eq!([of(&[1, 0, 0, 4, 5], 2), of(&[1, 0, 0, 4, 5], 3)], [[2], [3]]);
-        // Somebody is missing there.
+        // One slave of the gap is missing.
         assert_eq!(of(&[0, 3, 4, 5], 1), [1, 2]);
         assert_eq!(of(&[1, 0], 2), [2, 3, 4, 5]);
         assert_eq!([of(&[0, 0], 1), of(&[0, 0], 2)], [[1, 2, 3, 4], [2, 3, 4, 5]]);
         assert_eq!(of(&[1, 0, 5], 2), [2, 3, 4]);
-        // Slaves in another order than at the scan.
+        // The slaves are in another order than at the scan.
         assert!(of(&[5, 0, 1], 2).is_empty());
     }
 }

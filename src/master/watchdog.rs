@@ -1,7 +1,7 @@
-//! The watchdog of process data, registers 0x0400 and 0x0420: a slave whose outputs do not come any more leaves OP.
+//! The watchdog of process data, registers 0x0400 and 0x0420: without new outputs a slave leaves OP.
 //!
-//! It is all that stops an axis when the master is killed. So nothing is taken for granted: both registers are written on each way to
-//! SafeOP, since another master may have left them otherwise, and read back.
+//! It alone stops an axis when the master is killed. So both registers are written on each way to SafeOP, since another
+//! master may have changed them, and read back.
 
 use super::bus::{Bus, Unanswered};
 use super::process_data::Registers;
@@ -9,20 +9,20 @@ use super::state_error::StateReason;
 use crate::ethercat::Ns;
 use crate::ethercat::registers::{SmControl, TYPE, WATCHDOG_DIVIDER, WATCHDOG_PROCESS_DATA};
 
-/// What controllers come with: units of 100 us, and 1000 of them.
+/// The values after power-on: a divider for units of 100 us, and 1000 units.
 pub(super) const DIVIDER: u16 = 2498;
 pub(super) const UNITS: u16 = 1000;
 /// The length of a tick of the divider, ns.
 const TICK_NS: Ns = 40;
-/// \[OURS] For how many cycles without outputs a slave waits at least.
+/// \[OURS] The least number of cycles without outputs that the watchdog tolerates.
 const CYCLES: Ns = 3;
 
-/// How long a unit is with a divider, ns.
+/// The length of a watchdog unit for a divider, ns.
 const fn unit_ns(divider: u16) -> Ns {
     (divider as Ns + 2) * TICK_NS
 }
 
-/// What the registers of a slave say.
+/// The values of both registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Time {
     divider: u16,
@@ -30,7 +30,7 @@ struct Time {
 }
 
 impl Time {
-    /// The one nearest to a time, and not longer, that a divider allows.
+    /// The longest time that does not exceed `ns` with that divider, but at least one unit.
     fn nearest(divider: u16, ns: Ns) -> Self {
         Self { divider, units: u16::try_from(ns / unit_ns(divider)).unwrap_or(u16::MAX).max(1) }
     }
@@ -40,9 +40,9 @@ impl Time {
     }
 }
 
-/// Sets the watchdog of a slave with outputs, where it is known how long cycles are: 100 ms, or some cycles if those are longer. Of a
-/// controller whose divider is fixed the time goes by that. One without these registers has no watchdog, and is taken as it is: it would
-/// not come to OP otherwise. \[OURS]
+/// Sets the watchdog of a slave with outputs, if the cycle time is known: to 100 ms, or to some cycles if these are
+/// longer. If the divider of a slave controller is fixed, the units are computed for it. A controller without these
+/// registers has no watchdog; it is accepted, since it would not come to OP otherwise. \[OURS]
 pub(super) async fn set(bus: &Bus, station: u16, registers: Option<&Registers>) -> Result<(), StateReason> {
     let Some(pace) = bus.with(|shared| shared.pace) else { return Ok(()) };
     let managers = registers.into_iter().flat_map(|registers| &registers.managers);
@@ -61,10 +61,10 @@ pub(super) async fn set(bus: &Bus, station: u16, registers: Option<&Registers>) 
     if is_right { Ok(()) } else { Err(StateReason::Watchdog { is_ns: is.ns(), wanted_ns: wanted.ns() }) }
 }
 
-/// Writes both registers, and reads them back; `None`: the slave lacks them.
+/// Writes both registers and reads them back; `None`: the slave does not have them.
 async fn write(bus: &Bus, station: u16, time: Time) -> Result<Option<Time>, StateReason> {
     for (ado, value) in [(WATCHDOG_DIVIDER, time.divider), (WATCHDOG_PROCESS_DATA, time.units)] {
-        // What it does not take is seen behind.
+        // A refused write shows when the register is read back.
         if bus.write(station, ado, &value.to_le_bytes()).await == Err(Unanswered::Lost) {
             return Err(StateReason::NoAnswer);
         }
@@ -74,12 +74,12 @@ async fn write(bus: &Bus, station: u16, time: Time) -> Result<Option<Time>, Stat
     Ok(divider.zip(units).map(|(divider, units)| Time { divider, units }))
 }
 
-/// Reads a register of 16 bits; `None`: the slave answers, but has none there.
+/// Reads a 16-bit register; `None`: the slave answers, but does not have it.
 async fn read(bus: &Bus, station: u16, ado: u16) -> Result<Option<u16>, StateReason> {
     match bus.read::<2>(station, ado).await {
         Ok(bytes) => Ok(Some(u16::from_le_bytes(bytes))),
         Err(Unanswered::Lost) => Err(StateReason::NoAnswer),
-        // Does it answer at all?
+        // A read of the type register shows whether the slave answers at all.
         Err(Unanswered::Counter(_)) => Ok(bus.read::<1>(station, TYPE).await.map(|_| None)?),
     }
 }

@@ -1,19 +1,19 @@
-//! The seam below the master: frames out, frames in.
+//! The interface below the master: sends and receives frames.
 
 use crate::ethercat::FRAME_LEN_MAX;
 
-/// A buffer for any frame.
+/// A buffer with room for any frame.
 pub type FrameBuffer = [u8; FRAME_LEN_MAX];
 
-/// A way to the slaves, such as a network card. It never blocks.
+/// A connection to the slaves, such as a network card. Its calls never block.
 pub trait Wire {
-    /// Sends a frame, without its check sequence, at once.
+    /// Sends a frame at once; the frame has no check sequence.
     ///
     /// # Errors
     /// [`WireDown`]: the frame was not sent.
     fn send(&mut self, frame: &[u8]) -> Result<(), WireDown>;
 
-    /// Puts the next frame that has come into `buffer` and gives its length; `None`: no frame is waiting.
+    /// Copies the next received frame into `buffer` and returns its length; `None`: no frame is waiting.
     fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize>;
 }
 

@@ -1,4 +1,4 @@
-//! What to do about an address on which a server cannot listen.
+//! Advice for errors of servers that cannot listen on an address.
 
 use std::io::{Error, ErrorKind};
 use std::net::SocketAddr;
@@ -6,7 +6,7 @@ use std::net::SocketAddr;
 /// The lowest port on which every user may listen, unless the machine is configured otherwise.
 const FIRST_FREE: u16 = 1024;
 
-/// What the user can do about the error.
+/// The advice for the error: what the user can do.
 pub(super) fn advice(address: SocketAddr, error: &Error) -> &'static str {
     match error.kind() {
         ErrorKind::PermissionDenied if address.port() < FIRST_FREE => {
@@ -26,7 +26,7 @@ pub(super) fn advice(address: SocketAddr, error: &Error) -> &'static str {
 mod tests {
     use super::*;
 
-    /// Who may not listen on a port is not told that somebody else does.
+    /// Each error has its own advice; for missing rights it does not speak of another program on the port.
     #[test]
     fn each_reason_has_its_own_step() {
         let advice = |address: &str, kind: ErrorKind| advice(address.parse().expect("an address"), &kind.into());

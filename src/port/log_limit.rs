@@ -30,7 +30,7 @@ struct Counted {
 }
 
 impl LogLimit {
-    /// Whether a line of that kind may be logged; otherwise it is counted.
+    /// Whether a line of that kind may be logged; otherwise the line is counted.
     pub(super) fn may_log(&mut self, kind: &str, now: Instant) -> bool {
         let kind = if self.kinds.contains_key(kind) || self.kinds.len() < KINDS_MAX { kind } else { OTHERS };
         let counted = self.kinds.entry(kind.to_owned()).or_insert(Counted { since: now, logged: 0, suppressed: 0 });
@@ -76,7 +76,8 @@ impl LogLimit {
 mod tests {
     use super::*;
 
-    /// TCP-13 What repeats is told some times and then counted, each kind by itself; a minute of it is a handful of lines.
+    /// TCP-13 Repeated lines are logged some times and then counted, each kind separately; a minute of them gives a
+    /// handful of lines.
     #[test]
     fn what_repeats_is_counted() {
         let (begin, mut limit) = (Instant::now(), LogLimit::default());
@@ -96,7 +97,7 @@ mod tests {
         assert!(told + lines.len() as u32 <= LINES_MAX + 7, "{told} {lines:?}");
     }
 
-    /// TCP-13 Kinds that are different every time are counted together, and what has not come for a while is told again.
+    /// TCP-13 Kinds that are always new are counted together, and a kind that was absent for a while is logged again.
     #[test]
     fn kinds_are_bounded_and_forgotten() {
         let (begin, mut limit) = (Instant::now(), LogLimit::default());

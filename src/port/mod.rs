@@ -1,14 +1,15 @@
 //! Servers that make a board reachable for other processes and machines. A server works with any
-//! [`Link`](crate::link::Link): a simulated board, a real one, or one that is itself served elsewhere; that of a chip with
-//! any [`ChipLink`](crate::link::chip_link::ChipLink).
+//! [`Link`](crate::link::Link): a simulated board, a real one, or one that is itself served elsewhere; the server of a
+//! chip works with any [`ChipLink`](crate::link::chip_link::ChipLink).
 //!
 //! - `tcp`: the server for links `tcp://host:port`
 //! - `usbip`: a virtual board on the USB bus of any machine
 //! - `spi`: a virtual board on SPI
-//! - `xf`: a chip ECM-XF for hosts that are not ours, as a stream of bytes
+//! - `xf`: a chip ECM-XF for other host software, as a stream of bytes
 //! - `ethercat`: simulated slaves on a network interface, for any EtherCAT master (Linux)
 //! - `log_limit`: limits repeated lines in the log
-//! - `serving`: the thread of a server that has one
+//! - `listen`: advice for errors of listening
+//! - `serving`: the thread of a server that has a single one
 
 #[cfg(all(feature = "sim", target_os = "linux"))]
 pub mod ethercat;

@@ -1,4 +1,4 @@
-//! The thread of a server that has one thread: how its owner ends it, and what the two share.
+//! The thread of a server with a single thread: how its owner ends it, and the state that both share.
 
 use std::io;
 use std::sync::Arc;
@@ -9,10 +9,10 @@ use crate::notes::Teller;
 use crate::tcp::Waker;
 use crate::threads;
 
-/// What the thread and its owner share.
+/// The state that the thread and its owner share.
 pub(super) struct Shared {
     is_stopping: AtomicBool,
-    /// Wakes the thread where it waits.
+    /// Ends a wait of the thread.
     pub(super) waker: Waker,
 }
 
@@ -21,13 +21,13 @@ impl Shared {
         Ok(Arc::new(Self { is_stopping: AtomicBool::new(false), waker: Waker::new()? }))
     }
 
-    /// Whether the thread is to end.
+    /// Whether the owner has asked the thread to end.
     pub(super) fn is_stopping(&self) -> bool {
         self.is_stopping.load(Ordering::Acquire)
     }
 }
 
-/// The thread, until this value is dropped, and the thread of its log.
+/// A handle of the server's thread and of the thread of its log. Dropping it ends both.
 pub(super) struct Serving {
     shared: Arc<Shared>,
     teller: Teller<String>,
@@ -46,7 +46,7 @@ impl Serving {
         Ok(Self { shared, teller, thread: Some(thread) })
     }
 
-    /// Waits until all lines so far have been told, at most 1 s.
+    /// Waits until all lines so far are logged, at most 1 s.
     pub(super) fn flush(&self) {
         self.teller.flush();
     }
@@ -57,7 +57,7 @@ impl Drop for Serving {
         self.shared.is_stopping.store(true, Ordering::Release);
         self.shared.waker.wake();
         if let Some(thread) = self.thread.take() {
-            // A panic of that thread has been printed when it happened.
+            // A panic of that thread was printed when it happened.
             let _ = thread.join();
         }
         self.teller.end();

@@ -18,19 +18,19 @@ use super::wire::{MESSAGE_MAX, Message};
 /// The approximate size of the system's send buffer. It is small, so that old reports for a slow client are dropped and
 /// counted by this program instead of waiting in the system. \[OURS]
 const SEND_BUFFER_BYTES: usize = 64 * 1024;
-/// How long a call waits for the session of TLS, which another one has for some encryption: a thread of a program that was ended
-/// there keeps it for ever. \[OURS]
+/// How long a call waits for the TLS session while another thread encrypts or decrypts with it: if a thread of a
+/// program was ended by force there, it keeps the session for ever. \[OURS]
 const SESSION_WAIT_MAX: Duration = Duration::from_secs(1);
 
 /// A connection.
 pub struct Channel {
     socket: TcpStream,
     tls: Option<Mutex<Connection>>,
-    /// `None`: no other thread ends a wait.
+    /// `None`: no other thread can end a wait.
     waker: Option<Waker>,
 }
 
-/// Bytes that are waiting to be sent, and a buffer for a message.
+/// A buffer of bytes that are waiting to be sent, and one for a message.
 pub struct Out {
     bytes: Vec<u8>,
     sent: usize,
@@ -66,14 +66,14 @@ impl Out {
     }
 }
 
-/// What [`Channel::receive`] has received.
+/// The result of [`Channel::receive`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Came {
-    /// Bytes, and there may be more.
+    /// Some bytes, and more may have arrived.
     Bytes,
     /// All bytes that had arrived.
     All,
-    /// Nothing has arrived.
+    /// No bytes have arrived.
     Nothing,
     /// The other end has closed its side: no more bytes will come.
     End,
@@ -115,7 +115,7 @@ impl Channel {
         PollFd::new(&self.socket, if to_send { PollFlags::IN | PollFlags::OUT } else { PollFlags::IN })
     }
 
-    /// Whether bytes have come that nobody has taken.
+    /// Whether received bytes are waiting that no call has taken.
     pub fn has_unread(&self) -> bool {
         let now = rustix::event::Timespec { tv_sec: 0, tv_nsec: 0 };
         poll(&mut [self.waits_for(false)], Some(&now)).is_ok_and(|ready| ready > 0)
@@ -127,7 +127,7 @@ impl Channel {
         std::os::fd::AsRawFd::as_raw_fd(&self.socket)
     }
 
-    /// Makes the TLS handshake until `deadline`; returns the keying material of the session.
+    /// Performs the TLS handshake, until `deadline` at most. Returns the keying material of the session.
     ///
     /// # Errors
     /// Errors of the operating system, [`ErrorKind::TimedOut`], and [`ErrorKind::InvalidData`] if the other end does
@@ -159,7 +159,7 @@ impl Channel {
                 Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
                 Ok(_) => {
                     if let Err(error) = session.process_new_packets() {
-                        // The other end is told why, if it listens.
+                        // Sends the TLS alert with the reason, if the other end still receives.
                         let _ = session.write_tls(&mut &self.socket);
                         return Err(io::Error::new(ErrorKind::InvalidData, error));
                     }
@@ -242,7 +242,7 @@ impl Channel {
             Ok(0) => Ok(Came::End),
             Ok(count) => {
                 inbox.came(count);
-                // In a TLS session the rest of a record may be behind it.
+                // In a TLS session the rest of a record may still be waiting.
                 Ok(if self.tls.is_none() && count < all { Came::All } else { Came::Bytes })
             }
             Err(error) => match error.kind() {
@@ -331,7 +331,7 @@ impl Channel {
 
     /// Shuts down sending; with `both`, receiving as well. The other end notices it.
     pub fn end(&self, both: bool) {
-        // It may be gone already.
+        // The connection may have ended already.
         let _ = self.socket.shutdown(if both { Shutdown::Both } else { Shutdown::Write });
     }
 }
@@ -348,7 +348,7 @@ fn waited(done: rustix::io::Result<usize>) -> io::Result<()> {
     }
 }
 
-/// Receives one message until `deadline` and calls `look` with it.
+/// Receives one message, until `deadline` at most, and calls `look` with it.
 ///
 /// # Errors
 /// Errors of the operating system, [`ErrorKind::TimedOut`], [`ErrorKind::UnexpectedEof`].

@@ -23,7 +23,7 @@ use crate::threads::{self, Signal};
 /// How long closing waits for the server to confirm. \[OURS]
 const CLOSE_LIMIT: Duration = Duration::from_secs(1);
 
-/// For how many calls that wait at once memory is allocated when the link is opened. \[OURS]
+/// For how many concurrent waiting calls memory is allocated when the link is opened. \[OURS]
 const WAITING_CAPACITY: usize = 8;
 
 /// A link to a board that another process or machine serves.
@@ -95,8 +95,8 @@ impl TcpLink {
         Ok(Self { shared, background: Mutex::new(Some(background)) })
     }
 
-    /// Ends the link once. After a Bye the server leaves the axes as the program has left them; without one it brings
-    /// them to a standstill.
+    /// Ends the link, once. After a Bye the server leaves the axes in their present motion; without one it brings them
+    /// to a standstill.
     fn end(&self, says_bye: bool) {
         let shared = &self.shared;
         let closed = Ended { error: LinkError::Closed, unsure: false };
@@ -125,7 +125,7 @@ impl TcpLink {
         }
         shared.channel.end(true);
         if let Some(background) = self.background.lock().take() {
-            // It ends when it next checks the state.
+            // The background thread ends when it next checks the state.
             let _ = background.join();
         }
     }
@@ -184,7 +184,7 @@ impl Link for TcpLink {
     }
 
     fn vanish(&self) {
-        // A reader has not moved any axis, so there is nothing to bring to a standstill.
+        // A reader has not moved any axis, so there is nothing to stop.
         self.end(self.shared.role == Role::Reader);
     }
 
@@ -211,8 +211,8 @@ impl Link for TcpLink {
     }
 }
 
-/// A link that is dropped without having been closed counts as one whose program has vanished: that program has not
-/// said that its axes may go on moving.
+/// Dropping a link without closing it counts as the program vanishing: the program has not decided that its axes may go
+/// on moving.
 impl Drop for TcpLink {
     fn drop(&mut self) {
         self.vanish();

@@ -17,7 +17,7 @@ use crate::link::{KnownNetwork, LinkError, Stamp};
 use crate::sk::SlotSize;
 use crate::span::Span;
 
-/// An accepted connection, and what the server says of the board.
+/// An accepted connection, with the server's information about the board.
 pub(super) struct Connected {
     #[cfg(unix)]
     pub(super) let_go: LetGo,
@@ -30,7 +30,7 @@ pub(super) struct Connected {
     pub(super) sequence: u64,
     /// The URI of the server's own link.
     pub(super) board: String,
-    /// What the server knows of the network.
+    /// The slaves and units that the server knows.
     pub(super) network: KnownNetwork,
 }
 
@@ -43,7 +43,7 @@ enum ConnectError {
     Displaced(String),
 }
 
-/// The pause before the next attempt when the server has made room for others. \[OURS]
+/// The pause before the next attempt after the server has closed the connection to make room for others. \[OURS]
 const RETRY_PAUSE: Duration = Duration::from_millis(20);
 
 impl From<LinkError> for ConnectError {
@@ -200,7 +200,7 @@ fn refused(why: Refusal, text: &str, options: &TcpOptions) -> ConnectError {
     })
 }
 
-/// Why the connection failed, and what a user can do.
+/// The reason of a failed connection, and what a user can do.
 fn explain(error: &io::Error, options: &TcpOptions) -> String {
     match error.kind() {
         ErrorKind::ConnectionRefused => {
@@ -226,7 +226,7 @@ fn program() -> String {
 
 /// Waits until the other end has closed the connection, at most until `deadline`; received messages are discarded.
 pub(super) fn until_closed(channel: &Channel, deadline: Instant) {
-    // Its own: another thread may have that of the link.
+    // A separate inbox, since another thread may be using that of the link.
     let mut inbox = Inbox::default();
     loop {
         match channel.receive(&mut inbox) {

@@ -19,60 +19,61 @@ use crate::span::Span;
 use crate::threads::sync::{self, Condvar, MutexGuard};
 use crate::threads::{Caller, Signal};
 
-/// Whether a call that waits receives itself, which saves a change of threads. On Windows programs end their threads by force
-/// (`TerminateThread`), and one that ends while it receives would take bytes with it.
+/// Whether a waiting call receives by itself, which saves a thread switch. On Windows programs end their threads by
+/// force (`TerminateThread`), and a thread that ends while it receives would take bytes with it.
 const CALLS_RECEIVE: bool = cfg!(not(windows));
 /// How often the background thread receives while no call waits. \[OURS]
 const IDLE_POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// What all threads of a link share.
+/// The state that all threads of a link share.
 pub(super) struct Shared {
     pub(super) info: LinkInfo,
     /// The URI of the server's own link.
     pub(super) board: String,
-    /// What the server knows of the network.
+    /// The slaves and units that the server knows.
     pub(super) network: KnownNetwork,
     pub(super) role: Role,
     pub(super) keepalive: Duration,
-    /// The motion in force, if a program that has stopped calling is to be detected.
+    /// The motion in force, for detecting a program that has stopped calling; `None`: not detected.
     pub(super) in_force: Option<MotionInForce>,
-    /// Before the channel, which closes the socket.
+    /// Declared before the channel: it is dropped before the channel closes the socket.
     #[cfg(unix)]
     pub(super) _let_go: LetGo,
     pub(super) channel: Channel,
-    /// Nobody waits for it without a limit: a thread that was ended while it sent keeps it.
+    /// Every wait for this lock has a timeout: a thread that was ended by force while it sent keeps the lock.
     pub(super) out: Mutex<Sender>,
-    /// No thread holds it during a call of the system.
+    /// No thread holds this lock during a system call.
     pub(super) state: sync::Mutex<State>,
-    /// Wakes the threads that wait for what another thread receives.
+    /// Wakes the threads that wait for a message that another thread receives.
     pub(super) changed: Signal,
     /// Wakes the background thread when the exchange has ended.
     pub(super) over: Condvar,
     pub(super) counts: CallCounts,
 }
 
-/// What sending needs.
+/// The buffers for sending, and the time of the last message.
 pub(super) struct Sender {
     pub(super) out: Out,
     /// When a message was last sent.
     pub(super) last: Instant,
 }
 
-/// The state that the lock protects.
+/// The part of the link's state that is protected by a lock.
 pub(super) struct State {
     pub(super) exchange: Exchange,
     /// The thread that is receiving.
     pub(super) receiver: Option<Caller>,
-    /// `None` while that thread takes bytes from the connection. If it is ended there nobody knows where the next message begins.
+    /// `None` while the receiving thread takes bytes from the connection. If it is ended by force there, the next
+    /// message boundary is lost.
     pub(super) inbox: Option<Inbox>,
-    /// The other threads that wait for what it receives.
+    /// The other threads, which wait for messages that the receiver takes.
     pub(super) waiting: Vec<Caller>,
-    /// How many cancellations there were, by direction.
+    /// The number of cancellations so far, by direction.
     pub(super) cancels: [u64; 2],
 }
 
 impl State {
-    /// An error if the exchange has ended, or if calls were cancelled since `cancels` was their number.
+    /// Returns an error if the exchange has ended, or if calls were cancelled since the count was `cancels`.
     fn check(&self, dir: Dir, cancels: u64) -> Result<(), LinkError> {
         self.exchange.check()?;
         if self.cancels[dir as usize] == cancels { Ok(()) } else { Err(LinkError::Cancelled { dir }) }
@@ -142,7 +143,7 @@ impl Shared {
         self.channel.wake();
     }
 
-    /// How many calls the program has made so far.
+    /// The number of calls that the program has made so far.
     fn calls(&self, state: &State) -> u64 {
         self.counts.ended() + state.exchange.next_request
     }
@@ -157,7 +158,7 @@ impl Shared {
         }
     }
 
-    /// Programs end their threads by force, in the middle of calls: what such a thread was at is taken from it.
+    /// Cleans up after threads that the program has ended by force in the middle of a call.
     fn forget_callers_that_are_gone(&self, state: &mut State) {
         if state.receiver.is_some_and(|caller| caller.is_gone()) {
             state.receiver = None;
@@ -167,7 +168,7 @@ impl Shared {
             self.changed.notify_all();
         }
         state.waiting.retain(|caller| !caller.is_gone());
-        // Until the answer to its request has come no other one may begin.
+        // No other request may begin until this one has its answer.
         if state.exchange.request.as_ref().is_some_and(|request| request.answer.is_some() && request.caller.is_gone()) {
             state.exchange.request = None;
             self.changed.notify_all();
@@ -176,7 +177,7 @@ impl Shared {
 
     /// Sends a whole message.
     fn send(&self, message: &Message<'_>) -> std::io::Result<()> {
-        // A thread that was ended while the server took nothing keeps the lock for ever.
+        // A thread that was ended by force while it was sending keeps the lock for ever.
         let mut sender = self.out.try_lock_for(self.patience()).ok_or(std::io::ErrorKind::TimedOut)?;
         let Sender { out, last } = &mut *sender;
         *last = Instant::now();
@@ -200,7 +201,8 @@ impl Shared {
         self.tell_those_who_wait(state)
     }
 
-    /// Wakes the calls that wait, which a thread does without the lock: it may be ended there.
+    /// Wakes the waiting calls. The lock is released first: the program may end this thread by force while it wakes
+    /// them.
     fn tell_those_who_wait<'a>(&'a self, state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
         if state.waiting.is_empty() {
             return state;
@@ -220,7 +222,7 @@ impl Shared {
                 return (state, came.map(|_| ()));
             }
         }
-        // A thread that waits holds nothing.
+        // A waiting thread holds no lock.
         if let Err(error) = self.channel.wait(false, left) {
             return (self.state(), Err(error));
         }
@@ -231,7 +233,7 @@ impl Shared {
     /// Takes the bytes that have arrived, and the messages in them; never waits.
     fn take_what_came(&self) -> (MutexGuard<'_, State>, std::io::Result<Came>) {
         let Some(mut inbox) = self.state().inbox.take() else {
-            // It went with a thread that was ended.
+            // The inbox was lost with a thread that was ended by force.
             return (self.state(), Ok(Came::Nothing));
         };
         let came = self.channel.receive(&mut inbox);
@@ -248,8 +250,8 @@ impl Shared {
         (state, came)
     }
 
-    /// Waits until `look` returns a value, at most until `until`. Even if that has passed, what has arrived by now is
-    /// received once.
+    /// Waits until `look` returns a value, or until `until`. Even if that time has passed already, messages that have
+    /// arrived by now are received once.
     fn wait<'a, T>(
         &'a self,
         mut state: MutexGuard<'a, State>,
@@ -283,8 +285,8 @@ impl Shared {
         }
     }
 
-    /// Sends a request and waits for its answer. The server observes the time limit of the request; if it does not
-    /// answer, the wait ends somewhat later.
+    /// Sends a request and waits for its answer. The server applies the timeout of the request; if it does not answer,
+    /// the wait ends somewhat later.
     pub(super) fn request<'a>(
         &'a self,
         dir: Dir,
@@ -316,7 +318,7 @@ impl Shared {
         let (mut state, mut done) = self.wait(state, answer_deadline, |state| self.answer(state, dir, cancels, false));
         if let Some(Err(None)) = done {
             drop(state);
-            // An error will also occur when receiving.
+            // If sending fails, receiving will fail, too, and the error is handled there.
             let _ = self.send(&Message::Cancel { request: number });
             let answer_deadline = Some(Instant::now() + self.patience());
             (state, done) = self.wait(self.state(), answer_deadline, |state| self.answer(state, dir, cancels, true));
@@ -335,7 +337,7 @@ impl Shared {
         }
     }
 
-    /// The answer to the request in progress, or the error that has ended it. `Err(None)`: it was cancelled.
+    /// The answer to the request in progress, or the error that has ended it. `Err(None)`: the request was cancelled.
     fn answer(
         &self,
         state: &mut State,

@@ -1,11 +1,11 @@
-//! A board's counters in messages.
+//! The encoding of a board's counters in messages.
 
 use super::fields::{Get, Put};
 use super::message::Counts;
 use super::wire_error::WireError;
 use crate::engine::Counters;
 
-/// How many counters of [`Counters`] come before those of the rejections.
+/// The number of counters in [`Counters`] before those of the rejections.
 const BEFORE_REJECTED: usize = 21;
 
 /// All counters of a board, in the order of the message.
@@ -49,7 +49,7 @@ pub(super) fn get_counters(get: &mut Get<'_>) -> Result<Counters, WireError> {
 }
 
 impl Counts {
-    /// What was counted since the counters were `before`.
+    /// The increase of all counters since they were `before`.
     #[must_use]
     pub fn since(&self, before: &Self) -> Self {
         let mut since = *self;

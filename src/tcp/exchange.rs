@@ -19,14 +19,14 @@ pub(super) struct Ended {
     pub(super) unsure: bool,
 }
 
-/// The request in progress.
+/// A request that waits for its answer.
 pub(super) struct Request {
     pub(super) number: u64,
     /// The thread that waits for the answer.
     pub(super) caller: Caller,
     dir: Dir,
     wait: Wait,
-    /// The server's answer, or why it has refused the request.
+    /// The server's answer: a result, or an error if it has refused the request.
     pub(super) answer: Option<Result<Answer, LinkError>>,
 }
 
@@ -207,7 +207,7 @@ impl Exchange {
     }
 }
 
-/// What a client makes of bytes from a server: the number of reports, and the error that has ended the exchange.
+/// Feeds bytes from a server to a client. Returns the number of reports, and the error that has ended the exchange.
 #[doc(hidden)]
 pub fn replay(bytes: &[u8]) -> (usize, Option<LinkError>) {
     let mut exchange = Exchange::new("tcp:".to_owned(), 0, 4, None);
@@ -221,7 +221,7 @@ pub fn replay(bytes: &[u8]) -> (usize, Option<LinkError>) {
     (reports, done.err())
 }
 
-/// How many messages these bytes contain, not counting an incomplete one at the end.
+/// The number of complete messages in these bytes.
 ///
 /// # Errors
 /// The first invalid message.

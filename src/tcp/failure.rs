@@ -12,7 +12,7 @@ const CLOSED: u8 = 5;
 const OTHER: u8 = 6;
 
 impl<'a> Failure<'a> {
-    /// The failure to send for an error; `text` is a buffer for its text.
+    /// Converts an error for sending; `text` is a buffer for its text.
     pub fn of(error: &LinkError, text: &'a mut String) -> Self {
         text.clear();
         let (code, numbers) = match error {
@@ -32,7 +32,7 @@ impl<'a> Failure<'a> {
         Self { code, numbers, text }
     }
 
-    /// The error of a client's call on the link `name`.
+    /// Converts a received failure to the error of a client's call on the link `name`.
     pub fn error(&self, name: &str, dir: Dir, wait: Wait) -> LinkError {
         match self.code {
             TIMEOUT => LinkError::timed_out(dir, wait),

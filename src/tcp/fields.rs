@@ -5,7 +5,7 @@ use super::wire_error::{PAYLOAD_MAX, WireError};
 use crate::link::{Stamp, Wait};
 use crate::sk::FRAME_LEN;
 
-/// The number for no limit or no value.
+/// The number that stands for no limit or no value.
 const NONE: u64 = u64::MAX;
 /// The longest text in bytes; a longer one is cut. \[OURS]
 pub const TEXT_MAX: usize = 256;

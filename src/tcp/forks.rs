@@ -1,18 +1,19 @@
-//! The sockets of links in a child of fork. The child has a copy of each, and while it keeps one the server does not notice that the
-//! writer has ended: the system closes a connection with the last copy. A program that is executed gets none (`CLOEXEC`).
+//! Sockets of links after a fork. The child has a copy of each socket, and the system closes a connection only with the
+//! last copy: while the child keeps one, the server does not notice that the writer has ended. An executed program gets
+//! no copies (`CLOEXEC`).
 
 use std::os::fd::RawFd;
 use std::sync::atomic::{AtomicI32, Ordering};
 
-/// How many links have a place here. \[OURS] The end of a writer with more, whose children live on, is noticed after four keep-alive
-/// times.
+/// The number of links that are registered here. \[OURS] If a writer has more links and its children live on, the
+/// server notices its end after four keep-alive times.
 const SOCKETS_MAX: usize = 64;
-/// What a free place holds.
+/// The value of a free entry.
 const FREE: RawFd = -1;
 
 static SOCKETS: [AtomicI32; SOCKETS_MAX] = [const { AtomicI32::new(FREE) }; SOCKETS_MAX];
 
-/// A socket that children let go of, until this is dropped: before the socket is closed.
+/// The registration of a socket that forked children close. It is dropped before the socket is closed.
 pub(super) struct LetGo {
     place: Option<usize>,
 }
@@ -33,7 +34,8 @@ impl Drop for LetGo {
     }
 }
 
-/// Closes this child's copies of the sockets of all links. For a handler of `pthread_atfork`: it locks and allocates nothing.
+/// Closes this child's copies of the sockets of all links. It is made for a handler of `pthread_atfork`: it neither
+/// locks nor allocates.
 ///
 /// # Safety
 /// The process is a child that was just forked, and it never uses or drops a link of its parent.
@@ -42,7 +44,8 @@ pub unsafe fn close_in_child() {
     for place in &SOCKETS {
         let socket = place.swap(FREE, Ordering::AcqRel);
         if socket != FREE {
-            // SAFETY: the parent's link has this socket, and by the caller's promise its copy here is used by nobody.
+            // SAFETY: the parent's link owns this socket, and the caller promises that this child does not use its
+            // copy.
             unsafe { rustix::io::close(socket) };
         }
     }

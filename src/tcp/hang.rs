@@ -1,16 +1,16 @@
-//! Detects a writer whose program makes no calls any more although a velocity or a torque that it has commanded is
-//! still in force (`hang_ms=`). The server cannot detect this, because the library's background thread continues to
-//! send keep-alive messages.
+//! Detects a writer whose program has stopped calling although a velocity or torque that it has commanded is still in
+//! force (`hang_ms=`). The server cannot detect this, because the library's background thread continues to send
+//! keep-alive messages.
 //!
 //! The check uses the commands and not the reports: a CSP motion ends with the entries of the board's FIFO and a homing
-//! ends at the home position, but a velocity or a torque has no end.
+//! ends at the home position, but a velocity or torque has no end.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use crate::sk::{Frame, MasterCommand, MasterState, SlaveCommand, SlotCommand, SlotSize};
 
-/// The slaves with a commanded motion that has no end.
+/// The slaves whose commanded motion has no end.
 pub(super) struct MotionInForce {
     limit: Duration,
     size: SlotSize,
@@ -23,7 +23,7 @@ impl MotionInForce {
         Self { limit, size, slaves: AtomicU64::new(0) }
     }
 
-    /// The board has taken a frame.
+    /// Takes a command frame that the board has accepted.
     pub(super) fn wrote(&self, frame: &Frame) {
         let mut slaves = self.slaves.load(Ordering::Relaxed);
         for slave in 1..=self.size.max_slaves() {
@@ -37,7 +37,7 @@ impl MotionInForce {
             slaves = if has_no_end { slaves | 1 << slave } else { slaves & !(1 << slave) };
         }
         match MasterCommand::decode(&frame.slot(self.size, 0), self.size) {
-            // Drives stop when they leave OP, and so does all motion.
+            // All motion ends when the network leaves OP.
             Ok(MasterCommand::SetState(state)) if state != MasterState::Op => slaves = 0,
             Ok(MasterCommand::SoftReset) => slaves = 0,
             _ => {}
@@ -75,16 +75,18 @@ impl CallMonitor {
     }
 }
 
-/// Measures how long a call has taken nothing of what came: a handler of a signal has interrupted it and does not return.
+/// Measures how long a call has not taken bytes that have arrived: a signal handler has interrupted it and does not
+/// return.
 #[derive(Default)]
 pub(super) struct StuckCall {
-    /// When the link had heard something last, and since when the call has been seen to stand still since.
+    /// The time of the link's last message, and since when the call has been seen not to take more.
     since: Option<(Instant, Instant)>,
 }
 
 impl StuckCall {
-    /// `takes_nothing`: a call receives, and bytes are there that it has not taken; `heard`: when something was taken last. Returns
-    /// how long that has been so, if it is longer than the limit while a motion without an end is in force.
+    /// `takes_nothing`: a call is receiving, and bytes are waiting that it has not taken; `heard`: when the last
+    /// message was taken. Returns how long that has lasted, if that is longer than the limit while a motion without an
+    /// end is in force.
     pub(super) fn look(
         &mut self,
         takes_nothing: bool,
@@ -119,8 +121,8 @@ mod tests {
         frame
     }
 
-    /// TCP-22 Only a velocity or a torque other than 0 is in force when a program is silent; a call, or one under way, begins
-    /// the time anew.
+    /// TCP-22 A silent program is given up only while a velocity or torque other than 0 is in force. A call restarts
+    /// the time, and so does a call in progress.
     #[test]
     fn a_silent_program_is_given_up_only_while_a_velocity_or_torque_is_in_force() {
         let began = Instant::now();
@@ -154,8 +156,8 @@ mod tests {
         assert_eq!(looks(None), None);
     }
 
-    /// TCP-22 A call that takes nothing of what comes is given up after the limit, and neither one that waits for what does not come,
-    /// nor one that takes something now and then.
+    /// TCP-22 A call that does not take arrived bytes is given up after the limit. A call that waits for bytes, or
+    /// takes some now and then, is not.
     #[test]
     fn a_call_that_stands_still_is_given_up() {
         let began = Instant::now();

@@ -43,7 +43,7 @@ impl Inbox {
         (self.start, self.end) = (0, 0);
     }
 
-    /// Says that `count` bytes have been written to the free part.
+    /// Adds the next `count` bytes of the free part, which the caller has filled, to the received ones.
     pub const fn came(&mut self, count: usize) {
         self.end += count;
     }

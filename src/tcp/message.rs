@@ -5,13 +5,13 @@ use crate::engine::Counters;
 use crate::link::{ReadMeta, Stamp, Wait};
 use crate::sk::{FRAME_LEN, SlotSize};
 
-/// What a client is allowed to do.
+/// The rights of a client.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Role {
-    /// It receives every report and may send commands. There is at most one writer.
+    /// The client receives every report and may send commands. There is at most one writer.
     #[default]
     Writer,
-    /// It receives every report.
+    /// The client receives every report, but may not send commands.
     Reader,
 }
 
@@ -30,7 +30,7 @@ pub struct Hello<'a> {
     pub proof: &'a [u8; PROOF_LEN],
 }
 
-/// The server's answer to a client that it accepts, with what it knows of the board.
+/// The server's answer to a client that it accepts, with its information about the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Welcome<'a> {
     /// The proof that the server knows the secret; zeros without a secret.
@@ -55,9 +55,9 @@ pub struct Welcome<'a> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Refusal {
-    /// Another client is the writer; the text says which.
+    /// Another client is the writer; the text names it.
     HasWriter = 1,
-    /// The board is not connected; the text says why.
+    /// The board is not connected; the text has the reason.
     NoBoard = 2,
     /// The server has as many clients as it allows.
     Full = 3,
@@ -75,9 +75,9 @@ pub enum End {
     Closed = 1,
     /// The server is being stopped.
     Stopped = 2,
-    /// The board is lost; the text says why.
+    /// The board is lost; the text has the reason.
     Lost = 3,
-    /// The other end has violated the protocol; the text says how.
+    /// The other end has violated the protocol; the text has the details.
     Broken = 4,
 }
 
@@ -98,8 +98,8 @@ pub struct Failure<'a> {
     pub(super) text: &'a str,
 }
 
-/// A message. Clients send those up to `Bye`, servers those from `Ping` on. A request carries a number, chosen by the
-/// client, which its answer repeats.
+/// A message. Clients send the variants up to `Bye`, servers those from `Ping` on. The client numbers its requests, and
+/// each answer repeats the number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Message<'a> {
     /// A client's first message.
@@ -124,7 +124,7 @@ pub enum Message<'a> {
     Pass {
         /// The number of the request.
         request: u64,
-        /// How far, in nanoseconds.
+        /// The time to advance, in nanoseconds.
         ns: u64,
     },
     /// A request for the counters.
@@ -150,14 +150,15 @@ pub enum Message<'a> {
     Welcome(Welcome<'a>),
     /// The server refuses the client.
     Refused {
-        /// Why.
+        /// The reason of the refusal.
         why: Refusal,
         /// The reason as text.
         text: &'a str,
     },
     /// A report of the board.
     Report {
-        /// Its time and number on the server's link; `dropped` includes the reports that were dropped for this client.
+        /// Time and sequence number of the report on the server's link; `dropped` includes the reports that were
+        /// dropped for this client.
         meta: ReadMeta,
         /// The report.
         frame: &'a [u8; FRAME_LEN],
@@ -186,7 +187,7 @@ pub enum Message<'a> {
     Passed {
         /// The number of the request.
         request: u64,
-        /// The board's time after it.
+        /// The board's time after the request.
         now: Option<Stamp>,
     },
     /// The answer to a request for the counters.
@@ -200,9 +201,9 @@ pub enum Message<'a> {
     Failed {
         /// The number of the request.
         request: u64,
-        /// The board's time after it, on virtual time.
+        /// The board's time after the request, on virtual time.
         now: Option<Stamp>,
-        /// Why it failed.
+        /// The reason of the failure.
         failure: Failure<'a>,
     },
 }

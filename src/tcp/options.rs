@@ -92,7 +92,7 @@ fn address(path: &str) -> Option<(String, u16)> {
 mod tests {
     use super::*;
 
-    /// A place without a port is that of the port where servers listen that are told no other.
+    /// A URI without a port means the default port, which is also the default of servers.
     #[test]
     fn a_uri_without_a_port_means_the_default_port() {
         for (uri, host, port) in [

@@ -1,8 +1,8 @@
-//! The shared secret, and how each end proves to the other that it knows it.
+//! The shared secret, and the proof by which each end shows the other one that it knows the secret.
 //!
 //! Both ends derive keying material from their TLS session (RFC 5705, RFC 8446 7.5) and sign it with the secret
-//! (HMAC-SHA256), the client first. Somebody between the two ends would have a TLS session with each of them; the two
-//! sessions have different keying material, so the proof of one end is not valid for the other.
+//! (HMAC-SHA256), the client first. An attacker between the two ends would have a TLS session with each of them. The
+//! two sessions have different keying material, so the proof of one end is not valid for the other.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -22,8 +22,8 @@ pub const PROOF_LEN: usize = 32;
 pub(crate) type Material = [u8; 32];
 /// The label for deriving the keying material.
 pub(crate) const LABEL: &[u8] = b"EXPORTER-ecmsk-tcp";
-/// \[OURS] The shortest secret in bytes. Whoever connects to one end gets a proof with which to try out secrets, so a
-/// secret has to be random and not chosen by a person.
+/// \[OURS] The shortest secret in bytes. An attacker who connects to one end gets a proof with which to try out
+/// secrets, so a secret has to be random and not chosen by a person.
 const SECRET_BYTES_MIN: usize = 32;
 /// \[OURS] The longest secret in bytes, and the largest file that is read as one.
 const SECRET_BYTES_MAX: usize = 4096;
@@ -110,14 +110,15 @@ impl Secret {
     }
 }
 
-/// The text of a secret, which is overwritten when this is dropped: it is not to be in a dump of the process's memory. What is left
-/// is the key that was made of it, from which the text cannot be had back; and, if the text came from there, the variable.
+/// The text of a secret. It is overwritten when it is dropped, so that dumps of the process's memory do not contain it.
+/// The HMAC key remains, from which the text cannot be recovered; and so does the environment variable, if the text
+/// came from it.
 struct Wiped(Vec<u8>);
 
 impl Drop for Wiped {
     fn drop(&mut self) {
         self.0.fill(0);
-        // So that the compiler does not leave out what nobody reads.
+        // Keeps the compiler from removing the overwrite, whose result is never read.
         std::hint::black_box(self.0.as_ptr());
     }
 }
@@ -134,7 +135,8 @@ fn check_owner(owner: u32, user: u32, path: &Path) -> Result<(), String> {
     ))
 }
 
-/// What `side` signs. The two sides sign different bytes, so that neither can return the proof that it has received.
+/// The bytes that `side` signs. The two sides sign different bytes, so that neither can return the proof it has
+/// received.
 fn signed_bytes(side: Side, material: &Material) -> Vec<u8> {
     let side: &[u8] = match side {
         Side::Client => b"ecmsk tcp client ",
@@ -149,7 +151,7 @@ impl fmt::Debug for Secret {
     }
 }
 
-/// Where a client's secret comes from, for messages.
+/// The source of a client's secret, for messages.
 pub(crate) fn how_to_give(path: Option<&PathBuf>) -> String {
     match path {
         Some(path) => format!("secret_file={}", path.display()),
@@ -161,12 +163,12 @@ pub(crate) fn how_to_give(path: Option<&PathBuf>) -> String {
 mod tests {
     use super::*;
 
-    /// A secret of 32 bytes, of the letters from `first` on.
+    /// A secret of 32 bytes: ten letters from `first` on, repeated.
     fn letters(first: u8) -> String {
         (0..32).map(|i| char::from(first + i % 10)).collect()
     }
 
-    /// A proof is good for its side, its session and its secret alone, and short secrets are refused.
+    /// A proof is valid for one side, one session and one secret only, and short secrets are refused.
     #[test]
     fn a_proof_is_good_for_one_side_of_one_session() {
         let secret = |text: &str| Secret::new(text.as_bytes()).unwrap();
@@ -182,7 +184,7 @@ mod tests {
         assert!(short.contains("31") && short.contains("32"), "{short}");
     }
 
-    /// Secrets that can be guessed are refused, and what is far too long; what a machine makes is taken.
+    /// Secrets that can be guessed or are too long are refused; random ones are accepted.
     #[test]
     fn a_secret_that_can_be_guessed_is_refused() {
         for guessed in ["0".repeat(32), "0".repeat(64), "01".repeat(32), "abcdefg".repeat(10)] {
@@ -196,7 +198,7 @@ mod tests {
         }
     }
 
-    /// The file is this user's or root's.
+    /// The file must belong to this user or to root.
     #[cfg(unix)]
     #[test]
     fn a_secret_file_of_another_user_is_refused() {
@@ -212,7 +214,7 @@ mod tests {
         }
     }
 
-    /// What the text of a secret was is in no place of the process's memory afterwards, and so in none of its dumps.
+    /// After use the text of a secret is nowhere in the process's memory, and so in no dump of it.
     #[cfg(target_os = "linux")]
     #[test]
     fn no_text_of_a_secret_stays_in_memory() {
@@ -222,7 +224,7 @@ mod tests {
 
         const LEN: usize = 48;
         let salt = std::process::id() as usize;
-        // The test has the text itself in pieces of a byte.
+        // The test itself must not have the text in memory: it makes it byte by byte.
         let letter = |i: usize| b"abcdefghijklmnopqrstuvwxyz0123456789"[(i * i * 7 + i * 13 + salt) % 36];
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("secret");
@@ -239,7 +241,7 @@ mod tests {
                 if memory.seek(SeekFrom::Start(from)).is_ok() && memory.read_exact(&mut bytes.0).is_ok() {
                     let is_it = |at: &[u8]| at.len() >= LEN / 2 && (0..LEN / 2).all(|i| at[i] == letter(i));
                     let mut rest = &bytes.0[..];
-                    // SAFETY: `rest` has as many bytes.
+                    // SAFETY: `rest` has `rest.len()` bytes.
                     while let Some(at) = unsafe {
                         let first = libc::memchr(rest.as_ptr().cast(), letter(0).into(), rest.len());
                         (!first.is_null()).then(|| first.cast::<u8>().offset_from_unsigned(rest.as_ptr()))

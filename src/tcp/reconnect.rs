@@ -26,11 +26,11 @@ pub(super) struct Reconnecting {
     current: Mutex<Arc<TcpLink>>,
     /// Held by the thread that connects.
     connecting: Mutex<()>,
-    /// How many reads were cancelled; a change ends the pause between two attempts.
+    /// The number of cancelled reads; a change ends the pause between two attempts.
     cancels: Mutex<u64>,
     cancelled: Condvar,
     closed: AtomicBool,
-    /// What is added to the sequence numbers of the current connection, so that numbers never repeat.
+    /// The offset of this link's sequence numbers from those of the current connection, so that numbers never repeat.
     first: AtomicU64,
     next: AtomicU64,
 }
@@ -56,7 +56,7 @@ impl Reconnecting {
         Arc::clone(&self.current.lock())
     }
 
-    /// Replaces the connection `gone`, which has failed with `error`, by a new one, at most until `until`.
+    /// Replaces the connection `gone`, which has failed with `error`, by a new one; tries until `until`.
     fn reconnect(&self, gone: &Arc<TcpLink>, error: LinkError, until: Option<Instant>) -> Result<(), LinkError> {
         let cancels_before = *self.cancels.lock();
         let _connecting = self.connecting.lock();
@@ -74,7 +74,7 @@ impl Reconnecting {
                     self.first.store(self.next.load(Ordering::Relaxed), Ordering::Relaxed);
                     let mut current = self.current.lock();
                     *current = Arc::new(link);
-                    // If the link was closed meanwhile, that has closed the old connection only.
+                    // If the link was closed meanwhile, only the old connection was closed.
                     if self.closed.load(Ordering::Acquire) {
                         current.close();
                         return Err(LinkError::Closed);

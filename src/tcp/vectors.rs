@@ -80,7 +80,7 @@ fn all() -> Vec<(Message<'static>, &'static str)> {
     ]
 }
 
-/// The bytes of a text in hexadecimal digits, in which `[xx;n]` stands for n times the byte xx.
+/// The bytes of hexadecimal digits, in which `[xx;n]` stands for n times the byte xx.
 fn bytes(text: &str) -> Vec<u8> {
     let mut bytes = Vec::new();
     for word in text.split_whitespace() {
@@ -93,7 +93,7 @@ fn bytes(text: &str) -> Vec<u8> {
     bytes
 }
 
-/// Every message has these bytes, and they mean it.
+/// Every message encodes to its frozen bytes, and these decode to the message.
 #[test]
 fn every_message_encodes_to_its_frozen_bytes_and_back() {
     for (message, text) in all() {
@@ -108,7 +108,7 @@ fn every_message_encodes_to_its_frozen_bytes_and_back() {
     assert_eq!(Greeting::decode(&greeting.encode()), Ok(greeting));
 }
 
-/// TCP-12 A message that lacks a byte or has one too many is none.
+/// TCP-12 A message with a byte too few or too many is refused.
 #[test]
 fn a_message_with_a_byte_too_few_or_too_many_is_refused() {
     for (message, _) in all() {
@@ -123,7 +123,7 @@ fn a_message_with_a_byte_too_few_or_too_many_is_refused() {
     }
 }
 
-/// A text that is too long is cut at a letter.
+/// A text that is too long is cut between two characters.
 #[test]
 fn a_text_that_is_too_long_is_cut_between_characters() {
     let text = "ä".repeat(200);

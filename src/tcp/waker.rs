@@ -83,7 +83,7 @@ mod pair {
 
     impl Read for &Pair {
         fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-            // One datagram after the other, each of one byte: as many as there is room for.
+            // One datagram of one byte after the other, until the buffer is full.
             let mut count = 0;
             for byte in bytes.iter_mut() {
                 match self.0.recv(std::slice::from_mut(byte)) {

@@ -1,6 +1,6 @@
-//! What bytes of the other end may be wrong, and the limits that they have to keep.
+//! Faults in received bytes, and the limits of the protocol.
 
-/// The version of the protocol, which has to be the same on both ends.
+/// The version of the protocol, which must be the same at both ends.
 pub const VERSION: u16 = 3;
 /// The longest payload in bytes. \[OURS]
 pub const PAYLOAD_MAX: usize = 1024;

@@ -1,7 +1,8 @@
-//! Answers that a call must be able to tell from older ones and from those of other calls.
+//! Attribution of answers: a call can tell the answer to its own command from older answers and from those of other
+//! calls.
 //!
-//! A slot of a report repeats the last command there until the next one (SK-3). A call that wants the answer to its own
-//! command claims the slot for itself, and remembers whether the answer there may still be an old one.
+//! A slot of a report repeats the last command there until the next one (SK-3). A call that needs the answer to its own
+//! command claims the slot, and this file notes whether the answer there may still be an old one.
 
 use super::slot_set::SlotSet;
 use crate::link::Stamp;
@@ -10,11 +11,11 @@ use crate::sk::{Frame, RawSlot, SlotSize, Slots};
 const SLOTS: usize = SlotSize::Bytes12.slots();
 
 pub struct Answers {
-    /// Slots that a call has for itself.
+    /// The slots that calls have claimed.
     claimed: SlotSet,
-    /// For each claimed slot the newest answer that names the claimed command, and the time of its report.
+    /// For each claimed slot the newest answer with the id of the claimed command, and the time of its report.
     newest: [(Stamp, RawSlot); SLOTS],
-    /// Claimed slots that have named the command in every report since they were claimed: the answer may be an old one.
+    /// Claimed slots that have shown the command in every report since the claim, so that the answer may be an old one.
     unchanged: SlotSet,
 }
 
@@ -23,8 +24,8 @@ impl Answers {
         Self { claimed: SlotSet::EMPTY, newest: [(Stamp(0), RawSlot::ZERO); SLOTS], unchanged: SlotSet::EMPTY }
     }
 
-    /// Claims the slots of commands, until [`release`](Self::release); false if another call has one of them. `report` is
-    /// the newest one.
+    /// Claims the slots of `commands` until [`release`](Self::release). Returns false if another call has claimed one
+    /// of them. `report`: the newest report.
     pub fn claim(&mut self, commands: &[(usize, RawSlot)], report: &Frame, size: SlotSize) -> bool {
         let slots = SlotSet::of(commands);
         if self.claimed.overlaps(slots) {
@@ -45,7 +46,7 @@ impl Answers {
         self.claimed.remove_all(SlotSet::of(commands));
     }
 
-    /// Takes the answers of a report that was made at `at`.
+    /// Reads the answers in the claimed slots of a report that was made at `at`.
     pub fn read(&mut self, at: Stamp, slots: Slots<'_>) {
         for slot in self.claimed.iter() {
             if slots.head(slot).id == self.newest[slot].1.id {
@@ -61,7 +62,7 @@ impl Answers {
         self.newest[slot]
     }
 
-    /// Whether that answer may be one that stood there before the slot was claimed.
+    /// Whether the answer in a claimed slot may be older than the claim.
     pub const fn may_be_old(&self, slot: usize) -> bool {
         self.unchanged.contains(slot)
     }

@@ -1,8 +1,8 @@
-//! The board's FIFO as far as the host can know it: how many frames it has room for, how many are ahead of the board, and
-//! when it ran empty.
+//! The host's model of the board's FIFO: how many frames it has room for, how many are not executed yet, and when it
+//! was empty.
 //!
-//! A report shows the count of free entries at the moment it was made; frames written since are not in it. So the credit is
-//! the newest free count less the frames written since, whether reports are read at once or from a queue.
+//! A report has the number of free entries at the moment it was made, without the frames written since. So the credit
+//! is the newest free count minus the frames written since, whether reports are read at once or from a queue.
 
 use std::collections::VecDeque;
 
@@ -11,25 +11,26 @@ use crate::sk::FIFO_ENTRIES;
 
 #[derive(Debug)]
 pub struct Credit {
-    /// When the frames were written that no report counts for sure yet, oldest first; never more than the FIFO holds.
+    /// Write times of the frames that the free count may not include yet, oldest first; at most as many as the FIFO
+    /// holds.
     uncounted: VecDeque<Stamp>,
-    /// Free entries in the newest report.
+    /// The number of free entries in the newest report.
     free: u16,
-    /// Frames written since OP was reached.
+    /// The number of frames written since OP was reached.
     written: i64,
-    /// Cycles since OP was reached.
+    /// The number of cycles since OP was reached.
     cycles: i64,
-    /// How underruns are counted; `None` while an empty FIFO is none.
+    /// The phase of counting underruns; `None` while an empty FIFO is no underrun.
     counting: Option<Counting>,
     underruns: u64,
 }
 
-/// How underruns are counted.
+/// The phase of counting underruns.
 #[derive(Clone, Copy, Debug)]
 enum Counting {
-    /// They are not yet: it begins with the first report after more frames than that have been executed.
+    /// Counting begins with the first report after more than this many frames were executed.
     After(i64),
-    /// They are. So many cycles had found the FIFO empty before the newest report.
+    /// Counting has begun. This many cycles had found the FIFO empty before the newest report.
     Since(i64),
 }
 
@@ -45,13 +46,13 @@ impl Credit {
         }
     }
 
-    /// OP was left: the FIFO is empty.
+    /// The network has left OP: the FIFO is empty.
     pub fn reset(&mut self) {
         self.uncounted.clear();
         (self.free, self.written, self.cycles, self.counting) = (FIFO_ENTRIES, 0, 0, None);
     }
 
-    /// A frame was written. Gives its number, which counts from 1.
+    /// Counts a written frame and returns its number, from 1.
     pub fn wrote(&mut self, at: Stamp) -> i64 {
         if self.uncounted.len() == usize::from(FIFO_ENTRIES) {
             self.uncounted.pop_front();
@@ -61,7 +62,8 @@ impl Credit {
         self.written
     }
 
-    /// A report in OP, `cycles` after the one before. A frame counts as arrived for sure `margin_ns` after it was written.
+    /// Takes a report in OP, made `cycles` cycles after the previous one. A frame has certainly arrived `margin_ns`
+    /// after it was written.
     pub fn report(&mut self, at: Stamp, free: u16, cycles: u64, margin_ns: u64) {
         while self.uncounted.front().is_some_and(|sent| sent.0.saturating_add(margin_ns) <= at.0) {
             self.uncounted.pop_front();
@@ -71,17 +73,19 @@ impl Credit {
         self.cycles += cycles as i64;
         let later = self.uncounted.iter().rev().take_while(|sent| **sent >= at).count() as i64;
         let arrived = self.written - later;
-        // One entry a cycle is taken out, unless there is none.
+        // The board executes one entry in each cycle, unless the FIFO is empty.
         let idle = self.cycles - (arrived - i64::from(self.used()));
         match self.counting {
             Some(Counting::After(frames)) if arrived - i64::from(self.used()) > frames => {
                 self.counting = Some(Counting::Since(idle))
             }
             Some(Counting::Since(before)) => {
-                // A frame may be counted as arrived a little early, so the count may fall: what was seen stays.
+                // A frame may be counted as arrived a little early, so that this number may fall. Underruns once
+                // counted stay.
                 let new = (idle - before).max(0);
                 if new > 0 {
-                    // With entries before and after a cycle it found one: a frame was counted as arrived too early.
+                    // With entries before and after it, this cycle found an entry: a frame was counted as arrived too
+                    // early.
                     if !(cycles == 1 && had_entries && self.used() > 0) {
                         self.underruns += new as u64;
                     }
@@ -92,12 +96,12 @@ impl Credit {
         }
     }
 
-    /// Whether cycles that find the FIFO empty count as underruns, from the next frame on.
+    /// Sets whether cycles that find the FIFO empty count as underruns, from the next frame on.
     pub fn count_underruns(&mut self, on: bool) {
         self.counting = on.then_some(Counting::After(self.written));
     }
 
-    /// Cycles that found the FIFO empty while they were counted.
+    /// The number of underruns: cycles that found the FIFO empty while counting was on.
     pub const fn underruns(&self) -> u64 {
         self.underruns
     }
@@ -106,17 +110,17 @@ impl Credit {
         FIFO_ENTRIES - self.free
     }
 
-    /// Frames the board can take without losing one.
+    /// The number of frames that the board certainly has room for.
     pub fn credit(&self) -> u16 {
         self.free.saturating_sub(self.uncounted.len() as u16)
     }
 
-    /// Entries that the board has not executed yet, at most.
+    /// The largest possible number of frames that the board has not executed yet.
     pub fn ahead(&self) -> u16 {
         FIFO_ENTRIES - self.credit()
     }
 
-    /// Whether the frame of that number has been executed for sure.
+    /// Whether the frame with that number was certainly executed.
     pub fn has_executed(&self, number: i64) -> bool {
         self.written - self.uncounted.len() as i64 - i64::from(self.used()) >= number
     }
@@ -128,7 +132,7 @@ mod tests {
 
     const MS: u64 = 1_000_000;
 
-    /// SK-5.11 The credit is the newest free count less the frames written since.
+    /// SK-5.11 The credit is the newest free count minus the frames written since.
     #[test]
     fn frames_written_since_the_report_are_taken_off() {
         let mut credit = Credit::new();
@@ -137,14 +141,14 @@ mod tests {
             credit.wrote(Stamp(10 * MS + n));
         });
         assert_eq!((credit.credit(), credit.ahead()), (147, 13));
-        // A report that was made before they were written, read from a queue.
+        // A report from before these frames were written, read late from a queue.
         credit.report(Stamp(9 * MS), 155, 0, MS);
         assert_eq!(credit.credit(), 152);
         credit.report(Stamp(12 * MS), 149, 2, MS);
         assert_eq!(credit.credit(), 149);
     }
 
-    /// SK-5.11 Cycles without an entry are counted, each once, and not before the first frame.
+    /// SK-5.11 Cycles without an entry are counted, each once, and only after the first frame.
     #[test]
     fn cycles_without_an_entry_count() {
         let mut credit = Credit::new();
@@ -153,7 +157,7 @@ mod tests {
         credit.wrote(Stamp(4 * MS + 5));
         credit.report(Stamp(5 * MS), 160, 1, MS);
         assert_eq!(credit.underruns(), 0);
-        // Two cycles without a frame, told in one report; then one more.
+        // One report after two cycles without a frame, and another one after a third.
         credit.report(Stamp(7 * MS), 160, 2, MS);
         credit.report(Stamp(8 * MS), 160, 1, MS);
         assert_eq!(credit.underruns(), 3);
@@ -165,7 +169,7 @@ mod tests {
         assert_eq!(credit.underruns(), 3);
     }
 
-    /// SK-5.11 A frame that arrives a cycle later than it was written makes no underrun while others are queued.
+    /// SK-5.11 A frame that arrives a cycle later than it was written causes no underrun while other frames are queued.
     #[test]
     fn a_late_arrival_is_no_underrun() {
         let mut credit = Credit::new();

@@ -1,5 +1,5 @@
-//! The targets that go out with every frame while a stream is open: the slots of the next frame and of the last one, as they
-//! stand on the wire.
+//! The targets that each frame carries while a stream is open: those of the next frame and of the last one, as encoded
+//! slots.
 
 use crate::ethercat::{MAX_SLAVES, SlaveSet};
 use crate::sk::{Frame, RawSlot, SlaveCommand, SlotCommand, SlotSize};
@@ -9,18 +9,18 @@ const SLOTS: usize = SlotSize::Bytes12.slots();
 /// The digital outputs of an HSP's two channels.
 pub type Outputs = [u16; 2];
 
-/// The targets of slaves, by slot. A slot that is all zero has none.
+/// The targets of all slaves, by slot. A slot of zeros has no target.
 pub struct CyclicTargets {
     size: SlotSize,
-    /// Slaves that have a target in `next` or in `last`.
+    /// Slaves with a target in `next` or in `last`.
     set: SlaveSet,
-    /// Goes out with the next frame, and with every one after it until there are other targets.
+    /// The targets for the next frame. They are repeated in each frame until other targets are set.
     next: Box<Frame>,
     /// The targets of the last step.
     last: Box<Frame>,
-    /// The outputs that HSPs were told last, by slot: they outlive the targets.
+    /// The outputs last sent to HSPs, by slot. They stay when the targets are cleared.
     outputs: [Outputs; SLOTS],
-    /// Slaves whose targets were withdrawn since the stream looked last.
+    /// Slaves whose targets were withdrawn since the last [`take_withdrawn`](Self::take_withdrawn).
     withdrawn: SlaveSet,
 }
 
@@ -36,27 +36,27 @@ impl CyclicTargets {
         }
     }
 
-    /// The targets that go into the next frame.
+    /// The targets for the next frame.
     pub fn next(&self) -> &Frame {
         &self.next
     }
 
-    /// The outputs that all slaves were told last, by slot.
+    /// The outputs last sent to each slave, by slot.
     pub const fn outputs(&self) -> &[Outputs; SLOTS] {
         &self.outputs
     }
 
-    /// Takes the targets of all slaves away.
+    /// Removes the targets of all slaves.
     pub fn clear(&mut self) {
         self.forget(SlaveSet::first(MAX_SLAVES as u8));
     }
 
-    /// The network was out of OP: the outputs are off again.
+    /// The network has left OP: the outputs are off.
     pub fn forget_outputs(&mut self) {
         self.outputs = [[0; 2]; SLOTS];
     }
 
-    /// Takes the targets of slaves away, those too that a stream has for its next step
+    /// Removes the targets of slaves, also those that a stream has prepared for its next step
     /// ([`take_withdrawn`](Self::take_withdrawn)).
     pub fn withdraw(&mut self, slaves: SlaveSet) {
         self.forget(slaves);
@@ -77,20 +77,20 @@ impl CyclicTargets {
         self.set = self.set.difference(slaves);
     }
 
-    /// The next targets of all slaves, by slot, and which slaves have one.
+    /// Sets the next targets of all slaves, by slot; `set`: the slaves that have a target.
     pub fn set_all(&mut self, next: &Frame, set: SlaveSet) {
         Frame::clone_from(&mut self.next, next);
         self.set = self.set.union(set);
     }
 
-    /// The next target of a slave; `None`: it gets none.
+    /// Sets the next target of a slave; `None`: removes it.
     pub fn set(&mut self, slave: u8, command: Option<SlaveCommand>) {
         let slot = command.map_or(RawSlot::ZERO, |command| SlotCommand::from(command).encode(self.size));
         self.next.put(self.size, slave.into(), &slot);
         self.set.insert(slave);
     }
 
-    /// Takes over the last target that another program has sent a slave.
+    /// Takes over the last target that another program has sent to a slave.
     pub fn assume(&mut self, slave: u8, last: Option<SlaveCommand>) {
         let slot = last.map_or(RawSlot::ZERO, |command| SlotCommand::from(command).encode(self.size));
         self.last.put(self.size, slave.into(), &slot);
@@ -98,7 +98,7 @@ impl CyclicTargets {
         self.set.insert(slave);
     }
 
-    /// The next targets went out with a frame; `hsps` have outputs in it.
+    /// The next targets were sent in a frame. `hsps`: the HSPs whose outputs it had.
     pub fn stepped(&mut self, hsps: SlaveSet) {
         self.last.clone_from(&self.next);
         for slave in hsps.intersection(self.set).iter() {
@@ -112,12 +112,12 @@ impl CyclicTargets {
         }
     }
 
-    /// The frame was not written: the targets that it held for the first time go out with no later one.
+    /// The frame was not written: targets that it would have carried for the first time are dropped.
     pub fn revert(&mut self) {
         self.next.clone_from(&self.last);
     }
 
-    /// What a slave was told last.
+    /// The command last sent to a slave.
     pub fn last(&self, slave: u8) -> Option<SlaveCommand> {
         let slot = self.last.slot(self.size, slave.into());
         if slot.is_zero() {

@@ -1,20 +1,21 @@
-//! The exchange of frames and reports with the board, through which every call of [`Ecm`](super::Ecm) goes. Several threads
-//! may use it, and every wait has a limit.
+//! The exchange of frames and reports with the board, which all calls of [`Ecm`](super::Ecm) use. Several threads may
+//! use it, and every wait has a timeout.
 //!
-//! Without a stream, the thread that waits for something writes frames and reads reports. While a stream is open its steps do:
-//! commands of other threads go out in its frames, so that none of them takes a FIFO entry from the motion.
+//! Without a stream, each waiting thread writes frames and reads reports itself. While a stream is open, the steps of
+//! the stream do that: commands of other threads go out in its frames, so that none of them takes a FIFO entry from the
+//! motion.
 //!
-//! How to read this folder: here is how frames and reports pass; `task.rs`, how a call sends commands and waits for what they
-//! do; `session.rs`, what is known of the board between two calls, with a file for each part of it:
+//! How to read this folder: `mod.rs` writes frames and reads reports. `task.rs` sends the commands of a call and waits
+//! for their effect. `session.rs` has the state between calls, with a file for each part of it:
 //!
-//! - `reports.rs`: the newest reports, and which are discarded;
+//! - `reports.rs`: the newest reports, and the rules for discarding some;
 //! - `outgoing.rs`, `posts.rs`, `cyclic_targets.rs`: the next frame and the last one, the commands that wait for the next
 //!   frame, and the targets that a stream repeats in every frame;
 //! - `credit.rs`, `marks.rs`, `answers.rs`: how much room the FIFO has, which frames the board has executed, which answers
 //!   belong to which command;
-//! - `patience.rs`: the clock by which calls wait, which leaves out the time for which this process stood still;
-//! - `second_channels.rs`: what only SDO transfers tell of HSPs with two channels;
-//! - `stats.rs`: counts, and news for a log; `slot_set.rs`: sets of slots.
+//! - `patience.rs`: the clock of timeouts, which leaves out stalls of this process;
+//! - `second_channels.rs`: the state of second channels of HSPs, which only SDO transfers show;
+//! - `stats.rs`: counters, and news for a log; `slot_set.rs`: sets of slots.
 
 mod answers;
 mod credit;
@@ -51,13 +52,13 @@ use super::options::Options;
 use crate::link::{Link, LinkError, LinkInfo, Wait};
 use crate::sk::{RawSlot, SlotSize};
 
-/// \[OURS] A stream that has not stepped for that long no longer carries commands of other threads.
+/// \[OURS] How long after its last step a stream still carries the commands of other threads.
 const STREAM_PAUSE_MAX: Duration = Duration::from_millis(50);
-/// \[OURS] A report shows where the axes are now if it is no older than so many cycles.
+/// \[OURS] The largest age, in cycles, at which a report shows the present positions of the axes.
 const REPORT_AGE_CYCLES: u32 = 3;
-/// \[OURS] The longest limit of a call: a year.
+/// \[OURS] The longest timeout of a call: a year.
 pub const LIMIT_MAX: Duration = Duration::from_secs(365 * 86_400);
-/// \[OURS] Reports read in a row without waiting: more than any queue of a link holds by default.
+/// \[OURS] The most reports read in a row without waiting: more than the queue of any link holds by default.
 const CATCH_UP_REPORTS_MAX: usize = 4096;
 
 pub struct Exchange {
@@ -66,16 +67,16 @@ pub struct Exchange {
     pub options: Options,
     patience: Patience,
     session: Mutex<Session>,
-    /// Counts the changes after which a stream has to look at the session again: a report, another configuration, an axis
-    /// that homes, a FIFO that was cleared.
+    /// Generation counter: incremented whenever state that a `Stream` reads has changed, such as a new report, another
+    /// configuration, an axis that is homing, or a cleared FIFO.
     changes: AtomicU64,
-    /// Signalled when a report was read, when slots were released and when the board is closed.
+    /// Signalled when a report was read, slots were released, or the board was closed.
     news: Condvar,
-    /// A stream ended while another thread had the session, which still knows the stream.
+    /// A stream ended while another thread had the session, which still has the stream registered.
     abandoned: AtomicBool,
-    /// Held by the call that has the SDO slot.
+    /// Held by the call that uses the SDO slot.
     pub sdo_turn: Mutex<()>,
-    /// Held by the call that homes axes.
+    /// Held by the call that is homing axes.
     pub homing_turn: Mutex<()>,
 }
 
@@ -103,18 +104,18 @@ impl Exchange {
         }
     }
 
-    /// The time by which calls wait, since any moment. It goes with the link's clock, but does not count the time for which this
-    /// process stood still (SIGSTOP, swap, a suspended machine): a board that nobody could hear was not silent.
+    /// The time of the clock for timeouts, from an arbitrary start. It follows the link's clock without the stalls of
+    /// this process (SIGSTOP, swap, a suspended machine): a board is not silent while nothing could read its reports.
     pub fn now(&self) -> Duration {
         self.now_at(self.clock())
     }
 
-    /// As [`Exchange::now`], for a caller that knows the time on the link's clock.
+    /// As [`Exchange::now`], if the time of the link's clock is known.
     pub fn now_at(&self, clock: Duration) -> Duration {
         self.patience.at(clock)
     }
 
-    /// The time on the link's clock, since any moment.
+    /// The time of the link's clock, from an arbitrary start.
     pub fn clock(&self) -> Duration {
         if self.info.virtual_time
             && let Ok(Some(at)) = self.link.pass(Duration::ZERO)
@@ -124,8 +125,8 @@ impl Exchange {
         self.patience.elapsed()
     }
 
-    /// Whether the newest report is older than [`REPORT_AGE_CYCLES`], by a clock that does not leave out stalls: then it does not show
-    /// where the axes are now.
+    /// Whether the newest report is older than [`REPORT_AGE_CYCLES`], on the link's clock with stalls: it does not show
+    /// the present positions of the axes then.
     pub fn is_stale(&self, session: &Session) -> bool {
         let age = self.clock().saturating_sub(session.reports.read_at);
         age > session.network.cycle() * REPORT_AGE_CYCLES
@@ -143,41 +144,41 @@ impl Exchange {
         Ok(session)
     }
 
-    /// As [`Exchange::lock`], with the newest report read.
+    /// As [`Exchange::lock`], after reading all reports up to the newest one.
     pub fn lock_newest(&self) -> Result<MutexGuard<'_, Session>, EcmError> {
         let mut session = self.lock()?;
         self.catch_up(&mut session)?;
         Ok(session)
     }
 
-    /// As [`Exchange::lock_newest`], for `what`, which needs OP.
+    /// As [`Exchange::lock_newest`], with an error outside OP; `what`: the call that needs OP.
     pub fn lock_in_op(&self, what: &'static str) -> Result<MutexGuard<'_, Session>, EcmError> {
         let session = self.lock_newest()?;
         session.require_op(what)?;
         Ok(session)
     }
 
-    /// A stream ended while another thread had the session: whoever locks it next ends the stream there.
+    /// A stream ended while another thread had the session: the next lock of the session removes the stream from it.
     pub fn abandon(&self) {
         self.abandoned.store(true, Ordering::Release);
     }
 
-    /// How long the board may be silent.
+    /// How long the board may be silent: the read timeout, and at least three cycles.
     pub fn silence_max(&self, session: &Session) -> Duration {
         self.options.read_limit.max(session.network.cycle() * 3)
     }
 
-    /// How often anything has changed that a stream looks at.
+    /// Generation counter: incremented whenever state that a `Stream` reads has changed.
     pub fn changes(&self) -> u64 {
         self.changes.load(Ordering::Acquire)
     }
 
-    /// Something has changed that a stream looks at; the caller has the session locked.
+    /// Increments the generation counter. The caller holds the lock of the session.
     pub fn changed(&self) {
         self.changes.fetch_add(1, Ordering::Release);
     }
 
-    /// Sets what the slaves are configured as.
+    /// Sets the configuration of the slaves.
     pub fn set_network(&self, config: &Config) -> Result<(), EcmError> {
         let network = Arc::new(Network::of(config));
         let mut session = self.lock()?;
@@ -188,12 +189,12 @@ impl Exchange {
         Ok(())
     }
 
-    /// Reads a report that comes by `deadline`; says whether there was one that can be used.
+    /// Reads a report, waiting until `deadline` at most. Returns whether a usable one was read.
     pub fn read(&self, session: &mut Session, deadline: Duration) -> Result<bool, EcmError> {
         self.read_at(session, self.now(), deadline)
     }
 
-    /// As [`Exchange::read`], for a caller that knows the time.
+    /// As [`Exchange::read`], if the present time is known.
     pub fn read_at(&self, session: &mut Session, now: Duration, deadline: Duration) -> Result<bool, EcmError> {
         let wait = deadline.saturating_sub(now).min(self.silence_max(session)).min(patience::WAIT_MAX);
         self.patience.expect(wait);
@@ -214,13 +215,13 @@ impl Exchange {
         }
     }
 
-    /// Reads the reports that are there already, so that decisions rest on the newest one. In virtual time each read takes time,
-    /// so that it is only done where a report is due.
+    /// Reads all reports that are waiting, so that decisions use the newest one. In virtual time each read takes time,
+    /// so that it is done only when a report is due.
     pub fn catch_up(&self, session: &mut Session) -> Result<(), EcmError> {
         for _ in 0..CATCH_UP_REPORTS_MAX {
             if self.info.virtual_time {
                 let (Some(meta), Some(cycle)) = (session.reports.meta, session.network.cycle_ns) else { return Ok(()) };
-                // A board that is gone says so here.
+                // If the board is gone, this call returns the error.
                 let now = self.link.pass(Duration::ZERO)?;
                 if now.is_some_and(|now| now.0 < meta.at.0 + cycle) {
                     return Ok(());
@@ -235,13 +236,13 @@ impl Exchange {
         Ok(())
     }
 
-    /// Writes the next frame by `deadline`. The caller has seen that the board takes one.
+    /// Writes the next frame by `deadline`. The caller has checked that the board has room for it.
     pub fn write(&self, session: &mut Session, deadline: Duration) -> Result<(), EcmError> {
         self.write_within(session, deadline.saturating_sub(self.now()).min(self.options.write_limit))
     }
 
-    /// Writes a frame with these commands by `deadline`. A command of another thread that waits for one of their slots goes
-    /// out first.
+    /// Writes a frame with these commands by `deadline`. If a command of another thread waits for one of their slots,
+    /// it goes out first.
     pub fn write_commands(
         &self,
         session: &mut Session,
@@ -255,7 +256,7 @@ impl Exchange {
         self.write(session, deadline)
     }
 
-    /// Writes the next frame, within that time.
+    /// Writes the next frame within `limit`.
     pub fn write_within(&self, session: &mut Session, limit: Duration) -> Result<(), EcmError> {
         session.compose();
         let clears = session.fifo_clears;
@@ -268,7 +269,7 @@ impl Exchange {
                 }
                 Ok(())
             }
-            // Its commands wait for the next frame; the call that posted them may withdraw them.
+            // The commands stay queued for the next frame; the call that posted them may withdraw them.
             Err(error) => {
                 session.targets.revert();
                 Err(match error {
@@ -284,7 +285,7 @@ impl Exchange {
         }
     }
 
-    /// The error of a board that has been silent since `since`, if that is too long.
+    /// Returns an error if the board has been silent since `since` and for too long.
     pub fn check_silence(&self, session: &Session, since: Duration, what: &'static str) -> Result<(), EcmError> {
         let waited = self.now().saturating_sub(session.reports.heard_at.max(since));
         if waited < self.silence_max(session) {
@@ -293,13 +294,13 @@ impl Exchange {
         Err(self.no_report(what, waited, session.stats.bad_crc))
     }
 
-    /// The error of a board that has made no report that can be used for so long.
+    /// The error of a board that has made no usable report for `waited`.
     pub fn no_report(&self, what: &'static str, waited: Duration, bad_crc: u64) -> EcmError {
         EcmError::NoReport { what, waited, bad_crc, network_down: self.link.stats().network_down }
     }
 
-    /// One round: writes a frame, if commands were posted, and reads a report. While a stream is open in another thread it
-    /// waits for a step of that one instead.
+    /// One round of a wait: writes a frame if commands were posted, and reads a report. While another thread has a
+    /// stream open, it waits for a step of the stream instead.
     pub fn round(&self, session: &mut MutexGuard<'_, Session>, deadline: Duration) -> Result<(), EcmError> {
         if let Some(pacer) = session.pacer
             && pacer.thread != thread::current().id()
@@ -309,7 +310,7 @@ impl Exchange {
             return if session.closed { Err(LinkError::Closed.into()) } else { Ok(()) };
         }
         if !session.posts.is_empty() {
-            // The newest free count decides whether there is room.
+            // The newest free count decides whether the board has room.
             self.catch_up(session)?;
             if session.may_write() {
                 self.write(session, deadline)?;
@@ -319,14 +320,14 @@ impl Exchange {
         Ok(())
     }
 
-    /// Lets other threads have the session between two rounds; `between` runs meanwhile.
+    /// Releases the session to other threads between two rounds, and runs `between` meanwhile.
     pub fn pause(&self, session: &mut MutexGuard<'_, Session>, between: impl FnOnce()) -> Result<(), EcmError> {
         MutexGuard::unlocked_fair(session, between);
         if session.closed { Err(LinkError::Closed.into()) } else { Ok(()) }
     }
 
-    /// Ends every use of the board. If its axes are not at rest the link is told that the program has vanished: a server that
-    /// the board is behind stops them then.
+    /// Ends every use of the board. If its axes may be moving, the link is told that the program has vanished: a server
+    /// behind the link then stops them.
     pub fn shut(&self, is_at_rest: bool) {
         if let Some(mut session) = self.session.try_lock_for(self.options.read_limit) {
             session.closed = true;

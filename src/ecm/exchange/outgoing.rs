@@ -1,31 +1,31 @@
-//! The frames that go out: the next one, and what has to be known of the last one.
+//! Outgoing frames: the next one, and the identification of the last one.
 
 use super::slot_set::SlotSet;
 use crate::link::Stamp;
 use crate::sk::Frame;
 
-/// By what a frame that was written is known again.
+/// The identification of a written frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Sent {
-    /// When it was written.
+    /// When the frame was written.
     pub at: Stamp,
-    /// Its number among the entries of the FIFO since OP was reached, from 1; 0 outside OP.
+    /// The number of the frame among the FIFO entries since OP was reached, from 1; 0 outside OP.
     pub number: i64,
-    /// Its mark ([`Marks`](super::marks::Marks)); 0 if it has none.
+    /// The mark of the frame ([`Marks`](super::marks::Marks)); 0 if it has none.
     pub mark: u8,
 }
 
 /// The next frame and the last one.
 pub struct Outgoing {
-    /// The next frame, or the last one, after it was written.
+    /// The next frame; after a write still the last one.
     pub frame: Frame,
-    /// The mark of that frame; 0 if it has none.
+    /// The mark of `frame`; 0 if it has none.
     pub mark: u8,
-    /// Frames written so far.
+    /// The number of frames written so far.
     pub written: u64,
-    /// The last frame that was written. Its mark is that of the last frame that had one.
+    /// The last written frame, but with the mark of the last frame that had one.
     pub last: Sent,
-    /// Slots that had a command in the last frame that had a mark.
+    /// Slots with a command in the last frame that had a mark.
     pub last_commanded: SlotSet,
 }
 

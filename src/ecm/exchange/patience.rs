@@ -1,29 +1,30 @@
-//! The clock by which calls wait. It leaves out the time for which this process stood still: stopped by SIGSTOP, swapped out, on
-//! a machine that was suspended. Judged by any other clock a board that answers every cycle has been silent for all that time, and
-//! every limit has passed, before a single report could be read.
+//! The clock of timeouts. It leaves out stalls of this process: SIGSTOP, swapping, a suspended machine. On any other
+//! clock a board that answers in every cycle would have been silent for the whole stall, and all timeouts would have
+//! passed, before the process could read a single report.
 //!
-//! Before a call waits it says for how long at most ([`Patience::expect`]). When much more than that has passed until somebody looks
-//! at the clock again, the process stood still, and the clock goes on by half of that wait only: so no single wait makes a board
-//! silent that could not be heard, and waits end all the same if the process stands still in each of them.
+//! Before each wait a call announces its longest duration ([`Patience::expect`]). If much more time has passed when the
+//! clock is read next, the process has stalled, and the clock advances by only half of the announced wait. So a single
+//! wait makes no board silent whose reports could not be read, and waits end even if the process stalls in each of
+//! them.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// \[OURS] The longest part of a wait for a report.
+/// \[OURS] The longest part into which a wait for a report is divided.
 pub const WAIT_MAX: Duration = Duration::from_millis(100);
-/// \[OURS] By how much a wait may take longer on a busy machine before the process counts as having stood still.
+/// \[OURS] How much longer than announced a wait may take on a busy machine before it counts as a stall.
 const LATENESS_MAX: Duration = Duration::from_millis(100);
-/// \[OURS] By how much the clock goes on at least, however long the process stood still.
+/// \[OURS] How much the clock advances at least, however long a stall was.
 const STEP_MIN: Duration = Duration::from_millis(1);
 
-/// The clock. Threads may share it.
+/// The clock of timeouts. Threads may share it.
 pub struct Patience {
     started: Instant,
-    /// The clock that is given to [`Patience::at`], when that was called last, ns.
+    /// The newest time passed to [`Patience::at`], ns.
     last_ns: AtomicU64,
-    /// How long the next wait may take, ns.
+    /// The longest announced duration of the next wait, ns.
     expected_ns: AtomicU64,
-    /// For how long the process stood still, ns.
+    /// The sum of all stalls so far, ns.
     stood_ns: AtomicU64,
 }
 
@@ -33,21 +34,21 @@ impl Patience {
         Self { started: Instant::now(), last_ns, expected_ns, stood_ns }
     }
 
-    /// The real time since it was made.
+    /// The real time since the clock was made, with stalls.
     pub fn elapsed(&self) -> Duration {
         self.started.elapsed()
     }
 
-    /// The next wait may take that long.
+    /// Announces a wait of at most that duration.
     pub fn expect(&self, wait: Duration) {
         let wait_ns = u64::try_from(wait.as_nanos()).unwrap_or(u64::MAX);
         self.expected_ns.fetch_max(wait_ns, Ordering::Relaxed);
     }
 
-    /// The time of this clock when another one, which does not stop, shows `now`.
+    /// The time of this clock when the underlying clock, which includes stalls, shows `now`.
     pub fn at(&self, now: Duration) -> Duration {
         let now_ns = u64::try_from(now.as_nanos()).unwrap_or(u64::MAX);
-        // Of several threads one sees a gap first, and the others none: it is left out once.
+        // Only one of several threads sees the gap, so that it is left out once.
         let last_ns = self.last_ns.fetch_max(now_ns, Ordering::AcqRel);
         let expected_ns = self.expected_ns.swap(0, Ordering::Relaxed);
         let passed_ns = now_ns.saturating_sub(last_ns);
@@ -65,7 +66,7 @@ mod tests {
 
     const MS: Duration = Duration::from_millis(1);
 
-    /// Waits count, and so does a busy machine; a process that stood still has hardly waited.
+    /// Waits count in full, also on a busy machine; a stall hardly counts.
     #[test]
     fn what_stood_still_has_hardly_waited() {
         let patience = Patience::new();
@@ -80,7 +81,7 @@ mod tests {
         assert_eq!(wait(0, 6600), 451 * MS);
     }
 
-    /// A wait of any length counts whole, and what stood still again and again waits all the same.
+    /// An announced wait of any length counts in full, and timeouts pass even if the process stalls again and again.
     #[test]
     fn every_wait_ends() {
         let patience = Patience::new();

@@ -1,10 +1,9 @@
-//! Commands that wait for the next frame.
+//! Commands that are queued for the next frame.
 
 use super::slot_set::SlotSet;
 use crate::sk::{FifoAction, Frame, MasterCommand, RawSlot, SlotSize};
 
-/// Commands that go out with the next frame, at most one for each slot. In it they stand in the place of what a stream
-/// keeps sending.
+/// Commands for the next frame, at most one for each slot. There they replace the targets that a stream repeats.
 pub struct Posts {
     commands: [RawSlot; SlotSize::Bytes12.slots()],
     slots: SlotSet,
@@ -15,7 +14,8 @@ impl Posts {
         Self { commands: [RawSlot::ZERO; SlotSize::Bytes12.slots()], slots: SlotSet::EMPTY }
     }
 
-    /// Puts commands into the next frame, all or none: a slot that has one takes no second one. Says whether it did.
+    /// Queues commands for the next frame, all or none: a slot with a queued command takes no second one. Returns
+    /// whether they were queued.
     pub fn post(&mut self, commands: &[(usize, RawSlot)]) -> bool {
         let slots = SlotSet::of(commands);
         if self.slots.overlaps(slots) {
@@ -28,22 +28,22 @@ impl Posts {
         true
     }
 
-    /// Puts those of the last frame into the next one, too, but for that of the board itself.
+    /// Queues the commands in these slots of the last frame again, except that of slot 0.
     pub const fn post_again(&mut self, slots: SlotSet) {
         self.slots.insert_all(slots.without(0));
     }
 
-    /// Takes back what was posted and not written.
+    /// Removes commands that were queued and not written.
     pub fn withdraw(&mut self, commands: &[(usize, RawSlot)]) {
         self.slots.remove_all(SlotSet::of(commands));
     }
 
-    /// The frame was written: none waits any more.
+    /// The frame was written: the queue is empty.
     pub const fn clear(&mut self) {
         self.slots = SlotSet::EMPTY;
     }
 
-    /// The slots that have a command.
+    /// The slots with a queued command.
     pub const fn slots(&self) -> SlotSet {
         self.slots
     }
@@ -52,7 +52,7 @@ impl Posts {
         self.slots.is_empty()
     }
 
-    /// Whether one of them clears the board's FIFO.
+    /// Whether a queued command clears the board's FIFO.
     pub fn clear_fifo(&self) -> bool {
         self.slots.contains(0) && self.commands[0] == MasterCommand::SetFifo(FifoAction::Clear).encode()
     }

@@ -1,4 +1,4 @@
-//! The board's reports: the newest one, the one before it, and which are discarded.
+//! The newest report, the one before it, and the rules for discarding reports.
 
 use std::time::Duration;
 
@@ -6,11 +6,11 @@ use super::stats::{News, NewsQueue, Stats};
 use crate::link::{ReadMeta, Stamp};
 use crate::sk::{CrcPolicy, Frame, MasterResponse, MasterState, SlotSize};
 
-/// The reports of a board, as they were read.
+/// The reports of a board, in the order in which they are read.
 pub struct Reports {
     size: SlotSize,
     crc_policy: CrcPolicy,
-    /// Where the link puts the next report.
+    /// The buffer into which the link reads the next report.
     pub incoming: Box<Frame>,
     pub newest: Box<Frame>,
     pub previous: Box<Frame>,
@@ -18,13 +18,13 @@ pub struct Reports {
     pub meta: Option<ReadMeta>,
     /// Time and number of the report before the newest.
     previous_meta: Option<ReadMeta>,
-    /// The highest number of a report that was read, with a wrong CRC too.
+    /// The highest sequence number of a report so far, also of one with a wrong CRC.
     last_sequence: u64,
     /// Slot 0 of the newest report.
     pub board: MasterResponse,
-    /// When a report was read last that could be used, by the time by which calls wait.
+    /// When the last usable report was read, on the clock of timeouts.
     pub heard_at: Duration,
-    /// The same on the link's clock; in virtual time when the report was made.
+    /// The same on the link's clock. In virtual time: when the report was made.
     pub read_at: Duration,
 }
 
@@ -45,7 +45,8 @@ impl Reports {
         }
     }
 
-    /// Takes the report in `incoming`, unless its CRC is wrong or a newer one has come before it. Says whether it was taken.
+    /// Accepts the report in `incoming`, unless its CRC is wrong or a newer one was read before. Returns whether it was
+    /// accepted.
     pub fn accept(&mut self, meta: ReadMeta, stats: &mut Stats, news: &mut NewsQueue) -> bool {
         if self.incoming.check_crc(self.size, self.crc_policy).is_err() {
             stats.bad_crc += 1;
@@ -72,7 +73,7 @@ impl Reports {
         true
     }
 
-    /// Decodes slot 0 of the newest report and counts what it tells of failures. Gives what it showed before.
+    /// Decodes slot 0 of the newest report and counts the failures that it shows. Returns the previous slot 0.
     pub fn read_board(&mut self, stats: &mut Stats, news: &mut NewsQueue) -> MasterResponse {
         let before = std::mem::replace(&mut self.board, MasterResponse::decode(&self.newest.slot(self.size, 0)));
         if self.previous_meta.is_none() {
@@ -89,8 +90,8 @@ impl Reports {
         before
     }
 
-    /// Cycles from the report before to the newest one, and the nanoseconds of one of them; `None` if there is no report
-    /// before.
+    /// The number of cycles from the previous report to the newest one, and the length of a cycle in nanoseconds;
+    /// `None` without a previous report.
     pub fn cycles(&self) -> Option<(u64, u64)> {
         let (newest, previous) = (self.meta?, self.previous_meta?);
         let cycles = newest.sequence - previous.sequence;
@@ -106,7 +107,7 @@ impl Reports {
         self.meta.map_or(Stamp(0), |meta| meta.at)
     }
 
-    /// When the report before the newest was made; if there is none, the time of the newest.
+    /// When the previous report was made; without one, the time of the newest.
     pub fn previous_at(&self) -> Stamp {
         self.previous_meta.or(self.meta).map_or(Stamp(0), |meta| meta.at)
     }

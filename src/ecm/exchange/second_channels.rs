@@ -1,5 +1,6 @@
-//! The second channels of HSPs. Reports tell the position of a second channel; its statusword is an object (0x6841) that only
-//! an SDO reads. Calls that switch axes read it; streams ask for it again and again, in the SDO slot of their frames. \[OURS]
+//! Second channels of HSPs. Reports have the position of a second channel, but its statusword is an object (0x6841),
+//! which must be read by SDO. Calls that switch axes read it, and streams poll it in the SDO slot of their frames.
+//! \[OURS]
 
 use std::time::Duration;
 
@@ -14,25 +15,25 @@ use crate::ethercat::{MAX_SLAVES, SlaveSet};
 use crate::sk::{CommandId, Frame, RawSlot, SdoCommand, SdoResponse, SlotSize};
 
 const SECOND_STATUSWORD: ObjectAddress = ObjectAddress::new(STATUSWORD + SECOND_AXIS_OFFSET, 0);
-/// An object that every slave has. It is read between two transfers that would have equal answers, so that the second
-/// answer can be told from the first (SK-6.10).
+/// An object that every slave has. It is read between two transfers with equal answers, so that the second answer can
+/// be told from the first (SK-6.10).
 const DEVICE_TYPE: ObjectAddress = ObjectAddress::new(0x1000, 0);
-/// \[OURS] A stream asks again if no answer has come for so many frames: more than the board's own limit.
+/// \[OURS] A stream repeats its request after this many frames without an answer: longer than the board's own timeout.
 const ANSWER_FRAMES_MAX: u64 = 4000;
-/// \[OURS] How long another transfer waits for the end of one that a stream has asked for.
+/// \[OURS] How long another transfer waits for the end of one that a stream has requested.
 const STREAM_SDO_LIMIT: Duration = Duration::from_secs(2);
 
-/// What is known of second channels.
+/// The known state of second channels.
 pub struct SecondChannels {
-    /// Slaves that have a second channel.
+    /// Slaves with a second channel.
     present: SlaveSet,
-    /// Slaves that have none.
+    /// Slaves without a second channel.
     absent: SlaveSet,
-    /// The newest statuswords, by slot.
+    /// The newest statuswords of second channels, by slot.
     statuswords: [Statusword; SlotSize::Bytes12.slots()],
-    /// What the SDO slot of the newest report shows.
+    /// The SDO slot of the newest report.
     shown: RawSlot,
-    /// The transfer that a stream has asked for, until its answer comes.
+    /// The transfer that a stream has requested and that has no answer yet.
     asked: Option<Asked>,
 }
 
@@ -40,7 +41,7 @@ pub struct SecondChannels {
 struct Asked {
     slave: u8,
     object: ObjectAddress,
-    /// Frames that were written when it was asked for.
+    /// The number of frames that were written before the request.
     at_frame: u64,
 }
 
@@ -55,7 +56,7 @@ impl SecondChannels {
         }
     }
 
-    /// Reads the SDO slot of a report, which shows the newest transfer, whoever has asked for it.
+    /// Reads the SDO slot of a report, which shows the newest transfer, of whichever call or program.
     pub fn read(&mut self, size: SlotSize, report: &Frame) {
         if size != SlotSize::Bytes16 {
             return;
@@ -85,9 +86,9 @@ impl SecondChannels {
         }
     }
 
-    /// A slave's second channel shows that statusword, or there is none.
+    /// Notes the statusword of a slave's second channel, or that it has none.
     fn learn(&mut self, slave: u8, statusword: Option<Statusword>) {
-        // A report may name any number.
+        // A slave number from a report may be out of range.
         if !(1..=MAX_SLAVES).contains(&usize::from(slave)) {
             return;
         }
@@ -109,13 +110,13 @@ impl SecondChannels {
         self.present.iter().filter(|slave| !self.statuswords[usize::from(*slave)].is_enabled()).collect()
     }
 
-    /// The statusword of a slave's second channel, if it has one.
+    /// The statusword of a slave's second channel; `None` if there is none or it is not known.
     pub fn statusword(&self, slave: u8) -> Option<Statusword> {
         self.present.contains(slave).then(|| self.statuswords[usize::from(slave)])
     }
 
-    /// The request that a stream puts into its next frame, if there is something to ask for. `frames`: how many have been
-    /// written.
+    /// The request for a stream's next frame, if a statusword has to be read. `frames`: the number of frames written so
+    /// far.
     pub fn request(&mut self, network: &Network, frames: u64) -> Option<SdoCommand> {
         if self.present.is_empty() {
             return None;
@@ -137,14 +138,14 @@ impl SecondChannels {
         Some(SdoCommand::Read { slave, object })
     }
 
-    /// The request did not go out.
+    /// The request was not sent: it is made again.
     pub const fn not_asked(&mut self) {
         self.asked = None;
     }
 }
 
 impl Ecm {
-    /// The statusword of a slave's second channel, read now; `None` for a slave without one.
+    /// Reads the statusword of a slave's second channel; `None` for a slave without one.
     pub(in crate::ecm) fn second_statusword(&self, slave: u8) -> Result<Option<Statusword>, EcmError> {
         if !self.may_have_second_channel(slave)? {
             return Ok(None);
@@ -163,7 +164,7 @@ impl Ecm {
         Ok(is_hsp && session.size == SlotSize::Bytes16 && !session.second_channels.absent.contains(slave))
     }
 
-    /// Finds out which slaves have a second channel, and what it does, before a stream begins.
+    /// Before a stream begins: finds the slaves with a second channel, and reads its statusword.
     pub(in crate::ecm) fn learn_second_channels(&self) -> Result<(), EcmError> {
         let unknown = {
             let session = self.exchange.lock()?;
@@ -177,7 +178,7 @@ impl Ecm {
         unknown.iter().try_for_each(|slave| self.second_statusword(slave).map(drop))
     }
 
-    /// Waits until a transfer that a stream has asked for is over: the board would reject another one meanwhile.
+    /// Waits until a transfer that a stream has requested has ended: meanwhile the board would reject another one.
     pub(in crate::ecm) fn wait_for_sdo_of_stream(&self) -> Result<(), EcmError> {
         if self.exchange.lock()?.second_channels.asked.is_none() {
             return Ok(());

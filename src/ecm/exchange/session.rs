@@ -1,6 +1,6 @@
-//! All that is known of a board between two calls: its reports, the commands that wait for the next frame, the frames
-//! under way. Each part is a file of its own; here stands what has to happen with all of them when a report was read, and
-//! when a frame is made and was written.
+//! The state of a board between two calls: its reports, the commands that wait for the next frame, the frames in
+//! flight. Each part has a file of its own. This file has the operations on all parts together: when a report was read,
+//! and when a frame is composed and was written.
 
 use std::sync::Arc;
 use std::thread::ThreadId;
@@ -25,33 +25,33 @@ use crate::ethercat::coe::ObjectAddress;
 use crate::link::{ReadMeta, Stamp};
 use crate::sk::{CrcPolicy, Frame, MasterResponse, RawSlot, SlotSize};
 
-/// \[OURS] While slaves are lost every so many frames have a mark, so that their answers tell which slaves those are.
+/// \[OURS] While slaves are lost, one in this many frames has a mark: its answers show which slaves are lost.
 const ASK_LOST: u64 = 32;
 
-/// Axes that a call homes.
+/// The axes that a call is homing.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct HomingAxes {
-    /// Slaves whose axes are being homed, from before their objects are written until their mode is set back.
+    /// Slaves that are being homed, from before their objects are written until their mode is restored.
     pub active: SlaveSet,
-    /// Of these, slaves whose homing was aborted. In CSP bits 10 and 12 of their statusword no longer mean "homing
+    /// Slaves in `active` whose homing was aborted. In CSP bits 10 and 12 of their statusword no longer mean "homing
     /// attained".
     pub aborted: SlaveSet,
-    /// Of these, slaves whose GO_HOME has been handed to the next frame, or was written.
+    /// Slaves in `active` whose GO_HOME was queued for the next frame, or was written.
     pub started: SlaveSet,
 }
 
-/// The stream that writes the frames.
+/// The open stream, whose steps write the frames.
 #[derive(Clone, Copy, Debug)]
 pub struct StreamPacer {
-    /// The thread that made its last step.
+    /// The thread that made the last step of the stream.
     pub thread: ThreadId,
-    /// When that was.
+    /// When the last step was made.
     pub last_step: Instant,
 }
 
 pub struct Session {
     pub size: SlotSize,
-    /// What the slaves are configured as.
+    /// The configuration of the slaves.
     pub network: Arc<Network>,
     pub reports: Reports,
     pub outgoing: Outgoing,
@@ -59,21 +59,22 @@ pub struct Session {
     pub answers: Answers,
     pub marks: Marks,
     pub credit: Credit,
-    /// Slaves that are lost, as far as their answers have shown it.
+    /// Slaves that are known to be lost, by their missing answers.
     pub lost: SlaveSet,
     pub second_channels: SecondChannels,
-    /// What a stream keeps sending.
+    /// The targets that a stream repeats in every frame.
     pub targets: CyclicTargets,
     pub homing: HomingAxes,
     /// The open stream, if there is one.
     pub pacer: Option<StreamPacer>,
-    /// Times the FIFO was cleared. The targets of a stream that was open then no longer begin where its axes are.
+    /// How often the FIFO was cleared. The targets of a stream that was open then no longer continue the positions of
+    /// its axes.
     pub fifo_clears: u64,
-    /// Objects of SDO transfers whose answers did not come in time, and may come yet.
+    /// Objects of SDO transfers whose answers are late, and may still come.
     pub late_sdos: Vec<ObjectAddress>,
     pub stats: Stats,
     pub news: NewsQueue,
-    /// The board was closed: every call ends.
+    /// The board was closed: every call returns an error.
     pub closed: bool,
 }
 
@@ -106,12 +107,12 @@ impl Session {
         self.reports.in_op()
     }
 
-    /// Refuses `what`, which needs OP, outside of it.
+    /// Returns an error outside OP; `what`: the call that needs OP.
     pub fn require_op(&self, what: &'static str) -> Result<(), EcmError> {
         if self.in_op() { Ok(()) } else { Err(EcmError::WrongState { what, needs: "OP", found: self.board().state }) }
     }
 
-    /// Refuses a slave that shows an alarm.
+    /// Returns an error for a slave that shows an alarm.
     pub fn refuse_alarm(&self, slave: u8) -> Result<(), EcmError> {
         let second = self.second_channels.statusword(slave).unwrap_or_default();
         if (self.statusword(slave).0 | second.0) & Statusword::FAULT == 0 {
@@ -134,7 +135,7 @@ impl Session {
         Statusword(self.reports.newest.slots(self.size).head(slave.into()).parm.get())
     }
 
-    /// Whether all axes of a slave are on, as far as it is known.
+    /// Whether all axes of a slave are enabled, as far as known.
     pub fn is_on(&self, slave: u8) -> bool {
         self.statusword(slave).is_enabled() && !self.second_channels.off().contains(slave)
     }
@@ -150,9 +151,9 @@ impl Session {
     }
 }
 
-/// When a report was read.
+/// Operations when a report was read.
 impl Session {
-    /// Takes the report in [`Reports::incoming`]; says whether it can be used.
+    /// Takes the report in [`Reports::incoming`]. Returns whether it is usable.
     pub fn take_report(&mut self, meta: ReadMeta) -> bool {
         if !self.reports.accept(meta, &mut self.stats, &mut self.news) {
             return false;
@@ -164,7 +165,7 @@ impl Session {
         true
     }
 
-    /// What slot 0 tells: the state, and how many commands the FIFO holds and has lost.
+    /// Reads slot 0 of the newest report: the state, and the FIFO's free count and full count.
     fn read_board(&mut self) {
         let was_in_op = self.in_op();
         let before = self.reports.read_board(&mut self.stats, &mut self.news);
@@ -176,7 +177,7 @@ impl Session {
             return;
         }
         let board = self.reports.board;
-        // The count wraps: whatever is different is more.
+        // The count wraps: any difference means lost commands.
         if was_in_op && before.full_count != board.full_count {
             self.stats.losses += 1;
             self.news.push(News::CommandsLost { from: before.full_count, to: board.full_count });
@@ -187,7 +188,7 @@ impl Session {
         self.stats.underruns = self.credit.underruns();
     }
 
-    /// What the slots of slaves tell: answers, which frames the board has executed, and which slaves are lost.
+    /// Reads the slots of slaves: answers of claimed slots, executed frames, and lost slaves.
     fn read_slaves(&mut self, at: Stamp) {
         let slots = self.reports.newest.slots(self.size);
         self.answers.read(at, slots);
@@ -208,14 +209,14 @@ impl Session {
             let is_silent = |slave: u8| slots.head(slave.into()).index != self.outgoing.last.mark;
             let used = self.network.slaves().filter(|(_, config)| **config != Slave::Unused);
             let silent: SlaveSet = used.map(|(slave, _)| slave).filter(|slave| is_silent(*slave)).collect();
-            // A slave that had a command may have rejected it: then its slot does not show the mark either.
+            // A slave whose slot had a command may have rejected it, and does not show the mark then either.
             let commanded = self.outgoing.last_commanded.slaves();
             self.lost = silent.difference(commanded).union(self.lost.intersection(commanded));
         }
     }
 
-    /// An axis that went off has no target any more: switched on again, it must not jump to an old one. Of a slave of two
-    /// axes both lose theirs.
+    /// Drops the targets of axes that went off: when they are enabled again they must not jump to an old target. A
+    /// slave with two axes loses both targets.
     fn drop_targets_of_disabled(&mut self) {
         let slots = self.reports.newest.slots(self.size);
         let is_off = |slave: usize| u64::from(!Statusword(slots.head(slave).parm.get()).is_enabled());
@@ -224,9 +225,9 @@ impl Session {
     }
 }
 
-/// What became of a frame.
+/// The fate of a written frame.
 impl Session {
-    /// Whether the board has executed the frame for sure.
+    /// Whether the board has certainly executed a frame.
     pub fn executed(&self, sent: Sent) -> bool {
         match self.marks.echo {
             Echo::Yes | Echo::Unknown => self.marks.has_returned(sent.mark),
@@ -234,23 +235,24 @@ impl Session {
         }
     }
 
-    /// As [`Session::executed`], where it matters little and it is not known yet whether the board repeats marks.
+    /// As [`Session::executed`], also before it is known whether the board repeats marks; for uses in which an error
+    /// matters little.
     pub fn probably_executed(&self, sent: Sent) -> bool {
         self.executed(sent) || self.marks.echo == Echo::Unknown && self.credit.has_executed(sent.number)
     }
 
-    /// The board's own result of that frame, in OP.
+    /// The board's result for a frame, in OP.
     pub fn result(&self, sent: Sent) -> Option<u32> {
         let marked = self.marks.echo != Echo::No;
         self.executed(sent).then(|| if marked { self.marks.result(sent.mark) } else { self.reports.board.result })
     }
 
-    /// Claims slots for a call that must be sure of its own answers; [`Answers::release`] ends that.
+    /// Claims slots for a call that needs the answers to its own commands; [`Answers::release`] ends the claim.
     pub fn claim(&mut self, commands: &[(usize, RawSlot)]) -> bool {
         self.answers.claim(commands, &self.reports.newest, self.size)
     }
 
-    /// The answer in a claimed slot to that frame's command there, once it has come.
+    /// The answer in a claimed slot to the frame's command there; `None` until it has come.
     pub fn answer(&self, sent: Sent, slot: usize, id: u8) -> Option<RawSlot> {
         let (at, answer) = self.answers.newest(slot);
         let is_its_own = match self.marks.echo {
@@ -261,18 +263,19 @@ impl Session {
     }
 }
 
-/// The next frame.
+/// The composition of the next frame.
 impl Session {
-    /// Whether the board takes a frame now.
+    /// Whether the board has room for a frame.
     pub fn may_write(&self) -> bool {
         !self.in_op() || self.credit.credit() > 0
     }
 
-    /// Makes the next frame: in each slot the command that was posted, else what a stream keeps sending, else nothing. The
-    /// CRC comes last (SK-1.22).
+    /// Composes the next frame: each slot gets the queued command, or else the target that a stream repeats, or
+    /// nothing. The CRC is filled last (SK-1.22).
     pub fn compose(&mut self) {
         let size = self.size;
-        // A target in the frame of a clear would be the newest one, and the way to it is what is dropped: a jump.
+        // A frame that clears the FIFO must carry no target: with the entries before it dropped, the axis would jump to
+        // it.
         if self.in_op() && !self.posts.clear_fifo() {
             self.outgoing.frame.clone_from(self.targets.next());
         } else {
@@ -283,7 +286,7 @@ impl Session {
         self.outgoing.frame.fill_crc(size);
     }
 
-    /// Gives the next frame a mark, if somebody may want to know it again.
+    /// Gives the next frame a mark, if a call may need to recognise it.
     fn put_mark(&mut self) {
         let outgoing = &mut self.outgoing;
         outgoing.mark = 0;
@@ -299,7 +302,7 @@ impl Session {
         }
     }
 
-    /// The frame was written.
+    /// Updates all parts after a frame was written.
     pub fn wrote(&mut self, at: Stamp) {
         if self.posts.clear_fifo() {
             self.fifo_clears += 1;
@@ -316,7 +319,7 @@ impl Session {
         outgoing.last.number = if self.reports.in_op() { self.credit.wrote(at) } else { 0 };
     }
 
-    /// Nobody streams any more.
+    /// Removes the stream.
     pub fn end_stream(&mut self) {
         self.pacer = None;
         self.credit.count_underruns(false);

@@ -1,16 +1,17 @@
-//! Sets of slots, as a word of bits.
+//! Sets of slots, stored as bits.
 
 use crate::ethercat::{MAX_SLAVES, SlaveSet};
 use crate::sk::RawSlot;
 
-/// A set of slots of one frame: 0 is the board's, slave n has slot n, the last one is that of SDO transfers.
+/// A set of slots of one frame: slot 0 is that of the board, slot n that of slave n, the last one that of SDO
+/// transfers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlotSet(u64);
 
 impl SlotSet {
     pub const EMPTY: Self = Self(0);
 
-    /// The slots of those commands.
+    /// The slots of these commands.
     pub fn of(commands: &[(usize, RawSlot)]) -> Self {
         Self(commands.iter().fold(0, |slots, (slot, _)| slots | 1 << slot))
     }
@@ -23,7 +24,7 @@ impl SlotSet {
         self.0 == 0
     }
 
-    /// Whether some slot is in both.
+    /// Whether the sets have a slot in common.
     pub const fn overlaps(self, other: Self) -> bool {
         self.0 & other.0 != 0
     }
@@ -45,12 +46,12 @@ impl SlotSet {
         Self(self.0 & !(1 << slot))
     }
 
-    /// The slaves whose slots are in it.
+    /// The slaves whose slots are in the set.
     pub const fn slaves(self) -> SlaveSet {
         SlaveSet::from_bits(self.0 >> 1 & ((1 << MAX_SLAVES) - 1))
     }
 
-    /// The slots, rising.
+    /// The slots in ascending order.
     pub fn iter(self) -> impl Iterator<Item = usize> {
         let mut left = self.0;
         std::iter::from_fn(move || {

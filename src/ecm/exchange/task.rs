@@ -1,4 +1,4 @@
-//! Tasks: commands that go out, and the wait until reports show what they have done.
+//! Tasks: the commands of a call, and the wait until reports show their effect.
 
 use std::time::Duration;
 
@@ -13,61 +13,61 @@ use crate::sk::RawSlot;
 /// \[OURS] A command without an effect is sent again after this many reports: more than the FIFO and a handshake take.
 const RESEND_REPORTS: u64 = 200;
 
-/// Something that a call has the board do, within a limit.
+/// Commands of a call and the wait for their effect, with a timeout.
 pub struct Task<'a> {
-    /// What it is, for errors.
+    /// The name of the operation, for errors.
     pub what: &'static str,
-    /// What a user can do if it is not done in time.
+    /// Advice for the user if the operation is not done in time.
     pub hint: &'static str,
     pub limit: Duration,
-    /// What is sent, by slot. A task without commands only waits.
+    /// The commands, each with its slot. A task without commands only waits.
     pub commands: &'a [(usize, RawSlot)],
-    /// What the board shows instead of what is waited for, for the error of a timeout.
+    /// Describes what the board shows instead, for the error of a timeout.
     seen: &'a dyn Fn(&Session) -> String,
-    /// Whether the commands may go out again, if they show no effect.
+    /// Whether the commands may be sent again if they show no effect.
     resend: bool,
-    /// Whether the call must be sure of the answers to its own commands.
+    /// Whether the call needs the answers to its own commands.
     claim_exclusive: bool,
 }
 
 impl<'a> Task<'a> {
-    /// Commands that may go out again, and whose effect shows whoever has sent them.
+    /// A task whose commands may be sent again, and whose effect is visible whichever call sent them.
     pub fn new(what: &'static str, hint: &'static str, limit: Duration, commands: &'a [(usize, RawSlot)]) -> Self {
         let seen = &|session: &Session| format!("the board is in {}", session.board().state);
         Self { what, hint, limit, commands, seen, resend: true, claim_exclusive: false }
     }
 
-    /// What reports show instead of the board's state, for the error of a timeout.
+    /// Describes what reports show, in place of the board's state, for the error of a timeout.
     pub fn seen(self, seen: &'a dyn Fn(&Session) -> String) -> Self {
         Self { seen, ..self }
     }
 
-    /// The commands go out once.
+    /// The commands are sent only once.
     pub fn once(self) -> Self {
         Self { resend: false, ..self }
     }
 
-    /// The call must be sure of the answers to its own commands: no other such call has the slots meanwhile, and an answer
-    /// that stands in them already is cleared first.
+    /// The call needs the answers to its own commands: it claims their slots, and an older answer that the slots show
+    /// is overwritten first.
     pub fn exclusive(self) -> Self {
         Self { claim_exclusive: true, ..self }
     }
 }
 
-/// How far the commands of a task are on their way.
+/// The progress of sending the commands of a task.
 #[derive(Default)]
 struct Delivery {
-    /// The slots are claimed.
+    /// Whether the slots are claimed.
     claimed: bool,
-    /// The number of frames that were written when the commands were put into the next one.
+    /// The number of frames written when the commands were queued for the next one.
     posted_at: Option<u64>,
-    /// What was posted are slots that ask for nothing: outside OP a slot shows the last id, which must not be that of the
-    /// task's command before it has gone out.
+    /// Whether empty commands are queued first. Outside OP a slot shows the last id, which must not be that of the
+    /// task's command before this was sent.
     clears: bool,
 }
 
 impl Delivery {
-    /// Puts the commands into the next frame, unless they are there already.
+    /// Queues the commands for the next frame, unless they are queued already.
     fn post(&mut self, session: &mut Session, task: &Task<'_>) {
         if self.posted_at.is_some() {
             return;
@@ -90,7 +90,7 @@ impl Delivery {
         }
     }
 
-    /// The frame with which the commands went out, once it was written.
+    /// The frame that carries the commands; `None` until it was written.
     fn sent(&mut self, session: &Session) -> Option<Sent> {
         if self.posted_at.is_none_or(|frames| session.outgoing.written == frames) {
             return None;
@@ -100,14 +100,14 @@ impl Delivery {
     }
 }
 
-/// How far the board is behind, for the error of a timeout.
+/// Describes how far the board is behind, for the error of a timeout.
 pub fn ahead_of_the_board(session: &Session) -> String {
     format!("{} entries are ahead of the board", session.credit.ahead())
 }
 
 impl Exchange {
-    /// Sends a task's commands and gives each report that is made after that to `look`, until that has what it wants: it gives
-    /// `Ok(None)` while it waits.
+    /// Sends the commands of a task and passes each later report to `look`. `look` returns `Ok(None)` as long as the
+    /// wait has to go on.
     pub fn run<T>(
         &self,
         task: &Task<'_>,
@@ -116,8 +116,8 @@ impl Exchange {
         self.run_with(task, |_| Ok(()), look, || {})
     }
 
-    /// As [`Exchange::run`]; `before` may refuse as long as the commands have not gone out, and `between` runs between two
-    /// rounds, while the session is free for other threads.
+    /// As [`Exchange::run`]. `before` may refuse the task until its commands were sent; `between` runs between two
+    /// rounds, while other threads may use the session.
     pub fn run_with<T>(
         &self,
         task: &Task<'_>,
@@ -130,7 +130,7 @@ impl Exchange {
         let mut delivery = Delivery::default();
         let done = self.run_rounds(&mut session, &mut delivery, task, (before, look, between));
         session.marks.awaited -= 1;
-        // What has gone out cannot be taken back, and its slot may hold another call's command by now.
+        // Written commands cannot be withdrawn, and their slots may already hold the commands of another call.
         if delivery.posted_at == Some(session.outgoing.written) {
             session.posts.withdraw(task.commands);
         }

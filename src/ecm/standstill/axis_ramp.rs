@@ -1,11 +1,11 @@
-//! How one axis is brought to a standstill.
+//! The ramp of one axis to a standstill.
 //!
-//! In CSP it holds the last target that the board has accepted: it is the furthest point that the program has asked for, and what
-//! lies beyond it nobody knows. In CSV the velocity falls to 0 in a straight line. In CST a torque that holds a standing axis stays,
-//! and one that moves it falls to 0: only the program that commanded the torque could know how to stop the axis better. \[OURS]
+//! In CSP the axis holds the last target that the board has accepted: the program has not asked for any point beyond.
+//! In CSV the velocity falls linearly to 0. In CST a torque that holds a stationary axis stays, and a torque that moves
+//! an axis falls to 0: only the program that commanded the torque could know a better stop. \[OURS]
 //!
-//! No frame of a brake goes beyond what the axis was told, turns it round or makes it faster, however late the frame is: this process
-//! may stand still before each of them.
+//! However late a frame of a ramp is, it does not take the axis beyond its last command, reverse it or make it faster:
+//! this process may stall before any of them.
 
 use super::LeftBehind;
 use super::movement::{self, Observation};
@@ -14,17 +14,18 @@ use crate::ecm::exchange::Session;
 use crate::ethercat::cia402::Mode;
 use crate::sk::{AxisTarget, DriveResponse, Motion, SlaveCommand};
 
-/// \[OURS] Targets that go no further than that in a step are those of an axis that stands, counts.
+/// \[OURS] An axis counts as stationary if its targets differ by at most this from step to step, counts.
 const STANDSTILL_COUNTS: f64 = 2.0;
 
-/// The ramp of one slave's axes.
+/// The ramp of the axes of one slave.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum AxisRamp {
-    /// From these targets on, short of those that the axis is on its way to, with speeds that begin with so many counts in a frame.
+    /// Positions: from these targets, which come before the last commanded ones, with these initial speeds, counts per
+    /// frame.
     Position(Motion, [f64; 2]),
-    /// From these velocities to 0.
+    /// Velocities: from these to 0.
     Velocity(Motion),
-    /// From that torque to 0.
+    /// A torque: from this to 0.
     Torque(i16),
 }
 
@@ -33,7 +34,7 @@ impl AxisRamp {
         matches!(self, Self::Position(..))
     }
 
-    /// The command of frame `k` of `n`, from 1.
+    /// The command of frame `k` (from 1) of `n`.
     pub(super) fn at(&self, k: u32, n: u32) -> SlaveCommand {
         let left = f64::from(n - k) / f64::from(n);
         let scaled = |value: i32| (f64::from(value) * left).round() as i32;
@@ -43,7 +44,7 @@ impl AxisRamp {
                 let k = f64::from(k);
                 let frames = k - k * (k + 1.0) / (2.0 * f64::from(n));
                 let to = |axis: AxisTarget, speed: f64| AxisTarget {
-                    // It wraps around, as targets do.
+                    // The target wraps around, as all targets do.
                     target: axis.target.wrapping_add((speed * frames).round() as i64 as i32),
                     ..axis
                 };
@@ -58,8 +59,8 @@ impl AxisRamp {
     }
 }
 
-/// Whether a slave's axis has to be observed to know if it needs a ramp: its last target is not known, or does not tell. While
-/// entries are ahead of the board reports do not tell where an axis will be that another program has commanded.
+/// Whether a slave's axes must be observed to know if they need a ramp: their last target is unknown, or says nothing
+/// about motion. Behind entries that another program has left in the FIFO, reports do not show where an axis will be.
 pub(super) fn needs_observation(session: &Session, slave: u8, config: &Slave, left: &LeftBehind) -> bool {
     let is_unknown = match (config.axis().map(|axis| axis.mode), last(session, slave, left)) {
         (Some(Mode::Csv), Some(SlaveCommand::Csv(_))) | (Some(Mode::Csp), _) => false,
@@ -69,13 +70,13 @@ pub(super) fn needs_observation(session: &Session, slave: u8, config: &Slave, le
     is_unknown && movement::may_move(session, slave, config)
 }
 
-/// What a slave was told last, as far as that is known.
+/// The last command to a slave; `None`: not known.
 fn last(session: &Session, slave: u8, left: &LeftBehind) -> Option<SlaveCommand> {
-    // The board ignores what an axis is told while it is homing.
+    // The board ignores commands to an axis that is homing.
     if left.homing.contains(slave) { None } else { session.targets.last(slave) }
 }
 
-/// The ramp that a slave's axes need; `None` if they stand, are off or are being homed.
+/// The ramp that a slave's axes need; `None` if they are stationary, off or being homed.
 pub(super) fn ramp_of(
     session: &Session,
     observed: &Observation,
@@ -96,30 +97,32 @@ pub(super) fn ramp_of(
     };
     match (mode, last(session, slave, left)) {
         (Mode::Csv, Some(SlaveCommand::Csv(motion))) if motion.first.target != 0 || motion.second.target != 0 => {
-            // An axis that stands all the same has not executed its velocity, or hardly moves: a ramp must not set it going.
+            // A stationary axis has not executed its velocity, or hardly moves: a ramp must not set it going.
             let stands = fifo_is_empty && !movement::may_move(session, slave, config);
             Some(if stands { velocities([0; 2]) } else { AxisRamp::Velocity(motion) })
         }
         (Mode::Csv, Some(SlaveCommand::Csv(_))) => None,
-        // Another program has set it going. SK-4 `[OURS]`: 0x60FF is taken for counts per second.
+        // Another program has set the axis going. SK-4 `[OURS]`: 0x60FF is taken for counts per second.
         (Mode::Csv, _) if fifo_is_empty && is_moving && !left.homing.contains(slave) => {
             let (moved, seconds) = (observed.moved(session, slave, config), observed.seconds(session));
             Some(velocities(moved.map(|counts| (f64::from(counts) / seconds) as i32)))
         }
-        // An axis so slow that reports do not show it would go on for ever; and one that was homed has no velocity.
+        // Velocity 0 for axes that move too slowly for reports to show it, which would go on for ever, and for homed
+        // ones.
         (Mode::Csv, _) if fifo_is_empty && left.is_foreign => Some(velocities([0; 2])),
         (Mode::Cst, Some(SlaveCommand::Cst(torque))) if is_moving => Some(AxisRamp::Torque(torque)),
         (Mode::Cst, None) if fifo_is_empty && is_moving => {
             Some(AxisRamp::Torque(DriveResponse::decode(&session.slot(slave.into())).torque))
         }
-        // A position is held.
+        // A position is held without a ramp.
         _ => None,
     }
 }
 
-/// The ramp of an axis in CSP whose target is so far away that it does not reach it within `cycles`: lost frames have made its
-/// way a jump, and a drive goes on to its last target by itself. It is ramped from its actual position; the ramp ends before that
-/// target, since the axis would take longer to it than the ramp does. `None` for an axis that stands, or that will reach its target. If the target is not known `overdue` says whether it is too far.
+/// The ramp of an axis in CSP that cannot reach its target within `cycles`: lost frames have turned its path into a
+/// jump, and a drive goes on to its last target by itself. The ramp begins at the actual position and ends before the
+/// target, which the axis would reach only after the time of the ramp. `None` for an axis that is stationary or reaches
+/// its target. If the target is not known, `overdue` says whether it counts as too far.
 pub(super) fn ramp_from_position(
     session: &Session,
     observed: &Observation,
@@ -147,7 +150,7 @@ pub(super) fn ramp_from_position(
         is_far && speed[i].abs() > STANDSTILL_COUNTS
     });
     let [first, second] = [0, 1].map(|i| {
-        // Where the axis will be when the first frame is executed. One that is at its target stays there.
+        // The position of the axis when the first frame is executed. An axis at its target stays there.
         let ahead = (speed[i] * f64::from(movement::LATENCY_CYCLES)).round() as i64 as i32;
         let target = match targets {
             Some(targets) if !is_ramped[i] => targets[i],

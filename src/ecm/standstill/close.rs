@@ -1,4 +1,4 @@
-//! Closing a board, and what becomes of its axes. It ends within 2 s, also when the board is dropped.
+//! Closing a board, and the treatment of its axes. It ends within 2 s, also when the board is dropped.
 
 use std::time::Duration;
 
@@ -8,15 +8,16 @@ use crate::ecm::options::{CLOSE_LIMIT, Close};
 use crate::ecm::{Ecm, EcmError};
 use crate::sk::{RawSlot, SlaveCommand, SlotCommand};
 
-/// \[OURS] The part of the limit that is kept for switching off.
+/// \[OURS] The part of the time limit that is reserved for switching off.
 const SWITCH_OFF_TIME: Duration = Duration::from_millis(200);
 
 impl Ecm {
-    /// Closes the board, within 2 s. The link is closed in any case. Only axes that are configured or adopted get commands.
+    /// Closes the board within 2 s. The link is closed in any case. Only axes that are configured or adopted get
+    /// commands.
     ///
     /// # Errors
-    /// Why axes may still move or be on: [`EcmError::Timeout`], [`EcmError::SlaveLost`], [`EcmError::NoReport`],
-    /// [`EcmError::Link`]. With [`Close::ServoOff`] axes that do not come to rest are switched off all the same.
+    /// Why axes may still be moving or on: [`EcmError::Timeout`], [`EcmError::SlaveLost`], [`EcmError::NoReport`],
+    /// [`EcmError::Link`]. With [`Close::ServoOff`] axes that do not come to a standstill are switched off in any case.
     pub fn close(mut self, how: Close) -> Result<(), EcmError> {
         self.end(how)
     }
@@ -30,12 +31,12 @@ impl Ecm {
             Close::Leave => Ok(()),
             Close::Hold | Close::ServoOff => self.bring_to_rest(how == Close::ServoOff, &mut LeftBehind::default()),
         };
-        // A server that the board is behind may still bring to rest what this could not.
+        // If this has failed, a server behind the link may still bring the axes to a standstill.
         self.exchange.shut(rested.is_ok());
         rested
     }
 
-    /// Ramps the axes that move to a standstill, and switches all axes off if `off`, within the limit of closing.
+    /// Ramps moving axes to a standstill, and with `off` switches all axes off, within the time limit of closing.
     pub(in crate::ecm) fn bring_to_rest(&self, off: bool, left: &mut LeftBehind) -> Result<(), EcmError> {
         self.exchange.link.check()?;
         let deadline = self.exchange.now() + CLOSE_LIMIT;
@@ -53,14 +54,14 @@ impl Ecm {
         if commands.is_empty() {
             return stood;
         }
-        // Even if an axis does not come to rest: then it has to be off.
+        // Axes are switched off even if one does not come to a standstill.
         let left = deadline.saturating_sub(self.exchange.now());
         let found = self.find_lost(left);
         let switched = self.switch_off_within(&commands, deadline.saturating_sub(self.exchange.now()));
         stood.and(found).and(switched)
     }
 
-    /// Switches axes off. It does not wait for a slave that is lost, and tells of it at the end.
+    /// Switches axes off. It does not wait for lost slaves, and returns an error for them at the end.
     pub(in crate::ecm) fn switch_off_within(
         &self,
         commands: &[(usize, RawSlot)],

@@ -1,8 +1,8 @@
-//! What a program has left in the board's FIFO, and what becomes of it before axes are ramped.
+//! Entries that a program has left in the board's FIFO, and their treatment before axes are ramped.
 //!
-//! Entries that are being executed are the way on which the axes are, and stay (see [`super`]). Discarded are entries that wait
-//! for a threshold (SK-5.12) while the axes stand, since they would begin a motion that no program commands any more; and,
-//! with long cycles, entries that cannot all be executed within the limit. \[OURS]
+//! Entries that are being executed are the path of the axes, and stay (see [`super`]). Two kinds are discarded: entries
+//! that wait for a threshold (SK-5.12) while the axes are stationary, since they would begin a motion that no program
+//! commands any more; and, with long cycles, entries that cannot all be executed within the time limit. \[OURS]
 
 use std::time::Duration;
 
@@ -13,13 +13,13 @@ use crate::ecm::EcmError;
 use crate::ethercat::cia402::Mode;
 use crate::sk::{AxisTarget, FIFO_ENTRIES, FifoAction, MasterCommand, Motion, RawSlot, SlaveCommand, SlotCommand};
 
-/// \[OURS] Entries wait for a threshold if so many reports in a row show that none was taken out.
+/// \[OURS] Entries wait for a threshold if this many reports in a row show that none was taken out.
 const HELD_REPORTS: u32 = 3;
-/// \[OURS] How long the last frame of a stop that has failed may take.
+/// \[OURS] How long the last frame of a failed stop may take.
 const LAST_FRAME_LIMIT: Duration = Duration::from_millis(200);
 
 impl Stop<'_, '_> {
-    /// Discards entries that must not be executed, or that cannot be within the limit.
+    /// Discards entries that must not be executed, or cannot be executed within the time limit.
     pub(super) fn discard_unwanted(&mut self) -> Result<(), EcmError> {
         if self.left.is_foreign {
             let observed = Observation::begin(self.session);
@@ -45,7 +45,7 @@ impl Stop<'_, '_> {
         if self.session.in_op() && self.is_held()? { self.discard_all() } else { Ok(()) }
     }
 
-    /// Whether there are entries that the board does not take out.
+    /// Whether the FIFO has entries that the board does not take out.
     fn is_held(&mut self) -> Result<bool, EcmError> {
         let mut free = self.session.board().fifo_free;
         for _ in 0..HELD_REPORTS {
@@ -61,7 +61,7 @@ impl Stop<'_, '_> {
         Ok(true)
     }
 
-    /// Reads until there is another report.
+    /// Waits for the next report.
     fn next_report(&mut self) -> Result<(), EcmError> {
         let exchange = &self.ecm.exchange;
         let began = exchange.now();
@@ -76,21 +76,21 @@ impl Stop<'_, '_> {
         Ok(())
     }
 
-    /// Discards all entries (SET_FIFO 1). What the board has executed last goes on, and it is not known what that was.
+    /// Discards all entries (SET_FIFO 1). The axes keep the command that was executed last, which is unknown then.
     fn discard_all(&mut self) -> Result<(), EcmError> {
         self.left.discarded += FIFO_ENTRIES.saturating_sub(self.session.board().fifo_free);
         (self.left.is_held, self.left.has_threshold) = (false, false);
         self.session.targets.clear();
         let clear = [(0, MasterCommand::SetFifo(FifoAction::Clear).encode())];
         self.ecm.exchange.write_commands(self.session, &clear, self.deadline)?;
-        // The second report from now on shows the free count after it.
+        // The second report from now certainly shows the free count after the command.
         self.next_report()?;
         self.next_report()
     }
 
-    /// The last thing that a stop which has failed can do, in one frame: it discards all entries, so that none is executed
-    /// later, sets velocities to 0, and torques of axes that move, and holds an axis in CSP where it is that still goes to a far
-    /// target.
+    /// The last resort of a failed stop, in one frame: discards all entries, so that none is executed later, sets
+    /// velocities and the torques of moving axes to 0, and holds at its position an axis in CSP that is still going to
+    /// a distant target.
     pub(super) fn in_one_step(&mut self) -> Result<(), EcmError> {
         let (exchange, session) = (&self.ecm.exchange, &mut *self.session);
         if !session.in_op() {
@@ -103,8 +103,8 @@ impl Stop<'_, '_> {
             let [first, second] =
                 session.targets.outputs()[usize::from(slave)].map(|outputs| AxisTarget { target: 0, outputs });
             let command = match config.axis().map(|axis| axis.mode) {
-                // A drive goes on to its last target by itself, however far that is. An old report does not tell where to
-                // hold it.
+                // A drive goes on to its last target by itself, however far that is. An old report does not show where
+                // to hold the axis.
                 Some(Mode::Csp) if is_fresh => {
                     let ramp = ramp_from_position(session, &observed, slave, config, 0.0, self.left.is_foreign);
                     let Some(hold) = ramp else { continue };

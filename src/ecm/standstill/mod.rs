@@ -1,11 +1,13 @@
 //! Bringing axes to a standstill from the host. The axes stay enabled.
 //!
-//! Entries that are ahead are executed first: they are the way on which the axes were sent. In CSP the axes then hold its end; velocities
-//! and torques are ramped from there. Of a program's own axes it is known what was commanded last. Of those of another program it may
-//! not be known, and then the ramp waits until the FIFO is empty, and begins with what reports show.
+//! Entries in the FIFO are executed first: they are the path on which the axes were sent. In CSP the axes then hold the
+//! end of the path; velocities and torques are ramped from there. The last commands to a program's own axes are known.
+//! Those to the axes of another program may be unknown: then the ramp begins when the FIFO is empty, with the motion
+//! that reports show.
 //!
-//! How to read this folder: here is the whole of a stop; `movement.rs` says whether an axis moves, `axis_ramp.rs` how one axis is
-//! ramped, `left_behind.rs` what becomes of entries that wait in the FIFO, `close.rs` what closing a board does beside it.
+//! How to read this folder: `mod.rs` has the whole stop. `movement.rs` judges whether an axis moves, `axis_ramp.rs` has
+//! the ramp of one axis, `left_behind.rs` the treatment of entries that wait in the FIFO, and `close.rs` the other
+//! steps of closing a board.
 
 mod axis_ramp;
 mod close;
@@ -26,41 +28,42 @@ use super::{Ecm, EcmError};
 use crate::ethercat::SlaveSet;
 use crate::sk::{FIFO_ENTRIES, FifoAction, MasterCommand, SlaveCommand, SlotCommand, SlotSize};
 
-/// \[OURS] Frames of the ramp that are ahead of the board at most.
+/// \[OURS] The most frames of a ramp that the board has not executed yet.
 const AHEAD_MAX: u16 = 64;
-/// \[OURS] The time for axes to come to rest after the ramp.
+/// \[OURS] The time in which axes come to rest after the ramp.
 const SETTLING_TIME: Duration = Duration::from_millis(200);
-/// \[OURS] The same in cycles, if the cycle is long.
+/// \[OURS] The least number of cycles for that, for long cycles.
 const SETTLING_CYCLES: u32 = 3;
 
-/// \[OURS] For how long a stop waits for a report that shows the present, and for how many cycles.
+/// \[OURS] How long a stop waits for a report that shows the present state, and for how many cycles at least.
 const PRESENT_MAX: Duration = Duration::from_millis(20);
 const PRESENT_CYCLES: u32 = 3;
 
-/// \[OURS] A ramp has at least that many frames, if the cycle is long.
+/// \[OURS] The least number of frames in a ramp, for long cycles.
 pub const RAMP_FRAMES_MIN: u32 = 4;
 
-/// What a program has left, whose axes are brought to a standstill.
+/// What is known about the program whose axes are brought to a standstill.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LeftBehind {
-    /// It is another program, which has ended: what it was about to do is not known.
+    /// Whether it is another program, which has ended: its next commands are unknown.
     pub is_foreign: bool,
-    /// Slaves to which it may have sent GO_HOME.
+    /// Slaves to which the program may have sent GO_HOME.
     pub homing: SlaveSet,
-    /// It has set a threshold that may be in force.
+    /// Whether the program has set a threshold that may be in force.
     pub has_threshold: bool,
-    /// The board takes no entry out of its FIFO, though there are some.
+    /// Whether the board takes no entry out of a FIFO that has some.
     pub is_held: bool,
-    /// Entries that were discarded.
+    /// The number of entries that the stop has discarded.
     pub discarded: u16,
 }
 
-/// The part of a limit that is kept for axes to come to rest after the ramp.
+/// The part of the time limit that is reserved for axes to come to rest after the ramp.
 pub fn settling_time(cycle: Duration) -> Duration {
     SETTLING_TIME.max(cycle * SETTLING_CYCLES)
 }
 
-/// Ramps the axes that move to a standstill, by `deadline`. If that fails no entry is left in the FIFO that moves an axis later.
+/// Ramps moving axes to a standstill by `deadline`. If that fails, no entry is left in the FIFO that could move an axis
+/// later.
 pub fn to_standstill(
     ecm: &Ecm,
     session: &mut MutexGuard<'_, Session>,
@@ -70,13 +73,13 @@ pub fn to_standstill(
     let mut stop = Stop::new(ecm, session, deadline, left);
     let stood = stop.until_all_stand();
     if matches!(&stood, Err(error) if !matches!(error, EcmError::Link(_))) {
-        // The error of the stop says why axes do not stand; one of this frame would say less.
+        // The error of the stop explains why axes are not stationary; one of this last frame would say less.
         let _ = stop.in_one_step();
     }
     stood
 }
 
-/// Discards the entries that wait for a threshold, of a network of which nothing else is known.
+/// Discards entries that wait for a threshold, on a network about which nothing else is known.
 pub fn discard_held(
     ecm: &Ecm,
     session: &mut MutexGuard<'_, Session>,
@@ -84,14 +87,14 @@ pub fn discard_held(
     left: &mut LeftBehind,
 ) -> Result<(), EcmError> {
     let mut stop = Stop::new(ecm, session, deadline, left);
-    // The error of the discarding says more than one of the last frame.
+    // The error of the discarding explains more than an error of the last frame would.
     stop.discard_held().inspect_err(|_| drop(stop.in_one_step()))
 }
 
-/// The ramps of slaves' axes, by slot; `None` for a slave that needs none.
+/// The ramps of the axes, by slot; `None` for a slave that needs none.
 type AxisRamps = [Option<AxisRamp>; SlotSize::Bytes12.slots()];
 
-/// A stop under way.
+/// The state of a running stop.
 struct Stop<'a, 's> {
     ecm: &'a Ecm,
     session: &'a mut MutexGuard<'s, Session>,
@@ -100,9 +103,10 @@ struct Stop<'a, 's> {
     left: &'a mut LeftBehind,
     /// Slaves whose axes have been ramped.
     ramped: SlaveSet,
-    /// The board takes entries out of its FIFO, whatever threshold was in force.
+    /// Whether the threshold was reset, so that the board certainly takes entries out of its FIFO.
     unlocked: bool,
-    /// An axis may have moved since the stop began: one that stands for a cycle may be where it turns back to its target.
+    /// Whether an axis may have moved since the stop began: one that is stationary for a cycle may be about to turn
+    /// back.
     has_moved: bool,
 }
 
@@ -129,7 +133,7 @@ impl<'a, 's> Stop<'a, 's> {
             self.ramp()?;
             let may_wait = self.left.is_held || self.left.has_threshold && self.session.credit.ahead() > 0;
             if !self.session.posts.is_empty() || may_wait && !self.unlocked {
-                // No axis has to be ramped yet, but what waits, here or in the board, must not wait for ever.
+                // No axis has to be ramped yet, but queued commands and held entries must not wait for ever.
                 self.write()?;
             }
             if self.stands()? {
@@ -137,14 +141,14 @@ impl<'a, 's> Stop<'a, 's> {
             }
         }
         if self.left.has_threshold && !self.unlocked && self.session.in_op() {
-            // Nothing had to be done. The frames of the next program must not wait for a threshold that it does not know.
+            // No axis had to be stopped. The threshold is reset for the next program, which does not know about it.
             self.write()?;
         }
         Ok(())
     }
 
-    /// Reads a report that shows what the axes do now: the newest one may be from before this process stood still. A board that makes
-    /// none is braked all the same, by the last one.
+    /// Reads a report that shows the present state: the newest one may be older than a stall of this process. If the
+    /// board makes no report, the stop uses the last one.
     fn see_the_present(&mut self) -> Result<(), EcmError> {
         let exchange = &self.ecm.exchange;
         exchange.catch_up(self.session)?;
@@ -162,7 +166,8 @@ impl<'a, 's> Stop<'a, 's> {
         if commands.is_empty() {
             return Ok(());
         }
-        // They go out with the first frame of a ramp, if there is one, so that the targets of other axes have no gap.
+        // The commands go out with the first frame of a ramp, if there is one, so that the targets of other axes have
+        // no gap.
         if !self.session.posts.post(&commands) {
             self.write()?;
             self.session.posts.post(&commands);
@@ -173,7 +178,7 @@ impl<'a, 's> Stop<'a, 's> {
         self.write()
     }
 
-    /// Ramps the axes that move and have not been ramped yet. An axis of which only reports tell how it moves is observed first.
+    /// Ramps moving axes that were not ramped yet. An axis is observed first if only reports show how it moves.
     fn ramp(&mut self) -> Result<(), EcmError> {
         let observed = Observation::begin(self.session);
         let network = Arc::clone(&self.session.network);
@@ -193,7 +198,7 @@ impl<'a, 's> Stop<'a, 's> {
         self.run(&ramps)
     }
 
-    /// Writes the frames of ramps.
+    /// Writes the frames of the ramps.
     fn run(&mut self, ramps: &AxisRamps) -> Result<(), EcmError> {
         let frames = self.frames();
         let network = Arc::clone(&self.session.network);
@@ -201,7 +206,8 @@ impl<'a, 's> Stop<'a, 's> {
             if k > 1 && ramps.iter().flatten().any(AxisRamp::is_of_position) {
                 self.ecm.exchange.catch_up(self.session)?;
                 if self.session.credit.ahead() == 0 {
-                    // The board ran dry, and an axis in CSP stands where the ramp was: the rest would set it going again.
+                    // The FIFO ran empty, and an axis in CSP stopped within the ramp: the rest would set it going
+                    // again.
                     return Ok(());
                 }
             }
@@ -236,14 +242,14 @@ impl<'a, 's> Stop<'a, 's> {
         ramps
     }
 
-    /// Writes the next frame, as soon as the board has room for it and not too many are ahead.
+    /// Writes the next frame once the board has room for it and fewer than [`AHEAD_MAX`] frames are waiting.
     fn write(&mut self) -> Result<(), EcmError> {
         self.write_with(|_| ())
     }
 
-    /// As [`write`](Self::write), with targets that `aim` sets last: a report that was read after that would take away those of a
-    /// slave of which one axis is off. The first frame has the board take entries out, whatever threshold a program has set
-    /// (SK-5.12): that command acts on arrival, even if the FIFO is full.
+    /// As [`write`](Self::write). `aim` sets targets at the last moment: a report that is read after that would remove
+    /// the targets of a slave with one axis off. The first frame resets the threshold, so that the board takes entries
+    /// out, whatever a program has set (SK-5.12): that command acts on arrival, even if the FIFO is full.
     fn write_with(&mut self, aim: impl Fn(&mut Session)) -> Result<(), EcmError> {
         while !self.unlocked && self.session.in_op() {
             if self.session.credit.credit() == 0 && !self.left.is_held {
@@ -251,10 +257,10 @@ impl<'a, 's> Stop<'a, 's> {
                 continue;
             }
             let threshold = MasterCommand::SetFifo(FifoAction::Threshold(FIFO_ENTRIES.into())).encode();
-            // A command of another thread that waits for that slot goes out first.
+            // If another thread's command is queued for that slot, this one goes out later.
             self.unlocked = self.session.posts.post(&[(0, threshold)]);
             let has_room = self.session.credit.credit() > 0;
-            // A full FIFO does not take the rest of the frame: that is written again when there is room.
+            // A full FIFO loses the rest of the frame, which is written again once there is room.
             let posts = self.session.posts.slots();
             aim(self.session);
             self.ecm.exchange.write(self.session, self.deadline)?;
@@ -272,8 +278,8 @@ impl<'a, 's> Stop<'a, 's> {
         self.ecm.exchange.write(self.session, self.deadline)
     }
 
-    /// Waits until the FIFO is empty and all axes stand. False if an axis has to be ramped, which an entry of the FIFO has set
-    /// going.
+    /// Waits until the FIFO is empty and all axes are stationary. Returns false if an axis has to be ramped that an
+    /// entry of the FIFO has set going.
     fn stands(&mut self) -> Result<bool, EcmError> {
         let network = Arc::clone(&self.session.network);
         let mut observation: Option<Observation> = None;
@@ -284,7 +290,7 @@ impl<'a, 's> Stop<'a, 's> {
                 continue;
             }
             let observed = observation.get_or_insert_with(|| Observation::begin(self.session));
-            // A program knows what its own axes were told: none of them begins to move.
+            // The commands to the program's own axes are known: no axis starts to move later.
             let may_move = |(slave, config)| movement::may_move(self.session, slave, config);
             self.has_moved |= network.slaves().any(may_move);
             if !self.left.is_foreign && !self.has_moved {
@@ -309,17 +315,17 @@ impl<'a, 's> Stop<'a, 's> {
         Ok(true)
     }
 
-    /// The ramps of axes that will not have reached their last targets by the limit.
+    /// The ramps of axes that will not reach their last targets within the time limit.
     fn ramps_from_positions(&self, observed: &Observation) -> AxisRamps {
         let cycle = self.session.network.cycle();
         let time_left = self.deadline.saturating_sub(self.ecm.exchange.now());
-        // Of its own axes a program knows that they have no target which it has not given.
+        // All targets of the program's own axes are known.
         let overdue = self.left.is_foreign && time_left < settling_time(cycle) + cycle * (2 * RAMP_FRAMES_MIN);
         let cycles = time_left.as_secs_f64() / cycle.as_secs_f64();
         self.ramps_by(|slave, config| ramp_from_position(self.session, observed, slave, config, cycles, overdue))
     }
 
-    /// Reads a report. The end of the time for the stop, and a board that is silent, are errors.
+    /// Reads a report. Returns an error at the end of the time limit, and for a silent board.
     fn read(&mut self) -> Result<(), EcmError> {
         if !self.ecm.exchange.read(self.session, self.deadline)? {
             self.ecm.exchange.check_silence(self.session, self.began, "a standstill")?;
@@ -336,7 +342,7 @@ impl<'a, 's> Stop<'a, 's> {
         })
     }
 
-    /// The number of frames of a ramp: those of its time, but no more than end before the limit.
+    /// The number of frames in a ramp: as many as its time takes, but no more than fit into the time limit.
     fn frames(&self) -> u32 {
         let cycle = self.session.network.cycle();
         let of = |time: Duration| time.as_nanos().div_ceil(cycle.as_nanos()) as u32;

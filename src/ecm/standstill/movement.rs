@@ -1,5 +1,5 @@
-//! Whether axes stand. One cycle tells little: encoders have noise, and a slow axis moves less than that in a cycle. An axis that
-//! may move is observed over several cycles.
+//! Judges whether axes are stationary. One cycle is not enough: encoders are noisy, and a slow axis moves less than the
+//! noise in a cycle. So an axis that may be moving is observed over several cycles.
 
 use std::time::Duration;
 
@@ -8,36 +8,36 @@ use crate::ecm::exchange::Session;
 use crate::link::Stamp;
 use crate::sk::{Frame, HspResponse, SlotSize};
 
-/// \[OURS] An axis that moves no further than that in a cycle stands, whatever it was told, counts.
+/// \[OURS] An axis that moves at most this far in a cycle is stationary, whatever its command is, counts.
 const STANDSTILL_COUNTS: u32 = 2;
-/// \[OURS] For how many cycles an axis is observed that moves further, but not for longer than [`OBSERVATION_MAX`]; at least
+/// \[OURS] For how many cycles an axis that moves further is observed, but no longer than [`OBSERVATION_MAX`]; at least
 /// one.
 const OBSERVATION_CYCLES: u64 = 8;
 const OBSERVATION_MAX: Duration = Duration::from_millis(16);
 
-/// \[OURS] Cycles from the one that a report shows until a frame is executed that was written after that report.
+/// \[OURS] The latency in cycles: from the cycle of a report to the execution of a frame written after it.
 pub(super) const LATENCY_CYCLES: i32 = 2;
 
-/// \[OURS] How far a drive may lag behind its targets.
+/// \[OURS] The longest lag of a drive behind its targets.
 const LAG_MAX: Duration = Duration::from_millis(20);
 
-/// How far axes have moved since an earlier report.
+/// The movement of axes since an earlier report.
 pub(super) struct Observation {
-    /// The report with which it began.
+    /// The report at the beginning.
     report: Frame,
     at: Stamp,
-    /// The number of reports then.
+    /// The number of reports read by then.
     reports: u64,
 }
 
 impl Observation {
-    /// Begins with the newest report.
+    /// Begins an observation with the newest report.
     pub(super) fn begin(session: &Session) -> Self {
         let at = session.reports.at();
         Self { report: Frame::clone(&session.reports.newest), at, reports: session.stats.reports }
     }
 
-    /// Has begun with the report before the newest one.
+    /// An observation that began with the report before the newest one.
     pub(super) fn of_last_cycle(session: &Session) -> Self {
         Self {
             report: Frame::clone(&session.reports.previous),
@@ -46,24 +46,24 @@ impl Observation {
         }
     }
 
-    /// Whether it has taken as long as it takes to see a slow axis move.
+    /// Whether the observation is long enough to detect a slow axis.
     pub(super) fn is_long_enough(&self, session: &Session) -> bool {
         let most = (OBSERVATION_MAX.as_nanos() / session.network.cycle().as_nanos()) as u64;
         session.stats.reports - self.reports >= most.clamp(1, OBSERVATION_CYCLES)
     }
 
-    /// Counts that a slave's axes have moved.
+    /// The movement of a slave's axes, counts.
     pub(super) fn moved(&self, session: &Session, slave: u8, config: &Slave) -> [i32; 2] {
         moved(session, &self.report, slave, config)
     }
 
-    /// Its length, seconds.
+    /// The duration of the observation, seconds.
     pub(super) fn seconds(&self, session: &Session) -> f64 {
         let now = session.reports.at().0;
         now.saturating_sub(self.at.0).max(1) as f64 / 1e9
     }
 
-    /// Whether a slave's axes have moved further than axes do that stand.
+    /// Whether a slave's axes have moved further than their standstill threshold.
     pub(super) fn moves(&self, session: &Session, slave: u8, config: &Slave) -> bool {
         let standstill = config.axis().map_or(u32::MAX, |axis| axis.standstill);
         commanded_ways(session, slave, config, self.moved(session, slave, config)).any(|counts| counts > standstill)
@@ -84,23 +84,23 @@ fn positions_in(report: &Frame, size: SlotSize, slave: u8, config: &Slave) -> [i
     [answer.first.position, answer.second.position]
 }
 
-/// Cycles in which a drive makes up for its lag behind the targets. \[OURS]
+/// The number of cycles in which a drive catches up with its targets. \[OURS]
 pub(super) fn lag_cycles(session: &Session) -> f64 {
     LAG_MAX.div_duration_f64(session.network.cycle()).max(3.0)
 }
 
-/// Counts that a slave's axes moved in the last cycle.
+/// The movement of a slave's axes in the last cycle, counts.
 pub(super) fn moved_in_last_cycle(session: &Session, slave: u8, config: &Slave) -> [i32; 2] {
     moved(session, &session.reports.previous, slave, config)
 }
 
-/// Whether a slave's axes may be moving, by the last cycle.
+/// Whether a slave's axes may be moving, by their movement in the last cycle.
 pub(super) fn may_move(session: &Session, slave: u8, config: &Slave) -> bool {
     commanded_ways(session, slave, config, moved_in_last_cycle(session, slave, config))
         .any(|counts| counts > STANDSTILL_COUNTS)
 }
 
-/// Of the ways of a slave's axes those of axes that follow commands: not of one that is off or that is being homed.
+/// The movements of those axes of a slave that follow commands: not of axes that are off or being homed.
 fn commanded_ways(session: &Session, slave: u8, config: &Slave, ways: [i32; 2]) -> impl Iterator<Item = u32> + use<> {
     let is_free = config.axis().is_some() && !session.homing.active.contains(slave);
     let first = session.statusword(slave).is_enabled();
@@ -111,8 +111,8 @@ fn commanded_ways(session: &Session, slave: u8, config: &Slave, ways: [i32; 2]) 
         .map(|(way, _)| way.unsigned_abs())
 }
 
-/// Whether the slave may have two axes. The statusword in its slot is that of the first axis, and the second one goes on when the
-/// first has an alarm.
+/// Whether the slave may have two axes. The statusword in its slot is that of the first axis only, and the second axis
+/// goes on when the first one has an alarm.
 fn may_have_two_axes(session: &Session, config: &Slave) -> bool {
     matches!(config, Slave::Hsp(_)) && session.size == SlotSize::Bytes16
 }
@@ -122,7 +122,7 @@ pub(super) fn may_be_on(session: &Session, slave: u8, config: &Slave) -> bool {
     session.statusword(slave).is_enabled() || may_have_two_axes(session, config)
 }
 
-/// Counts that a slave's axes have moved from an earlier report to the newest one.
+/// The movement of a slave's axes from an earlier report to the newest one, counts.
 fn moved(session: &Session, from: &Frame, slave: u8, config: &Slave) -> [i32; 2] {
     let (now, before) = (positions(session, slave, config), positions_in(from, session.size, slave, config));
     [0, 1].map(|i| now[i].wrapping_sub(before[i]))

@@ -1,5 +1,5 @@
-//! The targets of a stream's next step. Each is checked when the program sets it, by a copy of what the session knows: so a
-//! target takes no lock.
+//! The targets for the next step of a stream. Each target is checked when the program sets it, against a copy of the
+//! session's state, so that this takes no lock.
 
 use std::sync::Arc;
 
@@ -14,27 +14,27 @@ use crate::sk::{
     AxisTarget, Frame, HspResponse, MasterState, Motion, RawSlot, SlaveCommand, SlotCommand, SlotSize, StateByte,
 };
 
-/// The targets of the next step, and a copy of the session.
+/// The targets of the next step, and the copied state of the session.
 pub(super) struct CheckedTargets {
-    /// How often the session had changed when it was copied.
+    /// The generation counter of the session at the time of the copy.
     pub(super) changes: u64,
     size: SlotSize,
     network: Arc<Network>,
     state: StateByte,
-    /// The network is in OP, and the FIFO was not cleared since the stream began.
+    /// Whether the network is in OP, and the FIFO was not cleared since the stream began.
     takes_targets: bool,
     /// Slaves whose axes are being homed.
     homing: SlaveSet,
     /// Slaves that are lost.
     lost: SlaveSet,
-    /// Slaves that are in one of these sets, or whose second channel is off: they take no target.
+    /// Slaves that take no target: they are in one of these sets, or their second channel is off.
     refused: SlaveSet,
-    /// The outputs that HSPs were told last, by slot.
+    /// The outputs last sent to HSPs, by slot.
     outputs: [Outputs; SlotSize::Bytes12.slots()],
-    /// How often the FIFO had been cleared when the stream began, and when the session was copied.
+    /// How often the FIFO was cleared before the stream began, and before the copy.
     fifo_clears: [u64; 2],
     report: Frame,
-    /// The number of reports when the session was copied.
+    /// The number of reports read before the copy.
     reports: u64,
     /// The targets of the next step, by slot.
     next: Frame,
@@ -65,7 +65,7 @@ impl CheckedTargets {
         targets
     }
 
-    /// Copies what the session knows now, if it has changed.
+    /// Copies the state of the session, if it has changed.
     pub(super) fn refresh(&mut self, session: &mut Session, changes: u64) {
         self.drop_withdrawn(session);
         if self.changes == changes {
@@ -92,13 +92,13 @@ impl CheckedTargets {
         self.refused = self.homing.union(self.lost).union(session.second_channels.off());
     }
 
-    /// Hands the targets to the session for its next frame.
+    /// Passes the targets to the session for its next frame.
     pub(super) fn hand_over(&mut self, session: &mut Session) {
         self.drop_withdrawn(session);
         session.targets.set_all(&self.next, self.set);
     }
 
-    /// Takes away the targets that the session has withdrawn: those of axes that went off, or that are being homed.
+    /// Drops targets that the session has withdrawn: those of axes that went off or are being homed.
     fn drop_withdrawn(&mut self, session: &mut Session) {
         let withdrawn = session.targets.take_withdrawn();
         for slave in withdrawn.intersection(self.set).iter() {
@@ -107,7 +107,7 @@ impl CheckedTargets {
         self.set = self.set.difference(withdrawn);
     }
 
-    /// Refuses targets after the FIFO was cleared: they do not begin where the axes are.
+    /// Returns an error after the FIFO was cleared: the targets would not continue the positions of the axes.
     pub(super) const fn require_uncleared(&self) -> Result<(), EcmError> {
         if self.fifo_clears[0] == self.fifo_clears[1] { Ok(()) } else { Err(EcmError::Cleared) }
     }
@@ -117,7 +117,8 @@ impl CheckedTargets {
         self.network.axis(slave, "a target")
     }
 
-    /// Sets the target of a slave for the next step, if everything allows it. `guard`: whether the guards of axes act.
+    /// Sets the target of a slave for the next step, after all checks. `guard`: whether the guard of the axis is
+    /// applied.
     pub(super) fn set(&mut self, slave: u8, command: SlaveCommand, guard: bool) -> Result<(), EcmError> {
         let wanted = match command {
             SlaveCommand::Csv(_) => Mode::Csv,
@@ -132,8 +133,8 @@ impl CheckedTargets {
         Ok(())
     }
 
-    /// As [`CheckedTargets::set`], for the first axis of a slave in CSP or CSV. An HSP keeps its outputs and the target of its
-    /// second axis.
+    /// As [`CheckedTargets::set`], for the first axis of a slave in CSP or CSV. An HSP keeps its outputs and the target
+    /// of its second axis.
     #[inline]
     pub(super) fn set_first(&mut self, slave: u8, target: i32, mode: Mode, guard: bool) -> Result<(), EcmError> {
         if matches!(self.network.slave(slave), Some(Slave::Hsp(_))) {
@@ -141,7 +142,7 @@ impl CheckedTargets {
             let command = if mode == Mode::Csp { SlaveCommand::Csp(motion) } else { SlaveCommand::Csv(motion) };
             return self.set(slave, command, guard);
         }
-        // Other slaves have one axis, and 40 of them come this way in a cycle.
+        // All other slaves have one axis. This path is short, since 40 of them may take it in a cycle.
         let axis_guard = self.check_axis(slave, mode)?;
         let motion = Motion::to(target);
         if mode != Mode::Csp {
@@ -155,7 +156,7 @@ impl CheckedTargets {
         Ok(())
     }
 
-    /// Checks whether a slave takes a target in that mode now; gives the guard of its axis.
+    /// Checks whether a slave takes a target in that mode now. Returns the guard of its axis.
     #[inline]
     fn check_axis(&self, slave: u8, wanted: Mode) -> Result<Guard, EcmError> {
         if !self.takes_targets {
@@ -172,7 +173,7 @@ impl CheckedTargets {
         Ok(axis.guard)
     }
 
-    /// Why no axis takes a target.
+    /// The error when no axis takes targets.
     #[cold]
     fn why_none(&self) -> EcmError {
         if self.state.state() == Some(MasterState::Op) {
@@ -182,7 +183,7 @@ impl CheckedTargets {
         }
     }
 
-    /// Why an axis takes no target: it is being homed, lost or off.
+    /// The error when an axis takes no target: it is being homed, lost or off.
     #[cold]
     fn why_refused(&self, slave: u8, statusword: Statusword) -> EcmError {
         if self.homing.contains(slave) {
@@ -196,7 +197,7 @@ impl CheckedTargets {
         }
     }
 
-    // The compiler then knows the command, and encodes no more than its fields.
+    // Inlined, so that the compiler knows the kind of command and encodes its fields alone.
     #[inline(always)]
     fn put(&mut self, slave: u8, command: SlaveCommand) {
         self.next.put(self.size, slave.into(), &SlotCommand::from(command).encode(self.size));
@@ -209,8 +210,8 @@ impl CheckedTargets {
         self.report.slots(self.size).head(slave.into()).data1.get() as i32
     }
 
-    /// The motion of an HSP whose first axis gets that target. It keeps its outputs; its second axis keeps its last target, or
-    /// its actual position if it has had none.
+    /// The motion of an HSP whose first axis gets that target. The HSP keeps its outputs. Its second axis keeps its
+    /// last target, or its actual position if it has had no target.
     fn first_of_hsp(&self, slave: u8, target: i32, mode: Mode) -> Motion {
         let slot = self.next.slot(self.size, slave.into());
         let motion = match SlotCommand::decode(&slot, self.size).map(|slot| slot.command) {
@@ -226,7 +227,7 @@ impl CheckedTargets {
         Motion { first: AxisTarget { target, ..motion.first }, ..motion }
     }
 
-    /// Whether an axis is off because of an alarm.
+    /// The error for an axis that is off, with or without an alarm.
     fn why_off(&self, slave: u8, statusword: Statusword) -> EcmError {
         if statusword.0 & Statusword::FAULT == 0 {
             return EcmError::NotEnabled { slave, statusword };
@@ -234,7 +235,7 @@ impl CheckedTargets {
         self.network.alarm(slave, &self.report.slot(self.size, slave.into()))
     }
 
-    /// Refuses targets that are too far from the actual positions.
+    /// Returns an error if a target is too far from its actual position.
     fn check_guard(&self, slave: u8, motion: &Motion, limit: u32) -> Result<(), EcmError> {
         check_distance(slave, motion.first.target, self.actual(slave), limit)?;
         if self.size == SlotSize::Bytes16 && matches!(self.network.slave(slave), Some(Slave::Hsp(_))) {
@@ -245,7 +246,7 @@ impl CheckedTargets {
     }
 }
 
-/// Refuses a target that is further than `limit` counts from the actual position. Positions wrap around, as 32 bits do.
+/// Returns an error if a target is more than `limit` counts from the actual position. Positions wrap around at 32 bits.
 #[inline]
 fn check_distance(slave: u8, target: i32, actual: i32, limit: u32) -> Result<(), EcmError> {
     if target.wrapping_sub(actual).unsigned_abs() > limit {

@@ -1,5 +1,5 @@
-//! A cyclic stream of targets. It is paced by the board's FIFO: it never writes more frames than that has room for, and counts
-//! the cycles that find it empty. How a target is checked stands in `checked_targets.rs`.
+//! A cyclic stream of targets, paced by the board's FIFO: a stream never writes more frames than the FIFO has room for,
+//! and counts the cycles that find it empty. `checked_targets.rs` has the checks of targets.
 
 mod checked_targets;
 
@@ -17,53 +17,55 @@ use super::{CLOSE_LIMIT, Ecm, EcmError};
 use crate::ethercat::cia402::Mode;
 use crate::sk::{AxisTarget, FIFO_ENTRIES, FifoAction, MasterCommand, Motion, RawSlot, SlaveCommand};
 
-/// \[OURS] Entries of the FIFO that a stream leaves free, for commands of other calls and for the ramp to a standstill.
+/// \[OURS] How many FIFO entries a stream leaves free, for commands of other calls and for the ramp to a standstill.
 const SPARE_ENTRIES: u16 = 10;
-/// \[OURS] A stream reads the statusword of a second channel with every so many frames, after the last answer has come.
+/// \[OURS] After an answer, a stream reads the next statusword of a second channel this many frames later.
 const SECOND_CHANNEL_FRAMES: u64 = 8;
 
-/// Counts of a stream.
+/// Counters of a stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StreamStats {
-    /// Frames that its steps have written.
+    /// Frames written by the stream's steps.
     pub frames: u64,
-    /// Cycles that found the FIFO empty since the first frame: each is a gap in the motion.
+    /// Cycles that found the FIFO empty since the first frame; each is a gap in the motion.
     pub underruns: u64,
-    /// Times the board's FIFO-full count was seen increased: any is a loss (SK-5.10).
+    /// How often the board's FIFO-full count has risen; each time commands were lost (SK-5.10).
     pub losses: u64,
 }
 
-/// A stream of targets for all axes, with one frame for each step. Only one can be open at a time.
+/// A stream of targets for all axes, with one frame for each step. Only one stream can be open at a time.
 ///
-/// Set targets with [`csp`](Stream::csp), [`csv`](Stream::csv) or [`cst`](Stream::cst), then call [`step`](Stream::step), which
-/// sends them. A target is repeated in each frame until there is another one. [`finish`](Stream::finish) and dropping the stream
-/// bring the axes to a standstill: in CSP they hold their last targets, velocities and torques are ramped to 0. They stay enabled.
+/// Set targets with [`csp`](Stream::csp), [`csv`](Stream::csv) or [`cst`](Stream::cst), then call
+/// [`step`](Stream::step), which sends them. A target is repeated in each frame until there is another one.
+/// [`finish`](Stream::finish) and dropping the stream bring the axes to a standstill: in CSP they hold their last
+/// targets, velocities and torques are ramped to 0. The axes stay enabled.
 ///
-/// Commands of [`Ecm`]'s calls in other threads go out in the frames of steps. A call by the thread that steps writes frames of
-/// its own, which repeat the last targets: between two steps of a motion the axes stand for a cycle with each of them.
+/// Calls of [`Ecm`] in other threads send their commands in the frames of steps. A call in the stepping thread writes
+/// frames of its own, which repeat the last targets: between two steps of a motion, each of them stops the axes for a
+/// cycle.
 pub struct Stream<'a> {
     ecm: &'a Ecm,
     depth: u16,
     targets: CheckedTargets,
-    /// Frames that the board collects before it executes the first one; 0: none.
+    /// The number of frames that the board collects before it executes the first one; 0: no prefill.
     prefill: u16,
-    /// Frames that its steps have written.
+    /// Frames written by the stream's steps.
     frames: u64,
-    /// No target was set since the last step.
+    /// Whether no target was set since the last step.
     stepped: bool,
-    /// The counts when it began.
+    /// The counters of the board when the stream began.
     before: Stats,
     done: bool,
 }
 
 impl Ecm {
-    /// Begins a stream that keeps up to `depth` frames ahead of the board: 1 to 150. The program may be late by that many
-    /// cycles, and that many cycles pass until a target takes effect. Frames that are ahead are still executed when the stream
-    /// ends: with long cycles the depth is limited, so that closing ends within its 2 s.
+    /// Begins a stream that keeps up to `depth` frames (1 to 150) waiting in the board's FIFO. The program may be late
+    /// by that many cycles, and that many cycles pass until a target takes effect. Waiting frames are still executed
+    /// when the stream ends: with long cycles the depth is limited, so that closing ends within its 2 s.
     ///
     /// # Errors
-    /// [`EcmError::Setting`], [`EcmError::TooDeep`], [`EcmError::WrongState`], [`EcmError::NoSuchSlave`] if nothing is configured,
-    /// [`EcmError::Busy`] while there is another stream, [`EcmError::Link`].
+    /// [`EcmError::Setting`], [`EcmError::TooDeep`], [`EcmError::WrongState`], [`EcmError::NoSuchSlave`] if nothing is
+    /// configured, [`EcmError::Busy`] while there is another stream, [`EcmError::Link`].
     pub fn stream(&self, depth: u16) -> Result<Stream<'_>, EcmError> {
         if depth == 0 || depth > FIFO_ENTRIES - SPARE_ENTRIES {
             return Err(EcmError::Setting { what: "depth", found: depth.to_string(), allowed: "1 to 150 frames" });
@@ -87,7 +89,7 @@ impl Ecm {
     }
 }
 
-/// How many frames may be ahead of the board if its axes have to stand within the limit of closing.
+/// The largest depth with which all axes can come to a standstill within the time limit of closing.
 fn depth_max(cycle: Duration, ramp: Duration) -> u16 {
     let ramp = ramp.max(cycle * standstill::RAMP_FRAMES_MIN);
     let left = CLOSE_LIMIT.saturating_sub(ramp + standstill::settling_time(cycle)).as_nanos();
@@ -100,12 +102,13 @@ fn pacer() -> StreamPacer {
 }
 
 impl Stream<'_> {
-    /// Has the board collect that many frames, 2 to the stream's depth, before it executes the first one (SET_FIFO's
-    /// threshold), so that the motion begins with a full reserve. Call it before the first step. A stream that ends before the
-    /// board has collected them discards them. Meanwhile the board executes no command of other calls either.
+    /// Prefill: the board collects that many frames, 2 up to the stream's depth, before it executes the first one
+    /// (SET_FIFO's threshold), so that the motion begins with a full reserve. Call it before the first step. If the
+    /// stream ends before the board has collected them, they are discarded. Until then the board executes no commands
+    /// of other calls either.
     ///
     /// # Errors
-    /// [`EcmError::Setting`] for another number, or once frames were written; [`EcmError::WrongState`],
+    /// [`EcmError::Setting`] for another number, or after frames were written; [`EcmError::WrongState`],
     /// [`EcmError::Busy`], [`EcmError::Link`].
     pub fn prefill(&mut self, frames: u16) -> Result<(), EcmError> {
         if frames < 2 || frames > self.depth {
@@ -153,11 +156,11 @@ impl Stream<'_> {
         self.set(slave, SlaveCommand::Csp(Motion { first, second }))
     }
 
-    /// Sets the next target velocity of an axis in CSV, in the drive's units (0x60FF). It holds until there is another. An HSP
-    /// keeps its outputs, and its second axis its velocity.
+    /// Sets the next target velocity of an axis in CSV, in the drive's units (0x60FF). The velocity stays until there
+    /// is another one. An HSP keeps its outputs and the velocity of its second axis.
     ///
     /// # Errors
-    /// As [`csp`](Stream::csp), but for the guard.
+    /// As [`csp`](Stream::csp), except for the guard.
     pub fn csv(&mut self, slave: u8, velocity: i32) -> Result<(), EcmError> {
         self.refresh()?;
         self.targets.set_first(slave, velocity, Mode::Csv, self.ecm.exchange.options.guard)
@@ -166,15 +169,16 @@ impl Stream<'_> {
     /// Sets the next target velocities and outputs of both channels of an HSP in CSV.
     ///
     /// # Errors
-    /// As [`csp`](Stream::csp), but for the guard.
+    /// As [`csp`](Stream::csp), except for the guard.
     pub fn csv_hsp(&mut self, slave: u8, first: AxisTarget, second: AxisTarget) -> Result<(), EcmError> {
         self.set(slave, SlaveCommand::Csv(Motion { first, second }))
     }
 
-    /// Sets the next target torque of an axis in CST, 0.1 % of the rated torque. It holds until there is another.
+    /// Sets the next target torque of an axis in CST, 0.1 % of the rated torque. The torque stays until there is
+    /// another one.
     ///
     /// # Errors
-    /// As [`csp`](Stream::csp), but for the guard.
+    /// As [`csp`](Stream::csp), except for the guard.
     pub fn cst(&mut self, slave: u8, torque: i16) -> Result<(), EcmError> {
         self.set(slave, SlaveCommand::Cst(torque))
     }
@@ -184,13 +188,13 @@ impl Stream<'_> {
         self.targets.set(slave, command, self.ecm.exchange.options.guard)
     }
 
-    /// Copies from the session what targets are checked by, if anything has changed: so they are checked by the newest report,
+    /// Copies the state of the session that checks need, if it has changed: targets are checked with the newest report,
     /// and 40 of them in a row take no lock.
     fn refresh(&mut self) -> Result<(), EcmError> {
         let stepped = std::mem::take(&mut self.stepped);
         if stepped || self.targets.changes != self.ecm.exchange.changes() {
             let mut session = self.ecm.exchange.lock()?;
-            // Much time may have passed since the last step.
+            // Reports may be waiting, as much time may have passed since the last step.
             if stepped {
                 self.ecm.exchange.catch_up(&mut session)?;
             }
@@ -199,17 +203,17 @@ impl Stream<'_> {
         Ok(())
     }
 
-    /// Writes the next frame as soon as fewer than `depth` frames are ahead of the board, and waits until that is so again. A
-    /// loop of steps thereby keeps the pace of the board, with one frame a cycle, and several after a delay (SK-5.11). A step
-    /// does not allocate. It waits for a report no longer than [`Options::read_limit`], and for room in the FIFO no longer than
-    /// that and 160 cycles.
+    /// Writes the next frame as soon as fewer than `depth` frames are waiting, and then waits until that is so again. A
+    /// loop of steps thereby keeps the pace of the board, with one frame per cycle, and several after a delay
+    /// (SK-5.11). A step does not allocate. It waits for a report no longer than [`Options::read_limit`], and for room
+    /// in the FIFO no longer than that plus 160 cycles.
     ///
     /// [`Options::read_limit`]: super::Options::read_limit
     ///
     /// # Errors
     /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::WrongState`] when the network has left OP,
-    /// [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Link`]. Nothing is written then. An axis that is switched off
-    /// or lost is no error here: its next target is refused.
+    /// [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Link`]. Nothing is written then. An axis that is
+    /// switched off or lost is no error here: its next target is refused.
     pub fn step(&mut self) -> Result<StreamStats, EcmError> {
         self.refresh()?;
         self.targets.require_uncleared()?;
@@ -239,14 +243,15 @@ impl Stream<'_> {
         session.targets.stepped(hsps);
         self.frames += 1;
         self.stepped = true;
-        // In virtual time the time stamp of the frame is the time.
+        // In virtual time the time stamp of the frame is the present time.
         let now = exchange.info.virtual_time.then(|| exchange.now_at(Duration::from_nanos(session.outgoing.last.at.0)));
         self.ecm.pace(&mut session, self.depth, now)?;
         self.targets.refresh(&mut session, exchange.changes());
         Ok(self.stats_of(&session))
     }
 
-    /// Asks for the statusword of a second channel in the SDO slot of the next frame, if no other call uses that. Gives the slot.
+    /// Requests the statusword of a second channel in the SDO slot of the next frame, if no other call uses it. Returns
+    /// the slot.
     fn ask_second_channel(&self, session: &mut Session) -> Option<usize> {
         if !self.frames.is_multiple_of(SECOND_CHANNEL_FRAMES) {
             return None;
@@ -271,7 +276,7 @@ impl Stream<'_> {
         self.ecm.snapshot()
     }
 
-    /// Its counts so far.
+    /// The counters of the stream so far.
     ///
     /// # Errors
     /// [`EcmError::Busy`], [`EcmError::Link`].
@@ -287,8 +292,8 @@ impl Stream<'_> {
         }
     }
 
-    /// Ends the stream within 2 s, and the axes stay enabled: in CSP they hold their last targets, velocities and torques are ramped to a
-    /// standstill.
+    /// Ends the stream within 2 s. The axes stay enabled: in CSP they hold their last targets, velocities and torques
+    /// are ramped to a standstill.
     ///
     /// # Errors
     /// [`EcmError::Timeout`] if axes still move after that, [`EcmError::NoReport`], [`EcmError::Link`].
@@ -328,15 +333,15 @@ impl Drop for Stream<'_> {
     }
 }
 
-/// The command for a threshold that is reached when the board has `frames` entries. It acts on arrival, before the entry of its
-/// own frame is counted.
+/// The command for a threshold that is reached when the FIFO has `frames` entries. The command acts on arrival, before
+/// its own frame counts as an entry.
 fn threshold(frames: u16) -> RawSlot {
     let threshold = FIFO_ENTRIES + 1 - frames;
     MasterCommand::SetFifo(FifoAction::Threshold(threshold.into())).encode()
 }
 
 impl Ecm {
-    /// Discards the frames that the board collects: none has been executed, and none is to be.
+    /// Discards the frames of a prefill: none was executed, and none may be executed later.
     fn discard_prefill(&self, session: &mut Session, deadline: Duration) -> Result<(), EcmError> {
         if !session.in_op() {
             return Ok(());
@@ -346,7 +351,7 @@ impl Ecm {
         self.exchange.write_commands(session, &clear, deadline)
     }
 
-    /// Reads reports until fewer than `depth` frames are ahead of the board. `now` is the time, if the caller knows it.
+    /// Reads reports until fewer than `depth` frames are waiting. `now`: the present time, if known.
     fn pace(&self, session: &mut Session, depth: u16, mut now: Option<Duration>) -> Result<(), EcmError> {
         let mut began = None;
         loop {
@@ -356,7 +361,7 @@ impl Ecm {
             }
             let now = now.take().unwrap_or_else(|| self.exchange.now());
             let began = *began.get_or_insert(now);
-            // A board in OP has executed every entry by then.
+            // A board in OP has executed every entry of a full FIFO by then.
             let limit = self.exchange.silence_max(session) + session.network.cycle() * FIFO_ENTRIES.into();
             let waited = now.saturating_sub(began);
             if waited >= limit {

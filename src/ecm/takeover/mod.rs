@@ -1,5 +1,6 @@
-//! Stopping the axes of a program that has ended without closing its board. A server does this that the program's frames have
-//! passed through: `watch.rs` keeps what they and the reports tell, `seen.rs` what they tell of one slave.
+//! Stopping the axes of a program that has ended without closing its board. A server through which the program's frames
+//! have passed does this: `watch.rs` has the state of the network that frames and reports show, `seen.rs` that of one
+//! slave.
 
 mod seen;
 mod watch;
@@ -13,24 +14,24 @@ use super::{Ecm, EcmError};
 use crate::link::Stamp;
 use crate::sk::MasterState;
 
-/// What became of the axes of a program that has ended.
+/// The result of stopping the axes of a program that has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Succeeded {
-    /// The network is not in OP, where no axis moves by commands.
+    /// The network is not in OP, so that no axis follows commands.
     NotInOp,
-    /// The axes stand. So many entries of the FIFO were discarded.
+    /// The axes are stationary. `discarded`: the number of FIFO entries that were discarded.
     Stand { discarded: u16 },
-    /// It was not seen how the network was configured: it is not known which axes move, and they go on. So many entries that
-    /// waited for a threshold were discarded.
+    /// The configuration of the network was not seen: moving axes are unknown and go on. `discarded`: the number of
+    /// entries that waited for a threshold and were discarded.
     Unknown { discarded: u16 },
 }
 
 impl Ecm {
-    /// As [`Ecm::adopt`], for a network that another program has run until now. What that program commanded last is known too,
-    /// so that closing can bring it to a standstill.
+    /// As [`Ecm::adopt`], for a network that another program has run until now. The last commands of that program are
+    /// known from `watch`, so that closing can bring its axes to a standstill.
     ///
     /// # Errors
-    /// As [`Ecm::adopt`]. A network of which nothing is known is adopted as one without slaves.
+    /// As [`Ecm::adopt`]. An unknown network is adopted as one without slaves.
     pub fn take_over(&self, watch: &Watch) -> Result<(), EcmError> {
         let Some(config) = watch.config() else { return Ok(()) };
         self.adopt(&config)?;
@@ -41,16 +42,16 @@ impl Ecm {
         Ok(())
     }
 
-    /// Takes over the network of a program that has ended, as far as its frames tell, and reads a report that was made after its
-    /// last frame. `watch` gives what the frames and the reports told, up to the newest report. After an error nothing is known,
-    /// and nothing was sent.
+    /// Takes over the network of a program that has ended, as far as its frames show it, and reads a report that was
+    /// made after its last frame. `watch` returns what frames and reports have shown, up to the newest report. After an
+    /// error nothing is known, and nothing was sent.
     pub(crate) fn see_what_is_left(&self, watch: &dyn Fn() -> Watch) -> Result<(), EcmError> {
         self.take_over(&watch())?;
         self.next_of_now()
     }
 
-    /// Brings the axes to a standstill that a program which has ended has left moving, within the limits of [`Ecm::close`];
-    /// after [`see_what_is_left`](Self::see_what_is_left). With `off` they are switched off, too.
+    /// Stops the axes that an ended program has left moving, within the time limit of [`Ecm::close`]; call it after
+    /// [`see_what_is_left`](Self::see_what_is_left). With `off` the axes are switched off, too.
     pub(crate) fn succeed(&self, watch: &Watch, off: bool) -> Result<Succeeded, EcmError> {
         if watch.state() != Some(MasterState::Op) {
             return Ok(Succeeded::NotInOp);
@@ -72,18 +73,18 @@ impl Ecm {
         Ok(Succeeded::Stand { discarded: left.discarded })
     }
 
-    /// Reads a report that was made from now on: older ones do not show the last frames of the program that has ended.
+    /// Reads a report that is made from now on: older reports do not show the last frames of the ended program.
     fn next_of_now(&self) -> Result<(), EcmError> {
         let limit = self.exchange.options.read_limit;
         if !self.exchange.info.virtual_time {
-            // Older reports have gone to the clients. A frame may have arrived while the first report was made.
+            // The clients have read the older reports. A frame may have arrived while the first new report was made.
             self.next_cycle(limit)?;
             return self.next_cycle(limit).map(drop);
         }
         let now = self.exchange.clock();
         let is_old = |at: Stamp| Duration::from_nanos(at.0) < now;
         while is_old(self.next_cycle(limit)?.meta.at) {}
-        // A report of this very moment may have been made before the last frames arrived.
+        // A report made at this very moment may not include the last frames.
         self.next_cycle(limit).map(drop)
     }
 }

@@ -1,10 +1,10 @@
-//! What frames and reports tell of one slave: its mode, what was commanded last, and whether it may be homing.
+//! The state of one slave as frames and reports show it: its mode, its last command, and whether it may be homing.
 
 use crate::ecm::config::{Axis, Slave, modes};
 use crate::ethercat::cia402::{Mode, Statusword};
 use crate::sk::{CommandId, DriveSync, FIFO_ENTRIES, RawSlot, SlaveCommand, SlaveKind, SlotCommand, SlotSize};
 
-/// What is known of one slave.
+/// The known state of one slave.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Seen {
     mode: Option<(Mode, DriveSync)>,
@@ -13,43 +13,43 @@ pub(super) struct Seen {
     homing: Homing,
 }
 
-/// How far the homing of an axis is.
+/// The phase of a homing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Homing {
-    /// It is not being homed.
+    /// The slave is not homing.
     #[default]
     No,
-    /// GO_HOME was written, and so many reports have come since: its entry may wait in the FIFO. If a report was missed, that
-    /// may have been the one which showed it as executed.
+    /// GO_HOME was written `reports` reports ago: its entry may wait in the FIFO. `missed`: a report was lost that may
+    /// have shown it as executed.
     Asked { reports: u16, missed: bool },
-    /// A report has shown GO_HOME as executed. Until a report shows a motion command after that the axis may be homing: the board
-    /// ignores motion commands for an axis that is homing, and does not show their ids (SK-3).
+    /// A report has shown GO_HOME as executed. The axis may be homing until a later report shows a motion command: the
+    /// board ignores motion commands during homing, and does not show their ids (SK-3).
     Executed,
 }
 
-/// \[OURS] A GO_HOME that so many reports have not shown was rejected, if no report was missed: every entry has been executed by
-/// then.
+/// \[OURS] A GO_HOME that does not appear in this many reports was rejected, if no report was lost: every entry has
+/// been executed by then.
 const GO_HOME_REPORTS_MAX: u16 = 2 * FIFO_ENTRIES;
 
 impl Seen {
-    /// Whether the axis may be homing: GO_HOME was written, and no report has shown that it follows other commands.
+    /// Whether the slave may be homing: GO_HOME was written, and no later report shows another command.
     pub(super) fn may_be_homing(&self) -> bool {
         self.homing != Homing::No
     }
 
-    /// Reports were lost before the next one.
+    /// Notes that reports were lost before the next one.
     pub(super) fn missed(&mut self) {
         if let Homing::Asked { missed, .. } = &mut self.homing {
             *missed = true;
         }
     }
 
-    /// It is not certain any more that the last commands were executed.
+    /// The last commands may not have been executed.
     pub(super) fn forget_targets(&mut self) {
         self.last = None;
     }
 
-    /// The slave is declared anew, or the network is not in OP. The mode that DRIVE_MODE has set stays (SK-4.42).
+    /// The slave was declared anew, or the network is not in OP. The mode of DRIVE_MODE stays (SK-4.42).
     pub(super) fn forget_all_but_the_mode(&mut self) {
         *self = Self { mode: self.mode, ..Self::default() };
     }
@@ -67,16 +67,16 @@ impl Seen {
                 self.homing = Homing::Asked { reports: 0, missed: false };
             }
             Ok(SlaveCommand::ServoOff | SlaveCommand::AlarmClear) => self.forget_targets(),
-            // A frame without a target: the axis holds the last one.
+            // Without a target the axis holds its last one.
             _ => {}
         }
     }
 
-    /// Reads the slave's slot of a report: the command that was executed last, and the statusword.
+    /// Reads the slave's slot of a report: the id of the last executed command, and the statusword.
     pub(super) fn report(&mut self, id: u8, statusword: Statusword) {
         let follows = [CommandId::Csp, CommandId::Csv, CommandId::Cst].contains(&CommandId::from_code(id));
         self.homing = match self.homing {
-            // It was executed, whether the frame with it was seen or not.
+            // GO_HOME was executed, whether its frame was seen or not.
             _ if id == CommandId::GoHome.code() => Homing::Executed,
             Homing::Executed if follows => Homing::No,
             Homing::Asked { reports, missed } if reports < GO_HOME_REPORTS_MAX => {
@@ -90,12 +90,12 @@ impl Seen {
             if self.homing == Homing::Executed {
                 self.homing = Homing::No;
             }
-            // The board has discarded its targets (SK-7.18).
+            // The board has discarded the targets of the slave (SK-7.18).
             self.forget_targets();
         }
     }
 
-    /// The slave as a configuration has it, if it is declared as that kind.
+    /// The slave as an entry of a configuration, for its declared kind.
     pub(super) fn slave(&self, kind: Option<SlaveKind>) -> Slave {
         let kind = kind.unwrap_or(SlaveKind::None);
         let (mode, sync) = self.mode.unwrap_or((Mode::Csp, DriveSync::DcSync));

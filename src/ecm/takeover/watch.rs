@@ -1,5 +1,5 @@
-//! What the frames between a program and its board tell of the network, for somebody who sees them pass: what slaves are
-//! declared as, in which modes they are run, and what was commanded last.
+//! The state of the network as the frames between a program and its board show it to an observer: declared slaves,
+//! their modes, and the last commands.
 
 use super::seen::Seen;
 use crate::ecm::config::Config;
@@ -12,7 +12,7 @@ use crate::sk::{
 
 const SLAVES: usize = SlotSize::Bytes12.max_slaves();
 
-/// What the frames both ways have told of a network: what the board knows, as far as frames show it.
+/// The state of a network, from the frames in both directions.
 #[derive(Clone, Debug)]
 pub struct Watch {
     kinds: Kinds,
@@ -21,11 +21,11 @@ pub struct Watch {
     state: Option<MasterState>,
     /// The FIFO-full count of the newest report in OP.
     full_count: u16,
-    /// The error count of the newest report.
+    /// The error count in the newest report.
     error_count: u8,
-    /// When SW_RESET was written, until it is known what became of it: a board that refuses it (SK-1.24) goes on as before.
+    /// When SW_RESET was written, until reports show its effect: a board that refuses it (SK-1.24) goes on as before.
     resets: Option<Stamp>,
-    /// A program has set a threshold (SET_FIFO) that may be in force.
+    /// Whether a program has set a threshold (SET_FIFO) that may be in force.
     has_threshold: bool,
 }
 
@@ -45,7 +45,7 @@ impl Default for Watch {
 }
 
 impl Watch {
-    /// The network's state, by the newest report.
+    /// The state of the network in the newest report.
     pub const fn state(&self) -> Option<MasterState> {
         self.state
     }
@@ -57,7 +57,7 @@ impl Watch {
             self.resets = Some(at);
             return;
         }
-        // A program that declares slaves after a reset has seen it, or has waited for it.
+        // A program that declares slaves after a reset has seen the reset, or has waited for it.
         if self.resets.is_some() && matches!(command, Ok(MasterCommand::SetAxis { .. })) {
             self.forget_all(None);
         }
@@ -69,7 +69,7 @@ impl Watch {
                 slaves.for_each(Seen::forget_all_but_the_mode);
             }
             Ok(MasterCommand::SetDc { cycle, .. }) if set_up => self.cycle = cycle,
-            // It is not known any more what was executed last: an entry that is discarded, or one before it.
+            // It is unknown which entry was executed last: one of the discarded ones, or one before them.
             Ok(MasterCommand::SetFifo(FifoAction::Clear)) => {
                 self.forget_targets();
                 self.has_threshold = false;
@@ -81,7 +81,8 @@ impl Watch {
         }
         let in_op = self.state == Some(MasterState::Op);
         for (n, seen) in (1..=size.max_slaves()).zip(&mut self.slaves) {
-            // An IO slave has other commands. One that is not declared has none but DRIVE_MODE, which may come first.
+            // IO slaves have other commands. The only command for an undeclared slave is DRIVE_MODE, which may come
+            // first.
             let has_axes = matches!(self.kinds.of(n), Some(SlaveKind::Drive | SlaveKind::Hsp | SlaveKind::Step));
             if has_axes || set_up {
                 seen.command(&frame.slot(size, n), size, set_up, in_op && has_axes);
@@ -95,10 +96,10 @@ impl Watch {
         self.kinds.response(frame, size);
         self.state = board.state.state();
         let in_op = self.state == Some(MasterState::Op);
-        // A board that is reset counts from 0 again.
+        // After a reset the board counts from 0 again.
         let refused = std::mem::replace(&mut self.error_count, board.error) != board.error && in_op;
-        // A report that was made before the reset tells nothing of it: a program that reads late gets reports of the way to OP
-        // after it.
+        // Only a report made after the reset shows its effect: a program that reads late gets older reports, from its
+        // way to OP.
         let shows = self.resets.is_some_and(|reset| at > reset);
         if shows && refused {
             self.resets = None;
@@ -110,12 +111,12 @@ impl Watch {
             self.has_threshold = false;
             return;
         }
-        // Frames had a wrong CRC, or found the FIFO full, and no report tells which they were.
+        // Frames had a wrong CRC, or found the FIFO full; reports do not name them.
         let full = std::mem::replace(&mut self.full_count, board.full_count) != board.full_count;
         if refused || full {
             self.forget_targets();
         }
-        // The command that took a threshold back may be among them.
+        // The command that reset the threshold may be among the lost frames.
         self.has_threshold |= refused;
         let slots = frame.slots(size);
         for (n, seen) in (1..=size.max_slaves()).zip(&mut self.slaves) {
@@ -124,17 +125,17 @@ impl Watch {
         }
     }
 
-    /// Reports were lost before the next one.
+    /// Notes that reports were lost before the next one.
     pub fn missed(&mut self) {
         self.slaves.iter_mut().for_each(Seen::missed);
     }
 
-    /// The board was reset, and is in this state now.
+    /// The board was reset, and is in `state` now.
     fn forget_all(&mut self, state: Option<MasterState>) {
         *self = Self { error_count: self.error_count, state, ..Self::default() };
     }
 
-    /// It is not certain any more that the last commands were executed.
+    /// The last commands may not have been executed.
     fn forget_targets(&mut self) {
         self.slaves.iter_mut().for_each(Seen::forget_targets);
     }
@@ -144,7 +145,7 @@ impl Watch {
         self.has_threshold
     }
 
-    /// The network as a configuration; `None` if no SET_AXIS was seen.
+    /// The configuration of the network; `None` if no SET_AXIS was seen.
     pub fn config(&self) -> Option<Config> {
         let declared = |slave: &usize| self.kinds.of(*slave).is_some_and(|kind| kind != SlaveKind::None);
         let count = (1..=SLAVES).rev().find(declared)?;
@@ -152,7 +153,7 @@ impl Watch {
         Some(Config { slaves, cycle_us: self.cycle.us() })
     }
 
-    /// Slaves that may be homing: GO_HOME was written to them, and no report has shown that they follow other commands.
+    /// Slaves that may be homing: GO_HOME was written to them, and no later report shows another command.
     pub fn homing(&self) -> impl Iterator<Item = u8> {
         (1..).zip(&self.slaves).filter(|(_, seen)| seen.may_be_homing()).map(|(n, _)| n)
     }
@@ -167,8 +168,8 @@ mod tests {
 
     const SIZE: SlotSize = SlotSize::Bytes12;
 
-    /// TCP-9 On virtual time a server sees no report that its writer does not read: of one that brings the network up and goes
-    /// home without a look the first report that is seen tells.
+    /// TCP-9 On virtual time a server sees only the reports that its writer reads. If the writer starts a homing
+    /// without reading any, the first report that is read shows it.
     #[test]
     fn a_homing_that_only_a_report_shows() {
         let mut watch = Watch::default();
@@ -207,7 +208,7 @@ mod tests {
         watch.command(&frame, SIZE, Stamp(0));
     }
 
-    /// A network in OP whose drive runs in CSV.
+    /// A network in OP with a drive that runs in CSV.
     fn running() -> Watch {
         let mut watch = Watch::default();
         report(&mut watch, MasterState::PreOp, 3);
@@ -232,14 +233,14 @@ mod tests {
         }
     }
 
-    /// TCP-24, SK-1.24, SK-1.25 A SW_RESET that the board has refused for its CRC takes nothing away: the axes go on, and are
-    /// to be stopped.
+    /// TCP-24, SK-1.24, SK-1.25 A SW_RESET that the board has refused because of its CRC changes nothing: the axes go
+    /// on, and have to be stopped.
     #[test]
     fn a_reset_that_the_board_has_refused() {
         let mut watch = running();
         master(&mut watch, &MasterCommand::SoftReset);
         assert_eq!(mode(&watch), Some(Mode::Csv), "no report has shown yet that it has reset itself");
-        // A writer that has never looked finds reports of the way to OP.
+        // A writer that has read nothing before gets reports of the way to OP.
         let mut way = Frame::new();
         let state = StateByte::reached(MasterState::PreOp);
         way.put(SIZE, 0, &MasterResponse { state, ..MasterResponse::default() }.encode());
@@ -248,13 +249,14 @@ mod tests {
         report(&mut watch, MasterState::Op, 3);
         report(&mut watch, MasterState::Op, 4);
         assert_eq!((mode(&watch), watch.state()), (Some(Mode::Csv), Some(MasterState::Op)));
-        // The way out of OP and back is no reset any more.
+        // Leaving OP and coming back no longer counts as a reset.
         report(&mut watch, MasterState::SafeOp, 4);
         report(&mut watch, MasterState::Op, 4);
         assert_eq!(mode(&watch), Some(Mode::Csv));
     }
 
-    /// SK-4.33 A SW_RESET that the board has executed takes all away, and so does who declares slaves after it, without a look.
+    /// SK-4.33 An executed SW_RESET deletes all state, and so does a program that declares slaves after it without
+    /// reading.
     #[test]
     fn a_reset_that_the_board_has_executed() {
         let mut watch = running();
@@ -274,7 +276,7 @@ mod tests {
         }
     }
 
-    /// TCP-24, SK-1.24 After a frame with a wrong CRC no target is taken for executed, nor a threshold for taken back.
+    /// TCP-24, SK-1.24 After a frame with a wrong CRC no target counts as executed, and no threshold as reset.
     #[test]
     fn frames_that_the_board_has_refused() {
         let mut watch = running();

@@ -1,4 +1,4 @@
-//! The ways between the states, step by step.
+//! The steps from each network state to each other, and those of recoveries.
 
 use super::*;
 
@@ -6,7 +6,7 @@ fn at(state: MasterState) -> Network {
     Network { reached: Some(state), found: 1, scanned: true, talks: true, ..Network::default() }
 }
 
-/// SK-4: the steps of every way from one state to another.
+/// SK-4: the steps of every change from one state to another.
 #[test]
 fn every_way_is_walked_step_by_step() {
     use MasterState::*;
@@ -32,7 +32,7 @@ fn every_way_is_walked_step_by_step() {
     }
 }
 
-/// The steps from here on, each ending well at once.
+/// The steps that follow from here, if each of them succeeds at once.
 fn walk(network: &mut Network) -> Vec<Step> {
     let mut steps = Vec::new();
     while let Some(step) = network.next_step() {
@@ -44,7 +44,7 @@ fn walk(network: &mut Network) -> Vec<Step> {
     steps
 }
 
-/// SK-4.64 A target that is replaced by the state the network is in: what was begun is led back.
+/// SK-4.64 The present state is requested during a change to another one: the steps already done are undone.
 #[test]
 fn the_state_of_before_is_asked_for_again() {
     let mut network = at(MasterState::PreOp);
@@ -54,8 +54,8 @@ fn the_state_of_before_is_asked_for_again() {
     assert_eq!(walk(&mut network), [Step::Move(MasterState::PreOp)]);
 }
 
-/// SK-4.75 What was declared during the configuration is configured, however often the target is replaced: the way
-/// up begins at PreOP again.
+/// SK-4.75 Settings that were declared during the configuration are configured, however often the target is replaced:
+/// the way up begins at PreOP again.
 #[test]
 fn new_settings_are_remembered_with_another_target() {
     use MasterState::*;
@@ -72,7 +72,7 @@ fn new_settings_are_remembered_with_another_target() {
     }
 }
 
-/// SK-4.62 The ways back of lost slaves, from each state: below SafeOP there is nothing to configure.
+/// SK-4.62 The recovery of lost slaves in each state: below SafeOP there is nothing to configure.
 #[test]
 fn lost_slaves_come_back() {
     use MasterState::*;
@@ -91,8 +91,8 @@ fn lost_slaves_come_back() {
     }
 }
 
-/// SK-4.62 SK-4.76 A slave that is lost after the others came back, while a failure is still being acknowledged, comes
-/// back with the SET_STATE that follows.
+/// SK-4.62 SK-4.76 A slave is lost after the others came back, while a failure is still being acknowledged. It comes
+/// back with the next SET_STATE.
 #[test]
 fn one_more_is_lost_after_the_others_came_back() {
     use MasterState::Op;
@@ -118,8 +118,8 @@ fn one_more_is_lost_after_the_others_came_back() {
     assert_eq!((network.lost(), network.state_byte()), (SlaveSet::EMPTY, StateByte::reached(Op)));
 }
 
-/// SK-4.62 SK-4.74 Of two lost slaves one is left behind, and while the other comes back another state is asked for: that
-/// request brings both back, and goes no further without them.
+/// SK-4.62 SK-4.74 One of two lost slaves is silent, and another state is requested while the other one comes back.
+/// That request brings both back, and does not go on without them.
 #[test]
 fn another_request_forgets_no_lost_slave() {
     use MasterState::*;
@@ -142,7 +142,7 @@ fn another_request_forgets_no_lost_slave() {
     }
 }
 
-/// SK-4.74 The same when the one that was coming back refuses after the other request: the one left behind is tried.
+/// SK-4.74 As before, but the slave that was coming back refuses after the new request: the silent one is tried again.
 #[test]
 fn who_refuses_after_another_request_keeps_nobody_back() {
     use MasterState::*;
@@ -158,7 +158,8 @@ fn who_refuses_after_another_request_keeps_nobody_back() {
     assert_eq!(network.recovering(), SlaveSet::first(1));
 }
 
-/// SK-4.55 SK-4.76 A program that asks in every frame sees that a lost slave has refused: asking again forgets nothing.
+/// SK-4.55 SK-4.76 A program that sends SET_STATE in every frame sees that a lost slave has refused: the repeated
+/// requests do not reset that.
 #[test]
 fn asking_again_forgets_no_refusal() {
     use MasterState::SafeOp;
@@ -175,8 +176,8 @@ fn asking_again_forgets_no_refusal() {
     assert_eq!(network.next_step(), None, "it is not asked again");
 }
 
-/// SK-4.74 Of several slaves who come back to OP those that do not answer are given half of the time that is left; one
-/// alone has all of it.
+/// SK-4.74 When several slaves return to OP, silent ones get half of the time that is left. A single slave gets all of
+/// it.
 #[test]
 fn who_comes_back_with_others_has_half_of_the_time() {
     use MasterState::Op;

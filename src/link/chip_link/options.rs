@@ -7,12 +7,12 @@ use crate::address::uri::{LinkUri, UriError};
 use crate::ethercat::Ns;
 use crate::xf::DataSize;
 
-/// Options of every link to a chip: how the driver uses it.
+/// Options of every link to a chip; they set up the driver.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChipOptions {
-    /// The idle time behind an exchange (`idle_us=`), in nanoseconds.
+    /// The idle time after an exchange (`idle_us=`), in nanoseconds.
     pub idle_ns: Ns,
-    /// The n that the chip is set to at the start (`use_n=`); `None`: it keeps what it has.
+    /// The data size n to which the chip is set at the start (`use_n=`); `None`: it keeps its present size.
     pub use_n: Option<DataSize>,
 }
 
@@ -33,17 +33,17 @@ impl ChipOptions {
     }
 }
 
-/// Parses n.
+/// Parses a data size n.
 pub(crate) fn data_size(value: &str) -> Option<DataSize> {
     DataSize::new(value.parse().ok()?)
 }
 
-/// The file to which the exchanges of a link are recorded (`record=`); `None`: there is no recording.
+/// The file to which the exchanges of a link are recorded (`record=`); `None`: no recording.
 pub(crate) fn record(uri: &LinkUri) -> Option<PathBuf> {
     uri.value("record").map(PathBuf::from)
 }
 
-/// The frequency of the clock of SPI.
+/// The frequency of the SPI clock (`speed_hz=`).
 pub(crate) fn speed_hz(uri: &LinkUri) -> Result<u32, UriError> {
     uri.required("speed", |value| keys::hertz(value)?.try_into().ok())
 }

@@ -12,7 +12,7 @@ use crate::threads::Signal;
 /// USB microframe, as for a write to a simulated board.
 pub(super) const POLL_TIME: Duration = Duration::from_micros(125);
 
-/// What ends waits early.
+/// The reasons to end a wait early.
 #[derive(Clone, Copy, Default)]
 struct Cancellation {
     /// The number of cancellations so far, by direction.
@@ -35,11 +35,11 @@ pub(super) struct Clock {
 #[derive(Clone, Copy)]
 pub(super) struct Call {
     pub(super) dir: Dir,
-    /// The number of cancellations in its direction when it began.
+    /// The number of cancellations in its direction when the call began.
     cancels: u64,
-    /// When its time limit ends; `None`: never.
+    /// When the timeout of the call passes; `None`: never.
     deadline: Option<Duration>,
-    /// Whether it is not to wait at all.
+    /// Whether the call must not wait at all.
     no_wait: bool,
 }
 
@@ -67,12 +67,12 @@ impl Clock {
         }
     }
 
-    /// A time since the link was opened as a time stamp of the link's frames.
+    /// Converts a time since the link was opened to a time stamp of the link's frames.
     pub(super) fn stamp(&self, now: Duration) -> Stamp {
         Stamp(self.opened_at.0.saturating_add(u64::try_from(now.as_nanos()).unwrap_or(u64::MAX)))
     }
 
-    /// Begins a call with that time limit.
+    /// Begins a call with that timeout.
     pub(super) fn call(&self, dir: Dir, wait: Wait) -> Result<Call, LinkError> {
         let cancels = self.cancellation.lock().cancels[dir as usize];
         let deadline = match wait.limit() {
@@ -92,7 +92,7 @@ impl Clock {
         if cancelled { Err(LinkError::Cancelled { dir: call.dir }) } else { Ok(()) }
     }
 
-    /// How long the call may still wait, and no longer than until `latest`.
+    /// How much longer the call may wait; at most until `latest`.
     pub(super) fn remaining(&self, call: &Call, latest: Option<Duration>) -> Result<Wait, LinkError> {
         let end = call.deadline.into_iter().chain(latest).min();
         let Some(end) = end else { return Ok(Wait::Forever) };
@@ -100,7 +100,7 @@ impl Clock {
         Ok(if call.no_wait { Wait::Now } else { Wait::at_most(left) })
     }
 
-    /// Waits until `time`, or until the call's deadline if that is earlier. Returns whether `time` is reached.
+    /// Waits until `time`, or until the call's deadline if that is earlier. Returns whether `time` has come.
     pub(super) fn wait_until(&self, call: &Call, time: Duration) -> Result<bool, LinkError> {
         let to = call.deadline.map_or(time, |end| end.min(time));
         if self.virtual_time {
@@ -122,7 +122,7 @@ impl Clock {
         Ok(self.now()? >= time)
     }
 
-    /// Ends the waits in one direction that are in progress.
+    /// Ends the present waits in one direction.
     pub(super) fn cancel(&self, dir: Dir) {
         self.cancellation.lock().cancels[dir as usize] += 1;
         self.changed.notify_all();

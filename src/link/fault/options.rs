@@ -30,9 +30,9 @@ pub struct FaultOptions {
     pub read: FaultRates,
     /// How long a delayed frame is held back.
     pub delay: Duration,
-    /// The board is disconnected after that many frames in both directions together: 1 or more.
+    /// The board is disconnected after this many frames in both directions together: 1 or more.
     pub disconnect_after: Option<u64>,
-    /// The board is disconnected that long after the link was opened.
+    /// The board is disconnected this long after the link was opened.
     pub disconnect_at: Option<Duration>,
 }
 

@@ -25,7 +25,7 @@ pub(super) struct FaultSequence {
 }
 
 impl FaultSequence {
-    /// The sequence for frames of that many bits.
+    /// The sequence for frames of `bits` bits.
     pub(super) fn new(seed: u64, dir: Dir, rates: FaultRates, bits: usize) -> Self {
         Self { random: Rand64::new(u128::from(seed) << 1 | dir as u128), rates, bits: bits as u64 }
     }
@@ -41,7 +41,7 @@ impl FaultSequence {
     }
 }
 
-/// Whether a uniformly distributed random number falls into that fraction of its range.
+/// Whether a uniformly distributed random number falls into this fraction of its range.
 fn hits(number: u64, rate: Fraction) -> bool {
     u128::from(number) * u128::from(Fraction::ONE.billionths()) < u128::from(rate.billionths()) << 64
 }
@@ -69,7 +69,7 @@ mod tests {
         }
     }
 
-    /// The frames of the first thousand that are dropped.
+    /// The indices of the dropped frames among the first thousand.
     fn dropped(seed: u64, dir: Dir, rates: FaultRates) -> Vec<usize> {
         let mut sequence = FaultSequence::new(seed, dir, rates, 4032);
         (0..1000).filter(|_| sequence.next_frame().drop).collect()

@@ -1,6 +1,6 @@
-//! The key `record=` of a link to a chip: a [`ChipLink`] around one that writes every exchange to a pcapng file, which
-//! [`recording::exchanges`](crate::recording::exchanges) reads. File, queue and thread are those of recordings of a
-//! board: on the real clock no exchange waits for the disk.
+//! The key `record=` of a link to a chip: a [`ChipLink`] that wraps another one and writes every exchange to a pcapng
+//! file, which [`recording::exchanges`](crate::recording::exchanges) reads. File, queue and thread are those of
+//! recordings of a board: on the real clock no exchange waits for the disk.
 
 use std::path::Path;
 
@@ -18,11 +18,11 @@ use crate::recording::{Clock, RecordMeta};
 use crate::xf::MAX_PACKET;
 use crate::xf::host::Wires;
 
-/// How many packets may wait for a slow disk on the real clock: both directions of an exchange every 250 us for half a
+/// The most packets that wait for a slow disk on the real clock: both directions of an exchange every 250 us for half a
 /// second. The 6 MB are allocated when the link is opened. \[OURS]
 const QUEUE: usize = 4096;
 
-/// Bytes of one direction of an exchange, on their way to the file.
+/// The bytes of one direction of an exchange, queued for the file.
 struct ExchangeEntry {
     at_ns: u64,
     dir: Dir,
@@ -51,18 +51,19 @@ impl Entry for ExchangeEntry {
     }
 }
 
-/// A link to a chip that records all exchanges of another one.
+/// A link to a chip that records all exchanges of the link that it wraps.
 ///
-/// An exchange is recorded when it has succeeded, as two packets: the bytes to the chip with the time of its begin, those
-/// from the chip with the time of its end. One of more bytes than the longest packet of a chip has is recorded as
-/// several. Packets that are missing are counted, told and noted in the file as with recordings of a board.
+/// An exchange is recorded when it has succeeded, as two packets: the bytes to the chip with the time of its begin, and
+/// those from the chip with the time of its end. If it has more bytes than the longest packet of a chip, it is recorded
+/// as several packets. Missing packets are counted, reported to the user and noted in the file, as in recordings of a
+/// board.
 pub struct RecordedChip {
     inner: Box<dyn ChipLink>,
     recorder: Recorder<ExchangeEntry>,
 }
 
 impl RecordedChip {
-    /// Records `inner` to the file at `path`, a new one or one of this process.
+    /// Records `inner` to the file at `path`, either a new file or a recording of this process.
     ///
     /// # Errors
     /// [`ChipError::Wires`] if the file cannot be written or another recording is writing to it.

@@ -7,8 +7,8 @@
 //! If the file holds a recording of an earlier process, that is renamed to `FILE.1`, which replaces an older `FILE.1`.
 //! \[OURS] A program that records at every start can then be started again and again, and its previous run is kept.
 //!
-//! Refused are two recordings to one file at the same time, and a file that is not a recording of ecmsk: a mistyped name
-//! must not destroy a user's file. \[OURS]
+//! Two recordings to one file at the same time are refused, and so is a file that is not a recording of ecmsk: a
+//! mistyped name must not destroy a user's file. \[OURS]
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -28,9 +28,9 @@ use crate::recording::meta::APPLICATION;
 struct Progress {
     /// [`RecordMeta::base_ns`] of the latest recording.
     base_ns: u64,
-    /// The URI of its link.
+    /// The URI of the link that is recorded.
     link: String,
-    /// The time of its last frame, and when it ended; `None` while it is in progress.
+    /// The time of the last frame, and when the recording ended; `None` while it is in progress.
     last: Option<(u64, Instant)>,
 }
 
@@ -51,7 +51,7 @@ pub(in crate::link) fn open(path: &Path) -> io::Result<RecordingFile> {
     let key = std::path::absolute(path)?;
     let is_first = !recorded().contains_key(&key);
     if is_first {
-        // Another thread that opens the same file meanwhile finds it locked.
+        // If another thread opens the same file meanwhile, it finds the file locked.
         recorded().insert(key.clone(), None);
         match begin(path, file) {
             Ok(begun) => file = begun,
@@ -180,14 +180,15 @@ fn check_replaceable(path: &Path) -> io::Result<()> {
 /// The longest section header of a recording of ecmsk, in bytes; it contains the URI of the link.
 const SECTION_HEADER_BYTES_MAX: u64 = 1 << 20;
 
-/// The file of a recording. A write is made completely or not at all: what a full disk has taken of it is removed again.
+/// The file of a recording. A write is made completely or not at all: if the disk is full, the partial write is
+/// removed.
 pub(in crate::link) struct RecordingFile {
     file: File,
     /// The length after the last write that succeeded; `None` for a pipe or device, which has no length.
     length: Option<u64>,
     /// The absolute path; `None` for a pipe or device.
     path: Option<PathBuf>,
-    /// Has the system write it to the disk; `None` for a pipe or device, and if the system provides no thread.
+    /// Syncs the file to the disk; `None` for a pipe or device, and if the system provides no thread.
     syncing: Option<Syncing>,
 }
 
@@ -200,8 +201,8 @@ impl RecordingFile {
     /// The metadata of a recording that begins when the link's clock shows `link_time`. Its times continue those of the
     /// previous recording in the same file. \[OURS]
     ///
-    /// If the link's clock has continued, perhaps more slowly than real time (`rate=`, `catch_up_ms=`), it tells how much
-    /// time has passed since. If it has started again, the real time since then counts.
+    /// If the link's clock has continued, perhaps more slowly than real time (`rate=`, `catch_up_ms=`), it shows how
+    /// much time has passed since. If it has started again, the real time since then counts.
     pub(in crate::link) fn continued(&self, meta: &RecordMeta, link_time: Stamp) -> RecordMeta {
         let mut meta = meta.clone();
         let Some(path) = &self.path else { return meta };
@@ -219,8 +220,8 @@ impl RecordingFile {
         meta
     }
 
-    /// Writes bytes in place of the last `back` ones. Both are frames, all of the same length: a full disk refuses only what
-    /// would lie behind the present end of the file, so the file still ends with a whole frame then.
+    /// Replaces the last `back` bytes by `bytes`. Both consist of frames of one length: a full disk refuses only the
+    /// part beyond the present end of the file, so that the file still ends with a whole frame.
     fn put(&mut self, back: u64, bytes: &[u8]) -> io::Result<()> {
         let Some(length) = &mut self.length else { return self.file.write_all(bytes) };
         if let Some(syncing) = &self.syncing {
@@ -271,7 +272,7 @@ impl Drop for RecordingFile {
     }
 }
 
-/// Where a recording is written to.
+/// The destination of a recording.
 pub(in crate::link) enum Sink {
     /// A file, pipe or device.
     File(RecordingFile),
@@ -285,7 +286,7 @@ impl Sink {
         matches!(self, Self::File(file) if file.is_on_disk())
     }
 
-    /// Writes bytes in place of the last `back` ones, which must be 0 if bytes cannot be replaced.
+    /// Replaces the last `back` bytes by `bytes`; `back` must be 0 if written bytes cannot be replaced.
     pub(super) fn put(&mut self, back: u64, bytes: &[u8]) -> io::Result<()> {
         match self {
             Self::File(file) => file.put(back, bytes),

@@ -9,12 +9,12 @@
 //! Files, in the order in which to read them:
 //!
 //! - `mod.rs`: [`RecordLink`], which hands every frame to the recorder's thread
-//! - `recorder.rs`: a recording that is being made, and the end of it
-//! - `queue.rs`: the queue to that thread, of frames or of a chip's packets; `ring.rs`: its places
+//! - `recorder.rs`: a running recording, and its end
+//! - `queue.rs`: the queue to that thread, of frames or of a chip's packets; `ring.rs`: its ring buffer
 //! - `writer.rs`: that thread, which writes frames as pcapng blocks and the end of the recording
-//! - `file.rs`: the file or pipe: new, continued or kept as `FILE.1`, and what happens when the disk is full
-//! - `network.rs`: recordings of the frames of a network, which are EtherCAT's
-//! - `sync.rs`: when the operating system writes the file to the disk
+//! - `file.rs`: the file or pipe: new, continued or kept as `FILE.1`, and the handling of a full disk
+//! - `network.rs`: recordings of EtherCAT frames on a network
+//! - `sync.rs`: syncing the file to the disk
 //! - `tell.rs`: messages to the user of the program
 
 mod chip;
@@ -45,19 +45,19 @@ use file::Sink;
 use recorder::{RecordedCall, Recorder};
 use writer::FrameEntry;
 
-/// How many frames may wait for a slow disk on the real clock: both directions of a 250 us cycle for a second. The memory is
-/// allocated when the link is opened. \[OURS]
+/// The most frames that wait for a slow disk on the real clock: both directions of a 250 us cycle for a second. The
+/// memory is allocated when the link is opened. \[OURS]
 pub const QUEUE: usize = 8192;
 
-/// How many frames may wait for the disk on a virtual clock, where the caller waits for room. If the program crashes, at
-/// most these are missing from the recording. \[OURS]
+/// The most frames that wait for the disk on a virtual clock, where the caller waits for room. If the program crashes,
+/// at most these are missing from the recording. \[OURS]
 pub const QUEUE_IN_VIRTUAL_TIME: usize = 64;
 
-/// How often the operating system is asked to write the recorded frames to the disk. \[OURS] If the program is killed,
-/// nothing is lost of what the recorder has handed to the system; if the machine loses its power, at most this much.
+/// How often the recorded frames are synced to the disk. \[OURS] If the program is killed, all frames that the recorder
+/// has handed to the system are kept. If the machine loses its power, at most the frames of this time are lost.
 pub const SYNC_EVERY: Duration = Duration::from_secs(1);
 
-/// How long the reader of a pipe may read nothing before the recorder no longer waits for it. \[OURS]
+/// How long the reader of a pipe may stall before the recorder no longer waits for it. \[OURS]
 pub(super) const PIPE_STALL_MAX: Duration = Duration::from_secs(2);
 
 /// A link that records all frames of another link.
@@ -128,12 +128,12 @@ impl RecordLink {
 }
 
 impl RecordMeta {
-    /// The data for a link that is being opened and whose clock shows `link_time`.
+    /// The metadata for a link that is being opened and whose clock shows `link_time`.
     pub fn now(info: &LinkInfo, link_time: Stamp) -> Self {
         Self::begun(info.name.clone(), info.slot, info.virtual_time, link_time)
     }
 
-    /// The data for a link of that name.
+    /// The metadata for a link with that name.
     pub(super) fn begun(link: String, slot: Option<SlotSize>, virtual_time: bool, link_time: Stamp) -> Self {
         let (clock, base_ns) = if virtual_time {
             (Clock::Virtual, 0)
@@ -197,7 +197,7 @@ fn cannot_record(name: &str, error: &io::Error) -> LinkError {
     LinkError::Io { what: format!("cannot record to {name}"), message: next_step(error) }
 }
 
-/// Why nothing can be recorded to a file, and what to do.
+/// The advice in an error: what the user can do when nothing can be recorded to a file.
 pub(super) fn next_step(error: &io::Error) -> String {
     format!("{error}; name another file with record= or leave it out")
 }

@@ -13,11 +13,11 @@ use crate::ethercat::FRAME_LEN_MAX;
 use crate::fieldbus::Ns;
 use crate::recording::RecordMeta;
 
-/// How many frames may wait for a slow disk: those of a cycle of 250 us, there and back, for half a second. The 6 MB are
-/// allocated when the recording begins. \[OURS]
+/// The most frames that wait for a slow disk: those of a cycle of 250 us, there and back, for half a second. The 6 MB
+/// are allocated when the recording begins. \[OURS]
 const QUEUE: usize = 4096;
 
-/// A frame on its way to the file.
+/// A frame that is queued for the file.
 struct NetworkEntry {
     at_ns: u64,
     dir: Dir,
@@ -45,15 +45,16 @@ impl Entry for NetworkEntry {
     }
 }
 
-/// A recording of the frames of a network, until it is dropped. No call waits for the disk: a frame for which the queue has
-/// no room is missing, which is counted, told and noted in the file as with recordings of a board.
+/// A recording of the frames of a network; it ends when it is dropped. No call waits for the disk: a frame for which
+/// the queue has no room is missing. Missing frames are counted, reported and noted in the file, as in recordings of a
+/// board.
 pub struct NetworkRecording {
     recorder: Recorder<NetworkEntry>,
 }
 
 impl NetworkRecording {
-    /// Records to the file at `path`, a new one; a recording that is there is kept as `FILE.1`. `name` is what is recorded,
-    /// and `now` the time on the clock of [`Self::record`].
+    /// Records to a new file at `path`; an existing recording there is kept as `FILE.1`. `name` is the name of the
+    /// network in the file, and `now` the present time of the clock that [`Self::record`] uses.
     ///
     /// # Errors
     /// The file cannot be written, or another recording is writing to it.
@@ -65,7 +66,7 @@ impl NetworkRecording {
         Ok(Self { recorder })
     }
 
-    /// Records a frame of the master (`Write`) or its answer (`Read`); of one that is too long for Ethernet, its beginning.
+    /// Records a frame of the master (`Write`) or its answer (`Read`). A frame too long for Ethernet is cut.
     pub fn record(&self, dir: Dir, at: Ns, frame: &[u8]) {
         let len = frame.len().min(FRAME_LEN_MAX);
         let mut entry = NetworkEntry { at_ns: self.recorder.file_ns(at), dir, len, bytes: [0; FRAME_LEN_MAX] };

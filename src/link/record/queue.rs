@@ -1,4 +1,4 @@
-//! The queue to the recorder's thread, which no call on the real clock waits for.
+//! The queue to the recorder's thread. No call on the real clock waits for it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -7,35 +7,37 @@ use std::time::Duration;
 use super::ring::{Ring, Taken};
 use crate::threads::Signal;
 
-/// How often an entry is looked for that was begun, and the end of the recorder's thread.
+/// The interval for checking an unfinished entry, and the end of the recorder's thread.
 pub(super) const LOOK_INTERVAL: Duration = Duration::from_millis(1);
-/// After how many looks the thread that has begun an entry counts as one that was ended there. \[OURS]
+/// After how many checks of an unfinished entry its thread counts as ended by force. \[OURS]
 const LOOKS_MAX: u32 = 200;
-/// How long entries may lie there when the thread that would have told of them was ended just before. \[OURS]
+/// How long entries may wait unnoticed if the thread that added them was ended before it woke the recorder's thread.
+/// \[OURS]
 pub(super) const UNTOLD_MAX: Duration = Duration::from_millis(100);
 
-/// The queue, and what is told of it.
+/// The ring buffer of entries, and the signals around it.
 pub(super) struct Queue<E> {
     pub(super) ring: Ring<E>,
-    /// There is room again.
+    /// Signalled when the queue has room again.
     pub(super) room: Signal,
-    /// No entry is added any more.
+    /// Whether the recording has ended, so that no more entries are added.
     pub(super) is_over: AtomicBool,
-    /// Entries that are missing from the recording.
+    /// The number of entries that are missing from the recording.
     pub(super) dropped: Arc<AtomicU64>,
 }
 
 impl<E> Queue<E> {
-    /// With room for so many entries.
+    /// Allocates a queue for `entries` entries.
     pub fn new(entries: usize, dropped: Arc<AtomicU64>) -> Self {
         Self { ring: Ring::new(entries), room: Signal::new(), is_over: AtomicBool::new(false), dropped }
     }
 
-    /// For the recorder's thread: waits for entries, gives all that are there to `push`, and says whether the recording goes on.
+    /// For the recorder's thread: waits for entries and passes all of them to `push`. Returns whether the recording
+    /// goes on.
     pub fn take_all(&self, mut push: impl FnMut(E)) -> bool {
         let (mut came, mut looks) = (false, 0);
         loop {
-            // Before the look at the queue, in which is all then.
+            // Read before the ring: if it is true, the ring already has all entries.
             let is_over = self.is_over.load(Ordering::SeqCst);
             match self.ring.take() {
                 Taken::Entry(entry) => {
@@ -60,7 +62,7 @@ impl<E> Queue<E> {
         }
     }
 
-    /// Says that no entry is added any more.
+    /// Ends the recording: no more entries are added.
     pub fn end(&self) {
         self.is_over.store(true, Ordering::SeqCst);
         self.room.notify_all();

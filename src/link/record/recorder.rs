@@ -1,4 +1,4 @@
-//! A recording that is being made: what the calls of a program record goes into the queue of the recorder's thread.
+//! A running recording: the calls of a program add entries to the queue of the recorder's thread.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -12,25 +12,25 @@ use super::writer::{self, Capture, Entry};
 use crate::recording::{Clock, RecordMeta};
 use crate::threads::{self, Caller, sync};
 
-/// How long the end of a recording waits for the calls under way, which end with their link. \[OURS]
+/// How long the end of a recording waits for the running calls, which end with their link. \[OURS]
 const CALLS_LIMIT: Duration = Duration::from_secs(10);
 
-/// A recording that is being made.
+/// A running recording.
 pub(in crate::link) struct Recorder<E> {
-    /// What is added to the link's times to get those of the file.
+    /// The difference of the times in the file to those of the link, nanoseconds.
     base_ns: u64,
-    /// Whether a call waits for room in the queue: on a virtual clock.
+    /// Whether a call waits for room in the queue: only on a virtual clock.
     may_wait: bool,
     /// How long a call or the end of the recording waits for the reader of a pipe; `None` for a file.
     stall_max: Option<Duration>,
-    /// Whether the reader of the pipe has read nothing for so long that calls do not wait for it any more.
+    /// Whether the reader of the pipe has stalled for so long that calls no longer wait for it.
     given_up: AtomicBool,
     queue: Arc<Queue<E>>,
-    /// The recording ends: what is called from here on is not recorded.
+    /// Whether the recording is ending: calls that begin from now on are not recorded.
     is_ending: AtomicBool,
     /// The threads that are in a call.
     callers: sync::Mutex<Vec<Caller>>,
-    /// Woken without a lock.
+    /// Woken after each new entry, without holding a lock.
     wakes: Thread,
     writer: Mutex<Option<JoinHandle<()>>>,
 }
@@ -81,7 +81,7 @@ impl<E: Entry> Recorder<E> {
         sync::lock(&self.callers)
     }
 
-    /// Entries that are missing from the recording.
+    /// The number of entries that are missing from the recording.
     pub fn dropped(&self) -> u64 {
         self.queue.dropped.load(Ordering::Relaxed)
     }
@@ -109,7 +109,7 @@ impl<E: Entry> Recorder<E> {
         }
     }
 
-    /// Waits for room in the queue, but not forever for the reader of a pipe, who may never read.
+    /// Waits for room in the queue. The wait for the reader of a pipe has a limit, since it may never read.
     fn wait_and_add(&self, mut entry: E) -> bool {
         let queue = &self.queue;
         let began = Instant::now();
@@ -138,7 +138,7 @@ impl<E: Entry> Recorder<E> {
         self.wait_for_writer();
     }
 
-    /// Waits until the file is complete. Any number of threads may, and none of them owns anything meanwhile.
+    /// Waits until the file is complete. Any number of threads may wait, and none of them holds a lock meanwhile.
     fn wait_for_writer(&self) {
         let began = Instant::now();
         loop {
@@ -162,7 +162,7 @@ impl<E: Entry> Recorder<E> {
         }
     }
 
-    /// Waits until all threads have left their calls, but for those that never will, since they were ended by force.
+    /// Waits until all threads have left their calls, except threads that were ended by force.
     fn wait_for_calls(&self) {
         let began = Instant::now();
         while began.elapsed() <= CALLS_LIMIT && !self.callers().iter().all(Caller::is_gone) {
@@ -171,16 +171,16 @@ impl<E: Entry> Recorder<E> {
     }
 }
 
-/// A call of a program that is recorded.
+/// A call of a program whose frame is recorded.
 pub(in crate::link) struct RecordedCall<'a, E> {
     recorder: &'a Recorder<E>,
     caller: Caller,
-    /// It was begun before the recording has begun to end.
+    /// Whether the call began before the recording started to end.
     is_recorded: bool,
 }
 
 impl<E: Entry> RecordedCall<'_, E> {
-    /// Records what has come of the call, or counts it as missing.
+    /// Records the frame of the call, or counts it as missing.
     pub fn record(&self, entry: E) {
         self.recorder.record_if(self.is_recorded, entry);
     }
@@ -223,7 +223,7 @@ mod tests {
         recorder.call().record(FrameEntry { at_ns: 0, dir: Dir::Read, frame: Frame::new() });
     }
 
-    /// Has the system end the calling thread, and nothing else, in its next call that wakes another thread.
+    /// Makes the system end the calling thread alone, in its next call that wakes another thread.
     fn end_where_it_wakes() {
         use libc::{
             BPF_ABS, BPF_ALU, BPF_AND, BPF_JEQ, BPF_JMP, BPF_JUMP, BPF_K, BPF_LD, BPF_RET, BPF_STMT, BPF_W,
@@ -233,7 +233,7 @@ mod tests {
 
         let op = std::mem::offset_of!(libc::seccomp_data, args) + if cfg!(target_endian = "big") { 12 } else { 8 };
         let code = |parts: u32| parts as u16;
-        // SAFETY: the functions only put their arguments into a structure.
+        // SAFETY: the functions only store their arguments in a structure.
         let mut steps = unsafe {
             [
                 BPF_STMT(code(BPF_LD | BPF_W | BPF_ABS), std::mem::offset_of!(libc::seccomp_data, nr) as u32),
@@ -253,8 +253,8 @@ mod tests {
         }
     }
 
-    /// LIB-70 A thread that is ended where it wakes the recorder's thread: all others record, their frames are written, and the
-    /// recording ends.
+    /// LIB-70 A thread is ended while it wakes the recorder's thread: all others go on recording, their frames are
+    /// written, and the recording ends.
     #[test]
     fn a_thread_that_is_ended_while_it_records_hinders_nobody() {
         let written = Arc::new(AtomicU64::new(0));
@@ -268,7 +268,7 @@ mod tests {
                 tells.send(Caller::current()).expect("the test waits for it");
                 end_where_it_wakes();
                 loop {
-                    // The recorder's thread waits by then, or at the next one.
+                    // After this pause the recorder's thread waits, or will wait before the next entry.
                     std::thread::sleep(LOOK_INTERVAL);
                     record(&recording);
                 }

@@ -1,39 +1,40 @@
-//! A bounded queue from the threads of a program to one of this crate. No thread waits for another one in it, and one that is ended by
-//! force in any instruction hinders no other: it loses its own entry, and at most the place of that entry.
+//! A bounded queue from the threads of a program to one thread of this crate. No thread waits for another one in it. A
+//! thread that is ended by force, at any instruction, does not block others: only its own entry is lost, and at most
+//! its place.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use parking_lot::Mutex;
 
-/// The queue. What is added gets a number; its place is the remainder.
+/// The ring buffer. Entries are numbered, and the number modulo the length gives the place.
 pub(super) struct Ring<E> {
     places: Box<[Place<E>]>,
     /// The number of the next entry.
     next: AtomicU64,
-    /// The number of the oldest entry that was not taken.
+    /// The number of the oldest entry that is still in the queue.
     oldest: AtomicU64,
 }
 
 struct Place<E> {
-    /// Locked by `try_lock` alone.
+    /// Locked only with `try_lock`.
     entry: Mutex<Option<E>>,
-    /// The number of the newest entry that was put here, and 1.
+    /// The number of the newest entry stored here, plus 1.
     ready: AtomicU64,
-    /// A thread that was ended, or that is very late, has the lock: numbers of this place are left out.
+    /// Whether a thread that was ended or is very late holds the lock: numbers of this place are skipped.
     is_broken: AtomicBool,
 }
 
-/// What [`Ring::take`] finds.
+/// The result of [`Ring::take`].
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Taken<E> {
     Entry(E),
     Nothing,
-    /// A thread has begun to add the oldest entry.
+    /// A thread is still adding the oldest entry.
     Unfinished,
 }
 
 impl<E> Ring<E> {
-    /// A queue for that many entries, whose memory is allocated now.
+    /// Allocates a queue for `len` entries.
     pub fn new(len: usize) -> Self {
         let place = || Place { entry: Mutex::new(None), ready: AtomicU64::new(0), is_broken: AtomicBool::new(false) };
         let places = std::iter::repeat_with(place).take(len.max(1)).collect();
@@ -44,7 +45,7 @@ impl<E> Ring<E> {
         &self.places[(number % self.places.len() as u64) as usize]
     }
 
-    /// Whether an entry would find no room.
+    /// Whether the queue has no room.
     pub fn is_full(&self) -> bool {
         let next = self.next.load(Ordering::SeqCst);
         next.saturating_sub(self.oldest.load(Ordering::SeqCst)) >= self.places.len() as u64
@@ -53,13 +54,14 @@ impl<E> Ring<E> {
     /// Adds an entry.
     ///
     /// # Errors
-    /// The entry, if the queue is full.
+    /// Returns the entry if the queue is full.
     pub fn add(&self, entry: E) -> Result<(), E> {
         loop {
             let Some(number) = self.begin() else { return Err(entry) };
             let place = self.place(number);
             if let Some(mut free) = place.entry.try_lock() {
-                // A thread that stood still for long may find a newer one, and its own was left out.
+                // After a long stall of this thread the place may have a newer entry: then this entry was skipped, and
+                // is dropped.
                 if place.ready.load(Ordering::SeqCst) <= number {
                     *free = Some(entry);
                     place.ready.store(number + 1, Ordering::SeqCst);
@@ -70,7 +72,7 @@ impl<E> Ring<E> {
         }
     }
 
-    /// The number of an entry that is begun, unless the queue is full.
+    /// Claims the number for a new entry; `None`: the queue is full.
     fn begin(&self) -> Option<u64> {
         loop {
             let number = self.next.load(Ordering::SeqCst);
@@ -84,7 +86,7 @@ impl<E> Ring<E> {
         }
     }
 
-    /// Takes the oldest entry; for one thread alone.
+    /// Takes the oldest entry. Only one thread may call this.
     pub fn take(&self) -> Taken<E> {
         loop {
             let number = self.oldest.load(Ordering::SeqCst);
@@ -95,7 +97,7 @@ impl<E> Ring<E> {
             if place.ready.load(Ordering::SeqCst) == number + 1 {
                 let Some(mut locked) = place.entry.try_lock() else { return Taken::Unfinished };
                 let entry = locked.take();
-                // Before the place may be used again.
+                // The lock is released before the place can be reused.
                 drop(locked);
                 self.leave_out();
                 if let Some(entry) = entry {
@@ -109,7 +111,7 @@ impl<E> Ring<E> {
         }
     }
 
-    /// Goes on behind the oldest entry, whose thread will not add it; for the thread that takes.
+    /// Skips the oldest entry, which its thread will not complete. Only the taking thread may call this.
     pub fn leave_out(&self) {
         self.oldest.fetch_add(1, Ordering::SeqCst);
     }
@@ -121,7 +123,7 @@ mod tests {
 
     use super::*;
 
-    /// Entries come in their order; a full queue takes none.
+    /// Entries come out in order, and a full queue refuses entries.
     #[test]
     fn entries_come_in_their_order() {
         let ring = Ring::new(3);
@@ -138,8 +140,8 @@ mod tests {
         }
     }
 
-    /// LIB-70 A thread that is ended while it adds an entry: that entry is left out, and all others come, also on the place that
-    /// it keeps locked.
+    /// LIB-70 A thread is ended while it adds an entry: that entry is skipped, and all others come out, although its
+    /// place stays locked.
     #[test]
     fn a_thread_that_is_ended_loses_its_own_entry() {
         for keeps_the_place in [false, true] {
@@ -161,7 +163,7 @@ mod tests {
         }
     }
 
-    /// A thread that was taken for ended, and goes on: nothing comes twice, and nothing newer is lost.
+    /// A thread that was taken for ended goes on: no entry comes twice, and no newer one is lost.
     #[test]
     fn a_thread_that_was_left_out_may_go_on() {
         let ring = Ring::new(2);
@@ -171,14 +173,14 @@ mod tests {
         let place = ring.place(late);
         assert!(place.ready.load(Ordering::SeqCst) > late, "a newer one is there");
         assert_eq!((ring.take(), ring.take()), (Taken::Entry(1), Taken::Entry(2)));
-        // It puts its entry where nothing is by now.
+        // The late thread stores its entry in a place that is empty by now.
         *place.entry.lock() = Some(-1);
         assert_eq!(ring.take(), Taken::Nothing);
         assert_eq!((ring.add(3), ring.add(4)), (Ok(()), Ok(())));
         assert_eq!((ring.take(), ring.take()), (Taken::Entry(3), Taken::Entry(4)));
     }
 
-    /// Threads that add at once: each entry comes once, those of a thread in their order.
+    /// Several threads add entries at once: each entry comes out once, and those of each thread in order.
     #[test]
     fn every_entry_of_every_thread_comes_once() {
         const THREADS: usize = 4;

@@ -1,5 +1,4 @@
-//! Has the operating system write a recording to the disk while it grows, so that little of it is lost if the machine
-//! loses its power.
+//! Syncs a growing recording to the disk, so that little of it is lost if the machine loses its power.
 
 use std::fs::File;
 use std::io;
@@ -12,7 +11,7 @@ use std::time::Duration;
 use super::SYNC_EVERY;
 use crate::threads;
 
-/// How long the end of a recording waits until the disk has taken what was written. \[OURS]
+/// How long the end of a recording waits for its last sync. \[OURS]
 const END_WAIT_MAX: Duration = Duration::from_secs(2);
 
 /// A thread that syncs the file in intervals of [`SYNC_EVERY`]. The recorder's thread does not do it itself, because a
@@ -33,8 +32,8 @@ struct Shared {
 }
 
 impl Syncing {
-    /// Starts the thread. `None` if the system provides no further file or thread; the system then writes the file to the
-    /// disk when it chooses to.
+    /// Starts the thread. `None` if the system provides no further file or thread; then the system writes the file to
+    /// the disk whenever it chooses to.
     pub(super) fn begin(file: &File) -> Option<Self> {
         let file = file.try_clone().ok()?;
         let shared = Arc::new(Shared::default());
@@ -68,7 +67,7 @@ impl Syncing {
     }
 }
 
-/// Waits for the thread, which uses the file and the code of this library until it has ended.
+/// Waits for the thread, which uses the file and this library's code until it has ended.
 impl Drop for Syncing {
     fn drop(&mut self) {
         drop(self.running.take());

@@ -1,5 +1,5 @@
-//! Messages of a recorder to the user of the program. They are shown at any log level, because frames that are missing
-//! from a recording make it useless without the user knowing.
+//! Messages of a recorder to the user of the program. They are shown at any log level: otherwise the user would not
+//! know that frames are missing, which can make a recording useless.
 
 use std::io::{self, Write};
 use std::time::Duration;

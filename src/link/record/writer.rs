@@ -31,24 +31,24 @@ const PACKET_LEN: usize = usbmon::HEADER_LEN + FRAME_LEN;
 const AROUND_PACKET: usize = 32;
 /// The largest number of frames in one write.
 const BATCH_FRAMES: usize = BATCH_BYTES / (PACKET_LEN + AROUND_PACKET);
-/// How many frames at the end of the file may be moved behind one that comes late. On the real clock the thread that reads
+/// The most frames at the end of the file that are rewritten behind a late one. On the real clock the reading thread
 /// may be late by all reports of its queue, with a command for each. \[OURS]
 const SORTED_FRAMES: usize = 128;
-/// How many bytes the end of a section needs at most. A recording only begins if the disk has room for them. \[OURS]
+/// The most bytes of the end of a section. A recording only begins if the disk has room for them. \[OURS]
 const SECTION_END_BYTES_MAX: usize = 512;
 /// `if_tsresol`: times are in units of 10^-9 s.
 const NANOSECONDS: u8 = 9;
 
-/// Why frames are missing if no write has failed.
+/// The reason in messages for missing frames if no write has failed.
 const TOO_SLOW: &str = "the disk was too slow";
 
-/// What one block of a recording holds, on its way to the file.
+/// The content of one block of a recording, queued for the file.
 pub(in crate::link) trait Entry: Send + 'static {
-    /// What the packets of the file are.
+    /// The link type of the packets in the file.
     const LINK_TYPE: DataLink;
-    /// What was recorded.
+    /// The hardware that was recorded.
     const HARDWARE: &'static str;
-    /// Whether entries may come late, and are put in the order of their times: all their blocks have one length then.
+    /// Whether entries may come late and are then sorted by time. If so, all their blocks have the same length.
     const MAY_COME_LATE: bool;
     /// The largest number of bytes of a packet.
     const PACKET_MAX: usize;
@@ -59,8 +59,8 @@ pub(in crate::link) trait Entry: Send + 'static {
     /// The direction.
     fn dir(&self) -> Dir;
 
-    /// Puts the packet into `packet`, of [`Self::PACKET_MAX`] bytes, and gives its length. `id` counts the packets of a
-    /// section from 0.
+    /// Stores the packet in `packet`, which has [`Self::PACKET_MAX`] bytes, and returns its length. `id` counts the
+    /// packets of a section from 0.
     fn packet(&self, id: u64, packet: &mut [u8]) -> usize;
 
     /// The sort key of the time order. Of a report and a command with the same time the report comes first, since the command
@@ -70,7 +70,7 @@ pub(in crate::link) trait Entry: Send + 'static {
     }
 }
 
-/// A frame on its way to the file.
+/// A frame of a board that is queued for the file.
 pub(super) struct FrameEntry {
     /// The time stamp in the file, in nanoseconds.
     pub at_ns: u64,
@@ -99,12 +99,12 @@ impl Entry for FrameEntry {
     }
 }
 
-/// Writes the frames from the queue until that ends, then writes the end of the recording.
+/// Writes the frames from the queue until the recording ends, then writes its end.
 ///
-/// Frames that have arrived are written at once, in one write: a program may crash at any moment, and its last frames
-/// show why.
+/// All frames that have arrived are written at once, in one write: a program may crash at any moment, and its last
+/// frames show why.
 pub(super) fn run<E: Entry>(queue: &Queue<E>, mut capture: Capture<E>) {
-    // However this thread ends nobody waits for it.
+    // However this thread ends, no other one waits for it after that.
     let ends = Ends(queue);
     while queue.take_all(|entry| capture.push(entry)) {
         capture.flush();
@@ -137,20 +137,20 @@ pub(super) struct Capture<E> {
     blocks: PcapNgWriter<Vec<u8>>,
     /// Frames that have not been written yet.
     waiting: Vec<E>,
-    /// The newest frames in the file, if frames are sorted.
+    /// The newest frames in the file, for sorting; empty if frames are not sorted.
     recent: VecDeque<E>,
     frames_written: u64,
     /// The length of the last block in the file.
     last_block: u64,
-    /// Room for a packet.
+    /// A buffer for one packet.
     packet: Box<[u8]>,
     /// The latest time of a frame.
     last_ns: u64,
     /// Frames that are missing from the file; the threads of the program count here as well.
     dropped: Arc<AtomicU64>,
-    /// Whether the user was told that frames are missing.
+    /// Whether the user was warned about missing frames.
     told: bool,
-    /// The error of the write that has failed. After it nothing is written and every frame is counted as missing.
+    /// The error of a failed write. After it nothing more is written, and every frame is counted as missing.
     failed: Option<String>,
 }
 
@@ -224,7 +224,7 @@ impl<E: Entry> Capture<E> {
         }
     }
 
-    /// Writes the waiting frames, and again those frames of the file that belong behind the first of them.
+    /// Writes the waiting frames in order, and rewrites those frames of the file that belong behind the first of them.
     fn write_out(&mut self) -> io::Result<()> {
         let mut again = 0;
         if self.sorts {
@@ -255,7 +255,7 @@ impl<E: Entry> Capture<E> {
             last_block = (self.blocks.get_ref().len() - before) as u64;
             id += 1;
         }
-        // Those that are written again have one length.
+        // The rewritten frames all have the same length.
         self.put(again * (E::PACKET_MAX + AROUND_PACKET))?;
         self.last_block = last_block;
         self.frames_written += self.waiting.len() as u64;
@@ -285,7 +285,7 @@ impl<E: Entry> Capture<E> {
         tell(format!("recording to {} has stopped: {error}; frames from here on are counted only", self.name));
     }
 
-    /// Tells the user as soon as the first frames are missing. This thread does it, so that no thread of the program waits
+    /// Warns the user when the first frames are missing. This thread does that, so that no thread of the program waits
     /// for standard error.
     fn tell_lost(&mut self) {
         if !self.told && self.dropped.load(Ordering::Relaxed) > 0 {
@@ -315,7 +315,7 @@ impl<E: Entry> Capture<E> {
         }
     }
 
-    /// How many frames are missing, and if there are any how many and why, in words.
+    /// The number of missing frames, and if it is not 0, a text with the number and the reason.
     fn missing(&self) -> (u64, Option<String>) {
         let dropped = self.dropped.load(Ordering::Relaxed);
         let why = self.failed.as_deref().unwrap_or(TOO_SLOW);

@@ -1,27 +1,27 @@
-//! Which working counters of a datagram are right: that of the slaves which take part for certain, and what others may add.
+//! The right working counters of a datagram: the sum over certain participants, plus what others may add.
 
 use crate::master::shared::Standing;
 
-/// The working counters of a datagram that are right.
+/// The set of right working counters of a datagram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Expected {
-    /// What is added for certain.
+    /// The sum over the slaves that take part for certain.
     certain: u16,
-    /// Bit n: the others may add n. Forty slaves add 120 at most.
+    /// Bit n: all other slaves together may add n. Forty slaves add 120 at most.
     besides: u128,
-    /// What all add together.
+    /// The working counter if all slaves take part with all their data.
     most: u16,
 }
 
 impl Default for Expected {
-    /// Of no slave: 0.
+    /// For a datagram without slaves: 0.
     fn default() -> Self {
         Self { certain: 0, besides: 1, most: 0 }
     }
 }
 
 impl Expected {
-    /// A slave is in the datagram, for whose outputs and inputs so much is counted.
+    /// Adds a slave to the datagram. `outputs` and `inputs`: what each of them adds to the working counter.
     pub(super) fn add(&mut self, standing: &Standing, slave: u8, [outputs, inputs]: [u16; 2]) {
         self.most += outputs + inputs;
         if standing.in_op.contains(slave) {
@@ -36,18 +36,18 @@ impl Expected {
         }
     }
 
-    /// Anything up to that may be added.
+    /// Any number from 0 to `counts` may be added.
     fn add_any(&mut self, counts: u16) {
         (0..counts).for_each(|_| self.besides |= self.besides << 1);
     }
 
-    /// Whether a working counter is one of these.
+    /// Whether a working counter is right.
     pub(super) fn allows(&self, counter: u16) -> bool {
         let besides = counter.checked_sub(self.certain).filter(|besides| u32::from(*besides) < u128::BITS);
         besides.is_some_and(|besides| self.besides >> besides & 1 != 0)
     }
 
-    /// Whether it shows that all slaves in the datagram have taken part, whatever was known of them.
+    /// Whether a working counter shows that all slaves in the datagram have taken part with all their data.
     pub(super) const fn is_of_all(&self, counter: u16) -> bool {
         counter == self.most
     }
@@ -58,7 +58,7 @@ mod tests {
     use super::*;
     use crate::ethercat::SlaveSet;
 
-    /// The working counters that are right for slaves with outputs and inputs, of which some are not in OP.
+    /// The right working counters for `slaves` slaves with outputs and inputs; `change` takes some of them out of OP.
     fn allowed(slaves: u8, change: impl FnOnce(&mut Standing)) -> Vec<u16> {
         let mut standing = Standing { in_op: SlaveSet::first(slaves), ..Standing::default() };
         change(&mut standing);
@@ -67,8 +67,8 @@ mod tests {
         (0..200).filter(|counter| expected.allows(*counter)).collect()
     }
 
-    /// Where all are in OP one working counter is right; a slave in SafeOP adds its inputs, one that is gone all or nothing, one
-    /// that is on its way any part, and none adds more than it has.
+    /// If all slaves are in OP, one working counter is right. A slave in SafeOP adds at least its inputs, a missing one
+    /// all or nothing, and one that changes its state any part. No slave adds more than its data.
     #[test]
     fn what_slaves_may_add_together() {
         let first = SlaveSet::first(1);

@@ -1,4 +1,4 @@
-//! The process data of one slave: its sync managers, where its data lie, and what its registers say about both.
+//! The process data of one slave: its sync managers, the place of its data in a datagram, and the registers for both.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -7,20 +7,20 @@ use super::SEGMENT_STEP;
 use crate::ethercat::registers::{Fmmu, FmmuDirections, SyncManager};
 use crate::master::{SlaveInfo, SyncSignals};
 
-/// Where process data of one direction lie.
+/// The place of a slave's process data of one direction.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Place {
-    /// The number of the datagram.
+    /// The index of the segment.
     pub(super) segment: usize,
     pub(super) range: Range<usize>,
 }
 
-/// What the registers of a slave say about its process data.
+/// The registers of a slave that describe its process data.
 #[derive(Debug, Default)]
 pub(in crate::master) struct Registers {
-    /// The sync managers, with their numbers.
+    /// The sync managers, each with its number.
     pub(in crate::master) managers: Vec<(u8, SyncManager)>,
-    /// The FMMUs that map them.
+    /// The FMMUs that map these sync managers to logical addresses.
     pub(in crate::master) fmmus: Vec<Fmmu>,
 }
 
@@ -33,12 +33,12 @@ pub(super) struct SlaveData {
     pub(super) sync: Option<SyncSignals>,
     pub(super) output_place: Place,
     pub(super) input_place: Place,
-    /// What follows from all that, for changes of state.
+    /// The registers that changes of state write; computed from the fields above.
     pub(super) registers: Arc<Registers>,
 }
 
 impl SlaveData {
-    /// Those of a slave that has none yet, with room for what its EEPROM describes.
+    /// A slave without process data, with memory for those that its EEPROM describes.
     pub(super) fn of(info: &SlaveInfo) -> Self {
         let (outputs, inputs) = (info.outputs.len(), info.inputs.len());
         let (managers, fmmus) = (Vec::with_capacity(outputs + inputs), Vec::with_capacity(outputs + inputs));
@@ -50,10 +50,10 @@ impl SlaveData {
         }
     }
 
-    /// Its process data, or where they lie, are others.
+    /// Recomputes the registers after a change of the process data or of their place.
     pub(super) fn update_registers(&mut self) {
         if Arc::get_mut(&mut self.registers).is_none() {
-            // A change of state that is under way keeps those that it has begun with.
+            // A running change of state still refers to the old registers and goes on with those.
             self.registers = Arc::default();
         }
         let Some(Registers { managers: all, fmmus }) = Arc::get_mut(&mut self.registers) else { return };
@@ -73,7 +73,7 @@ impl SlaveData {
     }
 }
 
-/// How many bytes sync managers have together.
+/// The sum of the lengths of sync managers, bytes.
 pub(super) fn bytes_of(managers: impl IntoIterator<Item = (u8, SyncManager)>) -> usize {
     managers.into_iter().map(|(_, manager)| usize::from(manager.len)).sum()
 }

@@ -1,31 +1,31 @@
-//! Which masters send frames: whether one is there, and whether another one is. Time is an argument.
+//! Detects the masters that send frames: whether there is one, and whether there is a second one. Time is an argument.
 
 use std::time::{Duration, Instant};
 
 use crate::ethercat::FrameHeader;
 use crate::io::ethernet::MacAddress;
 
-/// Without a frame for this long the master is gone. \[OURS]
+/// After this long without a frame the master counts as gone. \[OURS]
 const SILENCE: Duration = Duration::from_secs(2);
-/// Without any frame for this long after the start, it is asked where the master is. \[OURS]
+/// After this long without any frame since the start, a log line asks whether the master is connected. \[OURS]
 const FIRST_FRAME: Duration = Duration::from_secs(10);
 
 /// The masters at the interfaces of a server.
 pub(super) struct Masters {
     interface: String,
-    /// When it is asked where the master is; `None`: it has been, or a frame has come.
+    /// When the log asks whether the master is connected; `None`: it has asked, or a frame has come.
     asks: Option<Instant>,
-    /// When the last frame came; `None`: no master is there.
+    /// When the last frame came; `None`: there is no master.
     last_frame: Option<Instant>,
-    /// The source of the first frame of the master that is there.
+    /// The source address of the present master's first frame.
     source: Option<MacAddress>,
-    /// Another source, since then.
+    /// A different source address seen since then.
     other: Option<MacAddress>,
     is_other_told: bool,
 }
 
 impl Masters {
-    /// No master is there; the interface before the first slave has that name.
+    /// No master yet. `interface`: the name of the interface before the first slave.
     pub(super) fn new(interface: String, begin: Instant) -> Self {
         Self {
             interface,
@@ -37,8 +37,8 @@ impl Masters {
         }
     }
 
-    /// A frame of a master has come at `now`: what is to be told. `source`: the one of a frame that came before the first slave.
-    /// One master may send from several sources at the two ends of a ring.
+    /// Notes a frame of a master at `now`. Returns the line for the log, if any. `source`: its source address, if it
+    /// came in before the first slave; at the other end of a ring one master may use another address.
     pub(super) fn note(&mut self, source: Option<&[u8]>, now: Instant) -> Option<String> {
         self.asks = None;
         let comes = self.last_frame.replace(now).is_none();
@@ -52,7 +52,8 @@ impl Masters {
         comes.then(|| format!("a master is there on {}", self.interface))
     }
 
-    /// Two masters take turns; one that follows another does not.
+    /// Detects two masters by their alternating source addresses: a master that replaces another one does not
+    /// alternate.
     fn compare(&mut self, source: MacAddress) -> Option<String> {
         let first = *self.source.get_or_insert(source);
         if source != first {
@@ -68,7 +69,7 @@ impl Masters {
         ))
     }
 
-    /// Time passes up to `now`: what is to be told.
+    /// Advances the time to `now`. Returns the line for the log, if any.
     pub(super) fn pass(&mut self, now: Instant) -> Option<String> {
         if self.last_frame.is_some_and(|last| now.saturating_duration_since(last) >= SILENCE) {
             (self.last_frame, self.source, self.other, self.is_other_told) = (None, None, None, false);
@@ -91,8 +92,8 @@ mod tests {
     const ONE: [u8; 6] = [0x01, 1, 1, 1, 1, 1];
     const OTHER: [u8; 6] = [0x10, 0x20, 0x30, 0x40, 0x50, 0x60];
 
-    /// ECAT-15.22 A master that comes and one that is gone are told; another one that sends at the same time is told once, with both
-    /// addresses; one that follows another is no other one.
+    /// ECAT-15.22 A master that appears or is gone is logged. A second one at the same time is logged once, with both
+    /// addresses. A master that replaces another one is no second master.
     #[test]
     fn masters_come_and_go_and_two_are_told() {
         let begin = Instant::now();
@@ -100,7 +101,7 @@ mod tests {
         let mut masters = Masters::new("veth1".into(), begin);
         assert_eq!(masters.note(Some(&ONE), at(10)).as_deref(), Some("a master is there on veth1"));
         assert_eq!(masters.note(Some(&ONE), at(20)), None);
-        // The bit that slaves set is no other address.
+        // The address bit that slaves set does not make another address.
         assert_eq!(masters.note(Some(&[ONE[0] | 2, 1, 1, 1, 1, 1]), at(30)), None);
         assert_eq!(masters.note(Some(&OTHER), at(40)), None, "it may be the next one");
         let said = masters.note(Some(&ONE), at(50)).expect("it is told");
@@ -114,7 +115,7 @@ mod tests {
         assert_eq!(masters.note(None, at(20_020)), None, "at the other end of a ring a master has another source");
     }
 
-    /// ECAT-15.22 Where no frame comes at all, it is asked once where the master is.
+    /// ECAT-15.22 If no frame comes at all, the log asks once whether the master is connected.
     #[test]
     fn a_master_that_does_not_come_is_asked_for() {
         let begin = Instant::now();

@@ -1,12 +1,12 @@
-//! Simulated slaves for any EtherCAT master: they answer the frames that come to a network interface (Linux), on the real
-//! clock.
+//! Simulated slaves for any EtherCAT master: they answer the frames that arrive at a network interface (Linux), on the
+//! real clock.
 //!
 //! Files, in the order in which to read them:
 //!
 //! - `mod.rs`: [`Server`], its options and errors
-//! - `masters.rs`: which masters send frames
-//! - `network.rs`: the slaves with what a script does to them; time is an argument
-//! - `told.rs`: what is told of the slaves
+//! - `masters.rs`: detecting masters
+//! - `network.rs`: the slaves, and the actions of a script on them; time is an argument
+//! - `told.rs`: log lines about the slaves
 //! - `service.rs`: the thread
 
 mod masters;
@@ -37,30 +37,30 @@ use crate::testbed::simulated_slaves;
 use masters::Masters;
 use service::{Failure, Port, Service};
 
-/// How slaves are served.
+/// The settings of a server.
 #[derive(Clone)]
 pub struct Options {
-    /// The network interface.
+    /// The name of the network interface.
     pub interface: String,
-    /// A second one at the other end of the cable, which closes a ring while it has a link.
+    /// The name of a second interface at the other end of the cable, which closes a ring while it has a link.
     pub second: Option<String>,
-    /// The slaves in the order of the cable.
+    /// The slaves in network order.
     pub slaves: Vec<SlaveSpec>,
-    /// By how much the crystals of the slaves are too fast or too slow at most, parts per million: the first one is too fast by that
-    /// much, the last one too slow, and the others lie evenly between them.
+    /// The largest drift of the slaves' clocks, parts per million: the first clock is too fast by that, the last one
+    /// too slow, and the others are evenly spread between them.
     pub drift_ppm: u16,
-    /// A file of events that happen to the slaves.
+    /// A script of events that happen to the slaves.
     pub script: Option<PathBuf>,
-    /// The file to which every frame and its answer are recorded.
+    /// The file to which all frames and their answers are recorded.
     pub record: Option<PathBuf>,
-    /// Whether the interface may be the one by which this machine reaches others.
+    /// Whether the interface may be that of this machine's default route.
     pub allow_default_route: bool,
-    /// What the thread that answers asks of the system; what is refused is a line of the log.
+    /// The real-time settings of the thread that answers; each refused one is logged.
     pub real_time: RealTime,
-    /// Called with each line of the log, in a thread of its own for which no other thread waits. Lines that it does not
-    /// take in time are dropped, and their number is reported to it.
+    /// Called with each line of the log, in a thread of its own for which no other thread waits. If the function is too
+    /// slow, lines are dropped, and a line reports their number.
     pub tell: Arc<dyn Fn(&str) + Send + Sync>,
-    /// Called in the thread of the slaves when it has ended by itself; [`Server::stop`] says why.
+    /// Called in the thread of the slaves when it has ended by itself; [`Server::stop`] returns the reason.
     pub failed: Arc<dyn Fn() + Send + Sync>,
 }
 
@@ -74,10 +74,10 @@ pub enum ServeError {
     /// See [`SimulatedSlavesError`].
     #[error(transparent)]
     Slaves(#[from] SimulatedSlavesError),
-    /// There is no slave.
+    /// There are no slaves.
     #[error("no slave is to be served; name some with --slaves, e.g. 'drive*2,io'")]
     NoSlave,
-    /// The EEPROM of a slave cannot be written.
+    /// The EEPROM content of a slave cannot be made.
     #[error(transparent)]
     Description(#[from] UndescribedError),
     /// The recording cannot be made.
@@ -88,7 +88,7 @@ pub enum ServeError {
         "{interface} is the interface at both ends; with --second name the one at the other end of the cable, or leave it out"
     )]
     SameInterface { interface: String },
-    /// An interface is gone while it was served.
+    /// A network interface disappeared while it was served.
     #[error(
         "the network interface {interface} is gone, and so the slaves are reached no more; make it again, then start the server \
          again"
@@ -99,7 +99,7 @@ pub enum ServeError {
     System { what: &'static str, source: io::Error },
 }
 
-/// Slaves that are served until this value is stopped or dropped.
+/// A running server; it ends when this value is stopped or dropped.
 pub struct Server {
     cable: Cable,
     serving: Serving,
@@ -157,7 +157,7 @@ impl Server {
         Ok(Self { cable, serving: serving.map_err(system("start the thread of the slaves"))?, failure })
     }
 
-    /// The cable of the slaves, for faults.
+    /// The simulated cable, for causing faults.
     pub const fn cable(&self) -> &Cable {
         &self.cable
     }
@@ -167,10 +167,10 @@ impl Server {
         self.serving.flush();
     }
 
-    /// Ends the server: the slaves answer no more, and the recording is complete.
+    /// Ends the server: the slaves no longer answer, and the recording is complete.
     ///
     /// # Errors
-    /// [`ServeError::Gone`]: it has ended before, by itself.
+    /// [`ServeError::Gone`]: the server had already ended by itself.
     pub fn stop(self) -> Result<(), ServeError> {
         drop(self.serving);
         self.failure.lock().take().map_or(Ok(()), Err)
@@ -192,7 +192,7 @@ fn ports(options: &Options) -> Result<Vec<Port>, ServeError> {
         let socket = Socket::open(&interface, ETHERTYPE)?;
         Ok(Port { interface: name.clone(), socket, _claim: claim, is_connected, last_frame: None })
     };
-    // So it is with a new network. Whether the second one has a link is asked for at once.
+    // The first interface counts as connected, as in a new network; the link of the second one is read at once.
     let second = options.second.as_ref().map(|name| (name, false));
     std::iter::once((&options.interface, true)).chain(second).map(port).collect()
 }

@@ -1,4 +1,4 @@
-//! The slaves on a cable, and what a script does to them. Time is an argument; nothing here knows the network interface.
+//! The slaves on a cable, and the actions of a script on them. Time is an argument; no network interface is used here.
 
 use super::ServeError;
 use super::told::Told;
@@ -10,23 +10,23 @@ use crate::slave::esc::{CabledChain, Chain, FrameFate};
 use crate::testbed::script::{RunningScript, Script, ScriptOrigin};
 use crate::testbed::simulated_slaves;
 
-/// Slaves in a line, with the handle by which scripts and tests reach them.
+/// Slaves in a line, with the handle by which scripts and tests cause faults.
 pub struct Network {
     slaves: CabledChain,
     script: Option<RunningScript>,
     told: Told,
-    /// What has happened that nobody has taken yet.
+    /// Log lines that were not taken yet.
     lines: Vec<String>,
-    /// When the newest frame came, or time passed last.
+    /// The time of the newest frame or [`Self::advance`].
     now: Ns,
 }
 
 impl Network {
-    /// Slaves in a line that are switched on at time 0, when the script begins. Their crystals are up to `drift_ppm` parts per
+    /// Slaves in a line, switched on at time 0, when the script begins. Their clocks are up to `drift_ppm` parts per
     /// million too fast or too slow, each by another amount.
     ///
     /// # Errors
-    /// [`ServeError::Description`]: a device does not say what belongs into its EEPROM.
+    /// [`ServeError::Description`]: a device does not describe the content of its EEPROM.
     pub fn new(devices: Vec<Box<dyn Slave>>, script: Option<Script>, drift_ppm: u16) -> Result<Self, ServeError> {
         let slaves = CabledChain::with_drift(devices, Cable::default(), u32::from(drift_ppm) * 1000)?;
         let told = Told::new(slaves.chain().len());
@@ -34,22 +34,22 @@ impl Network {
         Ok(Self { slaves, script, told, lines: Vec::new(), now: 0 })
     }
 
-    /// The cable, for faults.
+    /// The simulated cable, for causing faults.
     pub const fn cable(&self) -> &Cable {
         self.slaves.cable()
     }
 
-    /// The slaves.
+    /// The simulated slaves, in network order.
     pub const fn chain(&self) -> &Chain {
         self.slaves.chain()
     }
 
-    /// Whether the frame is one of a master: EtherCAT with datagrams.
+    /// Whether the frame is one of an EtherCAT master: it has datagrams.
     pub fn is_masters(frame: &[u8]) -> bool {
         Frame::decode(frame).is_ok_and(|frame| frame.datagrams().is_some())
     }
 
-    /// There is a cable at that end of the slaves, or none any more. At the beginning there is one at the first end alone.
+    /// Connects or disconnects the cable at that end of the line. At the beginning only the first end is connected.
     pub fn connect(&mut self, end: CableEnd, is_connected: bool) {
         match end {
             CableEnd::First => self.slaves.connect_first(is_connected),
@@ -57,9 +57,10 @@ impl Network {
         }
     }
 
-    /// A frame of `len` bytes comes at that end at `now` and is changed in place; how many bytes come back, padded with zeros to
-    /// those that Ethernet has at least, for which there has to be room, and at which end. `None`: it does not come back. Times
-    /// have to ascend. Once the frame is on its way, [`Self::look`] has to follow.
+    /// Processes a frame of `len` bytes that comes in at `end` at time `now`, in place. Returns the length of the
+    /// answer, padded with zeros to the minimum of Ethernet, and the end at which it comes out; `None`: the frame does
+    /// not come back. `frame` must have room for the padding, and times must not decrease. Call [`Self::look`] once the
+    /// answer is sent.
     pub fn answer(&mut self, end: CableEnd, frame: &mut [u8], len: usize, now: Ns) -> Option<(usize, CableEnd)> {
         if let Some(script) = &mut self.script {
             script.begin(ScriptOrigin::Frame, now);
@@ -72,12 +73,12 @@ impl Network {
         matches!(fate, FrameFate::Returned(_)).then_some((padded, end))
     }
 
-    /// Looks for errors that the newest frame has caused: a master may acknowledge one before time passes again.
+    /// Logs errors that the newest frame has caused, before the master may acknowledge them.
     pub fn look(&mut self) {
         self.told.look_at_states(self.slaves.chain(), self.now, |(_, code)| code != AlStatus::NONE, &mut self.lines);
     }
 
-    /// Time passes up to `now`.
+    /// Advances the time of slaves and script to `now`.
     pub fn advance(&mut self, now: Ns) {
         self.now = now;
         self.run_script(now);
@@ -91,17 +92,17 @@ impl Network {
         }
     }
 
-    /// The slaves are served no more: what was kept back is told.
+    /// Called at the end of the server: logs changes that were held back.
     pub fn finish(&mut self) {
         self.told.tell_rest(self.slaves.chain(), self.now, &mut self.lines);
     }
 
-    /// The lines on what has happened since the last call.
+    /// Takes the log lines since the last call.
     pub fn take_lines(&mut self) -> impl Iterator<Item = String> {
         self.lines.drain(..)
     }
 
-    /// The cable is told what the script wants by `now`.
+    /// Carries out the actions of the script that are due by `now`.
     fn run_script(&mut self, now: Ns) {
         let lines = &mut self.lines;
         if let Some(script) = &mut self.script {
@@ -121,10 +122,10 @@ mod tests {
     use crate::port::ethercat::told::state_of;
 
     const MS: Ns = 1_000_000;
-    /// Sync managers 0 and 1, as the EEPROM of the slaves has them.
+    /// Sync managers 0 and 1 as in the EEPROM of the slaves.
     const MAILBOXES: [u8; 16] = [0x00, 0x10, 0x80, 0x00, 0x26, 0, 1, 0, 0x80, 0x10, 0x80, 0x00, 0x22, 0, 1, 0];
 
-    /// A network and a master that sends one datagram at a time.
+    /// A network, and a master that sends one datagram at a time.
     struct Wire {
         network: Network,
         now: Ns,
@@ -152,7 +153,7 @@ mod tests {
             }
         }
 
-        /// The data and the working counter of an answer; `None`: the frame is lost.
+        /// Sends a datagram. Returns data and working counter of the answer; `None`: the frame is lost.
         fn send(&mut self, command: Command, address: u32, data: &[u8]) -> Option<(Vec<u8>, u16)> {
             let mut frame = [0xEE; FRAME_LEN_MAX];
             let mut writer = FrameWriter::new(&mut frame, FrameHeader::datagrams([0x10; 6])).expect("room");
@@ -160,7 +161,7 @@ mod tests {
             let header = DatagramHeader { command, index: 0, address, len: 0, reserved, circulating, more, irq: 0 };
             writer.push(header, data).expect("room");
             writer.finish();
-            // On a pair of virtual interfaces frames come without padding.
+            // On a pair of virtual interfaces frames arrive without padding.
             let len = FRAME_HEADER_LEN + DATAGRAM_OVERHEAD + data.len();
             frame[len..].fill(0xEE);
             self.now += 1000;
@@ -176,13 +177,14 @@ mod tests {
             Some((datagram.data.to_vec(), datagram.working_counter))
         }
 
-        /// How many slaves count a broadcast.
+        /// The number of slaves that answer a broadcast.
         fn count(&mut self) -> Option<u16> {
             Some(self.send(Command::Brd, u32::from(AL_STATUS) << 16, &[0; 2])?.1)
         }
     }
 
-    /// ECAT-15.1 Answers have 60 bytes at least, padded with zeros; what is no EtherCAT with datagrams is no frame of a master.
+    /// ECAT-15.1 Answers have at least 60 bytes, padded with zeros. A frame without EtherCAT datagrams is not one of a
+    /// master.
     #[test]
     fn answers_are_padded_and_other_frames_ignored() {
         let mut wire = Wire::new("drive*3", "");
@@ -200,7 +202,7 @@ mod tests {
         assert!(Network::is_masters(&frame), "datagrams");
     }
 
-    /// ECAT-15.18 Crystals drift as was asked for: the first one is too fast by that much, the last one too slow.
+    /// ECAT-15.18 Clocks drift as requested: the first one is too fast by that, the last one too slow.
     #[test]
     fn crystals_drift() {
         let mut wire = Wire::with_drift("drive*3", "", 100);
@@ -217,8 +219,8 @@ mod tests {
         assert_eq!(passed.map(|ns| ns / 1000), [100, 0, -100]);
     }
 
-    /// ECAT-15.2 A cut takes the slaves behind it; one that is lost or mute lets frames pass to those behind; a cut before the
-    /// first one loses frames.
+    /// ECAT-15.2 A cut cable separates the slaves behind it. A slave that is lost or mute passes frames on to those
+    /// behind it. A cut before the first slave loses all frames.
     #[test]
     fn a_script_cuts_mutes_and_loses() {
         let script =
@@ -238,8 +240,8 @@ mod tests {
         );
     }
 
-    /// ECAT-15.20 An alarm is told with its code and its words when it comes, when another one takes its place, and when it is gone; a
-    /// module of two axes with the axis.
+    /// ECAT-15.20 An alarm is logged with its code and text when it appears or replaces another one, and when it is
+    /// gone; for a module of two axes also with the axis.
     #[test]
     fn alarms_are_told() {
         let script = "at 10ms alarm 1 0x7500\nat 20ms alarm 1 0x8611\nat 30ms alarm 3.2 0x7500\nat 40ms alarm 2 0x3220\nat 50ms lose 2 for 5ms\n";
@@ -263,7 +265,8 @@ mod tests {
         );
     }
 
-    /// ECAT-15.24 Below `from frame` times count from the first frame, below `from op` from when the first slave is in OP.
+    /// ECAT-15.24 After `from frame` times count from the first frame, after `from op` from the time when a slave is in
+    /// OP.
     #[test]
     fn a_script_waits_for_the_master() {
         let script =
@@ -279,7 +282,7 @@ mod tests {
         assert_eq!((wire.count(), scripted(&wire)), (Some(1), 3));
         wire.wait(100);
         assert_eq!((wire.count(), scripted(&wire)), (Some(2), 4), "nobody is in OP");
-        // An `io` without process data in use comes to OP by its states alone, with sync managers as its EEPROM has them.
+        // An `io` without process data reaches OP by its states alone, with sync managers as in its EEPROM.
         assert_eq!(wire.send(Command::Apwr, 0x0800 << 16, &MAILBOXES).map(|(_, counter)| counter), Some(1));
         let outputs = [0x00, 0x11, 0x02, 0x00, 0x64, 0, 1, 0, 0x80, 0x11, 0x02, 0x00, 0x20, 0, 1, 0];
         assert_eq!(wire.send(Command::Apwr, 0x0810 << 16, &outputs).map(|(_, counter)| counter), Some(1));
@@ -296,7 +299,7 @@ mod tests {
         assert_eq!(scripted(&wire), 5, "{:?}", wire.lines);
     }
 
-    /// ECAT-15.25 Without a link before the first slave no frame comes back, and a cut at the same place ends by itself.
+    /// ECAT-15.25 Without a link before the first slave no frame comes back. A cut at the same place ends by itself.
     #[test]
     fn a_dead_link_is_no_cut() {
         let mut wire = Wire::new("io*2", "at 10ms cut 1 for 20ms\n");
@@ -312,7 +315,8 @@ mod tests {
         assert_eq!(wire.count(), Some(2), "frames turn at the last slave again");
     }
 
-    /// ECAT-15.2 A state that a script refuses is refused with its code, which is told; a slave that lost its power is in Init.
+    /// ECAT-15.2 A state that a script refuses is refused with its code, and logged. A slave without power comes back
+    /// in Init.
     #[test]
     fn a_script_refuses_states() {
         let mut wire = Wire::new("io*2", "refuse 2 preop 0x8001 for 20ms\nat 40ms lose 1 for 1ms\n");
@@ -338,8 +342,8 @@ mod tests {
         assert_eq!(states(&wire), [(init, AlStatus::NONE), (preop, AlStatus::NONE)]);
     }
 
-    /// ECAT-15.26 A slave whose state changes too often is told less often, with the number of changes that were left out, and never
-    /// in place of another one: where it ends is told.
+    /// ECAT-15.26 For a slave that changes its state too often some changes are not logged; their number is. They never
+    /// hide those of another slave, and the final state is always logged.
     #[test]
     fn no_state_is_swallowed() {
         let mut wire = Wire::new("io*2", "");
@@ -350,7 +354,7 @@ mod tests {
             wire.send(Command::Apwr, n | u32::from(AL_CONTROL) << 16, &[state, 0]);
             wire.wait(5);
         };
-        // One slave goes up and down for two seconds.
+        // One slave changes its state up and down for two seconds.
         for _ in 0..200 {
             request(&mut wire, 0, 2);
             request(&mut wire, 0, 1);
@@ -368,7 +372,7 @@ mod tests {
         assert_eq!(told[20], "slave 1 is in PreOP (380 changes before were not told)", "401 in all");
         request(&mut wire, 0, 1);
         assert_eq!(of(&wire, "slave 1").last().map(String::as_str), Some("slave 1 is in Init"), "told anew");
-        // Another storm, in which the server ends.
+        // The slave changes its state again and again while the server ends.
         for _ in 0..30 {
             request(&mut wire, 0, 2);
             request(&mut wire, 0, 1);
@@ -379,7 +383,7 @@ mod tests {
         assert!(last.starts_with("slave 1 is in Init (") && last.ends_with("changes before were not told)"), "{last}");
     }
 
-    /// ECAT-15.27 A network has more slaves than a board: 254, each of which scripts reach.
+    /// ECAT-15.27 A network may have more slaves than a board: 254, all of which scripts can address.
     #[test]
     fn a_network_has_more_slaves_than_a_board() {
         let script =
@@ -411,8 +415,8 @@ mod tests {
         assert_eq!(times[2..], [0, 0]);
     }
 
-    /// ECAT-8.13 Each frame of a master has one answer at most, and none comes by itself: as many answers as frames, but for those that
-    /// are lost.
+    /// ECAT-8.13 Each frame of a master has at most one answer, and no frame comes without one: there are as many
+    /// answers as frames, minus the lost ones.
     #[test]
     fn s40_each_frame_is_answered_once() {
         let mut wire = Wire::new("drive*2", "at 500ms cut 1 for 100ms\n");
@@ -423,7 +427,7 @@ mod tests {
         assert_eq!(answers.count(), 900);
     }
 
-    /// ECAT-15.2 SDOs take as much longer as a script wants.
+    /// ECAT-15.2 The answers to SDOs take longer by the time that a script sets.
     #[test]
     fn a_script_delays_sdos() {
         let mut wire = Wire::new("io", "sdo-delay 1 50ms for 100ms\n");
@@ -431,7 +435,7 @@ mod tests {
         assert_eq!(wire.send(Command::Apwr, 0x0800 << 16, &MAILBOXES).map(|(_, counter)| counter), Some(1));
         wire.send(Command::Bwr, u32::from(AL_CONTROL) << 16, &[2, 0]);
         wire.wait(2);
-        // An upload of 0x1018:1; how long its answer takes, ms.
+        // Uploads 0x1018:1. Returns how long its answer takes, ms.
         let took = |wire: &mut Wire, counter: u8| {
             let mut request = [0; 128];
             request[..12].copy_from_slice(&[10, 0, 0, 0, 0, 0x03 | counter << 4, 0, 0x20, 0x40, 0x18, 0x10, 1]);

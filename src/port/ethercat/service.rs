@@ -1,4 +1,4 @@
-//! The thread that has the slaves and the sockets.
+//! The thread of the server, which has the slaves and the sockets.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -18,27 +18,27 @@ use crate::notes::Notes;
 use crate::port::log_limit::LogLimit;
 use crate::port::serving::Shared;
 
-/// How often time passes for slaves that get no frame, and how often their states are looked at. \[OURS]
+/// The interval in which time advances for slaves without frames, and in which their states are checked. \[OURS]
 const TICK: Duration = Duration::from_millis(5);
-/// The pause after the interface has failed. \[OURS]
+/// The pause after an error of the interface. \[OURS]
 const RETRY_PAUSE: Duration = Duration::from_millis(100);
-/// How often the interfaces are asked for their links. \[OURS] A slave turns frames round at an open port some milliseconds after its link
-/// has gone, long before the watchdog of its process data expires.
+/// The interval in which the links of the interfaces are checked. \[OURS] A slave closes a port some milliseconds after
+/// its link is down, long before its process data watchdog expires.
 const LINK_PERIOD: Duration = Duration::from_millis(10);
 
-/// An interface at an end of the slaves.
+/// A network interface at an end of the slaves.
 pub(super) struct Port {
     pub(super) interface: String,
     pub(super) socket: Socket,
-    /// Nobody else of ours has the interface meanwhile.
+    /// Keeps other servers of this program from using the interface.
     pub(super) _claim: Claim,
-    /// The slaves are told that there is a cable.
+    /// Whether the network of slaves counts the cable as connected.
     pub(super) is_connected: bool,
-    /// When the last frame came.
+    /// When the last frame arrived.
     pub(super) last_frame: Option<Instant>,
 }
 
-/// Why the thread has ended by itself.
+/// The reason why the thread has ended by itself.
 pub(super) type Failure = Arc<Mutex<Option<ServeError>>>;
 
 pub(super) struct Service {
@@ -53,17 +53,17 @@ pub(super) struct Service {
     pub(super) masters: Masters,
     pub(super) next_tick: Instant,
     pub(super) next_look: Instant,
-    /// Whether a whole ring was told; `None`: nothing was.
+    /// Whether the log's last line on the ring called it whole; `None`: there was none.
     pub(super) told_ring: Option<bool>,
     pub(super) answered: u64,
     pub(super) lost: u64,
 }
 
 impl Service {
-    /// Serves until it is to stop, or until an interface is gone; then `failure` says so.
+    /// Serves until the server is stopped, or until an interface disappears: then `failure` has the reason.
     pub(super) fn run(mut self, real_time: RealTime, failure: &Failure) {
         real_time.apply().into_iter().for_each(|line| self.notes.tell(line));
-        // One byte more than a frame has shows one that is longer.
+        // One byte more than the longest frame, to detect longer ones.
         let mut frame = [0; FRAME_LEN_MAX + 1];
         while !self.shared.is_stopping() {
             self.wait();
@@ -89,12 +89,12 @@ impl Service {
         self.time_of(Instant::now())
     }
 
-    /// The time of the network.
+    /// Converts an instant to the time of the network.
     fn time_of(&self, at: Instant) -> Ns {
         Ns::try_from(at.duration_since(self.begin).as_nanos()).unwrap_or(Ns::MAX)
     }
 
-    /// Waits until a frame comes or time has to pass.
+    /// Waits until a frame arrives or a tick is due.
     fn wait(&mut self) {
         let limit = self.next_tick.saturating_duration_since(Instant::now());
         let limit = Timespec::try_from(limit).ok();
@@ -106,7 +106,7 @@ impl Service {
         let _ = poll(&mut fds, limit.as_ref());
     }
 
-    /// Answers the frames that have come, those of both ends in turn, until it is time for a tick.
+    /// Answers the frames that have arrived, from both ends in turn, until the next tick is due.
     fn answer_all(&mut self, frame: &mut [u8]) {
         let mut has_come = true;
         while has_come {
@@ -116,7 +116,7 @@ impl Service {
                     Ok(None) => {}
                     Ok(Some(len)) => {
                         has_come = true;
-                        // A longer frame is none of Ethernet.
+                        // A longer frame is not valid Ethernet.
                         if len <= FRAME_LEN_MAX {
                             self.answer(end, frame, len);
                         }
@@ -148,7 +148,7 @@ impl Service {
         let port = &mut self.ports[end as usize];
         port.last_frame = Some(came);
         if !port.is_connected {
-            // The frame is faster than the question for the link.
+            // The frame has come before the next check of the link.
             port.is_connected = true;
             self.network.connect(end, true);
         }
@@ -162,7 +162,7 @@ impl Service {
                 self.record(Dir::Read, self.now(), &frame[..len]);
             }
         }
-        // The master does not wait for that.
+        // After sending, so that the master does not wait for this.
         self.network.look();
     }
 
@@ -172,7 +172,7 @@ impl Service {
         }
     }
 
-    /// Time passes in the slaves, and what has happened is told.
+    /// Advances the time of the slaves, and passes their log lines on.
     fn tick(&mut self, now: Instant) {
         self.next_tick = self.next_tick.max(now) + TICK;
         self.network.advance(self.now());
@@ -183,8 +183,8 @@ impl Service {
         self.log_limit.due(now).into_iter().for_each(|line| self.notes.tell(line));
     }
 
-    /// Asks the interfaces for their links; the one that is gone. In a ring slaves turn frames round where a card is dead; with
-    /// one interface alone a dead cable and no frame are the same.
+    /// Checks the links of the interfaces. Returns the name of one that has disappeared. In a ring the slaves close the
+    /// port at a dead link; with a single interface a dead link is the same as no frames.
     fn look_at_links(&mut self, now: Instant) -> Option<String> {
         self.next_look = now + LINK_PERIOD;
         let is_ring = self.ports.len() > 1;
@@ -222,7 +222,7 @@ impl Service {
         self.tell_limited("the network interface fails", &line, Instant::now());
     }
 
-    /// Tells a line that masters can cause as often as they like.
+    /// Logs a line of a kind that masters can cause as often as they like.
     fn tell_limited(&mut self, kind: &str, line: &str, now: Instant) {
         if self.log_limit.may_log(kind, now) {
             self.notes.tell(line.to_owned());

@@ -1,23 +1,23 @@
-//! What is told of the slaves: their states, and the faults of their axes. It is told when it was looked at, so that what has come
-//! and gone between two looks is not told.
+//! Log lines about the slaves: their states, and the faults of their axes. Both are sampled: a change that is undone
+//! between two samples is not logged.
 //!
-//! A master can change states as often as it likes. A slave that changes too often is told less often, by the state in which it is
-//! then and the number of changes that were left out: where it ends is always told.
+//! A master can change states as often as it likes. For a slave that changes too often fewer lines are logged, each
+//! with the present state and the number of changes that were left out. The final state is always logged.
 
 use crate::ethercat::registers::{AL_STATUS_CODE, RequestedState};
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::esc::{Chain, EscSlave};
 use crate::slave::{AXES_MAX, AxisFault};
 
-/// How many lines of one slave are told in a [`PERIOD_NS`], of states and of faults each. \[OURS]
+/// The most lines for one slave within [`PERIOD_NS`], for states and for faults each. \[OURS]
 const LINES_MAX: u32 = 20;
-/// How long after the first of them, ns. \[OURS]
+/// The period of that limit, from its first line on, ns. \[OURS]
 const PERIOD_NS: Ns = 10_000_000_000;
 
 type State = (RequestedState, AlStatus);
 type Faults = [Option<AxisFault>; AXES_MAX];
 
-/// How much of one slave was told lately.
+/// The number of lines for one slave in the present period.
 #[derive(Clone, Copy, Default)]
 struct Budget {
     since: Ns,
@@ -25,7 +25,7 @@ struct Budget {
 }
 
 impl Budget {
-    /// Whether another line may be told.
+    /// Whether the limit allows another line.
     const fn has_room(&mut self, now: Ns) -> bool {
         if now.saturating_sub(self.since) >= PERIOD_NS {
             *self = Self { since: now, lines: 0 };
@@ -34,37 +34,37 @@ impl Budget {
     }
 }
 
-/// What is known of the state of one slave.
+/// The known state of one slave.
 #[derive(Clone, Copy)]
 struct Known {
     told: State,
-    /// The one that was seen last.
+    /// The state in the last sample.
     seen: State,
-    /// How many changes were seen since a state was told.
+    /// The number of changes since the last logged state.
     changes: u32,
     budget: Budget,
 }
 
-/// What was told last.
+/// The states and faults that were logged last.
 pub(super) struct Told {
     states: Vec<Known>,
     faults: Vec<(Faults, Budget)>,
 }
 
 impl Told {
-    /// Nothing was told of so many slaves: they are in Init and have no fault.
+    /// Nothing is logged yet: all slaves are in Init and have no fault.
     pub(super) fn new(slaves: usize) -> Self {
         let init = (RequestedState::State(AlState::Init), AlStatus::NONE);
         let known = Known { told: init, seen: init, changes: 0, budget: Budget::default() };
         Self { states: vec![known; slaves], faults: vec![([None; AXES_MAX], Budget::default()); slaves] }
     }
 
-    /// Whether a slave was in OP when it was looked at last.
+    /// Whether a slave was in OP in the last sample.
     pub(super) fn has_op(&self) -> bool {
         self.states.iter().any(|known| known.seen.0 == RequestedState::State(AlState::Op))
     }
 
-    /// Makes lines of the states of `which` that have changed, one for neighbours that have changed alike.
+    /// Adds lines for changed states that `which` selects; neighbours with the same change share a line.
     pub(super) fn look_at_states(
         &mut self,
         chain: &Chain,
@@ -88,7 +88,7 @@ impl Told {
         }
     }
 
-    /// Makes lines of what was kept back.
+    /// Adds lines for all changes that the limit has held back.
     pub(super) fn tell_rest(&mut self, chain: &Chain, now: Ns, lines: &mut Vec<String>) {
         self.states.iter_mut().for_each(|known| known.budget = Budget { since: now, lines: 0 });
         self.faults.iter_mut().for_each(|(_, budget)| *budget = Budget { since: now, lines: 0 });
@@ -96,7 +96,7 @@ impl Told {
         self.look_at_faults(chain, now, lines);
     }
 
-    /// Makes lines of the faults of axes that have come or gone.
+    /// Adds lines for faults of axes that have appeared or are gone.
     pub(super) fn look_at_faults(&mut self, chain: &Chain, now: Ns, lines: &mut Vec<String>) {
         for (n, (told, budget)) in self.faults.iter_mut().enumerate() {
             let device = chain.slave(n).device();
@@ -121,7 +121,7 @@ impl Told {
     }
 }
 
-/// A slave is in that state: the state to tell, and how many changes before it are left out.
+/// Takes a sample of a slave's state. Returns the state to log, and the number of changes left out before it.
 fn look_at(known: &mut Known, state: State, now: Ns) -> Option<(State, u32)> {
     if state != known.seen {
         known.seen = state;
@@ -139,14 +139,14 @@ fn look_at(known: &mut Known, state: State, now: Ns) -> Option<(State, u32)> {
     Some((state, left_out))
 }
 
-/// The AL state of a slave and why it is there; 0: as the master wanted.
+/// The AL state of a slave, and its AL status code; 0 if the master has requested the state.
 pub(super) fn state_of(slave: &EscSlave) -> State {
     let code = slave.controller().peek(AL_STATUS_CODE, 2);
     let code = code.try_into().map_or(0, u16::from_le_bytes);
     (slave.shown_state(), AlStatus(code))
 }
 
-/// The line on the slaves from the place `first` to the one before `end`.
+/// The line for slaves number `first` to `end - 1`, counted from 0.
 fn line_of(first: usize, end: usize, (state, code): State, left_out: u32) -> String {
     let who = match end - first {
         1 => format!("slave {} is", first + 1),

@@ -23,11 +23,11 @@ pub struct SpiBoardCounters {
     pub incomplete: u64,
     /// Exchanges while BUSY was high, which are answered with zeros and of which the board executes nothing.
     pub while_busy: u64,
-    /// Frames that the link did not take.
+    /// Frames that the link has refused.
     pub refused: u64,
 }
 
-/// What is needed of the previous report in OP.
+/// The FIFO state of the previous report in OP.
 #[derive(Clone, Copy)]
 struct ReportedFifo {
     at: Stamp,
@@ -55,10 +55,9 @@ pub struct SpiBoard {
     /// The answer to send: the newest report with the corrected number of free entries.
     answer: Frame,
     command: Frame,
-    /// When the newest frame was written, if no report has answered it yet.
+    /// When the newest frame was written; `None` once a report has answered it.
     unanswered: Option<Stamp>,
-    /// When each of the frames was written that the newest report does not include yet; at most as many as the FIFO has
-    /// entries.
+    /// Write times of the frames that the newest report does not include yet; at most as many as the FIFO has entries.
     uncounted: VecDeque<Stamp>,
     /// The report before the newest one.
     before: Option<ReportedFifo>,
@@ -112,7 +111,7 @@ impl SpiBoard {
         self.read_report(Wait::For(FIRST_REPORT_WAIT_MAX));
     }
 
-    /// One exchange during one chip select: `tx` are the bytes on MOSI, `rx` gets those on MISO.
+    /// Performs one exchange during one chip select: `tx` are the bytes on MOSI, `rx` gets those on MISO.
     ///
     /// Bytes beyond the length of a frame are ignored and answered with zeros. Fewer bytes are not a frame; the next
     /// chip select begins a new one \[OURS]. While BUSY is high the answer is zeros and nothing is executed \[OURS].
@@ -241,7 +240,7 @@ impl SpiBoard {
         MasterResponse::decode(&self.report.slot(self.size, 0)).state.state() == Some(MasterState::Op)
     }
 
-    /// Reads a report if there is a new one; returns whether there was.
+    /// Reads a report if there is a new one. Returns whether there was one.
     fn read_report(&mut self, wait: Wait) -> bool {
         match self.link.read(&mut self.report, wait) {
             Ok(report) => {

@@ -25,7 +25,7 @@ use crate::threads;
 
 /// How many connections the system may queue until they are accepted; it limits this value itself. \[OURS]
 const BACKLOG: i32 = 4096;
-/// How many connections are accepted before those that are pending are looked at again. \[OURS]
+/// How many connections are accepted before the pending ones are checked again. \[OURS]
 const ACCEPTED_IN_A_ROW_MAX: usize = 16;
 /// How long the server waits until a client has received why its connection ends. \[OURS]
 const FAREWELL_MAX: Duration = Duration::from_millis(500);
@@ -83,7 +83,7 @@ impl Acceptor {
         Ok(Self { shared, waker, thread: Some(thread) })
     }
 
-    /// Ends the thread and all connections. The clients have been notified before.
+    /// Ends the thread and all connections, after the clients were notified.
     pub(super) fn stop(&mut self) {
         self.shared.stop.store(true, Ordering::Release);
         self.waker.wake();
@@ -146,8 +146,8 @@ fn wait(
     next_try: Instant,
     shared: &Shared,
 ) {
-    // `takes` and the deadlines use the same `now`: if the listener is not polled, the deadline at which there is room
-    // again must be.
+    // `takes` and the deadlines use the same `now`: while the listener is not polled, the time at which there is room
+    // again must be one of the deadlines.
     let takes = pool.has_room(now) && now >= next_try;
     let times = [
         pool.next_time(now, &shared.hub.options),
@@ -305,7 +305,7 @@ fn log_refused(from: SocketAddr, why: Refusal, text: &str, shared: &Shared) {
     log_ended(from, &reason, shared);
 }
 
-/// Handles a client's messages until the connection ends; returns why.
+/// Handles a client's messages until the connection ends. Returns the reason of the end.
 fn serve_client(channel: &Channel, inbox: &mut Inbox, client: &Client, session: &mut Session<'_>) -> Left {
     let mut last_message = Instant::now();
     let patience = patience(client.keepalive);
@@ -357,7 +357,7 @@ fn serve_client(channel: &Channel, inbox: &mut Inbox, client: &Client, session: 
     }
 }
 
-/// Sends what is left and gives the client time to receive it before the connection is closed.
+/// Sends the remaining bytes and gives the client time to receive them before the connection is closed.
 fn farewell(channel: &Channel, client: &Client, inbox: &mut Inbox, is_gone: bool) {
     let until = Instant::now() + FAREWELL_MAX;
     while !is_gone && client.is_blocked() && Instant::now() < until {

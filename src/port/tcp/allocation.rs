@@ -1,4 +1,4 @@
-//! Test: what a server does for each report and each frame allocates nothing.
+//! Test: a server allocates nothing for a report or a frame.
 
 use std::io::Read as _;
 use std::net::{TcpListener, TcpStream};
@@ -19,7 +19,7 @@ use crate::tcp::{Channel, Inbox, PROOF_LEN};
 fn a_cycle_allocates_nothing() {
     let link = crate::open::open("sim:?clock=virtual&name=allocation", Share::ByName).unwrap();
     let hub = Hub::new(ServeOptions::default());
-    // Reports come from the test; the board behind is only written to.
+    // The test makes the reports; the board is only written to.
     let board = hub.attach(Arc::new(Real(link)));
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let mut clients = Vec::new();
@@ -35,7 +35,7 @@ fn a_cycle_allocates_nothing() {
     std::thread::spawn(move || while reads.read(&mut [0; 4096]).is_ok_and(|count| count > 0) {});
     let mut session = Session::new(&hub, Arc::clone(&board), Arc::clone(&clients[0].0));
     let mut cycles = cycles(&hub, &board, &clients[0].0, &mut session);
-    // Until the one that does not read takes no more: how much the kernel takes for it, it decides by itself.
+    // Until the client that does not read takes no more; how much the kernel buffers for it is not known.
     let takes_no_more = || clients[1].0.is_blocked() && clients[1].0.dropped() > 0;
     for _ in 0..100 {
         cycles(1000);
@@ -49,7 +49,8 @@ fn a_cycle_allocates_nothing() {
     assert!(!clients[0].0.is_over());
 }
 
-/// Runs so many cycles: bytes of a write come, its answer goes, a report goes to everybody. A writer waits for its answer.
+/// Returns a function that runs that many cycles: a write arrives, its answer is sent, and a report goes to all
+/// clients. The writer waits for its answer.
 fn cycles<'a>(
     hub: &'a Hub,
     board: &'a Arc<Board>,
@@ -79,7 +80,7 @@ fn cycles<'a>(
     }
 }
 
-/// A link that says that its time is real.
+/// A link that claims to have real time.
 struct Real(Arc<dyn Link>);
 
 impl Layer for Real {

@@ -13,7 +13,7 @@ use crate::tcp::{Channel, Out};
 
 /// How many reports are kept for a client whose socket is full; the oldest are dropped. \[OURS]
 const REPORTS_KEPT: usize = 32;
-/// How many bytes of other messages may wait for a client. A client that exceeds this sends requests and does not read
+/// How many bytes of other messages may wait for a client. A client that exceeds this sends requests without reading
 /// the answers, and is disconnected. \[OURS]
 const UNSENT_BYTES_MAX: usize = 16 * MESSAGE_MAX;
 
@@ -23,7 +23,7 @@ pub(super) struct Client {
     pub(super) role: Role,
     pub(super) keepalive: Duration,
     pub(super) channel: Option<Channel>,
-    /// Reports that the board's link had dropped when the client connected.
+    /// The number of reports that the board's link had dropped before the client connected.
     dropped_before: u64,
     out: Mutex<Outgoing>,
     /// Whether bytes wait until the socket has room.
@@ -82,7 +82,7 @@ impl Client {
         self.push(&mut outgoing);
     }
 
-    /// The report's data, with `dropped` counted from when the client connected.
+    /// Time and sequence number of a report, with `dropped` counted since the client connected.
     pub(super) fn count(&self, meta: ReadMeta) -> ReadMeta {
         ReadMeta { dropped: meta.dropped.saturating_sub(self.dropped_before), ..meta }
     }
@@ -105,7 +105,7 @@ impl Client {
         self.give_up();
     }
 
-    /// Sends what is waiting, as far as the socket has room.
+    /// Sends the waiting bytes, as far as the socket has room.
     pub(super) fn flush(&self) {
         self.push(&mut self.out.lock());
     }
@@ -119,7 +119,7 @@ impl Client {
         }
     }
 
-    /// The messages sent so far, if the client keeps them in memory.
+    /// Takes the messages sent so far, if the client keeps them in memory.
     pub(super) fn take_sent(&self) -> Vec<u8> {
         self.out.lock().out.take()
     }

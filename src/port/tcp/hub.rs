@@ -1,4 +1,4 @@
-//! What the threads of a server share: the board, its clients, and who is the writer.
+//! The state that the threads of a server share: the board, its clients, and which of them is the writer.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -22,11 +22,11 @@ use crate::tcp::{Channel, PROOF_LEN};
 pub(super) struct Board {
     pub(super) link: Arc<dyn Link>,
     pub(super) info: LinkInfo,
-    /// What the board's link knows of the network.
+    /// The slaves and units that the board's link knows.
     known: KnownNetwork,
-    /// What the frames that pass show of the network; nothing if the slot size is unknown.
+    /// The state of the network as the passing frames show it; empty if the slot size is unknown.
     watch: Mutex<Watch>,
-    /// Finds alarms, and changes of state that failed, for the log.
+    /// Detects alarms and failed changes of state for the log.
     troubles: Option<Mutex<FrameWatch>>,
     /// The time of the newest report.
     newest: AtomicU64,
@@ -39,7 +39,7 @@ pub(super) struct Board {
 }
 
 impl Board {
-    /// Writes a frame, and notes what it shows of the network.
+    /// Writes a frame, and updates the observed state of the network.
     pub(super) fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         let at = self.link.write(frame, wait)?;
         if let Some(size) = self.info.slot {
@@ -51,7 +51,7 @@ impl Board {
         Ok(at)
     }
 
-    /// The board's time on virtual time; `None` on the real clock, and if it is unknown. This calls the link, so the
+    /// The board's time on virtual time; `None` on the real clock, and if it is unknown. The call uses the link, so the
     /// caller must not hold a lock that other threads need.
     pub(super) fn now(&self) -> Option<Stamp> {
         if !self.info.virtual_time {
@@ -74,8 +74,8 @@ impl Board {
         self.watch.lock().clone()
     }
 
-    /// What clients are told of the network: the settings in `said`, or else what the frames have shown, what the link
-    /// knows, or what its URI says.
+    /// The slaves and units that clients are given: those in `said`, or else those seen in frames, known to the link,
+    /// or in its URI.
     fn network(&self, said: &KnownNetwork) -> KnownNetwork {
         let shown = self
             .watch
@@ -108,7 +108,7 @@ impl Board {
 }
 
 struct State {
-    /// The board, or why it is not connected.
+    /// The board, or the reason why it is not connected.
     board: Result<Arc<Board>, String>,
     clients: Vec<Arc<Client>>,
     /// The name of the writer.
@@ -119,8 +119,8 @@ struct State {
     is_over: bool,
 }
 
-/// What the threads of a server share. Its lock is held only briefly: no link, no function of the program and no file
-/// is used while it is held.
+/// The state that the threads of a server share. Its lock is held only briefly: no link, no function of the program and
+/// no file is used while it is held.
 pub(super) struct Hub {
     pub(super) options: ServeOptions,
     /// The log. No thread that serves the board or a client calls [`ServeOptions::tell`] itself.
@@ -138,7 +138,7 @@ pub(super) struct Joining<'a> {
     pub(super) role: Role,
     pub(super) keepalive: Duration,
     pub(super) proof: &'a [u8; PROOF_LEN],
-    /// `None`: what is sent to the client is kept in memory.
+    /// `None`: messages to the client are kept in memory.
     pub(super) channel: Option<Channel>,
 }
 
@@ -155,7 +155,7 @@ impl Hub {
         self.notes.tell(line.to_owned());
     }
 
-    /// The board is connected.
+    /// Registers a connected board.
     pub(super) fn attach(&self, link: Arc<dyn Link>) -> Arc<Board> {
         let info = link.info();
         let known = link.network().unwrap_or_default().or(KnownNetwork::of_sim(&info.name));
@@ -174,7 +174,7 @@ impl Hub {
         board
     }
 
-    /// The board is lost: all clients are notified and disconnected.
+    /// Handles the loss of a board: all clients are notified and disconnected.
     pub(super) fn lose(&self, board: &Arc<Board>, error: &LinkError) {
         let reason = match error {
             LinkError::Lost { reason, .. } => reason.to_string(),
@@ -237,8 +237,8 @@ impl Hub {
         Ok((client, board))
     }
 
-    /// Removes a client. If it is a writer that is not trusted, because it did not close its link, the server itself
-    /// becomes the writer until [`end_standstill`](Self::end_standstill).
+    /// Removes a client. A writer is trusted if it has closed its link. After one that is not trusted, the server
+    /// itself is the writer until [`end_standstill`](Self::end_standstill).
     pub(super) fn leave(&self, client: &Arc<Client>, is_trusted: bool) -> Option<Arc<ReportQueue>> {
         let mut state = self.state.lock();
         state.clients.retain(|other| !Arc::ptr_eq(other, client));
@@ -255,13 +255,13 @@ impl Hub {
         Some(queue)
     }
 
-    /// The server itself is no longer the writer.
+    /// Ends the server's own time as the writer.
     pub(super) fn end_standstill(&self) {
         let mut state = self.state.lock();
         (state.writer, state.server_reports) = (None, None);
     }
 
-    /// Logs what a report shows of trouble, with the time since the board was opened, as a recording of it has it.
+    /// Logs the alarms and failures in a report, with the time since the board was opened, as in a recording.
     fn tell_troubles(&self, board: &Board, frame: &Frame, at: Stamp) {
         let Some(troubles) = &board.troubles else { return };
         troubles.lock().report(at.nanoseconds(), frame, &mut |event| {
@@ -277,7 +277,7 @@ impl Hub {
     pub(super) fn publish(&self, board: &Board, frame: &Frame, meta: ReadMeta) {
         self.tell_troubles(board, frame, meta.at);
         let state = self.state.lock();
-        // Under the same lock as sending it, so that a new client is told the number of the first report that it gets.
+        // Under the same lock as sending, so that a new client is given the sequence number of its first report.
         board.note_report(frame, meta);
         for client in &state.clients {
             if !(board.info.virtual_time && client.role == Role::Writer) {
@@ -302,7 +302,7 @@ impl Hub {
         self.state.lock().is_stopping
     }
 
-    /// No thread needs the board any more.
+    /// Called when no thread needs the board any more.
     pub(super) fn end(&self) {
         let board = {
             let mut state = self.state.lock();

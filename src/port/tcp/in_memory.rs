@@ -1,5 +1,5 @@
 //! A server without sockets and threads, for tests on virtual time. Its clients are values that pass bytes to it and
-//! end when the test says so.
+//! disconnect when the test wants it.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,7 +16,7 @@ use crate::sk::Frame;
 use crate::tcp::wire::{End, Hello, MESSAGE_MAX, Message, Role, WireError};
 use crate::tcp::{Inbox, PROOF_LEN, each_message};
 
-/// The server of a link on virtual time. Its log is only collected.
+/// A server for a link on virtual time. It collects its log.
 pub struct InMemoryServer {
     hub: Arc<Hub>,
     board: Arc<Board>,
@@ -49,14 +49,14 @@ pub enum ServerMessage {
     Done {
         /// The number of the request.
         request: u64,
-        /// The board's time after it.
+        /// The board's time after the request.
         now: Option<Stamp>,
     },
     /// The counters.
     Counted {
         /// The number of the request.
         request: u64,
-        /// Reports that the client did not get.
+        /// Reports that were dropped for the client.
         reports_dropped: u64,
         /// The board's counters.
         board: Option<Counters>,
@@ -65,7 +65,7 @@ pub enum ServerMessage {
     Failed {
         /// The number of the request.
         request: u64,
-        /// The board's time after it.
+        /// The board's time after the request.
         now: Option<Stamp>,
     },
     /// The end of the connection.
@@ -91,7 +91,7 @@ impl InMemoryServer {
         Self { hub, board }
     }
 
-    /// The lines of the log since the last call.
+    /// Takes the lines of the log since the last call.
     pub fn told(&self) -> Vec<String> {
         let note = |note| match note {
             Note::Told(line) => line,
@@ -113,7 +113,7 @@ impl InMemoryServer {
 }
 
 impl InMemoryClient<'_> {
-    /// Sends the first `bytes` bytes of a message and executes the request; returns whether the client is still
+    /// Sends the first `bytes` bytes of a message and executes the request. Returns whether the client is still
     /// connected.
     pub fn say(&mut self, what: ClientMessage<'_>, bytes: usize) -> bool {
         let keeps = self.begin(what, bytes);
@@ -143,7 +143,7 @@ impl InMemoryClient<'_> {
         self.hear(&said[..length])
     }
 
-    /// The server receives these bytes; returns whether the client is still connected.
+    /// Sends any bytes to the server. Returns whether the client is still connected.
     pub fn hear(&mut self, mut bytes: &[u8]) -> bool {
         while !bytes.is_empty() {
             bytes = self.inbox.fill(bytes);
@@ -158,7 +158,7 @@ impl InMemoryClient<'_> {
         !self.client.is_over()
     }
 
-    /// Executes one step of the request in progress; returns whether there are more.
+    /// Executes one step of the request in progress. Returns whether there are more.
     pub fn work(&mut self) -> bool {
         self.session.work();
         self.session.is_busy()

@@ -1,4 +1,4 @@
-//! Test: somebody between client and server, with a TLS session to each.
+//! Test: an attacker between client and server, with a TLS session to each of them.
 
 use std::io::ErrorKind;
 use std::net::{TcpListener, TcpStream};
@@ -11,8 +11,8 @@ use crate::link::{self, LinkError, Share};
 use crate::tcp::wire::{GREETING_LEN, Greeting, Message, Welcome};
 use crate::tcp::{Channel, Inbox, Out, Secret, ServerTls, client_session, first_message};
 
-/// Somebody in between, who ends the client's TLS session and begins one with the server, gets neither in: what the
-/// client proves is worth nothing in another session.
+/// An attacker who ends the client's TLS session and begins one with the server is refused by both: the proof of the
+/// client is not valid in another session.
 #[test]
 fn somebody_in_between_gets_nothing() {
     let folder = tempfile::tempdir().unwrap();
@@ -38,7 +38,7 @@ fn somebody_in_between_gets_nothing() {
             server.wait(false, Some(Duration::from_millis(100))).unwrap();
         }
         server.secure(client_session().unwrap(), deadline).unwrap();
-        // What the client says, word for word; then what the server says.
+        // Passes on the bytes of the client, and then those of the server.
         for (from, to) in [(&victim, &server), (&server, &victim)] {
             let mut out = Out::default();
             let staged = first_message(from, &mut Inbox::default(), deadline, |message| {
@@ -63,8 +63,8 @@ fn somebody_in_between_gets_nothing() {
     link::open(&straight, Share::ByName).unwrap();
 }
 
-/// Somebody who only pretends to be the server, and welcomes everybody, gets no client: it cannot prove what it does
-/// not know, and the client's own proof sent back is none.
+/// An attacker who pretends to be the server and welcomes everybody gets no client: it does not know the secret, and
+/// the client's own proof, sent back, is not valid.
 #[test]
 fn somebody_who_pretends_gets_no_client() {
     let folder = tempfile::tempdir().unwrap();
@@ -100,12 +100,12 @@ fn somebody_who_pretends_gets_no_client() {
 
 fn write_secret(file: &std::path::Path) {
     std::fs::write(file, "0123456789abcdef0123456789abcdef\n").unwrap();
-    // One that others may read is refused there.
+    // A secret file that others may read is refused.
     #[cfg(unix)]
     std::fs::set_permissions(file, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
 }
 
-/// The TLS session with the client that connects next, who takes us for the server.
+/// The TLS session with the next client, which takes this end for the server.
 fn accept_client(listener: &TcpListener, deadline: Instant) -> Channel {
     let mut out = Out::default();
     let mut client = Channel::new(listener.accept().unwrap().0).unwrap();

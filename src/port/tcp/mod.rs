@@ -26,15 +26,14 @@
 //! Files, in the order in which to read them:
 //!
 //! - `mod.rs`: [`Server`] and its options
-//! - `hub.rs`: what the threads share: the board, the clients, who is the writer
+//! - `hub.rs`: the state that the threads share: the board, the clients, and which of them is the writer
 //! - `accept.rs`: the thread that accepts connections, and the thread of a client
 //! - `pending.rs`, `pending_pool.rs`: connections that are not yet clients
 //! - `client.rs`, `session.rs`: a client's outgoing messages, and the requests that it makes
 //! - `supervise.rs`: the thread that reads reports and opens the board again after a loss
-//! - `vanish.rs`, `server_link.rs`, `report_queue.rs`: how axes are stopped when the writer has vanished, by a link that the server itself
-//!   uses
-//! - `in_memory.rs`: a server without sockets and threads, for tests; `allocation.rs` and `man_in_the_middle.rs` are
-//!   tests
+//! - `vanish.rs`, `server_link.rs`, `report_queue.rs`: stopping the axes when the writer has vanished, over a link that the
+//!   server itself uses
+//! - `in_memory.rs`: a server without sockets and threads, for tests; `allocation.rs` and `man_in_the_middle.rs` are tests
 
 mod accept;
 #[cfg(all(test, feature = "sim"))]
@@ -70,19 +69,19 @@ pub use session::answer;
 
 pub use crate::tcp::DEFAULT_PORT;
 
-/// What happens to moving axes when the writer is gone without having closed its link.
+/// The treatment of moving axes when the writer has disconnected without closing its link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum OnVanish {
-    /// They decelerate to a standstill and stay enabled, so that a vertical axis does not drop. Homing is aborted.
+    /// The axes decelerate to a standstill and stay enabled, so that a vertical axis does not drop. Homing is aborted.
     #[default]
     Ramp,
-    /// Nothing: the board executes what is in its FIFO, and a velocity or torque stays in force.
+    /// Nothing is sent: the board executes the rest of its FIFO, and a velocity or torque stays in force.
     Leave,
     /// As [`OnVanish::Ramp`]; then the drives are disabled.
     ServoOff,
 }
 
-/// How a board is served. All defaults are \[OURS].
+/// The settings of a server. All defaults are \[OURS].
 #[derive(Clone)]
 pub struct ServeOptions {
     /// The address to listen on. The default is the loopback address with port [`DEFAULT_PORT`]; port 0 chooses any
@@ -90,16 +89,17 @@ pub struct ServeOptions {
     pub listen: SocketAddr,
     /// The secret that clients have to know. Without one, only clients on this machine are allowed.
     pub secret: Option<Secret>,
-    /// What happens to moving axes when the writer is gone without having closed its link.
+    /// The treatment of moving axes when the writer has disconnected without closing its link.
     pub on_vanish: OnVanish,
     /// The largest number of clients; 16 by default. One place is reserved for a writer.
     pub max_clients: usize,
-    /// What clients are told of the network, if that is known better than from the link and from the frames that pass.
+    /// The slaves and units that clients are given, if they are known better than from the link and from passing
+    /// frames.
     pub network: KnownNetwork,
-    /// How long a new connection may take to say which role it wants; 2 s by default.
+    /// How long a new connection may take to send its Hello; 2 s by default.
     pub hello_limit: Duration,
-    /// Called with each line of the log, in a thread of its own for which no other thread waits. Lines that it does not
-    /// take in time are dropped, and their number is reported to it.
+    /// Called with each line of the log, in a thread of its own for which no other thread waits. If the function is too
+    /// slow, lines are dropped, and a line reports their number.
     pub tell: Arc<dyn Fn(&str) + Send + Sync>,
 }
 
@@ -121,7 +121,7 @@ impl Default for ServeOptions {
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ServeError {
-    /// Other machines could connect, but no secret is given.
+    /// Other machines could connect, but there is no secret.
     #[error(
         "{listen} can be reached from other machines: give a secret that clients have to know (`--secret-file`), \
          or listen on 127.0.0.1"
@@ -138,7 +138,7 @@ pub enum ServeError {
     System { what: &'static str, message: String },
 }
 
-/// A board that is served until this value is stopped or dropped.
+/// A running server; it ends when this value is stopped or dropped.
 pub struct Server {
     hub: Arc<Hub>,
     teller: Teller<String>,
@@ -194,12 +194,12 @@ impl Server {
         self.address
     }
 
-    /// The link that is served, as it was when it was opened first.
+    /// The properties of the served link, as of its first opening.
     pub const fn info(&self) -> &LinkInfo {
         &self.info
     }
 
-    /// Waits until [`ServeOptions::tell`] has been called for all lines so far, at most 1 s.
+    /// Waits until [`ServeOptions::tell`] was called for all lines so far, at most 1 s.
     pub fn flush(&self) {
         self.teller.flush();
     }
@@ -215,7 +215,7 @@ impl Server {
         self.acceptor.stop();
         self.hub.end();
         if let Some(supervisor) = self.supervisor.take() {
-            // A panic of that thread has been printed when it happened.
+            // A panic of that thread was printed when it happened.
             let _ = supervisor.join();
         }
         self.teller.end();

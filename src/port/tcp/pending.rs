@@ -30,19 +30,19 @@ pub(super) struct PendingConnection {
     /// The TLS session during the handshake.
     handshake: Option<Box<Connection>>,
     material: Option<Material>,
-    /// Once the connection is refused: until when it may take to receive the reason.
+    /// For a refused connection: how long it may still take to receive the reason.
     refused_until: Option<Instant>,
 }
 
 /// The state of a pending connection.
 pub(super) enum Look {
-    /// Its Hello has not arrived yet.
+    /// The Hello of the connection has not arrived yet.
     Waits,
-    /// Its Hello has arrived.
+    /// The Hello of the connection has arrived.
     Introduced(Introduction),
-    /// It has to be refused with [`PendingConnection::refuse`].
+    /// The connection has to be refused with [`PendingConnection::refuse`].
     Refused(Refusal, String),
-    /// It has ended, and why; `None` after a refusal.
+    /// The connection has ended, with the reason; `None` after a refusal.
     Ended(Option<String>),
 }
 
@@ -74,7 +74,7 @@ impl PendingConnection {
         Box::new(Self { from, came, has_sent, channel, inbox, out, handshake, material, refused_until })
     }
 
-    /// The connection, and what has arrived after the Hello.
+    /// The connection, and the bytes that have arrived after the Hello.
     pub(super) fn into_parts(self: Box<Self>) -> (Channel, Inbox) {
         (self.channel, self.inbox)
     }
@@ -94,7 +94,7 @@ impl PendingConnection {
         self.refused_until.unwrap_or(self.came + options.hello_limit)
     }
 
-    /// Handles what has arrived.
+    /// Handles the bytes that have arrived.
     pub(super) fn look(&mut self, now: Instant, options: &ServeOptions) -> Look {
         if self.is_refused() {
             return self.drain(now);

@@ -1,4 +1,4 @@
-//! All pending connections, and which of them is closed when there are too many.
+//! All pending connections, and the choice of the one to close when there are too many.
 
 use std::collections::VecDeque;
 use std::net::IpAddr;
@@ -14,8 +14,8 @@ const PENDING_MAX: usize = 256;
 /// The largest number of pending connections from one address. Loopback addresses have no such limit, because all
 /// clients on this machine share them. \[OURS]
 const PENDING_PER_ADDRESS_MAX: usize = 32;
-/// How long each connection has for its Hello even if many others arrive after it; these wait in the system's queue
-/// meanwhile. A client needs less than a millisecond, and over a slow network 200. \[OURS]
+/// How long each connection has for its Hello even if many others arrive after it; the others wait in the system's
+/// queue meanwhile. A client needs less than a millisecond, and over a slow network 200. \[OURS]
 const HELLO_TIME_MIN: Duration = Duration::from_millis(250);
 
 /// Pending connections, oldest first.
@@ -126,15 +126,15 @@ mod tests {
 
     use super::*;
 
-    /// A pending connection that claims to come from that address, and its other end, which has to be kept open.
+    /// A pending connection that seems to come from `from`, and its other end, which must be kept open.
     fn connection_from(listener: &TcpListener, from: SocketAddr, came: Instant) -> (Box<PendingConnection>, TcpStream) {
         let other = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
         let (socket, _) = listener.accept().unwrap();
         (PendingConnection::greet(socket, from, came, None).unwrap(), other)
     }
 
-    /// TCP-13 Of one address that crowds in the oldest that has said nothing makes room, at once and with places left; others are
-    /// not touched, and of this machine itself there is no crowd.
+    /// TCP-13 When one address makes too many connections, its oldest one that has sent nothing is closed, at once and
+    /// even with free places. Other addresses are not affected, and loopback addresses have no limit.
     #[test]
     fn a_crowd_makes_room_for_itself() {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();

@@ -8,14 +8,14 @@ use super::report_queue::ReportQueue;
 use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 
-/// The server's own link. Closing it leaves the board open for the clients.
+/// A link for the server itself. Closing it leaves the board open for the clients.
 pub(super) struct ServerLink {
     pub(super) hub: Arc<Hub>,
     pub(super) board: Arc<Board>,
     pub(super) queue: Arc<ReportQueue>,
 }
 
-/// The longest wait of the server.
+/// The longest wait in a call of this link.
 const WAIT_MAX: Duration = Duration::from_secs(10);
 
 impl Link for ServerLink {

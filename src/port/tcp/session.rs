@@ -18,14 +18,14 @@ const TIME_STEP_NS: u64 = 100_000_000;
 /// The keep-alive times that a client may have, as its key `keepalive_ms` allows.
 const KEEPALIVE_RANGE_MS: std::ops::RangeInclusive<u32> = 50..=3_600_000;
 
-/// Why a client's session has ended.
+/// The reason why a client's session has ended.
 #[derive(Debug)]
 pub(super) enum Left {
-    /// It has closed its link.
+    /// The client has closed its link.
     Closed,
-    /// Its connection has ended, and why.
+    /// The connection has ended; the reason.
     Gone(String),
-    /// It has violated the protocol.
+    /// The client has violated the protocol.
     Broken(WireError),
     /// The server has ended the connection.
     Dismissed,
@@ -57,13 +57,13 @@ struct Pending {
     work: Work,
 }
 
-/// What is left to do for a request.
+/// The rest of the work for a request.
 enum Work {
     /// The board has not taken the session's frame yet; `until` is the time limit, `None` is no limit.
     Write { until: Option<Instant> },
-    /// On virtual time, a read, and how far the time may still advance; `None`: until there is a report.
+    /// On virtual time: a read. `left_ns`: how far the time may still advance; `None`: until there is a report.
     Read { left_ns: Option<u64> },
-    /// On virtual time, how far the time still has to advance.
+    /// On virtual time: advances the time by `left_ns` more.
     Pass { left_ns: u64 },
 }
 
@@ -163,7 +163,7 @@ impl<'a> Session<'a> {
         self.pending = left.map(|work| Pending { request, work });
     }
 
-    /// Tries to write the frame; returns what is left to do, as do the functions below.
+    /// Tries to write the frame. Returns the rest of the work, as the functions below do.
     fn write(&mut self, request: u64, until: Option<Instant>) -> Option<Work> {
         let left = until.map_or(WRITE_SLICE, |until| until.saturating_duration_since(Instant::now()).min(WRITE_SLICE));
         match self.board.write(&self.frame, Wait::at_most(left)) {
@@ -214,7 +214,7 @@ impl<'a> Session<'a> {
     }
 }
 
-/// What a server of `link` sends to a client that sends these bytes and reads nothing meanwhile.
+/// The bytes that a server of `link` sends to a client that sends these bytes and reads nothing meanwhile.
 #[doc(hidden)]
 pub fn answer(link: Arc<dyn Link>, bytes: &[u8]) -> Vec<u8> {
     let hub = Hub::new(ServeOptions::default());

@@ -1,4 +1,4 @@
-//! The thread that has the board: it reads every report, and opens the board again when it was lost.
+//! The thread that owns the board: it reads every report, and opens the board again after a loss.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -42,7 +42,7 @@ fn serve(hub: &Hub, board: &Arc<Board>) {
     }
 }
 
-/// Opens the board again, as often as necessary; `None`: the server ends.
+/// Opens the board again, however many attempts it takes; `None`: the server ends.
 fn reopen(hub: &Hub, open: Open<'_>) -> Option<Arc<Board>> {
     let mut told = String::new();
     loop {

@@ -1,5 +1,5 @@
-//! How moving axes are stopped when their writer has vanished: the server brings them to a standstill, as the native
-//! API does when a program closes it.
+//! Stopping the axes when their writer has vanished: the server brings them to a standstill, as the native API does
+//! when a program closes it.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,11 +14,11 @@ use crate::ecm::{Close, Ecm, EcmError, Options, Succeeded};
 use crate::link::{Link, Wait};
 use crate::sk::{FifoAction, Frame, MasterCommand};
 
-/// How long a board that makes no reports may take to take a frame. \[OURS]
+/// The timeout for writing a frame to a board that makes no reports. \[OURS]
 const CLEAR_WRITE_MAX: Duration = Duration::from_millis(200);
 
-/// A client has left. Unless it has closed its link or the board is lost, the axes that it has moved are brought to a
-/// standstill. Then its place is free.
+/// Called when a client has left. Unless it has closed its link or the board is lost, the axes that it has moved are
+/// brought to a standstill. Then its place is free.
 pub(super) fn client_left(hub: &Arc<Hub>, board: &Arc<Board>, client: &Arc<Client>, left: &Left) {
     let is_trusted = matches!(left, Left::Closed) || !hub.has(board);
     if let Some(queue) = hub.leave(client, is_trusted) {

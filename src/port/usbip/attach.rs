@@ -32,11 +32,11 @@ pub enum AttachError {
         path.display()
     )]
     NoController {
-        /// The folder in which it was looked for.
+        /// The folder that should exist.
         path: PathBuf,
         source: io::Error,
     },
-    /// This operating system has no such controller.
+    /// This operating system has no virtual host controller.
     #[error(
         "boards are attached by the kernel of Linux alone; leave out --attach, and attach them with a program of this \
          system, e.g. usbip-win2 on Windows: `usbip attach -r 127.0.0.1 -b 1-1`"

@@ -23,30 +23,30 @@ const CHECK_INTERVAL: Duration = Duration::from_millis(100);
 /// Opens the board's link, at first and after every loss.
 pub type Opener = Box<dyn Fn() -> Result<Arc<dyn Link>, LinkError> + Send + Sync>;
 
-/// What happens on the server, for its log.
+/// An event of the server, for its log.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Event {
     /// A host has attached a board.
     Attached {
         /// The board's bus id.
         bus_id: String,
-        /// Which host.
+        /// The host that has attached it.
         host: String,
     },
     /// A host no longer has its board.
     Ended {
         /// The board's bus id.
         bus_id: String,
-        /// Why.
+        /// The reason.
         why: SessionEnd,
-        /// What was moved.
+        /// The counters of the transfers.
         counters: Counters,
     },
     /// A board is lost. The server tries to open it again.
     Lost {
         /// The board's bus id.
         bus_id: String,
-        /// How that showed.
+        /// The error that has shown the loss.
         why: String,
     },
     /// A lost board is open again.
@@ -56,33 +56,33 @@ pub enum Event {
     },
     /// A client was rejected before it had attached a board.
     ClientRejected {
-        /// Which.
+        /// The address of the client.
         host: String,
-        /// Why.
+        /// The reason.
         why: String,
     },
     /// A board could not be attached to this machine.
     NotAttached {
         /// The board's bus id.
         bus_id: String,
-        /// Why.
+        /// The reason.
         why: String,
     },
     /// A lost board still cannot be opened. Each reason is reported once.
     ReopenFailed {
         /// The board's bus id.
         bus_id: String,
-        /// Why.
+        /// The reason.
         why: String,
     },
     /// The system did not provide a connection or a thread.
     SystemError {
-        /// What does not work.
+        /// The failed operation, with the error.
         what: String,
     },
-    /// Events before this one were dropped because the listener did not take them in time.
+    /// Events before this one were dropped because the listener was too slow.
     Dropped {
-        /// How many.
+        /// The number of dropped events.
         count: u64,
     },
 }

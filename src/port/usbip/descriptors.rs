@@ -13,8 +13,8 @@ pub const CONFIGURATION_VALUE: u8 = 1;
 /// Class, subclass and protocol of the only interface: HID, not a boot device (SK-9).
 pub const INTERFACE_CLASS: [u8; 3] = [3, 0, 0];
 
-/// What a virtual board says of itself. Vendor id, product id and the size of the reports are those of the real board
-/// (SK-9). What no source tells has a default of this project.
+/// The identity of a virtual board in its descriptors. Vendor id, product id and the size of the reports are those of
+/// the real board (SK-9). Where no source gives a value, the default is one of this project.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Identity {
     /// idVendor (SK-9).
@@ -63,7 +63,7 @@ pub enum IdentityError {
     /// bInterval is out of range.
     #[error("an endpoint's interval is 1 to 16 (2^(n-1) times 125 us), not {found}; leave it at 1")]
     Interval { found: u8 },
-    /// A USB 2.0 port does not provide that much current.
+    /// The current exceeds the limit of a USB 2.0 port.
     #[error("a USB 2.0 port gives 500 mA, not {found}; ask for less")]
     Power { found: u16 },
 }

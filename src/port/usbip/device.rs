@@ -12,8 +12,8 @@ use super::wire::{self, Direction, Status, Submit};
 use crate::sk::{FRAME_LEN, Frame};
 use transfers::Buffers;
 
-/// How many transfers a host may have pending in one direction. \[OURS] Linux' own drivers have a few of them, programs
-/// that use libusb some ten.
+/// The most transfers that a host may have pending in one direction. \[OURS] Linux' own drivers have a few of them,
+/// programs that use libusb some ten.
 pub const TRANSFERS_AT_ONCE: usize = 256;
 
 /// The host has more transfers pending than [`TRANSFERS_AT_ONCE`].
@@ -26,7 +26,7 @@ pub struct TooMany;
 pub struct Counters {
     /// Frames that the board has taken.
     pub frames: u64,
-    /// Reports that the host has got.
+    /// Reports that the host has received.
     pub reports: u64,
     /// Reports that were replaced by a newer one before the host fetched them.
     pub superseded: u64,
@@ -135,8 +135,8 @@ impl Device {
         }
     }
 
-    /// The host unlinks a transfer. Returns `true` if this frame is being written to the board. The write should then
-    /// be cancelled, and the answer is made by [`Self::written`] or [`Self::not_written`].
+    /// The host unlinks a transfer. Returns `true` if the frame of this transfer is being written to the board. Then
+    /// the write should be cancelled, and [`Self::written`] or [`Self::not_written`] makes the answer.
     pub fn unlink(&mut self, sequence: u32, victim: u32) -> bool {
         if self.writing && self.unlinking.is_none() && self.writes.is_first(victim) {
             self.unlinking = Some(Unlink { sequence, victim });

@@ -21,8 +21,8 @@ pub(super) fn attach(boards: &Arc<[Board]>, index: usize, vhci: &Path) -> Result
     threads::spawn("usbip-here", serve).map_err(AttachError::Refused)
 }
 
-/// Watches board `index` until the server stops; a link that was lost is opened again each `retry`. `attached` is the thread that
-/// already serves it to this machine.
+/// Watches board `index` until the server stops. A lost link is opened again, with an attempt every `retry`.
+/// `attached`: the thread that serves the board to this machine already.
 pub(super) fn keep(
     boards: &Arc<[Board]>,
     index: usize,

@@ -1,4 +1,4 @@
-//! The server: it listens, answers which devices there are, and attaches each board to one host at a time.
+//! The server: it listens, lists its devices, and attaches each board to one host at a time.
 
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
@@ -33,7 +33,7 @@ const RETRY_PAUSE: Duration = Duration::from_millis(500);
 /// How often the listening thread checks whether the server is being stopped. \[OURS]
 const STOP_CHECK_INTERVAL: Duration = Duration::from_millis(100);
 
-/// How the server behaves. By default it listens on the loopback address only.
+/// The settings of a server. By default it listens on the loopback address only.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// The address to listen on.
@@ -70,7 +70,7 @@ impl Default for Options {
 
 /// A board to serve.
 pub struct BoardSpec {
-    /// What the board says of itself. Without a serial number it gets its bus id as one.
+    /// The identity of the board in its descriptors. Without a serial number it gets its bus id as one.
     pub identity: Identity,
     /// Opens its link, at first and after every loss.
     pub opener: Opener,
@@ -120,7 +120,7 @@ pub enum ServeError {
 /// The largest number of devices on a bus (USB 2.0 8.3.2.1).
 const DEVICES_ON_BUS_MAX: usize = 127;
 
-/// Boards that are served until [`Self::stop`] or until this value is dropped.
+/// A running server; it ends with [`Self::stop`] or when this value is dropped.
 pub struct Server {
     address: SocketAddr,
     shared: Arc<Shared>,
@@ -139,7 +139,7 @@ pub(super) struct Shared {
 
 impl Server {
     /// Opens the links of the boards and listens. `tell` is called with each event in a thread of its own, for which no
-    /// other thread waits. Events that it does not take in time are dropped, and their number is reported
+    /// other thread waits. If it is too slow, events are dropped, and an event reports their number
     /// ([`Event::Dropped`]).
     ///
     /// # Errors
@@ -208,7 +208,7 @@ impl Server {
             board.stop();
         }
         for (_, client) in self.shared.clients.lock().drain(..) {
-            // It may be gone already.
+            // The connection may have ended already.
             let _ = client.shutdown(Shutdown::Both);
         }
         // A thread may have started another one before it ended, so the list is read again each time.
@@ -314,7 +314,7 @@ impl Shared {
         }
         match stream.try_clone() {
             Ok(stream) => clients.push_back((number, stream)),
-            // Its connection ends by the time limit for the request.
+            // The connection ends by the time limit for the request.
             Err(error) => {
                 self.notes.tell(Event::SystemError { what: format!("cannot watch a client of USB/IP: {error}") });
             }
@@ -339,7 +339,7 @@ impl Shared {
         }
     }
 
-    /// Reads a client's request, and answers it unless it is to attach a board.
+    /// Reads a client's request, and answers it unless the request is to attach a board.
     fn request(&self, mut stream: &TcpStream) -> Result<Wanted, RequestError> {
         let request_timeout = Some(self.options.request_timeout);
         stream.set_read_timeout(request_timeout)?;
@@ -396,11 +396,11 @@ impl Shared {
     }
 }
 
-/// What a client wants after its request was read.
+/// The rest of a client's request, once it was read and answered.
 enum Wanted {
-    /// Nothing more.
+    /// The request is answered.
     Nothing,
-    /// To attach the board with this index.
+    /// The client wants to attach the board with this index.
     Board(usize),
 }
 

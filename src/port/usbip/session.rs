@@ -26,7 +26,7 @@ const WAIT_SLICE: Duration = Duration::from_millis(50);
 /// The size of the buffer for the host's bytes.
 const INPUT_BUFFER_BYTES: usize = 16 * 1024;
 
-/// Why a host no longer has the board.
+/// The reason why a host no longer has the board.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SessionEnd {
     /// The host closed the connection, or it broke.
@@ -64,7 +64,7 @@ pub struct Session {
     device_id: u32,
     send_timeout: Duration,
     device: Mutex<Device>,
-    /// Wakes the thread that waits for reports: the host wants one.
+    /// Wakes the thread that waits for reports, when the host wants one.
     reads: Condvar,
     /// Wakes the thread that passes frames to the board.
     writes: Condvar,
@@ -178,7 +178,7 @@ impl Session {
                     if let Err(error) = device.submit(&transfer, &data) {
                         return error.into();
                     }
-                    // A report that is already there is fetched here, without waking the other thread.
+                    // A report that is waiting already is fetched here, without waking the other thread.
                     if device.begin_read() {
                         drop(device);
                         if let Err(end) = self.read(&mut report, Wait::Now) {
@@ -264,7 +264,7 @@ impl Session {
         }
     }
 
-    /// Completes what [`Device::begin_read`] has begun.
+    /// Reads a report for the device, after [`Device::begin_read`].
     fn read(&self, report: &mut Frame, wait: Wait) -> Result<(), SessionEnd> {
         match self.link.read(report, wait) {
             Ok(_) => self.device.lock().report(report),

@@ -29,7 +29,7 @@ pub enum Stream {
 
 impl Stream {
     /// Prepares the connection for transfers: small messages are sent at once, and a host that is gone or accepts no
-    /// bytes is noticed.
+    /// bytes is detected.
     ///
     /// # Errors
     /// Errors of the operating system.
@@ -53,7 +53,7 @@ impl Stream {
 
     /// Shuts down both directions, which ends waiting reads and writes at once.
     pub fn shutdown(&self) {
-        // It fails if the connection has ended already.
+        // The call fails if the connection has ended already.
         let _ = match self {
             Self::Tcp(stream) => stream.shutdown(Shutdown::Both),
             Self::Local(stream) => stream.shutdown(Shutdown::Both),

@@ -81,12 +81,12 @@ struct RawHeader {
 const _: () = assert!(OP_LEN == 8 && size_of::<RawDevice>() == 312 && HEADER_LEN == 48);
 const _: () = assert!(align_of::<RawHeader>() == 1 && align_of::<RawDevice>() == 1);
 
-/// A request before a device is attached.
+/// The kind of a request that comes before a device is attached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Op {
-    /// Which devices there are.
+    /// A request for the list of devices.
     DeviceList,
-    /// To attach a device; its bus id of [`BUS_ID_LEN`] bytes follows.
+    /// A request to attach a device; its bus id of [`BUS_ID_LEN`] bytes follows.
     Import,
 }
 
@@ -174,12 +174,12 @@ pub struct Submit {
     pub setup: [u8; 8],
 }
 
-/// What a host sends after it has attached a device.
+/// A command of a host that has attached a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {
-    /// It submits a transfer.
+    /// Submits a transfer (USBIP_CMD_SUBMIT).
     Submit(Submit),
-    /// It unlinks a pending transfer (USBIP_CMD_UNLINK).
+    /// Unlinks a pending transfer (USBIP_CMD_UNLINK).
     Unlink {
         /// The sequence number of the unlink command itself.
         sequence: u32,
@@ -291,7 +291,7 @@ pub const fn device_id(bus: u16, number: u16) -> u32 {
     (bus as u32) << 16 | number as u32
 }
 
-/// Why an import is refused, with Linux' numbers.
+/// The reason why an import is refused, with Linux' numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Refusal {

@@ -1,4 +1,4 @@
-//! Where a chip is served: a TCP port or a Unix socket, and connections of either kind.
+//! Addresses of a served chip, a TCP port or a Unix socket, and the connections of either kind.
 
 use std::fmt;
 use std::io::{self, Read, Write};
@@ -26,7 +26,7 @@ const KEEPALIVE_IDLE: Duration = Duration::from_secs(1);
 const KEEPALIVE_INTERVAL: Duration = Duration::from_secs(1);
 const KEEPALIVE_PROBES: u32 = 3;
 
-/// Where to listen.
+/// An address on which to listen.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Listen {
     /// A port of an address of this machine; port 0 chooses any free one.
@@ -36,7 +36,7 @@ pub enum Listen {
     Unix(PathBuf),
 }
 
-/// A text that is no place to listen on.
+/// The error for a text that is no such address.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is neither ADDR:PORT, e.g. 127.0.0.1:4712, nor unix:PATH (not on Windows)")]
 pub struct ListenError(String);
@@ -65,19 +65,19 @@ impl fmt::Display for Listen {
     }
 }
 
-/// What listens.
+/// A listening socket.
 pub(super) enum Listener {
     Tcp(TcpListener),
     #[cfg(unix)]
     Unix(UnixPlace),
 }
 
-/// A Unix socket that listens; its path is removed at the end.
+/// A listening Unix socket; its path is removed at the end.
 #[cfg(unix)]
 pub(super) struct UnixPlace {
     listener: UnixListener,
     path: PathBuf,
-    /// Device and inode of the socket: at the end another one may stand at the path.
+    /// Device and inode of the socket: at the end another file may have the path.
     file: Option<(u64, u64)>,
 }
 
@@ -108,7 +108,7 @@ impl Listener {
         }
     }
 
-    /// Where it listens, with the port that the system has chosen.
+    /// The address on which the socket listens, with the port that the system has chosen.
     pub fn place(&self) -> io::Result<Listen> {
         match self {
             Self::Tcp(listener) => listener.local_addr().map(Listen::Tcp),
@@ -125,7 +125,8 @@ impl Listener {
         }
     }
 
-    /// A connection that waits, ready for traffic, and who it is; `None`: there is none.
+    /// Accepts a waiting connection, set up for traffic. Returns it with the name of its other end; `None`: no
+    /// connection is waiting.
     pub fn accept(&self) -> io::Result<Option<(Stream, String)>> {
         let accepted = match self {
             Self::Tcp(listener) => listener.accept().and_then(|(stream, from)| {
@@ -152,7 +153,7 @@ impl Listener {
     }
 }
 
-/// The process at the other end of a Unix socket, where the system tells.
+/// The process at the other end of a Unix socket, if the system gives it.
 #[cfg(unix)]
 fn process_at(stream: &UnixStream) -> String {
     #[cfg(target_os = "linux")]
@@ -165,8 +166,8 @@ fn process_at(stream: &UnixStream) -> String {
 
 #[cfg(unix)]
 impl UnixPlace {
-    /// Binds the path. A socket at which nobody listens any more is replaced, as a server that was killed leaves one
-    /// behind; nothing else is.
+    /// Binds the path. A socket without a listening process is replaced, since a server that was killed leaves one
+    /// behind. Any other file at the path is an error.
     fn bind(path: &Path) -> io::Result<Self> {
         use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, listen, socket};
         use std::fs;
@@ -189,7 +190,7 @@ impl UnixPlace {
         let socket = socket(AddressFamily::UNIX, SocketType::STREAM, None)?;
         rustix::io::fcntl_setfd(&socket, rustix::io::FdFlags::CLOEXEC)?;
         bind(&socket, &SocketAddrUnix::new(path)?)?;
-        // Nobody can connect before it listens, and then its owner alone.
+        // Before the call of `listen` nobody can connect, and after it only the owner can.
         fs::set_permissions(path, fs::Permissions::from_mode(0o600))?;
         listen(&socket, BACKLOG)?;
         let listener = UnixListener::from(socket);
@@ -206,13 +207,13 @@ impl Drop for UnixPlace {
 
         let there = std::fs::symlink_metadata(&self.path).ok().map(|file| (file.dev(), file.ino()));
         if there.is_some() && there == self.file {
-            // If it stays, the next server finds that nobody listens there.
+            // If it cannot be removed, the next server finds that no process listens there.
             let _ = std::fs::remove_file(&self.path);
         }
     }
 }
 
-/// A connection, which never waits.
+/// A non-blocking connection.
 #[derive(Debug)]
 pub(super) enum Stream {
     Tcp(TcpStream),
@@ -229,7 +230,7 @@ impl Stream {
         }
     }
 
-    /// Whether the other end is gone. With bytes that are not read yet it is not known.
+    /// Whether the other end has closed the connection. This is unknown while received bytes are unread.
     pub fn has_ended(&self) -> bool {
         let mut byte = [0; 1];
         let peeked = match self {
@@ -243,9 +244,9 @@ impl Stream {
         }
     }
 
-    /// Lets the other end know that nothing more comes.
+    /// Closes the sending direction, so that the other end gets the end of the stream.
     pub fn end_output(&self) {
-        // It fails if the connection has ended already.
+        // The call fails if the connection has ended already.
         let _ = match self {
             Self::Tcp(stream) => stream.shutdown(Shutdown::Write),
             #[cfg(unix)]

@@ -1,4 +1,4 @@
-//! A host's connection: whole messages come out of it, answers go into it, and it never waits.
+//! The connection of a host: it receives whole messages and sends answers, and no call waits.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::time::{Duration, Instant};
@@ -8,17 +8,17 @@ use rustix::event::{PollFd, PollFlags};
 use super::address::Stream;
 use super::wire::{self, BadRequest, EXCHANGE_MAX, HEAD_LEN, Kind, Status};
 
-/// Room for one message.
+/// The longest message, bytes.
 const MESSAGE_MAX: usize = HEAD_LEN + EXCHANGE_MAX;
 
-/// Why a host has left.
+/// The reason why a host has left.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Left {
-    /// It has said that it ends.
+    /// The host has sent a Close.
     Closed,
-    /// Its connection has ended, or cannot be used.
+    /// The connection has ended or has failed; the reason.
     Gone(String),
-    /// What it sends is no message.
+    /// The host has sent an invalid message.
     Broken(BadRequest),
 }
 
@@ -28,28 +28,30 @@ impl From<io::Error> for Left {
     }
 }
 
-/// The connection of the host that has the chip.
+/// The connection of the host that uses the chip.
 pub(super) struct Connection {
     stream: Stream,
-    /// Who it is.
+    /// The name of the host, for the log.
     pub name: String,
     incoming: Box<[u8; MESSAGE_MAX]>,
-    /// Bytes that have come and are not used up.
+    /// The number of received bytes in `incoming`.
     held: usize,
-    /// Where the message behind the present one begins: its bytes are used up with the next call.
+    /// The end of the present message in `incoming`: the next call removes the bytes before it.
     used: usize,
     outgoing: Box<[u8; MESSAGE_MAX]>,
-    /// What of it is not sent yet.
+    /// The part of `outgoing` that was not sent yet.
     unsent: std::ops::Range<usize>,
-    /// Since when the host owes its first request or the rest of a message, or does not read an answer.
+    /// Since when the connection waits for the host: for its first request, for the rest of a message, or until it
+    /// reads an answer.
     owes_since: Option<Instant>,
-    /// It has sent a whole message: it is a host, and no stranger that keeps the chip from one.
+    /// Whether the host has sent a whole message. A connection without one may not be a host, and must not block the
+    /// chip.
     has_asked: bool,
     limit: Duration,
 }
 
 impl Connection {
-    /// Greets a host.
+    /// Sends the greeting to a host.
     pub fn new(stream: Stream, name: String, limit: Duration) -> Self {
         let mut connection = Self {
             stream,
@@ -69,18 +71,17 @@ impl Connection {
         connection
     }
 
-    /// What to wait for: that it sends, or that it reads.
+    /// The event to poll for: bytes to read, or room for bytes to send.
     pub fn poll_fd(&self) -> PollFd<'_> {
         self.stream.poll_fd(if self.unsent.is_empty() { PollFlags::IN } else { PollFlags::OUT })
     }
 
-    /// When a host that goes on to owe something is given up.
+    /// When the present wait for the host times out.
     pub fn deadline(&self) -> Option<Instant> {
         self.owes_since.map(|since| since + self.limit)
     }
 
-    /// Whether there is a whole message, which [`Self::answer`] is for. There is none before the answer to the last one
-    /// is sent.
+    /// Whether a whole message is there, for [`Self::answer`]. There is none before the answer to the last one is sent.
     pub fn next(&mut self, now: Instant) -> Result<bool, Left> {
         self.incoming.copy_within(self.used..self.held, 0);
         self.held -= std::mem::take(&mut self.used);
@@ -118,7 +119,7 @@ impl Connection {
         }
     }
 
-    /// The host owes something: it is given up when it has for too long.
+    /// Notes that the connection waits for the host. Returns an error if it has waited for too long.
     fn waits(&mut self, now: Instant, what: &str) -> Result<bool, Left> {
         let since = *self.owes_since.get_or_insert(now);
         let waited = now.saturating_duration_since(since);
@@ -128,8 +129,8 @@ impl Connection {
         Err(Left::Gone(format!("{what} for {}", crate::span::Span(waited))))
     }
 
-    /// Answers the message that [`Self::next`] has found. `fill` is given its kind and body, room for the answer and the
-    /// connection, and says how many bytes the answer has, or why there is none.
+    /// Answers the message that [`Self::next`] has found. `fill` is called with its kind and body, room for the answer,
+    /// and the connection. It returns the length of the answer, or the reason why there is none.
     pub fn answer(
         &mut self,
         fill: impl FnOnce(u8, &[u8], &mut [u8], &Stream) -> Result<usize, (Status, String)>,
@@ -146,26 +147,26 @@ impl Connection {
         Ok(())
     }
 
-    /// Sends a refusal in the place of the greeting, and ends the connection.
+    /// Sends a refusal instead of the greeting, and ends the connection.
     pub fn refuse(&mut self, status: Status, text: &str) {
         self.unsent = 0..0;
         self.say_and_end(Kind::Greeting, status, text);
     }
 
-    /// Sends a message that answers nothing, as far as there is room, and ends the connection.
+    /// Sends a message that is no answer, as far as there is room, and ends the connection.
     pub fn say_and_end(&mut self, kind: Kind, status: Status, text: &str) {
-        // If a part of an answer is still to be sent, the host would take this for the rest of it.
+        // After a part of an answer the host would take this message for the rest of it.
         if self.unsent.is_empty() {
             let len = put(&mut self.outgoing[HEAD_LEN..], text);
             self.outgoing[..HEAD_LEN].copy_from_slice(&wire::head(kind as u8, status, len));
             self.unsent = 0..HEAD_LEN + len;
         }
-        // The host is told if it can be.
+        // The host gets the message if it can still receive.
         let _ = self.send();
         self.end();
     }
 
-    /// Ends the connection. What the host has sent is read first: otherwise the system would discard the last answer.
+    /// Ends the connection. Received bytes are read first: otherwise the system would discard the last answer.
     pub fn end(&mut self) {
         self.stream.end_output();
         for _ in 0..ROUNDS_AT_END {
@@ -175,14 +176,14 @@ impl Connection {
         }
     }
 
-    /// Sends what is left; whether all of it is sent.
+    /// Sends the remaining bytes. Returns whether all are sent.
     fn send(&mut self) -> io::Result<bool> {
         while !self.unsent.is_empty() {
             match self.stream.write(&self.outgoing[self.unsent.clone()]) {
                 Ok(0) => return Err(ErrorKind::WriteZero.into()),
                 Ok(count) => {
                     self.unsent.start += count;
-                    // The greeting is no answer.
+                    // Sending the greeting does not end the wait for the first request.
                     self.owes_since = self.owes_since.filter(|_| !self.has_asked);
                 }
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
@@ -194,10 +195,10 @@ impl Connection {
     }
 }
 
-/// How many reads at the end look for what the host has sent. \[OURS]
+/// The most reads that drain received bytes at the end. \[OURS]
 const ROUNDS_AT_END: usize = 16;
 
-/// Puts a text, as much as there is room for, and says how many bytes.
+/// Copies a text, as much as fits into `room`. Returns its length in bytes.
 fn put(room: &mut [u8], text: &str) -> usize {
     let len = text.floor_char_boundary(room.len());
     room[..len].copy_from_slice(&text.as_bytes()[..len]);

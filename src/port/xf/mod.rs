@@ -1,20 +1,20 @@
-//! A chip ECM-XF for hosts that are not ours: any [`ChipLink`], served over a Unix socket or TCP as a stream of
-//! full-duplex exchanges. A C driver for the chip then runs on the model, with a shim of a few lines in the place of SPI.
+//! A served ECM-XF for other host software: any [`ChipLink`], over a Unix socket or TCP, as a stream of full-duplex
+//! exchanges. A C driver for the chip can run on the model, with a shim of a few lines in the place of SPI.
 //!
-//! One thread has the chip and all connections. One host at a time has the chip, as with a chip select; another one is
-//! told so and sent away. The server does not look into the bytes that pass.
+//! One thread has the chip and all connections. One host at a time has the chip, as with a chip select; any other one
+//! is refused with that reason. The server does not interpret the bytes that pass.
 //!
-//! A host that ends its connection without the message that says so has vanished: the server then finds its way into
-//! the chip's packets itself and takes the network out of OP ([`OnVanish`]).
+//! A host that ends its connection without a Close has vanished: the server then finds the chip's packets by itself and
+//! takes the network out of OP ([`OnVanish`]).
 //!
 //! Files, in the order in which to read them:
 //!
 //! - `mod.rs`: [`Server`], its options and errors
 //! - `wire.rs`: the messages on a connection
-//! - `address.rs`: where to listen, and connections of either kind
+//! - `address.rs`: addresses to listen on, and connections of either kind
 //! - `service.rs`: the thread
 //! - `connection.rs`: a host's connection, which never waits
-//! - `vanish.rs`: how axes are stopped when the host has vanished
+//! - `vanish.rs`: stopping the axes when the host has vanished
 
 mod address;
 mod connection;
@@ -36,38 +36,38 @@ use crate::xf::host::HostConfig;
 use address::Listener;
 use service::Service;
 
-/// How long a host may take for its first request and for the rest of a message, or to read an answer. \[OURS]
+/// How long a host may take for its first request, for the rest of a message, or to read an answer. \[OURS]
 const MESSAGE_TIME_MAX: Duration = Duration::from_secs(2);
 
-/// What happens when the host is gone without having said that it ends.
+/// The treatment of the network when the host has disconnected without a Close.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum OnVanish {
-    /// The FIFO is switched off and emptied and slaves in OP are brought to SafeOP: drives brake on their own quick-stop
-    /// ramp and are off, outputs of IO slaves are off.
+    /// The FIFO is switched off and emptied, and slaves in OP are brought to SafeOP: drives brake on their own
+    /// quick-stop ramp and are off, outputs of IO slaves are off.
     #[default]
     SafeOp,
-    /// Nothing is sent: the chip sends what is in its FIFO and then repeats the last outputs for ever, as a chip does
+    /// Nothing is sent: the chip sends the rest of its FIFO and then repeats the last outputs for ever, like a chip
     /// whose host has lost its power.
     Leave,
 }
 
-/// A chip's link and how the driver uses it, as [`chip::open`](crate::open::chip::open) gives them.
+/// A chip's link and the settings of the driver for it, as [`chip::open`](crate::open::chip::open) returns them.
 pub type Opened = (Box<dyn ChipLink>, HostConfig);
 
-/// How a chip is served. All defaults are \[OURS].
+/// The settings of a server. All defaults are \[OURS].
 #[derive(Clone)]
 pub struct Options {
-    /// Where to listen; port [`DEFAULT_PORT`] of the loopback address by default.
+    /// The address to listen on; port [`DEFAULT_PORT`] of the loopback address by default.
     pub listen: Listen,
-    /// Whether it may listen on an address that other machines can reach. Nobody is asked for a password, so whoever
-    /// reaches it moves the axes.
+    /// Whether the server may listen on an address that other machines can reach. It has no password, so anybody who
+    /// can reach it can move the axes.
     pub insecure_anyone: bool,
-    /// What happens when the host has vanished.
+    /// The treatment of the network when the host has vanished.
     pub on_vanish: OnVanish,
-    /// How long a host may take for its first request and for the rest of a message, or to read an answer; 2 s by default.
+    /// How long a host may take for its first request, for the rest of a message, or to read an answer; 2 s by default.
     pub message_limit: Duration,
-    /// Called with each line of the log, in a thread of its own for which no other thread waits. Lines that it does not
-    /// take in time are dropped, and their number is reported to it.
+    /// Called with each line of the log, in a thread of its own for which no other thread waits. If the function is too
+    /// slow, lines are dropped, and a line reports their number.
     pub tell: Arc<dyn Fn(&str) + Send + Sync>,
 }
 
@@ -87,7 +87,7 @@ impl Default for Options {
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ServeError {
-    /// Other machines could connect, and nobody is asked who they are.
+    /// Other machines could connect, and the server does not authenticate them.
     #[error(
         "{listen} can be reached from other machines, and a served chip knows no password and no encryption: whoever reaches it \
          moves the axes; listen on 127.0.0.1 and lead the port through a tunnel, `ssh -N -L {}:127.0.0.1:{} HOST` on the other \
@@ -95,7 +95,7 @@ pub enum ServeError {
         listen.port(), listen.port()
     )]
     NeedsTunnel { listen: SocketAddr },
-    /// The server cannot listen there.
+    /// The server cannot listen on the address.
     #[error("cannot listen on {listen}: {message}; {next}")]
     Listen { listen: Listen, message: String, next: &'static str },
     /// The chip cannot be reached.
@@ -106,7 +106,7 @@ pub enum ServeError {
     System { what: &'static str, source: io::Error },
 }
 
-/// A chip that is served until this value is stopped or dropped.
+/// A running server; it ends when this value is stopped or dropped.
 pub struct Server {
     listen: Listen,
     info: ChipInfo,
@@ -114,7 +114,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Opens the chip and listens. `open` is called again when a host comes after the link has failed.
+    /// Opens the chip and listens. If the link has failed, `open` is called again when the next host connects.
     ///
     /// # Errors
     /// [`ServeError`].
@@ -142,22 +142,22 @@ impl Server {
         Ok(Self { listen, info, serving: serving.map_err(system("start the thread of the chip"))? })
     }
 
-    /// Where it listens, with the port that the system has chosen.
+    /// The address on which the server listens, with the port that the system has chosen.
     pub const fn listen(&self) -> &Listen {
         &self.listen
     }
 
-    /// The chip's link, as it was when it was opened first.
+    /// The properties of the chip's link, as of its first opening.
     pub const fn info(&self) -> &ChipInfo {
         &self.info
     }
 
-    /// Waits until [`Options::tell`] has been called for all lines so far, at most 1 s.
+    /// Waits until [`Options::tell`] was called for all lines so far, at most 1 s.
     pub fn flush(&self) {
         self.serving.flush();
     }
 
-    /// Ends the server. If a host has the chip this is, for its axes, as if it had vanished ([`OnVanish`]).
+    /// Ends the server. For the axes this is as if its host, if there is one, had vanished ([`OnVanish`]).
     pub fn stop(self) {
         drop(self.serving);
     }

@@ -1,4 +1,4 @@
-//! The thread that has the chip and all connections.
+//! The thread of the server, which has the chip and all connections.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -16,17 +16,17 @@ use crate::port::log_limit::LogLimit;
 use crate::port::serving::Shared;
 use crate::xf::host::HostConfig;
 
-/// How often time passes for a chip that nobody uses: a model runs its cycles then. \[OURS]
+/// The interval in which time advances for a chip without a host: a model runs its cycles then. \[OURS]
 const IDLE_INTERVAL: Duration = Duration::from_millis(100);
-/// The longest part of a wait during which nothing else is looked at. \[OURS]
+/// The longest wait on the chip during which no other event is handled. \[OURS]
 const WAIT_SLICE_NS: u64 = 20_000_000;
-/// How many messages are handled before other connections are looked at. \[OURS]
+/// How many messages are handled before other connections are checked. \[OURS]
 const MESSAGES_IN_A_ROW_MAX: usize = 64;
 /// The pause after the system could not provide a connection. \[OURS]
 const ACCEPT_RETRY_PAUSE: Duration = Duration::from_millis(50);
 
 type Open = Box<dyn FnMut() -> Result<Opened, ChipError> + Send>;
-/// Why a request has no result.
+/// The reason why a request has no result: status and text.
 type Refused = (Status, String);
 
 pub(super) struct Service {
@@ -38,23 +38,23 @@ pub(super) struct Service {
     notes: Notes<String>,
     log_limit: LogLimit,
     host: Option<Connection>,
-    /// Messages of the host may have come that were not looked at.
+    /// Whether more messages of the host may be waiting.
     has_more: bool,
     next_accept: Instant,
-    /// When time passes next for a chip that nobody uses.
+    /// When time advances next for a chip without a host.
     next_tick: Instant,
 }
 
-/// The chip.
+/// The served chip.
 struct Served {
-    /// `None` while it is opened again.
+    /// `None` while the link is being opened again.
     link: Option<Box<dyn ChipLink>>,
     config: HostConfig,
     has_int0: bool,
     virtual_time: bool,
-    /// The last use of the link has failed.
+    /// Whether the last use of the link has failed.
     failed: bool,
-    /// The host that has it has sent something to it.
+    /// Whether the present host has sent anything to the chip.
     was_used: bool,
 }
 
@@ -103,7 +103,7 @@ impl Service {
         }
     }
 
-    /// Waits until something comes, a deadline has passed or time has to pass for the chip.
+    /// Waits until a connection or bytes arrive, a deadline has passed, or a tick is due.
     fn wait(&mut self) {
         let now = Instant::now();
         let retry = (self.next_accept > now).then_some(self.next_accept);
@@ -123,7 +123,7 @@ impl Service {
         }
     }
 
-    /// Takes the host's messages; why it has left, if it has.
+    /// Handles the host's messages. Returns the reason if the host has left.
     fn serve_host(&mut self) -> Option<Left> {
         let host = self.host.as_mut()?;
         for _ in 0..MESSAGES_IN_A_ROW_MAX {
@@ -152,7 +152,7 @@ impl Service {
         None
     }
 
-    /// The axes are stopped first; then it is said, and the place is free.
+    /// Handles the end of a host: stops the axes, logs it, and frees the chip.
     fn host_left(&mut self, left: &Left) {
         let Some(mut host) = self.host.take() else { return };
         let who = host.name.clone();
@@ -176,7 +176,7 @@ impl Service {
         }
     }
 
-    /// What was done for the axes of a host that has vanished, in words; `None`: nothing had to be.
+    /// Stops the axes of a vanished host. Returns a text about what was done; `None`: nothing was necessary.
     fn stop_axes(&mut self, who: &str) -> Option<String> {
         if !std::mem::take(&mut self.chip.was_used) {
             return None;
@@ -215,7 +215,7 @@ impl Service {
         }
     }
 
-    /// Gives the chip to a host, or says why not.
+    /// Gives the chip to a host, or refuses it with a reason.
     fn take_in(&mut self, stream: Stream, who: String) {
         let mut connection = Connection::new(stream, who, self.options.message_limit);
         let refused = match &self.host {
@@ -235,19 +235,19 @@ impl Service {
         self.host = Some(connection);
     }
 
-    /// Opens a link that has failed.
+    /// Opens the link again after it has failed.
     fn open_again(&mut self) -> Result<(), Refused> {
         if !self.chip.failed {
             return Ok(());
         }
-        // What it holds has to be free before it can be opened.
+        // The old link must be closed before it can be opened again.
         self.chip.link = None;
         let opened = (self.open)().map_err(|error| (Status::Chip, error.to_string()))?;
         self.chip = Served::new(opened);
         Ok(())
     }
 
-    /// Tells a line that others can cause as often as they like.
+    /// Logs a line of a kind that others can cause as often as they like.
     fn tell_limited(&mut self, kind: &str, line: &str) {
         if self.log_limit.may_log(kind, Instant::now()) {
             self.notes.tell(line.to_owned());
@@ -262,7 +262,7 @@ impl Served {
         Self { link: Some(link), config, has_int0, virtual_time, failed: false, was_used: false }
     }
 
-    /// Carries a request out; how many bytes of `room` the answer has. `ends` says whether to wait no longer.
+    /// Carries out a request. Returns the length of the answer in `room`. `ends`: whether a wait has to stop.
     fn carry_out(&mut self, request: Request<'_>, room: &mut [u8], ends: &dyn Fn() -> bool) -> Result<usize, Refused> {
         let Some(link) = &mut self.link else { return Err((Status::Chip, "the chip is not open".to_owned())) };
         let done = match request {
@@ -289,7 +289,7 @@ impl Served {
             }
             Request::Reset => match link.reset() {
                 Ok(true) => {
-                    // It is as after power-on: nothing is left to be stopped, whatever happens to the host.
+                    // The chip is as after power-on: nothing has to be stopped when the host vanishes.
                     self.was_used = false;
                     Ok(0)
                 }
@@ -304,13 +304,13 @@ impl Served {
         done.map_err(|error| (Status::Chip, error.to_string()))
     }
 
-    /// Lets time pass for a chip that nobody uses. A model runs its cycles when it is looked at, and would have to run
-    /// those of a day at once.
+    /// Advances time for a chip without a host. A model catches up on its cycles when it is accessed, and otherwise
+    /// might have to run those of a whole day at once.
     fn pass_time(&mut self) {
         if let Some(link) = &mut self.link
             && !self.virtual_time
         {
-            // What cannot be reached is told to the host that uses it.
+            // An error will be reported to the host that uses the chip next.
             let _ = link.int1();
         }
     }
@@ -320,7 +320,7 @@ fn no_line(name: &str, next: &str) -> Refused {
     (Status::NoLine, format!("{name} is not wired; {next}"))
 }
 
-/// Waits in parts, until one of them gives `true`, the time is over, or `ends` says so.
+/// Waits in slices until `wait` returns `true`, the time is over, or `ends` returns true. Returns whether `wait` did.
 fn in_slices(
     link: &mut dyn ChipLink,
     micros: u32,

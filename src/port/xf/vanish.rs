@@ -1,8 +1,8 @@
-//! How axes are stopped when their host has vanished.
+//! Stopping the axes when their host has vanished.
 //!
-//! The server knows neither the slaves nor their axes, and nothing of the packets that have passed: not n, not where a
-//! packet begins, not the index of the last one. So it starts as a host does that knows nothing, and then asks for what
-//! needs no knowledge of axes: slaves in OP go to SafeOP, in which a slave's outputs have no effect.
+//! The server knows neither the slaves nor their axes, and nothing about the packets that have passed: not the data
+//! size n, not the packet boundaries, not the last index. So it starts like a host without any knowledge, and then does
+//! what needs no knowledge of axes: it brings slaves in OP to SafeOP, in which the outputs of a slave have no effect.
 
 use std::time::Duration;
 
@@ -15,42 +15,42 @@ use crate::xf_api::{Xf, XfError};
 /// How long a change of state may take. \[OURS]
 const STATE_TIME_MAX: Duration = Duration::from_secs(5);
 
-/// What was there to stop.
+/// The result of stopping the axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stopped {
     /// No slave was in OP.
     NotInOp,
-    /// So many slaves were, and are in SafeOP.
+    /// The number of slaves that were in OP and are in SafeOP now.
     Slaves(usize),
 }
 
-/// Switches the FIFO off, empties it, and brings slaves in OP to SafeOP. The chip has fixed check words then, as after
-/// power-on.
+/// Switches the FIFO off, empties it, and brings slaves in OP to SafeOP. Afterwards the chip uses fixed check words, as
+/// after power-on.
 pub(super) fn bring_to_safe_op(link: &mut dyn ChipLink, config: HostConfig) -> Result<Stopped, XfError> {
     let busy_ns = STATE_TIME_MAX.as_nanos() as u64;
     let deadlines = Deadlines { busy_ns, ..config.deadlines };
-    // The n of before stays: the next host expects what it has seen last.
+    // The data size n is kept: the next host expects the one that it has seen last.
     let mut xf = Xf::over(link, HostConfig { wanted_size: None, deadlines, ..config })?;
     let stopped = leave_op(&mut xf);
-    // Who expects CRC-32 sets it again: what matters has been done.
+    // A host that expects CRC-32 sets it again, so an error here does no harm.
     let _ = set_fixed_check(&mut xf);
     stopped
 }
 
-/// Sets fixed check words, which a host that begins anew expects. The driver keeps CRC-32 while it runs, so this is its
+/// Sets fixed check words, which a newly started host expects. The driver uses CRC-32 while it runs, so this is its
 /// last packet.
 fn set_fixed_check(xf: &mut Xf<&mut dyn ChipLink>) -> Result<(), ChipError> {
     let size = xf.host().size();
     let (mut packet, mut back) = ([0; MAX_PACKET], [0; MAX_PACKET]);
-    // The driver's packets have 1 to 255, so this one repeats none.
+    // The driver's packets have the indices 1 to 255, so this one repeats none of them.
     let header = CommandHeader::with_index(0);
-    // A buffer for the longest packet has room for any.
+    // A buffer for the longest packet has room for any packet.
     let _ = write_request(&mut packet, size, CheckRule::FIXED, header, &CrcTypeSet { kind: CheckType::Fixed });
     let link = xf.link_mut();
     for _ in 0..2 {
         let ready = link.now().saturating_add(HostConfig::DEFAULT.idle_max_ns);
         link.wait_until(ready)?;
-        // The second one is for a chip that was not ready for the first one, and else repeats it.
+        // The second packet is for a chip that was not ready for the first one; otherwise it is a repeat.
         link.exchange(&packet[..size.packet_len()], &mut back[..size.packet_len()])?;
     }
     Ok(())
@@ -65,7 +65,7 @@ fn leave_op(xf: &mut Xf<&mut dyn ChipLink>) -> Result<Stopped, XfError> {
     let all = in_op.len() == usize::from(found);
     let mut failed = None;
     for slaves in if all { vec![Slaves::All] } else { in_op.iter().copied().map(Slaves::One).collect() } {
-        // One that refuses does not keep the others in OP.
+        // A slave that refuses must not keep the others in OP.
         failed = xf.run(&StateSet { slaves, state: EtherCatState::SafeOp }).err().or(failed);
     }
     match slaves_in_op(xf, found) {
@@ -79,7 +79,7 @@ fn leave_op(xf: &mut Xf<&mut dyn ChipLink>) -> Result<Stopped, XfError> {
 }
 
 fn slaves_in_op(xf: &mut Xf<&mut dyn ChipLink>, found: u8) -> Result<Vec<SlaveNumber>, XfError> {
-    // A slave that does not answer makes it fail, and those that do are read nevertheless.
+    // A silent slave makes this fail, but the states of all others are read.
     let updated = xf.run(&StateUpdate);
     let mut in_op = Vec::new();
     for slave in (0..found).filter_map(SlaveNumber::new) {

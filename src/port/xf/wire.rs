@@ -1,39 +1,41 @@
 //! The messages between a host and the server. \[OURS]
 //!
-//! Each message, in either direction, is a head of [`HEAD_LEN`] bytes and a body: kind u8, status u8, length of the
-//! body u16; numbers are little endian. A request has status 0; the answer to it has its kind, and a status other than 0
-//! if there is none, with the reason as text for its body. `docs/XF-PORT.md` in the project's repository is the
-//! description for who writes a host.
+//! Each message, in either direction, is a head of [`HEAD_LEN`] bytes and a body. The head has the kind (u8), the
+//! status (u8) and the length of the body (u16); numbers are little-endian. A request has status 0. Its answer has the
+//! same kind; if the request has failed, the status is not 0 and the body is the reason as text. `docs/XF-PORT.md` in
+//! the project's repository describes the messages for authors of hosts.
 
-/// The version of the messages, which the server tells in its greeting.
+/// The version of the messages, which the greeting contains.
 pub const VERSION: u8 = 1;
-/// What the body of a greeting begins with; [`VERSION`] and [`EXCHANGE_MAX`] as a u16 follow.
+/// The first bytes of a greeting's body; [`VERSION`] and [`EXCHANGE_MAX`] as a u16 follow.
 pub const MAGIC: [u8; 5] = *b"ECMXF";
-/// Bytes in front of a body.
+/// The length of the head before a body, bytes.
 pub const HEAD_LEN: usize = 4;
 /// The most bytes of an exchange, and so of any body. \[OURS] Twice the longest packet fits, so that one exchange is
-/// enough to find n; it is also what Linux' spidev takes at once unless it is configured otherwise.
+/// enough to find n. It is also the default limit of Linux' spidev.
 pub const EXCHANGE_MAX: usize = 4096;
-/// The longest wait that a request may ask for, in microseconds. \[OURS]
+/// The longest wait that a request may ask for, microseconds. \[OURS]
 pub const WAIT_MAX_US: u32 = 1_000_000;
 
-/// What a message is about.
+/// The kind of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Kind {
     /// From the server, when a connection begins.
     Greeting = 0,
-    /// Bytes to the chip, 1 to [`EXCHANGE_MAX`], under one chip select; the answer has as many from it.
+    /// Bytes to the chip, 1 to [`EXCHANGE_MAX`], under one chip select; the answer has as many bytes from the chip.
     Exchange = 1,
-    /// Wait for INT0 to become active after the last exchange, u32 microseconds at most; the answer is 1 if it did, or 0.
+    /// Waits for INT0 to become active after the last exchange, at most the given microseconds (u32). The answer is 1
+    /// if it became active, otherwise 0.
     WaitInt0 = 2,
     /// The level of INT1; the answer is 0 or 1.
     Int1 = 3,
-    /// Let u32 microseconds pass; the answer has no body.
+    /// Waits for the given microseconds (u32); the answer has no body.
     Delay = 4,
-    /// The host ends and leaves everything as it is; the answer has no body. From the server: it ends.
+    /// From a host: the host ends its session and leaves the network as it is; the answer has no body. From the server:
+    /// the server ends.
     Close = 5,
-    /// Pull the chip's reset line low for 100 ms and release it; the answer has no body.
+    /// Pulls the chip's reset line low for 100 ms and releases it; the answer has no body.
     Reset = 6,
 }
 
@@ -53,17 +55,17 @@ impl Kind {
     }
 }
 
-/// Whether a request was carried out, and if not, why.
+/// The status of an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Status {
-    /// It was.
+    /// The request was carried out.
     Ok = 0,
-    /// There is no such request, or its body is not what it has to be.
+    /// There is no such request, or its body is invalid.
     BadRequest = 1,
     /// Another host has the chip.
     Busy = 2,
-    /// That line is not wired.
+    /// That line is not connected.
     NoLine = 3,
     /// The chip cannot be reached.
     Chip = 4,
@@ -71,59 +73,59 @@ pub enum Status {
     Ends = 5,
 }
 
-/// What a host asks for.
+/// A decoded request of a host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request<'m> {
-    /// Bytes to the chip.
+    /// Exchange these bytes with the chip.
     Exchange(&'m [u8]),
-    /// Wait for INT0 for so many microseconds at most.
+    /// Wait for INT0, at most this many microseconds.
     WaitInt0(u32),
-    /// The level of INT1.
+    /// Read the level of INT1.
     Int1,
-    /// Let so many microseconds pass.
+    /// Wait for this many microseconds.
     Delay(u32),
-    /// The host ends.
+    /// The host ends its session.
     Close,
     /// Reset the chip.
     Reset,
 }
 
-/// What is wrong with a request.
+/// The fault of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BadRequest {
-    /// It says that it is longer than any request, so where the next one begins is not known.
+    /// The message claims to be longer than any valid one, so that the begin of the next one is unknown.
     #[error("a message of {found} bytes: an exchange has {EXCHANGE_MAX} at most; send more as several exchanges")]
     TooLong {
-        /// The length of its body.
+        /// The length of the body in the head.
         found: usize,
     },
-    /// No request has that kind.
+    /// No request has this kind.
     #[error(
         "no request has the kind {kind}; they are 1 exchange, 2 wait for INT0, 3 read INT1, 4 delay, 5 close, 6 reset"
     )]
     Kind {
-        /// The kind.
+        /// The kind in the head.
         kind: u8,
     },
-    /// Its body is longer or shorter than it has to be.
+    /// The body is longer or shorter than required.
     #[error("request {kind} has a body of {found} bytes, which has to have {wanted}; see docs/XF-PORT.md")]
     Length {
         /// The kind of the request.
         kind: u8,
-        /// The length of its body.
+        /// The length of the body.
         found: usize,
-        /// What it has to be.
+        /// The required length.
         wanted: &'static str,
     },
-    /// It asks for too long a wait.
+    /// The requested wait is too long.
     #[error("a wait of {found} us: {WAIT_MAX_US} us at most; ask again for more")]
     Wait {
-        /// Microseconds.
+        /// The requested wait, microseconds.
         found: u32,
     },
 }
 
-/// The length of the body behind this head.
+/// The length of the body, from the head.
 ///
 /// # Errors
 /// [`BadRequest::TooLong`].
@@ -133,7 +135,7 @@ pub const fn body_len(head: [u8; HEAD_LEN]) -> Result<usize, BadRequest> {
 }
 
 impl<'m> Request<'m> {
-    /// The request with this kind and body. A status is not looked at.
+    /// Decodes the request with this kind and body. The status is ignored.
     ///
     /// # Errors
     /// [`BadRequest`].
@@ -160,13 +162,13 @@ impl<'m> Request<'m> {
     }
 }
 
-/// The head of a message with a body of so many bytes, [`EXCHANGE_MAX`] at most.
+/// The head of a message; `len`: the length of the body, at most [`EXCHANGE_MAX`].
 pub const fn head(kind: u8, status: Status, len: usize) -> [u8; HEAD_LEN] {
     let len = (len as u16).to_le_bytes();
     [kind, status as u8, len[0], len[1]]
 }
 
-/// The greeting.
+/// The greeting message.
 pub fn greeting() -> [u8; HEAD_LEN + 8] {
     let mut message = [0; HEAD_LEN + 8];
     message[..HEAD_LEN].copy_from_slice(&head(Kind::Greeting as u8, Status::Ok, 8));

@@ -1,5 +1,5 @@
 //! The list of simulated slaves in a link URI: `drive*3,io`, in network order. A kind may be followed by the switches and
-//! stops along the travel of its axes, see [`travel`](super::travel), and by its manufacturer-specific objects, see
+//! stops along the travel of its axes, see [`travel`], and by its manufacturer-specific objects, see
 //! [`ManufacturerObjectsSpec`]. [`parse_declared`] parses lists of the same syntax in which a program's slaves are
 //! declared.
 

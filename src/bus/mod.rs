@@ -1,14 +1,14 @@
 //! Looks at a network that no program uses: its slaves, their ports and cables, objects, EEPROMs, files and clocks.
 //! Nothing moves, because no slave is brought above PreOP.
 //!
-//! A [`Network`] is a way to the slaves; [`open`] makes one from a link. Behind `nic:` (a network card) and `sim:`
+//! A [`Network`] is a way to the slaves; [`open()`] makes one from a link. Behind `nic:` (a network card) and `sim:`
 //! (simulated slaves in virtual time) it is [our own master](crate::master); an ECM-XF is a master itself. Everything
 //! else uses the trait alone:
 //!
 //! | file | what it contains |
 //! | --- | --- |
 //! | `network.rs` | [`Network`], [`FoundSlave`] |
-//! | `open.rs` | [`open`]: the network of a link; [`over`]: a network behind any wires |
+//! | `open.rs` | [`open()`]: the network of a link; [`over`]: a network behind any wires |
 //! | `chip.rs`, `chip_wire.rs` | the network of an ECM-XF by its commands; our master's frames as the chip's datagrams |
 //! | `mailboxes.rs` | the mailbox services that our own master handles, also where a chip runs the network |
 //! | `software.rs`, `simulated.rs` | the network of our own master, on a card or on simulated slaves; the simulated slaves |

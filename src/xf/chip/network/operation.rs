@@ -120,7 +120,7 @@ pub enum Operation {
 #[allow(clippy::large_enum_variant, reason = "there is one at a time, and boxing it would allocate")]
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Answer {
-    /// [`Operation::Scan`]: the number of slaves found, at most [`SLAVES_MAX`](super::SLAVES_MAX).
+    /// [`Operation::Scan`]: the number of slaves found, at most [`SLAVES_MAX`].
     Scanned(u8),
     /// [`Operation::ReadStates`]: the states were read.
     StatesRead,

@@ -157,10 +157,5 @@ fn is_answer(request: &SdoCommand, answer: &SdoResponse) -> bool {
     let (SdoResponse::Done { id, slave, object, .. } | SdoResponse::Aborted { id, slave, object, .. }) = *answer else {
         return false;
     };
-    match *request {
-        SdoCommand::Read { slave: requested, object: of } | SdoCommand::Write { slave: requested, object: of, .. } => {
-            request.id() == id && requested == slave && of == object
-        }
-        SdoCommand::GetStatus | SdoCommand::Other(_) => false,
-    }
+    request.id() == id && request.target() == Some((slave, object))
 }

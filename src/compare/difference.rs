@@ -191,7 +191,7 @@ impl Display for Deviation {
             Self::Kind { slave } => write!(f, "slave {slave} is no slave of the same kind in A and B"),
             Self::Sdo { answers: [a, b] } => write!(f, "SDO {} in A, {} in B", SdoText(a), SdoText(b)),
             Self::NoSdoAnswer { side, request } => {
-                let (SdoCommand::Read { slave, object } | SdoCommand::Write { slave, object, .. }) = request else {
+                let Some((slave, object)) = request.target() else {
                     return write!(f, "the SDO before it was not answered in {side}");
                 };
                 let id = request.id();

@@ -1,8 +1,8 @@
 //! Files by FoE: each packet has an acknowledgement, and a packet that does not fill the mailbox ends the file.
 
-use super::VALUE_BYTES_MAX;
 use super::bus::Bus;
 use super::mailbox::{Mailbox, MailboxError, Peer};
+use super::{Job, Master, VALUE_BYTES_MAX};
 use crate::ethercat::Ns;
 use crate::ethercat::foe::{FOE_OVERHEAD, FoeError, FoeMessage};
 use crate::ethercat::mailbox::{MAILBOX_HEADER_LEN, MailboxProtocol};
@@ -22,6 +22,36 @@ pub enum FileError {
     /// The slave has not answered.
     #[error(transparent)]
     Mailbox(#[from] MailboxError),
+}
+
+impl Master {
+    /// Starts to read a file of at most [`VALUE_BYTES_MAX`] bytes. `password`: 0, or the one
+    /// that the slave requires. `timeout_ns`: how long the slave may take for each packet.
+    pub fn read_file(
+        &mut self,
+        slave: u8,
+        name: &[u8],
+        password: u32,
+        timeout_ns: Ns,
+    ) -> Job<Result<Vec<u8>, FileError>> {
+        let (bus, peer, name) = (self.bus.clone(), self.peer(slave, timeout_ns), name.to_vec());
+        self.start(async move { read(bus, peer, &name, password).await })
+    }
+
+    /// Starts to write a file. `password`: 0, or the one that the slave requires. `timeout_ns`: how long the slave may
+    /// take for each packet.
+    pub fn write_file(
+        &mut self,
+        slave: u8,
+        name: &[u8],
+        password: u32,
+        content: &[u8],
+        timeout_ns: Ns,
+    ) -> Job<Result<(), FileError>> {
+        let (bus, peer) = (self.bus.clone(), self.peer(slave, timeout_ns));
+        let (name, content) = (name.to_vec(), content.to_vec());
+        self.start(async move { write(bus, peer, &name, password, &content).await })
+    }
 }
 
 /// A running FoE transfer.
@@ -89,7 +119,7 @@ impl Transfer {
 }
 
 /// Reads a file.
-pub(super) async fn read(bus: Bus, peer: Peer, name: &[u8], password: u32) -> Result<Vec<u8>, FileError> {
+async fn read(bus: Bus, peer: Peer, name: &[u8], password: u32) -> Result<Vec<u8>, FileError> {
     let mut transfer = Transfer::open(bus, peer).await?;
     let mut content = Vec::new();
     let mut answer = transfer.ask(FoeMessage::Read { password, name }, 1, &mut content).await?;
@@ -113,7 +143,7 @@ pub(super) async fn read(bus: Bus, peer: Peer, name: &[u8], password: u32) -> Re
 }
 
 /// Writes a file.
-pub(super) async fn write(bus: Bus, peer: Peer, name: &[u8], password: u32, content: &[u8]) -> Result<(), FileError> {
+async fn write(bus: Bus, peer: Peer, name: &[u8], password: u32, content: &[u8]) -> Result<(), FileError> {
     let mut transfer = Transfer::open(bus, peer).await?;
     let room = (transfer.mailbox.room() + MAILBOX_HEADER_LEN).saturating_sub(FOE_OVERHEAD).max(1);
     let mut unused = Vec::new();

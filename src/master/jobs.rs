@@ -1,22 +1,23 @@
-//! Jobs: operations of more than one datagram that a user starts, such as scans, changes of state and SDOs.
+//! Jobs: operations of more than one datagram that a user starts, such as scans, changes of state and SDOs. The jobs of a
+//! mailbox protocol are in the file of that protocol.
 
 use std::future::Future;
 use std::task::{Context, Poll};
 
 use super::bus::{Bus, Task};
+use super::coe::NumberTransfer;
 use super::handle::{End, Ending, Job, JobId};
 use super::mailbox::{Mailbox, Peer};
+use super::missing::{self, Watch};
 use super::place::{Place, place};
-use super::sdo::NumberTransfer;
 use super::shared::Shared;
 use super::sii::Eeprom;
 use super::states::{Plan, StateChange};
-use super::watch::{self, Watch};
 use super::{
-    DatagramAnswer, DatagramError, FileError, MailboxError, Master, ScanError, SdoError, SiiError, SlaveInfo,
-    StateError, clocks, foe, information, registers, scan, sdo,
+    DatagramAnswer, DatagramError, MailboxError, Master, ScanError, SiiError, SlaveInfo, StateError, clocks, registers,
+    scan,
 };
-use crate::ethercat::coe::{EntryRequest, ObjectAddress, ObjectListType, SdoScope};
+use crate::ethercat::coe::{ObjectAddress, SdoScope};
 use crate::ethercat::{AlState, Command, Ns, SlaveSet};
 
 /// \[OURS] How many changes of state, and how many transfers of numbers, can run at once without allocating.
@@ -117,7 +118,7 @@ impl Master {
     }
 
     /// Starts a job in a box of its own.
-    fn start<T: Ending>(&mut self, task: impl Future<Output = T> + Send + 'static) -> Job<T> {
+    pub(super) fn start<T: Ending>(&mut self, task: impl Future<Output = T> + Send + 'static) -> Job<T> {
         self.begin(Work::Once(Box::pin(async move { Output::Done(task.await.into_end()) })))
     }
 
@@ -129,7 +130,7 @@ impl Master {
     }
 
     /// Starts the transfer of a number, in a slot that is reused.
-    fn start_number<T>(
+    pub(super) fn start_number<T>(
         &mut self,
         transfer: NumberTransfer,
         slave: u8,
@@ -220,102 +221,10 @@ impl Master {
     }
 
     /// The slave and mailbox for a transfer; the mailbox is `None` if the slave was not found.
-    fn peer(&self, slave: u8, timeout_ns: Ns) -> Peer {
+    pub(super) fn peer(&self, slave: u8, timeout_ns: Ns) -> Peer {
         let info = self.slave(slave);
         let (station, mailbox) = info.map_or((0, None), |info| (info.station, info.mailbox));
         Peer { slave, station, mailbox, timeout_ns }
-    }
-
-    /// Starts to read an object, of at most [`VALUE_BYTES_MAX`](super::VALUE_BYTES_MAX) bytes. `timeout_ns`: how long
-    /// the slave may take for each answer.
-    pub fn upload(
-        &mut self,
-        slave: u8,
-        object: ObjectAddress,
-        scope: SdoScope,
-        timeout_ns: Ns,
-    ) -> Job<Result<Vec<u8>, SdoError>> {
-        self.start(sdo::upload(self.bus.clone(), self.peer(slave, timeout_ns), object, scope))
-    }
-
-    /// Starts to read an object of any length and returns its first 4 bytes as a number. The rest is not kept, so that
-    /// the transfer allocates nothing. `timeout_ns`: as for [`Self::upload`].
-    pub fn upload_number(
-        &mut self,
-        slave: u8,
-        object: ObjectAddress,
-        scope: SdoScope,
-        timeout_ns: Ns,
-    ) -> Job<Result<u32, SdoError>> {
-        self.start_number(NumberTransfer::Upload, slave, object, scope, timeout_ns)
-    }
-
-    /// Starts to write an object. Values of up to 4 bytes allocate nothing. `timeout_ns`: how long the slave may take
-    /// for each answer.
-    pub fn download(
-        &mut self,
-        slave: u8,
-        object: ObjectAddress,
-        scope: SdoScope,
-        value: &[u8],
-        timeout_ns: Ns,
-    ) -> Job<Result<(), SdoError>> {
-        if let Some(transfer) = NumberTransfer::download(value) {
-            return self.start_number(transfer, slave, object, scope, timeout_ns);
-        }
-        let (bus, peer, value) = (self.bus.clone(), self.peer(slave, timeout_ns), value.to_vec());
-        self.start(async move { sdo::download(bus, peer, object, scope, &value).await })
-    }
-
-    /// Starts to read a list of a slave's objects. `timeout_ns`: how long the slave may take for each part of the
-    /// answer.
-    pub fn object_list(&mut self, slave: u8, list: ObjectListType, timeout_ns: Ns) -> Job<Result<Vec<u16>, SdoError>> {
-        self.start(information::list(self.bus.clone(), self.peer(slave, timeout_ns), list))
-    }
-
-    /// Starts to read the description of an object, an encoded
-    /// [`ObjectDescription`](crate::ethercat::coe::ObjectDescription).
-    pub fn describe_object(&mut self, slave: u8, index: u16, timeout_ns: Ns) -> Job<Result<Vec<u8>, SdoError>> {
-        self.start(information::object(self.bus.clone(), self.peer(slave, timeout_ns), index))
-    }
-
-    /// Starts to read the description of a sub-index, an encoded
-    /// [`EntryDescription`](crate::ethercat::coe::EntryDescription).
-    pub fn describe_entry(
-        &mut self,
-        slave: u8,
-        request: EntryRequest,
-        timeout_ns: Ns,
-    ) -> Job<Result<Vec<u8>, SdoError>> {
-        self.start(information::entry(self.bus.clone(), self.peer(slave, timeout_ns), request))
-    }
-
-    /// Starts to read a file of at most [`VALUE_BYTES_MAX`](super::VALUE_BYTES_MAX) bytes. `password`: 0, or the one
-    /// that the slave requires. `timeout_ns`: how long the slave may take for each packet.
-    pub fn read_file(
-        &mut self,
-        slave: u8,
-        name: &[u8],
-        password: u32,
-        timeout_ns: Ns,
-    ) -> Job<Result<Vec<u8>, FileError>> {
-        let (bus, peer, name) = (self.bus.clone(), self.peer(slave, timeout_ns), name.to_vec());
-        self.start(async move { foe::read(bus, peer, &name, password).await })
-    }
-
-    /// Starts to write a file. `password`: 0, or the one that the slave requires. `timeout_ns`: how long the slave may
-    /// take for each packet.
-    pub fn write_file(
-        &mut self,
-        slave: u8,
-        name: &[u8],
-        password: u32,
-        content: &[u8],
-        timeout_ns: Ns,
-    ) -> Job<Result<(), FileError>> {
-        let (bus, peer) = (self.bus.clone(), self.peer(slave, timeout_ns));
-        let (name, content) = (name.to_vec(), content.to_vec());
-        self.start(async move { foe::write(bus, peer, &name, password, &content).await })
     }
 
     /// The station address of a slave that the scan has found.
@@ -360,7 +269,7 @@ impl Master {
     pub fn read_states(&mut self) -> Job<()> {
         let (bus, stations) = (self.bus.clone(), self.slaves.iter().map(|info| info.station).collect::<Vec<_>>());
         self.start(async move {
-            watch::read_states(&bus, &stations, &mut Vec::new()).await;
+            missing::read_states(&bus, &stations, &mut Vec::new()).await;
         })
     }
 

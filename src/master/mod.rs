@@ -118,33 +118,33 @@
 //! | `scan.rs`, `info.rs`, `sii.rs`, `sii_error.rs` | finding and identifying slaves, their EEPROMs |
 //! | `states.rs`, `state_error.rs`, `watchdog.rs` | changes of the AL state; the watchdog that ends OP without a master |
 //! | `mailbox.rs`, `mailbox_state.rs` | mailbox messages, none lost and none executed twice |
-//! | `sdo.rs`, `information.rs`, `foe.rs` | SDO transfers, SDO information, files |
+//! | `coe.rs`, `foe.rs` | a mailbox protocol each, with its jobs: SDO transfers and SDO information (`coe/`), files |
 //! | `registers.rs` | single datagrams of a user, registers of a slave |
 //! | `topology.rs` | the tree of the cables |
 //! | `clock_tree.rs`, `clocks.rs`, `pace.rs` | distributed clocks: delays, setting them, cycles in phase with them |
 //! | `process_data.rs`, `process_data/slave.rs` | logical addresses of process data, frames of a cycle; the part of one slave |
 //! | `process_data/expected.rs` | the right working counters |
-//! | `watch.rs` | the watch: missing slaves, returned slaves, unsolicited messages |
+//! | `missing.rs` | the watch: missing slaves, returned slaves, unsolicited messages. While there are cycles its datagrams leave with the next one ([`Master::cycle`]) |
 
 mod bus;
 mod clock_tree;
 mod clocks;
+mod coe;
 mod configure;
 mod cycle_end;
 mod exchange;
 mod foe;
 mod handle;
 mod info;
-mod information;
 mod jobs;
 mod mailbox;
 mod mailbox_state;
+mod missing;
 mod pace;
 pub(crate) mod place;
 mod process_data;
 mod registers;
 mod scan;
-mod sdo;
 mod settings;
 mod shared;
 mod sii;
@@ -152,7 +152,6 @@ mod sii_error;
 mod state_error;
 mod states;
 mod topology;
-mod watch;
 mod watchdog;
 mod wire;
 
@@ -163,6 +162,7 @@ use std::task::{Context, Poll, Waker};
 use parking_lot::Mutex;
 
 pub use clock_tree::{ReferenceClock, SyncSignals};
+pub use coe::{SdoError, VALUE_BYTES_MAX};
 pub use exchange::FrameCounters;
 pub use foe::FileError;
 pub use handle::{Ending, Job, JobId};
@@ -172,7 +172,6 @@ pub use pace::Pace;
 pub use process_data::{ConfigureError, CycleDone, SEGMENT_BYTES_MAX};
 pub use registers::{DatagramAnswer, DatagramError};
 pub use scan::ScanError;
-pub use sdo::{SdoError, VALUE_BYTES_MAX};
 pub use settings::Settings;
 pub use shared::{EVENTS_MAX, Event, SlaveStatus};
 pub use sii_error::SiiError;

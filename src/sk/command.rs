@@ -77,6 +77,22 @@ pub enum MasterCommand {
 const LOCAL_OUTPUTS_MASK: u32 = 0x3F;
 
 impl MasterCommand {
+    /// Whether the board executes the command on arrival and thereby discards the entries of its FIFO (SK-5).
+    pub fn discards_fifo(&self) -> bool {
+        match self {
+            Self::SetFifo(action) => *action == FifoAction::Clear,
+            Self::SetState(state) => *state != MasterState::Op,
+            Self::SoftReset => true,
+            Self::GetStatus
+            | Self::SetAxis { .. }
+            | Self::SetDc { .. }
+            | Self::SetEx { .. }
+            | Self::LocalRead
+            | Self::LocalWrite(_)
+            | Self::Other(_) => false,
+        }
+    }
+
     /// Decodes slot 0 of a command frame. Byte 3, the frame's CRC, is ignored.
     ///
     /// # Errors

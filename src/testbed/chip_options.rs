@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::clock_and_script::{clock, script};
+use super::shared_options::{clock, script};
 use crate::address::keys::Scheme;
 use crate::address::slaves::SlaveSpec;
 use crate::address::uri::{LinkUri, UriError};

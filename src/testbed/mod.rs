@@ -1,7 +1,7 @@
 //! A simulated machine, built from a link or a command line: its slaves, their manufacturer-specific objects, and a script
 //! of events. `sim:`, `xf-sim:`, `ecmsk bus` and `ecmsk serve ethercat` use it.
 //!
-//! - `options.rs`, `chip_options.rs`, `clock_and_script.rs`: the keys of `sim:` and `xf-sim:` as Rust types
+//! - `options.rs`, `chip_options.rs`, `shared_options.rs`: the keys of `sim:` and `xf-sim:` as Rust types
 //! - `build.rs`: builds the slaves of a list; `manufacturer_objects.rs`: reads their manufacturer-specific objects
 //! - `script.rs`: events of a script (`script=`)
 //! - `sim.rs`, `boards.rs`: the links `sim:` and `xf-sim:` to a board, and the boards that outlive their links
@@ -12,10 +12,10 @@ mod boards;
 mod build;
 pub mod chip;
 pub mod chip_options;
-mod clock_and_script;
 pub mod manufacturer_objects;
 pub mod options;
 pub mod script;
+mod shared_options;
 pub(crate) mod sim;
 pub mod simulated_slaves;
 

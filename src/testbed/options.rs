@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::chip_options::ModelledChip;
-use super::clock_and_script::{clock, script};
+use super::shared_options::{clock, script};
 use crate::address::Fraction;
 use crate::address::keys::{Scheme, millis};
 use crate::address::slaves::SlaveSpec;

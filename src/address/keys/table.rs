@@ -15,7 +15,7 @@ const USB_AND_TCP: &[Scheme] = &[Scheme::Usb, Scheme::Tcp];
 /// The slowest rate of a board's clock, 0.001: a cycle of 250 us then takes a quarter of a second. \[OURS]
 const RATE_MIN: Fraction = Fraction::from_billionths(1_000_000);
 /// Boards that are modelled in this process, with simulated slaves.
-const SIM: &[Scheme] = &[Scheme::Sim, Scheme::XfSim];
+const SIMULATED: &[Scheme] = &[Scheme::Sim, Scheme::XfSim];
 const SPI: &[Scheme] = &[Scheme::Spi];
 const TCP: &[Scheme] = &[Scheme::Tcp];
 const USB: &[Scheme] = &[Scheme::Usb];
@@ -44,7 +44,7 @@ const SLOT: Syntax = Syntax::Choice(&["12", "16"]);
 pub const KEYS: &[Key] = &[
     Key {
         name: "slaves",
-        schemes: SIM,
+        schemes: SIMULATED,
         syntax: Syntax::Slaves,
         default: Some("drive*2"),
         example: "drive*2,io",
@@ -77,7 +77,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "clock",
-        schemes: SIM,
+        schemes: SIMULATED,
         syntax: Syntax::Choice(&["real", "virtual"]),
         default: Some("real"),
         example: "virtual",
@@ -101,7 +101,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "name",
-        schemes: SIM,
+        schemes: SIMULATED,
         syntax: Syntax::Name,
         default: None,
         example: "left-arm",
@@ -166,7 +166,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "catch_up_ms",
-        schemes: SIM,
+        schemes: SIMULATED,
         syntax: Syntax::Number(0, DAY_MS),
         default: Some("60000"),
         example: "0",
@@ -174,7 +174,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "rate",
-        schemes: SIM,
+        schemes: SIMULATED,
         syntax: Syntax::Fraction(RATE_MIN, Fraction::ONE),
         default: Some("1"),
         example: "0.1",
@@ -183,7 +183,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "script",
-        schemes: SIM,
+        schemes: SIMULATED,
         syntax: Syntax::File,
         default: None,
         example: "/tmp/cut.ecmscript",

@@ -9,7 +9,7 @@ use parking_lot::{Condvar, Mutex, MutexGuard};
 use super::pacer::{WaitingFrames, has_motion};
 use crate::ethercat::Ns;
 use crate::link::{Dir, LinkError, ReadMeta, Stamp};
-use crate::sk::{FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, SlotSize};
+use crate::sk::{FIFO_ENTRIES, Frame, MasterCommand, SlotSize};
 use crate::threads::Signal;
 
 /// How many frames a program may write ahead: the depth of the board's FIFO. \[OURS]
@@ -242,14 +242,10 @@ impl QueueState {
     }
 }
 
-/// Whether the board executes the frame on arrival and thereby discards the entries of its FIFO (SK-5). The frames that
-/// the link has not sent yet are then discarded too. \[OURS]
+/// Whether the frame discards the entries of the board's FIFO. The frames that the link has not sent yet are then
+/// discarded too. \[OURS]
 fn discards_fifo(frame: &Frame, size: SlotSize) -> bool {
-    match MasterCommand::decode(&frame.slot(size, 0), size) {
-        Ok(MasterCommand::SetFifo(FifoAction::Clear) | MasterCommand::SoftReset) => true,
-        Ok(MasterCommand::SetState(state)) => state != MasterState::Op,
-        _ => false,
-    }
+    MasterCommand::decode(&frame.slot(size, 0), size).is_ok_and(|command| command.discards_fifo())
 }
 
 /// Waits for a change of the state; fails with a timeout once `limit` has passed.

@@ -35,6 +35,14 @@ pub enum SdoCommand {
 }
 
 impl SdoCommand {
+    /// The slave and the object of a transfer; `None` if the command is not a transfer.
+    pub const fn target(&self) -> Option<(u8, ObjectAddress)> {
+        match *self {
+            Self::Read { slave, object } | Self::Write { slave, object, .. } => Some((slave, object)),
+            Self::GetStatus | Self::Other(_) => None,
+        }
+    }
+
     /// Decodes the SDO slot of a command frame.
     ///
     /// The slave is the low byte of Parm, in a read as in a write. The high byte of a read is ignored: programs put the

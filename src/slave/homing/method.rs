@@ -1,11 +1,14 @@
-//! The homing methods of CiA 402-2 as data. To add a method, extend [`Method::from_code`], the list in
-//! [`HomingError::UnsupportedMethod`](super::HomingError::UnsupportedMethod) and the tables of the tests.
+//! The homing methods of CiA 402-2 as data. To add a method, extend [`Method::from_code`], [`SUPPORTED`] and the tables
+//! of the tests.
 //!
 //! Eight search plans suffice: each method is one of them or its mirror image (left and right are exchanged, and so are the
 //! limit switches), with or without the index pulse. A plan looks for one edge of one switch. Home is where the shaft
 //! crosses the edge in one direction; a run that reaches the edge from the other side reverses there.
 
 use crate::slave::switches::Input;
+
+/// The methods of [`Method::from_code`], for error texts.
+pub const SUPPORTED: &str = "1..14, 17..30, 33, 34, 35, 37";
 
 /// A direction of the shaft.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

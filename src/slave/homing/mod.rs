@@ -52,7 +52,7 @@ pub struct HomingSettings {
 #[non_exhaustive]
 pub enum HomingError {
     /// The value of 0x6098 is an unsupported method.
-    #[error("homing method {0} is not supported; write one of 1..14, 17..30, 33, 34, 35, 37 to 0x6098")]
+    #[error("homing method {0} is not supported; write one of {list} to 0x6098", list = method::SUPPORTED)]
     UnsupportedMethod(i8),
     /// The method needs an input that is not wired.
     #[error("homing method {method} needs the {}, which is not wired; choose another method", .input.name())]

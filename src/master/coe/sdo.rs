@@ -1,8 +1,5 @@
 //! SDO transfers of values of any length: expedited, normal or segmented, of one sub-index or with complete access.
 
-use super::bus::Bus;
-use super::handle::{End, Ending};
-use super::mailbox::{FIRST_OBJECT, Mailbox, MailboxError, Peer};
 use crate::ethercat::Ns;
 use crate::ethercat::coe::{
     AbortCode, CoeMessage, FIRST_OVERHEAD, ObjectAddress, SEGMENT_OVERHEAD, SdoRequest, SdoResponse, SdoScope,
@@ -10,6 +7,9 @@ use crate::ethercat::coe::{
 };
 use crate::ethercat::mailbox::{MAILBOX_HEADER_LEN, MailboxProtocol};
 use crate::ethercat::sii::MailboxProtocols;
+use crate::master::bus::Bus;
+use crate::master::handle::{End, Ending};
+use crate::master::mailbox::{FIRST_OBJECT, Mailbox, MailboxError, Peer};
 
 /// \[OURS] The longest value that an upload accepts, bytes.
 pub const VALUE_BYTES_MAX: usize = 0x10_0000;
@@ -188,7 +188,7 @@ impl Value for Beginning {
 }
 
 /// The transfer of a number, which allocates nothing.
-pub(super) enum NumberTransfer {
+pub(in crate::master) enum NumberTransfer {
     /// Upload of an object of any length, of which the first 4 bytes are kept.
     Upload,
     /// Download of that many of these bytes.
@@ -203,7 +203,7 @@ impl NumberTransfer {
         Some(Self::Download(bytes, value.len()))
     }
 
-    pub(super) async fn run(self, bus: Bus, peer: Peer, object: ObjectAddress, scope: SdoScope) -> End {
+    pub(in crate::master) async fn run(self, bus: Bus, peer: Peer, object: ObjectAddress, scope: SdoScope) -> End {
         match self {
             Self::Upload => {
                 let beginning = upload(bus, peer, object, scope).await;

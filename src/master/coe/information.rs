@@ -1,7 +1,5 @@
 //! SDO information: the list of a slave's objects, and their descriptions.
 
-use super::bus::Bus;
-use super::mailbox::{FIRST_OBJECT, MailboxError, Peer};
 use super::{SdoError, VALUE_BYTES_MAX};
 use crate::ethercat::coe::{
     AbortCode, CoeMessage, EntryRequest, InformationFragment, InformationKind, ObjectListType, SdoRequest,
@@ -9,6 +7,8 @@ use crate::ethercat::coe::{
 };
 use crate::ethercat::mailbox::MailboxProtocol;
 use crate::ethercat::sii::MailboxProtocols;
+use crate::master::bus::Bus;
+use crate::master::mailbox::{FIRST_OBJECT, MailboxError, Peer};
 
 /// Reads a list of objects.
 pub(super) async fn list(bus: Bus, peer: Peer, list: ObjectListType) -> Result<Vec<u16>, SdoError> {

@@ -1,11 +1,16 @@
-//! What the log says of commands that a board in this process has not executed.
+//! What the log says of commands that a board in this process has not executed, and of a chip whose CRC-32 nobody knows.
 //!
 //! A process has one log: in a program with other tests, what their boards say would be heard too.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
 use ecmsk::engine::StateFailure;
+use ecmsk::ethercat::Ns;
+use ecmsk::link::chip::{ChipBoard, ChipError, ChipInfo, ChipLink, SimChip};
+use ecmsk::link::uri::LinkUri;
 use ecmsk::sk::{DriveSync, Frame, MasterState, Motion, SdoCommand, SlaveCommand, SlaveKind, StateByte};
+use ecmsk::xf::host::{HostConfig, HostError, Wires};
+use ecmsk::xf_api::Xf;
 use support::heard::{lines_with, listen};
 use support::script_client::{Client, SIZE};
 
@@ -140,4 +145,75 @@ fn every_failed_state_has_an_explanation() {
     }
     let usual = StateByte(0x12).explanation().expect("it has failed");
     assert!(usual.contains("SET_AXIS") && usual.contains("not at all"), "{usual}");
+}
+
+/// A chip that takes no packet with a CRC-32, whatever that covers.
+struct StrangeCrc(SimChip);
+
+impl StrangeCrc {
+    const URI: &str = "xf-sim:?slaves=drive&clock=virtual";
+    const START: [u8; 4] = [0xA4, 0xA3, 0xA2, 0xA1];
+    const FIXED: [u8; 4] = [0x78, 0x56, 0x34, 0x12];
+
+    fn new() -> Self {
+        Self(SimChip::from_uri(&Self::uri()).unwrap())
+    }
+
+    fn uri() -> LinkUri {
+        LinkUri::parse(Self::URI).unwrap()
+    }
+}
+
+impl Wires for StrangeCrc {
+    type Error = ChipError;
+
+    fn now(&self) -> Ns {
+        self.0.now()
+    }
+
+    fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), ChipError> {
+        let mut taken = to_chip.to_vec();
+        if taken.starts_with(&Self::START) {
+            let check = taken.len() - 8;
+            taken[check] ^= if taken[check..][..4] == Self::FIXED { 0 } else { 0xFF };
+        }
+        self.0.exchange(&taken, from_chip)
+    }
+
+    fn wait_until(&mut self, time: Ns) -> Result<(), ChipError> {
+        self.0.wait_until(time)
+    }
+
+    fn wait_ready(&mut self, until: Ns) -> Result<bool, ChipError> {
+        self.0.wait_ready(until)
+    }
+}
+
+impl ChipLink for StrangeCrc {
+    fn info(&self) -> ChipInfo {
+        self.0.info()
+    }
+
+    fn int1(&mut self) -> Result<Option<bool>, ChipError> {
+        self.0.int1()
+    }
+}
+
+/// XF-12.17 A chip whose CRC-32 covers nothing that is known is told once by who opens it, with what that means for the wires:
+/// a board over the chip, and a program that uses the chip itself. Of one whose CRC-32 is found nothing is told.
+#[test]
+fn a_crc_that_is_given_up_is_told() {
+    let _turn = listen();
+    let told = || lines_with(&[HostError::CRC_GIVEN_UP]);
+    let board = ChipBoard::from_uri(&StrangeCrc::uri()).unwrap();
+    for coverage in ["all", "valid", "valid4"] {
+        let uri = format!("{}&crc_over={coverage}", StrangeCrc::URI);
+        Xf::over(SimChip::from_uri(&LinkUri::parse(&uri).unwrap()).unwrap(), HostConfig::DEFAULT).unwrap().leave();
+    }
+    assert!(told().is_empty());
+    drop(board.open_over(Box::new(StrangeCrc::new())).unwrap());
+    assert!(told().len() == 1 && told()[0].starts_with("xf-sim:"), "{:?}", told());
+    Xf::over(StrangeCrc::new(), HostConfig::DEFAULT).unwrap().leave();
+    assert_eq!(told().len(), 2);
+    assert!(told()[1].contains("keep the wires short"), "{:?}", told());
 }

@@ -12,7 +12,7 @@ pub mod config;
 mod fraction;
 pub mod keys;
 mod kinds;
-mod scheme;
+pub(crate) mod scheme;
 pub mod slaves;
 pub(crate) mod text;
 pub mod travel;

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use crate::address::keys::{KEYS, Scheme};
+use crate::address::scheme::Build;
 use crate::address::{slaves, travel};
 
 /// The text of `ecmsk link help`: the form of a link, every scheme, and every key with its default.
@@ -14,11 +15,7 @@ pub fn help() -> String {
     );
     for scheme in Scheme::ALL {
         let form = format!("{scheme}:{}", scheme.path().unwrap_or_default());
-        let later = match scheme.in_build() {
-            true => String::new(),
-            false if scheme.is_of_this_system() => format!(" (not in this build: feature {})", scheme.feature()),
-            false => " (not in this build: this system has none)".to_owned(),
-        };
+        let later = Build::THIS.note(scheme);
         // Writing to a String cannot fail.
         let _ = writeln!(text, "  {form:<24} {}{later}", scheme.meaning());
     }

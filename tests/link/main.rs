@@ -4,6 +4,7 @@
 //!
 //! - `config.rs`: which link is opened when a program names none
 //! - `uri.rs`, `travel.rs`: the URI, its keys, and the travel of simulated axes
+//! - `in_build.rs`: the schemes that a build opens
 //! - `chip_usb.rs`: `xf-usb:`
 //! - `rate.rs`: `rate=`
 //! - `fault.rs`: `fault.*`
@@ -15,6 +16,7 @@
 mod chip_usb;
 mod config;
 mod fault;
+mod in_build;
 mod rate;
 mod record;
 mod record_board;

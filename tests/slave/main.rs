@@ -4,11 +4,12 @@
 //! `mapping`, `maps` are objects and process data, `state_machine` and `motion` the CiA 402 states and what moves a shaft, `limit_switches`
 //! where a motion ends, `homing/` and `hsp_homing` homing.
 //!
-//! `rig.rs` is a drive with a master, `homing/bench.rs` one in homing mode, and `wired.rs` configures any slave as the board does.
+//! `examples_page` compares a page with them. `rig.rs` is a drive with a master, `homing/bench.rs` one in homing mode, and `wired.rs` configures any slave as the board does.
 
 mod dictionary;
 mod dp3cl;
 mod drive;
+mod examples_page;
 mod homing;
 mod hsp;
 mod hsp_homing;

@@ -69,12 +69,82 @@ pub(crate) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<EngineLink, 
         (Wires::Line(card), settings) => Box::new(NicBus::new(card, settings)),
         (Wires::Ring(ring), settings) => Box::new(NicBus::new(ring, settings)),
     };
-    let mut board = Board::new(options.engine(), bus);
-    if !boots(&mut board) {
-        if let Some(gone) = board.cards_gone().filter(|gone| gone.is_all) {
-            return Err(LinkError::NoBoard { name, reason: gone.text.to_string() });
-        }
-        return Err(LinkError::NoBoard { name, reason: why_not(&board) });
-    }
+    let board = booted(&name, Board::new(options.engine(), bus))?;
     EngineLink::open(&name, board, options.run(common, false, Rate::default()), Some(switching_off()))
+}
+
+/// The board once it has found its slaves and has them in PreOP.
+fn booted(name: &str, mut board: Board) -> Result<Board, LinkError> {
+    if boots(&mut board) {
+        return Ok(board);
+    }
+    let gone = board.cards_gone().filter(|gone| gone.is_all);
+    let reason = gone.map_or_else(|| why_not(&board), |gone| gone.text.to_string());
+    Err(LinkError::NoBoard { name: name.to_owned(), reason })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+
+    use super::*;
+    use crate::engine::EngineConfig;
+    use crate::ethercat::Ns;
+    use crate::fieldbus::nic::NicWires;
+    use crate::master::{FrameBuffer, Wire, WireDown};
+
+    /// A cable that ends in a plug which sends each frame back as it is, or in nothing.
+    struct Plug {
+        sends_back: bool,
+        frames: VecDeque<Vec<u8>>,
+        now: Ns,
+    }
+
+    impl Wire for Plug {
+        fn send(&mut self, frame: &[u8]) -> Result<(), WireDown> {
+            if self.sends_back {
+                self.frames.push_back(frame.to_vec());
+            }
+            Ok(())
+        }
+
+        fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
+            let frame = self.frames.pop_front()?;
+            buffer[..frame.len()].copy_from_slice(&frame);
+            Some(frame.len())
+        }
+    }
+
+    impl NicWires for Plug {
+        fn now(&self) -> Ns {
+            self.now
+        }
+
+        fn wait(&mut self, until: Ns) {
+            self.now = until.max(self.now);
+        }
+
+        fn is_real_time(&self) -> bool {
+            false
+        }
+    }
+
+    /// BUS-2.3 A board on a cable that sends frames back with their source address unchanged says what came back, and one on a cable
+    /// from which nothing comes says that it finds no slave.
+    #[test]
+    fn a_board_says_what_came_back_as_it_was_sent() {
+        let refused = |sends_back| {
+            let wires = Plug { sends_back, frames: VecDeque::new(), now: 1_000_000 };
+            let bus = NicBus::new(wires, Settings::default());
+            match booted("nic:eth1", Board::new(EngineConfig::default(), Box::new(bus))) {
+                Err(LinkError::NoBoard { name, reason }) if name == "nic:eth1" => reason,
+                other => panic!("{:?}", other.err()),
+            }
+        };
+        let echo = refused(true);
+        let frames = echo.split(' ').next().and_then(|count| count.parse::<u64>().ok()).expect("a count");
+        assert!(frames > 0 && echo == Strangers::echo(frames), "{echo}");
+        let silence = refused(false);
+        assert!(silence.starts_with("it finds no slave that comes to PreOP"), "{silence}");
+    }
 }

@@ -11,9 +11,9 @@
 //! | `nic/` | the network at the end of a network card, over our own master: the same over frames of EtherCAT |
 //! | `xf/` | the network behind an ECM-XF: the same jobs and cycles over the driver of that chip |
 //!
-//! A bus never blocks and never asks for the time. What takes long (scan, configuration, changes of state, SDOs) is started
-//! as a [`Job`] and polled. One job runs at a time, but an SDO may run beside a change of state. Process data are pushed
-//! and polled once a cycle. [`Fieldbus::pacing`] says who owns the cycle:
+//! A bus never blocks and never asks for the time. What takes long is started and polled: a scan, a configuration or a change
+//! of state as a [`Job`], an SDO as an [`SdoRequest`]. One of them runs at a time, but an SDO may run beside a change of state.
+//! Process data are pushed and polled once a cycle. [`Fieldbus::pacing`] says who owns the cycle:
 //!
 //! - [`Pacing::Runner`]: our runner decides when a cycle is; one [`Outputs`] goes in, one [`CycleDone`] comes out.
 //! - [`Pacing::Bus`]: the bus runs its own cycle and takes outputs ahead, up to a depth. One poll may find that any
@@ -158,8 +158,8 @@ pub struct SdoRequest {
     pub timeout_ns: Ns,
 }
 
-/// Something that takes more than a cycle. A bus does one job at a time, but [`Job::Sdo`] and [`Job::State`] may run side
-/// by side, so that a slave which is slow to change its state does not block the mailboxes of the others.
+/// Something that takes more than a cycle. A bus does one job at a time. An SDO may run beside [`Job::State`], so that a slave
+/// which is slow to change its state does not block the mailboxes of the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(clippy::large_enum_variant, reason = "a job is made a few times in a board's life and never stored in bulk")]
 pub enum Job {
@@ -176,8 +176,6 @@ pub enum Job {
         /// How long the change may take before it has failed.
         timeout_ns: Ns,
     },
-    /// Transfer an SDO.
-    Sdo(SdoRequest),
 }
 
 /// How a job ended.
@@ -194,9 +192,10 @@ pub enum JobDone {
     Beyond(HardwareLimit),
     /// The slaves are in the requested state, or the error names the first one that is not.
     State(Result<(), Refusal>),
-    /// The value that was read, zero-extended, or written, or the abort code.
-    Sdo(Result<u32, AbortCode>),
 }
+
+/// How an SDO ended: the value that was read, zero-extended, or written, or the abort code.
+pub type SdoDone = Result<u32, AbortCode>;
 
 /// What a [`Job::Configure`] found out about the slaves.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -460,21 +459,30 @@ pub trait Fieldbus: Send {
     /// Starts a job.
     ///
     /// # Errors
-    /// [`Busy`] while another job is under way. Whether an SDO may run beside a change of state is up to the bus.
+    /// [`Busy`] while another job or an SDO is under way, beside which it cannot run.
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy>;
+
+    /// Starts the transfer of an SDO.
+    ///
+    /// # Errors
+    /// [`Busy`] while another one is under way, or a job. Whether an SDO may run beside a change of state is up to the bus.
+    fn start_sdo(&mut self, request: SdoRequest, now: Ns) -> Result<(), Busy>;
 
     /// Tells what the next [`Job::Configure`] will be, as far as is declared, while all slaves are in PreOP and nothing is under way.
     /// A bus whose configurations take long may begin with it, as long as no SDO shows that and no job waits for it longer than it
     /// would have taken.
     fn prepare(&mut self, _config: &BusConfig, _now: Ns) {}
 
-    /// How a job has ended; each end is given once, and the ends of two jobs one after the other.
+    /// How the job has ended, once.
     fn poll_job(&mut self, now: Ns) -> Option<JobDone>;
 
-    /// Cancels the job under way that is no SDO, if there is one. [`Self::poll_job`] never gives its end.
+    /// How the SDO has ended, once.
+    fn poll_sdo(&mut self, now: Ns) -> Option<SdoDone>;
+
+    /// Cancels the job under way, if there is one. [`Self::poll_job`] never gives its end.
     fn cancel_job(&mut self);
 
-    /// Cancels the SDO under way, if there is one. [`Self::poll_job`] never gives its end.
+    /// Cancels the SDO under way, if there is one. [`Self::poll_sdo`] never gives its end.
     fn cancel_sdo(&mut self);
 
     /// How many sets of outputs the bus takes now, as far as it knows: it may take more, never less. With

@@ -21,33 +21,21 @@ impl Engine {
         if unreached.is_empty() { unreached } else { unreached.intersection(self.used_slaves()) }
     }
 
-    /// Counts the commands that have not reached their slaves, when the answer of a cycle has come: those in its outputs
+    /// Counts the commands that may not have reached their slaves, when the answer of a cycle has come: those in its outputs
     /// (`carried` is their id, if they were new ones), those in outputs before them whose answers were lost, and those that
-    /// were sent to lost slaves before the bus named them.
+    /// were sent to lost slaves before the bus named them. An upper bound \[OURS]: a set that is not remembered any more counts as a
+    /// command.
     pub(super) fn count_unreached(&mut self, carried: Option<u64>) {
         let Inputs { lost, without_outputs, .. } = self.inputs;
         let lost_before = std::mem::replace(&mut self.lost_before, lost);
-        let unreached = lost.union(without_outputs);
-        if unreached.is_empty() {
-            return;
-        }
         let unanswered = self.newest_answered.map_or(0, |id| id + 1);
-        let newly_lost = lost.difference(lost_before);
-        let starts = newly_lost.iter().map(|slave| self.inputs.lost_from[usize::from(slave) - 1]);
-        let oldest = starts.flatten().fold(unanswered, u64::min);
-        let kept = self.next_output_id.saturating_sub(self.commanded_by.len());
-        for id in oldest.max(kept)..carried.map_or(unanswered, |id| id + 1) {
-            let is_newest = Some(id) == carried;
-            let was_lost = |slave| match self.inputs.lost_from[usize::from(slave) - 1] {
-                _ if !newly_lost.contains(slave) => id >= unanswered && lost.contains(slave),
-                Some(from) => from <= id,
-                None => is_newest,
-            };
-            let missed = self.commanded_by.of(id).intersection(unreached);
-            // Where answers were lost in between, whoever is not in OP now may have missed all since the one before.
-            let missed =
-                missed.iter().filter(|slave| was_lost(*slave) || id >= unanswered && without_outputs.contains(*slave));
-            self.counters.for_lost += missed.count() as u64;
+        let end = carried.map_or(unanswered, |id| id + 1);
+        let kept_from = self.next_output_id.saturating_sub(self.commanded_by.len());
+        for slave in lost.union(without_outputs).iter() {
+            let named_from = self.inputs.lost_from[usize::from(slave) - 1].filter(|_| !lost_before.contains(slave));
+            let from = named_from.map_or(unanswered, |from| from.min(unanswered));
+            let commands = (from.max(kept_from)..end).filter(|id| self.commanded_by.of(*id).contains(slave)).count();
+            self.counters.for_lost += kept_from.saturating_sub(from) + commands as u64;
         }
     }
 

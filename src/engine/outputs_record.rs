@@ -38,14 +38,18 @@ impl OutputsRecord {
     }
 }
 
-/// The records of the newest sets of outputs: a ring that is indexed by the id of a set.
-#[derive(Debug)]
-pub(super) struct OutputsHistory(Vec<OutputsRecord>);
+/// How many sets are remembered with the slaves that they have a command for, beyond those with a record: a bus may name lost slaves
+/// late, as it may be busy with another one for a second, and a cycle takes 250 us. \[OURS]
+pub(super) const COMMANDED_SETS: usize = 4096;
 
-impl OutputsHistory {
-    /// Room for the records of that many sets. Allocates once.
-    pub(super) fn new(sets: usize) -> Self {
-        Self(vec![OutputsRecord::new(); sets])
+/// What is remembered of each of the newest sets of outputs: a ring that is indexed by the id of a set.
+#[derive(Debug)]
+pub(super) struct History<T>(Vec<T>);
+
+impl<T: Clone> History<T> {
+    /// Room for that many sets. Allocates once.
+    pub(super) fn new(sets: usize, empty: T) -> Self {
+        Self(vec![empty; sets])
     }
 
     /// How many sets it remembers.
@@ -53,46 +57,14 @@ impl OutputsHistory {
         self.0.len() as u64
     }
 
-    /// The record of the outputs with that id, which has to be one of the newest [`Self::len`] ids.
-    pub(super) fn of(&self, id: u64) -> &OutputsRecord {
+    /// What is remembered of the outputs with that id, which has to be one of the newest [`Self::len`] ids.
+    pub(super) fn of(&self, id: u64) -> &T {
         &self.0[(id % self.len()) as usize]
     }
 
-    /// The same record, to be written when the outputs with that id are made.
-    pub(super) fn of_mut(&mut self, id: u64) -> &mut OutputsRecord {
+    /// The same, to be written when the outputs with that id are made.
+    pub(super) fn of_mut(&mut self, id: u64) -> &mut T {
         let place = (id % self.len()) as usize;
         &mut self.0[place]
-    }
-}
-
-/// How many sets are remembered with the slaves that they have a command for, at least: a bus may name lost slaves late, as it may
-/// be busy with another one for a second, and a cycle takes 250 us. \[OURS]
-const COMMANDED_SETS: usize = 4096;
-
-/// The slaves that a command carried by a set is for, of more sets than have a record: a slave may be named long after it
-/// was lost.
-#[derive(Debug)]
-pub(super) struct CommandedHistory(Vec<SlaveSet>);
-
-impl CommandedHistory {
-    /// Room for more sets than that many, which have a record. Allocates once.
-    pub(super) fn new(records: usize) -> Self {
-        Self(vec![SlaveSet::EMPTY; records + COMMANDED_SETS])
-    }
-
-    /// How many sets it remembers.
-    pub(super) const fn len(&self) -> u64 {
-        self.0.len() as u64
-    }
-
-    /// The slaves of a set, which has to be one of the newest [`Self::len`].
-    pub(super) fn of(&self, id: u64) -> SlaveSet {
-        self.0[(id % self.len()) as usize]
-    }
-
-    /// The set with that id is made.
-    pub(super) fn put(&mut self, id: u64, slaves: SlaveSet) {
-        let place = (id % self.len()) as usize;
-        self.0[place] = slaves;
     }
 }

@@ -320,7 +320,7 @@ pub struct Inputs {
     /// the state that they were brought to. The engine takes a slave for lost after one such cycle, so that a bus on which
     /// single frames may get lost has to wait before it names a slave.
     pub lost: SlaveSet,
-    /// Of each slave in `lost` (slave n is `lost_from[n - 1]`) the id of the first outputs that did not reach it, where the
+    /// Of each slave in `lost` (slave n is `lost_from[n - 1]`) the id of the first outputs that may not have reached it, where the
     /// bus learns of the loss later than they were sent, or has lost the answers in between; `None`: the outputs of the
     /// cycle that names it first.
     pub lost_from: [Option<u64>; MAX_SLAVES],

@@ -134,7 +134,7 @@ impl<W: NicWires> NicBus<W> {
         (self.lost, self.has_new_outputs) = (SlaveSet::EMPTY, false);
         self.lost_from.fill(None);
         self.ages = Ages::default();
-        self.missed.forget();
+        self.missed.forget(self.sent);
     }
 
     /// Slaves that are led down are not missed on their way, and those led up get outputs with which nothing moves.

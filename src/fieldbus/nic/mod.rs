@@ -121,8 +121,6 @@ struct Station {
     commanded: AlState,
     /// The process data that are mapped; `None`: nothing is.
     process_data: Option<ProcessData>,
-    /// The AL state in which the master has seen it last; `None`: it did not answer.
-    seen: Option<AlState>,
 }
 
 /// An SDO under way.
@@ -185,7 +183,7 @@ impl<W: NicWires> NicBus<W> {
             master,
             skew: None,
             has_runner: false,
-            stations: [Station { commanded: AlState::Init, process_data: None, seen: None }; MAX_SLAVES],
+            stations: [Station { commanded: AlState::Init, process_data: None }; MAX_SLAVES],
             found: 0,
             cycle: CycleTime::DEFAULT,
             is_paced: false,

@@ -45,7 +45,7 @@ pub struct Base<M> {
     /// The stored values of its objects.
     pub values: Values,
     /// Manufacturer-specific objects, which are not in the table of the kind. No cycle uses them.
-    manufacturer: Option<Box<ManufacturerObjects>>,
+    pub(super) manufacturer: Option<Box<ManufacturerObjects>>,
     /// The files of the device, if it has some. No cycle uses them.
     files: Option<Box<FileStore>>,
     /// The octets that masters store to test long transfers.
@@ -55,7 +55,7 @@ pub struct Base<M> {
     sync_types: SyncTypes,
     /// The lengths of sync managers 2 and 3 that the master has set, bytes.
     sync_managers: (u16, u16),
-    plan: Plan<M>,
+    pub(super) plan: Plan<M>,
     al: ApplicationLayer,
 }
 

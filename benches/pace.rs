@@ -42,7 +42,7 @@ struct Watched {
 }
 
 impl Fieldbus for Watched {
-    hand_on!(bus: pacing, start, poll_job, cancel_job, cancel_sdo, room, clear_ahead, poll_clear, push);
+    hand_on!(bus: pacing, start, start_sdo, poll_job, poll_sdo, cancel_job, cancel_sdo, room, clear_ahead, poll_clear, push);
 
     fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
         let mut begins = self.begins.lock().expect("nobody panics");

@@ -98,7 +98,7 @@ pub struct Counters {
     /// Commands whose targets were discarded because the axis was not in Operation enabled.
     pub discarded_before_enabled: u64,
     /// Commands that did not reach their slave: it was lost before or after they were executed, or it had left OP
-    /// before the other slaves.
+    /// before the other slaves. An upper bound: a command counts unless it is known to have reached the slave.
     pub for_lost: u64,
     /// FIFO entries that were dropped by SET_FIFO 1 or by leaving OP.
     pub cleared: u64,

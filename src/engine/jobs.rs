@@ -6,7 +6,7 @@ use super::restore::{SdoOwner, mode_object, mode_write};
 use super::{Axis, Engine, Event, EventKind, SlotHead, StateFailure};
 use crate::ethercat::coe::AbortCode;
 use crate::fieldbus::{
-    AlState, AxisOut, BusConfig, Configured, Fieldbus, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Refusal, Role,
+    AlState, AxisOut, BusConfig, Configured, Fieldbus, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Refusal, Role, SdoDone,
     SlaveConfig, SlaveSet,
 };
 use crate::sk::{DriveSync, MasterState};
@@ -52,8 +52,11 @@ impl Engine {
             bus.cancel_sdo();
         }
         self.volatile.network.see(now);
-        while let Some(done) = bus.poll_job(now) {
-            self.finish(done, now, bus);
+        while let Some(result) = bus.poll_sdo(now) {
+            self.sdo_ended(result, now, bus);
+        }
+        if let Some(done) = bus.poll_job(now) {
+            self.job_ended(done, now);
         }
         self.give_up_late_or_obsolete(now, bus);
         self.volatile.network.seen();
@@ -166,8 +169,8 @@ impl Engine {
             self.volatile.sdo.started();
             return self.sdo_done(Err(AbortCode::TIMEOUT), now);
         }
-        // The bus refuses jobs during a scan and during a configuration.
-        if self.sdo_owner.is_none() && bus.start(Job::Sdo(request), now).is_ok() {
+        // The bus refuses SDOs during a scan and during a configuration.
+        if self.sdo_owner.is_none() && bus.start_sdo(request, now).is_ok() {
             self.volatile.sdo.started();
             self.sdo_owner = Some(SdoOwner::Host);
         }
@@ -292,36 +295,36 @@ impl Engine {
         BusConfig { cycle: self.volatile.cycle_in_op, selected, slaves }
     }
 
-    fn finish(&mut self, done: JobDone, now: Ns, bus: &mut dyn Fieldbus) {
-        match done {
-            JobDone::Sdo(result) => match self.sdo_owner.take() {
-                Some(SdoOwner::Host) => {
-                    self.host_had_turn = true;
-                    self.sdo_done(result, now);
-                }
-                Some(SdoOwner::Restore(restore)) => {
-                    self.host_had_turn = false;
-                    self.restored(restore, result, now);
-                    // SK-6 [OURS]: a host request that came during a transfer of the board runs next.
-                    self.start_host_sdo(now, bus);
-                }
-                None => {}
-            },
-            done => {
-                let Some(work) = self.job.take() else { return };
-                self.network_job_done(work, done, now);
-                if self.volatile.has_declared {
-                    // The bus has used its prepared configuration, or slaves have left PreOP since: it gets the
-                    // configuration again.
-                    self.declared(now);
-                }
+    fn sdo_ended(&mut self, result: SdoDone, now: Ns, bus: &mut dyn Fieldbus) {
+        match self.sdo_owner.take() {
+            Some(SdoOwner::Host) => {
+                self.host_had_turn = true;
+                self.sdo_done(result, now);
             }
+            Some(SdoOwner::Restore(restore)) => {
+                self.host_had_turn = false;
+                self.restored(restore, result, now);
+                // SK-6 [OURS]: a host request that came during a transfer of the board runs next.
+                self.start_host_sdo(now, bus);
+            }
+            None => {}
+        }
+    }
+
+    fn job_ended(&mut self, done: JobDone, now: Ns) {
+        let Some(work) = self.job.take() else { return };
+        self.network_job_done(work, done, now);
+        if self.volatile.has_declared {
+            // The bus has used its prepared configuration, or slaves have left PreOP since: it gets the configuration
+            // again.
+            self.declared(now);
         }
     }
 
     fn network_job_done(&mut self, NetworkJob { step, until }: NetworkJob, done: JobDone, now: Ns) {
-        match (step, done) {
-            (Step::Scan, JobDone::Scan { found }) => {
+        let recovers = matches!(step, Step::RecoverToPreOp | Step::RecoverConfigure | Step::RecoverTo(_));
+        match done {
+            JobDone::Scan { found } => {
                 let found = found.min(self.config.slot.max_slaves() as u8);
                 self.volatile.network.scanned(found);
                 // After SW_RESET fewer slaves may be found. The last outputs of the missing ones must not go to the bus
@@ -330,10 +333,7 @@ impl Engine {
                 let before = self.volatile.failure.filter(|why| *why != StateFailure::NoSlave);
                 self.volatile.failure = if found == 0 { Some(StateFailure::NoSlave) } else { before };
             }
-            (
-                Step::Configure | Step::RecoverConfigure,
-                JobDone::Configure(Ok(Configured { second_axes, disturbed })),
-            ) => {
+            JobDone::Configure(Ok(Configured { second_axes, disturbed })) => {
                 let others = match step {
                     Step::RecoverConfigure => self.volatile.second_axes.difference(self.network().recovering()),
                     _ => SlaveSet::EMPTY,
@@ -344,28 +344,26 @@ impl Engine {
                     self.note_disturbed(disturbed, now);
                 }
             }
-            (_, JobDone::State(Ok(()))) => self.step_done(step, now),
-            (
-                Step::RecoverToPreOp | Step::RecoverConfigure | Step::RecoverTo(_),
-                JobDone::State(Err(refusal)) | JobDone::Configure(Err(refusal)),
-            ) => {
+            JobDone::State(Ok(())) => self.step_done(step, now),
+            JobDone::State(Err(refusal)) | JobDone::Configure(Err(refusal)) if recovers => {
                 let silent = refusal.al_status == 0 && refusal.abort.is_none();
                 self.volatile.network.recovery_failed(refusal.slave, silent);
                 self.volatile.failure = Some(self.failure_of(step, refusal));
             }
-            (Step::RecoverConfigure, JobDone::Beyond(limit)) => {
+            JobDone::Beyond(limit) if recovers => {
                 let slave = self.network().recovering().iter().next().unwrap_or(1);
                 self.volatile.network.recovery_failed(slave, false);
                 self.volatile.failure = Some(StateFailure::Hardware(limit));
             }
-            (_, JobDone::Beyond(limit)) => self.fail_state(StateFailure::Hardware(limit), now),
+            JobDone::Beyond(limit) => self.fail_state(StateFailure::Hardware(limit), now),
             // A new request has extended the deadline meanwhile: the step starts again.
-            (Step::Move(_), JobDone::State(Err(_)))
-                if now >= until && self.network().deadline().is_some_and(|deadline| deadline > until) => {}
-            (_, JobDone::State(Err(refusal)) | JobDone::Configure(Err(refusal))) => {
+            JobDone::State(Err(_))
+                if matches!(step, Step::Move(_))
+                    && now >= until
+                    && self.network().deadline().is_some_and(|deadline| deadline > until) => {}
+            JobDone::State(Err(refusal)) | JobDone::Configure(Err(refusal)) => {
                 self.fail_state(self.failure_of(step, refusal), now);
             }
-            _ => self.volatile.network.fail(),
         }
     }
 
@@ -425,7 +423,7 @@ impl Engine {
         }
     }
 
-    fn sdo_done(&mut self, result: Result<u32, AbortCode>, now: Ns) {
+    fn sdo_done(&mut self, result: SdoDone, now: Ns) {
         let written_well = result.is_ok();
         let Some(transfer) = self.volatile.sdo.finish(result) else { return };
         if let Err(code) = result {

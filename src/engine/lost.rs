@@ -21,34 +21,21 @@ impl Engine {
         if unreached.is_empty() { unreached } else { unreached.intersection(self.used_slaves()) }
     }
 
-    /// Called with the answer of a cycle: counts the commands that did not reach their slaves. These are commands in
-    /// the outputs of the cycle (`carried`: their id, if they were new), in earlier outputs whose answers were lost,
-    /// and those that were sent to lost slaves before the bus named them as lost.
+    /// Called with the answer of a cycle: counts the commands that may not have reached their slaves. These are commands
+    /// in the outputs of the cycle (`carried`: their id, if they were new), in earlier outputs whose answers were lost,
+    /// and those that were sent to lost slaves before the bus named them as lost. The count is an upper bound \[OURS]:
+    /// each set of outputs that is no longer in the history counts as a command.
     pub(super) fn count_unreached(&mut self, carried: Option<u64>) {
         let Inputs { lost, without_outputs, .. } = self.inputs;
         let lost_before = std::mem::replace(&mut self.lost_before, lost);
-        let unreached = lost.union(without_outputs);
-        if unreached.is_empty() {
-            return;
-        }
         let unanswered = self.newest_answered.map_or(0, |id| id + 1);
-        let newly_lost = lost.difference(lost_before);
-        let starts = newly_lost.iter().map(|slave| self.inputs.lost_from[usize::from(slave) - 1]);
-        let oldest = starts.flatten().fold(unanswered, u64::min);
-        let kept = self.next_output_id.saturating_sub(self.commanded_by.len());
-        for id in oldest.max(kept)..carried.map_or(unanswered, |id| id + 1) {
-            let is_newest = Some(id) == carried;
-            let was_lost = |slave| match self.inputs.lost_from[usize::from(slave) - 1] {
-                _ if !newly_lost.contains(slave) => id >= unanswered && lost.contains(slave),
-                Some(from) => from <= id,
-                None => is_newest,
-            };
-            let missed = self.commanded_by.of(id).intersection(unreached);
-            // If answers were lost in between, a slave that is not in OP now may have missed all outputs since the last
-            // answer.
-            let missed =
-                missed.iter().filter(|slave| was_lost(*slave) || id >= unanswered && without_outputs.contains(*slave));
-            self.counters.for_lost += missed.count() as u64;
+        let end = carried.map_or(unanswered, |id| id + 1);
+        let kept_from = self.next_output_id.saturating_sub(self.commanded_by.len());
+        for slave in lost.union(without_outputs).iter() {
+            let named_from = self.inputs.lost_from[usize::from(slave) - 1].filter(|_| !lost_before.contains(slave));
+            let from = named_from.map_or(unanswered, |from| from.min(unanswered));
+            let commands = (from.max(kept_from)..end).filter(|id| self.commanded_by.of(*id).contains(slave)).count();
+            self.counters.for_lost += kept_from.saturating_sub(from) + commands as u64;
         }
     }
 

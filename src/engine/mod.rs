@@ -85,7 +85,7 @@ use crate::threads::sync;
 use axis::Axis;
 use event::EventLog;
 use fifo::CommandFifo;
-use outputs_record::{CommandedHistory, OutputsHistory, OutputsRecord};
+use outputs_record::{COMMANDED_SETS, History, OutputsRecord};
 use volatile::{CrcSwitches, FACTORY_CRC, SlotHead, Volatile};
 
 /// The model of the EC01M.
@@ -125,9 +125,9 @@ pub struct Engine {
     go_homes: SlaveSet,
     aborts_homing: bool,
     /// The state at each set of outputs that is not known to be sent, and at the newest one that was sent.
-    records: OutputsHistory,
+    records: History<OutputsRecord>,
     /// For each set of outputs in `records`, and for many before them, the slaves for which the set has a command.
-    commanded_by: CommandedHistory,
+    commanded_by: History<SlaveSet>,
     /// The state when OP was reached, to which a clear returns if no outputs of this OP were sent.
     op_start: Box<OutputsRecord>,
     /// FIFO entries whose outputs are not known to be sent.
@@ -194,8 +194,8 @@ impl Engine {
             homing_before: SlaveSet::EMPTY,
             go_homes: SlaveSet::EMPTY,
             aborts_homing: false,
-            records: OutputsHistory::new(unconfirmed_max + answered + 1),
-            commanded_by: CommandedHistory::new(unconfirmed_max + answered + 1),
+            records: History::new(unconfirmed_max + answered + 1, OutputsRecord::new()),
+            commanded_by: History::new(unconfirmed_max + answered + 1 + COMMANDED_SETS, SlaveSet::EMPTY),
             op_start: Box::new(OutputsRecord::new()),
             entries_ahead: VecDeque::with_capacity(unconfirmed_max + 1),
             unconfirmed_max: unconfirmed_max as u64,

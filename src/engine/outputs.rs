@@ -79,7 +79,7 @@ impl Engine {
             let record = self.records.of_mut(id);
             refresh_outputs(&mut self.outputs, &mut self.volatile, record);
             record.heads = self.volatile.heads;
-            self.commanded_by.put(id, self.commanded);
+            *self.commanded_by.of_mut(id) = self.commanded;
             record.pushed_at = now;
             record.test = self.volatile.test;
             self.outputs_left = bus.push(&self.outputs).is_err();

@@ -38,14 +38,18 @@ impl OutputsRecord {
     }
 }
 
-/// The records of the newest sets of outputs: a ring buffer, indexed by the id of a set.
-#[derive(Debug)]
-pub(super) struct OutputsHistory(Vec<OutputsRecord>);
+/// For how many more sets of outputs than those with a record the slaves with a command are kept. A bus may name lost
+/// slaves late: it may be busy with another slave for a second, and a cycle takes 250 us. \[OURS]
+pub(super) const COMMANDED_SETS: usize = 4096;
 
-impl OutputsHistory {
-    /// Allocates room for the records of `sets` sets of outputs.
-    pub(super) fn new(sets: usize) -> Self {
-        Self(vec![OutputsRecord::new(); sets])
+/// A value for each of the newest sets of outputs: a ring buffer, indexed by the id of a set.
+#[derive(Debug)]
+pub(super) struct History<T>(Vec<T>);
+
+impl<T: Clone> History<T> {
+    /// Allocates room for that many sets of outputs.
+    pub(super) fn new(sets: usize, empty: T) -> Self {
+        Self(vec![empty; sets])
     }
 
     /// The number of sets that the history keeps.
@@ -53,46 +57,14 @@ impl OutputsHistory {
         self.0.len() as u64
     }
 
-    /// The record of the outputs with that id, which must be one of the newest [`Self::len`] ids.
-    pub(super) fn of(&self, id: u64) -> &OutputsRecord {
+    /// The value for the outputs with that id, which must be one of the newest [`Self::len`] ids.
+    pub(super) fn of(&self, id: u64) -> &T {
         &self.0[(id % self.len()) as usize]
     }
 
-    /// The record for the outputs with that id, to be written when they are made.
-    pub(super) fn of_mut(&mut self, id: u64) -> &mut OutputsRecord {
+    /// The value for the outputs with that id, to be written when they are made.
+    pub(super) fn of_mut(&mut self, id: u64) -> &mut T {
         let place = (id % self.len()) as usize;
         &mut self.0[place]
-    }
-}
-
-/// The least number of sets for which the slaves with a command are kept. A bus may name lost slaves late: it may be
-/// busy with another slave for a second, and a cycle takes 250 us. \[OURS]
-const COMMANDED_SETS: usize = 4096;
-
-/// For each set of outputs the slaves for which it carries a command: a ring buffer that covers more sets than
-/// [`OutputsHistory`], since a bus may name a slave long after it was lost.
-#[derive(Debug)]
-pub(super) struct CommandedHistory(Vec<SlaveSet>);
-
-impl CommandedHistory {
-    /// Allocates room for [`COMMANDED_SETS`] more sets than the `records` of [`OutputsHistory`].
-    pub(super) fn new(records: usize) -> Self {
-        Self(vec![SlaveSet::EMPTY; records + COMMANDED_SETS])
-    }
-
-    /// The number of sets that the history keeps.
-    pub(super) const fn len(&self) -> u64 {
-        self.0.len() as u64
-    }
-
-    /// The slaves with a command in the set with that id, which must be one of the newest [`Self::len`] ids.
-    pub(super) fn of(&self, id: u64) -> SlaveSet {
-        self.0[(id % self.len()) as usize]
-    }
-
-    /// Records the slaves with a command in a new set.
-    pub(super) fn put(&mut self, id: u64, slaves: SlaveSet) {
-        let place = (id % self.len()) as usize;
-        self.0[place] = slaves;
     }
 }

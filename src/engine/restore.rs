@@ -5,7 +5,7 @@ use super::homing::HomingEnd;
 use super::{Engine, Event, EventKind};
 use crate::ethercat::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoSize};
-use crate::fieldbus::{Fieldbus, Job, MAX_AXES, MAX_SLAVES, Ns, SdoRequest, SlaveSet};
+use crate::fieldbus::{Fieldbus, MAX_AXES, MAX_SLAVES, Ns, SdoRequest, SlaveSet};
 use crate::sk::MasterState;
 
 /// The number of attempts to restore a mode \[OURS]. If all fail, the drive stays in homing mode, which is counted and
@@ -112,7 +112,7 @@ impl Engine {
             write: Some((SdoSize::One, mode.code().into())),
             timeout_ns: self.config.sdo_timeout_ns,
         };
-        if bus.start(Job::Sdo(request), now).is_ok() {
+        if bus.start_sdo(request, now).is_ok() {
             self.volatile.restores.running = Some(restore);
             self.sdo_owner = Some(SdoOwner::Restore(restore));
         }

@@ -107,7 +107,7 @@ impl Unexecuted {
             Self::WhileBooting => "command frame(s) came while the board was booting and were lost",
             Self::IgnoredHoming => "command(s) for a slave that was homing were ignored",
             Self::BeforeEnabled => "target(s) for a drive that was not on were discarded",
-            Self::ForLost => "command(s) did not reach their slave, which was lost or had left OP",
+            Self::ForLost => "command(s) may not have reached their slave, which was lost or had left OP",
             Self::Cleared => "queued command frame(s) were cleared unexecuted",
             Self::SdoAborted => "SDO transfer(s) were aborted by the slave",
             Self::OutputsLost => "set(s) of outputs may not have reached the slaves",

@@ -3,7 +3,8 @@
 //!
 //! | file | what it answers |
 //! | --- | --- |
-//! | `mod.rs` | the trait, its jobs, and the process data that go through it |
+//! | `mod.rs` | the trait, and the process data that go through it |
+//! | `job.rs` | what of it takes longer than a cycle, and how that ends |
 //! | `pdo.rs` | which objects the board maps for each kind of slave, and how they lie in an image of bytes |
 //! | `pdo/downloads.rs` | which SDOs do that mapping, and in which order |
 //! | `sim.rs` | the network of simulated slaves: cycles, working counter, lost slaves |
@@ -11,9 +12,9 @@
 //! | `nic/` | the network at the end of a network card, over our own master: the same over frames of EtherCAT |
 //! | `xf/` | the network behind an ECM-XF: the same jobs and cycles over the driver of that chip |
 //!
-//! A bus never blocks and never asks for the time. What takes long (scan, configuration, changes of state, SDOs) is started
-//! as a [`Job`] and polled. One job runs at a time, but an SDO may run beside a change of state. Process data are pushed
-//! and polled once a cycle. [`Fieldbus::pacing`] says who owns the cycle:
+//! A bus never blocks and never asks for the time. What takes long is started and polled: a scan, a configuration or a change
+//! of state as a [`Job`], an SDO as an [`SdoRequest`]. One of them runs at a time, but an SDO may run beside a change of state.
+//! Process data are pushed and polled once a cycle. [`Fieldbus::pacing`] says who owns the cycle:
 //!
 //! - [`Pacing::Runner`]: our runner decides when a cycle is; one [`Outputs`] goes in, one [`CycleDone`] comes out.
 //! - [`Pacing::Bus`]: the bus runs its own cycle and takes outputs ahead, up to a depth. One poll may find that any
@@ -22,6 +23,7 @@
 //!   level only as of some exchanges ago. Discarding what it has taken ahead takes a while, too:
 //!   [`Fieldbus::clear_ahead`].
 
+mod job;
 pub mod nic;
 pub mod pdo;
 #[cfg(feature = "sim")]
@@ -30,12 +32,11 @@ pub mod xf;
 
 use std::sync::Arc;
 
-use crate::ethercat::AlStatus;
 use crate::ethercat::cia402::{Controlword, Mode, Statusword};
-use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::sk::{CycleTime, DriveSync, SlaveKind};
 
 pub use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
+pub use job::{Busy, Configured, HardwareLimit, Job, JobDone, Refusal, SdoDone, SdoRequest};
 
 /// The most axes that a slave has: a two-channel HSP has two.
 pub const MAX_AXES: usize = 2;
@@ -145,126 +146,6 @@ pub struct BusConfig {
     pub slaves: [SlaveConfig; MAX_SLAVES],
 }
 
-/// An SDO transfer of up to 4 bytes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SdoRequest {
-    /// Slave, from 1. If there is none with this number the transfer ends in a timeout.
-    pub slave: u8,
-    /// The object that is read or written.
-    pub object: ObjectAddress,
-    /// `None`: an upload. `Some`: a download of that many bytes of that value.
-    pub write: Option<(SdoSize, u32)>,
-    /// How long the slave may take to answer; then the transfer ends with [`AbortCode::TIMEOUT`].
-    pub timeout_ns: Ns,
-}
-
-/// Something that takes more than a cycle. A bus does one job at a time, but [`Job::Sdo`] and [`Job::State`] may run side
-/// by side, so that a slave which is slow to change its state does not block the mailboxes of the others.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(clippy::large_enum_variant, reason = "a job is made a few times in a board's life and never stored in bulk")]
-pub enum Job {
-    /// Find the slaves. Every configuration is lost, and every slave goes to Init.
-    Scan,
-    /// Map the process data and write the mode of operation, in PreOP.
-    Configure(BusConfig),
-    /// Bring these slaves to an AL state.
-    State {
-        /// The state that is requested.
-        target: AlState,
-        /// The slaves that are to enter it.
-        slaves: SlaveSet,
-        /// How long the change may take before it has failed.
-        timeout_ns: Ns,
-    },
-    /// Transfer an SDO.
-    Sdo(SdoRequest),
-}
-
-/// How a job ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum JobDone {
-    /// The scan has ended.
-    Scan {
-        /// How many slaves were found, 0..=40.
-        found: u8,
-    },
-    /// The slaves are configured, or the error names the first one that refused.
-    Configure(Result<Configured, Refusal>),
-    /// The slaves could not be configured, since the hardware that runs the bus cannot do what was asked for.
-    Beyond(HardwareLimit),
-    /// The slaves are in the requested state, or the error names the first one that is not.
-    State(Result<(), Refusal>),
-    /// The value that was read, zero-extended, or written, or the abort code.
-    Sdo(Result<u32, AbortCode>),
-}
-
-/// What a [`Job::Configure`] found out about the slaves.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Configured {
-    /// Slaves of [`Role::Hsp`] that have a second axis: their controlword 0x6840 can be read by SDO \[OURS].
-    pub second_axes: SlaveSet,
-    /// Slaves that were not selected and have left OP all the same, because the bus cannot configure the selected ones
-    /// otherwise. They keep their mapping, and they stay below OP until a [`Job::State`] brings them back.
-    pub disturbed: SlaveSet,
-}
-
-/// A slave that has refused a configuration or a change of state, or has not answered.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Refusal {
-    /// Slave, from 1.
-    pub slave: u8,
-    /// Its AL status code (ETG.1000.6 table 11); 0 if it has not answered, [`Self::WITHOUT_REASON`] if it answers and gives none.
-    pub al_status: u16,
-    /// The SDO that the slave has aborted, or that has failed with this code; `None`: the refusal was no SDO.
-    pub abort: Option<(ObjectAddress, AbortCode)>,
-}
-
-impl Refusal {
-    /// In the place of an AL status code: the slave answers, is not in the state that was asked for, and does not say why. \[OURS] No
-    /// slave that is known has this code.
-    pub const WITHOUT_REASON: u16 = u16::MAX;
-
-    /// A slave that has this AL status code.
-    pub(crate) const fn of(slave: u8, AlStatus(al_status): AlStatus) -> Self {
-        Self { slave, al_status, abort: None }
-    }
-
-    /// A slave that has not answered.
-    pub(crate) const fn no_answer(slave: u8) -> Self {
-        Self::of(slave, AlStatus::NONE)
-    }
-}
-
-/// What the hardware that runs a bus cannot do, whatever its slaves can.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum HardwareLimit {
-    /// Its exchanges with the chip take longer than the cycle.
-    #[error(
-        "a cycle of {} us cannot be held: the exchanges with the chip take {} us for each; take a longer cycle (SET_DC), a \
-         faster clock (speed=), INT0 (int0=) or fewer slaves",
-        .cycle_ns / 1000,
-        .needed_ns.div_ceil(1000)
-    )]
-    Cycle {
-        /// The cycle that was asked for, in nanoseconds.
-        cycle_ns: Ns,
-        /// The least that the exchanges of a cycle take, in nanoseconds.
-        needed_ns: Ns,
-    },
-    /// No packet holds the process data of one cycle.
-    #[error("{bytes} bytes of process data in a cycle do not fit into a packet, which holds {most}; use fewer slaves")]
-    ProcessData {
-        /// Bytes of all outputs or of all inputs, whichever are more.
-        bytes: usize,
-        /// What a packet holds.
-        most: usize,
-    },
-}
-
-/// Another job is under way, beside which the new one cannot run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Busy;
-
 /// What the master sends to one axis in a cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AxisOut {
@@ -321,7 +202,7 @@ pub struct Inputs {
     /// the state that they were brought to. The engine takes a slave for lost after one such cycle, so that a bus on which
     /// single frames may get lost has to wait before it names a slave.
     pub lost: SlaveSet,
-    /// Of each slave in `lost` (slave n is `lost_from[n - 1]`) the id of the first outputs that did not reach it, where the
+    /// Of each slave in `lost` (slave n is `lost_from[n - 1]`) the id of the first outputs that may not have reached it, where the
     /// bus learns of the loss later than they were sent, or has lost the answers in between; `None`: the outputs of the
     /// cycle that names it first.
     pub lost_from: [Option<u64>; MAX_SLAVES],
@@ -460,21 +341,30 @@ pub trait Fieldbus: Send {
     /// Starts a job.
     ///
     /// # Errors
-    /// [`Busy`] while another job is under way. Whether an SDO may run beside a change of state is up to the bus.
+    /// [`Busy`] while another job or an SDO is under way, beside which it cannot run.
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy>;
+
+    /// Starts the transfer of an SDO.
+    ///
+    /// # Errors
+    /// [`Busy`] while another one is under way, or a job. Whether an SDO may run beside a change of state is up to the bus.
+    fn start_sdo(&mut self, request: SdoRequest, now: Ns) -> Result<(), Busy>;
 
     /// Tells what the next [`Job::Configure`] will be, as far as is declared, while all slaves are in PreOP and nothing is under way.
     /// A bus whose configurations take long may begin with it, as long as no SDO shows that and no job waits for it longer than it
     /// would have taken.
     fn prepare(&mut self, _config: &BusConfig, _now: Ns) {}
 
-    /// How a job has ended; each end is given once, and the ends of two jobs one after the other.
+    /// How the job has ended, once.
     fn poll_job(&mut self, now: Ns) -> Option<JobDone>;
 
-    /// Cancels the job under way that is no SDO, if there is one. [`Self::poll_job`] never gives its end.
+    /// How the SDO has ended, once.
+    fn poll_sdo(&mut self, now: Ns) -> Option<SdoDone>;
+
+    /// Cancels the job under way, if there is one. [`Self::poll_job`] never gives its end.
     fn cancel_job(&mut self);
 
-    /// Cancels the SDO under way, if there is one. [`Self::poll_job`] never gives its end.
+    /// Cancels the SDO under way, if there is one. [`Self::poll_sdo`] never gives its end.
     fn cancel_sdo(&mut self);
 
     /// How many sets of outputs the bus takes now, as far as it knows: it may take more, never less. With

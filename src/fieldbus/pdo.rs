@@ -92,9 +92,9 @@ const HSP_IN: [In; 3] = [
 const IO_OUT: [Out; 1] = [mapped(0x7000, 1, 2, OutWord::Outputs)];
 const IO_IN: [In; 1] = [mapped(0x6000, 1, 2, InWord::Inputs)];
 
-/// Which of the tables above maps the outputs of an axis.
+/// Which of the tables above map the process data of an axis.
 #[derive(Clone, Copy, Debug)]
-enum OutTable {
+enum Table {
     DriveCsp,
     DriveCsv,
     DriveCst,
@@ -103,24 +103,16 @@ enum OutTable {
     Io,
 }
 
-/// Which of the tables above maps the inputs of an axis.
-#[derive(Clone, Copy, Debug)]
-enum InTable {
-    Drive,
-    Hsp,
-    Io,
-}
-
 /// Calls a function with the table as a constant, so that the compiler makes straight code of each table.
 macro_rules! with_outputs {
     ($table:expr, $call:ident ( $($argument:expr),* )) => {
         match $table {
-            OutTable::DriveCsp => $call(&DRIVE_CSP, $($argument),*),
-            OutTable::DriveCsv => $call(&DRIVE_CSV, $($argument),*),
-            OutTable::DriveCst => $call(&DRIVE_CST, $($argument),*),
-            OutTable::HspCsp => $call(&HSP_CSP, $($argument),*),
-            OutTable::HspCsv => $call(&HSP_CSV, $($argument),*),
-            OutTable::Io => $call(&IO_OUT, $($argument),*),
+            Table::DriveCsp => $call(&DRIVE_CSP, $($argument),*),
+            Table::DriveCsv => $call(&DRIVE_CSV, $($argument),*),
+            Table::DriveCst => $call(&DRIVE_CST, $($argument),*),
+            Table::HspCsp => $call(&HSP_CSP, $($argument),*),
+            Table::HspCsv => $call(&HSP_CSV, $($argument),*),
+            Table::Io => $call(&IO_OUT, $($argument),*),
         }
     };
 }
@@ -129,9 +121,9 @@ macro_rules! with_outputs {
 macro_rules! with_inputs {
     ($table:expr, $call:ident ( $($argument:expr),* )) => {
         match $table {
-            InTable::Drive => $call(&DRIVE_IN, $($argument),*),
-            InTable::Hsp => $call(&HSP_IN, $($argument),*),
-            InTable::Io => $call(&IO_IN, $($argument),*),
+            Table::DriveCsp | Table::DriveCsv | Table::DriveCst => $call(&DRIVE_IN, $($argument),*),
+            Table::HspCsp | Table::HspCsv => $call(&HSP_IN, $($argument),*),
+            Table::Io => $call(&IO_IN, $($argument),*),
         }
     };
 }
@@ -139,9 +131,8 @@ macro_rules! with_inputs {
 /// The process data of one slave.
 #[derive(Clone, Copy, Debug)]
 pub struct ProcessData {
-    /// The table for each axis.
-    outputs: OutTable,
-    inputs: InTable,
+    /// That of each axis.
+    table: Table,
     axes: u8,
     output_bytes: u8,
     input_bytes: u8,
@@ -152,20 +143,19 @@ impl ProcessData {
     /// The process data of a slave that is used as `role`; a pulse module may have a second axis. `None`: the slave is not
     /// used, or there are none for the role, see [`Role::has_process_data`].
     pub fn of(role: Role, has_second_axis: bool) -> Option<Self> {
-        let (outputs, inputs) = match role {
-            Role::Drive(Mode::Csp) | Role::Step(Mode::Csp) => (OutTable::DriveCsp, InTable::Drive),
-            Role::Drive(Mode::Csv) => (OutTable::DriveCsv, InTable::Drive),
-            Role::Drive(Mode::Cst) => (OutTable::DriveCst, InTable::Drive),
-            Role::Hsp(Mode::Csp) => (OutTable::HspCsp, InTable::Hsp),
-            Role::Hsp(Mode::Csv) => (OutTable::HspCsv, InTable::Hsp),
-            Role::Io => (OutTable::Io, InTable::Io),
+        let table = match role {
+            Role::Drive(Mode::Csp) | Role::Step(Mode::Csp) => Table::DriveCsp,
+            Role::Drive(Mode::Csv) => Table::DriveCsv,
+            Role::Drive(Mode::Cst) => Table::DriveCst,
+            Role::Hsp(Mode::Csp) => Table::HspCsp,
+            Role::Hsp(Mode::Csv) => Table::HspCsv,
+            Role::Io => Table::Io,
             Role::Unused | Role::Drive(_) | Role::Step(_) | Role::Hsp(_) => return None,
         };
         let axes = if matches!(role, Role::Hsp(_)) && has_second_axis { MAX_AXES as u8 } else { 1 };
-        let (output_bytes, input_bytes) = (with_outputs!(outputs, length()), with_inputs!(inputs, length()));
+        let (output_bytes, input_bytes) = (with_outputs!(table, length()), with_inputs!(table, length()));
         Some(Self {
-            outputs,
-            inputs,
+            table,
             axes,
             output_bytes: axes * output_bytes as u8,
             input_bytes: axes * input_bytes as u8,
@@ -195,13 +185,13 @@ impl ProcessData {
 
     /// The mapping entries of the RxPDO of an axis (from 0).
     fn output_entries(&self, axis: usize) -> impl ExactSizeIterator<Item = u32> + use<> {
-        let outputs: &'static [Out] = with_outputs!(self.outputs, all());
+        let outputs: &'static [Out] = with_outputs!(self.table, all());
         outputs.iter().map(move |mapped| mapped.entry(axis))
     }
 
     /// The mapping entries of the TxPDO of an axis (from 0).
     fn input_entries(&self, axis: usize) -> impl ExactSizeIterator<Item = u32> + use<> {
-        let inputs: &'static [In] = with_inputs!(self.inputs, all());
+        let inputs: &'static [In] = with_inputs!(self.table, all());
         inputs.iter().map(move |mapped| mapped.entry(axis))
     }
 
@@ -212,7 +202,7 @@ impl ProcessData {
     #[inline]
     pub fn put_outputs<'a>(&self, outputs: &SlaveOut, image: &'a mut [u8]) -> &'a [u8] {
         let image = &mut image[..self.output_bytes()];
-        with_outputs!(self.outputs, put_outputs(outputs, image));
+        with_outputs!(self.table, put_outputs(outputs, image));
         image
     }
 
@@ -223,7 +213,7 @@ impl ProcessData {
     /// If `image` is shorter than [`Self::input_bytes`].
     #[inline]
     pub fn take_inputs(&self, image: &[u8], inputs: &mut SlaveIn) {
-        with_inputs!(self.inputs, take_inputs(&image[..self.input_bytes()], inputs));
+        with_inputs!(self.table, take_inputs(&image[..self.input_bytes()], inputs));
     }
 
     /// Outputs with which nothing moves: no motor is on, and in CSP the target is the actual position.
@@ -243,7 +233,7 @@ impl ProcessData {
     /// If `image` is shorter than [`Self::output_bytes`].
     pub fn take_outputs(&self, image: &[u8]) -> SlaveOut {
         let mut outputs = SlaveOut::default();
-        with_outputs!(self.outputs, take_outputs(&image[..self.output_bytes()], &mut outputs));
+        with_outputs!(self.table, take_outputs(&image[..self.output_bytes()], &mut outputs));
         outputs
     }
 
@@ -252,7 +242,7 @@ impl ProcessData {
     /// # Panics
     /// If `image` is shorter than [`Self::input_bytes`].
     pub fn put_inputs(&self, inputs: &SlaveIn, image: &mut [u8]) {
-        with_inputs!(self.inputs, put_inputs(inputs, &mut image[..self.input_bytes()]));
+        with_inputs!(self.table, put_inputs(inputs, &mut image[..self.input_bytes()]));
     }
 }
 

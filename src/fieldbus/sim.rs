@@ -26,10 +26,10 @@ pub use timing::Timing;
 use super::pdo::{IMAGE_BYTES_MAX, ProcessData};
 use super::{
     AlState, BusError, Busy, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs, Pacing,
-    SlaveSet,
+    SdoDone, SdoRequest, SlaveSet,
 };
 use crate::slave::{Slave, step_all};
-use jobs::RunningJob;
+use jobs::{RunningJob, RunningSdo};
 
 /// A slave at its place on the cable.
 struct Station {
@@ -55,9 +55,8 @@ pub struct SimBus {
     sent: Option<u64>,
     /// The time that has passed in the slaves.
     clock: Ns,
-    /// The job under way that is no SDO.
     job: Option<RunningJob>,
-    sdo: Option<RunningJob>,
+    sdo: Option<RunningSdo>,
 }
 
 impl SimBus {
@@ -135,7 +134,7 @@ impl SimBus {
         let (mut without_outputs, mut without_inputs) = (SlaveSet::EMPTY, SlaveSet::EMPTY);
         let images = self.outputs.slaves.iter().zip(&mut inputs.slaves);
         // A scan has the wire for itself: slaves that are in OP since before a SW_RESET have lost their master.
-        let has_cycles = !matches!(self.job, Some(RunningJob::Scan { .. }));
+        let has_cycles = !matches!(self.job, Some(RunningJob { job: Job::Scan, .. }));
         let stations = &mut self.stations[..if has_cycles { usize::from(self.found) } else { 0 }];
         let (mut output_image, mut input_image) = ([0; IMAGE_BYTES_MAX], [0; IMAGE_BYTES_MAX]);
         for (slave, (station, (outputs, inputs))) in (1..).zip(stations.iter_mut().zip(images)) {
@@ -206,25 +205,29 @@ impl Fieldbus for SimBus {
     }
 
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
-        let running = Some(self.begin(job, now));
-        match job {
-            Job::Sdo(_) if self.sdo.is_none() && self.job.as_ref().is_none_or(RunningJob::allows_sdo) => {
-                self.sdo = running;
-            }
-            Job::State { .. } if self.job.is_none() => self.job = running,
-            Job::Scan | Job::Configure(_) if self.job.is_none() && self.sdo.is_none() => self.job = running,
-            _ => return Err(Busy),
+        if self.job.is_some() || self.sdo.is_some() && !matches!(job, Job::State { .. }) {
+            return Err(Busy);
         }
+        self.job = Some(self.begin(job, now));
         Ok(())
     }
 
-    fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
-        if let Some(mut sdo) = self.sdo.take() {
-            match self.advance(&mut sdo, now) {
-                None => self.sdo = Some(sdo),
-                done => return done,
-            }
+    fn start_sdo(&mut self, request: SdoRequest, now: Ns) -> Result<(), Busy> {
+        if self.sdo.is_some() || self.job.as_ref().is_some_and(|running| !matches!(running.job, Job::State { .. })) {
+            return Err(Busy);
         }
+        self.sdo = Some(self.begin_sdo(request, now));
+        Ok(())
+    }
+
+    fn poll_sdo(&mut self, now: Ns) -> Option<SdoDone> {
+        let sdo = self.sdo.take()?;
+        let done = self.end_of_sdo(&sdo, now);
+        self.sdo = done.is_none().then_some(sdo);
+        done
+    }
+
+    fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
         let mut job = self.job.take()?;
         let done = self.advance(&mut job, now);
         if done.is_none() {

@@ -45,7 +45,7 @@ pub struct Base<M> {
     /// The stored values of the object dictionary.
     pub values: Values,
     /// Manufacturer-specific objects beyond the table of the kind. Cycles do not use them.
-    manufacturer: Option<Box<ManufacturerObjects>>,
+    pub(super) manufacturer: Option<Box<ManufacturerObjects>>,
     /// The files of the device, if it supports files. Cycles do not use them.
     files: Option<Box<FileStore>>,
     /// The content of the test object [`TEST_MEMORY`].
@@ -55,7 +55,7 @@ pub struct Base<M> {
     sync_types: SyncTypes,
     /// The lengths of sync managers 2 and 3 as set by the master, bytes.
     sync_managers: (u16, u16),
-    plan: Plan<M>,
+    pub(super) plan: Plan<M>,
     al: ApplicationLayer,
 }
 

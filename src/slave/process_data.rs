@@ -10,5 +10,5 @@ mod plan;
 pub use mapping::{ENTRIES_MAX, IMAGE_BYTES_MAX, Mapping, MappingLimits, Mover, PDOS_MAX, Pdo};
 pub use plan::MAPPED_MAX;
 pub(super) use plan::{
-    Plan, Planned, each_entry, fixed, may_map, put_inputs, put_object, rx_pdo, take_object, take_outputs, tx_pdo,
+    Plan, each_entry, fixed, may_map, put_inputs, put_object, rx_pdo, take_object, take_outputs, tx_pdo,
 };

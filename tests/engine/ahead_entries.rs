@@ -161,7 +161,7 @@ struct Torn<B> {
 }
 
 impl<B: Fieldbus> Fieldbus for Torn<B> {
-    hand_on!(bus: pacing, start, poll_job, cancel_job, cancel_sdo, room, clear_ahead, poll_clear, poll);
+    hand_on!(bus: pacing, start, start_sdo, poll_job, poll_sdo, cancel_job, cancel_sdo, room, clear_ahead, poll_clear, poll);
 
     fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
         match self.cuts.fetch_update(Relaxed, Relaxed, |n| n.checked_sub(1)) {

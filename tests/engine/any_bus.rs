@@ -5,7 +5,7 @@ use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
 use ecmsk::engine::EngineConfig;
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::fieldbus::{AlState, Job, Role};
+use ecmsk::fieldbus::{AlState, Role};
 use ecmsk::sk::{
     CrcStatus, DriveSync, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, RawSlot, SdoCommand,
     SdoResponse, SlaveCommand, SlaveKind, StateByte,
@@ -14,6 +14,7 @@ use ecmsk::sk::{
 use crate::host::Host;
 use crate::probe::{Bench, any_slaves, drives};
 use crate::puppet::Puppet;
+use crate::watch::Started;
 
 use MasterState::{Init, Op, PreOp, SafeOp};
 
@@ -234,7 +235,7 @@ fn a_request_that_is_repeated_is_one() {
     let request = SdoCommand::Write { slave: 1, object: ObjectAddress::new(0x6065, 0), size: SdoSize::Four, value: 7 };
     host.sdo(request).cycles(20);
     for _ in 0..3 {
-        assert!(matches!(jobs.under_way(), Some(Job::Sdo(_))));
+        assert!(matches!(jobs.under_way(), Some(Started::Sdo(_))));
         host.sdo(request).cycles(2);
     }
     host.until("the answer", |host| matches!(host.sdo_answer(), SdoResponse::Done { .. }));

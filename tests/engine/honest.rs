@@ -278,7 +278,7 @@ struct WithPins<B> {
 }
 
 impl<B: Fieldbus> Fieldbus for WithPins<B> {
-    hand_on!(bus: pacing, start, poll_job, cancel_job, cancel_sdo, room, clear_ahead, poll_clear, push, poll);
+    hand_on!(bus: pacing, start, start_sdo, poll_job, poll_sdo, cancel_job, cancel_sdo, room, clear_ahead, poll_clear, push, poll);
 
     fn local_inputs(&self) -> Option<u8> {
         Some(self.inputs.load(Relaxed))
@@ -318,7 +318,7 @@ fn local_io_is_that_of_the_bus() {
 struct Nudging(SimBus, i64);
 
 impl Fieldbus for Nudging {
-    hand_on!(0: pacing, start, poll_job, cancel_job, cancel_sdo, room, clear_ahead, poll_clear, push);
+    hand_on!(0: pacing, start, start_sdo, poll_job, poll_sdo, cancel_job, cancel_sdo, room, clear_ahead, poll_clear, push);
 
     fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
         let done = self.0.poll(now, inputs)?;

@@ -171,7 +171,7 @@ struct Slow {
 }
 
 impl Fieldbus for Slow {
-    hand_on!(bus: pacing, cancel_sdo, room, clear_ahead, poll_clear, push, poll);
+    hand_on!(bus: pacing, start_sdo, poll_sdo, cancel_sdo, room, clear_ahead, poll_clear, push, poll);
 
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
         if self.ended.is_some() { Err(Busy) } else { self.bus.start(job, now) }

@@ -12,7 +12,7 @@ use ecmsk::slave::{Drive, DriveConfig};
 
 use crate::host::Host;
 use crate::puppet::Puppet;
-use crate::watch::{Spans, Watch};
+use crate::watch::{Spans, Started, Watch};
 
 const MS: Ns = 1_000_000;
 const CYCLE: Ns = MS;
@@ -383,11 +383,13 @@ fn a_request_during_the_boards_own_transfers_is_held() {
     for target in [MasterState::SafeOp, MasterState::Op] {
         let Bench { mut host, jobs, puppet, .. } = bench();
         host.master(MasterCommand::SetState(target));
-        host.until("DRIVE_MODE's value being written", |_| matches!(jobs.under_way(), Some(Job::Configure(_))));
+        host.until("DRIVE_MODE's value being written", |_| {
+            matches!(jobs.under_way(), Some(Started::Job(Job::Configure(_))))
+        });
         let before = host.counters();
         host.sdo(read(1, 0x2000, 2)).cycle();
         assert_eq!(host.counters().rejected_total(), before.rejected_total(), "not rejected");
-        assert!(matches!(jobs.under_way(), Some(Job::Configure(_))), "the board's own work goes on");
+        assert!(matches!(jobs.under_way(), Some(Started::Job(Job::Configure(_)))), "the board's own work goes on");
         host.sdo(read(1, 0x2000, 1)).cycle();
         host.sdo(read(1, 0x2000, 4)).cycle();
         assert_eq!(rejected(&host, Reason::SdoBusy), 1, "one deep behind the one that waits");

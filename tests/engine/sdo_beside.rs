@@ -8,6 +8,7 @@ use ecmsk::sk::{MasterCommand, MasterState, SdoCommand, SdoResponse};
 
 use crate::network_rig::set;
 use crate::probe::{Bench, any_slaves};
+use crate::watch::Started;
 
 /// In SafeOP, and on the way to OP, for which slave 2 is waited for.
 fn waiting() -> Bench {
@@ -15,7 +16,7 @@ fn waiting() -> Bench {
     bench.host.declare_drives(3).go(SafeOp);
     bench.network.silence(2, true);
     bench.host.master(MasterCommand::SetState(Op)).cycles(50);
-    assert!(matches!(bench.jobs.under_way(), Some(Job::State { .. })));
+    assert!(matches!(bench.jobs.under_way(), Some(Started::Job(Job::State { .. }))));
     bench
 }
 
@@ -61,11 +62,11 @@ fn not_beside_the_mapping() {
     network.delay_sdo(1, 100_000_000);
     let read = |sub| SdoCommand::Read { slave: 1, object: ObjectAddress::new(0x1018, sub) };
     host.sdo(read(1)).cycles(5).master(MasterCommand::SetState(Op)).cycles(60);
-    assert!(matches!(jobs.under_way(), Some(Job::Sdo(_))));
-    host.until("the mapping", |_| matches!(jobs.under_way(), Some(Job::Configure(_))));
+    assert!(matches!(jobs.under_way(), Some(Started::Sdo(_))));
+    host.until("the mapping", |_| matches!(jobs.under_way(), Some(Started::Job(Job::Configure(_)))));
     network.delay_sdo(1, 0);
     host.sdo(read(2)).cycles(5);
-    assert!(matches!(jobs.under_way(), Some(Job::Configure(_))));
+    assert!(matches!(jobs.under_way(), Some(Started::Job(Job::Configure(_)))));
     let answered = |host: &crate::host::Host| match host.sdo_answer() {
         SdoResponse::Done { object, .. } => object.sub,
         other => panic!("{other:?}"),

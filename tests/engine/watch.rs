@@ -3,14 +3,23 @@
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use ecmsk::fieldbus::{AlState, BusConfig, BusError, Busy, Fieldbus, Job, JobDone, Ns, Outputs, SdoRequest, SlaveSet};
+use ecmsk::fieldbus::{
+    AlState, BusConfig, BusError, Busy, Fieldbus, Job, JobDone, Ns, Outputs, SdoDone, SdoRequest, SlaveSet,
+};
 
 use support::hand_on;
 
-/// A job and its times.
+/// What a bus has started.
+#[derive(Clone, Copy, Debug)]
+pub enum Started {
+    Job(Job),
+    Sdo(SdoRequest),
+}
+
+/// A job or an SDO and its times.
 #[derive(Clone, Copy, Debug)]
 pub struct Span {
-    pub job: Job,
+    pub job: Started,
     pub began: Ns,
     pub ended: Option<Ns>,
 }
@@ -39,7 +48,7 @@ impl Spans {
     pub fn transfers(&self) -> Vec<(SdoRequest, Span)> {
         let spans = self.0.lock().unwrap();
         let transfers = spans.iter().filter_map(|span| match span.job {
-            Job::Sdo(request) => Some((request, *span)),
+            Started::Sdo(request) => Some((request, *span)),
             _ => None,
         });
         transfers.collect()
@@ -54,7 +63,7 @@ impl Spans {
     pub fn configured(&self) -> BusConfig {
         let spans = self.0.lock().unwrap();
         let newest = spans.iter().rev().find_map(|span| match span.job {
-            Job::Configure(config) => Some(config),
+            Started::Job(Job::Configure(config)) => Some(config),
             _ => None,
         });
         newest.expect("nothing was configured")
@@ -64,14 +73,14 @@ impl Spans {
     pub fn moves(&self) -> Vec<(AlState, SlaveSet)> {
         let spans = self.0.lock().unwrap();
         let moves = spans.iter().filter_map(|span| match span.job {
-            Job::State { target, slaves, .. } => Some((target, slaves)),
+            Started::Job(Job::State { target, slaves, .. }) => Some((target, slaves)),
             _ => None,
         });
         moves.collect()
     }
 
     /// The job under way.
-    pub fn under_way(&self) -> Option<Job> {
+    pub fn under_way(&self) -> Option<Started> {
         self.0.lock().unwrap().last().filter(|span| span.ended.is_none()).map(|span| span.job)
     }
 }
@@ -93,10 +102,23 @@ impl<B: Fieldbus> Watch<B> {
         Watch { inner: change(self.inner), spans: self.spans }
     }
 
+    /// What is to be started, unless the bus is made busy.
+    fn started(&mut self, job: Started, now: Ns) -> Result<(), Busy> {
+        if self.spans.1.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |n| n.checked_sub(1)).is_ok() {
+            return Err(Busy);
+        }
+        match job {
+            Started::Job(job) => self.inner.start(job, now)?,
+            Started::Sdo(request) => self.inner.start_sdo(request, now)?,
+        }
+        self.spans.0.lock().unwrap().push(Span { job, began: now, ended: None });
+        Ok(())
+    }
+
     /// The SDO under way, or the other job, ends; `None`: it is cancelled.
     fn end(&mut self, is_sdo: bool, now: Option<Ns>) {
         let mut spans = self.spans.0.lock().unwrap();
-        let newest = spans.iter_mut().rev().find(|span| matches!(span.job, Job::Sdo(_)) == is_sdo);
+        let newest = spans.iter_mut().rev().find(|span| matches!(span.job, Started::Sdo(_)) == is_sdo);
         if let Some(span) = newest {
             span.ended = span.ended.or(now).or(Some(span.began));
         }
@@ -113,18 +135,19 @@ impl<B: Fieldbus> Fieldbus for Watch<B> {
     }
 
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
-        if self.spans.1.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |n| n.checked_sub(1)).is_ok() {
-            return Err(Busy);
-        }
-        self.inner.start(job, now)?;
-        self.spans.0.lock().unwrap().push(Span { job, began: now, ended: None });
-        Ok(())
+        self.started(Started::Job(job), now)
+    }
+
+    fn start_sdo(&mut self, request: SdoRequest, now: Ns) -> Result<(), Busy> {
+        self.started(Started::Sdo(request), now)
     }
 
     fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
-        let done = self.inner.poll_job(now)?;
-        self.end(matches!(done, JobDone::Sdo(_)), Some(now));
-        Some(done)
+        self.inner.poll_job(now).inspect(|_| self.end(false, Some(now)))
+    }
+
+    fn poll_sdo(&mut self, now: Ns) -> Option<SdoDone> {
+        self.inner.poll_sdo(now).inspect(|_| self.end(true, Some(now)))
     }
 
     fn cancel_job(&mut self) {

@@ -89,23 +89,23 @@ fn an_sdo_beside_a_change_of_state() {
     bench.done(configure(Role::Drive(Mode::Csp)));
     bench.bus.start(state(SafeOp, 2), bench.now).unwrap();
     assert_eq!(bench.bus.start(state(SafeOp, 2), bench.now), Err(Busy));
-    assert_eq!(bench.done(sdo(1, 0x1000, None)), JobDone::Sdo(Ok(0x0002_0192)));
-    bench.bus.start(sdo(1, 0x1000, None), bench.now).unwrap();
-    assert_eq!(bench.bus.start(sdo(2, 0x1000, None), bench.now), Err(Busy));
+    assert_eq!(bench.transferred(sdo(1, 0x1000, None)), Ok(0x0002_0192));
+    bench.bus.start_sdo(sdo(1, 0x1000, None), bench.now).unwrap();
+    assert_eq!(bench.bus.start_sdo(sdo(2, 0x1000, None), bench.now), Err(Busy));
     bench.bus.cancel_sdo();
     bench.now += SECOND;
     assert_eq!(bench.bus.poll_job(bench.now), Some(JobDone::State(Ok(()))));
-    assert_eq!(bench.bus.poll_job(bench.now), None);
+    assert_eq!((bench.bus.poll_job(bench.now), bench.bus.poll_sdo(bench.now)), (None, None));
 
-    bench.bus.start(sdo(1, 0x1000, None), bench.now).unwrap();
+    bench.bus.start_sdo(sdo(1, 0x1000, None), bench.now).unwrap();
     for job in [Job::Scan, configure(Role::Drive(Mode::Csp))] {
         assert_eq!(bench.bus.start(job, bench.now), Err(Busy));
     }
     bench.bus.start(state(PreOp, 2), bench.now).unwrap();
     bench.bus.cancel_job();
     bench.now += SECOND;
-    assert_eq!(bench.bus.poll_job(bench.now), Some(JobDone::Sdo(Ok(0x0002_0192))));
-    assert_eq!(bench.bus.poll_job(bench.now), None);
+    assert_eq!(bench.bus.poll_sdo(bench.now), Some(Ok(0x0002_0192)));
+    assert_eq!((bench.bus.poll_sdo(bench.now), bench.bus.poll_job(bench.now)), (None, None));
 }
 
 /// A bus does one job at a time; a job that is given up never ends.
@@ -113,11 +113,11 @@ fn an_sdo_beside_a_change_of_state() {
 fn one_job_at_a_time() {
     let mut bench = Bench::in_state(1, PreOp);
     bench.bus.start(Job::Scan, bench.now).unwrap();
-    assert_eq!(bench.bus.start(sdo(1, 0x1000, None), bench.now), Err(Busy));
+    assert_eq!(bench.bus.start_sdo(sdo(1, 0x1000, None), bench.now), Err(Busy));
     bench.bus.cancel_job();
     bench.now += 10 * SECOND;
     assert_eq!(bench.bus.poll_job(bench.now), None);
-    assert_eq!(bench.done(sdo(1, 0x1000, None)), JobDone::Sdo(Ok(0x0002_0192)));
+    assert_eq!(bench.transferred(sdo(1, 0x1000, None)), Ok(0x0002_0192));
 }
 
 /// Durations are the caller's to choose.
@@ -128,7 +128,7 @@ fn timing_can_be_chosen() {
     let mut bench = Bench { bus: SimBus::new(vec![drive(), drive()]).with_timing(timing), ..Bench::new(0) };
     assert_eq!(bench.run(Job::Scan), (JobDone::Scan { found: 2 }, 9 * MS));
     bench.reach(PreOp, 2);
-    assert_eq!(bench.run(sdo(1, 0x1000, None)).1, 12 * MS);
+    assert_eq!(bench.transfer(sdo(1, 0x1000, None)).1, 12 * MS);
 }
 
 /// SK-4.58 A slave that cannot be what it is declared as is named with its AL status.
@@ -208,33 +208,33 @@ fn changes_that_fail() {
 #[test]
 fn sdo_transfers() {
     let mut bench = Bench::in_state(2, PreOp);
-    assert_eq!(bench.run(sdo(2, 0x6064, None)), (JobDone::Sdo(Ok(2000)), 3 * MS));
+    assert_eq!(bench.transfer(sdo(2, 0x6064, None)), (Ok(2000), 3 * MS));
     let write = Some((SdoSize::Two, 0x1234));
-    assert_eq!(bench.done(sdo(1, 0x6066, write)), JobDone::Sdo(Ok(0x1234)));
-    assert_eq!(bench.done(sdo(1, 0x6066, None)), JobDone::Sdo(Ok(0x1234)));
-    assert_eq!(bench.done(sdo(2, 0x6066, None)), JobDone::Sdo(Ok(10)), "the other has its own");
-    assert_eq!(bench.done(sdo(1, 0x6041, write)), JobDone::Sdo(Err(AbortCode::READ_ONLY)));
-    assert_eq!(bench.done(sdo(1, 0x7000, None)), JobDone::Sdo(Err(AbortCode::NO_OBJECT)));
+    assert_eq!(bench.transferred(sdo(1, 0x6066, write)), Ok(0x1234));
+    assert_eq!(bench.transferred(sdo(1, 0x6066, None)), Ok(0x1234));
+    assert_eq!(bench.transferred(sdo(2, 0x6066, None)), Ok(10), "the other has its own");
+    assert_eq!(bench.transferred(sdo(1, 0x6041, write)), Err(AbortCode::READ_ONLY));
+    assert_eq!(bench.transferred(sdo(1, 0x7000, None)), Err(AbortCode::NO_OBJECT));
 }
 
 /// behind a cut.
 #[test]
 fn sdo_timeouts() {
-    let timeout = (JobDone::Sdo(Err(AbortCode::TIMEOUT)), SECOND);
+    let timeout = (Err(AbortCode::TIMEOUT), SECOND);
     let mut bench = Bench::in_state(2, PreOp);
     for absent in [0, 3, 40, 255] {
-        assert_eq!(bench.run(sdo(absent, 0x1000, None)), timeout, "slave {absent}");
+        assert_eq!(bench.transfer(sdo(absent, 0x1000, None)), timeout, "slave {absent}");
     }
     bench.handle.silence(1, true);
-    assert_eq!(bench.run(sdo(1, 0x1000, None)), timeout, "silent");
+    assert_eq!(bench.transfer(sdo(1, 0x1000, None)), timeout, "silent");
     bench.handle.silence(1, false);
     bench.handle.cut_after(1);
-    assert_eq!(bench.run(sdo(2, 0x1000, None)), timeout, "cut off");
-    assert_eq!(bench.done(sdo(1, 0x1000, None)), JobDone::Sdo(Ok(0x0002_0192)), "before the cut");
+    assert_eq!(bench.transfer(sdo(2, 0x1000, None)), timeout, "cut off");
+    assert_eq!(bench.transferred(sdo(1, 0x1000, None)), Ok(0x0002_0192), "before the cut");
     bench.handle.heal();
-    assert_eq!(bench.done(sdo(2, 0x1000, None)), JobDone::Sdo(Ok(0x0002_0192)), "healed");
+    assert_eq!(bench.transferred(sdo(2, 0x1000, None)), Ok(0x0002_0192), "healed");
     let mut bench = Bench::in_state(1, Init);
-    assert_eq!(bench.run(sdo(1, 0x1000, None)), timeout, "in Init");
+    assert_eq!(bench.transfer(sdo(1, 0x1000, None)), timeout, "in Init");
 }
 
 /// What comes after its time is late, also if nobody asked in between.
@@ -244,13 +244,12 @@ fn late_is_late() {
     bench.done(configure(Role::Drive(Mode::Csp)));
     bench.handle.delay_sdo(1, 2 * SECOND);
     let short = Job::State { target: SafeOp, slaves: SlaveSet::first(1), timeout_ns: 100 * MS };
-    for (job, done) in
-        [(sdo(1, 0x1000, None), JobDone::Sdo(Err(AbortCode::TIMEOUT))), (short, JobDone::State(refused(1, 0)))]
-    {
-        bench.bus.start(job, bench.now).unwrap();
-        bench.now += 10 * SECOND;
-        assert_eq!(bench.bus.poll_job(bench.now), Some(done));
-    }
+    bench.bus.start_sdo(sdo(1, 0x1000, None), bench.now).unwrap();
+    bench.now += 10 * SECOND;
+    assert_eq!(bench.bus.poll_sdo(bench.now), Some(Err(AbortCode::TIMEOUT)));
+    bench.bus.start(short, bench.now).unwrap();
+    bench.now += 10 * SECOND;
+    assert_eq!(bench.bus.poll_job(bench.now), Some(JobDone::State(refused(1, 0))));
 }
 
 /// Transfers can be made slow, late or failing.
@@ -258,16 +257,16 @@ fn late_is_late() {
 fn sdo_faults() {
     let mut bench = Bench::in_state(2, PreOp);
     bench.handle.delay_sdo(1, 500 * MS);
-    assert_eq!(bench.run(sdo(1, 0x1000, None)), (JobDone::Sdo(Ok(0x0002_0192)), 503 * MS));
-    assert_eq!(bench.run(sdo(2, 0x1000, None)).1, 3 * MS);
+    assert_eq!(bench.transfer(sdo(1, 0x1000, None)), (Ok(0x0002_0192), 503 * MS));
+    assert_eq!(bench.transfer(sdo(2, 0x1000, None)).1, 3 * MS);
     bench.handle.delay_sdo(1, 2 * SECOND);
-    assert_eq!(bench.run(sdo(1, 0x6066, Some((SdoSize::Two, 1)))), (JobDone::Sdo(Err(AbortCode::TIMEOUT)), SECOND));
+    assert_eq!(bench.transfer(sdo(1, 0x6066, Some((SdoSize::Two, 1)))), (Err(AbortCode::TIMEOUT), SECOND));
     bench.handle.delay_sdo(1, 0);
-    assert_eq!(bench.done(sdo(1, 0x6066, None)), JobDone::Sdo(Ok(10)), "nothing was written");
+    assert_eq!(bench.transferred(sdo(1, 0x6066, None)), Ok(10), "nothing was written");
     bench.handle.abort_sdo(1, Some(AbortCode::HARDWARE));
-    assert_eq!(bench.done(sdo(1, 0x6066, Some((SdoSize::Two, 1)))), JobDone::Sdo(Err(AbortCode::HARDWARE)));
+    assert_eq!(bench.transferred(sdo(1, 0x6066, Some((SdoSize::Two, 1)))), Err(AbortCode::HARDWARE));
     bench.handle.abort_sdo(1, None);
-    assert_eq!(bench.done(sdo(1, 0x6066, None)), JobDone::Sdo(Ok(10)), "nothing was written");
+    assert_eq!(bench.transferred(sdo(1, 0x6066, None)), Ok(10), "nothing was written");
     bench.handle.delay_sdo(0, MS);
     bench.handle.delay_sdo(41, MS);
 }
@@ -370,12 +369,9 @@ fn a_slave_that_was_switched_off_begins_anew() {
     let mut bench = Bench::of(vec![Box::<Dp3cl>::default()]);
     assert_eq!(bench.done(Job::Scan), JobDone::Scan { found: 1 });
     assert_eq!(bench.done(state(PreOp, 1)), JobDone::State(Ok(())));
-    let value = |bench: &mut Bench, index| match bench.done(sdo(1, index, None)) {
-        JobDone::Sdo(Ok(value)) => value,
-        other => panic!("{other:?}"),
-    };
-    assert_eq!(bench.done(sdo(1, 0x2005, Some((SdoSize::Two, 60)))), JobDone::Sdo(Ok(60)));
-    assert_eq!(bench.done(sdo(1, 0x1600, Some((SdoSize::One, 1)))), JobDone::Sdo(Ok(1)));
+    let value = |bench: &mut Bench, index| bench.transferred(sdo(1, index, None)).expect("it is read");
+    assert_eq!(bench.transferred(sdo(1, 0x2005, Some((SdoSize::Two, 60)))), Ok(60));
+    assert_eq!(bench.transferred(sdo(1, 0x1600, Some((SdoSize::One, 1)))), Ok(1));
     assert_eq!((value(&mut bench, 0x2005), value(&mut bench, 0x1600), value(&mut bench, 0x3200)), (60, 1, 1));
     bench.handle.lose(1);
     bench.poll();

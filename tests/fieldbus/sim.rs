@@ -262,7 +262,7 @@ fn old_outputs_do_not_come_back() {
         bench.poll();
     }
     assert_eq!(bench.drive_state(1), DriveState::SwitchOnDisabled);
-    assert_eq!(bench.done(sdo(1, 0x6040, None)), JobDone::Sdo(Ok(0)));
+    assert_eq!(bench.transferred(sdo(1, 0x6040, None)), Ok(0));
 }
 
 /// A fault raised from outside shows in the process data of that slave.

@@ -6,7 +6,9 @@ use std::time::Duration;
 
 use ecmsk::fieldbus::sim::SimHandle;
 use ecmsk::fieldbus::xf::{XfBus, XfBusOptions};
-use ecmsk::fieldbus::{BusError, Busy, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing};
+use ecmsk::fieldbus::{
+    BusError, Busy, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing, SdoDone, SdoRequest,
+};
 use ecmsk::sk::SlotSize;
 use ecmsk::xf::DataSize;
 use ecmsk::xf::chip::SlaveModels;
@@ -59,6 +61,16 @@ impl Fieldbus for Stalling {
     fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
         let time = self.time(now);
         self.inner.poll_job(time)
+    }
+
+    fn start_sdo(&mut self, request: SdoRequest, now: Ns) -> Result<(), Busy> {
+        let time = self.time(now);
+        self.inner.start_sdo(request, time)
+    }
+
+    fn poll_sdo(&mut self, now: Ns) -> Option<SdoDone> {
+        let time = self.time(now);
+        self.inner.poll_sdo(time)
     }
 
     fn cancel_job(&mut self) {

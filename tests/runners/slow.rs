@@ -22,7 +22,7 @@ use support::hand_on;
 pub struct Hooked<F>(pub SimBus, pub F);
 
 impl<F: FnMut() + Send> Fieldbus for Hooked<F> {
-    hand_on!(0: pacing, start, poll_job, cancel_job, cancel_sdo, room, clear_ahead, poll_clear, push);
+    hand_on!(0: pacing, start, start_sdo, poll_job, poll_sdo, cancel_job, cancel_sdo, room, clear_ahead, poll_clear, push);
 
     fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
         (self.1)();
@@ -140,7 +140,7 @@ struct Away {
 }
 
 impl Fieldbus for Away {
-    hand_on!(bus: pacing, start, poll_job, cancel_job, cancel_sdo, room, clear_ahead, poll_clear, push);
+    hand_on!(bus: pacing, start, start_sdo, poll_job, poll_sdo, cancel_job, cancel_sdo, room, clear_ahead, poll_clear, push);
 
     fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
         self.in_a_row += 1;

@@ -158,11 +158,7 @@ impl<W: NicWires> NicBus<W> {
             }
             let n = usize::from(slave) - 1;
             let state = Some(status).filter(|status| status.is_present).and_then(|status| status.state());
-            let is_seen_first = std::mem::replace(&mut stations[n].seen, state) != state;
             let is_missing = state.is_none_or(|state| state < stations[n].commanded);
-            if is_missing && is_seen_first {
-                missed.explain();
-            }
             if is_missing && !lost.contains(slave) {
                 lost.insert(slave);
                 lost_from[n] = missed.name(had_lost);
@@ -180,7 +176,6 @@ impl<W: NicWires> NicBus<W> {
         for slave in stale.difference(self.lost).iter() {
             self.lost.insert(slave);
             self.lost_from[usize::from(slave) - 1] = self.missed.name(had_lost);
-            self.missed.explain();
         }
     }
 

@@ -10,7 +10,7 @@ use crate::fieldbus::{Job, JobDone, Refusal, SdoRequest, leaving_op_ns};
 use crate::master::{self, JobId, MailboxError, Master, Pace, ScanError, SdoError, StateError, StateReason};
 use crate::sk::CycleTime;
 
-/// A job under way that is no SDO.
+/// A job under way.
 pub(super) enum Running {
     Scan(master::Job<Result<u8, ScanError>>),
     Configure(Box<Configuring>),
@@ -37,13 +37,6 @@ pub(super) struct Change {
 
 /// How long after a slave has not answered it is asked again, ns. \[OURS]
 const AGAIN_NS: Ns = 20_000_000;
-
-impl Running {
-    /// Whether an SDO may run beside this job.
-    pub(super) const fn allows_sdo(&self) -> bool {
-        matches!(self, Self::State(_))
-    }
-}
 
 /// A transfer of a number that the master was asked for.
 #[derive(Clone, Copy, Debug)]
@@ -113,7 +106,6 @@ impl<W: NicWires> NicBus<W> {
                 }
                 Some(Running::State(change))
             }
-            Job::Sdo(_) => None,
         };
     }
 
@@ -142,7 +134,7 @@ impl<W: NicWires> NicBus<W> {
         (self.lost, self.has_new_outputs) = (SlaveSet::EMPTY, false);
         self.lost_from.fill(None);
         self.ages = Ages::default();
-        self.missed.forget();
+        self.missed.forget(self.sent);
     }
 
     /// Slaves that are led down are not missed on their way, and those led up get outputs with which nothing moves.
@@ -184,7 +176,7 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    pub(super) fn start_sdo(&mut self, request: SdoRequest) {
+    pub(super) fn ask_for_sdo(&mut self, request: SdoRequest) {
         let SdoRequest { slave, object, write, timeout_ns } = request;
         let mut master = self.master.lock();
         let transfer = match write {
@@ -198,47 +190,26 @@ impl<W: NicWires> NicBus<W> {
         self.sdo = Some(RunningSdo { request, transfer, until: self.wires.now().saturating_add(timeout_ns) });
     }
 
-    /// Takes from the master what has ended, in that order. What belongs to a configuration its sequences take.
+    /// Takes from the master what has ended. What belongs to a configuration its sequences take.
     pub(super) fn take_ends(&mut self) {
-        while let Some(id) = self.next_ended() {
-            self.take_end(id);
+        while let Some(sdo) = self.sdo {
+            let Some(result) = sdo.transfer.take(&mut self.master.lock()) else { break };
+            self.sdo = None;
+            self.end_sdo(sdo, result);
         }
-        while self.master.lock().take_event().is_some() {}
-    }
-
-    fn next_ended(&self) -> Option<JobId> {
-        let sdo = self.sdo.map(|sdo| sdo.transfer.id());
-        let job = match &self.job {
-            Some(Running::Scan(scan)) => Some(scan.id()),
-            Some(Running::State(change)) => change.job.map(master::Job::id),
-            Some(Running::Configure(_)) | None => None,
-        };
-        self.master.lock().ended().find(|id| [sdo, job].contains(&Some(*id)))
-    }
-
-    fn take_end(&mut self, id: JobId) {
-        if let Some(sdo) = self.sdo.take_if(|sdo| sdo.transfer.id() == id) {
-            let ended = sdo.transfer.take(&mut self.master.lock());
-            if let Some(result) = ended {
-                self.end_sdo(sdo, result);
-            }
-            return;
-        }
-        match &self.job {
+        let mut master = self.master.lock();
+        while master.take_event().is_some() {}
+        match self.job {
             Some(Running::Scan(scan)) => {
-                let found = self.master.lock().take(*scan);
-                if let Some(found) = found {
-                    self.job = None;
-                    self.end_scan(found);
-                }
+                let Some(found) = master.take(scan) else { return };
+                (self.job, self.found) = (None, found.unwrap_or(0));
+                self.job_done = Some(JobDone::Scan { found: self.found });
             }
             Some(Running::State(change)) => {
-                let change = *change;
-                let ended = change.job.and_then(|job| self.master.lock().take(job));
-                if let Some(ended) = ended {
-                    self.job = None;
-                    self.end_part(change, ended);
-                }
+                let Some(ended) = change.job.and_then(|job| master.take(job)) else { return };
+                drop(master);
+                self.job = None;
+                self.end_part(change, ended);
             }
             Some(Running::Configure(_)) | None => {}
         }
@@ -255,7 +226,7 @@ impl<W: NicWires> NicBus<W> {
         let mut mapped = |slave, data| stations[usize::from(slave) - 1].process_data = data;
         match configuring.run(master, &mut mapped) {
             Some(done) => {
-                self.ended.push_back(JobDone::Configure(done));
+                self.job_done = Some(JobDone::Configure(done));
                 self.spare = Some(configuring);
             }
             None => self.job = Some(Running::Configure(configuring)),
@@ -265,18 +236,12 @@ impl<W: NicWires> NicBus<W> {
     fn end_sdo(&mut self, sdo: RunningSdo, result: Result<Option<u32>, SdoError>) {
         let RunningSdo { request, until, .. } = sdo;
         if result == Err(BUSY) && self.wires.now() < until {
-            self.start_sdo(request);
+            self.ask_for_sdo(request);
             self.sdo.iter_mut().for_each(|again| again.until = until);
             return;
         }
         let written = request.write.map_or(0, |(_, value)| value);
-        let result = result.map(|read| read.unwrap_or(written)).map_err(SdoError::abort_code);
-        self.ended.push_back(JobDone::Sdo(result));
-    }
-
-    fn end_scan(&mut self, found: Result<u8, ScanError>) {
-        self.found = found.unwrap_or(0);
-        self.ended.push_back(JobDone::Scan { found: self.found });
+        self.sdo_done = Some(result.map(|read| read.unwrap_or(written)).map_err(SdoError::abort_code));
     }
 
     /// The master has done what it could for a change of state. A slave that refuses ends it; one that does not answer is asked
@@ -313,7 +278,7 @@ impl<W: NicWires> NicBus<W> {
         if result.is_err() {
             self.stay_in_op(&change);
         }
-        self.ended.push_back(JobDone::State(result));
+        self.job_done = Some(JobDone::State(result));
     }
 
     /// Asks the master for a change of state.

@@ -46,7 +46,6 @@ mod missed;
 mod ring;
 mod wires;
 
-use std::collections::VecDeque;
 use std::ops::Deref;
 use std::sync::Arc;
 
@@ -55,7 +54,7 @@ use parking_lot::Mutex;
 use super::pdo::ProcessData;
 use super::{
     AlState, BusError, Busy, CardsGone, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs,
-    Pacing, RingState, SdoRequest, SlaveSet, Strangers,
+    Pacing, RingState, SdoDone, SdoRequest, SlaveSet, Strangers,
 };
 use crate::master::{Master, Settings};
 use crate::sk::CycleTime;
@@ -122,8 +121,6 @@ struct Station {
     commanded: AlState,
     /// The process data that are mapped; `None`: nothing is.
     process_data: Option<ProcessData>,
-    /// The AL state in which the master has seen it last; `None`: it did not answer.
-    seen: Option<AlState>,
 }
 
 /// An SDO under way.
@@ -172,7 +169,8 @@ pub struct NicBus<W> {
     /// A place for a configuration, while there is none.
     spare: Option<Box<Configuring>>,
     sdo: Option<RunningSdo>,
-    ended: VecDeque<JobDone>,
+    job_done: Option<JobDone>,
+    sdo_done: Option<SdoDone>,
 }
 
 impl<W: NicWires> NicBus<W> {
@@ -185,7 +183,7 @@ impl<W: NicWires> NicBus<W> {
             master,
             skew: None,
             has_runner: false,
-            stations: [Station { commanded: AlState::Init, process_data: None, seen: None }; MAX_SLAVES],
+            stations: [Station { commanded: AlState::Init, process_data: None }; MAX_SLAVES],
             found: 0,
             cycle: CycleTime::DEFAULT,
             is_paced: false,
@@ -204,7 +202,8 @@ impl<W: NicWires> NicBus<W> {
             job: None,
             spare,
             sdo: None,
-            ended: VecDeque::with_capacity(4),
+            job_done: None,
+            sdo_done: None,
         }
     }
 
@@ -298,37 +297,45 @@ impl<W: NicWires + Send> Fieldbus for NicBus<W> {
     }
 
     fn start(&mut self, job: Job, _now: Ns) -> Result<(), Busy> {
-        match job {
-            Job::Sdo(request) => {
-                if self.sdo.is_some() || self.job.as_ref().is_some_and(|job| !job.allows_sdo()) {
-                    return Err(Busy);
-                }
-                self.start_sdo(request);
-            }
-            Job::State { .. } if self.job.is_none() => self.begin(job),
-            Job::Scan | Job::Configure(_) if !self.is_working() => self.begin(job),
-            _ => return Err(Busy),
+        if self.job.is_some() || self.sdo.is_some() && !matches!(job, Job::State { .. }) {
+            return Err(Busy);
         }
+        self.begin(job);
+        Ok(())
+    }
+
+    fn start_sdo(&mut self, request: SdoRequest, _now: Ns) -> Result<(), Busy> {
+        if self.sdo.is_some() || self.job.as_ref().is_some_and(|job| !matches!(job, Running::State(_))) {
+            return Err(Busy);
+        }
+        self.ask_for_sdo(request);
         Ok(())
     }
 
     fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
         self.advance(now);
-        self.ended.pop_front()
+        self.job_done.take()
+    }
+
+    fn poll_sdo(&mut self, now: Ns) -> Option<SdoDone> {
+        if self.sdo.is_some() {
+            self.advance(now);
+        }
+        self.sdo_done.take()
     }
 
     fn cancel_job(&mut self) {
         if let Some(job) = self.job.take() {
             self.give_up(job);
         }
-        self.ended.retain(|done| matches!(done, JobDone::Sdo(_)));
+        self.job_done = None;
     }
 
     fn cancel_sdo(&mut self) {
         if let Some(RunningSdo { transfer, .. }) = self.sdo.take() {
             self.master.lock().cancel(transfer.id());
         }
-        self.ended.retain(|done| !matches!(done, JobDone::Sdo(_)));
+        self.sdo_done = None;
     }
 
     fn room(&self) -> u16 {

@@ -4,26 +4,29 @@ use super::configure::configure;
 use super::{SimBus, Station};
 use crate::ethercat::coe::AbortCode;
 use crate::fieldbus::{
-    AlState, BusConfig, Configured, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Outputs, Refusal, Role, SdoRequest,
-    SlaveSet,
+    AlState, BusConfig, Configured, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Outputs, Refusal, Role, SdoDone,
+    SdoRequest, SlaveSet,
 };
 use crate::sk::DriveSync;
 use crate::slave::AlStatus;
 
-/// A job under way. `due` is the time at which its next part ends.
-#[allow(clippy::large_enum_variant, reason = "there are two, and boxing it would allocate")]
-pub(super) enum RunningJob {
-    Scan { due: Ns },
-    Configure { config: BusConfig, next: u8, second_axes: SlaveSet, due: Ns },
-    State { target: AlState, slaves: SlaveSet, due: Ns, deadline: Ns },
-    Sdo { request: SdoRequest, due: Ns, deadline: Ns },
+/// A job under way.
+pub(super) struct RunningJob {
+    pub(super) job: Job,
+    /// When its next part ends.
+    due: Ns,
+    /// When a change of state has failed.
+    deadline: Ns,
+    /// The slave that is configured next.
+    next: u8,
+    second_axes: SlaveSet,
 }
 
-impl RunningJob {
-    /// Whether an SDO may run beside this job.
-    pub(super) const fn allows_sdo(&self) -> bool {
-        matches!(self, Self::State { .. })
-    }
+/// An SDO under way.
+pub(super) struct RunningSdo {
+    request: SdoRequest,
+    due: Ns,
+    deadline: Ns,
 }
 
 /// How far a change of state has come after one of its parts.
@@ -37,30 +40,36 @@ enum Progress {
 
 impl SimBus {
     pub(super) fn begin(&self, job: Job, now: Ns) -> RunningJob {
-        match job {
-            Job::Scan => RunningJob::Scan {
-                due: now + self.timing.scan_ns + self.timing.scan_slave_ns * Ns::from(self.reachable_slaves()),
-            },
-            Job::Configure(config) => {
-                let due = now + self.timing.configure_slave_ns;
-                RunningJob::Configure { config, next: 1, second_axes: SlaveSet::EMPTY, due }
-            }
+        let (part_ns, timeout_ns) = match job {
+            Job::Scan => (self.timing.scan_ns + self.timing.scan_slave_ns * Ns::from(self.reachable_slaves()), Ns::MAX),
+            Job::Configure(_) => (self.timing.configure_slave_ns, Ns::MAX),
             Job::State { target, slaves, timeout_ns } => {
-                let due = now + self.next_change_ns(target, self.not_in_target_state(target, slaves));
-                RunningJob::State { target, slaves, due, deadline: now.saturating_add(timeout_ns) }
+                (self.next_change_ns(target, self.not_in_target_state(target, slaves)), timeout_ns)
             }
-            Job::Sdo(request) => {
-                let delay_ns = self.handle.sdo_delay_ns(request.slave);
-                let due = now.saturating_add(self.timing.sdo_ns).saturating_add(delay_ns);
-                RunningJob::Sdo { request, due, deadline: now.saturating_add(request.timeout_ns) }
-            }
+        };
+        let (due, deadline) = (now + part_ns, now.saturating_add(timeout_ns));
+        RunningJob { job, due, deadline, next: 1, second_axes: SlaveSet::EMPTY }
+    }
+
+    pub(super) fn begin_sdo(&self, request: SdoRequest, now: Ns) -> RunningSdo {
+        let delay_ns = self.handle.sdo_delay_ns(request.slave);
+        let due = now.saturating_add(self.timing.sdo_ns).saturating_add(delay_ns);
+        RunningSdo { request, due, deadline: now.saturating_add(request.timeout_ns) }
+    }
+
+    pub(super) fn end_of_sdo(&mut self, sdo: &RunningSdo, now: Ns) -> Option<SdoDone> {
+        let RunningSdo { request, due, deadline } = sdo;
+        if now >= *due && due <= deadline && self.has_mailbox(request.slave) {
+            return Some(self.transfer(request));
         }
+        (now >= *deadline).then_some(Err(AbortCode::TIMEOUT))
     }
 
     pub(super) fn advance(&mut self, job: &mut RunningJob, now: Ns) -> Option<JobDone> {
+        let RunningJob { job, due, deadline, next, second_axes } = job;
         match job {
-            RunningJob::Scan { due } => (now >= *due).then(|| JobDone::Scan { found: self.scan() }),
-            RunningJob::Configure { config, next, second_axes, due } => {
+            Job::Scan => (now >= *due).then(|| JobDone::Scan { found: self.scan() }),
+            Job::Configure(config) => {
                 while *next <= self.found {
                     if !config.selected.contains(*next) {
                         *next += 1;
@@ -79,7 +88,7 @@ impl SimBus {
                 }
                 Some(JobDone::Configure(Ok(Configured { second_axes: *second_axes, ..Configured::default() })))
             }
-            RunningJob::State { target, slaves, due, deadline } => {
+            Job::State { target, slaves, .. } => {
                 while now >= *due && *due <= *deadline {
                     match self.change_states(*target, *slaves) {
                         Progress::Done => return Some(JobDone::State(Ok(()))),
@@ -89,12 +98,6 @@ impl SimBus {
                 }
                 let late = self.not_in_target_state(*target, *slaves).iter().next().unwrap_or(1);
                 (now >= *deadline).then_some(JobDone::State(Err(Refusal::no_answer(late))))
-            }
-            RunningJob::Sdo { request, due, deadline } => {
-                if now >= *due && *due <= *deadline && self.has_mailbox(request.slave) {
-                    return Some(JobDone::Sdo(self.transfer(request)));
-                }
-                (now >= *deadline).then_some(JobDone::Sdo(Err(AbortCode::TIMEOUT)))
             }
         }
     }
@@ -211,7 +214,7 @@ impl SimBus {
         (1..=self.found).contains(&slave) && self.answers(slave) && self.state(slave) > AlState::Init
     }
 
-    fn transfer(&mut self, request: &SdoRequest) -> Result<u32, AbortCode> {
+    fn transfer(&mut self, request: &SdoRequest) -> SdoDone {
         if let Some(code) = self.handle.sdo_abort(request.slave, request.object) {
             return Err(code);
         }

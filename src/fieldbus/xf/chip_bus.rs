@@ -15,7 +15,7 @@ use super::network::Network;
 use super::plan::IN_FLIGHT_MAX;
 use super::watch::{TakingDown, Watch};
 use super::{ANSWER_DELAY, ENTRIES, XfBusCounters, XfBusOptions};
-use crate::fieldbus::{AlState, JobDone, MAX_SLAVES, Ns, SdoRequest, SlaveSet};
+use crate::fieldbus::{AlState, JobDone, MAX_SLAVES, Ns, SdoDone, SdoRequest, SlaveSet};
 use crate::xf::host::{COMFORTABLE_SIZE, Host, HostConfig, HostState, StepError, Wires};
 
 /// By so much a real clock of the wires may be before that of an engine without a runner, until the two are taken for one
@@ -67,7 +67,8 @@ pub(super) struct ChipBus<W> {
     /// The command of the job under way.
     pub(super) asked: Option<Asked>,
     pub(super) sdo: Option<(SdoRequest, Asked)>,
-    pub(super) ended: VecDeque<JobDone>,
+    pub(super) job_done: Option<JobDone>,
+    pub(super) sdo_done: Option<SdoDone>,
     /// Sets that are to be written.
     pub(super) queue: VecDeque<Set>,
     /// The set that the chip repeats when it has no other, for all that is known; `None`: none was written in this OP.
@@ -142,7 +143,8 @@ impl<W: Wires> ChipBus<W> {
             busy_poll_in_op_ns,
             asked: None,
             sdo: None,
-            ended: VecDeque::with_capacity(4),
+            job_done: None,
+            sdo_done: None,
             // One more for a set of our own.
             queue: VecDeque::with_capacity(ENTRIES + 1),
             newest_written: None,

@@ -19,7 +19,7 @@ use super::ask::{Ask, Reply};
 use super::chip_bus::ChipBus;
 use crate::ethercat::coe::AbortCode;
 use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
-use crate::fieldbus::{BusConfig, HardwareLimit, Job, JobDone, Refusal, SdoRequest};
+use crate::fieldbus::{BusConfig, HardwareLimit, Job, JobDone, Refusal, SdoDone, SdoRequest};
 use crate::master::place::{Place, place};
 use crate::xf::host::{HostError, Wires};
 pub(super) use network::state_of;
@@ -30,31 +30,22 @@ pub(super) use run::run_job;
 const TOLD_LATE: Ns = 6;
 
 /// The place for the sequence of a job.
-pub(super) type Sequence = Place<(Kind, bool), JobDone>;
+pub(super) type Sequence = Place<(Job, bool), JobDone>;
 
 /// The place for the sequences of a bus.
 pub(super) fn place_of<W: Wires + Send + 'static>(bus: &Arc<Mutex<ChipBus<W>>>) -> Sequence {
     let bus = Arc::clone(bus);
-    place(move |(kind, is_ahead)| Steps { bus: Arc::clone(&bus), tells_until: None }.run(kind, is_ahead))
+    place(move |(job, is_ahead)| Steps { bus: Arc::clone(&bus), tells_until: None }.run(job, is_ahead))
 }
 
 /// A job under way.
 #[derive(Clone, Debug)]
 pub(super) struct Running {
-    kind: Kind,
+    job: Job,
     /// It is a configuration that nobody has asked for yet: nothing is written to a slave, and nobody is told its end.
     pub(super) is_ahead: bool,
     deadline: Ns,
     has_begun: bool,
-}
-
-/// What a sequence is to do.
-#[derive(Clone, Debug)]
-#[allow(clippy::large_enum_variant, reason = "there is one at a time")]
-pub(super) enum Kind {
-    Scan,
-    Configure(BusConfig),
-    State { target: AlState, slaves: SlaveSet },
 }
 
 /// What of a job is under way.
@@ -68,44 +59,24 @@ pub(super) enum Part {
 }
 
 impl Running {
-    pub(super) fn new(job: Job, now: Ns) -> Option<Self> {
-        let (kind, timeout_ns) = match job {
-            Job::Scan => (Kind::Scan, Ns::MAX),
-            Job::Configure(config) => (Kind::Configure(config), Ns::MAX),
-            Job::State { target, slaves, timeout_ns } => (Kind::State { target, slaves }, timeout_ns),
-            Job::Sdo(_) => return None,
-        };
-        Some(Self { kind, is_ahead: false, deadline: now.saturating_add(timeout_ns), has_begun: false })
+    pub(super) fn new(job: Job, now: Ns) -> Self {
+        let timeout_ns = if let Job::State { timeout_ns, .. } = job { timeout_ns } else { Ns::MAX };
+        Self { job, is_ahead: false, deadline: now.saturating_add(timeout_ns), has_begun: false }
     }
 
     /// A configuration that nobody has asked for yet.
     pub(super) const fn ahead(config: BusConfig) -> Self {
-        Self { kind: Kind::Configure(config), is_ahead: true, deadline: Ns::MAX, has_begun: false }
+        Self { job: Job::Configure(config), is_ahead: true, deadline: Ns::MAX, has_begun: false }
     }
 
     /// The end of a job whose chip has forgotten what it was told.
     pub(super) fn cut_off(&self) -> JobDone {
-        self.kind.failure(Refusal::no_answer(self.kind.first()))
-    }
-}
-
-impl Kind {
-    const fn failure(&self, refusal: Refusal) -> JobDone {
-        match self {
-            Self::Scan => JobDone::Scan { found: 0 },
-            Self::Configure(_) => JobDone::Configure(Err(refusal)),
-            Self::State { .. } => JobDone::State(Err(refusal)),
+        let first = |slaves: SlaveSet| slaves.iter().next().unwrap_or(1);
+        match self.job {
+            Job::Scan => JobDone::Scan { found: 0 },
+            Job::Configure(config) => JobDone::Configure(Err(Refusal::no_answer(first(config.selected)))),
+            Job::State { slaves, .. } => JobDone::State(Err(Refusal::no_answer(first(slaves)))),
         }
-    }
-
-    /// The first slave that the job is about.
-    fn first(&self) -> u8 {
-        let slaves = match self {
-            Self::Scan => return 1,
-            Self::Configure(config) => config.selected,
-            Self::State { slaves, .. } => *slaves,
-        };
-        slaves.iter().next().unwrap_or(1)
     }
 }
 
@@ -128,11 +99,9 @@ impl From<HardwareLimit> for Failure {
 }
 
 /// The end of an SDO.
-pub(super) fn sdo_done(request: &SdoRequest, reply: Reply) -> JobDone {
-    JobDone::Sdo(match reply {
-        Ok(value) => Ok(request.write.map_or(value, |(_, written)| written)),
-        Err(error) => Err(abort_code(&error)),
-    })
+pub(super) fn sdo_done(request: &SdoRequest, reply: Reply) -> SdoDone {
+    let value = reply.map_err(|error| abort_code(&error))?;
+    Ok(request.write.map_or(value, |(_, written)| written))
 }
 
 /// What a transfer that the chip could not do ends with: the slave's abort code, or a timeout.
@@ -151,23 +120,16 @@ struct Steps<W> {
 }
 
 impl<W: Wires> Steps<W> {
-    async fn run(mut self, kind: Kind, is_ahead: bool) -> JobDone {
-        let failed = match &kind {
-            Kind::Scan => match self.scan().await {
-                Ok(found) => return JobDone::Scan { found },
-                Err(refusal) => refusal,
+    async fn run(mut self, job: Job, is_ahead: bool) -> JobDone {
+        match job {
+            Job::Scan => JobDone::Scan { found: self.scan().await.unwrap_or(0) },
+            Job::State { target, slaves, .. } => JobDone::State(self.change(target, slaves).await),
+            Job::Configure(config) => match self.configure(&config, is_ahead).await {
+                Ok(configured) => JobDone::Configure(Ok(configured)),
+                Err(Failure::Refused(refusal)) => JobDone::Configure(Err(refusal)),
+                Err(Failure::Beyond(limit)) => JobDone::Beyond(limit),
             },
-            Kind::State { target, slaves } => match self.change(*target, *slaves).await {
-                Ok(()) => return JobDone::State(Ok(())),
-                Err(refusal) => refusal,
-            },
-            Kind::Configure(config) => match self.configure(config, is_ahead).await {
-                Ok(configured) => return JobDone::Configure(Ok(configured)),
-                Err(Failure::Beyond(limit)) => return JobDone::Beyond(limit),
-                Err(Failure::Refused(refusal)) => refusal,
-            },
-        };
-        kind.failure(failed)
+        }
     }
 
     fn with<R>(&self, action: impl FnOnce(&mut ChipBus<W>) -> R) -> R {
@@ -216,8 +178,8 @@ impl<W: Wires> ChipBus<W> {
 
     /// Whether a configuration that nobody has asked for yet lays out process data for this one.
     pub(super) fn lays_out_ahead(&self, wanted: &BusConfig) -> bool {
-        let is_for = |kind: &Kind| matches!(kind, Kind::Configure(config) if config == wanted);
-        self.part == Part::LaysOut && self.job.as_ref().is_some_and(|job| job.is_ahead && is_for(&job.kind))
+        let is_for_it = |running: &Running| running.is_ahead && running.job == Job::Configure(*wanted);
+        self.part == Part::LaysOut && self.job.as_ref().is_some_and(is_for_it)
     }
 
     /// A slave's state as the job has read it last.

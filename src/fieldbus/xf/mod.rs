@@ -43,7 +43,7 @@ use parking_lot::{Mutex, MutexGuard};
 
 use super::{
     AlState, BusConfig, BusError, Busy, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing,
-    SdoRequest,
+    SdoDone, SdoRequest,
 };
 use crate::sk::CycleTime;
 use crate::xf::host::{Host, HostConfig, HostState, StepError, Wires};
@@ -182,22 +182,7 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
         let bus = &mut *self.bus.lock();
         let at = bus.wires_time(now);
         match job {
-            Job::Sdo(request) => {
-                if bus.sdo.is_some() || !bus.make_way() {
-                    return Err(Busy);
-                }
-                bus.note_sdo(&request);
-                let SdoRequest { slave, object, write, timeout_ns } = request;
-                let ask = match write {
-                    None => Ask::Upload { slave, object, timeout_ns },
-                    Some((size, value)) => Ask::Download { slave, object, size, value, timeout_ns },
-                };
-                match ask.submit(&mut bus.host, at) {
-                    Ok(asked) => bus.sdo = Some((request, asked)),
-                    Err(error) => bus.ended.push_back(jobs::sdo_done(&request, Err(error))),
-                }
-            }
-            Job::Configure(config) if bus.lays_out_ahead(&config) => bus.next_job = Running::new(job, at),
+            Job::Configure(config) if bus.lays_out_ahead(&config) => bus.next_job = Some(Running::new(job, at)),
             _ if bus.sdo.is_some() || !bus.make_way() => return Err(Busy),
             job => {
                 bus.end_ahead();
@@ -205,8 +190,27 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
                     // [OURS] Each way up to SafeOP has a layout of its own, as makers' drivers have it.
                     bus.network.laid_out = false;
                 }
-                bus.begin_job(Running::new(job, at));
+                bus.begin_job(Some(Running::new(job, at)));
             }
+        }
+        Ok(())
+    }
+
+    fn start_sdo(&mut self, request: SdoRequest, now: Ns) -> Result<(), Busy> {
+        let bus = &mut *self.bus.lock();
+        let at = bus.wires_time(now);
+        if bus.sdo.is_some() || !bus.make_way() {
+            return Err(Busy);
+        }
+        bus.note_sdo(&request);
+        let SdoRequest { slave, object, write, timeout_ns } = request;
+        let ask = match write {
+            None => Ask::Upload { slave, object, timeout_ns },
+            Some((size, value)) => Ask::Download { slave, object, size, value, timeout_ns },
+        };
+        match ask.submit(&mut bus.host, at) {
+            Ok(asked) => bus.sdo = Some((request, asked)),
+            Err(error) => bus.sdo_done = Some(jobs::sdo_done(&request, Err(error))),
         }
         Ok(())
     }
@@ -216,14 +220,20 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
     }
 
     fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
-        self.advance(now).ended.pop_front()
+        self.advance(now).job_done.take()
+    }
+
+    fn poll_sdo(&mut self, now: Ns) -> Option<SdoDone> {
+        let is_under_way = self.bus.lock().sdo.is_some();
+        let mut bus = if is_under_way { self.advance(now) } else { self.bus.lock() };
+        bus.sdo_done.take()
     }
 
     fn cancel_job(&mut self) {
         let bus = &mut *self.bus.lock();
         (bus.job, bus.next_job) = (None, None);
         bus.abandon_job();
-        bus.ended.retain(|done| matches!(done, JobDone::Sdo(_)));
+        bus.job_done = None;
     }
 
     fn cancel_sdo(&mut self) {
@@ -231,7 +241,7 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
         if let Some((_, asked)) = bus.sdo.take() {
             asked.abandon(&mut bus.host);
         }
-        bus.ended.retain(|done| !matches!(done, JobDone::Sdo(_)));
+        bus.sdo_done = None;
     }
 
     fn room(&self) -> u16 {

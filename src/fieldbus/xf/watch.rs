@@ -284,7 +284,7 @@ impl<W: Wires> ChipBus<W> {
         if let Some(job) = self.job.take() {
             self.abandon_asked();
             let asked_for = self.next_job.take().or(Some(job).filter(|job| !job.is_ahead));
-            self.ended.extend(asked_for.map(|job| job.cut_off()));
+            self.job_done = asked_for.map(|job| job.cut_off()).or(self.job_done);
         }
         self.end_ahead();
         let in_op = self.network.in_op();

@@ -10,7 +10,7 @@ use crate::slave::esc::EscSettings;
 use crate::slave::files::FileStore;
 use crate::slave::manufacturer::ManufacturerObjects;
 use crate::slave::plant::Servo;
-use crate::slave::process_data::{self, Pdo, Plan};
+use crate::slave::process_data;
 use crate::slave::{AlStatus, AxisFault, Fault, Slave};
 
 fn lose_outputs<M: Model>(device: &mut M) {
@@ -327,27 +327,5 @@ impl<M: Model> dictionary::Device for M {
 
     fn al_state(&self) -> AlState {
         self.base().al_state()
-    }
-}
-
-impl<M: Model> process_data::Planned for M {
-    fn plan(&self) -> &Plan<M> {
-        &self.base().plan
-    }
-
-    fn manufacturer(&self) -> Option<&ManufacturerObjects> {
-        self.base().manufacturer.as_deref()
-    }
-
-    fn manufacturer_mut(&mut self) -> Option<&mut ManufacturerObjects> {
-        self.base_mut().manufacturer.as_deref_mut()
-    }
-
-    fn pdos() -> &'static [Pdo<M>] {
-        M::pdos()
-    }
-
-    fn often_mapped() -> &'static [Pdo<M>] {
-        M::often_mapped()
     }
 }

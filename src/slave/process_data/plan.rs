@@ -5,11 +5,11 @@
 
 use std::fmt;
 
-use super::mapping::{Mapping, Mover, Pdo};
+use super::mapping::{Mapping, Mover};
 use crate::ethercat::AlStatus;
 use crate::ethercat::coe::{AbortCode, ObjectAddress};
+use crate::slave::device::Model;
 use crate::slave::dictionary::{Device, Object, PdoDirection, Place, find, number, take_output};
-use crate::slave::manufacturer::ManufacturerObjects;
 
 /// The maximum number of mapped objects per direction, in all PDOs together \[OURS].
 pub const MAPPED_MAX: usize = 32;
@@ -100,7 +100,7 @@ enum Entry {
 /// # Errors
 /// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`]; [`AbortCode::NOT_MAPPABLE`], also for an entry whose length
 /// differs from that of the object (CiA 301 7.4.9.4).
-fn entry<D: Planned>(device: &D, direction: PdoDirection, entry: u32) -> Result<Entry, AbortCode> {
+fn entry<D: Model>(device: &D, direction: PdoDirection, entry: u32) -> Result<Entry, AbortCode> {
     let (at, bits) = parts(entry);
     if bits == 0 {
         return Err(AbortCode::NOT_MAPPABLE);
@@ -108,12 +108,12 @@ fn entry<D: Planned>(device: &D, direction: PdoDirection, entry: u32) -> Result<
     if at.index == 0 && at.sub == 0 {
         return Ok(Entry::Padding);
     }
-    let place = match (find(device, at), device.manufacturer()) {
+    let place = match (find(device, at), &device.base().manufacturer) {
         (Ok(place), _) => place,
         (Err(code), Some(objects)) => return objects.mapped(at, direction, bits, code).map(Entry::Manufacturer),
         (Err(code), None) => return Err(code),
     };
-    let object = &D::objects()[place.row];
+    let object = &<D as Model>::objects()[place.row];
     let fits = object.pdo() == Some(direction) && object.data_type().bits() == bits;
     if fits { Ok(Entry::Object(place)) } else { Err(AbortCode::NOT_MAPPABLE) }
 }
@@ -128,7 +128,7 @@ const fn parts(entry: u32) -> (ObjectAddress, u8) {
 ///
 /// # Errors
 /// The abort codes of [`entry`].
-pub(in crate::slave) fn may_map<D: Planned>(device: &D, direction: PdoDirection, wanted: u32) -> Result<(), AbortCode> {
+pub(in crate::slave) fn may_map<D: Model>(device: &D, direction: PdoDirection, wanted: u32) -> Result<(), AbortCode> {
     entry(device, direction, wanted).map(|_| ())
 }
 
@@ -144,7 +144,7 @@ impl<D> Plan<D> {
     }
 }
 
-impl<D: Planned> Plan<D> {
+impl<D: Model> Plan<D> {
     /// Compiles a mapping into this plan.
     ///
     /// # Errors
@@ -213,7 +213,7 @@ impl<D: Planned> Plan<D> {
 
 /// A single step for a whole PDO, if the PDO has the entries of a power-on PDO or of one that masters often map, and begins
 /// at a byte boundary.
-fn whole_pdo<D: Planned>(index: u16, entries: &[u32], bit: usize) -> Option<Step<D>> {
+fn whole_pdo<D: Model>(index: u16, entries: &[u32], bit: usize) -> Option<Step<D>> {
     let of_power_on = D::pdos().iter().find(|pdo| pdo.index == index && pdo.entries == entries);
     let pdo = of_power_on.or_else(|| D::often_mapped().iter().find(|pdo| pdo.entries == entries))?;
     let step = match pdo.mover {
@@ -231,28 +231,10 @@ struct Image {
     padding: bool,
 }
 
-/// A device whose process data are copied by a plan.
-pub(in crate::slave) trait Planned: Device {
-    /// The present plan.
-    fn plan(&self) -> &Plan<Self>;
-
-    /// The manufacturer-specific objects of the device.
-    fn manufacturer(&self) -> Option<&ManufacturerObjects>;
-
-    /// The manufacturer-specific objects, mutable for process data.
-    fn manufacturer_mut(&mut self) -> Option<&mut ManufacturerObjects>;
-
-    /// The PDOs at power-on.
-    fn pdos() -> &'static [Pdo<Self>];
-
-    /// PDOs with entries that masters often map, whatever the PDO's index.
-    fn often_mapped() -> &'static [Pdo<Self>];
-}
-
 /// Copies the inputs of the device into an image. An image that is too short is left unchanged.
 #[inline]
-pub(in crate::slave) fn put_inputs<D: Planned>(device: &D, image: &mut [u8]) {
-    let plan = device.plan();
+pub(in crate::slave) fn put_inputs<D: Model>(device: &D, image: &mut [u8]) {
+    let plan = &device.base().plan;
     if image.len() < plan.input_bytes {
         return;
     }
@@ -263,8 +245,8 @@ pub(in crate::slave) fn put_inputs<D: Planned>(device: &D, image: &mut [u8]) {
 }
 
 #[inline(never)]
-fn put_each_input<D: Planned>(device: &D, image: &mut [u8]) {
-    let plan = device.plan();
+fn put_each_input<D: Model>(device: &D, image: &mut [u8]) {
+    let plan = &device.base().plan;
     if plan.has_padding {
         image[..plan.input_bytes].fill(0);
     }
@@ -273,7 +255,8 @@ fn put_each_input<D: Planned>(device: &D, image: &mut [u8]) {
             Step::Inputs(at, put) => put(device, &mut image[at..]),
             Step::Object(step) => put_object(device, step, image),
             Step::Manufacturer(step) => {
-                let bits = device.manufacturer().map_or(0, |objects| objects.bits(place_of_manufacturer(step)));
+                let bits =
+                    device.base().manufacturer.as_ref().map_or(0, |objects| objects.bits(place_of_manufacturer(step)));
                 put(image, step, bits);
             }
             Step::Outputs(..) => {}
@@ -283,8 +266,8 @@ fn put_each_input<D: Planned>(device: &D, image: &mut [u8]) {
 
 /// Copies the outputs in an image to the device. An image that is too short is ignored.
 #[inline]
-pub(in crate::slave) fn take_outputs<D: Planned>(device: &mut D, image: &[u8]) {
-    let plan = device.plan();
+pub(in crate::slave) fn take_outputs<D: Model>(device: &mut D, image: &[u8]) {
+    let plan = &device.base().plan;
     if image.len() < plan.output_bytes {
         return;
     }
@@ -295,15 +278,15 @@ pub(in crate::slave) fn take_outputs<D: Planned>(device: &mut D, image: &[u8]) {
 }
 
 #[inline(never)]
-fn take_each_output<D: Planned>(device: &mut D, image: &[u8]) {
-    let plan = device.plan();
+fn take_each_output<D: Model>(device: &mut D, image: &[u8]) {
+    let plan = &device.base().plan;
     for n in plan.inputs..plan.steps.len() {
-        match device.plan().steps[n] {
+        match device.base().plan.steps[n] {
             Step::Outputs(at, take) => take(device, &image[at..]),
             Step::Object(step) => take_object(device, step, image),
             Step::Manufacturer(step) => {
                 let bits = take(image, step);
-                if let Some(objects) = device.manufacturer_mut() {
+                if let Some(objects) = &mut device.base_mut().manufacturer {
                     objects.take_bits(place_of_manufacturer(step), bits);
                 }
             }

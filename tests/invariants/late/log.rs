@@ -7,8 +7,8 @@ use ecmsk::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
 use ecmsk::coe::ObjectAddress;
 use ecmsk::fieldbus::sim::SimHandle;
 use ecmsk::fieldbus::{
-    AlState, BusError, Busy, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_AXES, Ns, Outputs, SlaveIn,
-    SlaveOut, SlaveSet,
+    AlState, BusError, Busy, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_AXES, Ns, Outputs, SdoDone,
+    SdoRequest, SlaveIn, SlaveOut, SlaveSet,
 };
 
 use support::hand_on;
@@ -76,7 +76,7 @@ impl<B> Wire<B> {
 }
 
 impl<B: Fieldbus> Fieldbus for Wire<B> {
-    hand_on!(bus: pacing, start, poll_job, cancel_job, cancel_sdo, room, clear_ahead, poll_clear);
+    hand_on!(bus: pacing, start, start_sdo, poll_job, poll_sdo, cancel_job, cancel_sdo, room, clear_ahead, poll_clear);
 
     fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
         self.bus.push(outputs)?;
@@ -128,24 +128,27 @@ impl<B: Fieldbus> Fieldbus for Seam<B> {
 
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
         self.bus.start(job, now)?;
-        match job {
-            Job::Sdo(request) => {
-                self.mode = request.write.and(mode_object(request.object)).map(|axis| (request.slave, axis));
-            }
-            _ => self.job = Some(job),
-        }
+        self.job = Some(job);
         Ok(())
+    }
+
+    fn start_sdo(&mut self, request: SdoRequest, now: Ns) -> Result<(), Busy> {
+        self.bus.start_sdo(request, now)?;
+        self.mode = request.write.and(mode_object(request.object)).map(|axis| (request.slave, axis));
+        Ok(())
+    }
+
+    fn poll_sdo(&mut self, now: Ns) -> Option<SdoDone> {
+        let result = self.bus.poll_sdo(now)?;
+        if let (Some((slave, axis)), Ok(mode)) = (self.mode.take(), result) {
+            note(&self.log, Event::Mode { slave, axis, mode: mode as u8 });
+        }
+        Some(result)
     }
 
     fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
         let done = self.bus.poll_job(now)?;
         match (done, self.job) {
-            (JobDone::Sdo(result), _) => {
-                if let (Some((slave, axis)), Ok(mode)) = (self.mode.take(), result) {
-                    note(&self.log, Event::Mode { slave, axis, mode: mode as u8 });
-                }
-                return Some(done);
-            }
             (JobDone::Configure(Ok(_)), Some(Job::Configure(config))) => {
                 for slave in config.selected.iter().filter(|slave| usize::from(*slave) <= SLAVES) {
                     let Some(mode) = config.slaves[usize::from(slave) - 1].role.mode() else { continue };

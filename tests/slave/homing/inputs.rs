@@ -2,7 +2,6 @@
 
 use ecmsk::cia402::{DriveState, Mode};
 use ecmsk::coe::{ObjectAddress, SdoSize};
-use ecmsk::fieldbus::JobDone;
 use ecmsk::slave::homing::HomingError;
 use ecmsk::slave::plant::Motor;
 use ecmsk::slave::switches::Switches;
@@ -193,10 +192,7 @@ fn travel_of_a_motor() {
 fn by_the_handle_of_the_bus() {
     let mut bus = support::fieldbus_rig::Bench::enabled(3);
     let read = |bus: &mut support::fieldbus_rig::Bench| {
-        [1, 2, 3].map(|slave| match bus.done(support::fieldbus_rig::sdo(slave, 0x60FD, None)) {
-            JobDone::Sdo(Ok(value)) => value,
-            other => panic!("{other:?}"),
-        })
+        [1, 2, 3].map(|slave| bus.transferred(support::fieldbus_rig::sdo(slave, 0x60FD, None)).expect("it is read"))
     };
     // They stand on the cam of the default travel.
     let cam = 0b100;

@@ -6,7 +6,7 @@ use std::fmt;
 
 use ecmsk::fieldbus::{
     AlState, BusConfig, BusError, Busy, Cleared, Configured, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns,
-    Outputs, Pacing, RingState, Role, SlaveSet,
+    Outputs, Pacing, RingState, Role, SdoDone, SdoRequest, SlaveSet,
 };
 use ecmsk::sk::CycleTime;
 
@@ -316,7 +316,6 @@ impl<B: Fieldbus> AheadBus<B> {
             Job::State { target, slaves, .. } => self.moving = Some((target, slaves)),
             Job::Configure(config) => self.configured(&config),
             Job::Scan => self.in_op = SlaveSet::EMPTY,
-            Job::Sdo(_) => {}
         }
         Ok(())
     }
@@ -338,6 +337,18 @@ impl<B: Fieldbus> Fieldbus for AheadBus<B> {
         let Honesty { jitter, keeps, .. } = self.how.honesty;
         let answer_delay = if jitter > 0 || keeps > 0 { ANSWER_DELAY } else { self.how.pipeline as u16 };
         Pacing::Bus { depth: self.how.depth, answer_delay }
+    }
+
+    fn start_sdo(&mut self, request: SdoRequest, now: Ns) -> Result<(), Busy> {
+        if self.before.is_some() || self.how.honesty.refuses_sdo && self.moving.is_some() {
+            return Err(Busy);
+        }
+        self.inner.start_sdo(request, now)
+    }
+
+    fn poll_sdo(&mut self, now: Ns) -> Option<SdoDone> {
+        self.look(now);
+        self.inner.poll_sdo(now)
     }
 
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {

@@ -22,9 +22,23 @@ macro_rules! hand_on {
             self.$bus.prepare(config, now);
         }
     };
+    (@start_sdo $bus:tt) => {
+        fn start_sdo(
+            &mut self,
+            request: ecmsk::fieldbus::SdoRequest,
+            now: ecmsk::fieldbus::Ns,
+        ) -> Result<(), ecmsk::fieldbus::Busy> {
+            self.$bus.start_sdo(request, now)
+        }
+    };
     (@poll_job $bus:tt) => {
         fn poll_job(&mut self, now: ecmsk::fieldbus::Ns) -> Option<ecmsk::fieldbus::JobDone> {
             self.$bus.poll_job(now)
+        }
+    };
+    (@poll_sdo $bus:tt) => {
+        fn poll_sdo(&mut self, now: ecmsk::fieldbus::Ns) -> Option<ecmsk::fieldbus::SdoDone> {
+            self.$bus.poll_sdo(now)
         }
     };
     (@cancel_job $bus:tt) => {

@@ -6,7 +6,7 @@ use ecmsk::coe::SdoSize;
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::fieldbus::{
     AlState, BusConfig, Configured, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs, Refusal, Role,
-    SdoRequest, SlaveConfig, SlaveSet,
+    SdoDone, SdoRequest, SlaveConfig, SlaveSet,
 };
 use ecmsk::sk::{CycleTime, DriveSync};
 use ecmsk::slave::{Drive, DriveConfig, Slave};
@@ -123,6 +123,24 @@ impl Bench {
         self.run(job).0
     }
 
+    /// How an SDO ends, and after what time.
+    pub fn transfer(&mut self, request: SdoRequest) -> (SdoDone, Ns) {
+        let start = self.now;
+        self.bus.start_sdo(request, self.now).expect("no other SDO is under way");
+        loop {
+            assert!(self.now - start < 100 * SECOND, "the SDO does not end");
+            self.poll();
+            if let Some(done) = self.bus.poll_sdo(self.now) {
+                assert_eq!(self.bus.poll_sdo(self.now), None, "an SDO ends once");
+                return (done, self.now - start);
+            }
+        }
+    }
+
+    pub fn transferred(&mut self, request: SdoRequest) -> SdoDone {
+        self.transfer(request).0
+    }
+
     pub fn reach(&mut self, target: AlState, drives: u8) {
         assert_eq!(self.done(state(target, drives)), JobDone::State(Ok(())));
     }
@@ -150,8 +168,8 @@ pub fn configure(role: Role) -> Job {
     Job::Configure(BusConfig { cycle: CycleTime::DEFAULT, selected, slaves: [slave; MAX_SLAVES] })
 }
 
-pub fn sdo(slave: u8, index: u16, write: Option<(SdoSize, u32)>) -> Job {
-    Job::Sdo(SdoRequest { slave, object: ObjectAddress::new(index, 0), write, timeout_ns: SECOND })
+pub fn sdo(slave: u8, index: u16, write: Option<(SdoSize, u32)>) -> SdoRequest {
+    SdoRequest { slave, object: ObjectAddress::new(index, 0), write, timeout_ns: SECOND }
 }
 
 pub fn set(slaves: &[u8]) -> SlaveSet {

@@ -4,10 +4,10 @@ use std::task::{Context, Poll, Waker};
 
 use parking_lot::MutexGuard;
 
-use super::{Kind, Running, Sequence, sdo_done};
+use super::{Running, Sequence, sdo_done};
 use crate::ethercat::Ns;
 use crate::fieldbus::xf::chip_bus::ChipBus;
-use crate::fieldbus::{JobDone, Refusal};
+use crate::fieldbus::{Job, JobDone, Refusal};
 use crate::xf::host::{HostState, Wires};
 
 /// Goes on with the job under way, as far as the chip has answered.
@@ -23,7 +23,7 @@ pub(in crate::fieldbus::xf) fn run_job<W: Wires>(
             return bus.keep_or_end(job, now);
         }
         job.has_begun = true;
-        sequence.begin((job.kind.clone(), job.is_ahead));
+        sequence.begin((job.job, job.is_ahead));
     }
     match MutexGuard::unlocked(bus, || sequence.poll(&mut Context::from_waker(Waker::noop()))) {
         Poll::Ready(_) if job.is_ahead => {
@@ -31,7 +31,7 @@ pub(in crate::fieldbus::xf) fn run_job<W: Wires>(
             let next = bus.next_job.take();
             bus.begin_job(next);
         }
-        Poll::Ready(done) => bus.ended.push_back(done),
+        Poll::Ready(done) => bus.job_done = Some(done),
         Poll::Pending if bus.has_gone_on => bus.job = Some(job),
         Poll::Pending => bus.keep_or_end(job, now),
     }
@@ -48,7 +48,7 @@ impl<W: Wires> ChipBus<W> {
         match self.late(&job) {
             Some(done) if now >= job.deadline => {
                 self.abandon_job();
-                self.ended.push_back(done);
+                self.job_done = Some(done);
             }
             _ => self.job = Some(job),
         }
@@ -56,9 +56,9 @@ impl<W: Wires> ChipBus<W> {
 
     /// The end of a change of state that was not done in time.
     fn late(&self, job: &Running) -> Option<JobDone> {
-        let Kind::State { target, slaves } = job.kind else { return None };
+        let Job::State { target, slaves, .. } = job.job else { return None };
         let slave = slaves.iter().find(|slave| self.state(*slave) != Some(target));
-        Some(JobDone::State(Err(Refusal::no_answer(slave.unwrap_or(job.kind.first())))))
+        Some(slave.map_or_else(|| job.cut_off(), |slave| JobDone::State(Err(Refusal::no_answer(slave)))))
     }
 
     /// A job ends before its last step. It may have brought the last slave out of OP: the chip has no cycles to tell then.
@@ -78,7 +78,7 @@ impl<W: Wires> ChipBus<W> {
     pub(in crate::fieldbus::xf) fn run_sdo(&mut self) {
         let Some((request, asked)) = &self.sdo else { return };
         if let Some(reply) = asked.reply(&mut self.host) {
-            self.ended.push_back(sdo_done(request, reply));
+            self.sdo_done = Some(sdo_done(request, reply));
             self.sdo = None;
         }
     }

@@ -1,8 +1,8 @@
-//! The frames of a cycle: what they carry, and what their answers tell.
+//! The frames of a cycle: the outputs that they carry and the inputs in their answers. `lost.rs` finds lost slaves.
 
-use super::missed::Cycle;
+use super::unreached_outputs::Cycle;
 use super::{NicBus, NicWires, answer_wait_ns};
-use crate::ethercat::registers::{AlStatusRegister, RequestedState};
+use crate::ethercat::registers::AlStatusRegister;
 use crate::ethercat::{AlState, Ns, SlaveSet};
 use crate::fieldbus::pdo::{IMAGE_BYTES_MAX, ProcessData};
 use crate::fieldbus::{CycleDone, Inputs, MAX_SLAVES, SlaveIn, SlaveOut};
@@ -132,50 +132,6 @@ impl<W: NicWires> NicBus<W> {
             working_counter: done.working_counter,
             expected_working_counter: done.expected_working_counter,
             next_deadline: done.next_deadline.map(|deadline| deadline.wrapping_add(skew)),
-        }
-    }
-
-    /// Whether some slave that is not named yet is in a lower state than it was brought to: it takes part in cycles, and obeys no
-    /// outputs. `states`: the AL status of all.
-    fn has_fallen_slave(&self, states: u16) -> bool {
-        let known = |slave| {
-            if self.lost.contains(slave) {
-                self.master.lock().status(slave).map_or(0, |status| status.status.0)
-            } else {
-                RequestedState::State(self.station(slave).commanded).code().into()
-            }
-        };
-        self.job.is_none() && states & !self.all().iter().map(known).fold(0, |all, bits| all | bits) != 0
-    }
-
-    /// Finds out which slaves are lost, by what the master knows of their states.
-    fn update_lost(&mut self) {
-        let Self { master, stations, lost, lost_from, ages, missed, found, .. } = self;
-        let had_lost = !lost.is_empty();
-        master.lock().look_at_statuses(|slave, status| {
-            if slave > *found {
-                return;
-            }
-            let n = usize::from(slave) - 1;
-            let state = Some(status).filter(|status| status.is_present).and_then(|status| status.state());
-            let is_missing = state.is_none_or(|state| state < stations[n].commanded);
-            if is_missing && !lost.contains(slave) {
-                lost.insert(slave);
-                lost_from[n] = missed.name(had_lost);
-            } else if !is_missing && stations[n].commanded < AlState::SafeOp {
-                lost.remove(slave);
-                ages.forget(slave);
-                lost_from[n] = None;
-            }
-        });
-    }
-
-    /// Slaves whose inputs have become stale are lost: what was sent since nobody knows what they do counts as not executed.
-    fn lose_stale(&mut self, stale: SlaveSet) {
-        let had_lost = !self.lost.is_empty();
-        for slave in stale.difference(self.lost).iter() {
-            self.lost.insert(slave);
-            self.lost_from[usize::from(slave) - 1] = self.missed.name(had_lost);
         }
     }
 

@@ -7,8 +7,9 @@
 //! | `ring.rs` | two cards that make a ring: [`Ring`] |
 //! | `jobs.rs` | scan, changes of state and SDOs |
 //! | `configure.rs` | the process data and the mode of each slave, in PreOP, as an async function |
-//! | `cycle.rs` | the frames of a cycle: outputs, inputs, who is lost |
-//! | `missed.rs` | what slaves have missed before it is known which ones |
+//! | `cycle.rs` | the frames of a cycle: outputs, inputs |
+//! | `lost.rs` | which slaves are lost |
+//! | `unreached_outputs.rs` | the outputs that may not have reached slaves, before it is known which slaves |
 //! | `ages.rs` | how old the inputs of each slave are |
 //! | `chain.rs` | simulated slave controllers as wires, in virtual time: [`ChainWires`] |
 //!
@@ -42,8 +43,9 @@ mod chain;
 mod configure;
 mod cycle;
 mod jobs;
-mod missed;
+mod lost;
 mod ring;
+mod unreached_outputs;
 mod wires;
 
 use std::ops::Deref;
@@ -63,8 +65,8 @@ use ages::Ages;
 pub use chain::ChainWires;
 use configure::Configuring;
 use jobs::{Running, Transfer};
-use missed::Missed;
 pub use ring::{GRACE_NS, Ring};
+use unreached_outputs::UnreachedOutputs;
 pub use wires::{CardPair, NicWires};
 
 /// For which part of a cycle a poll waits for the frames of a cycle to come back, from when the cycle was due. SYNC0 comes
@@ -160,7 +162,7 @@ pub struct NicBus<W> {
     holding: SlaveSet,
     /// The id of the newest outputs that a frame has carried whose answer came.
     sent: Option<u64>,
-    missed: Missed,
+    missed: UnreachedOutputs,
     /// The newest inputs of all slaves.
     inputs: Box<[super::SlaveIn; MAX_SLAVES]>,
     /// Cycles in a row without an answer.
@@ -196,7 +198,7 @@ impl<W: NicWires> NicBus<W> {
             may_have_come: false,
             holding: SlaveSet::EMPTY,
             sent: None,
-            missed: Missed::default(),
+            missed: UnreachedOutputs::default(),
             inputs: Box::new([Default::default(); MAX_SLAVES]),
             unanswered: 0,
             job: None,

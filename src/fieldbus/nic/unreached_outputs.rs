@@ -1,5 +1,5 @@
-//! What slaves may have missed until it is known who that was: cycles in which too few took part. It is an upper bound \[OURS]: what is
-//! not known to have reached a slave counts as missed.
+//! Outputs that may not have reached all slaves: those of cycles with a working counter that was too low, until it is known
+//! which slaves missed them. The count is an upper bound \[OURS]: outputs that are not known to have reached a slave count.
 
 use crate::ethercat::Ns;
 
@@ -23,9 +23,9 @@ pub(super) struct Cycle {
     pub(super) has_job: bool,
 }
 
-/// What slaves may have missed for which nobody is named yet.
+/// The outputs that may not have reached slaves which are not known as lost yet.
 #[derive(Debug, Default)]
-pub(super) struct Missed {
+pub(super) struct UnreachedOutputs {
     /// The id of the first outputs that may not have reached all slaves, while not all of them answer.
     from: Option<u64>,
     /// How many sets of outputs that are since then.
@@ -46,7 +46,7 @@ fn after(sent: Option<u64>) -> u64 {
     sent.map_or(0, |sent| sent + 1)
 }
 
-impl Missed {
+impl UnreachedOutputs {
     /// The id of the first outputs that may not have reached all slaves; `None`: they reach all.
     pub(super) const fn from(&self) -> Option<u64> {
         self.from

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::sk::Malformed;
+use crate::sk::InvalidArgument;
 
 /// Why a command was not executed (SK-4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -14,7 +14,7 @@ pub enum Reason {
     /// The state of the network does not allow the command.
     WrongState,
     /// The guides do not allow an argument.
-    BadArgument(Malformed),
+    BadArgument(InvalidArgument),
     /// CSP, CSV or CST came in another mode than that of DRIVE_MODE or of 0x6060.
     WrongMode,
     /// The request was held while another SDO transfer was under way, and a newer one has replaced it.

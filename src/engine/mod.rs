@@ -20,7 +20,8 @@
 //! | `board.rs`, `handle.rs` | the engine with its bus and its time, and what scripts and tests do to it |
 //! | `stepped.rs`, `threaded.rs`, `realtime.rs`, `handover.rs`, `reports.rs` | the runners: how time passes, and how frames and reports go between host and board |
 //!
-//! To add a command of the board: its id and its arguments in `sk/id.rs` and `sk/command`, what it does in `commands.rs`.
+//! To add a command of the board: its id and its arguments in `sk/command_table.rs` and `sk/command`, what it does in
+//! `commands.rs`.
 
 mod axis;
 mod board;

@@ -17,7 +17,7 @@ use crate::link::{Dir, KnownNetwork, LinkError, LinkInfo, ReadMeta, Stamp, Wait}
 use crate::sk::Frame;
 use crate::span::Span;
 use crate::threads::sync::{self, Condvar, MutexGuard};
-use crate::threads::{Caller, Signal};
+use crate::threads::{CallingThread, WaitQueue};
 
 /// Whether a call that waits receives itself, which saves a change of threads. On Windows programs end their threads by force
 /// (`TerminateThread`), and one that ends while it receives would take bytes with it.
@@ -45,7 +45,7 @@ pub(super) struct Shared {
     /// No thread holds it during a call of the system.
     pub(super) state: sync::Mutex<State>,
     /// Wakes the threads that wait for what another thread receives.
-    pub(super) changed: Signal,
+    pub(super) changed: WaitQueue,
     /// Wakes the background thread when the exchange has ended.
     pub(super) over: Condvar,
     pub(super) counts: CallCounts,
@@ -62,11 +62,11 @@ pub(super) struct Sender {
 pub(super) struct State {
     pub(super) exchange: Exchange,
     /// The thread that is receiving.
-    pub(super) receiver: Option<Caller>,
+    pub(super) receiver: Option<CallingThread>,
     /// `None` while that thread takes bytes from the connection. If it is ended there nobody knows where the next message begins.
     pub(super) inbox: Option<Inbox>,
     /// The other threads that wait for what it receives.
-    pub(super) waiting: Vec<Caller>,
+    pub(super) waiting: Vec<CallingThread>,
     /// How many cancellations there were, by direction.
     pub(super) cancels: [u64; 2],
 }
@@ -190,7 +190,7 @@ impl Shared {
         mut state: MutexGuard<'a, State>,
         until: Option<Instant>,
     ) -> MutexGuard<'a, State> {
-        state.receiver = Some(Caller::current());
+        state.receiver = Some(CallingThread::current());
         drop(state);
         let (mut state, came) = self.receive(until);
         state.receiver = None;
@@ -270,7 +270,7 @@ impl Shared {
                 state = self.receive_for_all(state, until);
                 continue;
             }
-            let caller = Caller::current();
+            let caller = CallingThread::current();
             state.waiting.push(caller);
             let ticket = self.changed.ticket();
             let left = until.map(|until| until.saturating_duration_since(Instant::now()));

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use super::ring::{Ring, Taken};
-use crate::threads::Signal;
+use crate::threads::WaitQueue;
 
 /// How often an entry is looked for that was begun, and the end of the recorder's thread.
 pub(super) const LOOK_INTERVAL: Duration = Duration::from_millis(1);
@@ -18,7 +18,7 @@ pub(super) const UNTOLD_MAX: Duration = Duration::from_millis(100);
 pub(super) struct Queue<E> {
     pub(super) ring: Ring<E>,
     /// There is room again.
-    pub(super) room: Signal,
+    pub(super) room: WaitQueue,
     /// No entry is added any more.
     pub(super) is_over: AtomicBool,
     /// Entries that are missing from the recording.
@@ -28,7 +28,7 @@ pub(super) struct Queue<E> {
 impl<E> Queue<E> {
     /// With room for so many entries.
     pub fn new(entries: usize, dropped: Arc<AtomicU64>) -> Self {
-        Self { ring: Ring::new(entries), room: Signal::new(), is_over: AtomicBool::new(false), dropped }
+        Self { ring: Ring::new(entries), room: WaitQueue::new(), is_over: AtomicBool::new(false), dropped }
     }
 
     /// For the recorder's thread: waits for entries, gives all that are there to `push`, and says whether the recording goes on.

@@ -5,8 +5,8 @@
 #![no_main]
 
 use ecmsk::xf::host::{
-    Timeouts, Host, HostConfig, HostError, HostState, IMMEDIATE_SLOTS, NON_IMMEDIATE_SLOTS, Next, HostPacing, ProcessRequest,
-    Ticket,
+    Host, HostConfig, HostError, HostPacing, HostState, IMMEDIATE_SLOTS, NON_IMMEDIATE_SLOTS, Next, ProcessRequest,
+    Ticket, Timeouts,
 };
 use ecmsk::xf::packet::write_not_ready;
 use ecmsk::xf::request::{Mdio, SdoGet, SdoOperation, SdoRequest, SlaveCountGet, SlaveNumber, WarmReset};

@@ -3,7 +3,9 @@
 
 #![no_main]
 
-use ecmsk::xf::{AnswerPacket, CheckRule, CommandPacket, CrcCoverage, DataSize, END_WORD, Received, Resync, START_WORD};
+use ecmsk::xf::{
+    AnswerPacket, CheckRule, CommandPacket, CrcCoverage, DataSize, END_WORD, Received, Resync, START_WORD,
+};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {

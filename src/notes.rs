@@ -24,7 +24,7 @@ pub const FLUSH_LIMIT: Duration = Duration::from_secs(1);
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Note<T> {
     /// A note that was added.
-    Told(T),
+    Item(T),
     /// The number of notes dropped at this point, because earlier ones were not taken in time.
     Dropped(u64),
 }
@@ -41,7 +41,7 @@ struct State<T> {
     kept: VecDeque<T>,
     dropped: u64,
     /// Whether the thread is passing a note on.
-    is_telling: bool,
+    is_passing: bool,
     is_over: bool,
 }
 
@@ -53,14 +53,14 @@ impl<T> Clone for Notes<T> {
 
 impl<T> Default for Notes<T> {
     fn default() -> Self {
-        let state = State { kept: VecDeque::new(), dropped: 0, is_telling: false, is_over: false };
+        let state = State { kept: VecDeque::new(), dropped: 0, is_passing: false, is_over: false };
         Self(Arc::new(Queue { state: Mutex::new(state), changed: Condvar::new() }))
     }
 }
 
 impl<T> Notes<T> {
     /// Adds a note; never waits.
-    pub fn tell(&self, note: T) {
+    pub fn push(&self, note: T) {
         let mut state = self.0.state.lock();
         if state.is_over {
             return;
@@ -74,7 +74,7 @@ impl<T> Notes<T> {
         self.0.changed.notify_all();
     }
 
-    /// Takes the oldest note, for callers that have no [`Teller`].
+    /// Takes the oldest note, for callers that have no [`NoteThread`].
     pub fn take(&self) -> Option<Note<T>> {
         self.0.state.lock().next()
     }
@@ -83,49 +83,51 @@ impl<T> Notes<T> {
 impl<T> State<T> {
     fn next(&mut self) -> Option<Note<T>> {
         match std::mem::take(&mut self.dropped) {
-            0 => self.kept.pop_front().map(Note::Told),
+            0 => self.kept.pop_front().map(Note::Item),
             count => Some(Note::Dropped(count)),
         }
     }
 
-    fn is_told(&self) -> bool {
-        !self.is_telling && self.kept.is_empty() && self.dropped == 0
+    fn is_passed_on(&self) -> bool {
+        !self.is_passing && self.kept.is_empty() && self.dropped == 0
     }
 }
 
 /// The thread that passes notes on, until this value is dropped.
-pub struct Teller<T> {
+pub struct NoteThread<T> {
     notes: Notes<T>,
     /// The thread; `None` once it was ended.
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
-impl<T: Send + 'static> Teller<T> {
-    /// Starts the thread. It calls `tell` for each note, one after the other. No other thread waits for `tell`.
+impl<T: Send + 'static> NoteThread<T> {
+    /// Starts the thread. It calls `pass_on` for each note, one after the other. No other thread waits for `pass_on`.
     ///
     /// # Errors
     /// The system provides no thread.
-    pub fn start(notes: &Notes<T>, tell: impl FnMut(Note<T>) + Send + 'static) -> io::Result<Self> {
+    pub fn start(notes: &Notes<T>, pass_on: impl FnMut(Note<T>) + Send + 'static) -> io::Result<Self> {
         let queue = Arc::clone(&notes.0);
-        let thread = threads::spawn("ecmsk-notes", move || run(&queue, tell))?;
+        let thread = threads::spawn("ecmsk-notes", move || run(&queue, pass_on))?;
         Ok(Self { notes: notes.clone(), thread: Mutex::new(Some(thread)) })
     }
 }
 
-impl Teller<String> {
-    /// Starts the thread for a log of lines. `tell` also gets a line with the number of dropped notes.
+impl NoteThread<String> {
+    /// Starts the thread for a log of lines. `pass_on` also gets a line with the number of dropped notes.
     ///
     /// # Errors
     /// The system provides no thread.
-    pub fn of_lines(notes: &Notes<String>, tell: Arc<dyn Fn(&str) + Send + Sync>) -> io::Result<Self> {
+    pub fn of_lines(notes: &Notes<String>, pass_on: Arc<dyn Fn(&str) + Send + Sync>) -> io::Result<Self> {
         Self::start(notes, move |note| match note {
-            Note::Told(line) => tell(&line),
-            Note::Dropped(count) => tell(&format!("{count} lines were dropped, those before were not taken in time")),
+            Note::Item(line) => pass_on(&line),
+            Note::Dropped(count) => {
+                pass_on(&format!("{count} lines were dropped, those before were not taken in time"))
+            }
         })
     }
 }
 
-impl<T> Teller<T> {
+impl<T> NoteThread<T> {
     /// Waits until the notes added so far have been passed on, at most [`FLUSH_LIMIT`].
     pub fn flush(&self) {
         self.flush_within(FLUSH_LIMIT);
@@ -137,7 +139,7 @@ impl<T> Teller<T> {
         // Other threads hold the lock only for a few instructions. It may be held for longer if a signal handler has
         // interrupted such a thread and ends the process from there.
         let Some(mut state) = self.notes.0.state.try_lock_until(until) else { return false };
-        while !state.is_over && !state.is_told() {
+        while !state.is_over && !state.is_passed_on() {
             if self.notes.0.changed.wait_until(&mut state, until).timed_out() {
                 return false;
             }
@@ -145,8 +147,8 @@ impl<T> Teller<T> {
         true
     }
 
-    /// Flushes the queue and ends the thread; later notes are discarded. If the thread is stuck in `tell`, it ends when
-    /// `tell` returns.
+    /// Flushes the queue and ends the thread; later notes are discarded. If the thread is stuck in `pass_on`, it ends when
+    /// `pass_on` returns.
     pub fn end(&self) {
         self.end_within(FLUSH_LIMIT);
     }
@@ -154,7 +156,7 @@ impl<T> Teller<T> {
     /// Like [`Self::end`], with another limit.
     pub fn end_within(&self, limit: Duration) {
         let Some(thread) = self.thread.lock().take() else { return };
-        let is_told = self.flush_within(limit);
+        let is_passed_on = self.flush_within(limit);
         {
             let mut state = self.notes.0.state.lock();
             state.is_over = true;
@@ -163,23 +165,23 @@ impl<T> Teller<T> {
         }
         self.notes.0.changed.notify_all();
         // If the thread is stuck, the library stays loaded until it ends.
-        threads::end_within(thread, if is_told { limit } else { Duration::ZERO });
+        threads::end_within(thread, if is_passed_on { limit } else { Duration::ZERO });
     }
 }
 
-impl<T> Drop for Teller<T> {
+impl<T> Drop for NoteThread<T> {
     fn drop(&mut self) {
         self.end();
     }
 }
 
-fn run<T>(queue: &Queue<T>, mut tell: impl FnMut(Note<T>)) {
+fn run<T>(queue: &Queue<T>, mut pass_on: impl FnMut(Note<T>)) {
     loop {
         let note = {
             let mut state = queue.state.lock();
             loop {
                 if let Some(note) = state.next() {
-                    state.is_telling = true;
+                    state.is_passing = true;
                     break note;
                 }
                 if state.is_over {
@@ -188,8 +190,8 @@ fn run<T>(queue: &Queue<T>, mut tell: impl FnMut(Note<T>)) {
                 queue.changed.wait(&mut state);
             }
         };
-        tell(note);
-        queue.state.lock().is_telling = false;
+        pass_on(note);
+        queue.state.lock().is_passing = false;
         queue.changed.notify_all();
     }
 }
@@ -207,23 +209,23 @@ mod tests {
         let notes = Notes::default();
         let (goes_on, stuck) = mpsc::channel::<()>();
         let (told, heard) = mpsc::channel();
-        let teller = Teller::start(&notes, move |note| {
+        let note_thread = NoteThread::start(&notes, move |note| {
             told.send(note).unwrap();
             let _ = stuck.recv();
         });
-        let teller = teller.unwrap();
-        notes.tell(0);
-        assert_eq!(heard.recv(), Ok(Note::Told(0)));
+        let note_thread = note_thread.unwrap();
+        notes.push(0);
+        assert_eq!(heard.recv(), Ok(Note::Item(0)));
         // The reader is stuck in the first note.
         let all = 3 * KEPT_MAX as u64;
-        (1..=all).for_each(|number| notes.tell(number));
+        (1..=all).for_each(|number| notes.push(number));
         drop(goes_on);
         let dropped = all - KEPT_MAX as u64;
         assert_eq!(heard.recv(), Ok(Note::Dropped(dropped)));
         for number in dropped + 1..=all {
-            assert_eq!(heard.recv(), Ok(Note::Told(number)));
+            assert_eq!(heard.recv(), Ok(Note::Item(number)));
         }
-        drop(teller);
+        drop(note_thread);
         assert!(heard.recv().is_err(), "the thread has ended");
     }
 
@@ -232,20 +234,20 @@ mod tests {
     fn ending_is_bounded() {
         let (told, heard) = mpsc::channel();
         let notes = Notes::default();
-        let teller = Teller::start(&notes, move |note| told.send(note).unwrap()).unwrap();
-        (0..100).for_each(|number| notes.tell(number));
-        drop(teller);
-        assert_eq!(heard.iter().collect::<Vec<_>>(), (0..100).map(Note::Told).collect::<Vec<_>>());
-        notes.tell(100);
+        let note_thread = NoteThread::start(&notes, move |note| told.send(note).unwrap()).unwrap();
+        (0..100).for_each(|number| notes.push(number));
+        drop(note_thread);
+        assert_eq!(heard.iter().collect::<Vec<_>>(), (0..100).map(Note::Item).collect::<Vec<_>>());
+        notes.push(100);
         assert_eq!(notes.take(), None, "nobody is told any more");
 
         let (goes_on, stuck) = mpsc::channel::<()>();
         let notes = Notes::default();
-        let teller = Teller::start(&notes, move |_| assert!(stuck.recv().is_err())).unwrap();
-        notes.tell(0);
-        notes.tell(1);
+        let note_thread = NoteThread::start(&notes, move |_| assert!(stuck.recv().is_err())).unwrap();
+        notes.push(0);
+        notes.push(1);
         // Dropping returns although the reader takes no note.
-        drop(teller);
+        drop(note_thread);
         drop(goes_on);
     }
 }

@@ -1,19 +1,19 @@
-//! Starts and ends the threads of this crate, which run in programs that others have written. The modules `signal.rs`,
-//! `sync.rs` and `caller.rs` are for the other side: they let the threads of such a program wait in this crate, where
+//! Starts and ends the threads of this crate, which run in programs that others have written. The modules `wait_queue.rs`,
+//! `sync.rs` and `calling_thread.rs` are for the other side: they let the threads of such a program wait in this crate, where
 //! the program may end them by force.
 
-mod caller;
+mod calling_thread;
 #[cfg(windows)]
 mod owned_lock;
-mod signal;
 pub(crate) mod sync;
+mod wait_queue;
 
 use std::io;
 use std::thread::{self, Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
-pub use caller::Caller;
-pub use signal::{Signal, Ticket};
+pub use calling_thread::CallingThread;
+pub use wait_queue::{WaitQueue, WaitTicket};
 
 /// How often [`end_within`] checks whether a thread has ended.
 const CHECK_INTERVAL: Duration = Duration::from_millis(1);

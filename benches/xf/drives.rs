@@ -11,14 +11,14 @@ use ecmsk::fieldbus::{AxisOut, BusConfig, Fieldbus, Inputs, Job, JobDone, Output
 use ecmsk::sk::{CycleTime, DriveSync};
 use ecmsk::slave::handle::SimHandle;
 use ecmsk::slave::{Drive, DriveConfig, Slave};
-use ecmsk::xf::chip::{Chip, Controllers, Network, Profile, SlaveModels};
+use ecmsk::xf::chip::{Chip, Controllers, Profile, SlaveModels, SlaveNetwork};
 use ecmsk::xf::request::{
     CrcTypeSet, DcTiming, EcatInit, Encode, FifoEnable, FifoSetRxCount, FifoSetTxCount, InfoUpdate, MappedObject,
     PdoAssignment, PdoConfigSet, PdoDataFifo, PdoMap, PdoOperation, Reconfig, ReferenceClock, SdoOperation, SdoRequest,
     SlaveNumber, Slaves, StateSet,
 };
 use ecmsk::xf::{
-    AnswerHeader, AnswerPacket, CheckRule, CheckType, CommandHeader, Coverage, DataSize, Errors, EtherCatState,
+    AnswerHeader, AnswerPacket, CheckRule, CheckType, CommandHeader, CrcCoverage, DataSize, Errors, EtherCatState,
     MAX_PACKET, Received, Status, write_request,
 };
 
@@ -83,7 +83,7 @@ pub fn controllers() -> Controllers {
     Controllers::new(drives(), SimHandle::default()).expect("drives can be described")
 }
 
-impl<N: Network> ChipWithDrives<N> {
+impl<N: SlaveNetwork> ChipWithDrives<N> {
     /// Drives that are enabled, as an application does it.
     pub fn in_op(network: N) -> Self {
         let size = DataSize::new(DRIVES * IN_BYTES).expect("a size");
@@ -143,7 +143,7 @@ impl<N: Network> ChipWithDrives<N> {
     fn received(&self) -> (AnswerHeader, &[u8]) {
         let size = self.chip.size();
         let packet = &self.answer[..size.packet_len()];
-        match AnswerPacket::parse(packet, size, Coverage::All).expect("an answer") {
+        match AnswerPacket::parse(packet, size, CrcCoverage::All).expect("an answer") {
             Received::Answer(answer) => (answer.header, answer.data),
             Received::NotReady => panic!("the chip is ready"),
         }

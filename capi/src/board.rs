@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use ecmsk::link::{Link, Wait};
 use ecmsk::sk::{Frame, SlotSize};
-use ecmsk::threads::Caller;
+use ecmsk::threads::CallingThread;
 
 use crate::error::{CallError, lock};
 use crate::forked::{self, MayHoldLock};
@@ -103,14 +103,14 @@ pub struct VendorBoard {
 struct VendorState {
     current: Option<Arc<OpenBoard>>,
     /// The thread that is opening the board: two threads do not open it twice.
-    opening: Option<Caller>,
+    opening: Option<CallingThread>,
     /// The thread that is closing it: a link that is just being closed does not count as in use.
-    closing: Option<Caller>,
+    closing: Option<CallingThread>,
 }
 
 impl VendorState {
     /// Whether an Open of `caller` has to wait for another thread.
-    fn is_changing(&self, caller: Caller) -> bool {
+    fn is_changing(&self, caller: CallingThread) -> bool {
         [self.opening, self.closing].into_iter().flatten().any(|other| other != caller && !other.is_gone())
     }
 }
@@ -158,7 +158,7 @@ impl VendorBoard {
 
     /// Waits until no other thread opens or closes the board; then it is this thread that opens it, until the value is dropped.
     fn turn_to_open(&self) -> Turn<'_> {
-        let caller = Caller::current();
+        let caller = CallingThread::current();
         loop {
             {
                 let mut state = lock(&self.state);
@@ -177,7 +177,7 @@ impl VendorBoard {
         let _may_hold_lock = MayHoldLock::begin();
         let mut state = lock(&self.state);
         let Some(board) = self.take(&mut state) else { return };
-        state.closing = Some(Caller::current());
+        state.closing = Some(CallingThread::current());
         drop(state);
         let _turn = Turn { state: &self.state, of: |state| &mut state.closing };
         board.close();
@@ -254,14 +254,14 @@ impl VendorBoard {
 /// What this thread is at, as long as this lives: in the field that `of` gives.
 struct Turn<'a> {
     state: &'a Mutex<VendorState>,
-    of: fn(&mut VendorState) -> &mut Option<Caller>,
+    of: fn(&mut VendorState) -> &mut Option<CallingThread>,
 }
 
 impl Drop for Turn<'_> {
     fn drop(&mut self) {
         let mut state = lock(self.state);
         let mine = (self.of)(&mut state);
-        if *mine == Some(Caller::current()) {
+        if *mine == Some(CallingThread::current()) {
             *mine = None;
         }
     }

@@ -11,7 +11,7 @@ use std::time::Duration;
 use std::{io, mem, process};
 
 use ecmsk::link::config;
-use ecmsk::notes::{Note, Notes, Teller};
+use ecmsk::notes::{Note, NoteThread, Notes};
 use ecmsk::summary::writer::{self, SummaryWriter};
 use log::{Level, LevelFilter, Log, Metadata, Record};
 
@@ -67,7 +67,7 @@ struct Lines {
     process: u32,
     notes: Notes<Vec<u8>>,
     /// `None`: the system had no thread. The lines are kept, and it is asked again with the next one.
-    teller: Option<Teller<Vec<u8>>>,
+    teller: Option<NoteThread<Vec<u8>>>,
 }
 
 impl Lines {
@@ -76,9 +76,9 @@ impl Lines {
     }
 
     fn add(&mut self, line: Vec<u8>) {
-        self.notes.tell(line);
+        self.notes.push(line);
         if self.teller.is_none() {
-            self.teller = Teller::start(&self.notes, tell).ok();
+            self.teller = NoteThread::start(&self.notes, tell).ok();
         }
     }
 }
@@ -86,7 +86,7 @@ impl Lines {
 /// Writes a line, in the thread that does so.
 fn tell(note: Note<Vec<u8>>) {
     match note {
-        Note::Told(line) => write_now(&line),
+        Note::Item(line) => write_now(&line),
         Note::Dropped(count) => write_now(
             format!("ecmsk: {count} lines of the log were dropped here, those before were not read in time\n")
                 .as_bytes(),

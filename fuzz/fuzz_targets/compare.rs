@@ -6,7 +6,7 @@
 #[path = "support/frames.rs"]
 mod frames;
 
-use ecmsk::compare::{Options, compare};
+use ecmsk::compare::{CompareOptions, compare};
 use ecmsk::recording::Timeline;
 use ecmsk::sk::SlotSize;
 use libfuzzer_sys::fuzz_target;
@@ -17,12 +17,12 @@ const LONGEST_NS: i64 = 26 * 3_600_000_000_000;
 fuzz_target!(|bytes: &[u8]| {
     let Some((&[choice, cut, low, high], rest)) = bytes.split_first_chunk() else { return };
     let size = if choice & 1 == 0 { SlotSize::Bytes12 } else { SlotSize::Bytes16 };
-    let options = Options {
+    let options = CompareOptions {
         tolerance_counts: if choice & 2 == 0 { 0 } else { u32::from(low) << 16 },
         statusword_mask: u16::from_le_bytes([low, high]),
         ignore_repeats: choice & 4 != 0,
         latency_cycles: (choice & 16 != 0).then_some(u32::from(choice >> 5)),
-        ..Options::default()
+        ..CompareOptions::default()
     };
     // The second run is what is left, or the first one's begin.
     let (first, second) = rest.split_at(rest.len() * usize::from(cut) / 255);

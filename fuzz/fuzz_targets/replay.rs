@@ -8,7 +8,7 @@ mod folder;
 #[path = "support/frames.rs"]
 mod frames;
 
-use ecmsk::compare::{Options, Steps, compare_steps};
+use ecmsk::compare::{CompareOptions, Steps, compare_steps};
 use ecmsk::replay::{FilesInLink, Replay, ReplayError};
 use ecmsk::sk::SlotSize;
 use folder::Folder;
@@ -31,7 +31,7 @@ fuzz_target!(|bytes: &[u8]| {
     let frames = frames::frames(rest, size);
     let folder = Folder::make();
     let file = folder.write("any.pcapng", frames::recording(link, &frames, choice & 2 == 0));
-    let options = Options { ignore_repeats: choice & 4 != 0, ..Options::default() };
+    let options = CompareOptions { ignore_repeats: choice & 4 != 0, ..CompareOptions::default() };
     let opened = Replay::open(&file, None, &options, None, FilesInLink::Refused);
     match opened.and_then(|replay| Ok([replay.runs()?, replay.runs()?, replay.runs()?])) {
         Ok([(board, model), (_, first), (_, second)]) => {

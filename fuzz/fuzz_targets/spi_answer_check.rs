@@ -10,7 +10,7 @@ mod frames;
 
 use ecmsk::engine::{Board, Firmware};
 use ecmsk::link::spi::{
-    AnswerCheck, ExchangeContent, InvalidAnswer, Pacer, PacerOptions, Plan, WaitingFrames, WiringFault,
+    AnswerCheck, ExchangeContent, InvalidAnswer, Pacer, PacerOptions, PacerPlan, WaitingFrames, WiringFault,
 };
 use ecmsk::sk::{CrcPolicy, CycleTime, FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, SlotSize};
 use libfuzzer_sys::fuzz_target;
@@ -172,8 +172,8 @@ impl Wires {
         let held = WaitingFrames { frames: self.held.len(), motion, last: false };
         let (content, extra) = loop {
             match self.pacer.plan(self.now, held) {
-                Plan::Exchange { content, extra } => break (content, extra),
-                Plan::Wait(at) => {
+                PacerPlan::Exchange { content, extra } => break (content, extra),
+                PacerPlan::Wait(at) => {
                     assert!(at > self.now && at - self.now < WAIT_MAX_NS, "{at} at {}", self.now);
                     self.now = at;
                 }
@@ -243,7 +243,7 @@ impl Wires {
         assert!(self.answer_check.fills_crc() >= fills);
         self.pacer.answered(&response, extra, self.held.len());
         let before = answer.clone();
-        let differs = self.pacer.show(&mut answer, self.held.len());
+        let differs = self.pacer.to_report(&mut answer, self.held.len());
         assert!(differs || before == answer);
         let shown = MasterResponse::decode(&answer.slot(self.size, 0));
         assert_eq!((shown.state, shown.error), (response.state, response.error));

@@ -5,8 +5,8 @@
 #![no_main]
 
 use ecmsk::xf::host::{
-    Deadlines, Host, HostConfig, HostError, HostState, IMMEDIATE_SLOTS, NON_IMMEDIATE_SLOTS, Next, Pacing, ProcessData,
-    Ticket,
+    Host, HostConfig, HostError, HostPacing, HostState, IMMEDIATE_SLOTS, NON_IMMEDIATE_SLOTS, Next, ProcessRequest,
+    Ticket, Timeouts,
 };
 use ecmsk::xf::packet::write_not_ready;
 use ecmsk::xf::request::{Mdio, SdoGet, SdoOperation, SdoRequest, SlaveCountGet, SlaveNumber, WarmReset};
@@ -17,7 +17,7 @@ use libfuzzer_sys::fuzz_target;
 const STEP: usize = 12;
 /// How long an exchange takes.
 const EXCHANGE_NS: u64 = 50_000;
-/// More than all deadlines of a command together, a start and a search among them.
+/// More than all timeouts of a command together, a start and a search among them.
 const END_NS: u64 = 60_000_000_000;
 
 fuzz_target!(|bytes: &[u8]| {
@@ -46,13 +46,13 @@ struct Rig {
 impl Rig {
     fn new(kind: u8) -> Self {
         let size = if kind & 1 == 0 { DataSize::MIN } else { DataSize::MANUAL };
-        let deadlines = Deadlines { busy_ns: 100_000_000, queue_ns: 1_000_000_000, ..Deadlines::DEFAULT };
+        let timeouts = Timeouts { busy_ns: 100_000_000, queue_ns: 1_000_000_000, ..Timeouts::DEFAULT };
         let config = HostConfig {
             size: (kind & 2 == 0).then_some(size),
             wanted_size: if kind & 4 == 0 { None } else { DataSize::new(64) },
-            pacing: if kind & 8 == 0 { Pacing::Idle } else { Pacing::Int0 },
+            pacing: if kind & 8 == 0 { HostPacing::Idle } else { HostPacing::Int0 },
             pipelined_writes: kind & 16 == 0,
-            deadlines,
+            timeouts,
             ..HostConfig::DEFAULT
         };
         let host = Host::new(0, config);
@@ -76,10 +76,10 @@ impl Rig {
             2 => self.host.submit(now, &Mdio::Write { phy: 1, register: 2, value: 3 }),
             3 => self.host.submit(now, &SlaveCountGet),
             4 => self.host.submit(now, &WarmReset),
-            5 => return self.process(ProcessData::Exchange { count: step[1] % 3, outputs: &[step[1]; 12] }),
-            6 => return self.process(ProcessData::Write { count: 1, outputs: &[step[1]; 12] }),
-            7 => return self.process(ProcessData::Read { count: step[1] }),
-            8 => return self.process(ProcessData::DirectExchange { outputs: &[step[1]; 12] }),
+            5 => return self.process(ProcessRequest::Exchange { count: step[1] % 3, outputs: &[step[1]; 12] }),
+            6 => return self.process(ProcessRequest::Write { count: 1, outputs: &[step[1]; 12] }),
+            7 => return self.process(ProcessRequest::Read { count: step[1] }),
+            8 => return self.process(ProcessRequest::DirectExchange { outputs: &[step[1]; 12] }),
             9 => {
                 if let HostState::Stopped(_) = self.host.state() {
                     self.host.restart(now);
@@ -98,7 +98,7 @@ impl Rig {
         assert!(self.tickets.len() <= IMMEDIATE_SLOTS + NON_IMMEDIATE_SLOTS);
     }
 
-    fn process(&mut self, data: ProcessData<'_>) {
+    fn process(&mut self, data: ProcessRequest<'_>) {
         match self.host.process(data) {
             Ok(sequence) => {
                 assert_eq!(sequence, self.sequence + 1);

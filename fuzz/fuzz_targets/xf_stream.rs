@@ -3,7 +3,9 @@
 
 #![no_main]
 
-use ecmsk::xf::{AnswerPacket, CheckRule, CommandPacket, Coverage, DataSize, END_WORD, Received, Resync, START_WORD};
+use ecmsk::xf::{
+    AnswerPacket, CheckRule, CommandPacket, CrcCoverage, DataSize, END_WORD, Received, Resync, START_WORD,
+};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
@@ -35,7 +37,7 @@ fn parse(packet: &[u8]) {
     assert_eq!(packet.first_chunk(), Some(&START_WORD.to_le_bytes()));
     assert_eq!(packet.last_chunk(), Some(&END_WORD.to_le_bytes()));
     let size = DataSize::of_packet(packet.len()).expect("32 to 1408 bytes of data");
-    for coverage in Coverage::EVERY {
+    for coverage in CrcCoverage::EVERY {
         for rule in [CheckRule { coverage, ..CheckRule::FIXED }, CheckRule { coverage, ..CheckRule::CRC32 }] {
             if let Ok(command) = CommandPacket::parse(packet, size, rule) {
                 let _ = command.request();

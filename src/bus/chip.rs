@@ -30,7 +30,7 @@ const TRIES: u32 = 3;
 const LOAD_INTERVAL: Duration = Duration::from_millis(1);
 const LOAD_ADDRESS: u32 = 0x0000_0000;
 /// \[OURS] Interval at which our own master is polled while it waits for a slave.
-const TURN: Duration = Duration::from_micros(500);
+const POLL_INTERVAL: Duration = Duration::from_micros(500);
 /// The number of the slave in our own master, which knows only this one.
 const JOINED: u8 = 1;
 
@@ -84,7 +84,7 @@ impl XfNetwork {
     }
 
     /// Refuses to write to slaves while the chip's network is in SafeOP or OP.
-    fn expect_rest(&self) -> Result<(), BusError> {
+    fn expect_not_running(&self) -> Result<(), BusError> {
         match self.xf.header().state.state() {
             Some(EtherCatState::SafeOp | EtherCatState::Op) => Err(BusError::Runs { slave: 1 }),
             _ => Ok(()),
@@ -142,7 +142,7 @@ impl Mailboxes for XfNetwork {
             // The emergencies of slaves are dropped. Our master reads them from the mailbox with its answers, so the
             // chip does not list them.
             while self.master.take_event().is_some() {}
-            if let Err(error) = wire.wait(TURN) {
+            if let Err(error) = wire.wait(POLL_INTERVAL) {
                 self.master.cancel(job);
                 return Err(error.into());
             }
@@ -288,7 +288,7 @@ impl Network for XfNetwork {
     }
 
     fn write_eeprom_words(&mut self, slave: u8, first: u16, words: &[u16]) -> Result<(), BusError> {
-        self.expect_rest()?;
+        self.expect_not_running()?;
         for (position, word) in (first..=u16::MAX).zip(words) {
             self.eeprom(slave, position, EepromOperation::Write(*word))?;
         }
@@ -300,7 +300,7 @@ impl Network for XfNetwork {
     }
 
     fn write_file(&mut self, slave: u8, name: &str, password: u32, content: &[u8]) -> Result<(), BusError> {
-        self.expect_rest()?;
+        self.expect_not_running()?;
         mailboxes::write_file(self, slave, name, password, content)
     }
 

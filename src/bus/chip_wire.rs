@@ -46,14 +46,14 @@ pub(super) fn datagram(
 pub(super) struct ChipWire<'x> {
     xf: &'x mut Xf,
     /// Frames that are back and that the master has not received yet.
-    back: VecDeque<Vec<u8>>,
+    received: VecDeque<Vec<u8>>,
     /// The error that made the chip unreachable.
     error: Option<XfError>,
 }
 
 impl<'x> ChipWire<'x> {
     pub(super) const fn new(xf: &'x mut Xf) -> Self {
-        Self { xf, back: VecDeque::new(), error: None }
+        Self { xf, received: VecDeque::new(), error: None }
     }
 
     pub(super) fn now(&self) -> Ns {
@@ -68,12 +68,12 @@ impl<'x> ChipWire<'x> {
         if let Some(error) = self.error.take() {
             return Err(error);
         }
-        if self.back.is_empty() { self.xf.pass(time) } else { Ok(()) }
+        if self.received.is_empty() { self.xf.pass(time) } else { Ok(()) }
     }
 
     /// Sends a datagram, in several parts if it is longer than the chip can send. Parts are allowed because a mailbox
     /// counts as written, or read, only with the access to its last byte. `None` if a part did not come back.
-    fn pass(&mut self, datagram: &mut DatagramMut<'_>) -> Result<Option<()>, XfError> {
+    fn send_datagram(&mut self, datagram: &mut DatagramMut<'_>) -> Result<Option<()>, XfError> {
         let header = datagram.header();
         let Some(operation) = operation(header.command) else { return Ok(None) };
         let part_len = bytes_max(self.xf);
@@ -110,7 +110,7 @@ impl Wire for ChipWire<'_> {
         let mut is_back = true;
         let read = each_datagram(&mut frame, |mut datagram| {
             if self.error.is_none() && is_back {
-                match self.pass(&mut datagram) {
+                match self.send_datagram(&mut datagram) {
                     Ok(came) => is_back = came.is_some(),
                     Err(error) => self.error = Some(error),
                 }
@@ -121,13 +121,13 @@ impl Wire for ChipWire<'_> {
         }
         if is_back {
             mark_as_passed(&mut frame);
-            self.back.push_back(frame);
+            self.received.push_back(frame);
         }
         Ok(())
     }
 
     fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
-        let frame = self.back.pop_front()?;
+        let frame = self.received.pop_front()?;
         buffer[..frame.len()].copy_from_slice(&frame);
         Some(frame.len())
     }

@@ -14,15 +14,15 @@ pub const SETTLING: Duration = Duration::from_secs(1);
 pub const SETTLING_MAX: Duration = Duration::from_secs(10);
 /// \[OURS] A wait that lasts this much longer than requested means that this machine stalled. The slaves got no
 /// reference time meanwhile, so the differences after it are not counted.
-const LATE: Duration = Duration::from_millis(2);
+const STALL_MIN: Duration = Duration::from_millis(2);
 /// \[OURS] Number of consecutive readings in which all clocks must be below [`GOOD_NS`] to count as synchronized.
-const SETTLED_TIMES: u32 = 20;
+const SETTLED_READINGS: u32 = 20;
 /// \[OURS] Largest difference of a synchronized clock, ns: below 1 us, as in the standard's examples.
 pub const GOOD_NS: i64 = 1_000;
 
 /// Minimum, mean and maximum of some values, ns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Spread {
+pub struct ClockSpread {
     /// The minimum, ns.
     pub min_ns: i64,
     /// The mean, ns, rounded towards 0.
@@ -33,7 +33,7 @@ pub struct Spread {
     pub count: u32,
 }
 
-impl Spread {
+impl ClockSpread {
     /// The spread of some values; `None` if there are none.
     pub fn of(values: &[i64]) -> Option<Self> {
         let (min_ns, max_ns) = (*values.iter().min()?, *values.iter().max()?);
@@ -60,7 +60,7 @@ pub struct SlaveClock {
     /// The propagation delay from the reference clock to the slave, ns, register 0x0928.
     pub delay_ns: u32,
     /// How far the clock was ahead of the reference clock, ns, register 0x092C; `None` for the reference clock itself.
-    pub ahead: Option<Spread>,
+    pub ahead: Option<ClockSpread>,
 }
 
 /// Measures the differences of the clocks for this time, once they are synchronized ([`SETTLING`], [`SETTLING_MAX`]).
@@ -85,7 +85,7 @@ pub fn measure(network: &mut dyn Network, slaves: &[FoundSlave], time: Duration)
     };
     network.wait(SETTLING)?;
     let (mut waited, mut settled) = (SETTLING, 0);
-    while settled < SETTLED_TIMES && waited < SETTLING_MAX {
+    while settled < SETTLED_READINGS && waited < SETTLING_MAX {
         let mut are_near = true;
         look(network, &mut |_, ahead_ns| are_near &= ahead_ns.abs() < GOOD_NS)?;
         settled = if are_near { settled + 1 } else { 0 };
@@ -100,8 +100,8 @@ pub fn measure(network: &mut dyn Network, slaves: &[FoundSlave], time: Duration)
         let began = Instant::now();
         network.wait(step)?;
         left -= step;
-        let is_late = !network.is_virtual() && began.elapsed() > step + LATE;
-        unsettled = if is_late { SETTLED_TIMES } else { unsettled.saturating_sub(1) };
+        let is_late = !network.is_virtual() && began.elapsed() > step + STALL_MIN;
+        unsettled = if is_late { SETTLED_READINGS } else { unsettled.saturating_sub(1) };
         if unsettled == 0 {
             look(network, &mut |n, ahead_ns| ahead[n].push(ahead_ns))?;
         }
@@ -115,7 +115,7 @@ pub fn measure(network: &mut dyn Network, slaves: &[FoundSlave], time: Duration)
             is_reference: Some(slave) == reference,
             offset_ns: i64::from_le_bytes(offset),
             delay_ns: u32::from_le_bytes(delay),
-            ahead: Spread::of(&ahead),
+            ahead: ClockSpread::of(&ahead),
         })
     };
     with_clock.into_iter().zip(ahead).map(clock).collect()
@@ -128,12 +128,12 @@ mod tests {
     /// A spread is good if every value is less than 1 us away from 0, in both directions.
     #[test]
     fn a_spread_has_both_ends() {
-        let spread = Spread::of(&[-5, 20, 0]).expect("values");
+        let spread = ClockSpread::of(&[-5, 20, 0]).expect("values");
         assert_eq!((spread.min_ns, spread.mean_ns, spread.max_ns, spread.count), (-5, 5, 20, 3));
         assert!(spread.is_good());
-        assert_eq!(Spread::of(&[]), None);
+        assert_eq!(ClockSpread::of(&[]), None);
         for far in [GOOD_NS, -GOOD_NS, i64::MAX, i64::MIN] {
-            assert!(!Spread::of(&[0, far]).expect("values").is_good(), "{far}");
+            assert!(!ClockSpread::of(&[0, far]).expect("values").is_good(), "{far}");
         }
     }
 }

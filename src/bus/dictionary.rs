@@ -115,7 +115,7 @@ fn text(bytes: &[u8]) -> String {
 
 /// A value, decoded by its data type.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Value {
+pub enum ObjectValue {
     /// An integer of at most 64 bits.
     Whole(i128),
     /// A floating-point number.
@@ -126,8 +126,8 @@ pub enum Value {
     Bytes(Vec<u8>),
 }
 
-impl Value {
-    /// Decodes bytes by a data type. Bytes that do not fit the type become [`Value::Bytes`].
+impl ObjectValue {
+    /// Decodes bytes by a data type. Bytes that do not fit the type become [`ObjectValue::Bytes`].
     pub fn of(data_type: DataTypeCode, bytes: &[u8]) -> Self {
         let unsigned = || bytes.iter().rev().fold(0u64, |number, byte| number << 8 | u64::from(*byte));
         match (data_type.form(), bytes.len()) {
@@ -144,7 +144,7 @@ impl Value {
     }
 }
 
-impl fmt::Display for Value {
+impl fmt::Display for ObjectValue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Whole(number) => number.fmt(f),
@@ -183,7 +183,7 @@ mod tests {
             (DataTypeCode::UNSIGNED32, &[0; 9], "00 00 00 00 00 00 00 00 00"),
             (DataTypeCode::REAL32, &[], "(nothing)"),
         ] {
-            assert_eq!(Value::of(data_type, bytes).to_string(), shown, "{data_type}");
+            assert_eq!(ObjectValue::of(data_type, bytes).to_string(), shown, "{data_type}");
         }
     }
 }

@@ -10,7 +10,7 @@ const BYTES_MAX: usize = 0x8000;
 
 /// A word that new content changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Change {
+pub struct WordChange {
     /// The address of the word.
     pub word: u16,
     /// The value that the EEPROM has now.
@@ -90,13 +90,13 @@ fn words(content: &[u8]) -> Vec<u16> {
 ///
 /// # Errors
 /// [`BusError::Eeprom`]
-pub fn changes(network: &mut dyn Network, slave: u8, content: &[u8]) -> Result<Vec<Change>, BusError> {
+pub fn changes(network: &mut dyn Network, slave: u8, content: &[u8]) -> Result<Vec<WordChange>, BusError> {
     let wanted = words(content);
     let present = network.read_eeprom_words(slave, 0, wanted.len())?;
     let both = (0..).zip(present.iter().zip(&wanted));
     Ok(both
         .filter(|(_, (from, to))| from != to)
-        .map(|(word, (from, to))| Change { word, from: *from, to: *to })
+        .map(|(word, (from, to))| WordChange { word, from: *from, to: *to })
         .collect())
 }
 
@@ -108,14 +108,14 @@ pub fn changes(network: &mut dyn Network, slave: u8, content: &[u8]) -> Result<V
 pub fn write(
     network: &mut dyn Network,
     slave: u8,
-    changes: &[Change],
+    changes: &[WordChange],
     mut written: impl FnMut(usize),
 ) -> Result<(), BusError> {
     for (n, change) in (1..).zip(changes.iter().rev()) {
         network.write_eeprom_words(slave, change.word, &[change.to])?;
         written(n);
     }
-    for Change { word, to, .. } in changes {
+    for WordChange { word, to, .. } in changes {
         let found = network.read_eeprom_words(slave, *word, 1)?.first().copied().unwrap_or_default();
         if found != *to {
             return Err(BusError::NotWritten { slave, word: *word, wanted: *to, found });

@@ -112,7 +112,7 @@ pub fn clear(network: &mut dyn Network, slaves: &[FoundSlave]) -> Result<(), Bus
 
 /// One end of a cable: a port of a slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct End {
+pub struct CablePort {
     /// The slave, from 1.
     pub slave: u8,
     /// The port, 0 to 3.
@@ -121,13 +121,13 @@ pub struct End {
 
 /// Where the cause of errors is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum ProblemPlace {
     /// A cable, its plugs, or the ports at its ends.
     Cable {
         /// The end towards the master; `None` if that is the master itself.
-        near: Option<End>,
+        near: Option<CablePort>,
         /// The other end; `None` if no slave is connected there now.
-        far: Option<End>,
+        far: Option<CablePort>,
     },
     /// A slave: its microcontroller makes wrong accesses.
     Slave(u8),
@@ -137,9 +137,9 @@ pub enum Place {
 
 /// A problem that the counters show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Trouble {
+pub struct Problem {
     /// Where the problem is.
-    pub place: Place,
+    pub place: ProblemPlace,
     /// The counters of the port at the near end of the cable.
     pub near: PortErrors,
     /// The counters of the port at the far end of the cable.
@@ -150,47 +150,47 @@ pub struct Trouble {
 
 impl PortErrors {
     /// Whether these counters point to the cable at this port.
-    const fn blames(&self) -> bool {
+    const fn points_to_cable(&self) -> bool {
         self.invalid > 0 || self.physical > 0 || self.lost_links > 0
     }
 }
 
 /// The near and the far end of the cable at a port.
-fn cable_at(slaves: &[FoundSlave], end: End) -> (Option<End>, Option<End>) {
+fn cable_at(slaves: &[FoundSlave], end: CablePort) -> (Option<CablePort>, Option<CablePort>) {
     let of = |slave: u8| slaves.iter().find(|found| found.slave == slave);
     if end.port == 0 {
         let upstream = of(end.slave).and_then(|found| found.upstream);
-        return (upstream.map(|up| End { slave: up.slave, port: up.port }), Some(end));
+        return (upstream.map(|up| CablePort { slave: up.slave, port: up.port }), Some(end));
     }
     let is_there = |found: &&FoundSlave| found.upstream.is_some_and(|up| (up.slave, up.port) == (end.slave, end.port));
-    (Some(end), slaves.iter().find(is_there).map(|found| End { slave: found.slave, port: 0 }))
+    (Some(end), slaves.iter().find(is_there).map(|found| CablePort { slave: found.slave, port: 0 }))
 }
 
 /// The problems that the counters show, in network order. Each cable is listed once, with the counters of both its
 /// ends.
-pub fn judge(slaves: &[FoundSlave], errors: &[SlaveErrors]) -> Vec<Trouble> {
-    let mut troubles: Vec<Trouble> = Vec::new();
-    let counters = |end: Option<End>| {
+pub fn judge(slaves: &[FoundSlave], errors: &[SlaveErrors]) -> Vec<Problem> {
+    let mut problems: Vec<Problem> = Vec::new();
+    let counters = |end: Option<CablePort>| {
         let found = end.and_then(|end| Some((errors.iter().find(|of| of.slave == end.slave)?, end.port)));
         found.map_or(PortErrors::default(), |(of, port)| of.ports[usize::from(port)])
     };
     for of in errors {
         for (port, errors) in (0..).zip(&of.ports) {
-            let (near, far) = cable_at(slaves, End { slave: of.slave, port });
-            let place = Place::Cable { near, far };
-            if errors.blames() && troubles.iter().all(|trouble| trouble.place != place) {
-                troubles.push(Trouble { place, near: counters(near), far: counters(far), count: 0 });
+            let (near, far) = cable_at(slaves, CablePort { slave: of.slave, port });
+            let place = ProblemPlace::Cable { near, far };
+            if errors.points_to_cable() && problems.iter().all(|problem| problem.place != place) {
+                problems.push(Problem { place, near: counters(near), far: counters(far), count: 0 });
             }
         }
         if of.pdi > 0 {
             let none = PortErrors::default();
-            troubles.push(Trouble { place: Place::Slave(of.slave), near: none, far: none, count: of.pdi });
+            problems.push(Problem { place: ProblemPlace::Slave(of.slave), near: none, far: none, count: of.pdi });
         }
     }
     let wrong_frames = errors.iter().map(|of| of.processing_unit).max().unwrap_or(0);
     if wrong_frames > 0 {
         let none = PortErrors::default();
-        troubles.push(Trouble { place: Place::Master, near: none, far: none, count: wrong_frames });
+        problems.push(Problem { place: ProblemPlace::Master, near: none, far: none, count: wrong_frames });
     }
-    troubles
+    problems
 }

@@ -20,10 +20,10 @@ pub fn open(link: &str) -> Result<Box<dyn Network>, BusError> {
         }
         #[cfg(all(feature = "nic", target_os = "linux"))]
         Scheme::Nic => {
-            use crate::own_board::nic::{Wires, wires};
+            use crate::own_board::nic::{CardWires, wires};
             Ok(match wires(&uri)? {
-                (Wires::Line(card), settings) => Box::new(super::software::SoftwareNetwork::new(card, settings)),
-                (Wires::Ring(ring), settings) => Box::new(super::software::SoftwareNetwork::new(ring, settings)),
+                (CardWires::Line(card), settings) => Box::new(super::software::SoftwareNetwork::new(card, settings)),
+                (CardWires::Ring(ring), settings) => Box::new(super::software::SoftwareNetwork::new(ring, settings)),
             })
         }
         #[cfg(feature = "sim")]

@@ -8,7 +8,7 @@ use crate::ethercat::Command;
 use crate::ethercat::registers::AL_STATUS;
 use crate::fieldbus::nic::NicWires;
 use crate::master::{Master, Settings};
-use crate::own_board::nic::{Wires, wires};
+use crate::own_board::nic::{CardWires, wires};
 
 /// \[OURS] Longest wait for a frame between two polls of the master, ns.
 const TURN_NS: u64 = 1_000_000;
@@ -46,8 +46,8 @@ impl RoundTrips {
 /// [`BusError::Link`]
 pub fn round_trips(link: &LinkUri, times: u32) -> Result<Option<RoundTrips>, BusError> {
     Ok(match wires(link)? {
-        (Wires::Line(card), settings) => measure(card, settings, times),
-        (Wires::Ring(ring), settings) => measure(ring, settings, times),
+        (CardWires::Line(card), settings) => measure(card, settings, times),
+        (CardWires::Ring(ring), settings) => measure(ring, settings, times),
     })
 }
 

@@ -1,16 +1,16 @@
 //! Finds the differences between two answers to the same command.
 
 use super::difference::Deviation;
-use super::report::Answer;
+use super::report::BoardReport;
 use super::steps::Step;
-use super::{Options, STANDS_REPORTS, Side};
+use super::{AT_REST_REPORTS, CompareOptions, Side};
 use crate::ethercat::cia402::Statusword;
 use crate::sk::dump::SlaveData;
 use crate::sk::{HspAxis, SdoCommand, SdoResponse};
 
 /// All differences between the answers of two steps: those of slot 0 first, then by slave. If one step has no answer,
 /// only lost commands and faults are compared.
-pub fn differences(a: &Step, b: &Step, options: &Options) -> Vec<Deviation> {
+pub fn differences(a: &Step, b: &Step, options: &CompareOptions) -> Vec<Deviation> {
     let mut found = Vec::new();
     if a.lost != b.lost {
         found.push(Deviation::Lost { side: if a.lost { Side::A } else { Side::B } });
@@ -30,7 +30,13 @@ pub fn differences(a: &Step, b: &Step, options: &Options) -> Vec<Deviation> {
     found
 }
 
-fn answer_differences(slaves: u8, a: &Answer, b: &Answer, options: &Options, found: &mut Vec<Deviation>) {
+fn answer_differences(
+    slaves: u8,
+    a: &BoardReport,
+    b: &BoardReport,
+    options: &CompareOptions,
+    found: &mut Vec<Deviation>,
+) {
     let boards = [a.board(), b.board()];
     if boards[0].state != boards[1].state {
         // The meaning of the slaves' slots depends on the state, so slots of different states are not compared.
@@ -48,14 +54,14 @@ fn answer_differences(slaves: u8, a: &Answer, b: &Answer, options: &Options, fou
 }
 
 /// If the command ended OP in both runs, adds the differences of positions in the last reports of OP, for axes at rest.
-fn rest_differences(a: &Step, b: &Step, options: &Options, found: &mut Vec<Deviation>) {
+fn rest_differences(a: &Step, b: &Step, options: &CompareOptions, found: &mut Vec<Deviation>) {
     let has_left = |step: &Step| step.answer.as_ref().is_some_and(|answer| !answer.is_op());
     if !(has_left(a) && has_left(b)) {
         return;
     }
     let [Some(a), Some(b)] = [a, b].map(|step| step.kept.iter().rev().find(|report| report.is_op())) else { return };
     for slave in 1..=a.size.max_slaves() as u8 {
-        let stands = [a, b].iter().all(|report| report.still(slave) >= STANDS_REPORTS);
+        let stands = [a, b].iter().all(|report| report.unchanged_reports(slave) >= AT_REST_REPORTS);
         let mut differs = Vec::new();
         slave_differences(slave, a, b, options, &mut differs);
         found.extend(differs.into_iter().filter(|what| stands && matches!(what, Deviation::Position { .. })));
@@ -63,14 +69,20 @@ fn rest_differences(a: &Step, b: &Step, options: &Options, found: &mut Vec<Devia
 }
 
 /// Whether two reports show the same for a slave, in the values that `options` compares.
-pub fn is_same(slave: u8, a: &Answer, b: &Answer, options: &Options) -> bool {
+pub fn is_same(slave: u8, a: &BoardReport, b: &BoardReport, options: &CompareOptions) -> bool {
     let mut found = Vec::new();
     slave_differences(slave, a, b, options, &mut found);
     found.is_empty()
 }
 
 /// Adds the differences of a slave between two reports of OP to `found`.
-pub fn slave_differences(slave: u8, a: &Answer, b: &Answer, options: &Options, found: &mut Vec<Deviation>) {
+pub fn slave_differences(
+    slave: u8,
+    a: &BoardReport,
+    b: &BoardReport,
+    options: &CompareOptions,
+    found: &mut Vec<Deviation>,
+) {
     if a.shows_the_same(b, slave) {
         return;
     }
@@ -112,12 +124,12 @@ pub fn slave_differences(slave: u8, a: &Answer, b: &Answer, options: &Options, f
 /// The SDO transfer that both programs have requested last, with the answers to it. An answer may come with any step
 /// until the next transfer, so the answers are compared once both have come.
 #[derive(Debug, Default)]
-pub struct Transfer {
+pub struct SdoComparison {
     request: Option<SdoCommand>,
     answers: [Option<SdoResponse>; 2],
 }
 
-impl Transfer {
+impl SdoComparison {
     /// Takes the next two equal steps. Returns a difference between the two answers, once, and a difference for the
     /// transfer before if only one run answered it.
     pub fn steps(&mut self, a: &Step, b: &Step) -> Vec<Deviation> {
@@ -129,7 +141,7 @@ impl Transfer {
         let Some(request) = self.request else { return found };
         let were_compared = self.answers.iter().all(Option::is_some);
         for (known, step) in self.answers.iter_mut().zip([a, b]) {
-            let answer = step.answer.as_ref().map(Answer::sdo).filter(|answer| is_answer(&request, answer));
+            let answer = step.answer.as_ref().map(BoardReport::sdo).filter(|answer| is_answer(&request, answer));
             *known = known.or(answer);
         }
         if let [Some(a), Some(b)] = self.answers

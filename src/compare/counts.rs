@@ -4,12 +4,12 @@ use std::fmt::{self, Display, Formatter};
 
 /// The number of frames of a run, and its duration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counts {
+pub struct RunCounts {
     /// Command frames in which some slot requests something.
     pub commands: u64,
     /// Command frames in which all slots are GET_STATUS.
     pub polls: u64,
-    /// Repeated command frames that were skipped ([`Options::ignore_repeats`](super::Options::ignore_repeats)).
+    /// Repeated command frames that were skipped ([`CompareOptions::ignore_repeats`](super::CompareOptions::ignore_repeats)).
     pub repeats: u64,
     /// Reports of the board.
     pub reports: u64,
@@ -17,7 +17,7 @@ pub struct Counts {
     pub last_ns: i64,
 }
 
-impl Display for Counts {
+impl Display for RunCounts {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let Self { commands, polls, repeats, reports, last_ns } = *self;
         write!(f, "{commands} commands, {polls} polls, ")?;

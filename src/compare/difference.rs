@@ -22,7 +22,7 @@ pub enum Deviation {
     Ends { side: Side },
     /// In the run `side` commands were lost, or refused because of their CRC; in the other run none was.
     Lost { side: Side },
-    /// The run `side` answers this many cycles later than the other one, more than [`super::Options::latency_cycles`]
+    /// The run `side` answers this many cycles later than the other one, more than [`super::CompareOptions::latency_cycles`]
     /// allows.
     Late {
         side: Side,

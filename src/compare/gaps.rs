@@ -23,15 +23,15 @@ pub struct Gaps {
 
 /// The cycle count of run B minus that of run A at the answers to a command; `None` outside OP, or if an answer is
 /// missing.
-pub(super) fn apart(a: &Step, b: &Step) -> Option<i64> {
+pub(super) fn cycle_offset(a: &Step, b: &Step) -> Option<i64> {
     Some(b.answered_in?.saturating_sub(a.answered_in?))
 }
 
 /// Observation at one pair of equal commands.
 #[derive(Clone, Copy, Debug)]
-struct Told {
+struct Observation {
     /// The cycle count of run B minus that of run A.
-    apart: i64,
+    cycle_offset: i64,
     /// Whether the FIFO of run A and of run B was empty at the answer, so that a gap could begin.
     empty: [bool; 2],
     /// Whether the answers of both runs are equal.
@@ -47,18 +47,18 @@ pub(super) struct GapCount {
     gaps: [Gaps; 2],
     /// One for each slave: whether its axis is moving.
     axes: [GapFinder; MAX_SLAVES],
-    /// The last certain value of [`Told::apart`].
-    level: Option<i64>,
+    /// The last certain value of [`Observation::cycle_offset`].
+    cycle_offset: Option<i64>,
     /// The first observation with another value, and how many consecutive commands have shown it.
-    other: Option<(Told, u32)>,
+    candidate: Option<(Observation, u32)>,
     /// The observation at the previous command.
-    before: Option<Told>,
+    before: Option<Observation>,
 }
 
 impl Default for GapCount {
     fn default() -> Self {
         let axes = std::array::from_fn(|_| GapFinder::default());
-        Self { gaps: Default::default(), axes, level: None, other: None, before: None }
+        Self { gaps: Default::default(), axes, cycle_offset: None, candidate: None, before: None }
     }
 }
 
@@ -71,16 +71,17 @@ impl GapCount {
             |step: &Step| step.answer.as_ref().is_some_and(|answer| answer.board().fifo_free >= FIFO_ENTRIES);
         let unsure_cycles = unsure_cycles(a.cycle_ns);
         let empty = [a, b].map(is_empty);
-        let told = apart(a, b).map(|apart| Told { apart, empty, is_same, unsure_cycles });
-        if let Some(before) = std::mem::replace(&mut self.before, told) {
-            self.look(before, moves);
+        let observation =
+            cycle_offset(a, b).map(|cycle_offset| Observation { cycle_offset, empty, is_same, unsure_cycles });
+        if let Some(before) = std::mem::replace(&mut self.before, observation) {
+            self.evaluate(before, moves);
         }
         moves
     }
 
     /// The gaps of run A and of run B.
     pub(super) fn end(mut self) -> [Gaps; 2] {
-        self.settle();
+        self.accept_change();
         self.gaps
     }
 
@@ -98,42 +99,42 @@ impl GapCount {
     }
 
     /// Evaluates an observation. `moves` says whether the command after it continues the same motion.
-    fn look(&mut self, told: Told, moves: bool) {
-        let Some(level) = self.level.filter(|_| moves) else {
+    fn evaluate(&mut self, observation: Observation, moves: bool) {
+        let Some(offset) = self.cycle_offset.filter(|_| moves) else {
             // At the end of a motion a certain change is still a gap. A pause after the motion is none.
-            self.settle();
-            self.level = Some(told.apart);
+            self.accept_change();
+            self.cycle_offset = Some(observation.cycle_offset);
             return;
         };
-        if told.apart == level {
-            self.other = None;
+        if observation.cycle_offset == offset {
+            self.candidate = None;
             return;
         }
-        self.other = match self.other {
-            Some((first, count)) if first.apart == told.apart => {
-                Some((Told { is_same: first.is_same && told.is_same, ..first }, count + 1))
+        self.candidate = match self.candidate {
+            Some((first, count)) if first.cycle_offset == observation.cycle_offset => {
+                Some((Observation { is_same: first.is_same && observation.is_same, ..first }, count + 1))
             }
-            _ => Some((told, 1)),
+            _ => Some((observation, 1)),
         };
-        if self.other.is_some_and(|(_, count)| count >= SURE_COMMANDS) {
-            self.settle();
+        if self.candidate.is_some_and(|(_, count)| count >= SURE_COMMANDS) {
+            self.accept_change();
         }
     }
 
-    /// Takes over a new value of [`Told::apart`], if enough commands have shown it. The change counts as a gap if the
+    /// Takes over a new value of the cycle offset, if enough commands have shown it. The change counts as a gap if the
     /// answers differ, so that the axis is elsewhere in one run, and if the FIFO was empty or the cycles are too many
     /// for a wrongly assigned report.
-    fn settle(&mut self) {
-        let Some((told, count)) = self.other.take() else { return };
-        let Some(level) = self.level.filter(|_| count >= SURE_COMMANDS) else { return };
-        let side = if told.apart > level { Side::B } else { Side::A };
-        let cycles = told.apart.abs_diff(level);
-        let is_gap = !told.is_same && (told.empty[side.index()] || cycles > told.unsure_cycles);
+    fn accept_change(&mut self) {
+        let Some((observation, count)) = self.candidate.take() else { return };
+        let Some(offset) = self.cycle_offset.filter(|_| count >= SURE_COMMANDS) else { return };
+        let side = if observation.cycle_offset > offset { Side::B } else { Side::A };
+        let cycles = observation.cycle_offset.abs_diff(offset);
+        let is_gap = !observation.is_same && (observation.empty[side.index()] || cycles > observation.unsure_cycles);
         if is_gap {
             self.gaps[side.index()].add(cycles);
         }
-        if is_gap || told.is_same {
-            self.level = Some(told.apart);
+        if is_gap || observation.is_same {
+            self.cycle_offset = Some(observation.cycle_offset);
         }
     }
 }

@@ -4,7 +4,7 @@
 //! frame 214 of the other, and the last answer that one board gave before the next command with the last answer of the
 //! other. Differences in timing alone are ignored: frames in which all slots are GET_STATUS, the number of reports and
 //! their times. [`Step`] has the rules. A board over an ECM-XF answers some cycles later: that latency is reported as a
-//! number and is no difference ([`Options::latency_cycles`]).
+//! number and is no difference ([`CompareOptions::latency_cycles`]).
 //!
 //! Files:
 //!
@@ -13,7 +13,7 @@
 //! | `mod.rs` | the options, and [`files`], which compares two recordings |
 //! | `recorded_run.rs` | [`RecordedRun`]: a recording as a run |
 //! | `steps.rs`, `cycles.rs` | [`Step`]: a command with the board's answer to it, and [`Steps`], which finds them in a run |
-//! | `report.rs` | [`Answer`]: a report, with the kinds of the slaves |
+//! | `report.rs` | [`BoardReport`]: a report, with the kinds of the slaves |
 //! | `answers.rs` | the differences between two answers |
 //! | `timing.rs` | which of these differences are timing alone |
 //! | `latency.rs`, `gaps.rs` | how many cycles later one run answers: [`Latency`]; additional cycles of one run: [`Gaps`] |
@@ -21,7 +21,7 @@
 //! | `runs.rs`, `counts.rs` | [`compare`]: two runs side by side; their numbers of frames |
 //!
 //! ```
-//! use ecmsk::compare::{Options, TimedFrame, compare};
+//! use ecmsk::compare::{CompareOptions, TimedFrame, compare};
 //! use ecmsk::link::Dir;
 //! use ecmsk::sk::{Frame, MasterCommand, MasterState, SlotSize};
 //!
@@ -31,7 +31,7 @@
 //!     [TimedFrame { number: 1, at_ns: 0, dir: Dir::Write, frame: command }]
 //! };
 //! let [a, b] = [MasterState::SafeOp, MasterState::Op].map(run);
-//! let options = Options::default();
+//! let options = CompareOptions::default();
 //! assert!(compare(a.clone(), a.clone(), SlotSize::Bytes12, &options).is_equal());
 //! let found = compare(a, b, SlotSize::Bytes12, &options).first.unwrap();
 //! assert_eq!(found.command, 1);
@@ -52,12 +52,12 @@ mod timing;
 
 use std::path::Path;
 
-pub use counts::Counts;
+pub use counts::RunCounts;
 pub use difference::{Deviation, Difference};
 pub use gaps::Gaps;
 pub use latency::{Latency, LatencyStretch};
 pub use recorded_run::{CompareError, RecordedRun};
-pub use report::Answer;
+pub use report::BoardReport;
 pub use runs::{Comparison, Context, compare, compare_steps};
 pub use steps::{Step, Steps};
 
@@ -65,12 +65,12 @@ use crate::link::Dir;
 use crate::sk::{Frame, SlotSize};
 
 /// Most cycles of the board by which the same answer may be earlier or later in one run, unless
-/// [`Options::latency_cycles`] is smaller. A board over an ECM-XF answers up to 8 cycles later, and takes up to 12 for
+/// [`CompareOptions::latency_cycles`] is smaller. A board over an ECM-XF answers up to 8 cycles later, and takes up to 12 for
 /// SET_FIFO 1. \[OURS]
 pub const WINDOW_CYCLES: usize = 24;
 
 /// An axis counts as at rest once its positions have not changed for this many reports. \[OURS]
-pub(crate) const STANDS_REPORTS: u16 = 8;
+pub(crate) const AT_REST_REPORTS: u16 = 8;
 
 /// Uncertainty of the cycle that a report belongs to, in nanoseconds: the host may send a command while the report is
 /// in flight, which takes two exchanges with an ECM-XF. \[OURS]
@@ -130,7 +130,7 @@ pub struct TimedFrame {
 
 /// Which differences are ignored. By default none is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Options {
+pub struct CompareOptions {
     /// The largest difference of positions that is ignored, in counts. Default: 0.
     pub tolerance_counts: u32,
     /// The bits of a statusword that are compared. Default: all. 0x006F has the bits of the CiA 402 state.
@@ -149,7 +149,7 @@ pub struct Options {
     pub allow_incomplete: bool,
 }
 
-impl Default for Options {
+impl Default for CompareOptions {
     fn default() -> Self {
         Self {
             tolerance_counts: 0,
@@ -167,9 +167,9 @@ impl Default for Options {
 /// ```no_run
 /// use std::path::Path;
 ///
-/// use ecmsk::compare::{Options, files};
+/// use ecmsk::compare::{CompareOptions, files};
 ///
-/// let found = files(Path::new("board.pcapng"), Path::new("model.pcapng"), &Options::default())?;
+/// let found = files(Path::new("board.pcapng"), Path::new("model.pcapng"), &CompareOptions::default())?;
 /// assert!(found.is_equal(), "{found}");
 /// # Ok::<(), ecmsk::compare::CompareError>(())
 /// ```
@@ -177,7 +177,7 @@ impl Default for Options {
 /// # Errors
 /// [`CompareError`] if a recording cannot be read, if the two have slots of different sizes, or if no difference was found
 /// and one of them is incomplete.
-pub fn files(a: &Path, b: &Path, options: &Options) -> Result<Comparison, CompareError> {
+pub fn files(a: &Path, b: &Path, options: &CompareOptions) -> Result<Comparison, CompareError> {
     let [mut a, mut b] = [RecordedRun::open(a, options.slot, None)?, RecordedRun::open(b, options.slot, None)?];
     let size = RecordedRun::common_size(&a, &b)?;
     let found = compare(&mut a, &mut b, size, options);

@@ -5,7 +5,7 @@ use crate::sk::{CommandId, Frame, MasterResponse, MasterState, SdoResponse, Slav
 
 /// A report, with the kinds of the slaves at its time.
 #[derive(Clone, Debug)]
-pub struct Answer {
+pub struct BoardReport {
     /// The number of the report in the run.
     pub frame_number: u64,
     /// The time at which the report was received, in nanoseconds.
@@ -14,10 +14,10 @@ pub struct Answer {
     pub(super) size: SlotSize,
     pub(super) kinds: [Option<SlaveKind>; MAX_SLAVES],
     /// For each slave: for how many reports up to this one its positions have not changed.
-    pub(super) still: [u16; MAX_SLAVES],
+    pub(super) unchanged_reports: [u16; MAX_SLAVES],
 }
 
-impl Answer {
+impl BoardReport {
     /// Slot 0, decoded.
     pub fn board(&self) -> MasterResponse {
         MasterResponse::decode(&self.frame.slot(self.size, 0))
@@ -69,8 +69,8 @@ impl Answer {
     }
 
     /// For how many reports up to this one the positions of `slave` have not changed.
-    pub(super) fn still(&self, slave: u8) -> u16 {
-        usize::from(slave).checked_sub(1).and_then(|n| self.still.get(n)).copied().unwrap_or_default()
+    pub(super) fn unchanged_reports(&self, slave: u8) -> u16 {
+        usize::from(slave).checked_sub(1).and_then(|n| self.unchanged_reports.get(n)).copied().unwrap_or_default()
     }
 
     /// Whether the network is in OP, so that the slaves' slots hold process data.

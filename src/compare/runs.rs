@@ -3,14 +3,14 @@
 use std::collections::VecDeque;
 use std::fmt::{self, Display, Formatter};
 
-use super::answers::{self, Transfer};
-use super::counts::{Counts, seconds};
+use super::answers::{self, SdoComparison};
+use super::counts::{RunCounts, seconds};
 use super::difference::{Deviation, Difference, words};
 use super::gaps::{GapCount, Gaps};
 use super::latency::{Latency, LatencyFinder, LatencyStretch};
 use super::steps::{Step, Steps};
-use super::timing::{Follows, Pair, Timing};
-use super::{Options, Side, TimedFrame};
+use super::timing::{NextSteps, PairWindow, StepPair};
+use super::{CompareOptions, Side, TimedFrame};
 use crate::sk::SlotSize;
 use crate::sk::dump::CommandDump;
 
@@ -32,7 +32,7 @@ pub struct Context {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Comparison {
     /// The numbers of frames of run A and run B.
-    pub counts: [Counts; 2],
+    pub counts: [RunCounts; 2],
     /// The number of compared answers: those to commands that are equal in both runs and answered in both.
     pub answers: u64,
     /// The number of equal commands whose answers differ.
@@ -67,39 +67,39 @@ pub fn compare(
     a: impl IntoIterator<Item = TimedFrame>,
     b: impl IntoIterator<Item = TimedFrame>,
     size: SlotSize,
-    options: &Options,
+    options: &CompareOptions,
 ) -> Comparison {
     let steps = Steps::new(a.into_iter(), size, options.ignore_repeats);
     compare_steps(steps, Steps::new(b.into_iter(), size, options.ignore_repeats), options)
 }
 
 /// Compares two runs that are given as steps; otherwise like [`compare`].
-pub fn compare_steps<A, B>(mut a: Steps<A>, mut b: Steps<B>, options: &Options) -> Comparison
+pub fn compare_steps<A, B>(mut a: Steps<A>, mut b: Steps<B>, options: &CompareOptions) -> Comparison
 where
     A: Iterator<Item = TimedFrame>,
     B: Iterator<Item = TimedFrame>,
 {
-    let mut found = Found::new(options);
+    let mut state = ComparisonState::new(options);
     loop {
         match (a.next(), b.next()) {
             (None, None) => break,
-            _ if found.apart => {}
-            (Some(a), Some(b)) => found.pair(a, b),
-            (a, b) => found.ended(a.as_ref(), b.as_ref()),
+            _ if state.alignment_ended => {}
+            (Some(a), Some(b)) => state.pair(a, b),
+            (a, b) => state.ended(a.as_ref(), b.as_ref()),
         }
     }
-    found.finish([a.counts, b.counts])
+    state.finish([a.counts, b.counts])
 }
 
 /// The state of a comparison, with the result so far.
-struct Found {
-    options: Options,
+struct ComparisonState {
+    options: CompareOptions,
     /// Whether a pair of differing commands has been read.
     differ: bool,
     /// Whether a pair of differing commands has been judged, or one run has ended. Later pairs are not judged.
-    apart: bool,
-    transfer: Transfer,
-    timing: Timing,
+    alignment_ended: bool,
+    transfer: SdoComparison,
+    timing: PairWindow,
     latency: LatencyFinder,
     gaps: GapCount,
     /// The first command of the last stretch whose latency was reported as too long.
@@ -108,14 +108,14 @@ struct Found {
     result: Comparison,
 }
 
-impl Found {
-    fn new(options: &Options) -> Self {
+impl ComparisonState {
+    fn new(options: &CompareOptions) -> Self {
         Self {
             options: *options,
             differ: false,
-            apart: false,
-            transfer: Transfer::default(),
-            timing: Timing::new(options),
+            alignment_ended: false,
+            transfer: SdoComparison::default(),
+            timing: PairWindow::new(options),
             latency: LatencyFinder::default(),
             gaps: GapCount::default(),
             late_from: None,
@@ -131,8 +131,8 @@ impl Found {
             let line = |step: &Step| CommandDump::new(&step.command, step.size).line(slot?);
             let lines = line(&a).zip(line(&b)).filter(|_| !std::mem::replace(&mut self.differ, true));
             let what = lines.map(|(a, b)| Deviation::Command { lines: Box::new([a, b]) });
-            self.timing.push(Pair::new(a, b, what.into_iter().collect()));
-            self.judge(Follows::More);
+            self.timing.push(StepPair::new(a, b, what.into_iter().collect()));
+            self.judge(NextSteps::More);
             return;
         }
         self.result.answers += u64::from(a.answer.is_some() && b.answer.is_some());
@@ -144,8 +144,8 @@ impl Found {
         }
         what.extend(self.transfer.steps(&a, &b));
         what.extend(self.late());
-        self.timing.push(Pair::new(a, b, what));
-        self.judge(Follows::More);
+        self.timing.push(StepPair::new(a, b, what));
+        self.judge(NextSteps::More);
     }
 
     /// A latency that is longer than allowed; each stretch is reported once, at its beginning.
@@ -162,13 +162,13 @@ impl Found {
     }
 
     /// Judges the pairs whose following pairs are known, up to the first command that differs.
-    fn judge(&mut self, follows: Follows) {
-        while !self.apart
-            && let Some((Pair { a, b, .. }, what)) = self.timing.judge(follows)
+    fn judge(&mut self, next_steps: NextSteps) {
+        while !self.alignment_ended
+            && let Some((StepPair { a, b, .. }, what)) = self.timing.judge(next_steps)
         {
-            self.apart = matches!(what.first(), Some(Deviation::Command { .. }));
+            self.alignment_ended = matches!(what.first(), Some(Deviation::Command { .. }));
             if !what.is_empty() {
-                self.result.differing_answers += u64::from(!self.apart);
+                self.result.differing_answers += u64::from(!self.alignment_ended);
                 self.set_first(Some(&a), Some(&b), what);
             }
             if self.result.first.is_none() {
@@ -181,14 +181,14 @@ impl Found {
     }
 
     fn ended(&mut self, a: Option<&Step>, b: Option<&Step>) {
-        self.judge(Follows::OneRun);
+        self.judge(NextSteps::OneRun);
         if self.differ {
             return;
         }
         let side = if a.is_none() { Side::A } else { Side::B };
         self.result.ends_early = Some(side);
         self.set_first(a, b, vec![Deviation::Ends { side }]);
-        self.apart = true;
+        self.alignment_ended = true;
     }
 
     /// Keeps the first difference, with the commands before it as context.
@@ -205,10 +205,10 @@ impl Found {
         self.result.context = context.collect();
     }
 
-    fn finish(mut self, counts: [Counts; 2]) -> Comparison {
-        self.judge(Follows::Nothing);
+    fn finish(mut self, counts: [RunCounts; 2]) -> Comparison {
+        self.judge(NextSteps::Nothing);
         let late = self.late_at_end();
-        let at_end = if self.apart { None } else { self.transfer.end() };
+        let at_end = if self.alignment_ended { None } else { self.transfer.end() };
         let what: Vec<_> = at_end.into_iter().chain(late).collect();
         if !what.is_empty() {
             let last = self.recent.back().cloned();

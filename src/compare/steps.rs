@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
-use super::counts::Counts;
+use super::counts::RunCounts;
 use super::cycles::Cycles;
-use super::report::Answer;
+use super::report::BoardReport;
 use super::{TimedFrame, WINDOW_CYCLES};
 use crate::ethercat::cia402::DriveState;
 use crate::link::Dir;
@@ -19,12 +19,12 @@ const DEFAULT_CYCLE_NS: i64 = 1_000_000;
 const OPEN_STEPS_MAX: usize = 1024;
 
 /// Most reports that wait for a later report, which shows the commands that they answer. \[OURS]
-const DOUBTFUL_MAX: usize = 32;
+const AMBIGUOUS_MAX: usize = 32;
 
 /// A command frame that requests something, and the board's answer to it.
 ///
 /// - A frame in which all slots are GET_STATUS is no step: how many of them a program sends while it waits depends on
-///   timing. With [`super::Options::ignore_repeats`] repeats of a frame are no steps either.
+///   timing. With [`super::CompareOptions::ignore_repeats`] repeats of a frame are no steps either.
 /// - A report belongs to the step whose command the board had executed last when it made the report. Outside OP that is
 ///   the last command sent; in OP it follows from the free entries of the FIFO ([`Executed`]). A report that was in
 ///   flight together with a command may remain ambiguous. It then belongs to no step, but its faults count for the
@@ -44,7 +44,7 @@ pub struct Step {
     /// The slot size of the command frame.
     pub size: SlotSize,
     /// The last report that belongs to the step; `None` if there is none.
-    pub answer: Option<Answer>,
+    pub answer: Option<BoardReport>,
     /// Faults of drives in the step's reports, each once: the slave, and the error code, or 0 if the report shows none.
     pub faults: Vec<(u8, u16)>,
     /// Whether the reports show that commands were lost, or refused because of their CRC, after this command was sent.
@@ -61,7 +61,7 @@ pub struct Step {
     /// The number of the cycle of OP that the answer reports; `None` outside OP, or without an answer.
     pub answered_in: Option<i64>,
     /// The first and the last reports of the step, with the ambiguous ones between them.
-    pub(super) kept: VecDeque<Answer>,
+    pub(super) kept: VecDeque<BoardReport>,
     /// The number of the command among the frames sent in OP; `None` if it was sent outside OP, where the board
     /// executes commands on arrival.
     entry: Option<u64>,
@@ -80,7 +80,7 @@ impl Step {
     }
 
     /// Adds a report that belongs, or may belong, to the step: its faults, and itself to the kept reports.
-    fn look(&mut self, answer: &Answer, size: SlotSize) {
+    fn note_report(&mut self, answer: &BoardReport, size: SlotSize) {
         if answer.is_op() {
             for slave in 1..=size.max_slaves() as u8 {
                 if answer.frame.slot(size, slave.into()).is_zero() {
@@ -118,16 +118,16 @@ pub struct Steps<I> {
     losses: Option<(u16, u8)>,
     cycles: Cycles,
     /// Ambiguous reports, whose last executed command is not known yet, with their cycles.
-    doubtful: Vec<(Answer, i64)>,
+    ambiguous: Vec<(BoardReport, i64)>,
     /// The newest unambiguous report: the number of the last executed command among those of OP, and the cycle.
-    known: Option<(Option<u64>, i64)>,
+    last_certain: Option<(Option<u64>, i64)>,
     /// For each slave: the positions of both axes, and for how many reports they have not changed.
-    still: [([Option<i32>; 2], u16); MAX_SLAVES],
+    unchanged_reports: [([Option<i32>; 2], u16); MAX_SLAVES],
     open: VecDeque<Step>,
     done: VecDeque<Step>,
     ended: bool,
     /// The numbers of frames of the run so far.
-    pub(super) counts: Counts,
+    pub(super) counts: RunCounts,
 }
 
 impl<I: Iterator<Item = TimedFrame>> Steps<I> {
@@ -143,13 +143,13 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
             in_op: false,
             losses: None,
             cycles: Cycles::default(),
-            doubtful: Vec::new(),
-            known: None,
-            still: [([None; 2], 0); MAX_SLAVES],
+            ambiguous: Vec::new(),
+            last_certain: None,
+            unchanged_reports: [([None; 2], 0); MAX_SLAVES],
             open: VecDeque::new(),
             done: VecDeque::new(),
             ended: false,
-            counts: Counts::default(),
+            counts: RunCounts::default(),
         }
     }
 
@@ -215,45 +215,45 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
                 self.executed.reset(self.cycle_ns);
                 self.open.iter_mut().for_each(|step| step.entry = None);
             }
-            self.give_up_doubtful();
+            self.give_up_ambiguous();
             let answer = self.answer(number, at_ns, frame);
             return self.add_report(self.open.len().wrapping_sub(1), answer, 0);
         }
         if !was_op {
             self.executed.reset(self.cycle_ns);
-            (self.cycles, self.known) = (Cycles::default(), None);
+            (self.cycles, self.last_certain) = (Cycles::default(), None);
         }
         self.cycles.report(at_ns, self.cycle_ns);
         let last = match self.executed.report(at_ns, &board) {
             LastExecuted::Command(last) => Some(last),
             LastExecuted::Nothing => None,
-            LastExecuted::Doubtful => {
+            LastExecuted::Ambiguous => {
                 let answer = self.answer(number, at_ns, frame);
-                self.doubtful.push((answer, self.cycles.passed()));
-                if self.doubtful.len() > DOUBTFUL_MAX {
-                    self.give_up_doubtful();
+                self.ambiguous.push((answer, self.cycles.passed()));
+                if self.ambiguous.len() > AMBIGUOUS_MAX {
+                    self.give_up_ambiguous();
                 }
                 return;
             }
-            LastExecuted::Unknown => return self.give_up_doubtful(),
+            LastExecuted::Unknown => return self.give_up_ambiguous(),
         };
         let cycle = self.cycles.passed();
-        self.decide_doubtful(last, cycle);
+        self.resolve_ambiguous(last, cycle);
         let answer = self.answer(number, at_ns, frame);
         self.add_report_after(last, answer, cycle);
-        self.known = Some((last, cycle));
+        self.last_certain = Some((last, cycle));
     }
 
     /// Resolves the ambiguous reports before an unambiguous one, whose last executed command is `last`. It works if the
     /// board executed one command in each cycle since the last unambiguous report.
-    fn decide_doubtful(&mut self, last: Option<u64>, cycle: i64) {
+    fn resolve_ambiguous(&mut self, last: Option<u64>, cycle: i64) {
         let number = |last: Option<u64>| last.map_or(-1, |last| i64::try_from(last).unwrap_or(i64::MAX));
-        let Some((before, cycle_before)) = self.known else { return self.give_up_doubtful() };
+        let Some((before, cycle_before)) = self.last_certain else { return self.give_up_ambiguous() };
         let before = number(before);
         if number(last).saturating_sub(before) != cycle.saturating_sub(cycle_before) {
-            return self.give_up_doubtful();
+            return self.give_up_ambiguous();
         }
-        for (answer, cycle) in std::mem::take(&mut self.doubtful) {
+        for (answer, cycle) in std::mem::take(&mut self.ambiguous) {
             let last = before.saturating_add(cycle.saturating_sub(cycle_before));
             self.add_report_after(u64::try_from(last).ok(), answer, cycle);
         }
@@ -261,42 +261,43 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
 
     /// Gives up the ambiguous reports: they answer the command of the oldest open step, or a later one. Their faults
     /// count for the oldest.
-    fn give_up_doubtful(&mut self) {
+    fn give_up_ambiguous(&mut self) {
         let size = self.size;
-        for (answer, _) in std::mem::take(&mut self.doubtful) {
-            self.open.iter_mut().take(1).for_each(|step| step.look(&answer, size));
+        for (answer, _) in std::mem::take(&mut self.ambiguous) {
+            self.open.iter_mut().take(1).for_each(|step| step.note_report(&answer, size));
         }
     }
 
     /// Adds a report of OP to the step that was executed last. Steps that were executed on arrival have the entry
     /// `None`, which is less than any number.
-    fn add_report_after(&mut self, last: Option<u64>, answer: Answer, cycle: i64) {
+    fn add_report_after(&mut self, last: Option<u64>, answer: BoardReport, cycle: i64) {
         if let Some(i) = self.open.iter().rposition(|step| step.entry <= last) {
             self.add_report(i, answer, cycle);
         }
     }
 
-    /// Makes an [`Answer`] of a report: adds the kinds of the slaves, and for how long their positions have not
+    /// Makes a [`BoardReport`] of a report: adds the kinds of the slaves, and for how long their positions have not
     /// changed.
-    fn answer(&mut self, frame_number: u64, at_ns: i64, frame: Frame) -> Answer {
+    fn answer(&mut self, frame_number: u64, at_ns: i64, frame: Frame) -> BoardReport {
         let kinds = std::array::from_fn(|n| self.kinds.of(n + 1));
-        let mut answer = Answer { frame_number, at_ns, frame, size: self.size, kinds, still: [0; MAX_SLAVES] };
-        for (n, (shown, count)) in self.still.iter_mut().enumerate().take(self.size.max_slaves()) {
+        let mut answer =
+            BoardReport { frame_number, at_ns, frame, size: self.size, kinds, unchanged_reports: [0; MAX_SLAVES] };
+        for (n, (shown, count)) in self.unchanged_reports.iter_mut().enumerate().take(self.size.max_slaves()) {
             let positions = answer.positions(n as u8 + 1);
             *count = if std::mem::replace(shown, positions) == positions { count.saturating_add(1) } else { 0 };
-            answer.still[n] = *count;
+            answer.unchanged_reports[n] = *count;
         }
         answer
     }
 
     /// Adds a report to the open step `i`. The steps before it get no more reports and are done.
-    fn add_report(&mut self, i: usize, answer: Answer, cycle: i64) {
+    fn add_report(&mut self, i: usize, answer: BoardReport, cycle: i64) {
         for step in self.open.iter_mut().take(i.saturating_add(1)).filter(|step| step.entry.is_some()) {
             let after = cycle.saturating_sub(step.sent_in).max(0).unsigned_abs();
             step.answered_after.get_or_insert(after);
         }
         let Some(step) = self.open.get_mut(i) else { return };
-        step.look(&answer, self.size);
+        step.note_report(&answer, self.size);
         step.answered_in = step.entry.map(|_| cycle);
         step.answer = Some(answer);
         step.reports += 1;
@@ -332,7 +333,7 @@ impl<I: Iterator<Item = TimedFrame>> Iterator for Steps<I> {
         while self.done.is_empty() && !self.ended {
             let Some(observed) = self.frames.next() else {
                 self.ended = true;
-                self.give_up_doubtful();
+                self.give_up_ambiguous();
                 self.done.append(&mut self.open);
                 break;
             };

@@ -4,7 +4,7 @@
 //! A board over an ECM-XF executes a command some cycles later, and the program continues meanwhile or waits for more
 //! cycles. So the answers of the two boards to a command are also compared with the answers in the cycles around it:
 //!
-//! - A value of one run is no difference if the other run shows it at most [`super::Options::latency_cycles`] before or
+//! - A value of one run is no difference if the other run shows it at most [`super::CompareOptions::latency_cycles`] before or
 //!   after its own answer. This must hold in both directions, so that a value which one run never shows remains a
 //!   difference.
 //! - In a moving axis, target reached (bit 10) and position may be combined in another way if a run has one cycle more
@@ -19,10 +19,10 @@
 use std::collections::VecDeque;
 
 use super::difference::Deviation;
-use super::gaps::apart;
-use super::report::Answer;
+use super::gaps::cycle_offset;
+use super::report::BoardReport;
 use super::steps::Step;
-use super::{Options, STANDS_REPORTS, Side, WINDOW_CYCLES, answers, unsure_cycles};
+use super::{AT_REST_REPORTS, CompareOptions, Side, WINDOW_CYCLES, answers, unsure_cycles};
 use crate::ethercat::cia402::Statusword;
 use crate::sk::dump::MAX_SLAVES;
 
@@ -41,14 +41,14 @@ const PAIRS_MAX: usize = 2 * WAY_CYCLES;
 
 /// Two equal steps, one of each run.
 #[derive(Clone, Debug)]
-pub(super) struct Pair {
+pub(super) struct StepPair {
     pub(super) a: Step,
     pub(super) b: Step,
     /// The differences between their answers, by [`answers::differences`].
     what: Vec<Deviation>,
 }
 
-impl Pair {
+impl StepPair {
     pub(super) const fn new(a: Step, b: Step, what: Vec<Deviation>) -> Self {
         Self { a, b, what }
     }
@@ -60,19 +60,19 @@ impl Pair {
         }
     }
 
-    fn answers(&self) -> Option<[&Answer; 2]> {
+    fn answers(&self) -> Option<[&BoardReport; 2]> {
         Some([self.a.answer.as_ref()?, self.b.answer.as_ref()?])
     }
 
     /// Both answers, if both were given in OP.
-    fn answers_in_op(&self) -> Option<[&Answer; 2]> {
+    fn answers_in_op(&self) -> Option<[&BoardReport; 2]> {
         self.answers().filter(|answers| answers.iter().all(|answer| answer.is_op()))
     }
 }
 
 /// What follows the pairs that were pushed so far.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Follows {
+pub(super) enum NextSteps {
     /// More pairs, or the runs are not read to their ends yet.
     More,
     /// Steps of one run only, because the other one has ended.
@@ -83,30 +83,30 @@ pub(super) enum Follows {
 
 /// How many cycles the two runs are apart for one axis.
 #[derive(Clone, Copy, Debug, Default)]
-struct Apart {
+struct CycleOffset {
     /// The cycle count of run B minus that of run A, when the axis was last at the same position in both runs.
-    together: Option<i64>,
+    offset_when_equal: Option<i64>,
     /// The largest change of that difference since then, in cycles.
-    most: u64,
+    largest_change: u64,
     /// The number of consecutive answers that were the same in both runs.
     same: u32,
 }
 
 /// A window of pairs around the pair that is judged next.
 #[derive(Debug)]
-pub(super) struct Timing {
-    options: Options,
-    pairs: VecDeque<Pair>,
+pub(super) struct PairWindow {
+    options: CompareOptions,
+    pairs: VecDeque<StepPair>,
     /// The index of the next pair to judge.
     next: usize,
-    axes: [Apart; MAX_SLAVES],
+    axes: [CycleOffset; MAX_SLAVES],
     /// The number of pairs whose answers differ in timing alone.
     pub(super) shifted: u64,
 }
 
-impl Timing {
-    pub(super) fn new(options: &Options) -> Self {
-        let axes = [Apart::default(); MAX_SLAVES];
+impl PairWindow {
+    pub(super) fn new(options: &CompareOptions) -> Self {
+        let axes = [CycleOffset::default(); MAX_SLAVES];
         Self { options: *options, pairs: VecDeque::new(), next: 0, axes, shifted: 0 }
     }
 
@@ -117,14 +117,14 @@ impl Timing {
     }
 
     /// Appends the next pair.
-    pub(super) fn push(&mut self, pair: Pair) {
+    pub(super) fn push(&mut self, pair: StepPair) {
         self.pairs.push_back(pair);
     }
 
     /// Returns the next pair, with its non-timing differences, once enough of the following pairs are known.
-    pub(super) fn judge(&mut self, follows: Follows) -> Option<(Pair, Vec<Deviation>)> {
-        let ended = follows == Follows::Nothing;
-        let is_known = follows != Follows::More || self.window() == 0 || self.is_followed();
+    pub(super) fn judge(&mut self, next_steps: NextSteps) -> Option<(StepPair, Vec<Deviation>)> {
+        let ended = next_steps == NextSteps::Nothing;
+        let is_known = next_steps != NextSteps::More || self.window() == 0 || self.is_followed();
         if self.next == self.pairs.len() || !is_known {
             return None;
         }
@@ -146,7 +146,7 @@ impl Timing {
 
     /// Whether enough reports after the next pair are known to judge it.
     fn is_followed(&self) -> bool {
-        let wanted = if self.axes.iter().any(|axis| axis.most > 0) { WAY_CYCLES } else { self.window() };
+        let wanted = if self.axes.iter().any(|axis| axis.largest_change > 0) { WAY_CYCLES } else { self.window() };
         let enough = |side| self.reports(self.next + 1, self.pairs.len(), side) > wanted;
         self.pairs.len() - self.next > PAIRS_MAX || (enough(Side::A) && enough(Side::B))
     }
@@ -167,7 +167,7 @@ impl Timing {
     /// Whether no later pair of answers can be compared: because both runs end (`ended`), or, with `in_op`, because the
     /// slaves leave OP.
     fn is_last(&self, at: usize, ended: bool, in_op: bool) -> bool {
-        let mut later = self.pairs.range(at + 1..).filter_map(Pair::answers);
+        let mut later = self.pairs.range(at + 1..).filter_map(StepPair::answers);
         match later.next() {
             Some(answers) => in_op && answers.iter().any(|answer| !answer.is_op()),
             None => ended,
@@ -176,14 +176,14 @@ impl Timing {
 
     /// Whether both runs show the same for a slave, some cycles earlier or later, at the pair `at` and at the pairs
     /// right after it.
-    fn is_unmoved(&self, at: usize, slave: u8) -> bool {
-        let same = |one: &Answer, other: &Answer| self.shows_same(slave, one, other);
+    fn matches_shifted(&self, at: usize, slave: u8) -> bool {
+        let same = |one: &BoardReport, other: &BoardReport| self.shows_same(slave, one, other);
         let mut pairs = (at..self.pairs.len()).take(UNMOVED_ANSWERS);
         pairs.all(|at| self.pairs.get(at).is_none_or(|pair| pair.answers_in_op().is_none()) || self.both_show(at, same))
     }
 
     /// Whether two reports of OP show the same for a slave.
-    fn shows_same(&self, slave: u8, one: &Answer, other: &Answer) -> bool {
+    fn shows_same(&self, slave: u8, one: &BoardReport, other: &BoardReport) -> bool {
         one.is_op() && other.is_op() && answers::is_same(slave, one, other, &self.options)
     }
 
@@ -194,45 +194,45 @@ impl Timing {
         self.axes = axes;
     }
 
-    fn follow_axes(&self, at: usize, axes: &mut [Apart; MAX_SLAVES]) {
+    fn follow_axes(&self, at: usize, axes: &mut [CycleOffset; MAX_SLAVES]) {
         let Some(pair) = self.pairs.get(at) else { return };
         let Some([a, b]) = pair.answers_in_op() else {
             if pair.answers().is_some() {
-                *axes = [Apart::default(); MAX_SLAVES];
+                *axes = [CycleOffset::default(); MAX_SLAVES];
             }
             return;
         };
-        let Some(apart) = apart(&pair.a, &pair.b) else { return };
+        let Some(offset) = cycle_offset(&pair.a, &pair.b) else { return };
         for (slave, axis) in (1..=pair.a.size.max_slaves() as u8).zip(axes) {
-            let more = apart.abs_diff(*axis.together.get_or_insert(apart));
-            if more > axis.most
+            let more = offset.abs_diff(*axis.offset_when_equal.get_or_insert(offset));
+            if more > axis.largest_change
                 && more <= unsure_cycles(pair.a.cycle_ns)
-                && axis.most == 0
-                && self.is_unmoved(at, slave)
+                && axis.largest_change == 0
+                && self.matches_shifted(at, slave)
             {
-                axis.together = Some(apart);
+                axis.offset_when_equal = Some(offset);
                 continue;
             }
-            axis.most = axis.most.max(more);
-            if axis.most == 0 {
+            axis.largest_change = axis.largest_change.max(more);
+            if axis.largest_change == 0 {
                 continue;
             }
             let is_same = answers::is_same(slave, a, b, &self.options);
             axis.same = if is_same { axis.same + 1 } else { 0 };
-            let stands = [a, b].iter().all(|answer| answer.still(slave) >= STANDS_REPORTS);
+            let stands = [a, b].iter().all(|answer| answer.unchanged_reports(slave) >= AT_REST_REPORTS);
             if is_same && (stands || axis.same >= SAME_ANSWERS) {
-                *axis = Apart { together: Some(apart), ..Apart::default() };
+                *axis = CycleOffset { offset_when_equal: Some(offset), ..CycleOffset::default() };
             }
         }
     }
 
     /// The largest number of additional cycles of one run while an axis was moving, up to the pair `at` and the pairs
     /// right after it.
-    fn most_apart(&self, at: usize, slave: u8) -> u64 {
+    fn largest_offset_change(&self, at: usize, slave: u8) -> u64 {
         let Some(axis) = self.axes.get(usize::from(slave).wrapping_sub(1)) else { return 0 };
-        let Some(together) = axis.together else { return 0 };
-        let near = self.pairs.range(at..).take(1 + SLACK_CYCLES).filter_map(|pair| apart(&pair.a, &pair.b));
-        near.map(|apart| apart.abs_diff(together)).max().unwrap_or_default().max(axis.most)
+        let Some(offset_when_equal) = axis.offset_when_equal else { return 0 };
+        let near = self.pairs.range(at..).take(1 + SLACK_CYCLES).filter_map(|pair| cycle_offset(&pair.a, &pair.b));
+        near.map(|offset| offset.abs_diff(offset_when_equal)).max().unwrap_or_default().max(axis.largest_change)
     }
 
     fn is_timing(&self, at: usize, what: &Deviation, ended: bool) -> bool {
@@ -253,10 +253,10 @@ impl Timing {
                 if !self.is_last(at, ended, true) || self.moves_at_end(at, slave, what) =>
             {
                 self.both_show(at, |one, other| self.shows_same(slave, one, other))
-                    || self.is_of_the_moment(at, slave, what)
+                    || self.is_sampling_moment(at, slave, what)
                     || self.is_on_its_way(at, slave, what)
             }
-            Deviation::Statusword { slave, .. } => self.is_of_the_moment(at, slave, what),
+            Deviation::Statusword { slave, .. } => self.is_sampling_moment(at, slave, what),
             _ => false,
         }
     }
@@ -264,7 +264,7 @@ impl Timing {
     /// Whether a difference between last answers concerns an axis that moves in both runs and is in the same CiA 402
     /// state.
     fn moves_at_end(&self, at: usize, slave: u8, what: &Deviation) -> bool {
-        let Some(answers) = self.pairs.get(at).and_then(Pair::answers_in_op) else { return false };
+        let Some(answers) = self.pairs.get(at).and_then(StepPair::answers_in_op) else { return false };
         let is_state = match what {
             Deviation::Statusword { words: [a, b], .. } => {
                 (a.0 ^ b.0) & Statusword::STATE_BITS & self.options.statusword_mask != 0
@@ -272,12 +272,14 @@ impl Timing {
             Deviation::Position { .. } => false,
             _ => true,
         };
-        !is_state && self.most_apart(at, slave) > 0 && answers.iter().all(|answer| answer.still(slave) < STANDS_REPORTS)
+        !is_state
+            && self.largest_offset_change(at, slave) > 0
+            && answers.iter().all(|answer| answer.unchanged_reports(slave) < AT_REST_REPORTS)
     }
 
     /// Whether a difference concerns a moving axis of which one run has had additional cycles.
     fn is_on_its_way(&self, at: usize, slave: u8, what: &Deviation) -> bool {
-        let most = self.most_apart(at, slave);
+        let most = self.largest_offset_change(at, slave);
         if most == 0 {
             return false;
         }
@@ -297,7 +299,7 @@ impl Timing {
     }
 
     /// Returns a test whether two reports of OP agree for a slave in the kind of value that `what` is about.
-    fn same_in(&self, slave: u8, what: &Deviation) -> impl Fn(&Answer, &Answer) -> bool {
+    fn same_in(&self, slave: u8, what: &Deviation) -> impl Fn(&BoardReport, &BoardReport) -> bool {
         let is_about_it = |found: &Deviation| std::mem::discriminant(found) == std::mem::discriminant(what);
         move |one, other| {
             let mut found = Vec::new();
@@ -309,8 +311,8 @@ impl Timing {
     /// Whether a difference depends only on the moment at which an axis was observed that moves in both runs: target
     /// reached (bit 10), or the position. With one cycle more or less the two combine in another way. So each run has
     /// to show the bit of the other one close to its own answer, and the position too, but not both in one report.
-    fn is_of_the_moment(&self, at: usize, slave: u8, what: &Deviation) -> bool {
-        let Some(answers) = self.pairs.get(at).and_then(Pair::answers_in_op) else { return false };
+    fn is_sampling_moment(&self, at: usize, slave: u8, what: &Deviation) -> bool {
+        let Some(answers) = self.pairs.get(at).and_then(StepPair::answers_in_op) else { return false };
         let is_one = match what {
             Deviation::Statusword { words: [a, b], .. } => {
                 (a.0 ^ b.0) & self.options.statusword_mask == Statusword::TARGET_REACHED
@@ -319,7 +321,7 @@ impl Timing {
             _ => false,
         };
         is_one
-            && answers.iter().all(|answer| answer.still(slave) < STANDS_REPORTS)
+            && answers.iter().all(|answer| answer.unchanged_reports(slave) < AT_REST_REPORTS)
             && self.both_show(at, self.same_in(slave, what))
     }
 
@@ -330,7 +332,7 @@ impl Timing {
             faults.any(|(_, code)| *code == error_code || error_code == 0)
         };
         let mut reports = 0;
-        let is_near = |pair: &&Pair| {
+        let is_near = |pair: &&StepPair| {
             let near = reports <= self.window();
             reports += pair.step(side).kept.len();
             near
@@ -348,10 +350,10 @@ impl Timing {
     }
 
     /// The smallest and the largest position of an axis, in counts, in the reports within `cycles` of the answer, and
-    /// in the first reports to the command ([`Self::soon`]).
+    /// in the first reports to the command ([`Self::first_reports`]).
     fn moved(&self, at: usize, side: Side, slave: u8, axis: u8, cycles: usize) -> Option<(i32, i32)> {
         let place = usize::from(axis.saturating_sub(1));
-        let reports = self.near(at, side, cycles).chain(self.soon(at, side, cycles));
+        let reports = self.reports_around(at, side, cycles).chain(self.first_reports(at, side, cycles));
         let positions = reports.filter_map(|answer| answer.positions(slave).get(place).copied()?);
         positions.fold(None, |range: Option<(i32, i32)>, position| {
             let (least, most) = range.unwrap_or((position, position));
@@ -360,28 +362,28 @@ impl Timing {
     }
 
     /// Whether each run shows the other run's answer close to its own answer.
-    fn both_show(&self, at: usize, same: impl Fn(&Answer, &Answer) -> bool) -> bool {
+    fn both_show(&self, at: usize, same: impl Fn(&BoardReport, &BoardReport) -> bool) -> bool {
         self.shows(at, Side::A, &same) && self.shows(at, Side::B, &same)
     }
 
     /// Whether the run `side` shows the other run's answer close to its own answer.
-    fn shows(&self, at: usize, side: Side, same: &impl Fn(&Answer, &Answer) -> bool) -> bool {
+    fn shows(&self, at: usize, side: Side, same: &impl Fn(&BoardReport, &BoardReport) -> bool) -> bool {
         let Some(pair) = self.pairs.get(at) else { return false };
         let Some(wanted) = &pair.step(side.other()).answer else { return false };
-        let same = |report: &Answer| if side == Side::B { same(wanted, report) } else { same(report, wanted) };
-        self.near(at, side, self.window()).chain(self.soon(at, side, self.window())).any(same)
+        let same = |report: &BoardReport| if side == Side::B { same(wanted, report) } else { same(report, wanted) };
+        self.reports_around(at, side, self.window()).chain(self.first_reports(at, side, self.window())).any(same)
     }
 
     /// The first reports of the run `side` to a command: as many as the other run had until its answer, and `cycles`
     /// more. None if the other run waited longer than [`Self::window`].
-    fn soon(&self, at: usize, side: Side, cycles: usize) -> impl Iterator<Item = &Answer> {
+    fn first_reports(&self, at: usize, side: Side, cycles: usize) -> impl Iterator<Item = &BoardReport> {
         let reports = self.pairs.get(at).map(|pair| (&pair.step(side).kept, pair.step(side.other()).kept.len()));
         let reports = reports.filter(|(_, waited)| *waited <= self.window());
         reports.into_iter().flat_map(move |(kept, waited)| kept.iter().take(waited + cycles))
     }
 
     /// The answer of the run `side`, and its reports of `cycles` cycles before and after it.
-    fn near(&self, at: usize, side: Side, cycles: usize) -> impl Iterator<Item = &Answer> {
+    fn reports_around(&self, at: usize, side: Side, cycles: usize) -> impl Iterator<Item = &BoardReport> {
         let before = self.pairs.range(..=at).rev().flat_map(move |pair| pair.step(side).kept.iter().rev());
         let behind = self.pairs.range(at + 1..).flat_map(move |pair| pair.step(side).kept.iter());
         before.take(cycles + 1).chain(behind.take(cycles))

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::sk::Malformed;
+use crate::sk::InvalidArgument;
 
 /// Why a command was not executed (SK-4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -14,7 +14,7 @@ pub enum Reason {
     /// The state of the network does not allow the command.
     WrongState,
     /// An argument has a value that the guides do not allow.
-    BadArgument(Malformed),
+    BadArgument(InvalidArgument),
     /// CSP, CSV or CST does not match the mode of DRIVE_MODE or the value of 0x6060.
     WrongMode,
     /// An SDO request was waiting behind a running transfer, and a newer request has replaced it.

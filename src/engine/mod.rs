@@ -24,7 +24,7 @@
 //! | `stepped.rs`, `threaded.rs`, `realtime.rs` | the runners: how time passes |
 //! | `handover.rs`, `reports.rs` | the queues of frames and reports between host and board |
 //!
-//! To add a command of the board: its id and arguments in `sk/id.rs` and `sk/command`, its effect in `commands.rs`.
+//! To add a command of the board: its id and arguments in `sk/command_table.rs` and `sk/command`, its effect in `commands.rs`.
 
 mod axis;
 mod board;

@@ -10,7 +10,7 @@ use super::spi::{device, next_step};
 use crate::address::keys::Scheme;
 use crate::address::uri::{LinkUri, UriError};
 use crate::ethercat::Ns;
-use crate::io::spi::{EdgeDevice, EdgeSettings, EdgeWires, GpioLine, Level, WireError};
+use crate::io::spi::{EdgeDevice, EdgeSettings, EdgeWires, GpioLine, Level, SpiError};
 use crate::link::chip_link::{ChipError, ChipInfo, ChipLink, RESET_LOW, speed_hz};
 use crate::xf::host::Wires;
 
@@ -29,7 +29,7 @@ impl SpiChip {
     pub fn from_uri(uri: &LinkUri) -> Result<Self, ChipError> {
         let (settings, times) = (spi_settings(uri)?, reset_times(uri)?);
         let name = uri.to_string();
-        let wires = EdgeDevice::open(&settings).map_err(|error| refused(&name, &error))?;
+        let wires = EdgeDevice::open(&settings).map_err(|error| chip_error(&name, &error))?;
         Self::over(&name, wires, settings.speed_hz).reset_at(times)
     }
 }
@@ -78,7 +78,7 @@ impl<W: EdgeWires> Wires for SpiChip<W> {
 
     fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), ChipError> {
         let done = self.wires.forget_edges().and_then(|()| self.wires.exchange(to_chip, from_chip));
-        done.map_err(|error| refused(&self.info.name, &error))
+        done.map_err(|error| chip_error(&self.info.name, &error))
     }
 
     fn wait_until(&mut self, time: Ns) -> Result<(), ChipError> {
@@ -91,7 +91,7 @@ impl<W: EdgeWires> Wires for SpiChip<W> {
 
     fn wait_ready(&mut self, until: Ns) -> Result<bool, ChipError> {
         let left = self.left_until(until);
-        self.wires.wait_edge(left).map_err(|error| refused(&self.info.name, &error))
+        self.wires.wait_edge(left).map_err(|error| chip_error(&self.info.name, &error))
     }
 }
 
@@ -101,11 +101,11 @@ impl<W: EdgeWires> ChipLink for SpiChip<W> {
     }
 
     fn int1(&mut self) -> Result<Option<bool>, ChipError> {
-        self.wires.interrupt_is_high().map_err(|error| refused(&self.info.name, &error))
+        self.wires.interrupt_is_high().map_err(|error| chip_error(&self.info.name, &error))
     }
 
     fn reset(&mut self) -> Result<bool, ChipError> {
-        self.wires.reset(RESET_LOW).map_err(|error| refused(&self.info.name, &error))
+        self.wires.reset(RESET_LOW).map_err(|error| chip_error(&self.info.name, &error))
     }
 }
 
@@ -177,10 +177,10 @@ fn spi_settings(uri: &LinkUri) -> Result<EdgeSettings, UriError> {
 }
 
 /// The error of a link whose SPI device or GPIO lines cannot be used.
-fn refused(name: &str, error: &WireError) -> ChipError {
+fn chip_error(name: &str, error: &SpiError) -> ChipError {
     let next = match error {
-        WireError::InUse { .. } => "end what uses it, or correct the link",
-        WireError::Refused { .. } => "look at speed=, and at bufsiz of the module spidev (1440 at least)",
+        SpiError::InUse { .. } => "end what uses it, or correct the link",
+        SpiError::Refused { .. } => "look at speed=, and at bufsiz of the module spidev (1440 at least)",
         other => next_step(other),
     };
     ChipError::Wires { name: name.to_owned(), message: format!("{error}; {next}") }
@@ -194,15 +194,15 @@ mod tests {
     /// XF-16.6 The error of a device or line that cannot be used ends with what to do.
     #[test]
     fn wires_that_cannot_be_used_are_told_with_the_next_step() {
-        let said = |error| refused("xf-spi:/dev/spidev0.0", &error).to_string();
+        let said = |error| chip_error("xf-spi:/dev/spidev0.0", &error).to_string();
         let what = || "line 24 of /dev/gpiochip0".to_owned();
         let there = || "there is y".to_owned();
-        let failed = said(WireError::Refused { what: what(), message: "no".to_owned() });
+        let failed = said(SpiError::Refused { what: what(), message: "no".to_owned() });
         for (said, expected) in [
-            (said(WireError::Missing { what: what(), there: there() }), "is not there; there is y; switch SPI on"),
-            (said(WireError::Another { what: what(), there: there() }), "no device of that kind; there is y; correct"),
-            (said(WireError::Denied { what: what() }), "may not be used by this user; add the user to the groups"),
-            (said(WireError::InUse { what: what(), by: " by a driver".to_owned() }), "by a driver; end what uses it"),
+            (said(SpiError::Missing { what: what(), there: there() }), "is not there; there is y; switch SPI on"),
+            (said(SpiError::WrongKind { what: what(), there: there() }), "no device of that kind; there is y; correct"),
+            (said(SpiError::Denied { what: what() }), "may not be used by this user; add the user to the groups"),
+            (said(SpiError::InUse { what: what(), by: " by a driver".to_owned() }), "by a driver; end what uses it"),
             (failed.clone(), "no; look at speed="),
         ] {
             assert!(said.starts_with("xf-spi:/dev/spidev0.0: line 24 of /dev/gpiochip0"), "{said}");

@@ -8,7 +8,7 @@ use std::time::Duration;
 use crate::address::keys::{self, Scheme};
 use crate::address::uri::{LinkUri, UriError};
 use crate::ethercat::Ns;
-use crate::io::hid::{Bus, PacketDevice, PacketError, PacketPlace, PacketWires, UsbError};
+use crate::io::hid::{Bus, PacketDevice, PacketPlace, PacketWires, UsbError, UsbPacketError};
 use crate::link::chip_link::{ChipError, ChipInfo, ChipLink};
 use crate::xf::DataSize;
 use crate::xf::host::Wires;
@@ -35,8 +35,8 @@ impl UsbChip {
     pub fn from_uri(uri: &LinkUri) -> Result<Self, ChipError> {
         let place = usb_place(uri)?;
         let name = uri.to_string();
-        let device = Bus::open().map_err(PacketError::from).and_then(|bus| PacketDevice::open(&bus, place));
-        Ok(Self::over(&name, device.map_err(|error| refused(&name, &error))?))
+        let device = Bus::open().map_err(UsbPacketError::from).and_then(|bus| PacketDevice::open(&bus, place));
+        Ok(Self::over(&name, device.map_err(|error| chip_error(&name, &error))?))
     }
 }
 
@@ -60,7 +60,7 @@ impl<W: PacketWires> UsbChip<W> {
 
     /// Fills `from_chip` with received bytes while the driver searches for the beginning of packets. It sends zeros,
     /// which the chip does not take for a packet.
-    fn search(&mut self, from_chip: &mut [u8]) -> Result<(), PacketError> {
+    fn search(&mut self, from_chip: &mut [u8]) -> Result<(), UsbPacketError> {
         for byte in from_chip {
             if self.rest_len == 0 {
                 self.wires.exchange(&[0; PACKET], &mut self.rest)?;
@@ -86,7 +86,7 @@ impl<W: PacketWires> Wires for UsbChip<W> {
         } else {
             self.search(from_chip)
         };
-        done.map_err(|error| refused(&self.info.name, &error))
+        done.map_err(|error| chip_error(&self.info.name, &error))
     }
 
     fn wait_until(&mut self, time: Ns) -> Result<(), ChipError> {
@@ -113,18 +113,18 @@ impl<W: PacketWires> ChipLink for UsbChip<W> {
 }
 
 /// The error of a link whose USB device cannot be used.
-fn refused(name: &str, error: &PacketError) -> ChipError {
+fn chip_error(name: &str, error: &UsbPacketError) -> ChipError {
     let next = match error {
         // The text of this error already says what to do.
-        PacketError::Bus(_) => None,
-        PacketError::Missing { .. } => Some("plug it in and switch it on, or correct vid= and pid= (`lsusb`)"),
-        PacketError::Several { .. } => Some("unplug the others"),
-        PacketError::NoEndpoints { .. } => Some("correct ep_out= and ep_in= (`lsusb -v`)"),
-        PacketError::Usb(UsbError::Access) => Some("be root, or give the device to this user by a udev rule"),
-        PacketError::Usb(UsbError::Busy) => Some("end the other program that uses it"),
-        PacketError::Usb(UsbError::NoDevice) => Some("it was unplugged: plug it in and open the link again"),
-        PacketError::Usb(_) => Some("pull it and plug it in again"),
-        PacketError::Late { .. } | PacketError::Length { .. } => {
+        UsbPacketError::Bus(_) => None,
+        UsbPacketError::Missing { .. } => Some("plug it in and switch it on, or correct vid= and pid= (`lsusb`)"),
+        UsbPacketError::Several { .. } => Some("unplug the others"),
+        UsbPacketError::NoEndpoints { .. } => Some("correct ep_out= and ep_in= (`lsusb -v`)"),
+        UsbPacketError::Usb(UsbError::Access) => Some("be root, or give the device to this user by a udev rule"),
+        UsbPacketError::Usb(UsbError::Busy) => Some("end the other program that uses it"),
+        UsbPacketError::Usb(UsbError::NoDevice) => Some("it was unplugged: plug it in and open the link again"),
+        UsbPacketError::Usb(_) => Some("pull it and plug it in again"),
+        UsbPacketError::Late { .. } | UsbPacketError::Length { .. } => {
             Some("look whether vid=, pid=, ep_out= and ep_in= are those of an ECM-XFU")
         }
     };
@@ -156,16 +156,19 @@ mod tests {
     fn a_device_that_cannot_be_used_is_told_with_the_next_step() {
         let (vendor, product) = (0x1234, 0x00AB);
         for (error, expected) in [
-            (PacketError::Missing { vendor, product }, "1234:00ab; plug it in"),
-            (PacketError::Several { vendor, product, count: 2 }, "2 devices have the ids 1234:00ab; unplug"),
-            (PacketError::NoEndpoints { output: 1, input: 2, there: "none".into() }, "it has none; correct ep_out="),
-            (PacketError::Usb(UsbError::Access), "access denied; be root"),
-            (PacketError::Usb(UsbError::Busy), "busy; end the other program"),
-            (PacketError::Usb(UsbError::NoDevice), "no such device; it was unplugged"),
-            (PacketError::Usb(UsbError::Io), "input/output error; pull it"),
-            (PacketError::Length { what: "gives", found: 64, wanted: PACKET }, "64 bytes and not 1024; look whether"),
+            (UsbPacketError::Missing { vendor, product }, "1234:00ab; plug it in"),
+            (UsbPacketError::Several { vendor, product, count: 2 }, "2 devices have the ids 1234:00ab; unplug"),
+            (UsbPacketError::NoEndpoints { output: 1, input: 2, there: "none".into() }, "it has none; correct ep_out="),
+            (UsbPacketError::Usb(UsbError::Access), "access denied; be root"),
+            (UsbPacketError::Usb(UsbError::Busy), "busy; end the other program"),
+            (UsbPacketError::Usb(UsbError::NoDevice), "no such device; it was unplugged"),
+            (UsbPacketError::Usb(UsbError::Io), "input/output error; pull it"),
+            (
+                UsbPacketError::Length { what: "gives", found: 64, wanted: PACKET },
+                "64 bytes and not 1024; look whether",
+            ),
         ] {
-            let said = refused("xf-usb:", &error).to_string();
+            let said = chip_error("xf-usb:", &error).to_string();
             assert!(said.starts_with("xf-usb:: ") && said.contains(expected), "{said}: no {expected}");
         }
     }

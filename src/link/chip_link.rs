@@ -20,7 +20,7 @@ use crate::address::uri::UriError;
 use crate::ethercat::Ns;
 use crate::xf::DataSize;
 use crate::xf::MAX_PACKET;
-use crate::xf::host::{Deadlines, HostConfig, Pacing, Wires};
+use crate::xf::host::{HostConfig, HostPacing, Timeouts, Wires};
 
 /// The properties of a link to a chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -149,8 +149,8 @@ pub(crate) fn host_config(info: &ChipInfo, options: &ChipOptions) -> HostConfig 
         size: info.size,
         wanted_size: options.use_n.filter(|_| info.size.is_none()),
         idle_ns: options.idle_ns,
-        pacing: if info.has_int0 { Pacing::Int0 } else { Pacing::Idle },
-        deadlines: deadlines(info.clock_hz),
+        pacing: if info.has_int0 { HostPacing::Int0 } else { HostPacing::Idle },
+        timeouts: timeouts(info.clock_hz),
         ..HostConfig::DEFAULT
     }
 }
@@ -160,8 +160,8 @@ const EXCHANGES_TO_ANSWER: Ns = 10;
 
 /// The default deadlines. On a slow SPI clock the deadline of answers is longer: [`EXCHANGES_TO_ANSWER`] exchanges of
 /// the longest packet.
-fn deadlines(clock_hz: Option<u32>) -> Deadlines {
+fn timeouts(clock_hz: Option<u32>) -> Timeouts {
     let longest = clock_hz.map_or(0, |hertz| MAX_PACKET as u64 * 8_000_000_000 / u64::from(hertz.max(1)));
-    let answer_ns = Deadlines::DEFAULT.answer_ns.max(EXCHANGES_TO_ANSWER * longest);
-    Deadlines { answer_ns, ..Deadlines::DEFAULT }
+    let answer_ns = Timeouts::DEFAULT.answer_ns.max(EXCHANGES_TO_ANSWER * longest);
+    Timeouts { answer_ns, ..Timeouts::DEFAULT }
 }

@@ -8,7 +8,7 @@ pub use timing::{lateness, lateness_of_own_cycles, timer};
 
 /// How good something that was checked is for a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum FindingVerdict {
     /// The setting is right, or nothing needs it.
     Fine,
     /// The setting works and could be improved.
@@ -17,7 +17,7 @@ pub enum Verdict {
     Wrong,
 }
 
-impl Verdict {
+impl FindingVerdict {
     /// The name of the verdict in the output of `ecmsk doctor`: `ok`, `advice` or `wrong`.
     pub const fn name(self) -> &'static str {
         match self {
@@ -28,7 +28,7 @@ impl Verdict {
     }
 }
 
-impl fmt::Display for Verdict {
+impl fmt::Display for FindingVerdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(self.name())
     }
@@ -42,7 +42,7 @@ pub struct Finding {
     /// The device that was checked, such as `1-2.3` or `/dev/spidev0.0`; `None` if the check is not about a device.
     pub subject: Option<String>,
     /// How good the checked thing is for a board.
-    pub verdict: Verdict,
+    pub verdict: FindingVerdict,
     /// What was found, as a text.
     pub found: String,
     /// The next step for the user; `None` if nothing has to be done.
@@ -57,17 +57,25 @@ impl Finding {
     /// A finding that is right.
     pub fn fine(check: &'static str, found: impl Into<String>) -> Self {
         let found = found.into();
-        Self { check, subject: None, verdict: Verdict::Fine, found, next: None, blocks: false, figures: Vec::new() }
+        Self {
+            check,
+            subject: None,
+            verdict: FindingVerdict::Fine,
+            found,
+            next: None,
+            blocks: false,
+            figures: Vec::new(),
+        }
     }
 
     /// A finding that could be improved by `next`.
     pub fn advice(check: &'static str, found: impl Into<String>, next: impl Into<String>) -> Self {
-        Self { verdict: Verdict::Advice, next: Some(next.into()), ..Self::fine(check, found) }
+        Self { verdict: FindingVerdict::Advice, next: Some(next.into()), ..Self::fine(check, found) }
     }
 
     /// A finding that is wrong and corrected by `next`.
     pub fn wrong(check: &'static str, found: impl Into<String>, next: impl Into<String>) -> Self {
-        Self { verdict: Verdict::Wrong, next: Some(next.into()), ..Self::fine(check, found) }
+        Self { verdict: FindingVerdict::Wrong, next: Some(next.into()), ..Self::fine(check, found) }
     }
 
     /// A finding that is wrong if `matters`, otherwise one that is fine. `next` is added only if it is wrong.

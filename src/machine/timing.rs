@@ -17,7 +17,7 @@ pub(crate) use system::{COARSE, FINER};
 
 /// How much later than requested a thread was woken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Lateness {
+pub struct TimerLateness {
     /// The sleep that the thread requested each time.
     pub period: Duration,
     /// The median of the lateness.
@@ -28,7 +28,7 @@ pub struct Lateness {
     pub max: Duration,
 }
 
-impl Lateness {
+impl TimerLateness {
     /// The percentiles of the measured values; `None` if there are none.
     pub fn of(period: Duration, mut late: Vec<Duration>) -> Option<Self> {
         late.sort_unstable();
@@ -57,21 +57,21 @@ mod tests {
     fn figures_of_lateness() {
         const MS: Duration = Duration::from_millis(1);
         let us = |us| Duration::from_micros(us);
-        let lateness = Lateness::of(MS, (1..=1000).rev().map(us).collect()).expect("a thousand");
+        let lateness = TimerLateness::of(MS, (1..=1000).rev().map(us).collect()).expect("a thousand");
         assert_eq!((lateness.p50, lateness.p99, lateness.max), (us(500), us(990), us(1000)));
-        let one = Lateness::of(MS, vec![us(7)]).expect("one");
+        let one = TimerLateness::of(MS, vec![us(7)]).expect("one");
         assert_eq!((one.p50, one.p99, one.max), (us(7), us(7), us(7)));
         let outlier = [vec![us(1); 99], vec![us(900)]].concat();
-        let lateness = Lateness::of(MS, outlier).expect("a hundred");
+        let lateness = TimerLateness::of(MS, outlier).expect("a hundred");
         assert_eq!((lateness.p99, lateness.max), (us(1), us(900)));
-        assert_eq!(Lateness::of(MS, Vec::new()), None);
+        assert_eq!(TimerLateness::of(MS, Vec::new()), None);
     }
 
     /// The thread really sleeps and is never woken early.
     #[test]
     fn a_measured_lateness() {
         let began = std::time::Instant::now();
-        let lateness = Lateness::measure(Duration::from_millis(1), 20).expect("a thread");
+        let lateness = TimerLateness::measure(Duration::from_millis(1), 20).expect("a thread");
         assert!(began.elapsed() >= Duration::from_millis(20), "{lateness:?}");
         assert!(lateness.p50 <= lateness.p99 && lateness.p99 <= lateness.max, "{lateness:?}");
     }

@@ -175,21 +175,21 @@ impl EngineLink {
         // The lines are written after the locks are released, so that no other thread waits for the log.
         let mut lines = Vec::new();
         let zero = self.info.opened_at.0;
-        let mut say = |level, line| lines.push((level, line));
+        let mut log = |level, line| lines.push((level, line));
         let mut logged = self.logged();
         let Logged { events: seen, rejections, .. } = &mut *logged;
         match &self.runner {
             Runner::Threaded(threaded) => {
                 let (events, counters, now) = threaded.take_events();
                 let events = events.into_iter().map(|event| event.since(zero));
-                rejections.log(events, &counters, now.saturating_sub(zero), &mut say);
+                rejections.log(events, &counters, now.saturating_sub(zero), &mut log);
             }
             Runner::Stepped(stepped) => {
                 stepped.look(|board, _| {
                     let engine = board.engine();
                     let from = std::mem::replace(seen, engine.events_total());
                     let events = engine.events_since(from).map(|event| event.since(zero));
-                    rejections.log(events, engine.counters(), board.now().saturating_sub(zero), &mut say);
+                    rejections.log(events, engine.counters(), board.now().saturating_sub(zero), &mut log);
                 });
             }
         }

@@ -54,7 +54,7 @@ impl Episodes {
         counters: &Counters,
         now: Ns,
         is_logged: impl Fn(Unexecuted) -> bool,
-        say: &mut dyn FnMut(Level, String),
+        log: &mut dyn FnMut(Level, String),
     ) {
         for (kind, what) in self.kinds.iter_mut().zip(Unexecuted::ALL) {
             let count = what.of(counters);
@@ -62,14 +62,14 @@ impl Episodes {
             match &mut kind.episode {
                 Some(episode) if count > before => episode.to = now,
                 Some(episode) if now.saturating_sub(episode.to) >= QUIET_NS => {
-                    say(level(what), ended(what, episode, count));
+                    log(level(what), ended(what, episode, count));
                     kind.episode = None;
                 }
                 Some(_) => {}
                 None if count > before => {
                     kind.episode = Some(Episode { from: now, to: now, before });
                     if !is_logged(what) {
-                        say(level(what), begun(what, count - before, now));
+                        log(level(what), begun(what, count - before, now));
                     }
                 }
                 None => {}
@@ -78,11 +78,11 @@ impl Episodes {
     }
 
     /// Logs the counts of all episodes in progress, when the link is closed.
-    pub(crate) fn end(&mut self, counters: &Counters, now: Ns, say: &mut dyn FnMut(Level, String)) {
-        self.log(counters, now, |_| false, say);
+    pub(crate) fn end(&mut self, counters: &Counters, now: Ns, log: &mut dyn FnMut(Level, String)) {
+        self.log(counters, now, |_| false, log);
         for (kind, what) in self.kinds.iter_mut().zip(Unexecuted::ALL) {
             if let Some(episode) = kind.episode.take() {
-                say(level(what), ended(what, &episode, kind.seen));
+                log(level(what), ended(what, &episode, kind.seen));
             }
         }
     }

@@ -58,7 +58,7 @@ impl RejectionLog {
         events: impl IntoIterator<Item = Event>,
         counters: &Counters,
         now: Ns,
-        say: &mut dyn FnMut(Level, String),
+        log: &mut dyn FnMut(Level, String),
     ) {
         let mut logged = [false; Unexecuted::KINDS];
         for event in events {
@@ -70,9 +70,9 @@ impl RejectionLog {
                     is_logged
                 }
                 // This line has the number of bytes, so it replaces the line for the beginning of an episode.
-                EventKind::Incomplete { .. } => self.begins(Unexecuted::Incomplete, &mut logged),
+                EventKind::Incomplete { .. } => self.is_first_of_episode(Unexecuted::Incomplete, &mut logged),
                 // Only the first one is logged, because the bus may lose outputs in each cycle.
-                EventKind::OutputsLost { .. } => self.begins(Unexecuted::OutputsLost, &mut logged),
+                EventKind::OutputsLost { .. } => self.is_first_of_episode(Unexecuted::OutputsLost, &mut logged),
                 EventKind::SdoAborted { .. } => {
                     logged[Unexecuted::SdoAborted as usize] = true;
                     self.aborts.is_logged(event.at)
@@ -80,36 +80,36 @@ impl RejectionLog {
                 _ => true,
             };
             if is_told {
-                say(level_of(&event), event.to_string());
+                log(level_of(&event), event.to_string());
             }
         }
-        self.sum_up(&counters.rejected, |kind| now.saturating_sub(kind.since) >= WINDOW_NS, say);
-        self.episodes.log(counters, now, |what| logged[what as usize], say);
+        self.sum_up(&counters.rejected, |kind| now.saturating_sub(kind.since) >= WINDOW_NS, log);
+        self.episodes.log(counters, now, |what| logged[what as usize], log);
     }
 
     /// Whether an event is the first one of an episode. If so, it is marked as logged.
-    fn begins(&self, what: Unexecuted, logged: &mut [bool; Unexecuted::KINDS]) -> bool {
+    fn is_first_of_episode(&self, what: Unexecuted, logged: &mut [bool; Unexecuted::KINDS]) -> bool {
         !self.episodes.is_running(what) && !std::mem::replace(&mut logged[what as usize], true)
     }
 
     /// Logs the rejections that have not been logged yet, when the link is closed.
-    pub(crate) fn end(&mut self, counters: &Counters, now: Ns, say: &mut dyn FnMut(Level, String)) {
-        self.sum_up(&counters.rejected, |_| true, say);
-        self.episodes.end(counters, now, say);
+    pub(crate) fn end(&mut self, counters: &Counters, now: Ns, log: &mut dyn FnMut(Level, String)) {
+        self.sum_up(&counters.rejected, |_| true, log);
+        self.episodes.end(counters, now, log);
     }
 
     fn sum_up(
         &mut self,
         rejected: &[u64; Reason::KINDS],
         is_over: impl Fn(&Throttle) -> bool,
-        say: &mut dyn FnMut(Level, String),
+        log: &mut dyn FnMut(Level, String),
     ) {
         for ((kind, rejected), name) in self.kinds.iter_mut().zip(rejected).zip(Reason::NAMES) {
             let more = rejected.saturating_sub(kind.logged);
             if more > 0 && is_over(kind) {
                 kind.logged += more;
                 let since = Seconds(kind.since);
-                say(Level::Warn, format!("{more} more rejected as {name} since {since}; look at the first ones"));
+                log(Level::Warn, format!("{more} more rejected as {name} since {since}; look at the first ones"));
             }
         }
     }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 
-use crate::notes::Teller;
+use crate::notes::NoteThread;
 use crate::tcp::Waker;
 use crate::threads;
 
@@ -30,7 +30,7 @@ impl Shared {
 /// A handle of the server's thread and of the thread of its log. Dropping it ends both.
 pub(super) struct Serving {
     shared: Arc<Shared>,
-    teller: Teller<String>,
+    teller: NoteThread<String>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -39,7 +39,7 @@ impl Serving {
     pub(super) fn start(
         name: &str,
         shared: Arc<Shared>,
-        teller: Teller<String>,
+        teller: NoteThread<String>,
         run: impl FnOnce() + Send + 'static,
     ) -> io::Result<Self> {
         let thread = threads::spawn(name, run)?;

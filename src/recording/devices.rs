@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 
 use super::address::Address;
-use super::formats::transfer::{Event, Kind, Stage};
-use super::held::Held;
+use super::formats::transfer::{Stage, TransferKind, UsbEvent};
+use super::pending::PendingFrames;
 use super::recorded::Recorded;
 use crate::sk::{BOARD_IDS, Dir, FRAME_LEN, Frame, SlotSize};
 
@@ -32,7 +32,7 @@ const MOST_SETUPS: usize = 1024;
 
 /// A USB device in a capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Seen {
+pub struct CapturedDevice {
     /// The address of the device.
     pub address: Address,
     /// Vendor and product id; `None` if the capture does not have the device descriptor.
@@ -45,11 +45,11 @@ pub struct Seen {
     others: Skipped,
 }
 
-impl Seen {
+impl CapturedDevice {
     /// How much the device looks like a board: 0 for no frames, 1 for frames one way, 2 for frames both ways, 3 with
     /// the board's ids in addition. The ids are a hobby id, shared by other devices, so frames count for more. \[OURS]
     /// A device with other ids is no board.
-    fn likeness(&self) -> u8 {
+    fn board_score(&self) -> u8 {
         match (self.ids, self.written.min(1) + self.read.min(1)) {
             (Some(ids), _) if ids != BOARD_IDS => 0,
             (Some(_), 2) => 3,
@@ -59,7 +59,7 @@ impl Seen {
 }
 
 /// Writes `1.5 (16c0:05df; 12 frames to it, 40 from it)`.
-impl fmt::Display for Seen {
+impl fmt::Display for CapturedDevice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} (", self.address)?;
         if let Some((vendor, product)) = self.ids {
@@ -101,7 +101,7 @@ impl Skipped {
 /// The devices of a capture that was read up to some packet.
 #[derive(Default)]
 pub(super) struct Devices {
-    devices: BTreeMap<Address, Seen>,
+    devices: BTreeMap<Address, CapturedDevice>,
     /// Setup packets of control transfers in flight.
     setups: HashMap<u64, [u8; 8]>,
     /// The only device whose frames are wanted; `None` for all that may be a board.
@@ -120,14 +120,14 @@ impl Devices {
     }
 
     /// The devices, sorted by address.
-    pub fn seen(&self) -> Vec<Seen> {
+    pub fn seen(&self) -> Vec<CapturedDevice> {
         self.devices.values().copied().collect()
     }
 
     /// What was skipped so far.
     pub fn skipped(&self) -> Skipped {
         let mut skipped = Skipped::default();
-        for Seen { written, read, others, .. } in self.devices.values() {
+        for CapturedDevice { written, read, others, .. } in self.devices.values() {
             let Skipped { taken_back, without_report, other_lengths, other_transfers, other_devices } = *others;
             if written + read + taken_back > 0 {
                 skipped.taken_back += taken_back;
@@ -141,27 +141,35 @@ impl Devices {
         skipped
     }
 
-    /// Takes a packet. A frame in it is added to `held`, where it waits for the end of its transfer if `waits`.
-    pub fn take(&mut self, event: &Event<'_>, at_ns: u64, waits: bool, held: &mut Held) -> Result<(), Cut> {
+    /// Takes a packet. A frame in it is added to `pending`, where it waits for the end of its transfer if `waits`.
+    pub fn take(
+        &mut self,
+        event: &UsbEvent<'_>,
+        at_ns: u64,
+        waits: bool,
+        pending: &mut PendingFrames,
+    ) -> Result<(), Cut> {
         self.device(event.at);
         match (event.kind, event.to_host, event.stage) {
-            (Kind::Control, ..) => return self.control(event, at_ns, waits, held),
-            (Kind::Interrupt, false, Stage::Submitted) => {
-                return self.frame(event, Dir::Write, at_ns, waits.then_some(event.id), held);
+            (TransferKind::Control, ..) => return self.control(event, at_ns, waits, pending),
+            (TransferKind::Interrupt, false, Stage::Submitted) => {
+                return self.frame(event, Dir::Write, at_ns, waits.then_some(event.id), pending);
             }
-            (Kind::Interrupt, false, Stage::Ended { done }) => self.ended(event, done, held),
-            (Kind::Interrupt, true, Stage::Ended { .. }) if event.length == 0 => {
+            (TransferKind::Interrupt, false, Stage::Ended { done }) => self.ended(event, done, pending),
+            (TransferKind::Interrupt, true, Stage::Ended { .. }) if event.length == 0 => {
                 self.others(event.at).without_report += 1
             }
-            (Kind::Interrupt, true, Stage::Ended { .. }) => return self.frame(event, Dir::Read, at_ns, None, held),
-            (Kind::Interrupt, true, Stage::Submitted) => {}
-            (Kind::Other, ..) => self.others(event.at).other_transfers += 1,
+            (TransferKind::Interrupt, true, Stage::Ended { .. }) => {
+                return self.frame(event, Dir::Read, at_ns, None, pending);
+            }
+            (TransferKind::Interrupt, true, Stage::Submitted) => {}
+            (TransferKind::Other, ..) => self.others(event.at).other_transfers += 1,
         }
         Ok(())
     }
 
-    fn device(&mut self, address: Address) -> &mut Seen {
-        let new = Seen { address, ids: None, written: 0, read: 0, others: Skipped::default() };
+    fn device(&mut self, address: Address) -> &mut CapturedDevice {
+        let new = CapturedDevice { address, ids: None, written: 0, read: 0, others: Skipped::default() };
         self.devices.entry(address).or_insert(new)
     }
 
@@ -171,16 +179,22 @@ impl Devices {
 
     /// Takes the end of a transfer to the board. Its bytes arrived if it succeeded, or if the capture shows a
     /// transferred length.
-    fn ended(&mut self, event: &Event<'_>, done: bool, held: &mut Held) {
+    fn ended(&mut self, event: &UsbEvent<'_>, done: bool, pending: &mut PendingFrames) {
         let moved = done || event.length as usize >= NARROW;
-        if held.ended(event.id, moved) {
+        if pending.ended(event.id, moved) {
             let seen = self.device(event.at);
             seen.written = seen.written.saturating_sub(1);
             seen.others.taken_back += 1;
         }
     }
 
-    fn control(&mut self, event: &Event<'_>, at_ns: u64, waits: bool, held: &mut Held) -> Result<(), Cut> {
+    fn control(
+        &mut self,
+        event: &UsbEvent<'_>,
+        at_ns: u64,
+        waits: bool,
+        pending: &mut PendingFrames,
+    ) -> Result<(), Cut> {
         if let Some(setup) = event.setup {
             if self.setups.len() >= MOST_SETUPS {
                 self.setups.clear();
@@ -190,7 +204,7 @@ impl Devices {
         let setup = self.setups.get(&event.id).copied();
         if let Stage::Ended { done } = event.stage {
             self.setups.remove(&event.id);
-            self.ended(event, done, held);
+            self.ended(event, done, pending);
         }
         let Some([kind, request, _, of, ..]) = setup else {
             self.others(event.at).other_transfers += 1;
@@ -198,7 +212,7 @@ impl Devices {
         };
         match ((kind, request), of, event.stage) {
             (SET_REPORT, OUTPUT_REPORT, Stage::Submitted) if event.length > 0 && is_frame(event) => {
-                self.frame(event, Dir::Write, at_ns, waits.then_some(event.id), held)
+                self.frame(event, Dir::Write, at_ns, waits.then_some(event.id), pending)
             }
             (GET_DESCRIPTOR, DEVICE_DESCRIPTOR, _) if event.data.len() >= DEVICE_DESCRIPTOR_LEN => {
                 let number = |at: usize| u16::from_le_bytes([event.data[at], event.data[at + 1]]);
@@ -214,11 +228,11 @@ impl Devices {
 
     fn frame(
         &mut self,
-        event: &Event<'_>,
+        event: &UsbEvent<'_>,
         dir: Dir,
         at_ns: u64,
         until: Option<u64>,
-        held: &mut Held,
+        pending: &mut PendingFrames,
     ) -> Result<(), Cut> {
         if !is_frame(event) {
             self.others(event.at).other_lengths += 1;
@@ -242,13 +256,13 @@ impl Devices {
             Dir::Read => &mut seen.read,
         } += 1;
         let Address { bus, device } = event.at;
-        held.push(Recorded { at_ns, dir, frame: Frame::from_prefix(data), bus, device }, until);
+        pending.push(Recorded { at_ns, dir, frame: Frame::from_prefix(data), bus, device }, until);
         Ok(())
     }
 }
 
 /// Whether a transfer has the length of a frame: 512 or 504 bytes, or 513 with a report id of 0.
-fn is_frame(event: &Event<'_>) -> bool {
+fn is_frame(event: &UsbEvent<'_>) -> bool {
     match event.length as usize {
         WITH_REPORT_ID => event.data.first().is_none_or(|id| *id == 0),
         length => length == FRAME_LEN || length == NARROW,
@@ -256,15 +270,15 @@ fn is_frame(event: &Event<'_>) -> bool {
 }
 
 /// The devices of a capture that look most like a board.
-pub(super) fn candidates(seen: &[Seen]) -> Vec<Seen> {
-    let most = seen.iter().map(Seen::likeness).max().unwrap_or_default();
-    seen.iter().filter(|seen| most > 0 && seen.likeness() == most).copied().collect()
+pub(super) fn candidates(seen: &[CapturedDevice]) -> Vec<CapturedDevice> {
+    let most = seen.iter().map(CapturedDevice::board_score).max().unwrap_or_default();
+    seen.iter().filter(|seen| most > 0 && seen.board_score() == most).copied().collect()
 }
 
 /// The devices as a list for a message; a long list is cut off.
-pub(super) fn list(seen: &[Seen]) -> String {
+pub(super) fn list(seen: &[CapturedDevice]) -> String {
     const MOST: usize = 8;
-    let mut text: Vec<String> = seen.iter().take(MOST).map(Seen::to_string).collect();
+    let mut text: Vec<String> = seen.iter().take(MOST).map(CapturedDevice::to_string).collect();
     if seen.len() > MOST {
         text.push(format!("{} more", seen.len() - MOST));
     }

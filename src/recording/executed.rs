@@ -14,7 +14,7 @@ pub enum LastExecuted {
     Command(u64),
     /// The free count does not match the cycles that have passed: a command and the report were in flight at the same
     /// time.
-    Doubtful,
+    Ambiguous,
     /// Commands were lost, and no later command has been executed yet.
     Unknown,
 }
@@ -32,15 +32,15 @@ pub struct Executed {
     /// The full count and the CRC error count of the last report.
     losses: Option<(u16, u8)>,
     /// The last report: its time in nanoseconds, the commands executed by then, and the commands that waited.
-    before: Option<(i64, u64, u64)>,
+    previous: Option<(i64, u64, u64)>,
     /// The last report with a certain result: its time in nanoseconds, and the commands executed by then.
-    known: Option<(i64, u64)>,
+    last_certain: Option<(i64, u64)>,
 }
 
 impl Executed {
     /// For a board with this cycle time in nanoseconds.
     pub fn new(cycle_ns: i64) -> Self {
-        Self { cycle_ns: cycle_ns.max(1), count: 0, known_from: 0, losses: None, before: None, known: None }
+        Self { cycle_ns: cycle_ns.max(1), count: 0, known_from: 0, losses: None, previous: None, last_certain: None }
     }
 
     /// The number of commands sent so far.
@@ -72,30 +72,32 @@ impl Executed {
         }
         let waiting = u64::from(FIFO_ENTRIES.saturating_sub(board.fifo_free));
         let executed = self.count.saturating_sub(waiting);
-        let fits =
-            self.before.replace((at_ns, executed, waiting)).is_none_or(|before| self.fits(before, at_ns, executed))
-                || self.known.is_some_and(|known| self.goes_on(known, at_ns, executed));
-        if fits {
-            self.known = Some((at_ns, executed));
+        let is_certain = self
+            .previous
+            .replace((at_ns, executed, waiting))
+            .is_none_or(|before| self.matches_previous(before, at_ns, executed))
+            || self.last_certain.is_some_and(|known| self.matches_last_certain(known, at_ns, executed));
+        if is_certain {
+            self.last_certain = Some((at_ns, executed));
         }
         match executed.checked_sub(1) {
             None if self.known_from == 0 => LastExecuted::Nothing,
-            Some(last) if last >= self.known_from && fits => LastExecuted::Command(last),
-            Some(last) if last >= self.known_from => LastExecuted::Doubtful,
+            Some(last) if last >= self.known_from && is_certain => LastExecuted::Command(last),
+            Some(last) if last >= self.known_from => LastExecuted::Ambiguous,
             _ => LastExecuted::Unknown,
         }
     }
 
     /// Whether one command was executed in each cycle since the previous report. Always true if fewer commands waited
     /// than cycles have passed.
-    fn fits(&self, (then_ns, executed_then, waited): (i64, u64, u64), at_ns: i64, executed: u64) -> bool {
+    fn matches_previous(&self, (then_ns, executed_then, waited): (i64, u64, u64), at_ns: i64, executed: u64) -> bool {
         let cycles = self.cycles(then_ns, at_ns);
         waited < cycles || executed.checked_sub(executed_then) == Some(cycles)
     }
 
     /// Whether one command was executed in each cycle since the last report with a certain result. This report is
     /// certain then, too, and only reports between were in flight together with commands.
-    fn goes_on(&self, (then_ns, executed_then): (i64, u64), at_ns: i64, executed: u64) -> bool {
+    fn matches_last_certain(&self, (then_ns, executed_then): (i64, u64), at_ns: i64, executed: u64) -> bool {
         executed.checked_sub(executed_then) == Some(self.cycles(then_ns, at_ns))
     }
 

@@ -6,7 +6,7 @@
 //! - `formats/`: the file formats, one source file each; new formats go there.
 //! - `meta.rs`: the metadata in the header of a recording.
 //! - `devices.rs`: the USB devices of a capture, and which of them is the board; `address.rs`: its USB address.
-//! - `held.rs`: frames that wait until the capture shows whether the board has taken them.
+//! - `pending.rs`: frames that wait until the capture shows whether the board has taken them.
 //! - `reader.rs`: reads the frames, each a [`Recorded`]; `error.rs`: why reading fails; `lacks.rs`, `ending.rs`: what
 //!   is missing.
 //! - `exchanges.rs`: reads the recording of an ECM-XF, which has the bytes of exchanges.
@@ -15,7 +15,7 @@
 //! on frames from any source:
 //!
 //! - `order.rs`, `timeline.rs`: the order of frames in time, and their times.
-//! - `size.rs`, `kinds.rs`: the slot size, and what the slaves are.
+//! - `size.rs`, `slave_kinds.rs`: the slot size, and what the slaves are.
 //! - `executed.rs`: which commands the board has executed.
 
 mod address;
@@ -25,26 +25,26 @@ mod error;
 pub mod exchanges;
 mod executed;
 pub(crate) mod formats;
-mod held;
-mod kinds;
 mod lacks;
 pub(crate) mod meta;
 mod order;
+mod pending;
 mod reader;
 mod recorded;
 mod size;
+mod slave_kinds;
 mod timeline;
 
 pub use address::{Address, AddressError};
-pub use devices::{Seen, Skipped};
+pub use devices::{CapturedDevice, Skipped};
 pub use ending::lacks_at_end;
 pub use error::RecordError;
 pub use executed::{Executed, LastExecuted};
-pub use kinds::Kinds;
 pub use lacks::Lacks;
 pub use meta::{Clock, RecordMeta};
 pub use order::InOrder;
 pub use reader::{Recording, board_in};
 pub use recorded::Recorded;
 pub use size::{SizeFinder, SizeFrom};
+pub use slave_kinds::Kinds;
 pub use timeline::{Jumps, LONGEST_SILENCE_NS, Timeline};

@@ -8,13 +8,13 @@ use std::path::Path;
 use pcap_file::DataLink;
 
 use super::address::Address;
-use super::devices::{self, Cut, Devices, Seen, Skipped};
+use super::devices::{self, CapturedDevice, Cut, Devices, Skipped};
 use super::error::RecordError;
 use super::formats;
 use super::formats::container::{Blocks, Item};
-use super::held::Held;
 use super::lacks::Lacks;
 use super::meta::RecordMeta;
+use super::pending::PendingFrames;
 use super::recorded::Recorded;
 
 /// An iterator over the frames of a recording or a capture, in the order of the file.
@@ -35,7 +35,7 @@ pub struct Recording<R> {
     /// The link types of interfaces without USB, for an error; `None` once there is an interface with USB.
     others: Option<Vec<String>>,
     devices: Devices,
-    held: Held,
+    pending: PendingFrames,
     only: Option<Address>,
     /// The number of frames returned so far.
     frames: u64,
@@ -75,7 +75,7 @@ impl<R: Read> Recording<R> {
             unended: false,
             others: Some(Vec::new()),
             devices: Devices::default(),
-            held: Held::default(),
+            pending: PendingFrames::default(),
             only: None,
             frames: 0,
             is_recording: false,
@@ -118,7 +118,7 @@ impl<R: Read> Recording<R> {
     }
 
     /// The USB devices in the part read so far.
-    pub fn devices(&self) -> Vec<Seen> {
+    pub fn devices(&self) -> Vec<CapturedDevice> {
         self.devices.seen()
     }
 
@@ -130,7 +130,7 @@ impl<R: Read> Recording<R> {
         };
         match item {
             Item::Section(meta, ours) => {
-                self.held.settle();
+                self.pending.release();
                 self.lacks.not_ended += u64::from(std::mem::replace(&mut self.unended, ours && meta.is_some()));
                 self.is_recording |= meta.is_some();
                 self.next_meta = Some(meta);
@@ -145,7 +145,7 @@ impl<R: Read> Recording<R> {
                 // A recording does not have the ends of transfers; all its frames were taken by the board.
                 let waits = self.meta.is_none();
                 let taken = match formats::event(&packet) {
-                    Some(event) => self.devices.take(&event, packet.at_ns, waits, &mut self.held),
+                    Some(event) => self.devices.take(&event, packet.at_ns, waits, &mut self.pending),
                     None => Ok(()),
                 };
                 if let Err(Cut { captured, length }) = taken {
@@ -164,7 +164,7 @@ impl<R: Read> Recording<R> {
 
     fn next_frame(&mut self) -> Result<Option<Recorded>, RecordError> {
         loop {
-            if let Some(frame) = self.held.pop() {
+            if let Some(frame) = self.pending.pop() {
                 self.frames += 1;
                 return Ok(Some(frame));
             }
@@ -177,7 +177,7 @@ impl<R: Read> Recording<R> {
                 None => self.end = self.step().map(|more| (!more).then_some(())).transpose(),
             }
             if self.end.is_some() {
-                self.held.settle();
+                self.pending.release();
             }
         }
     }

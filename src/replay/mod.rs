@@ -7,11 +7,11 @@
 //! ```no_run
 //! use std::path::Path;
 //!
-//! use ecmsk::compare::{Options, Steps, compare_steps};
+//! use ecmsk::compare::{CompareOptions, Steps, compare_steps};
 //! use ecmsk::link::uri::LinkUri;
 //! use ecmsk::replay::{FilesInLink, Replay};
 //!
-//! let options = Options::default();
+//! let options = CompareOptions::default();
 //! let model = LinkUri::parse("sim:?slaves=drive*2")?;
 //! let replay = Replay::open(Path::new("board.pcapng"), Some(&model), &options, None, FilesInLink::Refused)?;
 //! let (mut board, mut model) = replay.runs()?;
@@ -25,20 +25,20 @@
 //! ```
 
 mod model_run;
-mod seen;
+mod observed_board;
 mod start;
 mod waiting_run;
 
 use std::path::{Path, PathBuf};
 
 pub use model_run::ModelRun;
-pub use start::Start;
+pub use start::ReplayStart;
 pub use waiting_run::WaitingRun;
 
 use crate::address::keys::{Key, Syntax};
 use crate::address::slaves::{self, ManufacturerObjectsSpec, SlaveSpec};
 use crate::address::uri::{self, LinkUri, UriError};
-use crate::compare::{CompareError, Options, RecordedRun};
+use crate::compare::{CompareError, CompareOptions, RecordedRun};
 use crate::link::LinkError;
 use crate::open;
 use crate::recording::{Address, RecordError, RecordMeta};
@@ -155,7 +155,7 @@ pub struct Replay {
     board: Address,
     slot: Option<SlotSize>,
     size: SlotSize,
-    start: Start,
+    start: ReplayStart,
 }
 
 impl Replay {
@@ -170,7 +170,7 @@ impl Replay {
     pub fn open(
         path: &Path,
         link: Option<&LinkUri>,
-        options: &Options,
+        options: &CompareOptions,
         device: Option<Address>,
         files: FilesInLink,
     ) -> Result<Self, ReplayError> {
@@ -198,8 +198,8 @@ impl Replay {
         let is_behind_chip = |link: &LinkUri| link.scheme().has_chip();
         let is_alike = recorded.as_ref().is_some_and(is_behind_chip) == is_behind_chip(&link);
         let (size, link) = with_slot_size(&name, &source, &link)?;
-        let (board, began) = (source.board(), model_time(&source));
-        let start = Start::find(&mut source, &name, size)?;
+        let (board, model_clock_ns) = (source.board(), model_time(&source));
+        let start = ReplayStart::find(&mut source, &name, size)?;
         source.check()?;
         Ok(Self {
             path: path.to_owned(),
@@ -208,7 +208,7 @@ impl Replay {
             board,
             slot: options.slot,
             size,
-            start: Start { began, ..start },
+            start: ReplayStart { model_clock_ns, ..start },
         })
     }
 
@@ -234,7 +234,7 @@ impl Replay {
     }
 
     /// The point in the recording at which the replay begins.
-    pub const fn start(&self) -> &Start {
+    pub const fn start(&self) -> &ReplayStart {
         &self.start
     }
 

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::Start;
+use super::ReplayStart;
 use super::start::CYCLE_NS;
 use crate::compare::{RecordedRun, TimedFrame};
 use crate::engine::Board;
@@ -33,12 +33,12 @@ pub struct ModelRun {
     unread: Unread,
     reports: u64,
     begun: bool,
-    start: Start,
+    start: ReplayStart,
 }
 
 impl ModelRun {
     /// The run of `board`. `again` is the same recording as `source`, from the same frame on.
-    pub(super) fn new(source: RecordedRun, again: RecordedRun, board: Board, start: &Start) -> Self {
+    pub(super) fn new(source: RecordedRun, again: RecordedRun, board: Board, start: &ReplayStart) -> Self {
         let mut model = Self {
             source,
             frames: 0,
@@ -58,10 +58,10 @@ impl ModelRun {
     /// offset. Otherwise it makes the model's cycles end at the same times as those of the recorded board.
     fn begin(&mut self, first_ns: i64) {
         let now = time(self.board.now());
-        if let Some(began) = self.start.began
-            && (now..now.saturating_add(RUN_BEFORE_MAX_NS)).contains(&began.saturating_add(first_ns))
+        if let Some(model_clock_ns) = self.start.model_clock_ns
+            && (now..now.saturating_add(RUN_BEFORE_MAX_NS)).contains(&model_clock_ns.saturating_add(first_ns))
         {
-            self.offset_ns = began;
+            self.offset_ns = model_clock_ns;
             return;
         }
         let behind = now.saturating_sub(first_ns.saturating_add(self.offset_ns));
@@ -85,7 +85,7 @@ impl ModelRun {
         let at = self.model_time(observed.at_ns);
         let Self { board, unread, .. } = self;
         board.advance(at, &mut |frame, made| unread.push(frame, made, at));
-        if self.start.began.is_some() {
+        if self.start.model_clock_ns.is_some() {
             self.wait_for_report_of(at);
         }
         let frame = self.unread.pop(at)?;

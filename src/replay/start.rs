@@ -13,7 +13,7 @@ const REPORTS_FOR_TICK: usize = 500;
 /// Where a replay begins. The model starts like a board that was just powered on, so the replay begins at the first
 /// report in Init or PreOP, and skips the frames before it. \[OURS]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Start {
+pub struct ReplayStart {
     /// The number of frames before the start.
     pub skipped: u64,
     /// A time at which a cycle of the recorded board ended, in nanoseconds of the recording. The board sends a report
@@ -24,10 +24,10 @@ pub struct Start {
     pub tick_ns: i64,
     /// The time of the recording's first frame on the recorded model's clock, in nanoseconds; `None` if no model was
     /// recorded.
-    pub began: Option<i64>,
+    pub model_clock_ns: Option<i64>,
 }
 
-impl Start {
+impl ReplayStart {
     pub(super) fn find(source: &mut RecordedRun, name: &str, size: SlotSize) -> Result<Self, ReplayError> {
         let board = source.board();
         let (mut skipped, mut commands, mut seen) = (0, 0, 0_usize);
@@ -78,7 +78,7 @@ impl Tick {
         self.early_ns = self.early_ns.min(apart);
     }
 
-    const fn start(&self, skipped: u64) -> Start {
-        Start { skipped, tick_ns: self.first_ns + self.early_ns, began: None }
+    const fn start(&self, skipped: u64) -> ReplayStart {
+        ReplayStart { skipped, tick_ns: self.first_ns + self.early_ns, model_clock_ns: None }
     }
 }

@@ -2,8 +2,8 @@
 
 use std::collections::VecDeque;
 
-use super::Start;
-use super::seen::{Agreement, Seen};
+use super::ReplayStart;
+use super::observed_board::{Agreement, ObservedBoard};
 use super::start::CYCLE_NS;
 use crate::compare::{RecordedRun, TimedFrame};
 use crate::engine::Board;
@@ -22,7 +22,7 @@ const TOTAL_WAIT_NS: i64 = 120_000_000_000;
 /// recorded time, or later: once the model shows what the recorded board had shown before the program sent it.
 ///
 /// A recording does not show what its program waits for. So the host waits for everything that a program may wait for
-/// (`Seen`): the state of the network, the states of the drives, inputs, SDO answers, an axis at rest, room in the
+/// (`ObservedBoard`): the state of the network, the states of the drives, inputs, SDO answers, an axis at rest, room in the
 /// FIFO. After a timeout it stops waiting for that thing. After the last frame it waits once more. \[OURS]
 ///
 /// The host receives each report of the model before it sends its next command. If the recorded host missed reports, it
@@ -34,8 +34,8 @@ pub struct WaitingRun {
     /// The model's time minus the recording's time.
     offset_ns: i64,
     tick_ns: i64,
-    recorded: Seen,
-    model: Seen,
+    recorded: ObservedBoard,
+    model: ObservedBoard,
     agreement: Agreement,
     /// The reports that the host has not received yet, with the times of their cycles.
     unread: Vec<(Frame, u64)>,
@@ -51,14 +51,14 @@ pub struct WaitingRun {
 
 impl WaitingRun {
     /// The run of `board`.
-    pub(super) fn new(source: RecordedRun, board: Board, start: &Start, size: SlotSize) -> Self {
+    pub(super) fn new(source: RecordedRun, board: Board, start: &ReplayStart, size: SlotSize) -> Self {
         Self {
             source,
             board,
             offset_ns: 0,
             tick_ns: start.tick_ns,
-            recorded: Seen::new(size),
-            model: Seen::new(size),
+            recorded: ObservedBoard::new(size),
+            model: ObservedBoard::new(size),
             agreement: Agreement::default(),
             unread: Vec::new(),
             reports: 0,

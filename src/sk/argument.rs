@@ -1,4 +1,4 @@
-//! The arguments of commands as types that hold valid values only, and [`Malformed`], the error for an argument that
+//! The arguments of commands as types that hold valid values only, and [`InvalidArgument`], the error for an argument that
 //! the guides do not allow.
 
 use core::fmt;
@@ -168,7 +168,7 @@ impl fmt::Display for TorquePercent {
 
 /// The argument of a command that the guides do not allow. The modelled board rejects such a command with this reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Malformed {
+pub enum InvalidArgument {
     /// SET_STATE: Data1 is not 1, 2, 4 or 8.
     State(u32),
     /// SET_AXIS: byte 2 is above 4.
@@ -197,7 +197,7 @@ pub enum Malformed {
     SdoSize(u8),
 }
 
-impl fmt::Display for Malformed {
+impl fmt::Display for InvalidArgument {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::State(state) => write!(f, "state {state} is none of 1 Init, 2 PreOP, 4 SafeOP, 8 OP"),
@@ -216,4 +216,4 @@ impl fmt::Display for Malformed {
     }
 }
 
-impl core::error::Error for Malformed {}
+impl core::error::Error for InvalidArgument {}

@@ -2,11 +2,11 @@
 //! least one state of the network. Encoding does not check its arguments.
 //!
 //! A command that does not belong in this kind of slot is decoded as `Other`. A command with an argument that no guide
-//! allows is the error [`Malformed`].
+//! allows is the error [`InvalidArgument`].
 //!
 //! ```
 //! use ecmsk::coe::{ObjectAddress, SdoSize};
-//! use ecmsk::sk::{Frame, Malformed, SdoCommand, SlotSize};
+//! use ecmsk::sk::{Frame, InvalidArgument, SdoCommand, SlotSize};
 //!
 //! let size = SlotSize::Bytes16;
 //! let homing = ObjectAddress::new(0x6060, 0);
@@ -14,8 +14,8 @@
 //! frame.put_sdo(size, &SdoCommand::Write { slave: 31, object: homing, size: SdoSize::One, value: 6 });
 //!
 //! let slot = frame.slot(size, size.sdo_slot());
-//! assert_eq!(SdoCommand::decode(&slot, size), Err(Malformed::SdoSlave(31)));
-//! assert_eq!(Malformed::SdoSlave(31).to_string(), "the board has no slave 31");
+//! assert_eq!(SdoCommand::decode(&slot, size), Err(InvalidArgument::SdoSlave(31)));
+//! assert_eq!(InvalidArgument::SdoSlave(31).to_string(), "the board has no slave 31");
 //! ```
 
 mod sdo;
@@ -23,9 +23,9 @@ mod slave;
 
 use core::fmt::{self, Display, Formatter};
 
-use super::argument::{Argument, CycleTime, DcShift, Malformed, SlaveKind};
+use super::argument::{Argument, CycleTime, DcShift, InvalidArgument, SlaveKind};
+use super::command_table::CommandId;
 use super::fifo::FifoAction;
-use super::id::CommandId;
 use super::slot::{RawSlot, SlotSize};
 use super::state::MasterState;
 
@@ -96,17 +96,17 @@ impl MasterCommand {
     /// Decodes slot 0 of a command frame. Byte 3, the frame's CRC, is ignored.
     ///
     /// # Errors
-    /// [`Malformed`] if the id is a command for the board and an argument is not allowed.
-    pub fn decode(slot: &RawSlot, size: SlotSize) -> Result<Self, Malformed> {
+    /// [`InvalidArgument`] if the id is a command for the board and an argument is not allowed.
+    pub fn decode(slot: &RawSlot, size: SlotSize) -> Result<Self, InvalidArgument> {
         let argument = slot.parm as u8;
         Ok(match CommandId::from_code(slot.id) {
             CommandId::GetStatus => Self::GetStatus,
             CommandId::SetState => {
-                Self::SetState(MasterState::from_request(slot.data1).ok_or(Malformed::State(slot.data1))?)
+                Self::SetState(MasterState::from_request(slot.data1).ok_or(InvalidArgument::State(slot.data1))?)
             }
             CommandId::SetAxis => Self::decode_axes(argument, slot.data1, size)?,
             CommandId::SetDc => Self::SetDc {
-                cycle: CycleTime::from_us(slot.data1).ok_or(Malformed::CycleTime(slot.data1))?,
+                cycle: CycleTime::from_us(slot.data1).ok_or(InvalidArgument::CycleTime(slot.data1))?,
                 shift: DcShift::from_raw(slot.data2),
             },
             CommandId::SetEx => {
@@ -114,9 +114,9 @@ impl MasterCommand {
             }
             CommandId::SetFifo => Self::SetFifo(match (argument, slot.data1) {
                 (1, _) => FifoAction::Clear,
-                (2, 0) => return Err(Malformed::ZeroThreshold),
+                (2, 0) => return Err(InvalidArgument::ZeroThreshold),
                 (2, threshold) => FifoAction::Threshold(threshold),
-                (other, _) => return Err(Malformed::FifoAction(other)),
+                (other, _) => return Err(InvalidArgument::FifoAction(other)),
             }),
             CommandId::LocalRead => Self::LocalRead,
             CommandId::LocalWrite => Self::LocalWrite((slot.data1 & LOCAL_OUTPUTS_MASK) as u8),
@@ -126,9 +126,9 @@ impl MasterCommand {
         })
     }
 
-    fn decode_axes(group: u8, nibbles: u32, size: SlotSize) -> Result<Self, Malformed> {
+    fn decode_axes(group: u8, nibbles: u32, size: SlotSize) -> Result<Self, InvalidArgument> {
         if group > 4 {
-            return Err(Malformed::Group(group));
+            return Err(InvalidArgument::Group(group));
         }
         let mut kinds = [SlaveKind::None; 8];
         for (k, kind) in kinds.iter_mut().enumerate() {
@@ -138,7 +138,7 @@ impl MasterCommand {
                 Some(known) => *kind = known,
                 // SK-4 [OURS]: nibbles of slaves for which the board has no slot are ignored.
                 None if slave > size.max_slaves() => {}
-                None => return Err(Malformed::Kind { slave: slave as u8, nibble }),
+                None => return Err(InvalidArgument::Kind { slave: slave as u8, nibble }),
             }
         }
         Ok(Self::SetAxis { group, kinds })

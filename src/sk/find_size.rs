@@ -51,7 +51,7 @@ pub enum SlotForm {
     /// The frame is a report that the host refuses if it does not fit, so the form admits everything that a board may
     /// send. Slot 0 shows a state and the fields of that state (SK-2). The SDO slot begins as for [`SlotForm::Report`].
     /// A slave's slot begins with any known command.
-    Answer,
+    StrictReport,
     /// The frame is a command frame or a report. Each slave's slot and the SDO slot are all zero, or hold a command
     /// that belongs there (SK-4) and is not GET_STATUS, or the answer to such a command. A report with slots that
     /// answer GET_STATUS does not fit, since such slots hold data without an id.
@@ -65,15 +65,15 @@ impl SlotForm {
         let board = slots.get(0);
         let board_fits = match self {
             Self::Report => board.data3 == 0,
-            Self::Answer => is_answer_of_board(&board),
+            Self::StrictReport => is_answer_of_board(&board),
             Self::CommandOrReport => board.id == MASTER_CYCLIC || is_known(&board),
         };
         board_fits
             && (1..size.slots()).all(|number| {
                 let (slot, kind) = (slots.get(number), size.kind_of(number));
                 match (self, kind) {
-                    (Self::Answer, SlotKind::Slave) => is_known(&slot),
-                    (Self::Report | Self::Answer, _) => belongs(&slot, kind),
+                    (Self::StrictReport, SlotKind::Slave) => is_known(&slot),
+                    (Self::Report | Self::StrictReport, _) => belongs(&slot, kind),
                     (Self::CommandOrReport, _) => slot.is_zero() || asks(&slot, kind, size),
                 }
             })

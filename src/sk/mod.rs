@@ -13,7 +13,7 @@
 //! | [`frame`] | a frame: the 512 bytes that travel each way |
 //! | [`find_size`] | the slot size of a frame, derived from its bytes |
 //! | [`crc`] | the CRC-8 in byte 3 of a frame |
-//! | [`id`] | the ids of the 22 commands, and the slots that take each of them |
+//! | [`command_table`] | the ids of the 22 commands, and the slots that take each of them |
 //! | [`argument`] | the arguments of commands as types that hold valid values only |
 //! | [`fifo`] | the depth of the command FIFO, and the actions of SET_FIFO |
 //! | [`command`] | commands with their meaning: for the board, for a slave, for the SDO slot |
@@ -38,24 +38,24 @@
 
 pub mod argument;
 pub mod command;
+pub mod command_table;
 pub mod crc;
 pub mod dump;
 pub mod fifo;
 pub mod find_size;
 pub mod frame;
-pub mod id;
 pub mod response;
 pub mod slot;
 mod state;
 
-pub use argument::{Argument, AxisTarget, CycleTime, DcShift, DriveSync, Malformed, SlaveKind};
+pub use argument::{Argument, AxisTarget, CycleTime, DcShift, DriveSync, InvalidArgument, SlaveKind};
 pub use command::{MasterCommand, Motion, SdoCommand, SlaveCommand, SlotCommand};
+pub use command_table::{CommandId, SlotKind};
 pub use crc::{CrcError, CrcPolicy, CrcStatus};
 pub use dump::{CommandDump, ResponseDump};
 pub use fifo::{FIFO_ENTRIES, FifoAction};
 pub use find_size::SlotForm;
 pub use frame::{Dir, FRAME_LEN, Frame};
-pub use id::{CommandId, SlotKind};
 pub use response::{DriveResponse, HspAxis, HspResponse, IoResponse, MasterResponse, SdoResponse, SlaveResponse};
 pub use slot::{RawSlot, SlotSize, Slots};
 pub use state::{MasterState, StateByte};

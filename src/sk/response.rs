@@ -25,7 +25,7 @@
 //! The wire does not show which of these types fits a slave's slot. It follows from the kind of slave that the
 //! application has declared with SET_AXIS.
 
-use super::id::CommandId;
+use super::command_table::CommandId;
 use super::slot::{RawSlot, SlotSize, TwoChannelSlot, object_word};
 pub use super::state::{MasterState, StateByte};
 use crate::ethercat::cia402::Statusword;

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::id::SlotKind;
+use super::command_table::SlotKind;
 use crate::ethercat::coe::ObjectAddress;
 pub use crate::ethercat::{I32Le, U16Le, U32Le};
 

@@ -148,7 +148,7 @@ impl SummaryWriter {
         state.boards.push(WatchedBoard { number, link, written: BTreeMap::new() });
         if state.thread.is_none() {
             // If the system provides no thread, the queue is written only when the board is closed.
-            state.thread = threads::spawn("ecmsk-tell", || self.run()).ok();
+            state.thread = threads::spawn("ecmsk-summary", || self.run()).ok();
         }
     }
 

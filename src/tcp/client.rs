@@ -18,7 +18,7 @@ use crate::link::common_options::CommonOptions;
 use crate::link::{Dir, KnownNetwork, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait, check_pass};
 use crate::sk::Frame;
 use crate::threads::sync::{self, Condvar};
-use crate::threads::{self, Signal};
+use crate::threads::{self, WaitQueue};
 
 /// How long closing waits for the server to confirm. \[OURS]
 const CLOSE_LIMIT: Duration = Duration::from_secs(1);
@@ -83,7 +83,7 @@ impl TcpLink {
                 waiting: Vec::with_capacity(WAITING_CAPACITY),
                 cancels: [0; 2],
             }),
-            changed: Signal::new(),
+            changed: WaitQueue::new(),
             over: Condvar::new(),
             counts: CallCounts::default(),
         });

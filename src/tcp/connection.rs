@@ -17,7 +17,7 @@ use crate::link::{Dir, KnownNetwork, LinkError, LinkInfo, ReadMeta, Stamp, Wait}
 use crate::sk::Frame;
 use crate::span::Span;
 use crate::threads::sync::{self, Condvar, MutexGuard};
-use crate::threads::{Caller, Signal};
+use crate::threads::{CallingThread, WaitQueue};
 
 /// Whether a waiting call receives by itself, which saves a thread switch. On Windows programs end their threads by
 /// force (`TerminateThread`), and a thread that ends while it receives would take bytes with it.
@@ -45,7 +45,7 @@ pub(super) struct Shared {
     /// No thread holds this lock during a system call.
     pub(super) state: sync::Mutex<State>,
     /// Wakes the threads that wait for a message that another thread receives.
-    pub(super) changed: Signal,
+    pub(super) changed: WaitQueue,
     /// Wakes the background thread when the exchange has ended.
     pub(super) over: Condvar,
     pub(super) counts: CallCounts,
@@ -62,12 +62,12 @@ pub(super) struct Sender {
 pub(super) struct State {
     pub(super) exchange: Exchange,
     /// The thread that is receiving.
-    pub(super) receiver: Option<Caller>,
+    pub(super) receiver: Option<CallingThread>,
     /// `None` while the receiving thread takes bytes from the connection. If it is ended by force there, the next
     /// message boundary is lost.
     pub(super) inbox: Option<Inbox>,
     /// The other threads, which wait for messages that the receiver takes.
-    pub(super) waiting: Vec<Caller>,
+    pub(super) waiting: Vec<CallingThread>,
     /// The number of cancellations so far, by direction.
     pub(super) cancels: [u64; 2],
 }
@@ -191,7 +191,7 @@ impl Shared {
         mut state: MutexGuard<'a, State>,
         until: Option<Instant>,
     ) -> MutexGuard<'a, State> {
-        state.receiver = Some(Caller::current());
+        state.receiver = Some(CallingThread::current());
         drop(state);
         let (mut state, came) = self.receive(until);
         state.receiver = None;
@@ -272,7 +272,7 @@ impl Shared {
                 state = self.receive_for_all(state, until);
                 continue;
             }
-            let caller = Caller::current();
+            let caller = CallingThread::current();
             state.waiting.push(caller);
             let ticket = self.changed.ticket();
             let left = until.map(|until| until.saturating_duration_since(Instant::now()));

@@ -8,7 +8,7 @@ use super::inbox::Inbox;
 use super::wire::{Counts, End, Message, WireError};
 use crate::link::{Dir, LinkError, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
-use crate::threads::Caller;
+use crate::threads::CallingThread;
 
 /// How an exchange ended.
 #[derive(Clone, Debug)]
@@ -23,7 +23,7 @@ pub(super) struct Ended {
 pub(super) struct Request {
     pub(super) number: u64,
     /// The thread that waits for the answer.
-    pub(super) caller: Caller,
+    pub(super) caller: CallingThread,
     dir: Dir,
     wait: Wait,
     /// The server's answer: a result, or an error if it has refused the request.
@@ -87,7 +87,7 @@ impl Exchange {
     pub(super) fn begin(&mut self, dir: Dir, wait: Wait) -> u64 {
         let number = self.next_request;
         self.next_request += 1;
-        self.request = Some(Request { number, caller: Caller::current(), dir, wait, answer: None });
+        self.request = Some(Request { number, caller: CallingThread::current(), dir, wait, answer: None });
         number
     }
 

@@ -12,7 +12,7 @@ use crate::slave::Slave;
 use crate::slave::esc::UndescribedError;
 use crate::slave::handle::SimHandle;
 use crate::xf::chip::{Controllers, Profile, SimulatedNetwork, SlaveModels};
-use crate::xf::{Coverage, Coverages, DataSize};
+use crate::xf::{CrcCoverage, CrcCoverages, DataSize};
 
 /// The chips that have a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,7 +63,7 @@ pub struct ModelledChip {
     /// The data size n of a packet at power-on, bytes; `None`: the default of the chip type.
     pub size: Option<DataSize>,
     /// The part of a packet that the CRC-32 covers, for each direction.
-    pub coverages: Coverages,
+    pub coverages: CrcCoverages,
     /// The SPI clock in Hz, at least 1.
     pub speed_hz: u32,
     /// Whether the INT0 line is connected.
@@ -127,16 +127,16 @@ impl SimChipOptions {
 
 /// Parses the coverage of the CRC-32: one value for both directions, or a value for commands and one for responses,
 /// separated by a comma.
-fn coverages(value: &str) -> Option<Coverages> {
+fn coverages(value: &str) -> Option<CrcCoverages> {
     let one = |value| match value {
-        "all" => Some(Coverage::All),
-        "valid" => Some(Coverage::Valid),
-        "valid4" => Some(Coverage::Valid4),
+        "all" => Some(CrcCoverage::All),
+        "valid" => Some(CrcCoverage::Valid),
+        "valid4" => Some(CrcCoverage::Valid4),
         _ => None,
     };
     match value.split_once(',') {
-        Some((commands, answers)) => Some(Coverages { commands: one(commands)?, answers: one(answers)? }),
-        None => one(value).map(Coverages::from),
+        Some((commands, answers)) => Some(CrcCoverages { commands: one(commands)?, answers: one(answers)? }),
+        None => one(value).map(CrcCoverages::from),
     }
 }
 
@@ -147,16 +147,16 @@ mod tests {
     /// XF-13.6 Each value of `crc_over=` sets the part that the CRC covers, in the direction that the value is given for.
     #[test]
     fn what_a_crc_covers_is_given_by_direction() {
-        const NAMES: [(&str, Coverage); 3] =
-            [("all", Coverage::All), ("valid", Coverage::Valid), ("valid4", Coverage::Valid4)];
+        const NAMES: [(&str, CrcCoverage); 3] =
+            [("all", CrcCoverage::All), ("valid", CrcCoverage::Valid), ("valid4", CrcCoverage::Valid4)];
         let covered = |value: &str| {
             let uri = LinkUri::parse(&format!("xf-sim:?crc_over={value}")).expect("a link");
             ModelledChip::from_uri(&uri).expect("a chip").profile().coverages
         };
         for (name, commands) in NAMES {
-            assert_eq!(covered(name), Coverages::from(commands));
+            assert_eq!(covered(name), CrcCoverages::from(commands));
             for (other, answers) in NAMES.into_iter().filter(|(other, _)| *other != name) {
-                assert_eq!(covered(&format!("{name},{other}")), Coverages { commands, answers });
+                assert_eq!(covered(&format!("{name},{other}")), CrcCoverages { commands, answers });
             }
         }
     }

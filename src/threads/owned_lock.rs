@@ -8,7 +8,7 @@ use std::ops::{Deref, DerefMut};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::{hint, thread};
 
-use super::Caller;
+use super::CallingThread;
 
 /// How many times a thread spins before it yields: a lock is held only for as long as copying a frame takes. \[OURS]
 const SPINS: u32 = 64;
@@ -31,7 +31,7 @@ pub fn sleep(limit_ms: u32) {
 /// A lock that is released when its owner is ended by force.
 #[derive(Debug, Default)]
 pub struct Mutex<T> {
-    /// The owner as [`Caller::packed`], or [`NOBODY`].
+    /// The owner as [`CallingThread::packed`], or [`NOBODY`].
     owner: AtomicU64,
     value: UnsafeCell<T>,
 }
@@ -47,7 +47,7 @@ impl<T> Mutex<T> {
 
     /// Waits until this thread holds the lock.
     pub fn lock(&self) -> MutexGuard<'_, T> {
-        let caller = Caller::current().packed();
+        let caller = CallingThread::current().packed();
         let take_from = |owner| self.owner.compare_exchange(owner, caller, Ordering::Acquire, Ordering::Relaxed);
         let mut tries = 0_u32;
         while let Err(owner) = take_from(NOBODY) {
@@ -58,7 +58,7 @@ impl<T> Mutex<T> {
             } else {
                 sleep(SLEEP_MS);
                 let check = (tries - SPINS - YIELDS) % CHECK_AFTER == CHECK_AFTER - 1;
-                if check && owner != NOBODY && Caller::from_packed(owner).is_gone() && take_from(owner).is_ok() {
+                if check && owner != NOBODY && CallingThread::from_packed(owner).is_gone() && take_from(owner).is_ok() {
                     break;
                 }
             }

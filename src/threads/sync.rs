@@ -30,14 +30,14 @@ mod imp {
 mod imp {
     use std::time::Duration;
 
-    use crate::threads::Signal;
+    use crate::threads::WaitQueue;
     pub use crate::threads::owned_lock::{Mutex, MutexGuard};
 
-    pub struct Condvar(Signal);
+    pub struct Condvar(WaitQueue);
 
     impl Condvar {
         pub const fn new() -> Self {
-            Self(Signal::new())
+            Self(WaitQueue::new())
         }
 
         pub fn notify_one(&self) {
@@ -62,14 +62,14 @@ mod imp {
     }
 
     fn wait_at_most<'a, T>(
-        Condvar(signal): &Condvar,
+        Condvar(queue): &Condvar,
         guard: MutexGuard<'a, T>,
         limit: Option<Duration>,
     ) -> MutexGuard<'a, T> {
-        let ticket = signal.ticket();
+        let ticket = queue.ticket();
         let mutex = guard.mutex;
         drop(guard);
-        signal.wait(ticket, limit);
+        queue.wait(ticket, limit);
         mutex.lock()
     }
 }

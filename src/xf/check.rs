@@ -10,7 +10,7 @@ use super::{DataSize, FIXED_CHECK, HEADER_LEN, NOT_READY, Status};
 
 /// The bytes that a CRC-32 covers. The wire does not show it, and it is not known which firmware uses which coverage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Coverage {
+pub enum CrcCoverage {
     /// The header and all n bytes of the data segment, as the manuals say.
     #[default]
     All,
@@ -21,7 +21,7 @@ pub enum Coverage {
     Valid4,
 }
 
-impl Coverage {
+impl CrcCoverage {
     /// All known coverages, in the order in which a host tries them.
     pub const EVERY: [Self; 3] = [Self::All, Self::Valid, Self::Valid4];
 
@@ -46,16 +46,16 @@ impl Coverage {
 /// The coverage of the CRC-32 in each direction. One client covers more bytes in its commands than it checks in answers
 /// (OBS).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct Coverages {
+pub struct CrcCoverages {
     /// The coverage in commands.
-    pub commands: Coverage,
+    pub commands: CrcCoverage,
     /// The coverage in answers.
-    pub answers: Coverage,
+    pub answers: CrcCoverage,
 }
 
-impl From<Coverage> for Coverages {
+impl From<CrcCoverage> for CrcCoverages {
     /// The same coverage in both directions.
-    fn from(coverage: Coverage) -> Self {
+    fn from(coverage: CrcCoverage) -> Self {
         Self { commands: coverage, answers: coverage }
     }
 }
@@ -66,14 +66,14 @@ pub struct CheckRule {
     /// Whether the check word is the fixed word or a CRC-32.
     pub kind: CheckType,
     /// The coverage of a CRC-32.
-    pub coverage: Coverage,
+    pub coverage: CrcCoverage,
 }
 
 impl CheckRule {
     /// The fixed check word.
-    pub const FIXED: Self = Self { kind: CheckType::Fixed, coverage: Coverage::All };
+    pub const FIXED: Self = Self { kind: CheckType::Fixed, coverage: CrcCoverage::All };
     /// A CRC-32 over the header and the whole data segment.
-    pub const CRC32: Self = Self { kind: CheckType::Crc32, coverage: Coverage::All };
+    pub const CRC32: Self = Self { kind: CheckType::Crc32, coverage: CrcCoverage::All };
 
     /// The check word of a packet. `covered` is its header and data segment, and `len` the number of valid data bytes.
     pub fn word(self, covered: &[u8], len: u16) -> u32 {
@@ -93,13 +93,13 @@ impl CheckRule {
 }
 
 /// The CRC-32 over `covered`, a header and data segment, with that coverage.
-fn crc32(covered: &[u8], len: u16, coverage: Coverage) -> u32 {
+fn crc32(covered: &[u8], len: u16, coverage: CrcCoverage) -> u32 {
     crc32fast::hash(&covered[..coverage.end(covered.len(), len)])
 }
 
 /// The result of checking a packet's check word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Verdict {
+pub(super) enum CheckResult {
     Right,
     NotReady,
     Wrong {
@@ -114,13 +114,13 @@ pub(super) enum Verdict {
 /// type that it has set.
 ///
 /// `[OURS]` A valid CRC that equals the word for "not ready" by chance counts as valid.
-pub(super) fn judge_answer(status: Status, len: u16, covered: &[u8], found: u32, coverage: Coverage) -> Verdict {
+pub(super) fn check_answer(status: Status, len: u16, covered: &[u8], found: u32, coverage: CrcCoverage) -> CheckResult {
     let kind = status.check_type();
     let expected = kind.map(|kind| CheckRule { kind, coverage }.word(covered, len));
     match (kind, expected) {
-        (Ok(_), Ok(expected)) if expected == found => Verdict::Right,
-        _ if found == NOT_READY => Verdict::NotReady,
-        (Ok(kind), Ok(expected)) => Verdict::Wrong { kind, expected },
-        (Err(bits), _) | (_, Err(bits)) => Verdict::Undefined(bits),
+        (Ok(_), Ok(expected)) if expected == found => CheckResult::Right,
+        _ if found == NOT_READY => CheckResult::NotReady,
+        (Ok(kind), Ok(expected)) => CheckResult::Wrong { kind, expected },
+        (Err(bits), _) | (_, Err(bits)) => CheckResult::Undefined(bits),
     }
 }

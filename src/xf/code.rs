@@ -10,7 +10,7 @@ use core::fmt;
 
 /// When a command is complete.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Timing {
+pub enum CommandTiming {
     /// The command is complete at once: its answer has the result.
     Immediate,
     /// The command takes time. Meanwhile [`Status::BUSY`](super::Status::BUSY) is set and the chip accepts no other
@@ -37,13 +37,13 @@ pub enum AnswerForm {
 
 /// A row of the table of commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Command {
+pub struct CommandInfo {
     /// The command code.
     pub code: CommandCode,
     /// The name as in the manuals.
     pub name: &'static str,
     /// When the command is complete.
-    pub timing: Timing,
+    pub timing: CommandTiming,
     /// Where the answer carries the result.
     pub answer: AnswerForm,
     /// The functions that the parameter byte selects; empty if the command is a single function.
@@ -74,10 +74,10 @@ macro_rules! commands {
         }
 
         /// All commands in ascending order of their codes.
-        pub static COMMANDS: [Command; 67] = [$(Command {
+        pub static COMMANDS: [CommandInfo; 67] = [$(CommandInfo {
             code: CommandCode::$variant,
             name: $name,
-            timing: Timing::$timing,
+            timing: CommandTiming::$timing,
             answer: AnswerForm::$answer,
             functions: functions_of($code),
         },)*];
@@ -181,7 +181,7 @@ impl Default for CommandCode {
 
 impl CommandCode {
     /// The command's row; `None` for an unknown code.
-    pub fn command(self) -> Option<&'static Command> {
+    pub fn command(self) -> Option<&'static CommandInfo> {
         COMMANDS.binary_search_by_key(&self.code(), |row| row.code.code()).ok().map(|row| &COMMANDS[row])
     }
 
@@ -202,9 +202,9 @@ impl CommandCode {
     /// 143 it is `[OURS]`.
     pub fn is_immediate(self, parameter: u8) -> bool {
         match self.command().map(|row| row.timing) {
-            Some(Timing::NonImmediate) => false,
-            Some(Timing::ByParameter) => parameter != 0,
-            Some(Timing::Immediate) | None => true,
+            Some(CommandTiming::NonImmediate) => false,
+            Some(CommandTiming::ByParameter) => parameter != 0,
+            Some(CommandTiming::Immediate) | None => true,
         }
     }
 }

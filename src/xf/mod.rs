@@ -69,7 +69,7 @@ mod segment;
 pub mod size;
 pub mod value;
 
-pub use check::{CheckRule, Coverage, Coverages};
+pub use check::{CheckRule, CrcCoverage, CrcCoverages};
 pub use check_type::CheckType;
 pub use code::CommandCode;
 pub use header::{AnswerHeader, CommandHeader, Control, Errors, Interrupts, NetworkState, Reserve, Status};

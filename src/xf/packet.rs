@@ -5,7 +5,7 @@
 
 use core::fmt;
 
-use super::check::{CheckRule, Coverage, Verdict, judge_answer};
+use super::check::{CheckResult, CheckRule, CrcCoverage, check_answer};
 use super::check_type::CheckType;
 use super::header::{AnswerHeader, CommandHeader, Status};
 use super::request::{Arguments, Call, Encode, Request};
@@ -251,21 +251,21 @@ impl<'p> Framed<'p> {
     }
 
     /// Checks the check word: whether the packet is an answer or "not ready".
-    fn judge(&self, coverage: Coverage) -> Result<Judged, PacketError> {
+    fn classify(&self, coverage: CrcCoverage) -> Result<PacketKind, PacketError> {
         let (status, len) = AnswerHeader::status_and_len(self.head);
         let found = self.check_word;
-        match judge_answer(status, len, self.covered, found, coverage) {
-            Verdict::Right => Ok(Judged::Answer),
-            Verdict::NotReady => Ok(Judged::NotReady),
-            Verdict::Wrong { kind, expected } => Err(PacketError::CheckWord { kind, expected, found }),
-            Verdict::Undefined(bits) => Err(PacketError::CheckType { bits }),
+        match check_answer(status, len, self.covered, found, coverage) {
+            CheckResult::Right => Ok(PacketKind::Answer),
+            CheckResult::NotReady => Ok(PacketKind::NotReady),
+            CheckResult::Wrong { kind, expected } => Err(PacketError::CheckWord { kind, expected, found }),
+            CheckResult::Undefined(bits) => Err(PacketError::CheckType { bits }),
         }
     }
 }
 
 /// The kind of an undamaged packet from the chip, like [`Received`] but without the packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Judged {
+pub(super) enum PacketKind {
     Answer,
     NotReady,
 }
@@ -337,17 +337,19 @@ impl<'p> AnswerPacket<'p> {
     ///
     /// # Errors
     /// Length, start word, end word or check word are wrong, or the status names an undefined check type.
-    pub fn parse(bytes: &'p [u8], size: DataSize, coverage: Coverage) -> Result<Received<'p>, PacketError> {
+    pub fn parse(bytes: &'p [u8], size: DataSize, coverage: CrcCoverage) -> Result<Received<'p>, PacketError> {
         let framed = Framed::parse(bytes, size)?;
-        Ok(match framed.judge(coverage)? {
-            Judged::Answer => Received::Answer(Self { header: AnswerHeader::decode(framed.head).1, data: framed.data }),
-            Judged::NotReady => Received::NotReady,
+        Ok(match framed.classify(coverage)? {
+            PacketKind::Answer => {
+                Received::Answer(Self { header: AnswerHeader::decode(framed.head).1, data: framed.data })
+            }
+            PacketKind::NotReady => Received::NotReady,
         })
     }
 
     /// The result of [`Self::parse`], without the packet.
-    pub(super) fn judge(bytes: &[u8], size: DataSize, coverage: Coverage) -> Result<Judged, PacketError> {
-        Framed::parse(bytes, size)?.judge(coverage)
+    pub(super) fn classify(bytes: &[u8], size: DataSize, coverage: CrcCoverage) -> Result<PacketKind, PacketError> {
+        Framed::parse(bytes, size)?.classify(coverage)
     }
 
     /// The packet's result for `call`. The host itself has to compare the index.
@@ -355,7 +357,7 @@ impl<'p> AnswerPacket<'p> {
     /// ```
     /// use ecmsk::xf::request::{StateGet, Slaves};
     /// use ecmsk::xf::{
-    ///     AnswerHeader, AnswerPacket, CheckRule, CommandCode, Coverage, DataSize, EtherCatState, MAX_PACKET,
+    ///     AnswerHeader, AnswerPacket, CheckRule, CommandCode, CrcCoverage, DataSize, EtherCatState, MAX_PACKET,
     ///     NetworkState, Received, write_answer,
     /// };
     ///
@@ -365,7 +367,7 @@ impl<'p> AnswerPacket<'p> {
     /// let op = NetworkState::from(EtherCatState::Op);
     /// let bytes = write_answer(&mut buffer, size, CheckRule::CRC32, header, &op)?;
     ///
-    /// match AnswerPacket::parse(bytes, size, Coverage::All)? {
+    /// match AnswerPacket::parse(bytes, size, CrcCoverage::All)? {
     ///     Received::Answer(packet) => assert_eq!(packet.answer_to(&StateGet { slaves: Slaves::All })?, op),
     ///     Received::NotReady => println!("once more, after some idle time"),
     /// }

@@ -1,6 +1,6 @@
 //! Values that several requests use, limited to their range.
 
-use super::fields::Kind;
+use super::fields::FieldKind;
 use super::layout::{FieldValue, field_values};
 use super::{Malformed, NetworkState};
 use crate::ethercat::AlState;
@@ -37,7 +37,7 @@ macro_rules! numbers {
 
         impl FieldValue for $name {
             const BYTES: u8 = size_of::<$int>() as u8;
-            const KIND: Kind = Kind::Number;
+            const KIND: FieldKind = FieldKind::Number;
 
             fn number(self) -> u32 {
                 self.0.into()
@@ -96,7 +96,7 @@ impl Slaves {
 }
 
 field_values! {
-    Slaves, 1, Kind::Named(&[("all", Slaves::ALL as u32)]), |slaves| slaves.code().into(), |code| match code as u8 {
+    Slaves, 1, FieldKind::Named(&[("all", Slaves::ALL as u32)]), |slaves| slaves.code().into(), |code| match code as u8 {
         Slaves::ALL => Ok(Slaves::All),
         number => match SlaveNumber::new(number) {
             Some(slave) => Ok(Slaves::One(slave)),
@@ -148,7 +148,7 @@ macro_rules! choices {
 
         impl $crate::xf::layout::FieldValue for $name {
             const BYTES: u8 = size_of::<$int>() as u8;
-            const KIND: $crate::xf::fields::Kind = $crate::xf::fields::Kind::Choice(Self::NAMES);
+            const KIND: $crate::xf::fields::FieldKind = $crate::xf::fields::FieldKind::Choice(Self::NAMES);
 
             fn number(self) -> u32 {
                 self.code().into()

@@ -22,7 +22,7 @@ const AXIS_LIMIT: Duration = Duration::from_secs(5);
 
 /// An axis whose state machine the helper drives.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Axis {
+pub(super) struct HelperAxis {
     motor: MotorNumber,
     slave: SlaveNumber,
 }
@@ -32,18 +32,18 @@ impl<L: ChipLink> Xf<L> {
     /// `motor`, 0..=127. The axis stays off until [`Self::enable`].
     ///
     /// # Errors
-    /// [`XfError::NotMapped`] if the slave does not map both words, [`XfError::OutOfReach`] if one of them is not among
+    /// [`XfError::NotMapped`] if the slave does not map both words, [`XfError::BeyondHelperRange`] if one of them is not among
     /// its first 256 bytes, [`XfError::AxisOn`], [`XfError::SlaveHasAxis`], [`XfError::NoSuchSlave`],
     /// [`XfError::Chip`], [`XfError::Link`].
     pub fn add_axis(&mut self, motor: u8, slave: u8, data: &ProcessData) -> Result<(), XfError> {
-        let controlword = data.output::<u16>(slave, CONTROLWORD)?.place();
-        let statusword = data.input::<u16>(slave, STATUSWORD)?.place();
-        let place = usize::from(slave);
+        let controlword = data.output::<u16>(slave, CONTROLWORD)?.offset();
+        let statusword = data.input::<u16>(slave, STATUSWORD)?.offset();
+        let index = usize::from(slave);
         let offset = |object, at: usize, begin: usize| {
-            u8::try_from(at - begin).map_err(|_| XfError::OutOfReach { slave, object, at: at - begin })
+            u8::try_from(at - begin).map_err(|_| XfError::BeyondHelperRange { slave, object, at: at - begin })
         };
-        let controlword_offset = offset(CONTROLWORD, controlword, data.layout().outputs[place].at)?;
-        let statusword_offset = offset(STATUSWORD, statusword, data.layout().inputs[place].at)?;
+        let controlword_offset = offset(CONTROLWORD, controlword, data.layout().outputs[index].at)?;
+        let statusword_offset = offset(STATUSWORD, statusword, data.layout().inputs[index].at)?;
         let (number, slave) = (number(motor)?, self.slave(slave)?);
         if self.on.contains(number) {
             return Err(XfError::AxisOn { motor });
@@ -52,7 +52,7 @@ impl<L: ChipLink> Xf<L> {
             return Err(XfError::SlaveHasAxis { slave: slave.get(), motor: other.motor.get() });
         }
         self.axes.retain(|axis| axis.motor != number);
-        self.axes.push(Axis { motor: number, slave });
+        self.axes.push(HelperAxis { motor: number, slave });
         let control = HelperControl::ON;
         self.run(&HelperConfigSet { motor: number, controlword_offset, statusword_offset, control, slave })
     }
@@ -64,7 +64,7 @@ impl<L: ChipLink> Xf<L> {
     /// # Errors
     /// [`XfError::NoAxis`], [`XfError::AxisStuck`], [`XfError::Chip`], [`XfError::Link`].
     pub fn enable(&mut self, motor: u8) -> Result<(), XfError> {
-        self.lead(motor, DriveState::OperationEnabled)
+        self.request_state(motor, DriveState::OperationEnabled)
     }
 
     /// Switches an axis off and waits until it is in Switch on disabled.
@@ -72,7 +72,7 @@ impl<L: ChipLink> Xf<L> {
     /// # Errors
     /// As with [`Self::enable`].
     pub fn disable(&mut self, motor: u8) -> Result<(), XfError> {
-        self.lead(motor, DriveState::SwitchOnDisabled)
+        self.request_state(motor, DriveState::SwitchOnDisabled)
     }
 
     /// Resets the fault of an axis and waits until it is in Switch on disabled.
@@ -99,7 +99,7 @@ impl<L: ChipLink> Xf<L> {
         Ok(self.run(&HelperStateGet { motor: number(motor)? })?.state())
     }
 
-    fn lead(&mut self, motor: u8, state: DriveState) -> Result<(), XfError> {
+    fn request_state(&mut self, motor: u8, state: DriveState) -> Result<(), XfError> {
         let number = number(motor)?;
         if !self.axes.iter().any(|axis| axis.motor == number) {
             return Err(XfError::NoAxis { motor });

@@ -75,7 +75,7 @@ pub enum XfError {
         "the RxFIFO has held {held} PDOs for {}: switch it on (FifoEnable), and bring a slave to OP",
         Span(*.waited)
     )]
-    FifoStands { held: u8, waited: Duration },
+    RxFifoStalled { held: u8, waited: Duration },
     /// The helper does not drive that axis.
     #[error("there is no axis {motor}; add it first (add_axis), with the slave it belongs to")]
     NoAxis { motor: u8 },
@@ -90,7 +90,7 @@ pub enum XfError {
     #[error(
         "{object} of slave {slave} is byte {at} of its process data, and the helper reaches the first 256; map it first"
     )]
-    OutOfReach { slave: u8, object: ObjectAddress, at: usize },
+    BeyondHelperRange { slave: u8, object: ObjectAddress, at: usize },
     /// An axis did not reach the wanted state in time.
     #[error("axis {motor} is in {found} after {} and not in {wanted}; look at its error code, 0x603F", Span(*.waited))]
     AxisStuck { motor: u8, found: &'static str, wanted: &'static str, waited: Duration },

@@ -7,7 +7,7 @@ use crate::link::chip_link::ChipLink;
 use crate::xf::request::{MappedObject, PdoAssignment, SlaveInfoItem};
 
 /// A Rust type for an object or a field in process data, little-endian.
-pub trait Field: Copy {
+pub trait FieldType: Copy {
     /// Size of the type in bytes.
     const BYTES: usize;
 
@@ -20,7 +20,7 @@ pub trait Field: Copy {
 
 macro_rules! fields {
     ($($int:ty)*) => {$(
-        impl Field for $int {
+        impl FieldType for $int {
             const BYTES: usize = size_of::<$int>();
 
             fn from_le(bytes: &[u8]) -> Option<Self> {

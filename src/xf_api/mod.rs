@@ -55,7 +55,7 @@
 //! ```
 //!
 //! - `mod.rs`: [`Xf`], which runs any command
-//! - `any.rs`: commands that the program knows only at run time
+//! - `run_request.rs`: commands that the program knows only at run time
 //! - `network.rs`: the start of the network, its states and slaves
 //! - `objects.rs`: SDO
 //! - `layout.rs`: where objects are in the process data
@@ -63,19 +63,19 @@
 //! - `axes.rs`: the CiA 402 helper; `stop.rs`: stopping the axes when a program ends
 //! - `error.rs`: [`XfError`]
 
-mod any;
 mod axes;
 mod error;
 mod layout;
 mod network;
 mod objects;
 mod process;
+mod run_request;
 mod stop;
 
 use std::time::Duration;
 
 pub use error::XfError;
-pub use layout::{Field, Layout, MappedField, SlaveLayout};
+pub use layout::{FieldType, Layout, MappedField, SlaveLayout};
 pub use network::{NetworkConfig, SlaveDescription};
 pub use process::{Input, Output, ProcessData};
 
@@ -85,7 +85,7 @@ use crate::open;
 use crate::xf::AnswerHeader;
 use crate::xf::host::{Host, HostConfig, HostError, HostState, Ticket};
 use crate::xf::request::Call;
-use axes::Axis;
+use axes::HelperAxis;
 use stop::Motors;
 
 /// A started ECM-XF chip behind its link.
@@ -100,7 +100,7 @@ pub struct Xf<L: ChipLink = Box<dyn ChipLink>> {
     /// The cycle time with which the network was started.
     cycle_ns: Option<Ns>,
     /// Axes that the helper drives.
-    axes: Vec<Axis>,
+    axes: Vec<HelperAxis>,
     /// Axes that may be on: the helper was asked to take them out of Switch on disabled, and they were not seen in that
     /// state since.
     on: Motors,
@@ -171,7 +171,7 @@ impl<L: ChipLink> Xf<L> {
     }
 
     /// Runs a command to its end and returns its result. Commands that take time in the chip, such as a change of
-    /// state, may run for the default of [`Deadlines::busy_ns`](crate::xf::host::Deadlines::busy_ns).
+    /// state, may run for the default of [`Timeouts::busy_ns`](crate::xf::host::Timeouts::busy_ns).
     ///
     /// # Errors
     /// [`XfError::Chip`], [`XfError::Link`].

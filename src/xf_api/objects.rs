@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::layout::Field;
+use super::layout::FieldType;
 use super::{Xf, XfError};
 use crate::ethercat::coe::{ObjectAddress, SdoScope};
 use crate::link::chip_link::ChipLink;
@@ -22,7 +22,7 @@ impl<L: ChipLink> Xf<L> {
     ///
     /// # Errors
     /// [`XfError::SdoAborted`], [`XfError::SdoSize`], [`XfError::NoSuchSlave`], [`XfError::Chip`], [`XfError::Link`].
-    pub fn sdo_read<T: Field>(&mut self, slave: u8, object: ObjectAddress) -> Result<T, XfError> {
+    pub fn sdo_read<T: FieldType>(&mut self, slave: u8, object: ObjectAddress) -> Result<T, XfError> {
         let bytes = self.upload(slave, object, SdoScope::Entry, T::BYTES as u16)?;
         let (found, wanted) = (bytes.len(), T::BYTES);
         T::from_le(bytes).ok_or(XfError::SdoSize { slave, object, found, wanted })
@@ -41,7 +41,7 @@ impl<L: ChipLink> Xf<L> {
     ///
     /// # Errors
     /// [`XfError::SdoAborted`], [`XfError::NoSuchSlave`], [`XfError::Chip`], [`XfError::Link`].
-    pub fn sdo_write<T: Field>(&mut self, slave: u8, object: ObjectAddress, value: T) -> Result<(), XfError> {
+    pub fn sdo_write<T: FieldType>(&mut self, slave: u8, object: ObjectAddress, value: T) -> Result<(), XfError> {
         let mut bytes = [0; 8];
         value.put_le(&mut bytes[..T::BYTES]);
         self.sdo_write_bytes(slave, object, SdoScope::Entry, &bytes[..T::BYTES])

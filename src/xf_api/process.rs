@@ -3,12 +3,12 @@
 use std::marker::PhantomData;
 use std::time::Duration;
 
-use super::layout::{self, Field, Layout, SlaveLayout};
+use super::layout::{self, FieldType, Layout, SlaveLayout};
 use super::{Xf, XfError};
 use crate::ethercat::Ns;
 use crate::ethercat::coe::ObjectAddress;
 use crate::link::chip_link::ChipLink;
-use crate::xf::host::{Budget, HostError, ProcessData as Exchanged, ProcessOutcome};
+use crate::xf::host::{Budget, HostError, ProcessOutcome, ProcessRequest};
 
 /// How many RxPDOs a program stays ahead of the chip, by default. \[OURS] With a cycle of 1 ms a program may be late by
 /// 20 ms.
@@ -19,7 +19,7 @@ const TX_BACKLOG: u8 = 3;
 /// How many times per cycle the driver polls the chip's FIFO levels. \[OURS]
 const POLLS_A_CYCLE: Ns = 2;
 /// How long the RxFIFO's level may stay unchanged before the chip counts as taking nothing out of it. \[OURS]
-const STANDS: Duration = Duration::from_secs(2);
+const STALL_LIMIT: Duration = Duration::from_secs(2);
 
 /// A typed handle of an output object in process data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,14 +48,14 @@ pub struct ProcessData {
 
 impl<T> Output<T> {
     /// Offset in bytes from the beginning of the RxPDO.
-    pub const fn place(&self) -> usize {
+    pub const fn offset(&self) -> usize {
         self.at
     }
 }
 
 impl<T> Input<T> {
     /// Offset in bytes from the beginning of the TxPDO.
-    pub const fn place(&self) -> usize {
+    pub const fn offset(&self) -> usize {
         self.at
     }
 }
@@ -70,7 +70,7 @@ impl ProcessData {
     ///
     /// # Errors
     /// [`XfError::NoSuchSlave`], [`XfError::NotMapped`], [`XfError::FieldSize`].
-    pub fn output<T: Field>(&self, slave: u8, object: ObjectAddress) -> Result<Output<T>, XfError> {
+    pub fn output<T: FieldType>(&self, slave: u8, object: ObjectAddress) -> Result<Output<T>, XfError> {
         let at = find::<T>(&self.layout.outputs, slave, object, "outputs")?;
         Ok(Output { at, kind: PhantomData })
     }
@@ -79,7 +79,7 @@ impl ProcessData {
     ///
     /// # Errors
     /// As with [`Self::output`].
-    pub fn input<T: Field>(&self, slave: u8, object: ObjectAddress) -> Result<Input<T>, XfError> {
+    pub fn input<T: FieldType>(&self, slave: u8, object: ObjectAddress) -> Result<Input<T>, XfError> {
         let at = find::<T>(&self.layout.inputs, slave, object, "inputs")?;
         Ok(Input { at, kind: PhantomData })
     }
@@ -88,7 +88,7 @@ impl ProcessData {
     ///
     /// # Panics
     /// If the handle comes from other, longer process data and is out of range here.
-    pub fn set<T: Field>(&mut self, output: Output<T>, value: T) {
+    pub fn set<T: FieldType>(&mut self, output: Output<T>, value: T) {
         value.put_le(&mut self.outputs[output.at..output.at + T::BYTES]);
     }
 
@@ -96,7 +96,7 @@ impl ProcessData {
     ///
     /// # Panics
     /// As with [`Self::set`].
-    pub fn get_output<T: Field>(&self, output: Output<T>) -> T {
+    pub fn get_output<T: FieldType>(&self, output: Output<T>) -> T {
         read(&self.outputs, output.at)
     }
 
@@ -104,7 +104,7 @@ impl ProcessData {
     ///
     /// # Panics
     /// If the handle comes from other, longer process data and is out of range here.
-    pub fn get<T: Field>(&self, input: Input<T>) -> T {
+    pub fn get<T: FieldType>(&self, input: Input<T>) -> T {
         read(&self.inputs, input.at)
     }
 
@@ -126,7 +126,7 @@ impl ProcessData {
     }
 }
 
-fn read<T: Field>(image: &[u8], at: usize) -> T {
+fn read<T: FieldType>(image: &[u8], at: usize) -> T {
     match T::from_le(&image[at..at + T::BYTES]) {
         Some(value) => value,
         None => unreachable!("so many bytes are a value"),
@@ -134,7 +134,7 @@ fn read<T: Field>(image: &[u8], at: usize) -> T {
 }
 
 /// The offset of an object in the process image, in bytes.
-fn find<T: Field>(
+fn find<T: FieldType>(
     slaves: &[SlaveLayout],
     slave: u8,
     object: ObjectAddress,
@@ -200,7 +200,7 @@ impl<L: ChipLink> Xf<L> {
     /// [`XfError::ProcessData`], [`XfError::Chip`], [`XfError::Link`].
     pub fn read_inputs(&mut self, data: &mut ProcessData) -> Result<(), XfError> {
         if !data.inputs.is_empty() {
-            self.exchange(data, Exchanged::DirectRead)?;
+            self.exchange(data, ProcessRequest::DirectRead)?;
         }
         Ok(())
     }
@@ -210,17 +210,17 @@ impl<L: ChipLink> Xf<L> {
     /// network.
     ///
     /// # Errors
-    /// [`XfError::FifoStands`], [`XfError::ProcessData`], [`XfError::Chip`], [`XfError::Link`].
+    /// [`XfError::RxFifoStalled`], [`XfError::ProcessData`], [`XfError::Chip`], [`XfError::Link`].
     pub fn cycle(&mut self, data: &mut ProcessData) -> Result<(), XfError> {
         self.wait_held(data.ahead.max(1) - 1)?;
         let outputs = std::mem::take(&mut data.outputs);
-        let done = self.exchange(data, Exchanged::Exchange { count: 1, outputs: &outputs });
+        let done = self.exchange(data, ProcessRequest::Exchange { count: 1, outputs: &outputs });
         data.outputs = outputs;
         done?;
         let waiting = self.header().tx_fifo;
         if waiting > TX_BACKLOG && !data.inputs.is_empty() {
             let most = (self.host.size().bytes() / data.inputs.len()).min(usize::from(u8::MAX)) as u8;
-            self.exchange(data, Exchanged::Read { count: waiting.min(most) })?;
+            self.exchange(data, ProcessRequest::Read { count: waiting.min(most) })?;
         }
         Ok(())
     }
@@ -244,8 +244,8 @@ impl<L: ChipLink> Xf<L> {
             let (now_held, now) = (self.held(), self.link.now());
             if now_held < held {
                 (held, since) = (now_held, now);
-            } else if now - since > super::ns(STANDS) {
-                return Err(XfError::FifoStands { held, waited: Duration::from_nanos(now - since) });
+            } else if now - since > super::ns(STALL_LIMIT) {
+                return Err(XfError::RxFifoStalled { held, waited: Duration::from_nanos(now - since) });
             }
         }
         Ok(())
@@ -256,7 +256,7 @@ impl<L: ChipLink> Xf<L> {
         self.host.rx_entries().saturating_sub(self.host.rx_free())
     }
 
-    fn exchange(&mut self, data: &mut ProcessData, exchanged: Exchanged<'_>) -> Result<(), XfError> {
+    fn exchange(&mut self, data: &mut ProcessData, exchanged: ProcessRequest<'_>) -> Result<(), XfError> {
         if self.exchange_raw(exchanged)? {
             data.keep(self.host.inputs());
         }
@@ -264,8 +264,8 @@ impl<L: ChipLink> Xf<L> {
     }
 
     /// Exchanges process data; returns whether inputs were read.
-    pub(super) fn exchange_raw(&mut self, exchanged: Exchanged<'_>) -> Result<bool, XfError> {
-        self.moves |= !matches!(exchanged, Exchanged::Read { .. } | Exchanged::DirectRead);
+    pub(super) fn exchange_raw(&mut self, exchanged: ProcessRequest<'_>) -> Result<bool, XfError> {
+        self.moves |= !matches!(exchanged, ProcessRequest::Read { .. } | ProcessRequest::DirectRead);
         let sequence = loop {
             match self.host.process(exchanged) {
                 // A call that failed on the link has left process data in the driver, which go first.

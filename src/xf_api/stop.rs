@@ -50,7 +50,7 @@ impl Motors {
 }
 
 /// The failures so far while the axes are stopped.
-struct Effort {
+struct StopProgress {
     /// Number of failed exchanges since the newest answer. `failing_since` is the time of the first one, `answers` the
     /// number of answers at that time.
     failures: u32,
@@ -64,7 +64,7 @@ struct Effort {
     first: Result<(), XfError>,
 }
 
-impl Effort {
+impl StopProgress {
     fn note(&mut self, done: Result<(), XfError>) {
         if self.first.is_ok() {
             self.first = done;
@@ -103,24 +103,24 @@ impl<L: ChipLink> Xf<L> {
         }
         // The stop must not wait behind queued commands, whose results nobody reads any more.
         self.host.abandon_all();
-        let mut effort = self.effort();
-        self.stop_axes(&mut effort);
-        let limit = self.host.config().deadlines.busy_ns;
-        let off = self.insist(&mut effort, &FifoEnable { on: false }, limit, drop);
-        effort.note(off);
+        let mut progress = self.progress();
+        self.stop_axes(&mut progress);
+        let limit = self.host.config().timeouts.busy_ns;
+        let off = self.run_with_retry(&mut progress, &FifoEnable { on: false }, limit, drop);
+        progress.note(off);
         let safe_op = StateSet { slaves: Slaves::All, state: EtherCatState::SafeOp };
-        let safe_op = self.insist(&mut effort, &safe_op, super::ns(SAFE_OP_LIMIT), drop);
-        effort.note(safe_op);
+        let safe_op = self.run_with_retry(&mut progress, &safe_op, super::ns(SAFE_OP_LIMIT), drop);
+        progress.note(safe_op);
         // After this attempt, dropping the value does not stop the axes again.
         self.on = Motors::default();
-        effort.first
+        progress.first
     }
 
     /// Stops the axes that may be on before the network is initialised again. An axis that cannot be stopped loses its
     /// outputs in Init.
     pub(super) fn stop_before_init(&mut self) {
-        let mut effort = self.effort();
-        self.stop_axes(&mut effort);
+        let mut progress = self.progress();
+        self.stop_axes(&mut progress);
     }
 
     /// The helper drives no axis any more, since the network was initialised again.
@@ -129,30 +129,30 @@ impl<L: ChipLink> Xf<L> {
         self.on = Motors::default();
     }
 
-    fn effort(&self) -> Effort {
+    fn progress(&self) -> StopProgress {
         let (failing_since, answers) = (self.link.now(), self.host.counters().answers);
-        Effort { failures: 0, failing_since, answers, restarted: false, given_up: None, first: Ok(()) }
+        StopProgress { failures: 0, failing_since, answers, restarted: false, given_up: None, first: Ok(()) }
     }
 
-    fn stop_axes(&mut self, effort: &mut Effort) {
+    fn stop_axes(&mut self, progress: &mut StopProgress) {
         use DriveState::{Fault, FaultReactionActive, OperationEnabled, QuickStopActive, SwitchOnDisabled};
         let on = self.on;
         // All axes get the quick stop before the first one is waited for.
-        self.lead_all(effort, on, QuickStopActive);
+        self.request_state_of_all(progress, on, QuickStopActive);
         let moves = [Some(OperationEnabled), Some(QuickStopActive), Some(FaultReactionActive), None];
-        self.wait_all(effort, on, |found| !moves.contains(&found));
+        self.wait_all(progress, on, |found| !moves.contains(&found));
         // An axis that does not come to rest is switched off too: no torque is safer than torque without control.
-        self.lead_all(effort, on, SwitchOnDisabled);
+        self.request_state_of_all(progress, on, SwitchOnDisabled);
         // A fault is not reset: a drive in Fault has no torque, and its cause stays readable.
-        let off = self.wait_all(effort, on, |found| matches!(found, Some(SwitchOnDisabled | Fault)));
+        let off = self.wait_all(progress, on, |found| matches!(found, Some(SwitchOnDisabled | Fault)));
         off.iter().for_each(|motor| self.on.remove(motor));
     }
 
-    fn lead_all(&mut self, effort: &mut Effort, motors: Motors, state: DriveState) {
-        let limit = self.host.config().deadlines.busy_ns;
+    fn request_state_of_all(&mut self, progress: &mut StopProgress, motors: Motors, state: DriveState) {
+        let limit = self.host.config().timeouts.busy_ns;
         for motor in motors.iter() {
-            let led = self.insist(effort, &HelperStateSet { motor, state }, limit, drop);
-            effort.note(led);
+            let requested = self.run_with_retry(progress, &HelperStateSet { motor, state }, limit, drop);
+            progress.note(requested);
         }
     }
 
@@ -160,17 +160,17 @@ impl<L: ChipLink> Xf<L> {
     /// accepted.
     fn wait_all(
         &mut self,
-        effort: &mut Effort,
+        progress: &mut StopProgress,
         motors: Motors,
         is_there: impl Fn(Option<DriveState>) -> bool,
     ) -> Motors {
         let begin = self.link.now();
-        let limit = self.host.config().deadlines.busy_ns;
+        let limit = self.host.config().timeouts.busy_ns;
         let (mut there, mut waiting) = (Motors::default(), motors);
         while !waiting.is_empty() {
             for motor in waiting.iter() {
                 let waited = Duration::from_nanos(self.link.now().saturating_sub(begin));
-                match self.insist(effort, &HelperStateGet { motor }, limit, |answer| answer.state()) {
+                match self.run_with_retry(progress, &HelperStateGet { motor }, limit, |answer| answer.state()) {
                     Ok(found) if is_there(found) => {
                         there.insert(motor);
                         waiting.remove(motor);
@@ -179,11 +179,11 @@ impl<L: ChipLink> Xf<L> {
                     Ok(found) => {
                         let found = found.map_or("no state", DriveState::name);
                         let wanted = DriveState::SwitchOnDisabled.name();
-                        effort.note(Err(XfError::AxisStuck { motor: motor.get(), found, wanted, waited }));
+                        progress.note(Err(XfError::AxisStuck { motor: motor.get(), found, wanted, waited }));
                         waiting.remove(motor);
                     }
                     Err(error) => {
-                        effort.note(Err(error));
+                        progress.note(Err(error));
                         waiting.remove(motor);
                     }
                 }
@@ -193,20 +193,20 @@ impl<L: ChipLink> Xf<L> {
     }
 
     /// Runs a command and retries it if it may not have reached the chip. Running the command twice must do no harm.
-    fn insist<'d, C: Call<'d>, T>(
+    fn run_with_retry<'d, C: Call<'d>, T>(
         &mut self,
-        effort: &mut Effort,
+        progress: &mut StopProgress,
         call: &C,
         busy_ns: Ns,
         take: impl Fn(C::Answer<'_>) -> T,
     ) -> Result<T, XfError> {
         let mut tries = 0;
         loop {
-            self.revive(effort)?;
+            self.restart_driver(progress)?;
             tries += 1;
             let ticket = self.host.submit_within(self.link.now(), call, busy_ns)?;
             while !self.host.is_done(ticket) {
-                self.keep_on(effort)?;
+                self.step_until_cut(progress)?;
             }
             let error = match self.host.take(ticket, call) {
                 Some(Ok(answer)) => return Ok(take(answer)),
@@ -223,20 +223,20 @@ impl<L: ChipLink> Xf<L> {
     }
 
     /// Restarts a driver that has stopped, once, and waits until it runs.
-    fn revive(&mut self, effort: &mut Effort) -> Result<(), XfError> {
-        if let Some(error) = &effort.given_up {
+    fn restart_driver(&mut self, progress: &mut StopProgress) -> Result<(), XfError> {
+        if let Some(error) = &progress.given_up {
             return Err(error.clone());
         }
         loop {
             match self.host.state() {
                 HostState::Running | HostState::Searching => return Ok(()),
-                HostState::Starting(_) => self.keep_on(effort)?,
-                HostState::Stopped(_) if !effort.restarted => {
-                    effort.restarted = true;
+                HostState::Starting(_) => self.step_until_cut(progress)?,
+                HostState::Stopped(_) if !progress.restarted => {
+                    progress.restarted = true;
                     self.host.restart(self.link.now());
                 }
                 HostState::Stopped(error) => {
-                    effort.given_up = Some(error.into());
+                    progress.given_up = Some(error.into());
                     return Err(error.into());
                 }
             }
@@ -244,20 +244,20 @@ impl<L: ChipLink> Xf<L> {
     }
 
     /// Steps the driver. A failed exchange is followed by another one, until the wires count as cut.
-    fn keep_on(&mut self, effort: &mut Effort) -> Result<(), XfError> {
+    fn step_until_cut(&mut self, progress: &mut StopProgress) -> Result<(), XfError> {
         let error = match self.step(Ns::MAX) {
             // The driver has stopped, which has ended all pending commands.
             Ok(()) | Err(XfError::Chip(_)) => return Ok(()),
             Err(error) => error,
         };
         let (now, answers) = (self.link.now(), self.host.counters().answers);
-        if effort.failures == 0 || answers > effort.answers {
-            (effort.failures, effort.failing_since, effort.answers) = (0, now, answers);
+        if progress.failures == 0 || answers > progress.answers {
+            (progress.failures, progress.failing_since, progress.answers) = (0, now, answers);
         }
-        effort.failures += 1;
-        let silent_ns = now.saturating_sub(effort.failing_since);
-        if silent_ns >= super::ns(SILENCE_LIMIT) || effort.failures >= FAILURES_MAX {
-            effort.given_up = Some(error.clone());
+        progress.failures += 1;
+        let silent_ns = now.saturating_sub(progress.failing_since);
+        if silent_ns >= super::ns(SILENCE_LIMIT) || progress.failures >= FAILURES_MAX {
+            progress.given_up = Some(error.clone());
             return Err(error);
         }
         // If the wait fails, the next exchange fails too and is counted.

@@ -2,14 +2,14 @@
 
 use std::time::Duration;
 
-use ecmsk::bus::errors::{self, End, Place, PortErrors, SlaveErrors};
+use ecmsk::bus::errors::{self, CablePort, PortErrors, ProblemPlace, SlaveErrors};
 use ecmsk::master::Upstream;
 
 use crate::{network, with_script};
 
-fn cable(near: Option<(u8, u8)>, far: Option<(u8, u8)>) -> Place {
-    let end = |(slave, port)| End { slave, port };
-    Place::Cable { near: near.map(end), far: far.map(end) }
+fn cable(near: Option<(u8, u8)>, far: Option<(u8, u8)>) -> ProblemPlace {
+    let end = |(slave, port)| CablePort { slave, port };
+    ProblemPlace::Cable { near: near.map(end), far: far.map(end) }
 }
 
 /// BUS-7.2 A cable that damages frames is found from its two ends, wherever it is. Long frames make it show.
@@ -23,11 +23,11 @@ fn the_bad_cable_of_a_line_is_found() {
         network.load(Duration::from_millis(200)).expect("time");
         let counted = errors::read(&mut *network, &slaves).expect("counters");
         let since: Vec<SlaveErrors> = counted.iter().zip(&before).map(|(now, then)| now.since(then)).collect();
-        let troubles = errors::judge(&slaves, &since);
-        let [trouble] = &troubles[..] else { panic!("{bad}: {troubles:?}") };
+        let problems = errors::judge(&slaves, &since);
+        let [problem] = &problems[..] else { panic!("{bad}: {problems:?}") };
         let near = (bad > 1).then(|| (bad - 1, 1));
-        assert_eq!(trouble.place, cable(near, Some((bad, 0))));
-        assert!(trouble.far.invalid > 5 && (bad == 1 || trouble.near.invalid > 5), "{trouble:?}");
+        assert_eq!(problem.place, cable(near, Some((bad, 0))));
+        assert!(problem.far.invalid > 5 && (bad == 1 || problem.near.invalid > 5), "{problem:?}");
         assert!(network.frames().expect("our own master").lost > 10);
     }
 }
@@ -39,16 +39,16 @@ fn a_lost_link_is_counted_and_cleared() {
     network.wait(Duration::from_millis(1500)).expect("time");
     let counted = errors::read(&mut *network, &slaves).expect("counters");
     assert_eq!([counted[1].ports[1].lost_links, counted[2].ports[0].lost_links], [1, 1]);
-    let troubles = errors::judge(&slaves, &counted);
-    assert_eq!(troubles.iter().map(|trouble| trouble.place).collect::<Vec<_>>(), [cable(Some((2, 1)), Some((3, 0)))]);
+    let problems = errors::judge(&slaves, &counted);
+    assert_eq!(problems.iter().map(|problem| problem.place).collect::<Vec<_>>(), [cable(Some((2, 1)), Some((3, 0)))]);
     errors::clear(&mut *network, &slaves).expect("they are cleared");
     let cleared = errors::read(&mut *network, &slaves).expect("counters");
     assert!(cleared.iter().zip(1..).all(|(of, slave)| *of == SlaveErrors { slave, ..SlaveErrors::default() }));
     network.wait(Duration::from_secs(1)).expect("time");
     let left = network.scan().expect("two slaves");
     let counted = errors::read(&mut *network, &left).expect("counters");
-    let troubles = errors::judge(&left, &counted);
-    assert_eq!(troubles.iter().map(|trouble| trouble.place).collect::<Vec<_>>(), [cable(Some((2, 1)), None)]);
+    let problems = errors::judge(&left, &counted);
+    assert_eq!(problems.iter().map(|problem| problem.place).collect::<Vec<_>>(), [cable(Some((2, 1)), None)]);
 }
 
 /// BUS-7.2 In a tree the cable of a branch is blamed, and forwarded errors blame none; wrong frames are the master's, errors of a
@@ -63,7 +63,7 @@ fn counters_in_a_tree() {
     let counted = |change: &dyn Fn(&mut [SlaveErrors])| {
         let mut errors: Vec<_> = (1..=4).map(|slave| SlaveErrors { slave, ..SlaveErrors::default() }).collect();
         change(&mut errors);
-        errors::judge(&slaves, &errors).iter().map(|trouble| trouble.place).collect::<Vec<_>>()
+        errors::judge(&slaves, &errors).iter().map(|problem| problem.place).collect::<Vec<_>>()
     };
     let invalid = PortErrors { invalid: 3, ..PortErrors::default() };
     let physical = PortErrors { physical: 255, ..PortErrors::default() };
@@ -76,7 +76,7 @@ fn counters_in_a_tree() {
     assert_eq!(counted(&|errors| errors[0].ports[0] = invalid), [cable(None, Some((1, 0)))]);
     assert_eq!(counted(&|errors| errors.iter_mut().for_each(|of| of.ports = [forwarded; 4])), []);
     let own = counted(&|errors| (errors[0].processing_unit, errors[3].pdi) = (2, 9));
-    assert_eq!(own, [Place::Slave(4), Place::Master]);
+    assert_eq!(own, [ProblemPlace::Slave(4), ProblemPlace::Master]);
 }
 
 /// What was counted since is the difference; of a counter that was cleared it is what stands there.

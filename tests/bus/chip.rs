@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use ecmsk::bus::errors::{self, Place};
+use ecmsk::bus::errors::{self, ProblemPlace};
 use ecmsk::bus::{self, FoundSlave, Network, clocks, dictionary, eeprom};
 use ecmsk::coe::{ObjectAddress, SdoScope};
 use ecmsk::ethercat::registers::{AL_CONTROL, AL_STATUS, STATION_ALIAS};
@@ -133,9 +133,9 @@ fn a_bad_cable_behind_a_chip_is_found() {
     let slaves = network.scan().expect("slaves");
     network.load(Duration::from_secs(3)).expect("time");
     let counted = errors::read(&mut *network, &slaves).expect("counters");
-    let troubles = errors::judge(&slaves, &counted);
-    let [trouble] = &troubles[..] else { panic!("{troubles:?} of {counted:?}") };
-    let Place::Cable { near: Some(near), far: Some(far) } = trouble.place else { panic!("{trouble:?}") };
+    let problems = errors::judge(&slaves, &counted);
+    let [problem] = &problems[..] else { panic!("{problems:?} of {counted:?}") };
+    let ProblemPlace::Cable { near: Some(near), far: Some(far) } = problem.place else { panic!("{problem:?}") };
     assert_eq!((near.slave, near.port, far.slave, far.port), (1, 1, 2, 0));
     errors::clear(&mut *network, &slaves).expect("they are cleared");
 }

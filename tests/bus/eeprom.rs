@@ -1,6 +1,6 @@
 //! Writing EEPROMs.
 
-use ecmsk::bus::eeprom::{self, Change};
+use ecmsk::bus::eeprom::{self, WordChange};
 use ecmsk::ethercat::sii::{Sii, checksum};
 
 use crate::{network, refused};
@@ -16,7 +16,7 @@ fn changed_words_are_written_and_read_back() {
     eeprom::check(&content).expect("it is whole");
     eeprom::check_for(&content, &network.read_eeprom(2).expect("an EEPROM")).expect("it is for this slave");
     let changes = eeprom::changes(&mut *network, 2, &content).expect("they are read");
-    let words: Vec<(u16, u16)> = changes.iter().map(|Change { word, to, .. }| (*word, *to)).collect();
+    let words: Vec<(u16, u16)> = changes.iter().map(|WordChange { word, to, .. }| (*word, *to)).collect();
     assert_eq!(words, [(4, 42), (7, u16::from(content[14]))]);
     let mut written = Vec::new();
     eeprom::write(&mut *network, 2, &changes, |n| written.push(n)).expect("it is written");
@@ -32,7 +32,7 @@ fn changed_words_are_written_and_read_back() {
 #[test]
 fn behind_its_end_nothing_is_written() {
     let (mut network, _) = network("io");
-    let change = Change { word: 0x4000, from: 0xFFFF, to: 1 };
+    let change = WordChange { word: 0x4000, from: 0xFFFF, to: 1 };
     let said = refused(eeprom::write(&mut *network, 1, &[change], |_| ()));
     assert!(said.contains("slave 1: the EEPROM reports an error"), "{said}");
 }

@@ -1,6 +1,6 @@
 //! The objects of a slave.
 
-use ecmsk::bus::dictionary::{self, Value};
+use ecmsk::bus::dictionary::{self, ObjectValue};
 use ecmsk::coe::{DataTypeCode, ObjectAccess, ObjectAddress, ObjectCode, SdoScope};
 use ecmsk::ethercat::sii::{CategoryKind, Sii, checksum};
 
@@ -20,7 +20,7 @@ fn the_dictionary_of_a_slave() {
     assert_eq!((vendor.data_type, vendor.bits, &*vendor.name), (DataTypeCode::UNSIGNED32, 32, "Vendor ID"));
     assert!(vendor.access.contains(ObjectAccess::READ) && !vendor.access.intersects(ObjectAccess::WRITE));
     let bytes = dictionary::value(&mut *network, 1, vendor).expect("an answer").expect("readable").expect("a value");
-    assert_eq!(Value::of(vendor.data_type, &bytes), Value::Whole(0x4543_4D53));
+    assert_eq!(ObjectValue::of(vendor.data_type, &bytes), ObjectValue::Whole(0x4543_4D53));
     let unreadable = dictionary::Entry { access: ObjectAccess::WRITE, ..vendor.clone() };
     assert_eq!(dictionary::value(&mut *network, 1, &unreadable).expect("not asked"), None);
     let missing = dictionary::Entry { object: ObjectAddress::new(0x1018, 9), ..vendor.clone() };

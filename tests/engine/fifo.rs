@@ -2,7 +2,9 @@
 
 use ecmsk::engine::{EngineConfig, Firmware, Reason};
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::sk::{CommandId, FifoAction, Frame, Malformed, MasterCommand, MasterState, RawSlot, SlotSize, StateByte};
+use ecmsk::sk::{
+    CommandId, FifoAction, Frame, InvalidArgument, MasterCommand, MasterState, RawSlot, SlotSize, StateByte,
+};
 
 use crate::entries::MARKED;
 use crate::host::Host;
@@ -215,7 +217,7 @@ fn a_threshold_of_160_and_above_holds_nothing_back() {
 fn a_threshold_of_0_is_rejected() {
     let (mut host, _) = board();
     let zero = RawSlot { id: 0x05, parm: 2, data1: 0, ..RawSlot::ZERO };
-    let kind = Reason::BadArgument(Malformed::ZeroThreshold).kind();
+    let kind = Reason::BadArgument(InvalidArgument::ZeroThreshold).kind();
     host.raw(0, zero).drained();
     assert_eq!(host.counters().rejected[kind], 1, "once, though it acts on arrival and waits in the queue");
 

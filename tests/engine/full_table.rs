@@ -2,7 +2,7 @@
 //! and the decisions of SK-4, SK-6 and SK-7; `full_table_run` goes through all of it.
 
 use ecmsk::engine::{Firmware, Reason};
-use ecmsk::sk::{Malformed, RawSlot, SlaveKind, SlotSize};
+use ecmsk::sk::{InvalidArgument, RawSlot, SlaveKind, SlotSize};
 use support::guide::{self, Column};
 
 /// What stands at a place, in the order of their slots: slot 0, then slaves from 1 on, then the SDO slot.
@@ -125,53 +125,53 @@ impl State {
 #[derive(Clone, Copy, Debug)]
 pub struct Sent {
     pub slot: RawSlot,
-    pub wrong: Option<Malformed>,
+    pub wrong: Option<InvalidArgument>,
 }
 
 /// Every id with right arguments and with each kind of wrong ones, in that state.
 pub fn commands(size: SlotSize, state: State) -> Vec<Sent> {
     let mut all = Vec::new();
-    let mut put = |id: u8, parm: u16, data1: u32, data2: u32, wrong: Option<Malformed>| {
+    let mut put = |id: u8, parm: u16, data1: u32, data2: u32, wrong: Option<InvalidArgument>| {
         all.push(Sent { slot: RawSlot { id, index: 0, parm, data1, data2, data3: 0 }, wrong });
     };
     put(0x01, 0, state.code.into(), 0, None);
     for data1 in [0, 3, 0x10, 0x18, 0x102, u32::MAX] {
-        put(0x01, 0, data1, 0, Some(Malformed::State(data1)));
+        put(0x01, 0, data1, 0, Some(InvalidArgument::State(data1)));
     }
     put(0x02, 4, 0x1111_1111, 0, None);
-    put(0x02, 5, 0x1111_1111, 0, Some(Malformed::Group(5)));
-    put(0x02, 0xFF, 0, 0, Some(Malformed::Group(0xFF)));
+    put(0x02, 5, 0x1111_1111, 0, Some(InvalidArgument::Group(5)));
+    put(0x02, 0xFF, 0, 0, Some(InvalidArgument::Group(0xFF)));
     for nibble in 4..=14u8 {
-        put(0x02, 0, u32::from(nibble) << 8, 0, Some(Malformed::Kind { slave: 3, nibble }));
+        put(0x02, 0, u32::from(nibble) << 8, 0, Some(InvalidArgument::Kind { slave: 3, nibble }));
     }
     put(0x03, 0, 1000, 0xFFFF, None);
     put(0x03, 0, 1000, 0xFFFF_0000, None);
     for data1 in [0, 249, 750, 1_000_000, u32::MAX] {
-        put(0x03, 0, data1, 0xFFFF, Some(Malformed::CycleTime(data1)));
+        put(0x03, 0, data1, 0xFFFF, Some(InvalidArgument::CycleTime(data1)));
     }
     put(0x04, 0, 0x10, 0, None);
     put(0x05, 1, 0, 0, None);
     put(0x05, 2, 160, 0, None);
-    put(0x05, 2, 0, 0, Some(Malformed::ZeroThreshold));
+    put(0x05, 2, 0, 0, Some(InvalidArgument::ZeroThreshold));
     for action in [0, 3, 0xFF] {
-        put(0x05, action.into(), 160, 0, Some(Malformed::FifoAction(action)));
+        put(0x05, action.into(), 160, 0, Some(InvalidArgument::FifoAction(action)));
     }
     put(0x06, 0, 8, 1, None);
     for data1 in [0, 6, 7, 11, 0x108] {
-        put(0x06, 0, data1, 1, Some(Malformed::DriveMode(data1)));
+        put(0x06, 0, data1, 1, Some(InvalidArgument::DriveMode(data1)));
     }
     put(0x06, 0, 8, 2, None);
     put(0x07, 1, 0x1018_0001, 0, None);
     put(0x08, 0x0401, 0x6065_0000, 30_000, None);
     let beyond = size.max_slaves() as u16 + 1;
     for slave in [0, beyond] {
-        put(0x07, slave, 0x1018_0001, 0, Some(Malformed::SdoSlave(slave)));
-        put(0x08, 0x0400 | slave, 0x6065_0000, 0, Some(Malformed::SdoSlave(slave)));
+        put(0x07, slave, 0x1018_0001, 0, Some(InvalidArgument::SdoSlave(slave)));
+        put(0x08, 0x0400 | slave, 0x6065_0000, 0, Some(InvalidArgument::SdoSlave(slave)));
     }
-    put(0x07, 1, 0x1018_0100, 0, Some(Malformed::SubIndex(0x100)));
-    put(0x08, 0x0401, 0x6065_FFFF, 0, Some(Malformed::SubIndex(0xFFFF)));
+    put(0x07, 1, 0x1018_0100, 0, Some(InvalidArgument::SubIndex(0x100)));
+    put(0x08, 0x0401, 0x6065_FFFF, 0, Some(InvalidArgument::SubIndex(0xFFFF)));
     for bytes in [0u8, 3, 5, 0xFF] {
-        put(0x08, u16::from(bytes) << 8 | 1, 0x6065_0000, 0, Some(Malformed::SdoSize(bytes)));
+        put(0x08, u16::from(bytes) << 8 | 1, 0x6065_0000, 0, Some(InvalidArgument::SdoSize(bytes)));
     }
     // The others have no arguments that could be wrong.
     for (id, ..) in guide::TABLE.iter().filter(|row| !(0x01..=0x08).contains(&row.0)) {

@@ -3,7 +3,7 @@
 use ecmsk::coe::ObjectAddress;
 use ecmsk::engine::{EngineConfig, Event, EventKind, Reason};
 use ecmsk::sk::{
-    CommandId, CycleTime, DcShift, FIFO_ENTRIES, FifoAction, Malformed, MasterCommand, MasterState, RawSlot,
+    CommandId, CycleTime, DcShift, FIFO_ENTRIES, FifoAction, InvalidArgument, MasterCommand, MasterState, RawSlot,
     SdoCommand, SlaveCommand, SlotSize,
 };
 
@@ -39,7 +39,7 @@ fn reject(host: &mut Host, slot: usize, command: RawSlot) -> Option<Reason> {
     }
 }
 
-fn assert_bad(host: &mut Host, slot: usize, command: RawSlot, why: Malformed) {
+fn assert_bad(host: &mut Host, slot: usize, command: RawSlot, why: InvalidArgument) {
     assert_eq!(reject(host, slot, command), Some(Reason::BadArgument(why)), "{:?} {command:?}", host.size);
 }
 
@@ -55,7 +55,7 @@ fn set_state() {
             }
             host.go(state);
             for data1 in [0, 3, 5, 6, 7, 9, 0x10, 0x12, 0x18, 0x102, 0x0002_0000, u32::MAX] {
-                assert_bad(&mut host, 0, slot_0(0x01, 0, data1), Malformed::State(data1));
+                assert_bad(&mut host, 0, slot_0(0x01, 0, data1), InvalidArgument::State(data1));
             }
             host.cycles(500);
             assert_eq!(host.state().0, state.code(), "{size:?}");
@@ -71,7 +71,7 @@ fn set_axis() {
     for size in SlotSize::ALL {
         let Bench { mut host, jobs, .. } = board(size);
         for group in [5, 6, 0x80, 0xFF] {
-            assert_bad(&mut host, 0, slot_0(0x02, group, 0x1111_1111), Malformed::Group(group));
+            assert_bad(&mut host, 0, slot_0(0x02, group, 0x1111_1111), InvalidArgument::Group(group));
         }
         for group in 0..=4u8 {
             for k in 0..8u8 {
@@ -80,7 +80,7 @@ fn set_axis() {
                     // All drives but one.
                     let command = slot_0(0x02, group, u32::from(nibble) << (4 * k));
                     let known = matches!(nibble, 0..=3 | 0xF) || usize::from(slave) > size.max_slaves();
-                    let expected = (!known).then_some(Reason::BadArgument(Malformed::Kind { slave, nibble }));
+                    let expected = (!known).then_some(Reason::BadArgument(InvalidArgument::Kind { slave, nibble }));
                     host.raw(0, slot_0(0x02, group, 0x1111_1111));
                     assert_eq!(reject(&mut host, 0, command), expected, "{size:?} slave {slave} nibble {nibble:X}");
                 }
@@ -88,7 +88,7 @@ fn set_axis() {
         }
         // The last that was accepted for slaves 1 to 8 declared IO slaves; a bad one changes none of them.
         host.raw(0, slot_0(0x02, 0, 0x1111_1111));
-        assert_bad(&mut host, 0, slot_0(0x02, 0, 0x5000_0000), Malformed::Kind { slave: 8, nibble: 5 });
+        assert_bad(&mut host, 0, slot_0(0x02, 0, 0x5000_0000), InvalidArgument::Kind { slave: 8, nibble: 5 });
         host.go(MasterState::SafeOp);
         assert!(jobs.configured().slaves[..2].iter().all(|slave| slave.role == ecmsk::fieldbus::Role::Io));
     }
@@ -104,7 +104,7 @@ fn set_dc() {
         assert_eq!(reject(&mut host, 0, slot_0(0x03, 0, 250 << n)), None, "{}", 250 << n);
     }
     for us in [0, 1, 125, 249, 251, 750, 999, 1250, 3000, 1_000_000, 1_024_000, 250 << 23, u32::MAX] {
-        assert_bad(&mut host, 0, slot_0(0x03, 0, us), Malformed::CycleTime(us));
+        assert_bad(&mut host, 0, slot_0(0x03, 0, us), InvalidArgument::CycleTime(us));
     }
     for (data2, odd) in
         [(0xFFFF, false), (0xFFFF_0000, false), (0, true), (1, true), (0xFFFF_FFFF, true), (0xFFFE, true)]
@@ -133,9 +133,9 @@ fn set_fifo() {
         let Bench { mut host, .. } = board(size);
         host.go(MasterState::Op);
         for action in [0, 3, 4, 0x10, 0xFF] {
-            assert_bad(&mut host, 0, slot_0(0x05, action, 100), Malformed::FifoAction(action));
+            assert_bad(&mut host, 0, slot_0(0x05, action, 100), InvalidArgument::FifoAction(action));
         }
-        assert_bad(&mut host, 0, slot_0(0x05, 2, 0), Malformed::ZeroThreshold);
+        assert_bad(&mut host, 0, slot_0(0x05, 2, 0), InvalidArgument::ZeroThreshold);
         for (action, data1) in [(1, 0), (1, 7), (2, 1), (1, 0), (2, 160), (2, 161), (2, u32::MAX)] {
             assert_eq!(reject(&mut host, 0, slot_0(0x05, action, data1)), None, "{action} {data1}");
         }
@@ -157,7 +157,7 @@ fn drive_mode() {
                     assert_eq!(reject(&mut host, slave, mode(data1, 1)), None);
                 }
                 for data1 in [0, 1, 3, 6, 7, 11, 0x108, 0x0008_0000, u32::MAX] {
-                    assert_bad(&mut host, slave, mode(data1, 1), Malformed::DriveMode(data1));
+                    assert_bad(&mut host, slave, mode(data1, 1), InvalidArgument::DriveMode(data1));
                 }
                 // SK-4.81 What a command before has left there is no reason to lose the mode; it is logged.
                 for data2 in [2, 0xFFFF, 0x1_0000, u32::MAX] {
@@ -186,17 +186,17 @@ fn sdo() {
             host.go(state);
             let command = |id, parm| RawSlot { id, parm, data1: 0x1018_0001, ..RawSlot::ZERO };
             for parm in [0, last + 1, 0xFF, 0x100, 0x200 | (last + 1), 0x8000] {
-                assert_bad(&mut host, place, command(0x07, parm), Malformed::SdoSlave(parm & 0xFF));
+                assert_bad(&mut host, place, command(0x07, parm), InvalidArgument::SdoSlave(parm & 0xFF));
             }
             for slave in [0, last + 1, 0xFF] {
-                assert_bad(&mut host, place, command(0x08, 0x0400 | slave), Malformed::SdoSlave(slave));
+                assert_bad(&mut host, place, command(0x08, 0x0400 | slave), InvalidArgument::SdoSlave(slave));
             }
             for bytes in [0, 3, 5, 8, 0x80, 0xFF] {
-                assert_bad(&mut host, place, command(0x08, u16::from(bytes) << 8 | 1), Malformed::SdoSize(bytes));
+                assert_bad(&mut host, place, command(0x08, u16::from(bytes) << 8 | 1), InvalidArgument::SdoSize(bytes));
             }
             for id in [0x07, 0x08] {
                 let command = RawSlot { data1: 0x1018_0100, ..command(id, 0x0001 | u16::from(id == 8) << 8) };
-                assert_bad(&mut host, place, command, Malformed::SubIndex(0x100));
+                assert_bad(&mut host, place, command, InvalidArgument::SubIndex(0x100));
             }
             host.cycles(100);
             assert_eq!(host.slot(place), answer, "{size:?} {state}");

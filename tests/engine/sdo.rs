@@ -5,8 +5,8 @@ use ecmsk::engine::{EngineConfig, Reason};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::fieldbus::{Job, Ns};
 use ecmsk::sk::{
-    CommandId, FifoAction, Frame, Malformed, MasterCommand, MasterState, RawSlot, SdoCommand, SdoResponse, SlotSize,
-    StateByte,
+    CommandId, FifoAction, Frame, InvalidArgument, MasterCommand, MasterState, RawSlot, SdoCommand, SdoResponse,
+    SlotSize, StateByte,
 };
 use ecmsk::slave::{Drive, DriveConfig};
 
@@ -252,13 +252,21 @@ fn slave_numbers_the_board_does_not_have_are_rejected() {
             let read = RawSlot { id: 0x07, parm: slave, data1: 0x2000_0001, ..RawSlot::ZERO };
             host.raw(size.sdo_slot(), read).cycles(20);
             count += 1;
-            assert_eq!(rejected(&host, Reason::BadArgument(Malformed::SdoSlave(0))), count, "read, slave {slave}");
+            assert_eq!(
+                rejected(&host, Reason::BadArgument(InvalidArgument::SdoSlave(0))),
+                count,
+                "read, slave {slave}"
+            );
         }
         for slave in [0, most + 1, 255] {
             let write = RawSlot { id: 0x08, parm: 0x0100 | slave, data1: 0x2000_0001, ..RawSlot::ZERO };
             host.raw(size.sdo_slot(), write).cycles(20);
             count += 1;
-            assert_eq!(rejected(&host, Reason::BadArgument(Malformed::SdoSlave(0))), count, "write, slave {slave}");
+            assert_eq!(
+                rejected(&host, Reason::BadArgument(InvalidArgument::SdoSlave(0))),
+                count,
+                "write, slave {slave}"
+            );
         }
         assert_eq!((slot(&host), jobs.transfers().len()), (before, 1));
         // The last one that it has is a slave, though an absent one.

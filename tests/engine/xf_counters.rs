@@ -12,7 +12,7 @@ use ecmsk::fieldbus::{AlState, Ns};
 use ecmsk::sk::{DriveSync, MasterState, Motion, SlaveCommand, StateByte};
 use ecmsk::slave::Slave;
 use ecmsk::slave::handle::SimHandle;
-use ecmsk::xf::chip::{AtOnce, Chip, EnterError, Identity, Place, Profile, SlaveModels};
+use ecmsk::xf::chip::{Chip, EnterError, ImageRanges, ImmediateNetwork, Profile, SlaveIdentity, SlaveModels};
 use ecmsk::xf::host::HostConfig;
 use support::chip_line::ChipLine;
 
@@ -27,25 +27,25 @@ struct Lacking {
     mute: Arc<AtomicU8>,
 }
 
-impl AtOnce for Lacking {
+impl ImmediateNetwork for Lacking {
     fn has_link(&self) -> bool {
-        AtOnce::has_link(&self.slaves)
+        ImmediateNetwork::has_link(&self.slaves)
     }
 
     fn scan(&mut self) -> u8 {
         self.slaves.scan()
     }
 
-    fn identity(&self, slave: u8) -> Option<&Identity> {
-        AtOnce::identity(&self.slaves, slave)
+    fn identity(&self, slave: u8) -> Option<&SlaveIdentity> {
+        ImmediateNetwork::identity(&self.slaves, slave)
     }
 
     fn has_dc(&self, slave: u8) -> bool {
-        AtOnce::has_dc(&self.slaves, slave)
+        ImmediateNetwork::has_dc(&self.slaves, slave)
     }
 
     fn state(&self, slave: u8) -> Option<AlState> {
-        AtOnce::state(&self.slaves, slave)
+        ImmediateNetwork::state(&self.slaves, slave)
     }
 
     fn enter(&mut self, slave: u8, state: AlState) -> Result<(), EnterError> {
@@ -74,8 +74,8 @@ impl AtOnce for Lacking {
         self.slaves.write(slave, object, scope, value)
     }
 
-    fn exchange(&mut self, places: &[Place], outputs: &[u8], inputs: &mut [u8], lrw: bool) -> u16 {
-        let counter = AtOnce::exchange(&mut self.slaves, places, outputs, inputs, lrw);
+    fn exchange(&mut self, places: &[ImageRanges], outputs: &[u8], inputs: &mut [u8], lrw: bool) -> u16 {
+        let counter = ImmediateNetwork::exchange(&mut self.slaves, places, outputs, inputs, lrw);
         let mute = self.mute.load(Ordering::Relaxed);
         let Some(place) = usize::from(mute).checked_sub(1).and_then(|n| places.get(n)) else { return counter };
         if place.commanded < AlState::SafeOp {
@@ -89,7 +89,7 @@ impl AtOnce for Lacking {
     }
 
     fn pass(&mut self, dt_ns: Ns) {
-        AtOnce::pass(&mut self.slaves, dt_ns);
+        ImmediateNetwork::pass(&mut self.slaves, dt_ns);
     }
 }
 

@@ -6,7 +6,7 @@ use ecmsk::migrate::{IDLE_NS, INT0_IDLE_NS, Needs, Network};
 use ecmsk::sk::{CycleTime, DcShift, MasterCommand, MasterState, SlaveCommand, SlaveKind};
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 use ecmsk::xf::DataSize;
-use ecmsk::xf::chip::Timing;
+use ecmsk::xf::chip::ChipTiming;
 use ecmsk::xf::host::HostConfig;
 use support::chip_line::xf_bus_at;
 
@@ -58,7 +58,7 @@ fn repeats_at(clock_hz: u32, needs: &Needs, drives: usize, size: DataSize, idle_
 /// XF-19.5 With INT0 and without, in small and large networks, at the clock that there is and at the least one.
 #[test]
 fn what_migrate_names_holds() {
-    assert_eq!(INT0_IDLE_NS, Timing::default().packet_ns);
+    assert_eq!(INT0_IDLE_NS, ChipTiming::default().packet_ns);
     for (drives, cycle_us) in [(1, 1000), (2, 500), (8, 250), (8, 1000), (20, 500), (40, 1000)] {
         let given = needs(drives, cycle_us, 24_000_000);
         for (packets, idle_ns) in [(given.with_int0, INT0_IDLE_NS), (given.without_int0, IDLE_NS)] {

@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use ecmsk::ethercat::Ns;
-use ecmsk::io::hid::{PacketError, PacketWires, UsbError};
+use ecmsk::io::hid::{PacketWires, UsbError, UsbPacketError};
 use ecmsk::link::chip::{self, ChipError, ChipLink, UsbChip};
 use ecmsk::link::uri::{LinkUri, UriError};
 use ecmsk::slave::{Drive, DriveConfig, Slave};
@@ -51,7 +51,7 @@ impl PacketWires for Packets {
         self.now += time.as_nanos() as Ns;
     }
 
-    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), PacketError> {
+    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), UsbPacketError> {
         assert_eq!((tx.len(), rx.len()), (PACKET, PACKET));
         self.exchanges += 1;
         if self.failures > 0 {

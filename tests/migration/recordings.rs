@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use ecmsk::compare::{Comparison, Deviation, Options, Side, Steps, compare_steps};
+use ecmsk::compare::{CompareOptions, Comparison, Deviation, Side, Steps, compare_steps};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::migrate::Row;
 use ecmsk::replay::{FilesInLink, Replay};
@@ -67,7 +67,7 @@ fn recordings(folder: &TempDir) -> Vec<Recording> {
 /// A recording played to a model: the result, and how many milliseconds longer the model took.
 fn played(file: &std::path::Path, link: &str) -> (Comparison, i64) {
     let link = LinkUri::parse(link).expect("a link");
-    let options = Options::default();
+    let options = CompareOptions::default();
     let replay = Replay::open(file, Some(&link), &options, None, FilesInLink::Refused).expect("it is replayed");
     let (board, mut model) = replay.waiting_runs().expect("both runs");
     let size = replay.size();

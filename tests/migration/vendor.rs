@@ -2,7 +2,7 @@
 //! program is in a table with the row by which it differs; and so is what they sent and saw, by `compare`.
 #![cfg(target_os = "linux")]
 
-use ecmsk::compare::{Comparison, Deviation, Options, files};
+use ecmsk::compare::{CompareOptions, Comparison, Deviation, files};
 use ecmsk::migrate::Row;
 use support::root;
 
@@ -75,7 +75,7 @@ fn otherwise(found: &Comparison) -> Option<Otherwise> {
 
 /// Holds what a program sent and saw on a board against the same behind a chip.
 fn sees_the_same(language: &str, name: &str, recordings: &[std::path::PathBuf; 2]) {
-    let options = Options { ignore_repeats: true, ..Options::default() };
+    let options = CompareOptions { ignore_repeats: true, ..CompareOptions::default() };
     let [board, chip] = recordings;
     let found = files(board, chip, &options).unwrap_or_else(|error| panic!("{language}, {name}: {error}"));
     let seen = otherwise(&found);

@@ -2,7 +2,7 @@
 
 use ecmsk::cia402::Statusword;
 use ecmsk::coe::ObjectAddress;
-use ecmsk::compare::{CompareError, Comparison, Deviation, Options, Side, TimedFrame, compare, files};
+use ecmsk::compare::{CompareError, CompareOptions, Comparison, Deviation, Side, TimedFrame, compare, files};
 use ecmsk::link::Dir;
 use ecmsk::sk::{
     CommandId, DriveResponse, Frame, MasterCommand, MasterResponse, MasterState, Motion, RawSlot, SdoCommand,
@@ -10,12 +10,12 @@ use ecmsk::sk::{
 };
 use support::recorded::{BEFORE, Program, Run, SIZE, TARGETS};
 
-fn compared(a: &Run, b: &Run, options: &Options) -> Comparison {
+fn compared(a: &Run, b: &Run, options: &CompareOptions) -> Comparison {
     files(&a.file, &b.file, options).expect("two recordings")
 }
 
 fn first(a: &Run, b: &Run) -> (u64, Deviation, String) {
-    let found = compared(a, b, &Options::default());
+    let found = compared(a, b, &CompareOptions::default());
     let first = found.first.unwrap_or_else(|| panic!("no difference"));
     (first.command, first.what[0].clone(), first.to_string())
 }
@@ -24,7 +24,7 @@ fn first(a: &Run, b: &Run) -> (u64, Deviation, String) {
 #[test]
 fn a_run_is_equal_to_itself() {
     let run = Program::default().record();
-    let found = compared(&run, &run, &Options::default());
+    let found = compared(&run, &run, &CompareOptions::default());
     assert!(found.is_equal(), "{found}");
     let commands = BEFORE + TARGETS as u64 + 4;
     assert_eq!(found.counts.map(|counts| counts.commands), [commands; 2]);
@@ -39,7 +39,7 @@ fn timing_is_no_difference() {
     let a = Program::default().record();
     for (keys, polls) in [("&host_us=400", 0), ("&host_us=20", 1), ("", 2), ("&host_us=300", 3)] {
         let b = Program { keys: keys.into(), polls, ..Program::default() }.record();
-        let found = compared(&a, &b, &Options::default());
+        let found = compared(&a, &b, &CompareOptions::default());
         assert!(found.is_equal(), "{keys} {polls}: {found}");
         assert!(polls == 0 || found.counts[1].polls > 20, "{found}");
         assert_ne!(found.counts[0].last_ns, found.counts[1].last_ns, "{keys} {polls}");
@@ -52,7 +52,7 @@ fn timing_is_no_difference() {
 fn other_cycles() {
     for cycle_us in [250, 2000] {
         let run = |keys: &str| Program { cycle_us, keys: keys.into(), ..Program::default() }.record();
-        let found = compared(&run("&host_us=100"), &run("&host_us=60"), &Options::default());
+        let found = compared(&run("&host_us=100"), &run("&host_us=60"), &CompareOptions::default());
         assert!(found.is_equal() && found.answers > 300, "{cycle_us}: {found}");
     }
 }
@@ -67,7 +67,7 @@ fn another_target() {
     assert!(matches!(what, Deviation::Command { .. }), "{what:?}");
     assert!(text.starts_with("command 105 at "), "{text}");
     assert!(text.ends_with("slave 2 CSP #101 target 2020 in A, CSP #101 target 2025 in B"), "{text}");
-    let found = compared(&a, &b, &Options::default());
+    let found = compared(&a, &b, &CompareOptions::default());
     let context: Vec<_> = found.context.iter().map(|line| line.command).collect();
     assert_eq!(context, [102, 103, 104]);
     assert_eq!(found.counts[0].commands, found.counts[1].commands, "what follows is counted");
@@ -79,7 +79,7 @@ fn another_target() {
 fn a_fault_of_one_board() {
     let a = Program::default().record();
     let b = Program { script: "at 600ms alarm 2 0x7500 stays".into(), ..Program::default() }.record();
-    let found = compared(&a, &b, &Options::default());
+    let found = compared(&a, &b, &CompareOptions::default());
     let first = found.first.as_ref().expect("a difference");
     let fault = first.what.iter().any(
         |what| matches!(what, Deviation::Statusword { slave: 2, words: [a, b] } if a.is_enabled() && b.0 & 0x08 != 0),
@@ -162,7 +162,7 @@ impl Board {
 
 const OBJECT: ObjectAddress = ObjectAddress::new(0x6064, 0);
 
-fn what(a: &Board, b: &Board, options: &Options) -> Option<(u64, Vec<Deviation>)> {
+fn what(a: &Board, b: &Board, options: &CompareOptions) -> Option<(u64, Vec<Deviation>)> {
     compare(a.frames.clone(), b.frames.clone(), SIZE, options).first.map(|first| (first.command, first.what))
 }
 
@@ -176,13 +176,14 @@ fn tolerance_and_mask() {
         board
     };
     let (a, b) = (run(1000, 0x1637), run(1003, 0x1637));
-    let apart = |tolerance_counts| what(&a, &b, &Options { tolerance_counts, ..Options::default() });
+    let apart = |tolerance_counts| what(&a, &b, &CompareOptions { tolerance_counts, ..CompareOptions::default() });
     assert_eq!(apart(2), Some((2, vec![Deviation::Position { slave: 1, axis: 1, counts: [1000, 1003] }])));
     assert_eq!(apart(3), None);
-    let far = |options: &Options| what(&run(i32::MIN, 0x1637), &run(i32::MAX, 0x1637), options);
-    assert!(far(&Options { tolerance_counts: u32::MAX - 1, ..Options::default() }).is_some());
+    let far = |options: &CompareOptions| what(&run(i32::MIN, 0x1637), &run(i32::MAX, 0x1637), options);
+    assert!(far(&CompareOptions { tolerance_counts: u32::MAX - 1, ..CompareOptions::default() }).is_some());
     let masked = |statusword_mask| {
-        what(&a, &run(1000, 0x9637), &Options { statusword_mask, ..Options::default() }).map(|(command, _)| command)
+        what(&a, &run(1000, 0x9637), &CompareOptions { statusword_mask, ..CompareOptions::default() })
+            .map(|(command, _)| command)
     };
     assert_eq!((masked(0xFFFF), masked(0x006F)), (Some(2), None));
 }
@@ -202,8 +203,8 @@ fn the_last_answer_counts() {
         board
     };
     let a = run(&[0x0231, 0x0233, 0x1637]);
-    assert_eq!(what(&a, &run(&[0x0233, 0x1637]), &Options::default()), None);
-    let late = what(&a, &run(&[0x0231, 0x0233]), &Options::default()).expect("a difference");
+    assert_eq!(what(&a, &run(&[0x0233, 0x1637]), &CompareOptions::default()), None);
+    let late = what(&a, &run(&[0x0231, 0x0233]), &CompareOptions::default()).expect("a difference");
     assert_eq!(late.0, 2);
 }
 
@@ -230,8 +231,8 @@ fn the_last_position_counts() {
     for leaves in [false, true] {
         let (a, b) = (run(&[(5, 12), (6, 10)], leaves), run(&[(6, 12), (5, 10)], leaves));
         let expected = Deviation::Position { slave: 1, axis: 1, counts: [6, 5] };
-        assert_eq!(what(&a, &b, &Options::default()), Some((2, vec![expected])), "{leaves}");
-        assert_eq!(what(&a, &run(&[(5, 3), (6, 40)], leaves), &Options::default()), None, "{leaves}");
+        assert_eq!(what(&a, &b, &CompareOptions::default()), Some((2, vec![expected])), "{leaves}");
+        assert_eq!(what(&a, &run(&[(5, 3), (6, 40)], leaves), &CompareOptions::default()), None, "{leaves}");
     }
 }
 
@@ -246,8 +247,9 @@ fn slaves_count_in_op_alone() {
         board
     };
     let safe_op = |position| run(MasterState::SafeOp, position);
-    assert_eq!(what(&safe_op(1), &safe_op(2), &Options::default()), None);
-    let (command, found) = what(&safe_op(1), &run(MasterState::PreOp, 1), &Options::default()).expect("a difference");
+    assert_eq!(what(&safe_op(1), &safe_op(2), &CompareOptions::default()), None);
+    let (command, found) =
+        what(&safe_op(1), &run(MasterState::PreOp, 1), &CompareOptions::default()).expect("a difference");
     let states = [MasterState::SafeOp, MasterState::PreOp].map(StateByte::reached);
     assert_eq!((command, found), (2, vec![Deviation::State { states }]));
 }
@@ -266,9 +268,9 @@ fn a_fault_on_the_way() {
     };
     let (none, fault) = (run(&[]), run(&[(0x0218, 0), (0x0218, 0x7500)]));
     let expected = |side| Some((2, vec![Deviation::Fault { slave: 1, side, error_code: 0x7500 }]));
-    assert_eq!(what(&none, &fault, &Options::default()), expected(Side::B));
-    assert_eq!(what(&fault, &none, &Options::default()), expected(Side::A));
-    assert_eq!(what(&fault, &run(&[(0x0218, 0x7500)]), &Options::default()), None, "the code may come later");
+    assert_eq!(what(&none, &fault, &CompareOptions::default()), expected(Side::B));
+    assert_eq!(what(&fault, &none, &CompareOptions::default()), expected(Side::A));
+    assert_eq!(what(&fault, &run(&[(0x0218, 0x7500)]), &CompareOptions::default()), None, "the code may come later");
 }
 
 /// A command is answered when it has been executed and not when it was sent: commands that wait in the FIFO are
@@ -289,7 +291,7 @@ fn answers_belong_to_the_command_executed() {
         board
     };
     for ahead in [1, 5, 12] {
-        assert_eq!(what(&run(0), &run(ahead), &Options::default()), None, "{ahead}");
+        assert_eq!(what(&run(0), &run(ahead), &CompareOptions::default()), None, "{ahead}");
     }
 }
 
@@ -313,10 +315,10 @@ fn sdo_answers() {
         board
     };
     let a = run(0, Some(7));
-    assert_eq!(what(&a, &run(3, Some(7)), &Options::default()), None);
-    let (command, other) = what(&a, &run(2, Some(8)), &Options::default()).expect("a difference");
+    assert_eq!(what(&a, &run(3, Some(7)), &CompareOptions::default()), None);
+    let (command, other) = what(&a, &run(2, Some(8)), &CompareOptions::default()).expect("a difference");
     assert!(command == 5 && matches!(other[..], [Deviation::Sdo { .. }]), "{command} {other:?}");
-    let (_, none) = what(&a, &run(0, None), &Options::default()).expect("a difference");
+    let (_, none) = what(&a, &run(0, None), &CompareOptions::default()).expect("a difference");
     assert!(matches!(none[..], [Deviation::NoSdoAnswer { side: Side::B, .. }]), "{none:?}");
 }
 
@@ -332,7 +334,7 @@ fn lost_commands() {
         }
         board
     };
-    let (_, found) = what(&run(0), &run(3), &Options::default()).expect("a difference");
+    let (_, found) = what(&run(0), &run(3), &CompareOptions::default()).expect("a difference");
     assert_eq!(found[0], Deviation::Lost { side: Side::B });
 }
 
@@ -341,8 +343,8 @@ fn lost_commands() {
 fn repeats() {
     let a = Program::default().record();
     let b = Program { repeats: 3, polls: 1, ..Program::default() }.record();
-    assert!(!compared(&a, &b, &Options::default()).is_equal());
-    let found = compared(&a, &b, &Options { ignore_repeats: true, ..Options::default() });
+    assert!(!compared(&a, &b, &CompareOptions::default()).is_equal());
+    let found = compared(&a, &b, &CompareOptions { ignore_repeats: true, ..CompareOptions::default() });
     assert!(found.is_equal(), "{found}");
     assert!(found.counts[1].repeats >= 6, "{found}");
 }
@@ -353,7 +355,7 @@ fn an_early_end() {
     let a = Program::default().record();
     let b = Program { short: true, ..Program::default() }.record();
     for (one, other, side) in [(&a, &b, Side::B), (&b, &a, Side::A)] {
-        let found = compared(one, other, &Options::default());
+        let found = compared(one, other, &CompareOptions::default());
         assert_eq!(found.ends_early, Some(side));
         let first = found.first.expect("a difference");
         assert_eq!((first.command, &first.what[..]), (BEFORE + TARGETS as u64 + 1, &[Deviation::Ends { side }][..]));
@@ -368,7 +370,7 @@ fn crcs_do_not_count() {
     let mut b = a.clone();
     b.frames[0].frame.bytes_mut()[3] ^= 0x55;
     b.frames[0].frame.bytes_mut()[511] = 0xCC;
-    assert_eq!(what(&a, &b, &Options::default()), None);
+    assert_eq!(what(&a, &b, &CompareOptions::default()), None);
 }
 
 /// What cannot be compared is an error that says what to do.
@@ -376,7 +378,7 @@ fn crcs_do_not_count() {
 fn what_cannot_be_compared() {
     let run = Program::default().record();
     let nowhere = std::path::Path::new("/no/such/file");
-    let error = files(&run.file, nowhere, &Options::default()).expect_err("no file");
+    let error = files(&run.file, nowhere, &CompareOptions::default()).expect_err("no file");
     assert!(matches!(error, CompareError::Recording(_)) && error.to_string().contains("check the path"), "{error}");
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("wide.pcapng");
@@ -384,7 +386,7 @@ fn what_cannot_be_compared() {
     let link = ecmsk::link::open(&uri, ecmsk::link::Share::ByName).expect("a board");
     link.write(&Frame::new(), ecmsk::link::Wait::Now).expect("written");
     link.close();
-    let error = files(&run.file, &file, &Options::default()).expect_err("other slots");
+    let error = files(&run.file, &file, &CompareOptions::default()).expect_err("other slots");
     assert_eq!(error, CompareError::SlotSizes { a: SlotSize::Bytes12, b: SlotSize::Bytes16 });
     assert!(error.to_string().ends_with("give the slot size"), "{error}");
 }
@@ -442,7 +444,7 @@ mod any_frames {
             ignore_repeats: bool,
             latency_cycles in prop::option::of(0_u32..30),
         ) {
-            let options = Options { ignore_repeats, latency_cycles, ..Options::default() };
+            let options = CompareOptions { ignore_repeats, latency_cycles, ..CompareOptions::default() };
             let same = compare(a.clone(), a.clone(), SIZE, &options);
             prop_assert!(same.is_equal(), "{same}");
             let one = compare(a.clone(), b.clone(), SIZE, &options);

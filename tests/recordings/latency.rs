@@ -3,7 +3,7 @@
 use std::sync::LazyLock;
 
 use ecmsk::cia402::Statusword;
-use ecmsk::compare::{Comparison, Deviation, Gaps, Options, RecordedRun, Side, Steps, TimedFrame, compare};
+use ecmsk::compare::{CompareOptions, Comparison, Deviation, Gaps, RecordedRun, Side, Steps, TimedFrame, compare};
 use ecmsk::link::Dir;
 use ecmsk::sk::{
     CommandId, DriveResponse, Frame, IoResponse, MasterResponse, MasterState, RawSlot, SdoResponse, StateByte,
@@ -25,7 +25,7 @@ static BOARD: LazyLock<Frames> = LazyLock::new(|| frames(&Program::default()));
 static CHIP: LazyLock<Frames> =
     LazyLock::new(|| frames(&Program { scheme: "xf-sim", keys: "&use_n=1024".into(), ..Program::default() }));
 
-fn with(options: &Options, a: &Frames, b: &Frames) -> Comparison {
+fn with(options: &CompareOptions, a: &Frames, b: &Frames) -> Comparison {
     compare(a.clone(), b.clone(), SIZE, options)
 }
 
@@ -33,7 +33,7 @@ fn with(options: &Options, a: &Frames, b: &Frames) -> Comparison {
 fn changed(change: impl FnOnce(&mut Frames)) -> Comparison {
     let mut chip = CHIP.clone();
     change(&mut chip);
-    with(&Options::default(), &BOARD, &chip)
+    with(&CompareOptions::default(), &BOARD, &chip)
 }
 
 #[track_caller]
@@ -87,7 +87,7 @@ fn a_chip_answers_later_and_that_is_all() {
             let keys = if scheme == "sim" { String::new() } else { keys.to_owned() };
             frames(&Program { scheme, keys, cycle_us, ..Program::default() })
         });
-        let found = with(&Options::default(), &a, &b);
+        let found = with(&CompareOptions::default(), &a, &b);
         assert!(found.is_equal(), "{cycle_us} us{keys}: {found}");
         assert!(found.answers > 250, "{found}");
         let latency = &found.latency;
@@ -95,7 +95,7 @@ fn a_chip_answers_later_and_that_is_all() {
         assert!(latency.usual <= latency.most && latency.commands >= 4, "{latency:?}");
         assert!(found.to_string().contains(&format!("B answers {} cycle", latency.usual)), "{found}");
         assert_eq!(found.gaps.map(|gaps| gaps.count), [0, 0], "{found}");
-        let back = with(&Options::default(), &b, &a);
+        let back = with(&CompareOptions::default(), &b, &a);
         assert!(back.is_equal(), "{back}");
         assert_eq!((back.latency.usual, back.latency.least), (-latency.usual, -latency.most));
     }
@@ -217,9 +217,9 @@ fn a_bit_of_the_moment() {
         frames
     };
     for other in [&BOARD, &CHIP] {
-        let found = with(&Options::default(), &flicker(&BOARD, 0), &flicker(other, 1));
+        let found = with(&CompareOptions::default(), &flicker(&BOARD, 0), &flicker(other, 1));
         assert!(found.is_equal() && found.shifted_answers > 200, "{found}");
-        let found = with(&Options::default(), &flicker(&BOARD, 0), other);
+        let found = with(&CompareOptions::default(), &flicker(&BOARD, 0), other);
         let is_it = |what: &Deviation| matches!(what, Deviation::Statusword { slave: 2, .. });
         assert!(what(&found).iter().any(is_it), "{found}");
     }
@@ -228,7 +228,8 @@ fn a_bit_of_the_moment() {
 /// A command that is answered much later than others is one that is too late, be it one alone.
 #[test]
 fn one_late_command() {
-    let allowed = |cycles| with(&Options { latency_cycles: Some(cycles), ..Options::default() }, &BOARD, &CHIP);
+    let allowed =
+        |cycles| with(&CompareOptions { latency_cycles: Some(cycles), ..CompareOptions::default() }, &BOARD, &CHIP);
     let latency = allowed(20).latency;
     assert!(allowed(latency.most.unsigned_abs() as u32).is_equal());
     // Of one that is more by three cycles no report can have been taken for another one.
@@ -299,18 +300,18 @@ fn with_pauses(scheme: &'static str) -> Frames {
 #[test]
 fn gaps_are_counted() {
     let (board, chip) = (with_pauses("sim"), with_pauses("xf-sim"));
-    let found = with(&Options::default(), &BOARD, &board);
+    let found = with(&CompareOptions::default(), &BOARD, &board);
     assert!(found.is_equal(), "{found}");
     // In the first one what waits is sent, 8 targets; the program does not write more of them afterwards.
     assert_eq!(found.gaps, [Gaps::default(), Gaps { count: 3, cycles: 6 + 11 + 30, longest: 30 }], "{found}");
     assert_eq!((found.latency.least, found.latency.most), (0, 0), "{found}");
     assert!(found.to_string().contains("\nB: 3 gaps of 47 cycles together, the longest 30\n"), "{found}");
-    let back = with(&Options::default(), &board, &BOARD);
+    let back = with(&CompareOptions::default(), &board, &BOARD);
     assert!(back.is_equal() && back.gaps == [found.gaps[1], found.gaps[0]], "{back}");
-    let found = with(&Options::default(), &BOARD, &chip);
+    let found = with(&CompareOptions::default(), &BOARD, &chip);
     assert!(found.is_equal(), "{found}");
     assert_eq!((found.gaps[0].count, found.gaps[1].count), (0, 3), "{found}");
-    let found = with(&Options::default(), &board, &chip);
+    let found = with(&CompareOptions::default(), &board, &chip);
     assert!(found.is_equal(), "{found}");
 }
 
@@ -327,14 +328,14 @@ fn a_gap_hides_nothing() {
     for at in on_the_way.into_iter().step_by(7) {
         let mut other = gapped.clone();
         shows(&mut other[at].frame, 2, |drive| drive.position += 3000);
-        let found = with(&Options::default(), &BOARD, &other);
+        let found = with(&CompareOptions::default(), &BOARD, &other);
         assert!(matches!(what(&found)[0], Deviation::Position { slave: 2, .. }), "{at}: {found}");
     }
     let mut other = gapped;
     for at in reports(&other).into_iter().rev().take(60) {
         shows(&mut other[at].frame, 1, |drive| drive.position -= 1);
     }
-    let found = with(&Options::default(), &BOARD, &other);
+    let found = with(&CompareOptions::default(), &BOARD, &other);
     assert!(matches!(what(&found)[0], Deviation::Position { slave: 1, .. }), "{found}");
 }
 
@@ -342,8 +343,9 @@ fn a_gap_hides_nothing() {
 /// answers count as they were when the program moved on.
 #[test]
 fn a_latency_that_is_too_long() {
-    let allowed = |cycles| with(&Options { latency_cycles: Some(cycles), ..Options::default() }, &BOARD, &CHIP);
-    let usual = with(&Options::default(), &BOARD, &CHIP).latency.usual.unsigned_abs() as u32;
+    let allowed =
+        |cycles| with(&CompareOptions { latency_cycles: Some(cycles), ..CompareOptions::default() }, &BOARD, &CHIP);
+    let usual = with(&CompareOptions::default(), &BOARD, &CHIP).latency.usual.unsigned_abs() as u32;
     assert!(allowed(usual).is_equal() && allowed(20).is_equal(), "{}", allowed(usual));
     let found = allowed(usual - 1);
     let is_it = |what: &Deviation| matches!(what, Deviation::Late { side: Side::B, .. });
@@ -352,7 +354,7 @@ fn a_latency_that_is_too_long() {
     assert!(!allowed(0).is_equal());
     // Without a latency nothing is allowed that the other board had not answered yet.
     let run = |pauses| frames(&Program { pauses, ..Program::default() });
-    let strict = Options { latency_cycles: Some(0), ..Options::default() };
+    let strict = CompareOptions { latency_cycles: Some(0), ..CompareOptions::default() };
     let found = with(&strict, &BOARD, &run(PAUSES));
     let is_it = |what: &Deviation| matches!(what, Deviation::Position { counts: [590, 602], .. });
     assert!(what(&found).iter().any(is_it), "{found}");

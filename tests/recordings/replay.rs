@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use ecmsk::compare::{Comparison, Deviation, Options, Steps, TimedFrame, compare_steps};
+use ecmsk::compare::{CompareOptions, Comparison, Deviation, Steps, TimedFrame, compare_steps};
 use ecmsk::link::Dir;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::recording::{RecordError, Recorded, Recording};
@@ -20,12 +20,12 @@ fn link(text: &str) -> LinkUri {
 }
 
 fn open(file: &Path, model: Option<&str>) -> Result<Replay, ReplayError> {
-    Replay::open(file, model.map(link).as_ref(), &Options::default(), None, FilesInLink::Allowed)
+    Replay::open(file, model.map(link).as_ref(), &CompareOptions::default(), None, FilesInLink::Allowed)
 }
 
 fn compare(replay: &Replay) -> Comparison {
     let (board, model) = replay.runs().expect("both runs");
-    let options = Options::default();
+    let options = CompareOptions::default();
     compare_steps(Steps::new(board, replay.size(), false), Steps::new(model, replay.size(), false), &options)
 }
 
@@ -228,7 +228,8 @@ fn a_capture_that_is_cut_off() {
     std::fs::write(&capture.file, &bytes[..bytes.len() / 2 + 1]).expect("a file");
     let replay = open(&capture.file, Some(MODEL)).expect("it is replayed");
     let (mut board, model) = replay.runs().expect("both runs");
-    let found = compare_steps(Steps::new(&mut board, SIZE, false), Steps::new(model, SIZE, false), &Options::default());
+    let found =
+        compare_steps(Steps::new(&mut board, SIZE, false), Steps::new(model, SIZE, false), &CompareOptions::default());
     assert!(found.is_equal() && found.counts[0].commands > 50, "{found}");
     assert!(matches!(board.damage(), Some(RecordError::Truncated { .. })), "{:?}", board.damage());
 }

@@ -3,7 +3,7 @@
 use std::process::Command;
 
 use ecmsk::link::{self, Share};
-use ecmsk::machine::findings::Verdict;
+use ecmsk::machine::findings::FindingVerdict;
 use ecmsk::machine::{Access, Machine};
 use serde_json::Value;
 
@@ -87,9 +87,13 @@ fn the_guest_is_checked() {
     for check in
         ["usb", "usb-configuration", "usb-permission", "usb-holder", "usb-speed", "usb-autosuspend", "usb-power"]
     {
-        assert_eq!(state(check), Verdict::Fine, "{check}: {findings:?}");
+        assert_eq!(state(check), FindingVerdict::Fine, "{check}: {findings:?}");
     }
-    assert_eq!((state("realtime-priority"), state("locked-memory")), (Verdict::Fine, Verdict::Fine), "root");
+    assert_eq!(
+        (state("realtime-priority"), state("locked-memory")),
+        (FindingVerdict::Fine, FindingVerdict::Fine),
+        "root"
+    );
     let said = objects(&["doctor", "--json"]);
     assert!(said.iter().any(|finding| finding["check"] == "wake-up"), "{said:?}");
     detach_all();

@@ -3,11 +3,11 @@
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
 use ecmsk::sk::{
-    CycleTime, DcShift, DriveSync, FifoAction, Malformed, MasterCommand, MasterState, RawSlot, SdoCommand,
+    CycleTime, DcShift, DriveSync, FifoAction, InvalidArgument, MasterCommand, MasterState, RawSlot, SdoCommand,
     SlaveCommand, SlaveKind, SlotCommand, SlotSize, StateByte,
 };
 
-fn master(slot: RawSlot) -> Result<MasterCommand, Malformed> {
+fn master(slot: RawSlot) -> Result<MasterCommand, InvalidArgument> {
     let narrow = MasterCommand::decode(&slot, SlotSize::Bytes12);
     if slot.id != 0x02 {
         assert_eq!(MasterCommand::decode(&slot, SlotSize::Bytes16), narrow, "the slot size counts for SET_AXIS alone");
@@ -15,7 +15,7 @@ fn master(slot: RawSlot) -> Result<MasterCommand, Malformed> {
     narrow
 }
 
-fn slave(slot: RawSlot) -> Result<SlaveCommand, Malformed> {
+fn slave(slot: RawSlot) -> Result<SlaveCommand, InvalidArgument> {
     SlotCommand::decode(&slot, SlotSize::Bytes12).map(|slot| slot.command)
 }
 
@@ -33,14 +33,14 @@ fn set_state_takes_1_2_4_and_8_only() {
             2 => Ok(MasterState::PreOp),
             4 => Ok(MasterState::SafeOp),
             8 => Ok(MasterState::Op),
-            other => Err(Malformed::State(other)),
+            other => Err(InvalidArgument::State(other)),
         };
         let slot = RawSlot { id: 0x01, data1: value, ..RawSlot::ZERO };
         assert_eq!(master(slot), wanted.map(MasterCommand::SetState));
     }
 }
 
-fn set_axis(group: u8, data1: u32, size: SlotSize) -> Result<MasterCommand, Malformed> {
+fn set_axis(group: u8, data1: u32, size: SlotSize) -> Result<MasterCommand, InvalidArgument> {
     MasterCommand::decode(&RawSlot { id: 0x02, parm: group.into(), data1, ..RawSlot::ZERO }, size)
 }
 
@@ -50,8 +50,11 @@ fn set_axis_takes_groups_0_to_4_only() {
     for size in SlotSize::ALL {
         for group in 0..=255 {
             let kinds = [SlaveKind::Io; 8];
-            let wanted =
-                if group <= 4 { Ok(MasterCommand::SetAxis { group, kinds }) } else { Err(Malformed::Group(group)) };
+            let wanted = if group <= 4 {
+                Ok(MasterCommand::SetAxis { group, kinds })
+            } else {
+                Err(InvalidArgument::Group(group))
+            };
             assert_eq!(set_axis(group, 0x1111_1111, size), wanted);
         }
     }
@@ -73,7 +76,7 @@ fn set_axis_takes_nibbles_0_to_3_and_f_only() {
                 3 => Ok(SlaveKind::Step),
                 15 => Ok(SlaveKind::None),
                 _ if usize::from(slave) > size.max_slaves() => Ok(SlaveKind::None),
-                _ => Err(Malformed::Kind { slave, nibble }),
+                _ => Err(InvalidArgument::Kind { slave, nibble }),
             };
             let wanted = wanted.map(|kind| {
                 kinds[usize::from(place)] = kind;
@@ -97,7 +100,7 @@ fn set_dc_takes_the_twelve_cycle_times_only() {
     for beyond in (12..25).map(|n| 250 << n).chain([u32::MAX]) {
         assert_eq!(CycleTime::from_us(beyond), None, "{beyond}");
         let slot = RawSlot { id: 0x03, data1: beyond, data2: 0xFFFF, ..RawSlot::ZERO };
-        assert_eq!(master(slot), Err(Malformed::CycleTime(beyond)));
+        assert_eq!(master(slot), Err(InvalidArgument::CycleTime(beyond)));
     }
     assert_eq!((CycleTime::DEFAULT.us(), CycleTime::DEFAULT.ns()), (1000, 1_000_000));
 }
@@ -134,9 +137,9 @@ fn set_fifo_takes_clear_and_a_threshold_other_than_0() {
             let slot = RawSlot { id: 0x05, parm: u16::from(action), data1: value, ..RawSlot::ZERO };
             let wanted = match (action, value) {
                 (1, _) => Ok(FifoAction::Clear),
-                (2, 0) => Err(Malformed::ZeroThreshold),
+                (2, 0) => Err(InvalidArgument::ZeroThreshold),
                 (2, free) => Ok(FifoAction::Threshold(free)),
-                (other, _) => Err(Malformed::FifoAction(other)),
+                (other, _) => Err(InvalidArgument::FifoAction(other)),
             };
             assert_eq!(master(slot), wanted.map(MasterCommand::SetFifo), "action {action} value {value}");
         }
@@ -152,7 +155,7 @@ fn drive_mode_takes_modes_8_to_10_with_0_or_1() {
             8 => Ok(Mode::Csp),
             9 => Ok(Mode::Csv),
             10 => Ok(Mode::Cst),
-            other => Err(Malformed::DriveMode(other)),
+            other => Err(InvalidArgument::DriveMode(other)),
         };
         let command = |mode| SlaveCommand::DriveMode { mode, sync: DriveSync::DcSync };
         assert_eq!(decode(value, 1), mode.map(command), "mode {value}");
@@ -178,7 +181,7 @@ fn sdo_rd_takes_a_slave_whatever_the_high_byte_of_parm_is() {
             let slot = RawSlot { id: 0x07, parm, data1: 0x6041_0000, ..RawSlot::ZERO };
             let wanted = match parm % 0x100 {
                 slave if (1..=last).contains(&slave) => Ok(SdoCommand::Read { slave: slave as u8, object: OBJECT }),
-                other => Err(Malformed::SdoSlave(other)),
+                other => Err(InvalidArgument::SdoSlave(other)),
             };
             assert_eq!(SdoCommand::decode(&slot, size), wanted);
         }
@@ -194,11 +197,11 @@ fn sdo_wr_takes_a_slave_and_a_size_of_1_2_or_4() {
             let slot = RawSlot { id: 0x08, parm, data1: 0x6041_0000, data2: u32::MAX, ..RawSlot::ZERO };
             let write = |size| SdoCommand::Write { slave, object: OBJECT, size, value: u32::MAX };
             let wanted = match bytes {
-                _ if slave == 0 || slave > last => Err(Malformed::SdoSlave(slave.into())),
+                _ if slave == 0 || slave > last => Err(InvalidArgument::SdoSlave(slave.into())),
                 1 => Ok(write(SdoSize::One)),
                 2 => Ok(write(SdoSize::Two)),
                 4 => Ok(write(SdoSize::Four)),
-                other => Err(Malformed::SdoSize(other)),
+                other => Err(InvalidArgument::SdoSize(other)),
             };
             assert_eq!(SdoCommand::decode(&slot, slot_size), wanted, "parm 0x{parm:04X}");
         }
@@ -217,7 +220,7 @@ fn an_object_is_index_times_65536_plus_sub_index() {
             };
             let wanted = match low {
                 sub if sub <= 255 => Ok(ObjectAddress::new(0xFFFF, sub as u8)),
-                other => Err(Malformed::SubIndex(other)),
+                other => Err(InvalidArgument::SubIndex(other)),
             };
             assert_eq!(SdoCommand::decode(&slot, SlotSize::Bytes12).map(object), wanted);
         }
@@ -298,19 +301,19 @@ fn a_command_in_the_wrong_kind_of_slot_is_kept_as_no_command() {
 #[test]
 fn the_reason_of_a_refusal_says_what_was_found_and_what_is_allowed() {
     for (reason, text) in [
-        (Malformed::State(3), "state 3 is none of 1 Init, 2 PreOP, 4 SafeOP, 8 OP"),
-        (Malformed::Group(5), "group 5 is above 4"),
+        (InvalidArgument::State(3), "state 3 is none of 1 Init, 2 PreOP, 4 SafeOP, 8 OP"),
+        (InvalidArgument::Group(5), "group 5 is above 4"),
         (
-            Malformed::Kind { slave: 9, nibble: 14 },
+            InvalidArgument::Kind { slave: 9, nibble: 14 },
             "slave 9 has kind 0xE: none of 0 drive, 1 IO, 2 HSP, 3 STEP, F none",
         ),
-        (Malformed::CycleTime(750), "cycle time 750 us is not 250 us * 2^n up to 1 s"),
-        (Malformed::FifoAction(3), "FIFO action 3 is neither 1 clear nor 2 threshold"),
-        (Malformed::ZeroThreshold, "FIFO threshold 0 could never be reached"),
-        (Malformed::DriveMode(6), "mode 6 is none of 8 CSP, 9 CSV, 10 CST"),
-        (Malformed::SdoSlave(41), "the board has no slave 41"),
-        (Malformed::SubIndex(256), "sub-index 256 is above 255"),
-        (Malformed::SdoSize(3), "object size 3 is none of 1, 2, 4 bytes"),
+        (InvalidArgument::CycleTime(750), "cycle time 750 us is not 250 us * 2^n up to 1 s"),
+        (InvalidArgument::FifoAction(3), "FIFO action 3 is neither 1 clear nor 2 threshold"),
+        (InvalidArgument::ZeroThreshold, "FIFO threshold 0 could never be reached"),
+        (InvalidArgument::DriveMode(6), "mode 6 is none of 8 CSP, 9 CSV, 10 CST"),
+        (InvalidArgument::SdoSlave(41), "the board has no slave 41"),
+        (InvalidArgument::SubIndex(256), "sub-index 256 is above 255"),
+        (InvalidArgument::SdoSize(3), "object size 3 is none of 1, 2, 4 bytes"),
     ] {
         assert_eq!(reason.to_string(), text);
     }

@@ -4,8 +4,8 @@ use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
 use ecmsk::sk::dump::{ByteOne, KindEvidence, SlaveData, SlotMeaning, SlotRole};
 use ecmsk::sk::{
-    CommandDump, CommandId, CrcStatus, CycleTime, DcShift, DriveSync, FifoAction, Frame, Malformed, MasterCommand,
-    Motion, RawSlot, ResponseDump, SdoCommand, SlaveCommand, SlaveKind, SlotCommand, SlotSize,
+    CommandDump, CommandId, CrcStatus, CycleTime, DcShift, DriveSync, FifoAction, Frame, InvalidArgument,
+    MasterCommand, Motion, RawSlot, ResponseDump, SdoCommand, SlaveCommand, SlaveKind, SlotCommand, SlotSize,
 };
 use vectors::vector_named;
 
@@ -422,7 +422,7 @@ fn the_lines_of_a_dump_are_available_as_types() {
     let mut frame = Frame::new();
     frame.put(NARROW, 41, &RawSlot { id: 0x07, parm: 41, ..RawSlot::ZERO });
     let line = CommandDump::new(&frame, NARROW).line(41).expect("the SDO slot");
-    assert_eq!(line.meaning, SlotMeaning::Malformed(Malformed::SdoSlave(41)));
+    assert_eq!(line.meaning, SlotMeaning::Malformed(InvalidArgument::SdoSlave(41)));
     assert_eq!(line.meaning.encode(NARROW), None);
 
     let vector = vector_named("resp-op-fw17");

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use ecmsk::engine::{Board, EngineConfig};
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::link::spi::{ExchangeContent, Pacer, PacerOptions, Plan, WaitingFrames};
+use ecmsk::link::spi::{ExchangeContent, Pacer, PacerOptions, PacerPlan, WaitingFrames};
 use ecmsk::sk::{CommandId, CycleTime, Frame, MasterState};
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 
@@ -133,16 +133,16 @@ impl Bench {
             let motion = self.held.front().is_some_and(|frame| frame.slot(SIZE, 1).id == CommandId::Csp.code());
             let held = WaitingFrames { frames: self.held.len(), motion, last: false };
             match self.pacer.plan(self.now, held) {
-                Plan::Wait(at) if at > by => {
+                PacerPlan::Wait(at) if at > by => {
                     self.now = by;
                     self.board_to_now();
                     return false;
                 }
-                Plan::Wait(at) => {
+                PacerPlan::Wait(at) => {
                     assert!(at > self.now, "a wait that is over");
                     self.now = at;
                 }
-                Plan::Exchange { content, extra } => {
+                PacerPlan::Exchange { content, extra } => {
                     self.carry_out(content, extra);
                     return true;
                 }
@@ -171,7 +171,7 @@ impl Bench {
         self.staged = self.newest.clone();
         let response = master(&answer);
         self.pacer.answered(&response, extra, self.held.len());
-        self.pacer.show(&mut answer, self.held.len());
+        self.pacer.to_report(&mut answer, self.held.len());
         self.free = if self.pacer.op() { master(&answer).fifo_free } else { 160 };
         self.report = answer;
     }

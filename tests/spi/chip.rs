@@ -4,7 +4,7 @@ use ecmsk::io::spi::Level;
 use ecmsk::link::chip::{self, ChipError, ChipLink, ResetTimes, SpiChip};
 use ecmsk::link::uri::{LinkUri, UriError};
 use ecmsk::xf::chip::Profile;
-use ecmsk::xf::host::{Host, HostConfig, HostError, Pacing, Wires};
+use ecmsk::xf::host::{Host, HostConfig, HostError, HostPacing, Wires};
 use ecmsk::xf::request::{
     InterruptEnable, InterruptSetEnable, PeripheralInterrupts, Polarity, SlaveCountGet, SpiPackSizeGet,
 };
@@ -243,7 +243,8 @@ fn the_reset_line() {
         let link = SpiChip::over("xf-spi:test", wires, SPEED_HZ).reset_at(ResetTimes { at_open, at_close }).unwrap();
         let low = std::time::Duration::from_millis(100);
         assert_eq!(count(), vec![low; usize::from(at_open)]);
-        let mut xf = ecmsk::xf_api::Xf::over(link, HostConfig { pacing: Pacing::Int0, ..HostConfig::DEFAULT }).unwrap();
+        let mut xf =
+            ecmsk::xf_api::Xf::over(link, HostConfig { pacing: HostPacing::Int0, ..HostConfig::DEFAULT }).unwrap();
         move_axis(&mut xf).unwrap();
         xf.link_mut().reset().unwrap();
         drop(xf);
@@ -282,7 +283,7 @@ fn an_exchange_allocates_nothing() {
     let mut wires = ChipWires::new(Profile::NEW, 1, HIGH);
     wires.lengths.reserve(100_000);
     let mut link = SpiChip::over("xf-spi:test", wires, SPEED_HZ);
-    let mut host = Host::new(0, HostConfig { pacing: ecmsk::xf::host::Pacing::Int0, ..HostConfig::DEFAULT });
+    let mut host = Host::new(0, HostConfig { pacing: ecmsk::xf::host::HostPacing::Int0, ..HostConfig::DEFAULT });
     let counted = allocation_counter::measure(|| {
         for _ in 0..1000 {
             host.step(&mut link, u64::MAX).unwrap();

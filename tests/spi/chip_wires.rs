@@ -4,11 +4,11 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use ecmsk::ethercat::Ns;
-use ecmsk::io::spi::{EdgeWires, Level, WireError};
+use ecmsk::io::spi::{EdgeWires, Level, SpiError};
 use ecmsk::link::chip::SpiChip;
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 use ecmsk::xf::chip::{Chip, ChipPort, Profile, SlaveModels};
-use ecmsk::xf::host::{HostConfig, Pacing};
+use ecmsk::xf::host::{HostConfig, HostPacing};
 use ecmsk::xf::request::WarmReset;
 use ecmsk::xf::{CheckRule, CommandHeader, MAX_PACKET, Request, write_request};
 use ecmsk::xf_api::{Xf, XfError};
@@ -75,7 +75,7 @@ impl ChipWires {
 
     /// As [`Self::open`], with more than the pacing.
     pub fn open_with(self, config: HostConfig) -> Result<Xf<SpiChip<Self>>, XfError> {
-        let pacing = if self.int0 == Int0::None { Pacing::Idle } else { Pacing::Int0 };
+        let pacing = if self.int0 == Int0::None { HostPacing::Idle } else { HostPacing::Int0 };
         Xf::over(SpiChip::over("xf-spi:test", self, SPEED_HZ), HostConfig { pacing, ..config })
     }
 
@@ -123,11 +123,11 @@ impl EdgeWires for ChipWires {
         self.advance(self.now + time.as_nanos() as Ns);
     }
 
-    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), WireError> {
+    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), SpiError> {
         self.lengths.push(tx.len());
         if self.failures > 0 {
             self.failures -= 1;
-            return Err(WireError::Refused { what: "exchange".into(), message: "no such device".into() });
+            return Err(SpiError::Refused { what: "exchange".into(), message: "no such device".into() });
         }
         let last = tx.len() - 1;
         self.port.transfer(self.now, &tx[..last], &mut rx[..last]);
@@ -141,12 +141,12 @@ impl EdgeWires for ChipWires {
         self.int0 != Int0::None
     }
 
-    fn forget_edges(&mut self) -> Result<(), WireError> {
+    fn forget_edges(&mut self) -> Result<(), SpiError> {
         self.edges = 0;
         Ok(())
     }
 
-    fn wait_edge(&mut self, limit: Duration) -> Result<bool, WireError> {
+    fn wait_edge(&mut self, limit: Duration) -> Result<bool, SpiError> {
         let end = self.now + limit.as_nanos() as Ns;
         while self.edges == 0 && self.now < end && self.has_ready_line() {
             let ready_at = self.port.chip().ready_at();
@@ -155,11 +155,11 @@ impl EdgeWires for ChipWires {
         Ok(std::mem::take(&mut self.edges) > 0)
     }
 
-    fn interrupt_is_high(&mut self) -> Result<Option<bool>, WireError> {
+    fn interrupt_is_high(&mut self) -> Result<Option<bool>, SpiError> {
         Ok(Some(self.port.chip_mut().int1(self.now)))
     }
 
-    fn reset(&mut self, low: Duration) -> Result<bool, WireError> {
+    fn reset(&mut self, low: Duration) -> Result<bool, SpiError> {
         self.resets.lock().expect("no test panics with it").push(low);
         self.advance(self.now + low.as_nanos() as Ns);
         self.port.reset(self.now);

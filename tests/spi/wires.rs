@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use ecmsk::io::spi::{WireError, Wires};
+use ecmsk::io::spi::{BusyWires, SpiError};
 use ecmsk::link::options::CommonOptions;
 use ecmsk::link::spi::{SpiLink, SpiOptions};
 use ecmsk::link::uri::LinkUri;
@@ -92,11 +92,11 @@ impl Held {
 }
 
 /// The wires themselves.
-impl Wires for Held {
-    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), WireError> {
+impl BusyWires for Held {
+    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), SpiError> {
         let mut state = self.0.lock();
         if state.fails {
-            return Err(WireError::Refused { what: "exchange".into(), message: "no such device".into() });
+            return Err(SpiError::Refused { what: "exchange".into(), message: "no such device".into() });
         }
         state.exchanges.push((Instant::now(), Frame::from_prefix(tx)));
         state.spi_board.exchange(tx, rx);
@@ -111,7 +111,7 @@ impl Wires for Held {
         self.0.lock().busy != Busy::None
     }
 
-    fn is_busy(&mut self) -> Result<bool, WireError> {
+    fn is_busy(&mut self) -> Result<bool, SpiError> {
         let state = self.0.lock();
         Ok(match state.busy {
             Busy::True => state.spi_board.is_busy(),
@@ -120,7 +120,7 @@ impl Wires for Held {
         })
     }
 
-    fn wait_ready(&mut self, limit: Duration) -> Result<bool, WireError> {
+    fn wait_ready(&mut self, limit: Duration) -> Result<bool, SpiError> {
         let began = Instant::now();
         while self.is_busy()? {
             if began.elapsed() >= limit {
@@ -131,11 +131,11 @@ impl Wires for Held {
         Ok(true)
     }
 
-    fn busy_has_fallen(&mut self) -> Result<bool, WireError> {
+    fn busy_has_fallen(&mut self) -> Result<bool, SpiError> {
         Ok(std::mem::take(&mut self.0.lock().fallen))
     }
 
-    fn reset(&mut self, low: Duration) -> Result<bool, WireError> {
+    fn reset(&mut self, low: Duration) -> Result<bool, SpiError> {
         self.0.lock().resets.push(low);
         Ok(true)
     }

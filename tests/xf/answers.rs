@@ -9,8 +9,8 @@ use ecmsk::xf::response::{
     RawAnswer, Series, SlaveInfo,
 };
 use ecmsk::xf::{
-    AnswerHeader, AnswerPacket, CheckRule, Coverage, DataSize, Interrupts, MAX_PACKET, NetworkState, Received, Status,
-    write_answer,
+    AnswerHeader, AnswerPacket, CheckRule, CrcCoverage, DataSize, Interrupts, MAX_PACKET, NetworkState, Received,
+    Status, write_answer,
 };
 
 use crate::codes::{check_all, note_checked};
@@ -32,7 +32,7 @@ fn packet(code: u8, ret: u8, len: u16, data: &[u8]) -> Vec<u8> {
 
 /// What the library reads in an answer to `call`.
 fn read<'d, 'a, C: Call<'d>>(call: &C, bytes: &'a [u8]) -> Result<C::Answer<'a>, AnswerError> {
-    match AnswerPacket::parse(bytes, SIZE, Coverage::All) {
+    match AnswerPacket::parse(bytes, SIZE, CrcCoverage::All) {
         Ok(Received::Answer(packet)) => packet.answer_to(call),
         other => panic!("{other:?}"),
     }

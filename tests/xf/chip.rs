@@ -13,11 +13,11 @@ mod units;
 
 use ecmsk::ethercat::Ns;
 use ecmsk::slave::Slave;
-use ecmsk::xf::chip::{Chip, Profile, SlaveModels, Timing};
+use ecmsk::xf::chip::{Chip, ChipTiming, Profile, SlaveModels};
 use ecmsk::xf::request::{Call, CrcTypeSet, Encode, InfoUpdate, Reconfig};
 use ecmsk::xf::response::Returned;
 use ecmsk::xf::{
-    AnswerHeader, AnswerPacket, CheckRule, CheckType, CommandHeader, Coverage, Errors, EtherCatState, MAX_PACKET,
+    AnswerHeader, AnswerPacket, CheckRule, CheckType, CommandHeader, CrcCoverage, Errors, EtherCatState, MAX_PACKET,
     NOT_READY, Received, Status, write_request,
 };
 
@@ -71,7 +71,7 @@ impl Got {
 impl Host {
     /// A host whose chip has started, a second ago.
     fn new(profile: Profile, slaves: Vec<Box<dyn Slave>>) -> Self {
-        let mut chip = Chip::with_timing(profile, Timing::default(), SlaveModels::new(slaves));
+        let mut chip = Chip::with_timing(profile, ChipTiming::default(), SlaveModels::new(slaves));
         chip.run_until(1000 * MS);
         Self { chip, now: 1000 * MS, index: 0, rule: CheckRule::FIXED, pace: PACE }
     }
@@ -121,7 +121,7 @@ impl Host {
         let bytes = self.packet(header, request);
         let size = self.chip.size();
         let answer = self.exchange_bytes(&bytes);
-        match AnswerPacket::parse(&answer, size, Coverage::All).expect("an answer packet") {
+        match AnswerPacket::parse(&answer, size, CrcCoverage::All).expect("an answer packet") {
             Received::Answer(packet) => Got { header: packet.header, data: packet.data.to_vec() },
             Received::NotReady => panic!("the chip is not ready"),
         }

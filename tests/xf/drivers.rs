@@ -9,7 +9,7 @@
 
 use ecmsk::ethercat::Ns;
 use ecmsk::xf::chip::{Chip, ChipPort, Profile, SlaveModels};
-use ecmsk::xf::{Coverage, Coverages};
+use ecmsk::xf::{CrcCoverage, CrcCoverages};
 
 use crate::crc32;
 use crate::network::drive;
@@ -324,15 +324,15 @@ fn settle(peer: &mut Peer) {
     peer.call(&command(51, 0, [0; 4]));
 }
 
-fn over(coverage: Coverage, profile: Profile) -> Profile {
-    Profile { coverages: Coverages::from(coverage), ..profile }
+fn over(coverage: CrcCoverage, profile: Profile) -> Profile {
+    Profile { coverages: CrcCoverages::from(coverage), ..profile }
 }
 
 /// XF-13.6 Driver 0.1 (2020): CRC-32 up to the next multiple of 4, inputs by bit 1 of the return byte, and the helper led by
 /// 402_CTL_SET alone.
 #[test]
 fn driver_0_1() {
-    let mut peer = Peer::new(over(Coverage::Valid4, Profile::OLD), valid4, valid4);
+    let mut peer = Peer::new(over(CrcCoverage::Valid4, Profile::OLD), valid4, valid4);
     begin(&mut peer, 112);
     peer.init(0);
     peer.state(2);
@@ -349,7 +349,7 @@ fn driver_0_1() {
 /// return byte. It asks for the clocks of slaves, and sends codes at start that the manuals leave out.
 #[test]
 fn driver_1_60() {
-    for (coverage, cover) in [(Coverage::All, all as Cover), (Coverage::Valid, valid)] {
+    for (coverage, cover) in [(CrcCoverage::All, all as Cover), (CrcCoverage::Valid, valid)] {
         let mut peer = Peer::new(over(coverage, Profile::NEW), cover, cover);
         begin(&mut peer, 1024);
         for code in LEFT_OUT {
@@ -378,7 +378,7 @@ fn driver_1_60() {
 /// none gives the bytes of the one before.
 #[test]
 fn a_closed_client() {
-    let coverages = Coverages { commands: Coverage::All, answers: Coverage::Valid };
+    let coverages = CrcCoverages { commands: CrcCoverage::All, answers: CrcCoverage::Valid };
     let mut peer = Peer::new(Profile { coverages, ..Profile::NEW }, all, valid);
     (peer.control, peer.takes_nops) = (0xF8, true);
     peer.find_n();

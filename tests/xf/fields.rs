@@ -2,7 +2,7 @@
 
 use ecmsk::coe::AbortCode;
 use ecmsk::xf::code::AnswerForm;
-use ecmsk::xf::fields::{Draft, FUNCTIONS, Field, Kind, Place, Value, function};
+use ecmsk::xf::fields::{Draft, FUNCTIONS, Field, FieldKind, FieldPosition, Value, function};
 use ecmsk::xf::request::{
     InterruptEnable, MappedObject, PdoAssignment, PdoConfig, PdoConfigForm, PdoMap, PeripheralInterrupts, Polarity,
 };
@@ -37,7 +37,7 @@ fn each_function_has_a_row() {
 }
 
 fn is_return(field: &Field) -> bool {
-    field.place == Place::Return
+    field.position == FieldPosition::Return
 }
 
 /// XF-18.12 A function is found by the name of its type and by the manuals' name, with and without its prefixes and in any case;
@@ -58,10 +58,10 @@ fn functions_are_found_by_their_names() {
 }
 
 /// What is written into a field that is no number.
-fn bytes_for(kind: Kind) -> &'static [u8] {
+fn bytes_for(kind: FieldKind) -> &'static [u8] {
     match kind {
-        Kind::Text => b"name",
-        Kind::SlaveSet => &[0b101],
+        FieldKind::Text => b"name",
+        FieldKind::SlaveSet => &[0b101],
         _ => &[0x10, 0x00, 0x40, 0x60],
     }
 }
@@ -182,13 +182,13 @@ fn fields_have_places_of_their_own() {
 
 fn overlap(a: &Field, b: &Field) -> bool {
     let bits = |field: &Field| {
-        let (area, byte) = match field.place {
-            Place::Data(byte) => (0, usize::from(byte)),
-            Place::Info(byte) => (1, byte.into()),
-            Place::Parameter => (2, 0),
-            Place::Reserve => (3, 0),
-            Place::Length => (4, 0),
-            Place::Return => (5, 0),
+        let (area, byte) = match field.position {
+            FieldPosition::Data(byte) => (0, usize::from(byte)),
+            FieldPosition::Info(byte) => (1, byte.into()),
+            FieldPosition::Parameter => (2, 0),
+            FieldPosition::Reserve => (3, 0),
+            FieldPosition::Length => (4, 0),
+            FieldPosition::Return => (5, 0),
         };
         let begin = 8 * byte + usize::from(field.shift);
         let width = match (field.bytes, field.width) {

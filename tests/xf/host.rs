@@ -1,7 +1,7 @@
 //! The driver of a host, against a chip that is scripted here.
 //!
 //! - `chip.rs`: that chip, and what goes wrong
-//! - `start.rs`: from unknown packets to a chip that runs; deadlines
+//! - `start.rs`: from unknown packets to a chip that runs; timeouts
 //! - `commands.rs`: queues, results, errors, repetitions
 //! - `process.rs`: process data
 //! - `error_bits.rs`: whose they are

@@ -3,7 +3,7 @@
 use ecmsk::xf::packet::{AnswerError, PacketError, WriteError};
 use ecmsk::xf::request::{InfoUpdate, PdoConfigGet, SdoGet, SpiPackSizeGet, UnknownCommand};
 use ecmsk::xf::{
-    Allowed, AnswerHeader, AnswerPacket, CheckRule, CheckType, CommandCode, CommandHeader, CommandPacket, Coverage,
+    Allowed, AnswerHeader, AnswerPacket, CheckRule, CheckType, CommandCode, CommandHeader, CommandPacket, CrcCoverage,
     DataSize, MAX_PACKET, Malformed, Received, Request, Status, write_answer, write_request,
 };
 use proptest::prelude::*;
@@ -106,8 +106,8 @@ fn crc32fast_of_a_packet() -> u32 {
 /// XF-2.3 A CRC-32 over the valid bytes alone: the rest of the data segment may be anything. All is the default.
 #[test]
 fn a_crc_covers_all_bytes_or_the_valid_ones() {
-    assert_eq!(CheckRule::default().coverage, Coverage::All);
-    let valid = CheckRule { kind: CheckType::Crc32, coverage: Coverage::Valid };
+    assert_eq!(CheckRule::default().coverage, CrcCoverage::All);
+    let valid = CheckRule { kind: CheckType::Crc32, coverage: CrcCoverage::Valid };
     let mut packet = packet_named("crc-valid-only").bytes;
     assert!(CommandPacket::parse(&packet, SIZE, valid).is_ok());
     assert!(CommandPacket::parse(&packet, SIZE, CheckRule::CRC32).is_err());
@@ -117,20 +117,20 @@ fn a_crc_covers_all_bytes_or_the_valid_ones() {
     assert!(CommandPacket::parse(&packet, SIZE, valid).is_err(), "byte 11 is");
 
     let mut bytes = answer(valid, Status::NONE, &[1, 2, 3]);
-    assert!(AnswerPacket::parse(&bytes, SIZE, Coverage::Valid).is_ok());
-    assert!(AnswerPacket::parse(&bytes, SIZE, Coverage::All).is_err());
+    assert!(AnswerPacket::parse(&bytes, SIZE, CrcCoverage::Valid).is_ok());
+    assert!(AnswerPacket::parse(&bytes, SIZE, CrcCoverage::All).is_err());
     // A length beyond n covers all.
     bytes[0x0E..0x10].copy_from_slice(&[0xFF, 0xFF]);
-    assert!(AnswerPacket::parse(&with_crc(bytes), SIZE, Coverage::Valid).is_ok());
+    assert!(AnswerPacket::parse(&with_crc(bytes), SIZE, CrcCoverage::Valid).is_ok());
 }
 
 /// XF-2.4 An answer is judged by its own status, not by what the host has set; types 1 and 2 are an error.
 #[test]
 fn an_answer_names_its_check_type() {
     for kind in [CheckType::Fixed, CheckType::Crc32] {
-        let bytes = answer(CheckRule { kind, coverage: Coverage::All }, Status(0xFF), &[]);
+        let bytes = answer(CheckRule { kind, coverage: CrcCoverage::All }, Status(0xFF), &[]);
         assert_eq!(bytes[0x0A] & 3, kind.code());
-        match AnswerPacket::parse(&bytes, SIZE, Coverage::All) {
+        match AnswerPacket::parse(&bytes, SIZE, CrcCoverage::All) {
             Ok(Received::Answer(packet)) => assert_eq!(packet.header.status.check_type(), Ok(kind)),
             other => panic!("{other:?}"),
         }
@@ -138,7 +138,7 @@ fn an_answer_names_its_check_type() {
     for bits in [1, 2] {
         let mut bytes = answer(CheckRule::CRC32, Status::NONE, &[]);
         bytes[0x0A] = bits;
-        let error = AnswerPacket::parse(&with_crc(bytes), SIZE, Coverage::All).expect_err("undefined");
+        let error = AnswerPacket::parse(&with_crc(bytes), SIZE, CrcCoverage::All).expect_err("undefined");
         assert_eq!(error, PacketError::CheckType { bits });
         assert_eq!(error.to_string(), format!("the status names check type {bits}: none of 0 fixed, 3 CRC-32"));
     }
@@ -152,7 +152,7 @@ fn a_chip_that_is_not_ready_is_no_error() {
         let mut bytes = answer(CheckRule::CRC32, Status::NONE, &[]);
         bytes[0x0A] = status;
         bytes[136..140].copy_from_slice(&0x8765_4321_u32.to_le_bytes());
-        assert_eq!(AnswerPacket::parse(&bytes, SIZE, Coverage::All), Ok(Received::NotReady));
+        assert_eq!(AnswerPacket::parse(&bytes, SIZE, CrcCoverage::All), Ok(Received::NotReady));
     }
 
     // The last 4 bytes of the data that make the CRC what it shall be: 32 equations over the bits of the CRC.
@@ -176,7 +176,7 @@ fn a_chip_that_is_not_ready_is_no_error() {
     }
     assert_eq!(crc_with(&mut bytes, word), 0x8765_4321);
     bytes[136..140].copy_from_slice(&0x8765_4321_u32.to_le_bytes());
-    assert!(matches!(AnswerPacket::parse(&bytes, SIZE, Coverage::All), Ok(Received::Answer(_))));
+    assert!(matches!(AnswerPacket::parse(&bytes, SIZE, CrcCoverage::All), Ok(Received::Answer(_))));
 }
 
 /// XF-2.6 SPI_RECONFIG_OP is taken with the fixed check word alone.
@@ -194,7 +194,7 @@ fn spi_reconfig_is_checked_by_the_fixed_word() {
 fn what_is_no_result_is_not_taken_for_one() {
     let of = |status, take: fn(&AnswerPacket<'_>) -> Option<AnswerError>| {
         let bytes = answer(CheckRule::CRC32, status, &[1, 2]);
-        match AnswerPacket::parse(&bytes, SIZE, Coverage::All) {
+        match AnswerPacket::parse(&bytes, SIZE, CrcCoverage::All) {
             Ok(Received::Answer(packet)) => take(&packet),
             other => panic!("{other:?}"),
         }
@@ -228,7 +228,7 @@ fn what_does_not_fit_is_an_error() {
     // A length that says more than there is.
     let mut bytes = answer(CheckRule::FIXED, Status::NONE, &[]);
     bytes[0x0E..0x10].copy_from_slice(&113_u16.to_le_bytes());
-    match AnswerPacket::parse(&bytes, SIZE, Coverage::All) {
+    match AnswerPacket::parse(&bytes, SIZE, CrcCoverage::All) {
         Ok(Received::Answer(packet)) => {
             let malformed = Malformed { field: "valid data length", found: 113, allowed: Allowed::AtMost(112) };
             assert_eq!(packet.answer_to(&SdoGet), Err(AnswerError::Malformed(malformed)));
@@ -243,7 +243,7 @@ proptest! {
     fn any_bytes_parse(bytes in proptest::collection::vec(any::<u8>(), 0..400), n in 32usize..=1408) {
         let size = DataSize::new(n).expect("in range");
         prop_assert!(CommandPacket::parse(&bytes, size, CheckRule::CRC32).is_err());
-        prop_assert!(AnswerPacket::parse(&bytes, size, Coverage::Valid).is_err());
+        prop_assert!(AnswerPacket::parse(&bytes, size, CrcCoverage::Valid).is_err());
     }
 
     /// XF-1.6, XF-2.2 One bit that was flipped anywhere is an error, as is a packet that is cut off; XF-2.3 whatever

@@ -50,7 +50,7 @@ use ecmsk::ethercat::Ns;
 use ecmsk::slave::Slave;
 use ecmsk::slave::handle::SimHandle;
 use ecmsk::xf::chip::{Chip, ChipPort, Controllers, Profile, SimulatedNetwork, SlaveModels};
-use ecmsk::xf::host::{Host, HostConfig, HostError, HostState, Next, ProcessData, ProcessOutcome, Ticket};
+use ecmsk::xf::host::{Host, HostConfig, HostError, HostState, Next, ProcessOutcome, ProcessRequest, Ticket};
 use ecmsk::xf::request::{Call, InfoUpdate, Reconfig, SdoOperation};
 use ecmsk::xf::{AnswerHeader, EtherCatState, MAX_PACKET, Status};
 
@@ -238,7 +238,7 @@ impl Pair {
     }
 
     /// Process data, and what became of them.
-    fn process(&mut self, data: ProcessData<'_>) -> ProcessOutcome {
+    fn process(&mut self, data: ProcessRequest<'_>) -> ProcessOutcome {
         let sequence = self.host.process(data).expect("there is room");
         let mut report = None;
         self.until("a report", |host| {

@@ -2,7 +2,7 @@
 
 use ecmsk::xf::request::{Request, UnknownCommand};
 use ecmsk::xf::{
-    AnswerHeader, AnswerPacket, CheckRule, CheckType, CommandCode, CommandHeader, Coverage, DataSize, MAX_PACKET,
+    AnswerHeader, AnswerPacket, CheckRule, CheckType, CommandCode, CommandHeader, CrcCoverage, DataSize, MAX_PACKET,
     Received, Resync, write_answer, write_request,
 };
 use proptest::prelude::*;
@@ -81,7 +81,7 @@ fn from_every_offset() {
 fn of_every_size_and_check_word() {
     for n in [32, 33, 63, 64, 111, 112, 113, 992, 1024, 1407, 1408] {
         for kind in [CheckType::Fixed, CheckType::Crc32] {
-            for coverage in Coverage::EVERY {
+            for coverage in CrcCoverage::EVERY {
                 let packets = answers(size(n), CheckRule { kind, coverage }, 5);
                 let stream = [vec![0xEE; 4000], packets.concat()].concat();
                 let found = read(&stream, &[1, 700, 3]);
@@ -99,7 +99,7 @@ fn of_a_chip_that_is_not_ready() {
     let packet = ecmsk::xf::packet::write_not_ready(&mut buffer, DataSize::XFU, header).expect("it fits").to_vec();
     let found = read(&packet.repeat(3), &[1024]);
     assert_eq!((found.size, found.packets.len(), found.dropped), (Some(992), 3, 0));
-    let parsed = AnswerPacket::parse(&found.packets[2], DataSize::XFU, Coverage::All);
+    let parsed = AnswerPacket::parse(&found.packets[2], DataSize::XFU, CrcCoverage::All);
     assert_eq!(parsed, Ok(Received::NotReady));
 }
 
@@ -131,7 +131,7 @@ fn damaged_packets_are_given() {
     packets[4][60] ^= 1;
     let found = read(&packets.concat(), &[1440]);
     assert_eq!((found.size, found.packets, found.dropped), (Some(112), packets.clone(), 0));
-    assert!(AnswerPacket::parse(&packets[4], DataSize::MANUAL, Coverage::All).is_err());
+    assert!(AnswerPacket::parse(&packets[4], DataSize::MANUAL, CrcCoverage::All).is_err());
 }
 
 /// XF-3.6 With the fixed check word two packets between which the border was damaged look like one of twice the length,

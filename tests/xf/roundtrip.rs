@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use ecmsk::xf::request::{Arguments, Call, Encode, Request, UnknownCommand};
 use ecmsk::xf::response::Returned;
 use ecmsk::xf::{
-    CheckRule, CheckType, CommandCode, CommandHeader, CommandPacket, Coverage, DataSize, MAX_PACKET, Reserve,
+    CheckRule, CheckType, CommandCode, CommandHeader, CommandPacket, CrcCoverage, DataSize, MAX_PACKET, Reserve,
     write_request,
 };
 use proptest::prelude::*;
@@ -198,7 +198,7 @@ proptest! {
         let Ok(request) = Request::decode(code, &arguments, &data) else { return Ok(()) };
         let size = DataSize::new(n).expect("in range");
         let kind = if crc { CheckType::Crc32 } else { CheckType::Fixed };
-        let rule = CheckRule { kind, coverage: if valid { Coverage::Valid } else { Coverage::All } };
+        let rule = CheckRule { kind, coverage: if valid { CrcCoverage::Valid } else { CrcCoverage::All } };
         let header = CommandHeader {
             control: ecmsk::xf::Control(control),
             gpio_outputs: gpio,

@@ -14,7 +14,7 @@ use ecmsk::ethercat::Ns;
 use ecmsk::link::chip::{ChipError, ChipInfo, ChipLink, SimChip};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::xf::EtherCatState;
-use ecmsk::xf::host::{HostConfig, Pacing, Wires};
+use ecmsk::xf::host::{HostConfig, HostPacing, Wires};
 use ecmsk::xf::request::{FifoEnable, Reconfig, Slaves};
 use ecmsk::xf_api::{NetworkConfig, ProcessData, Xf, XfError};
 use ecmsk::{coe::ObjectAddress, slave::Slave};
@@ -75,7 +75,7 @@ impl Kept {
     }
 
     fn state(&self, slave: u8) -> Option<ecmsk::ethercat::AlState> {
-        use ecmsk::xf::chip::Network as _;
+        use ecmsk::xf::chip::SlaveNetwork as _;
         self.chip().chip().network().state(slave)
     }
 
@@ -134,7 +134,7 @@ fn started(slaves: &str) -> (Xf<Kept>, Kept) {
 
 fn opened(uri: &str) -> (Xf<Kept>, Kept) {
     let chip = Kept::new(uri);
-    let pacing = if chip.info().has_int0 { Pacing::Int0 } else { Pacing::Idle };
+    let pacing = if chip.info().has_int0 { HostPacing::Int0 } else { HostPacing::Idle };
     let config = HostConfig { size: chip.info().size, pacing, ..HostConfig::DEFAULT };
     (Xf::over(chip.clone(), config).expect("it starts"), chip)
 }

@@ -104,7 +104,7 @@ fn a_fifo_that_stands_is_told() {
     let mut data = safe_op(&mut xf, 8).unwrap();
     xf.set_state(Slaves::All, EtherCatState::Op).unwrap();
     let error = (0..100).find_map(|_| xf.cycle(&mut data).err()).expect("the FIFO is off");
-    assert!(matches!(error, XfError::FifoStands { held: 20, .. }), "{error}");
+    assert!(matches!(error, XfError::RxFifoStalled { held: 20, .. }), "{error}");
     assert!(error.to_string().contains("FifoEnable"), "{error}");
     xf.run(&FifoEnable { on: true }).unwrap();
     xf.cycle(&mut data).unwrap();

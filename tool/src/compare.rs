@@ -8,7 +8,9 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::ValueHint;
-use ecmsk::compare::{CompareError, Comparison, Deviation, Options, RecordedRun, Steps, TimedFrame, compare_steps};
+use ecmsk::compare::{
+    CompareError, CompareOptions, Comparison, Deviation, RecordedRun, Steps, TimedFrame, compare_steps,
+};
 use ecmsk::recording::Address;
 use ecmsk::sk::SlotSize;
 
@@ -97,8 +99,8 @@ pub struct How {
 
 impl How {
     /// The options of the comparison.
-    pub fn options(&self) -> Options {
-        Options {
+    pub fn options(&self) -> CompareOptions {
+        CompareOptions {
             tolerance_counts: self.tolerance,
             statusword_mask: self.statusword_mask,
             ignore_repeats: self.ignore_repeats,
@@ -197,7 +199,11 @@ const PROPOSALS_MAX: usize = 8;
 
 /// The tolerance with which the recordings are equal; `None` if other values than positions differ, or if positions
 /// differ by too much.
-fn settling_tolerance(args: &Args, options: &Options, found: &Comparison) -> Result<Option<u32>, CompareVerbError> {
+fn settling_tolerance(
+    args: &Args,
+    options: &CompareOptions,
+    found: &Comparison,
+) -> Result<Option<u32>, CompareVerbError> {
     if found.is_equal() {
         return Ok(None);
     }
@@ -224,7 +230,7 @@ fn settling_tolerance(args: &Args, options: &Options, found: &Comparison) -> Res
 
 impl Names {
     /// The exit code of a comparison. Recordings that are equal but incomplete count as not compared.
-    pub fn code(&self, found: &Comparison, options: &Options) -> u8 {
+    pub fn code(&self, found: &Comparison, options: &CompareOptions) -> u8 {
         match found.is_equal() {
             true if self.lacks.iter().all(Option::is_none) || options.allow_incomplete => 0,
             true => TROUBLE,
@@ -251,7 +257,7 @@ struct Runs {
 }
 
 impl Runs {
-    fn open(args: &Args, options: &Options) -> Result<Self, CompareVerbError> {
+    fn open(args: &Args, options: &CompareOptions) -> Result<Self, CompareVerbError> {
         let devices = [args.device.first().copied(), args.device.last().copied()];
         let [a, b] = [
             RecordedRun::open(&args.a, options.slot, devices[0])?,

@@ -17,8 +17,8 @@ use std::time::Duration;
 use clap::ValueHint;
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
-use ecmsk::machine::findings::{Finding, Verdict, lateness, lateness_of_own_cycles};
-use ecmsk::machine::timing::Lateness;
+use ecmsk::machine::findings::{Finding, FindingVerdict, lateness, lateness_of_own_cycles};
+use ecmsk::machine::timing::TimerLateness;
 use serde_json::{Map, Value, json};
 
 use super::visible::visible;
@@ -86,12 +86,12 @@ impl Paint {
         Self(std::io::stdout().is_terminal() && set("NO_COLOR").is_none() && !dumb)
     }
 
-    fn verdict(self, verdict: Verdict) -> String {
+    fn verdict(self, verdict: FindingVerdict) -> String {
         let text = format!("{verdict:<6}");
         let colour = match verdict {
-            Verdict::Fine => 32,
-            Verdict::Advice => 33,
-            Verdict::Wrong => 31,
+            FindingVerdict::Fine => 32,
+            FindingVerdict::Advice => 33,
+            FindingVerdict::Wrong => 31,
         };
         if self.0 { format!("\x1b[{colour}m{text}\x1b[0m") } else { text }
     }
@@ -112,7 +112,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     } else {
         output::print_coloured(&text(&findings, Paint::of_stdout()))?;
     }
-    let is_wrong = findings.iter().any(|finding| finding.verdict == Verdict::Wrong);
+    let is_wrong = findings.iter().any(|finding| finding.verdict == FindingVerdict::Wrong);
     Ok(if is_wrong { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
@@ -129,7 +129,7 @@ fn machine(args: &Args) -> Result<Option<Vec<Finding>>, CliError> {
     findings.extend(wanted.as_ref().and_then(link::build));
     findings.extend(system::findings(&args.system, wanted.as_ref()));
     if !args.quick {
-        let measured = Lateness::measure(PERIOD, TIMES);
+        let measured = TimerLateness::measure(PERIOD, TIMES);
         let is_own_cycle = wanted.as_ref().is_some_and(|link| link.scheme() == Scheme::Nic);
         findings.push(if is_own_cycle { lateness_of_own_cycles(measured) } else { lateness(measured) });
         findings.extend(system::round_trip(&args.system, wanted.as_ref(), &findings));
@@ -157,12 +157,12 @@ fn text(findings: &[Finding], paint: Paint) -> String {
         // Writing to a String does not fail.
         let verdict = paint.verdict(finding.verdict);
         let _ = writeln!(text, "{verdict}  {:<width$}  {}", name(finding), visible(&finding.found));
-        if let Some(next) = finding.next.as_ref().filter(|_| finding.verdict != Verdict::Fine) {
+        if let Some(next) = finding.next.as_ref().filter(|_| finding.verdict != FindingVerdict::Fine) {
             let _ = writeln!(text, "{:<6}  do: {}", "", visible(next));
         }
     }
     let count = |verdict| findings.iter().filter(|finding| finding.verdict == verdict).count();
-    let (wrong, advice) = (count(Verdict::Wrong), count(Verdict::Advice));
+    let (wrong, advice) = (count(FindingVerdict::Wrong), count(FindingVerdict::Advice));
     let _ = match wrong {
         0 => writeln!(text, "nothing is wrong, {advice} could be better"),
         _ => writeln!(text, "{wrong} to put right, {advice} could be better"),

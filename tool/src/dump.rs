@@ -31,7 +31,7 @@ use ecmsk::sk::SlotSize;
 
 use super::error::CliError;
 use super::filter::{Command, Slots, Times, parse_seconds};
-use super::kinds::KindList;
+use super::kind_list::KindList;
 use super::output;
 use super::recording::{self, Framed, Frames};
 use super::slot_size;

@@ -7,7 +7,7 @@
 //! - `lib.rs`: every verb with its arguments (`Verb`), exit codes
 //! - `exec.rs`: `ecmsk exec`, with `exec/` for the library, the link and the signals of the program
 //! - `dump.rs`, `plot.rs`, `compare.rs`, `replay.rs`, `summary.rs`, `migrate.rs`: verbs that show recordings, each with
-//!   a folder of its parts; `recording.rs`, `filter.rs`, `kinds.rs` read a recording, leave frames out, and name kinds
+//!   a folder of its parts; `recording.rs`, `filter.rs`, `kind_list.rs` read a recording, leave frames out, and name kinds
 //!   of slaves
 //! - `step.rs`: the verbs that talk to a board (`info`, `move` and others), in `step/`; `script.rs` and `shell.rs` run
 //!   several of them; `board.rs` is what they share
@@ -35,7 +35,7 @@ mod filter;
 pub mod fuzzed;
 mod hex;
 mod image;
-mod kinds;
+mod kind_list;
 mod link;
 mod link_option;
 mod list;
@@ -145,7 +145,7 @@ pub fn main() -> ExitCode {
     match streams::finish() {
         Err(error) if code == ExitCode::SUCCESS => {
             let code = CliError::Output(error).report();
-            streams::settle();
+            streams::flush_error();
             code
         }
         _ => code,

@@ -31,7 +31,7 @@ use ecmsk::recording::RecordError;
 use ecmsk::sk::{SlaveKind, SlotSize};
 
 use super::error::CliError;
-use super::kinds::KindList;
+use super::kind_list::KindList;
 use super::link_option::{ChoiceError, ChosenLink, Unnamed, as_reader};
 use super::recording::Frames;
 use super::stderr::say;

@@ -41,11 +41,11 @@ pub fn print_coloured(text: &str) -> io::Result<()> {
 pub fn tell(text: impl AsRef<[u8]>) -> io::Result<()> {
     streams::check_output()?;
     let bytes = visible_bytes(text.as_ref());
-    if streams::tell(Stream::Output, &bytes) { Ok(()) } else { print_now(&bytes) }
+    if streams::queue_bytes(Stream::Output, &bytes) { Ok(()) } else { print_now(&bytes) }
 }
 
 fn print_bytes(bytes: &[u8]) -> io::Result<()> {
-    if streams::tell(Stream::Output, bytes) { streams::wait_for_output() } else { print_now(bytes) }
+    if streams::queue_bytes(Stream::Output, bytes) { streams::wait_for_output() } else { print_now(bytes) }
 }
 
 fn print_now(bytes: &[u8]) -> io::Result<()> {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::ValueHint;
-use ecmsk::compare::{Comparison, Options, RecordedRun, Steps, TimedFrame, compare_steps};
+use ecmsk::compare::{CompareOptions, Comparison, RecordedRun, Steps, TimedFrame, compare_steps};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::recording::{Address, Skipped};
 use ecmsk::replay::{FilesInLink, Replay, ReplayError};
@@ -138,7 +138,7 @@ fn boxed(run: impl Iterator<Item = TimedFrame> + 'static) -> Run {
 
 /// Compares both runs. Returns the recorded run, read to its end, the result, and the nanoseconds that the model's host
 /// has waited.
-fn play(replay: &Replay, pace: Pace, options: &Options) -> Result<(RecordedRun, Comparison, i64), ReplayError> {
+fn play(replay: &Replay, pace: Pace, options: &CompareOptions) -> Result<(RecordedRun, Comparison, i64), ReplayError> {
     let size = replay.size();
     match pace {
         Pace::Times => {

@@ -28,7 +28,7 @@ fn write(bytes: &[u8]) {
 
 /// Errors are ignored, since standard error may be closed.
 fn put(bytes: &[u8]) {
-    if !streams::tell(Stream::Error, bytes) {
+    if !streams::queue_bytes(Stream::Error, bytes) {
         let _ = io::stderr().write_all(bytes);
     }
 }

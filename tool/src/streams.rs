@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use ecmsk::notes::{FLUSH_LIMIT, Note, Notes, Teller};
+use ecmsk::notes::{FLUSH_LIMIT, Note, NoteThread, Notes};
 
 /// Longest time that a line waits for earlier lines of the other stream. \[OURS]
 const ORDER_WAIT_MAX: Duration = Duration::from_millis(50);
@@ -39,7 +39,7 @@ struct Entry {
 #[derive(Default)]
 struct Shared {
     /// The number of queued entries, for each stream.
-    told: Mutex<[u64; 2]>,
+    queued: Mutex<[u64; 2]>,
     /// The number of entries that were written or dropped, for each stream.
     done: [AtomicU64; 2],
     /// Whether a line of the other stream has waited in vain, and nothing was written since; for each stream.
@@ -51,7 +51,7 @@ struct Shared {
 
 struct Streams {
     shared: Arc<Shared>,
-    tellers: [Teller<Entry>; 2],
+    note_threads: [NoteThread<Entry>; 2],
 }
 
 /// The threads; empty until [`queue`] is called.
@@ -68,13 +68,13 @@ pub fn queue() -> io::Result<()> {
         return Ok(());
     }
     let shared = Arc::new(Shared::default());
-    let teller = |stream: Stream| {
+    let note_thread = |stream: Stream| {
         let of = Arc::clone(&shared);
-        Teller::start(&shared.notes[stream as usize], move |note| of.write(stream, note))
+        NoteThread::start(&shared.notes[stream as usize], move |note| of.write(stream, note))
     };
-    let tellers = [teller(Stream::Output)?, teller(Stream::Error)?];
+    let note_threads = [note_thread(Stream::Output)?, note_thread(Stream::Error)?];
     // A second call at the same time has no effect.
-    let _ = STREAMS.set(Streams { shared, tellers });
+    let _ = STREAMS.set(Streams { shared, note_threads });
     Ok(())
 }
 
@@ -91,9 +91,9 @@ pub fn signal() -> Option<u8> {
 }
 
 /// Queues bytes for a stream without waiting. Returns false if [`queue`] was not called.
-pub fn tell(stream: Stream, bytes: &[u8]) -> bool {
+pub fn queue_bytes(stream: Stream, bytes: &[u8]) -> bool {
     let Some(Streams { shared, .. }) = STREAMS.get() else { return false };
-    shared.tell(stream, bytes.to_vec());
+    shared.queue_bytes(stream, bytes.to_vec());
     true
 }
 
@@ -111,8 +111,8 @@ pub fn check_output() -> io::Result<()> {
 /// Standard output cannot be written to; [`io::ErrorKind::Interrupted`]: a signal arrived first.
 pub fn wait_for_output() -> io::Result<()> {
     let Some(Streams { shared, .. }) = STREAMS.get() else { return Ok(()) };
-    let told = shared.told()[Stream::Output as usize];
-    while shared.done[Stream::Output as usize].load(Ordering::Acquire) < told {
+    let queued = shared.queued()[Stream::Output as usize];
+    while shared.done[Stream::Output as usize].load(Ordering::Acquire) < queued {
         shared.check()?;
         if signal().is_some() {
             return Err(io::ErrorKind::Interrupted.into());
@@ -127,14 +127,14 @@ pub fn wait_for_output() -> io::Result<()> {
 /// # Errors
 /// Standard output cannot be written to.
 pub fn flush_output(limit: Duration) -> io::Result<bool> {
-    let Some(Streams { shared, tellers: [output, _] }) = STREAMS.get() else { return Ok(true) };
+    let Some(Streams { shared, note_threads: [output, _] }) = STREAMS.get() else { return Ok(true) };
     let is_written = output.flush_within(limit);
     shared.check().map(|()| is_written)
 }
 
 /// Waits for a limited time until all queued standard error is written, before something is written without the queue.
-pub fn settle() {
-    if let Some(Streams { tellers: [_, error], .. }) = STREAMS.get() {
+pub fn flush_error() {
+    if let Some(Streams { note_threads: [_, error], .. }) = STREAMS.get() {
         error.flush_within(END_WAIT_AFTER_SIGNAL);
     }
 }
@@ -144,22 +144,22 @@ pub fn settle() {
 /// # Errors
 /// Standard output cannot be written to.
 pub fn finish() -> io::Result<()> {
-    let Some(Streams { shared, tellers }) = STREAMS.get() else { return Ok(()) };
+    let Some(Streams { shared, note_threads }) = STREAMS.get() else { return Ok(()) };
     let limit = if signal().is_some() { END_WAIT_AFTER_SIGNAL } else { FLUSH_LIMIT };
-    tellers.iter().for_each(|teller| _ = teller.flush_within(limit));
+    note_threads.iter().for_each(|note_thread| _ = note_thread.flush_within(limit));
     shared.check()
 }
 
 impl Shared {
-    fn told(&self) -> MutexGuard<'_, [u64; 2]> {
-        self.told.lock().unwrap_or_else(PoisonError::into_inner)
+    fn queued(&self) -> MutexGuard<'_, [u64; 2]> {
+        self.queued.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn tell(&self, stream: Stream, bytes: Vec<u8>) {
+    fn queue_bytes(&self, stream: Stream, bytes: Vec<u8>) {
         let (own, other) = stream.with_other();
-        let mut told = self.told();
-        told[own] += 1;
-        self.notes[own].tell(Entry { bytes, others_before: told[other] });
+        let mut queued = self.queued();
+        queued[own] += 1;
+        self.notes[own].push(Entry { bytes, others_before: queued[other] });
     }
 
     fn check(&self) -> io::Result<()> {
@@ -175,7 +175,7 @@ impl Shared {
     fn write(&self, stream: Stream, note: Note<Entry>) {
         let (own, _) = stream.with_other();
         match note {
-            Note::Told(entry) => {
+            Note::Item(entry) => {
                 self.wait_for_others(stream, entry.others_before);
                 self.put(stream, &entry.bytes);
                 self.is_stalled[own].store(false, Ordering::Release);
@@ -186,7 +186,7 @@ impl Shared {
                 let of = if stream == Stream::Output { " of standard output" } else { "" };
                 let line = format!("note: {count} lines{of} were dropped, those before were not read in time\n");
                 match stream {
-                    Stream::Output => self.tell(Stream::Error, line.into_bytes()),
+                    Stream::Output => self.queue_bytes(Stream::Error, line.into_bytes()),
                     Stream::Error => self.put(stream, line.as_bytes()),
                 }
             }

@@ -55,7 +55,7 @@ pub struct WrongValue {
 
 /// The number of bytes read is not that of the type.
 #[derive(Debug, PartialEq, Eq)]
-pub struct OtherSize {
+pub struct SizeMismatch {
     /// The number of bytes read.
     pub found: usize,
     /// The number of bytes of the type.
@@ -82,13 +82,13 @@ impl Transfer {
     /// The value read, as text and as JSON.
     ///
     /// # Errors
-    /// [`OtherSize`]
-    pub fn read(&self, verb: &str, slave: u8, bytes: &[u8]) -> Result<(String, Json), OtherSize> {
+    /// [`SizeMismatch`]
+    pub fn read(&self, verb: &str, slave: u8, bytes: &[u8]) -> Result<(String, Json), SizeMismatch> {
         let mut json = self.json(verb, slave, bytes);
         let Some(of) = self.of() else { return Ok((self.untyped(bytes), json)) };
         let wanted = of.bits() as usize / 8;
         if bytes.len() != wanted {
-            return Err(OtherSize { found: bytes.len(), wanted });
+            return Err(SizeMismatch { found: bytes.len(), wanted });
         }
         let raw = number(bytes);
         let value = of.number(raw);

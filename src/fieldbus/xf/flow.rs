@@ -13,7 +13,7 @@ use super::chip_bus::ChipBus;
 use super::tick_ns;
 use crate::ethercat::{AlState, Ns, SlaveSet};
 use crate::fieldbus::{AxisIn, MAX_AXES, Outputs};
-use crate::xf::host::{HostError, HostState, ProcessData, ProcessKind, ProcessOutcome, Wires};
+use crate::xf::host::{HostError, HostState, ProcessKind, ProcessOutcome, ProcessRequest, Wires};
 
 use super::answers::IMAGE_MAX;
 use super::clear::Clearing;
@@ -122,7 +122,7 @@ impl<W: Wires> ChipBus<W> {
             Some(Flying { load: Load::Hold, sequence: None }) => {
                 let image = self.holding();
                 let outputs = &image[..self.network.rx_bytes];
-                let sequence = self.host.process(ProcessData::DirectExchange { outputs }).ok();
+                let sequence = self.host.process(ProcessRequest::DirectExchange { outputs }).ok();
                 self.flying[0].sequence = sequence;
             }
             Some(Flying { load: Load::Hold | Load::Inputs, .. }) => {}
@@ -131,7 +131,7 @@ impl<W: Wires> ChipBus<W> {
             _ if !self.network.mapped || self.network.at_least(AlState::SafeOp).is_empty() => {}
             None if !self.runs && now >= self.next_read => {
                 self.next_read = now.saturating_add(tick_ns());
-                let taken = self.host.process(ProcessData::DirectRead);
+                let taken = self.host.process(ProcessRequest::DirectRead);
                 self.fly(Load::Inputs, taken);
             }
             _ => {}
@@ -197,7 +197,7 @@ impl<W: Wires> ChipBus<W> {
                 (self.wrote_last, self.next_read) = (true, now.saturating_add(cycle.ns()));
             }
         } else if now >= self.next_read || backlog >= BACKLOG {
-            let taken = self.host.process(ProcessData::Read { count: cycles_fit as u8 });
+            let taken = self.host.process(ProcessRequest::Read { count: cycles_fit as u8 });
             if self.fly(Load::Cycles(0), taken) {
                 (self.wrote_last, self.next_read) = (false, now.saturating_add(cycle.ns() / 2));
             }

@@ -134,7 +134,7 @@ impl AnswerCheck {
         if answer.crc_byte() != 0 || self.fills_crc() {
             return answer.check_crc(self.size, CrcPolicy::Strict).is_ok();
         }
-        !same(bytes, 0) && SlotForm::Answer.fits(answer, self.size)
+        !same(bytes, 0) && SlotForm::StrictReport.fits(answer, self.size)
     }
 
     /// The wiring fault that explains the latest invalid answers.
@@ -195,7 +195,9 @@ const FIRST_ANSWER_IDS: [u8; 3] = [CommandId::GetStatus.code(), CommandId::Local
 /// Whether a frame has both a fitting CRC and the form of an answer. A CRC alone fits by chance once in 256 times.
 fn is_answer(frame: &Frame, size: SlotSize, policy: CrcPolicy) -> bool {
     let fits = frame.crc_byte() != 0 || policy == CrcPolicy::AbsentAllowed;
-    fits && frame.check_crc(size, policy).is_ok() && SlotForm::Answer.fits(frame, size) && !same(frame.wire(size), 0)
+    fits && frame.check_crc(size, policy).is_ok()
+        && SlotForm::StrictReport.fits(frame, size)
+        && !same(frame.wire(size), 0)
 }
 
 fn same(bytes: &[u8], value: u8) -> bool {

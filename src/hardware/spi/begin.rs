@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use super::answer_check::{AnswerCheck, WiringFault};
 use super::options::SpiOptions;
-use crate::io::spi::{WireError, Wires};
+use crate::io::spi::{BusyWires, SpiError};
 use crate::link::LinkError;
 use crate::sk::{CommandId, Frame, MasterCommand, MasterResponse, MasterState, RawSlot};
 
@@ -28,26 +28,26 @@ const ECHO_MARK: u8 = 0x5A;
 /// Exchanges frames until the board answers reliably; returns its latest answer.
 pub(super) fn begin(
     name: &str,
-    wires: &mut dyn Wires,
+    wires: &mut dyn BusyWires,
     options: &SpiOptions,
     answer_check: &mut AnswerCheck,
 ) -> Result<MasterResponse, LinkError> {
     let no_board = |reason: String| LinkError::NoBoard { name: name.to_owned(), reason };
-    let refused = |error| refused(name, error);
+    let link_error = |error| link_error(name, error);
     let began = Instant::now();
-    wires.reset(RESET_LOW).map_err(refused)?;
+    wires.reset(RESET_LOW).map_err(link_error)?;
     let mut answer = Frame::new();
     let (mut exchanges, mut valid, mut invalid, mut rises) = (0, 0, 0, false);
     // Answers shifted by some bits may look valid, so a fault that an earlier invalid answer has shown is kept.
     let mut known_fault = WiringFault::Garbled;
     loop {
         let left = options.open_limit.saturating_sub(began.elapsed());
-        if !wires.wait_ready(left).map_err(refused)? {
+        if !wires.wait_ready(left).map_err(link_error)? {
             return Err(no_board(busy_is_high(options.open_limit)));
         }
         let question = question(options, exchanges);
         let length = options.slot.frame_len();
-        wires.exchange(question.wire(options.slot), &mut answer.bytes_mut()[..length]).map_err(refused)?;
+        wires.exchange(question.wire(options.slot), &mut answer.bytes_mut()[..length]).map_err(link_error)?;
         exchanges += 1;
         let fault = match answer_check.check(&answer) {
             Ok(_) if answer.wire(options.slot) == question.wire(options.slot) => Some(WiringFault::Echo),
@@ -57,10 +57,10 @@ pub(super) fn begin(
                     || response.state.state() == Some(MasterState::Op)
                     || response.id == CommandId::LocalRead.code();
                 if valid >= VALID_ANSWERS_MIN && sure {
-                    if !wires.wait_ready(options.busy_limit).map_err(refused)? {
+                    if !wires.wait_ready(options.busy_limit).map_err(link_error)? {
                         return Err(no_board(busy_is_high(options.busy_limit)));
                     }
-                    rises |= wires.busy_has_fallen().map_err(refused)?;
+                    rises |= wires.busy_has_fallen().map_err(link_error)?;
                     if wires.has_busy_line() && !rises {
                         return Err(no_board(BUSY_IS_LOW.to_owned()));
                     }
@@ -115,28 +115,28 @@ pub(super) const BUSY_IS_LOW: &str = "BUSY does not go high in an exchange: busy
                                       (J3/J2 pin 5), or it is not connected; correct it, or leave busy= out";
 
 /// The error of a link whose SPI device or GPIO lines cannot be used.
-pub(super) fn refused(name: &str, error: WireError) -> LinkError {
+pub(super) fn link_error(name: &str, error: SpiError) -> LinkError {
     let next = next_step(&error);
     match error {
-        WireError::InUse { what, by } => LinkError::InUse {
+        SpiError::InUse { what, by } => LinkError::InUse {
             name: name.to_owned(),
             by: format!("{by} ({what})"),
             instead: "share the board by `ecmsk serve tcp`",
         },
-        WireError::Refused { what, message } => LinkError::Io { what, message: format!("{message}; {next}") },
+        SpiError::Refused { what, message } => LinkError::Io { what, message: format!("{message}; {next}") },
         _ => LinkError::NoBoard { name: name.to_owned(), reason: format!("{error}; {next}") },
     }
 }
 
 /// What a user can do if the SPI device or a GPIO line cannot be used.
-pub(crate) const fn next_step(error: &WireError) -> &'static str {
+pub(crate) const fn next_step(error: &SpiError) -> &'static str {
     match error {
-        WireError::Missing { .. } => {
+        SpiError::Missing { .. } => {
             "switch SPI on in the system (a device tree overlay, e.g. dtparam=spi=on), or correct the link"
         }
-        WireError::Another { .. } | WireError::InUse { .. } => "correct the link",
-        WireError::Denied { .. } => "add the user to the groups of the devices (spi, gpio), or be root",
-        WireError::Refused { .. } => "look at speed= and mode=, and at bufsiz of the module spidev (512 at least)",
+        SpiError::WrongKind { .. } | SpiError::InUse { .. } => "correct the link",
+        SpiError::Denied { .. } => "add the user to the groups of the devices (spi, gpio), or be root",
+        SpiError::Refused { .. } => "look at speed= and mode=, and at bufsiz of the module spidev (512 at least)",
     }
 }
 
@@ -146,21 +146,21 @@ mod tests {
 
     #[test]
     fn wires_that_cannot_be_used_are_told_with_the_next_step() {
-        let said = |error| refused("spi:/dev/spidev0.0", error);
+        let said = |error| link_error("spi:/dev/spidev0.0", error);
         let what = || "line 25 of /dev/gpiochip0".to_owned();
-        let denied = said(WireError::Denied { what: what() });
+        let denied = said(SpiError::Denied { what: what() });
         assert!(matches!(denied, LinkError::NoBoard { .. }));
         assert!(denied.to_string().contains("line 25 of /dev/gpiochip0 may not be used by this user; add the user to"));
-        let missing = said(WireError::Missing { what: what(), there: "it has lines 0 to 7".to_owned() });
+        let missing = said(SpiError::Missing { what: what(), there: "it has lines 0 to 7".to_owned() });
         assert!(missing.to_string().contains("is not there; it has lines 0 to 7; switch SPI on"), "{missing}");
-        let another = said(WireError::Another { what: "/dev/null".to_owned(), there: "there is y".to_owned() });
+        let another = said(SpiError::WrongKind { what: "/dev/null".to_owned(), there: "there is y".to_owned() });
         assert!(another.to_string().ends_with("/dev/null is no device of that kind; there is y; correct the link"));
-        let used = said(WireError::InUse { what: what(), by: " by a driver".to_owned() });
+        let used = said(SpiError::InUse { what: what(), by: " by a driver".to_owned() });
         assert!(
             matches!(&used, LinkError::InUse { by, .. } if by == " by a driver (line 25 of /dev/gpiochip0)"),
             "{used}"
         );
-        let failed = said(WireError::Refused { what: what(), message: "no".to_owned() });
+        let failed = said(SpiError::Refused { what: what(), message: "no".to_owned() });
         assert!(matches!(&failed, LinkError::Io { message, .. } if message.contains("bufsiz")), "{failed}");
     }
 }

@@ -44,16 +44,16 @@ pub use self::answer_check::WiringFault;
 #[doc(hidden)]
 pub use self::answer_check::{AnswerCheck, InvalidAnswer};
 pub use self::options::SpiOptions;
-pub use self::pacer::{ExchangeContent, Pacer, PacerCounts, PacerOptions, Plan, WaitingFrames};
+pub use self::pacer::{ExchangeContent, Pacer, PacerCounts, PacerOptions, PacerPlan, WaitingFrames};
 
 pub(crate) use self::begin::next_step;
-use self::begin::{begin, refused};
+use self::begin::{begin, link_error};
 use self::options::PERIOD_WITHOUT_BUSY;
 pub(crate) use self::options::device;
 use self::queues::FrameQueues;
 use self::runner::{Runner, Shared};
 use crate::address::uri::LinkUri;
-use crate::io::spi::{Device, Wires};
+use crate::io::spi::{BusyDevice, BusyWires};
 use crate::link::call_counts::CallCounts;
 use crate::link::common_options::CommonOptions;
 use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
@@ -93,7 +93,7 @@ pub struct SpiStats {
 pub(crate) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<Arc<dyn Link>, LinkError> {
     let (options, places) = SpiOptions::from_uri(uri)?;
     let name = uri.to_string();
-    let wires = Device::open(&places).map_err(|error| refused(&name, error))?;
+    let wires = BusyDevice::open(&places).map_err(|error| link_error(&name, error))?;
     Ok(Arc::new(SpiLink::over(&name, Box::new(wires), options, common)?))
 }
 
@@ -105,7 +105,7 @@ impl SpiLink {
     /// [`LinkError::NoBoard`], which says which wire is faulty and what to do; [`LinkError::Io`].
     pub fn over(
         name: &str,
-        mut wires: Box<dyn Wires>,
+        mut wires: Box<dyn BusyWires>,
         options: SpiOptions,
         common: &CommonOptions,
     ) -> Result<Self, LinkError> {

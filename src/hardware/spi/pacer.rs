@@ -52,7 +52,7 @@ pub enum ExchangeContent {
 
 /// The next action of the link's thread.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Plan {
+pub enum PacerPlan {
     /// Wait until that time, or until the program writes a frame.
     Wait(Ns),
     /// An exchange is due now.
@@ -178,7 +178,7 @@ impl Pacer {
     }
 
     /// Decides what to do at the time `now`, with `held` frames of the program waiting.
-    pub fn plan(&mut self, now: Ns, held: WaitingFrames) -> Plan {
+    pub fn plan(&mut self, now: Ns, held: WaitingFrames) -> PacerPlan {
         self.handle_lateness(now, held);
         // A SET_DC command may have shortened the cycle.
         self.tick = self.tick.min(now + self.period());
@@ -195,8 +195,8 @@ impl Pacer {
         self.plan_exchange(now, self.tick.max(self.not_before), self.content(held), false)
     }
 
-    const fn plan_exchange(&self, now: Ns, due: Ns, content: ExchangeContent, extra: bool) -> Plan {
-        if now < due { Plan::Wait(due) } else { Plan::Exchange { content, extra } }
+    const fn plan_exchange(&self, now: Ns, due: Ns, content: ExchangeContent, extra: bool) -> PacerPlan {
+        if now < due { PacerPlan::Wait(due) } else { PacerPlan::Exchange { content, extra } }
     }
 
     fn content(&self, held: WaitingFrames) -> ExchangeContent {
@@ -387,7 +387,7 @@ impl Pacer {
     /// Turns a valid answer into the report for the program. The report shows the number of FIFO entries that the
     /// program may still write, and the answers of the slots to the program's own commands. Returns whether the report
     /// differs from the answer, so that its CRC has to be computed again.
-    pub fn show(&mut self, answer: &mut Frame, held: usize) -> bool {
+    pub fn to_report(&mut self, answer: &mut Frame, held: usize) -> bool {
         let size = self.options.slot;
         let mut board = answer.slot(size, 0);
         let free = MasterResponse::decode(&board).fifo_free;

@@ -10,7 +10,7 @@ use super::pacer::{WaitingFrames, has_motion};
 use crate::ethercat::Ns;
 use crate::link::{Dir, LinkError, ReadMeta, Stamp};
 use crate::sk::{FIFO_ENTRIES, Frame, MasterCommand, SlotSize};
-use crate::threads::Signal;
+use crate::threads::WaitQueue;
 
 /// How many frames a program may write ahead: the depth of the board's FIFO. \[OURS]
 const FRAMES_MAX: usize = FIFO_ENTRIES as usize;
@@ -54,9 +54,9 @@ pub(super) struct FrameQueues {
     /// Wakes the link's thread: a frame was written, or the link ends.
     work: Condvar,
     /// Wakes readers: a report came, or reading has ended.
-    readable: Signal,
+    readable: WaitQueue,
     /// Wakes writers: there is room for a frame, or writing has ended.
-    room: Signal,
+    room: WaitQueue,
 }
 
 impl FrameQueues {
@@ -76,7 +76,7 @@ impl FrameQueues {
             cancels: [0; 2],
             op: false,
         };
-        Self { state: Mutex::new(state), work: Condvar::new(), readable: Signal::new(), room: Signal::new() }
+        Self { state: Mutex::new(state), work: Condvar::new(), readable: WaitQueue::new(), room: WaitQueue::new() }
     }
 
     pub fn lock(&self) -> MutexGuard<'_, QueueState> {
@@ -250,7 +250,7 @@ fn discards_fifo(frame: &Frame, size: SlotSize) -> bool {
 
 /// Waits for a change of the state; fails with a timeout once `limit` has passed.
 fn wait(
-    signal: &Signal,
+    queue: &WaitQueue,
     state: &mut MutexGuard<'_, QueueState>,
     began: Instant,
     limit: Option<Duration>,
@@ -262,7 +262,7 @@ fn wait(
             _ => return Err(limit),
         },
     };
-    let ticket = signal.ticket();
-    MutexGuard::unlocked(state, || signal.wait(ticket, left));
+    let ticket = queue.ticket();
+    MutexGuard::unlocked(state, || queue.wait(ticket, left));
     Ok(())
 }

@@ -9,10 +9,10 @@ use parking_lot::Mutex;
 use super::answer_check::{AnswerCheck, WiringFault};
 use super::begin::{BUSY_IS_LOW, busy_is_high};
 use super::options::SpiOptions;
-use super::pacer::{ExchangeContent, Pacer, PacerCounts, Plan};
+use super::pacer::{ExchangeContent, Pacer, PacerCounts, PacerPlan};
 use super::queues::FrameQueues;
 use crate::ethercat::Ns;
-use crate::io::spi::{WireError, Wires};
+use crate::io::spi::{BusyWires, SpiError};
 use crate::link::LinkError;
 use crate::sk::{CrcPolicy, Frame, MasterCommand};
 
@@ -65,7 +65,7 @@ impl Drop for EndOnExit {
 /// The state of the link's thread.
 pub(super) struct Runner {
     pub shared: Arc<Shared>,
-    pub wires: Box<dyn Wires>,
+    pub wires: Box<dyn BusyWires>,
     pub options: SpiOptions,
     pub pacer: Pacer,
     pub answer_check: AnswerCheck,
@@ -79,8 +79,8 @@ enum EndReason {
     Lost(String),
 }
 
-impl From<WireError> for EndReason {
-    fn from(error: WireError) -> Self {
+impl From<SpiError> for EndReason {
+    fn from(error: SpiError) -> Self {
         Self::Lost(error.to_string())
     }
 }
@@ -158,8 +158,8 @@ impl Runner {
                 return Err(EndReason::Closed);
             }
             match self.pacer.plan(shared.now(), held) {
-                Plan::Exchange { content, extra } => return Ok((content, extra)),
-                Plan::Wait(at) => shared.queues.wait_for_work(&mut state, shared.instant(at)),
+                PacerPlan::Exchange { content, extra } => return Ok((content, extra)),
+                PacerPlan::Wait(at) => shared.queues.wait_for_work(&mut state, shared.instant(at)),
             }
         }
     }
@@ -206,7 +206,7 @@ impl Runner {
         self.reset_doubt = self.reset_doubt.saturating_sub(1);
         self.pacer.answered(&response, extra, self.shared.queues.held());
         let has_crc = answer.crc_byte() != 0 || self.answer_check.fills_crc();
-        if self.pacer.show(answer, self.shared.queues.held()) && has_crc {
+        if self.pacer.to_report(answer, self.shared.queues.held()) && has_crc {
             answer.fill_crc(self.options.slot);
         }
         self.shared.queues.report(answer, at, self.pacer.op());
@@ -234,8 +234,8 @@ mod tests {
         shared: Arc<Shared>,
     }
 
-    impl Wires for Constant {
-        fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), WireError> {
+    impl BusyWires for Constant {
+        fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), SpiError> {
             assert_eq!(tx.len(), SIZE.frame_len());
             self.left -= 1;
             match self.left {
@@ -250,19 +250,19 @@ mod tests {
             true
         }
 
-        fn is_busy(&mut self) -> Result<bool, WireError> {
+        fn is_busy(&mut self) -> Result<bool, SpiError> {
             Ok(self.left.is_multiple_of(2))
         }
 
-        fn wait_ready(&mut self, _: Duration) -> Result<bool, WireError> {
+        fn wait_ready(&mut self, _: Duration) -> Result<bool, SpiError> {
             Ok(true)
         }
 
-        fn busy_has_fallen(&mut self) -> Result<bool, WireError> {
+        fn busy_has_fallen(&mut self) -> Result<bool, SpiError> {
             Ok(true)
         }
 
-        fn reset(&mut self, _: Duration) -> Result<bool, WireError> {
+        fn reset(&mut self, _: Duration) -> Result<bool, SpiError> {
             Ok(false)
         }
     }

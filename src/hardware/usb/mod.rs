@@ -2,11 +2,11 @@
 //! machine's USB stack.
 //!
 //! Files: `options.rs` has the keys of `usb:` as Rust types, `choose.rs` selects the board among the devices on the
-//! bus, `refused.rs` explains why a board cannot be opened, `slot_watch.rs` checks `slot=` against the board's reports.
+//! bus, `open_error.rs` explains why a board cannot be opened, `slot_watch.rs` checks `slot=` against the board's reports.
 
 mod choose;
+mod open_error;
 mod options;
-mod refused;
 mod slot_watch;
 
 use std::sync::Arc;
@@ -15,11 +15,11 @@ use std::time::{Duration, Instant};
 use parking_lot::Mutex;
 
 use self::choose::choose;
+use self::open_error::open_error;
 use self::options::UsbOptions;
-use self::refused::refused;
 use self::slot_watch::SlotWatch;
 use crate::address::uri::LinkUri;
-use crate::io::hid::{self, Bus, BusError, Pipe, PipeError, PipeOptions, Sysfs};
+use crate::io::hid::{self, Bus, Pipe, PipeError, PipeOptions, Sysfs, UsbBusError};
 use crate::link::call_counts::CallCounts;
 use crate::link::common_options::CommonOptions;
 use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
@@ -55,7 +55,7 @@ struct Place {
 pub(crate) fn open(uri: &LinkUri, common: &CommonOptions, uncounted: bool) -> Result<Arc<dyn Link>, LinkError> {
     let options = UsbOptions::from_uri(uri)?;
     let name = uri.to_string();
-    let unusable = |error: BusError| LinkError::NoBoard { name: name.clone(), reason: error.to_string() };
+    let unusable = |error: UsbBusError| LinkError::NoBoard { name: name.clone(), reason: error.to_string() };
     let bus = Bus::open().map_err(unusable)?;
     let found = hid::find(&bus, BOARD_IDS.0, BOARD_IDS.1).map_err(|error| unusable(error.into()))?;
     let system = Sysfs::of_this_machine();
@@ -64,7 +64,7 @@ pub(crate) fn open(uri: &LinkUri, common: &CommonOptions, uncounted: bool) -> Re
         log::warn!("the board at {}: {remark}", board.path);
     }
     let pipe_options = PipeOptions { transfers: options.transfers, queue: common.queue, may_pause_input: uncounted };
-    let pipe = Pipe::open(board, interface, pipe_options).map_err(|error| refused(&name, board, error, &system))?;
+    let pipe = Pipe::open(board, interface, pipe_options).map_err(|error| open_error(&name, board, error, &system))?;
     let over_currents = system.over_currents(&board.path);
     let place = Place { system, path: board.path.clone(), high_speed: board.high_speed, over_currents };
     let info = common.info(name, common.slot);
@@ -108,7 +108,7 @@ impl UsbLink {
             PipeError::Lost(reason) => {
                 LinkError::Lost { name: self.info.name.clone(), reason: self.place.explain_loss(reason).into() }
             }
-            PipeError::Torn { moved } => {
+            PipeError::Partial { moved } => {
                 failed(format!("{moved} of 512 bytes were moved; a board hangs after such a frame, switch it off and on"))
             }
             PipeError::Stalled => failed(
@@ -126,7 +126,7 @@ impl UsbLink {
         let Some(slot_watch) = &self.slot_watch else { return Ok(()) };
         let mut watch = slot_watch.lock();
         let found: Option<SlotSize> = match report {
-            Some(report) => watch.look(report),
+            Some(report) => watch.check_report(report),
             None => watch.found(),
         };
         let Some(found) = found else { return Ok(()) };

@@ -42,7 +42,7 @@ impl SlotWatch {
     }
 
     /// Evaluates a report. Returns the board's slot size once it is proven to differ from the given one.
-    pub fn look(&mut self, report: &Frame) -> Option<SlotSize> {
+    pub fn check_report(&mut self, report: &Frame) -> Option<SlotSize> {
         if let State::Open { given, other } = &mut self.state {
             let wanted = if report.crc_byte() == 0 { REPORTS_WITHOUT_CRC_MIN } else { REPORTS_WITH_CRC_MIN };
             let row = &mut other[usize::from(report.crc_byte() == 0)];
@@ -105,7 +105,7 @@ mod tests {
     /// The number of the report, counted from 1, with which the other slot size is proven, and that size.
     fn proven_at(given: SlotSize, mut report: impl FnMut(u32) -> Frame) -> Option<(u32, SlotSize)> {
         let mut watch = SlotWatch::new(given);
-        (1..1000).find_map(|number| Some((number, watch.look(&report(number))?)))
+        (1..1000).find_map(|number| Some((number, watch.check_report(&report(number))?)))
     }
 
     /// WIRE-81 With CRCs, three reports prove another slot size.
@@ -151,9 +151,9 @@ mod tests {
         let mut watch = SlotWatch::new(SlotSize::Bytes12);
         let wide = with_crc(SlotSize::Bytes16, 1);
         assert_ne!(wide.crc_byte(), 0);
-        let said: Vec<_> = (0..5).map(|_| watch.look(&wide)).collect();
+        let said: Vec<_> = (0..5).map(|_| watch.check_report(&wide)).collect();
         let wrong = Some(SlotSize::Bytes16);
         assert_eq!(said, [None, None, wrong, wrong, wrong]);
-        assert_eq!(watch.look(&with_crc(SlotSize::Bytes12, 1)), wrong);
+        assert_eq!(watch.check_report(&with_crc(SlotSize::Bytes12, 1)), wrong);
     }
 }

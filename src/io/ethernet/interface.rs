@@ -40,9 +40,9 @@ pub enum InterfaceError {
     /// The interface has this machine's default route.
     #[error(
         "the network interface {name} is this machine's way to others (its default route): everybody there would get \
-         these frames; name another interface{}", insist.map(|with| format!(", or insist with {with}")).unwrap_or_default()
+         these frames; name another interface{}", override_option.map(|with| format!(", or insist with {with}")).unwrap_or_default()
     )]
-    DefaultRoute { name: String, insist: Option<&'static str> },
+    DefaultRoute { name: String, override_option: Option<&'static str> },
     /// Another master or other slaves of this project use the interface.
     #[error(
         "the network interface {name} is used by another program of ecmsk on this machine; end that program, or name another \
@@ -112,7 +112,9 @@ impl Interface {
         if self.has_default_route {
             return match default_route {
                 DefaultRoute::Allowed => Ok(()),
-                DefaultRoute::Refused { insist } => Err(InterfaceError::DefaultRoute { name: name(), insist }),
+                DefaultRoute::Refused { override_option } => {
+                    Err(InterfaceError::DefaultRoute { name: name(), override_option })
+                }
             };
         }
         match self.address() {
@@ -135,7 +137,7 @@ pub enum DefaultRoute {
     /// The interface is refused. The error names the option that allows it, if there is one.
     Refused {
         /// The option with which a user allows it.
-        insist: Option<&'static str>,
+        override_option: Option<&'static str>,
     },
 }
 
@@ -277,7 +279,8 @@ mod tests {
     #[test]
     fn each_unfit_interface_is_refused_with_its_reason() {
         let judged = |interface: Interface, force| {
-            let route = if force { DefaultRoute::Allowed } else { DefaultRoute::Refused { insist: Some("--force") } };
+            let route =
+                if force { DefaultRoute::Allowed } else { DefaultRoute::Refused { override_option: Some("--force") } };
             let found = named("veth1", vec![interface], route);
             found.map(|interface| interface.index).map_err(|error| error.to_string())
         };

@@ -14,4 +14,4 @@ mod socket;
 pub use claim::Claim;
 pub use ethtool::{CardSettings, settings};
 pub use interface::{DefaultRoute, Interface, InterfaceError, MacAddress, check, interfaces};
-pub use socket::{LinkState, Socket, SocketError};
+pub use socket::{EthernetSocket, LinkState, SocketError};

@@ -43,7 +43,7 @@ impl From<Errno> for SocketError {
 }
 
 /// A socket at one network interface, for frames of one EtherType.
-pub struct Socket {
+pub struct EthernetSocket {
     fd: OwnedFd,
     index: u32,
 }
@@ -59,7 +59,7 @@ pub enum LinkState {
     Gone,
 }
 
-impl Socket {
+impl EthernetSocket {
     /// Opens a socket at the interface for frames of that EtherType.
     ///
     /// # Errors
@@ -151,7 +151,7 @@ impl Socket {
 }
 
 /// For waiting for frames with `poll`.
-impl AsFd for Socket {
+impl AsFd for EthernetSocket {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.fd.as_fd()
     }

@@ -31,7 +31,7 @@ pub fn in_time<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> 
 pub fn end_thread_in(work: impl FnOnce() + Send + 'static, mut works_until: impl FnMut() -> bool) {
     use std::os::unix::thread::JoinHandleExt as _;
 
-    use crate::threads::Caller;
+    use crate::threads::CallingThread;
 
     extern "C" fn end_this_thread(_signal: libc::c_int) {
         // SAFETY: the call ends this thread and nothing else.
@@ -42,7 +42,7 @@ pub fn end_thread_in(work: impl FnOnce() + Send + 'static, mut works_until: impl
     // SAFETY: the handler makes a call of the system alone, and no other test uses this signal.
     unsafe { libc::signal(libc::SIGUSR2, end_this_thread as extern "C" fn(libc::c_int) as libc::sighandler_t) };
     let thread = thread::spawn(move || {
-        told.send(Caller::current()).expect("the test waits for it");
+        told.send(CallingThread::current()).expect("the test waits for it");
         work();
     });
     let caller = caller.recv().expect("it tells");

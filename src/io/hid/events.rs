@@ -16,7 +16,7 @@ use parking_lot::MutexGuard;
 use super::backend::Backend;
 use super::error::UsbError;
 use super::reports::{ABANDONED, EVENTS_FAILED, Shared, State};
-use crate::threads::{Caller, Signal};
+use crate::threads::{CallingThread, WaitQueue};
 
 /// The maximum time for which a thread waits for events before it checks the pipe's state. \[OURS]
 const EVENT_WAIT_MAX: Duration = Duration::from_secs(1);
@@ -105,7 +105,7 @@ impl Shared {
     /// since systems time waits in milliseconds.
     pub fn wait(
         &self,
-        changed: &Signal,
+        changed: &WaitQueue,
         state: &mut MutexGuard<'_, State>,
         backend: &dyn Backend,
         limit: Option<Duration>,
@@ -175,7 +175,7 @@ impl Shared {
     }
 
     fn handle(&self, state: &mut MutexGuard<'_, State>, backend: &dyn Backend, limit: Duration) {
-        state.event_handler = Some(Caller::current());
+        state.event_handler = Some(CallingThread::current());
         self.call_unlocked(state, || backend.handle_events(limit));
         state.event_handler = None;
         // One of the waiting calls takes over the handling of events.

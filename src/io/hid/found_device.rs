@@ -9,7 +9,7 @@ pub struct FoundDevice {
     /// with `-` for each `&` (`7-1a2b3c4d-0-0000`). \[OURS]
     pub path: String,
     /// Bus number and device address, which name the device node below `/dev/bus/usb`; zeros on Windows.
-    pub node: (u8, u8),
+    pub bus_and_address: (u8, u8),
     /// Whether the device runs at high speed, 480 Mbit/s; always `true` on Windows, which does not report it.
     pub high_speed: bool,
     /// The interface for reports, or the reason why the device cannot be a board.

@@ -12,7 +12,7 @@ use parking_lot::MutexGuard;
 use super::backend::Backend;
 use super::pipe::PipeOptions;
 use super::reports::{GONE, Shared, State};
-use crate::threads::Caller;
+use crate::threads::CallingThread;
 
 /// A pause begins when no call has read for this long. \[OURS]
 const PAUSE_AFTER_UNREAD: Duration = Duration::from_millis(250);
@@ -25,7 +25,7 @@ pub(super) struct InputPause {
     /// The time at which the last read ended.
     read_at: Instant,
     /// The threads that are in a read.
-    readers: Vec<Caller>,
+    readers: Vec<CallingThread>,
     phase: Phase,
     /// Transfers to the host that are not submitted because of the pause.
     held_back: Vec<usize>,
@@ -80,14 +80,14 @@ impl InputPause {
 
     pub fn begin_read(&mut self) {
         if self.allowed {
-            self.readers.push(Caller::current());
+            self.readers.push(CallingThread::current());
         }
     }
 
     pub fn end_read(&mut self) {
         if self.allowed {
             self.read_at = Instant::now();
-            let own = Caller::current();
+            let own = CallingThread::current();
             if let Some(own) = self.readers.iter().position(|reader| *reader == own) {
                 self.readers.swap_remove(own);
             }

@@ -41,13 +41,13 @@ pub use found_device::FoundDevice;
 #[cfg(unix)]
 use libusb::Device;
 #[cfg(unix)]
-pub use libusb::{Bus, BusError, LibusbMissing, PacketDevice, PacketError, PacketPlace, PacketWires, find};
+pub use libusb::{Bus, LibusbMissing, PacketDevice, PacketPlace, PacketWires, UsbBusError, UsbPacketError, find};
 pub use pipe::{Pipe, PipeError, PipeOptions, PipeStats};
-pub use sysfs::{DeviceWarning, Holder, Sysfs};
+pub use sysfs::{DeviceHolder, DeviceWarning, Sysfs};
 #[cfg(windows)]
 use windows::Device;
 #[cfg(windows)]
-pub use windows::{Bus, BusError, ReportInterface, find};
+pub use windows::{Bus, ReportInterface, UsbBusError, find};
 
 #[cfg(unix)]
 pub use super::descriptors::ReportInterface;

@@ -12,7 +12,7 @@ use super::error::UsbError;
 use super::events::CALLER_CHECK_INTERVAL;
 use super::reports::{GONE, Shared, State};
 use super::{FoundDevice, REPORT_LEN, ReportInterface};
-use crate::threads::{self, Caller};
+use crate::threads::{self, CallingThread};
 
 /// Options of a pipe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,7 +43,7 @@ pub enum PipeError {
     Lost(&'static str),
     /// Only a part of the report was transferred.
     #[error("{moved} of {REPORT_LEN} bytes were moved")]
-    Torn {
+    Partial {
         /// Number of bytes transferred.
         moved: usize,
     },
@@ -165,7 +165,7 @@ impl Pipe {
     /// Sends one report to the device. Without a `limit` the call waits until the device accepts it.
     ///
     /// # Errors
-    /// [`PipeError`]. No byte was transferred, except with [`PipeError::Torn`].
+    /// [`PipeError`]. No byte was transferred, except with [`PipeError::Partial`].
     pub fn write(&self, report: &[u8; REPORT_LEN], limit: Option<Duration>) -> Result<(), PipeError> {
         let began = Instant::now();
         let turn = self.turn_to_write(began, limit)?;
@@ -176,7 +176,7 @@ impl Pipe {
 
     /// Waits until it is this thread's turn to write, since only one thread writes at a time.
     fn turn_to_write(&self, began: Instant, limit: Option<Duration>) -> Result<WriterTurn<'_>, PipeError> {
-        let caller = Caller::current();
+        let caller = CallingThread::current();
         let mut state = self.shared.state.lock();
         let cancelled = state.cancelled_writes;
         state.writers.push_back(caller);
@@ -343,7 +343,7 @@ fn end_of_transfers(shared: &Shared, backend: &Arc<dyn Backend>) {
 /// The turn of this thread to write, from waiting for it until this value is dropped.
 struct WriterTurn<'a> {
     shared: &'a Shared,
-    caller: Caller,
+    caller: CallingThread,
 }
 
 impl Drop for WriterTurn<'_> {
@@ -385,7 +385,7 @@ fn write_result(outcome: Outcome, moved: usize, given_up: Option<PipeError>) -> 
         // A cancelled transfer may have completed just before it was cancelled.
         (Outcome::Done | Outcome::Cancelled, REPORT_LEN) => Ok(()),
         (Outcome::Gone, _) => Err(PipeError::Lost(GONE)),
-        (_, 1..) => Err(PipeError::Torn { moved }),
+        (_, 1..) => Err(PipeError::Partial { moved }),
         (Outcome::Stalled, 0) => Err(PipeError::Stalled),
         (_, 0) => Err(given_up.unwrap_or(PipeError::Usb(UsbError::Io))),
     }

@@ -11,7 +11,7 @@ use super::backend::{Outcome, TransferListener};
 use super::error::UsbError;
 use super::input_pause::InputPause;
 use super::pipe::{PipeError, PipeOptions, PipeStats};
-use crate::threads::{Caller, Signal};
+use crate::threads::{CallingThread, WaitQueue};
 
 /// How many transfers in a row may fail on the wire before the device counts as lost. \[OURS]
 const FAILURES_MAX: u32 = 8;
@@ -50,7 +50,7 @@ pub(super) struct State {
     /// Number of transfers that are submitted and have not ended.
     pub submitted: usize,
     /// The thread that writes, followed by the threads that wait for their turn.
-    pub writers: VecDeque<Caller>,
+    pub writers: VecDeque<CallingThread>,
     /// Whether the transfer to the device is submitted.
     pub output_submitted: bool,
     /// The end of the transfer to the device, with the number of bytes transferred; `None` until it has ended.
@@ -65,7 +65,7 @@ pub(super) struct State {
     /// Number of cancellations of writes. A write that sees a change of it ends.
     pub cancelled_writes: u64,
     /// The thread that is in [`Backend::handle_events`](super::backend::Backend::handle_events).
-    pub event_handler: Option<Caller>,
+    pub event_handler: Option<CallingThread>,
     /// Number of times that a call has begun to wait or has stopped handling events, by which the pipe's thread sees
     /// whether calls still come.
     pub call_count: u64,
@@ -90,7 +90,7 @@ impl State {
 
     /// Whether the thread that submitted the transfer to the device was ended by force.
     pub fn is_write_abandoned(&self) -> bool {
-        self.output_submitted && self.writers.front().is_none_or(Caller::is_gone)
+        self.output_submitted && self.writers.front().is_none_or(CallingThread::is_gone)
     }
 
     /// Returns an error if the pipe is closed or the device is lost.
@@ -106,8 +106,8 @@ impl State {
 pub(super) struct Shared {
     pub queue: usize,
     pub state: Mutex<State>,
-    pub readable: Signal,
-    pub writable: Signal,
+    pub readable: WaitQueue,
+    pub writable: WaitQueue,
     /// Wakes the pipe's own thread.
     pub thread_wakeup: Condvar,
 }
@@ -118,16 +118,16 @@ impl Shared {
         Self {
             queue: options.queue,
             state: Mutex::new(State::new(options)),
-            readable: Signal::new(),
-            writable: Signal::new(),
+            readable: WaitQueue::new(),
+            writable: WaitQueue::new(),
             thread_wakeup: Condvar::new(),
         }
     }
 
-    /// Waits for `signal` without holding the lock.
-    pub fn wait_at(signal: &Signal, state: &mut MutexGuard<'_, State>, limit: Option<Duration>) {
-        let ticket = signal.ticket();
-        MutexGuard::unlocked(state, || signal.wait(ticket, limit));
+    /// Waits at `queue` without holding the lock.
+    pub fn wait_at(queue: &WaitQueue, state: &mut MutexGuard<'_, State>, limit: Option<Duration>) {
+        let ticket = queue.ticket();
+        MutexGuard::unlocked(state, || queue.wait(ticket, limit));
     }
 
     /// Marks the device as lost and ends every wait. Unread reports are dropped and counted, because a program must not

@@ -21,7 +21,7 @@ pub enum DeviceWarning {
         mbit: Option<String>,
     },
     /// The kernel suspends the device while no program has it open (autosuspend).
-    Sleeps {
+    Autosuspend {
         /// The file in sysfs that switches autosuspend off.
         control: PathBuf,
     },
@@ -43,7 +43,7 @@ impl fmt::Display for DeviceWarning {
                      port, and not behind a hub of USB 1.1"
                 )
             }
-            Self::Sleeps { control } => write!(
+            Self::Autosuspend { control } => write!(
                 f,
                 "the system may put it to sleep while no program has it; `echo on | sudo tee {}` keeps it awake",
                 control.display()
@@ -59,14 +59,14 @@ impl fmt::Display for DeviceWarning {
 
 /// A process that has a device open.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Holder {
+pub struct DeviceHolder {
     /// The process id.
     pub pid: u32,
     /// The process's name; empty if it has just ended.
     pub name: String,
 }
 
-impl fmt::Display for Holder {
+impl fmt::Display for DeviceHolder {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.pid == std::process::id() {
             return write!(f, "this process");
@@ -103,7 +103,7 @@ impl Sysfs {
             && !never
             && let Some(device) = self.device(path)
         {
-            remarks.push(DeviceWarning::Sleeps { control: device.join("power/control") });
+            remarks.push(DeviceWarning::Autosuspend { control: device.join("power/control") });
         }
         let times = self.over_currents(path);
         if times > 0 {
@@ -126,16 +126,16 @@ impl Sysfs {
 
     /// The processes that have the device with this bus number and address open. Only root can see those of other
     /// users.
-    pub fn holders(&self, (bus, address): (u8, u8)) -> Vec<Holder> {
+    pub fn holders(&self, (bus, address): (u8, u8)) -> Vec<DeviceHolder> {
         let node = PathBuf::from(format!("/dev/bus/usb/{bus:03}/{address:03}"));
         let processes = self.root.iter().flat_map(|root| fs::read_dir(root.join("proc"))).flatten().flatten();
-        let mut holders: Vec<Holder> = processes
+        let mut holders: Vec<DeviceHolder> = processes
             .filter_map(|process| {
                 let pid = process.file_name().to_str()?.parse().ok()?;
                 let folder = process.path();
                 let mut files = fs::read_dir(folder.join("fd")).ok()?.flatten();
                 let holds = files.any(|file| fs::read_link(file.path()).is_ok_and(|target| target == node));
-                holds.then(|| Holder { pid, name: first_line(&folder.join("comm")).unwrap_or_default() })
+                holds.then(|| DeviceHolder { pid, name: first_line(&folder.join("comm")).unwrap_or_default() })
             })
             .collect();
         holders.sort_by_key(|holder| holder.pid);
@@ -196,7 +196,7 @@ mod tests {
         let [slow, sleeps, starved] = &remarks[..] else { panic!("{remarks:?}") };
         assert_eq!(*slow, DeviceWarning::Slow { mbit: Some("12".into()) });
         assert!(slow.to_string().contains("at 12 Mbit/s") && slow.to_string().contains("another port"), "{slow}");
-        assert_eq!(*sleeps, DeviceWarning::Sleeps { control: control.clone() });
+        assert_eq!(*sleeps, DeviceWarning::Autosuspend { control: control.clone() });
         assert!(sleeps.to_string().contains(&format!("echo on | sudo tee {}`", control.display())), "{sleeps}");
         assert_eq!(*starved, DeviceWarning::OverCurrent { times: 4 });
         assert!(starved.to_string().contains("power supply of its own"), "{starved}");
@@ -235,9 +235,9 @@ mod tests {
         symlink("/dev/bus/usb/001/006", at("proc/900/fd/3")).unwrap();
         symlink("/dev/bus/usb/001/005", at("proc/self/fd")).unwrap();
         let holders = tree.system().holders((1, 5));
-        assert_eq!(holders, [Holder { pid: 12, name: "press".into() }]);
+        assert_eq!(holders, [DeviceHolder { pid: 12, name: "press".into() }]);
         assert_eq!(holders[0].to_string(), "press (PID 12)");
-        assert_eq!(Holder { pid: std::process::id(), name: "test".into() }.to_string(), "this process");
+        assert_eq!(DeviceHolder { pid: std::process::id(), name: "test".into() }.to_string(), "this process");
         assert_eq!(tree.system().holders((2, 5)), []);
     }
 

@@ -6,23 +6,23 @@ use std::path::Path;
 use rustix::fs::{FlockOperation, flock};
 use spidev::{SpiModeFlags, Spidev, SpidevOptions, SpidevTransfer};
 
-use super::{WireError, list_devices};
+use super::{SpiError, list_devices};
 
 /// Bits per SPI word.
 const WORD_BITS: u8 = 8;
 
 /// An open spidev device.
-pub(super) struct Bus {
+pub(super) struct SpiBus {
     name: String,
     spi: Spidev,
 }
 
-impl Bus {
+impl SpiBus {
     /// Opens the device with a clock in Hz and an SPI mode, 0..=3, and locks it against other programs that use this
     /// library.
-    pub fn open(device: &Path, speed_hz: u32, mode_number: u8) -> Result<Self, WireError> {
+    pub fn open(device: &Path, speed_hz: u32, mode_number: u8) -> Result<Self, SpiError> {
         let name = device.display().to_string();
-        let failed = |error: std::io::Error| WireError::of(&name, &error, || list_devices("spidev"));
+        let failed = |error: std::io::Error| SpiError::of(&name, &error, || list_devices("spidev"));
         let mut spi = Spidev::open(device).map_err(failed)?;
         // The lock is needed because spidev allows several programs to open the device.
         flock(spi.inner().as_fd(), FlockOperation::NonBlockingLockExclusive).map_err(|errno| failed(errno.into()))?;
@@ -37,11 +37,11 @@ impl Bus {
     }
 
     /// One transfer under one chip select.
-    pub fn exchange(&self, tx: &[u8], rx: &mut [u8]) -> Result<(), WireError> {
+    pub fn exchange(&self, tx: &[u8], rx: &mut [u8]) -> Result<(), SpiError> {
         let mut transfer = SpidevTransfer::read_write(tx, rx);
         self.spi.transfer(&mut transfer).map_err(|error| {
             let what = format!("exchange {} bytes on {}", tx.len(), self.name);
-            WireError::Refused { what, message: error.to_string() }
+            SpiError::Refused { what, message: error.to_string() }
         })
     }
 }

@@ -4,9 +4,9 @@ use std::path::PathBuf;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::bus::Bus;
+use super::bus::SpiBus;
 use super::lines::{InputLine, Level, ReadyLine, ResetLine};
-use super::{EdgeWires, GpioLine, WireError};
+use super::{EdgeWires, GpioLine, SpiError};
 
 /// The device files of the wires, and the settings of SPI.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -29,7 +29,7 @@ pub struct EdgeSettings {
 
 /// Wires that this process has opened. Their monotonic clock is 0 at the opening.
 pub struct EdgeDevice {
-    bus: Bus,
+    bus: SpiBus,
     ready: Option<ReadyLine>,
     interrupt: Option<InputLine>,
     reset: Option<ResetLine>,
@@ -40,9 +40,9 @@ impl EdgeDevice {
     /// Opens the wires and locks them against other programs that use this library.
     ///
     /// # Errors
-    /// [`WireError`], which names the device or line.
-    pub fn open(settings: &EdgeSettings) -> Result<Self, WireError> {
-        let bus = Bus::open(&settings.device, settings.speed_hz, settings.mode)?;
+    /// [`SpiError`], which names the device or line.
+    pub fn open(settings: &EdgeSettings) -> Result<Self, SpiError> {
+        let bus = SpiBus::open(&settings.device, settings.speed_hz, settings.mode)?;
         let ready = settings.ready.as_ref().map(|place| ReadyLine::open(place, settings.ready_level)).transpose()?;
         let interrupt = settings.interrupt.as_ref().map(InputLine::open).transpose()?;
         let reset = settings.reset.as_ref().map(ResetLine::open).transpose()?;
@@ -59,7 +59,7 @@ impl EdgeWires for EdgeDevice {
         thread::sleep(time);
     }
 
-    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), WireError> {
+    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), SpiError> {
         self.bus.exchange(tx, rx)
     }
 
@@ -67,19 +67,19 @@ impl EdgeWires for EdgeDevice {
         self.ready.is_some()
     }
 
-    fn forget_edges(&mut self) -> Result<(), WireError> {
+    fn forget_edges(&mut self) -> Result<(), SpiError> {
         self.ready.as_mut().map_or(Ok(()), |ready| ready.has_become_ready().map(drop))
     }
 
-    fn wait_edge(&mut self, limit: Duration) -> Result<bool, WireError> {
+    fn wait_edge(&mut self, limit: Duration) -> Result<bool, SpiError> {
         self.ready.as_mut().map_or(Ok(false), |ready| ready.wait_edge(limit))
     }
 
-    fn interrupt_is_high(&mut self) -> Result<Option<bool>, WireError> {
+    fn interrupt_is_high(&mut self) -> Result<Option<bool>, SpiError> {
         self.interrupt.as_ref().map(InputLine::is_high).transpose()
     }
 
-    fn reset(&mut self, low: Duration) -> Result<bool, WireError> {
+    fn reset(&mut self, low: Duration) -> Result<bool, SpiError> {
         self.reset.as_ref().map_or(Ok(false), |reset| reset.pull_low(low).map(|()| true))
     }
 }

@@ -9,7 +9,7 @@ use gpiocdev::{Chip, Request};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 
-use super::{WireError, list_devices};
+use super::{SpiError, list_devices};
 
 /// The consumer name that the kernel shows as the user of a line (`gpioinfo`).
 const CONSUMER: &str = "ecmsk";
@@ -62,7 +62,7 @@ pub(super) struct ReadyLine {
 
 impl ReadyLine {
     /// Opens the line of a device that is ready while the line has that level.
-    pub fn open(place: &GpioLine, ready: Level) -> Result<Self, WireError> {
+    pub fn open(place: &GpioLine, ready: Level) -> Result<Self, SpiError> {
         let edge = match ready {
             Level::Low => EdgeDetection::FallingEdge,
             Level::High => EdgeDetection::RisingEdge,
@@ -72,7 +72,7 @@ impl ReadyLine {
         Ok(Self { input: InputLine { name: place.to_string(), request }, ready, edges, has_edge: false })
     }
 
-    pub fn is_ready(&self) -> Result<bool, WireError> {
+    pub fn is_ready(&self) -> Result<bool, SpiError> {
         Ok(self.input.is_high()? == (self.ready == Level::High))
     }
 
@@ -80,7 +80,7 @@ impl ReadyLine {
     ///
     /// An edge between reading the level and the wait ends the wait, since the kernel queues it. An older edge does so
     /// too, so the level is read again after each wait.
-    pub fn wait_ready(&mut self, limit: Duration) -> Result<bool, WireError> {
+    pub fn wait_ready(&mut self, limit: Duration) -> Result<bool, SpiError> {
         let began = Instant::now();
         loop {
             if self.is_ready()? {
@@ -98,7 +98,7 @@ impl ReadyLine {
 
     /// Waits for an edge to the ready level for at most `limit`; returns whether there was one. Edges before the last
     /// call of [`Self::has_become_ready`] or of this function do not count. The level is not checked.
-    pub fn wait_edge(&mut self, limit: Duration) -> Result<bool, WireError> {
+    pub fn wait_edge(&mut self, limit: Duration) -> Result<bool, SpiError> {
         let began = Instant::now();
         loop {
             if self.has_become_ready()? {
@@ -113,7 +113,7 @@ impl ReadyLine {
     }
 
     /// Whether there was an edge to the ready level since the last call.
-    pub fn has_become_ready(&mut self) -> Result<bool, WireError> {
+    pub fn has_become_ready(&mut self) -> Result<bool, SpiError> {
         while self.input.request.has_edge_event().map_err(|error| self.input.failed(&error))? {
             self.take_edges()?;
         }
@@ -122,7 +122,7 @@ impl ReadyLine {
 
     /// Waits until the kernel has an edge event, for at most `limit`; returns whether it has. A signal handler of the
     /// program may end the wait early.
-    fn edge_comes(&self, limit: Duration) -> Result<bool, WireError> {
+    fn edge_comes(&self, limit: Duration) -> Result<bool, SpiError> {
         let limit = Timespec::try_from(limit).unwrap_or(Timespec { tv_sec: i64::MAX, tv_nsec: 0 });
         match poll(&mut [PollFd::new(&self.input.request, PollFlags::IN)], Some(&limit)) {
             Ok(count) => Ok(count > 0),
@@ -131,7 +131,7 @@ impl ReadyLine {
         }
     }
 
-    fn take_edges(&mut self) -> Result<(), WireError> {
+    fn take_edges(&mut self) -> Result<(), SpiError> {
         let taken = self.input.request.read_edge_events_into_slice(&mut self.edges);
         taken.map_err(|error| self.input.failed(&error))?;
         self.has_edge = true;
@@ -146,17 +146,17 @@ pub(super) struct InputLine {
 }
 
 impl InputLine {
-    pub fn open(place: &GpioLine) -> Result<Self, WireError> {
+    pub fn open(place: &GpioLine) -> Result<Self, SpiError> {
         Ok(Self { name: place.to_string(), request: request(place, Builder::as_input)? })
     }
 
-    pub fn is_high(&self) -> Result<bool, WireError> {
+    pub fn is_high(&self) -> Result<bool, SpiError> {
         let value = self.request.lone_value().map_err(|error| self.failed(&error))?;
         Ok(value == Value::Active)
     }
 
-    fn failed(&self, error: &impl ToString) -> WireError {
-        WireError::Refused { what: self.name.clone(), message: error.to_string() }
+    fn failed(&self, error: &impl ToString) -> SpiError {
+        SpiError::Refused { what: self.name.clone(), message: error.to_string() }
     }
 }
 
@@ -167,14 +167,14 @@ pub(super) struct ResetLine {
 }
 
 impl ResetLine {
-    pub fn open(place: &GpioLine) -> Result<Self, WireError> {
+    pub fn open(place: &GpioLine) -> Result<Self, SpiError> {
         Ok(Self { name: place.to_string(), request: request(place, |line| line.as_output(Value::Active))? })
     }
 
-    pub fn pull_low(&self, time: Duration) -> Result<(), WireError> {
+    pub fn pull_low(&self, time: Duration) -> Result<(), SpiError> {
         let set = |value| {
             let done = self.request.set_lone_value(value);
-            done.map_err(|error| WireError::Refused { what: self.name.clone(), message: error.to_string() })
+            done.map_err(|error| SpiError::Refused { what: self.name.clone(), message: error.to_string() })
         };
         set(Value::Inactive)?;
         std::thread::sleep(time);
@@ -183,7 +183,7 @@ impl ResetLine {
 }
 
 /// Requests the line from the kernel, configured by `set`.
-fn request(place: &GpioLine, set: impl FnOnce(&mut Builder) -> &mut Builder) -> Result<Request, WireError> {
+fn request(place: &GpioLine, set: impl FnOnce(&mut Builder) -> &mut Builder) -> Result<Request, SpiError> {
     let offset = find(place)?;
     let mut line = Request::builder();
     line.on_chip(&place.chip).with_consumer(CONSUMER).with_line(offset);
@@ -191,30 +191,30 @@ fn request(place: &GpioLine, set: impl FnOnce(&mut Builder) -> &mut Builder) -> 
 }
 
 /// The line's offset on its chip.
-fn find(place: &GpioLine) -> Result<u32, WireError> {
+fn find(place: &GpioLine) -> Result<u32, SpiError> {
     let chips = || list_devices("gpiochip");
     let file = std::fs::File::open(&place.chip);
-    file.map_err(|error| WireError::of(&place.chip.display().to_string(), &error, chips))?;
+    file.map_err(|error| SpiError::of(&place.chip.display().to_string(), &error, chips))?;
     let chip = Chip::from_path(&place.chip).map_err(|error| refused(place, &error))?;
     if let Ok(offset) = place.line.parse() {
         let lines = chip.info().map_err(|error| refused(place, &error))?.num_lines;
         if offset < lines {
             return Ok(offset);
         }
-        return Err(WireError::Missing { what: place.to_string(), there: format!("it has lines 0 to {}", lines - 1) });
+        return Err(SpiError::Missing { what: place.to_string(), there: format!("it has lines 0 to {}", lines - 1) });
     }
     let named = chip.find_line_info(&place.line).map(|info| info.offset);
-    named.ok_or_else(|| WireError::Missing {
+    named.ok_or_else(|| SpiError::Missing {
         what: place.to_string(),
         there: "none of its lines has that name (`gpioinfo` lists them)".to_owned(),
     })
 }
 
-fn refused(place: &GpioLine, error: &gpiocdev::Error) -> WireError {
+fn refused(place: &GpioLine, error: &gpiocdev::Error) -> SpiError {
     let (what, message) = (place.to_string(), error.to_string());
     let busy = std::io::Error::from(Errno::BUSY).to_string();
     if message.contains(&busy) {
-        return WireError::InUse { what, by: " by another program or a driver".to_owned() };
+        return SpiError::InUse { what, by: " by another program or a driver".to_owned() };
     }
-    WireError::Refused { what, message }
+    SpiError::Refused { what, message }
 }

@@ -1,29 +1,29 @@
 //! A device on SPI: full-duplex exchanges under one chip select, a line that shows when the next exchange may begin,
 //! and a reset or an interrupt line.
 //!
-//! The link `spi:` uses the trait [`Wires`], with a line whose level shows that the device is busy. The link `xf-spi:`
-//! uses [`EdgeWires`], with a line whose edge shows that the device has become ready. [`Device`] and [`EdgeDevice`]
+//! The link `spi:` uses the trait [`BusyWires`], with a line whose level shows that the device is busy. The link `xf-spi:`
+//! uses [`EdgeWires`], with a line whose edge shows that the device has become ready. [`BusyDevice`] and [`EdgeDevice`]
 //! implement the traits over the kernel's spidev and GPIO lines; tests have implementations of their own.
 
 mod bus;
-mod device;
+mod busy_device;
 mod edge_device;
 mod lines;
 
 use std::time::Duration;
 
-pub use device::{Device, SpiSettings};
+pub use busy_device::{BusyDevice, SpiSettings};
 pub use edge_device::{EdgeDevice, EdgeSettings};
 pub use lines::{GpioLine, Level};
 use rustix::io::Errno;
 
 /// The wires to one device; only the owner of this value uses them.
-pub trait Wires: Send {
+pub trait BusyWires: Send {
     /// Sends `tx` and receives the same number of bytes into `rx`, under one chip select.
     ///
     /// # Errors
-    /// [`WireError`]; it is then unknown how many bytes were exchanged.
-    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), WireError>;
+    /// [`SpiError`]; it is then unknown how many bytes were exchanged.
+    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), SpiError>;
 
     /// Whether a BUSY line is wired, which is low when the next exchange may begin.
     fn has_busy_line(&self) -> bool;
@@ -31,27 +31,27 @@ pub trait Wires: Send {
     /// Whether the BUSY line is high; `false` if none is wired.
     ///
     /// # Errors
-    /// [`WireError`].
-    fn is_busy(&mut self) -> Result<bool, WireError>;
+    /// [`SpiError`].
+    fn is_busy(&mut self) -> Result<bool, SpiError>;
 
     /// Waits until the BUSY line is low, for at most `limit`; returns whether it is. The line may have fallen and risen
     /// again meanwhile.
     ///
     /// # Errors
-    /// [`WireError`].
-    fn wait_ready(&mut self, limit: Duration) -> Result<bool, WireError>;
+    /// [`SpiError`].
+    fn wait_ready(&mut self, limit: Duration) -> Result<bool, SpiError>;
 
     /// Whether the BUSY line has fallen since the last call of this function.
     ///
     /// # Errors
-    /// [`WireError`].
-    fn busy_has_fallen(&mut self) -> Result<bool, WireError>;
+    /// [`SpiError`].
+    fn busy_has_fallen(&mut self) -> Result<bool, SpiError>;
 
     /// Pulls the reset line low for at least `low` and releases it. Returns `false`, and does nothing, if none is wired.
     ///
     /// # Errors
-    /// [`WireError`].
-    fn reset(&mut self, low: Duration) -> Result<bool, WireError>;
+    /// [`SpiError`].
+    fn reset(&mut self, low: Duration) -> Result<bool, SpiError>;
 }
 
 /// The wires to one device that signals by an edge when it has become ready, with their clock; only the owner of this
@@ -66,8 +66,8 @@ pub trait EdgeWires: Send {
     /// Sends `tx` and receives the same number of bytes into `rx`, under one chip select.
     ///
     /// # Errors
-    /// [`WireError`]; it is then unknown how many bytes were exchanged.
-    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), WireError>;
+    /// [`SpiError`]; it is then unknown how many bytes were exchanged.
+    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), SpiError>;
 
     /// Whether the ready line is wired.
     fn has_ready_line(&self) -> bool;
@@ -75,27 +75,27 @@ pub trait EdgeWires: Send {
     /// Forgets all edges that have come so far.
     ///
     /// # Errors
-    /// [`WireError`].
-    fn forget_edges(&mut self) -> Result<(), WireError>;
+    /// [`SpiError`].
+    fn forget_edges(&mut self) -> Result<(), SpiError>;
 
     /// Waits for an edge to ready since [`Self::forget_edges`], for at most `limit`; returns whether there was one, and
     /// forgets it. Returns `false` at once if the line is not wired.
     ///
     /// # Errors
-    /// [`WireError`].
-    fn wait_edge(&mut self, limit: Duration) -> Result<bool, WireError>;
+    /// [`SpiError`].
+    fn wait_edge(&mut self, limit: Duration) -> Result<bool, SpiError>;
 
     /// Whether the interrupt line is high; `None` if it is not wired.
     ///
     /// # Errors
-    /// [`WireError`].
-    fn interrupt_is_high(&mut self) -> Result<Option<bool>, WireError>;
+    /// [`SpiError`].
+    fn interrupt_is_high(&mut self) -> Result<Option<bool>, SpiError>;
 
     /// Pulls the reset line low for at least `low` and releases it. Returns `false`, and does nothing, if none is wired.
     ///
     /// # Errors
-    /// [`WireError`].
-    fn reset(&mut self, _low: Duration) -> Result<bool, WireError> {
+    /// [`SpiError`].
+    fn reset(&mut self, _low: Duration) -> Result<bool, SpiError> {
         Ok(false)
     }
 }
@@ -103,7 +103,7 @@ pub trait EdgeWires: Send {
 /// The reason why SPI or a GPIO line cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[expect(missing_docs, reason = "`what` is always the device file or line, and the messages say the rest")]
-pub enum WireError {
+pub enum SpiError {
     /// The device file or the line does not exist.
     #[error("{what} is not there; {there}")]
     Missing {
@@ -116,7 +116,7 @@ pub enum WireError {
     Denied { what: String },
     /// The file is not a device of the expected kind.
     #[error("{what} is no device of that kind; {there}")]
-    Another {
+    WrongKind {
         what: String,
         /// What exists instead, as a text for the user.
         there: String,
@@ -138,7 +138,7 @@ pub enum WireError {
     },
 }
 
-impl WireError {
+impl SpiError {
     /// Converts an error of the system for a device file.
     fn of(what: &str, error: &std::io::Error, there: impl FnOnce() -> String) -> Self {
         use std::io::ErrorKind::{NotFound, PermissionDenied, ResourceBusy, WouldBlock};
@@ -146,7 +146,7 @@ impl WireError {
         let what = what.to_owned();
         let is_another = [Errno::NOTTY, Errno::ISDIR].map(|errno| Some(errno.raw_os_error()));
         if is_another.contains(&error.raw_os_error()) {
-            return Self::Another { what, there: there() };
+            return Self::WrongKind { what, there: there() };
         }
         match error.kind() {
             NotFound => Self::Missing { what, there: there() },
@@ -177,16 +177,16 @@ mod tests {
 
     #[test]
     fn what_the_system_says_is_told_apart() {
-        let of = |kind: ErrorKind| WireError::of("/dev/x", &Error::from(kind), || "there is /dev/y".to_owned());
+        let of = |kind: ErrorKind| SpiError::of("/dev/x", &Error::from(kind), || "there is /dev/y".to_owned());
         let what = || "/dev/x".to_owned();
-        assert_eq!(of(ErrorKind::PermissionDenied), WireError::Denied { what: what() });
-        assert_eq!(of(ErrorKind::NotFound), WireError::Missing { what: what(), there: "there is /dev/y".to_owned() });
+        assert_eq!(of(ErrorKind::PermissionDenied), SpiError::Denied { what: what() });
+        assert_eq!(of(ErrorKind::NotFound), SpiError::Missing { what: what(), there: "there is /dev/y".to_owned() });
         let another = Error::from(Errno::NOTTY);
-        let another = WireError::of("/dev/x", &another, || "there is /dev/y".to_owned());
-        assert_eq!(another, WireError::Another { what: what(), there: "there is /dev/y".to_owned() });
+        let another = SpiError::of("/dev/x", &another, || "there is /dev/y".to_owned());
+        assert_eq!(another, SpiError::WrongKind { what: what(), there: "there is /dev/y".to_owned() });
         for taken in [ErrorKind::ResourceBusy, ErrorKind::WouldBlock] {
-            assert!(matches!(of(taken), WireError::InUse { .. }));
+            assert!(matches!(of(taken), SpiError::InUse { .. }));
         }
-        assert!(matches!(of(ErrorKind::InvalidInput), WireError::Refused { .. }));
+        assert!(matches!(of(ErrorKind::InvalidInput), SpiError::Refused { .. }));
     }
 }

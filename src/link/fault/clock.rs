@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use parking_lot::{Mutex, MutexGuard};
 
 use crate::link::{Dir, Link, LinkError, LinkInfo, Stamp, Wait};
-use crate::threads::Signal;
+use crate::threads::WaitQueue;
 
 /// How far a call that does not wait advances a virtual clock, so that a program that polls makes progress \[OURS]: one
 /// USB microframe, as for a write to a simulated board.
@@ -28,7 +28,7 @@ pub(super) struct Clock {
     opened_at: Stamp,
     opened: Instant,
     cancellation: Mutex<Cancellation>,
-    changed: Signal,
+    changed: WaitQueue,
 }
 
 /// A call to the link that may wait.
@@ -51,7 +51,7 @@ impl Clock {
             opened_at: info.opened_at,
             opened: Instant::now(),
             cancellation: Mutex::default(),
-            changed: Signal::new(),
+            changed: WaitQueue::new(),
         }
     }
 

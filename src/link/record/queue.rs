@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use super::ring::{Ring, Taken};
-use crate::threads::Signal;
+use crate::threads::WaitQueue;
 
 /// The interval for checking an unfinished entry, and the end of the recorder's thread.
 pub(super) const LOOK_INTERVAL: Duration = Duration::from_millis(1);
@@ -19,7 +19,7 @@ pub(super) const UNTOLD_MAX: Duration = Duration::from_millis(100);
 pub(super) struct Queue<E> {
     pub(super) ring: Ring<E>,
     /// Signalled when the queue has room again.
-    pub(super) room: Signal,
+    pub(super) room: WaitQueue,
     /// Whether the recording has ended, so that no more entries are added.
     pub(super) is_over: AtomicBool,
     /// The number of entries that are missing from the recording.
@@ -29,7 +29,7 @@ pub(super) struct Queue<E> {
 impl<E> Queue<E> {
     /// Allocates a queue for `entries` entries.
     pub fn new(entries: usize, dropped: Arc<AtomicU64>) -> Self {
-        Self { ring: Ring::new(entries), room: Signal::new(), is_over: AtomicBool::new(false), dropped }
+        Self { ring: Ring::new(entries), room: WaitQueue::new(), is_over: AtomicBool::new(false), dropped }
     }
 
     /// For the recorder's thread: waits for entries and passes all of them to `push`. Returns whether the recording

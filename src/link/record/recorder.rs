@@ -10,7 +10,7 @@ use super::file::Sink;
 use super::queue::{LOOK_INTERVAL, Queue, UNTOLD_MAX};
 use super::writer::{self, Capture, Entry};
 use crate::recording::{Clock, RecordMeta};
-use crate::threads::{self, Caller, sync};
+use crate::threads::{self, CallingThread, sync};
 
 /// How long the end of a recording waits for the running calls, which end with their link. \[OURS]
 const CALLS_LIMIT: Duration = Duration::from_secs(10);
@@ -29,7 +29,7 @@ pub(in crate::link) struct Recorder<E> {
     /// Whether the recording is ending: calls that begin from now on are not recorded.
     is_ending: AtomicBool,
     /// The threads that are in a call.
-    callers: sync::Mutex<Vec<Caller>>,
+    callers: sync::Mutex<Vec<CallingThread>>,
     /// Woken after each new entry, without holding a lock.
     wakes: Thread,
     writer: Mutex<Option<JoinHandle<()>>>,
@@ -72,12 +72,12 @@ impl<E: Entry> Recorder<E> {
 
     /// Begins a call of a program, for whose end [`Self::finish`] waits.
     pub fn call(&self) -> RecordedCall<'_, E> {
-        let caller = Caller::current();
+        let caller = CallingThread::current();
         self.callers().push(caller);
         RecordedCall { recorder: self, caller, is_recorded: !self.is_ending.load(Ordering::SeqCst) }
     }
 
-    fn callers(&self) -> sync::MutexGuard<'_, Vec<Caller>> {
+    fn callers(&self) -> sync::MutexGuard<'_, Vec<CallingThread>> {
         sync::lock(&self.callers)
     }
 
@@ -165,7 +165,7 @@ impl<E: Entry> Recorder<E> {
     /// Waits until all threads have left their calls, except threads that were ended by force.
     fn wait_for_calls(&self) {
         let began = Instant::now();
-        while began.elapsed() <= CALLS_LIMIT && !self.callers().iter().all(Caller::is_gone) {
+        while began.elapsed() <= CALLS_LIMIT && !self.callers().iter().all(CallingThread::is_gone) {
             std::thread::sleep(LOOK_INTERVAL);
         }
     }
@@ -174,7 +174,7 @@ impl<E: Entry> Recorder<E> {
 /// A call of a program whose frame is recorded.
 pub(in crate::link) struct RecordedCall<'a, E> {
     recorder: &'a Recorder<E>,
-    caller: Caller,
+    caller: CallingThread,
     /// Whether the call began before the recording started to end.
     is_recorded: bool,
 }
@@ -265,7 +265,7 @@ mod tests {
             let (tells, told) = mpsc::channel();
             let recording = Arc::clone(&recorder);
             std::thread::spawn(move || {
-                tells.send(Caller::current()).expect("the test waits for it");
+                tells.send(CallingThread::current()).expect("the test waits for it");
                 end_where_it_wakes();
                 loop {
                     // After this pause the recorder's thread waits, or will wait before the next entry.

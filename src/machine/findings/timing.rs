@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::Finding;
-use crate::machine::timing::{COARSE, FINER, Lateness};
+use crate::machine::timing::{COARSE, FINER, TimerLateness};
 use crate::span::Span;
 
 /// \[OURS] If one wake-up in a hundred is later than this, half a cycle of 1 ms, real-time priority is advised.
@@ -23,8 +23,8 @@ pub fn timer(resolution: Duration) -> Finding {
 }
 
 /// Judges how late threads are woken. `measured` is `None` if it could not be measured.
-pub fn lateness(measured: Option<Lateness>) -> Finding {
-    judge(measured, |Lateness { period, max, .. }| {
+pub fn lateness(measured: Option<TimerLateness>) -> Finding {
+    judge(measured, |TimerLateness { period, max, .. }| {
         let cycles = max.as_nanos().div_ceil(period.as_nanos().max(1)) + 1;
         format!("at a cycle of {} a program that is {cycles} cycles ahead is never too late", Span(period))
     })
@@ -32,8 +32,8 @@ pub fn lateness(measured: Option<Lateness>) -> Finding {
 
 /// Judges how late threads are woken if this machine sends the EtherCAT frames itself. A program that runs ahead does
 /// not help then. `measured` is `None` if it could not be measured.
-pub fn lateness_of_own_cycles(measured: Option<Lateness>) -> Finding {
-    judge(measured, |Lateness { period, .. }| {
+pub fn lateness_of_own_cycles(measured: Option<TimerLateness>) -> Finding {
+    judge(measured, |TimerLateness { period, .. }| {
         format!(
             "so late are the frames of a link nic:, however far ahead a program is; at a cycle of {} one that is late by more than half \
              of it is left out, and slaves without frames for 100 ms leave OP",
@@ -42,9 +42,9 @@ pub fn lateness_of_own_cycles(measured: Option<Lateness>) -> Finding {
     })
 }
 
-fn judge(measured: Option<Lateness>, means: impl FnOnce(Lateness) -> String) -> Finding {
+fn judge(measured: Option<TimerLateness>, means: impl FnOnce(TimerLateness) -> String) -> Finding {
     const CHECK: &str = "wake-up";
-    let Some(lateness @ Lateness { p50, p99, max, .. }) = measured else {
+    let Some(lateness @ TimerLateness { p50, p99, max, .. }) = measured else {
         return Finding::advice(CHECK, "not measured: the system gave no thread", "free some of the system's threads");
     };
     let found = format!(
@@ -65,16 +65,19 @@ fn judge(measured: Option<Lateness>, means: impl FnOnce(Lateness) -> String) -> 
 
 #[cfg(test)]
 mod tests {
-    use super::super::Verdict;
+    use super::super::FindingVerdict;
     use super::*;
 
     /// Timers as coarse as a kernel's tick are wrong.
     #[test]
     fn timers() {
-        assert_eq!(timer(Duration::from_nanos(1)).verdict, Verdict::Fine);
+        assert_eq!(timer(Duration::from_nanos(1)).verdict, FindingVerdict::Fine);
         assert_eq!(timer(Duration::from_nanos(1)).found, "resolution 1ns");
         let coarse = timer(Duration::from_millis(4));
-        assert_eq!((coarse.verdict, coarse.found.as_str()), (Verdict::Wrong, "resolution 4ms: cycles cannot be kept"));
+        assert_eq!(
+            (coarse.verdict, coarse.found.as_str()),
+            (FindingVerdict::Wrong, "resolution 4ms: cycles cannot be kept")
+        );
         assert!(coarse.next.is_some_and(|next| next == FINER));
     }
 
@@ -82,9 +85,9 @@ mod tests {
     #[test]
     fn what_a_lateness_means() {
         let us = Duration::from_micros;
-        let measured = |p99, max| Some(Lateness { period: us(1000), p50: us(58), p99, max });
+        let measured = |p99, max| Some(TimerLateness { period: us(1000), p50: us(58), p99, max });
         let good = lateness(measured(us(120), us(900)));
-        assert_eq!(good.verdict, Verdict::Fine);
+        assert_eq!(good.verdict, FindingVerdict::Fine);
         assert!(
             good.found.contains("58us (half of the times), 120us (99 of 100), 900us (the worst)"),
             "{}",
@@ -93,11 +96,11 @@ mod tests {
         assert!(good.found.contains("a cycle of 1ms a program that is 2 cycles ahead"), "{}", good.found);
         assert_eq!(good.figures, [("p50_us", 58), ("p99_us", 120), ("max_us", 900)]);
         let bad = lateness(measured(us(501), us(7250)));
-        assert_eq!(bad.verdict, Verdict::Advice);
+        assert_eq!(bad.verdict, FindingVerdict::Advice);
         assert!(bad.found.contains("7.25ms (the worst)") && bad.found.contains("9 cycles ahead"), "{}", bad.found);
-        assert_eq!(lateness(None).verdict, Verdict::Advice);
+        assert_eq!(lateness(None).verdict, FindingVerdict::Advice);
         let own = lateness_of_own_cycles(measured(us(501), us(7250)));
-        assert_eq!((own.verdict, &own.figures), (Verdict::Advice, &bad.figures));
+        assert_eq!((own.verdict, &own.figures), (FindingVerdict::Advice, &bad.figures));
         assert!(own.found.contains("7.25ms (the worst)") && own.found.contains("however far ahead"), "{}", own.found);
         assert!(!own.found.contains("never too late"), "{}", own.found);
     }

@@ -26,7 +26,7 @@ pub struct NetCard {
     /// The name of the card's driver; `None` if there is no hardware, or if it is not known.
     pub driver: Option<String>,
     /// The bus that the card is on, such as `pci` or `usb`; `None` if there is no hardware, or if it is not known.
-    pub by: Option<String>,
+    pub bus: Option<String>,
     /// Whether the card is switched on.
     pub is_up: bool,
     /// Whether the cable has a link to a device at its other end; `None` if the card is switched off, since it does not
@@ -41,7 +41,7 @@ pub struct NetCard {
     /// Whether the default route of this machine goes over the card.
     pub has_default_route: bool,
     /// Why the interface carries no EtherCAT: `wireless`, `a bridge` or `a bond`; `None` if it is a card with a cable.
-    pub not_a_card: Option<&'static str>,
+    pub unsuitable_kind: Option<&'static str>,
     /// Whether another program of ecmsk uses the card.
     pub is_claimed: bool,
     /// The network manager that configures the card: `NetworkManager` or `systemd-networkd`; `None` if there is none.
@@ -131,9 +131,9 @@ impl Machine {
         }
         let kinds = [("wireless", "wireless"), ("phy80211", "wireless"), ("bridge", "a bridge"), ("bonding", "a bond")];
         let kind = kinds.into_iter().find(|(folder, _)| self.has(&file(folder)));
-        let (driver, by) = (self.link_name(&file("device/driver")), self.link_name(&file("device/subsystem")));
+        let (driver, bus) = (self.link_name(&file("device/driver")), self.link_name(&file("device/subsystem")));
         let speed = self.number(&file("speed")).filter(|speed| *speed > 0);
-        (card.not_a_card, card.driver, card.by, card.speed) = (kind.map(|(_, what)| what), driver, by, speed);
+        (card.unsuitable_kind, card.driver, card.bus, card.speed) = (kind.map(|(_, what)| what), driver, bus, speed);
     }
 
     /// The network manager that configures the card with this interface index.

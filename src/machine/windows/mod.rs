@@ -1,6 +1,6 @@
 //! A machine with Windows, read from its HID driver. Nothing has to be installed, and no special rights are needed.
 
-use super::findings::{Finding, Verdict, timer};
+use super::findings::{Finding, FindingVerdict, timer};
 use super::printable;
 use super::timing::timer_resolution;
 use crate::address::keys::Scheme;
@@ -141,7 +141,7 @@ impl Machine {
                 Finding::fine(BOARD, found).of(&board.path)
             };
             let mut finding = board.obstacle().unwrap_or_else(open);
-            if finding.verdict == Verdict::Wrong {
+            if finding.verdict == FindingVerdict::Wrong {
                 finding.found = format!("{}: {}", board.shown(), finding.found);
             }
             all.push(finding);

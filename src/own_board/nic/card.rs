@@ -8,7 +8,7 @@ use crate::address::uri::{LinkUri, UriError};
 use crate::ethercat::{CableEnd, ETHERTYPE, FRAME_LEN_MAX, Frame, Ns};
 use crate::fieldbus::CardsGone;
 use crate::fieldbus::nic::{CardPair, NicWires};
-use crate::io::ethernet::{self, Claim, DefaultRoute, InterfaceError, MacAddress, Socket, SocketError};
+use crate::io::ethernet::{self, Claim, DefaultRoute, EthernetSocket, InterfaceError, MacAddress, SocketError};
 use crate::link::LinkError;
 use crate::master::{FrameBuffer, Wire, WireDown};
 
@@ -16,16 +16,16 @@ use crate::master::{FrameBuffer, Wire, WireDown};
 /// frames show. \[OURS]
 const LISTEN: Duration = Duration::from_millis(100);
 /// The bit of the source address that slaves set in frames which pass them. A master's own address has it cleared.
-const PASSED: u8 = 0x02;
+const PASSED_SLAVE_BIT: u8 = 0x02;
 
 /// A network card that is used exclusively by one master.
 pub(crate) struct Card {
     name: String,
-    socket: Socket,
+    socket: EthernetSocket,
     /// Whether the interface does not exist any more.
     is_gone: bool,
     /// The message for that case.
-    gone: CardsGone,
+    lost_message: CardsGone,
     source: MacAddress,
     begin: Instant,
     /// Keeps other programs of ecmsk on this machine from opening the card.
@@ -61,14 +61,15 @@ impl Card {
             },
             error => LinkError::NoBoard { name: link.to_owned(), reason: error.to_string() },
         };
-        let interface = ethernet::check(interface, DefaultRoute::Refused { insist: None }).map_err(refused)?;
+        let interface = ethernet::check(interface, DefaultRoute::Refused { override_option: None }).map_err(refused)?;
         let claim = Claim::new(&interface).map_err(refused)?;
-        let socket = Socket::open(&interface, ETHERTYPE).map_err(refused)?;
+        let socket = EthernetSocket::open(&interface, ETHERTYPE).map_err(refused)?;
         let mut source = interface.mac_address;
-        source[0] &= !PASSED;
-        let gone = CardsGone { text: gone_text(&interface.name, &[]).into(), is_all: true };
+        source[0] &= !PASSED_SLAVE_BIT;
+        let lost_message = CardsGone { text: gone_text(&interface.name, &[]).into(), is_all: true };
         let name = interface.name;
-        let mut card = Self { name, socket, is_gone: false, gone, source, begin: Instant::now(), _claim: claim };
+        let mut card =
+            Self { name, socket, is_gone: false, lost_message, source, begin: Instant::now(), _claim: claim };
         if let Some(other) = card.other_master() {
             let other = other.map(|byte| format!("{byte:02X}")).join(":");
             return Err(LinkError::NoBoard {
@@ -157,7 +158,7 @@ impl NicWires for Card {
     }
 
     fn cards_gone(&self) -> Option<CardsGone> {
-        self.is_gone.then(|| self.gone.clone())
+        self.is_gone.then(|| self.lost_message.clone())
     }
 }
 
@@ -166,7 +167,7 @@ pub(crate) struct Cards {
     first: Card,
     second: Card,
     /// The messages for the loss of the first card, of the second one, and of both.
-    gone: Box<[CardsGone; 3]>,
+    lost_message: Box<[CardsGone; 3]>,
 }
 
 impl Cards {
@@ -184,7 +185,7 @@ impl Cards {
         }
         };
         let both = CardsGone { text: gone_text(&first.name, &[&second.name]).into(), is_all: true };
-        Self { gone: Box::new([one(&first, &second), one(&second, &first), both]), first, second }
+        Self { lost_message: Box::new([one(&first, &second), one(&second, &first), both]), first, second }
     }
 }
 
@@ -223,7 +224,7 @@ impl CardPair for Cards {
     }
 
     fn cards_gone(&self) -> Option<CardsGone> {
-        let [first, second, both] = &*self.gone;
+        let [first, second, both] = &*self.lost_message;
         let gone = match (self.first.is_gone, self.second.is_gone) {
             (false, false) => return None,
             (true, false) => first,

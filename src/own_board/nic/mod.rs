@@ -19,7 +19,7 @@ use crate::master::Settings;
 use card::{Card, Cards};
 
 /// The network cards that lead to the slaves of a link.
-pub(crate) enum Wires {
+pub(crate) enum CardWires {
     /// One card, at the beginning of a line of slaves.
     Line(Card),
     /// Two cards, one at each end of the slaves' cable.
@@ -31,12 +31,12 @@ pub(crate) enum Wires {
 ///
 /// # Errors
 /// Those of [`Card::of`]; [`LinkError::NoBoard`] if both cards are the same one.
-pub(crate) fn wires(uri: &LinkUri) -> Result<(Wires, Settings), LinkError> {
+pub(crate) fn wires(uri: &LinkUri) -> Result<(CardWires, Settings), LinkError> {
     let name = uri.to_string();
     let no_board = |reason: &str| LinkError::NoBoard { name: name.clone(), reason: reason.to_owned() };
     let first = Card::of(uri)?;
     let settings = Settings { source: first.source(), ..Settings::default() };
-    let Some(second) = uri.value("second") else { return Ok((Wires::Line(first), settings)) };
+    let Some(second) = uri.value("second") else { return Ok((CardWires::Line(first), settings)) };
     if second == uri.path() {
         return Err(no_board("a ring needs two cards, and `second` is the first one; name another one"));
     }
@@ -45,7 +45,7 @@ pub(crate) fn wires(uri: &LinkUri) -> Result<(Wires, Settings), LinkError> {
     if probe_source == settings.source {
         return Err(no_board("both cards have the same address; name two"));
     }
-    Ok((Wires::Ring(Ring::new(Cards::new(first, second), probe_source)), settings))
+    Ok((CardWires::Ring(Ring::new(Cards::new(first, second), probe_source)), settings))
 }
 
 /// The reason why a board did not reach PreOP, with the next step.
@@ -66,8 +66,8 @@ pub(crate) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<EngineLink, 
     let options = BoardOptions::from_uri(uri)?;
     let name = uri.to_string();
     let bus: Box<dyn Fieldbus> = match wires(uri)? {
-        (Wires::Line(card), settings) => Box::new(NicBus::new(card, settings)),
-        (Wires::Ring(ring), settings) => Box::new(NicBus::new(ring, settings)),
+        (CardWires::Line(card), settings) => Box::new(NicBus::new(card, settings)),
+        (CardWires::Ring(ring), settings) => Box::new(NicBus::new(ring, settings)),
     };
     let board = booted(&name, Board::new(options.engine(), bus))?;
     EngineLink::open(&name, board, options.run(common, false, Rate::default()), Some(switching_off()))

@@ -27,10 +27,10 @@ use super::serving::{Serving, Shared};
 use crate::address::slaves::SlaveSpec;
 use crate::engine::RealTime;
 use crate::ethercat::ETHERTYPE;
-use crate::io::ethernet::{self, Claim, DefaultRoute, Socket};
+use crate::io::ethernet::{self, Claim, DefaultRoute, EthernetSocket};
 use crate::link::machine_error::SimulatedSlavesError;
 use crate::link::record::NetworkRecording;
-use crate::notes::{Notes, Teller};
+use crate::notes::{NoteThread, Notes};
 use crate::slave::cable::Cable;
 use crate::slave::esc::UndescribedError;
 use crate::testbed::simulated_slaves;
@@ -129,7 +129,7 @@ impl Server {
         let recording = options.record.clone().map(record).transpose()?;
         let shared = Shared::new().map_err(system("make a waker"))?;
         let notes = Notes::default();
-        let teller = Teller::of_lines(&notes, options.tell).map_err(system("start the thread of the log"))?;
+        let teller = NoteThread::of_lines(&notes, options.tell).map_err(system("start the thread of the log"))?;
         let service = Service {
             network,
             ports,
@@ -181,7 +181,7 @@ impl Server {
 fn ports(options: &Options) -> Result<Vec<Port>, ServeError> {
     let default_route = match options.allow_default_route {
         true => DefaultRoute::Allowed,
-        false => DefaultRoute::Refused { insist: Some("--force") },
+        false => DefaultRoute::Refused { override_option: Some("--force") },
     };
     if options.second.as_ref() == Some(&options.interface) {
         return Err(ServeError::SameInterface { interface: options.interface.clone() });
@@ -189,7 +189,7 @@ fn ports(options: &Options) -> Result<Vec<Port>, ServeError> {
     let port = |(name, is_connected): (&String, bool)| {
         let interface = ethernet::check(name, default_route)?;
         let claim = Claim::new(&interface)?;
-        let socket = Socket::open(&interface, ETHERTYPE)?;
+        let socket = EthernetSocket::open(&interface, ETHERTYPE)?;
         Ok(Port { interface: name.clone(), socket, _claim: claim, is_connected, last_frame: None })
     };
     // The first interface counts as connected, as in a new network; the link of the second one is read at once.

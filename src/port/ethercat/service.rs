@@ -11,7 +11,7 @@ use super::masters::Masters;
 use super::network::Network;
 use crate::engine::RealTime;
 use crate::ethercat::{CableEnd, FRAME_LEN_MAX, Ns};
-use crate::io::ethernet::{Claim, LinkState, Socket, SocketError};
+use crate::io::ethernet::{Claim, EthernetSocket, LinkState, SocketError};
 use crate::link::Dir;
 use crate::link::record::NetworkRecording;
 use crate::notes::Notes;
@@ -29,7 +29,7 @@ const LINK_PERIOD: Duration = Duration::from_millis(10);
 /// A network interface at an end of the slaves.
 pub(super) struct Port {
     pub(super) interface: String,
-    pub(super) socket: Socket,
+    pub(super) socket: EthernetSocket,
     /// Keeps other servers of this program from using the interface.
     pub(super) _claim: Claim,
     /// Whether the network of slaves counts the cable as connected.
@@ -62,7 +62,7 @@ pub(super) struct Service {
 impl Service {
     /// Serves until the server is stopped, or until an interface disappears: then `failure` has the reason.
     pub(super) fn run(mut self, real_time: RealTime, failure: &Failure) {
-        real_time.apply().into_iter().for_each(|line| self.notes.tell(line));
+        real_time.apply().into_iter().for_each(|line| self.notes.push(line));
         // One byte more than the longest frame, to detect longer ones.
         let mut frame = [0; FRAME_LEN_MAX + 1];
         while !self.shared.is_stopping() {
@@ -80,9 +80,9 @@ impl Service {
             }
         }
         self.network.finish();
-        self.network.take_lines().for_each(|line| self.notes.tell(line));
+        self.network.take_lines().for_each(|line| self.notes.push(line));
         let Self { answered, lost, .. } = self;
-        self.notes.tell(format!("{answered} frames were answered, {lost} were lost"));
+        self.notes.push(format!("{answered} frames were answered, {lost} were lost"));
     }
 
     fn now(&self) -> Ns {
@@ -143,7 +143,7 @@ impl Service {
         self.record(Dir::Write, now, &frame[..len]);
         let source = (end == CableEnd::First).then(|| &frame[6..]);
         if let Some(line) = self.masters.note(source, came) {
-            self.notes.tell(line);
+            self.notes.push(line);
         }
         let port = &mut self.ports[end as usize];
         port.last_frame = Some(came);
@@ -177,10 +177,10 @@ impl Service {
         self.next_tick = self.next_tick.max(now) + TICK;
         self.network.advance(self.now());
         for line in self.network.take_lines() {
-            self.notes.tell(line);
+            self.notes.push(line);
         }
-        self.masters.pass(now).into_iter().for_each(|line| self.notes.tell(line));
-        self.log_limit.due(now).into_iter().for_each(|line| self.notes.tell(line));
+        self.masters.pass(now).into_iter().for_each(|line| self.notes.push(line));
+        self.log_limit.due(now).into_iter().for_each(|line| self.notes.push(line));
     }
 
     /// Checks the links of the interfaces. Returns the name of one that has disappeared. In a ring the slaves close the
@@ -225,7 +225,7 @@ impl Service {
     /// Logs a line of a kind that masters can cause as often as they like.
     fn tell_limited(&mut self, kind: &str, line: &str, now: Instant) {
         if self.log_limit.may_log(kind, now) {
-            self.notes.tell(line.to_owned());
+            self.notes.push(line.to_owned());
         }
     }
 }

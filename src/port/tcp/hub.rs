@@ -152,7 +152,7 @@ impl Hub {
 
     /// Logs a line; never waits.
     pub(super) fn tell(&self, line: &str) {
-        self.notes.tell(line.to_owned());
+        self.notes.push(line.to_owned());
     }
 
     /// Registers a connected board.

@@ -94,7 +94,7 @@ impl InMemoryServer {
     /// Takes the lines of the log since the last call.
     pub fn told(&self) -> Vec<String> {
         let note = |note| match note {
-            Note::Told(line) => line,
+            Note::Item(line) => line,
             Note::Dropped(count) => format!("{count} lines were dropped"),
         };
         std::iter::from_fn(|| self.hub.notes.take()).map(note).collect()

@@ -58,7 +58,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use crate::link::{KnownNetwork, Link, LinkError, LinkInfo};
-use crate::notes::Teller;
+use crate::notes::NoteThread;
 use crate::tcp::Secret;
 use crate::threads;
 
@@ -141,7 +141,7 @@ pub enum ServeError {
 /// A running server; it ends when this value is stopped or dropped.
 pub struct Server {
     hub: Arc<Hub>,
-    teller: Teller<String>,
+    teller: NoteThread<String>,
     acceptor: Acceptor,
     supervisor: Option<JoinHandle<()>>,
     address: SocketAddr,
@@ -172,7 +172,7 @@ impl Server {
         let info = link.info();
         let system = |what| move |error: std::io::Error| ServeError::System { what, message: error.to_string() };
         let hub = Arc::new(Hub::new(options));
-        let teller = Teller::of_lines(&hub.notes, Arc::clone(&hub.options.tell));
+        let teller = NoteThread::of_lines(&hub.notes, Arc::clone(&hub.options.tell));
         let teller = teller.map_err(system("start the thread of the log"))?;
         let supervisor = threads::spawn("ecmsk-serve", {
             let (hub, board) = (Arc::clone(&hub), hub.attach(link));

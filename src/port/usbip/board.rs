@@ -327,6 +327,6 @@ impl Board {
     }
 
     pub fn tell(&self, event: Event) {
-        self.notes.tell(event);
+        self.notes.push(event);
     }
 }

@@ -19,7 +19,7 @@ use super::keep_attached;
 use super::stream::{SEND_TIMEOUT, Stream};
 use super::wire::{self, BUS_ID_LEN, DeviceEntry, OP_LEN, Op, PORT, Refusal, WireError};
 use crate::link::LinkError;
-use crate::notes::{Note, Notes, Teller};
+use crate::notes::{Note, NoteThread, Notes};
 use crate::port::listen::advice;
 use crate::threads;
 
@@ -125,7 +125,7 @@ pub struct Server {
     address: SocketAddr,
     shared: Arc<Shared>,
     threads: Mutex<Vec<JoinHandle<()>>>,
-    teller: Teller<Event>,
+    teller: NoteThread<Event>,
 }
 
 pub(super) struct Shared {
@@ -157,8 +157,8 @@ impl Server {
         let address = listener.local_addr().map_err(|source| ServeError::Listen { address: options.listen, source })?;
 
         let notes = Notes::default();
-        let teller = Teller::start(&notes, move |note| match note {
-            Note::Told(event) => tell(&event),
+        let teller = NoteThread::start(&notes, move |note| match note {
+            Note::Item(event) => tell(&event),
             Note::Dropped(count) => tell(&Event::Dropped { count }),
         });
         let teller = teller.map_err(ServeError::Thread)?;
@@ -297,7 +297,7 @@ impl Shared {
                 }
                 // No file descriptor was left, or the client has disconnected already; the next attempt may succeed.
                 Err(error) => {
-                    self.notes.tell(Event::SystemError { what: format!("cannot take a client of USB/IP: {error}") });
+                    self.notes.push(Event::SystemError { what: format!("cannot take a client of USB/IP: {error}") });
                     thread::sleep(STOP_CHECK_INTERVAL);
                 }
             }
@@ -316,7 +316,7 @@ impl Shared {
             Ok(stream) => clients.push_back((number, stream)),
             // The connection ends by the time limit for the request.
             Err(error) => {
-                self.notes.tell(Event::SystemError { what: format!("cannot watch a client of USB/IP: {error}") });
+                self.notes.push(Event::SystemError { what: format!("cannot watch a client of USB/IP: {error}") });
             }
         }
         // `stop` may have ended all registered connections just before this one was registered.
@@ -392,7 +392,7 @@ impl Shared {
     }
 
     fn log_rejected(&self, from: SocketAddr, why: &str) {
-        self.notes.tell(Event::ClientRejected { host: from.to_string(), why: why.to_owned() });
+        self.notes.push(Event::ClientRejected { host: from.to_string(), why: why.to_owned() });
     }
 }
 

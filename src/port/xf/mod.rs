@@ -31,7 +31,7 @@ pub use address::{DEFAULT_PORT, Listen, ListenError};
 
 use super::serving::{Serving, Shared};
 use crate::link::chip_link::{ChipError, ChipInfo, ChipLink};
-use crate::notes::{Notes, Teller};
+use crate::notes::{NoteThread, Notes};
 use crate::xf::host::HostConfig;
 use address::Listener;
 use service::Service;
@@ -135,7 +135,7 @@ impl Server {
         let info = opened.0.info();
         let shared = Shared::new().map_err(system("make a socket"))?;
         let notes = Notes::<String>::default();
-        let teller = Teller::of_lines(&notes, Arc::clone(&options.tell));
+        let teller = NoteThread::of_lines(&notes, Arc::clone(&options.tell));
         let teller = teller.map_err(system("start the thread of the log"))?;
         let service = Service::new(opened, Box::new(open), listener, Arc::clone(&shared), options, notes);
         let serving = Serving::start("ecmsk-xf", shared, teller, move || service.run());

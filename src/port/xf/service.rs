@@ -92,7 +92,7 @@ impl Service {
             }
             self.take_newcomers();
             let now = Instant::now();
-            self.log_limit.due(now).into_iter().for_each(|line| self.notes.tell(line));
+            self.log_limit.due(now).into_iter().for_each(|line| self.notes.push(line));
             if now >= self.next_tick {
                 self.chip.pass_time();
                 self.next_tick = now + IDLE_INTERVAL;
@@ -172,7 +172,7 @@ impl Service {
             }
         }
         if let Some(line) = stopped {
-            self.notes.tell(line);
+            self.notes.push(line);
         }
     }
 
@@ -250,7 +250,7 @@ impl Service {
     /// Logs a line of a kind that others can cause as often as they like.
     fn tell_limited(&mut self, kind: &str, line: &str) {
         if self.log_limit.may_log(kind, Instant::now()) {
-            self.notes.tell(line.to_owned());
+            self.notes.push(line.to_owned());
         }
     }
 }

@@ -7,7 +7,7 @@
 use std::time::Duration;
 
 use crate::link::chip_link::{ChipError, ChipLink};
-use crate::xf::host::{Deadlines, HostConfig};
+use crate::xf::host::{HostConfig, Timeouts};
 use crate::xf::request::{CrcTypeSet, SlaveNumber, Slaves, StateGet, StateSet, StateUpdate};
 use crate::xf::{CheckRule, CheckType, CommandHeader, EtherCatState, MAX_PACKET, write_request};
 use crate::xf_api::{Xf, XfError};
@@ -28,9 +28,9 @@ pub(super) enum Stopped {
 /// after power-on.
 pub(super) fn bring_to_safe_op(link: &mut dyn ChipLink, config: HostConfig) -> Result<Stopped, XfError> {
     let busy_ns = STATE_TIME_MAX.as_nanos() as u64;
-    let deadlines = Deadlines { busy_ns, ..config.deadlines };
+    let timeouts = Timeouts { busy_ns, ..config.timeouts };
     // The data size n is kept: the next host expects the one that it has seen last.
-    let mut xf = Xf::over(link, HostConfig { wanted_size: None, deadlines, ..config })?;
+    let mut xf = Xf::over(link, HostConfig { wanted_size: None, timeouts, ..config })?;
     let stopped = leave_op(&mut xf);
     // A host that expects CRC-32 sets it again, so an error here does no harm.
     let _ = set_fixed_check(&mut xf);

@@ -2,7 +2,7 @@
 //!
 //! A file has two layers. [`container`] reads the outer one, the blocks of a pcapng file or of the older pcap. In each
 //! packet a header precedes the bytes of a USB transfer. The header depends on the capturing program: [`usbmon`] on
-//! Linux, which recordings of this crate use too, or [`usbpcap`] on Windows. Either header becomes an [`Event`].
+//! Linux, which recordings of this crate use too, or [`usbpcap`] on Windows. Either header becomes a [`UsbEvent`].
 //!
 //! Recordings of a chip have packets of another kind: [`exchange`].
 //!
@@ -17,7 +17,7 @@ mod usbpcap;
 use pcap_file::{DataLink, Endianness};
 
 use container::Packet;
-use transfer::Event;
+use transfer::UsbEvent;
 
 /// Whether packets of this link type are USB transfers that can be read.
 pub(super) fn is_usb(link_type: DataLink) -> bool {
@@ -25,7 +25,7 @@ pub(super) fn is_usb(link_type: DataLink) -> bool {
 }
 
 /// Decodes the header of a USB transfer; `None` if the packet does not matter.
-pub(super) fn event<'a>(packet: &Packet<'a>) -> Option<Event<'a>> {
+pub(super) fn event<'a>(packet: &Packet<'a>) -> Option<UsbEvent<'a>> {
     match packet.link_type {
         link_type if usbpcap::is_usbpcap(link_type) => usbpcap::event(packet.data),
         link_type => usbmon::event(link_type, packet.order, packet.data),

@@ -4,7 +4,7 @@ use crate::recording::address::Address;
 
 /// The kind of a USB transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::recording) enum Kind {
+pub(in crate::recording) enum TransferKind {
     /// An interrupt transfer, or one whose endpoint the capture does not know.
     Interrupt,
     Control,
@@ -23,9 +23,9 @@ pub(in crate::recording) enum Stage {
 
 /// One packet of a USB transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::recording) struct Event<'a> {
+pub(in crate::recording) struct UsbEvent<'a> {
     pub at: Address,
-    pub kind: Kind,
+    pub kind: TransferKind,
     pub stage: Stage,
     pub to_host: bool,
     /// The id of the transfer, the same in all its packets while it is in flight.

@@ -7,7 +7,7 @@ use bytemuck::{Pod, Zeroable};
 use pcap_file::{DataLink, Endianness};
 
 use super::number;
-use super::transfer::{Event, Kind, Stage};
+use super::transfer::{Stage, TransferKind, UsbEvent};
 use crate::recording::address::Address;
 use crate::sk::{Dir, FRAME_LEN};
 
@@ -103,7 +103,7 @@ pub(super) const fn is_usbmon(link_type: DataLink) -> bool {
 }
 
 /// Decodes a packet of this link type; `None` if it is no usbmon packet.
-pub(super) fn event(link_type: DataLink, order: Endianness, packet: &[u8]) -> Option<Event<'_>> {
+pub(super) fn event(link_type: DataLink, order: Endianness, packet: &[u8]) -> Option<UsbEvent<'_>> {
     let (start, data) = packet.split_at_checked(header_len(link_type)?)?;
     let mut bytes = [0; HEADER_LEN];
     bytes[..start.len()].copy_from_slice(start);
@@ -116,9 +116,9 @@ pub(super) fn event(link_type: DataLink, order: Endianness, packet: &[u8]) -> Op
         _ => return None,
     };
     let kind = match header.transfer {
-        INTERRUPT => Kind::Interrupt,
-        CONTROL => Kind::Control,
-        _ => Kind::Other,
+        INTERRUPT => TransferKind::Interrupt,
+        CONTROL => TransferKind::Control,
+        _ => TransferKind::Other,
     };
     let captured = match header.flag_data {
         DATA_PRESENT => usize::try_from(number(order, header.captured)).ok()?.min(data.len()),
@@ -128,7 +128,7 @@ pub(super) fn event(link_type: DataLink, order: Endianness, packet: &[u8]) -> Op
         Endianness::Little => (u16::from_le_bytes(header.bus), u64::from_le_bytes(header.id)),
         Endianness::Big => (u16::from_be_bytes(header.bus), u64::from_be_bytes(header.id)),
     };
-    Some(Event {
+    Some(UsbEvent {
         at: Address { bus, device: header.device },
         kind,
         stage,

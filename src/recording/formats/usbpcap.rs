@@ -6,7 +6,7 @@
 use bytemuck::{Pod, Zeroable};
 use pcap_file::DataLink;
 
-use super::transfer::{Event, Kind, Stage};
+use super::transfer::{Stage, TransferKind, UsbEvent};
 use crate::recording::address::Address;
 
 /// The length of the header that all transfers have, bytes.
@@ -52,7 +52,7 @@ pub(super) fn is_usbpcap(link_type: DataLink) -> bool {
 }
 
 /// Decodes a packet; `None` if it is no USBPcap packet, or one that does not matter.
-pub(super) fn event(packet: &[u8]) -> Option<Event<'_>> {
+pub(super) fn event(packet: &[u8]) -> Option<UsbEvent<'_>> {
     let start = packet.first_chunk::<HEADER_LEN>()?;
     let header: RawHeader = bytemuck::cast(*start);
     let header_len = usize::from(u16::from_le_bytes(header.header_len));
@@ -70,27 +70,35 @@ pub(super) fn event(packet: &[u8]) -> Option<Event<'_>> {
     let id = u64::from_le_bytes(header.irp);
     let stage = if ended { Stage::Ended { done } } else { Stage::Submitted };
     let unknown = header.endpoint == UNKNOWN_ENDPOINT;
-    let event =
-        Event { at, kind: Kind::Other, stage, to_host: header.endpoint & TO_HOST != 0, id, setup: None, length, data };
+    let event = UsbEvent {
+        at,
+        kind: TransferKind::Other,
+        stage,
+        to_host: header.endpoint & TO_HOST != 0,
+        id,
+        setup: None,
+        length,
+        data,
+    };
     match header.transfer {
         CONTROL => control(event, *packet.get(HEADER_LEN)?),
         // The direction follows from the bytes: they are with the request (OUT) or with the answer (IN).
-        _ if unknown => Some(Event { kind: Kind::Interrupt, to_host: ended && length > 0, ..event }),
-        INTERRUPT => Some(Event { kind: Kind::Interrupt, ..event }),
+        _ if unknown => Some(UsbEvent { kind: TransferKind::Interrupt, to_host: ended && length > 0, ..event }),
+        INTERRUPT => Some(UsbEvent { kind: TransferKind::Interrupt, ..event }),
         _ => Some(event),
     }
 }
 
 /// Decodes a packet of a control transfer. Since version 1.5 the bytes of an OUT transfer follow the setup packet, and
 /// those of an IN transfer are in the last packet. Before, a packet of its own had them.
-fn control(event: Event<'_>, stage: u8) -> Option<Event<'_>> {
-    let event = Event { kind: Kind::Control, ..event };
+fn control(event: UsbEvent<'_>, stage: u8) -> Option<UsbEvent<'_>> {
+    let event = UsbEvent { kind: TransferKind::Control, ..event };
     match stage {
         STAGE_SETUP => {
             let setup = *event.data.first_chunk::<SETUP_LEN>()?;
             let length = event.length.saturating_sub(SETUP_LEN as u32);
             let (to_host, data) = (setup[0] & TO_HOST != 0, &event.data[SETUP_LEN..]);
-            Some(Event { stage: Stage::Submitted, setup: Some(setup), to_host, length, data, ..event })
+            Some(UsbEvent { stage: Stage::Submitted, setup: Some(setup), to_host, length, data, ..event })
         }
         STAGE_DATA | STAGE_COMPLETE => Some(event),
         _ => None,

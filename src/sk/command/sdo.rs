@@ -3,8 +3,8 @@
 use core::fmt::{self, Formatter};
 
 use crate::ethercat::coe::{ObjectAddress, SdoSize};
-use crate::sk::argument::{Argument, Malformed};
-use crate::sk::id::CommandId;
+use crate::sk::argument::{Argument, InvalidArgument};
+use crate::sk::command_table::CommandId;
 use crate::sk::slot::{RawSlot, SlotSize, object_word};
 
 /// A command for the SDO slot, the last slot of a frame. The board transfers one object at a time.
@@ -49,15 +49,15 @@ impl SdoCommand {
     /// object's size there, as in a write (OBS).
     ///
     /// # Errors
-    /// [`Malformed`] if the id is an SDO command and an argument is not allowed.
-    pub fn decode(slot: &RawSlot, size: SlotSize) -> Result<Self, Malformed> {
+    /// [`InvalidArgument`] if the id is an SDO command and an argument is not allowed.
+    pub fn decode(slot: &RawSlot, size: SlotSize) -> Result<Self, InvalidArgument> {
         let [slave, high] = slot.parm.to_le_bytes();
         let target = || {
             if slave == 0 || usize::from(slave) > size.max_slaves() {
-                return Err(Malformed::SdoSlave(slave.into()));
+                return Err(InvalidArgument::SdoSlave(slave.into()));
             }
             let sub = slot.data1 as u16;
-            let sub = u8::try_from(sub).map_err(|_| Malformed::SubIndex(sub))?;
+            let sub = u8::try_from(sub).map_err(|_| InvalidArgument::SubIndex(sub))?;
             Ok(ObjectAddress::new((slot.data1 >> 16) as u16, sub))
         };
         Ok(match CommandId::from_code(slot.id) {
@@ -65,7 +65,7 @@ impl SdoCommand {
             CommandId::SdoRead => Self::Read { slave, object: target()? },
             CommandId::SdoWrite => {
                 let object = target()?;
-                let size = SdoSize::from_bytes(high).ok_or(Malformed::SdoSize(high))?;
+                let size = SdoSize::from_bytes(high).ok_or(InvalidArgument::SdoSize(high))?;
                 Self::Write { slave, object, size, value: slot.data2 }
             }
             _ => Self::Other(*slot),

@@ -3,8 +3,8 @@
 use core::fmt::{self, Formatter};
 
 use crate::ethercat::cia402::Mode;
-use crate::sk::argument::{Argument, AxisTarget, DriveSync, Malformed, TorquePercent};
-use crate::sk::id::CommandId;
+use crate::sk::argument::{Argument, AxisTarget, DriveSync, InvalidArgument, TorquePercent};
+use crate::sk::command_table::CommandId;
 use crate::sk::slot::{RawSlot, SlotSize, TwoChannelSlot};
 
 /// Arguments of CSP and CSV.
@@ -201,14 +201,14 @@ impl SlotCommand {
     /// Decodes a slave's slot of a command frame. In 12-byte mode axis 2 of an HSP is not on the wire and becomes 0.
     ///
     /// # Errors
-    /// [`Malformed`] if the id is a command for a slave and an argument is not allowed.
-    pub fn decode(slot: &RawSlot, size: SlotSize) -> Result<Self, Malformed> {
+    /// [`InvalidArgument`] if the id is a command for a slave and an argument is not allowed.
+    pub fn decode(slot: &RawSlot, size: SlotSize) -> Result<Self, InvalidArgument> {
         Self::decode_as(CommandId::from_code(slot.id), slot, size)
     }
 
     /// [`Self::decode`] for a caller that has already looked up the slot's id.
     #[inline(always)]
-    pub(crate) fn decode_as(id: CommandId, slot: &RawSlot, size: SlotSize) -> Result<Self, Malformed> {
+    pub(crate) fn decode_as(id: CommandId, slot: &RawSlot, size: SlotSize) -> Result<Self, InvalidArgument> {
         let command = match id {
             CommandId::GetStatus => SlaveCommand::GetStatus,
             CommandId::DriveMode => SlaveCommand::DriveMode {
@@ -216,7 +216,7 @@ impl SlotCommand {
                     .ok()
                     .and_then(Mode::from_code)
                     .filter(|mode| *mode != Mode::Homing)
-                    .ok_or(Malformed::DriveMode(slot.data1))?,
+                    .ok_or(InvalidArgument::DriveMode(slot.data1))?,
                 sync: if slot.data2 == 0 { DriveSync::FreeRun } else { DriveSync::DcSync },
             },
             CommandId::AlarmClear => SlaveCommand::AlarmClear,

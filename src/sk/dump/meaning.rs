@@ -1,8 +1,8 @@
 //! The meaning of a dump's slots as types, for tools that write another format than text, such as JSON.
 
 use crate::sk::{
-    CommandId, DriveResponse, HspResponse, IoResponse, Malformed, MasterCommand, MasterResponse, RawSlot, SdoCommand,
-    SdoResponse, SlaveKind, SlotCommand, SlotSize,
+    CommandId, DriveResponse, HspResponse, InvalidArgument, IoResponse, MasterCommand, MasterResponse, RawSlot,
+    SdoCommand, SdoResponse, SlaveKind, SlotCommand, SlotSize,
 };
 
 /// The meaning of a slot, by the frame's direction and the slot's position.
@@ -15,7 +15,7 @@ pub enum SlotMeaning {
     /// The SDO slot of a command frame.
     SdoCommand(SdoCommand),
     /// A command that belongs in the slot and has an argument that no guide allows.
-    Malformed(Malformed),
+    Malformed(InvalidArgument),
     /// Slot 0 of a response frame.
     MasterResponse(MasterResponse),
     /// A slave's slot of a response frame.

@@ -1,7 +1,7 @@
 //! The chip's knowledge of its network: slaves, their states as last read, the layout of process data, the working
 //! counter.
 
-use super::network::{IMAGE_MAX, Network, Place, SLAVES_MAX};
+use super::network::{IMAGE_MAX, ImageRanges, SLAVES_MAX, SlaveNetwork};
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::xf::request::{DcTiming, SlaveBits, SlaveNumber, WkcErrorLimit};
 use crate::xf::{EtherCatState, NetworkState};
@@ -12,7 +12,7 @@ const LRW_AT_START: bool = true;
 
 /// The data about a slave in the chip's memory.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Known {
+pub(super) struct SlaveMemory {
     /// The state as ECAT_STATE_GET reports it; [`NetworkState::NONE`] if the slave did not answer.
     pub state: NetworkState,
     pub al_status: u16,
@@ -34,13 +34,13 @@ pub(super) struct SetLengths {
 }
 
 /// The network as the chip knows it.
-pub(super) struct Bus {
+pub(super) struct KnownNetwork {
     /// Whether ECAT_INIT_OP has succeeded.
     pub initialised: bool,
     /// Number of slaves found.
     pub count: u8,
-    pub known: [Known; SLAVES_MAX],
-    pub places: [Place; SLAVES_MAX],
+    pub known: [SlaveMemory; SLAVES_MAX],
+    pub places: [ImageRanges; SLAVES_MAX],
     pub lengths: [SetLengths; SLAVES_MAX],
     /// The slaves whose mailboxes are polled after the next layout of process data.
     pub wants_polled: SlaveBits,
@@ -65,13 +65,13 @@ pub(super) struct Bus {
     pub cycle_ns: Ns,
 }
 
-impl Bus {
+impl KnownNetwork {
     pub fn new(cycle_ns: Ns) -> Self {
         Self {
             initialised: false,
             count: 0,
-            known: [Known::default(); SLAVES_MAX],
-            places: [Place::default(); SLAVES_MAX],
+            known: [SlaveMemory::default(); SLAVES_MAX],
+            places: [ImageRanges::default(); SLAVES_MAX],
             lengths: [SetLengths::default(); SLAVES_MAX],
             wants_polled: SlaveBits::default(),
             polls: SlaveBits::default(),
@@ -90,7 +90,7 @@ impl Bus {
         }
     }
 
-    pub fn places(&self) -> &[Place] {
+    pub fn places(&self) -> &[ImageRanges] {
         &self.places[..self.count.into()]
     }
 
@@ -100,7 +100,7 @@ impl Bus {
 
     /// The number of slaves with inputs and the number of slaves with outputs.
     pub fn slaves_with(&self) -> (u32, u32) {
-        let count = |has: fn(&Place) -> bool| self.places().iter().filter(|place| has(place)).count() as u32;
+        let count = |has: fn(&ImageRanges) -> bool| self.places().iter().filter(|place| has(place)).count() as u32;
         (count(|place| place.input_bytes > 0), count(|place| place.output_bytes > 0))
     }
 
@@ -117,7 +117,7 @@ impl Bus {
     /// Reads a slave's state into the chip's memory. `[OURS]` The error bit is set while the slave is below the state
     /// to which it was brought, or has refused a change. If the slave left OP by its watchdog and has no register for
     /// it, the AL status is 0x1B.
-    pub fn update(&mut self, network: &impl Network, slave: u8) {
+    pub fn update(&mut self, network: &impl SlaveNetwork, slave: u8) {
         let (known, place) = (&mut self.known[usize::from(slave)], self.places[usize::from(slave)]);
         let Some(state) = network.state(slave) else {
             known.state = NetworkState(NetworkState::ERROR);
@@ -163,7 +163,7 @@ impl Bus {
     pub fn lay_out(&mut self, lengths: &[[u16; 2]]) {
         let (mut outputs, mut inputs) = (0, 0);
         for (place, [output_bytes, input_bytes]) in self.places.iter_mut().zip(lengths.iter().copied()) {
-            *place = Place { outputs_at: outputs, output_bytes, inputs_at: inputs, input_bytes, ..*place };
+            *place = ImageRanges { outputs_at: outputs, output_bytes, inputs_at: inputs, input_bytes, ..*place };
             (outputs, inputs) = (outputs + output_bytes, inputs + input_bytes);
         }
         (self.rx_bytes, self.tx_bytes) = (outputs, inputs);

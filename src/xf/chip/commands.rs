@@ -19,7 +19,7 @@ mod unit;
 pub use start::SYNC0_MIN_NS;
 
 use super::Chip;
-use super::network::Network;
+use super::network::SlaveNetwork;
 use crate::xf::request::{FoeRequest, ReceiveMailbox, Request};
 use crate::xf::response::{Answer, Returned};
 use crate::xf::{CommandCode, Malformed};
@@ -42,9 +42,9 @@ pub const NEED_REGISTERS: [CommandCode; 7] = [
 
 /// The command is invalid: it has no effect, and the chip sets the command error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Refused;
+pub(super) struct CommandRefused;
 
-impl From<Malformed> for Refused {
+impl From<Malformed> for CommandRefused {
     /// Refuses a field that the manuals do not allow, or an answer that does not fit into the data segment.
     fn from(_: Malformed) -> Self {
         Self
@@ -52,29 +52,29 @@ impl From<Malformed> for Refused {
 }
 
 /// The outcome of a command: the header fields of its answer, whose data are in the segment, or a refusal.
-pub(super) type Outcome = Result<Returned, Refused>;
+pub(super) type CommandOutcome = Result<Returned, CommandRefused>;
 
 /// The outcome of a successful command without a result.
-const DONE: Outcome = Ok(Returned::NONE);
+const DONE: CommandOutcome = Ok(Returned::NONE);
 
 /// The outcome of a command without a result, which is refused unless `done`.
-const fn done_if(done: bool) -> Outcome {
-    if done { DONE } else { Err(Refused) }
+const fn done_if(done: bool) -> CommandOutcome {
+    if done { DONE } else { Err(CommandRefused) }
 }
 
 /// The outcome with this answer, or a refusal if there is none.
-fn answered<'a>(answer: Option<impl Answer<'a>>, data: &mut [u8]) -> Outcome {
-    Ok(answer.ok_or(Refused)?.encode(data)?)
+fn answered<'a>(answer: Option<impl Answer<'a>>, data: &mut [u8]) -> CommandOutcome {
+    Ok(answer.ok_or(CommandRefused)?.encode(data)?)
 }
 
-impl<N: Network> Chip<N> {
+impl<N: SlaveNetwork> Chip<N> {
     /// Runs a command, and writes the data of its answer into `data`, a segment that is all 0.
     ///
     /// # Errors
-    /// [`Refused`], if the command is invalid.
-    pub(super) fn run(&mut self, request: &Request<'_>, data: &mut [u8]) -> Outcome {
+    /// [`CommandRefused`], if the command is invalid.
+    pub(super) fn run(&mut self, request: &Request<'_>, data: &mut [u8]) -> CommandOutcome {
         if !self.has(request) {
-            return Err(Refused);
+            return Err(CommandRefused);
         }
         match *request {
             Request::InfoUpdate(_) => DONE,

@@ -1,7 +1,7 @@
 //! The passage of time: EtherCAT cycles, and the ends of commands that take time.
 
 use super::Chip;
-use super::network::{Exchange, IMAGE_MAX, Network};
+use super::network::{IMAGE_MAX, ProcessExchange, SlaveNetwork};
 use crate::ethercat::{AlState, Ns};
 use crate::xf::Interrupts;
 
@@ -10,7 +10,7 @@ const RX_FIFO_FROM: AlState = AlState::Op;
 /// Inputs are received once any slave is in this state. `[OURS]`
 const INPUTS_FROM: AlState = AlState::SafeOp;
 
-impl<N: Network> Chip<N> {
+impl<N: SlaveNetwork> Chip<N> {
     /// Lets time pass until `now`: EtherCAT cycles with the SYNC0 time of ECAT_INIT_OP, and the ends of commands. A
     /// time in the past has no effect.
     ///
@@ -57,8 +57,8 @@ impl<N: Network> Chip<N> {
         let bus = &mut self.bus;
         frame.copy_from_slice(&bus.outputs);
         let places = &bus.places[..bus.count.into()];
-        self.helper.lead(places, &mut frame, &bus.inputs);
-        let exchange = Exchange { places, outputs: &frame, inputs: &mut bus.inputs, lrw: bus.lrw };
+        self.helper.drive_state_machines(places, &mut frame, &bus.inputs);
+        let exchange = ProcessExchange { places, outputs: &frame, inputs: &mut bus.inputs, lrw: bus.lrw };
         let working_counter = self.network.exchange(exchange);
         let is_right = bus.count(working_counter, self.network.outputs_count_from());
         let interrupt = self.fifos.push_tx(&bus.inputs[..bus.tx_bytes.into()]);

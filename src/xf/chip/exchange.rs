@@ -2,14 +2,14 @@
 //! contains.
 
 use super::Chip;
-use super::commands::Outcome;
-use super::network::Network;
+use super::commands::CommandOutcome;
+use super::network::SlaveNetwork;
 use crate::ethercat::Ns;
 use crate::xf::header::CommandHeader;
 use crate::xf::packet::{write_answer, write_not_ready};
 use crate::xf::response::{Answer, Returned};
 use crate::xf::{
-    AnswerHeader, CheckRule, CheckType, CommandCode, CommandPacket, Control, Coverage, DataSize, Errors, HEADER_LEN,
+    AnswerHeader, CheckRule, CheckType, CommandCode, CommandPacket, Control, CrcCoverage, DataSize, Errors, HEADER_LEN,
     Interrupts, MAX_PACKET, Malformed, PacketError, Request, Reserve, Status,
 };
 
@@ -58,7 +58,7 @@ impl Reply {
     }
 }
 
-impl<N: Network> Chip<N> {
+impl<N: SlaveNetwork> Chip<N> {
     /// Makes one exchange, whose last byte is transferred at `now`: the chip receives a command packet and sends the
     /// answer to the previous one. `command` has n + 32 bytes, see [`Self::size`]; any other length is a framing error.
     /// `answer` receives as much of the answer packet as it has room for, followed by zeros.
@@ -134,7 +134,7 @@ impl<N: Network> Chip<N> {
         })
     }
 
-    const fn check_rule(&self, coverage: Coverage) -> CheckRule {
+    const fn check_rule(&self, coverage: CrcCoverage) -> CheckRule {
         CheckRule { kind: self.check, coverage }
     }
 
@@ -173,7 +173,7 @@ impl<N: Network> Chip<N> {
         Reply { index: header.index, code: header.code, returned, is_nop: false }
     }
 
-    fn run_command(&mut self, packet: &CommandPacket<'_>, data: &mut [u8]) -> Outcome {
+    fn run_command(&mut self, packet: &CommandPacket<'_>, data: &mut [u8]) -> CommandOutcome {
         let request = packet.request();
         self.unknown_commands += u64::from(matches!(request, Ok(Request::Unknown(_))));
         let outcome = request.map_err(Into::into).and_then(|request| self.run(&request, data));

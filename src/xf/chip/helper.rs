@@ -1,7 +1,7 @@
 //! The CiA 402 helper: the chip drives the state machines of drives by the low bits of their controlwords.
 
 use crate::ethercat::cia402::{Controlword, DriveState, Statusword};
-use crate::xf::chip::network::Place;
+use crate::xf::chip::network::ImageRanges;
 use crate::xf::request::{HelperConfigSet, HelperControl, HelperControlSet};
 
 /// Number of axes that the chip supports.
@@ -9,7 +9,7 @@ const MOTORS: usize = 128;
 /// For how many cycles the fault reset bit is set, and for how many it is clear before the next reset. `[OURS]`
 const RESET_CYCLES: u8 = 8;
 /// Bits 0 to 3 of the controlword, which drive the state machine.
-const LEADING_BITS: u16 = 0x0F;
+const STATE_MACHINE_BITS: u16 = 0x0F;
 
 /// An axis, as configured by 402_CONFIG_SET.
 #[derive(Clone, Copy)]
@@ -70,14 +70,14 @@ impl Helper {
     }
 
     /// The statusword in the inputs, or 0 if the TxPDO is too short; `None` if the axis is not configured.
-    pub fn statusword(&self, motor: u8, places: &[Place], inputs: &[u8]) -> Option<Statusword> {
+    pub fn statusword(&self, motor: u8, places: &[ImageRanges], inputs: &[u8]) -> Option<Statusword> {
         self.axes[usize::from(motor)].map(|axis| axis.statusword(places, inputs).unwrap_or_default())
     }
 
     /// Overwrites the controlwords in the outputs of a cycle.
-    pub fn lead(&mut self, places: &[Place], outputs: &mut [u8], inputs: &[u8]) {
+    pub fn drive_state_machines(&mut self, places: &[ImageRanges], outputs: &mut [u8], inputs: &[u8]) {
         for axis in self.axes.iter_mut().flatten().filter(|axis| axis.control.contains(HelperControl::ON)) {
-            axis.lead(places, outputs, inputs);
+            axis.drive_state_machine(places, outputs, inputs);
         }
     }
 
@@ -87,13 +87,13 @@ impl Helper {
 }
 
 impl Axis {
-    fn statusword(&self, places: &[Place], inputs: &[u8]) -> Option<Statusword> {
+    fn statusword(&self, places: &[ImageRanges], inputs: &[u8]) -> Option<Statusword> {
         let image = inputs.get(places.get(usize::from(self.slave))?.inputs())?;
         let word = image.get(usize::from(self.statusword_at)..)?.first_chunk()?;
         Some(Statusword(u16::from_le_bytes(*word)))
     }
 
-    fn lead(&mut self, places: &[Place], outputs: &mut [u8], inputs: &[u8]) {
+    fn drive_state_machine(&mut self, places: &[ImageRanges], outputs: &mut [u8], inputs: &[u8]) {
         let state = self.statusword(places, inputs).and_then(Statusword::state);
         let Some(image) = places.get(usize::from(self.slave)).and_then(|place| outputs.get_mut(place.outputs())) else {
             return;
@@ -101,7 +101,7 @@ impl Axis {
         let place = image.get_mut(usize::from(self.controlword_at)..);
         let Some(word) = place.and_then(|place| place.first_chunk_mut()) else { return };
         let resets = self.control.0 & (HelperControl::RESET_ONCE.0 | HelperControl::RESET_ALWAYS.0) != 0;
-        let mut controlword = u16::from_le_bytes(*word) & !LEADING_BITS | command(state, self.target).0;
+        let mut controlword = u16::from_le_bytes(*word) & !STATE_MACHINE_BITS | command(state, self.target).0;
         if resets {
             controlword &= !Controlword::FAULT_RESET;
             if self.gives_reset(state) {

@@ -3,7 +3,7 @@
 //! A job starts a [`Procedure`] with its requests to the network. It ends when these are answered and its own duration
 //! has passed. On a network that answers at once, the requests are made at the end of that duration.
 
-mod kinds;
+mod job;
 mod network;
 mod pdos;
 mod requests;
@@ -11,12 +11,12 @@ mod transfers;
 mod wire;
 
 use super::Chip;
-use super::network::{Answer, List, Network, Operation, SLAVES_MAX};
+use super::network::{List, Operation, OperationAnswer, SLAVES_MAX, SlaveNetwork};
 use crate::ethercat::coe::AbortCode;
 use crate::ethercat::{AlStatus, Ns};
 use crate::xf::request::PdoConfig;
 use crate::xf::{DataSize, Errors};
-pub(super) use kinds::{DatagramJob, EepromJob, FileJob, Job, SdoJob, StateJob};
+pub(super) use job::{DatagramJob, EepromJob, FileJob, Job, SdoJob, StateJob};
 use requests::Procedure;
 pub(super) use requests::Requests;
 
@@ -24,20 +24,20 @@ pub(super) use requests::Requests;
 pub(super) type Lengths = List<[u16; 2], SLAVES_MAX>;
 
 /// A running job.
-pub(super) struct Running {
+pub(super) struct ActiveJob {
     pub job: Job,
     /// The time at which the job's requests to the network begin.
     begin_at: Ns,
     /// The earliest end of the job, or of its present part.
     pub due: Ns,
     procedure: Option<Procedure>,
-    gained: Option<Gained>,
+    result: Option<JobResult>,
 }
 
-impl Running {
+impl ActiveJob {
     /// Whether this is an initialisation that is still waiting for the network port.
     pub const fn waits_for_port(&self) -> bool {
-        matches!(self.job, Job::Init(_)) && self.procedure.is_none() && self.gained.is_none()
+        matches!(self.job, Job::Init(_)) && self.procedure.is_none() && self.result.is_none()
     }
 
     /// Advances the job by the time by which the port is ready earlier.
@@ -48,7 +48,7 @@ impl Running {
 
     /// The time of the next step if the network does not answer earlier; `None` without one.
     const fn next_event(&self) -> Option<Ns> {
-        match (&self.gained, &self.procedure) {
+        match (&self.result, &self.procedure) {
             (Some(_), _) => Some(self.due),
             (None, None) => Some(self.begin_at),
             (None, Some(_)) => self.job.deadline(),
@@ -58,14 +58,14 @@ impl Running {
 
 /// The result of a job's requests to the network.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
-pub(super) enum Gained {
+pub(super) enum JobResult {
     /// The job had no requests.
     Nothing,
     /// The requests were not possible.
     Failed,
     /// The network did not answer in time.
     TimedOut,
-    Answer(Answer),
+    Answer(OperationAnswer),
     /// The sizes of each slave's outputs and inputs, in bytes.
     Lengths(Result<Lengths, AbortCode>),
     Pdos(Result<PdoConfig, AbortCode>),
@@ -73,9 +73,9 @@ pub(super) enum Gained {
 
 /// The beginning of a job's part: a procedure, or a result without one.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
-enum Begun {
+enum PartStart {
     Procedure(Procedure),
-    Gained(Gained),
+    Result(JobResult),
 }
 
 /// The end of a job's part.
@@ -103,7 +103,7 @@ impl SdoResult {
     }
 }
 
-impl<N: Network> Chip<N> {
+impl<N: SlaveNetwork> Chip<N> {
     /// Starts a job; returns false if another one is running.
     pub(super) fn start_job(&mut self, job: Job) -> bool {
         if self.job.is_some() {
@@ -115,7 +115,7 @@ impl<N: Network> Chip<N> {
             Job::Init(_) => self.port_ready_at.max(self.now),
             _ => self.now,
         };
-        self.job = Some(Running { job, begin_at, due, procedure: None, gained: None });
+        self.job = Some(ActiveJob { job, begin_at, due, procedure: None, result: None });
         if self.network.takes_time() {
             self.run_job();
         }
@@ -164,14 +164,14 @@ impl<N: Network> Chip<N> {
     /// has come and the duration has passed.
     pub(super) fn run_job(&mut self) {
         while let Some(mut running) = self.job.take() {
-            let gained = match self.ask(&mut running) {
-                Asked::Gained(gained) => gained,
-                Asked::Waits => {
+            let result = match self.ask(&mut running) {
+                RequestProgress::Result(result) => result,
+                RequestProgress::Waits => {
                     self.job = Some(running);
                     return;
                 }
             };
-            match self.end_part(&mut running.job, gained) {
+            match self.end_part(&mut running.job, result) {
                 Progress::Done => {}
                 Progress::Next(due) => {
                     running.due = due.max(self.now + 1);
@@ -188,47 +188,47 @@ impl<N: Network> Chip<N> {
     }
 
     /// Makes the job's requests to the network when it is time, and returns their result when the job is due.
-    fn ask(&mut self, running: &mut Running) -> Asked {
-        if running.gained.is_none() && running.procedure.is_none() {
+    fn ask(&mut self, running: &mut ActiveJob) -> RequestProgress {
+        if running.result.is_none() && running.procedure.is_none() {
             if self.now < running.begin_at {
-                return Asked::Waits;
+                return RequestProgress::Waits;
             }
             match self.begin_part(&mut running.job) {
-                Begun::Procedure(procedure) => running.procedure = Some(procedure),
-                Begun::Gained(gained) => running.gained = Some(gained),
+                PartStart::Procedure(procedure) => running.procedure = Some(procedure),
+                PartStart::Result(result) => running.result = Some(result),
             }
         }
         if let Some(procedure) = &mut running.procedure {
-            running.gained = procedure.run(&mut self.network);
+            running.result = procedure.run(&mut self.network);
             let is_late = running.job.deadline().is_some_and(|deadline| self.now >= deadline);
-            if running.gained.is_none() && is_late {
+            if running.result.is_none() && is_late {
                 self.network.give_up();
-                (running.gained, running.due) = (Some(Gained::TimedOut), self.now);
+                (running.result, running.due) = (Some(JobResult::TimedOut), self.now);
             }
-            if running.gained.is_some() {
+            if running.result.is_some() {
                 running.procedure = None;
             }
         }
         let is_due = self.now >= running.due;
-        running.gained.take_if(|_| is_due).map_or(Asked::Waits, Asked::Gained)
+        running.result.take_if(|_| is_due).map_or(RequestProgress::Waits, RequestProgress::Result)
     }
 
     /// Starts a procedure that makes requests to the network.
-    fn ask_network<F: Future<Output = Gained> + Send + 'static>(
+    fn ask_network<F: Future<Output = JobResult> + Send + 'static>(
         &mut self,
         procedure: impl FnOnce(Requests) -> F,
-    ) -> Begun {
+    ) -> PartStart {
         self.requests.begin(&mut self.network, procedure)
     }
 
     /// Starts a procedure with a single operation.
-    fn ask_for(&mut self, operation: Operation) -> Begun {
-        self.ask_network(|requests| async move { Gained::Answer(requests.ask(operation).await) })
+    fn ask_for(&mut self, operation: Operation) -> PartStart {
+        self.ask_network(|requests| async move { JobResult::Answer(requests.ask(operation).await) })
     }
 
-    fn begin_part(&mut self, job: &mut Job) -> Begun {
+    fn begin_part(&mut self, job: &mut Job) -> PartStart {
         if job.deadline().is_some_and(|deadline| self.now >= deadline) {
-            return Begun::Gained(Gained::TimedOut);
+            return PartStart::Result(JobResult::TimedOut);
         }
         match job {
             Job::Init(init) => self.begin_init(init),
@@ -236,12 +236,12 @@ impl<N: Network> Chip<N> {
             Job::PdoConfigSet(config) => {
                 let config = *config;
                 self.ask_network(|requests| async move {
-                    Gained::Answer(Answer::Written(pdos::set(&requests, &config).await))
+                    JobResult::Answer(OperationAnswer::Written(pdos::set(&requests, &config).await))
                 })
             }
             Job::PdoConfigRequest(request) => {
                 let (request, form) = (*request, self.profile.pdo_config);
-                self.ask_network(|requests| async move { Gained::Pdos(pdos::read(&requests, &request, form).await) })
+                self.ask_network(|requests| async move { JobResult::Pdos(pdos::read(&requests, &request, form).await) })
             }
             Job::Sdo(sdo) => self.begin_sdo(sdo),
             Job::State(state) => self.begin_change(state),
@@ -256,25 +256,25 @@ impl<N: Network> Chip<N> {
             | Job::FifoInit
             | Job::ReadFlash { .. }
             | Job::WriteFlash { .. }
-            | Job::SetFmmus => Begun::Gained(Gained::Nothing),
+            | Job::SetFmmus => PartStart::Result(JobResult::Nothing),
         }
     }
 
-    fn end_part(&mut self, job: &mut Job, gained: Gained) -> Progress {
-        match (job, gained) {
-            (_, Gained::Failed) => Progress::Failed,
-            (Job::Init(init), Gained::Answer(Answer::Scanned(found))) => self.end_init(init, found),
-            (Job::Map, Gained::Lengths(lengths)) => self.end_map(lengths),
+    fn end_part(&mut self, job: &mut Job, result: JobResult) -> Progress {
+        match (job, result) {
+            (_, JobResult::Failed) => Progress::Failed,
+            (Job::Init(init), JobResult::Answer(OperationAnswer::Scanned(found))) => self.end_init(init, found),
+            (Job::Map, JobResult::Lengths(lengths)) => self.end_map(lengths),
             (Job::InitDc, _) => self.end_init_dc(),
             (Job::DcSync(dc_sync), _) => self.end_dc_sync(dc_sync),
-            (Job::PdoConfigSet(_), Gained::Answer(Answer::Written(set))) => self.end_pdo_transfer(set),
-            (Job::PdoConfigRequest(_), Gained::Pdos(read)) => {
+            (Job::PdoConfigSet(_), JobResult::Answer(OperationAnswer::Written(set))) => self.end_pdo_transfer(set),
+            (Job::PdoConfigRequest(_), JobResult::Pdos(read)) => {
                 let read = read.map(|config| self.pdo_config = Some(config));
                 self.end_pdo_transfer(read)
             }
-            (Job::Sdo(sdo), gained) => self.end_sdo(sdo, gained),
-            (Job::State(_), Gained::Lengths(lengths)) => self.end_layout(lengths),
-            (Job::State(state), Gained::Answer(Answer::Entered(slaves))) => self.end_change(state, &slaves),
+            (Job::Sdo(sdo), result) => self.end_sdo(sdo, result),
+            (Job::State(_), JobResult::Lengths(lengths)) => self.end_layout(lengths),
+            (Job::State(state), JobResult::Answer(OperationAnswer::Entered(slaves))) => self.end_change(state, &slaves),
             (Job::StateUpdate, _) => {
                 self.update_states();
                 Progress::Done
@@ -288,14 +288,14 @@ impl<N: Network> Chip<N> {
                 self.flash.write(*start, &data[..usize::from(*bytes)]);
                 Progress::Done
             }
-            (Job::SetManager(request), Gained::Answer(Answer::ManagerSet(is_set))) => {
+            (Job::SetManager(request), JobResult::Answer(OperationAnswer::ManagerSet(is_set))) => {
                 self.end_set_manager(request, is_set)
             }
             (Job::SetFmmus, _) => Progress::Done,
-            (Job::Eeprom(_), gained) => self.end_eeprom(gained),
-            (Job::Datagram(job), gained) => self.end_datagram(job, gained),
-            (Job::File(job), Gained::Answer(Answer::File(result))) => self.end_file(job, result),
-            (Job::ReceiveMail { .. }, Gained::Answer(Answer::Mail(mail))) => self.end_mail(mail),
+            (Job::Eeprom(_), result) => self.end_eeprom(result),
+            (Job::Datagram(job), result) => self.end_datagram(job, result),
+            (Job::File(job), JobResult::Answer(OperationAnswer::File(result))) => self.end_file(job, result),
+            (Job::ReceiveMail { .. }, JobResult::Answer(OperationAnswer::Mail(mail))) => self.end_mail(mail),
             // Cannot happen: each result comes from the request of its own job.
             _ => Progress::Failed,
         }
@@ -324,15 +324,15 @@ impl<N: Network> Chip<N> {
 
 /// The progress of a job's requests.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
-enum Asked {
-    Gained(Gained),
+enum RequestProgress {
+    Result(JobResult),
     /// It is not time yet, or the answer is still missing.
     Waits,
 }
 
-impl Begun {
+impl PartStart {
     /// The requests are not possible, so that the job fails at its end.
-    const FAILED: Self = Self::Gained(Gained::Failed);
+    const FAILED: Self = Self::Result(JobResult::Failed);
 }
 
 const fn done_if(done: bool) -> Progress {

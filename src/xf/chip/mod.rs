@@ -29,7 +29,7 @@
 //! use ecmsk::slave::{Drive, DriveConfig};
 //! use ecmsk::xf::chip::{Chip, Profile, SlaveModels};
 //! use ecmsk::xf::request::FirmwareVersionGet;
-//! use ecmsk::xf::{AnswerPacket, CheckRule, CommandHeader, Coverage, MAX_PACKET, Received, write_request};
+//! use ecmsk::xf::{AnswerPacket, CheckRule, CommandHeader, CrcCoverage, MAX_PACKET, Received, write_request};
 //!
 //! let network = SlaveModels::new(vec![Box::new(Drive::new(DriveConfig::default()))]);
 //! let mut chip = Chip::new(Profile::NEW, network);
@@ -43,7 +43,7 @@
 //!     chip.exchange(u64::from(index) * 1_000_000_000, packet, answer);
 //! }
 //! // The second exchange returns the answer to the first packet.
-//! let received = AnswerPacket::parse(answer, size, Coverage::All)?;
+//! let received = AnswerPacket::parse(answer, size, CrcCoverage::All)?;
 //! let Received::Answer(packet) = received else { panic!("the chip is ready") };
 //! assert_eq!(packet.header.index, 1);
 //! assert_eq!(packet.answer_to(&FirmwareVersionGet)?.version, 0x22);
@@ -73,18 +73,19 @@ pub use commands::{NEED_REGISTERS, SYNC0_MIN_NS};
 pub use fifo::{FIFO_ENTRIES_MAX, FIFO_MEMORY};
 pub use flash::FLASH_BYTES;
 pub use network::{
-    Answer, AtOnce, Controllers, EepromFailure, EnterError, Entered, EnteringSlaves, Exchange, IMAGE_MAX, Identity,
-    List, Network, Operation, Place, SLAVES_MAX, SimulatedNetwork, SlaveModels, SlaveSetup, Value,
+    Controllers, EepromFailure, EnterError, Entered, EnteringSlaves, IMAGE_MAX, ImageRanges, ImmediateNetwork, List,
+    Operation, OperationAnswer, ProcessExchange, SLAVES_MAX, SdoData, SimulatedNetwork, SlaveIdentity, SlaveModels,
+    SlaveNetwork, SlaveSetup,
 };
 pub use port::ChipPort;
 pub use profile::Profile;
-pub use timing::Timing;
+pub use timing::ChipTiming;
 
 use crate::ethercat::Ns;
 use crate::xf::request::{PdoConfig, Polarity};
 use crate::xf::{AnswerHeader, CheckType, CommandCode, DataSize, Errors, MAX_PACKET};
 use analog::AnalogUnit;
-use bus::Bus;
+use bus::KnownNetwork;
 use encoder::Encoder;
 use exchange::Prepared;
 use fifo::Fifos;
@@ -92,14 +93,14 @@ use flash::Flash;
 use gpio::Gpio;
 use helper::Helper;
 use interrupts::InterruptUnit;
-use jobs::{Requests, Running, SdoResult};
+use jobs::{ActiveJob, Requests, SdoResult};
 use mdio::Phys;
 use results::Results;
 
 /// A model of the chip with its network.
 pub struct Chip<N> {
     profile: Profile,
-    timing: Timing,
+    timing: ChipTiming,
     network: N,
     /// The time until which the model has run.
     now: Ns,
@@ -123,14 +124,14 @@ pub struct Chip<N> {
     crc_errors: u8,
     unknown_commands: u64,
 
-    bus: Bus,
+    bus: KnownNetwork,
     /// Whether the PHY had a link when the network was initialised.
     phy_link: bool,
     fifos: Fifos,
     /// Whether RxPDOs are taken out of the RxFIFO, as at power-on (XF EN 674).
     fifo_on: bool,
     helper: Helper,
-    job: Option<Running>,
+    job: Option<ActiveJob>,
     sdo: SdoResult,
     results: Results,
     requests: Requests,
@@ -145,14 +146,14 @@ pub struct Chip<N> {
     phys: Phys,
 }
 
-impl<N: Network> Chip<N> {
+impl<N: SlaveNetwork> Chip<N> {
     /// A chip with this network that is powered on at time 0.
     pub fn new(profile: Profile, network: N) -> Self {
-        Self::with_timing(profile, Timing::default(), network)
+        Self::with_timing(profile, ChipTiming::default(), network)
     }
 
     /// A chip with other durations, powered on at time 0.
-    pub fn with_timing(profile: Profile, timing: Timing, network: N) -> Self {
+    pub fn with_timing(profile: Profile, timing: ChipTiming, network: N) -> Self {
         let mut chip = Self {
             profile,
             timing,
@@ -171,7 +172,7 @@ impl<N: Network> Chip<N> {
             not_shown: Errors::NONE,
             crc_errors: 0,
             unknown_commands: 0,
-            bus: Bus::new(timing.cycle_ns),
+            bus: KnownNetwork::new(timing.cycle_ns),
             phy_link: false,
             fifos: Fifos::new(),
             fifo_on: true,
@@ -209,7 +210,7 @@ impl<N: Network> Chip<N> {
         self.restarts = false;
         (self.errors, self.not_shown) = (Errors::NONE, Errors::NONE);
         self.crc_errors = 0;
-        self.bus = Bus::new(self.timing.cycle_ns);
+        self.bus = KnownNetwork::new(self.timing.cycle_ns);
         self.next_cycle = self.now + self.timing.cycle_ns;
         self.phy_link = false;
         self.fifos.reset();

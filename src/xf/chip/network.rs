@@ -2,25 +2,25 @@
 //!
 //! | file | what it holds |
 //! | --- | --- |
-//! | `network.rs` | the trait [`Network`] |
+//! | `network.rs` | the trait [`SlaveNetwork`] |
 //! | `operation.rs` | operations that take time, with their answers |
 //! | `list.rs` | lists without allocation |
-//! | `at_once.rs`, `slaves.rs` | networks that answer at once; slave models as such a network |
+//! | `immediate.rs`, `slaves.rs` | networks that answer at once; slave models as such a network |
 //! | `controllers.rs`, `wire.rs` | a master and slave controllers, with real frames between them |
 //! | `simulated.rs` | either of the two, as a link names it |
 
-pub mod at_once;
 pub mod controllers;
+pub mod immediate;
 pub mod list;
 pub mod operation;
 pub mod simulated;
 pub mod slaves;
 mod wire;
 
-pub use at_once::AtOnce;
 pub use controllers::Controllers;
+pub use immediate::ImmediateNetwork;
 pub use list::List;
-pub use operation::{Answer, EepromFailure, Entered, EnteringSlaves, Operation, Value};
+pub use operation::{EepromFailure, Entered, EnteringSlaves, Operation, OperationAnswer, SdoData};
 pub use simulated::SimulatedNetwork;
 pub use slaves::SlaveModels;
 
@@ -35,7 +35,7 @@ pub const IMAGE_MAX: usize = crate::xf::DataSize::MAX.bytes();
 
 /// The identity of a slave from its EEPROM.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Identity {
+pub struct SlaveIdentity {
     /// Vendor id of the slave.
     pub vendor: u32,
     /// Product code of the slave.
@@ -50,7 +50,7 @@ pub struct Identity {
 
 /// The position of a slave's process data in the process images, and the state to which the chip has brought the slave.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Place {
+pub struct ImageRanges {
     /// Offset of the slave's outputs in the RxPDO, in bytes.
     pub outputs_at: u16,
     /// Size of the slave's outputs in bytes.
@@ -63,7 +63,7 @@ pub struct Place {
     pub commanded: AlState,
 }
 
-impl Place {
+impl ImageRanges {
     /// The range of the slave's outputs in the process image of outputs.
     pub const fn outputs(&self) -> std::ops::Range<usize> {
         self.outputs_at as usize..self.outputs_at as usize + self.output_bytes as usize
@@ -90,7 +90,7 @@ pub enum EnterError {
     /// The slave does not answer.
     NoAnswer,
     /// The slave refuses, with that AL status code.
-    Refused(AlStatus),
+    CommandRefused(AlStatus),
 }
 
 /// The settings of a slave that are made before it goes to SafeOP.
@@ -106,9 +106,9 @@ pub struct SlaveSetup {
 
 /// The process data of a cycle.
 #[derive(Debug)]
-pub struct Exchange<'a> {
+pub struct ProcessExchange<'a> {
     /// The position of each slave's data, beginning with slave 0.
-    pub places: &'a [Place],
+    pub places: &'a [ImageRanges],
     /// The outputs of all slaves.
     pub outputs: &'a [u8],
     /// The inputs of all slaves. Inputs of slaves that do not answer keep their values.
@@ -121,7 +121,7 @@ pub struct Exchange<'a> {
 /// answer.
 ///
 /// Operations that take time on a wire are started with [`Self::start`] and answered by [`Self::poll`].
-pub trait Network: Send {
+pub trait SlaveNetwork: Send {
     /// Whether operations take time. If so they start with the command; otherwise they are executed at the end of the
     /// command.
     fn takes_time(&self) -> bool;
@@ -139,7 +139,7 @@ pub trait Network: Send {
     fn has_link(&self) -> bool;
 
     /// The data that the last scan has read from a slave's EEPROM; `None` if there is no such slave.
-    fn identity(&self, slave: u8) -> Option<&Identity>;
+    fn identity(&self, slave: u8) -> Option<&SlaveIdentity>;
 
     /// Whether the slave has distributed clocks.
     fn has_dc(&self, slave: u8) -> bool;
@@ -169,10 +169,10 @@ pub trait Network: Send {
     }
 
     /// Starts an operation and gives up the previous one; returns the answer if it is already there.
-    fn start(&mut self, operation: Operation) -> Option<Answer>;
+    fn start(&mut self, operation: Operation) -> Option<OperationAnswer>;
 
     /// Returns the answer to the started operation once it is there, and only once.
-    fn poll(&mut self) -> Option<Answer> {
+    fn poll(&mut self) -> Option<OperationAnswer> {
         None
     }
 
@@ -189,7 +189,7 @@ pub trait Network: Send {
     fn work(&mut self, _now: Ns) {}
 
     /// Exchanges the process data of a cycle; returns the working counter.
-    fn exchange(&mut self, exchange: Exchange<'_>) -> u16;
+    fn exchange(&mut self, exchange: ProcessExchange<'_>) -> u16;
 
     /// Lets `dt_ns` pass in the slaves, until `now`.
     fn pass(&mut self, now: Ns, dt_ns: Ns);

@@ -1,7 +1,7 @@
 //! The chip as a stream of bytes, as on SPI: for each byte to the chip there is one from it.
 
 use super::Chip;
-use super::network::Network;
+use super::network::SlaveNetwork;
 use crate::ethercat::Ns;
 use crate::xf::MAX_PACKET;
 
@@ -22,7 +22,7 @@ pub struct ChipPort<N> {
     incoming: [u8; MAX_PACKET],
 }
 
-impl<N: Network> ChipPort<N> {
+impl<N: SlaveNetwork> ChipPort<N> {
     /// A port to this chip, at the beginning of a packet.
     pub const fn new(chip: Chip<N>) -> Self {
         Self { chip, at: 0, is_ready: false, len: 0, outgoing: [0; MAX_PACKET], incoming: [0; MAX_PACKET] }

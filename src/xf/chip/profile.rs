@@ -2,7 +2,7 @@
 
 use crate::xf::request::PdoConfigForm;
 use crate::xf::response::{FirmwareIdentity, Series};
-use crate::xf::{Coverage, Coverages, DataSize};
+use crate::xf::{CrcCoverage, CrcCoverages, DataSize};
 
 /// A chip with its firmware. To make another one, start from one of the constants and change fields.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,7 +16,7 @@ pub struct Profile {
     /// Whether the size cannot be changed, as on an ECM-XFU (XF EN 715).
     pub size_is_fixed: bool,
     /// The coverage of a CRC-32 in each direction.
-    pub coverages: Coverages,
+    pub coverages: CrcCoverages,
     /// The form of PDO_CONFIG_GET's answer, with its number of PDOs.
     pub pdo_config: PdoConfigForm,
 }
@@ -31,7 +31,7 @@ impl Profile {
         identity: None,
         size: DataSize::MANUAL,
         size_is_fixed: false,
-        coverages: Coverages { commands: Coverage::All, answers: Coverage::All },
+        coverages: CrcCoverages { commands: CrcCoverage::All, answers: CrcCoverage::All },
         pdo_config: PdoConfigForm::Three,
     };
 

@@ -6,7 +6,7 @@ use crate::ethercat::{AlState, Ns};
 /// 150 us (XF EN, "ECM-XF Interrupt"). Those of network operations are typical of a small network of servo drives. On a
 /// network with real frames a command takes this long, or longer if its frames need more time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Timing {
+pub struct ChipTiming {
     /// From power-on or WARM_RESET until packets are accepted. The vendor's driver waits 1 s (OBS).
     pub start_ns: Ns,
     /// From the moment at which packets are accepted until the network port is initialised.
@@ -51,7 +51,7 @@ pub struct Timing {
     pub cycle_ns: Ns,
 }
 
-impl Default for Timing {
+impl Default for ChipTiming {
     fn default() -> Self {
         const US: Ns = 1_000;
         const MS: Ns = 1_000 * US;
@@ -81,7 +81,7 @@ impl Default for Timing {
     }
 }
 
-impl Timing {
+impl ChipTiming {
     /// The duration of one change of state of that many slaves.
     pub(super) const fn change_ns(&self, to: AlState, upwards: bool, slaves: u8) -> Ns {
         let change = match to {

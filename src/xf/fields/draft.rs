@@ -1,8 +1,8 @@
 //! Builds a request from fields.
 
 use super::FunctionFields;
-use super::field::{Field, Kind, Place, Value};
-use crate::xf::layout::Writer;
+use super::field::{Field, FieldKind, FieldPosition, Value};
+use crate::xf::layout::FieldWriter;
 use crate::xf::request::{Arguments, Encode, Request};
 use crate::xf::{DataSize, Malformed, segment};
 
@@ -10,7 +10,7 @@ use crate::xf::{DataSize, Malformed, segment};
 #[derive(Debug)]
 pub struct Draft<'b> {
     function: &'static FunctionFields,
-    written: Writer<'b>,
+    written: FieldWriter<'b>,
 }
 
 impl<'b> Draft<'b> {
@@ -20,7 +20,7 @@ impl<'b> Draft<'b> {
     pub fn new(function: &'static FunctionFields, data: &'b mut [u8]) -> Self {
         data.fill(0);
         let arguments = Arguments { parameter: function.function.unwrap_or(0), ..Arguments::NONE };
-        let mut draft = Self { function, written: Writer { arguments, data } };
+        let mut draft = Self { function, written: FieldWriter { arguments, data } };
         for field in function.request {
             if let (true, Some(default @ 1..)) = (field.is_number(), field.default) {
                 // A default fits into its field. If the segment is too short for the field, `put` reports it.
@@ -42,12 +42,12 @@ impl<'b> Draft<'b> {
     }
 
     fn put_bytes(&mut self, field: &Field, bytes: &[u8]) -> Result<(), Malformed> {
-        let Place::Data(at) = field.place else { return Ok(()) };
+        let FieldPosition::Data(at) = field.position else { return Ok(()) };
         if field.bytes > 0 {
             Malformed::at_most(field.name, bytes.len(), field.bytes.into())?;
         }
         self.written.put_at(at.into(), bytes)?;
-        if let Kind::Objects { count_at } = field.kind {
+        if let FieldKind::Objects { count_at } = field.kind {
             let count = (bytes.len() / 4) as u16;
             segment::put_at(self.written.data, count_at.into(), &count.to_le_bytes())?;
         }
@@ -62,20 +62,20 @@ impl<'b> Draft<'b> {
         let mut data = [0; DataSize::MAX.bytes()];
         let Ok((_, arguments)) = self.request().and_then(|request| request.command(&mut data)) else { return false };
         let (width, written) = (usize::from(field.bytes), &self.written);
-        match field.place {
-            Place::Parameter => arguments.parameter == written.arguments.parameter,
-            Place::Info(byte) => {
+        match field.position {
+            FieldPosition::Parameter => arguments.parameter == written.arguments.parameter,
+            FieldPosition::Info(byte) => {
                 let place = byte.into()..usize::from(byte) + width;
                 arguments.info[place.clone()] == written.arguments.info[place]
             }
-            Place::Data(at) => {
+            FieldPosition::Data(at) => {
                 let is_tail = width == 0;
                 let end = if is_tail { written.arguments.len.into() } else { usize::from(at) + width };
                 let place = usize::from(at)..end;
                 let is_there = !is_tail || usize::from(arguments.len) >= end;
                 is_there && data.get(place.clone()) == written.data.get(place)
             }
-            Place::Reserve | Place::Length | Place::Return => true,
+            FieldPosition::Reserve | FieldPosition::Length | FieldPosition::Return => true,
         }
     }
 

@@ -1,6 +1,6 @@
 //! A field of a request or an answer.
 
-use crate::xf::layout::{Reader, Writer};
+use crate::xf::layout::{FieldReader, FieldWriter};
 use crate::xf::response::Returned;
 use crate::xf::{Malformed, Reserve, segment};
 
@@ -9,7 +9,7 @@ pub type Names = &'static [(&'static str, u32)];
 
 /// The beginning of a field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum FieldPosition {
     /// The parameter `par`, byte 0x0D of a command.
     Parameter,
     /// The return byte `ret`, byte 0x0D of an answer.
@@ -26,7 +26,7 @@ pub enum Place {
 
 /// The kind of a field's content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum FieldKind {
     /// An unsigned number, shown in decimal.
     Number,
     /// A signed number, shown in decimal.
@@ -64,7 +64,7 @@ pub struct Field {
     /// The field's name.
     pub name: &'static str,
     /// The field's beginning.
-    pub place: Place,
+    pub position: FieldPosition,
     /// The field's size in bytes; 0 if it extends to the end of the valid data.
     pub bytes: u8,
     /// The field's lowest bit.
@@ -72,7 +72,7 @@ pub struct Field {
     /// The field's width in bits.
     pub width: u8,
     /// The kind of the field's content.
-    pub kind: Kind,
+    pub kind: FieldKind,
     /// The value if a request does not name the field; `None` if it must be named.
     pub default: Option<u32>,
     /// The field whose bytes this field counts, if that one is named.
@@ -91,7 +91,7 @@ pub enum Value<'a> {
 impl Field {
     /// Whether the content is a number; otherwise it is bytes.
     pub const fn is_number(&self) -> bool {
-        !matches!(self.kind, Kind::Bytes | Kind::Text | Kind::Objects { .. } | Kind::SlaveSet)
+        !matches!(self.kind, FieldKind::Bytes | FieldKind::Text | FieldKind::Objects { .. } | FieldKind::SlaveSet)
     }
 
     /// A mask as wide as the field.
@@ -99,21 +99,21 @@ impl Field {
         if self.width >= 32 { u32::MAX } else { (1 << self.width) - 1 }
     }
 
-    /// The field's value in an answer, `base` bytes after the field's place; `None` if the answer does not have it.
+    /// The field's value in an answer, `base` bytes after the field's position; `None` if the answer does not have it.
     pub fn get<'a>(&self, returned: Returned, data: &'a [u8], base: usize) -> Option<Value<'a>> {
         let valid = &data[..data.len().min(returned.len.into())];
-        let bytes: &[u8] = match self.place {
-            Place::Return => return Some(self.number(&[returned.ret])),
-            Place::Data(at) => valid.get(base + usize::from(at)..)?,
+        let bytes: &[u8] = match self.position {
+            FieldPosition::Return => return Some(self.number(&[returned.ret])),
+            FieldPosition::Data(at) => valid.get(base + usize::from(at)..)?,
             // These places exist in requests only.
             _ => return None,
         };
         match self.kind {
-            Kind::NumberOrText => Some(match bytes {
+            FieldKind::NumberOrText => Some(match bytes {
                 [_] | [_, _] | [_, _, _, _] => self.number(bytes),
                 text => Value::Bytes(text),
             }),
-            Kind::Objects { count_at } => {
+            FieldKind::Objects { count_at } => {
                 let count = valid.get(base + usize::from(count_at)..)?.first_chunk()?;
                 Some(Value::Bytes(bytes.get(..4 * usize::from(u16::from_le_bytes(*count)))?))
             }
@@ -127,7 +127,7 @@ impl Field {
     fn number(&self, bytes: &[u8]) -> Value<'static> {
         let number = little_endian(bytes);
         let number = if self.bytes == 0 { number } else { number >> self.shift & self.mask() };
-        Value::Number(if self.kind == Kind::Signed { (number as i32).into() } else { number.into() })
+        Value::Number(if self.kind == FieldKind::Signed { (number as i32).into() } else { number.into() })
     }
 
     /// Writes a number, leaving the other bits unchanged.
@@ -135,18 +135,20 @@ impl Field {
     /// # Errors
     /// The data segment is too short.
     #[inline]
-    pub(in crate::xf) fn put(&self, number: u32, to: &mut Writer<'_>) -> Result<(), Malformed> {
+    pub(in crate::xf) fn put(&self, number: u32, to: &mut FieldWriter<'_>) -> Result<(), Malformed> {
         let (width, arguments) = (usize::from(self.bytes), &mut to.arguments);
         let merged = |before: u32| before & !(self.mask() << self.shift) | number << self.shift;
-        match self.place {
-            Place::Parameter | Place::Return => arguments.parameter = merged(arguments.parameter.into()) as u8,
-            Place::Reserve => arguments.reserve = Reserve(merged(arguments.reserve.0.into()) as u16),
-            Place::Length => arguments.len = number as u16,
-            Place::Info(byte) => {
+        match self.position {
+            FieldPosition::Parameter | FieldPosition::Return => {
+                arguments.parameter = merged(arguments.parameter.into()) as u8
+            }
+            FieldPosition::Reserve => arguments.reserve = Reserve(merged(arguments.reserve.0.into()) as u16),
+            FieldPosition::Length => arguments.len = number as u16,
+            FieldPosition::Info(byte) => {
                 let bytes = &mut arguments.info[usize::from(byte)..][..width];
                 bytes.copy_from_slice(&merged(little_endian(bytes)).to_le_bytes()[..width]);
             }
-            Place::Data(at) => {
+            FieldPosition::Data(at) => {
                 let before = little_endian(segment::get_at(to.data, at.into(), width)?);
                 to.put_at(at.into(), &merged(before).to_le_bytes()[..width])?;
             }
@@ -159,14 +161,14 @@ impl Field {
     /// # Errors
     /// The data segment is too short.
     #[inline]
-    pub(in crate::xf) fn take(&self, from: &Reader<'_>) -> Result<u32, Malformed> {
+    pub(in crate::xf) fn take(&self, from: &FieldReader<'_>) -> Result<u32, Malformed> {
         let (width, arguments) = (usize::from(self.bytes), &from.arguments);
-        let number = match self.place {
-            Place::Parameter | Place::Return => arguments.parameter.into(),
-            Place::Reserve => arguments.reserve.0.into(),
-            Place::Length => arguments.len.into(),
-            Place::Info(byte) => little_endian(&arguments.info[usize::from(byte)..][..width]),
-            Place::Data(at) => little_endian(segment::get_at(from.data, at.into(), width)?),
+        let number = match self.position {
+            FieldPosition::Parameter | FieldPosition::Return => arguments.parameter.into(),
+            FieldPosition::Reserve => arguments.reserve.0.into(),
+            FieldPosition::Length => arguments.len.into(),
+            FieldPosition::Info(byte) => little_endian(&arguments.info[usize::from(byte)..][..width]),
+            FieldPosition::Data(at) => little_endian(segment::get_at(from.data, at.into(), width)?),
         };
         Ok(number >> self.shift & self.mask())
     }
@@ -176,8 +178,8 @@ impl Field {
     /// # Errors
     /// The number does not fit into the field.
     pub(super) fn checked(&self, number: i64) -> Result<u32, Malformed> {
-        let least = if self.kind == Kind::Signed { i32::MIN.into() } else { 0 };
-        let most = if self.kind == Kind::Signed { i32::MAX } else { -1 } as u32 & self.mask();
+        let least = if self.kind == FieldKind::Signed { i32::MIN.into() } else { 0 };
+        let most = if self.kind == FieldKind::Signed { i32::MAX } else { -1 } as u32 & self.mask();
         if (least..=i64::from(most)).contains(&number) {
             return Ok(number as u32);
         }

@@ -20,7 +20,7 @@
 //! ```
 //!
 //! - `mod.rs`: the rows of the table, and the search for a row by name
-//! - `field.rs`: a field: its place, its kind, its value
+//! - `field.rs`: a field: its position, its kind, its value
 //! - `draft.rs`: building a request from fields
 //!
 //! The functions are listed in `request/table.rs`; their fields are those of the layouts of requests and answers.
@@ -30,10 +30,10 @@ mod field;
 
 pub use super::request::table::FUNCTIONS;
 pub use draft::Draft;
-pub use field::{Field, Kind, Names, Place, Value};
+pub use field::{Field, FieldKind, FieldPosition, Names, Value};
 
 use super::CommandCode;
-use super::code::{AnswerForm, Timing};
+use super::code::{AnswerForm, CommandTiming};
 use super::response::Returned;
 
 /// A function: its purpose, its fields, and the fields of its answer.
@@ -84,8 +84,8 @@ impl FunctionFields {
     }
 
     /// When the command is complete.
-    pub fn timing(&self) -> Timing {
-        self.code.command().map_or(Timing::Immediate, |command| command.timing)
+    pub fn timing(&self) -> CommandTiming {
+        self.code.command().map_or(CommandTiming::Immediate, |command| command.timing)
     }
 
     /// Where the answer carries the result.

@@ -2,7 +2,7 @@
 
 use crate::ethercat::Ns;
 use crate::xf::request::FIFO_ENTRIES;
-use crate::xf::{Coverages, DataSize};
+use crate::xf::{CrcCoverages, DataSize};
 
 const US: Ns = 1_000;
 const MS: Ns = 1_000_000;
@@ -10,7 +10,7 @@ const S: Ns = 1_000_000_000;
 
 /// How the driver recognises that the chip is ready for the next packet.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Pacing {
+pub enum HostPacing {
     /// The driver leaves an idle time of [`HostConfig::idle_ns`] after each exchange.
     #[default]
     Idle,
@@ -31,9 +31,9 @@ pub struct HostConfig {
     pub wanted_size: Option<DataSize>,
     /// Which bytes a CRC-32 covers. `None`, the default: the driver finds out by trying, and if nothing fits sets the
     /// chip to the fixed check word.
-    pub coverages: Option<Coverages>,
+    pub coverages: Option<CrcCoverages>,
     /// Whether the driver paces its exchanges by idle time, the default, or by INT0.
-    pub pacing: Pacing,
+    pub pacing: HostPacing,
     /// The idle time after an exchange in nanoseconds; 150 us by default (XF EN 1706).
     pub idle_ns: Ns,
     /// The longest idle time in nanoseconds; 5 ms by default. `[OURS]` Each answer "not ready" doubles the idle time up
@@ -61,12 +61,12 @@ pub struct HostConfig {
     /// Number of timeouts of INT0 in a row after which the driver stops; 3 by default.
     pub int0_misses: u32,
     /// The driver's timeouts.
-    pub deadlines: Deadlines,
+    pub timeouts: Timeouts,
 }
 
 /// The driver's timeouts, in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Deadlines {
+pub struct Timeouts {
     /// Timeout of the search for packets in the stream of bytes; 3 s by default, since a chip takes up to 1 s to start
     /// (OBS).
     pub search_ns: Ns,
@@ -92,7 +92,7 @@ impl Default for HostConfig {
     }
 }
 
-impl Default for Deadlines {
+impl Default for Timeouts {
     fn default() -> Self {
         Self::DEFAULT
     }
@@ -104,7 +104,7 @@ impl HostConfig {
         size: None,
         wanted_size: None,
         coverages: None,
-        pacing: Pacing::Idle,
+        pacing: HostPacing::Idle,
         idle_ns: 150 * US,
         idle_max_ns: 5 * MS,
         poll_ns: 10 * MS,
@@ -114,11 +114,11 @@ impl HostConfig {
         keep_fifo: false,
         resync_after: 8,
         int0_misses: 3,
-        deadlines: Deadlines::DEFAULT,
+        timeouts: Timeouts::DEFAULT,
     };
 }
 
-impl Deadlines {
+impl Timeouts {
     /// The default timeouts.
     pub const DEFAULT: Self = Self {
         search_ns: 3 * S,

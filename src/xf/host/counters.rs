@@ -2,7 +2,7 @@
 
 /// Counters since the driver was created. They never decrease.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
+pub struct HostCounters {
     /// Exchanges, except those of the search for packets.
     pub exchanges: u64,
     /// Answers with a valid start word, end word and check word.

@@ -2,37 +2,37 @@
 //! so the driver tries the possible coverages. An answer with a valid check word shows the coverage of answers; a
 //! command that the chip runs shows the coverage of commands.
 
-use crate::xf::{Coverage, Coverages, DataSize};
+use crate::xf::{CrcCoverage, CrcCoverages, DataSize};
 
 /// How many packets of the start the chip may reject for their check word before CRC-32 is given up. \[OURS] Each
 /// coverage has three tries, so that a single bit error on the wire does not decide.
-const REJECTIONS_MAX: u32 = 3 * Coverage::EVERY.len() as u32;
+const REJECTIONS_MAX: u32 = 3 * CrcCoverage::EVERY.len() as u32;
 /// How many answers in a row may fit no coverage, before any has fitted, until CRC-32 is given up. \[OURS] Fewer than
 /// the damaged answers that start a search for packets.
 const UNFIT_MAX: u32 = 4;
 
-/// The coverages that are still possible, as flags in the order of [`Coverage::EVERY`].
+/// The coverages that are still possible, as flags in the order of [`CrcCoverage::EVERY`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Candidates([bool; Coverage::EVERY.len()]);
+struct Candidates([bool; CrcCoverage::EVERY.len()]);
 
 impl Candidates {
-    const EVERY: Self = Self([true; Coverage::EVERY.len()]);
+    const EVERY: Self = Self([true; CrcCoverage::EVERY.len()]);
 
-    fn one(coverage: Coverage) -> Self {
-        Self(Coverage::EVERY.map(|other| other == coverage))
+    fn one(coverage: CrcCoverage) -> Self {
+        Self(CrcCoverage::EVERY.map(|other| other == coverage))
     }
 
-    fn iter(self) -> impl Iterator<Item = Coverage> {
-        Coverage::EVERY.into_iter().zip(self.0).filter_map(|(coverage, is_possible)| is_possible.then_some(coverage))
+    fn iter(self) -> impl Iterator<Item = CrcCoverage> {
+        CrcCoverage::EVERY.into_iter().zip(self.0).filter_map(|(coverage, is_possible)| is_possible.then_some(coverage))
     }
 
-    fn first(self) -> Coverage {
+    fn first(self) -> CrcCoverage {
         self.iter().next().unwrap_or_default()
     }
 
     /// Keeps only the coverages that include the same bytes of a packet of this size and length as `right` does.
-    fn keep_as(&mut self, right: Coverage, size: DataSize, len: u16) {
-        let fits = Coverage::EVERY.map(|coverage| coverage.bytes(size, len) == right.bytes(size, len));
+    fn keep_as(&mut self, right: CrcCoverage, size: DataSize, len: u16) {
+        let fits = CrcCoverage::EVERY.map(|coverage| coverage.bytes(size, len) == right.bytes(size, len));
         self.0 = core::array::from_fn(|n| self.0[n] && fits[n]);
     }
 }
@@ -47,14 +47,14 @@ pub(super) struct CoverageSearch {
     /// Whether the chip has run a command with a CRC-32.
     commands_fit: bool,
     /// The coverage to try after a rejection.
-    trying: Option<Coverage>,
+    trying: Option<CrcCoverage>,
     rejections: u32,
     unfit: u32,
 }
 
 impl CoverageSearch {
     /// Starts a search; with `given` the coverages are known and nothing is searched.
-    pub(super) fn new(given: Option<Coverages>) -> Self {
+    pub(super) fn new(given: Option<CrcCoverages>) -> Self {
         Self {
             answers: given.map_or(Candidates::EVERY, |given| Candidates::one(given.answers)),
             commands: given.map_or(Candidates::EVERY, |given| Candidates::one(given.commands)),
@@ -67,19 +67,19 @@ impl CoverageSearch {
     }
 
     /// The best guess for commands: the coverage of answers if that is possible, and another one after each rejection.
-    pub(super) fn of_commands(&self) -> Coverage {
+    pub(super) fn of_commands(&self) -> CrcCoverage {
         let as_answers = || self.commands.iter().find(|coverage| self.answers.iter().any(|other| other == *coverage));
         self.trying.or_else(as_answers).unwrap_or(self.commands.first())
     }
 
     /// The possible coverages of answers, the most likely first.
-    pub(super) fn of_answers(&self) -> impl Iterator<Item = Coverage> + use<> {
+    pub(super) fn of_answers(&self) -> impl Iterator<Item = CrcCoverage> + use<> {
         self.answers.iter()
     }
 
     /// The present best guess for both directions.
-    pub(super) fn coverages(&self) -> Coverages {
-        Coverages { commands: self.of_commands(), answers: self.answers.first() }
+    pub(super) fn coverages(&self) -> CrcCoverages {
+        CrcCoverages { commands: self.of_commands(), answers: self.answers.first() }
     }
 
     /// Whether several coverages are still possible for commands, so that a command of another length would help.
@@ -98,7 +98,7 @@ impl CoverageSearch {
     }
 
     /// Records that the check word of an answer is valid with that coverage.
-    pub(super) fn answer_fits(&mut self, coverage: Coverage, size: DataSize, len: u16) {
+    pub(super) fn answer_fits(&mut self, coverage: CrcCoverage, size: DataSize, len: u16) {
         self.answers.keep_as(coverage, size, len);
         (self.answers_fit, self.unfit) = (true, 0);
     }
@@ -110,14 +110,14 @@ impl CoverageSearch {
     }
 
     /// Records that the chip has run a command whose CRC-32 had that coverage.
-    pub(super) fn command_ran(&mut self, used: Coverage, size: DataSize, len: u16) {
+    pub(super) fn command_ran(&mut self, used: CrcCoverage, size: DataSize, len: u16) {
         self.commands.keep_as(used, size, len);
         (self.trying, self.commands_fit, self.rejections) = (None, true, 0);
     }
 
     /// Records that the chip has rejected a command with that coverage. Returns whether CRC-32 is to be given up;
     /// otherwise the next coverage is now the best guess.
-    pub(super) fn command_is_rejected(&mut self, used: Coverage) -> bool {
+    pub(super) fn command_is_rejected(&mut self, used: CrcCoverage) -> bool {
         let behind = || self.commands.iter().skip_while(move |coverage| *coverage != used).skip(1);
         self.trying = behind().chain(self.commands.iter()).next();
         self.rejections += 1;

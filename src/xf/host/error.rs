@@ -27,7 +27,7 @@ pub enum HostError {
         last: Option<PacketError>,
     },
     /// The driver has stopped: the chip reports a data segment size that differs from that of its packets.
-    OtherSize {
+    DataSizeMismatch {
         /// The data segment size of the packets.
         expected: DataSize,
         /// The data segment size that SPI_PACK_SIZE_GET reports.
@@ -106,12 +106,12 @@ pub enum HostError {
     },
     /// The command cannot be queued: process data are sent with `Host::process`, and the driver itself sets the data
     /// segment size and the check word.
-    OfDriver {
+    ReservedForDriver {
         /// The command that cannot be queued.
         code: CommandCode,
     },
     /// The second command of a pair does not read the result of the first one.
-    NoRead {
+    NotARead {
         /// The second command.
         code: CommandCode,
     },
@@ -190,7 +190,7 @@ impl fmt::Display for HostError {
                 Millis(waited_ns),
                 Last(last)
             ),
-            Self::OtherSize { expected, found } => write!(
+            Self::DataSizeMismatch { expected, found } => write!(
                 f,
                 "packets have {} bytes of data, but the chip says {}; reset the chip and restart the driver",
                 expected.bytes(),
@@ -243,11 +243,11 @@ impl fmt::Display for HostError {
             Self::TooLong { code, found, most } => {
                 write!(f, "{code} has {found} bytes of data, {most} at most: send less, or set a larger n")
             }
-            Self::OfDriver { code } => write!(
+            Self::ReservedForDriver { code } => write!(
                 f,
                 "{code} is not for the queue: process data go by `Host::process`, n and check word are set at the start"
             ),
-            Self::NoRead { code } => write!(f, "{code} reads no result: submit it by itself"),
+            Self::NotARead { code } => write!(f, "{code} reads no result: submit it by itself"),
             Self::UnknownTicket => f.write_str("the ticket is of no command: its result was taken already"),
             Self::OtherCommand { expected, found } => {
                 write!(f, "the ticket is of {expected}, not of {found}: take it with the command it was given for")

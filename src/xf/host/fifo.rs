@@ -17,13 +17,13 @@ struct Write {
 /// The estimate of the free entries. It is never too high, whenever the write reached the chip: the real number can
 /// only be higher, by cycles that the counts do not show yet.
 #[derive(Clone, Debug)]
-pub(super) struct RxRoom {
+pub(super) struct RxFreeEstimate {
     pub(super) entries: u8,
     count: u8,
     writes: [Option<Write>; 4],
 }
 
-impl RxRoom {
+impl RxFreeEstimate {
     pub(super) const fn new(entries: u8) -> Self {
         Self { entries, count: 0, writes: [None; 4] }
     }

@@ -16,7 +16,7 @@ const NOPS_OF_A_LOST_ANSWER: u32 = 2;
 
 /// The part of a queued command that a packet is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Part {
+pub(super) enum CommandPart {
     /// The command itself.
     Request,
     /// Reading the command's result.
@@ -32,7 +32,7 @@ pub(super) enum Purpose {
     /// Polling the header.
     Info,
     /// A queued command, with the part that is sent.
-    Slot(usize, Part),
+    Slot(usize, CommandPart),
     /// Process data.
     Process {
         sequence: u32,
@@ -51,7 +51,7 @@ pub(super) enum Purpose {
 
 /// The meaning of an answer for the packet in flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Verdict {
+pub(super) enum AnswerMatch {
     /// The packet's answer is still missing.
     Open,
     /// This is the packet's answer, with the result.
@@ -91,24 +91,24 @@ impl Flight {
 
     /// Evaluates an answer. `rejected` says whether the answer shows that the chip has rejected a packet since the
     /// previous answer.
-    pub(super) fn judge(&mut self, header: &AnswerHeader, rejected: bool) -> Verdict {
+    pub(super) fn match_answer(&mut self, header: &AnswerHeader, rejected: bool) -> AnswerMatch {
         if rejected {
             self.nops = 0;
         }
         if !self.matches(header) {
-            return Verdict::Open;
+            return AnswerMatch::Open;
         }
         if !header.status.contains(Status::NOP) {
-            return Verdict::Result;
+            return AnswerMatch::Result;
         }
         if !rejected {
             self.nops += 1;
         }
         match self.purpose {
             // These packets have no result to lose. No source says whether their answers carry the NOP flag.
-            Purpose::Info | Purpose::Start(StartStep::NotBusy) if !rejected => Verdict::Result,
-            _ if self.nops >= NOPS_OF_A_LOST_ANSWER && self.copies > NOPS_OF_A_LOST_ANSWER => Verdict::Lost,
-            _ => Verdict::Open,
+            Purpose::Info | Purpose::Start(StartStep::NotBusy) if !rejected => AnswerMatch::Result,
+            _ if self.nops >= NOPS_OF_A_LOST_ANSWER && self.copies > NOPS_OF_A_LOST_ANSWER => AnswerMatch::Lost,
+            _ => AnswerMatch::Open,
         }
     }
 }

@@ -61,9 +61,9 @@
 //! | `wires.rs` | [`Wires`], and a step of the driver over them |
 //! | `next.rs` | the choice of the next packet |
 //! | `received.rs` | the interpretation of an answer |
-//! | `settle.rs` | the effects of a packet's end on its command or process data |
+//! | `complete.rs` | the effects of a packet's end on its command or process data |
 //! | `flight.rs` | the packet in flight |
-//! | `inbox.rs` | the received packet, and the TxPDOs |
+//! | `receive_buffer.rs` | the received packet, and the TxPDOs |
 //! | `slots.rs` | the queues of commands |
 //! | `process.rs` | process data; `fifo.rs`: the free entries of the RxFIFO |
 //! | `search.rs`, `start.rs` | the search for n and the beginning of packets; the steps of the start |
@@ -73,46 +73,46 @@
 //! | `config.rs`, `error.rs`, `counters.rs` | settings, errors, counters |
 
 mod budget;
+mod complete;
 mod config;
 mod counters;
 mod coverage;
 mod error;
 mod fifo;
 mod flight;
-mod inbox;
 mod next;
 mod pace;
 mod process;
+mod receive_buffer;
 mod received;
 mod search;
-mod settle;
 mod slots;
 mod start;
 mod wires;
 
 pub use budget::{Budget, BudgetError, COMFORTABLE_SIZE};
-pub use config::{Deadlines, HostConfig, Pacing};
-pub use counters::Counters;
+pub use config::{HostConfig, HostPacing, Timeouts};
+pub use counters::HostCounters;
 pub use error::HostError;
-pub use process::{ProcessData, ProcessKind, ProcessOutcome, ProcessReport};
+pub use process::{ProcessKind, ProcessOutcome, ProcessReport, ProcessRequest};
 pub use slots::{IMMEDIATE_SLOTS, NON_IMMEDIATE_SLOTS, SLOT_BYTES, Ticket};
 pub use start::StartStep;
 pub use wires::{StepError, Wires};
 
 use super::response::FirmwareVersion;
 use super::{
-    AnswerHeader, Call, CheckRule, CheckType, CommandCode, Coverages, DataSize, Errors, HEADER_LEN, Interrupts,
+    AnswerHeader, Call, CheckRule, CheckType, CommandCode, CrcCoverages, DataSize, Errors, HEADER_LEN, Interrupts,
     MAX_PACKET, PacketError,
 };
 use crate::ethercat::Ns;
 use coverage::CoverageSearch;
-use fifo::RxRoom;
+use fifo::RxFreeEstimate;
 use flight::Flight;
-use inbox::Inbox;
-use pace::Pacer;
+use pace::HostPacer;
 use process::Process;
+use receive_buffer::ReceiveBuffer;
 use search::Search;
-use slots::{SlotState, Slots};
+use slots::{CommandSlots, SlotState};
 
 /// The next action for the owner of the wires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -142,9 +142,9 @@ pub enum HostState {
     Stopped(HostError),
 }
 
-/// The content of the last exchange.
+/// The content of the exchange whose received bytes are still to come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Outstanding {
+enum PendingExchange {
     Filler,
     Packet,
 }
@@ -164,21 +164,21 @@ pub struct Host {
     crc_on: bool,
     started: Ns,
     search: Search,
-    pacer: Pacer,
-    slots: Slots,
+    pacer: HostPacer,
+    slots: CommandSlots,
     process: Process,
-    room: RxRoom,
+    rx_estimate: RxFreeEstimate,
     flight: Option<Flight>,
     /// Two packet buffers: `current` is the index of the packet being sent; the other one receives the outputs of the
     /// next process data.
     packets: [[u8; MAX_PACKET]; 2],
     current: usize,
-    inbox: Inbox,
+    receive_buffer: ReceiveBuffer,
     index: u8,
     exchange: u64,
     /// The number of the exchange with the newest answer.
     answered: u64,
-    outstanding: Option<Outstanding>,
+    pending_exchange: Option<PendingExchange>,
     /// Whether INT0 became active after the exchange whose end is still to be reported.
     ready_seen: bool,
     header: Option<AnswerHeader>,
@@ -208,13 +208,13 @@ pub struct Host {
     /// Whether the last packet other than INFO_UPDATE was process data.
     process_last: bool,
     /// The time at which the last packet ended.
-    settled: Ns,
+    completed_at: Ns,
     /// The GPIO outputs in the header of each packet.
     gpio_outputs: Option<u16>,
     /// The interrupt flags that the header of the next packet clears: those of the chip and those of GPIO.
     interrupts_to_clear: (Interrupts, u16),
     version: Option<FirmwareVersion>,
-    counters: Counters,
+    counters: HostCounters,
 }
 
 impl Host {
@@ -229,18 +229,18 @@ impl Host {
             crc_on: false,
             started: now,
             search: Search::new(now),
-            pacer: Pacer::new(&config),
-            slots: Slots::new(),
+            pacer: HostPacer::new(&config),
+            slots: CommandSlots::new(),
             process: Process::new(),
-            room: RxRoom::new(config.rx_entries),
+            rx_estimate: RxFreeEstimate::new(config.rx_entries),
             flight: None,
             packets: [[0; MAX_PACKET]; 2],
             current: 0,
-            inbox: Inbox::new(),
+            receive_buffer: ReceiveBuffer::new(),
             index: 0,
             exchange: 0,
             answered: 0,
-            outstanding: None,
+            pending_exchange: None,
             ready_seen: false,
             header: None,
             found: None,
@@ -256,11 +256,11 @@ impl Host {
             clear_tries: 0,
             cleared: Errors::NONE,
             process_last: false,
-            settled: now,
+            completed_at: now,
             gpio_outputs: None,
             interrupts_to_clear: (Interrupts::NONE, 0),
             version: None,
-            counters: Counters::default(),
+            counters: HostCounters::default(),
             config,
         };
         host.begin_start(now);
@@ -280,8 +280,8 @@ impl Host {
             self.coverages = CoverageSearch::new(self.config.coverages);
         }
         self.forget_all();
-        self.outstanding = None;
-        self.pacer = Pacer::new(&self.config);
+        self.pending_exchange = None;
+        self.pacer = HostPacer::new(&self.config);
         self.started = now;
         self.bad_in_row = 0;
         match self.config.size {
@@ -314,9 +314,9 @@ impl Host {
     /// RxFIFO is off and empty afterwards; the number of its entries stays. An ECM-XFU refuses this.
     pub fn resize(&mut self, now: Ns, size: DataSize) {
         (self.config.size, self.config.wanted_size) = (Some(self.size), Some(size));
-        let entries = self.room.entries;
+        let entries = self.rx_estimate.entries;
         self.restart(now);
-        self.room = RxRoom::new(entries);
+        self.rx_estimate = RxFreeEstimate::new(entries);
     }
 
     /// The present configuration.
@@ -341,7 +341,7 @@ impl Host {
     }
 
     /// Which bytes a CRC-32 covers, as far as that was found.
-    pub fn coverages(&self) -> Coverages {
+    pub fn coverages(&self) -> CrcCoverages {
         self.coverages.coverages()
     }
 
@@ -370,7 +370,7 @@ impl Host {
     }
 
     /// The driver's counters.
-    pub const fn counters(&self) -> Counters {
+    pub const fn counters(&self) -> HostCounters {
         self.counters
     }
 
@@ -388,7 +388,7 @@ impl Host {
 
     /// Reports that INT0 has become active.
     pub fn ready(&mut self, _now: Ns) {
-        match self.outstanding {
+        match self.pending_exchange {
             Some(_) => self.ready_seen = true,
             None => self.pacer.ready(),
         }
@@ -401,7 +401,7 @@ impl Host {
     /// The queue is full, the command is too long or reserved for the driver, its data are not valid for the chip, or
     /// the driver has stopped; then the error is the reason of the stop.
     pub fn submit<'d, C: Call<'d>>(&mut self, now: Ns, call: &C) -> Result<Ticket, HostError> {
-        self.submit_within(now, call, self.config.deadlines.busy_ns)
+        self.submit_within(now, call, self.config.timeouts.busy_ns)
     }
 
     /// Like [`Self::submit`]; `busy_ns` is the time in nanoseconds for which a non-immediate command may run. File
@@ -478,12 +478,12 @@ impl Host {
 
     /// Drops all commands and results as [`Self::abandon`] does, so that a more urgent command need not wait.
     pub fn abandon_all(&mut self) {
-        self.slots.all.iter_mut().for_each(slots::Slot::abandon);
+        self.slots.all.iter_mut().for_each(slots::CommandSlot::abandon);
     }
 
     /// The number of entries of the RxFIFO, as far as the driver knows.
     pub const fn rx_entries(&self) -> u8 {
-        self.room.entries
+        self.rx_estimate.entries
     }
 
     /// Submits process data for the next exchange. Returns their sequence number, with which [`Self::take_report`]
@@ -492,7 +492,7 @@ impl Host {
     /// # Errors
     /// Earlier process data are still waiting, the data are longer than the data segment, the RxFIFO may have no room
     /// ([`Self::rx_free`]), or the driver has stopped; then the error is the reason of the stop.
-    pub fn process(&mut self, data: ProcessData<'_>) -> Result<u32, HostError> {
+    pub fn process(&mut self, data: ProcessRequest<'_>) -> Result<u32, HostError> {
         let (kind, outputs) = data.parts();
         self.process_in_place(kind, outputs.len(), |place| place.copy_from_slice(outputs))
     }
@@ -510,7 +510,7 @@ impl Host {
         write: impl FnOnce(&mut [u8]),
     ) -> Result<u32, HostError> {
         self.running_or_error()?;
-        let (needed, free) = (kind.queued(), self.room.free());
+        let (needed, free) = (kind.queued(), self.rx_estimate.free());
         if needed > free {
             return Err(HostError::FifoFull { needed, free });
         }
@@ -521,7 +521,7 @@ impl Host {
     /// The number of RxFIFO entries that are certainly free. The chip's counts lag two exchanges behind, so recent
     /// writes are subtracted.
     pub fn rx_free(&self) -> u8 {
-        self.room.free()
+        self.rx_estimate.free()
     }
 
     /// Takes the oldest report about the outcome of process data. The driver keeps 4 reports.
@@ -531,7 +531,7 @@ impl Host {
 
     /// The TxPDOs of the newest answer that contained any.
     pub fn inputs(&self) -> &[u8] {
-        self.inbox.inputs()
+        self.receive_buffer.inputs()
     }
 
     /// Checks that a command fits into a packet, once the data segment size n is known.

@@ -1,11 +1,11 @@
 //! Chooses what to send next.
 
-use super::flight::{Flight, Part, Purpose};
-use super::pace::Pace;
-use super::process::{NOT_TAKEN, Outgoing, Overtaken, ProcessOutcome, ProcessReport};
+use super::flight::{CommandPart, Flight, Purpose};
+use super::pace::ExchangePace;
+use super::process::{NOT_TAKEN, OutgoingProcessData, Overtaken, ProcessOutcome, ProcessReport};
 use super::search::Search;
 use super::slots::SlotState;
-use super::{Host, HostError, HostState, Next, Outstanding, StartStep};
+use super::{Host, HostError, HostState, Next, PendingExchange, StartStep};
 use crate::ethercat::Ns;
 use crate::xf::packet::write_around;
 use crate::xf::request::{Arguments, InfoUpdate};
@@ -15,8 +15,8 @@ use crate::xf::{CommandCode, CommandHeader, Control, Errors, Request, Reserve, W
 const CLEAR_TRIES: u32 = 3;
 
 /// The next action, like [`Next`] but without the bytes.
-pub(super) enum Plan {
-    Exchange(Outstanding),
+pub(super) enum ExchangePlan {
+    Exchange(PendingExchange),
     WaitUntil(Ns),
     WaitForReady { until: Ns },
 }
@@ -39,27 +39,27 @@ impl Host {
     /// The reason why the driver has stopped.
     pub fn next(&mut self, now: Ns) -> Result<Next<'_>, HostError> {
         Ok(match self.plan(now)? {
-            Plan::Exchange(Outstanding::Filler) => Next::Exchange(self.search.filler()),
-            Plan::Exchange(Outstanding::Packet) => {
+            ExchangePlan::Exchange(PendingExchange::Filler) => Next::Exchange(self.search.filler()),
+            ExchangePlan::Exchange(PendingExchange::Packet) => {
                 Next::Exchange(&self.packets[self.current][..self.size.packet_len()])
             }
-            Plan::WaitUntil(time) => Next::WaitUntil(time),
-            Plan::WaitForReady { until } => Next::WaitForReady { until },
+            ExchangePlan::WaitUntil(time) => Next::WaitUntil(time),
+            ExchangePlan::WaitForReady { until } => Next::WaitForReady { until },
         })
     }
 
     /// The result of [`Self::next`], without the bytes.
-    pub(super) fn plan(&mut self, now: Ns) -> Result<Plan, HostError> {
-        if self.outstanding.is_some() {
+    pub(super) fn plan(&mut self, now: Ns) -> Result<ExchangePlan, HostError> {
+        if self.pending_exchange.is_some() {
             self.came(now, 0);
         }
         self.expire(now);
         self.running_or_error()?;
         match self.pacer.pace(now, &self.config) {
-            Pace::Go => {}
-            Pace::Until(until) => return Ok(Plan::WaitUntil(until)),
-            Pace::Int0(until) => return Ok(Plan::WaitForReady { until }),
-            Pace::Missed => {
+            ExchangePace::Go => {}
+            ExchangePace::Until(until) => return Ok(ExchangePlan::WaitUntil(until)),
+            ExchangePace::Int0(until) => return Ok(ExchangePlan::WaitForReady { until }),
+            ExchangePace::Missed => {
                 self.counters.int0_missed += 1;
                 if self.pacer.misses >= self.config.int0_misses && self.bad_in_row > 0 {
                     // A chip that was reset and now has another data segment size waits for the rest of a packet, so
@@ -67,19 +67,19 @@ impl Host {
                     self.pacer.misses = 0;
                     self.search_anew(now);
                 } else if self.pacer.misses >= self.config.int0_misses {
-                    let waited_ns = self.config.deadlines.int0_ns;
+                    let waited_ns = self.config.timeouts.int0_ns;
                     self.stop(HostError::Int0Missing { waited_ns, times: self.pacer.misses });
                 }
                 self.running_or_error()?;
             }
         }
         let what = match self.choose(now) {
-            Choice::Filler => Outstanding::Filler,
-            Choice::Packet => Outstanding::Packet,
-            Choice::Nothing { until } => return Ok(Plan::WaitUntil(until)),
+            Choice::Filler => PendingExchange::Filler,
+            Choice::Packet => PendingExchange::Packet,
+            Choice::Nothing { until } => return Ok(ExchangePlan::WaitUntil(until)),
         };
         self.begin(what);
-        Ok(Plan::Exchange(what))
+        Ok(ExchangePlan::Exchange(what))
     }
 
     pub(super) fn running_or_error(&self) -> Result<(), HostError> {
@@ -89,8 +89,8 @@ impl Host {
         }
     }
 
-    fn begin(&mut self, what: Outstanding) {
-        self.outstanding = Some(what);
+    fn begin(&mut self, what: PendingExchange) {
+        self.pending_exchange = Some(what);
         self.ready_seen = false;
         self.in_step = false;
         self.pacer.began();
@@ -127,16 +127,16 @@ impl Host {
     fn expire(&mut self, now: Ns) {
         if let HostState::Starting(step) = self.state {
             let waited_ns = now.saturating_sub(self.started);
-            if waited_ns >= self.config.deadlines.start_ns {
+            if waited_ns >= self.config.timeouts.start_ns {
                 self.stop(HostError::StartTooLong { step, waited_ns, last: self.last_error });
                 return;
             }
         }
-        self.slots.expire(now, self.config.deadlines.queue_ns);
+        self.slots.expire(now, self.config.timeouts.queue_ns);
         let searching = matches!(self.state, HostState::Searching | HostState::Starting(StartStep::Search));
         let Some(flight) = self.flight.filter(|flight| now >= flight.deadline && !searching) else { return };
         self.flight = None;
-        self.settled = now;
+        self.completed_at = now;
         if self.state == HostState::Running && self.answered < flight.first {
             // Answers "not ready" may be due to a wrong data segment size n. Several smaller packets may fit exactly
             // into one of the assumed size, as after a reset from n = 1408 to n = 112, so that its end looks valid.
@@ -154,8 +154,8 @@ impl Host {
                 self.busy |= !code.is_immediate(self.slots.all[slot].arguments.parameter);
             }
             Purpose::Process { sequence, written, .. } => {
-                self.settle_overtaken(None);
-                self.settle_unknown(sequence, written);
+                self.complete_overtaken(None);
+                self.complete_unknown(sequence, written);
             }
         }
     }
@@ -189,7 +189,7 @@ impl Host {
             // The second copy is no retry: it fetches the answer to the first one.
             self.counters.repeated += u64::from(flight.copies > 2);
             if let Purpose::Process { sequence, queued, .. } = flight.purpose {
-                self.room.wrote(sequence, queued, exchange);
+                self.rx_estimate.wrote(sequence, queued, exchange);
             }
         }
         Choice::Packet
@@ -215,7 +215,7 @@ impl Host {
     }
 
     fn start(&mut self, now: Ns, step: StartStep) -> Choice {
-        let due = self.settled.saturating_add(self.config.busy_poll_ns);
+        let due = self.completed_at.saturating_add(self.config.busy_poll_ns);
         if step == StartStep::NotBusy && self.header.is_some() && self.busy && now < due {
             return Choice::Nothing { until: due };
         }
@@ -253,17 +253,17 @@ impl Host {
         let running = self.slots.running().is_some();
         let blocked = self.busy && self.slots.first_waiting(false).is_some();
         let poll_ns = if running || blocked { self.config.busy_poll_ns } else { self.config.poll_ns };
-        let due = self.settled.saturating_add(poll_ns);
+        let due = self.completed_at.saturating_add(poll_ns);
         if now >= due {
             return self.send_info(now);
         }
-        let deadline = self.slots.next_deadline(self.config.deadlines.queue_ns).unwrap_or(due);
+        let deadline = self.slots.next_deadline(self.config.timeouts.queue_ns).unwrap_or(due);
         Choice::Nothing { until: due.min(deadline.max(now + 1)) }
     }
 
     /// The next command that may be sent now.
-    fn waiting_command(&self) -> Option<(usize, Part)> {
-        let request = |slot| (slot, Part::Request);
+    fn waiting_command(&self) -> Option<(usize, CommandPart)> {
+        let request = |slot| (slot, CommandPart::Request);
         let other = || self.slots.first_waiting(false).filter(|_| self.slots.running().is_none() && !self.busy);
         self.slots
             .waiting_read()
@@ -307,7 +307,7 @@ impl Host {
         self.bits_known = false;
         self.sent = [self.sent[1], (self.index, code, 1)];
         let flight = Flight::new(purpose, self.index, code, self.exchange);
-        self.flight = Some(flight.within(now, self.config.deadlines.answer_ns));
+        self.flight = Some(flight.within(now, self.config.timeouts.answer_ns));
         Choice::Packet
     }
 
@@ -326,7 +326,7 @@ impl Host {
         self.send_short(now, Purpose::Info, control, &InfoUpdate.into())
     }
 
-    fn send_slot(&mut self, now: Ns, slot: usize, part: Part) -> Choice {
+    fn send_slot(&mut self, now: Ns, slot: usize, part: CommandPart) -> Choice {
         self.process_last = false;
         let header = self.new_header(Control::NONE);
         let request = self.slots.all[slot].request(part);
@@ -354,7 +354,7 @@ impl Host {
             overtaken.unclear |= clears;
         }
         let Some(outgoing) = self.process.sent() else { return Choice::Nothing { until: now + 1 } };
-        let Outgoing { sequence, code, arguments, written, queued, reads } = outgoing;
+        let OutgoingProcessData { sequence, code, arguments, written, queued, reads } = outgoing;
         // The outputs are already in this packet.
         let packet = &mut self.packets[1 - self.current];
         let sent = write_around(packet, self.size, self.rule, header, code, arguments).is_ok();
@@ -365,7 +365,7 @@ impl Host {
         }
         self.current = 1 - self.current;
         let choice = self.launch(now, Purpose::Process { sequence, written, queued, reads, clears, others }, code);
-        self.room.wrote(sequence, queued, self.exchange);
+        self.rx_estimate.wrote(sequence, queued, self.exchange);
         choice
     }
 }

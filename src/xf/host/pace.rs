@@ -1,11 +1,11 @@
 //! The time of the next exchange: after the idle time, or at the edge of INT0.
 
-use super::config::{HostConfig, Pacing};
+use super::config::{HostConfig, HostPacing};
 use crate::ethercat::Ns;
 
 /// The condition for the next exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Pace {
+pub(super) enum ExchangePace {
     /// The exchange may begin now.
     Go,
     /// The exchange may begin at this time.
@@ -17,7 +17,7 @@ pub(super) enum Pace {
 }
 
 #[derive(Clone, Debug)]
-pub(super) struct Pacer {
+pub(super) struct HostPacer {
     /// The present idle time, in nanoseconds.
     idle_ns: Ns,
     /// The earliest time for the next exchange.
@@ -28,7 +28,7 @@ pub(super) struct Pacer {
     pub(super) misses: u32,
 }
 
-impl Pacer {
+impl HostPacer {
     pub(super) const fn new(config: &HostConfig) -> Self {
         Self { idle_ns: config.idle_ns, not_before: 0, waiting_since: None, misses: 0 }
     }
@@ -40,7 +40,7 @@ impl Pacer {
 
     /// Records that an exchange has ended. `ready` says whether INT0 has become active since its beginning.
     pub(super) fn ended(&mut self, now: Ns, config: &HostConfig, ready: bool, whole_packet: bool) {
-        if config.pacing == Pacing::Int0 && whole_packet {
+        if config.pacing == HostPacing::Int0 && whole_packet {
             self.waiting_since = (!ready).then_some(now);
             let extra = if self.idle_ns > config.idle_ns { self.idle_ns } else { 0 };
             self.not_before = now.saturating_add(extra);
@@ -80,17 +80,17 @@ impl Pacer {
     }
 
     /// The condition for the next exchange. An INT0 timeout is returned once; after that the exchange may begin.
-    pub(super) fn pace(&mut self, now: Ns, config: &HostConfig) -> Pace {
+    pub(super) fn pace(&mut self, now: Ns, config: &HostConfig) -> ExchangePace {
         if now < self.not_before {
-            return Pace::Until(self.not_before);
+            return ExchangePace::Until(self.not_before);
         }
-        let Some(since) = self.waiting_since else { return Pace::Go };
-        let until = since.saturating_add(config.deadlines.int0_ns);
+        let Some(since) = self.waiting_since else { return ExchangePace::Go };
+        let until = since.saturating_add(config.timeouts.int0_ns);
         if now < until {
-            return Pace::Int0(until);
+            return ExchangePace::Int0(until);
         }
         self.waiting_since = None;
         self.misses += 1;
-        Pace::Missed
+        ExchangePace::Missed
     }
 }

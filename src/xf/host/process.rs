@@ -12,7 +12,7 @@ pub(super) const NOT_TAKEN: Errors = Errors::FIFO.with(Errors::COMMAND);
 
 /// Process data for one exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ProcessData<'d> {
+pub enum ProcessRequest<'d> {
     /// PDO_DATA_FIFO_OP: RxPDOs into the FIFO, and the same number of TxPDOs out of the FIFO.
     Exchange {
         /// Number of PDOs to write, and maximum number to read.
@@ -41,7 +41,7 @@ pub enum ProcessData<'d> {
     DirectRead,
 }
 
-impl<'d> ProcessData<'d> {
+impl<'d> ProcessRequest<'d> {
     /// Splits into the kind of exchange and the RxPDOs.
     pub(super) fn parts(self) -> (ProcessKind, &'d [u8]) {
         match self {
@@ -58,24 +58,24 @@ impl<'d> ProcessData<'d> {
 /// [`Host::process_in_place`](super::Host::process_in_place).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProcessKind {
-    /// Like [`ProcessData::Exchange`].
+    /// Like [`ProcessRequest::Exchange`].
     Exchange {
         /// Number of PDOs to write, and maximum number to read.
         count: u8,
     },
-    /// Like [`ProcessData::Write`].
+    /// Like [`ProcessRequest::Write`].
     Write {
         /// Number of PDOs to write.
         count: u8,
     },
-    /// Like [`ProcessData::Read`].
+    /// Like [`ProcessRequest::Read`].
     Read {
         /// Maximum number of PDOs to read.
         count: u8,
     },
-    /// Like [`ProcessData::DirectExchange`].
+    /// Like [`ProcessRequest::DirectExchange`].
     DirectExchange,
-    /// Like [`ProcessData::DirectRead`].
+    /// Like [`ProcessRequest::DirectRead`].
     DirectRead,
 }
 
@@ -147,7 +147,7 @@ pub(super) struct Overtaken {
 
 /// Submitted process data. Their outputs are in the buffer of the next packet.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Outgoing {
+pub(super) struct OutgoingProcessData {
     pub(super) sequence: u32,
     pub(super) code: CommandCode,
     pub(super) arguments: Arguments,
@@ -161,7 +161,7 @@ pub(super) struct Outgoing {
 #[derive(Clone, Debug)]
 pub(super) struct Process {
     sequence: u32,
-    waiting: Option<Outgoing>,
+    waiting: Option<OutgoingProcessData>,
     reports: [Option<ProcessReport>; REPORTS],
     /// The index of the oldest report.
     oldest: usize,
@@ -200,12 +200,12 @@ impl Process {
         let queued = kind.queued();
         let written = if matches!(kind, ProcessKind::DirectExchange) { 1 } else { queued };
         let reads = operation.contains(PdoOperation::READ);
-        self.waiting = Some(Outgoing { sequence: self.sequence, code, arguments, written, queued, reads });
+        self.waiting = Some(OutgoingProcessData { sequence: self.sequence, code, arguments, written, queued, reads });
         Ok(self.sequence)
     }
 
     /// Takes the waiting process data, because they are sent now or not at all.
-    pub(super) fn sent(&mut self) -> Option<Outgoing> {
+    pub(super) fn sent(&mut self) -> Option<OutgoingProcessData> {
         self.waiting.take()
     }
 

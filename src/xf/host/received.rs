@@ -1,11 +1,11 @@
 //! Interprets the received bytes: a damaged packet, "not ready", or an answer with its header.
 
-use super::flight::{Flight, Purpose, Verdict};
+use super::flight::{AnswerMatch, Flight, Purpose};
 use super::process::ProcessOutcome;
-use super::slots::{SlotState, Slots};
-use super::{Host, HostError, HostState, Outstanding, StartStep};
+use super::slots::{CommandSlots, SlotState};
+use super::{Host, HostError, HostState, PendingExchange, StartStep};
 use crate::ethercat::Ns;
-use crate::xf::packet::Judged;
+use crate::xf::packet::PacketKind;
 use crate::xf::{
     AnswerHeader, AnswerPacket, CheckRule, CheckType, CommandHeader, Errors, MAX_PACKET, PacketError, Status,
 };
@@ -14,33 +14,33 @@ impl Host {
     /// Takes the bytes received in the exchange that [`Self::next`] requested: as many as were sent, or none if the
     /// exchange failed. `now` is the end of the exchange.
     pub fn received(&mut self, now: Ns, bytes: &[u8]) {
-        let (place, len) = (self.inbox.packet(), bytes.len().min(MAX_PACKET));
+        let (place, len) = (self.receive_buffer.packet(), bytes.len().min(MAX_PACKET));
         place[..len].copy_from_slice(&bytes[..len]);
         self.came(now, bytes.len());
     }
 
-    /// Like [`Self::received`], for `len` bytes that are already in the inbox.
+    /// Like [`Self::received`], for `len` bytes that are already in the receive buffer.
     pub(super) fn came(&mut self, now: Ns, len: usize) {
         let ready = core::mem::take(&mut self.ready_seen);
-        match self.outstanding.take() {
+        match self.pending_exchange.take() {
             None => self.counters.stray += 1,
-            Some(Outstanding::Filler) => {
+            Some(PendingExchange::Filler) => {
                 self.pacer.ended(now, &self.config, ready, false);
                 self.searched(now, len);
             }
-            Some(Outstanding::Packet) if self.is_resize() => self.resized(now, len, ready),
-            Some(Outstanding::Packet) => {
+            Some(PendingExchange::Packet) if self.is_resize() => self.resized(now, len, ready),
+            Some(PendingExchange::Packet) => {
                 self.counters.exchanges += 1;
-                let judged = self.judge(len);
-                match judged {
-                    Ok(Judged::NotReady) => self.pacer.slower(&self.config),
-                    Ok(Judged::Answer) => self.pacer.faster(&self.config),
+                let kind = self.classify(len);
+                match kind {
+                    Ok(PacketKind::NotReady) => self.pacer.slower(&self.config),
+                    Ok(PacketKind::Answer) => self.pacer.faster(&self.config),
                     Err(_) => {}
                 }
                 self.pacer.ended(now, &self.config, ready, true);
-                match judged {
-                    Ok(Judged::Answer) => self.answered(now, &self.inbox.header()),
-                    Ok(Judged::NotReady) => self.counters.not_ready += 1,
+                match kind {
+                    Ok(PacketKind::Answer) => self.answered(now, &self.receive_buffer.header()),
+                    Ok(PacketKind::NotReady) => self.counters.not_ready += 1,
                     Err(error) => self.damaged(now, error),
                 }
             }
@@ -49,10 +49,10 @@ impl Host {
 
     /// Evaluates bytes that were received during the search for packets.
     fn searched(&mut self, now: Ns, len: usize) {
-        let bytes = self.inbox.received(len.min(MAX_PACKET)).unwrap_or_default();
+        let bytes = self.receive_buffer.received(len.min(MAX_PACKET)).unwrap_or_default();
         let Some(size) = self.search.take(bytes) else {
             let waited_ns = now.saturating_sub(self.search.since);
-            if waited_ns >= self.config.deadlines.search_ns {
+            if waited_ns >= self.config.timeouts.search_ns {
                 self.stop(HostError::Silent { waited_ns, bytes: self.search.bytes() });
             }
             return;
@@ -83,30 +83,30 @@ impl Host {
     fn resized(&mut self, now: Ns, len: usize, ready: bool) {
         self.counters.exchanges += 1;
         self.flight = None;
-        if self.judge(len) == Ok(Judged::NotReady) {
+        if self.classify(len) == Ok(PacketKind::NotReady) {
             self.counters.not_ready += 1;
             self.pacer.slower(&self.config);
             self.pacer.ended(now, &self.config, ready, true);
             return;
         }
         self.size = self.config.wanted_size.unwrap_or(self.size);
-        self.pacer.hold(now.saturating_add(self.config.deadlines.resize_ns));
+        self.pacer.hold(now.saturating_add(self.config.timeouts.resize_ns));
         // After this command the chip may use the fixed word again, which must not be taken for a reset.
         self.crc_on = false;
         self.state = HostState::Starting(StartStep::CheckType);
     }
 
     /// Checks whether the received packet is an answer. A CRC-32 is tried with every coverage that answers may have.
-    fn judge(&mut self, len: usize) -> Result<Judged, PacketError> {
+    fn classify(&mut self, len: usize) -> Result<PacketKind, PacketError> {
         let expected = self.size.packet_len();
-        let bytes = self.inbox.received(len).ok_or(PacketError::Length { expected, found: len })?;
-        let mut judged = Err(PacketError::Length { expected, found: len });
+        let bytes = self.receive_buffer.received(len).ok_or(PacketError::Length { expected, found: len })?;
+        let mut kind = Err(PacketError::Length { expected, found: len });
         for coverage in self.coverages.of_answers() {
-            judged = AnswerPacket::judge(bytes, self.size, coverage);
-            match judged {
+            kind = AnswerPacket::classify(bytes, self.size, coverage);
+            match kind {
                 Err(PacketError::CheckWord { kind: CheckType::Crc32, .. }) => {}
-                Ok(Judged::Answer) if !self.coverages.answers_are_known() => {
-                    let AnswerHeader { status, len, .. } = self.inbox.header();
+                Ok(PacketKind::Answer) if !self.coverages.answers_are_known() => {
+                    let AnswerHeader { status, len, .. } = self.receive_buffer.header();
                     if status.check_type() == Ok(CheckType::Crc32) {
                         self.coverages.answer_fits(coverage, self.size, len);
                     }
@@ -115,7 +115,7 @@ impl Host {
                 _ => break,
             }
         }
-        judged
+        kind
     }
 
     fn damaged(&mut self, now: Ns, error: PacketError) {
@@ -154,7 +154,7 @@ impl Host {
         if self.own_errors(header.errors).without(self.stuck) == Errors::NONE {
             (self.cleared, self.clear_tries) = (Errors::NONE, 0);
         }
-        self.room.answer(self.exchange, header.rx_fifo);
+        self.rx_estimate.answer(self.exchange, header.rx_fifo);
         self.give_to_flight(now, header, rejected);
         self.follow_check_type(header);
     }
@@ -185,7 +185,7 @@ impl Host {
 
     fn give_to_flight(&mut self, now: Ns, header: &AnswerHeader, rejected: bool) {
         let nop = header.status.contains(Status::NOP);
-        if !nop && self.settle_overtaken(Some(header)) {
+        if !nop && self.complete_overtaken(Some(header)) {
             return;
         }
         if rejected && self.tries_coverage(header) {
@@ -195,21 +195,21 @@ impl Host {
             self.counters.stray += 1;
             return;
         };
-        let verdict = flight.judge(header, rejected);
+        let matched = flight.match_answer(header, rejected);
         let flight = *flight;
-        match verdict {
-            Verdict::Open => {
+        match matched {
+            AnswerMatch::Open => {
                 // An answer with NOP is not stray: it answers another copy of a packet that has its answer already, or
                 // a rejected copy.
                 self.counters.stray += u64::from(!nop);
             }
-            Verdict::Result | Verdict::Lost => {
+            AnswerMatch::Result | AnswerMatch::Lost => {
                 self.learn_coverage(&flight);
                 self.flight = None;
-                self.settled = now;
+                self.completed_at = now;
                 self.bits_known = true;
                 self.busy = header.status.contains(Status::BUSY);
-                self.settle(now, &flight, verdict, header);
+                self.complete(now, &flight, matched, header);
                 self.look_for_end(now, &flight, header);
             }
         }
@@ -279,18 +279,18 @@ impl Host {
     /// Ends everything pending or in flight, and forgets all knowledge of the chip except the data segment size n.
     pub(super) fn forget_all(&mut self) {
         // The overtaken process data come first, so that reports are in the order of submission.
-        self.settle_overtaken(None);
+        self.complete_overtaken(None);
         if let Some(flight) = self.flight.take()
             && let Purpose::Process { sequence, written, .. } = flight.purpose
         {
-            self.settle_unknown(sequence, written);
+            self.complete_unknown(sequence, written);
         }
         if let Some(sequence) = self.process.waiting() {
             self.process.sent();
             self.report(sequence, ProcessOutcome::NotWritten);
         }
         self.slots.fail_all(HostError::ChipReset);
-        self.room = super::RxRoom::new(self.config.rx_entries);
+        self.rx_estimate = super::RxFreeEstimate::new(self.config.rx_entries);
         self.header = None;
         self.bits_known = false;
         self.busy = true;
@@ -302,7 +302,7 @@ impl Host {
 }
 
 /// The slot of the running command and the time of its beginning, if a command runs.
-pub(super) fn running_since(slots: &Slots) -> Option<(usize, Ns)> {
+pub(super) fn running_since(slots: &CommandSlots) -> Option<(usize, Ns)> {
     let slot = slots.running()?;
     match slots.all[slot].state {
         SlotState::Running(since) => Some((slot, since)),

@@ -2,7 +2,7 @@
 //! commands, both of fixed size.
 
 use super::error::HostError;
-use super::flight::Part;
+use super::flight::CommandPart;
 use crate::ethercat::Ns;
 use crate::xf::code::AnswerForm;
 use crate::xf::request::{Arguments, Encode, PdoOperation, Request, UnknownCommand};
@@ -36,16 +36,16 @@ pub(super) struct Read {
 pub(super) enum SlotState {
     Free,
     /// The part is waiting to be sent.
-    Waiting(Part),
+    Waiting(CommandPart),
     /// The packet with this part is in flight.
-    Sent(Part),
+    Sent(CommandPart),
     /// The command has been running since this time.
     Running(Ns),
     Done(Result<(), HostError>),
 }
 
 #[derive(Clone, Debug)]
-pub(super) struct Slot {
+pub(super) struct CommandSlot {
     pub(super) state: SlotState,
     /// Whether the command was dropped, so that its result is not needed.
     abandoned: bool,
@@ -66,7 +66,7 @@ pub(super) struct Slot {
     pub(super) held: usize,
 }
 
-impl Slot {
+impl CommandSlot {
     pub(super) const FREE: Self = Self {
         state: SlotState::Free,
         abandoned: false,
@@ -85,7 +85,7 @@ impl Slot {
     /// Drops the command if it was not sent yet, and otherwise its result.
     pub(super) fn abandon(&mut self) {
         match self.state {
-            SlotState::Waiting(Part::Request) => self.state = SlotState::Free,
+            SlotState::Waiting(CommandPart::Request) => self.state = SlotState::Free,
             _ => self.abandoned = true,
         }
     }
@@ -100,10 +100,10 @@ impl Slot {
     }
 
     /// The request to send for this part.
-    pub(super) fn request(&self, part: Part) -> Request<'_> {
+    pub(super) fn request(&self, part: CommandPart) -> Request<'_> {
         let (code, arguments, data) = match (part, self.read) {
-            (Part::Read, Some(read)) => (read.code, read.arguments, &[][..]),
-            (Part::AbortCode, _) => (CommandCode::SdoAbortCodeGet, Arguments::NONE, &[][..]),
+            (CommandPart::Read, Some(read)) => (read.code, read.arguments, &[][..]),
+            (CommandPart::AbortCode, _) => (CommandCode::SdoAbortCodeGet, Arguments::NONE, &[][..]),
             _ => (self.code, self.arguments, &self.bytes[..usize::from(self.arguments.len).min(SLOT_BYTES)]),
         };
         Request::Unknown(UnknownCommand { code, arguments, data })
@@ -119,16 +119,16 @@ impl Slot {
 
 /// The slots of both queues.
 #[derive(Clone, Debug)]
-pub(super) struct Slots {
-    pub(super) all: [Slot; IMMEDIATE_SLOTS + NON_IMMEDIATE_SLOTS],
+pub(super) struct CommandSlots {
+    pub(super) all: [CommandSlot; IMMEDIATE_SLOTS + NON_IMMEDIATE_SLOTS],
     sequence: u64,
     /// False if all slots are free or done, so that a cycle with process data alone need not look at each of them.
     maybe_pending: bool,
 }
 
-impl Slots {
+impl CommandSlots {
     pub(super) const fn new() -> Self {
-        Self { all: [Slot::FREE; IMMEDIATE_SLOTS + NON_IMMEDIATE_SLOTS], sequence: 0, maybe_pending: false }
+        Self { all: [CommandSlot::FREE; IMMEDIATE_SLOTS + NON_IMMEDIATE_SLOTS], sequence: 0, maybe_pending: false }
     }
 
     /// Queues a command and, for a pair, the command that reads its result.
@@ -143,7 +143,7 @@ impl Slots {
         let (code, arguments) = request.command(&mut data)?;
         use CommandCode::{CrcTypeSet, PdoData, PdoDataFifo, SpiReconfig};
         if matches!(code, CrcTypeSet | PdoData | PdoDataFifo | SpiReconfig) {
-            return Err(HostError::OfDriver { code });
+            return Err(HostError::ReservedForDriver { code });
         }
         if usize::from(arguments.len) > SLOT_BYTES {
             return Err(HostError::TooLong { code, found: arguments.len.into(), most: SLOT_BYTES });
@@ -155,8 +155,8 @@ impl Slots {
         let slot = free.ok_or(HostError::QueueFull { code, slots })?;
         self.sequence += 1;
         self.maybe_pending = true;
-        self.all[slot] = Slot {
-            state: SlotState::Waiting(Part::Request),
+        self.all[slot] = CommandSlot {
+            state: SlotState::Waiting(CommandPart::Request),
             sequence: self.sequence,
             code,
             arguments,
@@ -164,7 +164,7 @@ impl Slots {
             submitted: now,
             busy_ns,
             bytes: data,
-            ..Slot::FREE
+            ..CommandSlot::FREE
         };
         Ok(Ticket { slot, sequence: self.sequence })
     }
@@ -175,17 +175,17 @@ impl Slots {
             return None;
         }
         let lane = if immediate { 0..IMMEDIATE_SLOTS } else { IMMEDIATE_SLOTS..self.all.len() };
-        lane.filter(|slot| matches!(self.all[*slot].state, SlotState::Waiting(Part::Request)))
+        lane.filter(|slot| matches!(self.all[*slot].state, SlotState::Waiting(CommandPart::Request)))
             .min_by_key(|slot| self.all[*slot].sequence)
     }
 
     /// A waiting read of the result of a command that has ended.
-    pub(super) fn waiting_read(&self) -> Option<(usize, Part)> {
+    pub(super) fn waiting_read(&self) -> Option<(usize, CommandPart)> {
         if !self.maybe_pending {
             return None;
         }
         self.all.iter().enumerate().find_map(|(slot, this)| match this.state {
-            SlotState::Waiting(part @ (Part::Read | Part::AbortCode)) => Some((slot, part)),
+            SlotState::Waiting(part @ (CommandPart::Read | CommandPart::AbortCode)) => Some((slot, part)),
             _ => None,
         })
     }
@@ -193,7 +193,7 @@ impl Slots {
     /// The non-immediate command that is running or whose result is still to be read; no other one may begin before
     /// that.
     pub(super) fn running(&self) -> Option<usize> {
-        use Part::{AbortCode, Read, Request};
+        use CommandPart::{AbortCode, Read, Request};
         if !self.maybe_pending {
             return None;
         }
@@ -229,11 +229,11 @@ impl Slots {
             let code = slot.code;
             let waited_ns = now.saturating_sub(slot.submitted);
             match slot.state {
-                SlotState::Waiting(Part::Request) if waited_ns >= queue_ns => {
+                SlotState::Waiting(CommandPart::Request) if waited_ns >= queue_ns => {
                     slot.state = SlotState::Done(Err(HostError::NotSent { code, waited_ns }));
                 }
                 // The command ran, but its result cannot be read.
-                SlotState::Waiting(Part::Read | Part::AbortCode) if waited_ns >= queue_ns => {
+                SlotState::Waiting(CommandPart::Read | CommandPart::AbortCode) if waited_ns >= queue_ns => {
                     slot.state = SlotState::Done(Err(HostError::AnswerLost { code: slot.code }));
                 }
                 SlotState::Running(since) if now.saturating_sub(since) >= slot.busy_ns => {
@@ -289,12 +289,12 @@ pub(super) fn has_result(code: CommandCode, arguments: &Arguments) -> bool {
 pub(super) fn read_of(read: &impl Encode) -> Result<Read, HostError> {
     let (code, arguments) = read.command(&mut [0; SLOT_BYTES])?;
     if arguments.len > 0 || !only_reads(code, &arguments) {
-        return Err(HostError::NoRead { code });
+        return Err(HostError::NotARead { code });
     }
     Ok(Read { code, arguments })
 }
 
 /// Checks that the answer's valid data were kept completely.
-pub(super) fn whole(slot: &Slot) -> Result<(), Malformed> {
+pub(super) fn whole(slot: &CommandSlot) -> Result<(), Malformed> {
     Malformed::at_most("valid data length", slot.returned.len.into(), slot.held).map(drop)
 }

@@ -1,7 +1,7 @@
 //! The trait of the wires to a chip, and one step of the driver over such wires.
 
-use super::next::Plan;
-use super::{Host, HostError, Outstanding};
+use super::next::ExchangePlan;
+use super::{Host, HostError, PendingExchange};
 use crate::ethercat::Ns;
 
 /// The wires to one chip, with a clock.
@@ -49,18 +49,18 @@ impl Host {
     /// step, as after a damaged answer.
     pub fn step<W: Wires + ?Sized>(&mut self, wires: &mut W, until: Ns) -> Result<(), StepError<W::Error>> {
         match self.plan(wires.now()).map_err(StepError::Host)? {
-            Plan::Exchange(what) => {
+            ExchangePlan::Exchange(what) => {
                 let to_chip = match what {
-                    Outstanding::Filler => self.search.filler(),
-                    Outstanding::Packet => &self.packets[self.current][..self.size.packet_len()],
+                    PendingExchange::Filler => self.search.filler(),
+                    PendingExchange::Packet => &self.packets[self.current][..self.size.packet_len()],
                 };
                 let len = to_chip.len();
-                let done = wires.exchange(to_chip, &mut self.inbox.packet()[..len]);
+                let done = wires.exchange(to_chip, &mut self.receive_buffer.packet()[..len]);
                 self.came(wires.now(), if done.is_ok() { len } else { 0 });
                 done
             }
-            Plan::WaitUntil(time) => wires.wait_until(time.min(until)),
-            Plan::WaitForReady { until: time } => wires.wait_ready(time.min(until)).map(|ready| {
+            ExchangePlan::WaitUntil(time) => wires.wait_until(time.min(until)),
+            ExchangePlan::WaitForReady { until: time } => wires.wait_ready(time.min(until)).map(|ready| {
                 if ready {
                     self.ready(wires.now());
                 }

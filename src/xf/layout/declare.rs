@@ -18,7 +18,7 @@ macro_rules! layout {
     };
 
     ($(#[$meta:meta])* pub struct $name:ident $(<$life:lifetime>)? {
-        $($(#[$doc:meta])* $vis:vis $field:ident: $type:ty $(= $spot:expr)?,)*
+        $($(#[$doc:meta])* $vis:vis $field:ident: $type:ty $(= $decl:expr)?,)*
     } $($rest:tt)*) => {
         $(#[$meta])*
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -26,25 +26,25 @@ macro_rules! layout {
             $($(#[$doc])* $vis $field: $type,)*
         }
 
-        $crate::xf::layout::layout! { impl $name $(<$life>)? { $($field: $type $(= $spot)?,)* } $($rest)* }
+        $crate::xf::layout::layout! { impl $name $(<$life>)? { $($field: $type $(= $decl)?,)* } $($rest)* }
     };
 
-    (impl $name:ident $(<$life:lifetime>)? { $($field:ident: $type:ty $(= $spot:expr)?,)* } $($rest:tt)*) => {
+    (impl $name:ident $(<$life:lifetime>)? { $($field:ident: $type:ty $(= $decl:expr)?,)* } $($rest:tt)*) => {
         #[allow(unused_imports, unused_variables, reason = "a request without fields needs none")]
         const _: () = {
             use $crate::xf::Malformed;
             use $crate::xf::layout::*;
 
-            impl<'d> Layout<'d> for $name $(<$life>)? {
-                const FIELDS: FieldList = FieldList::NONE $(.and(part!(fields $field: $type $(= $spot)?)))*;
+            impl<'d> FieldLayout<'d> for $name $(<$life>)? {
+                const FIELDS: FieldList = FieldList::NONE $(.and(part!(fields $field: $type $(= $decl)?)))*;
 
-                fn put(&self, to: &mut Writer<'_>) -> Result<(), Malformed> {
-                    $(part!(put &self.$field, to, $field: $type $(= $spot)?)?;)*
+                fn put(&self, to: &mut FieldWriter<'_>) -> Result<(), Malformed> {
+                    $(part!(put &self.$field, to, $field: $type $(= $decl)?)?;)*
                     Ok(())
                 }
 
-                fn take(from: &Reader<'d>) -> Result<Self, Malformed> {
-                    Ok(Self { $($field: part!(take from, $field: $type $(= $spot)?)?,)* })
+                fn take(from: &FieldReader<'d>) -> Result<Self, Malformed> {
+                    Ok(Self { $($field: part!(take from, $field: $type $(= $decl)?)?,)* })
                 }
             }
         };
@@ -58,7 +58,7 @@ macro_rules! layout {
         $(
             $(#[$variant_doc:meta])*
             $variant:ident = $code:literal
-            $({ $($(#[$doc:meta])* $field:ident: $type:ty $(= $spot:expr)?,)* })?
+            $({ $($(#[$doc:meta])* $field:ident: $type:ty $(= $decl:expr)?,)* })?
             $(($inner:ident: $inner_type:ty $(= $inner_spot:expr)?))?,
         )*
     } $($rest:tt)*) => {
@@ -73,7 +73,7 @@ macro_rules! layout {
             use $crate::xf::layout::*;
 
             const NAMES: $crate::xf::fields::Names = &[$((stringify!($variant), $code),)*];
-            const OPERATION: Spot = $by.one_of(NAMES).of::<$int>(stringify!($operation));
+            const OPERATION: FieldDecl = $by.one_of(NAMES).of::<$int>(stringify!($operation));
 
             impl $(<$life>)? $name $(<$life>)? {
                 /// The number that selects this variant.
@@ -84,27 +84,27 @@ macro_rules! layout {
                 }
             }
 
-            impl<'d> Layout<'d> for $name $(<$life>)? {
+            impl<'d> FieldLayout<'d> for $name $(<$life>)? {
                 const FIELDS: FieldList = FieldList::NONE
-                    $($($(.and(part!(fields $field: $type $(= $spot)?)))*)?
+                    $($($(.and(part!(fields $field: $type $(= $decl)?)))*)?
                     $(.and(part!(fields $inner: $inner_type $(= $inner_spot)?)))?)*
                     .after(OPERATION.field);
 
-                fn put(&self, to: &mut Writer<'_>) -> Result<(), Malformed> {
+                fn put(&self, to: &mut FieldWriter<'_>) -> Result<(), Malformed> {
                     OPERATION.put(&self.$operation(), to)?;
                     match self {
                         $(Self::$variant $({ $($field),* })? $(($inner))? => {
-                            $($(part!(put $field, to, $field: $type $(= $spot)?)?;)*)?
+                            $($(part!(put $field, to, $field: $type $(= $decl)?)?;)*)?
                             $(part!(put $inner, to, $inner: $inner_type $(= $inner_spot)?)?;)?
                         })*
                     }
                     Ok(())
                 }
 
-                fn take(from: &Reader<'d>) -> Result<Self, Malformed> {
+                fn take(from: &FieldReader<'d>) -> Result<Self, Malformed> {
                     Ok(match OPERATION.take::<$int>(from)? {
                         $($code => Self::$variant
-                            $({ $($field: part!(take from, $field: $type $(= $spot)?)?),* })?
+                            $({ $($field: part!(take from, $field: $type $(= $decl)?)?),* })?
                             $((part!(take from, $inner: $inner_type $(= $inner_spot)?)?))?,)*
                         other => return Err(Malformed::only($called, other.into(), $allowed)),
                     })
@@ -116,25 +116,25 @@ macro_rules! layout {
     };
 }
 
-/// A part of a layout, which has a spot or is itself a type with a layout: its fields, writing it, reading it.
+/// A part of a layout, which has a position or is itself a type with a layout: its fields, writing it, reading it.
 macro_rules! part {
     (fields $name:ident: $type:ty) => {
-        <$type as Layout<'_>>::FIELDS
+        <$type as FieldLayout<'_>>::FIELDS
     };
-    (fields $name:ident: $type:ty = $spot:expr) => {
-        FieldList::of($spot.of::<$type>(stringify!($name)))
+    (fields $name:ident: $type:ty = $decl:expr) => {
+        FieldList::of($decl.of::<$type>(stringify!($name)))
     };
     (put $part:expr, $to:ident, $name:ident: $type:ty) => {
-        Layout::put($part, $to)
+        FieldLayout::put($part, $to)
     };
-    (put $part:expr, $to:ident, $name:ident: $type:ty = $spot:expr) => {
-        const { $spot.of::<$type>(stringify!($name)) }.put($part, $to)
+    (put $part:expr, $to:ident, $name:ident: $type:ty = $decl:expr) => {
+        const { $decl.of::<$type>(stringify!($name)) }.put($part, $to)
     };
     (take $from:ident, $name:ident: $type:ty) => {
-        <$type as Layout<'_>>::take($from)
+        <$type as FieldLayout<'_>>::take($from)
     };
-    (take $from:ident, $name:ident: $type:ty = $spot:expr) => {
-        const { $spot.of::<$type>(stringify!($name)) }.take::<$type>($from)
+    (take $from:ident, $name:ident: $type:ty = $decl:expr) => {
+        const { $decl.of::<$type>(stringify!($name)) }.take::<$type>($from)
     };
 }
 

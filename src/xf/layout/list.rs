@@ -1,7 +1,7 @@
 //! Lists of fields that are built at compile time.
 
-use super::{Count, Fixed, Spot};
-use crate::xf::fields::{Field, Place};
+use super::{ByteCount, FieldDecl, Fixed};
+use crate::xf::fields::{Field, FieldPosition};
 
 /// The fields of a layout in the order of their places, each name once.
 #[derive(Clone, Copy, Debug)]
@@ -16,15 +16,15 @@ impl FieldList {
     /// The empty list.
     pub const NONE: Self = Self { fields: [super::par().field; Self::MOST], len: 0 };
 
-    /// The field of a spot, with its byte count and its fixed number if it has them.
-    pub const fn of(spot: Spot) -> Self {
-        let list = match spot.count {
-            Some(Count { field, .. }) => Self::NONE.with(Field { counts: Some(spot.field.name), ..field }),
+    /// A declared field, with its byte count and its fixed number if it has them.
+    pub const fn of(decl: FieldDecl) -> Self {
+        let list = match decl.count {
+            Some(ByteCount { field, .. }) => Self::NONE.with(Field { counts: Some(decl.field.name), ..field }),
             None => Self::NONE,
         };
-        match spot.fixed {
-            Some(Fixed { field, .. }) => list.with(field).with(spot.field),
-            None => list.with(spot.field),
+        match decl.fixed {
+            Some(Fixed { field, .. }) => list.with(field).with(decl.field),
+            None => list.with(decl.field),
         }
     }
 
@@ -38,9 +38,9 @@ impl FieldList {
         self
     }
 
-    /// Appends the field of a spot at the end, whatever its place.
-    pub const fn then(mut self, spot: Spot) -> Self {
-        self.fields[self.len] = spot.field;
+    /// Appends a declared field at the end, whatever its position.
+    pub const fn then(mut self, decl: FieldDecl) -> Self {
+        self.fields[self.len] = decl.field;
         self.len += 1;
         self
     }
@@ -63,7 +63,7 @@ impl FieldList {
         self
     }
 
-    /// Inserts a field at the beginning, whatever its place.
+    /// Inserts a field at the beginning, whatever its position.
     pub const fn after(self, first: Field) -> Self {
         let (mut list, mut n) = (Self::NONE.with(first), 0);
         while n < self.len {
@@ -81,8 +81,12 @@ impl FieldList {
         while n < self.len {
             let field = self.fields[n];
             if field.counts.is_none() {
-                let place = if matches!(field.place, Place::Parameter) { Place::Return } else { field.place };
-                list = list.with(Field { place, ..field });
+                let position = if matches!(field.position, FieldPosition::Parameter) {
+                    FieldPosition::Return
+                } else {
+                    field.position
+                };
+                list = list.with(Field { position, ..field });
             }
             n += 1;
         }
@@ -93,7 +97,7 @@ impl FieldList {
     pub const fn end(&self) -> usize {
         let (mut end, mut n) = (0, 0);
         while n < self.len {
-            if let Place::Data(byte) = self.fields[n].place {
+            if let FieldPosition::Data(byte) = self.fields[n].position {
                 let field_end = byte as usize + self.fields[n].bytes as usize;
                 end = if field_end > end { field_end } else { end };
             }
@@ -144,14 +148,14 @@ const fn same(a: &str, b: &str) -> bool {
     n == a.len() && n == b.len()
 }
 
-/// Sort key of a field's place: header fields come before the data segment.
+/// Sort key of a field's position: header fields come before the data segment.
 const fn order(field: &Field) -> u32 {
-    let (part, byte) = match field.place {
-        Place::Parameter | Place::Return => (0, 0),
-        Place::Info(byte) => (1, byte as u32),
-        Place::Reserve => (2, 0),
-        Place::Length => (3, 0),
-        Place::Data(byte) => (4, byte as u32),
+    let (part, byte) = match field.position {
+        FieldPosition::Parameter | FieldPosition::Return => (0, 0),
+        FieldPosition::Info(byte) => (1, byte as u32),
+        FieldPosition::Reserve => (2, 0),
+        FieldPosition::Length => (3, 0),
+        FieldPosition::Data(byte) => (4, byte as u32),
     };
     part << 28 | byte << 8 | field.shift as u32
 }

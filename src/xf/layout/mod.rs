@@ -1,4 +1,4 @@
-//! Layouts: the place of each value of a request or an answer, declared once. Writing, reading and the table of fields
+//! Layouts: the position of each value of a request or an answer, declared once. Writing, reading and the table of fields
 //! follow from the declaration.
 //!
 //! ```text
@@ -13,36 +13,36 @@
 //! }
 //! ```
 //!
-//! - `mod.rs`: the traits: a layout, a part of a layout, the value of one field
-//! - `spot.rs`: the place of a part, and its properties
+//! - `mod.rs`: the traits: a layout, the content of a field, the value of one field
+//! - `field_decl.rs`: the declaration of a field: its position and its properties
 //! - `list.rs`: lists of fields that are built at compile time
 //! - `declare.rs`: the macro
 
 mod declare;
+mod field_decl;
 mod list;
-mod spot;
 
+pub use field_decl::{ByteCount, FieldDecl, Fixed, at, info, length, par, reserve, ret, tail, value};
 pub use list::FieldList;
 pub(super) use list::{field_slice, type_of};
-pub use spot::{Count, Fixed, Spot, at, info, length, par, reserve, ret, tail, value};
 
 pub(super) use declare::{layout, part};
 
-use super::fields::{AnswerFields, Kind, Place};
+use super::fields::{AnswerFields, FieldKind, FieldPosition};
 use super::request::Arguments;
 use super::response::Returned;
 use super::{Malformed, segment};
 
 /// The destination for encoding a request or an answer.
 #[derive(Debug)]
-pub struct Writer<'a> {
+pub struct FieldWriter<'a> {
     /// The header fields. `parameter` is a command's parameter, or an answer's return byte.
     pub arguments: Arguments,
     /// The data segment.
     pub data: &'a mut [u8],
 }
 
-impl<'a> Writer<'a> {
+impl<'a> FieldWriter<'a> {
     pub fn new(data: &'a mut [u8]) -> Self {
         Self { arguments: Arguments::NONE, data }
     }
@@ -65,14 +65,14 @@ impl<'a> Writer<'a> {
 
 /// The source for decoding a request or an answer.
 #[derive(Clone, Copy, Debug)]
-pub struct Reader<'d> {
+pub struct FieldReader<'d> {
     /// The header fields. `parameter` is a command's parameter, or an answer's return byte.
     pub arguments: Arguments,
     /// The data segment.
     pub data: &'d [u8],
 }
 
-impl<'d> Reader<'d> {
+impl<'d> FieldReader<'d> {
     /// A reader of an answer.
     pub fn of(returned: Returned, data: &'d [u8]) -> Self {
         Self { arguments: Arguments { parameter: returned.ret, len: returned.len, ..Arguments::NONE }, data }
@@ -80,21 +80,21 @@ impl<'d> Reader<'d> {
 }
 
 /// A type whose values have places in the header and in the data segment.
-pub trait Layout<'d>: Sized {
+pub trait FieldLayout<'d>: Sized {
     /// The fields of the layout.
     const FIELDS: FieldList;
     /// The minimum size of the data segment, in bytes.
     const END: usize = Self::FIELDS.end();
 
     /// Writes the values.
-    fn put(&self, to: &mut Writer<'_>) -> Result<(), Malformed>;
+    fn put(&self, to: &mut FieldWriter<'_>) -> Result<(), Malformed>;
 
     /// Reads the values.
-    fn take(from: &Reader<'d>) -> Result<Self, Malformed>;
+    fn take(from: &FieldReader<'d>) -> Result<Self, Malformed>;
 
     /// Encodes the values into a data segment that is all 0. All bytes up to [`Self::END`] are then valid.
     fn encoded(&self, data: &mut [u8]) -> Result<Arguments, Malformed> {
-        let mut to = Writer::new(data);
+        let mut to = FieldWriter::new(data);
         to.put_at(Self::END, &[])?;
         self.put(&mut to)?;
         Ok(to.arguments)
@@ -103,7 +103,7 @@ pub trait Layout<'d>: Sized {
     /// Decodes the values; fails if the segment is too short.
     fn decoded(arguments: &Arguments, data: &'d [u8]) -> Result<Self, Malformed> {
         segment::get_at(data, 0, Self::END)?;
-        Self::take(&Reader { arguments: *arguments, data })
+        Self::take(&FieldReader { arguments: *arguments, data })
     }
 
     /// Like [`Self::encoded`], for an answer.
@@ -113,7 +113,7 @@ pub trait Layout<'d>: Sized {
 
     /// Like [`Self::decoded`], for an answer, using only its valid bytes.
     fn of_answer(returned: Returned, data: &'d [u8]) -> Result<Self, Malformed> {
-        let Reader { arguments, data } = Reader::of(returned, returned.valid(data)?);
+        let FieldReader { arguments, data } = FieldReader::of(returned, returned.valid(data)?);
         Self::decoded(&arguments, data)
     }
 }
@@ -129,7 +129,7 @@ pub trait FieldValue: Copy {
     /// The field's size in bytes, unless the layout says otherwise.
     const BYTES: u8;
     /// The field's kind, unless the layout says otherwise.
-    const KIND: Kind;
+    const KIND: FieldKind;
 
     /// The value as a number.
     fn number(self) -> u32;
@@ -146,7 +146,7 @@ macro_rules! field_values {
     ($($type:ty, $bytes:literal, $kind:expr, |$value:ident| $number:expr, |$found:ident| $read:expr;)*) => {$(
         impl $crate::xf::layout::FieldValue for $type {
             const BYTES: u8 = $bytes;
-            const KIND: $crate::xf::fields::Kind = $kind;
+            const KIND: $crate::xf::fields::FieldKind = $kind;
 
             fn number(self) -> u32 {
                 let $value = self;
@@ -163,85 +163,85 @@ macro_rules! field_values {
 pub(super) use field_values;
 
 field_values! {
-    u8, 1, Kind::Number, |value| value.into(), |number| Ok(number as u8);
-    u16, 2, Kind::Number, |value| value.into(), |number| Ok(number as u16);
-    u32, 4, Kind::Number, |value| value, |number| Ok(number);
-    i32, 4, Kind::Signed, |value| value as u32, |number| Ok(number as i32);
+    u8, 1, FieldKind::Number, |value| value.into(), |number| Ok(number as u8);
+    u16, 2, FieldKind::Number, |value| value.into(), |number| Ok(number as u16);
+    u32, 4, FieldKind::Number, |value| value, |number| Ok(number);
+    i32, 4, FieldKind::Signed, |value| value as u32, |number| Ok(number as i32);
 }
 
-/// The content of a spot: a number, or bytes.
-pub trait Part<'d>: Sized {
-    /// The size in bytes, unless the layout says otherwise; 0 if the part extends to the end of the valid data.
+/// The content of a field: a number, or bytes.
+pub trait FieldContent<'d>: Sized {
+    /// The size in bytes, unless the layout says otherwise; 0 if the content extends to the end of the valid data.
     const BYTES: u8;
     /// The kind of the content, unless the layout says otherwise.
-    const KIND: Kind;
+    const KIND: FieldKind;
 
-    /// Writes the part at its spot.
-    fn put(&self, spot: &Spot, to: &mut Writer<'_>) -> Result<(), Malformed>;
+    /// Writes the content at its position.
+    fn put(&self, decl: &FieldDecl, to: &mut FieldWriter<'_>) -> Result<(), Malformed>;
 
-    /// Reads the part from its spot.
-    fn take(spot: &Spot, from: &Reader<'d>) -> Result<Self, Malformed>;
+    /// Reads the content from its position.
+    fn take(decl: &FieldDecl, from: &FieldReader<'d>) -> Result<Self, Malformed>;
 }
 
-impl<T: FieldValue> Part<'_> for T {
+impl<T: FieldValue> FieldContent<'_> for T {
     const BYTES: u8 = T::BYTES;
-    const KIND: Kind = T::KIND;
+    const KIND: FieldKind = T::KIND;
 
     #[inline]
-    fn put(&self, spot: &Spot, to: &mut Writer<'_>) -> Result<(), Malformed> {
-        if let Some(fixed) = &spot.fixed {
+    fn put(&self, decl: &FieldDecl, to: &mut FieldWriter<'_>) -> Result<(), Malformed> {
+        if let Some(fixed) = &decl.fixed {
             fixed.put(to)?;
         }
-        spot.field.put(self.number(), to)
+        decl.field.put(self.number(), to)
     }
 
     #[inline]
-    fn take(spot: &Spot, from: &Reader<'_>) -> Result<Self, Malformed> {
-        if let Some(fixed) = &spot.fixed {
+    fn take(decl: &FieldDecl, from: &FieldReader<'_>) -> Result<Self, Malformed> {
+        if let Some(fixed) = &decl.fixed {
             fixed.check(from)?;
         }
-        Self::of(spot.field.take(from)?)
+        Self::of(decl.field.take(from)?)
     }
 }
 
-impl<const N: usize> Part<'_> for [u8; N] {
+impl<const N: usize> FieldContent<'_> for [u8; N] {
     const BYTES: u8 = N as u8;
-    const KIND: Kind = Kind::Bytes;
+    const KIND: FieldKind = FieldKind::Bytes;
 
     #[inline]
-    fn put(&self, spot: &Spot, to: &mut Writer<'_>) -> Result<(), Malformed> {
-        to.put_at(spot.byte(), self)
+    fn put(&self, decl: &FieldDecl, to: &mut FieldWriter<'_>) -> Result<(), Malformed> {
+        to.put_at(decl.byte(), self)
     }
 
     #[inline]
-    fn take(spot: &Spot, from: &Reader<'_>) -> Result<Self, Malformed> {
-        segment::get(segment::get_at(from.data, spot.byte(), N)?)
+    fn take(decl: &FieldDecl, from: &FieldReader<'_>) -> Result<Self, Malformed> {
+        segment::get(segment::get_at(from.data, decl.byte(), N)?)
     }
 }
 
 /// Bytes of variable length, given by a count or by the length field.
-impl<'d> Part<'d> for &'d [u8] {
+impl<'d> FieldContent<'d> for &'d [u8] {
     const BYTES: u8 = 0;
-    const KIND: Kind = Kind::Bytes;
+    const KIND: FieldKind = FieldKind::Bytes;
 
     #[inline]
-    fn put(&self, spot: &Spot, to: &mut Writer<'_>) -> Result<(), Malformed> {
-        if let Some(count) = &spot.count {
+    fn put(&self, decl: &FieldDecl, to: &mut FieldWriter<'_>) -> Result<(), Malformed> {
+        if let Some(count) = &decl.count {
             count.put(self.len(), to)?;
         }
-        if matches!(spot.field.kind, Kind::Text) && self.contains(&0) {
+        if matches!(decl.field.kind, FieldKind::Text) && self.contains(&0) {
             return Err(Malformed::only("a byte of the file name", 0, "1 to 255"));
         }
-        to.put_at(spot.byte(), self)
+        to.put_at(decl.byte(), self)
     }
 
     #[inline]
-    fn take(spot: &Spot, from: &Reader<'d>) -> Result<Self, Malformed> {
-        let begin = spot.byte();
+    fn take(decl: &FieldDecl, from: &FieldReader<'d>) -> Result<Self, Malformed> {
+        let begin = decl.byte();
         let named = usize::from(from.arguments.len).saturating_sub(begin);
-        match &spot.count {
+        match &decl.count {
             Some(count) => segment::get_at(from.data, begin, count.take(begin, from)?),
-            None if matches!(spot.field.kind, Kind::Text) => {
+            None if matches!(decl.field.kind, FieldKind::Text) => {
                 Ok(text(from.data.get(begin..).unwrap_or_default(), named))
             }
             None => segment::get_at(from.data, begin, named),
@@ -258,8 +258,8 @@ fn text(rest: &[u8], named: usize) -> &[u8] {
     rest.split(|byte| *byte == 0).next().unwrap_or_default()
 }
 
-/// An answer that is a single value at a fixed place.
+/// An answer that is a single value at a fixed position.
 pub trait ValueAnswer: FieldValue {
-    /// The place of the value.
-    const AT: Place;
+    /// The position of the value.
+    const AT: FieldPosition;
 }

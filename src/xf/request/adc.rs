@@ -1,7 +1,7 @@
 //! Requests for the analog input: code 35, ADC_FUNC_OP.
 
 use crate::xf::Malformed;
-use crate::xf::layout::{FieldList, Fixed, Layout, Reader, Writer, at, layout};
+use crate::xf::layout::{FieldLayout, FieldList, FieldReader, FieldWriter, Fixed, at, layout};
 use crate::xf::value::choices;
 
 layout! {
@@ -32,25 +32,25 @@ layout! {
 macro_rules! fixed {
     ($(
         $(#[$doc:meta])*
-        $name:ident = $spot:expr, bits $looked_at:expr, of $bytes:expr, $called:literal, $allowed:literal;
+        $name:ident = $decl:expr, bits $looked_at:expr, of $bytes:expr, $called:literal, $allowed:literal;
     )*) => {$(
         $(#[$doc])*
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
         pub struct $name;
 
         impl $name {
-            const NUMBER: Fixed = Fixed::new::<u32>($spot, $looked_at, $called, $allowed);
+            const NUMBER: Fixed = Fixed::new::<u32>($decl, $looked_at, $called, $allowed);
         }
 
-        impl Layout<'_> for $name {
+        impl FieldLayout<'_> for $name {
             const FIELDS: FieldList = FieldList::NONE.with(Self::NUMBER.field);
             const END: usize = $bytes;
 
-            fn put(&self, to: &mut Writer<'_>) -> Result<(), Malformed> {
+            fn put(&self, to: &mut FieldWriter<'_>) -> Result<(), Malformed> {
                 Self::NUMBER.put(to)
             }
 
-            fn take(from: &Reader<'_>) -> Result<Self, Malformed> {
+            fn take(from: &FieldReader<'_>) -> Result<Self, Malformed> {
                 Self::NUMBER.check(from).map(|()| Self)
             }
         }

@@ -1,7 +1,7 @@
 //! Requests for the chip itself: packets, check words, version, resets, error counts, PHY.
 
 use crate::ethercat::bits;
-use crate::xf::fields::{Kind, Names};
+use crate::xf::fields::{FieldKind, Names};
 use crate::xf::layout::{field_values, layout};
 use crate::xf::{CheckType, DataSize, Malformed};
 
@@ -81,16 +81,16 @@ layout! {
 const RESETS: Names = &[("clear_busy", 1), ("skip_port_wait", 2), ("give_up", 4)];
 
 field_values! {
-    CheckType, 1, Kind::Choice(&[("fixed", 0), ("crc32", 3)]), |kind| kind.code().into(),
+    CheckType, 1, FieldKind::Choice(&[("fixed", 0), ("crc32", 3)]), |kind| kind.code().into(),
         |code| CheckType::from_code(code as u8).ok_or(Malformed::only("CRC_TYPE_SET type", code, "0 fixed, 3 CRC-32"));
-    DataSize, 2, Kind::Number, |size| size.get().into(), |n| data_size("SPI_RECONFIG_OP size", n as u16);
-    AsyncResetActions, 1, Kind::Bits(RESETS), |actions| actions.0.into(),
+    DataSize, 2, FieldKind::Number, |size| size.get().into(), |n| data_size("SPI_RECONFIG_OP size", n as u16);
+    AsyncResetActions, 1, FieldKind::Bits(RESETS), |actions| actions.0.into(),
         |bits| AsyncReset::new(AsyncResetActions(bits as u8)).map(AsyncReset::actions).ok_or(Malformed::only(
             "ASYNCCMD_RESET action",
             bits,
             "1 clear busy, 2 skip the port's wait, 4 give up the command, or a sum of them",
         ));
-    WkcErrorLimit, 1, Kind::Named(WkcErrorLimit::NAMES), |limit| limit.code().into(),
+    WkcErrorLimit, 1, FieldKind::Named(WkcErrorLimit::NAMES), |limit| limit.code().into(),
         |code| WkcErrorMaxSet::new(WkcErrorLimit(code as u8)).map(WkcErrorMaxSet::limit).ok_or(Malformed::only(
             "working counter error limit",
             code,

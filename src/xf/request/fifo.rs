@@ -2,7 +2,7 @@
 //! holds the TxPDOs that the chip has received.
 
 use crate::xf::Malformed;
-use crate::xf::layout::{FieldList, Layout, Reader, Spot, Writer, info, layout, par};
+use crate::xf::layout::{FieldDecl, FieldLayout, FieldList, FieldReader, FieldWriter, info, layout, par};
 use crate::xf::value::choices;
 
 /// Number of entries of each FIFO after the chip's start (XF EN 1236).
@@ -66,23 +66,23 @@ pub struct FifoThresholdSet {
 }
 
 impl FifoThresholdSet {
-    const ON: Spot = par().bits(&[("tx_high", 1), ("rx_low", 2)]).of::<u8>("on");
-    const TX_HIGH: Spot = info(0).or(0).of::<u8>("tx_high");
-    const RX_LOW: Spot = info(1).or(0).of::<u8>("rx_low");
+    const ON: FieldDecl = par().bits(&[("tx_high", 1), ("rx_low", 2)]).of::<u8>("on");
+    const TX_HIGH: FieldDecl = info(0).or(0).of::<u8>("tx_high");
+    const RX_LOW: FieldDecl = info(1).or(0).of::<u8>("rx_low");
 }
 
-impl Layout<'_> for FifoThresholdSet {
+impl FieldLayout<'_> for FifoThresholdSet {
     const FIELDS: FieldList =
         FieldList::of(Self::ON).and(FieldList::of(Self::TX_HIGH)).and(FieldList::of(Self::RX_LOW));
 
-    fn put(&self, to: &mut Writer<'_>) -> Result<(), Malformed> {
+    fn put(&self, to: &mut FieldWriter<'_>) -> Result<(), Malformed> {
         let on = u8::from(self.tx_high.is_some()) | u8::from(self.rx_low.is_some()) << 1;
         Self::ON.put(&on, to)?;
         Self::TX_HIGH.put(&self.tx_high.unwrap_or(0), to)?;
         Self::RX_LOW.put(&self.rx_low.unwrap_or(0), to)
     }
 
-    fn take(from: &Reader<'_>) -> Result<Self, Malformed> {
+    fn take(from: &FieldReader<'_>) -> Result<Self, Malformed> {
         let on: u8 = Self::ON.take(from)?;
         let (tx_high, rx_low) = (Self::TX_HIGH.take(from)?, Self::RX_LOW.take(from)?);
         Ok(Self { tx_high: (on & 1 != 0).then_some(tx_high), rx_low: (on & 2 != 0).then_some(rx_low) })

@@ -2,7 +2,7 @@
 
 use super::{FlashAddress, FlashBytes, SlaveNumber};
 use crate::xf::Allowed;
-use crate::xf::fields::Kind;
+use crate::xf::fields::FieldKind;
 use crate::xf::layout::layout;
 
 layout! {
@@ -22,7 +22,7 @@ layout! {
         /// The start of the file in the flash memory.
         pub start: FlashAddress = at(16).hex(),
         /// The file's name, without a terminating 0.
-        pub name: &'d [u8] = tail(20).kind(Kind::Text),
+        pub name: &'d [u8] = tail(20).kind(FieldKind::Text),
     }
 
     /// FOE_FUNC_REQ, code 139: transfers files, and reads and writes the flash memory through which they pass

@@ -4,7 +4,7 @@ use super::{MotorNumber, SlaveNumber};
 use crate::ethercat::bits;
 use crate::ethercat::cia402::{DriveState, Statusword};
 use crate::xf::Malformed;
-use crate::xf::fields::Kind;
+use crate::xf::fields::FieldKind;
 use crate::xf::layout::{Fixed, field_values, info, layout};
 
 bits! {
@@ -83,8 +83,8 @@ layout! {
 const CONTROL_KEY: Fixed = Fixed::new::<u8>(info(1).named("key").hex().or(0x5A), 0xFF, "402_CTL_SET i1", "0x5A");
 
 field_values! {
-    HelperControl, 1, Kind::Bits(HelperControl::NAMES), |bits| bits.0.into(), |bits| Ok(HelperControl(bits as u8));
-    DriveState, 1, Kind::DriveState, |state| state.status_bits().into(), |code| requested_state(code);
+    HelperControl, 1, FieldKind::Bits(HelperControl::NAMES), |bits| bits.0.into(), |bits| Ok(HelperControl(bits as u8));
+    DriveState, 1, FieldKind::DriveState, |state| state.status_bits().into(), |code| requested_state(code);
 }
 
 /// The state that a code requests; the manuals' table lists the allowed codes.

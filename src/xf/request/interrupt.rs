@@ -3,7 +3,7 @@
 
 use crate::ethercat::bits;
 use crate::xf::Interrupts;
-use crate::xf::fields::Kind;
+use crate::xf::fields::FieldKind;
 use crate::xf::layout::{field_values, layout};
 
 layout! {
@@ -62,8 +62,8 @@ layout! {
 }
 
 field_values! {
-    Polarity, 1, Kind::Bits(Polarity::NAMES), |bits| bits.0.into(), |bits| Ok(Polarity(bits as u8));
-    Interrupts, 4, Kind::Bits(Interrupts::NAMES), |bits| bits.0, |bits| Ok(Interrupts(bits));
-    PeripheralInterrupts, 1, Kind::Bits(PeripheralInterrupts::NAMES), |bits| bits.0.into(),
+    Polarity, 1, FieldKind::Bits(Polarity::NAMES), |bits| bits.0.into(), |bits| Ok(Polarity(bits as u8));
+    Interrupts, 4, FieldKind::Bits(Interrupts::NAMES), |bits| bits.0, |bits| Ok(Interrupts(bits));
+    PeripheralInterrupts, 1, FieldKind::Bits(PeripheralInterrupts::NAMES), |bits| bits.0.into(),
         |bits| Ok(PeripheralInterrupts(bits as u8));
 }

@@ -3,8 +3,8 @@
 use core::fmt;
 
 use super::SlaveNumber;
-use crate::xf::fields::Kind;
-use crate::xf::layout::{Part, Reader, Spot, Writer, field_values, layout};
+use crate::xf::fields::FieldKind;
+use crate::xf::layout::{FieldContent, FieldDecl, FieldReader, FieldWriter, field_values, layout};
 use crate::xf::{Malformed, segment};
 
 /// The maximum number of emergencies that the chip lists.
@@ -101,14 +101,14 @@ impl fmt::Debug for PartNumber {
 }
 
 field_values! {
-    PartNumber, 2, Kind::Number,
+    PartNumber, 2, FieldKind::Number,
         |number| {
             // The limit of 255 is for the largest number, 255 * 64 + 255, whose low byte is above 63.
             let high = (number.0 / 64).min(255);
             (high << 8 | (number.0 - high * 64)).into()
         },
         |bytes| Ok(PartNumber((bytes >> 8) as u16 * 64 + (bytes & 0xFF) as u16));
-    EmergencyCount, 1, Kind::Number,
+    EmergencyCount, 1, FieldKind::Number,
         |count| count.get().into(),
         |count| EmergencyCount::new(count as u8).ok_or(Malformed::only("COE_EMERGENCY count", count, "1 to 8"));
 }
@@ -157,17 +157,17 @@ impl SlaveBits {
 }
 
 /// As a field a set has all 16 bytes, whatever the length field says.
-impl Part<'_> for SlaveBits {
+impl FieldContent<'_> for SlaveBits {
     const BYTES: u8 = 0;
-    const KIND: Kind = Kind::SlaveSet;
+    const KIND: FieldKind = FieldKind::SlaveSet;
 
-    fn put(&self, _: &Spot, to: &mut Writer<'_>) -> Result<(), Malformed> {
+    fn put(&self, _: &FieldDecl, to: &mut FieldWriter<'_>) -> Result<(), Malformed> {
         segment::put(to.data, &self.bits.to_le_bytes())?;
         to.arguments.len = self.bytes.into();
         Ok(())
     }
 
-    fn take(_: &Spot, from: &Reader<'_>) -> Result<Self, Malformed> {
+    fn take(_: &FieldDecl, from: &FieldReader<'_>) -> Result<Self, Malformed> {
         let bits = u128::from_le_bytes(segment::get(from.data)?);
         Ok(Self { bits, bytes: from.arguments.len.min(Self::MOST as u16) as u8 })
     }

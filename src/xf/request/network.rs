@@ -2,7 +2,7 @@
 
 use super::{SlaveNumber, Slaves};
 use crate::xf::fields::Names;
-use crate::xf::layout::{FieldList, Layout, Reader, Spot, Writer, at, layout, par, reserve};
+use crate::xf::layout::{FieldDecl, FieldLayout, FieldList, FieldReader, FieldWriter, at, layout, par, reserve};
 use crate::xf::response::{Answer as _, Returned, SlaveInfo};
 use crate::xf::value::choices;
 use crate::xf::{EtherCatState, Malformed, Reserve};
@@ -182,31 +182,31 @@ pub struct EcatInit {
 impl EcatInit {
     /// The parameter for special slaves.
     const SPECIAL_SLAVES: u8 = 48;
-    const SPECIAL: Spot =
+    const SPECIAL: FieldDecl =
         par().one_of(&[("no", 0), ("yes", Self::SPECIAL_SLAVES as u32)]).or(0).of::<u8>("special_slaves");
     /// The two reserve bits that this command uses.
-    const RESERVE: Spot = reserve().bits(Self::BITS).or(0).of::<u16>("reserve");
+    const RESERVE: FieldDecl = reserve().bits(Self::BITS).or(0).of::<u16>("reserve");
     const BITS: Names = &[("master_shift", Reserve::MASTER_SHIFT.0 as u32), ("lrw", Reserve::LRW.0 as u32)];
     /// Byte 0 of the data, which is fixed: all slaves.
-    const ALL_SLAVES: Spot = at(0).of::<u8>("slaves");
+    const ALL_SLAVES: FieldDecl = at(0).of::<u8>("slaves");
     /// Byte 1 of the data: the FIFO is off at start.
     const FIFO_OFF: u8 = 0x81;
     /// Byte 1 of the data: the FIFO is on at start. `[OURS]` The manuals list only 0x81 and call it fixed; any other
     /// value is taken for on.
     const FIFO_ON: u8 = 0;
-    const FIFO: Spot = at(1)
+    const FIFO: FieldDecl = at(1)
         .one_of(&[("on", Self::FIFO_ON as u32), ("off", Self::FIFO_OFF as u32)])
         .or(Self::FIFO_OFF as u32)
         .of::<u8>("fifo");
 }
 
-impl Layout<'_> for EcatInit {
+impl FieldLayout<'_> for EcatInit {
     const FIELDS: FieldList = FieldList::of(Self::SPECIAL)
         .and(FieldList::of(Self::RESERVE))
         .and(FieldList::of(Self::FIFO))
-        .and(<DcTiming as Layout<'_>>::FIELDS);
+        .and(<DcTiming as FieldLayout<'_>>::FIELDS);
 
-    fn put(&self, to: &mut Writer<'_>) -> Result<(), Malformed> {
+    fn put(&self, to: &mut FieldWriter<'_>) -> Result<(), Malformed> {
         let clock = match self.reference_clock {
             ReferenceClock::Chip => Reserve::NONE,
             ReferenceClock::FirstSlave => Reserve::MASTER_SHIFT,
@@ -219,7 +219,7 @@ impl Layout<'_> for EcatInit {
         self.dc.put(to)
     }
 
-    fn take(from: &Reader<'_>) -> Result<Self, Malformed> {
+    fn take(from: &FieldReader<'_>) -> Result<Self, Malformed> {
         let reserve = from.arguments.reserve;
         let is_chip = !reserve.contains(Reserve::MASTER_SHIFT);
         Ok(Self {

@@ -3,8 +3,8 @@
 use super::SlaveNumber;
 use crate::ethercat::bits;
 use crate::ethercat::coe::ObjectAddress;
-use crate::xf::fields::Kind;
-use crate::xf::layout::{FieldList, FieldValue as _, Layout, Reader, Writer, at, field_values, layout};
+use crate::xf::fields::FieldKind;
+use crate::xf::layout::{FieldLayout, FieldList, FieldReader, FieldValue as _, FieldWriter, at, field_values, layout};
 use crate::xf::value::choices;
 use crate::xf::{Malformed, segment};
 
@@ -30,7 +30,7 @@ bits! {
 }
 
 field_values! {
-    PdoOperation, 1, Kind::Bits(PdoOperation::NAMES), |bits| bits.0.into(), |bits| Ok(PdoOperation(bits as u8));
+    PdoOperation, 1, FieldKind::Bits(PdoOperation::NAMES), |bits| bits.0.into(), |bits| Ok(PdoOperation(bits as u8));
 }
 
 layout! {
@@ -194,7 +194,8 @@ impl PdoConfigForm {
         let mut n = 0;
         while n < self.maps() {
             let count_at = (self.counts_at() + 2 * n) as u16;
-            let objects = at((self.objects_at() + 4 * PdoMap::OBJECTS * n) as u16).kind(Kind::Objects { count_at });
+            let objects =
+                at((self.objects_at() + 4 * PdoMap::OBJECTS * n) as u16).kind(FieldKind::Objects { count_at });
             list = list.then(at(4 + 2 * n as u16).hex().or(0).of::<u16>(NAMES[n].0));
             list = list.then(objects.or(0).of::<[u8; 4 * PdoMap::OBJECTS]>(NAMES[n].1));
             n += 1;
@@ -285,15 +286,15 @@ impl PdoConfigSet {
     }
 }
 
-impl Layout<'_> for PdoConfigSet {
+impl FieldLayout<'_> for PdoConfigSet {
     const FIELDS: FieldList = PdoConfigForm::Three.fields();
 
-    fn put(&self, to: &mut Writer<'_>) -> Result<(), Malformed> {
+    fn put(&self, to: &mut FieldWriter<'_>) -> Result<(), Malformed> {
         to.arguments.len = self.config.write(to.data)?;
         Ok(())
     }
 
-    fn take(from: &Reader<'_>) -> Result<Self, Malformed> {
+    fn take(from: &FieldReader<'_>) -> Result<Self, Malformed> {
         Ok(Self { config: PdoConfig::read(from.data, PdoConfigForm::Three)? })
     }
 }

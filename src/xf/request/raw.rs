@@ -1,7 +1,7 @@
 //! Requests for single EtherCAT datagrams.
 
 use crate::xf::Allowed;
-use crate::xf::layout::{Spot, at, layout, tail};
+use crate::xf::layout::{FieldDecl, at, layout, tail};
 use crate::xf::value::choices;
 
 layout! {
@@ -44,7 +44,7 @@ pub(crate) const RAW_HEAD: usize = 20;
 pub const RAW_DATA_MAX: usize = 256;
 
 /// The datagram's data at [`RAW_HEAD`], whose size is the u16 at byte 2. `name` is the name of that size in errors.
-pub(in crate::xf) const fn raw_data(name: &'static str) -> Spot {
+pub(in crate::xf) const fn raw_data(name: &'static str) -> FieldDecl {
     tail(RAW_HEAD as u16).counted(at(2), name, Allowed::AtMost(RAW_DATA_MAX as u32))
 }
 

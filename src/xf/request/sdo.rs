@@ -3,7 +3,7 @@
 use super::SlaveNumber;
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::xf::Allowed;
-use crate::xf::fields::Kind;
+use crate::xf::fields::FieldKind;
 use crate::xf::layout::{field_values, layout};
 use crate::xf::value::Switch;
 
@@ -60,7 +60,7 @@ layout! {
 }
 
 field_values! {
-    SdoScope, 1, Kind::Choice(Switch::NAMES), |scope| (scope == SdoScope::Complete).into(),
+    SdoScope, 1, FieldKind::Choice(Switch::NAMES), |scope| (scope == SdoScope::Complete).into(),
         |flag| Ok(if flag == 0 { SdoScope::Entry } else { SdoScope::Complete });
-    AbortCode, 4, Kind::Abort, |code| code.0, |code| Ok(AbortCode(code));
+    AbortCode, 4, FieldKind::Abort, |code| code.0, |code| Ok(AbortCode(code));
 }

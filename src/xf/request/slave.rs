@@ -2,7 +2,7 @@
 
 use super::SlaveNumber;
 use crate::xf::Malformed;
-use crate::xf::layout::{FieldList, Layout, Reader, Spot, Writer, at, layout};
+use crate::xf::layout::{FieldDecl, FieldLayout, FieldList, FieldReader, FieldWriter, at, layout};
 use crate::xf::value::choices;
 
 layout! {
@@ -66,8 +66,8 @@ pub struct ConfigFmmu {
 }
 
 impl ConfigFmmu {
-    const SLAVE: Spot = at(0).of::<SlaveNumber>("slave");
-    const FUNCTIONS: [Spot; 4] = [
+    const SLAVE: FieldDecl = at(0).of::<SlaveNumber>("slave");
+    const FUNCTIONS: [FieldDecl; 4] = [
         at(1).or(0).of::<u8>("fmmu0"),
         at(2).or(0).of::<u8>("fmmu1"),
         at(3).or(0).of::<u8>("fmmu2"),
@@ -75,18 +75,18 @@ impl ConfigFmmu {
     ];
 }
 
-impl Layout<'_> for ConfigFmmu {
+impl FieldLayout<'_> for ConfigFmmu {
     const FIELDS: FieldList = {
         let [a, b, c, d] = Self::FUNCTIONS;
         FieldList::of(Self::SLAVE).with(a.field).with(b.field).with(c.field).with(d.field)
     };
 
-    fn put(&self, to: &mut Writer<'_>) -> Result<(), Malformed> {
+    fn put(&self, to: &mut FieldWriter<'_>) -> Result<(), Malformed> {
         Self::SLAVE.put(&self.slave, to)?;
         Self::FUNCTIONS[0].put(&self.functions, to)
     }
 
-    fn take(from: &Reader<'_>) -> Result<Self, Malformed> {
+    fn take(from: &FieldReader<'_>) -> Result<Self, Malformed> {
         Ok(Self { slave: Self::SLAVE.take(from)?, functions: Self::FUNCTIONS[0].take(from)? })
     }
 }

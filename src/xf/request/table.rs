@@ -5,7 +5,7 @@ use super::*;
 use crate::ethercat::cia402::Statusword;
 use crate::ethercat::coe::AbortCode;
 use crate::xf::fields::{AnswerFields, FunctionFields};
-use crate::xf::layout::{Forms, Layout, field_slice, type_of, value};
+use crate::xf::layout::{FieldLayout, Forms, field_slice, type_of, value};
 use crate::xf::{DataSize, NetworkState};
 
 /// Defines [`Request`], the [`Call`] of each type, and the table of fields. A row has the type, code and parameter if
@@ -27,7 +27,7 @@ macro_rules! requests {
             code: <type_of!($name $(<$life>)?) as Call<'static>>::CODE,
             function: <type_of!($name $(<$life>)?) as Call<'static>>::FUNCTION,
             what: $what,
-            request: field_slice!(<type_of!($name $(<$life>)?) as Layout<'static>>::FIELDS),
+            request: field_slice!(<type_of!($name $(<$life>)?) as FieldLayout<'static>>::FIELDS),
             answers: forms!(type_of!($name $(<$life>)?), $($answer $(= $value)?)?),
         },)*];
 

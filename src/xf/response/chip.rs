@@ -2,8 +2,8 @@
 //! packets.
 
 use super::{Answer, Returned};
-use crate::xf::fields::{AnswerFields, Kind};
-use crate::xf::layout::{FieldList, Forms, Layout, field_slice, field_values, layout, ret, value};
+use crate::xf::fields::{AnswerFields, FieldKind};
+use crate::xf::layout::{FieldLayout, FieldList, Forms, field_slice, field_values, layout, ret, value};
 use crate::xf::request::{WkcErrorLimit, data_size};
 use crate::xf::{DataSize, Malformed};
 
@@ -36,7 +36,7 @@ layout! {
 pub struct Series(pub u8);
 
 field_values! {
-    Series, 1, Kind::Number, |series| series.0.into(), |number| Ok(Series(number as u8));
+    Series, 1, FieldKind::Number, |series| series.0.into(), |number| Ok(Series(number as u8));
 }
 
 impl Answer<'_> for FirmwareVersion {
@@ -57,7 +57,7 @@ impl Answer<'_> for FirmwareVersion {
 
 impl Forms for FirmwareVersion {
     const FORMS: &'static [AnswerFields] = &[AnswerFields::of(field_slice!(
-        FieldList::of(ret().hex().of::<u8>("version")).and(<FirmwareIdentity as Layout<'static>>::FIELDS)
+        FieldList::of(ret().hex().of::<u8>("version")).and(<FirmwareIdentity as FieldLayout<'static>>::FIELDS)
     ))];
 }
 

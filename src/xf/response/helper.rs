@@ -2,7 +2,7 @@
 
 use super::answers;
 use crate::ethercat::cia402::{DriveState, Statusword};
-use crate::xf::fields::Kind;
+use crate::xf::fields::FieldKind;
 use crate::xf::layout::field_values;
 use crate::xf::request::InterruptEnable;
 
@@ -28,7 +28,7 @@ impl From<DriveState> for DriveStateByte {
 }
 
 field_values! {
-    DriveStateByte, 1, Kind::DriveState, |state| state.0.into(), |code| Ok(DriveStateByte(code as u8));
+    DriveStateByte, 1, FieldKind::DriveState, |state| state.0.into(), |code| Ok(DriveStateByte(code as u8));
 }
 
 answers! {

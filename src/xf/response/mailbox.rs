@@ -1,8 +1,8 @@
 //! Answers about emergencies received through mailboxes, and sets of slaves.
 
 use super::{Answer, Returned, answer_fields};
-use crate::xf::fields::{AnswerFields, Kind};
-use crate::xf::layout::{Forms, Layout, Reader, Writer, layout, tail};
+use crate::xf::fields::{AnswerFields, FieldKind};
+use crate::xf::layout::{FieldLayout, FieldReader, FieldWriter, Forms, layout, tail};
 use crate::xf::request::{EMERGENCIES_MAX, SlaveBits};
 use crate::xf::{Malformed, segment};
 
@@ -11,7 +11,7 @@ layout! {
     #[derive(Default)]
     pub struct Emergency {
         /// Byte 0: the position in the list, 0..=7.
-        pub number: u8 = at(0).kind(Kind::Named(&[("none", NO_EMERGENCY as u32)])),
+        pub number: u8 = at(0).kind(FieldKind::Named(&[("none", NO_EMERGENCY as u32)])),
         /// Byte 1: the slave's number.
         pub slave: u8 = at(1),
         /// Bytes 2..3: serial number of the emergency since the chip has started.
@@ -66,7 +66,7 @@ impl Answer<'_> for Emergencies {
         for (i, place) in self.places().iter().enumerate() {
             let none = Emergency { number: NO_EMERGENCY, ..Emergency::default() };
             len = segment::put_at(data, EMERGENCY * (i + 1), &[])?;
-            place.unwrap_or(none).put(&mut Writer::new(&mut data[EMERGENCY * i..]))?;
+            place.unwrap_or(none).put(&mut FieldWriter::new(&mut data[EMERGENCY * i..]))?;
         }
         Ok(Returned::data(len))
     }
@@ -80,7 +80,7 @@ impl Answer<'_> for Emergencies {
         }
         let mut list = Self { count: count as u8, ..Self::default() };
         for (place, bytes) in list.places.iter_mut().zip(valid.chunks_exact(EMERGENCY)) {
-            let emergency = Emergency::take(&Reader::of(returned, bytes))?;
+            let emergency = Emergency::take(&FieldReader::of(returned, bytes))?;
             *place = Some(emergency).filter(|emergency| emergency.number != NO_EMERGENCY);
         }
         Ok(list)
@@ -95,7 +95,7 @@ impl Forms for Emergencies {
 /// The set of slaves (XF EN 1663), with as many bytes as the length field says.
 impl Answer<'_> for SlaveBits {
     fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
-        let mut to = Writer::new(data);
+        let mut to = FieldWriter::new(data);
         tail(0).put(self, &mut to)?;
         Ok(to.returned())
     }

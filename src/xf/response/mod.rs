@@ -95,7 +95,7 @@ pub trait Answer<'a>: Copy + fmt::Debug + PartialEq {
 macro_rules! answer_fields {
     ($($type:tt)*) => {
         $crate::xf::fields::AnswerFields::of($crate::xf::layout::field_slice!(
-            <$crate::xf::layout::type_of!($($type)*) as $crate::xf::layout::Layout<'static>>::FIELDS.returned()
+            <$crate::xf::layout::type_of!($($type)*) as $crate::xf::layout::FieldLayout<'static>>::FIELDS.returned()
         ))
     };
 }
@@ -103,7 +103,7 @@ macro_rules! answer_fields {
 /// Implements [`Answer`] for types whose layout describes the whole answer.
 macro_rules! answers {
     ($($(#[$doc:meta])* $name:ident $(<$life:lifetime>)?;)*) => {$(const _: () = {
-        use $crate::xf::layout::{Forms, Layout, type_of};
+        use $crate::xf::layout::{Forms, FieldLayout, type_of};
         use $crate::xf::response::{Answer, Returned, answer_fields};
         use $crate::xf::{Malformed, fields::AnswerFields};
 

@@ -2,7 +2,7 @@
 
 use super::{Answer, Returned};
 use crate::xf::Malformed;
-use crate::xf::fields::{AnswerFields, Kind};
+use crate::xf::fields::{AnswerFields, FieldKind};
 use crate::xf::layout::{Forms, tail};
 
 /// The answer to [`SlaveInfoGet`](crate::xf::request::SlaveInfoGet). The manuals give no sizes, so the length of the
@@ -55,5 +55,5 @@ impl<'a> Answer<'a> for SlaveInfo<'a> {
 
 impl Forms for SlaveInfo<'_> {
     const FORMS: &'static [AnswerFields] =
-        &[AnswerFields::of(&[tail(0).kind(Kind::NumberOrText).of::<&[u8]>("value").field])];
+        &[AnswerFields::of(&[tail(0).kind(FieldKind::NumberOrText).of::<&[u8]>("value").field])];
 }

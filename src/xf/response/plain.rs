@@ -3,8 +3,10 @@
 use super::{Answer, DriveStateByte, Returned};
 use crate::ethercat::cia402::Statusword;
 use crate::ethercat::coe::AbortCode;
-use crate::xf::fields::{AnswerFields, Kind, Place};
-use crate::xf::layout::{FieldValue, Forms, Part, Reader, ValueAnswer, Writer, field_values, ret, tail, value};
+use crate::xf::fields::{AnswerFields, FieldKind, FieldPosition};
+use crate::xf::layout::{
+    FieldContent, FieldReader, FieldValue, FieldWriter, Forms, ValueAnswer, field_values, ret, tail, value,
+};
 use crate::xf::request::{Analog, HelperControl};
 use crate::xf::value::{EtherCatState, Switch};
 use crate::xf::{Malformed, NetworkState, segment};
@@ -21,31 +23,31 @@ impl Answer<'_> for () {
 }
 
 field_values! {
-    NetworkState, 1, Kind::Named(EtherCatState::NAMES), |state| state.0.into(), |bits| Ok(NetworkState(bits as u8));
-    Statusword, 2, Kind::Hex, |word| word.0.into(), |word| Ok(Statusword(word as u16));
+    NetworkState, 1, FieldKind::Named(EtherCatState::NAMES), |state| state.0.into(), |bits| Ok(NetworkState(bits as u8));
+    Statusword, 2, FieldKind::Hex, |word| word.0.into(), |word| Ok(Statusword(word as u16));
 }
 
 /// Implements [`Answer`] for types that are a single value.
 macro_rules! value_answers {
     ($($(#[$doc:meta])* $type:ty = $place:expr;)*) => {$(
         impl ValueAnswer for $type {
-            const AT: Place = $place;
+            const AT: FieldPosition = $place;
         }
 
         $(#[$doc])*
         impl Answer<'_> for $type {
             fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
-                let mut to = Writer::new(data);
+                let mut to = FieldWriter::new(data);
                 value("").returned::<Self>().put(self.number(), &mut to)?;
                 Ok(to.returned())
             }
 
             fn decode(returned: Returned, data: &[u8]) -> Result<Self, Malformed> {
                 let data = match Self::AT {
-                    Place::Data(_) => returned.first(data, <Self as Part<'_>>::BYTES.into())?,
+                    FieldPosition::Data(_) => returned.first(data, <Self as FieldContent<'_>>::BYTES.into())?,
                     _ => data,
                 };
-                Self::of(value("").returned::<Self>().take(&Reader::of(returned, data))?)
+                Self::of(value("").returned::<Self>().take(&FieldReader::of(returned, data))?)
             }
         }
     )*};
@@ -53,23 +55,23 @@ macro_rules! value_answers {
 
 value_answers! {
     /// The return byte as a number.
-    u8 = Place::Return;
+    u8 = FieldPosition::Return;
     /// The return byte as the state of the network or of a slave.
-    NetworkState = Place::Return;
+    NetworkState = FieldPosition::Return;
     /// The return byte as the helper's control byte.
-    HelperControl = Place::Return;
+    HelperControl = FieldPosition::Return;
     /// The return byte as the state of an axis.
-    DriveStateByte = Place::Return;
+    DriveStateByte = FieldPosition::Return;
     /// A u16 at byte 0 of the data.
-    u16 = Place::Data(0);
+    u16 = FieldPosition::Data(0);
     /// A u32 at byte 0 of the data.
-    u32 = Place::Data(0);
+    u32 = FieldPosition::Data(0);
     /// A statusword, u16 at byte 0 of the data.
-    Statusword = Place::Data(0);
+    Statusword = FieldPosition::Data(0);
     /// The abort code of an SDO transfer, u32 at byte 0 of the data; 0 if the transfer did not fail.
-    AbortCode = Place::Data(0);
+    AbortCode = FieldPosition::Data(0);
     /// An analog value, 0..=4095, u32 at byte 0 of the data.
-    Analog = Place::Data(0);
+    Analog = FieldPosition::Data(0);
 }
 
 /// The state in bits 0 to 3, and the error bit.

@@ -2,8 +2,8 @@
 
 use super::{Answer, Returned, answer_fields, answers};
 use crate::xf::Malformed;
-use crate::xf::fields::{AnswerFields, Kind};
-use crate::xf::layout::{Forms, Layout, Reader, layout};
+use crate::xf::fields::{AnswerFields, FieldKind};
+use crate::xf::layout::{FieldLayout, FieldReader, Forms, layout};
 use crate::xf::request::{RawOperation, raw_data};
 
 layout! {
@@ -14,7 +14,7 @@ layout! {
     /// the number of data bytes at byte 2, whatever the length.
     pub struct RawAnswer<'d> {
         /// The datagram's EtherCAT command; see [`RawOperation::from_code`].
-        pub operation: u8 = at(0).kind(Kind::Named(RawOperation::NAMES)),
+        pub operation: u8 = at(0).kind(FieldKind::Named(RawOperation::NAMES)),
         /// Auto-increment position or station address of the slave.
         pub adp: u16 = at(4).hex(),
         /// Address in the slave's memory.
@@ -56,7 +56,7 @@ impl<'a> Answer<'a> for RawAnswer<'a> {
     }
 
     fn decode(returned: Returned, data: &'a [u8]) -> Result<Self, Malformed> {
-        Self::decoded(&Reader::of(returned, data).arguments, data)
+        Self::decoded(&FieldReader::of(returned, data).arguments, data)
     }
 }
 

@@ -8,7 +8,7 @@ use ecmsk::fieldbus::{Fieldbus, Ns};
 use ecmsk::slave::Slave;
 use ecmsk::slave::handle::SimHandle;
 use ecmsk::xf::chip::{Chip, Profile, SlaveModels};
-use ecmsk::xf::host::{Deadlines, HostConfig, Pacing};
+use ecmsk::xf::host::{HostConfig, HostPacing, Timeouts};
 use support::dice::Dice;
 use support::faulty_wire::quick;
 
@@ -42,7 +42,7 @@ impl How {
         let profile = dice.pick(&[Profile::OLD, Profile::NEW, Profile::XFU]);
         let drives = 1 + dice.below(4) as usize;
         let (idle_ns, pacing) =
-            dice.pick(&[(20 * US, Pacing::Idle), (150 * US, Pacing::Idle), (20 * US, Pacing::Int0)]);
+            dice.pick(&[(20 * US, HostPacing::Idle), (150 * US, HostPacing::Idle), (20 * US, HostPacing::Int0)]);
         let ahead = dice.pick(&[1, 2, 4, 8, 8, 20, 60]);
         let process_bytes = drives * INPUT_BYTES.0 + INPUT_BYTES.1;
         let from = dice.below(6) as usize;
@@ -59,13 +59,13 @@ impl How {
             demand.plan().is_ok()
         };
         let cycle_us = *[250, 500, 1000, 1000, 2000, 4000][from..].iter().find(holds).unwrap_or(&4000);
-        let deadlines = Deadlines { answer_ns: dice.pick(&[20 * MS, 100 * MS]), int0_ns: 5 * MS, ..Deadlines::DEFAULT };
+        let timeouts = Timeouts { answer_ns: dice.pick(&[20 * MS, 100 * MS]), int0_ns: 5 * MS, ..Timeouts::DEFAULT };
         let config = HostConfig {
             size: dice.pick(&[None, Some(profile.size)]),
             pacing,
             idle_ns,
             resync_after: dice.pick(&[2, 4, 8]),
-            deadlines,
+            timeouts,
             ..HostConfig::DEFAULT
         };
         let options = XfBusOptions {
@@ -75,7 +75,7 @@ impl How {
             real_time: dice.one_in(3),
             ..XfBusOptions::DEFAULT
         };
-        let packet_ns = if pacing == Pacing::Int0 { 100 * US } else { idle_ns - 5 * US };
+        let packet_ns = if pacing == HostPacing::Int0 { 100 * US } else { idle_ns - 5 * US };
         let state_timeout_ns = dice.pick(&[S, 10 * S]);
         let have_identity = dice.one_in(2);
         Self { profile, cycle_us, options, config, packet_ns, drives, state_timeout_ns, have_identity }

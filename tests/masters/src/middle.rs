@@ -6,7 +6,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use ecmsk::ethercat::{ETHERTYPE, FRAME_LEN_MAX};
-use ecmsk::io::ethernet::{DefaultRoute, Socket, check};
+use ecmsk::io::ethernet::{DefaultRoute, EthernetSocket, check};
 use parking_lot::Mutex;
 use support::dice::Dice;
 
@@ -46,7 +46,7 @@ impl Middle {
     pub(super) fn start() -> Self {
         let shared = Arc::new(Mutex::new(Shared { trouble: Trouble::default(), faults: 0, is_over: false }));
         let sockets = INTERFACES.map(|name| {
-            Socket::open(&check(name, DefaultRoute::Allowed).expect("an interface"), ETHERTYPE).expect("root")
+            EthernetSocket::open(&check(name, DefaultRoute::Allowed).expect("an interface"), ETHERTYPE).expect("root")
         });
         let thread = std::thread::spawn({
             let shared = Arc::clone(&shared);
@@ -81,7 +81,7 @@ struct Waiting {
     frame: Vec<u8>,
 }
 
-fn run(sockets: &[Socket; 2], shared: &Mutex<Shared>) {
+fn run(sockets: &[EthernetSocket; 2], shared: &Mutex<Shared>) {
     let mut dice = Dice(20);
     let mut waiting = [Vec::new(), Vec::new()];
     let mut buffer = [0; FRAME_LEN_MAX];

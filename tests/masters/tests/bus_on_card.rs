@@ -5,7 +5,7 @@ mod needs_network_namespace {
     use std::process::Command;
     use std::time::Duration;
 
-    use ecmsk::bus::errors::{self, Place};
+    use ecmsk::bus::errors::{self, ProblemPlace};
     use ecmsk::bus::{self, FoundSlave, Network, clocks, dictionary, eeprom};
     use ecmsk::coe::{ObjectAddress, SdoScope};
     use ecmsk::ethercat::AlState;
@@ -14,7 +14,7 @@ mod needs_network_namespace {
     use ecmsk::link::uri::LinkUri;
     use ecmsk::link::{Share, open};
     use ecmsk::machine::Machine;
-    use ecmsk::machine::findings::Verdict;
+    use ecmsk::machine::findings::FindingVerdict;
     use masters::{MASTER, Rig};
 
     const LINK: &str = "nic:veth0";
@@ -88,7 +88,7 @@ mod needs_network_namespace {
         let counted = errors::read(&mut *network, &slaves).expect("counters");
         let troubles = errors::judge(&slaves, &counted);
         let [trouble] = &troubles[..] else { panic!("{troubles:?} of {counted:?}") };
-        let Place::Cable { near: Some(near), far: Some(far) } = trouble.place else { panic!("{trouble:?}") };
+        let ProblemPlace::Cable { near: Some(near), far: Some(far) } = trouble.place else { panic!("{trouble:?}") };
         assert_eq!((near.slave, near.port, far.slave, far.port), (2, 1, 3, 0));
     }
 
@@ -137,7 +137,7 @@ mod needs_network_namespace {
         assert!(trips.p50 <= trips.p99 && trips.p99 <= trips.max && trips.max.as_nanos() > 0, "{trips:?}");
         let findings = Machine::here().findings(Some(&link));
         let wrong: Vec<_> = findings.iter().filter(|finding| finding.subject.as_deref() == Some(MASTER)).collect();
-        assert!(wrong.len() > 5 && wrong.iter().all(|finding| finding.verdict != Verdict::Wrong), "{wrong:?}");
+        assert!(wrong.len() > 5 && wrong.iter().all(|finding| finding.verdict != FindingVerdict::Wrong), "{wrong:?}");
         assert!(wrong.iter().any(|finding| finding.check == "card-offloads"), "{wrong:?}");
         rig.happen("cut 1");
         assert_eq!(bus::round_trips(&link, 100).expect("it opens"), None);

@@ -8,7 +8,7 @@ mod needs_network_namespace {
     use ecmsk::ethercat::{
         Command as Datagram, DatagramHeader, ETHERTYPE, FRAME_LEN_MAX, Frame, FrameHeader, FrameWriter,
     };
-    use ecmsk::io::ethernet::{DefaultRoute, Socket, check};
+    use ecmsk::io::ethernet::{DefaultRoute, EthernetSocket, check};
     use masters::{MASTER, Rig, SECOND_MASTER, SLAVES};
 
     /// So long a frame may be on its way, and a change of the cables, on a machine that has other work.
@@ -18,7 +18,7 @@ mod needs_network_namespace {
 
     /// The master's ends of the cables.
     struct Ends {
-        sockets: [Socket; 2],
+        sockets: [EthernetSocket; 2],
         index: u8,
     }
 
@@ -26,7 +26,7 @@ mod needs_network_namespace {
         fn open() -> Self {
             let open = |name| {
                 let interface = check(name, DefaultRoute::Allowed).expect("it is there");
-                Socket::open(&interface, ETHERTYPE).expect("these tests run as root")
+                EthernetSocket::open(&interface, ETHERTYPE).expect("these tests run as root")
             };
             Self { sockets: [MASTER, SECOND_MASTER].map(open), index: 0 }
         }

@@ -8,7 +8,7 @@ use ecmsk::ethercat::Ns;
 use ecmsk::link::chip::{self, ChipLink};
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 use ecmsk::xf::chip::{Chip, ChipPort, Profile, SlaveModels};
-use ecmsk::xf::host::{Deadlines, HostConfig};
+use ecmsk::xf::host::{HostConfig, Timeouts};
 use ecmsk::xf::request::{
     InterruptEnable, InterruptSetEnable, PeripheralInterrupts, Polarity, SlaveCountGet, SpiPackSizeGet,
 };
@@ -76,15 +76,15 @@ impl Board for WiredChip {
 fn open(uri: &str) -> Xf {
     const S: Ns = 1_000_000_000;
     let (link, config) = chip::open(uri).unwrap_or_else(|error| panic!("{uri}: {error}"));
-    let deadlines = Deadlines {
+    let timeouts = Timeouts {
         search_ns: 60 * S,
         start_ns: 60 * S,
         int0_ns: 5 * S,
         answer_ns: 20 * S,
         busy_ns: 60 * S,
-        ..config.deadlines
+        ..config.timeouts
     };
-    Xf::over(link, HostConfig { deadlines, ..config }).unwrap_or_else(|error| panic!("{uri}: {error}"))
+    Xf::over(link, HostConfig { timeouts, ..config }).unwrap_or_else(|error| panic!("{uri}: {error}"))
 }
 
 /// The forms of the exchanges from the last change of their length on.
@@ -129,7 +129,7 @@ fn an_axis_moves() {
     }
 }
 
-/// XF-16.1 As programs open it, with the driver's own deadlines, and the clock of the link.
+/// XF-16.1 As programs open it, with the driver's own timeouts, and the clock of the link.
 #[test]
 fn a_chip_is_opened_by_its_link() {
     let played = WiredChip::start(Profile::NEW);

@@ -8,14 +8,14 @@ use ecmsk::fieldbus::Ns;
 use ecmsk::fieldbus::xf::{XfBus, XfBusOptions};
 use ecmsk::slave::Slave;
 use ecmsk::slave::handle::SimHandle;
-use ecmsk::xf::chip::{Chip, ChipPort, Network, Profile, SlaveModels};
+use ecmsk::xf::chip::{Chip, ChipPort, Profile, SlaveModels, SlaveNetwork};
 use ecmsk::xf::host::{HostConfig, Wires};
 
 /// The clock of SPI if none is given.
 const CLOCK_HZ: u32 = 24_000_000;
 
 /// The wires to a chip, and the chip.
-pub struct ChipLine<N: Network> {
+pub struct ChipLine<N: SlaveNetwork> {
     port: ChipPort<N>,
     /// The time. Who moves it on beside the host lets the chip go on while the host stands still.
     pub clock: Arc<AtomicU64>,
@@ -24,7 +24,7 @@ pub struct ChipLine<N: Network> {
     pub cut: Arc<AtomicBool>,
 }
 
-impl<N: Network> ChipLine<N> {
+impl<N: SlaveNetwork> ChipLine<N> {
     /// A chip that gets its power at time 0.
     pub fn new(chip: Chip<N>) -> Self {
         Self { port: ChipPort::new(chip), clock: Arc::default(), clock_hz: CLOCK_HZ, cut: Arc::default() }
@@ -41,7 +41,7 @@ impl<N: Network> ChipLine<N> {
     }
 }
 
-impl<N: Network> Wires for ChipLine<N> {
+impl<N: SlaveNetwork> Wires for ChipLine<N> {
     type Error = Infallible;
 
     fn now(&self) -> Ns {

@@ -1,10 +1,10 @@
 //! The wire between the driver of an ECM-XF and the model of the chip: what goes wrong on it, and with the chip at its end.
 
 use ecmsk::ethercat::Ns;
-use ecmsk::xf::chip::{Chip, ChipPort, Network, Timing};
+use ecmsk::xf::chip::{Chip, ChipPort, ChipTiming, SlaveNetwork};
 use ecmsk::xf::request::{Encode, SpiReconfig, WarmReset};
 use ecmsk::xf::{
-    AnswerPacket, CheckRule, CommandCode, CommandHeader, Coverage, DataSize, MAX_PACKET, Received, write_answer,
+    AnswerPacket, CheckRule, CommandCode, CommandHeader, CrcCoverage, DataSize, MAX_PACKET, Received, write_answer,
     write_request,
 };
 
@@ -20,9 +20,9 @@ pub const REGISTER: (u8, u8) = (1, 5);
 pub const FLASH_AT: usize = 0x100;
 
 /// A chip that starts, and moves its slaves, as fast as schedules need it, and works that long on a packet.
-pub fn quick(packet_ns: Ns) -> Timing {
+pub fn quick(packet_ns: Ns) -> ChipTiming {
     const MS: Ns = 1_000_000;
-    Timing {
+    ChipTiming {
         start_ns: 50 * MS,
         port_ns: 20 * MS,
         packet_ns,
@@ -33,7 +33,7 @@ pub fn quick(packet_ns: Ns) -> Timing {
         to_safeop_ns: 5 * MS,
         to_op_ns: 5 * MS,
         down_ns: 2 * MS,
-        ..Timing::default()
+        ..ChipTiming::default()
     }
 }
 
@@ -96,7 +96,7 @@ impl Fault {
 }
 
 /// The wire and the chip.
-pub struct Wire<N: Network> {
+pub struct Wire<N: SlaveNetwork> {
     /// The chip's end.
     pub port: ChipPort<N>,
     last_answer: Vec<u8>,
@@ -105,7 +105,7 @@ pub struct Wire<N: Network> {
     pub flash: Vec<u32>,
 }
 
-impl<N: Network> Wire<N> {
+impl<N: SlaveNetwork> Wire<N> {
     /// A wire to that chip.
     pub fn new(chip: Chip<N>) -> Self {
         Self { port: ChipPort::new(chip), last_answer: Vec::new(), registers: Vec::new(), flash: Vec::new() }
@@ -195,12 +195,12 @@ impl<N: Network> Wire<N> {
 }
 
 /// The chip is reset as by its reset line.
-pub fn reset_chip<N: Network>(chip: &mut Chip<N>, now: Ns) {
+pub fn reset_chip<N: SlaveNetwork>(chip: &mut Chip<N>, now: Ns) {
     give(chip, now, &WarmReset);
 }
 
 /// The chip takes a packet past the wire, with one check word or the other.
-fn give<N: Network>(chip: &mut Chip<N>, now: Ns, request: &impl Encode) {
+fn give<N: SlaveNetwork>(chip: &mut Chip<N>, now: Ns, request: &impl Encode) {
     let mut now = now.max(chip.now());
     for rule in [CheckRule::CRC32, CheckRule::FIXED] {
         now += PACKETS_APART;
@@ -229,7 +229,7 @@ fn flip(bytes: &mut [u8], dice: &mut Dice) {
 fn stranger(answer: Vec<u8>, dice: &mut Dice) -> Vec<u8> {
     let size = answer.len().checked_sub(32).and_then(DataSize::new);
     let Some(size) = size else { return answer };
-    let Ok(Received::Answer(parsed)) = AnswerPacket::parse(&answer, size, Coverage::All) else { return answer };
+    let Ok(Received::Answer(parsed)) = AnswerPacket::parse(&answer, size, CrcCoverage::All) else { return answer };
     let Ok(kind) = parsed.header.status.check_type() else { return answer };
     let mut header = parsed.header;
     if dice.one_in(2) {
@@ -240,6 +240,6 @@ fn stranger(answer: Vec<u8>, dice: &mut Dice) -> Vec<u8> {
     }
     let mut buffer = [0; MAX_PACKET];
     let data = &parsed.data[..usize::from(header.len).min(parsed.data.len())];
-    let rule = CheckRule { kind, coverage: Coverage::All };
+    let rule = CheckRule { kind, coverage: CrcCoverage::All };
     write_answer(&mut buffer, size, rule, header, &data).expect("it fits").to_vec()
 }

@@ -1,6 +1,6 @@
 //! The golden packets of the ECM-XF as they stand in their file.
 
-use ecmsk::xf::{CheckRule, CheckType, Coverage, DataSize};
+use ecmsk::xf::{CheckRule, CheckType, CrcCoverage, DataSize};
 use serde_json::Value;
 
 use crate::{hex, number, text};
@@ -52,10 +52,10 @@ pub fn packet_named(name: &str) -> Packet {
 
 fn packet(v: &Value) -> Packet {
     let coverage = match text(v, "crc_cover").as_str() {
-        "valid" => Coverage::Valid,
+        "valid" => CrcCoverage::Valid,
         other => {
             assert_eq!(other, "all");
-            Coverage::All
+            CrcCoverage::All
         }
     };
     Packet {

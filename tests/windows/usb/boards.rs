@@ -102,7 +102,7 @@ crate::for_each_width! {
 
     /// WIN-67 A program that writes alone for a while reads the newest reports then, and goes on as before.
     #[test]
-    fn reports_rest_while_a_program_only_writes(width: Width) {
+    fn reports_pause_while_a_program_only_writes(width: Width) {
         let served = plugged(BOARD);
         passes(width, "board", "usb:", &["rests"]);
         unplug(served);

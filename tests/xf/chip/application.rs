@@ -8,7 +8,9 @@ use ecmsk::xf::chip::{Chip, ChipPort, Controllers, Profile, SimulatedNetwork, Sl
 use ecmsk::xf::request::{
     FifoEnable, HelperConfigSet, HelperControl, HelperStateGet, HelperStateSet, PdoDataFifo, PdoOperation,
 };
-use ecmsk::xf::{AnswerPacket, CheckRule, CommandHeader, Coverage, EtherCatState, MAX_PACKET, Received, write_request};
+use ecmsk::xf::{
+    AnswerPacket, CheckRule, CommandHeader, CrcCoverage, EtherCatState, MAX_PACKET, Received, write_request,
+};
 use proptest::prelude::*;
 
 use super::{Host, MS};
@@ -77,7 +79,7 @@ fn exchange_without_allocation(exchange: impl Fn(&mut ChipPort<SlaveModels>, Ns,
         }
     });
     assert_eq!(counted.count_total, 0);
-    let Ok(Received::Answer(packet)) = AnswerPacket::parse(answer, size, Coverage::All) else { panic!("an answer") };
+    let Ok(Received::Answer(packet)) = AnswerPacket::parse(answer, size, CrcCoverage::All) else { panic!("an answer") };
     assert_eq!((packet.header.index, packet.header.len), (199, 20), "TxPDOs come");
 }
 

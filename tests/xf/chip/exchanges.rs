@@ -6,8 +6,8 @@ use ecmsk::xf::request::{
     InfoUpdate, InitDc, SdoOperation, SlaveCountGet, SpiPackSizeGet, SpiReconfig, StateUpdate, WarmReset,
 };
 use ecmsk::xf::{
-    AnswerPacket, CheckRule, CheckType, CommandCode, CommandHeader, Control, Coverage, DataSize, Errors, EtherCatState,
-    NetworkState, Received, Resync, Status, write_request,
+    AnswerPacket, CheckRule, CheckType, CommandCode, CommandHeader, Control, CrcCoverage, DataSize, Errors,
+    EtherCatState, NetworkState, Received, Resync, Status, write_request,
 };
 
 use super::{Host, MS, is_not_ready};
@@ -364,12 +364,16 @@ fn stream() {
     let answer = exchange(&mut port, 2, &|buffer| {
         write_request(buffer, size, CheckRule::FIXED, with_index(2), &SpiPackSizeGet).expect("it fits").to_vec()
     });
-    let Ok(Received::Answer(packet)) = AnswerPacket::parse(&answer, size, Coverage::All) else { panic!("an answer") };
+    let Ok(Received::Answer(packet)) = AnswerPacket::parse(&answer, size, CrcCoverage::All) else {
+        panic!("an answer")
+    };
     assert_eq!((packet.header.index, packet.header.code), (1, CommandCode::SpiReconfig));
     assert!(packet.header.errors.contains(Errors::SPI), "the packets of zeros");
     let answer = exchange(&mut port, 3, &|buffer| {
         write_request(buffer, size, CheckRule::FIXED, with_index(3), &InfoUpdate).expect("it fits").to_vec()
     });
-    let Ok(Received::Answer(packet)) = AnswerPacket::parse(&answer, size, Coverage::All) else { panic!("an answer") };
+    let Ok(Received::Answer(packet)) = AnswerPacket::parse(&answer, size, CrcCoverage::All) else {
+        panic!("an answer")
+    };
     assert_eq!(packet.answer_to(&SpiPackSizeGet), Ok(size));
 }

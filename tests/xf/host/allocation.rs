@@ -1,7 +1,7 @@
 //! No exchange allocates.
 
 use allocation_counter::measure;
-use ecmsk::xf::host::{Host, HostConfig, Next, ProcessData};
+use ecmsk::xf::host::{Host, HostConfig, Next, ProcessRequest};
 
 use super::chip::Fault;
 use super::process::{pdo, with_fifo_on};
@@ -17,7 +17,7 @@ fn the_driver_allocates_nothing() {
         let mut packet = [0; 144];
         let mut exchange = false;
         let sent = measure(|| {
-            let _ = host.process(ProcessData::Exchange { count: 1, outputs: &pdo(n) });
+            let _ = host.process(ProcessRequest::Exchange { count: 1, outputs: &pdo(n) });
             if let Ok(ticket) = host.submit(*now, &super::commands::dac(n % 4096)) {
                 let _ = host.take(ticket, &super::commands::dac(n % 4096));
             }

@@ -7,8 +7,8 @@ use ecmsk::xf::packet::write_not_ready;
 use ecmsk::xf::request::{PdoOperation, Request, SdoOperation, SlaveInfoItem};
 use ecmsk::xf::response::{Answer, PdoExchange, Returned};
 use ecmsk::xf::{
-    AnswerHeader, CheckRule, CheckType, CommandCode, CommandPacket, Coverage, Coverages, DataSize, Errors, MAX_PACKET,
-    Malformed, Status, write_answer,
+    AnswerHeader, CheckRule, CheckType, CommandCode, CommandPacket, CrcCoverage, CrcCoverages, DataSize, Errors,
+    MAX_PACKET, Malformed, Status, write_answer,
 };
 
 /// A result that is already bytes.
@@ -58,7 +58,7 @@ pub struct Chip {
     pub start: DataSize,
     pub size: DataSize,
     pub kind: CheckType,
-    pub coverages: Coverages,
+    pub coverages: CrcCoverages,
     /// A CRC-32 of it is none that anybody knows: of its answers, of what it takes.
     pub strange: [bool; 2],
     /// Packets for which a non-immediate command keeps the chip busy.
@@ -100,7 +100,7 @@ impl Chip {
             start: size,
             size,
             kind: CheckType::Fixed,
-            coverages: Coverages::default(),
+            coverages: CrcCoverages::default(),
             strange: [false; 2],
             busy_for: 6,
             cycle: 3,
@@ -202,7 +202,7 @@ impl Chip {
         self.busy = u32::MAX;
     }
 
-    fn rule(&self, coverage: Coverage) -> CheckRule {
+    fn rule(&self, coverage: CrcCoverage) -> CheckRule {
         CheckRule { kind: self.kind, coverage }
     }
 

@@ -1,7 +1,7 @@
 //! Queues, results, errors, repetitions.
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
-use ecmsk::xf::host::{Deadlines, HostConfig, HostError, IMMEDIATE_SLOTS, NON_IMMEDIATE_SLOTS, Ticket};
+use ecmsk::xf::host::{HostConfig, HostError, IMMEDIATE_SLOTS, NON_IMMEDIATE_SLOTS, Ticket, Timeouts};
 use ecmsk::xf::request::{
     Analog, CrcErrorCountClear, CrcTypeSet, DacSetData, DacStartConv, SdoGet, SdoOperation, SdoRequest, SlaveCountGet,
     SlaveInfoGet, SlaveInfoItem, SpiReconfig, StateUpdate,
@@ -154,7 +154,7 @@ fn pairs_belong_together() {
         assert_eq!(rig.host.take(ticket, &SdoGet), Some(Ok(&expected[..])));
     }
     let wrong = rig.host.submit_pair(rig.now, &sdo(1, READ), &CrcErrorCountClear, BUSY_NS);
-    assert_eq!(wrong, Err(HostError::NoRead { code: CommandCode::CrcErrorCountClear }));
+    assert_eq!(wrong, Err(HostError::NotARead { code: CommandCode::CrcErrorCountClear }));
 }
 
 /// XF-12.9 An SDO that fails has its abort code, and the next one is not taken for failed.
@@ -176,8 +176,8 @@ fn a_failed_sdo() {
 /// XF-12.10 A command that does not end, and one that waits behind it, end with errors that say how long it took.
 #[test]
 fn a_chip_that_stays_busy() {
-    let deadlines = Deadlines { busy_ns: 50_000_000, queue_ns: 80_000_000, ..Deadlines::default() };
-    let mut rig = Rig::running(HostConfig { deadlines, ..HostConfig::default() });
+    let timeouts = Timeouts { busy_ns: 50_000_000, queue_ns: 80_000_000, ..Timeouts::default() };
+    let mut rig = Rig::running(HostConfig { timeouts, ..HostConfig::default() });
     rig.chip.busy_for = u32::MAX;
     let (first, second) = (rig.submit(&StateUpdate), rig.submit(&StateUpdate));
     rig.done(first);
@@ -239,9 +239,9 @@ fn a_refused_command() {
 fn commands_that_are_not_taken() {
     let mut rig = Rig::running(HostConfig::default());
     let check = CrcTypeSet { kind: CheckType::Fixed };
-    assert_eq!(rig.host.submit(0, &check), Err(HostError::OfDriver { code: CommandCode::CrcTypeSet }));
+    assert_eq!(rig.host.submit(0, &check), Err(HostError::ReservedForDriver { code: CommandCode::CrcTypeSet }));
     let size = SpiReconfig { size: DataSize::MAX };
-    assert_eq!(rig.host.submit(0, &size), Err(HostError::OfDriver { code: CommandCode::SpiReconfig }));
+    assert_eq!(rig.host.submit(0, &size), Err(HostError::ReservedForDriver { code: CommandCode::SpiReconfig }));
     let long = rig.host.submit(0, &sdo(1, SdoOperation::Write(&[1; 101])));
     assert_eq!(long, Err(HostError::TooLong { code: CommandCode::SdoRequest, found: 113, most: 112 }));
     let malformed = rig.host.submit(0, &sdo(1, SdoOperation::Write(&[1; 257])));
@@ -284,8 +284,8 @@ fn what_headers_carry() {
 /// XF-12.10 A result that can never be read has a deadline as well.
 #[test]
 fn a_result_that_is_always_lost() {
-    let deadlines = Deadlines { queue_ns: 500_000_000, ..Deadlines::default() };
-    let mut rig = Rig::running(HostConfig { deadlines, ..HostConfig::default() });
+    let timeouts = Timeouts { queue_ns: 500_000_000, ..Timeouts::default() };
+    let mut rig = Rig::running(HostConfig { timeouts, ..HostConfig::default() });
     let pair = rig.host.submit_pair(rig.now, &sdo(0x6041, READ), &SdoGet, BUSY_NS).expect("room");
     without_answers(&mut rig, pair);
     let lost = HostError::AnswerLost { code: CommandCode::SdoRequest };

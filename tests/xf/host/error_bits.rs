@@ -1,7 +1,7 @@
 //! Error bits in the header that are those of another packet: whatever they say, each command and all process data end
 //! as they ended in the chip.
 
-use ecmsk::xf::host::{Deadlines, HostConfig, HostError, ProcessData, ProcessOutcome};
+use ecmsk::xf::host::{HostConfig, HostError, ProcessOutcome, ProcessRequest, Timeouts};
 use ecmsk::xf::request::SdoOperation;
 use ecmsk::xf::{CommandCode, Errors};
 
@@ -12,7 +12,7 @@ use super::process::{PIPELINED, pdo, report, write};
 
 /// Short, so that few exchanges pass until a packet has ended without its answer.
 const IMPATIENT: HostConfig =
-    HostConfig { deadlines: Deadlines { answer_ns: 2_000_000, ..Deadlines::DEFAULT }, ..HostConfig::DEFAULT };
+    HostConfig { timeouts: Timeouts { answer_ns: 2_000_000, ..Timeouts::DEFAULT }, ..HostConfig::DEFAULT };
 
 /// A driver whose RxPDOs were refused without its seeing that: the header that it has is older, and the chip's error bit
 /// is theirs.
@@ -56,7 +56,7 @@ fn a_command_behind_process_data_without_an_answer() {
 #[test]
 fn process_data_behind_process_data_without_an_answer() {
     let mut rig = refused_unseen(IMPATIENT);
-    rig.host.process(ProcessData::DirectExchange { outputs: &pdo(6) }).expect("taken");
+    rig.host.process(ProcessRequest::DirectExchange { outputs: &pdo(6) }).expect("taken");
     assert_eq!(report(&mut rig).outcome, ProcessOutcome::Done { read: true });
     assert_eq!(rig.host.inputs(), [7; PDO]);
 
@@ -136,6 +136,6 @@ fn a_driver_that_has_stopped_takes_nothing() {
     let error = rig.stops();
     assert!(rig.host.is_done(ticket), "what it had taken has ended");
     assert_eq!(rig.host.submit(rig.now, &dac(2)), Err(error));
-    assert_eq!(rig.host.process(ProcessData::DirectRead), Err(error));
+    assert_eq!(rig.host.process(ProcessRequest::DirectRead), Err(error));
     assert_eq!(rig.host.take_report(), None);
 }

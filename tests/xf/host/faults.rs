@@ -1,7 +1,7 @@
 //! Any bytes, and any answers, come back to the driver. What goes wrong in any order with a chip at the other end is in
 //! `schedules/`.
 
-use ecmsk::xf::host::{HostConfig, HostState, Next, ProcessData};
+use ecmsk::xf::host::{HostConfig, HostState, Next, ProcessRequest};
 use ecmsk::xf::request::{SdoGet, SdoOperation};
 use ecmsk::xf::{AnswerHeader, CheckRule, CommandCode, DataSize, MAX_PACKET, Status, write_answer};
 use support::dice::Dice;
@@ -22,7 +22,7 @@ fn any_bytes_come_back() {
                 1 => rig.host.submit(rig.now, &sdo(1, SdoOperation::Write(&n.to_le_bytes()))),
                 _ => rig.host.submit_pair(rig.now, &sdo(n as u16, READ), &SdoGet, 1_000_000_000),
             };
-            let _ = rig.host.process(ProcessData::Exchange { count: 1, outputs: &pdo(n) });
+            let _ = rig.host.process(ProcessRequest::Exchange { count: 1, outputs: &pdo(n) });
             match rig.host.next(rig.now) {
                 Ok(Next::Exchange(packet)) => {
                     let packet = packet.to_vec();

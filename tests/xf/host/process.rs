@@ -1,7 +1,7 @@
 //! Process data: outcomes, the room in the FIFO, and what a lost answer leaves.
 
 use ecmsk::xf::CommandCode;
-use ecmsk::xf::host::{HostConfig, HostError, ProcessData, ProcessKind, ProcessOutcome, ProcessReport};
+use ecmsk::xf::host::{HostConfig, HostError, ProcessKind, ProcessOutcome, ProcessReport, ProcessRequest};
 use ecmsk::xf::request::FifoEnable;
 
 use super::Rig;
@@ -24,7 +24,7 @@ pub fn with_fifo_on(config: HostConfig) -> Rig {
 }
 
 pub fn write(rig: &mut Rig, n: u32) -> u32 {
-    rig.host.process(ProcessData::Write { count: 1, outputs: &pdo(n) }).expect("there is room")
+    rig.host.process(ProcessRequest::Write { count: 1, outputs: &pdo(n) }).expect("there is room")
 }
 
 /// Turns until there is a report.
@@ -45,7 +45,7 @@ fn process_data_go_out_and_come_in() {
         let mut rig = with_fifo_on(config);
         let mut seen = 0;
         for n in 1..=300 {
-            let sequence = rig.host.process(ProcessData::Exchange { count: 1, outputs: &pdo(n) }).expect("room");
+            let sequence = rig.host.process(ProcessRequest::Exchange { count: 1, outputs: &pdo(n) }).expect("room");
             let report = report(&mut rig);
             assert_eq!(report.sequence, sequence);
             let ProcessOutcome::Done { read } = report.outcome else { panic!("{report:?}") };
@@ -73,7 +73,7 @@ fn pipelined_writes_take_one_exchange() {
         let before = rig.host.counters().exchanges;
         let mut next = 1;
         while rig.host.counters().rx_written < 100 {
-            if next <= 100 && rig.host.process(ProcessData::Write { count: 1, outputs: &pdo(next) }).is_ok() {
+            if next <= 100 && rig.host.process(ProcessRequest::Write { count: 1, outputs: &pdo(next) }).is_ok() {
                 next += 1;
             }
             rig.turn().expect("it runs");
@@ -93,7 +93,7 @@ fn the_fifo_is_never_overfilled() {
             rig.chip.cycle = cycle;
             let (mut n, mut full) = (0, 0);
             for _ in 0..2000 {
-                match rig.host.process(ProcessData::Write { count: 1, outputs: &pdo(n) }) {
+                match rig.host.process(ProcessRequest::Write { count: 1, outputs: &pdo(n) }) {
                     Ok(_) => n += 1,
                     Err(HostError::FifoFull { needed: 1, free: 0 }) => full += 1,
                     Err(HostError::ProcessBusy { .. }) => {}
@@ -116,21 +116,21 @@ fn the_fifo_is_never_overfilled() {
 fn all_kinds_of_process_data() {
     let mut rig = with_fifo_on(HostConfig::DEFAULT);
     let three = [pdo(1), pdo(2), pdo(3)].concat();
-    rig.host.process(ProcessData::Write { count: 3, outputs: &three }).expect("room");
+    rig.host.process(ProcessRequest::Write { count: 3, outputs: &three }).expect("room");
     assert_eq!(report(&mut rig).outcome, DONE);
     rig.exchanges(10);
     assert_eq!((&rig.chip.put_out[..], rig.host.counters().rx_written), (&[1, 2, 3][..], 3));
-    rig.host.process(ProcessData::Read { count: 2 }).expect("taken");
+    rig.host.process(ProcessRequest::Read { count: 2 }).expect("taken");
     assert_eq!(report(&mut rig).outcome, ProcessOutcome::Done { read: true });
     assert_eq!(rig.host.inputs(), [pdo(1), pdo(2)].concat());
-    rig.host.process(ProcessData::DirectRead).expect("taken");
+    rig.host.process(ProcessRequest::DirectRead).expect("taken");
     assert_eq!(report(&mut rig).outcome, ProcessOutcome::Done { read: true });
     assert_eq!(rig.host.inputs(), [7; PDO]);
-    rig.host.process(ProcessData::DirectExchange { outputs: &pdo(4) }).expect("taken");
+    rig.host.process(ProcessRequest::DirectExchange { outputs: &pdo(4) }).expect("taken");
     assert_eq!(report(&mut rig).outcome, ProcessOutcome::Done { read: true });
-    let long = rig.host.process(ProcessData::DirectExchange { outputs: &[0; 113] });
+    let long = rig.host.process(ProcessRequest::DirectExchange { outputs: &[0; 113] });
     assert_eq!(long, Err(HostError::TooLong { code: CommandCode::PdoData, found: 113, most: 112 }));
-    let many = rig.host.process(ProcessData::Write { count: 65, outputs: &[] });
+    let many = rig.host.process(ProcessRequest::Write { count: 65, outputs: &[] });
     assert_eq!(many, Err(HostError::FifoFull { needed: 65, free: 64 }));
 }
 
@@ -227,7 +227,7 @@ fn commands_and_process_data_take_turns() {
         let tickets: Vec<_> = (0..4).map(|n| rig.submit(&super::commands::dac(n))).collect();
         let before = rig.host.counters();
         for n in 0..30 {
-            let _ = rig.host.process(ProcessData::Write { count: 1, outputs: &pdo(n) });
+            let _ = rig.host.process(ProcessRequest::Write { count: 1, outputs: &pdo(n) });
             rig.exchanges(1);
             rig.host.take_report();
         }

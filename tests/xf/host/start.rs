@@ -1,8 +1,8 @@
 //! From a chip of which nothing is known to one that runs, and what has a deadline.
 
-use ecmsk::xf::host::{Deadlines, Host, HostConfig, HostError, HostState, Next, Pacing, ProcessData, StartStep};
+use ecmsk::xf::host::{Host, HostConfig, HostError, HostPacing, HostState, Next, ProcessRequest, StartStep, Timeouts};
 use ecmsk::xf::request::{SdoOperation, SlaveInfoItem};
-use ecmsk::xf::{CheckType, CommandCode, Coverage, Coverages, DataSize};
+use ecmsk::xf::{CheckType, CommandCode, CrcCoverage, CrcCoverages, DataSize};
 
 use super::Rig;
 use super::chip::{Chip, Fault};
@@ -31,7 +31,7 @@ fn n_and_the_offset_are_found() {
 #[test]
 fn chips_of_all_kinds_are_started() {
     for n in [32, 33, 112, 992, 1024, 1408] {
-        for coverage in Coverage::EVERY {
+        for coverage in CrcCoverage::EVERY {
             for kind in [CheckType::Fixed, CheckType::Crc32] {
                 let mut chip = Chip::new(DataSize::new(n).expect("in range"));
                 (chip.coverages, chip.kind) = (coverage.into(), kind);
@@ -49,16 +49,16 @@ fn chips_of_all_kinds_are_started() {
 /// damaged from then on.
 #[test]
 fn what_a_crc_covers_is_found_for_each_direction() {
-    for commands in Coverage::EVERY {
-        for answers in Coverage::EVERY {
+    for commands in CrcCoverage::EVERY {
+        for answers in CrcCoverage::EVERY {
             for kind in [CheckType::Fixed, CheckType::Crc32] {
                 let mut chip = Chip::new(DataSize::MANUAL);
-                (chip.coverages, chip.kind) = (Coverages { commands, answers }, kind);
+                (chip.coverages, chip.kind) = (CrcCoverages { commands, answers }, kind);
                 chip.clock(&[0; 500]);
                 let mut rig = Rig::new(HostConfig::default(), chip);
                 rig.until_running();
                 let found = rig.host.coverages();
-                assert_eq!((found, rig.host.check()), (Coverages { commands, answers }, CheckType::Crc32));
+                assert_eq!((found, rig.host.check()), (CrcCoverages { commands, answers }, CheckType::Crc32));
                 assert!(!rig.host.gave_crc_up());
                 let before = rig.host.counters();
                 rig.chip.ran.clear();
@@ -223,7 +223,7 @@ fn idle_time() {
     rig.faults = vec![none, Fault::NotReady, Fault::NotReady, none, none, none, none];
     let mut ended = Vec::new();
     for _ in 0..7 {
-        if rig.host.process(ProcessData::Read { count: 1 }).is_err() {
+        if rig.host.process(ProcessRequest::Read { count: 1 }).is_err() {
             rig.host.take_report();
         }
         rig.exchanges(1);
@@ -237,7 +237,7 @@ fn idle_time() {
 /// row end it.
 #[test]
 fn int0() {
-    let mut rig = Rig::starting(HostConfig { pacing: Pacing::Int0, ..HostConfig::default() });
+    let mut rig = Rig::starting(HostConfig { pacing: HostPacing::Int0, ..HostConfig::default() });
     rig.int0_ns = Some(30_000);
     rig.until_running();
     let exchanges = rig.host.counters().exchanges;
@@ -279,11 +279,11 @@ fn a_shifted_stream_is_found_again() {
     assert_eq!((ran, rig.host.counters().chip_resets), (1, 0));
 }
 
-/// XF-12.3 The deadlines are what the configuration says.
+/// XF-12.3 The timeouts are what the configuration says.
 #[test]
 fn deadlines_are_configured() {
-    let deadlines = Deadlines { search_ns: 50_000_000, ..Deadlines::default() };
-    let mut host = Host::new(7, HostConfig { deadlines, ..HostConfig::default() });
+    let timeouts = Timeouts { search_ns: 50_000_000, ..Timeouts::default() };
+    let mut host = Host::new(7, HostConfig { timeouts, ..HostConfig::default() });
     assert!(host.next(7).is_ok());
     host.received(50_000_007, &[0; 64]);
     assert!(matches!(host.next(50_000_007), Err(HostError::Silent { waited_ns: 50_000_000, bytes: 64 })));
@@ -294,7 +294,7 @@ fn deadlines_are_configured() {
 fn a_chip_falls_silent() {
     let mut rig = Rig::running(HostConfig::default());
     let ticket = rig.submit(&ecmsk::xf::request::SlaveCountGet);
-    let sequence = rig.host.process(ProcessData::Read { count: 1 }).expect("taken");
+    let sequence = rig.host.process(ProcessRequest::Read { count: 1 }).expect("taken");
     rig.faults = vec![Fault::Lost; 100_000];
     let error = rig.stops();
     assert!(matches!(error, HostError::Silent { .. }), "{error}");
@@ -309,6 +309,6 @@ fn a_chip_that_contradicts_itself() {
     let mut rig = Rig::starting(HostConfig::default());
     rig.chip.claims = Some(DataSize::NEWER);
     let error = rig.stops();
-    assert_eq!(error, HostError::OtherSize { expected: DataSize::MANUAL, found: DataSize::NEWER });
+    assert_eq!(error, HostError::DataSizeMismatch { expected: DataSize::MANUAL, found: DataSize::NEWER });
     assert!(error.to_string().contains("112"), "{error}");
 }

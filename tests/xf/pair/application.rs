@@ -4,7 +4,7 @@ use ecmsk::cia402::DriveState;
 use ecmsk::coe::ObjectAddress;
 use ecmsk::ethercat::Ns;
 use ecmsk::xf::chip::Profile;
-use ecmsk::xf::host::{Budget, HostConfig, ProcessData, ProcessOutcome};
+use ecmsk::xf::host::{Budget, HostConfig, ProcessOutcome, ProcessRequest};
 use ecmsk::xf::request::{
     DcTiming, EcatInit, Fifo, FifoClear, FifoEnable, FifoPackSizeGet, Fifos, HelperConfigSet, HelperControl,
     HelperStateGet, HelperStateSet, MappedObject, PdoAssignment, PdoConfigSet, PdoMap, PdoWorkingCounterGet, Reconfig,
@@ -82,10 +82,10 @@ fn start(profile: Profile, config: HostConfig) -> Pair {
     for fifo in [Fifo::Rx, Fifo::Tx] {
         assert_eq!(pair.get(&FifoPackSizeGet { fifo }, usize::from), 2 * PDO);
     }
-    assert_eq!(pair.process(ProcessData::DirectRead), ProcessOutcome::Done { read: true });
+    assert_eq!(pair.process(ProcessRequest::DirectRead), ProcessOutcome::Done { read: true });
     let found = positions(pair.host.inputs());
     assert_eq!(found, shafts(&mut pair));
-    pair.process(ProcessData::DirectExchange { outputs: &targets(found) });
+    pair.process(ProcessRequest::DirectExchange { outputs: &targets(found) });
     pair.run(&to_all(EtherCatState::Op));
     pair.run(&FifoEnable { on: true });
     for n in 0..2 {
@@ -117,7 +117,7 @@ fn run(pair: &mut Pair, targets_of: impl Iterator<Item = [i64; 2]>) -> Vec<([i64
         next += CYCLE;
         pair.pass(next.saturating_sub(pair.now));
         let rx = targets(target);
-        match pair.process(ProcessData::Exchange { count: 1, outputs: &rx }) {
+        match pair.process(ProcessRequest::Exchange { count: 1, outputs: &rx }) {
             ProcessOutcome::Done { read: true } => seen.push((target, positions(pair.host.inputs()))),
             ProcessOutcome::Done { read: false } => {}
             other => panic!("{other:?}"),
@@ -145,7 +145,7 @@ fn follows(pair: &mut Pair, distance: i64, cycles: u32) {
     pair.pass(200 * MS);
     let end = shafts(pair);
     assert!((end[0] - from[0] - distance).abs() < 10 && (end[1] - from[1] + 2 * distance).abs() < 10, "{end:?}");
-    pair.process(ProcessData::DirectRead);
+    pair.process(ProcessRequest::DirectRead);
     assert_eq!(positions(pair.host.inputs()), end);
 }
 
@@ -206,14 +206,14 @@ fn the_fifo_runs_empty() {
     pair.run(&FifoEnable { on: false });
     let rest: Vec<u8> = whole[150..].iter().flat_map(|target| targets(*target)).collect();
     for pdos in rest.chunks(30 * 2 * PDO).take(2) {
-        pair.process(ProcessData::Write { count: 30, outputs: pdos });
+        pair.process(ProcessRequest::Write { count: 30, outputs: pdos });
     }
     pair.pass(100 * MS);
     assert_eq!((pair.header().rx_fifo, shafts(&mut pair)), (60, [x, y]), "filled, and nothing moves");
     pair.run(&FifoEnable { on: true });
     for pdos in rest.chunks(30 * 2 * PDO).skip(2) {
         pair.until("room in the FIFO", |host| host.rx_free() >= 30);
-        let written = pair.process(ProcessData::Write { count: 30, outputs: pdos });
+        let written = pair.process(ProcessRequest::Write { count: 30, outputs: pdos });
         assert_eq!(written, ProcessOutcome::Done { read: false });
     }
     pair.pass(300 * MS);

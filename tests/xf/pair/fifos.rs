@@ -1,7 +1,7 @@
 //! Process data through the FIFOs and past them.
 
 use ecmsk::xf::chip::Profile;
-use ecmsk::xf::host::{HostConfig, HostError, ProcessData, ProcessOutcome};
+use ecmsk::xf::host::{HostConfig, HostError, ProcessOutcome, ProcessRequest};
 use ecmsk::xf::request::{
     FifoClear, FifoEnable, FifoGetRxCount, FifoGetTxCount, FifoInit, FifoSetRxCount, FifoSetTxCount, FifoThresholdSet,
     Fifos, InfoUpdate,
@@ -46,9 +46,9 @@ fn outputs_of(pair: &mut Pair, cycles: usize) -> Vec<u32> {
 #[test]
 pub fn rx_fifo() {
     let mut pair = Pair::in_state(EtherCatState::Op);
-    assert_eq!(pair.process(ProcessData::Write { count: 1, outputs: &rx(1) }), NOT_READ);
+    assert_eq!(pair.process(ProcessRequest::Write { count: 1, outputs: &rx(1) }), NOT_READ);
     let outputs = [rx(2), rx(3), rx(4)].concat();
-    assert_eq!(pair.process(ProcessData::Write { count: 3, outputs: &outputs }), NOT_READ);
+    assert_eq!(pair.process(ProcessRequest::Write { count: 3, outputs: &outputs }), NOT_READ);
     assert_eq!((pair.header().rx_fifo, pair.io_outputs()), (4, 0));
     pair.run(&FifoEnable { on: true });
     assert!(pair.header_now().status.contains(Status::FIFO_ON));
@@ -58,7 +58,7 @@ pub fn rx_fifo() {
     assert!([1, 2, 3, 4].ends_with(&seen) && seen.len() > 1, "{seen:?}");
     assert_eq!(pair.header().rx_fifo, 0);
     pair.run(&FifoEnable { on: false });
-    pair.process(ProcessData::Write { count: 1, outputs: &rx(9) });
+    pair.process(ProcessRequest::Write { count: 1, outputs: &rx(9) });
     let header = pair.header();
     assert_eq!((header.rx_fifo, header.status.contains(Status::FIFO_ON)), (1, false));
     assert_eq!(pair.io_outputs(), 4);
@@ -73,14 +73,14 @@ pub fn tx_fifo() {
     pair.run(&FifoClear { fifos: Fifos::Both });
     let outputs: Vec<u8> = (1..=40).flat_map(rx).collect();
     assert!(matches!(
-        pair.process(ProcessData::Exchange { count: 40, outputs: &outputs }),
+        pair.process(ProcessRequest::Exchange { count: 40, outputs: &outputs }),
         ProcessOutcome::Done { .. }
     ));
     pair.pass(60 * MS);
-    assert_eq!(pair.process(ProcessData::Read { count: 3 }), READ);
+    assert_eq!(pair.process(ProcessRequest::Read { count: 3 }), READ);
     let mut read = pair.host.inputs().to_vec();
     assert_eq!(read.len(), 3 * TX_BYTES);
-    assert_eq!(pair.process(ProcessData::Read { count: 255 }), READ);
+    assert_eq!(pair.process(ProcessRequest::Read { count: 255 }), READ);
     read.extend(pair.host.inputs());
     assert_eq!(read.len(), (3 + 46) * TX_BYTES, "as many whole ones as 1024 bytes hold");
     let mut inputs: Vec<u16> = read.chunks(TX_BYTES).map(io_inputs).collect();
@@ -92,7 +92,7 @@ pub fn tx_fifo() {
     let mut pair = Pair::running_with(Profile::OLD, HostConfig::DEFAULT, vec![super::drive()]);
     pair.bring_to(EtherCatState::Op);
     pair.run(&FifoClear { fifos: Fifos::Tx });
-    let read = (0..30).map(|_| pair.process(ProcessData::Read { count: 3 })).collect::<Vec<_>>();
+    let read = (0..30).map(|_| pair.process(ProcessRequest::Read { count: 3 })).collect::<Vec<_>>();
     assert!(read.contains(&READ) && read.contains(&NOT_READ), "{read:?}");
 }
 
@@ -102,23 +102,23 @@ pub fn tx_fifo() {
 fn full_fifos() {
     let mut pair = Pair::in_state(EtherCatState::Op);
     for n in 0..64 {
-        assert_eq!(pair.process(ProcessData::Write { count: 1, outputs: &rx(n) }), NOT_READ);
+        assert_eq!(pair.process(ProcessRequest::Write { count: 1, outputs: &rx(n) }), NOT_READ);
     }
     assert_eq!(pair.host.rx_free(), 0);
-    let refused = pair.host.process(ProcessData::Write { count: 1, outputs: &rx(64) });
+    let refused = pair.host.process(ProcessRequest::Write { count: 1, outputs: &rx(64) });
     assert_eq!(refused, Err(HostError::FifoFull { needed: 1, free: 0 }));
     let header = pair.header();
     assert_eq!((header.rx_fifo, header.tx_fifo), (64, 64));
     pair.run(&FifoEnable { on: true });
     pair.pass(200 * MS);
     assert_eq!(pair.io_outputs(), 63);
-    pair.process(ProcessData::Read { count: 1 });
+    pair.process(ProcessRequest::Read { count: 1 });
     assert_eq!(io_inputs(pair.host.inputs()), 63, "the older ones are lost");
 
     let config = HostConfig { rx_entries: 128, ..HostConfig::DEFAULT };
     let mut pair = Pair::running_with(Profile::NEW, config, super::drives_and_io());
     pair.bring_to(EtherCatState::Op);
-    let outcomes: Vec<_> = (0..66).map(|n| pair.process(ProcessData::Write { count: 1, outputs: &rx(n) })).collect();
+    let outcomes: Vec<_> = (0..66).map(|n| pair.process(ProcessRequest::Write { count: 1, outputs: &rx(n) })).collect();
     assert_eq!(outcomes[..64], [NOT_READ; 64]);
     assert_eq!(outcomes[64..], [ProcessOutcome::Full; 2]);
     assert_eq!(pair.host.counters().rx_full, 2);
@@ -132,7 +132,7 @@ fn full_fifos() {
 pub fn clear() {
     for (fifos, rx_left, tx_left) in [(Fifos::Both, false, false), (Fifos::Tx, true, false), (Fifos::Rx, false, true)] {
         let mut pair = Pair::in_state(EtherCatState::Op);
-        pair.process(ProcessData::Write { count: 1, outputs: &rx(1) });
+        pair.process(ProcessRequest::Write { count: 1, outputs: &rx(1) });
         pair.pass(100 * MS);
         pair.run(&FifoClear { fifos });
         let header = pair.header();
@@ -155,7 +155,7 @@ pub fn entries() {
     pair.run(&FifoInit);
     pair.pass(200 * MS);
     assert_eq!(pair.header().tx_fifo, 100);
-    assert_eq!(pair.process(ProcessData::Write { count: 2, outputs: &[0; 2 * RX_BYTES] }), NOT_READ);
+    assert_eq!(pair.process(ProcessRequest::Write { count: 2, outputs: &[0; 2 * RX_BYTES] }), NOT_READ);
     pair.header();
     assert_eq!(pair.host.rx_free(), 0, "the driver goes by it");
     for entries in [0, 129] {
@@ -182,7 +182,7 @@ pub fn thresholds() {
         let flags = |pair: &mut Pair| Interrupts(pair.header_now().interrupts.0 & BOTH.0);
         pair.run(&FifoClear { fifos: Fifos::Both });
         pair.run(&FifoThresholdSet { tx_high: limit(60), rx_low: limit(3) });
-        pair.process(ProcessData::Write { count: 5, outputs: &[0; 5 * RX_BYTES] });
+        pair.process(ProcessRequest::Write { count: 5, outputs: &[0; 5 * RX_BYTES] });
         assert_eq!(flags(&mut pair), Interrupts::NONE);
         pair.run(&FifoEnable { on: true });
         pair.pass(10 * MS);
@@ -200,11 +200,11 @@ pub fn thresholds() {
 #[test]
 pub fn past_the_fifos() {
     let mut pair = Pair::in_state(EtherCatState::Op);
-    assert_eq!(pair.process(ProcessData::DirectExchange { outputs: &rx(0x0F0F) }), READ);
+    assert_eq!(pair.process(ProcessRequest::DirectExchange { outputs: &rx(0x0F0F) }), READ);
     assert_eq!(pair.host.inputs().len(), TX_BYTES);
     pair.pass(5 * MS);
     assert_eq!(pair.io_outputs(), 0x0F0F);
-    assert_eq!(pair.process(ProcessData::DirectRead), READ);
+    assert_eq!(pair.process(ProcessRequest::DirectRead), READ);
     assert_eq!(io_inputs(pair.host.inputs()), 0x0F0F);
     assert_eq!(pair.header().rx_fifo, 0);
 }
@@ -214,12 +214,12 @@ pub fn past_the_fifos() {
 fn wrong_process_data() {
     let mut pair = Pair::running();
     pair.run(&INIT);
-    assert_eq!(pair.process(ProcessData::DirectRead), ProcessOutcome::Refused);
+    assert_eq!(pair.process(ProcessRequest::DirectRead), ProcessOutcome::Refused);
     let mut pair = Pair::in_state(EtherCatState::Op);
     let short = &rx(1)[1..];
-    assert_eq!(pair.process(ProcessData::Write { count: 1, outputs: short }), ProcessOutcome::Refused);
-    assert_eq!(pair.process(ProcessData::Exchange { count: 2, outputs: &rx(1) }), ProcessOutcome::Refused);
-    assert_eq!(pair.process(ProcessData::DirectExchange { outputs: short }), ProcessOutcome::Refused);
+    assert_eq!(pair.process(ProcessRequest::Write { count: 1, outputs: short }), ProcessOutcome::Refused);
+    assert_eq!(pair.process(ProcessRequest::Exchange { count: 2, outputs: &rx(1) }), ProcessOutcome::Refused);
+    assert_eq!(pair.process(ProcessRequest::DirectExchange { outputs: short }), ProcessOutcome::Refused);
 }
 
 /// XF-11.25 Inputs come from SafeOP on, outputs go out in OP alone.
@@ -227,7 +227,7 @@ fn wrong_process_data() {
 fn states_of_process_data() {
     let mut pair = Pair::in_state(EtherCatState::SafeOp);
     pair.run(&FifoEnable { on: true });
-    assert_eq!(pair.process(ProcessData::Write { count: 1, outputs: &rx(7) }), NOT_READ);
+    assert_eq!(pair.process(ProcessRequest::Write { count: 1, outputs: &rx(7) }), NOT_READ);
     let header = pair.header();
     assert_eq!(header.rx_fifo, 1);
     assert!(header.tx_fifo > 0);

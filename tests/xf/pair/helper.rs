@@ -4,7 +4,7 @@ use ecmsk::cia402::DriveState;
 use ecmsk::slave::{DeviceFault, Fault};
 use ecmsk::xf::EtherCatState;
 use ecmsk::xf::chip::Profile;
-use ecmsk::xf::host::{HostConfig, ProcessData, ProcessOutcome};
+use ecmsk::xf::host::{HostConfig, ProcessOutcome, ProcessRequest};
 use ecmsk::xf::request::{
     FifoEnable, HelperConfigSet, HelperControl, HelperControlGet, HelperControlSet, HelperStateGet, HelperStateSet,
     HelperStatuswordGet,
@@ -61,7 +61,7 @@ pub fn a_drive_is_led() {
     let shaft = |pair: &mut Pair| pair.chip().network().slave(1).and_then(|slave| slave.shaft(0)).expect("an axis");
     let from = shaft(&mut pair);
     for n in 1..=100 {
-        let written = ProcessData::Exchange { count: 1, outputs: &outputs(0, n * 50) };
+        let written = ProcessRequest::Exchange { count: 1, outputs: &outputs(0, n * 50) };
         assert!(matches!(pair.process(written), ProcessOutcome::Done { .. }));
     }
     pair.pass(300 * MS);
@@ -87,7 +87,7 @@ fn bits_that_are_overwritten() {
         [(HelperControl::NONE, 0x0186, 0x0186), (HelperControl::ON, 0x018F, 0x0180), (resets, 0x018F, 0x0100)]
     {
         let mut pair = configured(control);
-        pair.process(ProcessData::DirectExchange { outputs: &outputs(sent, 0) });
+        pair.process(ProcessRequest::DirectExchange { outputs: &outputs(sent, 0) });
         pair.pass(5 * MS);
         assert_eq!(pair.object(1, 0x6040, 0), word, "{control:?}");
     }
@@ -132,7 +132,7 @@ pub fn control_byte() {
     let get = HelperControlGet { motor: motor(5) };
     assert_eq!(pair.get(&get, |control| control), HelperControl::ON);
     let set = |control| HelperControlSet { motor: motor(5), control, motors: 1, slave: slave(1) };
-    pair.process(ProcessData::DirectExchange { outputs: &outputs(0x0106, 0) });
+    pair.process(ProcessRequest::DirectExchange { outputs: &outputs(0x0106, 0) });
     pair.pass(5 * MS);
     assert_eq!(pair.object(1, 0x6040, 0), 0x0100, "bits 0 to 3 are the helper's");
     pair.run(&set(HelperControl::RESET_ALWAYS));

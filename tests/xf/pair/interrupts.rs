@@ -1,7 +1,7 @@
 //! INT0 and INT1.
 
 use ecmsk::xf::chip::Profile;
-use ecmsk::xf::host::{HostConfig, Pacing};
+use ecmsk::xf::host::{HostConfig, HostPacing};
 use ecmsk::xf::request::{
     GpioChannel, GpioIntEnable, GpioTrigger, InfoUpdate, InterruptEnable, InterruptGetEnable, InterruptSetEnable,
     PeripheralInterrupts, Polarity,
@@ -120,7 +120,7 @@ fn int0_paces() {
         assert_eq!((counters.not_ready, counters.int0_missed), (before.not_ready, before.int0_missed));
         pair.now - since
     };
-    let (idle, int0) = (exchanges(Pacing::Idle, EtherCatState::Op), exchanges(Pacing::Int0, EtherCatState::Op));
+    let (idle, int0) = (exchanges(HostPacing::Idle, EtherCatState::Op), exchanges(HostPacing::Int0, EtherCatState::Op));
     assert!(int0 < idle, "{int0} {idle}");
 }
 
@@ -128,7 +128,7 @@ fn int0_paces() {
 #[test]
 fn int0_of_the_other_polarity() {
     let low = enable(Polarity::NONE, Interrupts::NONE);
-    let config = HostConfig { pacing: Pacing::Int0, ..HostConfig::DEFAULT };
+    let config = HostConfig { pacing: HostPacing::Int0, ..HostConfig::DEFAULT };
     let mut pair = Pair::running_with(Profile::OLD, config, vec![]);
     pair.int0_active = false;
     let ticket = pair.submit(&low);

@@ -8,7 +8,7 @@ use ecmsk::ethercat::sii::VENDOR_WORD;
 use ecmsk::slave::{DeviceFault, Dp3cl, Dp3clConfig, Fault, Io, Slave};
 use ecmsk::xf::EtherCatState;
 use ecmsk::xf::chip::Profile;
-use ecmsk::xf::host::{HostConfig, ProcessData};
+use ecmsk::xf::host::{HostConfig, ProcessRequest};
 use ecmsk::xf::request::*;
 
 use super::{INIT, MS, OVER_CONTROLLERS, Pair, drive, drives_and_io, sdo, to_all};
@@ -168,7 +168,7 @@ pub fn sync_managers() {
     let mut outputs = vec![0; bytes];
     outputs[bytes - 2..].copy_from_slice(&[0x5A, 0xA5]);
     pair.run(&FifoEnable { on: true });
-    pair.process(ProcessData::Write { count: 1, outputs: &outputs });
+    pair.process(ProcessRequest::Write { count: 1, outputs: &outputs });
     pair.pass(10 * MS);
     assert_eq!(pair.io_outputs(), 0xA55A);
     assert_eq!(peek(&mut pair, 2, 0x1A00, 2), [0x5A, 0xA5]);

@@ -2,12 +2,14 @@
 
 use ecmsk::slave::Io;
 use ecmsk::xf::chip::Profile;
-use ecmsk::xf::host::{HostConfig, HostError, ProcessData, ProcessOutcome};
+use ecmsk::xf::host::{HostConfig, HostError, ProcessOutcome, ProcessRequest};
 use ecmsk::xf::request::{
     AsyncReset, AsyncResetActions, CrcErrorCountClear, FirmwareVersionGet, InfoUpdate, SdoOperation, SdoRequest,
     SlaveCountGet, SpiPackSizeGet, WarmReset,
 };
-use ecmsk::xf::{CheckType, CommandCode, Coverage, Coverages, DataSize, Errors, EtherCatState, NetworkState, Status};
+use ecmsk::xf::{
+    CheckType, CommandCode, CrcCoverage, CrcCoverages, DataSize, Errors, EtherCatState, NetworkState, Status,
+};
 
 use super::{INIT, MS, Pair, S, drive, drives_and_io, sdo};
 
@@ -30,16 +32,16 @@ fn the_driver_starts_the_model() {
 /// pass then, and the right coverage is found.
 #[test]
 fn a_crc_of_any_coverage() {
-    for commands in Coverage::EVERY {
-        for answers in Coverage::EVERY {
-            let coverages = Coverages { commands, answers };
+    for commands in CrcCoverage::EVERY {
+        for answers in CrcCoverage::EVERY {
+            let coverages = CrcCoverages { commands, answers };
             for profile in [Profile::OLD, Profile::XFU].map(|profile| Profile { coverages, ..profile }) {
                 let mut pair = Pair::running_with(profile, HostConfig::DEFAULT, drives_and_io());
                 assert_eq!((pair.host.coverages(), pair.host.check()), (coverages, CheckType::Crc32));
                 let before = pair.host.counters();
                 pair.bring_to(EtherCatState::Op);
                 for outputs in [[0; 14], [1; 14]] {
-                    let outcome = pair.process(ProcessData::DirectExchange { outputs: &outputs });
+                    let outcome = pair.process(ProcessRequest::DirectExchange { outputs: &outputs });
                     assert_eq!(outcome, ProcessOutcome::Done { read: true }, "{coverages:?}");
                 }
                 let after = pair.host.counters();

@@ -6,7 +6,7 @@ use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ethercat::registers::{self, Fmmu};
 use ecmsk::ethercat::{AlState, AlStatus};
 use ecmsk::xf::EtherCatState;
-use ecmsk::xf::host::ProcessData;
+use ecmsk::xf::host::ProcessRequest;
 use ecmsk::xf::request::*;
 
 use super::registers::{in_state, of, peek};
@@ -219,7 +219,7 @@ fn cycles_over_controllers_allocate_nothing() {
     pair.bring_to(EtherCatState::Op);
     pair.run(&FifoEnable { on: true });
     let bytes = pair.get(&FifoPackSizeGet { fifo: Fifo::Rx }, usize::from);
-    pair.process(ProcessData::Write { count: 1, outputs: &vec![0; bytes] });
+    pair.process(ProcessRequest::Write { count: 1, outputs: &vec![0; bytes] });
     pair.pass(200 * MS);
     let (mut now, chip) = (pair.now, pair.chip());
     let counted = measure(|| {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use ecmsk::xf::CommandCode;
-use ecmsk::xf::host::{Counters, HostError, ProcessOutcome, ProcessReport, Ticket};
+use ecmsk::xf::host::{HostCounters, HostError, ProcessOutcome, ProcessReport, Ticket};
 
 use support::faulty_wire::Wire;
 
@@ -48,7 +48,7 @@ impl End {
                 | HostError::Silent { .. }
                 | HostError::StartTooLong { .. }
                 | HostError::Int0Missing { .. }
-                | HostError::OtherSize { .. },
+                | HostError::DataSizeMismatch { .. },
             ) => Self::Unknown,
             Err(error) => panic!("no end of a command that was taken: {error}"),
         }
@@ -154,7 +154,7 @@ impl Books {
     }
 
     /// All that must hold when everything has ended.
-    pub fn close(&self, wire: &Wire<Logged>, counters: &Counters, begun_anew: u64) {
+    pub fn close(&self, wire: &Wire<Logged>, counters: &HostCounters, begun_anew: u64) {
         let log = &wire.port.chip().network().log;
         self.commands_ran_once(wire, log);
         self.targets_arrived_once(log);
@@ -234,7 +234,7 @@ impl Books {
         }
     }
 
-    fn counters_agree(&self, counters: &Counters, begun_anew: u64) {
+    fn counters_agree(&self, counters: &HostCounters, begun_anew: u64) {
         let sum = |is: fn(ProcessOutcome) -> bool| {
             let targets = self.targets.values().filter(|targets| targets.outcome.is_some_and(is));
             targets.map(|targets| u64::from(targets.count)).sum::<u64>()

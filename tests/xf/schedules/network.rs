@@ -3,7 +3,7 @@
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::ethercat::{AlState, Ns};
-use ecmsk::xf::chip::{AtOnce, EnterError, IMAGE_MAX, Identity, Place, SlaveModels};
+use ecmsk::xf::chip::{EnterError, IMAGE_MAX, ImageRanges, ImmediateNetwork, SlaveIdentity, SlaveModels};
 
 use crate::network::drive;
 
@@ -66,7 +66,7 @@ impl Logged {
     }
 }
 
-impl AtOnce for Logged {
+impl ImmediateNetwork for Logged {
     fn has_link(&self) -> bool {
         self.models.has_link()
     }
@@ -75,7 +75,7 @@ impl AtOnce for Logged {
         self.models.scan()
     }
 
-    fn identity(&self, slave: u8) -> Option<&Identity> {
+    fn identity(&self, slave: u8) -> Option<&SlaveIdentity> {
         self.models.identity(slave)
     }
 
@@ -125,7 +125,7 @@ impl AtOnce for Logged {
         Ok(())
     }
 
-    fn exchange(&mut self, places: &[Place], outputs: &[u8], inputs: &mut [u8], lrw: bool) -> u16 {
+    fn exchange(&mut self, places: &[ImageRanges], outputs: &[u8], inputs: &mut [u8], lrw: bool) -> u16 {
         // The drives stay off: their outputs are numbers here.
         let working_counter = self.models.exchange(places, &[0; IMAGE_MAX], inputs, lrw);
         if places.iter().any(|place| place.commanded == AlState::Op) {

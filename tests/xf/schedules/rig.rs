@@ -2,8 +2,8 @@
 
 use ecmsk::coe::SdoScope;
 use ecmsk::ethercat::Ns;
-use ecmsk::xf::chip::{Chip, Profile, Timing};
-use ecmsk::xf::host::{Deadlines, Host, HostConfig, HostError, HostState, Next, Pacing, ProcessData, Ticket};
+use ecmsk::xf::chip::{Chip, ChipTiming, Profile};
+use ecmsk::xf::host::{Host, HostConfig, HostError, HostPacing, HostState, Next, ProcessRequest, Ticket, Timeouts};
 use ecmsk::xf::request::{
     Call, DcTiming, EcatInit, Fifo, FifoEnable, FifoPackSizeGet, FlashAddress, FoeRequest, Mdio, Reconfig,
     ReferenceClock, SdoGet, SdoOperation, SdoRequest, SlaveCountGet, Slaves, StateSet, WarmReset,
@@ -51,29 +51,29 @@ pub struct Rig {
 }
 
 fn config(dice: &mut Dice, profile: Profile) -> HostConfig {
-    let deadlines = Deadlines {
+    let timeouts = Timeouts {
         answer_ns: dice.pick(&[20 * MS, 100 * MS]),
         busy_ns: dice.pick(&[20 * MS, 300 * MS]),
         queue_ns: dice.pick(&[50 * MS, 2 * S]),
         int0_ns: 5 * MS,
-        ..Deadlines::default()
+        ..Timeouts::default()
     };
     HostConfig {
         size: dice.pick(&[None, Some(profile.size)]),
         wanted_size: dice.pick(&[None, None, DataSize::new(64), DataSize::new(256)]),
-        pacing: dice.pick(&[Pacing::Idle, Pacing::Idle, Pacing::Int0]),
+        pacing: dice.pick(&[HostPacing::Idle, HostPacing::Idle, HostPacing::Int0]),
         idle_ns: dice.pick(&[20 * US, 150 * US]),
         pipelined_writes: dice.one_in(2),
         rx_entries: dice.pick(&[64, 64, 128]),
         resync_after: dice.pick(&[2, 4, 8]),
-        deadlines,
+        timeouts,
         ..HostConfig::default()
     }
 }
 
-fn timing(dice: &mut Dice) -> Timing {
+fn timing(dice: &mut Dice) -> ChipTiming {
     let timing = quick(dice.pick(&[5 * US, 100 * US, 400 * US, 2 * MS]));
-    Timing { sdo_ns: dice.pick(&[100 * US, 3 * MS, 30 * MS]), ..timing }
+    ChipTiming { sdo_ns: dice.pick(&[100 * US, 3 * MS, 30 * MS]), ..timing }
 }
 
 impl Rig {
@@ -340,12 +340,12 @@ impl Rig {
         let count = if self.dice.one_in(4) { 1 + self.dice.below(MOST_AT_ONCE) as u8 } else { 1 };
         let outputs: Vec<u8> = (0..u32::from(count)).flat_map(|n| pdo(self.serial + n, self.rx_bytes.max(4))).collect();
         let (data, written, reads) = match self.dice.below(8) {
-            0 => (ProcessData::Read { count }, 0, count),
-            1 => (ProcessData::DirectRead, 0, 0),
-            2 => (ProcessData::Write { count, outputs: &outputs }, u32::from(count), 0),
+            0 => (ProcessRequest::Read { count }, 0, count),
+            1 => (ProcessRequest::DirectRead, 0, 0),
+            2 => (ProcessRequest::Write { count, outputs: &outputs }, u32::from(count), 0),
             // Of a wrong length.
-            3 if self.dice.one_in(8) => (ProcessData::Write { count, outputs: &outputs[1..] }, u32::from(count), 0),
-            _ => (ProcessData::Exchange { count, outputs: &outputs }, u32::from(count), count),
+            3 if self.dice.one_in(8) => (ProcessRequest::Write { count, outputs: &outputs[1..] }, u32::from(count), 0),
+            _ => (ProcessRequest::Exchange { count, outputs: &outputs }, u32::from(count), count),
         };
         match self.host.process(data) {
             Ok(sequence) => {
@@ -404,7 +404,7 @@ impl Rig {
         let turns = if self.host.config().rx_entries > 64 { 1500 } else { 120 };
         for _ in 0..turns {
             let outputs = pdo(self.serial, self.rx_bytes);
-            if let Ok(sequence) = self.host.process(ProcessData::Write { count: 1, outputs: &outputs }) {
+            if let Ok(sequence) = self.host.process(ProcessRequest::Write { count: 1, outputs: &outputs }) {
                 self.books.process(sequence, self.serial, 1, 0);
                 self.serial += 1;
             }

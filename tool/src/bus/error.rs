@@ -41,7 +41,7 @@ pub enum BusVerbError {
     },
     /// The length of the value is not that of its type.
     #[error("slave {slave}: {object} has {found} bytes, not {wanted}; name another type with --type, or leave it out")]
-    OtherSize {
+    SizeMismatch {
         /// The slave, from 1.
         slave: u8,
         /// Index and sub-index of the object.

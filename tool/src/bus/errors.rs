@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 use std::time::Duration;
 
-use ecmsk::bus::errors::{self, End, Place, PortErrors, SlaveErrors, Trouble};
+use ecmsk::bus::errors::{self, CablePort, PortErrors, Problem, ProblemPlace, SlaveErrors};
 use ecmsk::bus::{BusError, FoundSlave, Network};
 use serde_json::{Value, json};
 
@@ -47,9 +47,9 @@ pub fn run(args: &Args) -> Result<ExitCode, BusVerbError> {
         }
         Some(seconds) => watch(&mut *network, &slaves, seconds, &reporter)?,
     };
-    let troubles = errors::judge(&slaves, &counters);
-    for trouble in &troubles {
-        reporter.result(text(trouble), &trouble_json(trouble))?;
+    let problems = errors::judge(&slaves, &counters);
+    for problem in &problems {
+        reporter.result(text(problem), &trouble_json(problem))?;
     }
     if let Some(frames) = network.frames().filter(|frames| frames.lost > 0) {
         reporter.note(format_args!("{} of {} frames did not come back", frames.lost, frames.sent));
@@ -58,7 +58,7 @@ pub fn run(args: &Args) -> Result<ExitCode, BusVerbError> {
         errors::clear(&mut *network, &slaves)?;
         reporter.note("the counters of all slaves were cleared");
     }
-    if troubles.is_empty() {
+    if problems.is_empty() {
         reporter.note(match args.watch {
             Some(_) => "nothing was counted meanwhile",
             None => "no cable is bad, as far as it was counted",
@@ -143,10 +143,10 @@ fn show(
 }
 
 /// A problem as text, with the next step.
-fn text(trouble: &Trouble) -> String {
-    let Trouble { place, near, far, count } = trouble;
+fn text(problem: &Problem) -> String {
+    let Problem { place, near, far, count } = problem;
     match place {
-        Place::Cable { near: from, far: to } => {
+        ProblemPlace::Cable { near: from, far: to } => {
             let seen = [(from, near), (to, far)].into_iter().filter_map(|(end, errors)| {
                 let counted = counted(&PortErrors { forwarded: 0, ..*errors });
                 end.filter(|_| !counted.is_empty()).map(|end| format!("slave {} has {}", end.slave, counted.join(", ")))
@@ -164,20 +164,20 @@ fn text(trouble: &Trouble) -> String {
             };
             format!("bad: {}: {seen}; {next}", cable(*from, *to))
         }
-        Place::Slave(slave) => {
+        ProblemPlace::Slave(slave) => {
             format!(
                 "bad: slave {slave} itself: {count} errors of its own controller; switch it off and on, or change it"
             )
         }
-        Place::Master => {
+        ProblemPlace::Master => {
             format!("bad: the master: {count} of its frames are wrong; nobody else may send on this network")
         }
     }
 }
 
 /// A cable as text, with the slaves at its ends.
-fn cable(near: Option<End>, far: Option<End>) -> String {
-    let end = |end: End| format!("slave {}, port {}", end.slave, end.port);
+fn cable(near: Option<CablePort>, far: Option<CablePort>) -> String {
+    let end = |end: CablePort| format!("slave {}, port {}", end.slave, end.port);
     match (near, far) {
         (None, Some(far)) => format!("the cable from the master to {}", end(far)),
         (Some(near), Some(far)) => format!("the cable from {} to {}", end(near), end(far)),
@@ -186,16 +186,16 @@ fn cable(near: Option<End>, far: Option<End>) -> String {
     }
 }
 
-fn trouble_json(trouble: &Trouble) -> Value {
-    let Trouble { place, near, far, count } = trouble;
-    let end = |end: Option<End>| end.map(|end| json!({ "slave": end.slave, "port": end.port }));
+fn trouble_json(problem: &Problem) -> Value {
+    let Problem { place, near, far, count } = problem;
+    let end = |end: Option<CablePort>| end.map(|end| json!({ "slave": end.slave, "port": end.port }));
     let mut json = match place {
-        Place::Cable { near: from, far: to } => json!({
+        ProblemPlace::Cable { near: from, far: to } => json!({
             "bad": "cable", "near": end(*from), "far": end(*to), "near_counted": port_json(near),
             "far_counted": port_json(far),
         }),
-        Place::Slave(slave) => json!({ "bad": "slave", "slave": slave, "count": count }),
-        Place::Master => json!({ "bad": "master", "count": count }),
+        ProblemPlace::Slave(slave) => json!({ "bad": "slave", "slave": slave, "count": count }),
+        ProblemPlace::Master => json!({ "bad": "master", "count": count }),
     };
     json["verb"] = "bus errors".into();
     json

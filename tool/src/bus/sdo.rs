@@ -1,13 +1,13 @@
 //! `bus sdo`: the objects of a slave.
 
 use clap::Subcommand;
-use ecmsk::bus::dictionary::{self, Entry, Object, Value};
+use ecmsk::bus::dictionary::{self, Entry, Object, ObjectValue};
 use ecmsk::coe::{DataTypeCode, ObjectAccess, ObjectCode};
 use serde_json::{Value as Json, json};
 
 use super::{BusVerbError, Session, SlaveArgs};
 use crate::hex::hex;
-use crate::transfer::{OtherSize, Transfer, Written, WrongValue};
+use crate::transfer::{SizeMismatch, Transfer, Written, WrongValue};
 
 const READ: &str = "bus sdo read";
 const WRITE: &str = "bus sdo write";
@@ -125,7 +125,7 @@ fn dump(whose: &SlaveArgs) -> Result<(), BusVerbError> {
                     format!("(aborted with {code})")
                 }
                 Some(Ok(bytes)) => {
-                    let value = Value::of(entry.data_type, &bytes);
+                    let value = ObjectValue::of(entry.data_type, &bytes);
                     json["bytes"] = hex(&bytes).into();
                     json["value"] = value_json(&value);
                     value_text(&value, &bytes)
@@ -149,9 +149,9 @@ fn dump(whose: &SlaveArgs) -> Result<(), BusVerbError> {
 }
 
 /// A value as text; an integer of more than one digit also in hexadecimal.
-fn value_text(value: &Value, bytes: &[u8]) -> String {
+fn value_text(value: &ObjectValue, bytes: &[u8]) -> String {
     match value {
-        Value::Whole(number) if !(0..10).contains(number) => {
+        ObjectValue::Whole(number) if !(0..10).contains(number) => {
             let digits: String = bytes.iter().rev().map(|byte| format!("{byte:02X}")).collect();
             format!("{number} (0x{digits})")
         }
@@ -159,15 +159,15 @@ fn value_text(value: &Value, bytes: &[u8]) -> String {
     }
 }
 
-fn value_json(value: &Value) -> Json {
+fn value_json(value: &ObjectValue) -> Json {
     match value {
-        Value::Whole(number) => u64::try_from(*number)
+        ObjectValue::Whole(number) => u64::try_from(*number)
             .map(Json::from)
             .or_else(|_| i64::try_from(*number).map(Json::from))
             .unwrap_or(Json::Null),
-        Value::Real(number) => (*number).into(),
-        Value::Text(text) => text.clone().into(),
-        Value::Bytes(_) => Json::Null,
+        ObjectValue::Real(number) => (*number).into(),
+        ObjectValue::Text(text) => text.clone().into(),
+        ObjectValue::Bytes(_) => Json::Null,
     }
 }
 
@@ -203,8 +203,8 @@ fn read(whose: &SlaveArgs, transfer: &Transfer) -> Result<(), BusVerbError> {
     let slave = whose.slave;
     let bytes = network.upload(slave, transfer.object.address, transfer.scope())?;
     let object = transfer.object.to_string();
-    let other_size = |OtherSize { found, wanted }| BusVerbError::OtherSize { slave, object, found, wanted };
-    let (text, json) = transfer.read(READ, slave, &bytes).map_err(other_size)?;
+    let size_mismatch = |SizeMismatch { found, wanted }| BusVerbError::SizeMismatch { slave, object, found, wanted };
+    let (text, json) = transfer.read(READ, slave, &bytes).map_err(size_mismatch)?;
     Ok(reporter.result(text, &json)?)
 }
 

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Subcommand, ValueHint};
-use ecmsk::bus::eeprom::{self, Change, ContentError};
+use ecmsk::bus::eeprom::{self, ContentError, WordChange};
 use serde_json::json;
 
 use super::contents::{self, word_name};
@@ -103,7 +103,7 @@ fn write(whose: &SlaveArgs, file: &Path, yes: bool, other_device: bool) -> Resul
         checked => checked.map_err(fit)?,
     }
     let changes = eeprom::changes(&mut *network, slave, &content)?;
-    for Change { word, from, to } in &changes {
+    for WordChange { word, from, to } in &changes {
         let name = word_name(*word).map_or(String::new(), |name| format!("  {name}"));
         let text = format!("word 0x{word:04X}: 0x{from:04X} -> 0x{to:04X}{name}");
         let json = json!({

@@ -1,6 +1,8 @@
 //! The result of a comparison as one JSON object.
 
-use ecmsk::compare::{Comparison, Context, Counts, Deviation, Difference, Gaps, LatencyStretch, Options, Side};
+use ecmsk::compare::{
+    CompareOptions, Comparison, Context, Deviation, Difference, Gaps, LatencyStretch, RunCounts, Side,
+};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -100,10 +102,10 @@ impl<'a> First<'a> {
 }
 
 /// The result of a comparison as one JSON object.
-pub fn object(names: &Names, found: &Comparison, options: &Options) -> Value {
+pub fn object(names: &Names, found: &Comparison, options: &CompareOptions) -> Value {
     let run = |i: usize| {
         let (file, lacks) = (names.runs[i].clone(), names.lacks[i].clone());
-        let Counts { commands, polls, repeats, reports, last_ns } = found.counts[i];
+        let RunCounts { commands, polls, repeats, reports, last_ns } = found.counts[i];
         let Gaps { count, cycles, longest } = found.gaps[i];
         let gaps = json!({ "count": count, "cycles": cycles, "longest_cycles": longest });
         Run { file, commands, polls, repeats, reports, gaps, last_ns, whole: lacks.is_none(), lacks }

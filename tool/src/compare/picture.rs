@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use ecmsk::compare::{Answer, Comparison, Deviation, Step};
+use ecmsk::compare::{BoardReport, Comparison, Deviation, Step};
 use ecmsk::sk::{CommandId, SlotSize};
 
 use super::{CompareVerbError, Names};
@@ -42,7 +42,7 @@ impl Picture {
         }
         for (slave, axis) in &mut self.axes {
             let position =
-                |step: Option<&Step>| step?.answer.as_ref().and_then(|answer: &Answer| answer.position(*slave));
+                |step: Option<&Step>| step?.answer.as_ref().and_then(|answer: &BoardReport| answer.position(*slave));
             let positions = runs.map(position);
             for (line, position) in axis.runs.iter_mut().zip(positions) {
                 if let Some(position) = position {

@@ -102,7 +102,7 @@ fn judge(measured: Result<Option<RoundTrips>, String>) -> Finding {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ecmsk::machine::findings::Verdict;
+    use ecmsk::machine::findings::FindingVerdict;
 
     /// Round trips of half a cycle give advice; lost frames, and a card that does not open, are wrong.
     #[test]
@@ -110,13 +110,13 @@ mod tests {
         let us = Duration::from_micros;
         let measured = |p99, lost| Ok(Some(RoundTrips { slaves: 3, lost, p50: us(60), p99: us(p99), max: us(900) }));
         let good = judge(measured(500, 0));
-        assert_eq!(good.verdict, Verdict::Fine);
+        assert_eq!(good.verdict, FindingVerdict::Fine);
         assert!(good.found.starts_with("3 slaves: 60 us (half of the frames), 500 us (99 of 100)"), "{}", good.found);
-        assert_eq!(judge(measured(501, 0)).verdict, Verdict::Advice);
+        assert_eq!(judge(measured(501, 0)).verdict, FindingVerdict::Advice);
         let lost = judge(measured(100, 2));
-        assert!(lost.verdict == Verdict::Wrong && lost.found.ends_with("2 of 1000 lost"), "{lost:?}");
+        assert!(lost.verdict == FindingVerdict::Wrong && lost.found.ends_with("2 of 1000 lost"), "{lost:?}");
         assert_eq!(lost.figures.last(), Some(&("lost", 2)));
-        assert_eq!(judge(Ok(None)).verdict, Verdict::Wrong);
+        assert_eq!(judge(Ok(None)).verdict, FindingVerdict::Wrong);
         let refused = judge(Err("it is in use; end that program".to_owned()));
         assert_eq!((refused.found.as_str(), refused.next.as_deref()), ("it is in use", Some("end that program")));
     }

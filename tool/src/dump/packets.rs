@@ -7,8 +7,8 @@ use ecmsk::link::Dir;
 use ecmsk::recording::exchanges::{Exchanges, RecordedBytes, is_of_chip};
 use ecmsk::recording::{RecordError, RecordMeta};
 use ecmsk::xf::{
-    AnswerHeader, AnswerPacket, CheckRule, CheckType, CommandCode, CommandPacket, Coverage, DataSize, END_WORD, Errors,
-    PacketError, Received, START_WORD, Status,
+    AnswerHeader, AnswerPacket, CheckRule, CheckType, CommandCode, CommandPacket, CrcCoverage, DataSize, END_WORD,
+    Errors, PacketError, Received, START_WORD, Status,
 };
 use serde_json::{Value, json};
 
@@ -335,9 +335,9 @@ impl<'p> Shown<'p> {
 }
 
 /// Tries all check coverages and returns the first valid result. If none is valid, returns the error of the first one.
-fn first_right<T>(parse: impl Fn(Coverage) -> Result<T, PacketError>) -> Result<T, PacketError> {
-    let others = || Coverage::EVERY.into_iter().skip(1);
-    parse(Coverage::EVERY[0]).or_else(|error| others().find_map(|coverage| parse(coverage).ok()).ok_or(error))
+fn first_right<T>(parse: impl Fn(CrcCoverage) -> Result<T, PacketError>) -> Result<T, PacketError> {
+    let others = || CrcCoverage::EVERY.into_iter().skip(1);
+    parse(CrcCoverage::EVERY[0]).or_else(|error| others().find_map(|coverage| parse(coverage).ok()).ok_or(error))
 }
 
 fn result(header: &AnswerHeader, data: &[u8]) -> String {

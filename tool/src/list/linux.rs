@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::ValueHint;
 use ecmsk::link::keys::Scheme;
 use ecmsk::machine::Machine;
-use ecmsk::machine::findings::{Finding, Verdict};
+use ecmsk::machine::findings::{Finding, FindingVerdict};
 use ecmsk::machine::net::NetCard;
 use ecmsk::machine::usb::UsbDevice;
 use serde_json::json;
@@ -48,7 +48,7 @@ fn usb(machine: &Machine) -> impl Iterator<Item = Row> {
 }
 
 fn usb_row(device: &UsbDevice, findings: Vec<Finding>) -> Row {
-    let wrong: Vec<Finding> = findings.into_iter().filter(|finding| finding.verdict == Verdict::Wrong).collect();
+    let wrong: Vec<Finding> = findings.into_iter().filter(|finding| finding.verdict == FindingVerdict::Wrong).collect();
     let (blocking, others): (Vec<Finding>, Vec<Finding>) = wrong.into_iter().partition(|finding| finding.blocks);
     let facts = json!({
         "path": device.path, "name": device.name, "serial": device.serial, "manufacturer": device.manufacturer,
@@ -111,7 +111,7 @@ fn cards(machine: &Machine) -> impl Iterator<Item = Row> {
 
 fn facts(card: &NetCard) -> serde_json::Value {
     json!({
-        "path": card.name, "board": false, "driver": card.driver, "by": card.by, "mac_address": card.mac_address,
+        "path": card.name, "board": false, "driver": card.driver, "by": card.bus, "mac_address": card.mac_address,
         "up": card.is_up, "carrier": card.has_carrier, "speed_mbit_per_s": card.speed, "address": card.address,
         "default_route": card.has_default_route, "manager": card.manager,
     })

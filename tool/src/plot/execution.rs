@@ -35,7 +35,7 @@ pub enum ExecutionReport {
         /// The first cycle that found the FIFO empty, nanoseconds.
         idle_since_ns: Option<i64>,
     },
-    /// Nothing yet; a later report will show it (see [`LastExecuted::Doubtful`]).
+    /// Nothing yet; a later report will show it (see [`LastExecuted::Ambiguous`]).
     Later,
     /// Nothing, because earlier commands were lost or cleared.
     Unknown,
@@ -76,7 +76,7 @@ impl Execution {
                 self.before = Some((at_ns, waits));
                 return ExecutionReport::Executed { entries: Vec::new(), idle_since_ns: None };
             }
-            LastExecuted::Doubtful => return ExecutionReport::Later,
+            LastExecuted::Ambiguous => return ExecutionReport::Later,
             LastExecuted::Unknown => {
                 self.before = None;
                 return ExecutionReport::Unknown;

@@ -62,7 +62,7 @@ impl Input {
 
     /// Requests a line. The prompt appears after all earlier output.
     fn ask(&self) {
-        streams::settle();
+        streams::flush_error();
         // If the thread has ended, its last message says so.
         let _ = self.wanted.send(());
     }

@@ -1,7 +1,7 @@
 //! `move`: moves axes to positions, all together, with limited speed, acceleration and jerk.
 
 mod duration;
-mod held;
+mod internal_limit;
 mod path;
 mod target;
 
@@ -15,7 +15,7 @@ use serde_json::json;
 use super::profile::{PathPoint, Profile};
 use crate::board::{Board, BoardError, NEAR_COUNTS, Needs, Scales, find_axis, in_mode, numbered, positive};
 use duration::Asked;
-use held::Watched;
+use internal_limit::Watched;
 use path::{AxisPath, Path, Speeds};
 use target::{Jerk, outside};
 pub use target::{Target, counts};
@@ -174,8 +174,8 @@ impl Args {
             let off = axis.off(&after);
             if off > NEAR_COUNTS {
                 let why = format!("axis {} is {off} counts off its target", axis.slave);
-                return Err(if held::is_limited(board, &after, axis.slave) {
-                    refused(format!("{why}: {}", held::WHY), held::NEXT)
+                return Err(if internal_limit::is_limited(board, &after, axis.slave) {
+                    refused(format!("{why}: {}", internal_limit::WHY), internal_limit::NEXT)
                 } else {
                     refused(why, "see its load, its limits and its tuning, or move slower")
                 });
@@ -319,7 +319,10 @@ impl Run<'_> {
             }
             if let Some((slave, at)) = self.held_axis(stream, &mut watched, last, time)? {
                 self.brake(stream, last)?;
-                return Err(refused(format!("axis {slave} stands at {at}: {}", held::WHY), held::NEXT));
+                return Err(refused(
+                    format!("axis {slave} stands at {at}: {}", internal_limit::WHY),
+                    internal_limit::NEXT,
+                ));
             }
             last = profile.at(time);
             let done = time >= profile.seconds();

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use ecmsk::xf::code::Timing;
+use ecmsk::xf::code::CommandTiming;
 use ecmsk::xf::fields::{FUNCTIONS, FunctionFields};
 use serde_json::{Value, json};
 
@@ -58,17 +58,17 @@ fn number(row: &FunctionFields) -> String {
 
 fn timing(row: &FunctionFields) -> &'static str {
     match row.timing() {
-        Timing::Immediate => "at once",
-        Timing::NonImmediate => "takes time",
-        Timing::ByParameter => "by parameter",
+        CommandTiming::Immediate => "at once",
+        CommandTiming::NonImmediate => "takes time",
+        CommandTiming::ByParameter => "by parameter",
     }
 }
 
 fn line_json(row: &FunctionFields) -> Value {
     let immediate = match row.timing() {
-        Timing::Immediate => Some(true),
-        Timing::NonImmediate => Some(false),
-        Timing::ByParameter => None,
+        CommandTiming::Immediate => Some(true),
+        CommandTiming::NonImmediate => Some(false),
+        CommandTiming::ByParameter => None,
     };
     let names = |fields: &[ecmsk::xf::fields::Field]| fields.iter().map(|field| field.name).collect::<Vec<_>>();
     json!({

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use ecmsk::link::chip::ChipLink;
-use ecmsk::xf::host::Counters;
+use ecmsk::xf::host::HostCounters;
 use ecmsk::xf::request::{
     Fifo, FifoGetRxCount, FifoGetTxCount, FifoPackSizeGet, InterruptGetEnable, PdoWorkingCounterGet, Polarity,
     SlaveCountGet, WkcErrorCountGet, WkcErrorMaxGet, WorkingCounterItem,
@@ -202,11 +202,11 @@ fn counters(session: &Session, page: &mut Page) {
 }
 
 /// Every counter of the driver with its name.
-fn named(counters: Counters) -> Vec<(&'static str, u64)> {
+fn named(counters: HostCounters) -> Vec<(&'static str, u64)> {
     macro_rules! all {
         ($($name:ident)*) => {{
             // A new counter that is missing here is a compile error.
-            let Counters { $($name,)* } = counters;
+            let HostCounters { $($name,)* } = counters;
             vec![$((stringify!($name), $name),)*]
         }};
     }

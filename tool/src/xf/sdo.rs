@@ -7,7 +7,7 @@ use ecmsk::xf_api::XfError;
 use super::session::{ChipArgs, Session};
 use super::words::slave_number;
 use super::{Shown, XfVerbError};
-use crate::transfer::{OtherSize, Transfer, Written, WrongValue};
+use crate::transfer::{SizeMismatch, Transfer, Written, WrongValue};
 
 const READ: &str = "xf sdo read";
 const WRITE: &str = "xf sdo write";
@@ -93,8 +93,8 @@ pub fn read(session: &mut Session, which: &Which) -> Result<Vec<Shown>, XfVerbEr
     let (slave, object) = (*slave, transfer.object.address);
     let bytes = session.xf.sdo_read_bytes(slave, object, transfer.scope())?;
     let shown = transfer.read(READ, slave, &bytes);
-    let other_size = |OtherSize { found, wanted }| XfError::SdoSize { slave, object, found, wanted };
-    Ok(vec![shown.map_err(other_size)?])
+    let size_mismatch = |SizeMismatch { found, wanted }| XfError::SdoSize { slave, object, found, wanted };
+    Ok(vec![shown.map_err(size_mismatch)?])
 }
 
 /// # Errors

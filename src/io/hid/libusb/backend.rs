@@ -6,13 +6,13 @@ use std::time::Duration;
 use parking_lot::Mutex;
 
 use super::bus::{Device, Handle};
-use super::transfer::Transfer;
+use super::transfer::UsbTransfer;
 use super::{Backend, REPORT_LEN, ReportInterface, TransferListener, UsbError};
 
 struct LibusbBackend {
-    inputs: Vec<Transfer>,
-    output: Transfer,
-    claim: Mutex<Option<Claim>>,
+    inputs: Vec<UsbTransfer>,
+    output: UsbTransfer,
+    claim: Mutex<Option<InterfaceClaim>>,
     handle: Arc<Handle>,
     interface: ReportInterface,
 }
@@ -31,9 +31,9 @@ impl Device {
             Ok(()) | Err(UsbError::NotSupported) => {}
             Err(error) => return Err(error),
         }
-        let claim = Mutex::new(Some(Claim::new(&handle, interface.number)?));
+        let claim = Mutex::new(Some(InterfaceClaim::new(&handle, interface.number)?));
         let transfer =
-            |endpoint, number| Transfer::new(&handle, endpoint, number, listener.clone()).ok_or(UsbError::NoMemory);
+            |endpoint, number| UsbTransfer::new(&handle, endpoint, number, listener.clone()).ok_or(UsbError::NoMemory);
         let inputs = (0..transfers).map(|number| transfer(interface.input, number)).collect::<Result<Vec<_>, _>>()?;
         let output = transfer(interface.output, 0)?;
         Ok(Arc::new(LibusbBackend { inputs, output, claim, handle, interface }))
@@ -61,7 +61,7 @@ impl Backend for LibusbBackend {
     }
 
     fn cancel_inputs(&self) {
-        self.inputs.iter().for_each(Transfer::cancel);
+        self.inputs.iter().for_each(UsbTransfer::cancel);
     }
 
     fn cancel_output(&self) {
@@ -92,12 +92,12 @@ impl Backend for LibusbBackend {
 }
 
 /// A claimed interface, which is released on drop.
-pub(super) struct Claim {
+pub(super) struct InterfaceClaim {
     handle: Arc<Handle>,
     interface: u8,
 }
 
-impl Claim {
+impl InterfaceClaim {
     pub const fn handle(&self) -> &Arc<Handle> {
         &self.handle
     }
@@ -108,7 +108,7 @@ impl Claim {
     }
 }
 
-impl Drop for Claim {
+impl Drop for InterfaceClaim {
     fn drop(&mut self) {
         // If the device was unplugged this fails, and there is nothing to release.
         let _ = self.handle.release(self.interface);

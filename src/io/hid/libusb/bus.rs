@@ -19,7 +19,7 @@ const PORTS_MAX: usize = 7;
 
 /// The reason why USB cannot be used on this machine.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum BusError {
+pub enum UsbBusError {
     /// libusb is not installed.
     #[error(transparent)]
     LibusbMissing(#[from] LibusbMissing),
@@ -43,8 +43,8 @@ impl Bus {
     /// Loads libusb and creates a context.
     ///
     /// # Errors
-    /// [`BusError`], if libusb is missing or refuses.
-    pub fn open() -> Result<Arc<Self>, BusError> {
+    /// [`UsbBusError`], if libusb is missing or refuses.
+    pub fn open() -> Result<Arc<Self>, UsbBusError> {
         Ok(Self::over(api::load()?)?)
     }
 
@@ -119,7 +119,7 @@ unsafe impl Sync for Device {}
 
 /// An interface with its alternate setting 0.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Interface {
+pub(super) struct UsbInterface {
     pub number: u8,
     pub class: u8,
     pub endpoints: Vec<Endpoint>,
@@ -143,7 +143,7 @@ impl Device {
     }
 
     /// Bus number and device address, which name the device node below /dev/bus/usb.
-    pub fn node(&self) -> (u8, u8) {
+    pub fn bus_and_address(&self) -> (u8, u8) {
         // SAFETY: the device is valid until `drop`.
         unsafe { ((self.bus.api.bus_number)(self.raw.as_ptr()), (self.bus.api.address)(self.raw.as_ptr())) }
     }
@@ -163,7 +163,7 @@ impl Device {
     }
 
     /// The interfaces of the active configuration; [`UsbError::NotFound`] if none is active.
-    pub(super) fn interfaces(&self) -> Result<Vec<Interface>, UsbError> {
+    pub(super) fn interfaces(&self) -> Result<Vec<UsbInterface>, UsbError> {
         let mut raw = ptr::null_mut();
         // SAFETY: the device is valid until `drop`; `raw` receives a tree of descriptors, which is freed below.
         UsbError::check(unsafe { (self.bus.api.configuration)(self.raw.as_ptr(), &raw mut raw) })?;
@@ -339,7 +339,7 @@ impl Drop for Handle {
 ///
 /// # Safety
 /// `tree` came from libusb.
-unsafe fn interfaces(tree: &ConfigurationDescriptor) -> Vec<Interface> {
+unsafe fn interfaces(tree: &ConfigurationDescriptor) -> Vec<UsbInterface> {
     // SAFETY: by the caller's promise the tree came from libusb, so its counts are those of its arrays.
     let interfaces = unsafe { entries(tree.interfaces, tree.interface_count.into()) };
     let first = interfaces.iter().filter_map(|interface| {
@@ -358,7 +358,7 @@ unsafe fn interfaces(tree: &ConfigurationDescriptor) -> Vec<Interface> {
                 packet: of.packet,
             };
             let endpoints = endpoints.iter().map(endpoint).collect();
-            Interface { number: setting.number, class: setting.class, endpoints }
+            UsbInterface { number: setting.number, class: setting.class, endpoints }
         })
         .collect()
 }

@@ -24,7 +24,7 @@ const NO_DEVICE: c_int = -4;
 
 /// How the device reacts to a report from the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Takes {
+pub enum ReportReaction {
     /// The device accepts the report.
     All,
     /// The device does not accept the report. `moved` bytes have been transferred when the host cancels the transfer.
@@ -49,7 +49,7 @@ struct Inside {
     pending: Vec<*mut RawTransfer>,
     endings: VecDeque<Ending>,
     to_send: VecDeque<(c_int, Vec<u8>)>,
-    takes: Takes,
+    reaction: ReportReaction,
     taken: Vec<[u8; REPORT_LEN]>,
     halted: bool,
     halts_cleared: Vec<u8>,
@@ -101,7 +101,7 @@ impl FakeUsb {
                 pending: Vec::new(),
                 endings: VecDeque::new(),
                 to_send: VecDeque::new(),
-                takes: Takes::All,
+                reaction: ReportReaction::All,
                 taken: Vec::new(),
                 halted: false,
                 halts_cleared: Vec::new(),
@@ -162,8 +162,8 @@ impl FakeUsb {
         });
     }
 
-    pub fn set_takes(&self, takes: Takes) {
-        self.with(|inside| inside.takes = takes);
+    pub fn set_reaction(&self, reaction: ReportReaction) {
+        self.with(|inside| inside.reaction = reaction);
     }
 
     /// Unplugs the device.
@@ -298,13 +298,13 @@ impl Inside {
     }
 
     fn output(&mut self, transfer: *mut RawTransfer) {
-        match self.takes {
-            Takes::All if !self.halted => {
+        match self.reaction {
+            ReportReaction::All if !self.halted => {
                 self.taken.push(report_of(transfer));
                 self.end(transfer, status::COMPLETED, REPORT_LEN, Vec::new());
             }
-            Takes::None { .. } => self.pending.push(transfer),
-            Takes::All | Takes::Nothing => {
+            ReportReaction::None { .. } => self.pending.push(transfer),
+            ReportReaction::All | ReportReaction::Nothing => {
                 self.halted = true;
                 self.end(transfer, status::STALL, 0, Vec::new());
             }

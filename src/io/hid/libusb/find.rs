@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::bus::{Bus, Device, Interface};
+use super::bus::{Bus, Device, UsbInterface};
 use super::{FoundDevice, NotTheBoard, ReportInterface, Sysfs, UsbError};
 use crate::io::descriptors::{HID, TO_HOST, carries_reports};
 
@@ -32,9 +32,9 @@ fn look(device: Device) -> FoundDevice {
         Err(UsbError::NotFound) => Err(NotTheBoard::Unconfigured),
         Err(_) => Err(NotTheBoard::Descriptors),
     };
-    let node = device.node();
-    let path = path(node.0, &device.ports());
-    FoundDevice { path, node, high_speed: device.high_speed(), interface, device }
+    let bus_and_address = device.bus_and_address();
+    let path = path(bus_and_address.0, &device.ports());
+    FoundDevice { path, bus_and_address, high_speed: device.high_speed(), interface, device }
 }
 
 fn path(bus: u8, ports: &[u8]) -> String {
@@ -42,7 +42,7 @@ fn path(bus: u8, ports: &[u8]) -> String {
     format!("{bus}-{ports}")
 }
 
-fn report_interface(interfaces: &[Interface]) -> Result<ReportInterface, NotTheBoard> {
+fn report_interface(interfaces: &[UsbInterface]) -> Result<ReportInterface, NotTheBoard> {
     let mut why = NotTheBoard::NoHid;
     for interface in interfaces.iter().filter(|interface| interface.class == HID) {
         why = NotTheBoard::OtherReports;
@@ -74,15 +74,15 @@ mod tests {
         Endpoint { address, attributes, packet }
     }
 
-    fn hid(endpoints: &[Endpoint]) -> Interface {
-        Interface { number: 1, class: HID, endpoints: endpoints.to_vec() }
+    fn hid(endpoints: &[Endpoint]) -> UsbInterface {
+        UsbInterface { number: 1, class: HID, endpoints: endpoints.to_vec() }
     }
 
     /// SK-9.2, SK-9.3 A board is recognised by the class of its interface and by its endpoints, at any position.
     #[test]
     fn a_board_is_known_by_its_reports() {
         let (input, output) = (endpoint(0x81, 3, 512), endpoint(0x02, 3, 512));
-        let storage = Interface { number: 0, class: 8, endpoints: vec![input, output] };
+        let storage = UsbInterface { number: 0, class: 8, endpoints: vec![input, output] };
         let board = ReportInterface { number: 1, input: 0x81, output: 0x02 };
         assert_eq!(report_interface(&[storage.clone(), hid(&[input, output])]), Ok(board));
         assert_eq!(report_interface(&[hid(&[]), hid(&[output, endpoint(0x83, 2, 512), input])]), Ok(board));

@@ -17,9 +17,9 @@ pub use api::LibusbMissing;
 #[cfg(test)]
 pub(super) use api::status;
 pub(super) use bus::Device;
-pub use bus::{Bus, BusError};
+pub use bus::{Bus, UsbBusError};
 pub use find::find;
-pub use packets::{PacketDevice, PacketError, PacketPlace, PacketWires};
+pub use packets::{PacketDevice, PacketPlace, PacketWires, UsbPacketError};
 
 pub(super) use super::backend::{Backend, Outcome, TransferListener};
 pub(super) use super::error::UsbError;

@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use super::UsbError;
 use super::api::{BULK, INTERRUPT, TIMEOUT};
-use super::backend::Claim;
-use super::bus::{Bus, BusError, Handle, Interface};
+use super::backend::InterfaceClaim;
+use super::bus::{Bus, Handle, UsbBusError, UsbInterface};
 use crate::io::descriptors::TO_HOST;
 
 /// Timeout of one packet in one direction. \[OURS]
@@ -40,17 +40,17 @@ pub trait PacketWires: Send {
     /// Sends `tx` and receives the same number of bytes into `rx`.
     ///
     /// # Errors
-    /// [`PacketError`]; it is then unknown whether the device has accepted the packet.
-    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), PacketError>;
+    /// [`UsbPacketError`]; it is then unknown whether the device has accepted the packet.
+    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), UsbPacketError>;
 }
 
 /// The reason why packets cannot be exchanged.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
-pub enum PacketError {
+pub enum UsbPacketError {
     /// USB cannot be used on this machine.
     #[error(transparent)]
-    Bus(#[from] BusError),
+    Bus(#[from] UsbBusError),
     /// No device has these ids.
     #[error("no device has the ids {vendor:04x}:{product:04x}")]
     Missing { vendor: u16, product: u16 },
@@ -73,7 +73,7 @@ pub enum PacketError {
 
 /// A device that this process has opened, with its interface claimed. Its monotonic clock is 0 at the opening.
 pub struct PacketDevice {
-    claim: Claim,
+    claim: InterfaceClaim,
     output: Endpoint,
     input: Endpoint,
     opened: Instant,
@@ -90,16 +90,16 @@ impl PacketDevice {
     /// Opens the device, and detaches the kernel's driver from its interface until this value is dropped.
     ///
     /// # Errors
-    /// [`PacketError`], which says why the device cannot be used.
-    pub fn open(bus: &Arc<Bus>, place: PacketPlace) -> Result<Self, PacketError> {
+    /// [`UsbPacketError`], which says why the device cannot be used.
+    pub fn open(bus: &Arc<Bus>, place: PacketPlace) -> Result<Self, UsbPacketError> {
         let PacketPlace { vendor, product, .. } = place;
         let mut found = bus.devices()?;
         // The ids of a device that was just unplugged cannot be read, so it is left out.
         found.retain(|device| device.ids() == Ok((vendor, product)));
         let [device] = &found[..] else {
             return Err(match found.len() {
-                0 => PacketError::Missing { vendor, product },
-                count => PacketError::Several { vendor, product, count },
+                0 => UsbPacketError::Missing { vendor, product },
+                count => UsbPacketError::Several { vendor, product, count },
             });
         };
         let interfaces = device.interfaces()?;
@@ -110,7 +110,7 @@ impl PacketDevice {
             Ok(()) | Err(UsbError::NotSupported) => {}
             Err(error) => return Err(error.into()),
         }
-        let claim = Claim::new(&handle, number)?;
+        let claim = InterfaceClaim::new(&handle, number)?;
         Ok(Self { claim, output, input, opened: Instant::now() })
     }
 
@@ -128,7 +128,7 @@ impl PacketWires for PacketDevice {
         thread::sleep(time);
     }
 
-    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), PacketError> {
+    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), UsbPacketError> {
         let Endpoint { address, kind } = self.output;
         let (code, moved) = self.handle().send(address, kind, tx, PACKET_LIMIT);
         check(code, moved, tx.len(), ["takes no packet", "takes"])?;
@@ -139,20 +139,20 @@ impl PacketWires for PacketDevice {
 }
 
 /// Converts libusb's code and the transferred length to the result of a transfer.
-fn check(code: i32, found: usize, wanted: usize, [nothing, some]: [&'static str; 2]) -> Result<(), PacketError> {
+fn check(code: i32, found: usize, wanted: usize, [nothing, some]: [&'static str; 2]) -> Result<(), UsbPacketError> {
     if code == TIMEOUT && found == 0 {
-        return Err(PacketError::Late { what: nothing, limit: PACKET_LIMIT });
+        return Err(UsbPacketError::Late { what: nothing, limit: PACKET_LIMIT });
     }
     if code != TIMEOUT {
         UsbError::check(code)?;
     }
-    if found == wanted { Ok(()) } else { Err(PacketError::Length { what: some, found, wanted }) }
+    if found == wanted { Ok(()) } else { Err(UsbPacketError::Length { what: some, found, wanted }) }
 }
 
 /// The interface that has both endpoints, and these endpoints.
-fn endpoints(interfaces: &[Interface], place: PacketPlace) -> Result<(u8, Endpoint, Endpoint), PacketError> {
+fn endpoints(interfaces: &[UsbInterface], place: PacketPlace) -> Result<(u8, Endpoint, Endpoint), UsbPacketError> {
     let carries_packets = |attributes: u8| [BULK, INTERRUPT].contains(&(attributes & KIND));
-    let find = |interface: &Interface, address: u8| {
+    let find = |interface: &UsbInterface, address: u8| {
         let endpoint = interface.endpoints.iter().find(|endpoint| endpoint.address == address)?;
         carries_packets(endpoint.attributes).then_some(Endpoint { address, kind: endpoint.attributes & KIND })
     };
@@ -169,7 +169,7 @@ fn endpoints(interfaces: &[Interface], place: PacketPlace) -> Result<(u8, Endpoi
             })
             .collect();
         let there = if shown.is_empty() { "none".to_owned() } else { shown.join(", ") };
-        PacketError::NoEndpoints { output: place.output, input: place.input, there }
+        UsbPacketError::NoEndpoints { output: place.output, input: place.input, there }
     })
 }
 
@@ -181,7 +181,7 @@ mod tests {
 
     const PLACE: PacketPlace = PacketPlace { vendor: VENDOR, product: PRODUCT, output: 2, input: 1 };
 
-    fn open(usb: &'static FakeUsb, place: PacketPlace) -> Result<PacketDevice, PacketError> {
+    fn open(usb: &'static FakeUsb, place: PacketPlace) -> Result<PacketDevice, UsbPacketError> {
         PacketDevice::open(&usb.bus().expect("it opens"), place)
     }
 
@@ -245,7 +245,7 @@ mod tests {
     fn endpoints_are_of_one_interface() {
         let descriptor = |address, attributes| Descriptor { address, attributes, packet: 512 };
         let interface =
-            |number, endpoints: &[Descriptor]| Interface { number, class: 255, endpoints: endpoints.into() };
+            |number, endpoints: &[Descriptor]| UsbInterface { number, class: 255, endpoints: endpoints.into() };
         let (out, back) = (descriptor(0x02, 2), descriptor(0x81, 3));
         let found = endpoints(&[interface(0, &[out]), interface(3, &[back, out])], PLACE).expect("it has them");
         assert_eq!(found, (3, Endpoint { address: 0x02, kind: BULK }, Endpoint { address: 0x81, kind: INTERRUPT }));

@@ -23,7 +23,7 @@ impl Outcome {
 }
 
 /// A transfer of one report on an interrupt endpoint. While it is submitted, libusb owns its buffer.
-pub(super) struct Transfer {
+pub(super) struct UsbTransfer {
     /// A leaked box, since libusb keeps its address.
     inner: NonNull<Inner>,
 }
@@ -41,12 +41,12 @@ struct Inner {
 
 // SAFETY: libusb's functions on transfers may be called from any thread. The buffer is accessed by libusb while the transfer
 // is submitted, otherwise in `fill` and `ended` only.
-unsafe impl Send for Transfer {}
+unsafe impl Send for UsbTransfer {}
 // SAFETY: libusb's functions on transfers may be called from any thread, and by the promise of `fill`'s caller no two threads
 // are in `fill`.
-unsafe impl Sync for Transfer {}
+unsafe impl Sync for UsbTransfer {}
 
-impl Transfer {
+impl UsbTransfer {
     /// Creates a transfer for the endpoint with this address; `None` if there is no memory.
     pub fn new(handle: &Arc<Handle>, endpoint: u8, number: usize, listener: Arc<dyn TransferListener>) -> Option<Self> {
         // SAFETY: the function has no conditions. 0 is the number of isochronous packets.
@@ -102,7 +102,7 @@ impl Transfer {
     }
 }
 
-impl Drop for Transfer {
+impl Drop for UsbTransfer {
     fn drop(&mut self) {
         // SAFETY: the pointer came from a box, and the owner drops a transfer only after it has ended.
         let inner = unsafe { Box::from_raw(self.inner.as_ptr()) };
@@ -124,7 +124,7 @@ extern "C" fn ended(raw: *mut RawTransfer) {
     if catch_unwind(|| call_listener(raw)).is_ok() {
         return;
     }
-    // SAFETY: libusb passes the transfer with the user data that `Transfer::new` has set.
+    // SAFETY: libusb passes the transfer with the user data that `UsbTransfer::new` has set.
     let transfer = unsafe { &*(*raw).user_data.cast::<Inner>() };
     let lost = catch_unwind(AssertUnwindSafe(|| transfer.listener.panicked()));
     let also = if lost.is_err() { ", and so has what was to end the link" } else { "" };
@@ -133,7 +133,7 @@ extern "C" fn ended(raw: *mut RawTransfer) {
 
 /// Calls the listener with the result of the transfer.
 fn call_listener(raw: *mut RawTransfer) {
-    // SAFETY: libusb passes the transfer with the user data that `Transfer::new` has set, which live until after this call.
+    // SAFETY: libusb passes the transfer with the user data that `UsbTransfer::new` has set, which live until after this call.
     let (transfer, status, moved) = unsafe { (&*(*raw).user_data.cast::<Inner>(), (*raw).status, (*raw).moved) };
     let outcome = Outcome::of(status);
     let moved = usize::try_from(moved).unwrap_or(0).min(REPORT_LEN);

@@ -4,7 +4,7 @@ use std::sync::mpsc;
 use std::thread;
 
 use super::super::calls::{PATIENCE, in_time, read};
-use super::super::libusb::fake::{self, FakeUsb, Takes};
+use super::super::libusb::fake::{self, FakeUsb, ReportReaction};
 use super::super::libusb::status;
 use super::super::reports::EVENTS_FAILED;
 use super::*;
@@ -17,7 +17,7 @@ const SOON: Option<Duration> = Some(Duration::from_millis(20));
 #[track_caller]
 fn open(world: &'static FakeUsb) -> Pipe {
     let found = world.found();
-    assert_eq!((found.interface, found.path.as_str(), found.node), (Ok(INTERFACE_OF_BOARD), "9-2", (9, 7)));
+    assert_eq!((found.interface, found.path.as_str(), found.bus_and_address), (Ok(INTERFACE_OF_BOARD), "9-2", (9, 7)));
     Pipe::open(&found, INTERFACE_OF_BOARD, LIMITS).expect("it opens")
 }
 
@@ -179,7 +179,7 @@ fn events_that_fail_for_good_end_every_call() {
     for closed in [false, true] {
         let world = FakeUsb::new();
         let pipe = Arc::new(open(world));
-        world.set_takes(Takes::None { moved: 0 });
+        world.set_reaction(ReportReaction::None { moved: 0 });
         let reader = waiting_reader(world, &pipe);
         let writes = pipe.clone();
         let writer = thread::spawn(move || writes.write(&[1; REPORT_LEN], None));
@@ -227,7 +227,7 @@ fn calls_do_not_need_one_another() {
     for round in 0..20 {
         let world = FakeUsb::new();
         let pipe = Arc::new(open(world));
-        world.set_takes(Takes::None { moved: 0 });
+        world.set_reaction(ReportReaction::None { moved: 0 });
         let (reads, writes) = (pipe.clone(), pipe.clone());
         let readers = [reads.clone(), reads].map(|pipe| thread::spawn(move || read(&pipe, None)));
         let writer = thread::spawn(move || writes.write(&[1; REPORT_LEN], None));
@@ -267,10 +267,10 @@ fn a_stall_of_the_board_ends_every_read() {
 fn a_stall_of_a_write_is_an_error_of_that_write() {
     let world = FakeUsb::new();
     let pipe = open(world);
-    world.set_takes(Takes::Nothing);
+    world.set_reaction(ReportReaction::Nothing);
     assert_eq!(pipe.write(&[1; REPORT_LEN], None), Err(PipeError::Stalled));
     assert_eq!(world.halts_cleared(), [INTERFACE_OF_BOARD.output]);
-    world.set_takes(Takes::All);
+    world.set_reaction(ReportReaction::All);
     assert_eq!(pipe.write(&[2; REPORT_LEN], None), Ok(()));
     world.send(status::COMPLETED, &[7; 512]);
     assert_eq!(read(&pipe, None), Ok((7, 0)));
@@ -285,14 +285,14 @@ fn a_write_that_is_given_up_says_what_has_moved() {
     let pipe = Arc::new(open(world));
     let limit = SOON.unwrap();
     for (moved, expected) in
-        [(0, Err(PipeError::Timeout(limit))), (64, Err(PipeError::Torn { moved: 64 })), (REPORT_LEN, Ok(()))]
+        [(0, Err(PipeError::Timeout(limit))), (64, Err(PipeError::Partial { moved: 64 })), (REPORT_LEN, Ok(()))]
     {
-        world.set_takes(Takes::None { moved });
+        world.set_reaction(ReportReaction::None { moved });
         assert_eq!(pipe.write(&[5; REPORT_LEN], SOON), expected);
     }
     assert_eq!(world.taken(), [[5; REPORT_LEN]], "it was through when it was taken back");
 
-    world.set_takes(Takes::None { moved: 0 });
+    world.set_reaction(ReportReaction::None { moved: 0 });
     let write = || {
         let pipe = pipe.clone();
         let writer = thread::spawn(move || pipe.write(&[6; REPORT_LEN], None));
@@ -349,7 +349,7 @@ fn a_cable_cut_at_any_moment_ends_every_call() {
 fn reader_and_writer_are_told_when_the_cable_is_pulled() {
     let world = FakeUsb::new();
     let pipe = Arc::new(open(world));
-    world.set_takes(Takes::None { moved: 0 });
+    world.set_reaction(ReportReaction::None { moved: 0 });
     let (reads, writes) = (pipe.clone(), pipe.clone());
     let reader = thread::spawn(move || read(&reads, None).map(drop));
     let writer = thread::spawn(move || writes.write(&[1; REPORT_LEN], None));
@@ -462,7 +462,7 @@ mod ended_by_force {
 
     /// Checks that the program can continue afterwards: reads and writes in other threads, closing, and opening again.
     fn goes_on(world: &'static FakeUsb, pipe: Arc<Pipe>) {
-        world.set_takes(Takes::All);
+        world.set_reaction(ReportReaction::All);
         world.send(status::COMPLETED, &[5; 512]);
         let reads = pipe.clone();
         assert_eq!(in_time(move || read(&reads, None)).map(|(fill, _)| fill), Ok(5));
@@ -515,7 +515,7 @@ mod ended_by_force {
         for closes in [false, true] {
             let world = FakeUsb::with_descriptor();
             let pipe = Arc::new(open(world));
-            world.set_takes(Takes::None { moved: 0 });
+            world.set_reaction(ReportReaction::None { moved: 0 });
             let writes = pipe.clone();
             end_thread_in(
                 move || _ = writes.write(&[1; REPORT_LEN], None),
@@ -539,7 +539,7 @@ mod ended_by_force {
     fn before_its_turn_to_write() {
         let world = FakeUsb::with_descriptor();
         let pipe = Arc::new(open(world));
-        world.set_takes(Takes::None { moved: 0 });
+        world.set_reaction(ReportReaction::None { moved: 0 });
         let (first, second) = (pipe.clone(), pipe.clone());
         let writer = thread::spawn(move || first.write(&[1; REPORT_LEN], None));
         world.until_pending(LIMITS.transfers + 1);
@@ -547,7 +547,7 @@ mod ended_by_force {
             let pipe = pipe.clone();
             move || pipe.shared.state.lock().writers.len() == 2
         });
-        world.set_takes(Takes::All);
+        world.set_reaction(ReportReaction::All);
         pipe.cancel_writes();
         assert_eq!(in_time(move || writer.join().expect("no panic")), Err(PipeError::Cancelled));
         goes_on(world, pipe);

@@ -7,7 +7,7 @@ use super::api::Api;
 /// The reason why the HID devices of this machine cannot be used.
 #[cfg(windows)]
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum BusError {
+pub enum UsbBusError {
     /// Windows cannot list the devices.
     #[error("Windows does not list its HID devices ({0}); start it anew")]
     Usb(#[from] super::UsbError),
@@ -22,9 +22,9 @@ impl Bus {
     /// Opens Windows' HID driver, which exists in every Windows.
     ///
     /// # Errors
-    /// None here. [`BusError`] is the error of listing the devices.
+    /// None here. [`UsbBusError`] is the error of listing the devices.
     #[cfg(windows)]
-    pub fn open() -> Result<Arc<Self>, BusError> {
+    pub fn open() -> Result<Arc<Self>, UsbBusError> {
         Ok(Arc::new(Self { api: Api::WINDOWS }))
     }
 

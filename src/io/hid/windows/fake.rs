@@ -22,7 +22,7 @@ const ABORTED: u32 = 995;
 
 /// How the board reacts to a report from the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Takes {
+pub enum ReportReaction {
     /// The board accepts the report.
     All,
     /// The board does not accept the report.
@@ -69,7 +69,7 @@ struct Inside {
     /// Whether the first of a backend's two events was created.
     has_event: bool,
     to_send: VecDeque<Vec<u8>>,
-    takes: Takes,
+    reaction: ReportReaction,
     taken: Vec<Vec<u8>>,
     /// The error code of all calls for the board once it is unplugged.
     gone: Option<u32>,
@@ -109,7 +109,7 @@ impl FakeWindows {
             set: [false; 2],
             has_event: false,
             to_send: VecDeque::new(),
-            takes: Takes::All,
+            reaction: ReportReaction::All,
             taken: Vec::new(),
             gone: None,
             refused: None,
@@ -143,8 +143,8 @@ impl FakeWindows {
         });
     }
 
-    pub fn set_takes(&self, takes: Takes) {
-        self.with(|inside| inside.takes = takes);
+    pub fn set_reaction(&self, reaction: ReportReaction) {
+        self.with(|inside| inside.reaction = reaction);
     }
 
     /// Makes the next write return only after [`FakeWindows::let_go`] was called.
@@ -226,13 +226,13 @@ impl Inside {
         if let Some(code) = self.gone {
             return code;
         }
-        match self.takes {
-            Takes::All => {
+        match self.reaction {
+            ReportReaction::All => {
                 self.end(overlapped, 0, report.len());
                 self.taken.push(report);
             }
-            Takes::Nothing => self.pending.push(Pending { overlapped, buffer, to_host: false }),
-            Takes::Fails(code) => self.end(overlapped, code, 0),
+            ReportReaction::Nothing => self.pending.push(Pending { overlapped, buffer, to_host: false }),
+            ReportReaction::Fails(code) => self.end(overlapped, code, 0),
         }
         PENDING
     }

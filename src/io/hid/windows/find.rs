@@ -42,7 +42,7 @@ pub(super) struct Candidate {
 pub fn find(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Vec<FoundDevice>, UsbError> {
     let found = candidates(bus, vendor, product)?.into_iter().map(|candidate| {
         let Candidate { device, instance, interface } = candidate;
-        FoundDevice { device, path: instance, node: (0, 0), high_speed: true, interface }
+        FoundDevice { device, path: instance, bus_and_address: (0, 0), high_speed: true, interface }
     });
     Ok(found.collect())
 }

@@ -19,7 +19,7 @@ mod tests;
 #[cfg(windows)]
 pub(super) use bus::Device;
 #[cfg(windows)]
-pub use bus::{Bus, BusError};
+pub use bus::{Bus, UsbBusError};
 #[cfg(windows)]
 pub use find::{ReportInterface, find};
 

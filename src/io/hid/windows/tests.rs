@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
-use super::fake::{BOARD, FakeWindows, Listed, Takes};
+use super::fake::{BOARD, FakeWindows, Listed, ReportReaction};
 use super::*;
 use crate::io::hid::calls::{PATIENCE, in_time, read};
 use crate::io::hid::reports::Shared;
@@ -100,7 +100,7 @@ fn of_reports_nobody_reads_the_newest_are_kept() {
 fn every_call_ends_when_the_board_goes() {
     for code in [2, 5, 6, 55, 303, 433, 1167, 1617] {
         let (world, pipe) = open();
-        world.set_takes(Takes::Nothing);
+        world.set_reaction(ReportReaction::Nothing);
         let (reads, writes) = (pipe.clone(), pipe.clone());
         let reader = thread::spawn(move || read(&reads, None).map(drop));
         let writer = thread::spawn(move || writes.write(&[1; REPORT_LEN], None));
@@ -139,9 +139,9 @@ fn kept_reports_go_with_the_board() {
 #[test]
 fn a_wire_that_fails_is_not_asked_for_ever() {
     let (world, pipe) = open();
-    world.set_takes(Takes::Fails(31));
+    world.set_reaction(ReportReaction::Fails(31));
     assert_eq!(pipe.write(&[1; REPORT_LEN], None), Err(PipeError::Usb(UsbError::Io)));
-    world.set_takes(Takes::All);
+    world.set_reaction(ReportReaction::All);
     assert_eq!(pipe.write(&[2; REPORT_LEN], None), Ok(()));
     world.pull(31);
     let ended = in_time({
@@ -156,7 +156,7 @@ fn a_wire_that_fails_is_not_asked_for_ever() {
 #[test]
 fn a_write_that_is_not_taken_is_taken_back() {
     let (world, pipe) = open();
-    world.set_takes(Takes::Nothing);
+    world.set_reaction(ReportReaction::Nothing);
     assert_eq!(pipe.write(&[1; REPORT_LEN], Some(SOON)), Err(PipeError::Timeout(SOON)));
     let write = || {
         let pipe = pipe.clone();
@@ -167,9 +167,9 @@ fn a_write_that_is_not_taken_is_taken_back() {
     let writer = write();
     pipe.cancel_writes();
     assert_eq!(in_time(|| writer.join().expect("no panic")), Err(PipeError::Cancelled));
-    world.set_takes(Takes::All);
+    world.set_reaction(ReportReaction::All);
     assert_eq!(pipe.write(&[3; REPORT_LEN], Some(PATIENCE)), Ok(()));
-    world.set_takes(Takes::Nothing);
+    world.set_reaction(ReportReaction::Nothing);
     let writer = write();
     pipe.close();
     assert_eq!(in_time(|| writer.join().expect("no panic")), Err(PipeError::Closed));
@@ -248,7 +248,7 @@ fn with_paused_input() -> (&'static FakeWindows, Pipe) {
 /// WIN-67 While a program only writes, reports stay in the driver's queue, which keeps the newest. The first read
 /// returns these, and from then on no report is lost.
 #[test]
-fn while_a_program_only_writes_its_reports_rest() {
+fn while_a_program_only_writes_its_reports_pause() {
     let (world, pipe) = with_paused_input();
     assert_eq!(world.keeps(), Some(QUEUE as u32));
     let before = pipe.stats().reports;
@@ -272,7 +272,7 @@ fn while_a_program_only_writes_its_reports_rest() {
 /// WIN-67 If the board sends nothing more, a read after a pause still returns the queued reports without waiting for
 /// new ones.
 #[test]
-fn a_silent_board_ends_a_rest() {
+fn a_silent_board_ends_a_pause() {
     let (_, pipe) = with_paused_input();
     assert_eq!(read(&pipe, Some(PATIENCE)).map(|(fill, _)| fill), Ok(99));
     let pipe = Arc::new(pipe);
@@ -283,7 +283,7 @@ fn a_silent_board_ends_a_rest() {
 /// WIN-67 If the board is closed during a pause, everything ends. If it is unplugged during a pause, the next write,
 /// read or check reports the loss.
 #[test]
-fn a_board_that_goes_while_its_reports_rest() {
+fn a_board_that_goes_while_its_reports_pause() {
     let (world, pipe) = with_paused_input();
     pipe.close();
     assert_eq!(read(&pipe, None), Err(PipeError::Closed));
@@ -309,7 +309,7 @@ fn a_board_that_goes_while_its_reports_rest() {
 /// WIN-67 If a program does nothing with its board, reports stay in the driver's queue and cost no processor time. The
 /// newest are read when the program continues.
 #[test]
-fn reports_rest_while_a_program_does_nothing() {
+fn reports_pause_while_a_program_does_nothing() {
     let world = FakeWindows::new(vec![BOARD]);
     let pipe = open_with(world, PipeOptions { may_pause_input: true, ..LIMITS }).expect("it opens");
     let pipe = in_time(move || {
@@ -330,7 +330,7 @@ fn reports_rest_while_a_program_does_nothing() {
 /// WIN-67 There is no pause for a program that reads from time to time, nor for one that must count all its reports:
 /// reads are pending at all times.
 #[test]
-fn others_never_rest() {
+fn others_never_pause() {
     let world = FakeWindows::new(vec![BOARD]);
     let counts = open_with(world, LIMITS).expect("it opens");
     let reader = FakeWindows::new(vec![BOARD]);

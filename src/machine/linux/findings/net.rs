@@ -63,7 +63,7 @@ impl Machine {
 fn driver(card: &NetCard) -> Finding {
     const CHECK: &str = "card";
     let speed = card.speed.map_or(String::new(), |speed| format!(", {speed} Mbit/s"));
-    match (&card.driver, card.by.as_deref()) {
+    match (&card.driver, card.bus.as_deref()) {
         (Some(driver), Some("usb")) => Finding::advice(
             CHECK,
             format!("driver {driver}, on USB{speed}: such adapters hold frames back"),
@@ -78,7 +78,7 @@ fn fitness(card: &NetCard) -> Finding {
     const CHECK: &str = "card-fit";
     let name = &card.name;
     let wrong = |found: String, next: String| Finding::wrong(CHECK, found, next).blocking();
-    if let Some(what) = card.not_a_card {
+    if let Some(what) = card.unsuitable_kind {
         return wrong(format!("it is {what}, which carries no EtherCAT"), "name a card with a cable".into());
     }
     if card.has_default_route {
@@ -246,13 +246,13 @@ mod settings {
     #[cfg(test)]
     mod tests {
         use super::*;
-        use crate::machine::findings::Verdict;
+        use crate::machine::findings::FindingVerdict;
 
         /// Settings that delay frames get advice with the command that changes them; settings that the driver does not
         /// report are left out.
         #[test]
         fn what_holds_frames_back_is_advised_against() {
-            let judged = |settings: CardSettings| -> Vec<(&str, Verdict, String)> {
+            let judged = |settings: CardSettings| -> Vec<(&str, FindingVerdict, String)> {
                 let all = findings("eth1", &settings).into_iter();
                 all.map(|finding| (finding.check, finding.verdict, finding.next.unwrap_or_default())).collect()
             };
@@ -271,11 +271,11 @@ mod settings {
                 [
                     (
                         "card-coalescing",
-                        Verdict::Advice,
+                        FindingVerdict::Advice,
                         "sudo ethtool -C eth1 adaptive-rx off rx-usecs 0 tx-usecs 0".to_owned()
                     ),
-                    ("card-offloads", Verdict::Advice, "sudo ethtool -K eth1 gro off tso off".to_owned()),
-                    ("card-eee", Verdict::Advice, "sudo ethtool --set-eee eth1 eee off".to_owned()),
+                    ("card-offloads", FindingVerdict::Advice, "sudo ethtool -K eth1 gro off tso off".to_owned()),
+                    ("card-eee", FindingVerdict::Advice, "sudo ethtool --set-eee eth1 eee off".to_owned()),
                 ]
             );
             let quiet = CardSettings {
@@ -287,7 +287,7 @@ mod settings {
                 tso: Some(false),
                 eee: Some(false),
             };
-            assert!(judged(quiet).iter().all(|(_, verdict, _)| *verdict == Verdict::Fine));
+            assert!(judged(quiet).iter().all(|(_, verdict, _)| *verdict == FindingVerdict::Fine));
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Commands for GPIO, encoder, DAC and ADC: codes 31 to 35.
 
-use super::{DONE, Outcome, answered, done_if};
+use super::{CommandOutcome, DONE, answered, done_if};
 use crate::xf::chip::Chip;
-use crate::xf::chip::network::Network;
+use crate::xf::chip::network::SlaveNetwork;
 use crate::xf::request::{Analog, Request, UpperPins};
 use crate::xf::response::Answer;
 
@@ -16,9 +16,9 @@ fn upper(pins: UpperPins) -> u32 {
     u32::from(pins.get()) << 16
 }
 
-impl<N: Network> Chip<N> {
+impl<N: SlaveNetwork> Chip<N> {
     /// Runs a command of GPIO, encoder, DAC or ADC; `None` for other commands.
-    pub(super) fn run_io(&mut self, request: &Request<'_>, data: &mut [u8]) -> Option<Outcome> {
+    pub(super) fn run_io(&mut self, request: &Request<'_>, data: &mut [u8]) -> Option<CommandOutcome> {
         if self.set_io(request) { Some(DONE) } else { self.use_io(request, data) }
     }
 
@@ -48,7 +48,7 @@ impl<N: Network> Chip<N> {
     }
 
     /// Runs a command that has a result, or that is refused `[OURS]` because its unit is not open.
-    fn use_io(&mut self, request: &Request<'_>, data: &mut [u8]) -> Option<Outcome> {
+    fn use_io(&mut self, request: &Request<'_>, data: &mut [u8]) -> Option<CommandOutcome> {
         let (now, gpio, encoder, analog) = (self.now, &mut self.gpio, &mut self.encoder, &mut self.analog);
         Some(match *request {
             Request::GpioGetValue(_) => encoded(gpio.values() as u16, data),
@@ -72,6 +72,6 @@ impl<N: Network> Chip<N> {
     }
 }
 
-fn encoded<'a>(answer: impl Answer<'a>, data: &mut [u8]) -> Outcome {
+fn encoded<'a>(answer: impl Answer<'a>, data: &mut [u8]) -> CommandOutcome {
     Ok(answer.encode(data)?)
 }

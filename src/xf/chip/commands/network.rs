@@ -1,16 +1,16 @@
 //! Commands for states, slaves and the working counter, and for results of SDO transfers.
 
-use super::{Outcome, Refused, answered, done_if};
+use super::{CommandOutcome, CommandRefused, answered, done_if};
 use crate::xf::chip::Chip;
-use crate::xf::chip::network::Network;
+use crate::xf::chip::network::SlaveNetwork;
 use crate::xf::request::{PdoWorkingCounterGet, SlaveInfoGet, SlaveInfoItem, Slaves, StateGet, WorkingCounterItem};
 use crate::xf::response::{Answer, SlaveInfo};
 
 /// The station address of the first slave; further slaves have consecutive addresses. `[OURS]`
 const FIRST_STATION_ADDRESS: u16 = 0x1001;
 
-impl<N: Network> Chip<N> {
-    pub(super) fn working_counter_item(&self, request: &PdoWorkingCounterGet, data: &mut [u8]) -> Outcome {
+impl<N: SlaveNetwork> Chip<N> {
+    pub(super) fn working_counter_item(&self, request: &PdoWorkingCounterGet, data: &mut [u8]) -> CommandOutcome {
         let (inputs, outputs) = self.bus.slaves_with();
         let number = match request.which {
             WorkingCounterItem::Inputs => inputs,
@@ -21,7 +21,7 @@ impl<N: Network> Chip<N> {
     }
 
     /// ECAT_STATE_GET, from the chip's memory. `[OURS]` The state of all slaves together is the lowest of them.
-    pub(super) fn state_get(&self, request: &StateGet, data: &mut [u8]) -> Outcome {
+    pub(super) fn state_get(&self, request: &StateGet, data: &mut [u8]) -> CommandOutcome {
         let state = match request.slaves {
             Slaves::All => Some(self.bus.state_of_all()),
             Slaves::One(slave) => self.found(request.slaves).then(|| self.bus.known[usize::from(slave.get())].state),
@@ -31,13 +31,13 @@ impl<N: Network> Chip<N> {
 
     /// ECAT_SLV_INFO_GET. `[OURS]` Items 10 and 13 have one byte, 11 and 12 four. Items above 13, which are in the
     /// vendor's header up to 40 (OBS) without a description, are refused.
-    pub(super) fn slave_info(&self, request: &SlaveInfoGet, data: &mut [u8]) -> Outcome {
+    pub(super) fn slave_info(&self, request: &SlaveInfoGet, data: &mut [u8]) -> CommandOutcome {
         let slave = request.slave.get();
         if !self.found(request.slave.into()) {
-            return Err(Refused);
+            return Err(CommandRefused);
         }
         let (known, place) = (&self.bus.known[usize::from(slave)], &self.bus.places[usize::from(slave)]);
-        let identity = self.network.identity(slave).ok_or(Refused)?;
+        let identity = self.network.identity(slave).ok_or(CommandRefused)?;
         let item = match request.item {
             SlaveInfoItem::Vendor => SlaveInfo::U32(identity.vendor),
             SlaveInfoItem::Product => SlaveInfo::U32(identity.product),
@@ -61,7 +61,7 @@ impl<N: Network> Chip<N> {
     }
 
     /// ENABLE_LRW. `[OURS]` Firmware before 0x22 does not support it.
-    pub(super) fn enable_lrw(&mut self, lrw: bool) -> Outcome {
+    pub(super) fn enable_lrw(&mut self, lrw: bool) -> CommandOutcome {
         if self.profile.is_newer() {
             self.bus.lrw = lrw;
         }
@@ -70,7 +70,7 @@ impl<N: Network> Chip<N> {
 
     /// ECAT_SDO_GET, with as many bytes as were read and fit into the data segment; none if the last read failed.
     /// `[OURS]` It is refused before the first read.
-    pub(super) fn sdo_get(&self, data: &mut [u8]) -> Outcome {
+    pub(super) fn sdo_get(&self, data: &mut [u8]) -> CommandOutcome {
         let read = self.sdo.len.map(|len| &self.sdo.data[..len.min(data.len())]);
         answered(read, data)
     }

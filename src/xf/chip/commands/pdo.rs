@@ -1,14 +1,14 @@
 //! Commands for process data, through the FIFOs and directly.
 
-use super::{DONE, Outcome, Refused};
+use super::{CommandOutcome, CommandRefused, DONE};
 use crate::xf::Errors;
 use crate::xf::chip::Chip;
 use crate::xf::chip::fifo::FIFO_ENTRIES_MAX;
-use crate::xf::chip::network::Network;
+use crate::xf::chip::network::SlaveNetwork;
 use crate::xf::request::{Fifo, Fifos, PdoData, PdoDataFifo, PdoOperation};
 use crate::xf::response::Returned;
 
-impl<N: Network> Chip<N> {
+impl<N: SlaveNetwork> Chip<N> {
     /// PDO_DATA_FIFO_OP: puts RxPDOs into the FIFO and takes TxPDOs out of it.
     ///
     /// `[OURS]` Without configured process data, or if the length is not that of `par` RxPDOs, nothing is done: the
@@ -84,7 +84,7 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    pub(super) const fn clear_fifos(&mut self, fifos: Fifos) -> Outcome {
+    pub(super) const fn clear_fifos(&mut self, fifos: Fifos) -> CommandOutcome {
         if matches!(fifos, Fifos::Both | Fifos::Rx) {
             self.fifos.clear_rx();
         }
@@ -96,9 +96,9 @@ impl<N: Network> Chip<N> {
 
     /// Sets the capacity of a FIFO, which applies from the next FIFO_INIT or layout of process data on. `[OURS]` 0 and
     /// more than 128 are refused.
-    pub(super) fn set_entries(entries: &mut u8, wanted: u8) -> Outcome {
+    pub(super) fn set_entries(entries: &mut u8, wanted: u8) -> CommandOutcome {
         if !(1..=FIFO_ENTRIES_MAX).contains(&wanted) {
-            return Err(Refused);
+            return Err(CommandRefused);
         }
         *entries = wanted;
         DONE

@@ -1,13 +1,13 @@
 //! Starts commands that take time, if none is running and their arguments are valid.
 
-use super::{Outcome, Refused, done_if};
+use super::{CommandOutcome, CommandRefused, done_if};
 use crate::ethercat::coe::SdoScope;
 use crate::ethercat::{AlState, Ns};
 use crate::xf::EtherCatState;
 use crate::xf::chip::Chip;
 use crate::xf::chip::flash::Flash;
 use crate::xf::chip::jobs::{DatagramJob, EepromJob, FileJob, Job, SdoJob, StateJob};
-use crate::xf::chip::network::Network;
+use crate::xf::chip::network::SlaveNetwork;
 use crate::xf::request::{
     EepromRequest, FlashBytes, FoeFile, FoeRequest, RAW_DATA_MAX, RawRequest, ReceiveMailbox, Request, SDO_DATA_MAX,
     SdoOperation, SdoRequest, Slaves,
@@ -16,10 +16,10 @@ use crate::xf::request::{
 /// The shortest cycle that ECAT_INIT_OP accepts, in nanoseconds. `[OURS]`
 pub const SYNC0_MIN_NS: u32 = 50_000;
 
-impl<N: Network> Chip<N> {
+impl<N: SlaveNetwork> Chip<N> {
     /// Starts a command that takes time; refuses an unknown command.
-    pub(super) fn start(&mut self, request: &Request<'_>) -> Outcome {
-        let job = self.job_for(request).ok_or(Refused)?;
+    pub(super) fn start(&mut self, request: &Request<'_>) -> CommandOutcome {
+        let job = self.job_for(request).ok_or(CommandRefused)?;
         done_if(self.start_job(job))
     }
 

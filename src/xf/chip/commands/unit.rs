@@ -1,16 +1,16 @@
 //! Commands for the chip itself, and for reading the state of the CiA 402 helper.
 
-use super::{DONE, Outcome, answered, done_if};
+use super::{CommandOutcome, DONE, answered, done_if};
 use crate::ethercat::cia402::Statusword;
 use crate::xf::chip::Chip;
-use crate::xf::chip::network::Network;
+use crate::xf::chip::network::SlaveNetwork;
 use crate::xf::request::{AsyncResetActions, MotorNumber};
 use crate::xf::response::{Answer, DriveStateByte, FirmwareVersion};
 use crate::xf::{DataSize, Errors};
 
-impl<N: Network> Chip<N> {
+impl<N: SlaveNetwork> Chip<N> {
     /// SPI_RECONFIG_OP: the new size applies to the next packet and to the answer to this one.
-    pub(super) fn set_size(&mut self, size: DataSize) -> Outcome {
+    pub(super) fn set_size(&mut self, size: DataSize) -> CommandOutcome {
         let is_allowed = !self.profile.size_is_fixed;
         if is_allowed {
             self.size = size;
@@ -18,19 +18,19 @@ impl<N: Network> Chip<N> {
         done_if(is_allowed)
     }
 
-    pub(super) fn version(&self, data: &mut [u8]) -> Outcome {
+    pub(super) fn version(&self, data: &mut [u8]) -> CommandOutcome {
         let (version, identity) = (self.profile.version, self.profile.identity);
         Ok(FirmwareVersion { version, identity }.encode(data)?)
     }
 
     /// CRC_ERR_CNT_CLR. `[OURS]` The return byte is the count before it was cleared.
-    pub(super) fn clear_crc_errors(&mut self, data: &mut [u8]) -> Outcome {
+    pub(super) fn clear_crc_errors(&mut self, data: &mut [u8]) -> CommandOutcome {
         Ok(std::mem::take(&mut self.crc_errors).encode(data)?)
     }
 
     /// ASYNCCMD_RESET. `[OURS]` A command that is given up, by action 1 or 4, has no further effects; action 4 also
     /// reports it as failed.
-    pub(super) fn reset_job(&mut self, actions: AsyncResetActions) -> Outcome {
+    pub(super) fn reset_job(&mut self, actions: AsyncResetActions) -> CommandOutcome {
         if actions.contains(AsyncResetActions::GIVE_UP) && self.job.is_some() {
             self.raise(Errors::NON_IMMEDIATE);
         }
@@ -57,7 +57,7 @@ impl<N: Network> Chip<N> {
         self.helper.statusword(motor.get(), self.bus.places(), &self.bus.inputs)
     }
 
-    pub(super) fn drive_state(&self, motor: MotorNumber, data: &mut [u8]) -> Outcome {
+    pub(super) fn drive_state(&self, motor: MotorNumber, data: &mut [u8]) -> CommandOutcome {
         // Only the bits of the statusword that encode the state (XF EN 778).
         let state = |word: Statusword| DriveStateByte((word.0 & Statusword::STATE_BITS) as u8);
         answered(self.statusword(motor).map(state), data)

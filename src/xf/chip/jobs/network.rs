@@ -1,24 +1,26 @@
 //! Jobs for initialisation, process data, clocks and changes of state.
 
-use super::{Begun, Gained, Lengths, Progress, StateJob, pdos};
+use super::{JobResult, Lengths, PartStart, Progress, StateJob, pdos};
 use crate::ethercat::coe::AbortCode;
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::xf::NetworkState;
 use crate::xf::chip::Chip;
-use crate::xf::chip::bus::Bus;
-use crate::xf::chip::network::{EnterError, Entered, EnteringSlaves, List, Network, Operation, SLAVES_MAX, SlaveSetup};
+use crate::xf::chip::bus::KnownNetwork;
+use crate::xf::chip::network::{
+    EnterError, Entered, EnteringSlaves, List, Operation, SLAVES_MAX, SlaveNetwork, SlaveSetup,
+};
 use crate::xf::request::{DcSync, EcatInit, ReferenceClock, Slaves};
 
-impl<N: Network> Chip<N> {
+impl<N: SlaveNetwork> Chip<N> {
     /// Begins ECAT_INIT_OP: forgets the previous network.
-    pub(super) fn begin_init(&mut self, init: &EcatInit) -> Begun {
-        let old = std::mem::replace(&mut self.bus, Bus::new(self.timing.cycle_ns));
+    pub(super) fn begin_init(&mut self, init: &EcatInit) -> PartStart {
+        let old = std::mem::replace(&mut self.bus, KnownNetwork::new(self.timing.cycle_ns));
         (self.bus.lrw, self.bus.wkc_limit) = (old.lrw, old.wkc_limit);
         self.fifos.build(0, 0);
         self.phy_link = self.network.has_link();
         self.fifo_on = init.fifo_on;
         if !self.phy_link {
-            return Begun::FAILED;
+            return PartStart::FAILED;
         }
         self.ask_for(Operation::Scan)
     }
@@ -53,10 +55,10 @@ impl<N: Network> Chip<N> {
     ///
     /// `[OURS]` In another state the job fails. FIFOs that exceed their memory set the FIFO error, but the job
     /// succeeds.
-    pub(super) fn begin_map(&mut self) -> Begun {
+    pub(super) fn begin_map(&mut self) -> PartStart {
         let is_preop = |slave| self.network.state(slave) == Some(AlState::PreOp);
         if self.bus.count == 0 || !self.bus.slaves().all(is_preop) {
-            return Begun::FAILED;
+            return PartStart::FAILED;
         }
         self.begin_layout()
     }
@@ -72,11 +74,11 @@ impl<N: Network> Chip<N> {
         Progress::Done
     }
 
-    fn begin_layout(&mut self) -> Begun {
+    fn begin_layout(&mut self) -> PartStart {
         self.bus.mapped = false;
         let mut assigned = List::<_, SLAVES_MAX>::empty([None; 2]);
         self.bus.slaves().for_each(|slave| assigned.push(self.bus.assigned_lengths(slave)));
-        self.ask_network(|requests| async move { Gained::Lengths(pdos::lengths(&requests, &assigned).await) })
+        self.ask_network(|requests| async move { JobResult::Lengths(pdos::lengths(&requests, &assigned).await) })
     }
 
     /// Lays out process data; returns false if a slave's mapping could not be read, or if the data exceed the process
@@ -155,10 +157,10 @@ impl<N: Network> Chip<N> {
     /// lowest state; they go down in a single step.
     ///
     /// `[OURS]` If process data are not laid out yet, that is done before SafeOP, from the slaves' own mapping.
-    pub(super) fn begin_change(&mut self, job: &mut StateJob) -> Begun {
+    pub(super) fn begin_change(&mut self, job: &mut StateJob) -> PartStart {
         let Some(target) = job.target else {
             self.note_boot(job);
-            return Begun::FAILED;
+            return PartStart::FAILED;
         };
         let next = self.next_state(job).unwrap_or(target);
         if next >= AlState::SafeOp && !self.bus.mapped {
@@ -241,7 +243,7 @@ impl<N: Network> Chip<N> {
                 self.bus.places[usize::from(slave)].commanded = to;
                 self.note_refusal(slave, AlStatus::NONE);
             }
-            Err(EnterError::Refused(status)) => self.note_refusal(slave, status),
+            Err(EnterError::CommandRefused(status)) => self.note_refusal(slave, status),
             Err(EnterError::NoAnswer) => {}
         }
         self.bus.update(&self.network, slave);

@@ -4,7 +4,7 @@ use super::Lengths;
 use super::requests::Requests;
 use crate::ethercat::Ns;
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
-use crate::xf::chip::network::{IMAGE_MAX, Value};
+use crate::xf::chip::network::{IMAGE_MAX, SdoData};
 use crate::xf::request::{MappedObject, PdoAssignment, PdoConfig, PdoConfigForm, PdoConfigRequest, PdoMap};
 
 /// Timeout of an SDO transfer for a slave's mapping. `[OURS]`
@@ -26,7 +26,7 @@ async fn read_number(requests: &Requests, slave: u8, index: u16, sub: u8) -> Res
 
 async fn write_number(requests: &Requests, slave: u8, index: u16, sub: u8, value: &[u8]) -> Result<(), AbortCode> {
     let object = (slave, ObjectAddress::new(index, sub));
-    requests.write(object, SdoScope::Entry, Value::of(0, value), ANSWER_MAX_NS).await
+    requests.write(object, SdoScope::Entry, SdoData::of(0, value), ANSWER_MAX_NS).await
 }
 
 /// Reads one entry of a mapping object.

@@ -10,10 +10,10 @@ use std::task::{Context, Poll, Waker};
 
 use parking_lot::Mutex;
 
-use super::{Begun, Gained};
+use super::{JobResult, PartStart};
 use crate::ethercat::Ns;
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
-use crate::xf::chip::network::{Answer, Network, Operation, Value};
+use crate::xf::chip::network::{Operation, OperationAnswer, SdoData, SlaveNetwork};
 
 /// The state of a procedure's request.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
@@ -22,10 +22,10 @@ enum Slot {
     #[default]
     Empty,
     /// The procedure requests this operation.
-    Asked(Operation),
+    Requested(Operation),
     /// The network is executing the operation.
     Running,
-    Answered(Answer),
+    Answered(OperationAnswer),
 }
 
 /// The connection of a procedure to the network, through which it makes requests.
@@ -35,44 +35,44 @@ pub(in crate::xf::chip) struct Requests(Arc<Mutex<Slot>>);
 /// A running procedure.
 pub(in crate::xf::chip) struct Procedure {
     requests: Requests,
-    task: Pin<Box<dyn Future<Output = Gained> + Send>>,
+    task: Pin<Box<dyn Future<Output = JobResult> + Send>>,
 }
 
 impl Procedure {
     /// Continues the procedure as far as the network's answers allow; returns its result once it has ended.
-    pub(super) fn run(&mut self, network: &mut impl Network) -> Option<Gained> {
+    pub(super) fn run(&mut self, network: &mut impl SlaveNetwork) -> Option<JobResult> {
         self.requests.go_on(self.task.as_mut(), network)
     }
 }
 
 impl Requests {
     /// Starts a procedure. On a network that answers at once, the procedure ends at once and nothing is allocated.
-    pub(super) fn begin<F: Future<Output = Gained> + Send + 'static>(
+    pub(super) fn begin<F: Future<Output = JobResult> + Send + 'static>(
         &self,
-        network: &mut impl Network,
+        network: &mut impl SlaveNetwork,
         procedure: impl FnOnce(Self) -> F,
-    ) -> Begun {
+    ) -> PartStart {
         *self.0.lock() = Slot::Empty;
         let task = procedure(self.clone());
         if network.takes_time() {
-            return Begun::Procedure(Procedure { requests: self.clone(), task: Box::pin(task) });
+            return PartStart::Procedure(Procedure { requests: self.clone(), task: Box::pin(task) });
         }
-        Begun::Gained(self.go_on(pin!(task), network).unwrap_or(Gained::Failed))
+        PartStart::Result(self.go_on(pin!(task), network).unwrap_or(JobResult::Failed))
     }
 
     fn go_on(
         &self,
-        mut task: Pin<&mut (dyn Future<Output = Gained> + Send)>,
-        network: &mut impl Network,
-    ) -> Option<Gained> {
+        mut task: Pin<&mut (dyn Future<Output = JobResult> + Send)>,
+        network: &mut impl SlaveNetwork,
+    ) -> Option<JobResult> {
         let mut context = Context::from_waker(Waker::noop());
         loop {
-            if let Poll::Ready(gained) = task.as_mut().poll(&mut context) {
-                return Some(gained);
+            if let Poll::Ready(result) = task.as_mut().poll(&mut context) {
+                return Some(result);
             }
             let mut slot = self.0.lock();
             let answer = match std::mem::take(&mut *slot) {
-                Slot::Asked(operation) => network.start(operation),
+                Slot::Requested(operation) => network.start(operation),
                 _ => network.poll(),
             };
             *slot = answer.map_or(Slot::Running, Slot::Answered);
@@ -84,8 +84,8 @@ impl Requests {
 }
 
 impl Requests {
-    pub(super) async fn ask(&self, operation: Operation) -> Answer {
-        *self.0.lock() = Slot::Asked(operation);
+    pub(super) async fn ask(&self, operation: Operation) -> OperationAnswer {
+        *self.0.lock() = Slot::Requested(operation);
         poll_fn(|_| {
             let mut slot = self.0.lock();
             match std::mem::take(&mut *slot) {
@@ -106,9 +106,9 @@ impl Requests {
         scope: SdoScope,
         room: usize,
         timeout_ns: Ns,
-    ) -> Result<(Value, usize), AbortCode> {
+    ) -> Result<(SdoData, usize), AbortCode> {
         match self.ask(Operation::Read { slave, object, scope, room, timeout_ns }).await {
-            Answer::Value(value) => value,
+            OperationAnswer::Value(value) => value,
             _ => Err(AbortCode::TIMEOUT),
         }
     }
@@ -118,11 +118,11 @@ impl Requests {
         &self,
         (slave, object): (u8, ObjectAddress),
         scope: SdoScope,
-        value: Value,
+        value: SdoData,
         timeout_ns: Ns,
     ) -> Result<(), AbortCode> {
         match self.ask(Operation::Write { slave, object, scope, value, timeout_ns }).await {
-            Answer::Written(written) => written,
+            OperationAnswer::Written(written) => written,
             _ => Err(AbortCode::TIMEOUT),
         }
     }

@@ -1,19 +1,19 @@
 //! The ends of SDO transfers and of accesses to a slave's PDOs.
 
-use super::{Begun, Gained, Progress, SdoJob};
+use super::{JobResult, PartStart, Progress, SdoJob};
 use crate::ethercat::coe::AbortCode;
 use crate::xf::chip::Chip;
-use crate::xf::chip::network::{Answer, Network, Operation, Value};
+use crate::xf::chip::network::{Operation, OperationAnswer, SdoData, SlaveNetwork};
 
-impl<N: Network> Chip<N> {
-    pub(super) fn begin_sdo(&mut self, job: &SdoJob) -> Begun {
+impl<N: SlaveNetwork> Chip<N> {
+    pub(super) fn begin_sdo(&mut self, job: &SdoJob) -> PartStart {
         let (slave, object) = (job.slave, job.object);
         if let Some(code) = self.network.sdo_abort(slave, object) {
-            return Begun::Gained(Gained::Answer(Answer::Written(Err(code))));
+            return PartStart::Result(JobResult::Answer(OperationAnswer::Written(Err(code))));
         }
         let (scope, timeout_ns) = (job.scope, job.deadline - self.now);
         if job.writes {
-            let value = Value::of(0, &job.data[..job.bytes]);
+            let value = SdoData::of(0, &job.data[..job.bytes]);
             return self.ask_for(Operation::Write { slave, object, scope, value, timeout_ns });
         }
         let most = self.sdo.data.len();
@@ -25,13 +25,13 @@ impl<N: Network> Chip<N> {
     ///
     /// `[OURS]` The abort code is kept until the next transfer, and is 0 after a successful one. Of a value that is
     /// longer than the requested number of bytes, that many are returned; 0 requests as many as a data segment holds.
-    pub(super) fn end_sdo(&mut self, job: &SdoJob, gained: Gained) -> Progress {
-        let result = match gained {
-            Gained::Answer(Answer::Value(value)) => value.map(|(value, _)| {
+    pub(super) fn end_sdo(&mut self, job: &SdoJob, result: JobResult) -> Progress {
+        let result = match result {
+            JobResult::Answer(OperationAnswer::Value(value)) => value.map(|(value, _)| {
                 self.sdo.data[..value.len()].copy_from_slice(&value);
                 self.sdo.len = Some(value.len());
             }),
-            Gained::Answer(Answer::Written(result)) => result,
+            JobResult::Answer(OperationAnswer::Written(result)) => result,
             _ => Err(AbortCode::TIMEOUT),
         };
         self.sdo.abort = match result {

@@ -1,13 +1,13 @@
 //! Jobs that bypass the objects of slaves: sync managers, EEPROMs, datagrams, files, mailboxes.
 
-use super::{Begun, DatagramJob, EepromJob, FileJob, Gained, Progress, done_if};
+use super::{DatagramJob, EepromJob, FileJob, JobResult, PartStart, Progress, done_if};
 use crate::ethercat::coe::AbortCode;
 use crate::ethercat::foe::FoeError;
 use crate::ethercat::registers::{SmActivate, SmControl, SmDirection, SyncManager};
 use crate::ethercat::{Addressing, Command};
 use crate::xf::chip::Chip;
 use crate::xf::chip::flash::Flash;
-use crate::xf::chip::network::{Answer, EepromFailure, Network, Operation};
+use crate::xf::chip::network::{EepromFailure, Operation, OperationAnswer, SlaveNetwork};
 use crate::xf::chip::results::EepromResult;
 use crate::xf::request::{ConfigSyncManager, EepromOperation};
 
@@ -21,16 +21,16 @@ const fn eeprom_error(failure: EepromFailure) -> u8 {
     match failure {
         EepromFailure::NoAnswer => 1,
         EepromFailure::Busy => EEPROM_TIMED_OUT,
-        EepromFailure::Refused => 3,
+        EepromFailure::CommandRefused => 3,
     }
 }
 
 /// The error code in EEPROM_GET after a timeout of EEPROM_REQ. `[OURS]`
 const EEPROM_TIMED_OUT: u8 = 2;
 
-impl<N: Network> Chip<N> {
+impl<N: SlaveNetwork> Chip<N> {
     /// Begins EEPROM_REQ. `[OURS]` At the end of the EEPROM fewer words are read.
-    pub(super) fn begin_eeprom(&mut self, job: &EepromJob) -> Begun {
+    pub(super) fn begin_eeprom(&mut self, job: &EepromJob) -> PartStart {
         let EepromJob { slave, position, operation, .. } = *job;
         let operation = match operation {
             EepromOperation::Read => {
@@ -42,7 +42,7 @@ impl<N: Network> Chip<N> {
         self.ask_for(operation)
     }
 
-    pub(super) fn begin_datagram(&mut self, job: &DatagramJob) -> Begun {
+    pub(super) fn begin_datagram(&mut self, job: &DatagramJob) -> PartStart {
         let command = Command::from_code(job.operation.code());
         let address = match command.addressing() {
             Addressing::Logical => job.logical,
@@ -51,7 +51,7 @@ impl<N: Network> Chip<N> {
         self.ask_for(Operation::Datagram { command, address, data: job.data[..job.bytes].to_vec() })
     }
 
-    pub(super) fn begin_set_manager(&mut self, request: &ConfigSyncManager) -> Begun {
+    pub(super) fn begin_set_manager(&mut self, request: &ConfigSyncManager) -> PartStart {
         let registers = SyncManager {
             start: request.start,
             len: request.length,
@@ -79,9 +79,9 @@ impl<N: Network> Chip<N> {
 
     /// Ends EEPROM_REQ. `[OURS]` The result for EEPROM_GET is kept until the next EEPROM_REQ ends; after a write it has
     /// no data.
-    pub(super) fn end_eeprom(&mut self, gained: Gained) -> Progress {
-        let result = match gained {
-            Gained::Answer(Answer::Eeprom(result)) => result.map_err(eeprom_error),
+    pub(super) fn end_eeprom(&mut self, result: JobResult) -> Progress {
+        let result = match result {
+            JobResult::Answer(OperationAnswer::Eeprom(result)) => result.map_err(eeprom_error),
             _ => Err(EEPROM_TIMED_OUT),
         };
         self.results.eeprom = Some(match &result {
@@ -93,21 +93,21 @@ impl<N: Network> Chip<N> {
 
     /// Ends RAW_ECAT_FUNC_REQ. `[OURS]` A datagram that does not come back in time is a failure; its answer has the
     /// working counter -1.
-    pub(super) fn end_datagram(&mut self, job: &DatagramJob, gained: Gained) -> Progress {
-        let mut result = *job;
-        let came = match gained {
-            Gained::Answer(Answer::Datagram(came)) => came,
+    pub(super) fn end_datagram(&mut self, job: &DatagramJob, result: JobResult) -> Progress {
+        let came = match result {
+            JobResult::Answer(OperationAnswer::Datagram(came)) => came,
             _ => None,
         };
+        let mut datagram = *job;
         if let Some((data, working_counter)) = &came {
-            result.working_counter = (*working_counter).into();
-            result.data[..data.len()].copy_from_slice(data);
+            datagram.working_counter = (*working_counter).into();
+            datagram.data[..data.len()].copy_from_slice(data);
         }
-        self.results.datagram = Some(result);
+        self.results.datagram = Some(datagram);
         done_if(came.is_some())
     }
 
-    pub(super) fn begin_file(&mut self, job: &FileJob) -> Begun {
+    pub(super) fn begin_file(&mut self, job: &FileJob) -> PartStart {
         let (slave, name, password, timeout_ns) = (job.slave, job.name.clone(), job.password, job.timeout_ns);
         self.ask_for(if job.downloads {
             // The slice is valid: a command that reaches beyond the memory was refused.

@@ -3,7 +3,10 @@
 use std::collections::VecDeque;
 
 use super::wire::ChainWire;
-use super::{Answer, EepromFailure, EnterError, Entered, Exchange, Identity, Network, Operation, SlaveSetup, Value};
+use super::{
+    EepromFailure, EnterError, Entered, Operation, OperationAnswer, ProcessExchange, SdoData, SlaveIdentity,
+    SlaveNetwork, SlaveSetup,
+};
 use crate::ethercat::coe::Emergency;
 use crate::ethercat::registers::{AlStatusRegister, Features, SmActivate, SyncManager, sync_manager};
 use crate::ethercat::{AlState, AlStatus, Command, Ns, SlaveSet};
@@ -31,12 +34,15 @@ struct Pending {
     answer: Answering,
 }
 
-type Answering = Box<dyn FnMut(&mut Master) -> Option<Answer> + Send>;
+type Answering = Box<dyn FnMut(&mut Master) -> Option<OperationAnswer> + Send>;
 
 impl Pending {
     /// An operation that consists of these jobs of the master. The answer is made from the result of the last job to
     /// end.
-    fn new<T: Ending + 'static>(mut left: Vec<Job<T>>, answer: impl Fn(&Master, T) -> Answer + Send + 'static) -> Self {
+    fn new<T: Ending + 'static>(
+        mut left: Vec<Job<T>>,
+        answer: impl Fn(&Master, T) -> OperationAnswer + Send + 'static,
+    ) -> Self {
         let jobs = left.iter().map(|job| job.id()).collect();
         let ended = move |master: &mut Master| {
             let mut last = None;
@@ -57,11 +63,11 @@ pub struct Controllers {
     master: Master,
     wire: ChainWire,
     handle: SimHandle,
-    identities: Vec<Identity>,
+    identities: Vec<SlaveIdentity>,
     pending: Option<Pending>,
     /// The time at which the master is polled next for the running operation.
     next_work: Ns,
-    answer: Option<Answer>,
+    answer: Option<OperationAnswer>,
     emergencies: VecDeque<(u8, Emergency)>,
     is_first_slave_reference: bool,
     mail: Mail,
@@ -144,7 +150,7 @@ impl Controllers {
         }
         let Some(answer) = self.pending.as_mut().and_then(|pending| (pending.answer)(&mut self.master)) else { return };
         self.pending = None;
-        if matches!(answer, Answer::Scanned(_)) {
+        if matches!(answer, OperationAnswer::Scanned(_)) {
             self.identities = self.master.slaves().iter().map(identity).collect();
         }
         self.answer = Some(answer);
@@ -154,47 +160,51 @@ impl Controllers {
     fn begin(&mut self, operation: Operation) -> Option<Pending> {
         let master = &mut self.master;
         Some(match operation {
-            Operation::Scan => Pending::new(vec![master.scan()], |_, found| Answer::Scanned(found.unwrap_or(0))),
-            Operation::ReadStates => Pending::new(vec![master.read_states()], |_, ()| Answer::StatesRead),
+            Operation::Scan => {
+                Pending::new(vec![master.scan()], |_, found| OperationAnswer::Scanned(found.unwrap_or(0)))
+            }
+            Operation::ReadStates => Pending::new(vec![master.read_states()], |_, ()| OperationAnswer::StatesRead),
             Operation::Enter(slaves) => {
                 let changes = request_states(master, &slaves);
-                let answer = move |master: &Master, _| Answer::Entered(entered(master, &slaves));
+                let answer = move |master: &Master, _| OperationAnswer::Entered(entered(master, &slaves));
                 if changes.is_empty() {
-                    self.answer = Some(Answer::Entered(Entered::empty((0, AlState::Init, Ok(())))));
+                    self.answer = Some(OperationAnswer::Entered(Entered::empty((0, AlState::Init, Ok(())))));
                     return None;
                 }
                 Pending::new(changes, answer)
             }
             Operation::Read { slave, object, scope, room, timeout_ns } => {
                 Pending::new(vec![master.upload(slave + 1, object, scope, timeout_ns)], move |_, value| {
-                    let first = |value: Vec<u8>| (Value::of(0, &value[..value.len().min(room)]), value.len());
-                    Answer::Value(value.map(first).map_err(SdoError::abort_code))
+                    let first = |value: Vec<u8>| (SdoData::of(0, &value[..value.len().min(room)]), value.len());
+                    OperationAnswer::Value(value.map(first).map_err(SdoError::abort_code))
                 })
             }
             Operation::Write { slave, object, scope, value, timeout_ns } => {
                 let written = master.download(slave + 1, object, scope, &value, timeout_ns);
-                Pending::new(vec![written], |_, written| Answer::Written(written.map_err(SdoError::abort_code)))
+                Pending::new(vec![written], |_, written| {
+                    OperationAnswer::Written(written.map_err(SdoError::abort_code))
+                })
             }
             Operation::Datagram { command, address, data } => {
                 let answer = master.datagram(command, address, &data);
                 self.note_host_mail(command, address);
                 Pending::new(vec![answer], |_, answer| {
-                    Answer::Datagram(answer.ok().map(|answer| (answer.data, answer.working_counter)))
+                    OperationAnswer::Datagram(answer.ok().map(|answer| (answer.data, answer.working_counter)))
                 })
             }
             Operation::ReadEeprom { slave, word, count } => {
                 let read = master.read_eeprom(slave + 1, word, count);
-                Pending::new(vec![read], |_, words| Answer::Eeprom(words.map_err(eeprom_failure)))
+                Pending::new(vec![read], |_, words| OperationAnswer::Eeprom(words.map_err(eeprom_failure)))
             }
             Operation::WriteEeprom { slave, word, value } => {
                 let written = master.write_eeprom(slave + 1, word, &[value]);
                 Pending::new(vec![written], |_, written| {
-                    Answer::Eeprom(written.map(|()| Vec::new()).map_err(eeprom_failure))
+                    OperationAnswer::Eeprom(written.map(|()| Vec::new()).map_err(eeprom_failure))
                 })
             }
             Operation::SetManager { slave, number, registers } => {
                 if master.set_manager(slave + 1, number, registers).is_err() {
-                    self.answer = Some(Answer::ManagerSet(false));
+                    self.answer = Some(OperationAnswer::ManagerSet(false));
                     return None;
                 }
                 // The controller accepts start and length only while the sync manager is off.
@@ -203,18 +213,22 @@ impl Controllers {
                 let mut write = |registers: SyncManager| {
                     master.write_registers(slave + 1, sync_manager(number), &registers.encode())
                 };
-                Pending::new(vec![write(off), write(registers)], |_, written| Answer::ManagerSet(written.is_ok()))
+                Pending::new(vec![write(off), write(registers)], |_, written| {
+                    OperationAnswer::ManagerSet(written.is_ok())
+                })
             }
             Operation::ReadFile { slave, name, password, timeout_ns } => {
                 let read = master.read_file(slave + 1, &name, password, timeout_ns);
-                Pending::new(vec![read], |_, content| Answer::File(content.map_err(file_error)))
+                Pending::new(vec![read], |_, content| OperationAnswer::File(content.map_err(file_error)))
             }
             Operation::WriteFile { slave, name, password, content, timeout_ns } => {
                 let written = master.write_file(slave + 1, &name, password, &content, timeout_ns);
-                Pending::new(vec![written], |_, written| Answer::File(written.map(|()| Vec::new()).map_err(file_error)))
+                Pending::new(vec![written], |_, written| {
+                    OperationAnswer::File(written.map(|()| Vec::new()).map_err(file_error))
+                })
             }
             Operation::ReceiveMail { slave } => {
-                Pending::new(vec![master.receive_mail(slave + 1)], |_, mail| Answer::Mail(mail.ok().flatten()))
+                Pending::new(vec![master.receive_mail(slave + 1)], |_, mail| OperationAnswer::Mail(mail.ok().flatten()))
             }
         })
     }
@@ -258,8 +272,8 @@ impl Controllers {
     }
 }
 
-fn identity(info: &SlaveInfo) -> Identity {
-    Identity {
+fn identity(info: &SlaveInfo) -> SlaveIdentity {
+    SlaveIdentity {
         vendor: info.identity.vendor,
         product: info.identity.product,
         revision: info.identity.revision,
@@ -288,7 +302,7 @@ fn entered(master: &Master, slaves: &[(u8, AlState)]) -> Entered {
 fn has_entered(master: &Master, slave: u8, state: AlState) -> Result<(), EnterError> {
     let status = master.status(slave + 1).filter(|status| status.is_present).ok_or(EnterError::NoAnswer)?;
     let is_there = status.state() == Some(state) && !status.status.contains(AlStatusRegister::ERROR);
-    if is_there { Ok(()) } else { Err(EnterError::Refused(status.code)) }
+    if is_there { Ok(()) } else { Err(EnterError::CommandRefused(status.code)) }
 }
 
 const fn eeprom_failure(error: SiiError) -> EepromFailure {
@@ -299,7 +313,7 @@ const fn eeprom_failure(error: SiiError) -> EepromFailure {
         | SiiError::Empty(_)
         | SiiError::Checksum { .. }
         | SiiError::NoEnd { .. }
-        | SiiError::TooLong => EepromFailure::Refused,
+        | SiiError::TooLong => EepromFailure::CommandRefused,
     }
 }
 
@@ -310,7 +324,7 @@ const fn file_error(error: FileError) -> u32 {
     }
 }
 
-impl Network for Controllers {
+impl SlaveNetwork for Controllers {
     fn takes_time(&self) -> bool {
         true
     }
@@ -328,7 +342,7 @@ impl Network for Controllers {
         !self.chain().is_empty() && self.handle.reach() > 0
     }
 
-    fn identity(&self, slave: u8) -> Option<&Identity> {
+    fn identity(&self, slave: u8) -> Option<&SlaveIdentity> {
         self.identities.get(usize::from(slave))
     }
 
@@ -361,13 +375,13 @@ impl Network for Controllers {
         self.master.set_reference(reference);
     }
 
-    fn start(&mut self, operation: Operation) -> Option<Answer> {
+    fn start(&mut self, operation: Operation) -> Option<OperationAnswer> {
         self.give_up();
         (self.pending, self.next_work) = (self.begin(operation), self.wire.now);
         self.answer.take()
     }
 
-    fn poll(&mut self) -> Option<Answer> {
+    fn poll(&mut self) -> Option<OperationAnswer> {
         self.answer.take()
     }
 
@@ -388,7 +402,7 @@ impl Network for Controllers {
         self.poll_master(now);
     }
 
-    fn exchange(&mut self, Exchange { places, outputs, inputs, lrw }: Exchange<'_>) -> u16 {
+    fn exchange(&mut self, ProcessExchange { places, outputs, inputs, lrw }: ProcessExchange<'_>) -> u16 {
         self.master.set_lrw(lrw);
         for (slave, place) in (1..).zip(places) {
             if let Some(image) = self.master.outputs_mut(slave).filter(|image| image.len() == place.outputs().len()) {

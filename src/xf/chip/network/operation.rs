@@ -7,7 +7,7 @@ use crate::ethercat::{AlState, Command, Ns};
 use crate::xf::DataSize;
 
 /// The value of an object, limited to the size of a data segment.
-pub type Value = List<u8, { DataSize::MAX.get() as usize }>;
+pub type SdoData = List<u8, { DataSize::MAX.get() as usize }>;
 /// Slaves, each with the state that it has to enter.
 pub type EnteringSlaves = List<(u8, AlState), SLAVES_MAX>;
 /// Slaves that had to enter a state, each with that state and the result.
@@ -45,7 +45,7 @@ pub enum Operation {
         /// One entry, or all of them (complete access).
         scope: SdoScope,
         /// The whole value to write.
-        value: Value,
+        value: SdoData,
         /// The timeout for each answer of the slave.
         timeout_ns: Ns,
     },
@@ -119,7 +119,7 @@ pub enum Operation {
 /// The answer of a network. Each variant names the [`Operation`] that it answers.
 #[allow(clippy::large_enum_variant, reason = "there is one at a time, and boxing it would allocate")]
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Answer {
+pub enum OperationAnswer {
     /// [`Operation::Scan`]: the number of slaves found, at most [`SLAVES_MAX`].
     Scanned(u8),
     /// [`Operation::ReadStates`]: the states were read.
@@ -128,7 +128,7 @@ pub enum Answer {
     Entered(Entered),
     /// [`Operation::Read`]: as much of the value as there is room for, and its full length; or the abort code,
     /// [`AbortCode::TIMEOUT`] if the slave does not answer.
-    Value(Result<(Value, usize), AbortCode>),
+    Value(Result<(SdoData, usize), AbortCode>),
     /// [`Operation::Write`]: nothing, or the abort code as for [`Self::Value`].
     Written(Result<(), AbortCode>),
     /// [`Operation::Datagram`]: data and working counter; `None` if the datagram did not come back.
@@ -155,5 +155,5 @@ pub enum EepromFailure {
     /// The EEPROM was busy for too long, or in use by something else.
     Busy,
     /// The EEPROM refuses the command.
-    Refused,
+    CommandRefused,
 }

@@ -1,6 +1,8 @@
 //! Simulated slaves behind the chip, either as models or with slave controllers.
 
-use super::{Answer, Controllers, Exchange, Identity, Network, Operation, SlaveModels, SlaveSetup};
+use super::{
+    Controllers, Operation, OperationAnswer, ProcessExchange, SlaveIdentity, SlaveModels, SlaveNetwork, SlaveSetup,
+};
 use crate::ethercat::coe::{AbortCode, Emergency, ObjectAddress};
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::Slave;
@@ -51,7 +53,7 @@ macro_rules! either {
     };
 }
 
-impl Network for SimulatedNetwork {
+impl SlaveNetwork for SimulatedNetwork {
     fn takes_time(&self) -> bool {
         either!(self, network => network.takes_time())
     }
@@ -65,19 +67,19 @@ impl Network for SimulatedNetwork {
     }
 
     fn has_link(&self) -> bool {
-        either!(self, network => Network::has_link(network))
+        either!(self, network => SlaveNetwork::has_link(network))
     }
 
-    fn identity(&self, slave: u8) -> Option<&Identity> {
-        either!(self, network => Network::identity(network, slave))
+    fn identity(&self, slave: u8) -> Option<&SlaveIdentity> {
+        either!(self, network => SlaveNetwork::identity(network, slave))
     }
 
     fn has_dc(&self, slave: u8) -> bool {
-        either!(self, network => Network::has_dc(network, slave))
+        either!(self, network => SlaveNetwork::has_dc(network, slave))
     }
 
     fn state(&self, slave: u8) -> Option<AlState> {
-        either!(self, network => Network::state(network, slave))
+        either!(self, network => SlaveNetwork::state(network, slave))
     }
 
     fn al_status(&self, slave: u8) -> Option<AlStatus> {
@@ -93,18 +95,18 @@ impl Network for SimulatedNetwork {
     }
 
     fn sdo_delay_ns(&self, slave: u8) -> Ns {
-        either!(self, network => Network::sdo_delay_ns(network, slave))
+        either!(self, network => SlaveNetwork::sdo_delay_ns(network, slave))
     }
 
     fn sdo_abort(&self, slave: u8, object: ObjectAddress) -> Option<AbortCode> {
-        either!(self, network => Network::sdo_abort(network, slave, object))
+        either!(self, network => SlaveNetwork::sdo_abort(network, slave, object))
     }
 
-    fn start(&mut self, operation: Operation) -> Option<Answer> {
+    fn start(&mut self, operation: Operation) -> Option<OperationAnswer> {
         either!(self, network => network.start(operation))
     }
 
-    fn poll(&mut self) -> Option<Answer> {
+    fn poll(&mut self) -> Option<OperationAnswer> {
         either!(self, network => network.poll())
     }
 
@@ -120,12 +122,12 @@ impl Network for SimulatedNetwork {
         either!(self, network => network.work(now));
     }
 
-    fn exchange(&mut self, exchange: Exchange<'_>) -> u16 {
-        either!(self, network => Network::exchange(network, exchange))
+    fn exchange(&mut self, exchange: ProcessExchange<'_>) -> u16 {
+        either!(self, network => SlaveNetwork::exchange(network, exchange))
     }
 
     fn pass(&mut self, now: Ns, dt_ns: Ns) {
-        either!(self, network => Network::pass(network, now, dt_ns));
+        either!(self, network => SlaveNetwork::pass(network, now, dt_ns));
     }
 
     fn take_emergency(&mut self) -> Option<(u8, Emergency)> {

@@ -1,6 +1,6 @@
 //! A network of slave models that are called directly.
 
-use super::{AtOnce, EnterError, Identity, Place, SLAVES_MAX};
+use super::{EnterError, ImageRanges, ImmediateNetwork, SLAVES_MAX, SlaveIdentity};
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::{AlState, MAX_SLAVES, Ns};
 use crate::slave::handle::SimHandle;
@@ -9,7 +9,7 @@ use crate::slave::{Slave, step_all};
 /// A slave model at its position on the cable.
 struct Station {
     slave: Box<dyn Slave>,
-    identity: Identity,
+    identity: SlaveIdentity,
 }
 
 /// Slave models in the order of the cable, and the faults along it.
@@ -23,7 +23,7 @@ pub struct SlaveModels {
 impl SlaveModels {
     /// A network of these slaves. A scan finds at most the first 128 of them.
     pub fn new(slaves: Vec<Box<dyn Slave>>) -> Self {
-        let station = |slave| Station { slave, identity: Identity::default() };
+        let station = |slave| Station { slave, identity: SlaveIdentity::default() };
         Self { stations: slaves.into_iter().map(station).collect(), handle: SimHandle::default(), clock: 0 }
     }
 
@@ -101,7 +101,7 @@ impl SlaveModels {
 }
 
 /// Reads a slave's identity by SDO, in place of the EEPROM, which models do not have.
-fn identity(slave: &mut dyn Slave) -> Identity {
+fn identity(slave: &mut dyn Slave) -> SlaveIdentity {
     // Every slave can go to PreOP and back to Init; a slave that does not has no identity.
     let _ = slave.enter(AlState::PreOp);
     let mut number = |sub| slave.upload(ObjectAddress::new(0x1018, sub)).map_or(0, |value| value.bits);
@@ -110,10 +110,10 @@ fn identity(slave: &mut dyn Slave) -> Identity {
     let len = slave.read(ObjectAddress::new(0x1008, 0), SdoScope::Entry, &mut name).unwrap_or(0);
     let name = String::from_utf8_lossy(&name[..len.min(64)]).into_owned();
     let _ = slave.enter(AlState::Init);
-    Identity { vendor, product, revision, name, alias: 0 }
+    SlaveIdentity { vendor, product, revision, name, alias: 0 }
 }
 
-impl AtOnce for SlaveModels {
+impl ImmediateNetwork for SlaveModels {
     fn has_link(&self) -> bool {
         self.reachable() > 0
     }
@@ -129,7 +129,7 @@ impl AtOnce for SlaveModels {
         reachable as u8
     }
 
-    fn identity(&self, slave: u8) -> Option<&Identity> {
+    fn identity(&self, slave: u8) -> Option<&SlaveIdentity> {
         self.stations.get(usize::from(slave)).map(|station| &station.identity)
     }
 
@@ -145,9 +145,9 @@ impl AtOnce for SlaveModels {
         let refusal = self.handle.refusal(slave + 1, state);
         let station = self.answering_mut(slave).ok_or(EnterError::NoAnswer)?;
         if let Some(status) = refusal {
-            return Err(EnterError::Refused(status));
+            return Err(EnterError::CommandRefused(status));
         }
-        station.slave.enter(state).map_err(EnterError::Refused)
+        station.slave.enter(state).map_err(EnterError::CommandRefused)
     }
 
     fn set_sync_managers(&mut self, slave: u8, outputs: u16, inputs: u16) {
@@ -176,7 +176,7 @@ impl AtOnce for SlaveModels {
         self.answering_mut(slave).ok_or(AbortCode::TIMEOUT)?.slave.write(object, scope, value)
     }
 
-    fn exchange(&mut self, places: &[Place], outputs: &[u8], inputs: &mut [u8], _lrw: bool) -> u16 {
+    fn exchange(&mut self, places: &[ImageRanges], outputs: &[u8], inputs: &mut [u8], _lrw: bool) -> u16 {
         let reachable = self.reachable();
         let answering = self.handle.answering();
         let mut working_counter = 0;

@@ -8,7 +8,7 @@ mod needs_network_namespace {
     use std::time::{Duration, Instant};
 
     use ecmsk::ethercat::{Command as Datagram, DatagramHeader, ETHERTYPE, Frame, FrameHeader, FrameWriter};
-    use ecmsk::io::ethernet::{DefaultRoute, Socket, check};
+    use ecmsk::io::ethernet::{DefaultRoute, EthernetSocket, check};
     use masters::{MASTER, Rig};
     use support::failing_calls::{self, Blow, Run, Struck, Whose};
 
@@ -25,12 +25,12 @@ mod needs_network_namespace {
     const INPUTS: u16 = 0x0818;
 
     /// A look at the slave's memory that changes nothing in it.
-    struct Eye(Socket);
+    struct Eye(EthernetSocket);
 
     impl Eye {
         fn open() -> Self {
             let interface = check(MASTER, DefaultRoute::Allowed).expect("an interface");
-            Self(Socket::open(&interface, ETHERTYPE).expect("root"))
+            Self(EthernetSocket::open(&interface, ETHERTYPE).expect("root"))
         }
 
         /// Bytes of the first slave; `None`: it does not let them be read, as inputs below SafeOP.

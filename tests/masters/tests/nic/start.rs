@@ -7,7 +7,7 @@ mod needs_network_namespace {
 
     use ecmsk::ecm::{Axis, Close, Config, Ecm, Slave};
     use ecmsk::ethercat::{Command as Datagram, DatagramHeader, ETHERTYPE, FrameHeader, FrameWriter};
-    use ecmsk::io::ethernet::{DefaultRoute, Socket, check};
+    use ecmsk::io::ethernet::{DefaultRoute, EthernetSocket, check};
     use ecmsk::link::{LinkError, Share, open};
     use ecmsk::sk::MasterState;
     use masters::motion::{arrive, switch_on};
@@ -74,8 +74,8 @@ mod needs_network_namespace {
     fn another_master_is_named_before_anything_is_sent() {
         let rig = Rig::new("io", "nic_other");
         // What another master sends on the same cable arrives at both ends.
-        let other =
-            Socket::open(&check("veth1", DefaultRoute::Allowed).expect("the other end"), ETHERTYPE).expect("root");
+        let other = EthernetSocket::open(&check("veth1", DefaultRoute::Allowed).expect("the other end"), ETHERTYPE)
+            .expect("root");
         let mut frame = [0; 60];
         let mut writer = FrameWriter::new(&mut frame, FrameHeader::datagrams([0x10, 0, 0, 0, 0, 7])).expect("room");
         writer.push(DatagramHeader::register(Datagram::Brd, 0, 0, 0x0130), &[0; 2]).expect("room");
@@ -102,10 +102,11 @@ mod needs_network_namespace {
         const OPENED: usize = 400;
         let _rig = Rig::ring("io", "nic_deaf");
         let there = check(SECOND_MASTER, DefaultRoute::Allowed).expect("the second card");
-        let elsewhere = Socket::open(&check(SECOND_SLAVES, DefaultRoute::Allowed).expect("its other end"), ETHERTYPE);
+        let elsewhere =
+            EthernetSocket::open(&check(SECOND_SLAVES, DefaultRoute::Allowed).expect("its other end"), ETHERTYPE);
         let (elsewhere, here) =
             (elsewhere.expect("root"), check(MASTER, DefaultRoute::Allowed).expect("the first card"));
-        let listens = Socket::open(&there, ETHERTYPE).expect("root");
+        let listens = EthernetSocket::open(&there, ETHERTYPE).expect("root");
         let over = AtomicBool::new(false);
         std::thread::scope(|scope| {
             scope.spawn(|| {
@@ -119,7 +120,7 @@ mod needs_network_namespace {
             let mut buffer = [0; 1514];
             let mut heard = 0;
             for _ in 0..OPENED {
-                let socket = Socket::open(&here, ETHERTYPE).expect("root");
+                let socket = EthernetSocket::open(&here, ETHERTYPE).expect("root");
                 heard += usize::from(socket.take(&mut buffer).expect("it is there").is_some());
             }
             over.store(true, Ordering::Relaxed);

@@ -10,7 +10,7 @@ mod needs_network_namespace {
     use ecmsk::ecm::{Config, Ecm};
     use ecmsk::engine::Counters;
     use ecmsk::ethercat::{Command as Datagram, DatagramHeader, ETHERTYPE, FrameHeader, FrameWriter};
-    use ecmsk::io::ethernet::{DefaultRoute, Socket, check};
+    use ecmsk::io::ethernet::{DefaultRoute, EthernetSocket, check};
     use ecmsk::link::{Link, Share, open};
     use ecmsk::sk::StateByte;
     use masters::motion::{arrive, switch_on};
@@ -136,7 +136,7 @@ mod needs_network_namespace {
             let ends = Ends(&over);
             scope.spawn(|| {
                 let interface = check(SLAVES, DefaultRoute::Allowed).expect("the other end");
-                let other = Socket::open(&interface, ETHERTYPE).expect("root");
+                let other = EthernetSocket::open(&interface, ETHERTYPE).expect("root");
                 for n in (0..=u8::MAX).cycle() {
                     if over.load(Ordering::Relaxed) {
                         return;

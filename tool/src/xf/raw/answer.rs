@@ -2,7 +2,7 @@
 
 use ecmsk::cia402::Statusword;
 use ecmsk::coe::AbortCode;
-use ecmsk::xf::fields::{AnswerFields, Field, FunctionFields, Kind, Names, Value};
+use ecmsk::xf::fields::{AnswerFields, Field, FieldKind, FunctionFields, Names, Value};
 use ecmsk::xf::response::Returned;
 use serde_json::{Map, Value as Json, json};
 
@@ -59,21 +59,21 @@ fn of_number(field: &Field, number: i64) -> (String, Json) {
         (text, json!({"value": number, "name": name}))
     };
     match field.kind {
-        Kind::Hex => (format!("{} ({number})", hex()), number.into()),
-        Kind::Named(names) | Kind::Choice(names) => match name_of(number, names) {
+        FieldKind::Hex => (format!("{} ({number})", hex()), number.into()),
+        FieldKind::Named(names) | FieldKind::Choice(names) => match name_of(number, names) {
             Some(name) => (format!("{name} ({number})"), json!({"value": number, "name": name})),
             None => (number.to_string(), json!({"value": number, "name": null})),
         },
-        Kind::Bits(names) => {
+        FieldKind::Bits(names) => {
             let set = |(name, bits): &&(&str, u32)| {
                 (bits.is_power_of_two() && number & i64::from(*bits) != 0).then(|| word(name))
             };
             let names: Vec<String> = names.iter().filter_map(|bit| set(&bit)).collect();
             (format!("{} ({})", listed(&names), hex()), json!({"value": number, "names": names}))
         }
-        Kind::DriveState => with_name(Statusword(number as u16).state().map(|state| state.name().to_owned())),
-        Kind::Abort if number == 0 => with_name(Some("none".to_owned())),
-        Kind::Abort => with_name(AbortCode(number as u32).text().map(str::to_owned)),
+        FieldKind::DriveState => with_name(Statusword(number as u16).state().map(|state| state.name().to_owned())),
+        FieldKind::Abort if number == 0 => with_name(Some("none".to_owned())),
+        FieldKind::Abort => with_name(AbortCode(number as u32).text().map(str::to_owned)),
         _ => (number.to_string(), number.into()),
     }
 }
@@ -82,20 +82,20 @@ fn name_of(number: i64, names: Names) -> Option<String> {
     names.iter().find(|(_, known)| i64::from(*known) == number).map(|(name, _)| word(name))
 }
 
-fn of_bytes(kind: Kind, bytes: &[u8]) -> (String, Json) {
+fn of_bytes(kind: FieldKind, bytes: &[u8]) -> (String, Json) {
     match kind {
-        Kind::Text | Kind::NumberOrText => {
+        FieldKind::Text | FieldKind::NumberOrText => {
             let text = String::from_utf8_lossy(bytes);
             let text = text.trim_end_matches(['\0', ' ']);
             (text.to_owned(), text.into())
         }
-        Kind::Objects { .. } => {
+        FieldKind::Objects { .. } => {
             let objects =
                 bytes.as_chunks::<4>().0.iter().map(|object| format!("0x{:08X}", u32::from_le_bytes(*object)));
             let objects: Vec<_> = objects.collect();
             (listed(&objects), objects.into())
         }
-        Kind::SlaveSet => {
+        FieldKind::SlaveSet => {
             let slaves = (0..8 * bytes.len()).filter(|slave| bytes[slave / 8] >> (slave % 8) & 1 == 1);
             let slaves: Vec<_> = slaves.collect();
             (listed(&slaves.iter().map(usize::to_string).collect::<Vec<_>>()), slaves.into())

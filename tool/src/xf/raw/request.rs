@@ -1,6 +1,6 @@
 //! Fields of the command line.
 
-use ecmsk::xf::fields::{Draft, Field, FunctionFields, Kind, Names, Value};
+use ecmsk::xf::fields::{Draft, Field, FieldKind, FunctionFields, Names, Value};
 
 use crate::board::whole;
 use crate::hex::parse_hex;
@@ -82,14 +82,16 @@ impl Parsed {
             known.map(Self::Number).ok_or_else(|| format!("allowed: {}", allowed()))
         };
         match field.kind {
-            Kind::Named(names) | Kind::Choice(names) => number(names),
-            Kind::DriveState => number(DRIVE_STATES),
-            Kind::Bits(names) => bits(text, names).map(Self::Number),
-            Kind::Text => Ok(Self::Bytes(text.as_bytes().to_vec())),
-            Kind::Bytes => parse_hex(text).map(Self::Bytes),
-            Kind::Objects { .. } => objects(text).map(Self::Bytes),
-            Kind::SlaveSet => slave_set(text).map(Self::Bytes),
-            Kind::Number | Kind::Signed | Kind::Hex | Kind::Abort | Kind::NumberOrText => number(&[]),
+            FieldKind::Named(names) | FieldKind::Choice(names) => number(names),
+            FieldKind::DriveState => number(DRIVE_STATES),
+            FieldKind::Bits(names) => bits(text, names).map(Self::Number),
+            FieldKind::Text => Ok(Self::Bytes(text.as_bytes().to_vec())),
+            FieldKind::Bytes => parse_hex(text).map(Self::Bytes),
+            FieldKind::Objects { .. } => objects(text).map(Self::Bytes),
+            FieldKind::SlaveSet => slave_set(text).map(Self::Bytes),
+            FieldKind::Number | FieldKind::Signed | FieldKind::Hex | FieldKind::Abort | FieldKind::NumberOrText => {
+                number(&[])
+            }
         }
     }
 }
@@ -145,16 +147,16 @@ pub fn described(row: &FunctionFields) -> String {
 fn allowed(field: &Field) -> String {
     let largest = || if field.width >= 32 { u32::MAX } else { (1 << field.width) - 1 };
     match field.kind {
-        Kind::Number | Kind::Abort | Kind::NumberOrText => format!("0..{}", largest()),
-        Kind::Hex => format!("0..0x{:X}", largest()),
-        Kind::Signed => "NUMBER".to_owned(),
-        Kind::Named(names) => format!("0..{}|{}", largest(), list(names).join("|")),
-        Kind::Choice(names) => list(names).join("|"),
-        Kind::DriveState => DRIVE_STATES.iter().map(|(name, _)| word(name)).collect::<Vec<_>>().join("|"),
-        Kind::Bits(names) => format!("{}|none, with commas", list(names).join("|")),
-        Kind::Bytes => "HEX".to_owned(),
-        Kind::Text => "TEXT".to_owned(),
-        Kind::Objects { .. } => "0x60400010,..".to_owned(),
-        Kind::SlaveSet => "0,2,..".to_owned(),
+        FieldKind::Number | FieldKind::Abort | FieldKind::NumberOrText => format!("0..{}", largest()),
+        FieldKind::Hex => format!("0..0x{:X}", largest()),
+        FieldKind::Signed => "NUMBER".to_owned(),
+        FieldKind::Named(names) => format!("0..{}|{}", largest(), list(names).join("|")),
+        FieldKind::Choice(names) => list(names).join("|"),
+        FieldKind::DriveState => DRIVE_STATES.iter().map(|(name, _)| word(name)).collect::<Vec<_>>().join("|"),
+        FieldKind::Bits(names) => format!("{}|none, with commas", list(names).join("|")),
+        FieldKind::Bytes => "HEX".to_owned(),
+        FieldKind::Text => "TEXT".to_owned(),
+        FieldKind::Objects { .. } => "0x60400010,..".to_owned(),
+        FieldKind::SlaveSet => "0,2,..".to_owned(),
     }
 }

@@ -11,7 +11,7 @@ use super::super::api::{
     InterfaceDescriptor, InterfaceSettings, PollDescriptor, RawContext, RawDevice, RawHandle, RawTransfer, TIMEOUT,
     status,
 };
-use super::{Ending, FakeUsb, NEXT, NO_DEVICE, PRODUCT, Takes, VENDOR, report_of, to_host};
+use super::{Ending, FakeUsb, NEXT, NO_DEVICE, PRODUCT, ReportReaction, VENDOR, report_of, to_host};
 
 const IO: c_int = -1;
 const NOT_FOUND: c_int = -5;
@@ -269,8 +269,8 @@ unsafe extern "C" fn cancel(transfer: *mut RawTransfer) -> c_int {
         inside.cancels += 1;
         let Some(at) = inside.pending.iter().position(|other| *other == transfer) else { return NOT_FOUND };
         inside.pending.remove(at);
-        let moved = match inside.takes {
-            Takes::None { moved } if !to_host(transfer) => moved,
+        let moved = match inside.reaction {
+            ReportReaction::None { moved } if !to_host(transfer) => moved,
             _ => 0,
         };
         if moved == REPORT_LEN {

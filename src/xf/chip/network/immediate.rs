@@ -1,13 +1,16 @@
 //! Networks that execute every operation at once.
 
-use super::{Answer, EnterError, Entered, Exchange, Identity, Network, Operation, Place, SlaveSetup, Value};
+use super::{
+    EnterError, Entered, ImageRanges, Operation, OperationAnswer, ProcessExchange, SdoData, SlaveIdentity,
+    SlaveNetwork, SlaveSetup,
+};
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::{AlState, Ns};
 
 /// A network whose slaves are called directly and not by frames, so that nothing takes time. It has no registers,
 /// EEPROMs, files or mailboxes. Slaves are numbered from 0. A number without a slave behaves like a slave that does not
 /// answer.
-pub trait AtOnce: Send {
+pub trait ImmediateNetwork: Send {
     /// Whether the network port has a link.
     fn has_link(&self) -> bool;
 
@@ -16,7 +19,7 @@ pub trait AtOnce: Send {
     fn scan(&mut self) -> u8;
 
     /// The identity of a slave, as read by the last scan; `None` if there is no such slave.
-    fn identity(&self, slave: u8) -> Option<&Identity>;
+    fn identity(&self, slave: u8) -> Option<&SlaveIdentity>;
 
     /// Whether the slave has distributed clocks.
     fn has_dc(&self, slave: u8) -> bool;
@@ -59,32 +62,32 @@ pub trait AtOnce: Send {
         None
     }
 
-    /// Exchanges the process data of a cycle, as in [`Network::exchange`]; returns the working counter.
-    fn exchange(&mut self, places: &[Place], outputs: &[u8], inputs: &mut [u8], lrw: bool) -> u16;
+    /// Exchanges the process data of a cycle, as in [`SlaveNetwork::exchange`]; returns the working counter.
+    fn exchange(&mut self, places: &[ImageRanges], outputs: &[u8], inputs: &mut [u8], lrw: bool) -> u16;
 
     /// Lets `dt_ns` pass in the slaves.
     fn pass(&mut self, dt_ns: Ns);
 }
 
-impl<N: AtOnce> Network for N {
+impl<N: ImmediateNetwork> SlaveNetwork for N {
     fn takes_time(&self) -> bool {
         false
     }
 
     fn has_link(&self) -> bool {
-        AtOnce::has_link(self)
+        ImmediateNetwork::has_link(self)
     }
 
-    fn identity(&self, slave: u8) -> Option<&Identity> {
-        AtOnce::identity(self, slave)
+    fn identity(&self, slave: u8) -> Option<&SlaveIdentity> {
+        ImmediateNetwork::identity(self, slave)
     }
 
     fn has_dc(&self, slave: u8) -> bool {
-        AtOnce::has_dc(self, slave)
+        ImmediateNetwork::has_dc(self, slave)
     }
 
     fn state(&self, slave: u8) -> Option<AlState> {
-        AtOnce::state(self, slave)
+        ImmediateNetwork::state(self, slave)
     }
 
     fn set_up(&mut self, slave: u8, setup: &SlaveSetup) -> bool {
@@ -94,11 +97,11 @@ impl<N: AtOnce> Network for N {
     }
 
     fn sdo_delay_ns(&self, slave: u8) -> Ns {
-        AtOnce::sdo_delay_ns(self, slave)
+        ImmediateNetwork::sdo_delay_ns(self, slave)
     }
 
     fn sdo_abort(&self, slave: u8, object: ObjectAddress) -> Option<AbortCode> {
-        AtOnce::sdo_abort(self, slave, object)
+        ImmediateNetwork::sdo_abort(self, slave, object)
     }
 
     fn knows_registers(&self) -> bool {
@@ -106,32 +109,32 @@ impl<N: AtOnce> Network for N {
     }
 
     /// Executes the operation at once and returns its answer.
-    fn start(&mut self, operation: Operation) -> Option<Answer> {
+    fn start(&mut self, operation: Operation) -> Option<OperationAnswer> {
         Some(match operation {
-            Operation::Scan => Answer::Scanned(self.scan()),
-            Operation::ReadStates => Answer::StatesRead,
+            Operation::Scan => OperationAnswer::Scanned(self.scan()),
+            Operation::ReadStates => OperationAnswer::StatesRead,
             Operation::Enter(slaves) => {
                 let mut entered = Entered::empty((0, AlState::Init, Ok(())));
                 slaves.iter().for_each(|(slave, state)| entered.push((*slave, *state, self.enter(*slave, *state))));
-                Answer::Entered(entered)
+                OperationAnswer::Entered(entered)
             }
             Operation::Read { slave, object, scope, room, .. } => {
-                let mut value = Value::empty(0);
+                let mut value = SdoData::empty(0);
                 let len = value.fill(room, |room| self.read(slave, object, scope, room));
-                Answer::Value(len.map(|len| (value, len)))
+                OperationAnswer::Value(len.map(|len| (value, len)))
             }
             Operation::Write { slave, object, scope, value, .. } => {
-                Answer::Written(self.write(slave, object, scope, &value))
+                OperationAnswer::Written(self.write(slave, object, scope, &value))
             }
-            _ => Answer::Unknown,
+            _ => OperationAnswer::Unknown,
         })
     }
 
-    fn exchange(&mut self, exchange: Exchange<'_>) -> u16 {
-        AtOnce::exchange(self, exchange.places, exchange.outputs, exchange.inputs, exchange.lrw)
+    fn exchange(&mut self, exchange: ProcessExchange<'_>) -> u16 {
+        ImmediateNetwork::exchange(self, exchange.places, exchange.outputs, exchange.inputs, exchange.lrw)
     }
 
     fn pass(&mut self, _now: Ns, dt_ns: Ns) {
-        AtOnce::pass(self, dt_ns);
+        ImmediateNetwork::pass(self, dt_ns);
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{Xf, XfError};
 use crate::link::chip_link::ChipLink;
-use crate::xf::host::ProcessData;
+use crate::xf::host::ProcessRequest;
 use crate::xf::request::{Call, PdoData, PdoDataFifo, PdoOperation, Visit};
 use crate::xf::response::{Answer, PdoExchange, Returned};
 use crate::xf::{Allowed, Malformed, Request};
@@ -44,9 +44,9 @@ impl<L: ChipLink> Xf<L> {
         }
     }
 
-    fn run_process(&mut self, exchanged: ProcessData<'_>, data: &mut [u8]) -> Result<Returned, XfError> {
+    fn run_process(&mut self, exchanged: ProcessRequest<'_>, data: &mut [u8]) -> Result<Returned, XfError> {
         let written = match exchanged {
-            ProcessData::Read { .. } | ProcessData::DirectRead => PdoOperation::NONE,
+            ProcessRequest::Read { .. } | ProcessRequest::DirectRead => PdoOperation::NONE,
             _ => PdoOperation::WRITE,
         };
         let read = self.exchange_raw(exchanged)?;
@@ -56,22 +56,22 @@ impl<L: ChipLink> Xf<L> {
     }
 }
 
-fn through_fifo<'d>(request: &PdoDataFifo<'d>) -> Result<ProcessData<'d>, Malformed> {
+fn through_fifo<'d>(request: &PdoDataFifo<'d>) -> Result<ProcessRequest<'d>, Malformed> {
     let PdoDataFifo { count, operation, data: outputs } = *request;
     match (operation.contains(PdoOperation::WRITE), operation.contains(PdoOperation::READ)) {
-        (true, true) => Ok(ProcessData::Exchange { count, outputs }),
-        (true, false) => Ok(ProcessData::Write { count, outputs }),
-        (false, true) => Ok(ProcessData::Read { count }),
+        (true, true) => Ok(ProcessRequest::Exchange { count, outputs }),
+        (true, false) => Ok(ProcessRequest::Write { count, outputs }),
+        (false, true) => Ok(ProcessRequest::Read { count }),
         (false, false) => Err(without_operation("PDO_DATA_FIFO_OP operation", operation)),
     }
 }
 
-fn past_fifo<'d>(request: &PdoData<'d>) -> Result<ProcessData<'d>, Malformed> {
+fn past_fifo<'d>(request: &PdoData<'d>) -> Result<ProcessRequest<'d>, Malformed> {
     let PdoData { operation, data: outputs } = *request;
     // Without the bit "valid" the chip writes and reads.
     match (operation.contains(PdoOperation::VALID), operation.contains(PdoOperation::WRITE)) {
-        (false, _) | (true, true) => Ok(ProcessData::DirectExchange { outputs }),
-        (true, false) if operation.contains(PdoOperation::READ) => Ok(ProcessData::DirectRead),
+        (false, _) | (true, true) => Ok(ProcessRequest::DirectExchange { outputs }),
+        (true, false) if operation.contains(PdoOperation::READ) => Ok(ProcessRequest::DirectRead),
         (true, false) => Err(without_operation("PDO_DATA_OP operation", operation)),
     }
 }

@@ -5,14 +5,14 @@ use crate::xf::{AnswerHeader, DataSize, HEADER_LEN, MAX_PACKET};
 /// A double buffer for packets: the next packet is received in one buffer while the TxPDOs stay in the other, so that
 /// they need not be copied.
 #[derive(Clone, Debug)]
-pub(super) struct Inbox {
+pub(super) struct ReceiveBuffer {
     packets: [[u8; MAX_PACKET]; 2],
     /// The buffer in which the next packet is received.
     current: usize,
     inputs_len: usize,
 }
 
-impl Inbox {
+impl ReceiveBuffer {
     pub(super) const fn new() -> Self {
         Self { packets: [[0; MAX_PACKET]; 2], current: 0, inputs_len: 0 }
     }

@@ -1,66 +1,66 @@
-//! The place of a part of a layout, and its properties.
+//! The declaration of a field in a layout: its position and its properties.
 
-use super::{FieldValue, Part, Reader, ValueAnswer, Writer};
-use crate::xf::fields::{Field, Kind, Names, Place};
+use super::{FieldContent, FieldReader, FieldValue, FieldWriter, ValueAnswer};
+use crate::xf::fields::{Field, FieldKind, FieldPosition, Names};
 use crate::xf::{Allowed, Malformed};
 
 /// A field in a layout declaration, whose name and type are added later, with the numbers on the wire that belong to
 /// it.
 #[derive(Clone, Copy, Debug)]
-pub struct Spot {
+pub struct FieldDecl {
     /// The field, as far as it is declared.
     pub field: Field,
     /// The number on the wire that counts the field's bytes.
-    pub count: Option<Count>,
+    pub count: Option<ByteCount>,
     /// A fixed number on the wire that precedes the field.
     pub fixed: Option<Fixed>,
 }
 
 /// The parameter byte of a command, `par`.
-pub const fn par() -> Spot {
-    Spot::new(Place::Parameter)
+pub const fn par() -> FieldDecl {
+    FieldDecl::new(FieldPosition::Parameter)
 }
 
 /// The return byte of an answer, `ret`.
-pub const fn ret() -> Spot {
-    Spot::new(Place::Return)
+pub const fn ret() -> FieldDecl {
+    FieldDecl::new(FieldPosition::Return)
 }
 
 /// An information byte of a command, `i0` to `i3`.
-pub const fn info(byte: u8) -> Spot {
-    Spot::new(Place::Info(byte))
+pub const fn info(byte: u8) -> FieldDecl {
+    FieldDecl::new(FieldPosition::Info(byte))
 }
 
 /// Word 0x08 of a command.
-pub const fn reserve() -> Spot {
-    Spot::new(Place::Reserve)
+pub const fn reserve() -> FieldDecl {
+    FieldDecl::new(FieldPosition::Reserve)
 }
 
 /// Word 0x0E of a command, for commands in which it is not a length.
-pub const fn length() -> Spot {
-    Spot::new(Place::Length)
+pub const fn length() -> FieldDecl {
+    FieldDecl::new(FieldPosition::Length)
 }
 
 /// A position in the data segment.
-pub const fn at(byte: u16) -> Spot {
-    Spot::new(Place::Data(byte))
+pub const fn at(byte: u16) -> FieldDecl {
+    FieldDecl::new(FieldPosition::Data(byte))
 }
 
 /// A field from a byte of the data segment to the end of the valid data. In a request it may be empty.
-pub const fn tail(byte: u16) -> Spot {
+pub const fn tail(byte: u16) -> FieldDecl {
     at(byte).or(0)
 }
 
 /// The name of an answer that is a single value.
-pub const fn value(name: &'static str) -> Spot {
+pub const fn value(name: &'static str) -> FieldDecl {
     at(0).named(name)
 }
 
-impl Spot {
-    const fn new(place: Place) -> Self {
-        let (kind, default, counts) = (Kind::Number, None, None);
+impl FieldDecl {
+    const fn new(position: FieldPosition) -> Self {
+        let (kind, default, counts) = (FieldKind::Number, None, None);
         Self {
-            field: Field { name: "", place, bytes: 0, shift: 0, width: 0, kind, default, counts },
+            field: Field { name: "", position, bytes: 0, shift: 0, width: 0, kind, default, counts },
             count: None,
             fixed: None,
         }
@@ -86,23 +86,23 @@ impl Spot {
     }
 
     /// Sets the kind of the content, if the type does not define it.
-    pub const fn kind(self, kind: Kind) -> Self {
+    pub const fn kind(self, kind: FieldKind) -> Self {
         self.with(Field { kind, ..self.field })
     }
 
     /// Shows the field in hexadecimal.
     pub const fn hex(self) -> Self {
-        self.kind(Kind::Hex)
+        self.kind(FieldKind::Hex)
     }
 
     /// Limits the field to these named numbers.
     pub const fn one_of(self, names: Names) -> Self {
-        self.kind(Kind::Choice(names))
+        self.kind(FieldKind::Choice(names))
     }
 
     /// Makes the field a set of these named bits.
     pub const fn bits(self, names: Names) -> Self {
-        self.kind(Kind::Bits(names))
+        self.kind(FieldKind::Bits(names))
     }
 
     /// Sets the value that the field has if a request does not name it.
@@ -115,17 +115,17 @@ impl Spot {
         self.with(Field { counts: Some(field), default: Some(0), ..self.field })
     }
 
-    /// The size of the field is a number at another spot, of 2 bytes unless that spot says otherwise. `name` is the
+    /// The size of the field is a number in another field, of 2 bytes unless that declaration says otherwise. `name` is the
     /// number's name in errors.
     pub const fn counted(self, at: Self, name: &'static str, allowed: Allowed) -> Self {
         let field = at.or(0).of::<u16>("bytes").field;
-        Self { count: Some(Count { field, name, allowed, valid: None }), ..self }
+        Self { count: Some(ByteCount { field, name, allowed, valid: None }), ..self }
     }
 
     /// Requires that the counted bytes are also valid by the length field, whose name in errors is `name`.
     pub const fn all_valid(self, name: &'static str) -> Self {
         match self.count {
-            Some(count) => Self { count: Some(Count { valid: Some(name), ..count }), ..self },
+            Some(count) => Self { count: Some(ByteCount { valid: Some(name), ..count }), ..self },
             None => self,
         }
     }
@@ -137,7 +137,7 @@ impl Spot {
 
     /// Completes the declaration of a field: adds the name of the Rust field, unless the declaration has one, and the
     /// properties of its type.
-    pub const fn of<'d, T: Part<'d>>(self, name: &'static str) -> Self {
+    pub const fn of<'d, T: FieldContent<'d>>(self, name: &'static str) -> Self {
         let field = self.field;
         let bytes = if field.bytes > 0 { field.bytes } else { T::BYTES };
         let whole = if bytes > 4 { 0 } else { bytes * 8 };
@@ -145,40 +145,40 @@ impl Spot {
             name: if field.name.is_empty() { name } else { field.name },
             bytes,
             width: if field.width > 0 { field.width } else { whole },
-            kind: if matches!(field.kind, Kind::Number) { T::KIND } else { field.kind },
+            kind: if matches!(field.kind, FieldKind::Number) { T::KIND } else { field.kind },
             ..field
         })
     }
 
     /// The field of an answer that is a single value of type `T`.
     pub const fn returned<T: ValueAnswer>(self) -> Field {
-        Field { place: T::AT, ..self.of::<T>("").field }
+        Field { position: T::AT, ..self.of::<T>("").field }
     }
 
     /// The position in the data segment at which the field begins.
     pub const fn byte(&self) -> usize {
-        match self.field.place {
-            Place::Data(byte) => byte as usize,
+        match self.field.position {
+            FieldPosition::Data(byte) => byte as usize,
             _ => 0,
         }
     }
 
-    /// Writes the part at this spot.
+    /// Writes the content at the field's position.
     #[inline]
-    pub fn put<'d, T: Part<'d>>(&self, part: &T, to: &mut Writer<'_>) -> Result<(), Malformed> {
+    pub fn put<'d, T: FieldContent<'d>>(&self, part: &T, to: &mut FieldWriter<'_>) -> Result<(), Malformed> {
         part.put(self, to)
     }
 
-    /// Reads the part from this spot.
+    /// Reads the content from the field's position.
     #[inline]
-    pub fn take<'d, T: Part<'d>>(&self, from: &Reader<'d>) -> Result<T, Malformed> {
+    pub fn take<'d, T: FieldContent<'d>>(&self, from: &FieldReader<'d>) -> Result<T, Malformed> {
         T::take(self, from)
     }
 }
 
 /// The size of a field, as a number in another field.
 #[derive(Clone, Copy, Debug)]
-pub struct Count {
+pub struct ByteCount {
     /// The field with the number.
     pub field: Field,
     name: &'static str,
@@ -186,7 +186,7 @@ pub struct Count {
     valid: Option<&'static str>,
 }
 
-impl Count {
+impl ByteCount {
     /// Returns the number if it is allowed.
     fn checked(&self, found: u32) -> Result<u32, Malformed> {
         match self.allowed {
@@ -197,7 +197,7 @@ impl Count {
         }
     }
 
-    pub(super) fn put(&self, bytes: usize, to: &mut Writer<'_>) -> Result<(), Malformed> {
+    pub(super) fn put(&self, bytes: usize, to: &mut FieldWriter<'_>) -> Result<(), Malformed> {
         self.field.put(self.checked(u32::try_from(bytes).unwrap_or(u32::MAX))?, to)
     }
 
@@ -205,7 +205,7 @@ impl Count {
     ///
     /// `[OURS]` Valid bytes beyond this size are ignored. If fewer bytes are valid, the request is malformed, for
     /// fields whose bytes must be valid.
-    pub(super) fn take(&self, begin: usize, from: &Reader<'_>) -> Result<usize, Malformed> {
+    pub(super) fn take(&self, begin: usize, from: &FieldReader<'_>) -> Result<usize, Malformed> {
         let bytes = self.checked(self.field.take(from)?)? as usize;
         if let Some(name) = self.valid {
             Malformed::at_least(name, from.arguments.len.into(), begin + bytes)?;
@@ -226,13 +226,18 @@ pub struct Fixed {
 }
 
 impl Fixed {
-    /// The fixed number is the default of this spot. `name` is its name in errors.
-    pub const fn new<T: FieldValue>(spot: Spot, looked_at: u32, name: &'static str, allowed: &'static str) -> Self {
-        Self { field: spot.of::<T>("number").field, looked_at, name, allowed }
+    /// The fixed number is the default of this field. `name` is its name in errors.
+    pub const fn new<T: FieldValue>(
+        decl: FieldDecl,
+        looked_at: u32,
+        name: &'static str,
+        allowed: &'static str,
+    ) -> Self {
+        Self { field: decl.of::<T>("number").field, looked_at, name, allowed }
     }
 
     /// Writes the fixed number.
-    pub fn put(&self, to: &mut Writer<'_>) -> Result<(), Malformed> {
+    pub fn put(&self, to: &mut FieldWriter<'_>) -> Result<(), Malformed> {
         self.field.put(self.field.default.unwrap_or(0), to)
     }
 
@@ -240,7 +245,7 @@ impl Fixed {
     ///
     /// # Errors
     /// The number differs from the fixed one.
-    pub fn check(&self, from: &Reader<'_>) -> Result<(), Malformed> {
+    pub fn check(&self, from: &FieldReader<'_>) -> Result<(), Malformed> {
         let (found, fixed) = (self.field.take(from)?, self.field.default.unwrap_or(0));
         let is_right = found & self.looked_at == fixed & self.looked_at;
         if is_right { Ok(()) } else { Err(Malformed::only(self.name, found, self.allowed)) }

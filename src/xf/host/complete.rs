@@ -1,6 +1,6 @@
 //! Applies the end of a packet to the command or the process data for which it was sent.
 
-use super::flight::{Flight, Part, Purpose, Verdict};
+use super::flight::{AnswerMatch, CommandPart, Flight, Purpose};
 use super::process::{NOT_TAKEN, Overtaken, ProcessOutcome};
 use super::received::running_since;
 use super::slots::{SlotState, has_result, only_reads};
@@ -13,21 +13,21 @@ use crate::xf::{AnswerHeader, AnswerPacket, CheckRule, CheckType, CommandCode, D
 
 impl Host {
     /// Ends the packet `flight`: its answer has come, or the answer is lost and `header` shows that the command ran.
-    pub(super) fn settle(&mut self, now: Ns, flight: &Flight, verdict: Verdict, header: &AnswerHeader) {
-        let lost = verdict == Verdict::Lost;
+    pub(super) fn complete(&mut self, now: Ns, flight: &Flight, matched: AnswerMatch, header: &AnswerHeader) {
+        let lost = matched == AnswerMatch::Lost;
         match flight.purpose {
             Purpose::Start(step) if !lost => self.started(now, step, header),
             // The step of the start is repeated.
             Purpose::Start(_) => {}
             // This counts as an attempt to clear errors only if it was answered and the errors are still there.
             Purpose::Info => self.clear_tries += u32::from(self.cleared.intersects(header.errors)),
-            Purpose::Slot(slot, part) => self.settle_slot(now, slot, part, lost, header),
+            Purpose::Slot(slot, part) => self.complete_slot(now, slot, part, lost, header),
             Purpose::Process { sequence, written, reads, clears, others, .. } => {
-                self.settle_overtaken_by(flight, header);
+                self.complete_overtaken_by(flight, header);
                 if lost && written > 0 && self.is_doubtful(clears, others, header) {
-                    self.settle_unknown(sequence, written);
+                    self.complete_unknown(sequence, written);
                 } else {
-                    self.settle_process(sequence, flight.code, written, reads, lost, header);
+                    self.complete_process(sequence, flight.code, written, reads, lost, header);
                 }
             }
         }
@@ -35,11 +35,11 @@ impl Host {
 
     /// Evaluates the answer to a step of the start.
     fn started(&mut self, now: Ns, step: StartStep, header: &AnswerHeader) {
-        let answer = AnswerPacket { header: *header, data: self.inbox.data(self.size) };
+        let answer = AnswerPacket { header: *header, data: self.receive_buffer.data(self.size) };
         let next = match step {
             StartStep::PackSize => match answer.answer_to(&SpiPackSizeGet) {
                 Ok(size) if size != self.size => {
-                    self.stop(HostError::OtherSize { expected: self.size, found: size });
+                    self.stop(HostError::DataSizeMismatch { expected: self.size, found: size });
                     return;
                 }
                 Ok(size) if self.config.wanted_size.is_some_and(|wanted| wanted != size) => Some(StartStep::Resize),
@@ -75,40 +75,40 @@ impl Host {
             StartStep::NotBusy if self.config.keep_fifo => None,
             _ => step.next(),
         };
-        self.settled = now;
+        self.completed_at = now;
         self.state = next.map_or(HostState::Running, HostState::Starting);
     }
 
-    fn settle_slot(&mut self, now: Ns, slot: usize, part: Part, lost: bool, header: &AnswerHeader) {
-        let data = self.inbox.data(self.size);
+    fn complete_slot(&mut self, now: Ns, slot: usize, part: CommandPart, lost: bool, header: &AnswerHeader) {
+        let data = self.receive_buffer.data(self.size);
         let refused = header.errors.without(self.stuck).contains(Errors::COMMAND);
         let this = &mut self.slots.all[slot];
         let (code, arguments) = (this.code, this.arguments);
         let immediate = code.is_immediate(arguments.parameter);
         this.state = match part {
-            Part::AbortCode if lost => SlotState::Waiting(Part::AbortCode),
-            Part::AbortCode => {
+            CommandPart::AbortCode if lost => SlotState::Waiting(CommandPart::AbortCode),
+            CommandPart::AbortCode => {
                 let word = data.first_chunk::<4>().filter(|_| header.len >= 4 && !refused);
                 let abort = word.map(|word| AbortCode(u32::from_le_bytes(*word)));
                 SlotState::Done(Err(HostError::Failed { code, abort, waited_ns: this.failed_after }))
             }
-            Part::Read | Part::Request if refused => {
-                let code = if part == Part::Read { this.answering() } else { code };
+            CommandPart::Read | CommandPart::Request if refused => {
+                let code = if part == CommandPart::Read { this.answering() } else { code };
                 SlotState::Done(Err(HostError::Refused { code }))
             }
-            Part::Request if !immediate => {
+            CommandPart::Request if !immediate => {
                 self.accepted = self.exchange;
                 self.busy = true;
                 SlotState::Running(now)
             }
-            Part::Read if lost => SlotState::Waiting(Part::Read),
-            Part::Request if lost && only_reads(code, &arguments) => SlotState::Waiting(Part::Request),
-            Part::Request if lost => {
+            CommandPart::Read if lost => SlotState::Waiting(CommandPart::Read),
+            CommandPart::Request if lost && only_reads(code, &arguments) => SlotState::Waiting(CommandPart::Request),
+            CommandPart::Request if lost => {
                 (this.returned, this.held) = (Returned::NONE, 0);
                 let has_result = has_result(code, &arguments);
                 SlotState::Done(if has_result { Err(HostError::AnswerLost { code }) } else { Ok(()) })
             }
-            Part::Read | Part::Request => {
+            CommandPart::Read | CommandPart::Request => {
                 this.keep(header, data);
                 SlotState::Done(Ok(()))
             }
@@ -117,7 +117,7 @@ impl Host {
             SlotState::Waiting(_) => self.counters.asked_again += 1,
             _ => self.counters.answers_lost += u64::from(lost),
         }
-        if this.state == SlotState::Done(Ok(())) && part == Part::Request {
+        if this.state == SlotState::Done(Ok(())) && part == CommandPart::Request {
             self.learn(code, arguments.parameter, header.ret, lost);
         }
     }
@@ -125,9 +125,9 @@ impl Host {
     /// Updates the RxFIFO estimate from a command that has run.
     fn learn(&mut self, code: CommandCode, parameter: u8, ret: u8, lost: bool) {
         match code {
-            CommandCode::FifoSetRxCount => self.room.entries = parameter,
-            CommandCode::FifoGetRxCount if !lost => self.room.entries = ret,
-            CommandCode::FifoClear if parameter != 1 => self.room.cleared(),
+            CommandCode::FifoSetRxCount => self.rx_estimate.entries = parameter,
+            CommandCode::FifoGetRxCount if !lost => self.rx_estimate.entries = ret,
+            CommandCode::FifoClear if parameter != 1 => self.rx_estimate.cleared(),
             _ => {}
         }
     }
@@ -146,14 +146,14 @@ impl Host {
         this.submitted = now;
         let code = this.code;
         this.state = match this.read {
-            _ if failed && code == CommandCode::SdoRequest => SlotState::Waiting(Part::AbortCode),
+            _ if failed && code == CommandCode::SdoRequest => SlotState::Waiting(CommandPart::AbortCode),
             _ if failed => SlotState::Done(Err(HostError::Failed { code, abort: None, waited_ns: this.failed_after })),
-            Some(_) => SlotState::Waiting(Part::Read),
+            Some(_) => SlotState::Waiting(CommandPart::Read),
             None => SlotState::Done(Ok(())),
         };
     }
 
-    fn settle_process(
+    fn complete_process(
         &mut self,
         sequence: u32,
         code: CommandCode,
@@ -189,8 +189,8 @@ impl Host {
             ProcessOutcome::Done { read } => {
                 self.counters.rx_written += pdos;
                 if read {
-                    let data = self.inbox.data(self.size);
-                    self.inbox.keep_inputs(data.len().min(header.len.into()));
+                    let data = self.receive_buffer.data(self.size);
+                    self.receive_buffer.keep_inputs(data.len().min(header.len.into()));
                 }
             }
             ProcessOutcome::AnswerLost => {
@@ -200,7 +200,7 @@ impl Host {
             }
             _ => {
                 self.counters.rx_full += if outcome == ProcessOutcome::Full { pdos } else { 0 };
-                self.room.not_written(sequence);
+                self.rx_estimate.not_written(sequence);
             }
         }
         self.report(sequence, outcome);
@@ -214,35 +214,35 @@ impl Host {
     }
 
     /// Reports that it is unknown whether RxPDOs were written.
-    pub(super) fn settle_unknown(&mut self, sequence: u32, written: u8) {
+    pub(super) fn complete_unknown(&mut self, sequence: u32, written: u8) {
         self.counters.rx_unknown += u64::from(written);
         self.report(sequence, ProcessOutcome::Unknown);
     }
 
-    /// Settles process data that were followed by the next ones before their answer, if `header` is the header of that
+    /// Completes process data that were followed by the next ones before their answer, if `header` is the header of that
     /// answer. With `None` no answer can come any more. Returns whether the answer was theirs.
-    pub(super) fn settle_overtaken(&mut self, header: Option<&AnswerHeader>) -> bool {
+    pub(super) fn complete_overtaken(&mut self, header: Option<&AnswerHeader>) -> bool {
         let Some(overtaken) = self.process.overtaken else { return false };
         let Overtaken { sequence, index, code, written, reads, .. } = overtaken;
         match header {
             Some(header) if header.index == index && header.code == code => {
                 self.process.overtaken = None;
-                self.settle_process(sequence, code, written, reads, false, header);
+                self.complete_process(sequence, code, written, reads, false, header);
                 true
             }
             Some(_) => false,
             None => {
                 self.process.overtaken = None;
-                self.settle_unknown(sequence, written);
+                self.complete_unknown(sequence, written);
                 false
             }
         }
     }
 
-    /// Settles process data whose answer is missing while that of the next ones (`flight`) has come. If no error bit
+    /// Completes process data whose answer is missing while that of the next ones (`flight`) has come. If no error bit
     /// reports rejected process data, the chip's error count shows whether they were written. Of the packets since
     /// then, `flight` has run once and its newest copy is not counted yet; all others may have been rejected.
-    fn settle_overtaken_by(&mut self, flight: &Flight, header: &AnswerHeader) {
+    fn complete_overtaken_by(&mut self, flight: &Flight, header: &AnswerHeader) {
         let Some(overtaken) = self.process.overtaken.take() else { return };
         let Overtaken { sequence, written, reads, rejections, unclear, .. } = overtaken;
         let rejected = self.rejections - rejections;
@@ -256,7 +256,7 @@ impl Host {
             ProcessOutcome::AnswerLost
         } else if rejected > others && !unclear {
             self.counters.rx_dropped += pdos;
-            self.room.not_written(sequence);
+            self.rx_estimate.not_written(sequence);
             ProcessOutcome::NotWritten
         } else {
             self.counters.rx_unknown += pdos;

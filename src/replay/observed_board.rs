@@ -1,6 +1,6 @@
 //! What a program may have seen of a board, and may have waited for.
 
-use crate::compare::STANDS_REPORTS;
+use crate::compare::AT_REST_REPORTS;
 use crate::ethercat::cia402::Statusword;
 use crate::recording::Kinds;
 use crate::sk::dump::{MAX_SLAVES, ResponseDump, SlaveData, SlotMeaning};
@@ -14,43 +14,43 @@ const ON_THE_WAY: u16 = 12;
 
 /// What the newest reports of a board show.
 #[derive(Clone, Debug)]
-pub struct Seen {
+pub struct ObservedBoard {
     size: SlotSize,
     kinds: Kinds,
     state: Option<StateByte>,
     sdo: Option<SdoResponse>,
     fifo_free: u16,
     /// The number of reports since the newest command.
-    quiet: u16,
-    slaves: [Shown; MAX_SLAVES],
+    reports_since_command: u16,
+    slaves: [ObservedSlave; MAX_SLAVES],
 }
 
 /// What a slave shows in the newest reports.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Shown {
+struct ObservedSlave {
     statusword: Option<Statusword>,
     positions: [i32; 2],
     /// The number of reports for which the positions have not changed.
     still: u16,
     /// The inputs of an IO slave, and the command that its slot answers.
     inputs: Option<(CommandId, u16)>,
-    homes: bool,
+    is_homing: bool,
 }
 
-impl Seen {
+impl ObservedBoard {
     pub(super) fn new(size: SlotSize) -> Self {
-        let (kinds, slaves) = (Kinds::new(None), [Shown::default(); MAX_SLAVES]);
-        Self { size, kinds, state: None, sdo: None, fifo_free: FIFO_ENTRIES, quiet: 0, slaves }
+        let (kinds, slaves) = (Kinds::new(None), [ObservedSlave::default(); MAX_SLAVES]);
+        Self { size, kinds, state: None, sdo: None, fifo_free: FIFO_ENTRIES, reports_since_command: 0, slaves }
     }
 
     /// Updates the values from a command frame that the host sends.
     pub(super) fn command(&mut self, frame: &Frame) {
         self.kinds.command(frame, self.size);
-        self.quiet = 0;
-        for (slave, shown) in (1..=self.size.max_slaves()).zip(&mut self.slaves) {
+        self.reports_since_command = 0;
+        for (slave, observed) in (1..=self.size.max_slaves()).zip(&mut self.slaves) {
             match CommandId::from_code(frame.slot(self.size, slave).id) {
-                CommandId::GoHome => shown.homes = true,
-                CommandId::Csp | CommandId::Csv | CommandId::Cst | CommandId::AbortHome => shown.homes = false,
+                CommandId::GoHome => observed.is_homing = true,
+                CommandId::Csp | CommandId::Csv | CommandId::Cst | CommandId::AbortHome => observed.is_homing = false,
                 _ => {}
             }
         }
@@ -62,16 +62,16 @@ impl Seen {
         let board = MasterResponse::decode(&frame.slot(self.size, 0));
         self.state = Some(board.state);
         self.sdo = Some(SdoResponse::decode(&frame.slot(self.size, self.size.sdo_slot())));
-        self.quiet = self.quiet.saturating_add(1);
+        self.reports_since_command = self.reports_since_command.saturating_add(1);
         if board.state.state() != Some(MasterState::Op) {
             self.fifo_free = FIFO_ENTRIES;
-            self.slaves = [Shown::default(); MAX_SLAVES];
+            self.slaves = [ObservedSlave::default(); MAX_SLAVES];
             return;
         }
         self.fifo_free = board.fifo_free;
         let kinds = std::array::from_fn::<_, MAX_SLAVES, _>(|n| self.kinds.of(n + 1).unwrap_or_default());
         let dump = ResponseDump::new(frame, self.size).kinds(&kinds);
-        for (slave, shown) in (1..=self.size.max_slaves()).zip(&mut self.slaves) {
+        for (slave, observed) in (1..=self.size.max_slaves()).zip(&mut self.slaves) {
             if frame.slot(self.size, slave).is_zero() {
                 continue;
             }
@@ -82,8 +82,8 @@ impl Seen {
                 SlaveData::Io(io) => (None, [0; 2], Some((CommandId::from_code(io.head.id), io.bits))),
                 _ => continue,
             };
-            let still = if shown.positions == positions { shown.still.saturating_add(1) } else { 0 };
-            *shown = Shown { statusword, positions, still, inputs, homes: shown.homes };
+            let still = if observed.positions == positions { observed.still.saturating_add(1) } else { 0 };
+            *observed = ObservedSlave { statusword, positions, still, inputs, is_homing: observed.is_homing };
         }
     }
 }
@@ -113,7 +113,7 @@ pub(super) struct Agreement {
 
 impl Agreement {
     /// The first thing that the model does not show yet and that was not given up.
-    pub(super) fn missing(&mut self, recorded: &Seen, model: &Seen) -> Option<Missing> {
+    pub(super) fn missing(&mut self, recorded: &ObservedBoard, model: &ObservedBoard) -> Option<Missing> {
         // Before the first report a program has not seen anything.
         recorded.state?;
         let board = [(Missing::State, agree_on_state(recorded, model)), (Missing::Sdo, agree_on_sdo(recorded, model))];
@@ -136,12 +136,12 @@ impl Agreement {
     }
 }
 
-fn agree_on_state(recorded: &Seen, model: &Seen) -> bool {
+fn agree_on_state(recorded: &ObservedBoard, model: &ObservedBoard) -> bool {
     recorded.state == model.state
 }
 
 /// Whether the model has answered the same SDO as the recorded board.
-fn agree_on_sdo(recorded: &Seen, model: &Seen) -> bool {
+fn agree_on_sdo(recorded: &ObservedBoard, model: &ObservedBoard) -> bool {
     let asked = |sdo: &Option<SdoResponse>| match *sdo {
         Some(SdoResponse::Done { id, slave, object, .. } | SdoResponse::Aborted { id, slave, object, .. }) => {
             Some((id, slave, object))
@@ -153,23 +153,23 @@ fn agree_on_sdo(recorded: &Seen, model: &Seen) -> bool {
 
 /// Whether at most as many entries wait in the model's FIFO as in the recorded one, plus those in flight. If the
 /// recorded program had not written for a while and its FIFO was empty, the model's FIFO has to be empty too.
-fn agree_on_fifo(recorded: &Seen, model: &Seen) -> bool {
-    let is_at_rest = recorded.fifo_free >= FIFO_ENTRIES && recorded.quiet >= STANDS_REPORTS;
+fn agree_on_fifo(recorded: &ObservedBoard, model: &ObservedBoard) -> bool {
+    let is_at_rest = recorded.fifo_free >= FIFO_ENTRIES && recorded.reports_since_command >= AT_REST_REPORTS;
     let allowed = if is_at_rest { 0 } else { ON_THE_WAY };
     model.fifo_free.saturating_add(allowed) >= recorded.fifo_free
 }
 
-fn agree_on_slave(recorded: &Shown, model: &Shown) -> bool {
-    let word = |shown: &Shown| {
-        let bits = if shown.homes { Statusword::STATE_BITS | HOMING_BITS } else { Statusword::STATE_BITS };
-        shown.statusword.map(|word| word.0 & bits)
+fn agree_on_slave(recorded: &ObservedSlave, model: &ObservedSlave) -> bool {
+    let word = |observed: &ObservedSlave| {
+        let bits = if observed.is_homing { Statusword::STATE_BITS | HOMING_BITS } else { Statusword::STATE_BITS };
+        observed.statusword.map(|word| word.0 & bits)
     };
-    let stands = recorded.still < STANDS_REPORTS || model.still >= STANDS_REPORTS;
+    let stands = recorded.still < AT_REST_REPORTS || model.still >= AT_REST_REPORTS;
     word(recorded) == word(model) && stands && agree_on_inputs(recorded, model)
 }
 
 /// Whether an IO slave shows the same inputs, if both slots answer the same command.
-fn agree_on_inputs(recorded: &Shown, model: &Shown) -> bool {
+fn agree_on_inputs(recorded: &ObservedSlave, model: &ObservedSlave) -> bool {
     match (recorded.inputs, model.inputs) {
         (Some((of, recorded)), Some((other, model))) => of != other || recorded == model,
         _ => true,

@@ -13,7 +13,7 @@ use super::recorded::Recorded;
 const MOST: usize = 4096;
 
 #[derive(Default)]
-pub(super) struct Held {
+pub(super) struct PendingFrames {
     frames: VecDeque<Waiting>,
     /// The number of frames that have left, which is also the number of the first frame here.
     left: u64,
@@ -28,7 +28,7 @@ struct Waiting {
     until: Option<u64>,
 }
 
-impl Held {
+impl PendingFrames {
     /// Adds a frame. If `until` is the id of its transfer, the frame waits for the end of the transfer.
     pub fn push(&mut self, frame: Recorded, until: Option<u64>) {
         let number = self.left + self.frames.len() as u64;
@@ -51,7 +51,7 @@ impl Held {
     }
 
     /// Ends all waits at the end of a capture: frames that were submitted count as taken.
-    pub fn settle(&mut self) {
+    pub fn release(&mut self) {
         self.waiting.clear();
         self.frames.iter_mut().for_each(|waiting| waiting.until = None);
     }

@@ -1,6 +1,6 @@
 //! Explains why a board that was found cannot be opened, and what to do about it.
 
-use crate::io::hid::{FoundDevice, Holder, PipeError, Sysfs, UsbError};
+use crate::io::hid::{DeviceHolder, FoundDevice, PipeError, Sysfs, UsbError};
 use crate::link::LinkError;
 
 /// What to do if the user has no permission to open the board.
@@ -24,7 +24,7 @@ const IF_OUT_OF_MEMORY: &str = "take fewer (`transfers=`), or end other programs
 const UNKNOWN_USER: &str = "another program that lets nobody else in (close programs for HID devices one by one)";
 
 /// Turns an error of the operating system at opening the board into the error of the link.
-pub(super) fn refused(name: &str, board: &FoundDevice, error: PipeError, system: &Sysfs) -> LinkError {
+pub(super) fn open_error(name: &str, board: &FoundDevice, error: PipeError, system: &Sysfs) -> LinkError {
     let path = &board.path;
     let no_board = |reason: String| LinkError::NoBoard { name: name.to_owned(), reason };
     match error {
@@ -33,7 +33,7 @@ pub(super) fn refused(name: &str, board: &FoundDevice, error: PipeError, system:
         }
         PipeError::Usb(UsbError::Busy) => LinkError::InUse {
             name: name.to_owned(),
-            by: by(path, &system.holders(board.node)),
+            by: by(path, &system.holders(board.bus_and_address)),
             instead: "share the board by `ecmsk serve tcp`",
         },
         PipeError::Usb(UsbError::NoMemory) => no_board(format!(
@@ -47,8 +47,8 @@ pub(super) fn refused(name: &str, board: &FoundDevice, error: PipeError, system:
 }
 
 /// The programs that have the board open, for [`LinkError::InUse`]: ` by press (PID 12), the board at 1-2`.
-fn by(path: &str, holders: &[Holder]) -> String {
-    let names: Vec<String> = holders.iter().map(Holder::to_string).collect();
+fn by(path: &str, holders: &[DeviceHolder]) -> String {
+    let names: Vec<String> = holders.iter().map(DeviceHolder::to_string).collect();
     let who = if names.is_empty() { UNKNOWN_USER.to_owned() } else { names.join(" and ") };
     format!(" by {who}, the board at {path}")
 }
@@ -60,7 +60,7 @@ mod tests {
     /// LIB-46 The error names the program that has the board open, where the system shows it.
     #[test]
     fn the_error_for_a_board_in_use_names_its_users() {
-        let holder = |pid, name: &str| Holder { pid, name: name.into() };
+        let holder = |pid, name: &str| DeviceHolder { pid, name: name.into() };
         assert_eq!(by("1-2", &[holder(12, "press")]), " by press (PID 12), the board at 1-2");
         let both = [holder(12, "press"), holder(std::process::id(), "this")];
         assert_eq!(by("1-2", &both), " by press (PID 12) and this process, the board at 1-2");

@@ -4,9 +4,9 @@
 
 /// The identity of a thread that is in a call of this crate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Caller(imp::Thread);
+pub struct CallingThread(imp::Thread);
 
-impl Caller {
+impl CallingThread {
     /// The calling thread.
     pub fn current() -> Self {
         Self(imp::Thread::current())
@@ -19,7 +19,7 @@ impl Caller {
 }
 
 #[cfg(windows)]
-impl Caller {
+impl CallingThread {
     /// The identity packed into one word, which is never 0.
     pub const fn packed(self) -> u64 {
         (self.0.number as u64) << 32 | self.0.made as u64
@@ -164,18 +164,18 @@ mod tests {
         let (caller, told) = mpsc::channel();
         let (ends, wait) = mpsc::channel::<()>();
         let other = thread::spawn(move || {
-            caller.send(Caller::current()).expect("the test waits for it");
+            caller.send(CallingThread::current()).expect("the test waits for it");
             let _ = wait.recv();
         });
         let other_caller = told.recv().expect("it tells");
-        assert!(!other_caller.is_gone() && !Caller::current().is_gone());
-        assert_ne!(other_caller, Caller::current());
+        assert!(!other_caller.is_gone() && !CallingThread::current().is_gone());
+        assert_ne!(other_caller, CallingThread::current());
         drop(ends);
         other.join().expect("no panic");
         #[cfg(any(target_os = "linux", windows))]
         while !other_caller.is_gone() {
             thread::yield_now();
         }
-        assert!(!Caller::current().is_gone());
+        assert!(!CallingThread::current().is_gone());
     }
 }

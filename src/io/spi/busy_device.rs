@@ -1,11 +1,11 @@
-//! Implements [`Wires`] over the kernel's drivers: a spidev device, and lines of GPIO chips.
+//! Implements [`BusyWires`] over the kernel's drivers: a spidev device, and lines of GPIO chips.
 
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::bus::Bus;
+use super::bus::SpiBus;
 use super::lines::{Level, ReadyLine, ResetLine};
-use super::{GpioLine, WireError, Wires};
+use super::{BusyWires, GpioLine, SpiError};
 
 /// The device files of the wires, and the settings of SPI.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -23,27 +23,27 @@ pub struct SpiSettings {
 }
 
 /// Wires that this process has opened.
-pub struct Device {
-    bus: Bus,
+pub struct BusyDevice {
+    bus: SpiBus,
     busy: Option<ReadyLine>,
     reset: Option<ResetLine>,
 }
 
-impl Device {
+impl BusyDevice {
     /// Opens the wires and locks them against other programs that use this library.
     ///
     /// # Errors
-    /// [`WireError`], which names the device or line.
-    pub fn open(settings: &SpiSettings) -> Result<Self, WireError> {
-        let bus = Bus::open(&settings.device, settings.speed_hz, settings.mode)?;
+    /// [`SpiError`], which names the device or line.
+    pub fn open(settings: &SpiSettings) -> Result<Self, SpiError> {
+        let bus = SpiBus::open(&settings.device, settings.speed_hz, settings.mode)?;
         let busy = settings.busy.as_ref().map(|place| ReadyLine::open(place, Level::Low)).transpose()?;
         let reset = settings.reset.as_ref().map(ResetLine::open).transpose()?;
         Ok(Self { bus, busy, reset })
     }
 }
 
-impl Wires for Device {
-    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), WireError> {
+impl BusyWires for BusyDevice {
+    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), SpiError> {
         self.bus.exchange(tx, rx)
     }
 
@@ -51,19 +51,19 @@ impl Wires for Device {
         self.busy.is_some()
     }
 
-    fn is_busy(&mut self) -> Result<bool, WireError> {
+    fn is_busy(&mut self) -> Result<bool, SpiError> {
         self.busy.as_ref().map_or(Ok(false), |busy| busy.is_ready().map(|is_ready| !is_ready))
     }
 
-    fn wait_ready(&mut self, limit: Duration) -> Result<bool, WireError> {
+    fn wait_ready(&mut self, limit: Duration) -> Result<bool, SpiError> {
         self.busy.as_mut().map_or(Ok(true), |busy| busy.wait_ready(limit))
     }
 
-    fn busy_has_fallen(&mut self) -> Result<bool, WireError> {
+    fn busy_has_fallen(&mut self) -> Result<bool, SpiError> {
         self.busy.as_mut().map_or(Ok(false), ReadyLine::has_become_ready)
     }
 
-    fn reset(&mut self, low: Duration) -> Result<bool, WireError> {
+    fn reset(&mut self, low: Duration) -> Result<bool, SpiError> {
         self.reset.as_ref().map_or(Ok(false), |reset| reset.pull_low(low).map(|()| true))
     }
 }

@@ -6,24 +6,24 @@ use std::time::Duration;
 
 /// Wakes threads that wait for a change of some state. The state itself is protected by a lock of its owner.
 #[derive(Debug, Default)]
-pub struct Signal(imp::Signal);
+pub struct WaitQueue(imp::WaitQueue);
 
 /// A ticket for one wait: any notification after it was taken ends that wait.
-pub struct Ticket(imp::Ticket);
+pub struct WaitTicket(imp::WaitTicket);
 
-impl Signal {
-    /// A signal without waiting threads.
+impl WaitQueue {
+    /// A queue without waiting threads.
     pub const fn new() -> Self {
-        Self(imp::Signal::new())
+        Self(imp::WaitQueue::new())
     }
 
     /// Takes a ticket. The caller holds the lock of the state, and releases it only afterwards.
-    pub fn ticket(&self) -> Ticket {
-        Ticket(self.0.ticket())
+    pub fn ticket(&self) -> WaitTicket {
+        WaitTicket(self.0.ticket())
     }
 
     /// Waits for a notification since the ticket was taken, for at most `limit`. The wait may end early.
-    pub fn wait(&self, ticket: Ticket, limit: Option<Duration>) {
+    pub fn wait(&self, ticket: WaitTicket, limit: Option<Duration>) {
         self.0.wait(ticket.0, limit);
     }
 
@@ -41,45 +41,45 @@ mod imp {
 
     /// std's condition variable, whose waits are in the kernel (futex).
     #[derive(Debug, Default)]
-    pub struct Signal {
-        told: Mutex<u64>,
+    pub struct WaitQueue {
+        notifications: Mutex<u64>,
         changed: Condvar,
-        /// Number of outstanding tickets. Threads that were ended by force never return theirs, which only costs a
-        /// needless system call per notification.
-        tickets: AtomicUsize,
+        /// Threads that were ended by force never return theirs, which only costs a needless system call per
+        /// notification.
+        outstanding_tickets: AtomicUsize,
     }
 
-    pub struct Ticket(u64);
+    pub struct WaitTicket(u64);
 
-    impl Signal {
+    impl WaitQueue {
         pub const fn new() -> Self {
-            Self { told: Mutex::new(0), changed: Condvar::new(), tickets: AtomicUsize::new(0) }
+            Self { notifications: Mutex::new(0), changed: Condvar::new(), outstanding_tickets: AtomicUsize::new(0) }
         }
 
         fn lock(&self) -> MutexGuard<'_, u64> {
-            self.told.lock().unwrap_or_else(PoisonError::into_inner)
+            self.notifications.lock().unwrap_or_else(PoisonError::into_inner)
         }
 
-        pub fn ticket(&self) -> Ticket {
-            self.tickets.fetch_add(1, Ordering::SeqCst);
-            Ticket(*self.lock())
+        pub fn ticket(&self) -> WaitTicket {
+            self.outstanding_tickets.fetch_add(1, Ordering::SeqCst);
+            WaitTicket(*self.lock())
         }
 
-        pub fn wait(&self, Ticket(seen): Ticket, limit: Option<Duration>) {
-            let told = self.lock();
-            if *told == seen {
+        pub fn wait(&self, WaitTicket(seen): WaitTicket, limit: Option<Duration>) {
+            let notifications = self.lock();
+            if *notifications == seen {
                 match limit {
-                    None => drop(self.changed.wait(told)),
-                    Some(limit) => drop(self.changed.wait_timeout(told, limit)),
+                    None => drop(self.changed.wait(notifications)),
+                    Some(limit) => drop(self.changed.wait_timeout(notifications, limit)),
                 }
             } else {
-                drop(told);
+                drop(notifications);
             }
-            self.tickets.fetch_sub(1, Ordering::SeqCst);
+            self.outstanding_tickets.fetch_sub(1, Ordering::SeqCst);
         }
 
         pub fn notify_all(&self) {
-            if self.tickets.load(Ordering::SeqCst) == 0 {
+            if self.outstanding_tickets.load(Ordering::SeqCst) == 0 {
                 return;
             }
             *self.lock() += 1;
@@ -107,7 +107,7 @@ mod imp {
     /// One Windows event per waiting thread, reused by the next thread that waits. The event of a thread that was ended
     /// by force is never reused.
     #[derive(Debug, Default)]
-    pub struct Signal(Mutex<Vec<Waiter>>);
+    pub struct WaitQueue(Mutex<Vec<Waiter>>);
 
     #[derive(Debug)]
     struct Waiter {
@@ -121,9 +121,9 @@ mod imp {
     // SAFETY: handles of events may be used by any thread.
     unsafe impl Send for Waiter {}
 
-    pub struct Ticket(Option<(usize, Handle)>);
+    pub struct WaitTicket(Option<(usize, Handle)>);
 
-    impl Signal {
+    impl WaitQueue {
         pub const fn new() -> Self {
             Self(Mutex::new(Vec::new()))
         }
@@ -132,7 +132,7 @@ mod imp {
             self.0.lock()
         }
 
-        pub fn ticket(&self) -> Ticket {
+        pub fn ticket(&self) -> WaitTicket {
             let mut waiters = self.lock();
             let free = waiters.iter().position(|waiter| !waiter.taken).or_else(|| {
                 // SAFETY: an event without attributes and name, which resets itself and is not set.
@@ -143,14 +143,14 @@ mod imp {
                 waiters.push(Waiter { event, taken: false, waits: false });
                 Some(waiters.len() - 1)
             });
-            Ticket(free.map(|number| {
+            WaitTicket(free.map(|number| {
                 let waiter = &mut waiters[number];
                 (waiter.taken, waiter.waits) = (true, true);
                 (number, waiter.event)
             }))
         }
 
-        pub fn wait(&self, Ticket(ticket): Ticket, limit: Option<Duration>) {
+        pub fn wait(&self, WaitTicket(ticket): WaitTicket, limit: Option<Duration>) {
             let Some((number, event)) = ticket else { return owned_lock::sleep(WITHOUT_EVENT_MS) };
             let limit_ms = limit.map_or(FOREVER, |limit| {
                 u32::try_from(limit.as_micros().div_ceil(1000)).unwrap_or(FOREVER).min(FOREVER - 1)
@@ -180,7 +180,7 @@ mod imp {
         }
     }
 
-    impl Drop for Signal {
+    impl Drop for WaitQueue {
         fn drop(&mut self) {
             for waiter in self.lock().drain(..) {
                 // SAFETY: the event is closed here only.
@@ -208,13 +208,13 @@ mod tests {
     /// LIB-70 A notification after the ticket was taken wakes each waiting thread, even if it comes before the wait.
     #[test]
     fn what_is_told_is_heard() {
-        let (signal, state) = (Signal::new(), Mutex::new(0));
+        let (queue, state) = (WaitQueue::new(), Mutex::new(0));
         let wait_for = |wanted: u32| {
             let mut now = state.lock().expect("no panic");
             while *now < wanted {
-                let ticket = signal.ticket();
+                let ticket = queue.ticket();
                 drop(now);
-                signal.wait(ticket, None);
+                queue.wait(ticket, None);
                 now = state.lock().expect("no panic");
             }
         };
@@ -225,15 +225,15 @@ mod tests {
             scope.spawn(|| {
                 for _ in 0..500 {
                     *state.lock().expect("no panic") += 1;
-                    signal.notify_all();
+                    queue.notify_all();
                     thread::yield_now();
                 }
             });
         });
-        let ticket = signal.ticket();
-        signal.notify_all();
-        signal.wait(ticket, None);
-        let ticket = signal.ticket();
-        signal.wait(ticket, Some(Duration::from_millis(5)));
+        let ticket = queue.ticket();
+        queue.notify_all();
+        queue.wait(ticket, None);
+        let ticket = queue.ticket();
+        queue.wait(ticket, Some(Duration::from_millis(5)));
     }
 }

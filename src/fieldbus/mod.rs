@@ -244,7 +244,7 @@ impl Default for Inputs {
     }
 }
 
-/// The result of a cycle.
+/// The result of a cycle: when it ran, which outputs it carried, and its working counter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CycleDone {
     /// When the cycle ran, in board time. Its answer may have come later.

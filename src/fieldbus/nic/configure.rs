@@ -233,7 +233,8 @@ impl OneSlave {
     /// Configures the master for these mapped process data, which are exchanged from SafeOP on.
     fn exchange(&self, data: ProcessData) -> Result<Option<ProcessData>, Refusal> {
         let cycle_ns = u32::try_from(self.cycle.ns()).unwrap_or(u32::MAX);
-        // The shift of SYNC0: if the answer comes before SYNC0, so have the outputs, however late the frame was.
+        // SYNC0 comes at the end of the wait for answers: an answer in time shows that the outputs arrived before SYNC0,
+        // however late the frame was.
         let shift_ns = u32::try_from(answer_wait_ns(self.cycle)).unwrap_or(u32::MAX);
         let signals = SyncSignals::sync0(cycle_ns, shift_ns.cast_signed());
         let sync = (self.config.sync == DriveSync::DcSync).then_some(signals);

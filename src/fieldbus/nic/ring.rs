@@ -207,7 +207,8 @@ impl<P: CardPair> Ring<P> {
         }
     }
 
-    /// The frame is back at the first card, and the probe shows that there are slaves behind the cut.
+    /// Forwards a frame that is back at the first card, because its probe shows that there are slaves behind the cut. If
+    /// this fails the frame is handed over to the master, and its length returned.
     fn go_on_behind_gap(&mut self, index: u8, buffer: &mut FrameBuffer) -> Option<usize> {
         self.state = RingState::Open;
         if self.forward(index) { None } else { Some(self.hand_over(index, buffer)) }

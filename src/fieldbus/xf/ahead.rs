@@ -34,8 +34,8 @@ impl<W: Wires> ChipBus<W> {
         self.ahead = Ahead { declared: Some(*config), not_before: self.wires.now() };
     }
 
-    /// Begins or continues the preparation while nothing else is requested of the bus. \[OURS] RECONFIG_OP may come long
-    /// before SafeOP, and SDOs may follow it.
+    /// Begins or continues the preparation while no job, SDO or reading of states is running. \[OURS] The chip's command
+    /// RECONFIG_OP may then come long before SafeOP, and SDOs may follow it.
     pub(super) fn go_ahead(&mut self, now: Ns) {
         let Some(config) = self.ahead.declared else { return };
         if self.sdo.is_some() {

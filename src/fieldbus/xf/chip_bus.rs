@@ -70,16 +70,16 @@ pub(super) struct ChipBus<W> {
     pub(super) sdo: Option<(SdoRequest, Asked)>,
     pub(super) job_done: Option<JobDone>,
     pub(super) sdo_done: Option<SdoDone>,
-    /// Sets that wait to be written, or are in flight to the chip.
+    /// Sets of outputs that wait to be written, or are in flight to the chip.
     pub(super) queue: VecDeque<Set>,
-    /// The set that the chip repeats if it has no other, as far as is known; `None`: none was written since the slaves
-    /// entered OP.
+    /// The set of outputs that the chip repeats if it has no other, as far as is known; `None`: none was written since the
+    /// slaves entered OP.
     pub(super) newest_written: Option<Set>,
     /// `newest_written` is to be written once more: a slave was lost since then, or slaves may not have received it.
     pub(super) repeat_is_due: bool,
     /// Process data in flight, the oldest first.
     pub(super) flying: VecDeque<Flying>,
-    /// The newest exchange with cycles also wrote sets.
+    /// The newest exchange of process data in OP wrote sets of outputs, and did not only read.
     pub(super) wrote_last: bool,
     pub(super) level: FillLevel,
     pub(super) ledger: Ledger,
@@ -97,14 +97,14 @@ pub(super) struct ChipBus<W> {
     /// Cycles with their inputs may have been lost since then.
     pub(super) gap: bool,
     pub(super) lost_cycles: u32,
-    /// The number of sets that were given up since the newest cycle was polled.
+    /// The number of sets of outputs that were given up since the newest cycle was polled.
     pub(super) outputs_lost: u32,
     /// When the newest polled cycle ran, on the engine's clock.
     pub(super) told_at: Ns,
     /// The id of the newest outputs that were accepted and dropped while no slave was in OP.
     pub(super) dropped: Option<u64>,
-    /// The number of sets that were dropped when the last slave left OP, and the id of the newest of them. The board takes
-    /// them back with a clear, unless it still considers the network to be in OP.
+    /// The number of sets of outputs that were dropped when the last slave left OP, and the id of the newest of them. The
+    /// board takes them back with a clear, unless it still considers the network to be in OP.
     pub(super) left_behind: u64,
     pub(super) newest_left_behind: Option<u64>,
     pub(super) newest_inputs: Vec<u8>,
@@ -147,7 +147,7 @@ impl<W: Wires> ChipBus<W> {
             sdo: None,
             job_done: None,
             sdo_done: None,
-            // One more for a set that is written once more.
+            // One more entry, for a set of outputs that is written a second time.
             queue: VecDeque::with_capacity(ENTRIES + 1),
             newest_written: None,
             repeat_is_due: false,
@@ -225,7 +225,8 @@ impl<W: Wires> ChipBus<W> {
         let _ = self.wires.wait_until(until);
     }
 
-    /// Evaluates what has ended. False: the driver has other work before it can be used.
+    /// Evaluates received process data and headers. False: the slaves are being brought to PreOP, or the packet size is
+    /// being changed, so that the driver cannot be used for anything else.
     pub(super) fn begin_turn(&mut self, now: Ns) -> bool {
         self.take_reports(now);
         self.look_at_header();
@@ -296,8 +297,8 @@ impl<W: Wires> ChipBus<W> {
         self.newest_written = None;
     }
 
-    /// Counts as lost the sets that were in the chip or waited for it when the last slave left OP: they reach no slave, and
-    /// the board has not taken them back.
+    /// Counts as lost the sets of outputs that were in the chip or waited for it when the last slave left OP: they reach no
+    /// slave, and the board has not taken them back.
     pub(super) fn lose_left_behind(&mut self) {
         let newest = self.newest_left_behind.take().max(self.ledger.newest_unsent());
         let sets = std::mem::take(&mut self.left_behind) + self.ledger.ahead();
@@ -305,7 +306,7 @@ impl<W: Wires> ChipBus<W> {
         self.ledger.lost_until(newest);
     }
 
-    /// An estimate of the number of sets in the chip and waiting for it.
+    /// An estimate of the number of sets of outputs in the chip and waiting for it.
     pub(super) fn held(&self) -> u64 {
         self.queue.len() as u64 + self.level.sets(self.wires.now(), self.network.cycle.ns())
     }

@@ -1,5 +1,5 @@
 //! A clear, for SET_FIFO 1 and when the network leaves OP: the chip's RxFIFO is emptied, and the bus finds out how many of
-//! its sets were sent by then.
+//! its sets of outputs were sent by then.
 
 use super::ask::{Ask, Asked};
 use super::chip_bus::ChipBus;
@@ -15,9 +15,9 @@ pub(super) const SETTLED: u64 = 3;
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Clearing {
     Idle,
-    /// The results of the sets in flight must be known first.
+    /// The results of the sets of outputs in flight must be known first.
     Begun,
-    /// The command that stops the chip from taking sets out of its FIFO is running.
+    /// The command that stops the chip from taking sets of outputs out of its FIFO is running.
     Stopping(Asked),
     /// The clear waits for that total number of answers, so that the fill level of the stopped FIFO is known.
     Settling(u64),
@@ -32,13 +32,13 @@ pub(super) enum Clearing {
 impl<W: Wires> ChipBus<W> {
     pub(super) fn begin_clear(&mut self) {
         self.drop_queue();
-        // The dropped sets may include the outputs that keep lost slaves from moving.
+        // The dropped sets of outputs may include the outputs that keep lost slaves from moving.
         self.repeat_is_due = self.runs && !self.network.lost.is_empty();
         self.clearing = Clearing::Begun;
     }
 
-    /// Continues a clear. Commands that fail are repeated as long as slaves are in OP \[OURS]: otherwise sets that the
-    /// board considers cleared would still be sent, and newer sets after them.
+    /// Continues a clear. Commands that fail are repeated as long as slaves are in OP \[OURS]: otherwise sets of outputs
+    /// that the board considers cleared would still be sent, and newer sets after them.
     pub(super) fn clear_on(&mut self, now: Ns) {
         let answers = self.host.counters().answers;
         self.clearing = match self.clearing {
@@ -74,9 +74,9 @@ impl<W: Wires> ChipBus<W> {
                     self.level.clear();
                     let doubted = self.ledger.newest_doubt();
                     let newest_sent = self.ledger.cleared(level);
-                    // A cleared set must not be sent when the newest set is repeated.
+                    // A cleared set of outputs must not be sent when the newest set is repeated.
                     self.newest_written = self.newest_written.take().filter(|set| Some(set.id) == newest_sent);
-                    // A set that counts as sent, although this is not known, is sent now.
+                    // A set of outputs that counts as sent, although it may not have reached the FIFO, is sent now.
                     self.repeat_is_due |= doubted.is_some() && doubted == newest_sent;
                     Clearing::SwitchingOn(None, newest_sent)
                 }

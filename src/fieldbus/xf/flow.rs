@@ -1,4 +1,4 @@
-//! Process data: the sets and cycles that each exchange writes and reads, and their results.
+//! Process data: the sets of outputs that each exchange writes, the cycles that it reads, and their results.
 //!
 //! In OP each exchange writes as many of the waiting sets as the packet, the chip's FIFO and the depth allow, and reads as
 //! many cycles. If more cycles wait in the chip, every other exchange only reads. Below OP the newest inputs are read
@@ -21,7 +21,7 @@ use super::network::Network;
 
 /// The number of cycles that wait in the chip from which on every other exchange only reads. \[OURS]
 const BACKLOG: u8 = 4;
-/// The maximum number of sets, and of cycles, in one exchange. \[OURS]
+/// The maximum number of sets of outputs, and of cycles, in one exchange. \[OURS]
 const IN_ONE_EXCHANGE: usize = 32;
 
 /// A set of outputs in the layout of the chip's RxPDO.
@@ -51,7 +51,7 @@ enum Load {
     Hold,
     /// The newest inputs, read directly, without the FIFO.
     Inputs,
-    /// That many of the waiting sets, and the cycles that are read.
+    /// That many of the waiting sets of outputs, and the cycles that are read.
     Cycles(usize),
 }
 
@@ -72,16 +72,16 @@ impl Flying {
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// These outputs as a set in which lost slaves have outputs with which nothing moves.
+    /// Converts outputs to the chip's layout. Lost slaves get outputs with which nothing moves.
     pub(super) fn set_of(&self, outputs: &Outputs) -> Set {
         let mut set = Set::of(outputs, &self.network);
         self.hold(self.network.lost, &mut set.image);
         set
     }
 
-    /// Replaces the outputs of these slaves, in all sets that were not written yet, by outputs with which nothing moves,
-    /// and makes sure that a set is written: the chip repeats its newest set, and a slave that answers again would get its
-    /// old outputs (SK-4.62). Sets that are already in the chip are still sent.
+    /// Replaces the outputs of these slaves, in all sets of outputs that were not written yet, by outputs with which
+    /// nothing moves, and makes sure that a set is written: the chip repeats its newest set, and a slave that answers again
+    /// would get its old outputs (SK-4.62). Sets that are already in the chip are still sent.
     pub(super) fn hold_lost(&mut self, slaves: SlaveSet) {
         let mut queue = std::mem::take(&mut self.queue);
         queue.iter_mut().for_each(|set| self.hold(slaves, &mut set.image));
@@ -95,12 +95,12 @@ impl<W: Wires> ChipBus<W> {
         self.queue.back().map(|set| set.id).or(self.ledger.newest_unsent().max(repeated))
     }
 
-    /// The number of sets in flight to the chip. They are still in the queue.
+    /// The number of sets of outputs in flight to the chip. They are still in the queue.
     pub(super) fn sets_under_way(&self) -> usize {
         self.flying.iter().map(Flying::sets).sum()
     }
 
-    /// Drops the sets that were not given to the driver yet.
+    /// Drops the sets of outputs that were not given to the driver yet.
     pub(super) fn drop_queue(&mut self) {
         self.queue.truncate(self.sets_under_way());
     }
@@ -207,7 +207,8 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// If nothing else waits, the newest set is written once more, with outputs for lost slaves with which nothing moves.
+    /// If nothing else waits, queues the newest set of outputs once more, in which lost slaves get outputs with which
+    /// nothing moves.
     fn repeat_with_lost_holding(&mut self) {
         if self.queue.is_empty()
             && let Some(mut set) = self.newest_written.clone()
@@ -240,7 +241,7 @@ impl<W: Wires> ChipBus<W> {
                     if self.sets_under_way() > 0 {
                         self.give_up(sets);
                     }
-                    // Otherwise the sets are still in the queue.
+                    // Otherwise the sets of outputs are still in the queue.
                     self.ledger.exchanged(std::iter::empty(), 0);
                 }
                 (Load::Inputs, ProcessOutcome::Done { read: true }) => {
@@ -254,10 +255,10 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// It is not known whether the oldest sets in the queue were written, so they count as lost. The newest of them may be
-    /// the set that the chip repeats now. If no other set follows, it is written once more \[OURS]: otherwise the slaves
-    /// might never get the last outputs, for example an SV_OFF, and the command frame would stay in the board's FIFO. If
-    /// the set was written before, the slaves get it twice in a row, as from a chip that repeats it.
+    /// It is not known whether the oldest sets of outputs in the queue were written, so they count as lost. The newest of
+    /// them may be the set that the chip repeats now. If no other set follows, it is written once more \[OURS]: otherwise
+    /// the slaves might never get the last outputs, for example an SV_OFF, and the command frame would stay in the board's
+    /// FIFO. If the set was written before, the slaves get it twice in a row, as from a chip that repeats it.
     fn doubt(&mut self, sets: usize) {
         if let Some(newest) = sets.checked_sub(1).and_then(|newest| self.queue.get(newest)) {
             self.newest_written = Some(newest.clone());
@@ -266,19 +267,19 @@ impl<W: Wires> ChipBus<W> {
         self.give_up(sets);
     }
 
-    /// Gives up the oldest sets in the queue: they were certainly not written, or this is not known.
+    /// Gives up the oldest sets of outputs in the queue: they were certainly not written, or this is not known.
     fn give_up(&mut self, sets: usize) {
         let sets = self.queue.drain(..sets.min(self.queue.len())).len();
         self.lose_sets(sets as u64);
     }
 
-    /// Counts accepted sets as lost: as far as is known they reach no slave.
+    /// Counts accepted sets of outputs as lost: as far as is known they reach no slave.
     pub(super) fn lose_sets(&mut self, sets: u64) {
         self.counters.sets_lost += sets;
         self.outputs_lost += sets as u32;
     }
 
-    /// Records an exchange in which the chip has accepted `sets` sets. `read`: its answer has cycles.
+    /// Records an exchange in which the chip has accepted `sets` sets of outputs. `read`: its answer has cycles.
     fn exchanged(&mut self, now: Ns, sets: usize, read: bool) {
         let (tx_bytes, cycle_ns) = (self.network.tx_bytes.max(1), self.network.cycle.ns());
         let cycles = if read { self.host.inputs().len() / tx_bytes } else { 0 };

@@ -19,17 +19,17 @@ const SAMPLES: usize = 4;
 /// The number of milestones that are remembered: as many as cycles that the chip keeps.
 const MILESTONES: usize = 64;
 
-/// The moment of a header: the number of sets sent and of cycles by then.
+/// The moment of a header: the number of sets of outputs sent and of cycles by then.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Moment {
     sent: u64,
     cycles: u64,
-    /// The number of sets that were certainly in the RxFIFO.
+    /// The number of sets of outputs that were certainly in the RxFIFO.
     waiting: u64,
 }
 
 impl Moment {
-    /// The minimum number of sets that had been sent by the end of that cycle.
+    /// The minimum number of sets of outputs that had been sent by the end of the cycle with this number.
     fn sent_in(self, cycle: u64) -> u64 {
         match cycle.checked_sub(self.cycles) {
             Some(later) => self.sent + later.min(self.waiting),
@@ -38,7 +38,7 @@ impl Moment {
     }
 }
 
-/// The numbers of sets written and cycles read by the end of an exchange.
+/// The numbers of sets of outputs written and cycles read by the end of an exchange.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct State {
     written: u64,
@@ -52,25 +52,28 @@ pub(super) struct Ledger {
     states: [State; LAG],
     /// For each of the newest headers, the moments to which it may belong.
     samples: [[Option<Moment>; LAG]; SAMPLES],
-    /// Pairs of a cycle and the number of sets that were certainly sent by its end, because the FIFO contained no more. If
-    /// many cycles wait to be read, the headers about them are older than those in `samples`.
+    /// Pairs of a cycle and the number of sets of outputs that were certainly sent by its end, because the FIFO contained
+    /// no more. If many cycles wait to be read, the headers about them are older than those in `samples`.
     milestones: VecDeque<(u64, u64)>,
-    /// The number of doubtful sets, which may be in the RxFIFO in addition to the known ones. It is 0 after the FIFO was
+    /// The number of doubtful sets of outputs: it is not known whether they have reached the RxFIFO. 0 after the FIFO was
     /// empty.
     doubtful: u64,
-    /// For each doubtful set, the number of known sets that were written before it, and its id.
+    /// For each set of outputs of which it is not known whether it has reached the RxFIFO: how many known sets were written
+    /// before it, and its id.
     doubts: VecDeque<(u64, u64)>,
-    /// The id of the newest doubtful set that was certainly sent since, if it had reached the RxFIFO.
+    /// The id of the newest set of outputs that was doubtful when the FIFO was found empty: if it had reached the RxFIFO,
+    /// it was sent.
     settled_doubt: Option<u64>,
     /// The number of further exchanges whose headers may be from before the newest doubtful set.
     doubt_lag: usize,
-    /// The RxFIFO is stopped or about to be, so it is not known whether further cycles send sets from it.
+    /// The RxFIFO is stopped or about to be, so it is not known whether further cycles send sets of outputs from it.
     stopped: bool,
-    /// The number of sets that were certainly sent.
+    /// The number of sets of outputs that were certainly sent.
     sent: u64,
-    /// The id of the newest of these sets.
+    /// The id of the newest set of outputs that was certainly sent.
     newest_sent: Option<u64>,
-    /// The ids of the following sets: the first one is the id of the set with the number `sent`, counted from 0.
+    /// The ids of the sets of outputs that may not have been sent yet, the oldest first. The first id belongs to the set
+    /// with the number `sent`, counted from 0.
     ids: VecDeque<u64>,
 }
 
@@ -96,7 +99,7 @@ impl Ledger {
         self.states[LAG - 1]
     }
 
-    /// Records an exchange: the sets with these ids are in the RxFIFO now, and `read` cycles were read.
+    /// Records an exchange: the sets of outputs with these ids are in the RxFIFO now, and `read` cycles were read.
     pub(super) fn exchanged(&mut self, ids: impl Iterator<Item = u64>, read: u64) {
         let mut newest = self.newest();
         for id in ids {
@@ -109,7 +112,7 @@ impl Ledger {
         self.states[LAG - 1] = newest;
     }
 
-    /// Records sets of which it is not known whether they have reached the RxFIFO.
+    /// Records sets of outputs of which it is not known whether they have reached the RxFIFO.
     pub(super) fn doubt(&mut self, ids: impl Iterator<Item = u64>) {
         let written = self.newest().written;
         for id in ids {
@@ -138,7 +141,7 @@ impl Ledger {
         }
         let (doubtful, stopped) = (self.doubtful, self.stopped);
         let moment = |State { written, read }: State| {
-            // The RxFIFO cannot contain more sets than were written by then.
+            // The RxFIFO cannot contain more sets of outputs than were written by then.
             let sent = if doubtful > 0 { Some(written.saturating_sub(rx_fifo)) } else { written.checked_sub(rx_fifo) };
             Some(Moment {
                 sent: sent?,
@@ -179,45 +182,45 @@ impl Ledger {
         self.send_until(self.sent_at_least(|moment| moment.sent));
     }
 
-    /// The number of sets that were certainly sent. `sent` computes it for the moment of a header.
+    /// The number of sets of outputs that were certainly sent. `sent` computes it for the moment of a header.
     fn sent_at_least(&self, sent: impl Fn(&Moment) -> u64) -> u64 {
         let least = |moments: &[Option<Moment>; LAG]| moments.iter().flatten().map(&sent).min();
         self.samples.iter().filter_map(least).max().unwrap_or(0)
     }
 
-    /// The maximum number of sets in the RxFIFO.
+    /// The maximum number of sets of outputs in the RxFIFO.
     pub(super) fn ahead(&self) -> u64 {
         self.ids.len() as u64
     }
 
-    /// The id of the oldest set that may not have been sent; if there is none, the id of the next set.
+    /// The id of the oldest set of outputs that may not have been sent; if there is none, the id of the next set.
     pub(super) fn next_id(&self) -> u64 {
         let behind = self.newest_sent.map_or(0, |id| id + 1);
         self.ids.front().copied().unwrap_or(behind)
     }
 
-    /// The number of newest sets that the level in a header may not include yet.
+    /// The number of newest sets of outputs that the level in a header may not include yet.
     pub(super) fn unseen(&self) -> u64 {
         self.newest().written - self.states[0].written
     }
 
-    /// The id of the newest set that may still be in the RxFIFO.
+    /// The id of the newest set of outputs that may still be in the RxFIFO.
     pub(super) fn newest_unsent(&self) -> Option<u64> {
         self.ids.back().copied()
     }
 
-    /// The id of the newest set that was certainly sent.
+    /// The id of the newest set of outputs that was certainly sent.
     pub(super) const fn newest_sent(&self) -> Option<u64> {
         self.newest_sent
     }
 
-    /// The id of the newest set of which it is not known whether it has reached the RxFIFO.
+    /// The id of the newest set of outputs of which it is not known whether it has reached the RxFIFO.
     pub(super) fn newest_doubt(&self) -> Option<u64> {
         self.doubts.back().map(|(_, id)| *id).max(self.settled_doubt)
     }
 
     /// The RxFIFO is about to be stopped. Cycles continue and their inputs come, but from an unknown cycle on they send no
-    /// sets.
+    /// sets of outputs.
     pub(super) fn stop(&mut self) {
         self.stopped = true;
         self.samples.iter_mut().flatten().flatten().for_each(|moment| moment.waiting = 0);
@@ -225,7 +228,7 @@ impl Ledger {
     }
 
     /// The RxFIFO was stopped and then emptied. `rx_fifo` is the fill level of the stopped FIFO, from a header after the
-    /// stop. Returns the id of the newest set that was sent.
+    /// stop. Returns the id of the newest set of outputs that was sent.
     ///
     /// A set of which it is not known whether it has reached the FIFO counts as if it had \[OURS]. So the result may be too
     /// new, by the number of such sets, but never too old. An axis then moves on by one target, and never back to a target
@@ -247,14 +250,14 @@ impl Ledger {
         self.forget_unsent(State { written: self.sent, read })
     }
 
-    /// The content of the RxFIFO is lost, as after a reset of the chip. It is not known whether the oldest set in it was
-    /// sent.
+    /// The content of the RxFIFO is lost, as after a reset of the chip. It is not known whether the oldest set of outputs
+    /// in it was sent.
     pub(super) fn lost(&mut self) -> Option<u64> {
         let State { read, .. } = self.newest();
         self.forget_unsent(State { written: self.sent, read })
     }
 
-    /// Like [`Self::lost`]; in addition the sets up to the id `newest` were dropped and will not be sent.
+    /// Like [`Self::lost`]; in addition the sets of outputs up to the id `newest` were dropped and will not be sent.
     pub(super) fn lost_until(&mut self, newest: Option<u64>) {
         self.lost();
         self.newest_sent = self.newest_sent.max(newest);
@@ -332,7 +335,8 @@ mod tests {
         }
     }
 
-    /// XF-19.2 In a stream of one set a cycle the sets sent are known exactly, whatever the lag of the fill levels.
+    /// XF-19.2 In a stream of one set of outputs per cycle the sent sets are known exactly, whatever the lag of the fill
+    /// levels.
     #[test]
     fn a_stream_is_known_exactly() {
         for lag in 0..=2 {
@@ -346,7 +350,8 @@ mod tests {
         }
     }
 
-    /// XF-19.2 When a FIFO runs dry, no set counts as sent too early, and the last set is known as sent two cycles later.
+    /// XF-19.2 When a FIFO runs dry, no set of outputs counts as sent too early, and the last set is known as sent two
+    /// cycles later.
     #[test]
     fn a_dry_fifo_is_known_soon() {
         for lag in 0..=2 {
@@ -362,8 +367,8 @@ mod tests {
         }
     }
 
-    /// XF-19.11 If it is not known whether a set has reached the FIFO that a clear has stopped, the set counts as if it
-    /// had.
+    /// XF-19.11 If it is not known whether a set of outputs has reached the FIFO that a clear has stopped, the set counts
+    /// as if it had.
     #[test]
     fn a_clear_with_a_doubtful_set_goes_not_back() {
         let cleared = |behind: u64, level| {

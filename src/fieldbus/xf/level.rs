@@ -22,12 +22,12 @@ impl FillLevel {
         self.empty_at = 0;
     }
 
-    /// Records that `sets` sets were written.
+    /// Records that `sets` sets of outputs were written.
     pub(super) fn wrote(&mut self, now: Ns, sets: u64, cycle_ns: Ns) {
         self.empty_at = self.empty_at.max(now).saturating_add(sets * cycle_ns);
     }
 
-    /// Corrects the estimate by the fill level in a header, in which the newest `unseen` sets may be missing.
+    /// Corrects the estimate by the fill level in a header, in which the newest `unseen` sets of outputs may be missing.
     pub(super) fn header(&mut self, now: Ns, level: u8, unseen: u64, cycle_ns: Ns) {
         let level = u64::from(level);
         let least = now.saturating_add(level.saturating_sub(OLD) * cycle_ns);
@@ -35,7 +35,7 @@ impl FillLevel {
         self.empty_at = self.empty_at.clamp(least, most);
     }
 
-    /// The estimated number of sets in the RxFIFO at the time `now`.
+    /// The estimated number of sets of outputs in the RxFIFO at the time `now`.
     pub(super) const fn sets(&self, now: Ns, cycle_ns: Ns) -> u64 {
         self.empty_at.saturating_sub(now).div_ceil(cycle_ns)
     }
@@ -47,7 +47,7 @@ mod tests {
 
     const CYCLE: Ns = 1_000_000;
 
-    /// XF-19.6 Without a header a set leaves in each cycle; an empty RxFIFO stays empty.
+    /// XF-19.6 Without a header a set of outputs leaves in each cycle; an empty RxFIFO stays empty.
     #[test]
     fn a_set_leaves_in_each_cycle() {
         let mut level = FillLevel::default();

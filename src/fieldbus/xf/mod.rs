@@ -58,8 +58,8 @@ pub use options::XfBusOptions;
 const ANSWER_DELAY: u16 = 64;
 /// The maximum number of entries that are requested for each FIFO; fewer if the chip's memory does not hold them. \[OURS]
 const ENTRIES: usize = 64;
-/// The number of sets in flight in a steady stream: one waits for its exchange, one is in the running exchange, and one is
-/// in the chip until its next cycle. \[OURS]
+/// The number of sets of outputs in flight in a steady stream: one waits for its exchange, one is in the running exchange,
+/// and one is in the chip until its next cycle. \[OURS]
 const ON_THE_WAY: u64 = 3;
 /// The time of two exchanges, ns: the longest packet with its idle time takes less at 24 MHz, and two of them hardly more.
 /// \[OURS]

@@ -24,7 +24,7 @@ pub struct XfBusOptions {
 impl XfBusOptions {
     /// The maximum of `ahead`: the chip's FIFO has 64 entries (XF EN 1262), and the transport takes some of them.
     pub const AHEAD_MAX: u16 = 60;
-    /// The default: `ahead` is 4 sets. \[OURS]
+    /// The default: `ahead` is 4 sets of outputs. \[OURS]
     pub const DEFAULT: Self =
         Self { ahead: 4, clock_hz: None, local_pins: LocalPins::NONE, real_time: false, size_is_fixed: false };
 }

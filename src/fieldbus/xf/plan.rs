@@ -1,5 +1,5 @@
-//! How a cycle can be held over an ECM-XF, if it can be: the size of the packets, the number of exchanges of process data
-//! in flight, and the number of sets of outputs that the transport takes.
+//! Whether a cycle time can be kept over an ECM-XF, and with which packet size, how many exchanges of process data in
+//! flight, and how many sets of outputs that the transport takes.
 
 use crate::ethercat::Ns;
 use crate::fieldbus::HardwareLimit;
@@ -14,9 +14,9 @@ const SETS_MAX: usize = 8;
 /// The number of packets in a turn: two for an exchange of process data, and two for a command beside it, because the
 /// states of the slaves are read while slaves move. \[OURS]
 const PACKETS_A_TURN: u32 = 4;
-/// The number of half turns for which a set may still count as being in the chip after it was handed over: it is in flight,
-/// and the counts that show it as sent are two exchanges old (OBS). \[OURS] With that many sets and one more, no cycle of
-/// the chip's model repeats its outputs, whatever the packet size.
+/// The number of half turns for which a set of outputs may still count as being in the chip after it was handed over: it is
+/// in flight, and the counts that show it as sent are two exchanges old (OBS). \[OURS] With that many sets and one more, no
+/// cycle of the chip's model repeats its outputs, whatever the packet size.
 const HALF_TURNS_KNOWN: u64 = 5;
 
 /// What a cycle requires of the exchanges with the chip.
@@ -62,8 +62,8 @@ pub struct CycleDemand {
 pub struct CyclePlan {
     /// The data segment size n.
     pub size: DataSize,
-    /// How many exchanges of process data are in flight, 1 or 2. With 1 no set is lost as long as packets get through at
-    /// all; with 2 a set that the chip has not accepted is given up and counted.
+    /// How many exchanges of process data are in flight, 1 or 2. With 1 no set of outputs is lost as long as packets get
+    /// through at all; with 2 a set that the chip has not accepted is given up and counted.
     pub in_flight: usize,
     /// How many sets of outputs a packet carries to hold the cycle, at most 8.
     pub sets: u16,
@@ -90,7 +90,7 @@ impl CycleDemand {
             let others = others.map(|sets| (sets, self.budget(sets, in_flight).choose_size()));
             for (sets, tried) in as_it_is.map(|tried| (sets, tried)).into_iter().chain(others) {
                 match tried {
-                    // [OURS] Two exchanges in flight with several sets in each were never seen to hold a cycle.
+                    // [OURS] Two exchanges in flight with several sets of outputs in each were never seen to hold a cycle.
                     Ok(size) if in_flight > 1 && size.bytes() >= 2 * bytes => {}
                     Ok(size) => {
                         let sets = (size.bytes() / bytes).min(sets_max) as u16;

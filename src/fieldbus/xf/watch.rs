@@ -193,7 +193,8 @@ impl<W: Wires> ChipBus<W> {
         self.network.at_least(AlState::SafeOp).difference(self.network.lost).iter().filter(has_inputs).collect()
     }
 
-    /// It is not known which slaves still send the inputs that the bus has, so all slaves with inputs are lost.
+    /// Marks all slaves with inputs as lost, after the working counter was wrong for too long: it is not known which of
+    /// them still send inputs.
     fn lose_stale(&mut self) {
         let from = self.watch.suspect_from.or(self.watch.unsent);
         let stale = self.with_inputs();
@@ -283,8 +284,8 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// The chip has lost its settings, as by a reset: all slaves are lost, the sets in the chip are lost, and a running job
-    /// has failed.
+    /// The chip has lost its settings, as by a reset: all slaves are lost, the sets of outputs in the chip are lost, and a
+    /// running job has failed.
     pub(super) fn lose_all(&mut self) {
         if let Some(job) = self.job.take() {
             self.abandon_asked();

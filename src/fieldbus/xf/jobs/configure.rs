@@ -274,7 +274,7 @@ impl<W: Wires> ChipBus<W> {
         self.network.seen[usize::from(slave) - 1] = Some(seen);
     }
 
-    /// Whether no slave needs a download that changes its process data.
+    /// Whether all selected slaves are known to have the wanted mapping, so that none needs a download that changes it.
     fn all_are_seen(&self, config: &BusConfig) -> bool {
         let now = self.wires.now();
         let selected = config.selected.intersection(SlaveSet::first(self.network.found));

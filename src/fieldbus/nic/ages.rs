@@ -52,7 +52,8 @@ impl Ages {
         is_new
     }
 
-    /// A slave is below SafeOP, or it was brought back.
+    /// Ends the age of a slave's inputs, because the slave is below SafeOP or was brought back: they are neither held nor
+    /// stale.
     pub(super) const fn forget(&mut self, slave: u8) {
         self.renew(slave);
         self.stale.remove(slave);

@@ -208,7 +208,7 @@ impl OneSlave {
         Ok(self.read(ObjectAddress::new(MANAGER_USES, sub)).await?.unwrap_or(0) as u8)
     }
 
-    /// Assigns the PDOs that the EEPROM of the slave assigns.
+    /// Assigns to the sync managers the PDOs that the EEPROM describes as assigned.
     async fn assign_its_own(&self) -> Result<Option<ProcessData>, Refusal> {
         let pdos = self.master.lock().slave(self.slave).map(SlaveInfo::assigned_pdos);
         let [outputs, inputs] = pdos.unwrap_or_default();

@@ -143,7 +143,7 @@ pub struct NicBus<W> {
     master: Arc<Mutex<Master>>,
     /// Offset of the engine's clock to the wires'; `None`: it was not measured yet.
     skew: Option<Ns>,
-    /// A runner waits for the time of each cycle. Without one the bus does.
+    /// A runner waits for the time of each cycle. Without a runner the bus waits itself.
     has_runner: bool,
     stations: [Station; MAX_SLAVES],
     found: u8,
@@ -240,7 +240,7 @@ impl<W: NicWires> NicBus<W> {
         status.state()
     }
 
-    /// Whether a slave exchanges process data, or waits for outputs on its way to OP.
+    /// Whether a slave exchanges process data (in SafeOP or OP), or waits for outputs on its way to OP.
     fn has_cycles(&self) -> bool {
         let is_up = |slave| self.state(slave).unwrap_or_default().max(self.station(slave).commanded) >= AlState::SafeOp;
         self.all().iter().any(is_up)

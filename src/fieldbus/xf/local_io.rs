@@ -33,13 +33,13 @@ impl LocalPins {
         pins.iter().flatten().fold(0, |mask, pin| mask | 1 << pin)
     }
 
-    /// Moves each bit k of `bits` to the bit of the pin of line k.
+    /// The levels of the chip's pins for the local outputs: bit k of `bits` is the level of output k.
     fn spread(pins: &[Option<u8>; LINES], bits: u8) -> u16 {
         let set = pins.iter().enumerate().filter(|(line, _)| bits & 1 << line != 0);
         set.filter_map(|(_, pin)| *pin).fold(0, |mask, pin| mask | 1 << pin)
     }
 
-    /// Moves the level of the pin of each line k to bit k.
+    /// The local inputs from the levels of the chip's pins: bit k is the level of input k.
     fn gather(pins: &[Option<u8>; LINES], levels: u16) -> u8 {
         let lines = pins.iter().enumerate().filter_map(|(line, pin)| pin.map(|pin| (line, pin)));
         lines.fold(0, |bits, (line, pin)| bits | u8::from(levels & 1 << pin != 0) << line)

@@ -68,7 +68,7 @@ pub struct CyclePlan {
     /// How many sets of outputs a packet carries to hold the cycle, at most 8.
     pub sets: u16,
     /// How many sets of outputs have to be handed over ahead of their cycle so that none is late while the host is on time:
-    /// the sets in flight, and those that are sent but not known to be.
+    /// the sets in flight, and the sets that were sent before the host can know it.
     pub transport_sets: u16,
 }
 

@@ -29,7 +29,7 @@ impl<W: Wires> Steps<W> {
         let mut keeps_layout = false;
         let (is_started, is_known) = self.with(|bus| (bus.network.initialised, bus.network.is_known(config.cycle)));
         if is_ahead && !is_started {
-            // A chip that has lost its network is not started again before a job was requested.
+            // A chip that has lost its network is not started again before a job is requested.
             return Ok(configured);
         }
         if !(is_ahead && is_known) {

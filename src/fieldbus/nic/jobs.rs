@@ -10,14 +10,14 @@ use crate::fieldbus::{Job, JobDone, Refusal, SdoRequest, leaving_op_ns};
 use crate::master::{self, JobId, MailboxError, Master, Pace, ScanError, SdoError, StateError, StateReason};
 use crate::sk::CycleTime;
 
-/// A job under way.
+/// A running job.
 pub(super) enum Running {
     Scan(master::Job<Result<u8, ScanError>>),
     Configure(Box<Configuring>),
     State(Change),
 }
 
-/// A change of state under way.
+/// A running change of state.
 #[derive(Clone, Copy)]
 pub(super) struct Change {
     /// The running job of the master; `None`: the master is asked at `again_at`.

@@ -10,7 +10,7 @@ use crate::fieldbus::{
 use crate::sk::DriveSync;
 use crate::slave::AlStatus;
 
-/// A job under way.
+/// A running job.
 pub(super) struct RunningJob {
     pub(super) job: Job,
     /// When the present step of the job ends.
@@ -22,7 +22,7 @@ pub(super) struct RunningJob {
     second_axes: SlaveSet,
 }
 
-/// An SDO under way.
+/// A running SDO.
 pub(super) struct RunningSdo {
     request: SdoRequest,
     due: Ns,

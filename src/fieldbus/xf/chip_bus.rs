@@ -46,7 +46,7 @@ pub(super) struct ChipBus<W> {
     pub(super) options: XfBusOptions,
     /// Offset of the engine's clock to the wires'; `None`: it was not measured yet.
     pub(super) skew: Option<Ns>,
-    /// A runner passes its time, and may be late.
+    /// A runner drives the bus and tells it the time, possibly late.
     pub(super) has_runner: bool,
     pub(super) network: Network,
     /// A slave is in OP, and the engine polls the chip's own cycles.
@@ -104,7 +104,7 @@ pub(super) struct ChipBus<W> {
     /// The id of the newest outputs that were accepted and dropped while no slave was in OP.
     pub(super) dropped: Option<u64>,
     /// The number of sets of outputs that were dropped when the last slave left OP, and the id of the newest of them. The
-    /// board takes them back with a clear, unless it still considers the network to be in OP.
+    /// board takes them back with `clear_ahead`, unless it still considers the network to be in OP.
     pub(super) left_behind: u64,
     pub(super) newest_left_behind: Option<u64>,
     pub(super) newest_inputs: Vec<u8>,
@@ -188,8 +188,8 @@ impl<W: Wires> ChipBus<W> {
         self.options.ahead.saturating_add(transport_sets).min(u16::from(entries).max(1))
     }
 
-    /// The wires' time at the engine's time `now`. If the wires' clock is a real one and no runner passes its time, the
-    /// engine's clock stands still while the engine is not called.
+    /// The wires' time at the engine's time `now`. If the wires' clock is a real one and there is no runner, the engine's
+    /// clock stands still while the engine is not called.
     pub(super) fn wires_time(&mut self, now: Ns) -> Ns {
         let wires = self.wires.now();
         let skew = *self.skew.get_or_insert(now.wrapping_sub(wires));

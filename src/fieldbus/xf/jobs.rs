@@ -25,8 +25,8 @@ use crate::xf::host::{HostError, Wires};
 pub(super) use network::state_of;
 pub(super) use run::run_job;
 
-/// The number of cycles after which a set of outputs that was sent is known as sent and polled: fill levels lag three
-/// exchanges of two packets each. The same holds for the last cycles in OP. \[OURS]
+/// The number of cycles after which it is certain that a sent set of outputs is known to be sent and that the engine has
+/// polled this: fill levels lag three exchanges of two packets each. The same holds for the last cycles in OP. \[OURS]
 const TOLD_LATE: Ns = 6;
 
 /// A slot for the sequence of a job. It begins with the job and [`Running::is_ahead`].

@@ -167,7 +167,7 @@ impl<W: Wires> XfBus<W> {
     }
 }
 
-/// Evaluates what has ended, and gives the driver its next work.
+/// Takes the results of the driver, and gives it its next work.
 fn turn<W: Wires>(bus: &mut MutexGuard<'_, ChipBus<W>>, sequence: &mut Sequence) {
     let now = bus.wires.now();
     if bus.begin_turn(now) {

@@ -100,7 +100,7 @@ pub(super) struct Network {
     pub entries: u8,
     /// How many exchanges of process data may be in flight, 1 or 2.
     pub in_flight: usize,
-    /// How many sets of outputs the transport takes, in addition to those that bridge a stall.
+    /// The number of sets of outputs in the transport to the slaves, in addition to those that bridge a stall.
     pub transport_sets: u16,
     pub lost: SlaveSet,
     /// The slaves in `lost` that answer, but whose inputs were not used for too long, because the working counter was

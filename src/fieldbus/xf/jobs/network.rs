@@ -23,7 +23,7 @@ impl<W: Wires> Steps<W> {
         Ok(found)
     }
 
-    /// Starts the chip's network anew, after which all slaves are in Init. Returns the number of slaves that the chip has
+    /// Restarts the chip's network, after which all slaves are in Init. Returns the number of slaves that the chip has
     /// found.
     async fn start_network(&self, cycle: CycleTime) -> Result<u8, Refusal> {
         self.with(|bus| {
@@ -41,7 +41,8 @@ impl<W: Wires> Steps<W> {
         Ok(found)
     }
 
-    /// Unless the chip's network already runs with that cycle time, starts it anew and brings all slaves to PreOP.
+    /// Starts the chip's network again and brings all slaves to PreOP, unless the network already runs with that cycle
+    /// time.
     pub(super) async fn start_unless_known(&self, cycle: CycleTime) -> Result<(), Refusal> {
         let (before, is_known) = self.with(|bus| (bus.network.found, bus.network.is_known(cycle)));
         if is_known {

@@ -318,7 +318,7 @@ pub struct Strangers {
 }
 
 impl Strangers {
-    /// The text for a network without slaves in which `unpassed` frames came back unchanged.
+    /// The text about a network in which no slave was found and `unpassed` frames came back unchanged.
     pub fn echo(unpassed: u64) -> String {
         format!(
             "{unpassed} frames came back as they were sent, with the source address of this card, which each slave changes: the cable \

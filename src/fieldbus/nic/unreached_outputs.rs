@@ -53,7 +53,7 @@ impl UnreachedOutputs {
         self.from
     }
 
-    /// Starts again after a scan, since the slaves may be others.
+    /// Resets the record after a scan, because there may be other slaves.
     pub(super) fn forget(&mut self, sent: Option<u64>) {
         let known_from = [after(sent); 2];
         *self = Self { counted: self.counted, read_at: self.read_at, known_from, ..Self::default() };

@@ -1,4 +1,4 @@
-//! The traits for the network cards of the bus: besides frames, the bus needs a clock and waits.
+//! The traits through which the bus uses network cards: a wire with a clock of its own, and a pair of cards.
 
 use crate::ethercat::{CableEnd, Ns};
 use crate::fieldbus::{CardsGone, RingState};

@@ -267,7 +267,7 @@ impl<W: Wires> ChipBus<W> {
         matches!(self.host.state(), HostState::Stopped(_))
     }
 
-    /// No slave is in OP any more: the engine stops to poll the chip's cycles.
+    /// No slave is in OP any more, so the engine stops polling the chip's cycles.
     pub(super) fn leave_op(&mut self) {
         if std::mem::take(&mut self.runs) {
             self.ledger.settle();

@@ -88,12 +88,12 @@ impl OpenBoard {
 
 /// The board of OpenECMUSB.
 ///
-/// A call uses its own reference to the board and holds no lock while it waits, so that any number of threads may read, write
-/// and close. Closing ends their waits. A thread keeps its reference from call to call, which makes calls cheap; the
+/// A call uses its own reference to the board and holds no lock while it waits, so that any number of threads may read,
+/// write and close. Closing ends their waits. A thread keeps its reference from call to call, which makes calls cheap; the
 /// reference to a board that was closed is dropped with the thread's next call, or with the thread.
 ///
-/// Programs end threads by force in the middle of a call. So nobody waits for a lock that a thread holds for longer than it takes
-/// to look at these fields, and what such a thread was at does not count any more once it is gone.
+/// Programs end threads by force in the middle of a call. So every lock is held only while these fields are accessed, and
+/// an open or close whose thread no longer exists is ignored.
 pub struct VendorBoard {
     state: Mutex<VendorState>,
     /// The number of the board that is open, which is never used again in this process; 0 if there is none.
@@ -102,9 +102,9 @@ pub struct VendorBoard {
 
 struct VendorState {
     current: Option<Arc<OpenBoard>>,
-    /// The thread that is opening the board: two threads do not open it twice.
+    /// The thread that is opening the board, so that two threads do not open it twice.
     opening: Option<CallingThread>,
-    /// The thread that is closing it: a link that is just being closed does not count as in use.
+    /// The thread that is closing the board: a link that is being closed does not count as in use.
     closing: Option<CallingThread>,
 }
 
@@ -118,7 +118,7 @@ impl VendorState {
 /// How often an Open looks whether another thread has opened or closed the board. \[OURS]
 const CHECK_INTERVAL: Duration = Duration::from_millis(1);
 
-/// The last number that was given to a board.
+/// The number that was last given to a board.
 static NUMBERS: AtomicU64 = AtomicU64::new(0);
 
 thread_local! {
@@ -156,7 +156,8 @@ impl VendorBoard {
         Ok(())
     }
 
-    /// Waits until no other thread opens or closes the board; then it is this thread that opens it, until the value is dropped.
+    /// Waits until no other thread is opening or closing the board. Until the result is dropped, this thread is the one
+    /// that opens it.
     fn turn_to_open(&self) -> Turn<'_> {
         let caller = CallingThread::current();
         loop {
@@ -251,7 +252,7 @@ impl VendorBoard {
     }
 }
 
-/// What this thread is at, as long as this lives: in the field that `of` gives.
+/// Marks this thread as opening or closing, in the field that `of` selects, until the value is dropped.
 struct Turn<'a> {
     state: &'a Mutex<VendorState>,
     of: fn(&mut VendorState) -> &mut Option<CallingThread>,

@@ -19,7 +19,7 @@ use crate::module;
 /// [`CallError::Link`], [`CallError::Configured`].
 pub fn configured() -> Result<Arc<dyn Link>, Box<CallError>> {
     report_opened();
-    // Without it the folder would be looked for in vain, at each open.
+    // If a variable gives the link, the folder is not needed, and searching it would only cost time at each open.
     let is_given = config::variable(config::LINK_VARIABLE).is_some_and(|link| !link.is_empty());
     let folder = if is_given { None } else { module::folder() };
     let configured = config::find(&Environment::from_process(folder)).map_err(LinkError::from)?;

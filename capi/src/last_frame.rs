@@ -1,26 +1,26 @@
 //! The frame that was moved last, in either direction.
 //!
-//! The vendor's library has one static buffer for both directions, and a read copies it to the caller whatever has become of
-//! the read. So a program that looks at the state byte or at the CRC, and not at the result, sees its own last command once
-//! its board is gone, and not for ever the last state of a machine that is not there any more.
+//! The vendor's library has one static buffer for both directions, and a read copies it to the caller, even if the read has
+//! failed. So a program that looks at the state byte or at the CRC, and not at the result, sees its own last command after
+//! its board is gone, and not forever the last state of a machine that is no longer there.
 //!
-//! A thread may be ended by force while it copies. It holds nothing then that another thread waits for: the place that it was
-//! writing to is not used any more, and there are others.
+//! A thread may be ended by force while it copies a frame. It then holds nothing for which another thread waits: only the
+//! slot that it was writing to is no longer used, and there are other slots.
 
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use ecmsk::sk::{FRAME_LEN, Frame};
 
-/// More places than threads that move frames at the same moment. \[OURS]
+/// The number of slots: more than threads that move frames at the same moment. \[OURS]
 const PLACES: usize = 8;
-/// How often a frame is copied anew that was replaced meanwhile. \[OURS]
+/// How often a frame is copied again because it was replaced during the copy. \[OURS]
 const TRIES: usize = 100;
-/// In [`Place::number`]: a thread writes there, or was ended while it did.
+/// The [`Place::number`] of a slot that a thread is writing to, or was writing to when it was ended.
 const WRITING: u64 = u64::MAX;
 const WORD: usize = size_of::<u64>();
 const WORDS: usize = FRAME_LEN / WORD;
 
-/// The last frames with their numbers, of which the greatest is the last one's.
+/// The last frames with their numbers. The frame with the greatest number is the last one.
 pub struct LastFrame {
     places: [Place; PLACES],
     numbers: AtomicU64,
@@ -43,7 +43,7 @@ impl Place {
 pub static LAST_FRAME: LastFrame = LastFrame::new();
 
 impl LastFrame {
-    /// As the vendor's buffer begins, all 0. \[OURS]
+    /// Empty slots: the last frame is all 0, as in the vendor's buffer at its start. \[OURS]
     pub const fn new() -> Self {
         Self { places: [const { Place::new() }; PLACES], numbers: AtomicU64::new(0) }
     }
@@ -51,7 +51,7 @@ impl LastFrame {
     /// Keeps the frame as the last one.
     pub fn keep(&self, frame: &Frame) {
         let number = self.numbers.fetch_add(1, Ordering::Relaxed) + 1;
-        // The place of the frame before stays as it is, for who reads it meanwhile.
+        // The slot of the frame before stays unchanged, for threads that are reading it.
         let from = (number % PLACES as u64) as usize;
         for place in self.places[from..].iter().chain(&self.places[..from]) {
             if place.number.swap(WRITING, Ordering::Acquire) == WRITING {
@@ -64,7 +64,7 @@ impl LastFrame {
             place.number.store(number, Ordering::Release);
             return;
         }
-        // All places are of other threads that move a frame at this moment; one of those frames is the last one.
+        // All slots are in use by other threads that move frames at this moment; one of those frames is the last one.
     }
 
     /// The frame that was kept last.
@@ -87,7 +87,7 @@ impl LastFrame {
                 return frame;
             }
         }
-        // Other threads move frames faster than this one copies: rather none than parts of two.
+        // Other threads replace frames faster than this thread copies one: an empty frame is better than parts of two.
         Frame::new()
     }
 }
@@ -138,13 +138,13 @@ mod tests {
         });
     }
 
-    /// LIB-70 A thread that was ended while it kept a frame takes nothing with it but that frame.
+    /// LIB-70 If a thread is ended while it keeps a frame, only that frame is lost.
     #[test]
     fn a_thread_that_was_ended_holds_nothing() {
         let last = LastFrame::new();
         for with in 1..=PLACES as u8 {
             last.keep(&filled(with));
-            // As it stands when the thread is ended between two words.
+            // The state of a slot if the thread is ended between two words.
             let newest = last.places.iter().max_by_key(|place| place.number.load(Ordering::Relaxed)).unwrap();
             if with < PLACES as u8 {
                 let other = last

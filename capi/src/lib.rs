@@ -41,5 +41,5 @@ use exported::info::{
 };
 use exported::vendor::{CloseECMUSB, ECMUSBRead, ECMUSBWrite, OpenECMUSB};
 
-// Names every function of `exports.txt`, so that one which is listed and not there does not compile.
+// Names every function of `exports.txt`, so that a listed function that does not exist is an error of the compiler.
 include!(concat!(env!("OUT_DIR"), "/exports.rs"));

@@ -1,9 +1,9 @@
-//! The log. It is written to standard error as far as `ECMSK_LOG` asks for it, and its warnings go to `ecmsk exec` if that has
-//! started the program. Without either the library prints nothing, like the vendor's library.
+//! The log. The part of it that `ECMSK_LOG` selects is written to standard error, and its warnings go to `ecmsk exec` if
+//! that has started the program. Without either the library prints nothing, like the vendor's library.
 //!
-//! No call of the program waits for it: standard error may be a pipe that nobody reads, or a terminal that is held, while an axis
-//! moves. Lines go into a queue ([`notes`](ecmsk::notes)), and a thread writes them. At the end of the process they are waited
-//! for, after the boards were released and for a limited time.
+//! No call of the program waits for the log: standard error may be a pipe that nobody reads, or a terminal that is paused,
+//! while an axis moves. Lines go into a queue ([`notes`](ecmsk::notes)), and a thread writes them. At its end the process
+//! waits for these lines for a limited time, after the boards were released.
 
 use std::io::Write;
 use std::sync::{Mutex, PoisonError};
@@ -36,10 +36,10 @@ pub fn set_up() {
     }
 }
 
-/// Waits until the lines so far are written, at most 100 ms. For the end of the process.
+/// Waits until the lines so far are written, at most 100 ms. Called at the end of the process.
 pub fn finish() {
-    // A thread that holds the lock does so for some instructions. If this process ends in a handler of a signal that has
-    // interrupted them, the lock never becomes free.
+    // A thread holds the lock for a few instructions. If this process ends in a signal handler that has interrupted these
+    // instructions, the lock never becomes free.
     if let Ok(lines) = LINES.try_lock()
         && let Some(lines) = lines.as_ref().filter(|lines| lines.process == process::id())
         && let Some(teller) = &lines.teller
@@ -48,8 +48,8 @@ pub fn finish() {
     }
 }
 
-/// Ends the thread that writes lines, since Windows may unload this library when no board is open. It begins again with the next
-/// line of an open board.
+/// Ends the thread that writes lines, because Windows may unload this library when no board is open. The thread starts
+/// again with the next line of an open board.
 #[cfg(windows)]
 pub fn rest() {
     let lines = LINES.lock().unwrap_or_else(PoisonError::into_inner).take();
@@ -58,15 +58,16 @@ pub fn rest() {
     }
 }
 
-/// The lines of this process on their way to standard error. The lock is held by calls of this library for some instructions, never
-/// by the thread that writes: a child of fork that may use this library finds it free.
+/// The lines of this process on their way to standard error. Calls of this library hold the lock for a few instructions;
+/// the thread that writes never holds it. So a child of fork that may use this library finds the lock free.
 static LINES: Mutex<Option<Lines>> = Mutex::new(None);
 
 struct Lines {
-    /// A child of fork has another id, and no thread of its parent. It begins anew.
+    /// The id of the process. A child of fork has another id and no thread of its parent, so it begins again.
     process: u32,
     notes: Notes<Vec<u8>>,
-    /// `None`: the system had no thread. The lines are kept, and it is asked again with the next one.
+    /// The thread that writes lines; `None`: the system could not start one. The lines are kept, and the next line tries
+    /// again.
     teller: Option<NoteThread<Vec<u8>>>,
 }
 
@@ -83,7 +84,7 @@ impl Lines {
     }
 }
 
-/// Writes a line, in the thread that does so.
+/// Writes a line, on the thread for this.
 fn tell(note: Note<Vec<u8>>) {
     match note {
         Note::Item(line) => write_now(&line),
@@ -94,7 +95,7 @@ fn tell(note: Note<Vec<u8>>) {
     }
 }
 
-/// A standard error that takes nothing any more is ignored.
+/// Writes to standard error. An error is ignored.
 fn write_now(bytes: &[u8]) {
     let _ = raw::write_all(bytes);
 }
@@ -105,7 +106,7 @@ struct StandardError;
 impl Write for StandardError {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if cfg!(windows) && !crate::forked::any_open() {
-            // No thread of ours may be left when the library is unloaded, and no board is there that could wait.
+            // No thread of this library may exist when the library is unloaded, and no board is open that could be delayed.
             write_now(bytes);
             return Ok(bytes.len());
         }
@@ -113,7 +114,7 @@ impl Write for StandardError {
         let here = process::id();
         let lines = lines.get_or_insert_with(|| Lines::begin(here));
         if lines.process != here {
-            // A thread of the parent may have held a lock of the old ones.
+            // A thread of the parent may have held a lock of the old lines.
             mem::forget(mem::replace(lines, Lines::begin(here)));
         }
         lines.add(bytes.to_vec());
@@ -143,7 +144,7 @@ mod raw {
         Ok(())
     }
 
-    /// After a write that was interrupted or, where the program has set standard error so, has found no room.
+    /// Waits after a write that was interrupted or, if the program has made standard error non-blocking, has found no room.
     fn wait_for_room(error: io::Error) -> io::Result<()> {
         match error.kind() {
             io::ErrorKind::Interrupted => Ok(()),

@@ -1,6 +1,6 @@
-//! A system that has no memory left. Rust ends a process that asks for memory in vain, and a program that moves axes must not end
-//! because of that. So a call that needs much of it, Open and the first write and the first read of a thread, looks first
-//! whether there is enough, and fails if not. The calls after these need none.
+//! A system that has no memory left. Rust ends a process whose request for memory fails, and a program that moves axes must
+//! not end because of that. So the calls that need much memory, which are Open and the first write and the first read of a
+//! thread, first check whether there is enough, and fail if there is not. Later calls need none.
 
 use std::alloc::{Layout, alloc, dealloc};
 use std::ptr::null_mut;
@@ -8,16 +8,17 @@ use std::sync::atomic::{AtomicPtr, Ordering};
 
 use crate::error::CallError;
 
-/// What opening a board takes at most: its queues, its slaves, the connection to a server, and the stacks of its threads. \[OURS]
+/// The maximum memory that opening a board takes, in bytes: its queues, its slaves, the connection to a server, and the
+/// stacks of its threads. \[OURS]
 pub(crate) const OPEN_BYTES: usize = 16 * 1024 * 1024;
-/// What the first call of a thread takes at most. \[OURS]
+/// The maximum memory that the first call of a thread takes, in bytes. \[OURS]
 pub(crate) const FIRST_CALL_BYTES: usize = 256 * 1024;
 
-/// Memory that is there for a call that fails for want of it: for its error and for the text of that. \[OURS]
+/// Memory that is reserved for a call that fails because there is no more: for its error and the error's text. \[OURS]
 const KEPT: Layout = Layout::new::<[u8; 64 * 1024]>();
 static KEPT_AT: AtomicPtr<u8> = AtomicPtr::new(null_mut());
 
-/// Checks that so much memory can be had.
+/// Checks that `bytes` bytes of memory are available.
 ///
 /// # Errors
 /// [`CallError::Memory`].
@@ -37,12 +38,12 @@ pub fn check(bytes: usize) -> Result<(), Box<CallError>> {
 fn can_be_had(bytes: usize) -> bool {
     let mut wanted = Vec::<u8>::new();
     let can_be = wanted.try_reserve_exact(bytes).is_ok();
-    // So that the compiler does not leave it out.
+    // Keeps the compiler from removing the allocation.
     std::hint::black_box(wanted.as_ptr());
     can_be
 }
 
-/// Of the system and not of the heap, which would give pages back that what follows takes anew.
+/// Asks the system and not the heap: the heap would give pages back that the next allocations request again.
 #[cfg(windows)]
 fn can_be_had(bytes: usize) -> bool {
     use std::ptr::null;
@@ -57,7 +58,7 @@ fn can_be_had(bytes: usize) -> bool {
     }
 }
 
-/// Keeps the memory for errors; whether it is there.
+/// Reserves the memory for errors. Returns whether it is there.
 fn keep() -> bool {
     if !KEPT_AT.load(Ordering::Acquire).is_null() {
         return true;
@@ -90,7 +91,7 @@ extern "C" fn at_start() {
 mod tests {
     use super::*;
 
-    /// LIB-72 More than there can be is not there, and the next call looks anew.
+    /// LIB-72 More memory than there can be is an error, and the next call checks again.
     #[test]
     fn what_is_not_there_is_an_error() {
         for _ in 0..3 {

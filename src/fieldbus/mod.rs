@@ -1,27 +1,27 @@
-//! How the EC01M model reaches its slaves: the trait [`Fieldbus`], behind which a simulator, an ECM-XF or a network card
-//! stands.
+//! How the EC01M model reaches its slaves: the trait [`Fieldbus`], implemented for simulated slaves, for a network card and
+//! for an ECM-XF.
 //!
-//! | file | what it answers |
+//! | file | what it holds |
 //! | --- | --- |
-//! | `mod.rs` | the trait, and the process data that go through it |
-//! | `job.rs` | what of it takes longer than a cycle, and how that ends |
-//! | `pdo.rs` | which objects the board maps for each kind of slave, and how they lie in an image of bytes |
-//! | `pdo/downloads.rs` | which SDOs do that mapping, and in which order |
+//! | `mod.rs` | the trait, and the types of its process data |
+//! | `job.rs` | jobs: operations that take longer than one cycle, and their results |
+//! | `pdo.rs` | the objects that the board maps for each kind of slave, and their layout in the process image |
+//! | `pdo/downloads.rs` | the SDO downloads for that mapping, in their order |
 //! | `sim.rs` | the network of simulated slaves: cycles, working counter, lost slaves |
-//! | `sim/jobs.rs`, `sim/timing.rs` | how its scan, configuration, changes of state and SDOs run, and how long they take |
-//! | `nic/` | the network at the end of a network card, over our own master: the same over frames of EtherCAT |
-//! | `xf/` | the network behind an ECM-XF: the same jobs and cycles over the driver of that chip |
+//! | `sim/jobs.rs`, `sim/timing.rs` | the jobs and SDOs of the simulated network, and their durations |
+//! | `nic/` | the network at the end of a network card, over the EtherCAT master of this project |
+//! | `xf/` | the network behind an ECM-XF, over the driver of that chip |
 //!
-//! A bus never blocks and never asks for the time. What takes long is started and polled: a scan, a configuration or a change
-//! of state as a [`Job`], an SDO as an [`SdoRequest`]. One of them runs at a time, but an SDO may run beside a change of state.
-//! Process data are pushed and polled once a cycle. [`Fieldbus::pacing`] says who owns the cycle:
+//! A bus never blocks and reads no clock. Operations that take long are started and polled: a scan, a configuration or a
+//! change of state as a [`Job`], an SDO as an [`SdoRequest`]. One of them runs at a time, but an SDO may run beside a
+//! change of state. Process data are pushed and polled once a cycle. A set of outputs is the outputs of one cycle to all
+//! slaves, one [`Outputs`]. [`Fieldbus::pacing`] returns who decides when a cycle runs:
 //!
-//! - [`Pacing::Runner`]: our runner decides when a cycle is; one [`Outputs`] goes in, one [`CycleDone`] comes out.
-//! - [`Pacing::Bus`]: the bus runs its own cycle and takes outputs ahead, up to a depth. One poll may find that any
-//!   number of cycles have passed, and the inputs of a cycle belong to outputs pushed some cycles ago. Which outputs were
-//!   sent is known by the ids that come back in [`CycleDone::outputs`] and by nothing else, since such a bus knows its fill
-//!   level only as of some exchanges ago. Discarding what it has taken ahead takes a while, too:
-//!   [`Fieldbus::clear_ahead`].
+//! - [`Pacing::Runner`]: the runner of the engine decides. Each cycle takes one [`Outputs`] and returns one [`CycleDone`].
+//! - [`Pacing::Bus`]: the bus runs its own cycle and queues outputs, up to a depth. Any number of cycles may have passed
+//!   between two polls, and the inputs of a cycle belong to outputs that were pushed some cycles before. Only the ids in
+//!   [`CycleDone::outputs`] show which outputs were sent, because such a bus knows the fill level of its queue only as of
+//!   some exchanges ago. Discarding queued outputs takes several calls: [`Fieldbus::clear_ahead`].
 
 mod job;
 pub mod nic;
@@ -38,47 +38,50 @@ use crate::sk::{CycleTime, DriveSync, SlaveKind};
 pub use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 pub use job::{Busy, Configured, HardwareLimit, Job, JobDone, Refusal, SdoDone, SdoRequest};
 
-/// The most axes that a slave has: a two-channel HSP has two.
+/// The maximum number of axes of a slave: a two-channel HSP has two.
 pub const MAX_AXES: usize = 2;
 
-/// How long a network takes at least from SET_STATE until its slaves leave OP, beside [`CHANGE_SLAVE_NS`] for each, ns.
+/// The minimum time from SET_STATE until the slaves of a network leave OP, in addition to [`CHANGE_SLAVE_NS`] for each
+/// slave, ns.
 ///
-/// \[OURS] A change "takes several cycles" (SK-3.1), in which the FIFO goes on: commands that wait there when SET_STATE comes,
-/// such as SV_OFF behind the end of a motion, are still executed in this time, on every bus.
+/// \[OURS] A change "takes several cycles" (SK-3.1), during which the FIFO continues: commands that are in the FIFO when
+/// SET_STATE comes, such as SV_OFF after the end of a motion, are still executed in this time, on every bus.
 pub const LEAVING_OP_NS: Ns = 20_000_000;
-/// What each slave that takes part adds to a change of state, ns. \[OURS]
+/// The time that each slave in a change of state adds to its duration, ns. \[OURS]
 pub const CHANGE_SLAVE_NS: Ns = 2_000_000;
 
-/// How long the commands that wait in the FIFO are still executed before that many slaves leave OP, ns.
+/// How long the commands in the FIFO are still executed before `slaves` slaves leave OP, ns.
 pub(crate) const fn leaving_op_ns(slaves: u8) -> Ns {
     LEAVING_OP_NS + CHANGE_SLAVE_NS * slaves as Ns
 }
 
-/// The inputs of a slave are stale, and it is lost, after so many cycles without new ones, and so long, ns. \[OURS] In this time it
-/// is found out who is missing, so that others which share a datagram with a lost slave go on. While that has no answer it is waited for
-/// [`STALE_AT_LAST_NS`].
+/// The minimum number of cycles and the minimum time (ns) without new inputs, after both of which the inputs of a slave are
+/// stale and the slave is lost. \[OURS] In this time the bus searches for the missing slave, so that slaves that only share
+/// a datagram with it can continue. Until that search has ended, the time [`STALE_AT_LAST_NS`] applies instead.
 pub const STALE_AFTER: (u32, Ns) = (10, 20_000_000);
-/// After so long inputs are stale in any case, ns: as long as the watchdogs of slaves wait for outputs. \[OURS]
+/// The time without new inputs after which they are stale even if the search for the missing slave has not ended, ns. It is
+/// the time for which the watchdogs of slaves wait for outputs. \[OURS]
 pub const STALE_AT_LAST_NS: Ns = 100_000_000;
 
-/// Whether inputs are stale after so many cycles of that length without new ones. `is_searched`: who is missing was looked for since.
+/// Whether inputs are stale after `cycles` cycles without new ones. `is_searched`: since then a search for missing slaves
+/// has ended.
 pub(crate) const fn is_stale(cycles: u32, cycle_ns: Ns, is_searched: bool) -> bool {
     let (least_cycles, least_ns) = STALE_AFTER;
     let time_ns = cycles as Ns * cycle_ns;
     cycles >= least_cycles && (is_searched && time_ns >= least_ns || time_ns >= STALE_AT_LAST_NS)
 }
 
-/// Who owns the cycle.
+/// Who decides when a cycle runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pacing {
-    /// Our runner owns it: one push and one poll a cycle.
+    /// The runner of the engine: it calls push and poll once a cycle.
     Runner,
-    /// The bus owns it and takes outputs ahead.
+    /// The bus runs its own cycle and queues outputs.
     Bus {
-        /// The most sets of outputs that it holds, whatever process data are configured. [`Fieldbus::room`] says how many
-        /// it takes now.
+        /// The maximum number of sets of outputs in its queue, for any process data. [`Fieldbus::room`] returns how many it
+        /// accepts now.
         depth: u16,
-        /// The most cycles by which the answer to a cycle is polled late, and by which a lost slave is named late.
+        /// The maximum delay, in cycles, until the answer to a cycle can be polled and until a lost slave is named.
         answer_delay: u16,
     },
 }
@@ -99,7 +102,7 @@ pub enum Role {
 }
 
 impl Role {
-    /// The role of a slave that SET_AXIS declares as that kind, and DRIVE_MODE to run in that mode.
+    /// The role of a slave that SET_AXIS declares as `kind`, and for which DRIVE_MODE sets `mode`.
     pub const fn of(kind: SlaveKind, mode: Mode) -> Self {
         match kind {
             SlaveKind::Drive => Self::Drive(mode),
@@ -110,7 +113,7 @@ impl Role {
         }
     }
 
-    /// The mode of operation of its axes; `None`: it has no axes.
+    /// The mode of operation of the slave's axes; `None`: the slave has no axes.
     pub const fn mode(self) -> Option<Mode> {
         match self {
             Self::Drive(mode) | Self::Step(mode) | Self::Hsp(mode) => Some(mode),
@@ -118,14 +121,14 @@ impl Role {
         }
     }
 
-    /// Whether the board has process data for this role (SK-7, table): it has none for a pulse module in CST, and for a
-    /// stepper in CSP alone \[OURS]. True of a slave that is not used, which needs none.
+    /// Whether the board has process data for this role (SK-7, table). It has none for a pulse module in CST, and for a
+    /// stepper only those in CSP \[OURS]. True also for an unused slave, which needs none.
     pub fn has_process_data(self) -> bool {
         self == Self::Unused || pdo::ProcessData::of(self, false).is_some()
     }
 }
 
-/// How one slave is to be configured.
+/// The wanted configuration of one slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlaveConfig {
     /// What the slave is used as.
@@ -134,13 +137,13 @@ pub struct SlaveConfig {
     pub sync: DriveSync,
 }
 
-/// What a bus needs to know before slaves can go to SafeOP.
+/// The configuration that slaves need before they can go to SafeOP.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BusConfig {
     /// The EtherCAT cycle in OP.
     pub cycle: CycleTime,
-    /// The slaves that are to be configured. The others keep their configuration and their state: slaves that were lost are
-    /// configured again while the rest stays in OP.
+    /// The slaves to be configured. All other slaves keep their configuration and their state: slaves that were lost are
+    /// configured again while the others stay in OP.
     pub selected: SlaveSet,
     /// Slave n is `slaves[n - 1]`; entries beyond the slaves found have no effect.
     pub slaves: [SlaveConfig; MAX_SLAVES],
@@ -181,7 +184,7 @@ pub type SlaveIn = [AxisIn; MAX_AXES];
 /// Process data of one cycle to all slaves.
 #[derive(Clone, Debug)]
 pub struct Outputs {
-    /// The number that the engine gives this set; it comes back in [`CycleDone::outputs`].
+    /// The id that the engine gives this set of outputs; it comes back in [`CycleDone::outputs`].
     pub id: u64,
     /// Slave n is `slaves[n - 1]`.
     pub slaves: [SlaveOut; MAX_SLAVES],
@@ -202,24 +205,24 @@ pub struct Inputs {
     /// the state that they were brought to. The engine takes a slave for lost after one such cycle, so that a bus on which
     /// single frames may get lost has to wait before it names a slave.
     pub lost: SlaveSet,
-    /// Of each slave in `lost` (slave n is `lost_from[n - 1]`) the id of the first outputs that may not have reached it, where the
-    /// bus learns of the loss later than they were sent, or has lost the answers in between; `None`: the outputs of the
-    /// cycle that names it first.
+    /// For each slave in `lost` (slave n is `lost_from[n - 1]`), the id of the first outputs that may not have reached it.
+    /// Set if the bus learns of the loss only after those outputs were sent, or has lost the answers in between. `None`:
+    /// the outputs of the cycle that first names the slave as lost.
     pub lost_from: [Option<u64>; MAX_SLAVES],
-    /// Slaves that are not in OP as far as the bus knows, and so took no outputs in this cycle: on a way down some slaves
-    /// leave OP before others.
+    /// Slaves that are not in OP, as far as the bus knows, and so took no outputs in this cycle: on the way down some
+    /// slaves leave OP before others.
     pub without_outputs: SlaveSet,
-    /// The slaves among those that are below SafeOP as far as the bus knows, and so sent no inputs either.
+    /// The slaves in `without_outputs` that are below SafeOP, as far as the bus knows, and so sent no inputs either.
     pub without_inputs: SlaveSet,
-    /// Slaves that are not lost and whose inputs are not those of this cycle, but older: the working counter beside them was wrong, or
-    /// may have been.
+    /// Slaves that are not lost, but whose inputs are older than this cycle, because the working counter of their datagram
+    /// was wrong or may have been wrong.
     pub held: SlaveSet,
-    /// The slaves in `lost` that answer, but whose inputs were held for too long ([`STALE_AFTER`]).
+    /// The slaves in `lost` that answer, but whose inputs were not renewed for too long ([`STALE_AFTER`]).
     pub stale: SlaveSet,
-    /// The AL status code with which each slave in `lost` that answers has left its state (slave n is `left_with[n - 1]`); 0: it has
-    /// left none, or the bus does not know.
+    /// For each slave in `lost` that answers, the AL status code with which it left its state (slave n is `left_with[n -
+    /// 1]`). 0: the slave has not left its state, or the bus does not know.
     pub left_with: [u16; MAX_SLAVES],
-    /// For how long this machine has sent no frame a short time ago, since it was late by that, ns; 0: it was not, or the bus does not
+    /// The duration of a recent delay of this machine in which it sent no frame, ns. 0: there was none, or the bus does not
     /// know.
     pub stood_still_ns: Ns,
 }
@@ -241,36 +244,36 @@ impl Default for Inputs {
     }
 }
 
-/// A cycle that has passed.
+/// The result of a cycle: when it ran, which outputs it carried, and its working counter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CycleDone {
     /// When the cycle ran, in board time. Its answer may have come later.
     pub at: Ns,
-    /// The id of the newest outputs that were sent by then: this cycle carried them, for the first time or again. Outputs
-    /// with a lower id were sent before. `None`: none were sent yet, or the cycle repeated outputs on a bus that loses no
-    /// answers.
+    /// The id of the newest outputs that were sent up to this cycle: this cycle carried them, for the first time or again.
+    /// Outputs with lower ids were sent before. `None`: none were sent yet, or a bus that loses no answers has repeated
+    /// outputs in this cycle.
     pub outputs: Option<u64>,
-    /// How many sets of outputs that were taken, since the cycle polled before, have been given up: they reach no slave for
-    /// all that the bus knows. The ids of later ones are higher all the same.
+    /// The number of sets of outputs that the bus has accepted but given up since the cycle polled before: as far as the
+    /// bus knows, they reach no slave. Outputs pushed after them have higher ids all the same.
     pub outputs_lost: u32,
-    /// How many cycles right before this one have lost answers, because they were not polled in time.
+    /// The number of cycles directly before this one whose answers were lost because they were not polled in time.
     pub answers_lost: u32,
     /// The working counter of the process data.
     pub working_counter: u16,
-    /// What the working counter is when every slave answers; 0 on a bus that does not know it.
+    /// The working counter if every slave answers; 0 on a bus that does not know it.
     pub expected_working_counter: u16,
-    /// When the next cycle should run to stay in step with the distributed clocks; `None`: a period after this one.
+    /// When the next cycle should run to stay in step with the distributed clocks; `None`: one period after this cycle.
     pub next_deadline: Option<Ns>,
 }
 
-/// How a [`Fieldbus::clear_ahead`] has ended.
+/// The result of [`Fieldbus::clear_ahead`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cleared {
-    /// The id of the newest outputs that were sent; later ones never will be. `None`: none were sent.
+    /// The id of the newest outputs that were sent; newer ones will never be sent. `None`: none were sent.
     pub newest_sent: Option<u64>,
 }
 
-/// Why a bus takes no outputs.
+/// The error of a bus that accepts no outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BusError {
     /// [`Fieldbus::room`] was 0.
@@ -281,40 +284,41 @@ pub enum BusError {
     Down,
 }
 
-/// How a ring of cables is, with a network card at each end of the line of slaves.
+/// The state of a cable ring: a line of slaves with a network card at each end.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RingState {
-    /// Nothing has come back yet.
+    /// No frame has come back yet.
     #[default]
     Unknown,
-    /// All cables are whole.
+    /// No cable is cut.
     Whole,
     /// A cable between two slaves is cut.
     Open,
-    /// No frame comes from the first card to a slave.
+    /// Frames from the first card reach no slave.
     FirstDead,
-    /// No frame comes from the second card to a slave.
+    /// Frames from the second card reach no slave.
     SecondDead,
 }
 
 impl RingState {
-    /// Whether the next cut would cost slaves.
+    /// Whether the next cut would disconnect slaves.
     pub const fn is_broken(self) -> bool {
         matches!(self, Self::Open | Self::FirstDead | Self::SecondDead)
     }
 }
 
-/// What comes back of the wire beside the answers of slaves.
+/// Received frames that are not the answers of slaves to this master.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Strangers {
-    /// The source address of another master's newest frame, as slaves have changed it; `None`: there was none.
+    /// The source address in the newest frame of another master, as slaves have changed it; `None`: no such frame was
+    /// received.
     pub other_master: Option<[u8; 6]>,
-    /// Frames of ours that have come back as they were sent: they have passed no slave.
+    /// The number of frames of this master that came back unchanged: they have passed no slave.
     pub unpassed: u64,
 }
 
 impl Strangers {
-    /// What it means that there is no slave and so many frames have come back as they were sent.
+    /// The text about a network in which no slave was found and `unpassed` frames came back unchanged.
     pub fn echo(unpassed: u64) -> String {
         format!(
             "{unpassed} frames came back as they were sent, with the source address of this card, which each slave changes: the cable \
@@ -323,125 +327,128 @@ impl Strangers {
     }
 }
 
-/// Network cards that are gone for good: their adapter was pulled, or their interface deleted. If one comes back it has to be opened
-/// again.
+/// Network cards that are gone for good: the adapter was pulled, or the interface was deleted. A card that comes back has
+/// to be opened again.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CardsGone {
-    /// Which, and what to do.
+    /// The names of the cards, and what to do.
     pub text: Arc<str>,
     /// Whether no card is left, so that no frame reaches a slave any more.
     pub is_all: bool,
 }
 
-/// A way to run an EtherCAT network. The page of this module says who calls what when.
+/// An EtherCAT network as the engine uses it. The module documentation describes the calls.
 pub trait Fieldbus: Send {
-    /// Who owns the cycle. The answer never changes.
+    /// Returns who decides when a cycle runs. The answer never changes.
     fn pacing(&self) -> Pacing;
 
     /// Starts a job.
     ///
     /// # Errors
-    /// [`Busy`] while another job or an SDO is under way, beside which it cannot run.
+    /// [`Busy`] while a job or an SDO is running beside which the new job cannot run.
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy>;
 
-    /// Starts the transfer of an SDO.
+    /// Starts an SDO transfer.
     ///
     /// # Errors
-    /// [`Busy`] while another one is under way, or a job. Whether an SDO may run beside a change of state is up to the bus.
+    /// [`Busy`] while another SDO or a job is running. Whether an SDO may run beside a change of state depends on the bus.
     fn start_sdo(&mut self, request: SdoRequest, now: Ns) -> Result<(), Busy>;
 
-    /// Tells what the next [`Job::Configure`] will be, as far as is declared, while all slaves are in PreOP and nothing is under way.
-    /// A bus whose configurations take long may begin with it, as long as no SDO shows that and no job waits for it longer than it
-    /// would have taken.
+    /// Announces the next [`Job::Configure`], as far as it is declared, while all slaves are in PreOP and no job or SDO is
+    /// running. A bus with slow configurations may begin early, as long as no SDO shows a difference and no job has to wait
+    /// longer than the configuration itself would have taken.
     fn prepare(&mut self, _config: &BusConfig, _now: Ns) {}
 
-    /// How the job has ended, once.
+    /// Returns the result of the job once it has ended. Each result is returned once.
     fn poll_job(&mut self, now: Ns) -> Option<JobDone>;
 
-    /// How the SDO has ended, once.
+    /// Returns the result of the SDO once it has ended. Each result is returned once.
     fn poll_sdo(&mut self, now: Ns) -> Option<SdoDone>;
 
-    /// Cancels the job under way, if there is one. [`Self::poll_job`] never gives its end.
+    /// Cancels the running job, if there is one. [`Self::poll_job`] never returns its result.
     fn cancel_job(&mut self);
 
-    /// Cancels the SDO under way, if there is one. [`Self::poll_sdo`] never gives its end.
+    /// Cancels the running SDO, if there is one. [`Self::poll_sdo`] never returns its result.
     fn cancel_sdo(&mut self);
 
-    /// How many sets of outputs the bus takes now, as far as it knows: it may take more, never less. With
-    /// [`Pacing::Runner`] 1, or 0 while the bus is down.
+    /// The number of sets of outputs that the bus accepts now, as far as it knows: it may accept more, never fewer. With
+    /// [`Pacing::Runner`] this is 1, or 0 while the bus is down.
     fn room(&self) -> u16;
 
-    /// How many sets of outputs the bus holds that it could have sent sooner, by estimate; those on their way do not count.
-    /// `None`: it does not know, and the engine estimates it from the cycles that have passed. This never says which outputs
-    /// were sent.
+    /// An estimate of the number of sets of outputs that the bus holds and could have sent sooner; sets in flight do not
+    /// count. `None`: the bus has no estimate, and the engine computes one from the cycles that have passed. The estimate
+    /// does not show which outputs were sent.
     fn held_estimate(&self) -> Option<u64> {
         None
     }
 
-    /// Starts to discard the outputs that were taken and not sent. Until it has ended cycles may go on sending them, and
-    /// nothing may be pushed.
+    /// Starts to discard the outputs that were accepted and not sent. Until this has ended, cycles may still send such
+    /// outputs, and nothing may be pushed.
     fn clear_ahead(&mut self, now: Ns);
 
-    /// How the clear under way has ended, once. It ends while the bus is down, too.
+    /// Returns the result of the clear once it has ended. Each result is returned once. A clear also ends while the bus is
+    /// down.
     fn poll_clear(&mut self, now: Ns) -> Option<Cleared>;
 
-    /// Hands over a set of outputs.
+    /// Gives the bus a set of outputs.
     ///
     /// # Errors
-    /// [`BusError`] if the bus has no room or is down; it has taken nothing then.
+    /// [`BusError`] if the bus has no room or is down; it has not accepted the outputs then.
     fn push(&mut self, outputs: &Outputs) -> Result<(), BusError>;
 
-    /// The next cycle that has passed by `now`, and in `inputs` what the slaves sent in it; `None`: no further cycle has
-    /// passed.
+    /// Returns the next cycle that has passed by `now`, and puts the inputs of that cycle into `inputs`; `None`: no further
+    /// cycle has passed.
     fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone>;
 
-    /// It is `now` on the runner's clock, and the time until then is the bus's. A bus whose exchanges take real time makes them
-    /// here, in the runner's own thread, and in [`Self::poll`] none that would end later than it was asked for. A runner that
-    /// is late gives a time that has passed, and catches up on its cycles.
+    /// Lets the bus work from `now` to `until`, both on the runner's clock. A bus whose exchanges take real time makes them
+    /// here, on the runner's thread; in [`Self::poll`] it starts no exchange that would end after the time of the poll. A
+    /// runner that is late passes an `until` that is not after `now`, and catches up on its cycles.
     fn work_until(&mut self, _now: Ns, _until: Ns) {}
 
-    /// Whether cycles that a runner is late for are run one right after the other. A bus whose slaves have clocks of their own
-    /// cannot: of two sets of outputs within a cycle of a slave it acts on the second one alone. Its late cycles are left out.
+    /// Whether a late runner runs its missed cycles one directly after the other. A bus to slaves with clocks of their own
+    /// cannot do this: of two sets of outputs within one cycle of its clock, a slave uses only the second one. The missed
+    /// cycles of such a bus are skipped.
     fn catches_up(&self) -> bool {
         true
     }
 
-    /// The runner was late, and has left out cycles that take so long together: the time that it gives does not include them, and is
-    /// behind a clock of the bus's own by so much more than before.
+    /// Reports that a late runner has skipped cycles that last `left_out_ns` together. The runner's time does not include
+    /// them, so it falls behind a clock of the bus by that time.
     fn leave_out(&mut self, _left_out_ns: Ns) {}
 
-    /// Whether the hardware that runs the bus does not answer: nothing is sent then, whatever is pushed.
+    /// Whether the hardware that runs the bus does not answer: then nothing is sent, whatever is pushed.
     fn is_down(&self) -> bool {
         false
     }
 
     /// The slave with the reference clock: the first one found that has distributed clocks (SK-11, UG15). `None`: no slave
-    /// has, or the bus does not know.
+    /// has distributed clocks, or the bus does not know.
     fn reference_clock(&self) -> Option<u8> {
         None
     }
 
-    /// How the ring of cables is; `None`: the bus has no second card.
+    /// The state of the cable ring; `None`: the bus has no second card.
     fn ring(&self) -> Option<RingState> {
         None
     }
 
-    /// The network cards that are gone; `None`: all are there, or the bus has none. Asked in each cycle, so it must not allocate.
+    /// The network cards that are gone; `None`: none is, or the bus has no cards. Called in each cycle, so it must not
+    /// allocate.
     fn cards_gone(&self) -> Option<CardsGone> {
         None
     }
 
-    /// What comes back of the wire beside the answers of slaves; the default: nothing, or the bus does not know.
+    /// Received frames that are not the answers of slaves. The default value: there were none, or the bus does not know.
     fn strangers(&self) -> Strangers {
         Strangers::default()
     }
 
-    /// The six inputs of the chip that runs the bus, bit k is input k (SK-8). `None`: the bus has none, and the board shows
-    /// those that scripts and tests set.
+    /// The six local inputs of the chip that runs the bus: bit k is input k (SK-8). `None`: the bus has no local inputs,
+    /// and the board shows those that scripts and tests set.
     fn local_inputs(&self) -> Option<u8> {
         None
     }
 
-    /// Sets the six outputs of the chip that runs the bus. Called when they change.
+    /// Sets the six local outputs of the chip that runs the bus. Called when they change.
     fn set_local_outputs(&mut self, _bits: u8) {}
 }

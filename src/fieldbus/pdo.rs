@@ -1,9 +1,9 @@
 //! The process data that the board maps for each kind of slave (SK-7, table of process data): the SDOs that a bus writes in
-//! PreOP, and how [`AxisOut`] and [`AxisIn`] lie in the process images that the slave then takes and sends.
+//! PreOP, and the layout of [`AxisOut`] and [`AxisIn`] in the process image of a slave.
 //!
-//! Every bus maps the same: it writes [`ProcessData::downloads`] by SDO, and converts images with
+//! All buses use the same mapping: they write [`ProcessData::downloads`] by SDO, and convert process images with
 //! [`ProcessData::put_outputs`] and [`ProcessData::take_inputs`]. [`ProcessData::take_outputs`] and
-//! [`ProcessData::put_inputs`] are the slave's side of the same, for models of slaves without an object dictionary.
+//! [`ProcessData::put_inputs`] are the slave's side, for models of slaves without an object dictionary.
 
 mod downloads;
 
@@ -14,10 +14,10 @@ use crate::sk::DriveSync;
 
 pub use downloads::{Download, Downloads, MappedDirection, MappingImage, NO_SUCH_MODE};
 
-/// The length of the longest process image that the board maps, bytes: that of a pulse module of two channels.
+/// The maximum length of a slave's process image in one direction, bytes: that of a pulse module with two channels.
 pub const IMAGE_BYTES_MAX: usize = 20;
 
-/// The object that shows whether a pulse module has a second axis: if it has, the object can be read \[OURS].
+/// The object that shows whether a pulse module has a second axis: only then it can be read \[OURS].
 pub const SECOND_CONTROLWORD: ObjectAddress = ObjectAddress::new(CONTROLWORD + SECOND_AXIS_OFFSET, 0);
 
 /// A field of [`AxisOut`].
@@ -38,11 +38,11 @@ enum InWord {
     Inputs,
 }
 
-/// An object of the first axis that is mapped, and the field that it carries.
+/// A mapped object of the first axis, and the field of [`AxisOut`] or [`AxisIn`] that it carries.
 #[derive(Clone, Copy, Debug)]
 struct Mapped<W> {
     object: ObjectAddress,
-    /// The size of the object, 2 or 4.
+    /// The size of the object in bytes, 2 or 4.
     bytes: usize,
     word: W,
 }
@@ -88,11 +88,11 @@ const HSP_IN: [In; 3] = [
     mapped(0x6064, 0, 4, InWord::Position),
     mapped(0x60FD, 0, 4, InWord::Inputs),
 ];
-/// \[OURS] The areas of the modular device profile (ETG.5001): inputs at 0x6000, outputs at 0x7000.
+/// \[OURS] The object areas of the modular device profile (ETG.5001): inputs at 0x6000, outputs at 0x7000.
 const IO_OUT: [Out; 1] = [mapped(0x7000, 1, 2, OutWord::Outputs)];
 const IO_IN: [In; 1] = [mapped(0x6000, 1, 2, InWord::Inputs)];
 
-/// Which of the tables above map the process data of an axis.
+/// Selects the tables above for the process data of an axis.
 #[derive(Clone, Copy, Debug)]
 enum Table {
     DriveCsp,
@@ -103,7 +103,7 @@ enum Table {
     Io,
 }
 
-/// Calls a function with the table as a constant, so that the compiler makes straight code of each table.
+/// Calls a function with the constant table of outputs, so that the compiler generates separate code for each table.
 macro_rules! with_outputs {
     ($table:expr, $call:ident ( $($argument:expr),* )) => {
         match $table {
@@ -117,7 +117,7 @@ macro_rules! with_outputs {
     };
 }
 
-/// The same for inputs.
+/// Like `with_outputs!`, with the table of inputs.
 macro_rules! with_inputs {
     ($table:expr, $call:ident ( $($argument:expr),* )) => {
         match $table {
@@ -131,7 +131,7 @@ macro_rules! with_inputs {
 /// The process data of one slave.
 #[derive(Clone, Copy, Debug)]
 pub struct ProcessData {
-    /// That of each axis.
+    /// The mapping tables of each of its axes.
     table: Table,
     axes: u8,
     output_bytes: u8,
@@ -140,8 +140,8 @@ pub struct ProcessData {
 }
 
 impl ProcessData {
-    /// The process data of a slave that is used as `role`; a pulse module may have a second axis. `None`: the slave is not
-    /// used, or there are none for the role, see [`Role::has_process_data`].
+    /// The process data of a slave that is used as `role`. `has_second_axis` matters for pulse modules only. `None`: the
+    /// slave is not used, or the role has no process data, see [`Role::has_process_data`].
     pub fn of(role: Role, has_second_axis: bool) -> Option<Self> {
         let table = match role {
             Role::Drive(Mode::Csp) | Role::Step(Mode::Csp) => Table::DriveCsp,
@@ -163,12 +163,12 @@ impl ProcessData {
         })
     }
 
-    /// The length of the output image, at most [`IMAGE_BYTES_MAX`].
+    /// The length of the output image in bytes, at most [`IMAGE_BYTES_MAX`].
     pub const fn output_bytes(&self) -> usize {
         self.output_bytes as usize
     }
 
-    /// The length of the input image, at most [`IMAGE_BYTES_MAX`].
+    /// The length of the input image in bytes, at most [`IMAGE_BYTES_MAX`].
     pub const fn input_bytes(&self) -> usize {
         self.input_bytes as usize
     }
@@ -195,7 +195,7 @@ impl ProcessData {
         inputs.iter().map(move |mapped| mapped.entry(axis))
     }
 
-    /// The master's side: puts the outputs at the beginning of `image` and gives that part of it.
+    /// Master's side: writes the outputs to the beginning of `image` and returns that part of it.
     ///
     /// # Panics
     /// If `image` is shorter than [`Self::output_bytes`].
@@ -206,8 +206,8 @@ impl ProcessData {
         image
     }
 
-    /// The master's side: takes what the slave has sent out of `image`. Fields that are not mapped become 0; those of an
-    /// axis that the slave does not have stay as they were.
+    /// Master's side: reads the inputs that the slave has sent from `image`. Fields that are not mapped become 0. Fields of
+    /// an axis that the slave does not have stay unchanged.
     ///
     /// # Panics
     /// If `image` is shorter than [`Self::input_bytes`].
@@ -216,18 +216,19 @@ impl ProcessData {
         with_inputs!(self.table, take_inputs(&image[..self.input_bytes()], inputs));
     }
 
-    /// Outputs with which nothing moves: no motor is on, and in CSP the target is the actual position.
+    /// Outputs with which nothing moves: every motor is off, and in CSP the target is the actual position.
     pub fn holding(&self, inputs: &SlaveIn) -> SlaveOut {
         let target = |axis: &AxisIn| if self.mode == Some(Mode::Csp) { axis.position } else { 0 };
         inputs.map(|axis| AxisOut { target: target(&axis), ..AxisOut::default() })
     }
 
-    /// Outputs with which axes brake on their quick-stop ramps and are off then, for a slave whose inputs nobody knows.
+    /// Outputs for a slave whose inputs are stale: its axes brake on their quick-stop ramps and are then off.
     pub fn stopping(&self, inputs: &SlaveIn) -> SlaveOut {
         self.holding(inputs).map(|axis| AxisOut { controlword: Controlword::QUICK_STOP, ..axis })
     }
 
-    /// The slave's side of [`Self::put_outputs`]: what the master has sent. Fields that are not mapped are 0.
+    /// Slave's side of [`Self::put_outputs`]: returns the outputs that the master has sent. Fields that are not mapped are
+    /// 0.
     ///
     /// # Panics
     /// If `image` is shorter than [`Self::output_bytes`].
@@ -237,7 +238,7 @@ impl ProcessData {
         outputs
     }
 
-    /// The slave's side of [`Self::take_inputs`]: puts what the slave sends into `image`.
+    /// Slave's side of [`Self::take_inputs`]: writes the inputs to the beginning of `image`.
     ///
     /// # Panics
     /// If `image` is shorter than [`Self::input_bytes`].
@@ -246,7 +247,7 @@ impl ProcessData {
     }
 }
 
-/// The length of the image of one axis, bytes.
+/// The length of the process image of one axis in one direction, bytes.
 const fn length<W, const N: usize>(mapped: &[Mapped<W>; N]) -> usize {
     let (mut n, mut bytes) = (0, 0);
     while n < N {
@@ -260,8 +261,8 @@ const fn all<W, const N: usize>(mapped: &'static [Mapped<W>; N]) -> &'static [Ma
     mapped
 }
 
-/// Puts the outputs of as many axes into the image as it has room for. The three functions below do the same for their
-/// part.
+/// Writes the outputs of as many axes as the image has room for. The three functions below read outputs, write inputs and
+/// read inputs in the same way.
 #[inline(always)]
 fn put_outputs<const N: usize>(mapped: &[Out; N], outputs: &SlaveOut, image: &mut [u8]) {
     for (axis, mut image) in outputs.iter().zip(image.chunks_exact_mut(length(mapped))) {
@@ -326,7 +327,7 @@ fn take_inputs<const N: usize>(mapped: &[In; N], image: &[u8], inputs: &mut Slav
     }
 }
 
-/// Puts a number of 2 or 4 bytes at the beginning of an image. The rest of the image.
+/// Writes a number of 2 or 4 bytes to the beginning of an image, and returns the rest of the image.
 #[inline(always)]
 fn put(image: &mut [u8], bytes: usize, number: u32) -> &mut [u8] {
     let (here, rest) = image.split_at_mut(bytes);
@@ -337,7 +338,7 @@ fn put(image: &mut [u8], bytes: usize, number: u32) -> &mut [u8] {
     rest
 }
 
-/// The number of 2 or 4 bytes at the beginning of an image, and the rest of the image.
+/// Reads a number of 2 or 4 bytes from the beginning of an image, and returns it with the rest of the image.
 #[inline(always)]
 fn take(image: &[u8], bytes: usize) -> (u32, &[u8]) {
     let (here, rest) = image.split_at(bytes);

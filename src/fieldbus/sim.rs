@@ -13,7 +13,7 @@
 //! **A cut before the first slave** takes the bus down: [`Fieldbus::room`] is 0 and [`Fieldbus::poll`] gives `None`. Time
 //! goes on passing in the slaves.
 //!
-//! The bus allocates when it is made, never in a cycle.
+//! The bus allocates when it is created, never in a cycle.
 
 mod configure;
 mod jobs;
@@ -36,7 +36,7 @@ struct Station {
     slave: Box<dyn Slave>,
     /// The AL state that the newest job brought the slave to. The slave may have left it by itself.
     commanded: AlState,
-    /// The process data that are mapped; `None`: nothing is.
+    /// The mapped process data; `None`: none are mapped.
     process_data: Option<ProcessData>,
 }
 
@@ -60,8 +60,8 @@ pub struct SimBus {
 }
 
 impl SimBus {
-    /// A network of these slaves in the order of the cable, switched on at time 0. A scan never finds those beyond the
-    /// 40th.
+    /// A network of these slaves in the order of the cable, switched on at time 0. A scan finds at most the first 40
+    /// slaves.
     pub fn new(slaves: Vec<Box<dyn Slave>>) -> Self {
         let stations =
             slaves.into_iter().map(|slave| Station { slave, commanded: AlState::Init, process_data: None }).collect();
@@ -88,12 +88,12 @@ impl SimBus {
         self
     }
 
-    /// The handle by which scripts and tests reach the network while it runs, from any thread.
+    /// The handle with which scripts and tests control the network while it runs, from any thread.
     pub fn handle(&self) -> SimHandle {
         self.handle.clone()
     }
 
-    /// The slaves in the order of the cable, and the handle, as for a network of another kind.
+    /// The slaves in the order of the cable, and the handle, to build a network of another kind from them.
     pub fn into_parts(self) -> (Vec<Box<dyn Slave>>, SimHandle) {
         (self.stations.into_iter().map(|station| station.slave).collect(), self.handle)
     }
@@ -116,7 +116,7 @@ impl SimBus {
         self.stations[usize::from(slave) - 1].slave.state()
     }
 
-    /// Finds out which slaves are lost, as the page of this module says.
+    /// Updates the set of lost slaves by the rules in the module documentation.
     fn update_lost(&mut self) {
         let answering = self.handle.answering();
         for (slave, Station { slave: device, commanded, .. }) in (1..).zip(&self.stations[..usize::from(self.found)]) {
@@ -133,7 +133,7 @@ impl SimBus {
         let (mut working_counter, mut expected_working_counter) = (0, 0);
         let (mut without_outputs, mut without_inputs) = (SlaveSet::EMPTY, SlaveSet::EMPTY);
         let images = self.outputs.slaves.iter().zip(&mut inputs.slaves);
-        // A scan has the wire for itself: slaves that are in OP since before a SW_RESET have lost their master.
+        // A scan exchanges no process data: slaves that were in OP before a SW_RESET have lost their master.
         let has_cycles = !matches!(self.job, Some(RunningJob { job: Job::Scan, .. }));
         let stations = &mut self.stations[..if has_cycles { usize::from(self.found) } else { 0 }];
         let (mut output_image, mut input_image) = ([0; IMAGE_BYTES_MAX], [0; IMAGE_BYTES_MAX]);
@@ -175,7 +175,7 @@ impl SimBus {
         }
     }
 
-    /// Slaves that have lost their power begin anew, in Init. They are there when they answer again.
+    /// Restarts slaves that have lost their power: they begin in Init.
     fn power_off(&mut self) {
         for slave in self.handle.take_powered_off().iter() {
             if let Some(station) = self.stations.get_mut(usize::from(slave) - 1) {

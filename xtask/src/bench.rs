@@ -13,7 +13,7 @@ use crate::needs::{self, IP, MCS, MONO, NETWORK_NAMESPACE, Need, PIP, SOEM_SOURC
 use crate::project::Project;
 use crate::{rig, windows};
 
-/// The programs and rights that benches need; a bench without its own says so and is left out.
+/// The programs and rights that the benches need. A bench that lacks one prints this and is skipped.
 const NEEDS: &[Need] = &[MCS, MONO, IP, NETWORK_NAMESPACE, PIP, SOEM_SOURCES];
 
 #[derive(clap::Args)]

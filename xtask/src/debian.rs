@@ -10,7 +10,7 @@ use crate::error::Error;
 
 /// The release. The tests were written with its Wine, and the packages are for it.
 const RELEASE: &str = "bookworm";
-/// The file in the root that lists what it was made of.
+/// The file in the root that lists the sources of the system.
 const MADE_OF: &str = "made-of";
 
 /// A Debian system: the minimal one with further packages.

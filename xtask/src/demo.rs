@@ -14,14 +14,15 @@ use crate::{command, needs, stage};
 
 const SOURCE: &str = "examples/cpp/alarm_recovery.cpp";
 const LINK: &str = "sim:?slaves=drive*2&clock=real&script=examples/scripts/alarm_on_the_way.ecmscript";
-/// What happens on the way, for simulated slaves whose link says nothing else: by themselves, and behind an ECM-XF.
+/// The fault scripts for simulated slaves whose link has no script of its own: for slaves of the model, and for slaves
+/// behind an ECM-XF.
 const SCRIPT: &str = "script=examples/scripts/alarm_on_the_way.ecmscript";
 const SCRIPT_BEHIND_CHIP: &str = "script=examples/scripts/alarm_on_the_way_behind_chip.ecmscript";
 
-/// The schemes of links whose slaves are simulated, with what happens to those.
+/// The schemes of links to simulated slaves, each with its fault script.
 const SIMULATED: [(&str, &str); 2] = [("sim:", SCRIPT), ("xf-sim:", SCRIPT_BEHIND_CHIP)];
 
-/// The link that stands for a network card of its own, with simulated slaves at the other end of its cable.
+/// The argument that stands for a virtual network card with simulated slaves at the other end of its cable.
 const CARD: &str = "nic";
 /// Runs a program on slaves at the other end of a cable: $1 is the tool, $2 the recording, $3 the program, $4 the log of the
 /// slaves.
@@ -74,7 +75,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     stage::build_into(project, &staged, "release")?;
     let other_link = arguments.link.as_deref().filter(|_| !on_card).map(with_script);
     if let Some(link) = &other_link {
-        // The tool reads the link, and opens nothing: a wrong key is found before the first run and not behind it.
+        // The tool checks the link without opening it, so that a wrong key is found before the first run.
         show_and_run(Command::new(&ecmsk).args(["exec", "--link", link, "--", "true"]))?;
     }
 
@@ -86,7 +87,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     show_and_run(&mut compile)?;
 
     let exec = |link: &str, recording: &Path| {
-        // A recording of before would be continued.
+        // Without this an older recording would be continued.
         let _ = fs::remove_file(recording);
         let mut exec = Command::new(&ecmsk);
         show_and_run(exec.args(["exec", "--link", link, "--record"]).arg(recording).arg("--").arg(&program))
@@ -116,7 +117,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     Ok(())
 }
 
-/// Refuses a link whose slaves may be real: nobody has asked whether that machine may move.
+/// Refuses a link whose slaves may be real, because it is not known whether that machine may move.
 fn refuse_real(link: &str, target: &Path) -> Result<(), Error> {
     if link == CARD || SIMULATED.iter().any(|(scheme, _)| link.starts_with(scheme)) {
         return Ok(());
@@ -189,7 +190,8 @@ mod tests {
         assert!(!of_one.contains("both.svg") && of_one.contains("demo --link 'xf-sim:?slaves=drive*2'"), "{of_one}");
     }
 
-    /// A link that may reach a real machine, or that is none, is refused with the reason and what one can run oneself.
+    /// A link that may reach a real machine, or that is invalid, is refused with the reason and with a command for the
+    /// user.
     #[test]
     fn no_real_machine_is_moved() {
         for link in

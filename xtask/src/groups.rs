@@ -16,8 +16,8 @@ const QUICK: &[&str] =
 const OTHERS: &[&str] =
     &["bus", "capi", "counters", "ecm", "ecmsk_header", "esi", "invariants", "master", "migration", "xf_api"];
 
-/// Groups on the machine's clock: runners, processes, sockets, network cards, masters of others. They have the machine to
-/// themselves, one test at a time. What they assert holds on a machine that is late, too.
+/// Groups that use the machine's clock: runners, processes, sockets, network cards, masters of other projects. Nothing else
+/// runs beside them, and they run one test at a time. Their assertions hold on a machine that is late, too.
 const REAL_CLOCK: &[&str] = &[
     "bus_on_card",
     "failing_calls",
@@ -32,19 +32,20 @@ const REAL_CLOCK: &[&str] = &[
     "xf_port",
 ];
 
-/// Those of them that need a master of others, which is fetched and built first: `--all` alone runs them.
+/// The groups among them that need a master of another project, which is fetched and built first: only `--all` runs them.
 const OTHER_MASTERS: &[&str] = &["ethercrab", "pysoem"];
 
-/// The group of which a part is on the machine's clock, and the parts of the names of its tests there.
+/// The group in which only some tests use the machine's clock, and the parts of the names of these tests.
 const TOOL: &str = "tool";
 const TOOL_ON_REAL_CLOCK: &[&str] =
     &["card_picture::", "monitor_tcp::", "page::", "serve_", "stalled::", "stop::", "tcp_", "terminal::"];
 
-/// The one of them that needs seconds: the runners of the board, on every system.
+/// The only group among them that takes seconds: the runners of the board, on every system.
 const QUICK_ON_REAL_CLOCK: &str = "runners";
 
-/// Tests and modules that repeat others, over other hardware, in other languages or before another judge, or that try hundreds of
-/// moments one by one: `--all` alone runs them. These are parts of names: each has to be in no other's.
+/// Parts of the names of the tests and modules that only `--all` runs: they repeat other tests over other hardware, in
+/// other languages or with another reference, or try hundreds of moments one by one. No part may occur in the name of
+/// another test.
 const LONG: &[&str] = &[
     "a_crowd_locks_nobody_out",
     "all_that_a_program_sees_is_the_same",
@@ -62,7 +63,7 @@ const LONG: &[&str] = &[
     "xf_doubts::",
 ];
 
-/// Whether all tests in modules of that name are left to `--all`.
+/// Whether only `--all` runs the tests in modules of that name.
 pub fn is_left_to_all(module: &str) -> bool {
     LONG.iter().any(|name| name.strip_suffix("::") == Some(module))
 }
@@ -103,7 +104,7 @@ pub fn documentation(site: &Site) -> Result<(), Error> {
     command::run(site.project.cargo().args(["test", "--workspace", "--doc", "--", "--quiet"]))
 }
 
-/// Always with the whole workspace: so each group has the library with the same features, which is compiled once.
+/// Runs cargo for the whole workspace, so that each group has the library with the same features and it is compiled once.
 fn run(site: &Site, groups: &[&[&str]], targets: &[&str], options: &[&str]) -> Result<(), Error> {
     let mut cargo = site.project.cargo();
     cargo.args(["test", "--workspace"]).args(targets);
@@ -115,7 +116,8 @@ fn run(site: &Site, groups: &[&[&str]], targets: &[&str], options: &[&str]) -> R
     command::run(&mut cargo)
 }
 
-/// Runs the groups on the machine's clock that often; if `is_busy`, with a busy loop on each processor in every second run.
+/// Runs the groups on the machine's clock `times` times; if `is_busy`, with a busy loop on each processor in every second
+/// run.
 pub fn repeat_real_clock(site: &Site, times: u32, is_busy: bool) -> Result<(), Error> {
     for n in 1..=times {
         let is_busy = is_busy && n.is_multiple_of(2);
@@ -148,13 +150,13 @@ mod tests {
 
     use super::*;
 
-    /// The folders with groups.
+    /// The folders that contain groups.
     const FOLDERS: [&str; 4] = ["tests", "capi/tests", "tests/masters/tests", "tool/tests"];
-    /// Groups that are started in a guest or under Wine, by parts of their own.
+    /// Groups that parts of their own start in a guest or under Wine.
     const ELSEWHERE: [&str; 2] = ["rig", "windows"];
-    /// What a test on the machine's clock has in its source.
+    /// Texts in the source of a test that uses the machine's clock.
     const SIGNS: [&str; 4] = ["clock=real", "virtual_time: false", "Instant::now", "thread::sleep"];
-    /// Files of other groups with such a sign. No test there fails on a machine that is late.
+    /// Files of other groups that contain such a text. No test in them fails on a machine that is late.
     const WITH_A_SIGN: [&str; 16] = [
         "tests/capi/behaviour.rs",
         "tests/capi/cpp_examples.rs",
@@ -210,7 +212,7 @@ mod tests {
         assert!(REAL_CLOCK.contains(&QUICK_ON_REAL_CLOCK));
     }
 
-    /// A group that looks at the machine's clock is among those that run alone, or a file of it is named here.
+    /// A group that uses the machine's clock is among those that run alone, or its file is listed here.
     #[test]
     fn what_looks_at_the_clock_runs_alone() {
         let mut found = Vec::new();
@@ -230,7 +232,7 @@ mod tests {
         assert_eq!(found, WITH_A_SIGN);
     }
 
-    /// What is left to `--all` is there.
+    /// The tests that only `--all` runs exist.
     #[test]
     fn long_tests_are_there() {
         let sources: Vec<PathBuf> = groups().iter().flat_map(|(_, path)| sources(path)).collect();

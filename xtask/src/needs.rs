@@ -83,8 +83,8 @@ pub const MINGW_X64: Need =
 pub const CLANG: Need = Need { program: "clang-14", source: Source::Debian(&["clang-14"]) };
 pub const LLD_LINK: Need = Need { program: "/usr/bin/lld-link-14", source: Source::DebianFile(&["lld-14"]) };
 pub const WINE_X64: Need = Need { program: "/usr/lib/wine/wine64", source: Source::DebianFile(&["wine", "wine64"]) };
-/// Debian's tools for packages: what a program depends on, by its libraries; what is wrong with a package (this one brings 90 MB
-/// of Perl).
+/// Debian's tools for packages. `DPKG_DEV` finds what a program depends on, by its libraries; `LINTIAN` checks a package,
+/// and brings 90 MB of Perl.
 pub const DPKG_DEV: Need = Need { program: "dpkg-shlibdeps", source: Source::Debian(&["dpkg-dev"]) };
 pub const LINTIAN: Need = Need { program: "lintian", source: Source::Debian(&["lintian"]) };
 pub const ZIP: Need = Need { program: "/usr/bin/zip", source: Source::DebianFile(&["zip"]) };
@@ -266,7 +266,7 @@ fn tools(needs: &[Need]) -> impl Iterator<Item = &'static Tool> {
     })
 }
 
-/// A container may forbid it to root, and a kernel may have no such interfaces.
+/// In a container even root may not make them, and a kernel may not support them.
 fn may_make_interfaces() -> bool {
     let words = ["--net", "/sbin/ip", "link", "add", "veth0", "type", "veth", "peer", "name", "veth1"];
     is_root() && command::succeeds(Command::new("unshare").args(words))

@@ -28,7 +28,7 @@ struct Metadata {
     target_directory: PathBuf,
 }
 
-/// What `cargo metadata` with one more `option` says, as far as `T` names it.
+/// The answer of `cargo metadata` with one more `option`, as far as `T` has fields for it.
 pub fn metadata<T: DeserializeOwned>(mut cargo: Command, option: &str) -> Result<T, Error> {
     let answer = command::output(cargo.args(["metadata", "--format-version=1", option]))?;
     serde_json::from_slice(&answer).map_err(|source| Error::Output { command: command::shown(&cargo), source })

@@ -1,9 +1,13 @@
-//! `cargo xtask soak`: runs random tests many more times than the tests do: the random schedules, on a bus that our runner
-//! paces and on late ones, the writers that die and the long day of tests/invariants, the random frames against every
-//! network of tests/engine and against slaves in every state in tests/ethercat, slaves as another master has left them in
-//! tests/master, all of tests/engine over a bus that takes outputs ahead, the schedules of faults between the ECM-XF's
-//! driver and its model in tests/xf, programs on a board and behind a chip in tests/migration, and system calls that fail in
-//! tests/failing_calls and in those of tests/masters.
+//! `cargo xtask soak`: runs random tests many more times than `cargo xtask test` does:
+//!
+//! - the random schedules of tests/invariants, on a bus that our runner paces and on late buses, its writers that die, and
+//!   its long day
+//! - random frames against every network of tests/engine, and against slaves in every state in tests/ethercat
+//! - slaves as another master has left them, in tests/master
+//! - all of tests/engine over a bus that queues outputs
+//! - the schedules of faults between the ECM-XF's driver and its model, in tests/xf
+//! - programs on a board and behind a chip, in tests/migration
+//! - system calls that fail, in tests/failing_calls and in tests/masters
 
 use std::process::Command;
 
@@ -13,9 +17,10 @@ use crate::needs;
 use crate::project::Project;
 use crate::test::GATES;
 
-/// A program of tests/migration runs twice, each time for some seconds of the board: for so many schedules there is one.
+/// The number of schedules for which one program of tests/migration runs: it runs twice, each time for some seconds of the
+/// board.
 const PER_MIGRATION: u64 = 25;
-/// A motion on a network card takes seconds of the real clock: for so many schedules there is one.
+/// The number of schedules for which one motion on a network card runs: it takes seconds of the real clock.
 const PER_CARD: u64 = 25;
 
 #[derive(clap::Args)]
@@ -58,10 +63,11 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     Ok(())
 }
 
-/// As many blows of each kind as there are schedules, at most all that there are, where this machine can run them.
+/// The tests with failing system calls that this machine can run, each with its number of failures: `count`, or as many as
+/// there are.
 fn failing_calls(project: &Project, count: u64) -> Vec<(Command, u64)> {
     let mut on_boards = test(project, "failing_calls", &[]);
-    // On the real clock each is to have the machine for itself.
+    // On the real clock nothing may run beside a test.
     on_boards.arg("--test-threads=1");
     let mut on_card = project.cargo();
     on_card.args(["test", "--release", "--package=masters", "--test=failing_calls_on_card", "--", "--nocapture"]);

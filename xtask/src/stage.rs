@@ -53,8 +53,9 @@ pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(),
     split_debug(&prefix.join("lib").join(SONAME))
 }
 
-/// Moves what a debugger wants of a library into a file of its own, a tenth of the size being left: `.debug/NAME.debug` beside
-/// it, where debuggers look for it. That file has the paths of the build, the library those of sources in messages alone.
+/// Moves the debug information of a library into a file of its own, which leaves a tenth of its size: `.debug/NAME.debug`
+/// beside the library, where debuggers look for it. The paths of the build are in that file; the library has paths of
+/// sources only in messages.
 fn split_debug(library: &Path) -> Result<(), Error> {
     let name = library.file_name().unwrap_or_default().to_string_lossy();
     let folder = library.with_file_name(".debug");
@@ -188,7 +189,7 @@ mod tests {
         assert!(!file.contains('@') && !file.contains(env!("CARGO_MANIFEST_DIR")), "{file}");
     }
 
-    /// The library has nothing for a debugger and is small; its debug file has it, and belongs to it.
+    /// The library has no debug information and is small. Its debug file has the information, and belongs to the library.
     #[test]
     fn what_a_debugger_wants_is_a_file_of_its_own() {
         let folder = tempfile::tempdir().unwrap();

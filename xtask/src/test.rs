@@ -62,7 +62,7 @@ pub const fn part(name: &'static str, needs: &'static [Need], run: fn(&Site) -> 
 }
 
 impl Part {
-    /// The names among `names` that are of this part; `None` if names were given and none of them is.
+    /// The names among `names` that belong to this part; `None` if names were given and none belongs to it.
     fn asked_for(&self, names: &[String]) -> Option<Vec<String>> {
         let own: Vec<String> = names.iter().filter(|name| (self.takes)(name)).cloned().collect();
         (names.is_empty() || !own.is_empty()).then_some(own)
@@ -80,7 +80,7 @@ pub struct Site<'a> {
     pub all: bool,
 }
 
-/// What a person waits for.
+/// The parts that run while a person waits.
 pub const PARTS: &[Part] = &[
     part("rules and features", &[], rules),
     part("tests of units and groups", &[], groups::units_and_groups),
@@ -169,12 +169,13 @@ pub const GATES: &[Gate] = &[
     Gate { module: "needs_valgrind", needs: &[CXX, MAKE, PKG_CONFIG, VALGRIND] },
 ];
 
-/// The gates of the tests that are run: what is left to `--all` needs nothing before.
+/// The gates of the tests that run. Without `all` these exclude the gates of modules that only `--all` runs, so that their
+/// programs are not needed.
 fn gates(all: bool) -> Vec<Gate> {
     GATES.iter().filter(|gate| all || !groups::is_left_to_all(gate.module)).copied().collect()
 }
 
-/// The parts without any of the tests that were asked for by name, which is an error if it is all of them.
+/// Counts the parts without any of the tests that were asked for by name. It is an error if all parts are such.
 #[derive(Default)]
 struct Without {
     error: Option<Error>,
@@ -199,7 +200,7 @@ impl Without {
 }
 
 impl<'a> Site<'a> {
-    /// Where every test is run, the long ones only if `all`.
+    /// An environment in which every test runs, the long ones only if `all`.
     pub fn new(project: &'a Project, missing: &'a [Need], all: bool) -> Self {
         Self { project, missing, names: Vec::new(), all }
     }
@@ -246,8 +247,8 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     run_parts(&Site::new(project, &missing, arguments.all), parts, &gates, left_out)
 }
 
-/// Runs the parts in order, each with its names, and lists at the end what was skipped because of missing programs, and
-/// what was `left_out` by choice.
+/// Runs the parts in order, each with its names. At the end lists the parts that were skipped because programs are missing,
+/// and those that were `left_out` by choice.
 pub fn run_parts(
     site: &Site,
     parts: Vec<(&Part, Vec<String>)>,
@@ -382,7 +383,7 @@ mod tests {
         assert!(matches!(hear(vec![none(), Err(Error::NoFigures), Ok(())]), Err(Error::NoFigures)));
     }
 
-    /// What only `--all` runs is not fetched for a person who waits.
+    /// The programs that only `--all` needs are not fetched while a person waits.
     #[test]
     fn what_is_left_to_all_needs_nothing_before() {
         let modules = |all| gates(all).iter().map(|gate| gate.module).collect::<Vec<_>>();

@@ -19,7 +19,7 @@ struct State {
     closed: bool,
     /// Close does not return while this is set.
     stays_in_close: bool,
-    /// The thread that closes is gone then.
+    /// The thread that calls Close ends during the call.
     ends_closer: bool,
     read_waits: [Option<Wait>; 2],
     write_waits: [Option<Wait>; 2],
@@ -350,12 +350,12 @@ fn open_waits_for_a_close_under_way() {
     });
 }
 
-/// A thread that is gone in a call.
+/// A thread that ends during a call.
 #[cfg(target_os = "linux")]
 mod gone {
     use super::*;
 
-    /// Ends the calling thread, which frees nothing of it.
+    /// Ends the calling thread, without freeing anything of it.
     fn end_this_thread() -> ! {
         // SAFETY: the call ends this thread and nothing else.
         unsafe { libc::syscall(libc::SYS_exit, 0) };

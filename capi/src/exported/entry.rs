@@ -1,4 +1,4 @@
-//! What every exported function runs in.
+//! The wrapper in which every exported function runs.
 
 use std::any::Any;
 use std::fmt::{Arguments, Debug};
@@ -71,7 +71,7 @@ pub fn guard<T: Debug>(
             if !forked::any_open()
                 && let Some(summary_writer) = writer::of_process()
             {
-                // No thread writes them, since it runs only while a board is open.
+                // No thread writes the summary lines now, because that thread runs only while a board is open.
                 summary_writer.write_all();
             }
         }
@@ -79,7 +79,7 @@ pub fn guard<T: Debug>(
     result
 }
 
-/// Sets up the log once per process, and has panics logged instead of printed: here they are errors of calls.
+/// Sets up the log once per process. Panics are logged instead of printed, because they become errors of calls.
 fn set_up() -> Result<(), Box<CallError>> {
     static ONCE: Once = Once::new();
     if ONCE.is_completed() {
@@ -88,7 +88,7 @@ fn set_up() -> Result<(), Box<CallError>> {
     memory::check(memory::FIRST_CALL_BYTES)?;
     ONCE.call_once(|| {
         logger::set_up();
-        // The tests of this crate print theirs.
+        // The tests of this crate print their panics.
         #[cfg(not(test))]
         std::panic::set_hook(Box::new(|panic| log::error!("{panic}")));
     });

@@ -56,7 +56,7 @@ pub fn folder() -> Option<PathBuf> {
     Some(PathBuf::from(OsString::from_wide(&path)).parent()?.to_path_buf())
 }
 
-/// Other systems do not tell the folder.
+/// There is no function for the folder on other systems.
 #[cfg(not(any(unix, windows)))]
 pub fn folder() -> Option<PathBuf> {
     None

@@ -6,19 +6,19 @@ use crate::fieldbus::{MAX_SLAVES, is_stale};
 /// The age of a slave's inputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Age {
-    /// Cycles since those from which they are.
+    /// The number of cycles since the one in which the inputs were received.
     cycles: u32,
-    /// When the first one without new ones was sent, on the wires' clock.
+    /// When the first cycle without new inputs was sent, on the wires' clock.
     since: Ns,
 }
 
-/// The ages of all inputs.
+/// The ages of the inputs of all slaves.
 #[derive(Debug)]
 pub(super) struct Ages {
     of: [Age; MAX_SLAVES],
-    /// The slaves whose inputs are not those of the newest cycle.
+    /// The slaves whose inputs are older than the newest cycle.
     pub(super) held: SlaveSet,
-    /// The slaves that are lost since their inputs are stale.
+    /// The slaves that are lost because their inputs are stale.
     pub(super) stale: SlaveSet,
 }
 
@@ -29,14 +29,15 @@ impl Default for Ages {
 }
 
 impl Ages {
-    /// The inputs of a slave are those of the newest cycle, or it has none.
+    /// The inputs of a slave are those of the newest cycle, or the slave has no inputs.
     pub(super) const fn renew(&mut self, slave: u8) {
         self.held.remove(slave);
         self.of[slave as usize - 1] = Age { cycles: 0, since: 0 };
     }
 
-    /// A cycle that was sent at that time, and so many before it that were not answered, have not brought the inputs of a slave. Whether
-    /// these are stale, and were not before. `searched`: when it was asked last who is missing.
+    /// Counts a cycle without new inputs of a slave, and `unanswered` cycles directly before it that had no answer. Returns
+    /// whether the inputs have become stale with this cycle. `sent_at`: when the cycle was sent. `searched`: when the
+    /// newest search for missing slaves ended.
     pub(super) fn hold(&mut self, slave: u8, sent_at: Ns, unanswered: u32, cycle_ns: Ns, searched: Option<Ns>) -> bool {
         self.held.insert(slave);
         let age = &mut self.of[usize::from(slave) - 1];
@@ -51,7 +52,8 @@ impl Ages {
         is_new
     }
 
-    /// A slave is below SafeOP, or back.
+    /// Ends the age of a slave's inputs, because the slave is below SafeOP or was brought back: they are neither held nor
+    /// stale.
     pub(super) const fn forget(&mut self, slave: u8) {
         self.renew(slave);
         self.stale.remove(slave);

@@ -1,4 +1,4 @@
-//! Simulated slave controllers as the wire of a master, in virtual time: for programs and tests without a network.
+//! A wire to simulated slave controllers, in virtual time: for programs and tests without a network.
 
 use std::collections::VecDeque;
 
@@ -9,12 +9,14 @@ use crate::slave::Slave;
 use crate::slave::esc::{CabledChain, FrameFate, Predecessor, UndescribedError};
 use crate::slave::handle::SimHandle;
 
-/// How long a card takes to send a frame and to hand over its answer, besides the way along the cable, ns. \[OURS]
+/// The time that a card takes to send a frame and to deliver its answer, without the propagation delay of the cable, ns.
+/// \[OURS]
 const CARD_NS: Ns = 20_000;
-/// Time passes for slaves that get no frame after so long, ns. \[OURS]
+/// The maximum step in which time advances in the slaves, ns. \[OURS]
 const STEP_NS: Ns = 1_000_000;
 
-/// How many frames there are buffers for from the start: as many as the master has on the way, each with what a ring sends for it.
+/// The number of frame buffers that are allocated at the start: the maximum number of frames that the master has in flight,
+/// each with the additional frames that a ring sends for it.
 const FRAMES: usize = 4 * 32;
 
 /// A frame on its way back.
@@ -23,31 +25,31 @@ struct Returning {
     frame: Vec<u8>,
 }
 
-/// Slaves in a line on a wire whose clock advances by waits alone.
+/// Slaves in a line, as a wire whose clock advances only during waits.
 pub struct ChainWires {
     slaves: CabledChain,
     handle: SimHandle,
     now: Ns,
-    /// The frames on their way back to the first end and to the last one, the first one in front.
+    /// The frames in flight back to the first end and to the last end of the line, the oldest in front.
     returning: [VecDeque<Returning>; 2],
-    /// Buffers of frames that were received.
+    /// Free buffers for frames.
     spare: Vec<Vec<u8>>,
 }
 
 impl ChainWires {
-    /// These slaves, switched on at time 0, which `handle` reaches.
+    /// A wire to these slaves, which are switched on at time 0. `handle` controls them.
     ///
     /// # Errors
-    /// [`UndescribedError`]: a device does not say what belongs into its EEPROM.
+    /// [`UndescribedError`]: the EEPROM of a device cannot be written, because the device does not describe its content.
     pub fn new(devices: Vec<Box<dyn Slave>>, handle: SimHandle) -> Result<Self, UndescribedError> {
         Self::with_drift(devices, handle, 0)
     }
 
-    /// The same with crystals that are up to `drift_ppb` parts per billion too fast or too slow, as
-    /// [`CabledChain::with_drift`] says.
+    /// Like [`Self::new`], with crystals that are up to `drift_ppb` parts per billion too fast or too slow, as described at
+    /// [`CabledChain::with_drift`].
     ///
     /// # Errors
-    /// As [`Self::new`].
+    /// As with [`Self::new`].
     pub fn with_drift(
         devices: Vec<Box<dyn Slave>>,
         handle: SimHandle,
@@ -56,7 +58,7 @@ impl ChainWires {
         Ok(Self::on_cable(CabledChain::with_drift(devices, handle.cable().clone(), drift_ppb)?, handle))
     }
 
-    /// Slaves that are on a cable already, which has to be that of `handle`.
+    /// A wire to slaves that are already on a cable, which has to be the cable of `handle`.
     pub fn on_cable(slaves: CabledChain, handle: SimHandle) -> Self {
         let spare = (0..FRAMES).map(|_| Vec::with_capacity(FRAME_LEN_MAX)).collect();
         let returning = [(); 2].map(|()| VecDeque::with_capacity(FRAMES));
@@ -70,12 +72,12 @@ impl ChainWires {
         &self.slaves
     }
 
-    /// The slaves are left as that other master leaves them, which ends now.
+    /// Puts each slave into the state in which another master leaves it, which ends now.
     pub fn leave(&mut self, predecessor: &mut Predecessor) {
         self.slaves.leave(predecessor, self.now);
     }
 
-    /// Connects a second card to the last slave, or takes it away.
+    /// Connects a second card to the last slave, or disconnects it.
     pub fn connect_second(&mut self, is_connected: bool) {
         self.slaves.connect_second(is_connected);
     }
@@ -87,7 +89,7 @@ impl ChainWires {
     }
 }
 
-/// The place of an end in a table of both.
+/// The index of an end in an array with one entry for each end.
 const fn place(end: CableEnd) -> usize {
     match end {
         CableEnd::First => 0,

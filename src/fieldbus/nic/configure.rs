@@ -1,5 +1,5 @@
-//! The process data and the mode of operation of each slave, written in PreOP: several slaves at once, each in the order in
-//! which the board does it.
+//! The configuration of the slaves in PreOP: their process data and mode of operation. Several slaves are configured at the
+//! same time, each with its SDOs in the board's order.
 
 use std::future::poll_fn;
 use std::sync::Arc;
@@ -18,34 +18,35 @@ use crate::master::place::{Place, place};
 use crate::master::{Ending, Job, JobId, MailboxError, Master, ProcessManager, SdoError, SlaveInfo, SyncSignals};
 use crate::sk::{CycleTime, DriveSync};
 
-/// How many slaves are configured at once. \[OURS]
+/// How many slaves are configured at the same time. \[OURS]
 const AT_ONCE: usize = 8;
-/// How long a slave may take for one SDO of its configuration, ns. \[OURS]
+/// The timeout for an SDO of a configuration, ns. \[OURS]
 const SDO_TIMEOUT_NS: Ns = 1_000_000_000;
-/// How many sync managers are asked for. \[OURS]
+/// The maximum number of sync managers of a slave whose purposes are read. \[OURS]
 const MANAGERS_MAX: usize = 8;
-/// The object that says what they are for.
+/// The object with the purposes of the sync managers.
 const MANAGER_USES: u16 = 0x1C00;
-/// How often a transfer is asked for whose mailbox is in use, as long as an answer is fetched that nobody waits for. \[OURS]
+/// How often a transfer is started while the mailbox is in use, because the master is fetching an answer that nobody waits
+/// for. \[OURS]
 const TRIES: u32 = 1000;
 
-/// A place for the configuration of one slave, which ends with what is mapped.
+/// A slot for the sequence that configures one slave. Its result is the process data that are mapped.
 type Seat = Place<(u8, SlaveConfig, CycleTime), Result<Option<ProcessData>, Refusal>>;
 
 /// A slave that is being configured.
 struct UnderWay {
     slave: u8,
     seat: Seat,
-    /// The transfer that it waits for.
+    /// The transfer for which its sequence waits.
     waits_for: JobId,
 }
 
-/// The configuration of slaves under way, and a place for one.
+/// A configuration, with the slots for its sequences. It is allocated once and reused.
 pub(super) struct Configuring {
     config: BusConfig,
     found: u8,
     next: u8,
-    /// Places that nobody uses.
+    /// Free slots.
     seats: Vec<Seat>,
     under_way: Vec<UnderWay>,
     second_axes: SlaveSet,
@@ -53,7 +54,7 @@ pub(super) struct Configuring {
 }
 
 impl Configuring {
-    /// A place for one.
+    /// Allocates the slots for a configuration.
     pub(super) fn place(master: &Arc<Mutex<Master>>) -> Box<Self> {
         let unused = SlaveConfig { role: Role::Unused, sync: DriveSync::FreeRun };
         let slaves = [unused; MAX_SLAVES];
@@ -69,7 +70,7 @@ impl Configuring {
         Box::new(Self { config, found: 0, next: 1, seats, under_way, second_axes: SlaveSet::EMPTY, refusal: None })
     }
 
-    /// Begins one. There is none under way here.
+    /// Begins a configuration. No other one may be running in these slots.
     pub(super) fn begin_all(&mut self, config: BusConfig, found: u8) {
         (self.config, self.found, self.next) = (config, found.min(MAX_SLAVES as u8), 1);
         (self.second_axes, self.refusal) = (SlaveSet::EMPTY, None);
@@ -83,7 +84,8 @@ impl Configuring {
         }
     }
 
-    /// Goes on with all slaves; how it has ended. `mapped` is told what is mapped in a slave.
+    /// Continues the sequences of all slaves. Returns the result once all of them have ended. `mapped` is called with the
+    /// mapped process data of each slave.
     pub(super) fn run(
         &mut self,
         master: &Mutex<Master>,
@@ -136,7 +138,7 @@ impl Configuring {
                 }
                 mapped(slave, data);
             }
-            // Of several that refuse the first one is told.
+            // If several slaves refuse, the refusal of the first one in network order is the result.
             Poll::Ready(Err(refusal)) if self.refusal.is_none_or(|before| slave < before.slave) => {
                 self.refusal = Some(refusal);
             }
@@ -146,7 +148,7 @@ impl Configuring {
     }
 }
 
-/// A slave as the sequence of its configuration reaches it.
+/// The environment of the sequence that configures one slave.
 struct OneSlave {
     master: Arc<Mutex<Master>>,
     slave: u8,
@@ -157,14 +159,14 @@ struct OneSlave {
 impl OneSlave {
     async fn configure(self) -> Result<Option<ProcessData>, Refusal> {
         let (slave, SlaveConfig { role, sync }) = (self.slave, self.config);
-        // A slave that did not answer when the master looked last may answer now: its first SDO shows it.
+        // A slave that did not answer when the master read its state may answer now: its first SDO shows whether it does.
         let present = self.master.lock().status(slave).filter(|status| status.is_present);
         if present.is_some_and(|status| status.state() != Some(AlState::PreOp)) {
             return Err(Refusal::of(self.slave, AlStatus::INVALID_CHANGE));
         }
-        // A slave that is not used does not have to answer (SK-4 [OURS]).
+        // A slave that is not used does not need to answer (SK-4 [OURS]).
         if role == Role::Unused {
-            // Without process data none can be too long.
+            // This cannot fail: only process data can be too long.
             let _ = self.master.lock().configure(slave, 0, 0);
             return Ok(None);
         }
@@ -178,7 +180,7 @@ impl OneSlave {
         let data = ProcessData::of(role, has_second_axis).ok_or(Refusal { slave, ..pdo::NO_SUCH_MODE })?;
         for download in data.downloads(sync) {
             let Err(code) = self.write(&download).await? else { continue };
-            // An IO module has its own process data then, if its EEPROM describes some.
+            // An IO module then keeps its own process data, if its EEPROM describes any.
             if role == Role::Io && download.is_mapping() && self.is(is_described) {
                 return self.assign_its_own().await;
             }
@@ -187,7 +189,8 @@ impl OneSlave {
         self.exchange(data)
     }
 
-    /// What its sync managers are for is read, of which its EEPROM says nothing. Sub-index 0 says how many there are.
+    /// Reads the purposes of the sync managers by SDO, because the EEPROM does not contain them. Sub-index 0 is their
+    /// number.
     async fn ask_for_manager_uses(&self) -> Result<(), Refusal> {
         let mut uses = [SiiSmType::Unused; MANAGERS_MAX];
         let count = self.manager_use(0).await?;
@@ -195,7 +198,7 @@ impl OneSlave {
             *place = SiiSmType::from_code(self.manager_use(sub).await?);
         }
         if uses.iter().any(|one| matches!(one, SiiSmType::Outputs | SiiSmType::Inputs)) {
-            // It is a slave, and its EEPROM says nothing: that was why it was asked.
+            // This cannot fail: the slave exists, and its EEPROM does not contain the purposes.
             let _ = self.master.lock().assume_managers(self.slave, &uses);
         }
         Ok(())
@@ -205,7 +208,7 @@ impl OneSlave {
         Ok(self.read(ObjectAddress::new(MANAGER_USES, sub)).await?.unwrap_or(0) as u8)
     }
 
-    /// The PDOs are assigned that are there from the start.
+    /// Assigns to the sync managers the PDOs that the EEPROM describes as assigned.
     async fn assign_its_own(&self) -> Result<Option<ProcessData>, Refusal> {
         let pdos = self.master.lock().slave(self.slave).map(SlaveInfo::assigned_pdos);
         let [outputs, inputs] = pdos.unwrap_or_default();
@@ -217,8 +220,8 @@ impl OneSlave {
         self.take_as_described()
     }
 
-    /// A module that cannot map what the board maps has the process data that its EEPROM describes, whatever their length; see
-    /// [`super::cycle`].
+    /// Uses the process data that the EEPROM describes, whatever their length, for a module that cannot map those of the
+    /// board; see [`super::cycle`].
     fn take_as_described(&self) -> Result<Option<ProcessData>, Refusal> {
         let mut master = self.master.lock();
         match master.configure_as_described(self.slave).and_then(|()| master.set_sync(self.slave, None)) {
@@ -227,10 +230,11 @@ impl OneSlave {
         }
     }
 
-    /// These process data are mapped, and are exchanged from SafeOP on.
+    /// Configures the master for these mapped process data, which are exchanged from SafeOP on.
     fn exchange(&self, data: ProcessData) -> Result<Option<ProcessData>, Refusal> {
         let cycle_ns = u32::try_from(self.cycle.ns()).unwrap_or(u32::MAX);
-        // Outputs have arrived then if the answer has come in time, however late the frame was.
+        // SYNC0 comes at the end of the wait for answers: an answer in time shows that the outputs arrived before SYNC0,
+        // however late the frame was.
         let shift_ns = u32::try_from(answer_wait_ns(self.cycle)).unwrap_or(u32::MAX);
         let signals = SyncSignals::sync0(cycle_ns, shift_ns.cast_signed());
         let sync = (self.config.sync == DriveSync::DcSync).then_some(signals);
@@ -238,12 +242,12 @@ impl OneSlave {
         let configured = master
             .configure(self.slave, data.output_bytes() as u16, data.input_bytes() as u16)
             .and_then(|()| master.set_sync(self.slave, sync));
-        // The master cannot exchange them.
+        // An error means that the master cannot exchange these process data.
         configured.map_err(|_| Refusal::of(self.slave, AlStatus::INVALID_OUTPUTS)).map(|()| Some(data))
     }
 
-    /// Writes an object, unless it is fixed and as it is wanted, or is one that the slave may lack. The abort code if it is not then
-    /// as it is wanted.
+    /// Writes an object. An abort is no error if the slave may lack the object, if the object already has the wanted value,
+    /// or if the download only clears a list. Otherwise the abort code is the result.
     async fn write(&self, download: &Download) -> Result<Result<(), AbortCode>, Refusal> {
         let object = self.object(download);
         let bytes = &download.value.to_le_bytes()[..usize::from(download.size.bytes())];
@@ -257,8 +261,8 @@ impl OneSlave {
         })
     }
 
-    /// Whether an object holds what is wanted, or is one that the slave may lack. The EEPROM says what is assigned in a slave whose
-    /// objects do not say it.
+    /// Whether an object has the wanted value, or is one that the slave may lack. If an object of the assignment cannot be
+    /// read, the EEPROM shows what is assigned.
     async fn holds(&self, object: ObjectAddress, wanted: &Download) -> Result<bool, Refusal> {
         Ok(match self.read(object).await? {
             Ok(value) => value == wanted.value,
@@ -272,7 +276,7 @@ impl OneSlave {
         self.transfer(object, start).await
     }
 
-    /// The end of a transfer, or with which code the slave has aborted it.
+    /// Runs a transfer, and returns its result or the code with which the slave has aborted it.
     async fn transfer<T>(
         &self,
         object: ObjectAddress,
@@ -293,7 +297,7 @@ impl OneSlave {
                     continue;
                 }
                 Err(SdoError::Mailbox(MailboxError::NoAnswer)) => Err(Refusal::no_answer(self.slave)),
-                // The slave answers, but not in time, or wrongly.
+                // The slave answers, but too late or wrongly.
                 Err(error) => {
                     Err(Refusal { abort: Some((object, error.abort_code())), ..Refusal::no_answer(self.slave) })
                 }
@@ -301,7 +305,7 @@ impl OneSlave {
         }
     }
 
-    /// The object of this slave that a download is for.
+    /// The object of this slave that a download writes.
     fn object(&self, download: &Download) -> ObjectAddress {
         let first = |managers: &[ProcessManager]| managers.first().map(|one| one.number);
         let master = self.master.lock();
@@ -318,7 +322,7 @@ impl OneSlave {
     }
 }
 
-/// Whether an EEPROM describes process data.
+/// Whether the EEPROM describes process data.
 fn is_described(info: &SlaveInfo) -> bool {
     info.outputs.iter().chain(&info.inputs).any(|one| one.registers.len > 0)
 }

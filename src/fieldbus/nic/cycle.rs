@@ -9,23 +9,23 @@ use crate::fieldbus::{CycleDone, Inputs, MAX_SLAVES, SlaveIn, SlaveOut};
 use crate::master;
 
 impl<W: NicWires> NicBus<W> {
-    /// Sends the frames of a cycle and waits for them, as the page of this module says.
+    /// Sends the frames of a cycle and waits until they are back, as described in the documentation of the module `nic`.
     pub(super) fn exchange(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
         if self.is_working() && !self.has_cycles() {
-            // A scan or a mapping has the wire for itself.
+            // During a scan or a configuration no process data are exchanged.
             self.standstill.sent_at = None;
             return self.heard(now, inputs);
         }
         self.put_outputs();
         let sent_at = self.wires.now();
-        // A runner that is late has the less time to wait.
+        // A runner that is late has less time for the wait.
         let late = sent_at.wrapping_sub(now.wrapping_sub(self.skew.unwrap_or(0)));
         let due = if late < self.cycle.ns() { sent_at - late.min(sent_at) } else { sent_at };
         let limit = due.saturating_add(answer_wait_ns(self.cycle));
         self.standstill.note(sent_at);
         self.master.lock().cycle(sent_at, &mut self.wires);
         self.may_have_come = self.has_new_outputs;
-        // An answer that was late ends the cycle before now, which is none of this one's.
+        // A result that is there already belongs to the cycle before, whose answer came late.
         let _ = self.master.lock().take_cycle();
         while self.master.lock().is_cycle_open() && self.wires.now() < limit {
             self.wires.wait(limit);
@@ -42,7 +42,7 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// A cycle in which the wire was used for something else: nothing was exchanged.
+    /// The result of a cycle in which only a job used the wire: no process data were exchanged.
     fn heard(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
         self.update_lost();
         self.tell(inputs);
@@ -57,8 +57,9 @@ impl<W: NicWires> NicBus<W> {
         })
     }
 
-    /// Puts the outputs of all slaves into the images that the frames carry. A slave that is not in OP, has no outputs from there
-    /// yet, or is lost, gets such with which nothing moves: it may answer again at any time (SK-4.62).
+    /// Writes the outputs of all slaves into the process images that the frames carry. A slave that is not in OP, has had
+    /// no push since it entered OP, or is lost gets outputs with which nothing moves, because it may answer again at any
+    /// time (SK-4.62).
     fn put_outputs(&mut self) {
         let mut master = self.master.lock();
         for slave in self.all().iter() {
@@ -77,7 +78,7 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// The frames have come back.
+    /// Evaluates a cycle whose frames have come back.
     fn answered(&mut self, now: Ns, done: &master::CycleDone, inputs: &mut Inputs) -> CycleDone {
         let answers_lost = std::mem::take(&mut self.unanswered);
         let skew = self.skew.unwrap_or(0);
@@ -163,8 +164,8 @@ impl<W: NicWires> NicBus<W> {
     }
 }
 
-/// Puts outputs into an image. That of a module without objects may be longer or shorter than what the board maps: the first bits
-/// are used, and others stay 0 \[OURS].
+/// Writes outputs into a process image. The image of a module without CoE may be longer or shorter than the one that the
+/// board maps: its first bits are used, and the others stay 0 \[OURS].
 #[inline]
 fn put_into(data: &ProcessData, outputs: &SlaveOut, image: &mut [u8]) {
     if image.len() >= data.output_bytes() {
@@ -176,7 +177,8 @@ fn put_into(data: &ProcessData, outputs: &SlaveOut, image: &mut [u8]) {
     }
 }
 
-/// Takes inputs out of an image. Of one that is shorter than what the board maps, the bits that are missing are 0 \[OURS].
+/// Reads inputs from a process image. Bits that are missing in an image that is shorter than the one that the board maps
+/// are read as 0 \[OURS].
 #[inline]
 fn take_from(data: &ProcessData, image: &[u8], inputs: &mut SlaveIn) {
     if image.len() >= data.input_bytes() {

@@ -1,4 +1,4 @@
-//! Scan, changes of state and SDOs: what the master is asked for, and what its ends mean.
+//! Scan, changes of state and SDOs: the requests to the master, and the evaluation of their results.
 
 use super::ages::Ages;
 use super::configure::Configuring;
@@ -10,35 +10,35 @@ use crate::fieldbus::{Job, JobDone, Refusal, SdoRequest, leaving_op_ns};
 use crate::master::{self, JobId, MailboxError, Master, Pace, ScanError, SdoError, StateError, StateReason};
 use crate::sk::CycleTime;
 
-/// A job under way.
+/// A running job.
 pub(super) enum Running {
     Scan(master::Job<Result<u8, ScanError>>),
     Configure(Box<Configuring>),
     State(Change),
 }
 
-/// A change of state under way.
+/// A running change of state.
 #[derive(Clone, Copy)]
 pub(super) struct Change {
-    /// What the master does for it; `None`: it is asked again when it is time.
+    /// The running job of the master; `None`: the master is asked at `again_at`.
     job: Option<master::Job<Result<(), StateError>>>,
     target: AlState,
     slaves: SlaveSet,
-    /// When the master is asked again, and when time is up, on the wires' clock.
+    /// When the master is asked again, and when the timeout of the change ends, on the wires' clock.
     again_at: Ns,
     until: Ns,
-    /// What waits in the board's FIFO is sent before slaves leave OP: the master was not asked yet.
+    /// The outputs that wait in the board's FIFO are sent before the slaves leave OP, so the master was not asked yet.
     sends_first: bool,
-    /// All slaves leave OP: outputs that are taken now could reach none.
+    /// All slaves are leaving OP, so outputs that are accepted now could not reach any.
     takes_no_more: bool,
     /// The slaves that were in OP when they were asked for a lower state.
     left_op: SlaveSet,
 }
 
-/// How long after a slave has not answered it is asked again, ns. \[OURS]
+/// The time after which a slave that has not answered is asked again, ns. \[OURS]
 const AGAIN_NS: Ns = 20_000_000;
 
-/// A transfer of a number that the master was asked for.
+/// An SDO transfer of a number, as a job of the master.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Transfer {
     Upload(master::Job<Result<u32, SdoError>>),
@@ -53,7 +53,7 @@ impl Transfer {
         }
     }
 
-    /// What was read, or that it was written, once it has ended.
+    /// Takes the result once the transfer has ended: the value that was read, or `None` after a download.
     pub(super) fn take(self, master: &mut Master) -> Option<Result<Option<u32>, SdoError>> {
         match self {
             Self::Upload(job) => Some(master.take(job)?.map(Some)),
@@ -62,10 +62,10 @@ impl Transfer {
     }
 }
 
-/// The mailbox is in use: an emergency or an answer that nobody waits for is fetched.
+/// The mailbox is in use: the master is fetching an emergency, or an answer that nobody waits for.
 pub(super) const BUSY: SdoError = SdoError::Mailbox(MailboxError::Busy);
 
-/// A slave that answers is told with its AL status code.
+/// The refusal by a slave that answers, with its AL status code.
 fn told(slave: u8, code: AlStatus) -> Refusal {
     Refusal::of(slave, if code == AlStatus::NONE { AlStatus(Refusal::WITHOUT_REASON) } else { code })
 }
@@ -109,7 +109,8 @@ impl<W: NicWires> NicBus<W> {
         };
     }
 
-    /// Cycles of that length keep step with the reference clock: a frame passes it when a cycle of its time begins.
+    /// Sets the cycle time, and makes the cycles follow the reference clock: the frame of a cycle passes the slave with the
+    /// reference clock when a cycle begins on that clock.
     fn set_cycle(&mut self, cycle: CycleTime) {
         if std::mem::replace(&mut self.cycle, cycle) != cycle || !self.is_paced {
             self.master.lock().set_pace(Some(Pace { cycle_ns: cycle.ns(), phase_ns: 0 }));
@@ -117,12 +118,12 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// The slaves that get outputs.
+    /// The slaves in OP.
     fn in_op(&self) -> SlaveSet {
         self.all().iter().filter(|slave| self.state(*slave) == Some(AlState::Op)).collect()
     }
 
-    /// Whether outputs that are taken now could reach no slave, as all leave OP.
+    /// Whether outputs that are accepted now could reach no slave, because all slaves are leaving OP.
     pub(super) const fn leaves_op(&self) -> bool {
         matches!(self.job, Some(Running::State(Change { takes_no_more: true, .. })))
     }
@@ -137,7 +138,8 @@ impl<W: NicWires> NicBus<W> {
         self.missed.forget(self.sent);
     }
 
-    /// Slaves that are led down are not missed on their way, and those led up get outputs with which nothing moves.
+    /// Prepares a change of state: slaves on the way down do not count as missing, and slaves on the way to OP get outputs
+    /// with which nothing moves.
     fn prepare_change(&mut self, target: AlState, slaves: SlaveSet) {
         for slave in slaves.iter() {
             let station = self.station_mut(slave);
@@ -149,7 +151,7 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// The board gives up a change under way.
+    /// Cancels a running job.
     pub(super) fn give_up(&mut self, job: Running) {
         match job {
             Running::Scan(job) => self.master.lock().cancel(job),
@@ -164,8 +166,9 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// A change has not come to its end. Slaves that were on their way out of OP belong there again, and count as lost (SK-4.73): they
-    /// have had outputs with which nothing moves, and may not get others before they are brought back.
+    /// A change of state has failed or was cancelled. Slaves that were leaving OP are commanded to OP again and count as
+    /// lost (SK-4.73): they have received outputs with which nothing moves, and must not get others before they are brought
+    /// back.
     fn stay_in_op(&mut self, change: &Change) {
         for slave in change.left_op.iter() {
             self.station_mut(slave).commanded = AlState::Op;
@@ -180,7 +183,7 @@ impl<W: NicWires> NicBus<W> {
         let SdoRequest { slave, object, write, timeout_ns } = request;
         let mut master = self.master.lock();
         let transfer = match write {
-            // Of a longer value the board shows the first 4 bytes (SK-6).
+            // The board shows only the first 4 bytes of a longer value (SK-6).
             None => Transfer::Upload(master.upload_number(slave, object, SdoScope::Entry, timeout_ns)),
             Some((size, value)) => {
                 let bytes = &value.to_le_bytes()[..usize::from(size.bytes())];
@@ -190,7 +193,7 @@ impl<W: NicWires> NicBus<W> {
         self.sdo = Some(RunningSdo { request, transfer, until: self.wires.now().saturating_add(timeout_ns) });
     }
 
-    /// Takes from the master what has ended. What belongs to a configuration its sequences take.
+    /// Takes the results of ended jobs from the master. The sequences of a configuration take their own results.
     pub(super) fn take_ends(&mut self) {
         while let Some(sdo) = self.sdo {
             let Some(result) = sdo.transfer.take(&mut self.master.lock()) else { break };
@@ -215,7 +218,7 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// Goes on with the job under way.
+    /// Continues the running job.
     pub(super) fn run_job(&mut self) {
         self.ask_again();
         let Some(Running::Configure(mut configuring)) = self.job.take_if(|job| matches!(job, Running::Configure(_)))
@@ -244,8 +247,8 @@ impl<W: NicWires> NicBus<W> {
         self.sdo_done = Some(result.map(|read| read.unwrap_or(written)).map_err(SdoError::abort_code));
     }
 
-    /// The master has done what it could for a change of state. A slave that refuses ends it; one that does not answer is asked
-    /// again until time is up, as it may be back.
+    /// Evaluates the result of the master's change of state. A slave that refuses ends the change. A slave that does not
+    /// answer is asked again until the timeout, because it may come back.
     fn end_part(&mut self, change: Change, ended: Result<(), StateError>) {
         let Change { target, slaves, until, .. } = change;
         for slave in slaves.iter() {
@@ -281,11 +284,12 @@ impl<W: NicWires> NicBus<W> {
         self.job_done = Some(JobDone::State(result));
     }
 
-    /// Asks the master for a change of state.
+    /// Asks the master for the change of state.
     fn ask(&mut self, change: &mut Change) {
         if change.target == AlState::Op {
-            // A slave that the board has in OP has nothing to do there. If it has fallen it is lost, and comes back by PreOP: else the
-            // board, which may not know yet, would go on with its outputs as if it had not.
+            // A slave that the board has in OP needs no change. If it has left OP it is lost, and comes back through PreOP:
+            // otherwise the board, which may not know of the loss yet, would continue its outputs as if the slave had
+            // stayed in OP.
             let is_up = |slave: &u8| self.station(*slave).commanded == AlState::Op;
             change.slaves = change.slaves.iter().filter(|slave| !is_up(slave)).collect();
         } else {
@@ -298,7 +302,7 @@ impl<W: NicWires> NicBus<W> {
         change.takes_no_more |= std::mem::take(&mut change.sends_first);
     }
 
-    /// Asks for a change of state, again or for the first time, when it is time.
+    /// Asks the master for the change of state, for the first time or again, once `again_at` is reached.
     fn ask_again(&mut self) {
         if let Some(Running::State(mut change @ Change { job: None, again_at, .. })) = self.job
             && self.wires.now() >= again_at
@@ -308,7 +312,7 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// A cycle has carried nothing new: what had waited in the board's FIFO is sent, and slaves may leave OP.
+    /// A cycle has carried no new outputs, so everything that waited in the board's FIFO is sent, and slaves may leave OP.
     pub(super) fn all_is_sent(&mut self) {
         let now = self.wires.now();
         if let Some(Running::State(change)) = &mut self.job

@@ -41,8 +41,8 @@ impl<W: NicWires> NicBus<W> {
         });
     }
 
-    /// Marks slaves whose inputs have become stale as lost. Outputs since then count as not executed, as nobody knows what
-    /// these slaves do.
+    /// Marks slaves whose inputs have become stale as lost. Outputs since then count as not executed, because it is not
+    /// known what these slaves do.
     pub(super) fn lose_stale(&mut self, stale: SlaveSet) {
         let had_lost = !self.lost.is_empty();
         for slave in stale.difference(self.lost).iter() {

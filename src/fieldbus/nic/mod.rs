@@ -1,41 +1,42 @@
-//! A network at the end of a network card: the board's jobs and process data over our own EtherCAT master.
+//! A network at the end of a network card: the board's jobs and process data over the EtherCAT master of this project.
 //!
-//! | file | what it answers |
+//! | file | what it holds |
 //! | --- | --- |
-//! | `mod.rs` | [`NicBus`], the bus as the engine sees it |
-//! | `wires.rs` | what it needs of the card, or of two: [`NicWires`], [`CardPair`] |
+//! | `mod.rs` | [`NicBus`], the implementation of [`Fieldbus`] |
+//! | `wires.rs` | the traits for one network card and for two: [`NicWires`], [`CardPair`] |
 //! | `ring.rs` | two cards that make a ring: [`Ring`] |
 //! | `jobs.rs` | scan, changes of state and SDOs |
 //! | `configure.rs` | the process data and the mode of each slave, in PreOP, as an async function |
 //! | `cycle.rs` | the frames of a cycle: outputs, inputs |
 //! | `lost.rs` | which slaves are lost |
 //! | `unreached_outputs.rs` | the outputs that may not have reached slaves, before it is known which slaves |
-//! | `ages.rs` | how old the inputs of each slave are |
-//! | `chain.rs` | simulated slave controllers as wires, in virtual time: [`ChainWires`] |
+//! | `ages.rs` | the age of each slave's inputs |
+//! | `chain.rs` | a wire to simulated slave controllers, in virtual time: [`ChainWires`] |
 //!
-//! **A cycle** is one [`Fieldbus::poll`], as in a simulated network: the frames go out, and the poll waits until they are
-//! back, at most for [`ANSWER_WAIT`] of a cycle. So an answer belongs to the outputs of the same cycle.
+//! **A cycle** is one [`Fieldbus::poll`], as in a simulated network: the poll sends the frames and waits until they are
+//! back, at most for the part [`ANSWER_WAIT`] of a cycle. So an answer belongs to the outputs of the same cycle.
 //!
-//! **A cycle without its answer** \[OURS]: nobody knows how far the frame came. The same outputs go out again in the next cycle,
-//! and what the program sends waits for so long. A target is then late, or it is sent twice; none is left out. A poll
-//! gives no cycle then, as with a cable that is cut before the first slave.
+//! **A cycle without an answer** \[OURS]: it is not known how far its frames came. The next cycle sends the same outputs
+//! again, and newer outputs wait. So a target may be late or sent twice, but none is skipped. The poll then returns no
+//! cycle, as with a cable that is cut before the first slave.
 //!
-//! A clear does not take back outputs that a frame has carried.
+//! A clear ([`Fieldbus::clear_ahead`]) does not take back outputs that a frame has carried.
 //!
-//! **A cycle that some slave has missed** \[OURS]: the working counter is too low, or not all are in their states, and other
-//! slaves have moved on. What was sent since then counts for the slave that is named for it; if all are there again before,
-//! as sets of outputs that were lost.
+//! **A cycle that a slave has missed** \[OURS]: the working counter is too low, or not all slaves are in their states, and
+//! the other slaves have moved on. Outputs sent since then count as missed by the slave that is named as lost for it. If
+//! all slaves answer again before one is named, these outputs count as lost sets of outputs.
 //!
-//! What slaves add that are lost already is not known, so that less than the cycle before had is too low while some are, until the
-//! states of all have been read.
+//! It is not known how much lost slaves still add to the working counter. So while slaves are lost, a working counter below
+//! that of the cycle before is too low, until the states of all slaves have been read.
 //!
-//! **Lost slaves** \[OURS]. A working counter that is too low does not say whose part is missing: the master reads the state of
-//! each slave, which takes some cycles, and names those that do not answer or have left their state. They stay lost until a
-//! [`Job::State`] brings them back.
+//! **Lost slaves** \[OURS]. A working counter that is too low does not show which slave is missing. The master reads the
+//! state of each slave, which takes some cycles, and names the slaves that do not answer or have left their state. They
+//! stay lost until a [`Job::State`] brings them back.
 //!
-//! **A working counter that is wrong** \[OURS], too low or too high: the inputs beside it are not believed, and those of all slaves in
-//! the datagram stay as they were. If no state tells why, the master asks each of them for its inputs alone. Inputs that are older than
-//! [`STALE_AFTER`](super::STALE_AFTER) are stale, and their slave is lost: its axes are sent a quick stop.
+//! **A working counter that is wrong** \[OURS], too low or too high: the inputs of that datagram are not used, and all
+//! slaves in the datagram keep their previous inputs. If no AL state explains the working counter, the master reads the
+//! inputs of each of these slaves alone. Inputs that are older than [`STALE_AFTER`](super::STALE_AFTER) are stale, and
+//! their slave is lost: its axes are sent a quick stop.
 
 mod ages;
 #[cfg(feature = "sim")]
@@ -69,39 +70,40 @@ pub use ring::{GRACE_NS, Ring};
 use unreached_outputs::UnreachedOutputs;
 pub use wires::{CardPair, NicWires};
 
-/// For which part of a cycle a poll waits for the frames of a cycle to come back, from when the cycle was due. SYNC0 comes
-/// then: an answer in time shows that the outputs were there before it. \[OURS]
+/// The part of a cycle, as a fraction, for which a poll waits for its frames to come back, counted from the time at which
+/// the cycle is due. SYNC0 comes at the end of the wait, so an answer in time shows that the outputs arrived before SYNC0.
+/// \[OURS]
 pub const ANSWER_WAIT: (Ns, Ns) = (3, 4);
 
-/// How long that is, ns.
+/// The time of [`ANSWER_WAIT`], ns.
 const fn answer_wait_ns(cycle: CycleTime) -> Ns {
     let (share, of) = ANSWER_WAIT;
     cycle.ns() / of * share
 }
 
-/// After so many cycles without an answer, and so long, the bus is down, ns: the watchdogs of the slaves' controllers have ended OP
-/// then. Less is a machine that was busy, or a bad cable. \[OURS]
+/// The bus is down after at least that many cycles without an answer and at least that time, ns: by then the watchdogs of
+/// the slave controllers have ended OP. Shorter gaps come from a busy machine or a bad cable. \[OURS]
 const DOWN_AFTER: (u32, Ns) = (3, 100_000_000);
-/// How long a wait for frames lasts at most while sequences of the master wait for a time, ns. \[OURS]
+/// The maximum wait for a frame while sequences of the master wait for a point in time, ns. \[OURS]
 const TURN_NS: Ns = 200_000;
 
-/// A time without a frame is told with a slave that has left OP since if it was that long, and for so long afterwards, ns: slaves wait
-/// for outputs for 100 ms, and are asked for their states some cycles later. \[OURS]
+/// The minimum length of a gap without frames that is reported with a slave that has left OP since, and how long after the
+/// gap it is reported, ns. Slaves wait 100 ms for outputs, and their states are read some cycles later. \[OURS]
 const STOOD_STILL_NS: Ns = 50_000_000;
 const STOOD_STILL_TOLD_NS: Ns = 1_000_000_000;
 
-/// The longest time without a frame of a cycle, as this machine was late.
+/// The longest recent gap between the frames of two cycles, because this machine was late.
 #[derive(Clone, Copy, Debug, Default)]
 struct Standstill {
-    /// When the frames of the newest cycle were sent; `None`: the one before them was none with process data.
+    /// When the frames of the newest cycle were sent; `None`: the newest cycle exchanged no process data.
     sent_at: Option<Ns>,
-    /// How long it was, and when it had ended.
+    /// The length of the gap, and when it ended.
     ns: Ns,
     ended: Ns,
 }
 
 impl Standstill {
-    /// The frames of a cycle are sent.
+    /// Records that the frames of a cycle are sent.
     fn note(&mut self, now: Ns) {
         let gap = self.sent_at.map_or(0, |before| now.saturating_sub(before));
         self.sent_at = Some(now);
@@ -110,65 +112,65 @@ impl Standstill {
         }
     }
 
-    /// How long it was, if that was a short time ago; else 0.
+    /// The length of the gap if it ended a short time ago, otherwise 0, ns.
     const fn recent_ns(&self, now: Ns) -> Ns {
         if now.saturating_sub(self.ended) < STOOD_STILL_TOLD_NS { self.ns } else { 0 }
     }
 }
 
-/// What is known of a slave.
+/// A slave as the bus knows it.
 #[derive(Clone, Copy, Debug)]
 struct Station {
-    /// The AL state that the newest job brought it to. It may have left it by itself.
+    /// The AL state that the newest job brought the slave to. The slave may have left it by itself.
     commanded: AlState,
-    /// The process data that are mapped; `None`: nothing is.
+    /// The mapped process data; `None`: none are mapped.
     process_data: Option<ProcessData>,
 }
 
-/// An SDO under way.
+/// A running SDO.
 #[derive(Clone, Copy, Debug)]
 struct RunningSdo {
     request: SdoRequest,
     transfer: Transfer,
-    /// When the slave has not answered, on the wires' clock.
+    /// When the SDO times out, on the wires' clock.
     until: Ns,
 }
 
 /// A network at the end of a network card.
 pub struct NicBus<W> {
     wires: W,
-    /// The sequences of a configuration reach it too, beside which nobody holds it.
+    /// The master, shared with the sequences of a configuration.
     master: Arc<Mutex<Master>>,
-    /// The engine's time less that of the wires; `None`: nobody has called yet.
+    /// Offset of the engine's clock to the wires'; `None`: it was not measured yet.
     skew: Option<Ns>,
-    /// A runner waits for the time of each cycle. Without one the bus does.
+    /// A runner waits for the time of each cycle. Without a runner the bus waits itself.
     has_runner: bool,
     stations: [Station; MAX_SLAVES],
     found: u8,
     cycle: CycleTime,
-    /// The master was told how long a cycle is.
+    /// The master knows the cycle time.
     is_paced: bool,
     lost: SlaveSet,
     lost_from: [Option<u64>; MAX_SLAVES],
     ages: Ages,
     standstill: Standstill,
-    /// The outputs that were pushed last.
+    /// The outputs of the newest push.
     outputs: Outputs,
-    /// No answer has come to a frame with them.
+    /// No frame with `outputs` has been answered yet.
     has_new_outputs: bool,
-    /// Such a frame has gone out: they may have come.
+    /// A frame with `outputs` was sent, so they may have reached slaves.
     may_have_come: bool,
-    /// Slaves that get outputs with which nothing moves until others are pushed: they have entered OP since.
+    /// Slaves that have entered OP since the newest push. They get outputs with which nothing moves until the next push.
     holding: SlaveSet,
-    /// The id of the newest outputs that a frame has carried whose answer came.
+    /// The id of the newest outputs that were carried by a frame whose answer came.
     sent: Option<u64>,
     missed: UnreachedOutputs,
     /// The newest inputs of all slaves.
     inputs: Box<[super::SlaveIn; MAX_SLAVES]>,
-    /// Cycles in a row without an answer.
+    /// The number of consecutive cycles without an answer.
     unanswered: u32,
     job: Option<Running>,
-    /// A place for a configuration, while there is none.
+    /// The slots for a configuration, while none is running.
     spare: Option<Box<Configuring>>,
     sdo: Option<RunningSdo>,
     job_done: Option<JobDone>,
@@ -176,7 +178,7 @@ pub struct NicBus<W> {
 }
 
 impl<W: NicWires> NicBus<W> {
-    /// The network at the end of these wires.
+    /// A bus for the network at the end of these wires.
     pub fn new(wires: W, settings: Settings) -> Self {
         let master = Arc::new(Mutex::new(Master::new(settings)));
         let spare = Some(Configuring::place(&master));
@@ -209,12 +211,12 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// The wires, to look at.
+    /// The wires, for reading.
     pub const fn wires(&self) -> &W {
         &self.wires
     }
 
-    /// The master, to look at.
+    /// The master, for reading.
     pub fn master(&self) -> impl Deref<Target = Master> {
         self.master.lock()
     }
@@ -238,24 +240,24 @@ impl<W: NicWires> NicBus<W> {
         status.state()
     }
 
-    /// Whether a slave exchanges process data, or waits for outputs on its way to OP.
+    /// Whether a slave exchanges process data (in SafeOP or OP), or waits for outputs on its way to OP.
     fn has_cycles(&self) -> bool {
         let is_up = |slave| self.state(slave).unwrap_or_default().max(self.station(slave).commanded) >= AlState::SafeOp;
         self.all().iter().any(is_up)
     }
 
-    /// Goes on with what is under way, without a wait.
+    /// Continues the running job and SDO, without waiting.
     fn turn(&mut self) {
         self.master.lock().poll(self.wires.now(), &mut self.wires);
         self.take_ends();
         self.run_job();
     }
 
-    /// What is under way goes on, and without a runner, or where the wires' clock is virtual, time passes until that time of the
-    /// engine.
+    /// Continues the running job and SDO. Without a runner, or if the wires' clock is virtual, this also waits until the
+    /// engine's time is `now`.
     fn advance(&mut self, now: Ns) {
         let until = now.wrapping_sub(self.skew_at(now));
-        // With nothing under way the cycle itself takes what has come: each look at a card is a call of the system.
+        // With no job or SDO running, the cycle itself receives the frames: each look at a card is a system call.
         if !self.has_runner || self.is_working() {
             self.turn();
         }
@@ -267,16 +269,17 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// Waits until a frame comes, or it is time to go on with what is under way, at most until that time of the wires.
+    /// Waits until a frame comes, or until the running job or SDO has to continue, at most until the wires' time `until`.
+    /// Then continues the job and SDO.
     fn wait_a_turn(&mut self, until: Ns) {
         let turn = if self.is_working() { self.wires.now().saturating_add(TURN_NS) } else { until };
         self.wires.wait(turn.min(until));
         self.turn();
     }
 
-    /// The engine's time less that of the wires, seen when it is `now` for the engine. A runner is late by some time that
-    /// changes, so that the greatest difference is the true one since it has left out cycles, which it tells. One that is late by more
-    /// than half a cycle has left out time without a word.
+    /// Offset of the engine's clock to the wires', measured when the engine's time is `now`. The runner's wake-up latency
+    /// makes single samples too small, so the maximum is kept; the runner reports skipped cycles ([`Fieldbus::leave_out`]).
+    /// A drop of more than half a cycle means that the runner skipped time without a report.
     fn skew_at(&mut self, now: Ns) -> Ns {
         let seen = now.wrapping_sub(self.wires.now());
         let skew = self.skew.get_or_insert(seen);
@@ -287,7 +290,7 @@ impl<W: NicWires> NicBus<W> {
         *skew
     }
 
-    /// Whether something is under way that goes on between cycles.
+    /// Whether a job or an SDO is running, which continues between cycles.
     const fn is_working(&self) -> bool {
         self.job.is_some() || self.sdo.is_some()
     }

@@ -1,19 +1,20 @@
-//! Two network cards at the ends of a line of slaves: a ring, which goes on when a cable is cut.
+//! Two network cards at both ends of a line of slaves: a ring, which continues when a cable is cut.
 //!
-//! Each frame of the master goes out by the first card, and beside it a probe by the second one, which asks for nothing that
-//! matters. What comes back where says how the ring is:
+//! Each frame of the master goes out through the first card. A probe goes out through the second card at the same time: a
+//! frame that only reads one register, and whose answer is not used. The cards at which frame and probe come back show the
+//! state of the ring:
 //!
-//! | frame | probe | the ring | what is done |
+//! | frame comes back | probe comes back | the ring | action |
 //! | --- | --- | --- | --- |
-//! | at the second card | at the first one | [`RingState::Whole`] | the frame has passed all slaves |
-//! | at the first card | at the second one | [`RingState::Open`] | the frame goes out again by the second card, so that the slaves behind the gap work on it too, and comes back there |
-//! | at the first card | - | [`RingState::SecondDead`] | nothing: it has passed all slaves that there are |
-//! | - | at the second card | [`RingState::FirstDead`] | the frame goes out again by the second card |
+//! | at the second card | at the first card | [`RingState::Whole`] | none: the frame has passed all slaves |
+//! | at the first card | at the second card | [`RingState::Open`] | the frame is forwarded: it goes out again through the second card, so that the slaves behind the cut process it too, and comes back there |
+//! | at the first card | - | [`RingState::SecondDead`] | none: the frame has passed all slaves that can be reached |
+//! | - | at the second card | [`RingState::FirstDead`] | the frame is forwarded through the second card |
 //!
-//! So no slave gets a frame twice, the slaves work on it in their order on the cable, and no cycle is lost where a cable is
-//! cut. How the ring was last is taken for how it is, so that nothing waits for a card that is dead.
+//! So no slave processes a frame twice, the slaves process it in their order on the cable, and a cut costs no cycle. For
+//! the next frame the last known state of the ring is assumed, so that nothing waits for a dead card.
 //!
-//! \[OURS] How long is waited for the other of the two: [`GRACE_NS`].
+//! \[OURS] [`GRACE_NS`] limits the wait for whichever of frame and probe is missing.
 
 use super::{CardPair, CardsGone, NicWires, RingState};
 use crate::ethercat::registers::TYPE;
@@ -22,24 +23,24 @@ use crate::ethercat::{
 };
 use crate::master::{FrameBuffer, Wire, WireDown};
 
-/// How long after the frame its probe may come, or the other way round, until one of them is taken for lost, ns. \[OURS] A frame
-/// passes 40 slaves in less than half of it.
+/// The maximum time between the return of a frame and that of its probe, in either order, before the missing one counts as
+/// lost, ns. \[OURS] A frame passes 40 slaves in less than half of this time.
 pub const GRACE_NS: Ns = 100_000;
 
-/// A frame on the way, by its index.
+/// A frame in flight. Its place in the table is the index of its first datagram.
 #[derive(Clone, Debug)]
 struct Flight {
     is_used: bool,
-    /// As it was sent, or as it came back at the first card.
+    /// The frame as it was sent or, once it is back at the first card, as it came back.
     frame: FrameBuffer,
     len: usize,
-    /// It is back at the first card, and waits for its probe.
+    /// The frame is back at the first card and waits for its probe.
     is_back: bool,
-    /// Where its probe has come back.
+    /// The end at which the probe has come back.
     probe: Option<CableEnd>,
-    /// It has gone out by the second card.
+    /// The frame was forwarded through the second card.
     is_forwarded: bool,
-    /// When what is missing of it and its probe is taken for lost; `None`: nothing waits.
+    /// When the missing frame or probe counts as lost; `None`: nothing is waited for.
     due: Option<Ns>,
 }
 
@@ -55,39 +56,40 @@ impl Flight {
     };
 }
 
-/// Two cards as one wire.
+/// Two network cards as one wire.
 pub struct Ring<P> {
     pair: P,
-    /// The source of the probes.
+    /// The source address of the probes.
     probe_source: [u8; 6],
     flights: Vec<Flight>,
-    /// The earliest time at which something is taken for lost.
+    /// The earliest time at which a missing frame or probe counts as lost.
     next_due: Option<Ns>,
     state: RingState,
 }
 
-/// What has come.
+/// A received frame.
 enum Came {
     /// A probe with that index.
     Probe(u8),
-    /// A frame of ours with that index; whether it has passed a slave.
+    /// A frame of the master with that index; whether the frame has passed a slave.
     Own(u8, bool),
-    /// Something else.
+    /// Any other frame.
     Other,
 }
 
 impl<P: CardPair> Ring<P> {
-    /// These cards; frames have `source` from the first one, and probes `probe_source`, which has to be another one.
+    /// A ring of these two cards. `probe_source` is the source address of the probes; it has to differ from the source
+    /// address of the master's frames.
     pub fn new(pair: P, probe_source: [u8; 6]) -> Self {
         Self { pair, probe_source, flights: vec![Flight::UNUSED; 256], next_due: None, state: RingState::default() }
     }
 
-    /// The cards, to look at.
+    /// The two cards.
     pub const fn pair(&self) -> &P {
         &self.pair
     }
 
-    /// The cards, to change.
+    /// The two cards, for changes.
     pub const fn pair_mut(&mut self) -> &mut P {
         &mut self.pair
     }
@@ -117,26 +119,26 @@ impl<P: CardPair> Ring<P> {
         let header = FrameHeader::datagrams(self.probe_source);
         let Ok(mut writer) = FrameWriter::new(&mut buffer, header) else { return };
         if writer.push(DatagramHeader::new(Command::Brd, index, u32::from(TYPE) << 16), &[0]).is_ok() {
-            // One that is not sent does not come back, which says the same.
+            // A probe that is not sent does not come back, which shows the same.
             let _ = self.pair.send(CableEnd::Last, writer.finish());
         }
     }
 
-    /// Something of that frame is missing: it is waited for so long.
+    /// Starts the wait for the missing frame or probe, unless it is running already.
     fn wait_for_rest(&mut self, index: u8) {
         let due = self.pair.now().saturating_add(GRACE_NS);
         self.flights[usize::from(index)].due.get_or_insert(due);
         self.next_due = Some(self.next_due.map_or(due, |next| next.min(due)));
     }
 
-    /// The frame goes out by the second card.
+    /// Sends the frame through the second card. Returns whether it was sent.
     fn forward(&mut self, index: u8) -> bool {
         let flight = &mut self.flights[usize::from(index)];
         (flight.is_forwarded, flight.is_back, flight.due) = (true, false, None);
         self.pair.send(CableEnd::Last, &flight.frame[..flight.len]).is_ok()
     }
 
-    /// Hands over a frame that was kept.
+    /// Copies a kept frame into `buffer` for the master, and returns its length.
     fn hand_over(&mut self, index: u8, buffer: &mut FrameBuffer) -> usize {
         let flight = &mut self.flights[usize::from(index)];
         (flight.is_used, flight.due) = (false, None);
@@ -144,12 +146,13 @@ impl<P: CardPair> Ring<P> {
         flight.len
     }
 
-    /// A frame has come at an end; its length if it is one for the master, in `buffer`.
+    /// Evaluates a frame that was received at `end`. Returns its length if the frame is for the master; then it is in
+    /// `buffer`.
     fn take(&mut self, end: CableEnd, buffer: &mut FrameBuffer, len: usize) -> Option<usize> {
         match self.judge(&buffer[..len]) {
             Came::Other => Some(len),
             Came::Probe(index) => {
-                // Nothing but a whole ring lets a probe through.
+                // A probe reaches the first card only if the ring is whole.
                 match end {
                     CableEnd::First => self.state = RingState::Whole,
                     CableEnd::Last if self.state == RingState::SecondDead => self.state = RingState::Open,
@@ -164,7 +167,8 @@ impl<P: CardPair> Ring<P> {
                     if flight.is_back {
                         return self.go_on_behind_gap(index, buffer);
                     }
-                    // The slaves near the second card are there, and the frame may not have come to the first one.
+                    // The slaves near the second card can be reached. It is not known yet whether the frame has reached
+                    // those near the first card.
                     self.wait_for_rest(index);
                 }
                 None
@@ -180,7 +184,7 @@ impl<P: CardPair> Ring<P> {
                         }
                         Some(len)
                     }
-                    // What went out by the second card has come round the whole ring untouched, or comes too late.
+                    // A forwarded frame has passed the whole ring without being processed, or it comes too late.
                     _ if !is_passed => None,
                     CableEnd::First if flight.is_forwarded => {
                         self.state = RingState::Open;
@@ -203,13 +207,14 @@ impl<P: CardPair> Ring<P> {
         }
     }
 
-    /// A frame is back at the first card, and there are slaves at the second one.
+    /// Forwards a frame that is back at the first card, because its probe shows that there are slaves behind the cut. If
+    /// this fails the frame is handed over to the master, and its length returned.
     fn go_on_behind_gap(&mut self, index: u8, buffer: &mut FrameBuffer) -> Option<usize> {
         self.state = RingState::Open;
         if self.forward(index) { None } else { Some(self.hand_over(index, buffer)) }
     }
 
-    /// What was waited for is taken for lost; the length of a frame that is handed over.
+    /// Ends the waits that are due. Returns the length of a frame that is handed over to the master in `buffer`.
     fn give_up(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
         let now = self.pair.now();
         if self.next_due.is_none_or(|due| now < due) {
@@ -236,7 +241,7 @@ impl<P: CardPair> Ring<P> {
     }
 }
 
-/// The source of a frame that is as long as one.
+/// The source MAC address of the frame in a buffer.
 const fn source_of(frame: &FrameBuffer) -> [u8; 6] {
     [frame[6], frame[7], frame[8], frame[9], frame[10], frame[11]]
 }

@@ -3,62 +3,63 @@
 
 use crate::ethercat::Ns;
 
-/// A cycle that has come back.
+/// A cycle whose frames have come back.
 pub(super) struct Cycle {
     /// When it was sent, on the wires' clock.
     pub(super) sent_at: Ns,
-    /// The outputs that it carried for the first time.
+    /// The id of the outputs that the cycle carried for the first time; `None`: it repeated outputs.
     pub(super) outputs: Option<u64>,
-    /// The newest outputs that were sent.
+    /// The id of the newest outputs that were sent.
     pub(super) sent: Option<u64>,
-    /// Its working counter, and what that is when every slave answers.
+    /// The working counter of the cycle, and its value if every slave answers.
     pub(super) working_counters: [u16; 2],
-    /// A slave that is not named has missed it, or is in a lower state.
+    /// A slave that is not known as lost has missed the cycle, or is in a lower state.
     pub(super) is_short: bool,
-    /// Slaves are lost.
+    /// Some slaves are known as lost.
     pub(super) has_lost: bool,
-    /// All slaves that are not lost have obeyed it, for certain.
+    /// All slaves that are not lost have certainly processed the outputs of the cycle.
     pub(super) is_obeyed: bool,
-    /// A job is under way, by which slaves may come and go.
+    /// A job is running, during which slaves may disappear and come back.
     pub(super) has_job: bool,
 }
 
-/// The outputs that may not have reached slaves which are not known as lost yet.
+/// Records the outputs that may not have reached slaves which are not known as lost yet.
 #[derive(Debug, Default)]
 pub(super) struct UnreachedOutputs {
-    /// The id of the first outputs that may not have reached all slaves, while not all of them answer.
+    /// The id of the first outputs that may not have reached all slaves; `None`: all outputs have.
     from: Option<u64>,
-    /// How many sets of outputs that are since then.
+    /// The number of sets of outputs from `from` on.
     sets: u32,
     /// The working counter of the newest cycle.
     counted: u16,
-    /// When the newest cycle was sent that had fewer answers than the one before, until the states are known since.
+    /// When the newest cycle with a lower working counter than the one before was sent; `None` once the AL states of all
+    /// slaves have been read since.
     fewer_at: Option<Ns>,
-    /// When the states were asked for that were read last.
+    /// When the master requested the AL states that it has read last.
     read_at: Option<Ns>,
-    /// The ids of the first outputs after those states were known, and after the ones before them: what was sent before has found all
-    /// slaves in OP that were not lost.
+    /// The id of the next outputs when those AL states became known, and the same for the states that were read before
+    /// them. Outputs with a lower id found all slaves in OP that were not lost.
     known_from: [u64; 2],
 }
 
-/// The id of the outputs that come next.
+/// The id of the outputs after `sent`.
 fn after(sent: Option<u64>) -> u64 {
     sent.map_or(0, |sent| sent + 1)
 }
 
 impl UnreachedOutputs {
-    /// The id of the first outputs that may not have reached all slaves; `None`: they reach all.
+    /// The id of the first outputs that may not have reached all slaves; `None`: all outputs have.
     pub(super) const fn from(&self) -> Option<u64> {
         self.from
     }
 
-    /// Other slaves are there.
+    /// Resets the record after a scan, because there may be other slaves.
     pub(super) fn forget(&mut self, sent: Option<u64>) {
         let known_from = [after(sent); 2];
         *self = Self { counted: self.counted, read_at: self.read_at, known_from, ..Self::default() };
     }
 
-    /// A cycle has come back. How many sets of outputs may not have reached a slave that nobody will name any more.
+    /// Evaluates a cycle. Returns how many sets of outputs may have missed a slave that will not be named as lost.
     pub(super) fn take_cycle(&mut self, cycle: &Cycle) -> u32 {
         let [counted, expected] = cycle.working_counters;
         let before = std::mem::replace(&mut self.counted, counted);
@@ -67,10 +68,11 @@ impl UnreachedOutputs {
         } else if counted < before && !cycle.has_job {
             self.fewer_at = Some(cycle.sent_at);
         }
-        // Some lost slaves answer and others do not, and their states may be that of a slave which is not named yet. So fewer answers
-        // than before may be its, until the states of all have been read.
+        // Some lost slaves answer and others do not, and a slave that is not named yet may be in the same state as a lost
+        // one. So if the working counter is lower than before, such a slave may be the cause, until the states of all
+        // slaves have been read.
         if cycle.is_short || cycle.has_lost && self.fewer_at.is_some() {
-            // What was repeated had reached everybody before.
+            // Outputs that the cycle repeated had reached every slave before.
             self.from = self.from.or(cycle.outputs).or(cycle.sent.map(|sent| sent + 1));
             self.sets += u32::from(cycle.outputs.is_some());
             return 0;
@@ -82,7 +84,8 @@ impl UnreachedOutputs {
         std::mem::take(&mut self.sets)
     }
 
-    /// The states of all slaves were asked for at `read`, and have come: who was not named is in OP.
+    /// The AL states of all slaves were requested at `read` and are known now: each slave that was not named as lost is in
+    /// OP.
     pub(super) fn note_states(&mut self, read: Option<Ns>, sent: Option<u64>) {
         if read == self.read_at {
             return;
@@ -93,8 +96,9 @@ impl UnreachedOutputs {
         self.known_from = [after(sent), known_from];
     }
 
-    /// A slave is named as lost: the id of the first outputs that may not have reached it, as far as that is known. One that leaves OP
-    /// and still counts is not seen if another one is lost (`is_hidden`) that is in the same state.
+    /// Names a slave as lost, and returns the id of the first outputs that may not have reached it, as far as it is known.
+    /// `is_hidden`: other slaves were lost already. A slave that leaves OP but still increments the working counter is then
+    /// not noticed at once if a lost slave is in the same state.
     pub(super) fn name(&mut self, is_hidden: bool) -> Option<u64> {
         self.sets = 0;
         let [_, unseen_from] = self.known_from;

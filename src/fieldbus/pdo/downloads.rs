@@ -13,11 +13,11 @@ const RX_ASSIGNMENT: u16 = 0x1C12;
 const TX_ASSIGNMENT: u16 = 0x1C13;
 /// The TxPDO of the first axis.
 const TX_PDO: u16 = 0x1A00;
-/// \[OURS] The RxPDO of the first axis in CSP. Those of CSV and CST follow it, and those of a second axis are 16 higher, as
-/// in ETG.6010.
+/// \[OURS] The RxPDO of the first axis in CSP. The RxPDOs for CSV and CST have the next numbers. The PDOs of a second axis
+/// are 16 higher, as in ETG.6010.
 const RX_PDO: u16 = 0x1600;
 const SECOND_AXIS_PDO_OFFSET: u16 = 0x10;
-/// The object that assigns PDOs to sync manager 0; those of the others follow it.
+/// The object that assigns PDOs to sync manager 0. The objects of the other sync managers follow it.
 const ASSIGNMENTS: u16 = 0x1C10;
 /// The objects with the synchronization types of outputs and inputs.
 const SYNC_TYPES: [u16; 2] = [0x1C32, 0x1C33];
@@ -31,7 +31,7 @@ pub struct Download {
     pub size: SdoSize,
     /// The value that is written.
     pub value: u32,
-    /// A slave may lack the object, or have it as a constant.
+    /// Whether a slave may lack the object, or have it as a constant.
     optional: bool,
 }
 
@@ -48,12 +48,12 @@ impl Download {
         self.optional && matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX | AbortCode::READ_ONLY)
     }
 
-    /// Whether this download says what the process data are.
+    /// Whether this download belongs to the mapping or assignment of process data.
     pub const fn is_mapping(&self) -> bool {
         matches!(self.object.index, 0x1600..=TX_ASSIGNMENT)
     }
 
-    /// Which of the process data this download maps; `None`: it maps none.
+    /// The direction of the process data that this download maps or assigns; `None`: it does neither.
     pub const fn direction(&self) -> Option<MappedDirection> {
         match self.object.index {
             0x1600..=0x17FF | RX_ASSIGNMENT => Some(MappedDirection::Outputs),
@@ -62,8 +62,8 @@ impl Download {
         }
     }
 
-    /// The object that is written in a slave whose first sync managers of outputs and of inputs are these: what is mapped is assigned to
-    /// them, by the object of each. Nearly all slaves have 2 and 3.
+    /// The object to write in a slave whose first sync managers for outputs and for inputs are these. The PDO assignment of
+    /// each sync manager is an object of its own. Nearly all slaves use sync managers 2 and 3.
     pub const fn object_for(&self, [outputs, inputs]: [Option<u8>; 2]) -> ObjectAddress {
         let manager = match self.object.index {
             RX_ASSIGNMENT => outputs,
@@ -81,8 +81,8 @@ impl Download {
         self.object.index == SYNC_TYPES[0] || self.object.index == SYNC_TYPES[1]
     }
 
-    /// The downloads that assign these PDOs for outputs and inputs, whose entries are left as they are. A slave may lack
-    /// the objects, or have them as constants.
+    /// The downloads that assign these PDOs for outputs and for inputs, without changing their entries. A slave may lack
+    /// the assignment objects, or have them as constants.
     pub fn assigning(outputs: &[u16], inputs: &[u16]) -> Vec<Self> {
         let mut downloads = Vec::new();
         for (assignment, pdos) in [(RX_ASSIGNMENT, outputs), (TX_ASSIGNMENT, inputs)] {
@@ -96,13 +96,13 @@ impl Download {
         downloads
     }
 
-    /// Whether a slave that aborts this download may have its process data fixed, or its synchronization type: what the object holds
-    /// shows whether they are those that are wanted. Makers choose all kinds of abort codes for that.
+    /// Whether a slave may abort this download because its process data or its synchronization type are fixed. The value of
+    /// the object then shows whether it is the wanted one. Manufacturers use various abort codes for this case.
     pub const fn may_be_fixed(&self) -> bool {
         self.is_mapping() || self.optional
     }
 
-    /// Whether this download assigns what is assigned: those PDOs for outputs and for inputs.
+    /// Whether a slave with these assigned PDOs (outputs, inputs) already has the value that this download writes.
     pub fn is_assigned_in(&self, [outputs, inputs]: &[Vec<u16>; 2]) -> bool {
         let assigned = match self.object.index {
             RX_ASSIGNMENT => outputs,
@@ -116,13 +116,14 @@ impl Download {
         value == Some(self.value)
     }
 
-    /// Whether this download takes away what was there, in front of those that put what is wanted.
+    /// Whether this download clears a list of entries or PDOs, before the downloads that fill it.
     pub const fn takes_away(&self) -> bool {
         self.object.sub == 0 && self.value == 0
     }
 
-    /// The refusal of a slave that has aborted this download, with 0 as its number. \[OURS] A slave that cannot map what
-    /// its role needs, or that has no modes of operation, is reported with the AL status code for other process data.
+    /// The refusal by a slave that has aborted this download, with 0 in place of the slave number. \[OURS] If the slave
+    /// cannot map what its role needs, or has no modes of operation, the refusal has the AL status code
+    /// `AlStatus::INVALID_OUTPUTS`.
     pub const fn refused(&self, code: AbortCode) -> Refusal {
         let is_mode = self.object.index & !SECOND_AXIS_OFFSET == MODES_OF_OPERATION;
         if is_mode && !matches!(code, AbortCode::NO_OBJECT) {
@@ -132,7 +133,7 @@ impl Download {
     }
 }
 
-/// Which process data an object maps.
+/// The direction of process data that an object maps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MappedDirection {
     /// From the master to the slave.
@@ -141,11 +142,10 @@ pub enum MappedDirection {
     Inputs,
 }
 
-/// The most bytes of a [`MappingImage`]: a count with its padding, and four entries.
+/// The maximum length of a [`MappingImage`]: a count with its padding, and four entries of 4 bytes.
 const MAPPING_IMAGE_MAX: usize = 2 + 4 * 4;
 
-/// A mapping or assignment object as the downloads of a configuration leave it: what an upload of it with complete access begins
-/// with.
+/// The content of a mapping or assignment object after a configuration: the beginning of its upload with complete access.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MappingImage {
     index: u16,
@@ -160,30 +160,29 @@ impl MappingImage {
         ObjectAddress::new(self.index, 0)
     }
 
-    /// Which process data the object maps.
+    /// The direction of the process data that the object maps or assigns.
     pub const fn direction(&self) -> MappedDirection {
         self.direction
     }
 
-    /// Whether an upload with complete access shows the object as the downloads would leave it. Entries behind the count do not
-    /// matter.
+    /// Whether an upload with complete access shows this content. Entries beyond the count do not matter.
     pub fn is_shown_by(&self, upload: &[u8]) -> bool {
         upload.starts_with(&self.bytes[..self.len])
     }
 }
 
-/// The refusal, with 0 as the number of the slave, for a role in a mode of operation that it has no process data for.
+/// The refusal for a role that has no process data in its mode of operation, with 0 in place of the slave number.
 pub const NO_SUCH_MODE: Refusal = Refusal {
     slave: 0,
     al_status: 0,
     abort: Some((ObjectAddress::new(MODES_OF_OPERATION, 0), AbortCode::VALUE_RANGE)),
 };
 
-/// The most downloads of one slave: a pulse module of two channels needs them.
+/// The maximum number of downloads for one slave: that of a pulse module with two channels.
 const DOWNLOADS_MAX: usize = 32;
 
-/// The downloads of one slave, in their order: the inputs are mapped, then the mode is written, then the outputs for that
-/// mode are mapped. In this order a slave that lacks the mode aborts the download to 0x6060 and not one of the mapping
+/// The downloads of one slave, in their order: they map the inputs, write the mode of operation, and map the outputs for
+/// that mode. In this order a slave that lacks the mode aborts the download to 0x6060 and not a download of the mapping
 /// \[OURS].
 #[derive(Clone, Copy, Debug)]
 pub struct Downloads {
@@ -212,7 +211,7 @@ impl Downloads {
         downloads
     }
 
-    /// The mapping and assignment objects as these downloads leave them.
+    /// The contents of the mapping and assignment objects after these downloads.
     pub fn mapping_images(&self) -> impl Iterator<Item = MappingImage> {
         let list = &self.list[..self.len];
         let is_first = |n: usize| list[..n].iter().all(|before| before.object.index != list[n].object.index);
@@ -220,7 +219,7 @@ impl Downloads {
         objects.filter_map(|n| Some(self.mapping_image(list[n].object.index, list[n].direction()?)))
     }
 
-    /// The object of that index: its count is the last one that is written, and its entries come in their order.
+    /// The content of the object with that index: the last written count, and the entries in the order of the downloads.
     fn mapping_image(&self, index: u16, direction: MappedDirection) -> MappingImage {
         let mut image = MappingImage { index, direction, bytes: [0; MAPPING_IMAGE_MAX], len: 2 };
         for download in self.list[..self.len].iter().filter(|download| download.object.index == index) {

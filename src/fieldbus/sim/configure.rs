@@ -1,15 +1,15 @@
-//! The SDOs of the board on the way to SafeOP, transferred at once. How long they take is up to the job.
+//! The SDOs of the board on the way to SafeOP, transferred at once. The job takes the time that they would take.
 
 use crate::fieldbus::pdo::{self, ProcessData};
 use crate::fieldbus::{AlState, Refusal, Role, SlaveConfig};
 use crate::slave::{AlStatus, Slave};
 
-/// Maps the process data of a slave and writes its mode of operation, in PreOP. The process data that are mapped then;
-/// `None`: the slave is not used. Whether a pulse module has a second axis is read from it.
+/// Maps the process data of a slave in PreOP and writes its mode of operation. Returns the mapped process data; `None`: the
+/// slave is not used. An upload shows whether a pulse module has a second axis.
 ///
 /// # Errors
-/// Why the slave refuses, with 0 as its number: it is not in PreOP, or it has aborted a download. After an aborted download
-/// nothing is mapped; a slave that is not in PreOP keeps its mapping.
+/// The refusal, with 0 in place of the slave number: the slave is not in PreOP, or has aborted a download. After an aborted
+/// download nothing is mapped; a slave that is not in PreOP keeps its mapping.
 pub fn configure(slave: &mut dyn Slave, config: &SlaveConfig) -> Result<Option<ProcessData>, Refusal> {
     let SlaveConfig { role, sync } = *config;
     if slave.state() != AlState::PreOp {

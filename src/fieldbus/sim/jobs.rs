@@ -1,4 +1,4 @@
-//! The jobs of the simulated bus: what they do, when they end, and how they fail.
+//! The jobs and SDOs of the simulated bus: their effects, their durations, and their errors.
 
 use super::configure::configure;
 use super::{SimBus, Station};
@@ -10,30 +10,30 @@ use crate::fieldbus::{
 use crate::sk::DriveSync;
 use crate::slave::AlStatus;
 
-/// A job under way.
+/// A running job.
 pub(super) struct RunningJob {
     pub(super) job: Job,
-    /// When its next part ends.
+    /// When the present step of the job ends.
     due: Ns,
-    /// When a change of state has failed.
+    /// When the timeout of a change of state ends.
     deadline: Ns,
     /// The slave that is configured next.
     next: u8,
     second_axes: SlaveSet,
 }
 
-/// An SDO under way.
+/// A running SDO.
 pub(super) struct RunningSdo {
     request: SdoRequest,
     due: Ns,
     deadline: Ns,
 }
 
-/// How far a change of state has come after one of its parts.
+/// The result of one step of a change of state.
 enum Progress {
     /// All slaves are in the target state.
     Done,
-    /// Another part follows, which takes that long.
+    /// Another step follows, with this duration in ns.
     Next(Ns),
     Refused(Refusal),
 }
@@ -102,7 +102,8 @@ impl SimBus {
         }
     }
 
-    /// How many slaves a scan counts: those that frames reach, and a silent slave too, since frames still pass it.
+    /// The number of slaves that a scan counts: those that frames reach. A silent slave counts too, since frames still pass
+    /// it.
     fn reachable_slaves(&self) -> u8 {
         self.stations.len().min(MAX_SLAVES).min(self.handle.reach().into()) as u8
     }
@@ -117,14 +118,14 @@ impl SimBus {
             let station = self.station(slave);
             (station.commanded, station.process_data) = (AlState::Init, None);
             if answers {
-                // Every slave can go to Init. If one does not, its state tells so as soon as a job wants it elsewhere.
+                // Every slave can go to Init. If one does not, its state shows this as soon as a job needs another state.
                 let _ = station.slave.enter(AlState::Init);
             }
         }
         self.found
     }
 
-    /// Configures one slave. Whether it is a pulse module of two channels.
+    /// Configures one slave. Returns whether it is a pulse module with two channels.
     fn configure_station(&mut self, config: &BusConfig, slave: u8) -> Result<bool, Refusal> {
         let wanted = &config.slaves[usize::from(slave) - 1];
         if !self.answers(slave) {
@@ -156,9 +157,9 @@ impl SimBus {
         not_in_target_state
     }
 
-    /// The next transition on the way to the target state: slaves go up one state at a time and together, those in the
-    /// lowest state first; they go down in one transition. `None`: none of the slaves that have to change their state
-    /// answers.
+    /// The next transition on the way to the target state, as old and new state. Slaves go up one state at a time and
+    /// together, beginning with those in the lowest state; they go down in one transition. `None`: none of the slaves that
+    /// have to change their state answers.
     fn next_change(&self, target: AlState, not_in_target_state: SlaveSet) -> Option<(AlState, AlState)> {
         let moving = not_in_target_state.iter().filter(|slave| self.answers(*slave));
         moving.map(|slave| self.state(slave)).min().map(|from| (from, from.above().min(target)))

@@ -22,9 +22,9 @@ pub struct Timing {
     pub to_op_ns: Ns,
     /// Change to a lower state, or to the state that the slave is in.
     pub down_ns: Ns,
-    /// What each slave that takes part adds to a change of state.
+    /// The time that each slave in a change of state adds to it.
     pub change_slave_ns: Ns,
-    /// After how long a slave that does not answer is asked again.
+    /// The time after which a slave that does not answer is asked again.
     pub retry_ns: Ns,
     /// One SDO transfer.
     pub sdo_ns: Ns,
@@ -49,7 +49,7 @@ impl Default for Timing {
 }
 
 impl Timing {
-    /// How long that many slaves take for one change of state.
+    /// The duration of one change of state of `slaves` slaves, ns.
     pub(super) const fn change_ns(&self, from: AlState, to: AlState, slaves: u8) -> Ns {
         let change = match (from, to) {
             (AlState::Init, AlState::PreOp) => self.to_preop_ns,

@@ -1,8 +1,8 @@
-//! The configuration that the next change to SafeOP needs, made while nobody asks anything of the bus.
+//! The preparation of the configuration that the next change to SafeOP needs, while no job or SDO is requested.
 //!
-//! It writes nothing to a slave: it reads whether the slaves have their mapping, and if all have it the chip lays the process data
-//! out. What a program reads and writes by SDO meanwhile is what it would be without. Whatever is asked of the bus goes first;
-//! what was seen by then stays.
+//! The preparation writes nothing to a slave. It reads whether the slaves already have their mapping; if all have, the chip
+//! lays out the process data. So the SDOs of a program show no difference. Every request to the bus interrupts the
+//! preparation; what was read by then is kept.
 
 use super::chip_bus::ChipBus;
 use super::jobs::{Part, Running};
@@ -11,30 +11,31 @@ use crate::ethercat::coe::ObjectAddress;
 use crate::fieldbus::{BusConfig, SdoRequest};
 use crate::xf::host::{HostState, Wires};
 
-/// It waits so long behind an SDO, since another one often follows. \[OURS]
+/// How long the preparation waits after an SDO, because another SDO often follows, ns. \[OURS]
 const QUIET_NS: Ns = 10_000_000;
 
-/// What is to be made ahead.
+/// The state of the preparation.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Ahead {
     declared: Option<BusConfig>,
-    /// Not before this time of the wires.
+    /// The preparation begins no earlier than this, on the wires' clock.
     not_before: Ns,
 }
 
-/// Whether a download of that object may change what a slave has mapped, or how it is synchronized. \[OURS] Those of the device
-/// profiles do not, and any other one may: 0x1011 restores the defaults.
+/// Whether a download to that object may change the mapping of a slave, or its synchronization. \[OURS] Objects of the
+/// device profiles do not change it. Any other object may: 0x1011, for example, restores the defaults.
 const fn may_change_mapping(object: ObjectAddress) -> bool {
     !matches!(object.index, 0x6000..=0x9FFF)
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// Declares what the next configuration is to be.
+    /// Declares the next configuration.
     pub(super) fn declare(&mut self, config: &BusConfig) {
         self.ahead = Ahead { declared: Some(*config), not_before: self.wires.now() };
     }
 
-    /// Begins, or goes on, if nobody asks anything of the bus. \[OURS] RECONFIG_OP may come long before SafeOP, and SDOs after it.
+    /// Begins or continues the preparation while no job, SDO or reading of states is running. \[OURS] The chip's command
+    /// RECONFIG_OP may then come long before SafeOP, and SDOs may follow it.
     pub(super) fn go_ahead(&mut self, now: Ns) {
         let Some(config) = self.ahead.declared else { return };
         if self.sdo.is_some() {
@@ -46,13 +47,13 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// It has ended. If a slave has not answered it is not tried again.
+    /// Ends the preparation. If a slave has not answered, this is not tried again.
     pub(super) fn end_ahead(&mut self) {
         self.ahead.declared = None;
     }
 
-    /// A configuration made ahead makes way for what is asked of the bus. False: something else is under way, or the network is
-    /// just being initialised.
+    /// Interrupts the preparation for a request to the bus. False: another job is running, or the network is being
+    /// initialised.
     pub(super) fn make_way(&mut self) -> bool {
         match &self.job {
             None => true,
@@ -65,7 +66,7 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// A host's SDO begins.
+    /// Records the SDO of a host that begins.
     pub(super) fn note_sdo(&mut self, request: &SdoRequest) {
         if request.write.is_some() && may_change_mapping(request.object) {
             self.network.forget_objects(request.slave);

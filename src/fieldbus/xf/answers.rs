@@ -1,4 +1,4 @@
-//! What the chip's cycles have sent back: kept until the engine polls, with the time of each and what it had sent.
+//! The answers of the chip's cycles until the engine polls them: the inputs, the time, and the outputs sent by then.
 
 use super::chip_bus::ChipBus;
 use super::tick_ns;
@@ -7,19 +7,19 @@ use crate::fieldbus::{CycleDone, Inputs};
 use crate::xf::DataSize;
 use crate::xf::host::Wires;
 
-/// The most bytes of process data in a direction.
+/// The maximum number of bytes of process data in one direction.
 pub(super) const IMAGE_MAX: usize = DataSize::MAX.bytes();
-/// Cycles that are kept until they are polled; then the oldest is lost. \[OURS]
+/// The maximum number of answers that are kept until they are polled; after that the oldest is lost. \[OURS]
 pub(super) const ANSWERS: usize = 128;
 
-/// A cycle of the chip.
+/// The answer of a cycle of the chip.
 #[derive(Clone, Debug)]
 pub(super) struct Answer {
-    /// When it ran, in time of the wires.
+    /// When the cycle ran, on the wires' clock.
     at: Ns,
     sent: Option<u64>,
     cycles_lost: u32,
-    /// The chip tells of working counters that were wrong, and this may have been one of these cycles.
+    /// The chip has reported wrong working counters, and this cycle may have had one.
     is_doubtful: bool,
     image: Vec<u8>,
 }
@@ -31,7 +31,7 @@ impl Default for Answer {
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// Keeps a cycle behind which so many others were read in the same exchange.
+    /// Keeps the answer of a cycle. `behind`: the number of later cycles that were read in the same exchange.
     pub(super) fn keep_cycle(&mut self, now: Ns, cycle: u64, behind: u64, from: usize) {
         let period_ns = self.network.cycle.ns();
         let estimate = now.saturating_sub(behind * period_ns);
@@ -45,7 +45,7 @@ impl<W: Wires> ChipBus<W> {
         let mut answer = match self.spare.pop() {
             Some(answer) => answer,
             None => {
-                // Nobody polls: the oldest goes.
+                // The engine is not polling: the oldest answer is dropped.
                 let Some(oldest) = self.answers.pop_front() else { return };
                 self.lost_cycles += oldest.cycles_lost + 1;
                 self.counters.cycles_lost += 1;
@@ -58,10 +58,10 @@ impl<W: Wires> ChipBus<W> {
         self.answers.push_back(answer);
     }
 
-    /// The next cycle of the chip.
+    /// Returns the next cycle of the chip, if it has passed by the engine's time `now`.
     pub(super) fn next_answer(&mut self, now: Ns) -> Option<CycleDone> {
         let at = self.engine_time(self.answers.front()?.at);
-        // On a real clock what was received has passed, whatever the engine's time is.
+        // With a real clock a received cycle has passed, whatever the engine's time is.
         if at > now && !self.options.real_time {
             return None;
         }
@@ -79,14 +79,14 @@ impl<W: Wires> ChipBus<W> {
         Some(done)
     }
 
-    /// A cycle while the chip has none to tell.
+    /// Returns a cycle, one every [`tick_ns`], while no slave is in OP and so the chip's cycles are not polled.
     pub(super) fn next_tick(&mut self, now: Ns) -> Option<CycleDone> {
         self.is_held = false;
         let at = self.told_at.saturating_add(tick_ns());
         if at > now {
             return None;
         }
-        // A network that has been lost takes outputs, and nobody gets them.
+        // A network that was lost still accepts outputs, which reach no slave.
         if let Some(set) = self.queue.pop_front() {
             self.lose_left_behind();
             self.lose_sets(1);
@@ -110,7 +110,7 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// What the slaves sent in the newest cycle.
+    /// Fills in the inputs of the newest cycle.
     pub(super) fn fill(&self, inputs: &mut Inputs) {
         let network = &self.network;
         let in_safe_op = network.at_least(AlState::SafeOp);

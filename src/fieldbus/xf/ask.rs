@@ -1,4 +1,4 @@
-//! What a job asks the chip, one command at a time, each with a number for an answer.
+//! The commands that a job sends to the chip, one at a time. Each answer is a number.
 
 use crate::ethercat::coe::{ObjectAddress, SdoScope, SdoSize};
 use crate::ethercat::{AlState, Ns};
@@ -10,15 +10,16 @@ use crate::xf::request::{
     SlaveInfoItem, SlaveNumber, Slaves, StateGet, StateSet, StateUpdate,
 };
 
-/// How long the initialisation of the network may take. \[OURS]
+/// The timeout for the initialisation of the network, ns. \[OURS]
 const INIT_NS: Ns = 30_000_000_000;
-/// How long any other command may run. \[OURS]
+/// The timeout for any other command, ns. \[OURS]
 const COMMAND_NS: Ns = 10_000_000_000;
 
-/// How many bytes of a mapping object are asked for: a driver may take a longer object for an error. \[OURS]
+/// The number of bytes that are requested of a mapping object: a driver may report an object that is longer than requested
+/// as an error. \[OURS]
 const COMPARED_BYTES: u16 = 64;
 
-/// A command. Slaves count from 1, as everywhere in this project but in the chip.
+/// A command to the chip. Slaves count from 1 here, as in the whole project; in the chip they count from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Ask {
     Fifo {
@@ -29,10 +30,10 @@ pub(super) enum Ask {
         sync0_ns: u32,
     },
     Count,
-    /// `None`: all slaves.
+    /// Brings one slave to a state; `None`: all slaves.
     Enter(Option<u8>, AlState),
     UpdateStates,
-    /// The lowest state of all slaves.
+    /// Reads the lowest state of all slaves.
     StateOfAll,
     StateOf(u8),
     Info(u8, SlaveInfoItem),
@@ -48,31 +49,31 @@ pub(super) enum Ask {
         value: u32,
         timeout_ns: Ns,
     },
-    /// Whether a mapping object is as it is to be, read with complete access: 1 or 0.
+    /// Reads a mapping object with complete access. The answer is 1 if it has the wanted content, otherwise 0.
     Compare {
         slave: u8,
         image: MappingImage,
         timeout_ns: Ns,
     },
     Reconfig,
-    /// These pins are outputs.
+    /// Makes these pins outputs.
     OutputPins(u16),
     RxEntries(u8),
     TxEntries(u8),
     BuildFifos,
 }
 
-/// The answer: a number, or why there is none.
+/// The answer to a command: a number, or the error.
 pub(super) type Reply = Result<u32, HostError>;
 
-/// A command that was submitted.
+/// A submitted command.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Asked {
     ask: Ask,
     ticket: Ticket,
 }
 
-/// The chip's number of a slave. One beyond its numbers is one that does not answer.
+/// The chip's number of a slave. A number beyond the chip's range becomes one for which no slave answers.
 fn number(slave: u8) -> SlaveNumber {
     SlaveNumber::new(slave.saturating_sub(1)).unwrap_or(SlaveNumber::MAX)
 }
@@ -82,6 +83,8 @@ fn to_us(ns: Ns) -> u32 {
 }
 
 impl Ask {
+    /// Submits the command to the driver.
+    ///
     /// # Errors
     /// The queue is full, or the driver has stopped.
     pub(super) fn submit(self, host: &mut Host, now: Ns) -> Result<Asked, HostError> {
@@ -176,13 +179,13 @@ impl Asked {
         })
     }
 
-    /// Nobody takes the answer any more.
+    /// Drops the command: its answer is not needed.
     pub(super) fn abandon(self, host: &mut Host) {
         host.abandon(self.ticket);
     }
 }
 
-/// The first 4 bytes of a value as a number.
+/// The first 4 bytes of a value as a number, the missing ones being 0.
 fn little_endian(bytes: &[u8]) -> u32 {
     let mut word = [0; 4];
     let len = bytes.len().min(4);

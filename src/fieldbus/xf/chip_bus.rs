@@ -1,4 +1,4 @@
-//! All of the bus but the sequence of its job: what the driver is to do next, and what has come of it.
+//! The bus without the sequence of its job: the next work for the driver, and the evaluation of its results.
 
 use std::collections::VecDeque;
 
@@ -18,14 +18,15 @@ use super::{ANSWER_DELAY, ENTRIES, XfBusCounters, XfBusOptions};
 use crate::fieldbus::{AlState, JobDone, MAX_SLAVES, Ns, SdoDone, SdoRequest, SlaveSet};
 use crate::xf::host::{COMFORTABLE_SIZE, Host, HostConfig, HostState, StepError, Wires};
 
-/// By so much a real clock of the wires may be before that of an engine without a runner, until the two are taken for one
-/// again. \[OURS]
+/// How far a real clock of the wires may be ahead of the engine's clock, without a runner, before the offset of the two is
+/// measured again, ns. \[OURS]
 const SKEW_MAX_NS: Ns = 2_000_000;
-/// The same with a runner, which catches up on as much (`engine::Threaded`). \[OURS]
+/// The same limit with a runner (`engine::Threaded`), which catches up on delays of up to this time, ns. \[OURS]
 const LATE_MAX_NS: Ns = 1_000_000_000;
-/// How often the header is asked for while a command runs and no slave is in OP: in cycles of OP process data go first. \[OURS]
+/// The maximum interval at which the header is polled while a command runs and no slave is in OP, ns. In OP process data go
+/// first. \[OURS]
 const BUSY_POLL_NS: Ns = 200_000;
-/// After the driver has stopped it is started again so much later. \[OURS]
+/// The time after which a stopped driver is started again, ns. \[OURS]
 const RESTART_NS: Ns = 100_000_000;
 
 /// Whether the chip was set to short packets.
@@ -33,87 +34,88 @@ const RESTART_NS: Ns = 100_000_000;
 pub(super) enum Shortening {
     Due,
     UnderWay,
-    /// It was, or it keeps those that it has.
+    /// The chip was set to short packets, or keeps its packet size.
     Done,
 }
 
-/// The bus without the sequence of its job, which reaches it by a mutex.
+/// The bus without the sequence of its job; that sequence accesses the bus through a mutex.
 #[derive(Debug)]
 pub(super) struct ChipBus<W> {
     pub(super) wires: W,
     pub(super) host: Host,
     pub(super) options: XfBusOptions,
-    /// The engine's time less that of the wires; `None`: nobody has called yet.
+    /// Offset of the engine's clock to the wires'; `None`: it was not measured yet.
     pub(super) skew: Option<Ns>,
-    /// A runner tells its time, and may be late.
+    /// A runner drives the bus and tells it the time, possibly late.
     pub(super) has_runner: bool,
     pub(super) network: Network,
-    /// The chip's own cycles are told: a slave is in OP.
+    /// A slave is in OP, and the engine polls the chip's own cycles.
     pub(super) runs: bool,
     pub(super) job: Option<Running>,
-    /// A configuration that begins when what was made of it ahead has ended.
+    /// A requested configuration that begins when its preparation has ended.
     pub(super) next_job: Option<Running>,
     pub(super) ahead: Ahead,
-    /// Its sequence has gone on in this turn.
+    /// The sequence of the job has made progress in this turn.
     pub(super) has_gone_on: bool,
     /// The slaves' states as the job has read them last; `None`: no answer.
     pub(super) states: [Option<AlState>; MAX_SLAVES],
-    /// What of it is under way.
+    /// The part of the job that is running.
     pub(super) part: Part,
-    /// Whether the chip was set to short packets at its start.
+    /// Whether the chip was set to short packets after its start.
     pub(super) shortening: Shortening,
-    /// How often the header is asked for while a command runs beside process data.
+    /// The interval at which the header is polled while a command runs and slaves are in OP, ns.
     pub(super) busy_poll_in_op_ns: Ns,
-    /// The command of the job under way.
+    /// The running command of the job.
     pub(super) asked: Option<Asked>,
     pub(super) sdo: Option<(SdoRequest, Asked)>,
     pub(super) job_done: Option<JobDone>,
     pub(super) sdo_done: Option<SdoDone>,
-    /// Sets that are to be written.
+    /// Sets of outputs that wait to be written, or are in flight to the chip.
     pub(super) queue: VecDeque<Set>,
-    /// The set that the chip repeats when it has no other, for all that is known; `None`: none was written in this OP.
+    /// The set of outputs that the chip repeats if it has no other, as far as is known; `None`: none was written since the
+    /// slaves entered OP.
     pub(super) newest_written: Option<Set>,
-    /// It is to be written once more: a slave was lost since then, or its slaves may not have got it.
+    /// `newest_written` is to be written once more: a slave was lost since then, or slaves may not have received it.
     pub(super) repeat_is_due: bool,
-    /// What was handed to the driver, the oldest first.
+    /// Process data in flight, the oldest first.
     pub(super) flying: VecDeque<Flying>,
-    /// The newest exchange of cycles wrote some.
+    /// The newest exchange of process data in OP wrote sets of outputs, and did not only read.
     pub(super) wrote_last: bool,
     pub(super) level: FillLevel,
     pub(super) ledger: Ledger,
     pub(super) clearing: Clearing,
     pub(super) answers: VecDeque<Answer>,
-    /// Buffers of answers that were polled.
+    /// Free buffers for answers.
     pub(super) spare: Vec<Answer>,
-    /// The answers that were received when a header was looked at last.
+    /// The number of answers received when a header was last evaluated.
     pub(super) headers: u64,
-    /// Those when the newest process data ended.
+    /// The number of answers received when process data last ended.
     pub(super) reported_at: u64,
     pub(super) next_read: Ns,
-    /// The newest cycle of the chip that was received, in time of the wires.
+    /// When the newest received cycle of the chip ran, on the wires' clock.
     pub(super) newest_cycle: Ns,
-    /// Inputs may have been lost since then.
+    /// Cycles with their inputs may have been lost since then.
     pub(super) gap: bool,
     pub(super) lost_cycles: u32,
-    /// Sets that were given up since the newest cycle was polled.
+    /// The number of sets of outputs that were given up since the newest cycle was polled.
     pub(super) outputs_lost: u32,
-    /// The newest cycle that was polled, engine time.
+    /// When the newest polled cycle ran, on the engine's clock.
     pub(super) told_at: Ns,
-    /// The id of the newest outputs that were taken while the chip had no network.
+    /// The id of the newest outputs that were accepted and dropped while no slave was in OP.
     pub(super) dropped: Option<u64>,
-    /// Sets that were dropped when the last slave left OP, and the id of the newest of them. The board takes them back with a
-    /// clear, unless for it the network stays in OP.
+    /// The number of sets of outputs that were dropped when the last slave left OP, and the id of the newest of them. The
+    /// board takes them back with `clear_ahead`, unless it still considers the network to be in OP.
     pub(super) left_behind: u64,
     pub(super) newest_left_behind: Option<u64>,
     pub(super) newest_inputs: Vec<u8>,
-    /// They are not those of the newest cycle that was polled.
+    /// `newest_inputs` are older than the newest polled cycle.
     pub(super) is_held: bool,
     pub(super) watch: Watch,
-    /// The slaves that were lost in the newest inputs which were polled.
+    /// The slaves that were lost in the newest polled inputs.
     pub(super) told_lost: SlaveSet,
     pub(super) taking_down: TakingDown,
     pub(super) pins: PinSetup,
-    /// Levels of the chip's pins for the local outputs.
+    /// The levels of the chip's pins for the local outputs.
     pub(super) local_levels: u16,
     pub(super) stopped_at: Option<Ns>,
     pub(super) counters: XfBusCounters,
@@ -145,14 +147,14 @@ impl<W: Wires> ChipBus<W> {
             sdo: None,
             job_done: None,
             sdo_done: None,
-            // One more for a set of our own.
+            // One more entry, for a set of outputs that is written a second time.
             queue: VecDeque::with_capacity(ENTRIES + 1),
             newest_written: None,
             repeat_is_due: false,
             flying: VecDeque::with_capacity(IN_FLIGHT_MAX + 1),
             wrote_last: false,
             level: FillLevel::default(),
-            // Whether a set was sent is known as late as an answer comes, however few lie in the chip.
+            // A set is known as sent only when an answer comes, however few sets are in the chip.
             ledger: Ledger::new(2 * ENTRIES + usize::from(ANSWER_DELAY) + 1),
             clearing: Clearing::Idle,
             answers: VecDeque::with_capacity(ANSWERS),
@@ -180,14 +182,14 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// How many sets of outputs may lie in the chip or be on their way there.
+    /// The maximum number of sets of outputs in the chip and in flight to it.
     pub(super) fn depth(&self) -> u16 {
         let Network { transport_sets, entries, .. } = self.network;
         self.options.ahead.saturating_add(transport_sets).min(u16::from(entries).max(1))
     }
 
-    /// The time of the wires at that time of the engine. Where the wires' clock is a real one and no runner tells its time, the
-    /// engine stands still whenever it is not called.
+    /// The wires' time at the engine's time `now`. If the wires' clock is a real one and there is no runner, the engine's
+    /// clock stands still while the engine is not called.
     pub(super) fn wires_time(&mut self, now: Ns) -> Ns {
         let wires = self.wires.now();
         let skew = *self.skew.get_or_insert(now.wrapping_sub(wires));
@@ -204,16 +206,16 @@ impl<W: Wires> ChipBus<W> {
         at.wrapping_add(self.skew.unwrap_or(0))
     }
 
-    /// The driver has stopped with that error, or its wires have. In the end it is started again.
+    /// Handles an error of the driver or of its wires. A driver that has stopped is started again after [`RESTART_NS`].
     pub(super) fn stopped(&mut self, error: &StepError<W::Error>, until: Ns) {
         let at = self.wires.now();
         let since = *self.stopped_at.get_or_insert(at);
         if at.saturating_sub(since) >= RESTART_NS && matches!(error, StepError::Host(_)) {
-            // The start switches the chip's FIFO off, whatever the slaves do.
+            // The start switches the chip's FIFO off, whatever the state of the slaves.
             self.lose_all();
             self.taking_down = TakingDown::Due;
             if self.shortening == Shortening::UnderWay {
-                // It cannot be set to other packets.
+                // The chip cannot be set to another packet size.
                 self.shortening = Shortening::Done;
                 self.host.keep_size();
             }
@@ -223,7 +225,8 @@ impl<W: Wires> ChipBus<W> {
         let _ = self.wires.wait_until(until);
     }
 
-    /// Takes what has ended. False: the driver has to do something else before anything is asked of it.
+    /// Evaluates received process data and headers. False: the slaves are being brought to PreOP, or the packet size is
+    /// being changed, so that the driver cannot be used for anything else.
     pub(super) fn begin_turn(&mut self, now: Ns) -> bool {
         self.take_reports(now);
         self.look_at_header();
@@ -234,7 +237,7 @@ impl<W: Wires> ChipBus<W> {
         true
     }
 
-    /// Hands the driver what is next beside the job.
+    /// Gives the driver its next work in addition to the job.
     pub(super) fn end_turn(&mut self, now: Ns) {
         self.run_sdo();
         self.go_ahead(now);
@@ -243,9 +246,9 @@ impl<W: Wires> ChipBus<W> {
         self.feed(now);
     }
 
-    /// Once the chip has started it is set to short packets, since the way to OP is one of many commands, each with packets of its own;
-    /// a configuration chooses longer ones where process data need them. Who has chosen an n has chosen it for all. Whether the
-    /// driver starts anew for that.
+    /// Sets the chip to short packets after its start, because the way to OP consists of many commands with packets of
+    /// their own. A configuration chooses longer packets if process data need them. A size that the user has chosen is
+    /// kept. Returns whether the driver starts again for this.
     pub(super) fn shorten(&mut self, now: Ns) -> bool {
         if self.shortening == Shortening::Done || self.host.state() != HostState::Running {
             return false;
@@ -259,12 +262,12 @@ impl<W: Wires> ChipBus<W> {
         shortens
     }
 
-    /// The driver has given up, and is started again some time later.
+    /// Whether the driver has stopped; it is started again some time later.
     pub(super) fn has_stopped(&self) -> bool {
         matches!(self.host.state(), HostState::Stopped(_))
     }
 
-    /// No slave is in OP any more.
+    /// No slave is in OP any more, so the engine stops polling the chip's cycles.
     pub(super) fn leave_op(&mut self) {
         if std::mem::take(&mut self.runs) {
             self.ledger.settle();
@@ -284,7 +287,7 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// The first slaves are in OP and both FIFOs are empty: from now on the chip's cycles are told.
+    /// The first slaves are in OP and both FIFOs are empty: from now on the engine polls the chip's cycles.
     pub(super) fn enter_op(&mut self) {
         self.lose_left_behind();
         self.host.set_busy_poll_ns(self.busy_poll_in_op_ns);
@@ -294,8 +297,8 @@ impl<W: Wires> ChipBus<W> {
         self.newest_written = None;
     }
 
-    /// What lay in the chip and what waited for it when the last slave left OP reaches nobody, and the board has not taken
-    /// it back.
+    /// Counts as lost the sets of outputs that were in the chip or waited for it when the last slave left OP: they reach no
+    /// slave, and the board has not taken them back.
     pub(super) fn lose_left_behind(&mut self) {
         let newest = self.newest_left_behind.take().max(self.ledger.newest_unsent());
         let sets = std::mem::take(&mut self.left_behind) + self.ledger.ahead();
@@ -303,7 +306,7 @@ impl<W: Wires> ChipBus<W> {
         self.ledger.lost_until(newest);
     }
 
-    /// Sets that lie in the chip or wait for it, by estimate.
+    /// An estimate of the number of sets of outputs in the chip and waiting for it.
     pub(super) fn held(&self) -> u64 {
         self.queue.len() as u64 + self.level.sets(self.wires.now(), self.network.cycle.ns())
     }

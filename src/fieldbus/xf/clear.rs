@@ -1,4 +1,5 @@
-//! SET_FIFO 1 and leaving OP: the chip's RxFIFO is emptied, and how many of its sets were sent by then is found out.
+//! A clear, for SET_FIFO 1 and when the network leaves OP: the chip's RxFIFO is emptied, and the bus finds out how many of
+//! its sets of outputs were sent by then.
 
 use super::ask::{Ask, Asked};
 use super::chip_bus::ChipBus;
@@ -7,22 +8,23 @@ use crate::fieldbus::Cleared;
 use crate::xf::host::Wires;
 use crate::xf::request::Fifos;
 
-/// Answers of the chip after which a header tells the fill levels behind a command (OBS: they lag two exchanges).
+/// The number of answers after a command from which on a header has the fill levels after it (OBS: they lag two exchanges).
 pub(super) const SETTLED: u64 = 3;
 
-/// How far a clear is.
+/// The progress of a clear.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Clearing {
     Idle,
-    /// The sets under way are to be known first.
+    /// The results of the sets of outputs in flight must be known first.
     Begun,
-    /// The chip is told to stop taking sets out of its FIFO.
+    /// The command that stops the chip from taking sets of outputs out of its FIFO is running.
     Stopping(Asked),
-    /// So many answers are to be there, so that the fill level of the stopped FIFO is known.
+    /// The clear waits for that total number of answers, so that the fill level of the stopped FIFO is known.
     Settling(u64),
-    /// The FIFO is emptied, or is to be; it had that level.
+    /// The FIFO is being emptied or, with `None`, is to be emptied; the second value was its fill level.
     Emptying(Option<Asked>, u8),
-    /// The chip is told to go on, or is to be told; it had sent the outputs with that id.
+    /// The FIFO is being switched on or, with `None`, is to be switched on; the second value is the id of the newest
+    /// outputs that were sent.
     SwitchingOn(Option<Asked>, Option<u64>),
     Ended(Option<u64>),
 }
@@ -30,13 +32,13 @@ pub(super) enum Clearing {
 impl<W: Wires> ChipBus<W> {
     pub(super) fn begin_clear(&mut self) {
         self.drop_queue();
-        // What was to hold lost slaves may be among what is dropped.
+        // The dropped sets of outputs may include the outputs that keep lost slaves from moving.
         self.repeat_is_due = self.runs && !self.network.lost.is_empty();
         self.clearing = Clearing::Begun;
     }
 
-    /// A clear goes on. What fails is tried again as long as slaves are in OP \[OURS]: else sets that the board takes for
-    /// cleared would still be sent, and newer ones behind them.
+    /// Continues a clear. Commands that fail are repeated as long as slaves are in OP \[OURS]: otherwise sets of outputs
+    /// that the board considers cleared would still be sent, and newer sets after them.
     pub(super) fn clear_on(&mut self, now: Ns) {
         let answers = self.host.counters().answers;
         self.clearing = match self.clearing {
@@ -72,9 +74,9 @@ impl<W: Wires> ChipBus<W> {
                     self.level.clear();
                     let doubted = self.ledger.newest_doubt();
                     let newest_sent = self.ledger.cleared(level);
-                    // What was cleared must not come again where the newest set is repeated.
+                    // A cleared set of outputs must not be sent when the newest set is repeated.
                     self.newest_written = self.newest_written.take().filter(|set| Some(set.id) == newest_sent);
-                    // A set that counts as sent, since nobody knows whether it was, is sent now.
+                    // A set of outputs that counts as sent, although it may not have reached the FIFO, is sent now.
                     self.repeat_is_due |= doubted.is_some() && doubted == newest_sent;
                     Clearing::SwitchingOn(None, newest_sent)
                 }

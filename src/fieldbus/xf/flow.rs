@@ -1,13 +1,13 @@
-//! Process data: which sets are written and read in which exchange, and what has come back.
+//! Process data: the sets of outputs that each exchange writes, the cycles that it reads, and their results.
 //!
-//! In OP each exchange writes as many of the sets that wait as the packet, the chip's FIFO and the depth let it, and reads as
-//! many cycles; where more cycles wait than come with that, every other one reads alone. Below OP the newest inputs are
-//! read past the FIFO.
+//! In OP each exchange writes as many of the waiting sets as the packet, the chip's FIFO and the depth allow, and reads as
+//! many cycles. If more cycles wait in the chip, every other exchange only reads. Below OP the newest inputs are read
+//! directly, without the FIFO.
 //!
-//! As a rule one exchange of process data is under way at a time, so that its end is known before the next one begins and
-//! a set that the chip did not take is written again in its place. Where the cycle is too short for that, a second one
-//! follows at once ([`Network::in_flight`]); a set that turns out not to be written then is lost and counted, since a
-//! later one has gone out.
+//! Usually one exchange of process data is in flight at a time, so that its result is known before the next one begins, and
+//! a set that the chip has not accepted is written again in its place. If the cycle is too short for that, a second
+//! exchange follows at once ([`Network::in_flight`]). A set that then turns out not to be written is lost and counted,
+//! because a later set has already gone out.
 
 use super::chip_bus::ChipBus;
 use super::tick_ns;
@@ -19,12 +19,12 @@ use super::answers::IMAGE_MAX;
 use super::clear::Clearing;
 use super::network::Network;
 
-/// So many cycles waiting in the chip are read alone by every other exchange. \[OURS]
+/// The number of cycles that wait in the chip from which on every other exchange only reads. \[OURS]
 const BACKLOG: u8 = 4;
-/// The most sets or cycles of one exchange. \[OURS]
+/// The maximum number of sets of outputs, and of cycles, in one exchange. \[OURS]
 const IN_ONE_EXCHANGE: usize = 32;
 
-/// A set of outputs as the chip's RxPDO.
+/// A set of outputs in the layout of the chip's RxPDO.
 #[derive(Clone, Debug)]
 pub(super) struct Set {
     pub(super) id: u64,
@@ -44,18 +44,18 @@ impl Set {
     }
 }
 
-/// What the process data under way are.
+/// The kind of process data in flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Load {
-    /// Outputs past the FIFO with which nothing moves.
+    /// Outputs with which nothing moves, written directly, without the FIFO.
     Hold,
-    /// The newest inputs past the FIFO.
+    /// The newest inputs, read directly, without the FIFO.
     Inputs,
-    /// So many of the sets that wait, and cycles.
+    /// That many of the waiting sets of outputs, and the cycles that are read.
     Cycles(usize),
 }
 
-/// Process data that were handed to the driver, or are to be.
+/// Process data that the driver has, or that are to be given to it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Flying {
     load: Load,
@@ -72,15 +72,16 @@ impl Flying {
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// These outputs as a set in which lost slaves hold.
+    /// Converts outputs to the chip's layout. Lost slaves get outputs with which nothing moves.
     pub(super) fn set_of(&self, outputs: &Outputs) -> Set {
         let mut set = Set::of(outputs, &self.network);
         self.hold(self.network.lost, &mut set.image);
         set
     }
 
-    /// What was not written yet holds these slaves, and something is written for it: the chip repeats its newest set, and
-    /// a slave that answers again would get the outputs that it had (SK-4.62). What lies in the chip already is sent.
+    /// Replaces the outputs of these slaves, in all sets of outputs that were not written yet, by outputs with which
+    /// nothing moves, and makes sure that a set is written: the chip repeats its newest set, and a slave that answers again
+    /// would get its old outputs (SK-4.62). Sets that are already in the chip are still sent.
     pub(super) fn hold_lost(&mut self, slaves: SlaveSet) {
         let mut queue = std::mem::take(&mut self.queue);
         queue.iter_mut().for_each(|set| self.hold(slaves, &mut set.image));
@@ -88,23 +89,23 @@ impl<W: Wires> ChipBus<W> {
         self.repeat_is_due = self.runs;
     }
 
-    /// The id of the newest outputs that were taken and are not known to be sent.
+    /// The id of the newest outputs that were accepted and are not known to be sent.
     pub(super) fn newest_taken(&self) -> Option<u64> {
         let repeated = self.newest_written.as_ref().filter(|_| self.repeat_is_due).map(|set| set.id);
         self.queue.back().map(|set| set.id).or(self.ledger.newest_unsent().max(repeated))
     }
 
-    /// Sets that are under way to the chip. They still stand in the queue.
+    /// The number of sets of outputs in flight to the chip. They are still in the queue.
     pub(super) fn sets_under_way(&self) -> usize {
         self.flying.iter().map(Flying::sets).sum()
     }
 
-    /// The sets that have not been handed to the driver are dropped.
+    /// Drops the sets of outputs that were not given to the driver yet.
     pub(super) fn drop_queue(&mut self) {
         self.queue.truncate(self.sets_under_way());
     }
 
-    /// Outputs past the FIFO with which nothing moves are to be sent.
+    /// Requests that outputs with which nothing moves are written directly, without the FIFO.
     pub(super) fn send_holding(&mut self) {
         self.flying.push_back(Flying { load: Load::Hold, sequence: None });
     }
@@ -113,7 +114,7 @@ impl<W: Wires> ChipBus<W> {
         self.flying.iter().any(|flying| flying.load == Load::Hold)
     }
 
-    /// Hands the driver the next process data.
+    /// Gives the driver the next process data.
     pub(super) fn feed(&mut self, now: Ns) {
         if self.host.state() != HostState::Running {
             return;
@@ -126,7 +127,7 @@ impl<W: Wires> ChipBus<W> {
                 self.flying[0].sequence = sequence;
             }
             Some(Flying { load: Load::Hold | Load::Inputs, .. }) => {}
-            // The chip's cycles go on while its slaves leave OP, to whatever state.
+            // The chip's cycles continue while its slaves leave OP, whatever their new state is.
             _ if self.runs && self.flying.len() < self.network.in_flight => self.feed_cycles(now),
             _ if !self.network.mapped || self.network.at_least(AlState::SafeOp).is_empty() => {}
             None if !self.runs && now >= self.next_read => {
@@ -138,14 +139,15 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// Outputs with which no motor is on and every axis in CSP is where its target is, if its inputs are known.
+    /// Outputs with which nothing moves, for all slaves: every motor is off, and in CSP the target is the actual position,
+    /// if the inputs are known.
     fn holding(&self) -> [u8; IMAGE_MAX] {
         let mut image = [0; IMAGE_MAX];
         self.hold(SlaveSet::first(self.network.found), &mut image);
         image
     }
 
-    /// These slaves' outputs become those with which nothing moves.
+    /// Replaces the outputs of these slaves by outputs with which nothing moves; slaves with stale inputs get a quick stop.
     fn hold(&self, slaves: SlaveSet, image: &mut [u8; IMAGE_MAX]) {
         for slave in slaves.intersection(SlaveSet::first(self.network.found)).iter() {
             let n = usize::from(slave) - 1;
@@ -160,7 +162,8 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// Whether the driver has taken it; if not, a later turn tries again.
+    /// Records process data that were given to the driver. False: the driver has not accepted them, and a later turn tries
+    /// again.
     fn fly(&mut self, load: Load, taken: Result<u32, HostError>) -> bool {
         let sequence = taken.ok();
         if sequence.is_some() {
@@ -204,7 +207,8 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// Where nothing else waits, the newest set is written once more, with lost slaves holding.
+    /// If nothing else waits, queues the newest set of outputs once more, in which lost slaves get outputs with which
+    /// nothing moves.
     fn repeat_with_lost_holding(&mut self) {
         if self.queue.is_empty()
             && let Some(mut set) = self.newest_written.clone()
@@ -214,7 +218,7 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// Takes what has become of the process data under way.
+    /// Evaluates the driver's reports about the process data in flight.
     pub(super) fn take_reports(&mut self, now: Ns) {
         while let Some(report) = self.host.take_report() {
             let Some(Flying { load, .. }) = self.flying.pop_front_if(|flying| flying.sequence == Some(report.sequence))
@@ -237,7 +241,7 @@ impl<W: Wires> ChipBus<W> {
                     if self.sets_under_way() > 0 {
                         self.give_up(sets);
                     }
-                    // Else they still stand in the queue.
+                    // Otherwise the sets of outputs are still in the queue.
                     self.ledger.exchanged(std::iter::empty(), 0);
                 }
                 (Load::Inputs, ProcessOutcome::Done { read: true }) => {
@@ -251,10 +255,10 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// Nobody knows whether the oldest sets in the queue were written, so that they count as lost. The newest of them may be
-    /// what the chip repeats now. If no other one follows it is written once more \[OURS]: otherwise its slaves would never get
-    /// what was sent to them last, an SV_OFF perhaps, and its frame would stay in the board's FIFO. If it was written its slaves get
-    /// it twice in a row, as from a chip that repeats it.
+    /// It is not known whether the oldest sets of outputs in the queue were written, so they count as lost. The newest of
+    /// them may be the set that the chip repeats now. If no other set follows, it is written once more \[OURS]: otherwise
+    /// the slaves might never get the last outputs, for example an SV_OFF, and the command frame would stay in the board's
+    /// FIFO. If the set was written before, the slaves get it twice in a row, as from a chip that repeats it.
     fn doubt(&mut self, sets: usize) {
         if let Some(newest) = sets.checked_sub(1).and_then(|newest| self.queue.get(newest)) {
             self.newest_written = Some(newest.clone());
@@ -263,19 +267,19 @@ impl<W: Wires> ChipBus<W> {
         self.give_up(sets);
     }
 
-    /// The oldest sets in the queue were not written for sure, or nobody knows whether they were.
+    /// Gives up the oldest sets of outputs in the queue: they were certainly not written, or this is not known.
     fn give_up(&mut self, sets: usize) {
         let sets = self.queue.drain(..sets.min(self.queue.len())).len();
         self.lose_sets(sets as u64);
     }
 
-    /// So many sets were taken, and reach no slave for all that is known.
+    /// Counts accepted sets of outputs as lost: as far as is known they reach no slave.
     pub(super) fn lose_sets(&mut self, sets: u64) {
         self.counters.sets_lost += sets;
         self.outputs_lost += sets as u32;
     }
 
-    /// The chip has taken so many sets, and gives cycles if it says so.
+    /// Records an exchange in which the chip has accepted `sets` sets of outputs. `read`: its answer has cycles.
     fn exchanged(&mut self, now: Ns, sets: usize, read: bool) {
         let (tx_bytes, cycle_ns) = (self.network.tx_bytes.max(1), self.network.cycle.ns());
         let cycles = if read { self.host.inputs().len() / tx_bytes } else { 0 };

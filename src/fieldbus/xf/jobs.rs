@@ -1,8 +1,8 @@
-//! The jobs of the bus as sequences of commands of the chip.
+//! The jobs of the bus as sequences of chip commands.
 //!
-//! A sequence is an async function, which `run.rs` goes on with when the answer to its command is there and when its wait is over.
-//! `network.rs` has a scan, the start of the network and the look at its states, `configure.rs` a configuration, `state.rs` a change of
-//! state.
+//! A sequence is an async function. `run.rs` polls it when its command is answered and when its wait is over. `network.rs`
+//! has the scan, the start of the network and the reading of the slaves' states, `configure.rs` the configuration, and
+//! `state.rs` the change of state.
 
 mod configure;
 mod network;
@@ -25,36 +25,36 @@ use crate::xf::host::{HostError, Wires};
 pub(super) use network::state_of;
 pub(super) use run::run_job;
 
-/// After so many cycles it is known that a set was sent, and told: levels lag three exchanges of two packets each. The same
-/// holds for what the last cycles in OP sent. \[OURS]
+/// The number of cycles after which it is certain that a sent set of outputs is known to be sent and that the engine has
+/// polled this: fill levels lag three exchanges of two packets each. The same holds for the last cycles in OP. \[OURS]
 const TOLD_LATE: Ns = 6;
 
-/// The place for the sequence of a job.
+/// A slot for the sequence of a job. It begins with the job and [`Running::is_ahead`].
 pub(super) type Sequence = Place<(Job, bool), JobDone>;
 
-/// The place for the sequences of a bus.
+/// Allocates the slot for the sequences of a bus.
 pub(super) fn place_of<W: Wires + Send + 'static>(bus: &Arc<Mutex<ChipBus<W>>>) -> Sequence {
     let bus = Arc::clone(bus);
     place(move |(job, is_ahead)| Steps { bus: Arc::clone(&bus), tells_until: None }.run(job, is_ahead))
 }
 
-/// A job under way.
+/// A running job.
 #[derive(Clone, Debug)]
 pub(super) struct Running {
     job: Job,
-    /// It is a configuration that nobody has asked for yet: nothing is written to a slave, and nobody is told its end.
+    /// The job is a configuration that was not requested yet: it writes nothing to a slave, and its result is not returned.
     pub(super) is_ahead: bool,
     deadline: Ns,
     has_begun: bool,
 }
 
-/// What of a job is under way.
+/// The part of a job that is running.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
     Any,
-    /// The network is being initialised: if the job were dropped, another one would find it half done.
+    /// The network is being initialised. If the job were dropped now, the next job would find the network half initialised.
     StartsNetwork,
-    /// Process data are laid out, of which all objects were seen.
+    /// Process data are being laid out, after the objects of all slaves were read.
     LaysOut,
 }
 
@@ -64,12 +64,12 @@ impl Running {
         Self { job, is_ahead: false, deadline: now.saturating_add(timeout_ns), has_begun: false }
     }
 
-    /// A configuration that nobody has asked for yet.
+    /// A configuration that was not requested yet.
     pub(super) const fn ahead(config: BusConfig) -> Self {
         Self { job: Job::Configure(config), is_ahead: true, deadline: Ns::MAX, has_begun: false }
     }
 
-    /// The end of a job whose chip has forgotten what it was told.
+    /// The result of a job that was cut short, as by a reset of the chip.
     pub(super) fn cut_off(&self) -> JobDone {
         let first = |slaves: SlaveSet| slaves.iter().next().unwrap_or(1);
         match self.job {
@@ -80,7 +80,7 @@ impl Running {
     }
 }
 
-/// Why a sequence has failed.
+/// The error of a sequence.
 enum Failure {
     Refused(Refusal),
     Beyond(HardwareLimit),
@@ -98,13 +98,13 @@ impl From<HardwareLimit> for Failure {
     }
 }
 
-/// The end of an SDO.
+/// The result of an SDO.
 pub(super) fn sdo_done(request: &SdoRequest, reply: Reply) -> SdoDone {
     let value = reply.map_err(|error| abort_code(&error))?;
     Ok(request.write.map_or(value, |(_, written)| written))
 }
 
-/// What a transfer that the chip could not do ends with: the slave's abort code, or a timeout.
+/// The abort code for an SDO that the chip could not transfer: the slave's own code, or that of a timeout.
 fn abort_code(error: &HostError) -> AbortCode {
     match error {
         HostError::Failed { abort: Some(abort), .. } if abort.0 != 0 => *abort,
@@ -112,10 +112,11 @@ fn abort_code(error: &HostError) -> AbortCode {
     }
 }
 
-/// What sequences are written with: the bus, and what is waited for.
+/// The environment of a sequence: the bus, and the operations that wait.
 struct Steps<W> {
     bus: Arc<Mutex<ChipBus<W>>>,
-    /// How long the job waits at most until a loss is told; `None`: it has seen none.
+    /// When the job ends its wait until the engine has polled a loss of slaves, on the wires' clock; `None`: there was no
+    /// such wait.
     tells_until: Option<Ns>,
 }
 
@@ -136,7 +137,7 @@ impl<W: Wires> Steps<W> {
         action(&mut self.bus.lock())
     }
 
-    /// Asks the chip, as soon as the driver takes the command.
+    /// Submits a command to the chip as soon as the driver accepts it, and waits for the answer.
     async fn ask(&self, ask: Ask) -> Reply {
         let answer = |bus: &mut ChipBus<W>| {
             let Some(asked) = bus.asked else {
@@ -150,7 +151,7 @@ impl<W: Wires> Steps<W> {
         poll_fn(|_| self.with(answer).map_or(Poll::Pending, Poll::Ready)).await
     }
 
-    /// Waits until that time of the wires, and until the driver takes commands.
+    /// Waits until the wires' time `until`, and until the driver accepts commands.
     async fn wait_until(&self, until: Ns) {
         let mut is_first = true;
         let mut is_over = |bus: &mut ChipBus<W>| {
@@ -171,18 +172,18 @@ impl<W: Wires> Steps<W> {
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// A job is the one under way.
+    /// Makes this the running job.
     pub(super) fn begin_job(&mut self, job: Option<Running>) {
         (self.job, self.states, self.part) = (job, [None; MAX_SLAVES], Part::Any);
     }
 
-    /// Whether a configuration that nobody has asked for yet lays out process data for this one.
+    /// Whether a configuration that was not requested yet is laying out process data for this configuration.
     pub(super) fn lays_out_ahead(&self, wanted: &BusConfig) -> bool {
         let is_for_it = |running: &Running| running.is_ahead && running.job == Job::Configure(*wanted);
         self.part == Part::LaysOut && self.job.as_ref().is_some_and(is_for_it)
     }
 
-    /// A slave's state as the job has read it last.
+    /// The state of a slave when the job last read it; `None`: no answer, or not read yet.
     const fn state(&self, slave: u8) -> Option<AlState> {
         self.states[slave as usize - 1]
     }

@@ -1,34 +1,35 @@
-//! Which outputs each cycle carried, as the chip's counts tell it.
+//! Which outputs each cycle carried, derived from the chip's fill levels.
 //!
-//! The chip takes a set of outputs out of its RxFIFO in each cycle, if there is one, and puts a set of inputs into its
-//! TxFIFO. A header has the fill levels of both at one moment. With `W` sets written and `R` read by then, `W` less the
-//! fill level of the RxFIFO have been sent, in as many cycles as `R` and the fill level of the TxFIFO are together. From
-//! one such pair follows how many sets had been sent at least in any cycle: no cycle sends more than one, and each sends one
-//! while the RxFIFO is not empty.
+//! In each cycle the chip takes a set of outputs out of its RxFIFO, if there is one, and puts a set of inputs into its
+//! TxFIFO. A header has the fill levels of both FIFOs at one moment. If `W` sets have been written and `R` cycles read by
+//! then, the number of sets sent is `W` minus the fill level of the RxFIFO, and the number of cycles is `R` plus the fill
+//! level of the TxFIFO. One such pair gives a lower bound for the number of sets sent by any cycle: no cycle sends more
+//! than one set, and each cycle sends one while the RxFIFO is not empty.
 //!
-//! The levels lag behind: which writes and reads they know of is one of the [`LAG`] newest states, so that the least of
-//! them counts. What is known never becomes less, and it is late by a cycle at most when the FIFO runs dry.
+//! The levels lag behind: they belong to one of the [`LAG`] newest states of `W` and `R`, and it is not known to which. So
+//! the minimum over these states is used. The bound never decreases, and when the FIFO runs dry it is late by at most one
+//! cycle.
 
 use std::collections::VecDeque;
 
 /// How many of the newest states of `W` and `R` the levels of a header may belong to (OBS: they lag two exchanges).
 const LAG: usize = 3;
-/// Headers that are remembered.
+/// The number of headers that are remembered.
 const SAMPLES: usize = 4;
-/// Milestones that are remembered: as many cycles as the chip keeps.
+/// The number of milestones that are remembered: as many as cycles that the chip keeps.
 const MILESTONES: usize = 64;
 
-/// The moment of a header: so many sets had been sent in so many cycles.
+/// The moment of a header: the number of sets of outputs sent and of cycles by then.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Moment {
     sent: u64,
     cycles: u64,
-    /// Sets that lay in the RxFIFO for sure.
+    /// The number of sets of outputs that were certainly in the RxFIFO.
     waiting: u64,
 }
 
 impl Moment {
-    /// How many sets had been sent at least when that cycle had run.
+    /// The minimum number of sets of outputs that had been sent by the end of the cycle with this number.
     fn sent_in(self, cycle: u64) -> u64 {
         match cycle.checked_sub(self.cycles) {
             Some(later) => self.sent + later.min(self.waiting),
@@ -37,43 +38,47 @@ impl Moment {
     }
 }
 
-/// What was written and read by some exchange.
+/// The numbers of sets of outputs written and cycles read by the end of an exchange.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct State {
     written: u64,
     read: u64,
 }
 
-/// The account of outputs and cycles since the bus was made.
+/// The record of outputs and cycles since the bus was created.
 #[derive(Clone, Debug)]
 pub(super) struct Ledger {
-    /// The newest state is the last one.
+    /// The states after the newest exchanges, the newest one last.
     states: [State; LAG],
-    /// The moments that each of the newest headers may have been at.
+    /// For each of the newest headers, the moments to which it may belong.
     samples: [[Option<Moment>; LAG]; SAMPLES],
-    /// Cycles behind which so many sets had been sent for sure, since the FIFO held no others: with many cycles waiting to
-    /// be read, what a header says about them is older than the samples.
+    /// Pairs of a cycle and the number of sets of outputs that were certainly sent by its end, because the FIFO contained
+    /// no more. If many cycles wait to be read, the headers about them are older than those in `samples`.
     milestones: VecDeque<(u64, u64)>,
-    /// Sets that may lie in the RxFIFO beside those that are known, until it was empty.
+    /// The number of doubtful sets of outputs: it is not known whether they have reached the RxFIFO. 0 after the FIFO was
+    /// empty.
     doubtful: u64,
-    /// Of each of them how many sets that are known were written before it, and its id.
+    /// For each set of outputs of which it is not known whether it has reached the RxFIFO: how many known sets were written
+    /// before it, and its id.
     doubts: VecDeque<(u64, u64)>,
-    /// The id of the newest of them that has been sent since, if it came to lie there.
+    /// The id of the newest set of outputs that was doubtful when the FIFO was found empty: if it had reached the RxFIFO,
+    /// it was sent.
     settled_doubt: Option<u64>,
-    /// So many exchanges more may have headers from before the newest of them.
+    /// The number of further exchanges whose headers may be from before the newest doubtful set.
     doubt_lag: usize,
-    /// The RxFIFO is stopped, or about to be: cycles that pass send nothing of it for all that is known.
+    /// The RxFIFO is stopped or about to be, so it is not known whether further cycles send sets of outputs from it.
     stopped: bool,
-    /// Sets that have been sent for sure.
+    /// The number of sets of outputs that were certainly sent.
     sent: u64,
-    /// The id of the newest set among them.
+    /// The id of the newest set of outputs that was certainly sent.
     newest_sent: Option<u64>,
-    /// The ids of the sets behind those: the first one is that of set `sent`, counted from 0.
+    /// The ids of the sets of outputs that may not have been sent yet, the oldest first. The first id belongs to the set
+    /// with the number `sent`, counted from 0.
     ids: VecDeque<u64>,
 }
 
 impl Ledger {
-    /// An account that holds so many ids without allocating.
+    /// A ledger with room for `depth` ids, for which it does not allocate again.
     pub(super) fn new(depth: usize) -> Self {
         Self {
             states: [State::default(); LAG],
@@ -94,7 +99,7 @@ impl Ledger {
         self.states[LAG - 1]
     }
 
-    /// Sets with these ids are in the RxFIFO, and so many cycles were read, since the exchange before.
+    /// Records an exchange: the sets of outputs with these ids are in the RxFIFO now, and `read` cycles were read.
     pub(super) fn exchanged(&mut self, ids: impl Iterator<Item = u64>, read: u64) {
         let mut newest = self.newest();
         for id in ids {
@@ -107,7 +112,7 @@ impl Ledger {
         self.states[LAG - 1] = newest;
     }
 
-    /// Whether the sets with these ids came to lie in the RxFIFO is not known.
+    /// Records sets of outputs of which it is not known whether they have reached the RxFIFO.
     pub(super) fn doubt(&mut self, ids: impl Iterator<Item = u64>) {
         let written = self.newest().written;
         for id in ids {
@@ -121,12 +126,12 @@ impl Ledger {
         self.doubt_lag = LAG;
     }
 
-    /// Headers know all that was written and read.
+    /// From now on headers include everything that was written and read.
     pub(super) fn caught_up(&mut self) {
         self.states = [self.newest(); LAG];
     }
 
-    /// A header has these fill levels.
+    /// Evaluates the fill levels of a header.
     pub(super) fn header(&mut self, rx_fifo: u8, tx_fifo: u8) {
         let (rx_fifo, tx_fifo) = (u64::from(rx_fifo), u64::from(tx_fifo));
         if rx_fifo == 0 && self.doubt_lag == 0 {
@@ -136,7 +141,7 @@ impl Ledger {
         }
         let (doubtful, stopped) = (self.doubtful, self.stopped);
         let moment = |State { written, read }: State| {
-            // More than was written by then cannot lie there.
+            // The RxFIFO cannot contain more sets of outputs than were written by then.
             let sent = if doubtful > 0 { Some(written.saturating_sub(rx_fifo)) } else { written.checked_sub(rx_fifo) };
             Some(Moment {
                 sent: sent?,
@@ -157,13 +162,13 @@ impl Ledger {
         }
     }
 
-    /// Cycles that were read.
+    /// The number of cycles that were read.
     pub(super) fn cycles(&self) -> u64 {
         self.newest().read
     }
 
-    /// The id of the newest outputs that were sent for sure when that cycle had run. Cycles count from 1, as they are
-    /// read; each is asked for once, in their order.
+    /// The id of the newest outputs that were certainly sent by the end of that cycle. Cycles count from 1 in the order in
+    /// which they are read. Called once for each cycle, in that order.
     pub(super) fn sent_in(&mut self, cycle: u64) -> Option<u64> {
         self.send_until(self.sent_at_least(|moment| moment.sent_in(cycle)));
         while let Some((_, sent)) = self.milestones.pop_front_if(|(at, _)| *at <= cycle) {
@@ -172,59 +177,61 @@ impl Ledger {
         self.newest_sent
     }
 
-    /// Takes for sent what had been by the newest headers, whatever cycles have come back.
+    /// Counts as sent what the newest headers show as sent, whether or not those cycles have been read.
     pub(super) fn settle(&mut self) {
         self.send_until(self.sent_at_least(|moment| moment.sent));
     }
 
-    /// How many sets had been sent for sure, where `sent` says it for the moment of a header.
+    /// The number of sets of outputs that were certainly sent. `sent` computes it for the moment of a header.
     fn sent_at_least(&self, sent: impl Fn(&Moment) -> u64) -> u64 {
         let least = |moments: &[Option<Moment>; LAG]| moments.iter().flatten().map(&sent).min();
         self.samples.iter().filter_map(least).max().unwrap_or(0)
     }
 
-    /// Sets that lie in the RxFIFO at most.
+    /// The maximum number of sets of outputs in the RxFIFO.
     pub(super) fn ahead(&self) -> u64 {
         self.ids.len() as u64
     }
 
-    /// The id of the oldest set that may not have been sent, or that the next one has.
+    /// The id of the oldest set of outputs that may not have been sent; if there is none, the id of the next set.
     pub(super) fn next_id(&self) -> u64 {
         let behind = self.newest_sent.map_or(0, |id| id + 1);
         self.ids.front().copied().unwrap_or(behind)
     }
 
-    /// How many of the newest sets the level of a header may not show.
+    /// The number of newest sets of outputs that the level in a header may not include yet.
     pub(super) fn unseen(&self) -> u64 {
         self.newest().written - self.states[0].written
     }
 
-    /// The id of the newest set that may lie in the RxFIFO.
+    /// The id of the newest set of outputs that may still be in the RxFIFO.
     pub(super) fn newest_unsent(&self) -> Option<u64> {
         self.ids.back().copied()
     }
 
-    /// The id of the newest set that has been sent for sure.
+    /// The id of the newest set of outputs that was certainly sent.
     pub(super) const fn newest_sent(&self) -> Option<u64> {
         self.newest_sent
     }
 
-    /// The id of the newest set of which it is not known whether it came to lie in the RxFIFO.
+    /// The id of the newest set of outputs of which it is not known whether it has reached the RxFIFO.
     pub(super) fn newest_doubt(&self) -> Option<u64> {
         self.doubts.back().map(|(_, id)| *id).max(self.settled_doubt)
     }
 
-    /// The RxFIFO is about to be stopped. Cycles go on and their inputs come, but from an unknown one on they send nothing.
+    /// The RxFIFO is about to be stopped. Cycles continue and their inputs come, but from an unknown cycle on they send no
+    /// sets of outputs.
     pub(super) fn stop(&mut self) {
         self.stopped = true;
         self.samples.iter_mut().flatten().flatten().for_each(|moment| moment.waiting = 0);
         self.milestones.clear();
     }
 
-    /// The RxFIFO was stopped at this fill level, which has come in a header taken since, and emptied then.
+    /// The RxFIFO was stopped and then emptied. `rx_fifo` is the fill level of the stopped FIFO, from a header after the
+    /// stop. Returns the id of the newest set of outputs that was sent.
     ///
-    /// Where it is not known whether a set came to lie there, it counts as if it did \[OURS]: what is told as the newest that
-    /// was sent may be by so many sets too new, and never too old. An axis goes one target on then, and never back to one
+    /// A set of which it is not known whether it has reached the FIFO counts as if it had \[OURS]. So the result may be too
+    /// new, by the number of such sets, but never too old. An axis then moves on by one target, and never back to a target
     /// that it has left.
     pub(super) fn cleared(&mut self, rx_fifo: u8) -> Option<u64> {
         let State { written, read } = self.newest();
@@ -243,13 +250,14 @@ impl Ledger {
         self.forget_unsent(State { written: self.sent, read })
     }
 
-    /// What lay in the RxFIFO is gone, as after a reset of the chip; whether the oldest of it was sent nobody knows.
+    /// The content of the RxFIFO is lost, as after a reset of the chip. It is not known whether the oldest set of outputs
+    /// in it was sent.
     pub(super) fn lost(&mut self) -> Option<u64> {
         let State { read, .. } = self.newest();
         self.forget_unsent(State { written: self.sent, read })
     }
 
-    /// The same, and that set, which was dropped, is not to come either.
+    /// Like [`Self::lost`]; in addition the sets of outputs up to the id `newest` were dropped and will not be sent.
     pub(super) fn lost_until(&mut self, newest: Option<u64>) {
         self.lost();
         self.newest_sent = self.newest_sent.max(newest);
@@ -279,17 +287,17 @@ impl Ledger {
 mod tests {
     use super::*;
 
-    /// A chip whose headers are `lag` exchanges old.
+    /// A chip whose headers lag by `lag` exchanges.
     struct Fifos {
         ledger: Ledger,
         lag: usize,
-        /// Ids in the RxFIFO, and what the cycles that wait in the TxFIFO had sent.
+        /// The ids in the RxFIFO, and for each cycle in the TxFIFO the newest id sent by then.
         rx: VecDeque<u64>,
         tx: VecDeque<Option<u64>>,
         sent: Option<u64>,
         levels: VecDeque<(u8, u8)>,
         next: u64,
-        /// Of each cycle read: the truth, and what the account says.
+        /// For each cycle that was read: the newest id that was really sent, and the ledger's answer.
         seen: Vec<(Option<u64>, Option<u64>)>,
     }
 
@@ -305,7 +313,8 @@ mod tests {
             self.tx.push_back(self.sent);
         }
 
-        /// The levels before the exchange are those of its header, if it lags by one; then it writes and reads.
+        /// Makes an exchange, which writes and reads. If the header lags by one exchange, it has the levels from before
+        /// this one.
         fn exchange(&mut self, write: u64, read: usize) {
             let now = (self.rx.len() as u8, self.tx.len() as u8);
             self.levels.push_back(now);
@@ -326,7 +335,8 @@ mod tests {
         }
     }
 
-    /// XF-19.2 A stream of one set a cycle is known to the set, whatever the counts lag.
+    /// XF-19.2 In a stream of one set of outputs per cycle the sent sets are known exactly, whatever the lag of the fill
+    /// levels.
     #[test]
     fn a_stream_is_known_exactly() {
         for lag in 0..=2 {
@@ -340,7 +350,8 @@ mod tests {
         }
     }
 
-    /// XF-19.2 Of a FIFO that runs dry nothing is claimed that was not sent, and the last set is known two cycles later.
+    /// XF-19.2 When a FIFO runs dry, no set of outputs counts as sent too early, and the last set is known as sent two
+    /// cycles later.
     #[test]
     fn a_dry_fifo_is_known_soon() {
         for lag in 0..=2 {
@@ -356,7 +367,8 @@ mod tests {
         }
     }
 
-    /// XF-19.11 Where nobody knows whether a set came to lie in the FIFO that a clear has stopped, it counts as if it did.
+    /// XF-19.11 If it is not known whether a set of outputs has reached the FIFO that a clear has stopped, the set counts
+    /// as if it had.
     #[test]
     fn a_clear_with_a_doubtful_set_goes_not_back() {
         let cleared = |behind: u64, level| {
@@ -364,14 +376,14 @@ mod tests {
             ledger.exchanged([1, 2].into_iter(), 0);
             ledger.doubt([3].into_iter());
             ledger.exchanged(4..4 + behind, 0);
-            // It may be from before the doubtful set.
+            // This header may be from before the doubtful set.
             ledger.header(0, 0);
             ledger.stop();
             ledger.cleared(level)
         };
         assert_eq!([cleared(0, 0), cleared(0, 1), cleared(0, 2)], [Some(3), Some(2), Some(1)]);
         assert_eq!([cleared(2, 0), cleared(2, 1), cleared(2, 2), cleared(2, 3)], [Some(5), Some(4), Some(3), Some(2)]);
-        // Once the FIFO was empty it has been sent, if ever.
+        // After the FIFO was empty, the doubtful set was sent, if it had reached the FIFO.
         let mut ledger = Ledger::new(8);
         ledger.doubt([3].into_iter());
         for _ in 0..LAG {
@@ -383,7 +395,7 @@ mod tests {
         assert_eq!(ledger.cleared(1), Some(3));
     }
 
-    /// XF-19.2 Whatever is written and read when, no cycle is said to have sent what it had not.
+    /// XF-19.2 Whatever is written and read at any time, no set counts as sent before it was.
     #[test]
     fn nothing_is_claimed_too_early() {
         for seed in 0..3000_u32 {

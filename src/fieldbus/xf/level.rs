@@ -1,15 +1,15 @@
-//! How many sets of outputs lie in the chip, by estimate.
+//! An estimate of the number of sets of outputs in the chip.
 //!
-//! Which sets were sent is known some cycles late ([`Ledger`](super::ledger::Ledger)). How many to write next cannot wait
-//! for that: with eight in hand hardly any would lie in the chip. So the time is kept at which its RxFIFO runs empty, a set
-//! a cycle, and each header sets it right, since the two clocks differ.
+//! The [`Ledger`](super::ledger::Ledger) shows which sets were sent, but some cycles late. The decision how many sets to
+//! write next cannot wait for that: with eight sets ahead, hardly any would be in the chip. So the estimate keeps the time
+//! at which the RxFIFO runs empty, at one set per cycle, and each header corrects it, since the two clocks differ.
 
 use crate::ethercat::Ns;
 
-/// A header's fill level may be so many cycles old: three exchanges of two packets each. \[OURS]
+/// The maximum age of a header's fill level, in cycles: three exchanges of two packets each. \[OURS]
 const OLD: u64 = 4;
 
-/// The estimate.
+/// The estimated fill level of the RxFIFO.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct FillLevel {
     /// When the RxFIFO runs empty, in time of the wires.
@@ -22,12 +22,12 @@ impl FillLevel {
         self.empty_at = 0;
     }
 
-    /// So many sets were written.
+    /// Records that `sets` sets of outputs were written.
     pub(super) fn wrote(&mut self, now: Ns, sets: u64, cycle_ns: Ns) {
         self.empty_at = self.empty_at.max(now).saturating_add(sets * cycle_ns);
     }
 
-    /// A header has this fill level, in which the newest `unseen` sets may be missing.
+    /// Corrects the estimate by the fill level in a header, in which the newest `unseen` sets of outputs may be missing.
     pub(super) fn header(&mut self, now: Ns, level: u8, unseen: u64, cycle_ns: Ns) {
         let level = u64::from(level);
         let least = now.saturating_add(level.saturating_sub(OLD) * cycle_ns);
@@ -35,7 +35,7 @@ impl FillLevel {
         self.empty_at = self.empty_at.clamp(least, most);
     }
 
-    /// Sets that lie in the RxFIFO now.
+    /// The estimated number of sets of outputs in the RxFIFO at the time `now`.
     pub(super) const fn sets(&self, now: Ns, cycle_ns: Ns) -> u64 {
         self.empty_at.saturating_sub(now).div_ceil(cycle_ns)
     }
@@ -47,7 +47,7 @@ mod tests {
 
     const CYCLE: Ns = 1_000_000;
 
-    /// XF-19.6 Without a header a set leaves in each cycle; an empty RxFIFO stays empty.
+    /// XF-19.6 Without a header a set of outputs leaves in each cycle; an empty RxFIFO stays empty.
     #[test]
     fn a_set_leaves_in_each_cycle() {
         let mut level = FillLevel::default();

@@ -1,22 +1,22 @@
 //! The board's six local inputs and outputs (SK-8) at pins of the chip.
 //!
-//! The outputs go out with the header of every packet, the inputs come with the header of every answer, so that neither
-//! takes an exchange of its own. Which pins are outputs is told to the chip once after each start of it.
+//! The header of every packet carries the outputs, and the header of every answer the inputs, so that neither needs an
+//! exchange of its own. After each start the chip is told which pins are outputs.
 
 use super::ask::{Ask, Asked};
 use super::chip_bus::ChipBus;
 use crate::ethercat::Ns;
 use crate::xf::host::{HostState, Wires};
 
-/// Local inputs and outputs of a board.
+/// The number of local inputs, and of local outputs, of a board.
 const LINES: usize = 6;
 
-/// Which pins of the chip are local inputs and outputs of the board; a line that is not wired has none.
+/// The pins of the chip that are local inputs and outputs of the board; an input or output that is not wired has no pin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LocalPins {
     /// Input k is at GPIO `inputs[k]`, 0 to 15.
     pub inputs: [Option<u8>; LINES],
-    /// Output k is at GPIO `outputs[k]`, 0 to 11: the header of a packet drives those on every firmware.
+    /// Output k is at GPIO `outputs[k]`, 0 to 11: with every firmware the header of a packet drives these pins.
     pub outputs: [Option<u8>; LINES],
 }
 
@@ -26,30 +26,30 @@ impl LocalPins {
     /// The highest GPIO that can be an output.
     pub const OUTPUT_MAX: u8 = 11;
 
-    /// No line is wired.
+    /// No input and no output is wired.
     pub const NONE: Self = Self { inputs: [None; LINES], outputs: [None; LINES] };
 
     fn mask(pins: &[Option<u8>; LINES]) -> u16 {
         pins.iter().flatten().fold(0, |mask, pin| mask | 1 << pin)
     }
 
-    /// Bit k of `bits` at the place of pin k.
+    /// The levels of the chip's pins for the local outputs: bit k of `bits` is the level of output k.
     fn spread(pins: &[Option<u8>; LINES], bits: u8) -> u16 {
         let set = pins.iter().enumerate().filter(|(line, _)| bits & 1 << line != 0);
         set.filter_map(|(_, pin)| *pin).fold(0, |mask, pin| mask | 1 << pin)
     }
 
-    /// The level of pin k as bit k.
+    /// The local inputs from the levels of the chip's pins: bit k is the level of input k.
     fn gather(pins: &[Option<u8>; LINES], levels: u16) -> u8 {
         let lines = pins.iter().enumerate().filter_map(|(line, pin)| pin.map(|pin| (line, pin)));
         lines.fold(0, |bits, (line, pin)| bits | u8::from(levels & 1 << pin != 0) << line)
     }
 }
 
-/// How far the chip knows its pins.
+/// Whether the chip knows which of its pins are outputs.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) enum PinSetup {
-    /// It was started, or is to be.
+    /// The chip has started, or is about to, and was not told yet.
     #[default]
     Due,
     Asked(Asked),
@@ -66,7 +66,7 @@ impl<W: Wires> ChipBus<W> {
         self.pins = match self.pins {
             _ if self.host.state() != HostState::Running => PinSetup::Due,
             PinSetup::Due => {
-                // Their levels are right from the first moment on.
+                // Sets the levels first, so that they are right from the first moment on.
                 self.host.set_gpio_outputs(Some(self.local_levels));
                 Ask::OutputPins(outputs).submit(&mut self.host, now).map_or(PinSetup::Due, PinSetup::Asked)
             }

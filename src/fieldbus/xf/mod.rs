@@ -1,24 +1,25 @@
 //! A network behind an ECM-XF: the board's jobs as commands of the chip, and its process data through the chip's FIFOs.
 //!
-//! | file | what it answers |
+//! | file | what it holds |
 //! | --- | --- |
-//! | `mod.rs` | [`XfBus`], the bus as the engine sees it |
-//! | `chip_bus.rs` | all of it but the sequence of its job |
-//! | `options.rs` | how it uses its chip: [`XfBusOptions`] |
-//! | `jobs.rs`, `jobs/` | scan, configuration and changes of state as async functions, and in `run.rs` how their commands are asked; `ask.rs`: one command and its answer |
-//! | `ahead.rs` | what of a configuration is done before it is asked for |
-//! | `flow.rs` | process data: what is written and read in which exchange |
-//! | `plan.rs` | how a cycle is held: the packets' size, sets in an exchange, exchanges under way |
-//! | `level.rs` | how many sets of outputs lie in the chip, by estimate |
+//! | `mod.rs` | [`XfBus`], the implementation of [`Fieldbus`] |
+//! | `chip_bus.rs` | the bus without the sequence of its job |
+//! | `options.rs` | [`XfBusOptions`] |
+//! | `jobs.rs`, `jobs/` | scan, configuration and changes of state as async functions, and in `run.rs` the polling of these |
+//! | `ask.rs` | one command of the chip and its answer |
+//! | `ahead.rs` | the preparation of a configuration that was not requested yet |
+//! | `flow.rs` | process data: the sets and cycles that each exchange writes and reads |
+//! | `plan.rs` | the packet size, sets per exchange and exchanges in flight that a cycle needs |
+//! | `level.rs` | an estimate of the number of sets of outputs in the chip |
 //! | `ledger.rs` | which outputs each cycle carried |
-//! | `answers.rs` | what the cycles have sent back, until it is polled |
-//! | `clear.rs` | the chip's FIFO is emptied, and what it had sent by then |
-//! | `watch.rs` | which slaves are lost, and what a reset of the chip means |
+//! | `answers.rs` | the inputs of the chip's cycles, until they are polled |
+//! | `clear.rs` | emptying the chip's FIFO, and which sets were sent by then |
+//! | `watch.rs` | lost slaves, and resets of the chip |
 //! | `local_io.rs` | local inputs and outputs at pins of the chip |
-//! | `network.rs` | what is known of the network |
+//! | `network.rs` | the chip's network as the bus knows it |
 //!
-//! The bus uses the driver ([`Host`]) over its wires in steps, until the wires' clock has reached the time for which the
-//! engine polls. It starts no thread.
+//! The bus steps the driver ([`Host`]) over its wires until the wires' clock has reached the time of the engine's poll. It
+//! starts no thread.
 
 mod ahead;
 mod answers;
@@ -53,30 +54,32 @@ use jobs::{Running, Sequence, run_job};
 pub use local_io::LocalPins;
 pub use options::XfBusOptions;
 
-/// The most cycles by which an answer is polled late: so many TxPDOs the chip keeps (XF EN 1236). \[OURS]
+/// The maximum number of cycles by which an answer is polled late: the chip keeps that many TxPDOs (XF EN 1236). \[OURS]
 const ANSWER_DELAY: u16 = 64;
-/// The most entries of each FIFO that are asked for; fewer if the chip's memory does not hold them. \[OURS]
+/// The maximum number of entries that are requested for each FIFO; fewer if the chip's memory does not hold them. \[OURS]
 const ENTRIES: usize = 64;
-/// So many sets are on their way where one follows another: one waits for its exchange, one is under way in it, and one
-/// lies in the chip until its next cycle. \[OURS]
+/// The number of sets of outputs in flight in a steady stream: one waits for its exchange, one is in the running exchange,
+/// and one is in the chip until its next cycle. \[OURS]
 const ON_THE_WAY: u64 = 3;
-/// The longest packet with its idle time takes less at 24 MHz, and two of them hardly more. \[OURS]
+/// The time of two exchanges, ns: the longest packet with its idle time takes less at 24 MHz, and two of them hardly more.
+/// \[OURS]
 const CATCH_UP_NS: Ns = 1_000_000;
-/// The memory of both FIFOs, bytes (XF EN 1236).
+/// The memory of both FIFOs together, bytes (XF EN 1236).
 const FIFO_MEMORY: usize = 0x4000;
 
-/// What a bus has counted.
+/// The counters of a bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct XfBusCounters {
-    /// Sets of outputs that the chip has not taken, or of which nobody knows.
+    /// Sets of outputs that the chip has not accepted, or of which this is not known.
     pub sets_lost: u64,
     /// Cycles whose inputs were lost.
     pub cycles_lost: u64,
-    /// How often the chip was reset.
+    /// Resets of the chip.
     pub chip_resets: u64,
 }
 
-/// The entries of each of the chip's FIFOs, 1..=64, with so many bytes of process data in both directions together.
+/// The number of entries of each of the chip's FIFOs, 1..=64, with `process_bytes` bytes of process data in both directions
+/// together.
 pub fn fifo_entries(process_bytes: usize) -> u8 {
     (FIFO_MEMORY / process_bytes.max(1)).clamp(1, ENTRIES) as u8
 }
@@ -84,7 +87,7 @@ pub fn fifo_entries(process_bytes: usize) -> u8 {
 /// A network behind an ECM-XF.
 pub struct XfBus<W> {
     bus: Arc<Mutex<ChipBus<W>>>,
-    /// The sequence of the job under way.
+    /// The slot for the sequence of the running job.
     sequence: Sequence,
 }
 
@@ -95,7 +98,7 @@ impl<W: fmt::Debug> fmt::Debug for XfBus<W> {
 }
 
 impl<W: Wires + Send + 'static> XfBus<W> {
-    /// The network behind the chip at the end of these wires, which is started.
+    /// A bus for the network behind the chip at the end of these wires. The chip is started.
     pub fn new(wires: W, config: HostConfig, options: XfBusOptions) -> Self {
         let bus = Arc::new(Mutex::new(ChipBus::new(wires, config, options)));
         let sequence = jobs::place_of(&bus);
@@ -104,22 +107,22 @@ impl<W: Wires + Send + 'static> XfBus<W> {
 }
 
 impl<W: Wires> XfBus<W> {
-    /// The wires, to look at.
+    /// The wires, for reading.
     pub fn wires(&self) -> impl Deref<Target = W> {
         MutexGuard::map(self.bus.lock(), |bus| &mut bus.wires)
     }
 
-    /// The wires, to cause trouble.
+    /// The wires, for causing faults.
     pub fn wires_mut(&mut self) -> impl DerefMut<Target = W> {
         MutexGuard::map(self.bus.lock(), |bus| &mut bus.wires)
     }
 
-    /// The driver, to look at.
+    /// The driver, for reading.
     pub fn host(&self) -> impl Deref<Target = Host> {
         MutexGuard::map(self.bus.lock(), |bus| &mut bus.host)
     }
 
-    /// What was counted.
+    /// The counters of the bus.
     pub fn counters(&self) -> XfBusCounters {
         self.bus.lock().counters
     }
@@ -127,7 +130,7 @@ impl<W: Wires> XfBus<W> {
     /// Starts the driver, and waits until the chip has answered.
     ///
     /// # Errors
-    /// It does not answer, or the wires cannot be used.
+    /// The chip does not answer, or the wires cannot be used.
     pub fn start_up(&mut self) -> Result<(), StepError<W::Error>> {
         let ChipBus { host, wires, .. } = &mut *self.bus.lock();
         while host.state() != HostState::Running {
@@ -136,13 +139,13 @@ impl<W: Wires> XfBus<W> {
         Ok(())
     }
 
-    /// Exchanges and waits until that time of the engine. The bus then.
+    /// Lets the bus work until the engine's time `now`, and returns the bus.
     fn advance(&mut self, now: Ns) -> MutexGuard<'_, ChipBus<W>> {
         let until = self.bus.lock().wires_time(now);
         self.work(until)
     }
 
-    /// Exchanges and waits until that time of the wires. The bus then.
+    /// Makes exchanges and waits until the wires' time `until`, and returns the bus.
     fn work(&mut self, until: Ns) -> MutexGuard<'_, ChipBus<W>> {
         let Self { bus, sequence } = self;
         let mut bus = bus.lock();
@@ -164,7 +167,7 @@ impl<W: Wires> XfBus<W> {
     }
 }
 
-/// Takes what has ended, and hands the driver what is next.
+/// Takes the results of the driver, and gives it its next work.
 fn turn<W: Wires>(bus: &mut MutexGuard<'_, ChipBus<W>>, sequence: &mut Sequence) {
     let now = bus.wires.now();
     if bus.begin_turn(now) {
@@ -187,7 +190,7 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
             job => {
                 bus.end_ahead();
                 if matches!(job, Job::State { target, .. } if target <= AlState::PreOp) {
-                    // [OURS] Each way up to SafeOP has a layout of its own, as makers' drivers have it.
+                    // [OURS] Each way up to SafeOP gets a new layout, as with the drivers of manufacturers.
                     bus.network.laid_out = false;
                 }
                 bus.begin_job(Some(Running::new(job, at)));
@@ -290,9 +293,9 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
         if bus.options.real_time {
             (bus.skew, bus.has_runner) = (Some(now.wrapping_sub(wires)), true);
         }
-        // [OURS] A late runner gives the wires the time of a cycle with each part that it catches up on, or that of two
-        // exchanges: after a stall what lies in the chip is topped up at once, and a machine that is too slow for its cycles
-        // has exchanges all the same.
+        // [OURS] With each part that a late runner catches up on, the bus gets the time of a cycle, or that of two
+        // exchanges if it is shorter. So the chip is topped up at once after a stall, and a machine that is too slow for
+        // its cycles still makes exchanges.
         let behind_ns = bus.network.cycle.ns().min(CATCH_UP_NS);
         let until = if now < until { bus.wires_time(until) } else { wires.saturating_add(behind_ns) };
         drop(bus);
@@ -316,7 +319,7 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
     }
 }
 
-/// The cycle that is told while the chip has none, as the board's before OP.
+/// The cycle time with which the bus returns cycles while no slave is in OP, as on the board before OP, ns.
 const fn tick_ns() -> Ns {
     CycleTime::DEFAULT.ns()
 }

@@ -1,15 +1,15 @@
-//! What the bus knows of the chip's network.
+//! The chip's network as the bus knows it.
 
 use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 use crate::fieldbus::SlaveConfig;
 use crate::fieldbus::pdo::{Download, MappedDirection, ProcessData};
 use crate::sk::CycleTime;
 
-/// What was seen of the objects of a slave that stays in PreOP holds so long; then they are read again. \[OURS] Somebody with a
-/// cable at the drive may have changed them.
+/// How long the bus relies on the objects that it has read from a slave in PreOP, ns; after that they are read again.
+/// \[OURS] Somebody with a cable at the drive may have changed them.
 const SEEN_FOR_NS: Ns = 60_000_000_000;
 
-/// Where the process data of a slave are in the images of the chip.
+/// The places and lengths of a slave's process data in the chip's process images, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Place {
     pub outputs_at: usize,
@@ -18,12 +18,12 @@ pub(super) struct Place {
     pub input_bytes: usize,
 }
 
-/// Which of the objects that a configuration writes a slave has as they are to be.
+/// Which of the objects that a configuration writes already have the wanted values in a slave.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Mapped {
     /// The mapping and the assignment of its outputs.
     pub outputs: bool,
-    /// Those of its inputs.
+    /// The mapping and the assignment of its inputs.
     pub inputs: bool,
     /// Its synchronization types.
     pub sync: bool,
@@ -32,8 +32,8 @@ pub(super) struct Mapped {
 impl Mapped {
     pub(super) const ALL: Self = Self { outputs: true, inputs: true, sync: true };
 
-    /// Whether the slave needs that download no more. The mode of operation is written in each configuration: a host may have
-    /// written another one.
+    /// Whether the slave does not need this download. The mode of operation is written in each configuration, because a
+    /// host may have written another one.
     pub(super) const fn has(&self, download: &Download) -> bool {
         match download.direction() {
             Some(direction) => self.is_mapped(direction),
@@ -48,7 +48,7 @@ impl Mapped {
         }
     }
 
-    /// Objects of that direction are other ones.
+    /// Records that objects of this direction do not have the wanted values.
     pub(super) const fn differs(&mut self, direction: MappedDirection) {
         match direction {
             MappedDirection::Outputs => self.outputs = false,
@@ -60,34 +60,35 @@ impl Mapped {
 /// What is known of the objects of a slave that a configuration writes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Seen {
-    /// For which configuration they were looked at.
+    /// The configuration for which the objects were read.
     pub config: SlaveConfig,
     pub data: ProcessData,
     pub mapped: Mapped,
-    /// When, in time of the wires.
+    /// When the objects were read or written, on the wires' clock.
     pub at: Ns,
 }
 
-/// The network. Slave n is at place n - 1 of each list.
+/// The network. In each list, slave n is at index n - 1.
 #[derive(Clone, Debug)]
 pub(super) struct Network {
-    /// The chip has initialised it since its last start.
+    /// The chip has initialised the network since the chip's last start.
     pub initialised: bool,
     pub cycle: CycleTime,
-    /// As the last scan found.
+    /// The number of slaves that the last scan has found.
     pub found: u8,
     pub with_dc: SlaveSet,
-    /// The state to which the newest job has brought a slave; it may have left it by itself.
+    /// The state to which the newest job has brought each slave. The slave may have left it by itself.
     pub commanded: [AlState; MAX_SLAVES],
-    /// What is mapped for the role of a slave; `None`: it has none.
+    /// The process data that are mapped for the role of each slave; `None`: the slave has none.
     pub process_data: [Option<ProcessData>; MAX_SLAVES],
     pub places: [Place; MAX_SLAVES],
-    /// Slaves that were configured since the network was started; whether the chip has their process data, says
-    /// [`Self::with_process_data`].
+    /// Slaves that were configured since the network was started. [`Self::with_process_data`] returns those whose process
+    /// data the chip has.
     pub configured: SlaveSet,
-    /// What was seen of the objects of a slave; `None`: nothing, or they may have changed since.
+    /// What is known of the objects of each slave; `None`: nothing, or they may have changed since.
     pub seen: [Option<Seen>; MAX_SLAVES],
-    /// The chip has laid out process data as the slaves have mapped them, and no slave has left PreOP and come back since.
+    /// The chip's layout of process data matches the mapping of the slaves, and no slave has left PreOP and come back
+    /// since.
     pub laid_out: bool,
     /// The chip has laid out process data, and the slaves are configured.
     pub mapped: bool,
@@ -95,16 +96,17 @@ pub(super) struct Network {
     pub rx_bytes: usize,
     /// Bytes of one TxPDO of the chip: the inputs of all slaves.
     pub tx_bytes: usize,
-    /// Entries of each FIFO.
+    /// The number of entries of each FIFO.
     pub entries: u8,
-    /// How many exchanges of process data may be under way, 1 or 2.
+    /// How many exchanges of process data may be in flight, 1 or 2.
     pub in_flight: usize,
-    /// How many sets of outputs the transport takes, beside those that bridge a stall.
+    /// The number of sets of outputs in the transport to the slaves, in addition to those that bridge a stall.
     pub transport_sets: u16,
     pub lost: SlaveSet,
-    /// Those of them that answer, and whose inputs were not believed for too long.
+    /// The slaves in `lost` that answer, but whose inputs were not used for too long, because the working counter was
+    /// wrong.
     pub stale: SlaveSet,
-    /// The first outputs that a lost slave may not have got.
+    /// For each lost slave, the id of the first outputs that may not have reached it.
     pub lost_from: [Option<u64>; MAX_SLAVES],
 }
 
@@ -133,24 +135,24 @@ impl Network {
         }
     }
 
-    /// The chip runs no network any more. How many slaves there are stays known: a scan alone counts them anew.
+    /// The chip's network has stopped. The number of slaves stays known, because only a scan counts them again.
     pub(super) fn stop(&mut self) {
         let Self { cycle, found, with_dc, lost, stale, lost_from, .. } = *self;
         *self = Self { cycle, found, with_dc, lost, stale, lost_from, ..Self::new() };
     }
 
-    /// The chip has found so many slaves, which are in Init.
+    /// The chip has found `found` slaves, which are in Init.
     pub(super) fn start(&mut self, found: u8, cycle: CycleTime) {
         let Self { with_dc, lost, stale, lost_from, .. } = *self;
         *self = Self { initialised: true, cycle, found, with_dc, lost, stale, lost_from, ..Self::new() };
     }
 
-    /// Whether it runs with that cycle.
+    /// Whether the network runs with this cycle time.
     pub(super) fn is_known(&self, cycle: CycleTime) -> bool {
         self.initialised && self.cycle == cycle
     }
 
-    /// The slaves that were brought at least to that state.
+    /// The slaves that were brought to at least this state.
     pub(super) fn at_least(&self, state: AlState) -> SlaveSet {
         let mut slaves = SlaveSet::EMPTY;
         for (slave, commanded) in (1..=self.found).zip(self.commanded) {
@@ -166,19 +168,19 @@ impl Network {
         if self.mapped { self.configured } else { SlaveSet::EMPTY }
     }
 
-    /// The slaves that were configured as ones that are not used.
+    /// The configured slaves that are not used.
     pub(super) fn unused(&self) -> SlaveSet {
         let is_unused = |slave: &u8| self.process_data[usize::from(*slave) - 1].is_none();
         self.configured.intersection(SlaveSet::first(self.found)).iter().filter(is_unused).collect()
     }
 
-    /// What was seen of a slave's objects, if that was for this configuration and still holds.
+    /// What is known of a slave's objects, if it was read for this configuration and is not too old.
     pub(super) fn seen(&self, slave: u8, config: &SlaveConfig, now: Ns) -> Option<Seen> {
         let holds = |seen: &Seen| seen.config == *config && now.saturating_sub(seen.at) < SEEN_FOR_NS;
         self.seen[usize::from(slave) - 1].filter(holds)
     }
 
-    /// The objects of a slave, and with them the layout of the chip, may be other ones now.
+    /// Forgets the objects of a slave, and with them the chip's layout, because they may have changed.
     pub(super) const fn forget_objects(&mut self, slave: u8) {
         if let Some(n) = (slave as usize).checked_sub(1)
             && n < MAX_SLAVES
@@ -188,8 +190,8 @@ impl Network {
         }
     }
 
-    /// A slave was read in that state. One in Init, or one that does not answer, may come up with other objects; from SafeOP on
-    /// nobody changes them.
+    /// Records the state that was read from a slave. A slave in Init, or one that does not answer, may come back with other
+    /// objects; from SafeOP on nobody changes them.
     pub(super) fn note_objects(&mut self, slave: u8, state: Option<AlState>, now: Ns) {
         match (state, &mut self.seen[usize::from(slave) - 1]) {
             (None | Some(AlState::Init), _) => self.forget_objects(slave),
@@ -202,13 +204,13 @@ impl Network {
         self.at_least(AlState::Op)
     }
 
-    /// A slave is not lost any more.
+    /// The slave is no longer lost.
     pub(super) const fn found_again(&mut self, slave: u8) {
         self.lost.remove(slave);
         self.stale.remove(slave);
     }
 
-    /// Places a slave behind the one before it.
+    /// Places the process data of a slave behind those of the slave before it.
     pub(super) fn place(&mut self, slave: u8, output_bytes: usize, input_bytes: usize) {
         let n = usize::from(slave) - 1;
         let before = n.checked_sub(1).map_or(Place::default(), |before| self.places[before]);

@@ -1,30 +1,30 @@
-//! How the bus uses its chip.
+//! The options of a bus over a chip.
 
 use super::LocalPins;
 
 /// How an [`XfBus`](super::XfBus) uses its chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct XfBusOptions {
-    /// How many sets of outputs lie in the chip for a host that is late, 1 to 60: one that is late by as many cycles stops
-    /// nothing. As many more as the transport takes are handed over besides
-    /// ([`CyclePlan::transport_sets`](super::plan::CyclePlan::transport_sets), 3 to 6 with cycles of 1 ms), all together no more
-    /// than the chip's FIFO holds. What lies there was computed so many cycles ago.
+    /// How many sets of outputs the chip holds for a host that is late, 1 to 60: a host that is late by this many cycles
+    /// interrupts nothing. In addition the bus writes as many sets as the transport takes
+    /// ([`CyclePlan::transport_sets`](super::plan::CyclePlan::transport_sets), 3 to 6 with cycles of 1 ms), in total at
+    /// most as many as the chip's FIFO holds. A target is computed this many cycles before the chip sends it.
     pub ahead: u16,
-    /// The clock of SPI in Hz, by which the cycle is judged that can be held; `None`: the link has none.
+    /// The SPI clock in Hz, by which the bus decides whether a cycle time is possible; `None`: the link has no clock.
     pub clock_hz: Option<u32>,
     /// Which pins of the chip are the board's local inputs and outputs.
     pub local_pins: LocalPins,
-    /// The wires' clock passes by itself, and not only in exchanges and waits.
+    /// The wires' clock advances by itself, and not only in exchanges and waits.
     pub real_time: bool,
-    /// The chip's packets have one size alone, as those of an ECM-XFU; else the chip is set to another one where the
+    /// The chip's packets have a fixed size, as those of an ECM-XFU. Otherwise the chip is set to another size if the
     /// process data or the cycle need it.
     pub size_is_fixed: bool,
 }
 
 impl XfBusOptions {
-    /// The most: the chip's FIFO has 64 entries (XF EN 1262), and the transport takes some.
+    /// The maximum of `ahead`: the chip's FIFO has 64 entries (XF EN 1262), and the transport takes some of them.
     pub const AHEAD_MAX: u16 = 60;
-    /// 4 sets. \[OURS]
+    /// The default: `ahead` is 4 sets of outputs. \[OURS]
     pub const DEFAULT: Self =
         Self { ahead: 4, clock_hz: None, local_pins: LocalPins::NONE, real_time: false, size_is_fixed: false };
 }

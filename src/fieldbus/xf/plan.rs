@@ -1,24 +1,25 @@
-//! How a cycle is held over an ECM-XF, or that it is not: which size the packets have, how many exchanges of process data
-//! are under way, and how many sets of outputs the transport takes.
+//! Whether a cycle time can be kept over an ECM-XF, and with which packet size, how many exchanges of process data in
+//! flight, and how many sets of outputs that the transport takes.
 
 use crate::ethercat::Ns;
 use crate::fieldbus::HardwareLimit;
 use crate::xf::DataSize;
 use crate::xf::host::{Budget, BudgetError};
 
-/// The most exchanges of process data that are under way.
+/// The maximum number of exchanges of process data in flight.
 pub(super) const IN_FLIGHT_MAX: usize = 2;
-/// The most sets of outputs that an exchange carries to hold a cycle: more are sent only where more wait. \[OURS]
+/// The maximum number of sets of outputs in an exchange by which a plan holds a cycle. More are sent only if more wait.
+/// \[OURS]
 const SETS_MAX: usize = 8;
-/// The packets of a turn: two for an exchange of process data, and two for a command beside it, since the states of the
-/// slaves are read while they move. \[OURS]
+/// The number of packets in a turn: two for an exchange of process data, and two for a command beside it, because the
+/// states of the slaves are read while slaves move. \[OURS]
 const PACKETS_A_TURN: u32 = 4;
-/// So many half turns after it was handed over a set may still count as one that lies in the chip: it is under way, and the
-/// counts that tell that it was sent are two exchanges old (OBS). \[OURS] With as many sets and one more no cycle of the
-/// model's repeats its outputs, whatever the packets.
+/// The number of half turns for which a set of outputs may still count as being in the chip after it was handed over: it is
+/// in flight, and the counts that show it as sent are two exchanges old (OBS). \[OURS] With that many sets and one more, no
+/// cycle of the chip's model repeats its outputs, whatever the packet size.
 const HALF_TURNS_KNOWN: u64 = 5;
 
-/// What a cycle asks of the exchanges with the chip.
+/// What a cycle requires of the exchanges with the chip.
 ///
 /// ```
 /// use ecmsk::fieldbus::HardwareLimit;
@@ -40,40 +41,40 @@ const HALF_TURNS_KNOWN: u64 = 5;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CycleDemand {
-    /// Bytes of all outputs or of all inputs of a cycle, whichever are more.
+    /// The number of bytes of all outputs or of all inputs of a cycle, whichever is larger.
     pub process_bytes: usize,
-    /// Entries of each of the chip's FIFOs ([`fifo_entries`](super::fifo_entries)).
+    /// The number of entries of each of the chip's FIFOs ([`fifo_entries`](super::fifo_entries)).
     pub fifo_entries: u8,
-    /// The cycle in nanoseconds.
+    /// The cycle time in nanoseconds.
     pub cycle_ns: Ns,
-    /// The clock of SPI in Hz; `None`: the link has none, and bytes take no time.
+    /// The SPI clock in Hz; `None`: the link has no clock, and bytes take no time.
     pub clock_hz: Option<u32>,
-    /// The idle time behind each exchange in nanoseconds.
+    /// The idle time after each exchange in nanoseconds.
     pub idle_ns: Ns,
-    /// The n that the chip has.
+    /// The present data segment size n of the chip.
     pub present: DataSize,
-    /// It can have no other.
+    /// Whether the chip has no other data segment size.
     pub size_is_fixed: bool,
 }
 
-/// How a cycle is held.
+/// The settings with which a cycle can be held.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CyclePlan {
-    /// The n to use.
+    /// The data segment size n.
     pub size: DataSize,
-    /// How many exchanges of process data are under way, 1 or 2. With 1 none is ever lost while packets get through at
-    /// all; with 2 a set that the chip did not take is given up and counted.
+    /// How many exchanges of process data are in flight, 1 or 2. With 1 no set of outputs is lost as long as packets get
+    /// through at all; with 2 a set that the chip has not accepted is given up and counted.
     pub in_flight: usize,
-    /// How many sets of outputs a packet holds, of those that are sent together to hold the cycle: 8 at most.
+    /// How many sets of outputs a packet carries to hold the cycle, at most 8.
     pub sets: u16,
-    /// How many sets of outputs have to be handed over ahead of their cycle so that none is late while the host is not:
-    /// those under way, and those of which nobody knows yet that they were sent.
+    /// How many sets of outputs have to be handed over ahead of their cycle so that none is late while the host is on time:
+    /// the sets in flight, and the sets that were sent before the host can know it.
     pub transport_sets: u16,
 }
 
 impl CycleDemand {
-    /// How the cycle is held. What takes the least is tried first: the n that there is before others, and one exchange of
-    /// process data at a time before two. An exchange that carries several sets of outputs holds as many cycles.
+    /// Finds settings with which the cycle can be held. The present n is tried before others, and one exchange of process
+    /// data in flight before two. An exchange that carries several sets of outputs serves that many cycles.
     ///
     /// # Errors
     /// The exchanges take longer than the cycle, or the process data do not fit into a packet.
@@ -89,7 +90,7 @@ impl CycleDemand {
             let others = others.map(|sets| (sets, self.budget(sets, in_flight).choose_size()));
             for (sets, tried) in as_it_is.map(|tried| (sets, tried)).into_iter().chain(others) {
                 match tried {
-                    // [OURS] Two under way with several sets in each were not seen to hold.
+                    // [OURS] Two exchanges in flight with several sets of outputs in each were never seen to hold a cycle.
                     Ok(size) if in_flight > 1 && size.bytes() >= 2 * bytes => {}
                     Ok(size) => {
                         let sets = (size.bytes() / bytes).min(sets_max) as u16;
@@ -127,8 +128,8 @@ impl CycleDemand {
     }
 }
 
-/// How many exchanges pass for each one of process data: it has its answer with the one behind it, and where one is under
-/// way at a time, a command with its own two may come between. \[OURS]
+/// The number of exchanges that pass for each exchange of process data. Its answer comes with the next exchange, and if
+/// only one is in flight, a command with two exchanges of its own may come between. \[OURS]
 const fn exchanges_of_process_data(in_flight: usize) -> u32 {
     if in_flight > 1 { 2 } else { 4 }
 }

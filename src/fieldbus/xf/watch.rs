@@ -1,14 +1,16 @@
-//! Which slaves are lost, and what a reset of the chip means.
+//! Lost slaves, and resets of the chip.
 //!
-//! The chip says that the working counter of some cycle was wrong and not whose fault it was, by a count that stays at 255
-//! and by an interrupt flag: the states of all slaves are read then. They are also read from time to time, since below
-//! SafeOP no cycle tells that a slave is gone. A slave stays lost until a change of state brings it back.
+//! The chip reports that the working counter of some cycle was wrong, but not because of which slave: by a counter that
+//! stops at 255 and by an interrupt flag. The bus then reads the states of all slaves. It also reads them at intervals,
+//! since below SafeOP no cycle shows that a slave is gone. A slave stays lost until a change of state brings it back.
 //!
-//! **Inputs beside a working counter that is wrong** are not believed \[OURS], as far as the chip tells: when the header of an answer
-//! counts new errors, those of the next [`DOUBT_CYCLES`] cycles that are read. It says neither which cycles these were, nor whose
-//! inputs, so that all slaves keep theirs, and what was read before that header came has been believed. If it goes on, and the states
-//! of all show that nobody is lost, all are stale and lost ([`STALE_AFTER`](crate::fieldbus::STALE_AFTER)). While a slave is lost the
-//! chip counts each cycle as wrong, and says nothing of others.
+//! **Inputs of a cycle with a wrong working counter** are not used \[OURS], as far as the chip reports it: when the header
+//! of an answer counts new errors, the inputs of the next [`DOUBT_CYCLES`] cycles that are read are not used. The chip
+//! reports neither which cycles had the errors nor which slaves, so all slaves keep their previous inputs, and the inputs
+//! of cycles that were read before that header were used. If the errors continue, and the states of all slaves show that
+//! none is lost, the inputs of all slaves are stale and the slaves are lost
+//! ([`STALE_AFTER`](crate::fieldbus::STALE_AFTER)). While a slave is lost the chip counts each cycle as wrong, which shows
+//! nothing about the other slaves.
 
 use super::ask::{Ask, Asked};
 use super::chip_bus::ChipBus;
@@ -20,25 +22,25 @@ use crate::fieldbus::is_stale;
 use crate::xf::Interrupts;
 use crate::xf::host::{HostError, HostState, Wires};
 
-/// How often the states are read, if nothing else makes it necessary. \[OURS]
+/// The interval at which the states are read if nothing else requires it, ns. \[OURS]
 const INTERVAL_NS: Ns = 100_000_000;
 
-/// So many cycles are in doubt when a header counts a new error: it may be two exchanges old, and between two exchanges may be no cycle.
-/// \[OURS]
+/// The number of cycles that are in doubt when a header counts a new error: the header may be two exchanges old, and
+/// between two exchanges there may be no cycle. \[OURS]
 const DOUBT_CYCLES: u32 = 4;
 
-/// What is asked for in the reading of the states.
+/// The present step in the reading of the states.
 #[derive(Clone, Copy, Debug, Default)]
 enum Step {
     /// The chip reads the states of all slaves.
     #[default]
     Renew,
-    /// The lowest of them: in OP it says at once that nobody is lost.
+    /// The chip returns the lowest state of all slaves: if it is OP, no slave is lost.
     All,
     One(u8),
 }
 
-/// The reading of all states, and what gives rise to it.
+/// The reading of all states, and the conditions that start it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Watch {
     asked: Option<Asked>,
@@ -46,40 +48,42 @@ pub(super) struct Watch {
     next_at: Ns,
     wkc_errors: u8,
     is_suspicious: bool,
-    /// The first outputs that may not have reached everybody who is not lost; `None`: the working counter was right since the
-    /// newest reading.
+    /// The id of the first outputs that may not have reached all slaves that are not lost; `None`: the working counter was
+    /// right since the newest reading.
     suspect_from: Option<u64>,
-    /// It was wrong, or may have been, since the newest reading began.
+    /// The working counter was wrong, or may have been, since the newest reading began.
     has_new_errors: bool,
-    /// Cycles whose working counter was wrong while nobody was lost, before and since the newest reading began.
+    /// The number of cycles with a wrong working counter while no slave was lost, before and since the newest reading
+    /// began.
     wrong_before: u64,
     wrong_cycles: u64,
-    /// The first outputs that were not sent when the newest header came, and when the newest reading began.
+    /// The id of the first outputs that were not sent when the newest header came, and when the newest reading began.
     unsent: Option<u64>,
     unsent_before: Option<u64>,
     chip_resets: u64,
-    /// Number of cycles, of those that are read next, whose inputs are not believed.
+    /// The number of cycles, of those that are read next, whose inputs are not used.
     doubt_cycles: u32,
-    /// When the newest reading of all states began that has come to its end with nobody lost, and the one under way; time of the wires.
+    /// When the newest reading began that has ended with no slave lost, and when the reading in progress began, on the
+    /// wires' clock.
     read_at: Option<Ns>,
     reading_since: Option<Ns>,
-    /// Cycles in a row whose inputs were not believed, and when the first of them ran.
+    /// The number of consecutive cycles whose inputs were not used, and when the first of them ran.
     held_cycles: u32,
     held_since: Ns,
 }
 
-/// Whether slaves that were lost with the chip's answers are to leave OP, which they may still be in.
+/// Whether the slaves have to leave OP after the chip has not answered for a while: they may still be in OP.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum TakingDown {
     No,
-    /// As soon as the driver runs.
+    /// The change to PreOP is requested as soon as the driver runs.
     Due,
     Asked(Asked),
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// A chip that has answered nothing for a while may still repeat its newest outputs, and nobody leads the axes: before
-    /// anything else all slaves go to PreOP. Whether that is under way.
+    /// Brings all slaves to PreOP, before anything else, after the chip has not answered for a while: it may still repeat
+    /// its newest outputs, while nothing controls the axes. Returns whether this is under way.
     pub(super) fn take_down(&mut self, now: Ns) -> bool {
         self.taking_down = match self.taking_down {
             TakingDown::No => return false,
@@ -90,7 +94,7 @@ impl<W: Wires> ChipBus<W> {
             TakingDown::Due => TakingDown::Due,
             TakingDown::Asked(asked) => match asked.reply(&mut self.host) {
                 None => TakingDown::Asked(asked),
-                // A chip without a network refuses; one that did not answer is asked again.
+                // A chip without a network refuses. A chip that has not answered is asked again.
                 Some(Ok(_) | Err(HostError::Refused { .. } | HostError::Failed { .. })) => TakingDown::No,
                 Some(Err(_)) => TakingDown::Due,
             },
@@ -98,7 +102,7 @@ impl<W: Wires> ChipBus<W> {
         !matches!(self.taking_down, TakingDown::No)
     }
 
-    /// Takes the newest header, if it is new.
+    /// Evaluates the newest header, if it was not evaluated yet.
     pub(super) fn look_at_header(&mut self) {
         let counters = self.host.counters();
         if counters.chip_resets != self.watch.chip_resets {
@@ -119,8 +123,8 @@ impl<W: Wires> ChipBus<W> {
         self.level.header(self.wires.now(), header.rx_fifo, self.ledger.unseen(), cycle_ns);
         let (errors, is_flagged) = (header.wkc_errors, header.interrupts.contains(Interrupts::WORKING_COUNTER));
         let unsent = Some(self.ledger.next_id());
-        // A count that can grow no more says nothing; its interrupt flag still does. While a slave is lost every cycle is
-        // wrong.
+        // A counter that has reached its maximum shows nothing, but its interrupt flag still does. While a slave is lost
+        // every cycle is wrong.
         let says_nothing = errors == u8::MAX && !self.network.lost.is_empty();
         let is_full = errors == u8::MAX && !says_nothing;
         if is_flagged {
@@ -141,7 +145,7 @@ impl<W: Wires> ChipBus<W> {
         watch.unsent = unsent;
     }
 
-    /// The states of all slaves are about to be read.
+    /// The reading of the states of all slaves begins.
     pub(super) fn begin_reading(&mut self) {
         self.watch.wrong_before = std::mem::take(&mut self.watch.wrong_cycles);
         self.watch.has_new_errors = false;
@@ -149,8 +153,8 @@ impl<W: Wires> ChipBus<W> {
         self.watch.reading_since = Some(self.wires.now());
     }
 
-    /// All states were read: who is not lost has got what was sent before that began, but for cycles that somebody has missed
-    /// who is still there. Whose outputs were lost in them the chip does not say.
+    /// All states have been read. Each slave that is not lost has received the outputs that were sent before the reading
+    /// began, except in cycles that a slave missed which is still there. The chip does not report which slave missed them.
     pub(super) fn end_reading(&mut self) {
         let missed = std::mem::take(&mut self.watch.wrong_before);
         if self.network.lost.is_empty() && self.job.is_none() {
@@ -167,7 +171,7 @@ impl<W: Wires> ChipBus<W> {
         is_doubtful
     }
 
-    /// The inputs of a cycle that ran at that time were not believed, or they were.
+    /// Counts the consecutive cycles whose inputs were not used (`is_held`), with a cycle that ran at the time `at`.
     pub(super) fn judge_inputs(&mut self, at: Ns, is_held: bool) {
         if !is_held {
             self.watch.held_cycles = 0;
@@ -183,13 +187,14 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// The slaves that have inputs, and are not lost.
+    /// The slaves that have inputs and are not lost.
     pub(super) fn with_inputs(&self) -> SlaveSet {
         let has_inputs = |slave: &u8| self.network.places[usize::from(*slave) - 1].input_bytes > 0;
         self.network.at_least(AlState::SafeOp).difference(self.network.lost).iter().filter(has_inputs).collect()
     }
 
-    /// Nobody knows whose inputs are still those of the slave: all that have some are lost.
+    /// Marks all slaves with inputs as lost, after the working counter was wrong for too long: it is not known which of
+    /// them still send inputs.
     fn lose_stale(&mut self) {
         let from = self.watch.suspect_from.or(self.watch.unsent);
         let stale = self.with_inputs();
@@ -201,15 +206,15 @@ impl<W: Wires> ChipBus<W> {
         self.hold_lost(self.network.lost);
     }
 
-    /// Reads the states on, or begins to.
+    /// Continues to read the states, or begins to.
     pub(super) fn watch_on(&mut self, now: Ns) {
         if let Some(asked) = self.watch.asked {
             let Some(reply) = asked.reply(&mut self.host) else { return };
             self.watch.asked = None;
-            // The chip has answered that it could not read a slave; without an answer nothing is known of any.
+            // The chip has answered that it could not read a slave. Without an answer nothing is known about any slave.
             let unreadable = matches!(reply, Err(HostError::Refused { .. } | HostError::Failed { .. }));
             let next = match self.watch.step {
-                // A change of state reads them itself.
+                // A running job reads the states itself.
                 _ if self.job.is_some() || reply.is_err() && !unreadable => None,
                 Step::Renew if unreadable => Some(Step::One(1)),
                 Step::Renew => Some(Step::All),
@@ -251,18 +256,18 @@ impl<W: Wires> ChipBus<W> {
         self.watch.asked = ask.submit(&mut self.host, now).ok();
     }
 
-    /// Whether the lowest state of all slaves shows that each is where it was brought to.
+    /// Whether the lowest state of all slaves shows that all are in OP, and all were brought there.
     fn are_all_in_op(&self, lowest: Option<AlState>) -> bool {
         let network = &self.network;
         lowest == Some(AlState::Op) && network.lost.is_empty() && network.in_op() == SlaveSet::first(network.found)
     }
 
-    /// The states are being read.
+    /// Whether the states are being read.
     pub(super) const fn is_watching(&self) -> bool {
         self.watch.asked.is_some()
     }
 
-    /// What a slave's state means: one below the state to which it was brought is lost.
+    /// Evaluates the state of a slave: a slave below the state to which it was brought is lost.
     pub(super) fn note_state(&mut self, slave: u8, state: Option<AlState>) {
         self.network.note_objects(slave, state, self.wires.now());
         let commanded = self.network.commanded[usize::from(slave) - 1];
@@ -279,7 +284,8 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// Nothing that the chip was told holds any more: all slaves are lost, what lay in it is, and a job has failed.
+    /// The chip has lost its settings, as by a reset: all slaves are lost, the sets of outputs in the chip are lost, and a
+    /// running job has failed.
     pub(super) fn lose_all(&mut self) {
         if let Some(job) = self.job.take() {
             self.abandon_asked();
@@ -288,7 +294,7 @@ impl<W: Wires> ChipBus<W> {
         }
         self.end_ahead();
         let in_op = self.network.in_op();
-        // Who was silent before nobody will find out any more.
+        // Which slaves have missed outputs before cannot be found out any more.
         let next = self.ledger.next_id();
         let missed_from = self.watch.suspect_from.map_or(next, |from| from.min(next));
         let all = SlaveSet::first(self.network.found);

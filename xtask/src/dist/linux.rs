@@ -27,11 +27,11 @@ pub fn build_into(project: &Project, release: &Release, prefix: &Path) -> Result
             cargo.env_remove(name);
         }
         cargo.env("CARGO_TARGET_DIR", &target).env("RUSTC_WRAPPER", &wrapper);
-        // Debug information would be removed anyway. Symbols are removed by the linker already: the build id is made of
-        // what it writes.
+        // Debug information would be removed anyway. The linker already removes symbols, because the build id is computed
+        // from its output.
         cargo.env("CARGO_PROFILE_RELEASE_DEBUG", "false").env("CARGO_PROFILE_RELEASE_STRIP", "symbols");
-        // Of a crate in several units, link-time optimisation makes up names of symbols that depend on the folder, and
-        // an archive keeps them.
+        // With several codegen units in a crate, link-time optimisation generates names of symbols that depend on the
+        // folder, and an archive keeps them.
         cargo.env("CARGO_PROFILE_RELEASE_CODEGEN_UNITS", "1");
         cargo.env(super::release::VARIABLE, release.epoch.to_string());
         command::run(cargo.args(["build", "--locked", "--profile", PROFILE, "--package", package]))?;
@@ -57,8 +57,8 @@ fn is_a_setting(variable: &str) -> bool {
         .any(|begin| variable.starts_with(begin))
 }
 
-/// Writes a wrapper between cargo and rustc that replaces the folders of this machine in files. As flags of cargo
-/// they would change the names of the archive's members.
+/// Writes a wrapper between cargo and rustc that replaces the folders of this machine in files. Flags of cargo with the
+/// same effect would change the names of the archive's members.
 fn write_wrapper(project: &Project, target: &Path) -> Result<PathBuf, Error> {
     let wrapper = super::folder(project).join("rustc");
     fs::create_dir_all(super::folder(project)).map_err(Error::file("make", &wrapper))?;

@@ -1,5 +1,5 @@
-//! Which tests have their slaves behind the model of an ECM-XF: those of tests/engine that tests/engine/over.rs runs once
-//! more and that none of its tables leaves out, and those of a few files whose boards stand over a chip by themselves.
+//! Which tests have their slaves behind the model of an ECM-XF: the tests of tests/engine that tests/engine/over.rs runs
+//! again and that none of its tables leaves out, and the tests of a few files that use boards over a chip directly.
 
 use std::path::Path;
 
@@ -8,12 +8,12 @@ use proc_macro2::{Delimiter, TokenStream, TokenTree};
 use super::{rust, text_of};
 use crate::error::Error;
 
-/// The file that runs the engine's tests once more, and the test in it that does so behind a chip.
+/// The file that runs the engine's tests again, and the test in it that runs them behind a chip.
 pub const OVER: &str = "tests/engine/over.rs";
 const RUN: &str = "all_that_a_program_sees_is_the_same_behind_an_ecm_xf";
 /// The folder of those tests.
 const ENGINE: &str = "tests/engine/";
-/// Files, and folders, of which each test has a board over a chip without that run.
+/// Files and folders in which each test uses a board over a chip, without that run.
 const ALWAYS: [&str; 8] = [
     "tests/engine/xf_bus.rs",
     "tests/engine/xf_faults.rs",
@@ -28,13 +28,14 @@ const ALWAYS: [&str; 8] = [
 /// The tables of tests/engine/over.rs, of names as `module::test` or `module::`.
 #[derive(Debug, Default)]
 pub struct BehindChip {
-    /// Run by their whole names, cycle by cycle.
+    /// Tests that are run by their full names, cycle by cycle.
     by_cycles: Vec<String>,
-    /// Left out because they cannot pass: every test whose name contains one of these.
+    /// Tests that are left out because they cannot pass behind a chip: every test whose name contains one of these texts.
     cannot: Vec<String>,
-    /// Left out because every board of theirs has a bus of its own, likewise.
+    /// Tests that are left out because all their boards have a bus of their own: every test whose name contains one of
+    /// these texts.
     own_bus: Vec<String>,
-    /// Run there, but nothing of theirs is behind the chip.
+    /// Tests that are run there, although nothing in them is behind the chip.
     not_behind: Vec<String>,
 }
 
@@ -79,13 +80,13 @@ impl BehindChip {
         if self.by_cycles.contains(&name) {
             return !self.cannot.contains(&name);
         }
-        // As `--skip` does it: by a part of the name.
+        // Like `--skip`, this matches a part of the name.
         let mut left_out = self.by_cycles.iter().chain(&self.cannot).chain(&self.own_bus);
         let stands = |entry: &String| name == *entry || (entry.ends_with("::") && name.starts_with(entry.as_str()));
         !left_out.any(|entry| name.contains(entry.as_str())) && !self.not_behind.iter().any(stands)
     }
 
-    /// Whether a test stands in a table of those that cannot pass there.
+    /// Whether a test is in the table of those that cannot pass behind a chip.
     pub fn cannot(&self, test: &str) -> bool {
         engine_name(test).is_some_and(|name| self.cannot.iter().any(|entry| name.contains(entry.as_str())))
     }
@@ -146,7 +147,7 @@ fn all_that_a_program_sees_is_the_same_behind_an_ecm_xf() {}
             ("tests/engine/a.rs::by_cycles", true, false),
             ("tests/engine/a.rs::jumps", false, true),
             ("tests/engine/a.rs::each_cycle", false, true),
-            // `--skip` goes by a part of the name.
+            // `--skip` matches a part of the name.
             ("tests/engine/a.rs::full_and_more", false, true),
             ("tests/engine/b.rs::no_row", true, false),
             ("tests/engine/c.rs::places", true, false),
@@ -171,7 +172,7 @@ fn all_that_a_program_sees_is_the_same_behind_an_ecm_xf() {}
         }
     }
 
-    /// The tables are those of the project, and what stands there as always behind a chip is there and says so.
+    /// The project has these tables, and each file that is always behind a chip exists and contains tests that say so.
     #[test]
     fn the_project_has_them() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();

@@ -1,6 +1,6 @@
 //! Comments in C and C++ sources, each with the function that it belongs to.
 
-/// A comment and its function: the one it stands in or directly above; `None` for one that speaks for the whole file.
+/// A comment and its function: the one that contains it or follows directly; `None` for a comment on the whole file.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Comment {
     pub function: Option<String>,

@@ -3,10 +3,9 @@
 use std::fmt;
 use std::iter;
 
-/// The prefixes of ids, and whether a section follows before the number: the board, the chip ECM-XF, EtherCAT, the master, a
-/// board on a network card, the look at a network, the drive DP3CL, the library for applications, the native API, the tool, names of boards, a board on the network, a board on its
-/// wires, .NET,
-/// Windows, packages.
+/// The prefixes of ids, and whether a section follows before the number. They stand for: the board, the chip ECM-XF,
+/// EtherCAT, the master, a board on a network card, the look at a network, the drive DP3CL, the library for applications,
+/// the native API, the tool, names of boards, a board on the network, a board on its wires, .NET, Windows, packages.
 pub const PREFIXES: [(&str, bool); 15] = [
     ("SK-", true),
     ("XF-", true),

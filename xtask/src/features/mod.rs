@@ -55,7 +55,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     if arguments.ids.is_empty() { write(project) } else { print(project, &arguments.ids) }
 }
 
-/// What the sources say.
+/// The rules and the evidence for them, as read from the pages and sources.
 struct Read {
     rules: Rules,
     evidence: Evidence,

@@ -1,4 +1,4 @@
-//! What each rule of the board is on an ECM-XF, and docs/FEATURES-XF.md, which lists it rule by rule.
+//! The state of each rule of the board on an ECM-XF, and docs/FEATURES-XF.md, which lists these states rule by rule.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -12,11 +12,11 @@ use super::rules::{Rule, Rules, Section, Status, cells};
 use super::text_of;
 use crate::error::Error;
 
-/// The page whose table says what differs.
+/// The page with the table of differences.
 const MIGRATION: &str = "docs/MIGRATION.md";
 /// The heading of that table.
 const DIFFERENCES: &str = "## What differs";
-/// What ids of the board's rules begin with.
+/// The prefix of the ids of the board's rules.
 const BOARD: &str = "SK-";
 
 const HEAD: &str = "# The board on an ECM-XF, rule by rule
@@ -34,20 +34,20 @@ Written by `cargo xtask features` from the comments of the tests, the tables of 
 behind a chip, MIGRATION.md, and the pages of rules: do not edit it, run that again.
 ";
 
-/// What a rule of the board is on an ECM-XF.
+/// The state of a rule of the board on an ECM-XF.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum State {
-    /// These tests name it and have their slaves behind a chip.
+    /// These tests name the rule and have their slaves behind a chip.
     Same(Vec<String>),
-    /// These rows of docs/MIGRATION.md name it.
+    /// These rows of docs/MIGRATION.md name the rule.
     Differs(Vec<String>),
-    /// Nothing of it is the bus's, for this reason.
+    /// The rule does not concern the bus, for this reason.
     Apart(String),
-    /// Nothing of these; whether tests of it stand in a table of tests that cannot pass there.
+    /// None of the other states. `cannot`: tests of the rule are in the table of tests that cannot pass there.
     NotShown { cannot: bool },
 }
 
-/// The states of all rules of the board that are claimed, and what does not fit together.
+/// The states of all claimed rules of the board, and the contradictions between their sources.
 #[derive(Debug, Default)]
 pub struct OnXf {
     states: BTreeMap<RuleId, State>,
@@ -55,7 +55,7 @@ pub struct OnXf {
 }
 
 impl OnXf {
-    /// Works them out from the checkout at `root`.
+    /// Determines the states from the checkout at `root`.
     pub fn read(root: &Path, rules: &Rules, evidence: &Evidence) -> Result<Self, Error> {
         let path = root.join(MIGRATION);
         let text = text_of(&path).map_err(Error::file("read", &path))?;
@@ -106,7 +106,7 @@ impl OnXf {
         found
     }
 
-    /// What is wrong, with what to do.
+    /// The problems, each with the next step.
     pub fn problems(&self) -> Vec<String> {
         let mut problems = self.problems.clone();
         for (id, state) in &self.states {
@@ -126,13 +126,13 @@ impl OnXf {
         problems
     }
 
-    /// `20 same, 2 differ, 5 apart` of a section; nothing if it has no rules of the board.
+    /// The counts of a section as text, `20 same, 2 differ, 5 apart`; `None` if the section has no rules of the board.
     pub fn count(&self, section: &Section) -> Option<String> {
         let states = section.rules.iter().filter_map(|rule| self.states.get(&rule.id));
         count(states)
     }
 
-    /// The state of one rule in words; nothing if it is none of the board that is claimed.
+    /// The state of one rule in words; `None` if it is not a claimed rule of the board.
     pub fn answer(&self, id: &RuleId) -> Option<String> {
         let state = self.states.get(id)?;
         Some(match state {
@@ -193,7 +193,7 @@ fn count<'a>(states: impl Iterator<Item = &'a State>) -> Option<String> {
     (!words.is_empty()).then(|| words.join(", "))
 }
 
-/// One test, and how many more there are.
+/// The name of one test, and the number of the others.
 fn shown_by(tests: &[String]) -> String {
     match tests {
         [] => String::new(),
@@ -206,7 +206,7 @@ fn row_link(row: &str) -> String {
     format!("[`{row}`](MIGRATION.md#what-differs)")
 }
 
-/// The rules that the rows of the table name, in their cell that says what differs, with the ids of the rows.
+/// The rules that the rows of the table name in the cell about the difference, with the ids of the rows.
 fn rows(migration: &str) -> BTreeMap<RuleId, Vec<String>> {
     let table = migration.split_once(DIFFERENCES).map_or("", |(_, below)| below);
     let table = table.split("\n## ").next().unwrap_or_default();
@@ -283,7 +283,7 @@ mod tests {
                 "{problems:?}"
             );
         }
-        // A row answers for it.
+        // A row of the table that names the rule gives it a state.
         let rows = ROWS.replace("SK-1.2", "SK-1.1, SK-1.2");
         assert_eq!(on_xf(PAGE, &rows, &[("SK-1.1", "a.rs::each_cycle")]).0.problems(), [""; 0]);
     }

@@ -30,7 +30,7 @@ pub fn page(rules: &Rules, evidence: &Evidence, on_xf: &OnXf) -> String {
     let mut text = format!("{HEAD}\n{}.\n", findings.summary());
     for page in &rules.pages {
         let _ = write!(text, "\n## {}\n\n{}\n\n", page.title, from_docs(&page.summary, &page.file));
-        // What a rule is on an ECM-XF is a question to those of the board alone.
+        // Only rules of the board have a state on an ECM-XF.
         let of_board = page.sections.iter().any(|section| on_xf.count(section).is_some());
         text.push_str(if of_board { HEADS_OF_BOARD } else { HEADS });
         for section in page.sections.iter().filter(|section| !section.rules.is_empty()) {
@@ -54,7 +54,7 @@ pub fn page(rules: &Rules, evidence: &Evidence, on_xf: &OnXf) -> String {
     text
 }
 
-/// A text of a page in docs/rules/ as it stands in docs/: its links begin there.
+/// Changes the links in a text of a page in docs/rules/ so that they are right in a page in docs/.
 fn from_docs(text: &str, file: &str) -> String {
     let mut parts = text.split("](");
     let mut moved = parts.next().unwrap_or_default().to_owned();
@@ -83,7 +83,7 @@ pub fn anchor(title: &str) -> String {
     kept.map(|c| if c == ' ' { '-' } else { c }).collect()
 }
 
-/// The rules that `name` names, a whole id or the beginning of one (`SK-5`, `WIN`), each with where it stands and its tests.
+/// The rules that `name` names, a whole id or the beginning of one (`SK-5`, `WIN`), each with its place and its tests.
 pub fn answer(rules: &Rules, evidence: &Evidence, on_xf: &OnXf, name: &str) -> Option<String> {
     let name = name.trim_end_matches(['-', '.']);
     let names = |id: &str| id.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with(['-', '.']));
@@ -164,7 +164,7 @@ impl<'a> Findings<'a> {
         problems
     }
 
-    /// Hints that do not make it fail.
+    /// Hints, which do not make the check fail.
     pub fn hints(&self) -> Vec<String> {
         let hint = |rule: &&Rule| format!("{} has a test: its status could be `now`", rule.id);
         self.early.iter().map(hint).collect()
@@ -211,7 +211,7 @@ mod tests {
         evidence
     }
 
-    /// Links of a page in docs/rules/ lead from docs/ to where they led.
+    /// Links of a page in docs/rules/, adapted to docs/, have the same targets as before.
     #[test]
     fn links_lead_where_they_led() {
         let text = "[a](nic.md#x), [b](../NIC.md), [c](#y), [d](https://e.org)";

@@ -8,7 +8,7 @@ use super::id::{PREFIXES, RuleId, id_of, ids_in};
 /// The heading of the retired ids in the index.
 const RETIRED: &str = "## Ids that are no longer in use";
 
-/// How a line begins that names rules in which no bus and no slave has a part, with the reason before a colon.
+/// The beginning of a line that names rules which concern neither the bus nor the slaves, with the reason before a colon.
 const APART: &str = "Apart on an ECM-XF, since it is ";
 
 /// Whether a rule is claimed.
@@ -158,7 +158,7 @@ fn paragraph(lines: &[&str]) -> String {
     if text.starts_with(['#', '|']) { String::new() } else { text }
 }
 
-/// The rules that a paragraph which begins with [`APART`] names, with its reason; `None` if there is no reason or no rule.
+/// The rules that a paragraph with the beginning [`APART`] names, with its reason; `None` if there is no reason or no rule.
 fn apart(lines: &[&str]) -> Option<Vec<(RuleId, String)>> {
     let text = paragraph(lines);
     let (why, ids) = text.strip_prefix(APART)?.split_once(':')?;

@@ -12,10 +12,10 @@ const KERNEL: &str = "linux-image-amd64";
 /// Further packages: busybox is the guest's user land, usbip attaches a board, libusb and libudev are loaded by the
 /// link `usb:`, and libelf1 by the programs of linux-kbuild.
 const OTHERS: [&str; 5] = ["busybox-static", "usbip", "libusb-1.0-0", "libudev1", "libelf1"];
-/// The folders of modules for what the guests have. The others are most of the kernel's package.
+/// The folders of modules for the devices of the guests. The other modules are most of the kernel's package.
 const KEPT: [&str; 8] =
     ["drivers/hid", "drivers/usb", "drivers/virtio", "fs/9p", "fs/fscache", "fs/netfs", "fs/overlayfs", "net/9p"];
-/// The file in the root that lists the packages that it was made of.
+/// The file in the root that lists the packages in it.
 const MADE_OF: &str = "made-of";
 
 /// The unpacked packages.

@@ -24,8 +24,8 @@ pub fn bench(project: &Project) -> Result<String, Error> {
         build_width(project, width, &prefix)?;
     }
     said += &(super::usb::bench(project)? + "\n");
-    // While it loads a DLL Wine exchanges many messages with its server. On two processors the time to wake up varies
-    // as much as the time that is measured.
+    // While Wine loads a DLL it exchanges many messages with its server. On two processors the time to wake up varies as
+    // much as the time that is measured.
     stay_on_one_processor().map_err(Error::Processor)?;
     for width in Width::ALL {
         let wine = wine::set_up(project, width)?;

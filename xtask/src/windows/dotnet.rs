@@ -1,5 +1,5 @@
 //! Tests programs in C# and VB.NET on Microsoft's .NET Core for Windows, under Wine. C# is compiled by Mono's compiler as
-//! everywhere; VB.NET by Microsoft's, which runs on the 64-bit one of these .NET Cores only: the tests are told where.
+//! everywhere. VB.NET is compiled by Microsoft's compiler, which runs only on the 64-bit .NET Core; the tests get its path.
 
 use std::fs;
 use std::path::{Path, PathBuf};

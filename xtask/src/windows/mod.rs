@@ -1,13 +1,13 @@
 //! The DLLs for Windows, and their tests under Wine.
 //!
-//! Everything is made on Linux: rustc builds for MinGW, with the standard library from its own sources and for Windows 7
-//! and later (what the targets `*-pc-windows-gnu` import, Wine 8 does not have). It comes from Debian, for rustup has no
-//! such targets ready; what is built stays in `target/xtask/windows/`.
+//! Everything is made on Linux. rustc builds for MinGW and for Windows 7 and later, with the standard library from its own
+//! sources: Wine 8 lacks functions that the targets `*-pc-windows-gnu` import. The compiler comes from Debian, because
+//! rustup does not provide such targets. The results stay in `target/xtask/windows/`.
 //!
 //! Files:
 //!
-//! - `files.rs`, `implib.rs`, `version.rs`, `relocations.rs`: building the DLL and the tool: import libraries,
-//!   version resource, relocations
+//! - `files.rs`, `implib.rs`, `version.rs`, `relocations.rs`: building the DLL and the tool: import libraries, version
+//!   resource, relocations
 //! - `wine.rs`, `dotnet.rs`, `usb.rs`: running the tests: under Wine, on .NET Core, with boards on USB in a guest
 //! - `bench.rs`: how long the DLLs take to load
 
@@ -34,15 +34,15 @@ use crate::needs::{
 use crate::project::Project;
 use crate::{command, stage};
 
-/// What building the DLLs needs beside cargo.
+/// The programs that building the DLLs needs besides cargo.
 pub const BUILD_NEEDS: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64];
 
-/// What the tests of 64-bit programs need.
+/// The programs that the tests of 64-bit programs need.
 pub const NEEDS_X64: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, CLANG, LLD_LINK, WINE_X64];
-/// What those of 32-bit programs need.
+/// The programs that the tests of 32-bit programs need.
 pub const NEEDS_X86: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, CLANG, LLD_LINK, DEBOOTSTRAP, ROOT];
 
-/// What those of 64-bit programs of .NET need; VB.NET is tried on Linux, too.
+/// The programs that the tests of 64-bit programs of .NET need; VB.NET is tested on Linux, too.
 pub const NEEDS_DOTNET_X64: &[Need] = &[
     RUSTC_DEBIAN,
     CARGO_DEBIAN,
@@ -57,7 +57,7 @@ pub const NEEDS_DOTNET_X64: &[Need] = &[
     NPM,
     DOTNET_WINDOWS_X64,
 ];
-/// What those of 32-bit programs of .NET need.
+/// The programs that the tests of 32-bit programs of .NET need.
 pub const NEEDS_DOTNET_X86: &[Need] = &[
     RUSTC_DEBIAN,
     CARGO_DEBIAN,
@@ -72,11 +72,11 @@ pub const NEEDS_DOTNET_X86: &[Need] = &[
     DOTNET_WINDOWS_X86,
 ];
 
-/// What the tests on USB need beyond those of 32-bit programs: a guest system.
+/// The programs that the tests on USB need; unlike the other tests of 32-bit programs they need a guest system.
 pub const NEEDS_USB: &[Need] =
     &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, DEBOOTSTRAP, ROOT, QEMU, XZ, STRIP, GCC];
 
-/// What the benches need: both widths, and the guest system.
+/// The programs that the benches need, for both widths and the guest system.
 pub const NEEDS_BENCH: &[Need] =
     &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, WINE_X64, DEBOOTSTRAP, ROOT, QEMU, XZ, STRIP, GCC];
 
@@ -93,7 +93,7 @@ pub enum Width {
 impl Width {
     pub const ALL: [Self; 2] = [Self::X86, Self::X64];
 
-    /// As folders are called.
+    /// The name of the width in folders and tests.
     pub const fn name(self) -> &'static str {
         match self {
             Self::X86 => "x86",
@@ -101,12 +101,12 @@ impl Width {
         }
     }
 
-    /// Whether a name of a test names no other width.
+    /// Whether the name of a test does not name another width.
     fn has(self, name: &str) -> bool {
         !Self::ALL.into_iter().any(|other| other != self && name.contains(&format!("{}::", other.name())))
     }
 
-    /// As MinGW's programs begin.
+    /// The prefix of MinGW's programs for this width.
     pub const fn mingw(self) -> &'static str {
         match self {
             Self::X86 => "i686-w64-mingw32",
@@ -139,7 +139,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     Ok(())
 }
 
-/// Where everything of this lies.
+/// The folder for everything that is built for Windows.
 pub fn folder(project: &Project) -> PathBuf {
     project.target.join("xtask/windows")
 }
@@ -160,7 +160,7 @@ fn build_width(project: &Project, width: Width, prefix: &Path) -> Result<(), Err
     stage::install_headers(project, &prefix.join("include"))
 }
 
-/// Whether a name of a test may be one of the tests of a width.
+/// Whether the name of a test may belong to the tests of a width.
 pub fn takes(width: Width, name: &str) -> bool {
     width.has(name) && !usb::takes(name) && !dotnet::is_of_it(name)
 }
@@ -178,7 +178,8 @@ pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Err
     wine.clear()
 }
 
-/// Runs the tests of a width whose names contain one of `names` and none of `but`, with what `tell` tells them.
+/// Runs the tests of a width whose names contain one of `names` and none of `but`. `tell` sets the environment of their
+/// command.
 fn run_tests(
     project: &Project,
     width: Width,
@@ -195,7 +196,7 @@ fn run_tests(
         cargo
     };
     let listed = command::output(&mut tests("--list"))?;
-    // A name that no test has would pass.
+    // Otherwise a name that matches no test would pass.
     if !String::from_utf8_lossy(&listed).lines().any(|line| line.ends_with(": test")) {
         return Err(Error::NoTest { names: names.join(" ") });
     }

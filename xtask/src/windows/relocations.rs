@@ -1,14 +1,14 @@
-//! Base relocations of a DLL that move what is no address.
+//! Makes wrong base relocations of a DLL ineffective.
 //!
-//! binutils' `ld` (2.40) writes one for each offset of a thread-local value (SECREL32). Where the DLL is loaded at another
-//! base than its own, which Windows does at will, such a value is then read and written at a wrong place. An offset is
-//! small and an address lies in the image: so the two are told apart, and the relocation is made one that does nothing.
+//! binutils' `ld` (2.40) writes a base relocation for each offset of a thread-local value (SECREL32). If Windows loads the
+//! DLL at another base, which it may do at any time, the relocation changes that offset, and the value is read and written
+//! at a wrong place. An offset is small and an address is within the image, so the two can be distinguished.
 
 use object::pe::{IMAGE_DIRECTORY_ENTRY_BASERELOC, IMAGE_REL_BASED_ABSOLUTE, IMAGE_REL_BASED_HIGHLOW};
 use object::read::pe::{ImageNtHeaders, ImageOptionalHeader as _, PeFile, PeFile32, PeFile64};
 use object::{FileKind, LittleEndian, Object as _, ReadRef};
 
-/// Makes those of a DLL do nothing; how many there were.
+/// Makes the wrong relocations of a DLL ineffective, and returns their number.
 ///
 /// # Errors
 /// What is wrong with the file.
@@ -25,7 +25,8 @@ pub fn mend(dll: &mut [u8]) -> Result<usize, String> {
     Ok(wrong.len())
 }
 
-/// Where the entries of 32 bits stand in the file whose place in the image holds no address of the image.
+/// The positions, in the file, of the 32-bit relocation entries for places in the image that contain no address of the
+/// image.
 fn wrong<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> Result<Vec<usize>, String> {
     let (data, sections) = (file.data(), file.section_table());
     let text = |error: object::Error| error.to_string();

@@ -68,7 +68,7 @@ pub fn set_up(project: &Project, width: Width) -> Result<Wine, Error> {
         // Wine has written everything when its server has ended.
         wine.run("--server", &["-w"])?;
         match width {
-            // They are copies of this system's, which stay as they are.
+            // The files in this prefix are copies of the system's files, which stay as they are.
             Width::X64 => strip(&prefix.join("drive_c"))?,
             Width::X86 => share_dlls(&wine.root(), &prefix)?,
         }
@@ -123,8 +123,9 @@ const DLLS: [(&str, &str); 2] = [
 /// The endings of what Wine loads as Windows does: DLLs, drivers and programs.
 const LOADED: &[&str] = &["acm", "ax", "com", "cpl", "dll", "drv", "ds", "exe", "ocx", "sys"];
 
-/// Removes debug information and symbols, which are three quarters of Wine's DLLs, from all below a folder. The alignment
-/// is the one that they have: what has less Wine cannot map and would read. What objcopy does not know stays as it is.
+/// Removes debug information and symbols, which are three quarters of Wine's DLLs, from all files below a folder. The
+/// alignment in the files stays the same: Wine cannot map a file with a smaller one, and would read it into memory. Files
+/// that objcopy does not know stay unchanged.
 fn strip(folder: &Path) -> Result<(), Error> {
     let mut find = Command::new("find");
     find.arg(folder).args(["-type", "f", "-regex"]).arg(format!(r".*\.\({}\)", LOADED.join(r"\|")));

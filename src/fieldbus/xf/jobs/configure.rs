@@ -1,4 +1,4 @@
-//! A configuration: process data are mapped by SDO, and the chip lays them out.
+//! A configuration: the process data are mapped by SDO, and the chip lays them out in its process image.
 
 use super::{Failure, Part, Steps, TOLD_LATE, abort_code};
 use crate::ethercat::coe::AbortCode;
@@ -14,22 +14,22 @@ use crate::xf::DataSize;
 use crate::xf::host::{HostError, Wires};
 use crate::xf::request::SlaveInfoItem;
 
-/// How long a slave may take for an SDO of a configuration. \[OURS]
+/// The timeout for an SDO of a configuration, ns. \[OURS]
 const SDO_NS: Ns = 1_000_000_000;
 
-/// Whether a slave has not answered at all.
+/// Whether an error means that a slave has not answered at all.
 fn is_silent(error: &HostError) -> bool {
     !matches!(error, HostError::Failed { .. }) || abort_code(error) == AbortCode::TIMEOUT
 }
 
 impl<W: Wires> Steps<W> {
-    /// `is_ahead`: nothing is written to a slave.
+    /// Configures the selected slaves. `is_ahead`: only reads, and writes nothing to a slave.
     pub(super) async fn configure(&mut self, config: &BusConfig, is_ahead: bool) -> Result<Configured, Failure> {
         let mut configured = Configured::default();
         let mut keeps_layout = false;
         let (is_started, is_known) = self.with(|bus| (bus.network.initialised, bus.network.is_known(config.cycle)));
         if is_ahead && !is_started {
-            // A chip that has lost its network is not started before somebody asks for it.
+            // A chip that has lost its network is not started again before a job is requested.
             return Ok(configured);
         }
         if !(is_ahead && is_known) {
@@ -57,7 +57,7 @@ impl<W: Wires> Steps<W> {
         Ok(configured)
     }
 
-    /// The slaves leave OP and SafeOP; those that were in OP.
+    /// Brings all slaves from OP and SafeOP to PreOP. Returns those that were in OP.
     async fn leave(&self) -> SlaveSet {
         let mut disturbed = SlaveSet::EMPTY;
         let above = self.with(|bus| bus.network.at_least(AlState::SafeOp));
@@ -70,14 +70,16 @@ impl<W: Wires> Steps<W> {
             }
         }
         if self.with(|bus| bus.runs && bus.network.in_op().is_empty()) {
-            // Its last cycles are told: laying out process data empties the chip's FIFO, in which nothing is sent any more.
+            // Waits until the last cycles were polled: laying out process data empties the chip's FIFO, from which nothing
+            // is sent any more.
             self.wait_cycles(TOLD_LATE).await;
             self.with(ChipBus::leave_op);
         }
         disturbed
     }
 
-    /// Maps the process data of a slave, as far as it does not have them; which ones. Ahead nothing is written.
+    /// Maps the process data of a slave, as far as the slave does not have them already, and returns them. With `is_ahead`
+    /// nothing is written, and the result is `None`.
     async fn map(&self, slave: u8, config: &SlaveConfig, is_ahead: bool) -> Result<Option<ProcessData>, Refusal> {
         let seen = self.with(|bus| {
             if !is_ahead {
@@ -109,15 +111,16 @@ impl<W: Wires> Steps<W> {
         Ok(Some(data))
     }
 
-    /// Which process data a slave is to have: a pulse module may have a second axis.
+    /// The process data that a slave is to have. A pulse module may have a second axis.
     async fn process_data(&self, slave: u8, role: Role) -> Result<ProcessData, Refusal> {
         let second = Ask::Upload { slave, object: pdo::SECOND_CONTROLWORD, timeout_ns: SDO_NS };
         let has_second_axis = matches!(role, Role::Hsp(_)) && self.ask(second).await.is_ok();
         ProcessData::of(role, has_second_axis).ok_or(Refusal { slave, ..pdo::NO_SUCH_MODE })
     }
 
-    /// The objects of the mapping are read before any of them is written \[OURS]: one upload shows what takes a download for each
-    /// entry, and most slaves have what the board maps, by default or since it was mapped before.
+    /// Reads the objects of the mapping before any of them is written \[OURS]: one upload shows what would take one
+    /// download for each entry, and most slaves already have the mapping of the board, by default or from an earlier
+    /// configuration.
     async fn look(&self, slave: u8, downloads: &Downloads) -> Result<Mapped, Refusal> {
         let mut mapped = Mapped::ALL;
         for image in downloads.mapping_images() {
@@ -128,7 +131,7 @@ impl<W: Wires> Steps<W> {
                 Ok(0) => mapped.differs(image.direction()),
                 Ok(_) => {}
                 Err(error) if is_silent(&error) => return Err(Refusal::no_answer(slave)),
-                // A slave without complete access, or without the object: its downloads tell.
+                // A slave without complete access or without the object is mapped by downloads.
                 Err(_) => (mapped.outputs, mapped.inputs) = (false, false),
             }
         }
@@ -147,7 +150,7 @@ impl<W: Wires> Steps<W> {
         Ok(has_all)
     }
 
-    /// Writes what a slave does not have.
+    /// Writes the objects of a slave that do not have the wanted values.
     async fn write(&self, slave: u8, downloads: Downloads, mapped: Mapped) -> Result<(), Refusal> {
         for download in downloads.into_iter().filter(|download| !mapped.has(download)) {
             if download.direction().is_some() {
@@ -168,7 +171,7 @@ impl<W: Wires> Steps<W> {
         Ok(())
     }
 
-    /// All slaves have their mapping. Process data are laid out, unless they are already as the slaves have mapped them.
+    /// Lays out the process data after all slaves were mapped, unless the layout already matches the mapping.
     async fn lay_out(&self, config: &BusConfig, keeps_layout: bool, is_ahead: bool) -> Result<(), Failure> {
         if is_ahead && !self.with(|bus| bus.all_are_seen(config)) {
             return Ok(());
@@ -180,7 +183,8 @@ impl<W: Wires> Steps<W> {
         if wrong.is_some() || !self.with(|bus| bus.network.laid_out) {
             self.lay_out_anew(config, is_ahead).await?;
         }
-        // The packets hold the process data and the exchanges the cycle, or the chip is set to an n with which they do.
+        // If the packets cannot hold the process data, or the exchanges take longer than the cycle, the chip is set to a
+        // data segment size n that is sufficient.
         if let Some(size) = self.with(ChipBus::choose_size)? {
             self.with(|bus| {
                 bus.part = Part::LaysOut;
@@ -219,12 +223,13 @@ impl<W: Wires> Steps<W> {
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// Process data are laid out with all slaves in PreOP. One that does not answer would make that fail when the others
-    /// have left OP for it already. Whether they may stay there.
+    /// Checks the states of all slaves before the others leave OP. Process data are laid out with all slaves in PreOP, and
+    /// a slave that does not answer would make this fail after the others have left OP. Returns whether the others may stay
+    /// in their states.
     fn check_before_leaving(&mut self, config: &BusConfig) -> Result<bool, Refusal> {
         let unused = self.network.unused();
         if !SlaveSet::first(self.network.found).difference(config.selected).is_empty() {
-            // Slaves that were lost are looked at anew (SK-4.73).
+            // The objects of slaves that were lost are read again (SK-4.73).
             config.selected.iter().for_each(|slave| self.network.forget_objects(slave));
         }
         self.network.configured = self.network.configured.difference(config.selected);
@@ -234,7 +239,7 @@ impl<W: Wires> ChipBus<W> {
             match self.state(slave) {
                 Some(AlState::PreOp) => {}
                 Some(AlState::SafeOp | AlState::Op) if !selected => {}
-                // The change of state with which it went along was cut short.
+                // The slave is not used and went to SafeOP with the others, and that change of state was cut short.
                 Some(AlState::SafeOp) if unused.contains(slave) => {}
                 Some(_) if selected => return Err(Refusal::of(slave, AlStatus::INVALID_CHANGE)),
                 _ if !selected && keeps_layout => {}
@@ -244,10 +249,10 @@ impl<W: Wires> ChipBus<W> {
         Ok(keeps_layout)
     }
 
-    /// Whether the selected slaves fit into the layout that the chip has, so that the others may stay in SafeOP and OP.
+    /// Whether the selected slaves fit into the chip's present layout, so that the others may stay in SafeOP and OP.
     ///
-    /// \[OURS] The chip then configures a slave for that layout when it goes to SafeOP. If it does not, the slave
-    /// refuses SafeOP, or the working counter is wrong.
+    /// \[OURS] The chip then configures a slave for that layout when the slave goes to SafeOP. If the slave does not fit,
+    /// it refuses SafeOP, or the working counter is wrong.
     fn keeps_layout(&self, config: &BusConfig) -> bool {
         let network = &self.network;
         let others = network.at_least(AlState::SafeOp).difference(config.selected);
@@ -263,13 +268,13 @@ impl<W: Wires> ChipBus<W> {
         network.mapped && !others.is_empty() && config.selected.intersection(found).iter().all(fits)
     }
 
-    /// What the objects of a slave are is known: they were read, or written.
+    /// Records what is known of the objects of a slave after they were read or written.
     fn note_seen(&mut self, slave: u8, config: &SlaveConfig, data: ProcessData, mapped: Mapped) {
         let seen = Seen { config: *config, data, mapped, at: self.wires.now() };
         self.network.seen[usize::from(slave) - 1] = Some(seen);
     }
 
-    /// Whether no slave needs a download that changes its process data.
+    /// Whether all selected slaves are known to have the wanted mapping, so that none needs a download that changes it.
     fn all_are_seen(&self, config: &BusConfig) -> bool {
         let now = self.wires.now();
         let selected = config.selected.intersection(SlaveSet::first(self.network.found));
@@ -280,12 +285,13 @@ impl<W: Wires> ChipBus<W> {
         })
     }
 
-    /// The entries of each FIFO with the present process data.
+    /// The number of entries of each FIFO with the present process data.
     fn entries(&self) -> u8 {
         fifo_entries(self.network.rx_bytes + self.network.tx_bytes)
     }
 
-    /// The first slave whose process data have other lengths in the chip's layout than were mapped; `None`: all are right.
+    /// The refusal for the first slave whose process data have other lengths in the chip's layout than in its mapping;
+    /// `None`: all lengths match.
     fn wrong_layout(&self) -> Option<Refusal> {
         let is_wrong = |slave: &u8| {
             let n = usize::from(*slave) - 1;
@@ -297,7 +303,7 @@ impl<W: Wires> ChipBus<W> {
         Some(Refusal::of(slave, AlStatus::INVALID_OUTPUTS))
     }
 
-    /// The n that the chip is to be set to; `None`: the one that it has.
+    /// The data segment size n that the chip is to be set to; `None`: the present one.
     fn choose_size(&mut self) -> Result<Option<DataSize>, HardwareLimit> {
         self.network.entries = self.entries();
         let CyclePlan { size, in_flight, transport_sets, .. } = self.plan_cycle()?;

@@ -1,4 +1,4 @@
-//! The network is scanned or started anew, and the states of its slaves are read.
+//! The scan and the start of the chip's network, and the reading of the slaves' states.
 
 use super::{Part, Steps, TOLD_LATE};
 use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
@@ -11,7 +11,7 @@ use crate::xf::request::{Fifos, SlaveInfoItem};
 use crate::xf::{EtherCatState, NetworkState};
 
 impl<W: Wires> Steps<W> {
-    /// How many slaves are found.
+    /// Scans the network. Returns the number of slaves found.
     pub(super) async fn scan(&self) -> Result<u8, Refusal> {
         let found = self.start_network(CycleTime::DEFAULT).await?;
         for slave in 1..=found {
@@ -23,7 +23,8 @@ impl<W: Wires> Steps<W> {
         Ok(found)
     }
 
-    /// Starts the chip's network, in which all slaves are in Init then: how many the chip has found.
+    /// Restarts the chip's network, after which all slaves are in Init. Returns the number of slaves that the chip has
+    /// found.
     async fn start_network(&self, cycle: CycleTime) -> Result<u8, Refusal> {
         self.with(|bus| {
             bus.leave_op();
@@ -40,7 +41,8 @@ impl<W: Wires> Steps<W> {
         Ok(found)
     }
 
-    /// The chip's network runs with that cycle; if it does not it is started anew, and all slaves are in PreOP then.
+    /// Starts the chip's network again and brings all slaves to PreOP, unless the network already runs with that cycle
+    /// time.
     pub(super) async fn start_unless_known(&self, cycle: CycleTime) -> Result<(), Refusal> {
         let (before, is_known) = self.with(|bus| (bus.network.found, bus.network.is_known(cycle)));
         if is_known {
@@ -49,8 +51,8 @@ impl<W: Wires> Steps<W> {
         let found = self.start_network(cycle).await?;
         self.with(|bus| bus.network.found = before);
         if found < before {
-            // Slaves that a scan did not find, or that are gone now.
-            // What the chip has not found it cannot reach: the next job starts the network anew.
+            // Some of the slaves are not there now. The chip cannot reach a slave that it has not found, so the next job
+            // starts the network anew.
             self.with(|bus| bus.network.stop());
             return Err(Refusal::no_answer(found + 1));
         }
@@ -62,8 +64,8 @@ impl<W: Wires> Steps<W> {
         Ok(())
     }
 
-    /// Reads the states of all slaves. A slave that has turned out to be lost is told before the job may bring it back, so that the
-    /// commands which it has missed are counted.
+    /// Reads the states of all slaves. If one of them turns out to be lost, this is reported to the engine before the job
+    /// may bring the slave back, so that the commands that it has missed are counted.
     pub(super) async fn read_states(&mut self) -> Result<(), Refusal> {
         self.with(ChipBus::begin_reading);
         let _ = self.ask(Ask::UpdateStates).await;
@@ -72,7 +74,7 @@ impl<W: Wires> Steps<W> {
             let state = state_of(self.ask(Ask::StateOf(slave)).await);
             self.with(|bus| bus.states[usize::from(slave) - 1] = state);
         }
-        // A reset of the chip goes unnoticed where the driver sets its check word anew, as behind another packet size.
+        // A reset of the chip goes unnoticed if the driver sets the check word anew, as after a change of the packet size.
         if found > 0
             && self.with(|bus| bus.states[..usize::from(found)].iter().all(Option::is_none))
             && matches!(self.ask(Ask::Count).await, Ok(0) | Err(HostError::Refused { .. }))
@@ -88,7 +90,8 @@ impl<W: Wires> Steps<W> {
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// Slaves may have left their states by themselves, those that the job is about to move, too. Whether that is to be told first.
+    /// Evaluates the states of all slaves. Any slave may have left its state by itself, including those that the job is
+    /// about to move. Returns whether the job has to wait until the engine has polled this loss.
     fn note_states(&mut self, tells_until: &mut Option<Ns>) -> bool {
         for slave in SlaveSet::first(self.network.found).iter() {
             self.note_state(slave, self.state(slave));
@@ -104,7 +107,7 @@ impl<W: Wires> ChipBus<W> {
     }
 }
 
-/// The state that a STATE_GET tells; `None`: the slave does not answer.
+/// The state in the answer to a STATE_GET; `None`: the slave does not answer.
 pub(in crate::fieldbus::xf) fn state_of(reply: Reply) -> Option<AlState> {
     match NetworkState(reply.unwrap_or(0) as u8).state()? {
         EtherCatState::Init => Some(AlState::Init),

@@ -1,4 +1,4 @@
-//! A job under way: its sequence goes on, until it has ended or its time is over. An SDO runs beside none.
+//! The running job: its sequence is polled until it has ended or its timeout is over. No SDO runs beside a job.
 
 use std::task::{Context, Poll, Waker};
 
@@ -10,7 +10,7 @@ use crate::fieldbus::xf::chip_bus::ChipBus;
 use crate::fieldbus::{Job, JobDone, Refusal};
 use crate::xf::host::{HostState, Wires};
 
-/// Goes on with the job under way, as far as the chip has answered.
+/// Continues the running job, as far as the chip has answered.
 pub(in crate::fieldbus::xf) fn run_job<W: Wires>(
     bus: &mut MutexGuard<'_, ChipBus<W>>,
     sequence: &mut Sequence,
@@ -38,12 +38,12 @@ pub(in crate::fieldbus::xf) fn run_job<W: Wires>(
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// Whether the driver takes commands of a job.
+    /// Whether the driver accepts commands of a job.
     pub(super) fn is_free(&self) -> bool {
         self.host.state() == HostState::Running && !self.is_holding()
     }
 
-    /// A job that goes on, unless its time is over.
+    /// Keeps a job running, unless its timeout is over.
     fn keep_or_end(&mut self, job: Running, now: Ns) {
         match self.late(&job) {
             Some(done) if now >= job.deadline => {
@@ -54,14 +54,15 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// The end of a change of state that was not done in time.
+    /// The result of a change of state whose timeout is over; `None`: other jobs have no timeout.
     fn late(&self, job: &Running) -> Option<JobDone> {
         let Job::State { target, slaves, .. } = job.job else { return None };
         let slave = slaves.iter().find(|slave| self.state(*slave) != Some(target));
         Some(slave.map_or_else(|| job.cut_off(), |slave| JobDone::State(Err(Refusal::no_answer(slave)))))
     }
 
-    /// A job ends before its last step. It may have brought the last slave out of OP: the chip has no cycles to tell then.
+    /// Ends a job before its last step. If the job has brought the last slave out of OP, the chip's cycles are no longer
+    /// polled.
     pub(in crate::fieldbus::xf) fn abandon_job(&mut self) {
         self.abandon_asked();
         if self.runs && self.network.in_op().is_empty() {

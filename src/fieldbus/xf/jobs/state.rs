@@ -1,4 +1,4 @@
-//! A change of state: slaves that are behind move by one state, until all are there.
+//! A change of state: moves slaves up by one state at a time, or directly down, until all are in the target state.
 
 use super::{Steps, TOLD_LATE};
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
@@ -8,27 +8,27 @@ use crate::fieldbus::{Refusal, leaving_op_ns};
 use crate::xf::host::{HostError, Wires};
 use crate::xf::request::{Fifos, SlaveInfoItem};
 
-/// Between two attempts to bring slaves to a state. \[OURS]
+/// The time between two attempts to bring slaves to a state, ns. \[OURS]
 const RETRY_NS: Ns = 10_000_000;
 
-/// A change of state under way.
+/// A running change of state.
 struct Change {
     target: AlState,
     slaves: SlaveSet,
-    /// All were asked together to enter this state.
+    /// The state that all slaves were last asked together to enter.
     all_tried: Option<AlState>,
-    /// All slaves have left OP, and its last cycles were told.
+    /// All slaves have left OP, and the job has waited until the last cycles in OP were polled.
     has_told_op: bool,
-    /// Slaves that are not used, and were told to go back to PreOP.
+    /// Slaves that are not used and that the job has sent back to PreOP.
     brought_back: SlaveSet,
 }
 
-/// Outputs that are to be sent before slaves leave OP.
+/// Outputs that must be sent before slaves leave OP.
 #[derive(Clone, Copy, Debug)]
 struct SentFirst {
-    /// The id of the newest ones.
+    /// The id of the newest of these outputs.
     newest: u64,
-    /// How long they are waited for.
+    /// When the wait for these outputs ends, on the wires' clock.
     until: Ns,
 }
 
@@ -55,11 +55,12 @@ impl<W: Wires> Steps<W> {
         }
     }
 
-    /// Waits until the outputs that were taken are known to be sent: a frame that asks for a lower state may switch outputs off
-    /// too, and the board executes it first. If all leave OP, so it does with those that wait before it, as far as the time
-    /// of [`leaving_op_ns`] goes, and that which answers take, as the second step of SV_OFF waits for one. What is taken later
-    /// is sent too while the slaves are on their way, since an axis may have to be stopped then; nobody knows what still
-    /// reaches them, and it counts as lost for them.
+    /// Waits until the outputs accepted so far are known to be sent: a frame that requests a lower state may also switch
+    /// outputs off, and the board executes this first. If all slaves leave OP, the wait includes outputs that are accepted
+    /// during it, for the time of [`leaving_op_ns`] plus the time for answers, because the second step of SV_OFF, for
+    /// example, waits for an answer. Outputs that are accepted after the wait are still sent while the slaves are on their
+    /// way, since an axis may have to be stopped then. It is not known which of them reach the slaves, so they count as
+    /// lost for these slaves.
     async fn send_first(&self, slaves: SlaveSet) {
         let (mut first, mut sends_until) = (None, 0);
         while let Some(next) = self.with(|bus| bus.sent_first(slaves, first, &mut sends_until)) {
@@ -68,7 +69,8 @@ impl<W: Wires> Steps<W> {
         }
     }
 
-    /// A slave that is not used goes back to PreOP. If it refuses the way down it stays where it is, and nobody waits for it.
+    /// Sends a slave that is not used back to PreOP. If the slave refuses, it stays in its state, and the job does not wait
+    /// for it.
     async fn bring_back(&self, slave: u8) {
         if self.ask(Ask::Enter(Some(slave), AlState::PreOp)).await.is_ok() {
             let n = usize::from(slave) - 1;
@@ -76,7 +78,7 @@ impl<W: Wires> Steps<W> {
         }
     }
 
-    /// The next step, when the states are known. Whether all are there.
+    /// Makes the next step, once the states are known. Returns whether all slaves are in the target state.
     async fn step(&self, change: &mut Change) -> Result<bool, Refusal> {
         let (in_op, runs) = self.with(|bus| (bus.network.in_op(), bus.runs));
         if !in_op.is_empty() && !runs {
@@ -97,7 +99,7 @@ impl<W: Wires> Steps<W> {
             let Some(slave) = self.with(|bus| change.slaves.iter().find(|slave| bus.state(*slave).is_none())) else {
                 return Ok(true);
             };
-            // It may come back until the deadline.
+            // The slave may come back until the deadline.
             self.tell_refusal(slave).await?;
             return Ok(false);
         };
@@ -113,7 +115,8 @@ impl<W: Wires> Steps<W> {
         Ok(false)
     }
 
-    /// A slave that does not say why it is not there is tried again later.
+    /// Reports the refusal of a slave that has an AL status code. For a slave without one it waits [`RETRY_NS`], after
+    /// which the caller tries again.
     async fn tell_refusal(&self, slave: u8) -> Result<(), Refusal> {
         match self.ask(Ask::Info(slave, SlaveInfoItem::AlStatus)).await {
             Ok(al_status) if al_status != 0 => Err(Refusal::of(slave, AlStatus(al_status as u16))),
@@ -124,11 +127,12 @@ impl<W: Wires> Steps<W> {
         }
     }
 
-    /// The slaves that are behind go to a state. The chip moves one slave or all of them, and all together take no longer
-    /// than one.
+    /// Moves the slaves that are behind to a state. The chip moves one slave or all of them, and all together take no
+    /// longer than one.
     ///
-    /// \[OURS] Slaves that are declared none (SK-4.57) go to SafeOP with the others and come back to PreOP at once: one by one, 39
-    /// slaves that take 300 ms each would need more than the 10 s that SET_STATE has. They go no further, since in OP outputs act.
+    /// \[OURS] Slaves that are declared as none (SK-4.57) go to SafeOP with the others and come back to PreOP at once: one
+    /// by one, 39 slaves that take 300 ms each would need more than the 10 s that SET_STATE has. They do not go on to OP,
+    /// because outputs act there.
     async fn enter(&self, change: &mut Change, to: AlState) -> Result<(), Refusal> {
         let behind = self.with(|bus| bus.behind(change, to));
         let Some(unused) = self.with(|bus| bus.unused_beside(change, behind, to)) else {
@@ -136,7 +140,7 @@ impl<W: Wires> Steps<W> {
         };
         change.all_tried = Some(to);
         self.with(|bus| bus.note_commanded(behind.union(unused), to, AlState::SafeOp));
-        // If that has failed, the states tell who has moved all the same; the others are asked one by one.
+        // If this has failed, the states show which slaves have moved; the others are moved one by one.
         if self.ask(Ask::Enter(None, to)).await.is_ok() {
             self.with(|bus| bus.note_commanded(SlaveSet::first(bus.network.found), to, AlState::Op));
         }
@@ -160,7 +164,7 @@ impl<W: Wires> Steps<W> {
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// What is to be sent first; `None`: it was, or is not waited for any longer.
+    /// The outputs that must be sent first; `None`: they were sent, or the wait for them is over.
     fn sent_first(&self, slaves: SlaveSet, first: Option<SentFirst>, sends_until: &mut Ns) -> Option<SentFirst> {
         let (now, cycle_ns) = (self.wires.now(), self.network.cycle.ns());
         let until = now.saturating_add((u64::from(self.depth()) + 2 * TOLD_LATE) * cycle_ns);
@@ -176,14 +180,14 @@ impl<W: Wires> ChipBus<W> {
         (now < first.until && !is_sent && !self.is_clearing()).then_some(first)
     }
 
-    /// Notes which slaves are where they are to be.
+    /// Records which slaves are in the target state. It is an error if one of the slaves is not configured.
     fn note_reached(&mut self, change: &Change) -> Result<(), Refusal> {
         let unconfigured = change.slaves.difference(self.network.with_process_data());
         if change.target > AlState::PreOp
             && let Some(slave) = unconfigured.iter().next()
         {
-            // The chip was reset since the configuration, which has to be done again first, also if a slave is still in the
-            // state to which the chip before that has brought it \[OURS].
+            // The chip was reset since the configuration. The slave has to be configured again first, even if it is still
+            // in the state to which the chip brought it before the reset \[OURS].
             self.network.lost = self.network.lost.union(unconfigured);
             return Err(Refusal::no_answer(slave));
         }
@@ -196,19 +200,20 @@ impl<W: Wires> ChipBus<W> {
         Ok(())
     }
 
-    /// A slave that is not used, and has gone to SafeOP with the others.
+    /// Returns a slave that is not used and has gone to SafeOP with the others.
     fn strayed(&self, change: &Change) -> Option<u8> {
         let unused = self.network.unused().difference(change.slaves).difference(change.brought_back);
         unused.iter().find(|slave| self.state(*slave) > Some(AlState::PreOp))
     }
 
-    /// The lowest state of those that are not where they are to be; `None`: all that answer are there.
+    /// The lowest state of the slaves that are not in the target state; `None`: all slaves that answer are in it.
     fn lowest_behind(&self, change: &Change) -> Option<AlState> {
         let states = change.slaves.iter().filter_map(|slave| self.state(slave));
         states.filter(|state| *state != change.target).min()
     }
 
-    /// The slaves that go along unused where all together go to a state; `None`: one by one goes who is behind.
+    /// If all slaves are to be moved together: the unused slaves that move with the others. `None`: the slaves that are
+    /// behind are moved one by one.
     fn unused_beside(&self, change: &Change, behind: SlaveSet, to: AlState) -> Option<SlaveSet> {
         let goes_along = |slave: &u8| to == AlState::SafeOp && self.state(*slave) == Some(AlState::PreOp);
         let unused: SlaveSet = self.network.unused().difference(behind).iter().filter(goes_along).collect();
@@ -218,21 +223,24 @@ impl<W: Wires> ChipBus<W> {
         together.then_some(unused)
     }
 
-    /// The slaves of a change of state that are not where they are to be, and go to this state now.
+    /// The slaves of a change of state that are neither in the state `to` nor beyond it, and so have to enter it in this
+    /// step.
     fn behind(&self, change: &Change, to: AlState) -> SlaveSet {
         let stays = |state: AlState| (to..=change.target.max(to)).contains(&state);
         let moves = |slave: &u8| self.state(*slave).is_some_and(|state| !stays(state));
         change.slaves.iter().filter(moves).collect()
     }
 
-    /// Slaves are about to enter a state, if it is one up to `most`: a slave that leaves OP is no lost one.
+    /// If `to` is at most the state `most`, records it as commanded for slaves that are about to enter it: a slave that
+    /// leaves OP in this way is not lost.
     fn note_commanded(&mut self, slaves: SlaveSet, to: AlState, most: AlState) {
         if to <= most {
             slaves.iter().for_each(|slave| self.network.commanded[usize::from(slave) - 1] = to);
         }
     }
 
-    /// A slave that has refused the way down is where it was. One that is up there for a chip that was reset since is not.
+    /// Raises the commanded state of a slave to its present state, for a slave that has refused to go down. Excluded are
+    /// slaves above PreOP whose process data the chip no longer has, after a reset.
     fn stay_up(&mut self, slave: u8) {
         let Some(state) = self.state(slave) else { return };
         if state <= AlState::PreOp || self.network.with_process_data().contains(slave) {

@@ -18,7 +18,7 @@ const SYSTEM: System = System {
           cores, a minute",
     also: None,
     packages: &["gcc", "libc6-dev", "pkg-config"],
-    // What gcc has for link-time optimisation and sanitizers is a third of it, and no step uses it.
+    // The files of gcc for link-time optimisation and sanitizers are a third of the system, and no step uses them.
     left_out: &[
         "/usr/share/locale/*",
         "/usr/bin/*-lto-dump-*",

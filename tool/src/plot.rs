@@ -188,6 +188,7 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     let device = recording::board(&args.file, args.device)?;
     let mut recording = Frames::open(&args.file, args.slot_size, device)?;
     let Walked { frames, damage, jumps } = walk(&mut recording, i64::MAX, |framed| survey.frame(framed))?;
+    recording.note_opened();
     recording.note_missing();
     if let Some(jumps) = jumps {
         say("note", &format_args!("{}: {jumps}", args.file.display()));

@@ -62,6 +62,11 @@ impl Download {
         }
     }
 
+    /// Whether this download assigns PDOs to a sync manager.
+    pub const fn is_assignment(&self) -> bool {
+        matches!(self.object.index, RX_ASSIGNMENT | TX_ASSIGNMENT)
+    }
+
     /// The object that is written in a slave whose first sync managers of outputs and of inputs are these: what is mapped is assigned to
     /// them, by the object of each. Nearly all slaves have 2 and 3.
     pub const fn object_for(&self, [outputs, inputs]: [Option<u8>; 2]) -> ObjectAddress {
@@ -141,6 +146,17 @@ pub enum MappedDirection {
     Inputs,
 }
 
+impl MappedDirection {
+    /// The object that assigns PDOs to the sync manager of that direction.
+    pub const fn assignment(self, sub: u8) -> ObjectAddress {
+        let index = match self {
+            Self::Outputs => RX_ASSIGNMENT,
+            Self::Inputs => TX_ASSIGNMENT,
+        };
+        ObjectAddress::new(index, sub)
+    }
+}
+
 /// The most bytes of a [`MappingImage`]: a count with its padding, and four entries.
 const MAPPING_IMAGE_MAX: usize = 2 + 4 * 4;
 
@@ -163,6 +179,11 @@ impl MappingImage {
     /// Which process data the object maps.
     pub const fn direction(&self) -> MappedDirection {
         self.direction
+    }
+
+    /// Whether the object assigns PDOs to a sync manager; otherwise it is the mapping of a PDO.
+    pub const fn is_assignment(&self) -> bool {
+        matches!(self.index, RX_ASSIGNMENT | TX_ASSIGNMENT)
     }
 
     /// Whether an upload with complete access shows the object as the downloads would leave it. Entries behind the count do not

@@ -1,7 +1,7 @@
 //! The configuration that the next change to SafeOP needs, made while nobody asks anything of the bus.
 //!
-//! It writes nothing to a slave: it reads whether the slaves have their mapping, and if all have it the chip lays the process data
-//! out. What a program reads and writes by SDO meanwhile is what it would be without. Whatever is asked of the bus goes first;
+//! It writes nothing to a slave: it reads whether the slaves have their mapping, and if all have it, or one that is as long, the chip
+//! lays the process data out. What a program reads and writes by SDO meanwhile is what it would be without. Whatever is asked of the bus goes first;
 //! what was seen by then stays.
 
 use super::chip_bus::ChipBus;

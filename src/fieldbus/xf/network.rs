@@ -2,7 +2,7 @@
 
 use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 use crate::fieldbus::SlaveConfig;
-use crate::fieldbus::pdo::{Download, MappedDirection, ProcessData};
+use crate::fieldbus::pdo::{Download, MappedDirection, MappingImage, ProcessData};
 use crate::sk::CycleTime;
 
 /// What was seen of the objects of a slave that stays in PreOP holds so long; then they are read again. \[OURS] Somebody with a
@@ -21,39 +21,71 @@ pub(super) struct Place {
 /// Which of the objects that a configuration writes a slave has as they are to be.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Mapped {
-    /// The mapping and the assignment of its outputs.
-    pub outputs: bool,
+    /// The process data of its outputs: the mapping of each PDO, and the assignment.
+    pub outputs: MappedObjects,
     /// Those of its inputs.
-    pub inputs: bool,
+    pub inputs: MappedObjects,
     /// Its synchronization types.
     pub sync: bool,
 }
 
-impl Mapped {
-    pub(super) const ALL: Self = Self { outputs: true, inputs: true, sync: true };
+/// Which of the objects that map one direction are as they are to be.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct MappedObjects {
+    /// The mapping of each PDO. A drive has PDOs for each mode from the beginning, of which one alone is assigned.
+    pub pdos: bool,
+    /// The assignment of the PDOs.
+    pub assignment: bool,
+}
 
-    /// Whether the slave needs that download no more. The mode of operation is written in each configuration: a host may have
-    /// written another one.
+impl MappedObjects {
+    const ALL: Self = Self { pdos: true, assignment: true };
+
+    /// Whether nothing of that direction is to be written.
+    pub(super) const fn is_whole(self) -> bool {
+        self.pdos && self.assignment
+    }
+}
+
+impl Mapped {
+    pub(super) const ALL: Self = Self { outputs: MappedObjects::ALL, inputs: MappedObjects::ALL, sync: true };
+
+    /// Whether the slave needs that download no more. A PDO is changed while it is not assigned, so that what is written to it
+    /// takes its assignment along. The mode of operation is written in each configuration: a host may have written another one.
     pub(super) const fn has(&self, download: &Download) -> bool {
         match download.direction() {
-            Some(direction) => self.is_mapped(direction),
+            Some(direction) => {
+                let objects = self.of(direction);
+                objects.is_whole() || objects.pdos && !download.is_assignment()
+            }
             None => self.sync && download.is_sync_type(),
         }
     }
 
-    pub(super) const fn is_mapped(&self, direction: MappedDirection) -> bool {
+    pub(super) const fn of(&self, direction: MappedDirection) -> MappedObjects {
         match direction {
             MappedDirection::Outputs => self.outputs,
             MappedDirection::Inputs => self.inputs,
         }
     }
 
-    /// Objects of that direction are other ones.
-    pub(super) const fn differs(&mut self, direction: MappedDirection) {
-        match direction {
-            MappedDirection::Outputs => self.outputs = false,
-            MappedDirection::Inputs => self.inputs = false,
+    /// An object that maps is another one.
+    pub(super) const fn differs(&mut self, image: &MappingImage) {
+        let objects = match image.direction() {
+            MappedDirection::Outputs => &mut self.outputs,
+            MappedDirection::Inputs => &mut self.inputs,
+        };
+        if image.is_assignment() {
+            objects.assignment = false;
+        } else {
+            objects.pdos = false;
         }
+    }
+
+    /// Nothing is known of the objects that map.
+    pub(super) const fn is_not_mapped(&mut self) {
+        self.outputs = MappedObjects { pdos: false, assignment: false };
+        self.inputs = self.outputs;
     }
 }
 
@@ -64,8 +96,17 @@ pub(super) struct Seen {
     pub config: SlaveConfig,
     pub data: ProcessData,
     pub mapped: Mapped,
+    /// What it has mapped is as long as what it is to have: a layout of the one is one of the other.
+    pub is_as_long: bool,
     /// When, in time of the wires.
     pub at: Ns,
+}
+
+impl Seen {
+    /// A slave has all that a configuration writes.
+    pub(super) const fn all(config: SlaveConfig, data: ProcessData) -> Self {
+        Self { config, data, mapped: Mapped::ALL, is_as_long: true, at: 0 }
+    }
 }
 
 /// The network. Slave n is at place n - 1 of each list.
@@ -186,6 +227,12 @@ impl Network {
             self.seen[n] = None;
             self.laid_out = false;
         }
+    }
+
+    /// A slave has what was to be written to it. The layout is what it was before, if it has the length of that.
+    pub(super) fn written(&mut self, slave: u8, data: &ProcessData, was_laid_out: bool) {
+        let Place { output_bytes, input_bytes, .. } = self.places[usize::from(slave) - 1];
+        self.laid_out |= was_laid_out && (data.output_bytes(), data.input_bytes()) == (output_bytes, input_bytes);
     }
 
     /// A slave was read in that state. One in Init, or one that does not answer, may come up with other objects; from SafeOP on

@@ -24,6 +24,12 @@ const OPENED_BEFORE_MIN_NS: i64 = 10_000_000;
 /// The name that stands for standard input.
 const STDIN: &str = "-";
 
+#[cfg(test)]
+thread_local! {
+    /// How many frames of recordings this thread has read, for tests of how often a recording is read.
+    pub static FRAMES_READ: std::cell::Cell<u64> = const { std::cell::Cell::new(0) };
+}
+
 /// A frame of a recording, with what verbs need to know about it.
 #[derive(Clone, Debug)]
 pub struct Framed {
@@ -142,6 +148,8 @@ impl<R: Read> Frames<R> {
 
     fn read(&mut self) -> Option<Result<Raw, RecordError>> {
         let recorded = self.recording.next()?;
+        #[cfg(test)]
+        FRAMES_READ.set(FRAMES_READ.get() + 1);
         if self.recording.meta() != self.meta.as_deref() {
             self.meta = self.recording.meta().cloned().map(Rc::new);
         }

@@ -1,29 +1,51 @@
 //! The start to OP: how long it took in the recording, and how long it takes over a chip.
 
 use super::{Network, Place};
-use crate::fieldbus::pdo::ProcessData;
+use crate::ethercat::cia402::Mode;
+use crate::fieldbus::Role;
+use crate::fieldbus::pdo::{Download, ProcessData};
+use crate::fieldbus::xf::fifo_entries;
+use crate::fieldbus::xf::plan::CycleDemand;
 use crate::sk::{DriveSync, MasterState, StateByte};
-use crate::xf::host::COMFORTABLE_SIZE;
+use crate::xf::host::{COMFORTABLE_SIZE, HostConfig};
+use crate::xf::{DataSize, HEADER_LEN, TRAILER_LEN};
 
 /// Timeout of a change of state on a board, and the default over a chip, in nanoseconds (SK-4.55).
 const STATE_TIMEOUT_NS: i64 = 10_000_000_000;
 /// `state_timeout_ms=` in tenths of the estimated start to OP: real slaves may take three times as long as those of the
 /// model. It is set only if it exceeds the board's timeout. \[OURS]
 const SPARE_TENTHS: i64 = 30;
-/// Time that does not depend on the slaves: two changes of state of all slaves, and the layout of the process image.
-/// \[OURS]
-const ALL_NS: i64 = 405_000_000;
-/// Time to change the packet size, if the process data do not fit into the default size. \[OURS]
-const SIZE_NS: i64 = 110_000_000;
-/// Time for a slave without its SDOs: its place in the layout, its part of each change of state, reading its states.
-/// \[OURS]
-const SLAVE_NS: i64 = 22_000_000;
-/// Time for one SDO of the configuration, which writes an object or reads one of the mapping, with its packets. \[OURS]
-const SDO_NS: i64 = 3_800_000;
-/// Additional time for a slave that changes to OP alone. All slaves do so if one of them is declared as none. \[OURS]
-const ALONE_NS: i64 = 50_000_000;
-/// Time for a slave that is declared as none: it returns from SafeOP. \[OURS]
-const NONE_NS: i64 = 35_000_000;
+/// The SPI clock of the estimate, Hz. \[OURS]
+const CLOCK_HZ: u32 = 24_000_000;
+/// The idle time after each packet, ns (XF EN 1706).
+const IDLE_NS: i64 = HostConfig::DEFAULT.idle_ns.cast_signed();
+/// The duration of an SDO download over the model of a chip, ns. This time and those below were measured with the shortest
+/// packets, without packets of process data. \[OURS]
+const WRITE_NS: i64 = 3_518_000;
+/// The duration of an SDO upload, ns.
+const READ_NS: i64 = 3_914_000;
+/// The additional time of an SDO transfer that ends with an abort code, ns.
+const ABORT_NS: i64 = 2 * 396_000;
+/// The duration of the layout of process data without slaves, ns.
+const LAYOUT_NS: i64 = 24_163_000;
+/// The additional duration of the layout for each slave, without the requests for its position, ns.
+const LAYOUT_SLAVE_NS: i64 = 10_000_000;
+/// The duration of the FIFO set-up before SafeOP, ns.
+const FIFO_NS: i64 = 7_400_000;
+/// The duration of a change of the packet size, without the packets of the new size, ns.
+const SIZE_NS: i64 = 102_772_000;
+/// The duration of the change of all slaves to SafeOP, ns.
+const SAFEOP_NS: i64 = 303_500_000;
+/// The duration of the change of all slaves to OP with one command, ns.
+const ALL_TO_OP_NS: i64 = 50_000_000;
+/// The duration of the steps after OP is reached, ns.
+const OP_NS: i64 = 6_000_000;
+/// The additional duration of a change of state for each slave, ns.
+const CHANGE_SLAVE_NS: i64 = 2_000_000;
+/// The duration of the change to OP for a slave that changes alone, ns. All slaves do so if one is declared as none.
+const ALONE_NS: i64 = 52_600_000;
+/// The duration of the return from SafeOP of a slave that is declared as none, ns.
+const NONE_NS: i64 = 22_800_000;
 
 /// The start to OP, on the recorded board and over a chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,22 +73,102 @@ impl Start {
 /// command of its own. The objects of the mapping are only read, because slaves have their mapping already. If slaves
 /// are declared as none, the others change from SafeOP to OP one after the other.
 pub fn time_to_op_ns(network: &Network) -> i64 {
-    let sdos = |slave| {
-        let data = ProcessData::of(network.role(slave), network.second_channels[slave - 1]);
-        data.map_or(0, |data| {
-            let downloads = data.downloads(DriveSync::DcSync);
-            let others = downloads.into_iter().filter(|download| !download.is_mapping()).count();
-            downloads.mapping_images().count() + others
-        })
+    let transfers =
+        network.slaves().map(|slave| Transfers::of(network, slave)).fold(Transfers::default(), Transfers::and);
+    // There are 40 slaves at most.
+    let [found, used] = [network.length(), network.count()].map(|count| count as i64);
+    let none = found - used;
+    let data = data_size(network);
+    let [short_ns, packet_ns] = [COMFORTABLE_SIZE, data].map(packet_ns);
+    let set_up_ns =
+        if data == COMFORTABLE_SIZE { FIFO_NS + found * 2 * short_ns } else { SIZE_NS + (found * 2 + 32) * packet_ns };
+    let op_ns = match none {
+        0 => ALL_TO_OP_NS + found * CHANGE_SLAVE_NS,
+        _ => used * ALONE_NS + none * NONE_NS,
     };
-    let sdos: usize = network.slaves().map(sdos).sum();
-    let none = network.length().saturating_sub(network.count());
-    let alone_ns = if none > 0 { ALONE_NS } else { 0 };
-    // These casts cannot overflow: there are at most 40 slaves, each with some SDOs.
-    let [sdos, slaves, none] = [sdos, network.count(), none].map(|count| count as i64);
-    let is_long = network.output_bytes().max(network.input_bytes()) > COMFORTABLE_SIZE.bytes();
-    let size_ns = if is_long { SIZE_NS } else { 0 };
-    ALL_NS + size_ns + sdos * SDO_NS + slaves * (SLAVE_NS + alone_ns) + none * NONE_NS
+    // In each change the state of each slave is read twice, beside the exchanges of process data.
+    let states_ns = 2 * found * beside_process_data_ns(2 * packet_ns, network.cycle.ns().cast_signed());
+    let ns = transfers.ns()
+        + found * 2 * short_ns
+        + LAYOUT_NS
+        + found * (LAYOUT_SLAVE_NS + 4 * short_ns)
+        + set_up_ns
+        + (SAFEOP_NS + found * CHANGE_SLAVE_NS + states_ns + 30 * packet_ns)
+        + (OP_NS + op_ns + states_ns + 14 * packet_ns);
+    // It is an estimate.
+    ns / 1_000_000 * 1_000_000
+}
+
+/// The SDOs of a configuration.
+#[derive(Clone, Copy, Debug, Default)]
+struct Transfers {
+    reads: i64,
+    writes: i64,
+    /// Those of them that a slave aborts, without a consequence.
+    aborted: i64,
+}
+
+impl Transfers {
+    fn of(network: &Network, slave: usize) -> Self {
+        let role = network.role(slave);
+        let Some(data) = ProcessData::of(role, network.second_channels[slave - 1]) else { return Self::default() };
+        let downloads = data.downloads(DriveSync::DcSync);
+        let others = downloads.into_iter().filter(|download| !download.is_mapping());
+        // A pulse module is asked for its second channel.
+        let asks_for_channel = matches!(role, Role::Hsp(_));
+        // A slave without clocks has no synchronization types.
+        let without_clock = role == Role::Io;
+        Self {
+            reads: downloads.mapping_images().count() as i64 + i64::from(asks_for_channel),
+            writes: others.clone().count() as i64,
+            aborted: if without_clock { others.filter(Download::is_sync_type).count() as i64 } else { 0 },
+        }
+    }
+
+    const fn and(self, other: Self) -> Self {
+        Self {
+            reads: self.reads + other.reads,
+            writes: self.writes + other.writes,
+            aborted: self.aborted + other.aborted,
+        }
+    }
+
+    const fn ns(self) -> i64 {
+        self.reads * READ_NS + self.writes * WRITE_NS + self.aborted * ABORT_NS
+    }
+}
+
+/// The packets with which the cycle holds. \[OURS] A slave that is declared none is laid out, too, and counts as a drive.
+fn data_size(network: &Network) -> DataSize {
+    let data = |slave| match network.role(slave) {
+        Role::Unused => ProcessData::of(Role::Drive(Mode::Csp), false),
+        role => ProcessData::of(role, network.second_channels[slave - 1]),
+    };
+    let sum = |bytes: fn(&ProcessData) -> usize| -> usize {
+        (1..=network.length()).filter_map(data).map(|data| bytes(&data)).sum()
+    };
+    let [output_bytes, input_bytes] = [sum(ProcessData::output_bytes), sum(ProcessData::input_bytes)];
+    let demand = CycleDemand {
+        process_bytes: output_bytes.max(input_bytes),
+        fifo_entries: fifo_entries(output_bytes + input_bytes),
+        cycle_ns: network.cycle.ns(),
+        clock_hz: Some(CLOCK_HZ),
+        idle_ns: HostConfig::DEFAULT.idle_ns,
+        present: COMFORTABLE_SIZE,
+        size_is_fixed: false,
+    };
+    demand.plan().map_or(COMFORTABLE_SIZE, |plan| plan.size)
+}
+
+/// How long a packet takes, with the idle time behind it.
+fn packet_ns(size: DataSize) -> i64 {
+    (HEADER_LEN + size.bytes() + TRAILER_LEN) as i64 * 8_000_000_000 / i64::from(CLOCK_HZ) + IDLE_NS
+}
+
+/// How long a command takes beside an exchange of process data in each cycle, which takes as long as it; if both do not fit into a
+/// cycle they alternate.
+fn beside_process_data_ns(command_ns: i64, cycle_ns: i64) -> i64 {
+    if 2 * command_ns < cycle_ns { command_ns * cycle_ns / (cycle_ns - command_ns) } else { 2 * command_ns }
 }
 
 /// Measures how long a program's start to OP takes.

@@ -35,6 +35,8 @@ pub struct RecordMeta {
     /// count from 1970-01-01. With a virtual clock the offset is 0. If a program records to the same file again and its
     /// clock starts anew, times continue where the earlier ones ended, with either clock.
     pub base_ns: u64,
+    /// The link's time when the board was opened, from which warnings and scripts count; `None`: the recording does not tell.
+    pub opened_ns: Option<u64>,
     /// The link's URI in normal form.
     pub link: String,
 }
@@ -45,16 +47,23 @@ impl RecordMeta {
         self.clock == Clock::Virtual
     }
 
+    /// When the board was opened, in the time of the file; `None` if the recording does not say.
+    pub fn opened_at_ns(&self) -> Option<u64> {
+        self.opened_ns.map(|opened_ns| self.base_ns.saturating_add(opened_ns))
+    }
+
     /// Parses the comment; `None` if another program wrote it. Unknown fields are ignored.
     pub(super) fn from_comment(comment: &str) -> Option<Self> {
         let rest = comment.strip_prefix(MARK)?.strip_prefix(' ')?;
         let (fields, link) = rest.split_at_checked(rest.find(LINK)?)?;
-        let mut meta = Self { slot: None, clock: Clock::Real, base_ns: 0, link: link[LINK.len()..].to_owned() };
+        let link = link[LINK.len()..].to_owned();
+        let mut meta = Self { slot: None, clock: Clock::Real, base_ns: 0, opened_ns: None, link };
         for field in fields.split(' ') {
             match field.split_once('=') {
                 Some(("slot", value)) => meta.slot = value.parse().ok().and_then(SlotSize::from_bytes),
                 Some(("clock", "virtual")) => meta.clock = Clock::Virtual,
                 Some(("base_ns", value)) => meta.base_ns = value.parse().ok()?,
+                Some(("opened_ns", value)) => meta.opened_ns = value.parse().ok(),
                 _ => {}
             }
         }
@@ -62,7 +71,7 @@ impl RecordMeta {
     }
 }
 
-/// Writes the comment, such as `ecmsk slot=12 clock=virtual base_ns=0 link=sim:?slaves=drive*3`.
+/// Writes the comment, such as `ecmsk slot=12 clock=virtual base_ns=0 opened_ns=0 link=sim:?slaves=drive*3`.
 impl fmt::Display for RecordMeta {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{MARK}")?;
@@ -74,6 +83,10 @@ impl fmt::Display for RecordMeta {
             Clock::Virtual => "virtual",
         };
         let link = &self.link[..self.link.floor_char_boundary(LINK_MAX)];
-        write!(f, " clock={clock} base_ns={} {LINK}{link}", self.base_ns)
+        write!(f, " clock={clock} base_ns={}", self.base_ns)?;
+        if let Some(opened_ns) = self.opened_ns {
+            write!(f, " opened_ns={opened_ns}")?;
+        }
+        write!(f, " {LINK}{link}")
     }
 }

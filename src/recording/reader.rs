@@ -221,17 +221,21 @@ impl<R: Read> Iterator for Recording<R> {
 }
 
 /// Finds the board in a capture: the device that looks most like one, by its frames, and by its descriptor if the
-/// capture has it. `None` for a recording, which has only one board. A damaged capture is searched up to the damage.
+/// capture has it. `None` for a recording, which has only one board and of which only the beginning is read. A damaged
+/// capture is searched up to the damage.
 ///
 /// # Errors
 /// [`RecordError::SeveralBoards`], [`RecordError::NoBoard`], and the errors of opening and reading the file.
 pub fn board_in(path: &Path) -> Result<Option<Address>, RecordError> {
-    let mut recording = Recording::open(path)?;
-    for frame in recording.by_ref() {
-        match frame {
-            Ok(_) => {}
-            Err(RecordError::Truncated { .. } | RecordError::Malformed { .. }) => break,
-            Err(error) => return Err(error),
+    board_of(Recording::open(path)?)
+}
+
+fn board_of<R: Read>(mut recording: Recording<R>) -> Result<Option<Address>, RecordError> {
+    while !recording.is_recording {
+        match recording.next() {
+            Some(Ok(_)) => {}
+            None | Some(Err(RecordError::Truncated { .. } | RecordError::Malformed { .. })) => break,
+            Some(Err(error)) => return Err(error),
         }
     }
     if recording.is_recording {
@@ -246,5 +250,43 @@ pub fn board_in(path: &Path) -> Result<Option<Address>, RecordError> {
             let found = devices::list(&devices::candidates(&devices));
             Err(RecordError::SeveralBoards { name, found, example: first.address })
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use super::*;
+
+    /// What a source has given out.
+    struct Counted<'a>(&'a [u8], &'a Cell<usize>);
+
+    impl Read for Counted<'_> {
+        fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+            let read = self.0.read(buffer)?;
+            self.1.set(self.1.get() + read);
+            Ok(read)
+        }
+    }
+
+    /// A recording is of one board, which its first block says: however long it is, no more is read for that.
+    #[test]
+    fn the_board_of_a_recording_is_known_by_its_beginning() {
+        let padded = |bytes: &[u8]| [bytes, &vec![0; bytes.len().next_multiple_of(4) - bytes.len()]].concat();
+        let block = |kind: u32, body: &[u8]| {
+            let length = (12 + body.len() as u32).to_le_bytes();
+            [&kind.to_le_bytes()[..], &length, body, &length].concat()
+        };
+        let comment = b"ecmsk slot=12 clock=virtual base_ns=0 link=sim:";
+        let option =
+            [&1_u16.to_le_bytes()[..], &(comment.len() as u16).to_le_bytes(), &padded(comment), &[0; 4]].concat();
+        let header = [&0x1A2B_3C4D_u32.to_le_bytes()[..], &[1, 0, 0, 0], &[0xFF; 8], &option].concat();
+        let custom = block(0x0BAD, &[0; 1000]).repeat(10_000);
+        let file = [block(0x0A0D_0D0A, &header), custom].concat();
+        let read = Cell::new(0);
+        let recording = Recording::new(Counted(&file, &read), "file").expect("a recording");
+        assert_eq!(board_of(recording).expect("no capture"), None);
+        assert!(read.get() * 10 < file.len(), "{} bytes of {}", read.get(), file.len());
     }
 }

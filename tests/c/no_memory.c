@@ -1,5 +1,5 @@
 /* A system without memory. For each amount of it a child has so much left and no more; it opens, writes and reads, and ends by
- * itself, with or without a board. */
+ * itself, with or without a board. With the argument `ecmsk_open` it does so by the functions for several boards. */
 #define _DEFAULT_SOURCE
 #include "check.h"
 
@@ -26,11 +26,36 @@ static int told(void)
     return TOLD;
 }
 
-static int with_only(unsigned long more)
+static void leave_only(unsigned long more)
 {
     struct rlimit limit;
     limit.rlim_cur = limit.rlim_max = bytes_in_use() + more;
     CHECK(setrlimit(RLIMIT_AS, &limit) == 0);
+}
+
+static int opens_by_uri(void)
+{
+    /* What a program finds there must not be taken for a board. */
+    ecmsk_board *board = (ecmsk_board *)command;
+    ecmsk_result result = ecmsk_open(getenv("ECMSK_LINK"), &board);
+    if (result != ECMSK_OK) {
+        CHECK(result == ECMSK_ERROR_IO && board == NULL);
+        return told();
+    }
+    result = ecmsk_write(board, (unsigned char *)command, sizeof command, ECMSK_WAIT_LINK);
+    if (result == ECMSK_OK) {
+        result = ecmsk_read(board, (unsigned char *)response, sizeof response, ECMSK_WAIT_LINK);
+    }
+    if (result != ECMSK_OK) {
+        CHECK(result == ECMSK_ERROR_IO);
+        return told();
+    }
+    CHECK(ecmsk_close(board) == ECMSK_OK);
+    return WELL;
+}
+
+static int opens(void)
+{
     if (!OpenECMUSB() || !write_command() || !read_response()) {
         return told();
     }
@@ -39,15 +64,17 @@ static int with_only(unsigned long more)
     return WELL;
 }
 
-int main(void)
+int main(int count, char **arguments)
 {
+    bool by_uri = count > 1 && strcmp(arguments[1], "ecmsk_open") == 0;
     int ended[4] = {0, 0, 0, 0}, status;
     unsigned long more;
     for (more = 0; more < MOST; more += more < 24 * 1024 * 1024 ? SMALL_STEP : LARGE_STEP) {
         pid_t child = fork();
         CHECK(child >= 0);
         if (child == 0) {
-            _exit(with_only(more));
+            leave_only(more);
+            _exit(by_uri ? opens_by_uri() : opens());
         }
         CHECK(waitpid(child, &status, 0) == child);
         if (!WIFEXITED(status)) {

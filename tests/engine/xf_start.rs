@@ -109,6 +109,47 @@ fn behind_a_rest_safeop_comes_as_soon_as_on_a_board() {
     }
 }
 
+/// XF-20.9 With exactly the pauses of the vendor's samples, 2 ms between two frames and none before SET_STATE, nothing can be done
+/// ahead: the SDOs of the configuration, each a command of the chip, and the layout are all still to come. How much longer than on a
+/// board SafeOP takes then, and the rest behind which it comes as soon as there, but for a fifth.
+#[test]
+fn how_long_safeop_takes_by_the_pauses_of_a_program() {
+    for (name, start, per_cent_at_once, enough_ms) in [
+        ("9 drives", Start::of_drives(9), 180, 400),
+        ("40 drives", Start::of_drives(40), 280, 2000),
+        ("40 of all kinds", Start::of_forty_mixed(), 300, 2300),
+    ] {
+        for (rest_ms, per_cent) in [(0, per_cent_at_once), (enough_ms, 120)] {
+            let [[board, _], [chip, _]] = both(&start.clone().resting(rest_ms));
+            let line = format!("{name}, rest {rest_ms}: {} and {} ms", board.ms(), chip.ms());
+            assert!(chip.ns * 100 <= board.ns * per_cent, "{line}");
+        }
+    }
+}
+
+/// XF-20.9 Drives whose mode has a PDO of its own, of which the entries are right, are written its assignment alone. The layout is
+/// made ahead if it is as long as what is assigned so far, as for velocities; a torque is shorter, and is laid out behind that.
+#[test]
+fn drives_in_csv_are_written_the_assignment_alone() {
+    let drives = |mode, drives| Start { mode, ..Start::of_drives(drives) }.resting(2500);
+    for (mode, layouts) in [(Mode::Csv, [1, 0]), (Mode::Cst, [0, 1])] {
+        let start = drives(mode, 9);
+        let (bus, traffic) = counted(Profile::NEW, start.slaves());
+        let mut program = Program::new(bus);
+        program.declare(&start);
+        let before = *traffic.lock().unwrap();
+        program.go(MasterState::SafeOp);
+        let after = *traffic.lock().unwrap();
+        // The mode, the assignment: its count away, its entry, its count.
+        assert_eq!((after.sdos - before.sdos, [before.layouts, after.layouts - before.layouts]), (4 * 9, layouts));
+    }
+    // Each of these SDOs takes 3.5 ms, which no rest hides: written ahead they would be seen by SDO.
+    for (count, per_cent) in [(9, 120), (40, 165)] {
+        let [[board, _], [chip, _]] = both(&drives(Mode::Csv, count));
+        assert!(chip.ns * 100 <= board.ns * per_cent, "{count}: {} and {} ms", board.ms(), chip.ms());
+    }
+}
+
 /// XF-20.9 A program that gives up after 1000 reports, as those of the vendor's samples do, has 9 drives in SafeOP by then, with
 /// any firmware, though it rests nowhere.
 #[test]

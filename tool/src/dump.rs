@@ -222,6 +222,7 @@ fn dump_recording(args: &Args, mut frames: Frames<Box<dyn Read>>, printer: &mut 
         let shown = Shown { number, time, direction: recorded.dir, guessed: false, size, frame: recorded.frame };
         printer.print(&shown, kinds)?;
     }
+    frames.note_opened();
     frames.note_missing();
     match frames.lacks() {
         Some(lacks) if args.json => Ok(json::write_lacks(&mut printer.out, &lacks)?),

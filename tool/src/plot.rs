@@ -187,6 +187,7 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     let device = recording::board(&args.file, args.device)?;
     let mut recording = Frames::open(&args.file, args.slot_size, device)?;
     let Walked { frames, damage, jumps } = walk(&mut recording, i64::MAX, |framed| survey.frame(framed))?;
+    recording.note_opened();
     recording.note_missing();
     if let Some(jumps) = jumps {
         say("note", &format_args!("{}: {jumps}", args.file.display()));
@@ -201,7 +202,8 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     let other = other.and_then(|other| other.cut(times));
     let window =
         op.cut(times).ok_or_else(|| PlotError::NothingInRange { asked: times.to_string(), op: op.to_string() })?;
-    let panels = args.panels(&asked, &chosen, &survey, window, other.as_ref())?;
+    let reading = Frames::open(&args.file, args.slot_size, device)?.quiet();
+    let panels = args.panels(reading, &asked, &chosen, &survey, window, other.as_ref())?;
     // The plot ends with the longer one of both runs.
     let shown = other.map_or(window, |other| window.with(other.window()));
     let stretch = [window.from_ns, window.to_ns].map(|at_ns| style::number(seconds(at_ns), 3)).join(" to ");
@@ -264,6 +266,7 @@ impl Args {
     /// Makes the panels, for which the recording is read a second time.
     fn panels(
         &self,
+        mut recording: Frames<Box<dyn Read>>,
         asked: &Asked,
         chosen: &Chosen,
         survey: &Survey,
@@ -281,8 +284,6 @@ impl Args {
             cycle_ns: survey.cycle_ns(),
             commands: self.commands.iter().map(|command| command.code()).collect(),
         });
-        let device = recording::board(&self.file, self.device)?;
-        let mut recording = Frames::open(&self.file, self.slot_size, device)?.quiet();
         walk(&mut recording, window.read_until_ns(), |framed| series.frame(framed))?;
         let lines = series.finish();
         if !self.commands.is_empty() && lines.is_empty() {
@@ -369,4 +370,46 @@ pub const fn command_place(n: u64) -> i64 {
 /// Converts nanoseconds to seconds.
 pub fn seconds(ns: i64) -> f64 {
     ns as f64 / 1e9
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use support::script_client::Client;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Command {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    /// A part of a long recording is drawn of what was read once, for what there is in it, and of the part up to its end: no frame
+    /// is read for anything else.
+    #[test]
+    fn a_part_of_a_recording_is_read_once_more_up_to_its_end() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("long.pcapng");
+        let options = format!("clock=virtual&record={}", file.display());
+        let mut client = Client::with("drive", "plot_part", &options, "");
+        client.op();
+        for _ in 0..20_000 {
+            client.read();
+        }
+        client.link.close();
+        let frames_read = |from: &str, to: &str| {
+            let file = file.to_str().expect("UTF-8");
+            let picture = folder.path().join("part.svg");
+            let words = ["plot", file, "--from", from, "--to", to, "-o", picture.to_str().expect("UTF-8")];
+            recording::FRAMES_READ.set(0);
+            sheet(&Command::parse_from(words).args).expect("a plot");
+            recording::FRAMES_READ.get()
+        };
+        let (early, late) = (frames_read("1", "2"), frames_read("18", "19"));
+        let all = late / 2;
+        assert!(all > 19_000 && early > all, "{early} and {late}");
+        // Up to a second behind the part, and what is sorted.
+        assert!(early - all < all * 3 / 20 + 1100 + all / 40, "{early} of {all}");
+    }
 }

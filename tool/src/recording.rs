@@ -17,8 +17,18 @@ use super::stderr::say;
 /// Most frames that are read ahead to find a slot size that the recording does not state.
 const LOOK_AHEAD: usize = 1000;
 
+/// Where the first frame comes so long behind the opening of the board, it is said. \[OURS] A program that begins at once has one
+/// within a few cycles.
+const OPENED_BEFORE_MIN_NS: i64 = 10_000_000;
+
 /// The name that stands for standard input.
 const STDIN: &str = "-";
+
+#[cfg(test)]
+thread_local! {
+    /// How many frames of recordings this thread has read, for tests of how often a recording is read.
+    pub static FRAMES_READ: std::cell::Cell<u64> = const { std::cell::Cell::new(0) };
+}
 
 /// A frame of a recording, with what verbs need to know about it.
 #[derive(Clone, Debug)]
@@ -54,6 +64,8 @@ pub struct Frames<R> {
     ahead: VecDeque<Result<Raw, RecordError>>,
     meta: Option<Rc<RecordMeta>>,
     first_ns: Option<u64>,
+    /// How long before the first frame the board was opened, if the recording tells.
+    opened_before_ns: Option<i64>,
     number: u64,
     noted: bool,
 }
@@ -102,6 +114,7 @@ impl<R: Read> Frames<R> {
             ahead: VecDeque::new(),
             meta: None,
             first_ns: None,
+            opened_before_ns: None,
             number: 0,
             noted: size.is_some(),
         };
@@ -135,6 +148,8 @@ impl<R: Read> Frames<R> {
 
     fn read(&mut self) -> Option<Result<Raw, RecordError>> {
         let recorded = self.recording.next()?;
+        #[cfg(test)]
+        FRAMES_READ.set(FRAMES_READ.get() + 1);
         if self.recording.meta() != self.meta.as_deref() {
             self.meta = self.recording.meta().cloned().map(Rc::new);
         }
@@ -164,6 +179,22 @@ impl<R: Read> Frames<R> {
         }
     }
 
+    /// Prints a note where the times of frames, which count from the first one, have another zero than warnings and scripts, which
+    /// count from when the board was opened. Known once the first frame was read.
+    pub fn note_opened(&self) {
+        if let Some(ns) = self.opened_before_ns.filter(|ns| *ns >= OPENED_BEFORE_MIN_NS) {
+            let seconds = ns as f64 / 1e9;
+            say(
+                "note",
+                &format_args!(
+                    "{}: times count from the first frame; the board was opened {seconds:.3} s before, from when warnings and scripts count: \
+                     add {seconds:.3} s",
+                    self.name
+                ),
+            );
+        }
+    }
+
     /// What the recording lacks; `None` if nothing is known to be missing. Known only after the last frame.
     pub fn lacks(&self) -> Option<Lacks> {
         Some(self.recording.lacks()).filter(|lacks| !lacks.is_nothing())
@@ -180,7 +211,11 @@ impl<R: Read> Iterator for Frames<R> {
         };
         Some(next.map(|(recorded, meta)| {
             let size = self.size(meta.as_deref());
-            let first_ns = *self.first_ns.get_or_insert(recorded.at_ns);
+            let first_ns = *self.first_ns.get_or_insert_with(|| {
+                let opened_at_ns = meta.as_deref().and_then(RecordMeta::opened_at_ns);
+                self.opened_before_ns = opened_at_ns.map(|opened_at_ns| since(opened_at_ns, recorded.at_ns));
+                recorded.at_ns
+            });
             self.number += 1;
             Framed { number: self.number, time_ns: since(first_ns, recorded.at_ns), recorded, size, meta }
         }))

@@ -60,8 +60,9 @@ struct Tcp {
     #[arg(long, value_name = "ADDR:PORT", default_value_t = ServeOptions::default().listen, value_parser = listen_at::<DEFAULT_PORT>)]
     listen: SocketAddr,
 
-    /// Serve those alone who have the secret in this file too, encrypted (TLS 1.3) [default: that of the variable
-    /// ECMSK_TCP_SECRET]
+    /// Serve those alone who have the secret in this file too, encrypted (TLS 1.3); only its owner may read it (mode 600)
+    /// [default: that of the variable ECMSK_TCP_SECRET, which stays in the process: its children and a core dump of it have
+    /// that, too]
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     secret_file: Option<PathBuf>,
 

@@ -65,12 +65,15 @@ const _: () = assert!(VENDOR < crate::handles::FIRST);
 /// `uri` is NULL or a text that ends with 0. `board` is NULL or points to room for a pointer.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecmsk_open(uri: *const c_char, board: *mut *mut EcmskBoard) -> EcmskResult {
+    if !board.is_null() {
+        // Here, since without memory the call does not come to what is below.
+        // SAFETY: not NULL, and the caller vouches for room; nothing is read from it.
+        unsafe { board.write(std::ptr::null_mut()) };
+    }
     code(entry!(ecmsk_open(), {
         if board.is_null() {
             return Err(CallError::Null { argument: "board", expected: "a pointer for the handle" }.into());
         }
-        // SAFETY: not NULL, and the caller vouches for room; nothing is read from it.
-        unsafe { board.write(std::ptr::null_mut()) };
         // SAFETY: the caller's promise for `uri`; the text is not kept.
         let uri = unsafe { text_from(uri, "uri") }?;
         memory::check(memory::OPEN_BYTES)?;

@@ -205,7 +205,8 @@ pub const KEYS: &[Key] = &[
         default: None,
         example: "ecmsk.secret",
         meaning: "the file with the secret that the server has too: the connection is encrypted, and both ends show that \
-                  they know it; not given: the variable ECMSK_TCP_SECRET, and without that no secret",
+                  they know it; not given: the variable ECMSK_TCP_SECRET, which stays in the process (its children and \
+                  a core dump of it have that, too), and without that no secret",
     },
     Key {
         name: "keepalive_ms",

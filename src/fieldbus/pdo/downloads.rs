@@ -62,6 +62,11 @@ impl Download {
         }
     }
 
+    /// Whether this download assigns PDOs to a sync manager.
+    pub const fn is_assignment(&self) -> bool {
+        matches!(self.object.index, RX_ASSIGNMENT | TX_ASSIGNMENT)
+    }
+
     /// The object to write in a slave whose first sync managers for outputs and for inputs are these. The PDO assignment of
     /// each sync manager is an object of its own. Nearly all slaves use sync managers 2 and 3.
     pub const fn object_for(&self, [outputs, inputs]: [Option<u8>; 2]) -> ObjectAddress {
@@ -142,6 +147,17 @@ pub enum MappedDirection {
     Inputs,
 }
 
+impl MappedDirection {
+    /// The object that assigns PDOs to the sync manager of this direction.
+    pub const fn assignment(self, sub: u8) -> ObjectAddress {
+        let index = match self {
+            Self::Outputs => RX_ASSIGNMENT,
+            Self::Inputs => TX_ASSIGNMENT,
+        };
+        ObjectAddress::new(index, sub)
+    }
+}
+
 /// The maximum length of a [`MappingImage`]: a count with its padding, and four entries of 4 bytes.
 const MAPPING_IMAGE_MAX: usize = 2 + 4 * 4;
 
@@ -163,6 +179,11 @@ impl MappingImage {
     /// The direction of the process data that the object maps or assigns.
     pub const fn direction(&self) -> MappedDirection {
         self.direction
+    }
+
+    /// Whether the object assigns PDOs to a sync manager; otherwise it is the mapping of a PDO.
+    pub const fn is_assignment(&self) -> bool {
+        matches!(self.index, RX_ASSIGNMENT | TX_ASSIGNMENT)
     }
 
     /// Whether an upload with complete access shows this content. Entries beyond the count do not matter.

@@ -1,8 +1,8 @@
 //! The preparation of the configuration that the next change to SafeOP needs, while no job or SDO is requested.
 //!
-//! The preparation writes nothing to a slave. It reads whether the slaves already have their mapping; if all have, the chip
-//! lays out the process data. So the SDOs of a program show no difference. Every request to the bus interrupts the
-//! preparation; what was read by then is kept.
+//! The preparation writes nothing to a slave. It reads whether the slaves already have their mapping; if all have it, or one
+//! of the same length, the chip lays out the process data. So the SDOs of a program show no difference. Every request to the
+//! bus interrupts the preparation; what was read by then is kept.
 
 use super::chip_bus::ChipBus;
 use super::jobs::{Part, Running};

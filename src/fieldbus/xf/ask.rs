@@ -55,6 +55,12 @@ pub(super) enum Ask {
         image: MappingImage,
         timeout_ns: Ns,
     },
+    /// How many bits the entries of a PDO have, read with complete access; none if the object does not come whole.
+    MappedBits {
+        slave: u8,
+        pdo: u16,
+        timeout_ns: Ns,
+    },
     Reconfig,
     /// Makes these pins outputs.
     OutputPins(u16),
@@ -103,9 +109,11 @@ impl Ask {
                 host.submit_pair(now, &request, &SdoGet, timeout_ns.saturating_add(COMMAND_NS))
             }
             Self::Compare { slave, image, timeout_ns } => {
-                let read = SdoOperation::Read { bytes: COMPARED_BYTES };
-                let entry = sdo(slave, image.object(), timeout_ns, read);
-                let request = SdoRequest { scope: SdoScope::Complete, ..entry };
+                let request = whole(slave, image.object(), timeout_ns);
+                host.submit_pair(now, &request, &SdoGet, timeout_ns.saturating_add(COMMAND_NS))
+            }
+            Self::MappedBits { slave, pdo, timeout_ns } => {
+                let request = whole(slave, ObjectAddress::new(pdo, 0), timeout_ns);
                 host.submit_pair(now, &request, &SdoGet, timeout_ns.saturating_add(COMMAND_NS))
             }
             Self::Download { slave, object, size, value, timeout_ns } => {
@@ -146,6 +154,19 @@ fn sdo(slave: u8, object: ObjectAddress, timeout_ns: Ns, operation: SdoOperation
     SdoRequest { slave: number(slave), object, scope: SdoScope::Entry, timeout_us, operation }
 }
 
+/// A mapping object, read with complete access.
+fn whole(slave: u8, object: ObjectAddress, timeout_ns: Ns) -> SdoRequest<'static> {
+    let read = SdoOperation::Read { bytes: COMPARED_BYTES };
+    SdoRequest { scope: SdoScope::Complete, ..sdo(slave, object, timeout_ns, read) }
+}
+
+/// The lengths of the entries of a PDO, which stand in their lowest byte (ETG.1000.6).
+fn mapped_bits(upload: &[u8]) -> u32 {
+    let Some((&count, [_, entries @ ..])) = upload.split_first() else { return 0 };
+    let mut bits = entries.chunks_exact(4).map(|entry| u32::from(entry[0]));
+    if bits.len() < count.into() { 0 } else { bits.by_ref().take(count.into()).sum() }
+}
+
 impl Asked {
     /// The answer, once it is there.
     pub(super) fn reply(&self, host: &mut Host) -> Option<Reply> {
@@ -166,6 +187,7 @@ impl Asked {
             }
             Ask::Upload { .. } => host.take(ticket, &SdoGet)?.map(little_endian),
             Ask::Compare { image, .. } => host.take(ticket, &SdoGet)?.map(|bytes| image.is_shown_by(bytes).into()),
+            Ask::MappedBits { .. } => host.take(ticket, &SdoGet)?.map(mapped_bits),
             Ask::Download { slave, object, size, value, timeout_ns } => {
                 let bytes = value.to_le_bytes();
                 let request = sdo(slave, object, timeout_ns, SdoOperation::Write(&bytes[..size.bytes().into()]));

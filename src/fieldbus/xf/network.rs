@@ -2,7 +2,7 @@
 
 use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 use crate::fieldbus::SlaveConfig;
-use crate::fieldbus::pdo::{Download, MappedDirection, ProcessData};
+use crate::fieldbus::pdo::{Download, MappedDirection, MappingImage, ProcessData};
 use crate::sk::CycleTime;
 
 /// How long the bus relies on the objects that it has read from a slave in PreOP, ns; after that they are read again.
@@ -22,38 +22,71 @@ pub(super) struct Place {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Mapped {
     /// The mapping and the assignment of its outputs.
-    pub outputs: bool,
+    pub outputs: MappedObjects,
     /// The mapping and the assignment of its inputs.
-    pub inputs: bool,
+    pub inputs: MappedObjects,
     /// Its synchronization types.
     pub sync: bool,
 }
 
-impl Mapped {
-    pub(super) const ALL: Self = Self { outputs: true, inputs: true, sync: true };
+/// Which of the objects that map the process data of one direction already have the wanted values.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct MappedObjects {
+    /// The mapping of each PDO. At power-on a drive has PDOs for each mode, of which only one is assigned.
+    pub pdos: bool,
+    /// The assignment of the PDOs.
+    pub assignment: bool,
+}
 
-    /// Whether the slave does not need this download. The mode of operation is written in each configuration, because a
-    /// host may have written another one.
+impl MappedObjects {
+    const ALL: Self = Self { pdos: true, assignment: true };
+
+    /// Whether no object of this direction has to be written.
+    pub(super) const fn is_whole(self) -> bool {
+        self.pdos && self.assignment
+    }
+}
+
+impl Mapped {
+    pub(super) const ALL: Self = Self { outputs: MappedObjects::ALL, inputs: MappedObjects::ALL, sync: true };
+
+    /// Whether the slave does not need this download. A PDO can be changed only while it is not assigned, so its assignment
+    /// is written with it. The mode of operation is written in each configuration, because a host may have written another
+    /// one.
     pub(super) const fn has(&self, download: &Download) -> bool {
         match download.direction() {
-            Some(direction) => self.is_mapped(direction),
+            Some(direction) => {
+                let objects = self.of(direction);
+                objects.is_whole() || objects.pdos && !download.is_assignment()
+            }
             None => self.sync && download.is_sync_type(),
         }
     }
 
-    pub(super) const fn is_mapped(&self, direction: MappedDirection) -> bool {
+    pub(super) const fn of(&self, direction: MappedDirection) -> MappedObjects {
         match direction {
             MappedDirection::Outputs => self.outputs,
             MappedDirection::Inputs => self.inputs,
         }
     }
 
-    /// Records that objects of this direction do not have the wanted values.
-    pub(super) const fn differs(&mut self, direction: MappedDirection) {
-        match direction {
-            MappedDirection::Outputs => self.outputs = false,
-            MappedDirection::Inputs => self.inputs = false,
+    /// Records that an object of the mapping does not have the wanted value.
+    pub(super) const fn differs(&mut self, image: &MappingImage) {
+        let objects = match image.direction() {
+            MappedDirection::Outputs => &mut self.outputs,
+            MappedDirection::Inputs => &mut self.inputs,
+        };
+        if image.is_assignment() {
+            objects.assignment = false;
+        } else {
+            objects.pdos = false;
         }
+    }
+
+    /// Records that the objects of the mapping are unknown.
+    pub(super) const fn is_not_mapped(&mut self) {
+        self.outputs = MappedObjects { pdos: false, assignment: false };
+        self.inputs = self.outputs;
     }
 }
 
@@ -64,8 +97,17 @@ pub(super) struct Seen {
     pub config: SlaveConfig,
     pub data: ProcessData,
     pub mapped: Mapped,
+    /// Whether the present mapping has the lengths of the wanted one, so that the chip's layout fits both.
+    pub is_as_long: bool,
     /// When the objects were read or written, on the wires' clock.
     pub at: Ns,
+}
+
+impl Seen {
+    /// A slave whose objects all have the values that a configuration writes.
+    pub(super) const fn all(config: SlaveConfig, data: ProcessData) -> Self {
+        Self { config, data, mapped: Mapped::ALL, is_as_long: true, at: 0 }
+    }
 }
 
 /// The network. In each list, slave n is at index n - 1.
@@ -188,6 +230,12 @@ impl Network {
             self.seen[n] = None;
             self.laid_out = false;
         }
+    }
+
+    /// Records that a slave has its configuration. The chip's layout stays valid if the lengths are those of before.
+    pub(super) fn written(&mut self, slave: u8, data: &ProcessData, was_laid_out: bool) {
+        let Place { output_bytes, input_bytes, .. } = self.places[usize::from(slave) - 1];
+        self.laid_out |= was_laid_out && (data.output_bytes(), data.input_bytes()) == (output_bytes, input_bytes);
     }
 
     /// Records the state that was read from a slave. A slave in Init, or one that does not answer, may come back with other

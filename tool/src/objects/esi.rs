@@ -1,6 +1,7 @@
 //! Reads the objects of a device from an ESI file (EtherCAT Slave Information, ETG.2000), which the manufacturer of a
 //! drive provides.
 
+use std::cell::OnceCell;
 use std::collections::HashMap;
 
 use ecmsk::coe::ObjectAddress;
@@ -136,15 +137,40 @@ fn is_called(device: Node<'_, '_>, wanted: &str) -> bool {
         || code.is_some() && code == whole(wanted)
 }
 
+/// A data type of a dictionary. Its properties are read once and not for each object of the type, so that the time for a
+/// file is linear in its length.
+struct DataType<'a, 'i> {
+    base: Option<&'a str>,
+    bits: Option<u64>,
+    /// The first sub-index of an array and the number of its elements.
+    bounds: [Option<u64>; 2],
+    items: Vec<Node<'a, 'i>>,
+    /// See [`parts_of`].
+    parts: OnceCell<Vec<Part>>,
+}
+
+impl<'a, 'i> DataType<'a, 'i> {
+    fn of(node: Node<'a, 'i>) -> Self {
+        let array = child(node, "ArrayInfo");
+        Self {
+            base: text(node, "BaseType"),
+            bits: text(node, "BitSize").and_then(whole),
+            bounds: ["LBound", "Elements"].map(|name| array.and_then(|array| text(array, name)).and_then(whole)),
+            items: children(Some(node), "SubItem").collect(),
+            parts: OnceCell::new(),
+        }
+    }
+}
+
 /// The data types of a dictionary by name; of several with the same name the first one. A map, because files may have
 /// thousands.
-type Types<'a, 'i> = HashMap<&'a str, Node<'a, 'i>>;
+type Types<'a, 'i> = HashMap<&'a str, DataType<'a, 'i>>;
 
 fn types<'a, 'i>(dictionary: Node<'a, 'i>) -> Types<'a, 'i> {
     let mut types = Types::new();
     for node in children(child(dictionary, "DataTypes"), "DataType") {
         if let Some(name) = text(node, "Name") {
-            types.entry(name.trim()).or_insert(node);
+            types.entry(name.trim()).or_insert_with(|| DataType::of(node));
         }
     }
     types
@@ -188,9 +214,15 @@ fn put_object(
         return Ok(());
     }
     let items: Vec<_> = children(info, "SubItem").collect();
+    let mut named = HashMap::new();
+    for item in &items {
+        if let Some(name) = text(*item, "Name") {
+            named.entry(name.trim()).or_insert(item);
+        }
+    }
     for (place, part) in parts.iter().enumerate() {
-        let named = items.iter().find(|item| text(**item, "Name").map(str::trim) == Some(part.name.as_str()));
-        let info = named.or(items.get(place)).and_then(|item| child(*item, "Info"));
+        let item = named.get(part.name.as_str()).copied().or(items.get(place));
+        let info = item.and_then(|item| child(*item, "Info"));
         let data = manufacturer_type(&part.kind, types, 0);
         objects.push(ManufacturerObject {
             address: ObjectAddress::new(index, part.sub),
@@ -205,30 +237,35 @@ fn put_object(
 }
 
 /// The sub-indexes of a record or an array, each once; none for a plain type.
-fn parts_of(kind: &str, types: &Types<'_, '_>) -> Vec<Part> {
+fn parts_of<'t>(kind: &str, types: &'t Types<'_, '_>) -> &'t [Part] {
+    let Some(data_type) = types.get(kind.trim()) else { return &[] };
+    data_type.parts.get_or_init(|| parts(data_type, types))
+}
+
+fn parts(data_type: &DataType<'_, '_>, types: &Types<'_, '_>) -> Vec<Part> {
     let mut parts = Vec::new();
     let mut is_there = [false; 256];
-    for item in children(types.get(kind.trim()).copied(), "SubItem") {
+    for item in &data_type.items {
+        let item = *item;
         let kind = text(item, "Type").unwrap_or_default().trim();
         let name = text(item, "Name").unwrap_or_default().trim();
-        let (access, mappable) = (access_of(item), mappable_of(item));
-        let mut put = |sub: u8, name: String, kind: &str| {
+        let mut put = |sub: u8, element: Option<u8>, kind: &str| {
             if !std::mem::replace(&mut is_there[usize::from(sub)], true) {
+                let name = element.map_or_else(|| name.to_owned(), |element| format!("{name} {element}"));
+                let (access, mappable) = (access_of(item), mappable_of(item));
                 parts.push(Part { sub, name, kind: kind.to_owned(), access, mappable });
             }
         };
         match text(item, "SubIdx").and_then(whole).and_then(|sub| u8::try_from(sub).ok()) {
-            Some(sub) => put(sub, name.to_owned(), kind),
+            Some(sub) => put(sub, None, kind),
             // One item without a sub-index describes the elements of an array.
             None => {
-                let Some(array) = types.get(kind).copied() else { continue };
-                let of = text(array, "BaseType").unwrap_or_default().trim();
-                let bounds = child(array, "ArrayInfo");
-                let number = |name| bounds.and_then(|bounds| text(bounds, name)).and_then(whole);
-                let first = number("LBound").unwrap_or(1);
-                let count = number("Elements").unwrap_or(0).min(255);
+                let Some(array) = types.get(kind) else { continue };
+                let of = array.base.unwrap_or_default().trim();
+                let [first, count] = array.bounds;
+                let (first, count) = (first.unwrap_or(1), count.unwrap_or(0).min(255));
                 for sub in (first..first.saturating_add(count)).filter_map(|sub| u8::try_from(sub).ok()) {
-                    put(sub, format!("{name} {sub}"), of);
+                    put(sub, Some(sub), of);
                 }
             }
         }
@@ -256,10 +293,10 @@ fn manufacturer_type(kind: &str, types: &Types<'_, '_>, depth: usize) -> Manufac
         "BITARR32" => ManufacturerType::U32,
         bits if bits.starts_with("BIT") => ManufacturerType::U8,
         other => {
-            let definition = types.get(other).copied();
-            match definition.and_then(|definition| text(definition, "BaseType")) {
+            let definition = types.get(other);
+            match definition.and_then(|definition| definition.base) {
                 Some(base) if depth < DEPTH_MAX => manufacturer_type(base, types, depth + 1),
-                _ => match definition.and_then(|definition| text(definition, "BitSize")).and_then(whole) {
+                _ => match definition.and_then(|definition| definition.bits) {
                     Some(1..=8) => ManufacturerType::U8,
                     Some(9..=16) => ManufacturerType::U16,
                     Some(17..=32) => ManufacturerType::U32,
@@ -349,4 +386,58 @@ fn text<'a>(parent: Node<'a, '_>, name: &'static str) -> Option<&'a str> {
 
 fn content(node: Node<'_, '_>, message: String) -> EsiError {
     EsiError::Content { line: node.document().text_pos_at(node.range().start).row, message }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn file(attributes: &str, types: &str, objects: &str) -> String {
+        format!(
+            "<EtherCATInfo><Descriptions><Devices><Device><Type ProductCode=\"1\"{attributes}>A</Type><Profile><Dictionary>\
+             <DataTypes>{types}</DataTypes><Objects>{objects}</Objects></Dictionary></Profile></Device></Devices>\
+             </Descriptions></EtherCATInfo>"
+        )
+    }
+
+    fn repeat(count: usize, text: impl Fn(usize) -> String) -> String {
+        (0..count).map(text).collect()
+    }
+
+    /// Files of each shape, of which `n` elements or attributes grow together.
+    fn shapes(n: usize) -> [(&'static str, String); 6] {
+        let object = |kind: &str| format!("<Object><Index>#x2000</Index><Name>o</Name><Type>{kind}</Type></Object>");
+        let item = |n| format!("<SubItem><SubIdx>{}</SubIdx><Name>s{n}</Name><Type>UINT</Type></SubItem>", n % 8);
+        let record = |items: &str| format!("<DataType><Name>R</Name>{items}</DataType>");
+        let info = |n| format!("<SubItem><Name>s{n}</Name><Info><DefaultValue>{n}</DefaultValue></Info></SubItem>");
+        let with_infos =
+            format!("<Object><Index>#x2000</Index><Type>R</Type><Info>{}</Info></Object>", repeat(n, info));
+        let plain = |n| format!("<DataType><Name>T{n}</Name><BitSize>16</BitSize></DataType>");
+        let element = "<SubItem><Name>e</Name><Type>Z</Type></SubItem>";
+        let array = format!("<DataType><Name>Z</Name>{}<BaseType>UINT</BaseType></DataType>", repeat(n, item));
+        [
+            ("attributes", file(&repeat(n, |n| format!(" a{n}=\"{n}\"")), "", &object("UINT"))),
+            ("objects", file("", "", &repeat(n, |_| object("UINT")))),
+            ("types", file("", &repeat(n, plain), &repeat(n, |n| object(&format!("T{n}"))))),
+            ("objects of a long type", file("", &record(&repeat(n, item)), &repeat(n, |_| object("R")))),
+            ("an object of a long type with values", file("", &record(&repeat(n, item)), &with_infos)),
+            ("items of a long array", file("", &(record(&repeat(n, |_| element.to_owned())) + &array), &object("R"))),
+        ]
+    }
+
+    /// A file that is twice as long takes some twice as many allocations, whatever there are many of: no list is made anew for each
+    /// element of another one.
+    #[test]
+    fn a_file_is_read_in_a_time_that_grows_as_it_does() {
+        for ((name, once), (_, twice)) in shapes(1000).into_iter().zip(shapes(2000)) {
+            let allocations = |text: &str| {
+                let counted = allocation_counter::measure(|| {
+                    read(text.as_bytes(), None).unwrap_or_else(|error| panic!("{name}: {error}"));
+                });
+                counted.count_total
+            };
+            let [once, twice] = [&once, &twice].map(|text| allocations(text));
+            assert!(twice * 2 <= once * 5 + 100, "{name}: {once} and {twice} allocations");
+        }
+    }
 }

@@ -3,7 +3,7 @@
 use ecmsk::link::Dir;
 use ecmsk::recording::Kinds;
 use ecmsk::sk::dump::{MAX_SLAVES, ResponseDump, SlotMeaning};
-use ecmsk::sk::{CommandId, IoResponse, MasterResponse, MasterState, RawSlot, SlaveKind, SlotSize};
+use ecmsk::sk::{CommandId, Frame, IoResponse, MasterResponse, MasterState, SlaveKind, SlotSize};
 
 use super::Window;
 use crate::recording::{self, Framed};
@@ -122,9 +122,7 @@ impl Survey {
 
     fn see(&mut self, framed: &Framed) {
         for (n, seen) in (1..=framed.size.max_slaves()).zip(&mut self.seen) {
-            // For slaves that do not exist, a board repeats the index of commands, so the index is ignored.
-            let slot = RawSlot { index: 0, ..framed.recorded.frame.slot(framed.size, n) };
-            *seen |= slot != RawSlot::ZERO;
+            *seen = *seen || !is_empty(&framed.recorded.frame, framed.size, n);
         }
     }
 
@@ -136,6 +134,9 @@ impl Survey {
         }
         self.see(framed);
         for (n, moved) in (1..=size.max_slaves()).zip(&mut self.moved) {
+            if is_empty(frame, size, n) {
+                continue;
+            }
             let slot = frame.slot(size, n);
             let id = CommandId::from_code(slot.id);
             self.lively_ios[n - 1] |= id == CommandId::IoWrite && slot.data1 != 0;
@@ -165,6 +166,10 @@ impl Survey {
         op.to_ns = at_ns;
         let dump = ResponseDump::new(frame, size);
         for n in 1..=size.max_slaves() {
+            if self.kinds.of(n).is_none() && is_empty(frame, size, n) {
+                // It tells nothing, and a frame may have 40 of them.
+                continue;
+            }
             let guessed = || match dump.line(n)?.meaning {
                 SlotMeaning::SlaveResponse(reading) => reading.kind.kind(),
                 _ => None,
@@ -175,6 +180,13 @@ impl Survey {
             self.lively_ios[n - 1] |= kind == Some(SlaveKind::Io) && IoResponse::decode(&frame.slot(size, n)).bits != 0;
         }
     }
+}
+
+/// Whether nothing is in slot `n` but its index, which a board repeats for slaves that do not exist. A frame has 40 slots, most of
+/// which are so: they are looked at as bytes.
+fn is_empty(frame: &Frame, size: SlotSize, n: usize) -> bool {
+    let slot = &frame.bytes()[n * size.bytes()..][..size.bytes()];
+    slot[0] == 0 && slot[2..] == [0; 14][..slot.len() - 2]
 }
 
 /// Whether a response reports OP, with or without a failed slave.

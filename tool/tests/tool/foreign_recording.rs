@@ -29,7 +29,7 @@ fn harmless(ran: &Ran) {
 /// The frames of a recording under another link's name.
 fn renamed(recording: &Path, link: &str, file: &Path) {
     let memory = Memory::default();
-    let meta = RecordMeta { slot: None, clock: Clock::Virtual, base_ns: 0, link: link.to_owned() };
+    let meta = RecordMeta { slot: None, clock: Clock::Virtual, base_ns: 0, opened_ns: None, link: link.to_owned() };
     RecordLink::to_sink(Arc::new(Echo::new(true)), "m", Box::new(memory.clone()), &meta, 1).expect("memory").close();
     let mut bytes = memory.bytes();
     // Header and interface of the one, frames and end of the other.

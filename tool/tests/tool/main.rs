@@ -49,6 +49,7 @@ mod monitor_tcp;
 mod monitor_terminal;
 mod moves;
 mod objects;
+mod one_clock;
 mod page;
 mod plot;
 mod plot_beside;

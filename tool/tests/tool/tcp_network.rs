@@ -1,4 +1,4 @@
-//! What a server knows of the slaves and their units, its clients know too.
+//! What a server knows of the slaves and their units, its clients know too; and where both have their secret from.
 #![cfg(unix)]
 
 use std::io::{BufRead as _, BufReader};
@@ -41,16 +41,23 @@ fn clients_know_what_the_server_knows() {
     assert_eq!(connect(&long, "").network(), known("", "7"), "half a list would be another one");
 }
 
+/// The variable with a secret.
+const SECRET: &str = "ECMSK_TCP_SECRET";
+
 /// The tool serving, and where; it ends when it is dropped.
 struct Serving(Child, String);
 
 impl Serving {
     fn start(mut command: Command) -> Self {
-        command.env_remove("ECMSK_TCP_SECRET");
+        command.env_remove(SECRET);
+        Self::start_with_secret(command)
+    }
+
+    fn start_with_secret(mut command: Command) -> Self {
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        let place = line.strip_prefix("listening on ").and_then(|rest| rest.split([';', '\n']).next());
+        let place = line.strip_prefix("listening on ").and_then(|rest| rest.split([',', ';', '\n']).next());
         let link = format!("tcp://{}", place.unwrap_or_else(|| panic!("{line}")));
         Self(child, link)
     }
@@ -95,5 +102,47 @@ fn the_board_of_the_environment_is_served() {
         run(["serve", port, "--listen", "127.0.0.1:0"]).expect_misuse(&["--link", "ECMSK_LINK"]);
         let wrong = ecmsk(["serve", port]).env("ECMSK_LINK", "whale:").output().unwrap();
         assert!(String::from_utf8_lossy(&wrong.stderr).contains("whale"), "{wrong:?}");
+    }
+}
+
+/// A secret in a file wins over the variable, at both ends. What is in the variable stays readable in the process for its user,
+/// as its help and `ecmsk link help` say; what is in the file is not.
+#[cfg(target_os = "linux")]
+#[test]
+fn the_secret_of_a_file_counts_more_than_that_of_the_variable() {
+    use std::os::unix::fs::PermissionsExt as _;
+
+    let [secret, other] = ["0123456789abcdef0123456789abcdef", "fedcba9876543210fedcba9876543210"];
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("secret");
+    std::fs::write(&file, secret).unwrap();
+    std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o600)).unwrap();
+    let serve = |variable: &str, from_file: bool| {
+        let mut command = ecmsk(["serve", "tcp", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive"]);
+        if from_file {
+            command.arg("--secret-file").arg(&file);
+        }
+        command.env(SECRET, variable);
+        Serving::start_with_secret(command)
+    };
+    let shows = |link: &str, variable: &str| {
+        let output = ecmsk(["info", "--link", link]).env(SECRET, variable).output().unwrap();
+        output.status.success()
+    };
+    let environment = |serving: &Serving| {
+        let bytes = std::fs::read(format!("/proc/{}/environ", serving.0.id())).unwrap();
+        String::from_utf8_lossy(&bytes).into_owned()
+    };
+    let by_file = serve(other, true);
+    let with_file = format!("{}?secret_file={}", by_file.1, file.display());
+    assert!(shows(&with_file, other) && shows(&by_file.1, secret));
+    assert!(!shows(&by_file.1, other));
+    assert!(!environment(&by_file).contains(secret));
+    let by_variable = serve(secret, false);
+    assert!(shows(&by_variable.1, secret) && !shows(&by_variable.1, other));
+    assert!(environment(&by_variable).contains(secret));
+    for help in [&["serve", "tcp", "--help"][..], &["link", "help"]] {
+        let text = run(help.iter().copied()).out.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(text.contains("its children and a core dump of it have that, too"), "{text}");
     }
 }

@@ -3,8 +3,8 @@
 use super::{Failure, Part, Steps, TOLD_LATE, abort_code};
 use crate::ethercat::coe::AbortCode;
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
-use crate::fieldbus::pdo::{self, Download, Downloads, ProcessData};
-use crate::fieldbus::xf::ask::Ask;
+use crate::fieldbus::pdo::{self, Download, Downloads, MappedDirection, ProcessData};
+use crate::fieldbus::xf::ask::{Ask, Reply};
 use crate::fieldbus::xf::chip_bus::ChipBus;
 use crate::fieldbus::xf::fifo_entries;
 use crate::fieldbus::xf::network::{Mapped, Network, Place, Seen};
@@ -100,12 +100,15 @@ impl<W: Wires> Steps<W> {
             }
         };
         if is_ahead {
-            self.with(|bus| bus.note_seen(slave, config, data, mapped));
+            let is_as_long = self.is_as_long(slave, &data, mapped).await?;
+            self.with(|bus| bus.note_seen(slave, Seen { mapped, is_as_long, ..Seen::all(*config, data) }));
             return Ok(None);
         }
+        let was_laid_out = self.with(|bus| bus.network.laid_out);
         self.write(slave, data.downloads(config.sync), mapped).await?;
         self.with(|bus| {
-            bus.note_seen(slave, config, data, Mapped::ALL);
+            bus.network.written(slave, &data, was_laid_out);
+            bus.note_seen(slave, Seen::all(*config, data));
             bus.network.process_data[usize::from(slave) - 1] = Some(data);
         });
         Ok(Some(data))
@@ -124,18 +127,47 @@ impl<W: Wires> Steps<W> {
     async fn look(&self, slave: u8, downloads: &Downloads) -> Result<Mapped, Refusal> {
         let mut mapped = Mapped::ALL;
         for image in downloads.mapping_images() {
-            if !mapped.is_mapped(image.direction()) {
+            if !mapped.of(image.direction()).pdos {
+                // All of the direction is written.
                 continue;
             }
             match self.ask(Ask::Compare { slave, image, timeout_ns: SDO_NS }).await {
-                Ok(0) => mapped.differs(image.direction()),
+                Ok(0) => mapped.differs(&image),
                 Ok(_) => {}
                 Err(error) if is_silent(&error) => return Err(Refusal::no_answer(slave)),
                 // A slave without complete access or without the object is mapped by downloads.
-                Err(_) => (mapped.outputs, mapped.inputs) = (false, false),
+                Err(_) => mapped.is_not_mapped(),
             }
         }
         Ok(mapped)
+    }
+
+    /// Whether what a slave has mapped is as long as what it is to have. Most drives have a PDO for each mode, of which the first one
+    /// is assigned, and one that goes by velocities is as long as that.
+    async fn is_as_long(&self, slave: u8, data: &ProcessData, mapped: Mapped) -> Result<bool, Refusal> {
+        for (direction, bytes) in
+            [(MappedDirection::Outputs, data.output_bytes()), (MappedDirection::Inputs, data.input_bytes())]
+        {
+            if !mapped.of(direction).is_whole() && self.assigned_bits(slave, direction).await? != bytes as u32 * 8 {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// The bits of the only PDO that is assigned in a direction; none if there are several, or if that cannot be read.
+    async fn assigned_bits(&self, slave: u8, direction: MappedDirection) -> Result<u32, Refusal> {
+        let told = |reply: Reply| match reply {
+            Err(error) if is_silent(&error) => Err(Refusal::no_answer(slave)),
+            other => Ok(other.unwrap_or(0)),
+        };
+        let [count, pdo] =
+            [0, 1].map(|sub| Ask::Upload { slave, object: direction.assignment(sub), timeout_ns: SDO_NS });
+        if told(self.ask(count).await)? != 1 {
+            return Ok(0);
+        }
+        let pdo = told(self.ask(pdo).await)? as u16;
+        told(self.ask(Ask::MappedBits { slave, pdo, timeout_ns: SDO_NS }).await)
     }
 
     async fn has_sync_types(&self, slave: u8, downloads: Downloads) -> Result<bool, Refusal> {
@@ -269,19 +301,18 @@ impl<W: Wires> ChipBus<W> {
     }
 
     /// Records what is known of the objects of a slave after they were read or written.
-    fn note_seen(&mut self, slave: u8, config: &SlaveConfig, data: ProcessData, mapped: Mapped) {
-        let seen = Seen { config: *config, data, mapped, at: self.wires.now() };
-        self.network.seen[usize::from(slave) - 1] = Some(seen);
+    fn note_seen(&mut self, slave: u8, seen: Seen) {
+        self.network.seen[usize::from(slave) - 1] = Some(Seen { at: self.wires.now(), ..seen });
     }
 
-    /// Whether all selected slaves are known to have the wanted mapping, so that none needs a download that changes it.
+    /// Whether all selected slaves are known to have process data of the wanted length, so that no download changes it.
     fn all_are_seen(&self, config: &BusConfig) -> bool {
         let now = self.wires.now();
         let selected = config.selected.intersection(SlaveSet::first(self.network.found));
         selected.iter().all(|slave| {
             let wanted = &config.slaves[usize::from(slave) - 1];
             let seen = self.network.seen(slave, wanted, now);
-            wanted.role == Role::Unused || seen.is_some_and(|seen| seen.mapped.outputs && seen.mapped.inputs)
+            wanted.role == Role::Unused || seen.is_some_and(|seen| seen.is_as_long)
         })
     }
 

@@ -62,7 +62,7 @@ impl Script {
 
     /// Records to `file`. `slot`: what the link knows of it.
     pub fn record(&self, file: &Path, link: &str, slot: Option<SlotSize>) {
-        let meta = RecordMeta { slot, clock: Clock::Virtual, base_ns: 0, link: link.to_owned() };
+        let meta = RecordMeta { slot, clock: Clock::Virtual, base_ns: 0, opened_ns: None, link: link.to_owned() };
         let queue = Mutex::new(self.0.iter().cloned().collect());
         let recorder = RecordLink::new(Arc::new(Scripted(queue)), file, &meta).expect("the recording begins");
         for (_, dir, frame) in &self.0 {
@@ -97,7 +97,13 @@ pub fn make_capture(file: &Path, devices: &[u8]) {
 pub fn record_to_a_slow_disk(file: &Path, frames: u64) -> u64 {
     let gate = Arc::new((Mutex::new(Disk::Headers), Condvar::new()));
     let sink = SlowDisk { file: File::create(file).expect("a file"), gate: Arc::clone(&gate) };
-    let meta = RecordMeta { slot: Some(SlotSize::Bytes12), clock: Clock::Real, base_ns: 0, link: "sim:".to_owned() };
+    let meta = RecordMeta {
+        slot: Some(SlotSize::Bytes12),
+        clock: Clock::Real,
+        base_ns: 0,
+        opened_ns: None,
+        link: "sim:".to_owned(),
+    };
     let queue = Mutex::new((0..frames).map(|n| (n, Dir::Write, Frame::new())).collect());
     let recorder = RecordLink::to_sink(Arc::new(Scripted(queue)), "slow", Box::new(sink), &meta, 4);
     let recorder = recorder.expect("the recording begins");

@@ -1,5 +1,7 @@
 //! A simulated bus with its master, which polls once a millisecond.
 
+use std::fmt::Debug;
+
 use ecmsk::cia402::{Controlword, DriveState, Mode};
 use ecmsk::coe::ObjectAddress;
 use ecmsk::coe::SdoSize;
@@ -105,18 +107,23 @@ impl Bench {
         self.bus.poll(self.now, &mut self.inputs)
     }
 
-    /// How a job ends, and after what time.
-    pub fn run(&mut self, job: Job) -> (JobDone, Ns) {
+    /// What the bus gives at last, once, and after what time.
+    fn until_ended<T: PartialEq + Debug>(&mut self, poll: impl Fn(&mut SimBus, Ns) -> Option<T>) -> (T, Ns) {
         let start = self.now;
-        self.bus.start(job, self.now).expect("no other job is under way");
         loop {
-            assert!(self.now - start < 100 * SECOND, "the job does not end");
+            assert!(self.now - start < 100 * SECOND, "it does not end");
             self.poll();
-            if let Some(done) = self.bus.poll_job(self.now) {
-                assert_eq!(self.bus.poll_job(self.now), None, "a job ends once");
+            if let Some(done) = poll(&mut self.bus, self.now) {
+                assert_eq!(poll(&mut self.bus, self.now), None, "it ends once");
                 return (done, self.now - start);
             }
         }
+    }
+
+    /// How a job ends, and after what time.
+    pub fn run(&mut self, job: Job) -> (JobDone, Ns) {
+        self.bus.start(job, self.now).expect("no other job is under way");
+        self.until_ended(|bus, now| bus.poll_job(now))
     }
 
     pub fn done(&mut self, job: Job) -> JobDone {
@@ -125,16 +132,8 @@ impl Bench {
 
     /// How an SDO ends, and after what time.
     pub fn transfer(&mut self, request: SdoRequest) -> (SdoDone, Ns) {
-        let start = self.now;
         self.bus.start_sdo(request, self.now).expect("no other SDO is under way");
-        loop {
-            assert!(self.now - start < 100 * SECOND, "the SDO does not end");
-            self.poll();
-            if let Some(done) = self.bus.poll_sdo(self.now) {
-                assert_eq!(self.bus.poll_sdo(self.now), None, "an SDO ends once");
-                return (done, self.now - start);
-            }
-        }
+        self.until_ended(|bus, now| bus.poll_sdo(now))
     }
 
     pub fn transferred(&mut self, request: SdoRequest) -> SdoDone {

@@ -1,4 +1,4 @@
-//! Homing of one axis, or of several whose GO_HOMEs share a frame, as the board requires it (SK-7.27); with progress.
+//! Homing of one axis, or of several whose GO_HOME commands share a frame, as the board requires it (SK-7.27); with progress.
 
 use std::cell::RefCell;
 use std::time::Duration;

@@ -79,7 +79,7 @@ impl Engine {
         Ok(())
     }
 
-    /// Called when all slots of a frame are executed: starts all GO_HOMEs of the frame together. SK-7 \[OURS]: an
+    /// Called when all slots of a frame are executed: starts all homing runs of the frame together. SK-7 \[OURS]: an
     /// ABORT_HOME in the same frame prevents that, whichever slot holds it.
     #[inline]
     pub(super) fn start_homing(&mut self) {

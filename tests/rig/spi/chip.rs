@@ -16,7 +16,7 @@ use ecmsk::xf::{DataSize, Interrupts};
 use ecmsk::xf_api::{Xf, XfError};
 
 use super::played::{Board, Busy, Played, Seen};
-use super::{BUSY, CHIP};
+use super::{BUSY, CHIP, RESET_KEY};
 use support::chip_axis::move_axis;
 use support::served::until;
 
@@ -126,6 +126,26 @@ fn an_axis_moves() {
             assert_eq!(seen.while_busy, before.while_busy, "{uri}");
         }
         assert_eq!(shapes(&seen, last_len), [(last_len, 24_000_000, 0, 8, 1)], "{uri}");
+    }
+}
+
+/// XF-16.12 The chip's reset line is low for 100 ms or a little longer, when the link is opened, when it is closed, or at both.
+#[test]
+fn the_reset_line_is_pulled() {
+    for (key, at_open, at_close) in [("", 1, 0), ("&reset_at=close", 0, 1), ("&reset_at=both", 1, 1)] {
+        let played = WiredChip::start(Profile::NEW);
+        let xf = open(&format!("{BY_INT0}&reset={RESET_KEY}{key}"));
+        let pulses = || played.seen().resets.chunks(2).map(|edges| edges.to_vec()).collect::<Vec<_>>();
+        assert_eq!(pulses().len(), at_open, "{key}");
+        drop(xf);
+        let all = until("each pulse has its end", || {
+            let pulses = pulses();
+            (pulses.len() == at_open + at_close && pulses.iter().all(|edges| edges.len() == 2)).then_some(pulses)
+        });
+        for edges in all {
+            assert!(!edges[0].high && edges[1].high, "{key}: {edges:?}");
+            assert!(edges[1].at_ns - edges[0].at_ns >= 100_000_000, "{key}: {edges:?}");
+        }
     }
 }
 

@@ -75,7 +75,6 @@ impl Start {
 pub fn time_to_op_ns(network: &Network) -> i64 {
     let transfers =
         network.slaves().map(|slave| Transfers::of(network, slave)).fold(Transfers::default(), Transfers::and);
-    // There are 40 slaves at most.
     let [found, used] = [network.length(), network.count()].map(|count| count as i64);
     let none = found - used;
     let data = data_size(network);
@@ -95,7 +94,7 @@ pub fn time_to_op_ns(network: &Network) -> i64 {
         + set_up_ns
         + (SAFEOP_NS + found * CHANGE_SLAVE_NS + states_ns + 30 * packet_ns)
         + (OP_NS + op_ns + states_ns + 14 * packet_ns);
-    // It is an estimate.
+    // Whole milliseconds: more digits would suggest a precision that an estimate does not have.
     ns / 1_000_000 * 1_000_000
 }
 
@@ -104,7 +103,7 @@ pub fn time_to_op_ns(network: &Network) -> i64 {
 struct Transfers {
     reads: i64,
     writes: i64,
-    /// Those of them that a slave aborts, without a consequence.
+    /// The number of transfers that the slave aborts, without consequence.
     aborted: i64,
 }
 
@@ -114,7 +113,7 @@ impl Transfers {
         let Some(data) = ProcessData::of(role, network.second_channels[slave - 1]) else { return Self::default() };
         let downloads = data.downloads(DriveSync::DcSync);
         let others = downloads.into_iter().filter(|download| !download.is_mapping());
-        // A pulse module is asked for its second channel.
+        // One upload finds out whether a pulse module has a second channel.
         let asks_for_channel = matches!(role, Role::Hsp(_));
         // A slave without clocks has no synchronization types.
         let without_clock = role == Role::Io;
@@ -138,7 +137,8 @@ impl Transfers {
     }
 }
 
-/// The packets with which the cycle holds. \[OURS] A slave that is declared none is laid out, too, and counts as a drive.
+/// The size of the packets for process data in each cycle. \[OURS] A slave that is declared none is part of the layout, too,
+/// and counts as a drive.
 fn data_size(network: &Network) -> DataSize {
     let data = |slave| match network.role(slave) {
         Role::Unused => ProcessData::of(Role::Drive(Mode::Csp), false),
@@ -160,13 +160,13 @@ fn data_size(network: &Network) -> DataSize {
     demand.plan().map_or(COMFORTABLE_SIZE, |plan| plan.size)
 }
 
-/// How long a packet takes, with the idle time behind it.
+/// The duration of a packet with the idle time after it, ns.
 fn packet_ns(size: DataSize) -> i64 {
     (HEADER_LEN + size.bytes() + TRAILER_LEN) as i64 * 8_000_000_000 / i64::from(CLOCK_HZ) + IDLE_NS
 }
 
-/// How long a command takes beside an exchange of process data in each cycle, which takes as long as it; if both do not fit into a
-/// cycle they alternate.
+/// The duration of a command while each cycle has an exchange of process data that is as long as the command, ns. If a cycle
+/// has no time for both, they alternate.
 fn beside_process_data_ns(command_ns: i64, cycle_ns: i64) -> i64 {
     if 2 * command_ns < cycle_ns { command_ns * cycle_ns / (cycle_ns - command_ns) } else { 2 * command_ns }
 }

@@ -35,7 +35,7 @@ pub struct RecordMeta {
     /// count from 1970-01-01. With a virtual clock the offset is 0. If a program records to the same file again and its
     /// clock starts anew, times continue where the earlier ones ended, with either clock.
     pub base_ns: u64,
-    /// The link's time when the board was opened, from which warnings and scripts count; `None`: the recording does not tell.
+    /// The link's time when the board was opened, ns: the zero of warnings and scripts. `None` if the recording does not say.
     pub opened_ns: Option<u64>,
     /// The link's URI in normal form.
     pub link: String,

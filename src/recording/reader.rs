@@ -259,7 +259,7 @@ mod tests {
 
     use super::*;
 
-    /// What a source has given out.
+    /// A source that counts the bytes that were read from it.
     struct Counted<'a>(&'a [u8], &'a Cell<usize>);
 
     impl Read for Counted<'_> {
@@ -270,7 +270,8 @@ mod tests {
         }
     }
 
-    /// A recording is of one board, which its first block says: however long it is, no more is read for that.
+    /// The first block of a recording shows that it has one board only, so little more than that block is read, whatever the
+    /// length of the file.
     #[test]
     fn the_board_of_a_recording_is_known_by_its_beginning() {
         let padded = |bytes: &[u8]| [bytes, &vec![0; bytes.len().next_multiple_of(4) - bytes.len()]].concat();

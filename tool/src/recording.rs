@@ -17,8 +17,8 @@ use super::stderr::say;
 /// Most frames that are read ahead to find a slot size that the recording does not state.
 const LOOK_AHEAD: usize = 1000;
 
-/// Where the first frame comes so long behind the opening of the board, it is said. \[OURS] A program that begins at once has one
-/// within a few cycles.
+/// If the first frame comes at least this long after the board was opened, a note says so, ns. \[OURS] A program that begins
+/// at once has its first frame within a few cycles.
 const OPENED_BEFORE_MIN_NS: i64 = 10_000_000;
 
 /// The name that stands for standard input.
@@ -26,7 +26,7 @@ const STDIN: &str = "-";
 
 #[cfg(test)]
 thread_local! {
-    /// How many frames of recordings this thread has read, for tests of how often a recording is read.
+    /// The number of frames that this thread has read from recordings, for tests of how often a recording is read.
     pub static FRAMES_READ: std::cell::Cell<u64> = const { std::cell::Cell::new(0) };
 }
 
@@ -179,8 +179,8 @@ impl<R: Read> Frames<R> {
         }
     }
 
-    /// Prints a note where the times of frames, which count from the first one, have another zero than warnings and scripts, which
-    /// count from when the board was opened. Known once the first frame was read.
+    /// Prints a note if the times of frames, which count from the first frame, differ from those of warnings and scripts,
+    /// which count from the opening of the board. To be called after the first frame was read.
     pub fn note_opened(&self) {
         if let Some(ns) = self.opened_before_ns.filter(|ns| *ns >= OPENED_BEFORE_MIN_NS) {
             let seconds = ns as f64 / 1e9;

@@ -55,7 +55,8 @@ pub(super) enum Ask {
         image: MappingImage,
         timeout_ns: Ns,
     },
-    /// How many bits the entries of a PDO have, read with complete access; none if the object does not come whole.
+    /// Reads the mapping of a PDO with complete access. The answer is the length of its entries in bits; 0 if the upload is
+    /// incomplete.
     MappedBits {
         slave: u8,
         pdo: u16,
@@ -154,13 +155,13 @@ fn sdo(slave: u8, object: ObjectAddress, timeout_ns: Ns, operation: SdoOperation
     SdoRequest { slave: number(slave), object, scope: SdoScope::Entry, timeout_us, operation }
 }
 
-/// A mapping object, read with complete access.
+/// The request that reads a mapping object with complete access.
 fn whole(slave: u8, object: ObjectAddress, timeout_ns: Ns) -> SdoRequest<'static> {
     let read = SdoOperation::Read { bytes: COMPARED_BYTES };
     SdoRequest { scope: SdoScope::Complete, ..sdo(slave, object, timeout_ns, read) }
 }
 
-/// The lengths of the entries of a PDO, which stand in their lowest byte (ETG.1000.6).
+/// The sum of the lengths of a PDO's entries, bits. The lowest byte of an entry is its length (ETG.1000.6).
 fn mapped_bits(upload: &[u8]) -> u32 {
     let Some((&count, [_, entries @ ..])) = upload.split_first() else { return 0 };
     let mut bits = entries.chunks_exact(4).map(|entry| u32::from(entry[0]));

@@ -167,7 +167,7 @@ impl Survey {
         let dump = ResponseDump::new(frame, size);
         for n in 1..=size.max_slaves() {
             if self.kinds.of(n).is_none() && is_empty(frame, size, n) {
-                // It tells nothing, and a frame may have 40 of them.
+                // Skipped for speed: an empty slot has no information, and a frame may have 40 of them.
                 continue;
             }
             let guessed = || match dump.line(n)?.meaning {
@@ -182,8 +182,8 @@ impl Survey {
     }
 }
 
-/// Whether nothing is in slot `n` but its index, which a board repeats for slaves that do not exist. A frame has 40 slots, most of
-/// which are so: they are looked at as bytes.
+/// Whether slot `n` is empty but for its index, which a board repeats for slaves that do not exist. Compares bytes, because
+/// most of the 40 slots of a frame are empty and decoding them takes time.
 fn is_empty(frame: &Frame, size: SlotSize, n: usize) -> bool {
     let slot = &frame.bytes()[n * size.bytes()..][..size.bytes()];
     slot[0] == 0 && slot[2..] == [0; 14][..slot.len() - 2]

@@ -128,7 +128,7 @@ impl<W: Wires> Steps<W> {
         let mut mapped = Mapped::ALL;
         for image in downloads.mapping_images() {
             if !mapped.of(image.direction()).pdos {
-                // All of the direction is written.
+                // A PDO of this direction differs, so all its objects are written: no need to compare more.
                 continue;
             }
             match self.ask(Ask::Compare { slave, image, timeout_ns: SDO_NS }).await {
@@ -142,8 +142,8 @@ impl<W: Wires> Steps<W> {
         Ok(mapped)
     }
 
-    /// Whether what a slave has mapped is as long as what it is to have. Most drives have a PDO for each mode, of which the first one
-    /// is assigned, and one that goes by velocities is as long as that.
+    /// Whether the present process data of a slave have the lengths of the wanted ones. Most drives have a PDO for each mode
+    /// and assign the first one at power-on; the PDO for CSV is often as long as that for CSP.
     async fn is_as_long(&self, slave: u8, data: &ProcessData, mapped: Mapped) -> Result<bool, Refusal> {
         for (direction, bytes) in
             [(MappedDirection::Outputs, data.output_bytes()), (MappedDirection::Inputs, data.input_bytes())]
@@ -155,7 +155,7 @@ impl<W: Wires> Steps<W> {
         Ok(true)
     }
 
-    /// The bits of the only PDO that is assigned in a direction; none if there are several, or if that cannot be read.
+    /// The length in bits of the only PDO that is assigned in this direction; 0 if there are several, or if it cannot be read.
     async fn assigned_bits(&self, slave: u8, direction: MappedDirection) -> Result<u32, Refusal> {
         let told = |reply: Reply| match reply {
             Err(error) if is_silent(&error) => Err(Refusal::no_answer(slave)),

@@ -232,7 +232,7 @@ impl Network {
         }
     }
 
-    /// Records that a slave has its configuration. The chip's layout stays valid if the lengths are those of before.
+    /// Records that a slave has its configuration. \[OURS] The chip's layout stays valid if the lengths are those of before.
     pub(super) fn written(&mut self, slave: u8, data: &ProcessData, was_laid_out: bool) {
         let Place { output_bytes, input_bytes, .. } = self.places[usize::from(slave) - 1];
         self.laid_out |= was_laid_out && (data.output_bytes(), data.input_bytes()) == (output_bytes, input_bytes);

@@ -88,10 +88,12 @@ fn sw_reset_resets_all_variables() {
         })
         .into();
     for (size, fresh) in SlotSize::ALL.into_iter().zip(defaults) {
+        // Slower than the default, and fast enough for the watchdog of slaves on any bus.
+        let slower = MasterCommand::SetDc { cycle: CycleTime::from_us(64_000).unwrap(), shift: DcShift::Auto };
         for state in [MasterState::Init, MasterState::PreOp, MasterState::SafeOp, MasterState::Op] {
             let config = EngineConfig { slot: size, ..EngineConfig::default() };
             let Bench { mut host, jobs, .. } = Bench::new(config, any_slaves(3));
-            host.declare_drives(3).master(slow());
+            host.declare_drives(3).master(slower);
             let mode = SlaveCommand::DriveMode { mode: Mode::Cst, sync: DriveSync::FreeRun };
             host.slave(1, mode).master(MasterCommand::LocalWrite(0x3F)).read_object(1, 0x1000, 0).unwrap();
             host.master(MasterCommand::SetAxis { group: 4, kinds: Default::default() }).go(state);

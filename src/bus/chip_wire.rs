@@ -45,7 +45,7 @@ pub(super) fn datagram(
 /// Carries the frames of our own master as datagrams of the chip. [`Wire::send`] waits until the frame is back.
 pub(super) struct ChipWire<'x> {
     xf: &'x mut Xf,
-    /// Frames that are back and that the master has not received yet.
+    /// Frames that have come back from the slaves, until the master receives them.
     received: VecDeque<Vec<u8>>,
     /// The error that made the chip unreachable.
     error: Option<XfError>,

@@ -21,7 +21,7 @@ pub struct PortErrors {
     pub physical: u8,
     /// Damaged frames that an earlier slave has marked already.
     pub forwarded: u8,
-    /// How often the port lost its link.
+    /// The number of times the port lost its link.
     pub lost_links: u8,
 }
 

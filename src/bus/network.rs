@@ -48,8 +48,8 @@ pub struct FoundSlave {
     pub has_clock: bool,
     /// The protocols of the slave's mailbox, empty if it has no mailbox; `None` if they are not known.
     pub protocols: Option<MailboxProtocols>,
-    /// The bytes of its outputs and of its inputs; `None` if the EEPROM does not say, or if a chip has not configured
-    /// them yet.
+    /// The lengths of the slave's outputs and inputs, in bytes. `None` if the EEPROM does not contain a length, or if the
+    /// chip has not configured the process data yet.
     pub process_bytes: (Option<u16>, Option<u16>),
     /// Why the EEPROM could not be read, or what is wrong with its content; `None` if nothing is.
     pub eeprom_error: Option<String>,

@@ -35,7 +35,7 @@ pub enum CompareError {
     Incomplete {
         /// The incomplete recording.
         side: Side,
-        /// What the recording lacks, with the next step.
+        /// What is missing in the recording, and what the user can do about it.
         why: String,
     },
     /// A recording holds no frame.

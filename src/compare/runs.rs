@@ -40,7 +40,7 @@ pub struct Comparison {
     /// The number of equal commands whose answers differ in timing only: the other run shows the same answer some
     /// cycles earlier or later, or an axis is moving while one run has additional cycles.
     pub shifted_answers: u64,
-    /// How many cycles run B answers later.
+    /// The delay of the answers in run B against those in run A, in cycles.
     pub latency: Latency,
     /// The gaps of run A and run B.
     pub gaps: [Gaps; 2],

@@ -76,7 +76,7 @@ fn next_piece(text: &str) -> (&str, &str) {
     text.split_at(text.find(SIGNS).unwrap_or(text.len()))
 }
 
-/// How strictly the syntax of a list is checked.
+/// The syntax that the parser accepts for a list of slaves.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Form {
     /// For links: no blanks, and the repeat count comes last, because the normal forms of links are compared.

@@ -64,7 +64,7 @@ impl Download {
 
     /// Whether this download assigns PDOs to a sync manager.
     pub const fn is_assignment(&self) -> bool {
-        matches!(self.object.index, RX_ASSIGNMENT | TX_ASSIGNMENT)
+        assigns_pdos(self.object.index)
     }
 
     /// The object to write in a slave whose first sync managers for outputs and for inputs are these. The PDO assignment of
@@ -158,6 +158,11 @@ impl MappedDirection {
     }
 }
 
+/// Whether the object with this index assigns PDOs to a sync manager.
+const fn assigns_pdos(index: u16) -> bool {
+    matches!(index, RX_ASSIGNMENT | TX_ASSIGNMENT)
+}
+
 /// The maximum length of a [`MappingImage`]: a count with its padding, and four entries of 4 bytes.
 const MAPPING_IMAGE_MAX: usize = 2 + 4 * 4;
 
@@ -183,7 +188,7 @@ impl MappingImage {
 
     /// Whether the object assigns PDOs to a sync manager; otherwise it is the mapping of a PDO.
     pub const fn is_assignment(&self) -> bool {
-        matches!(self.index, RX_ASSIGNMENT | TX_ASSIGNMENT)
+        assigns_pdos(self.index)
     }
 
     /// Whether an upload with complete access shows this content. Entries beyond the count do not matter.

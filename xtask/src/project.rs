@@ -18,8 +18,11 @@ pub struct Project {
     pub root: PathBuf,
     /// The target folder of cargo.
     pub target: PathBuf,
-    /// Whether cargo builds incrementally, which doubles the space on the disk.
-    pub incremental: bool,
+    /// Whether cargo builds as for a developer: incrementally, which doubles the space on the disk, and with the line numbers
+    /// of backtraces, which take a fifth of the time.
+    pub for_developer: bool,
+    /// Whether packages and the files for Windows are built for tests alone: not optimised, which takes a third of the time.
+    pub quick: bool,
 }
 
 #[derive(Deserialize)]
@@ -38,12 +41,20 @@ impl Project {
     /// Finds the workspace around the current directory.
     pub fn find() -> Result<Self, Error> {
         let metadata: Metadata = metadata(Command::new(cargo_program()), "--no-deps")?;
-        Ok(Self { root: metadata.workspace_root, target: metadata.target_directory, incremental: true })
+        Ok(Self { root: metadata.workspace_root, target: metadata.target_directory, for_developer: true, quick: false })
     }
 
     /// cargo, run at the root of the project.
     pub fn cargo(&self) -> Command {
         self.program(cargo_program())
+    }
+
+    /// cargo with a command for parts of the workspace that `arguments` name, and for a group of tests besides. Everything
+    /// has the features that it has in `cargo test --workspace`, so that it is compiled once for all parts of the test.
+    pub fn cargo_as_in_tests(&self, command: &str, group: &str, arguments: &[&str]) -> Command {
+        let mut cargo = self.cargo();
+        cargo.args([command, "--workspace", "--test", group]).args(arguments);
+        cargo
     }
 
     /// A program that may start cargo, run at the root of the project.
@@ -56,8 +67,8 @@ impl Project {
         for name in told.filter(|name| name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_")) {
             command.env_remove(name);
         }
-        if !self.incremental {
-            command.env("CARGO_INCREMENTAL", "0");
+        if !self.for_developer {
+            command.env("CARGO_INCREMENTAL", "0").env("CARGO_PROFILE_DEV_DEBUG", "0");
         }
         command.current_dir(&self.root);
         command

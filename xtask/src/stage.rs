@@ -32,6 +32,8 @@ pub const LINK_NAME: &str = "libNEXTWUSBLib.so";
 /// The udev rule that lets users open a board.
 pub const UDEV_RULE: &str = "60-ecmsk.rules";
 pub const ARCHIVE: &str = "libNEXTWUSBLib.a";
+/// A small group of tests, with which everything is built as in the tests.
+const GROUP: &str = "rooms";
 /// The libraries that Rust's standard library needs in a program that links the static library.
 const PRIVATE_LIBS: &str = "-lgcc_s -lutil -lrt -lpthread -lm -ldl -lc";
 const PKGCONFIG_TEMPLATE: &str = include_str!("../../capi/nextwusblib.pc.in");
@@ -53,6 +55,15 @@ pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(),
     split_debug(&prefix.join("lib").join(SONAME))
 }
 
+/// Builds as for the tests and installs into a folder, which is returned.
+pub fn build_for_tests(project: &Project) -> Result<PathBuf, Error> {
+    command::run(&mut project.cargo_as_in_tests("build", GROUP, &["--lib", "--bins"]))?;
+    let prefix = project.target.join("xtask/stage");
+    install_into(project, &project.target.join(profile_folder("dev")), &prefix)?;
+    split_debug(&prefix.join("lib").join(SONAME))?;
+    Ok(prefix)
+}
+
 /// Moves the debug information of a library into a file of its own, which leaves a tenth of its size: `.debug/NAME.debug`
 /// beside the library, where debuggers look for it. The paths of the build are in that file; the library has paths of
 /// sources only in messages.
@@ -70,7 +81,7 @@ fn split_debug(library: &Path) -> Result<(), Error> {
 
 /// Builds the tool as the tests use it; returns its path.
 pub fn build_tool(project: &Project) -> Result<PathBuf, Error> {
-    command::run(project.cargo().args(["build", "--package", TOOL_PACKAGE]))?;
+    command::run(&mut project.cargo_as_in_tests("build", GROUP, &["--bin=ecmsk"]))?;
     Ok(project.target.join("debug/ecmsk"))
 }
 

@@ -113,8 +113,11 @@ pub const PARTS_OF_ALL: &[Part] = &[
 const ALL: Spend = Spend { disk_mb: 7_000, time: "much time: each part says how long it took" };
 
 /// The parts that `--all` leaves out.
-const LEFT_TO_DIST: &str =
-    "the packages made twice, to the same bytes, since everything is compiled twice for that: cargo xtask dist --check";
+const LEFT_OUT_OF_ALL: &[&str] = &[
+    "the packages as they are shipped, made twice, to the same bytes, since everything is compiled twice for that: cargo xtask \
+     dist --check",
+    "the files for Windows as they are shipped, since optimising them takes long: cargo xtask test --windows",
+];
 
 /// The parts that `--windows` runs.
 const WINDOWS: [Part; 5] = [
@@ -242,8 +245,8 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         ALL.announce(project);
     }
     // Everything is run before a change is merged, mostly in a fresh clone where an incremental build is of no use.
-    let project = &Project { incremental: !arguments.all, ..project.clone() };
-    let left_out = if arguments.all { &[LEFT_TO_DIST][..] } else { &[] };
+    let project = &Project { for_developer: !arguments.all, quick: arguments.all, ..project.clone() };
+    let left_out = if arguments.all { LEFT_OUT_OF_ALL } else { &[] };
     run_parts(&Site::new(project, &missing, arguments.all), parts, &gates, left_out)
 }
 
@@ -308,9 +311,8 @@ pub fn format(site: &Site) -> Result<(), Error> {
 pub fn lints(site: &Site) -> Result<(), Error> {
     command::run(site.project.cargo().args(["clippy", "--workspace", "--all-targets", "--", "-Dwarnings"]))?;
     // `--all-targets` leaves out the tests that run in the guest.
-    let beyond =
-        ["clippy", "--package=ecmsk", "--test=rig", "--test=windows", "--test=windows_usb", "--", "-Dwarnings"];
-    command::run(site.project.cargo().args(beyond))
+    let others = ["--test=windows", "--test=windows_usb", "--", "-Dwarnings"];
+    command::run(&mut site.project.cargo_as_in_tests("clippy", "rig", &others))
 }
 
 fn documentation(site: &Site) -> Result<(), Error> {
@@ -338,7 +340,7 @@ fn fuzz_targets(site: &Site) -> Result<(), Error> {
 }
 
 fn staged(site: &Site) -> Result<(), Error> {
-    stage::build_into(site.project, &site.project.target.join("xtask/stage"), "dev")
+    stage::build_for_tests(site.project).map(drop)
 }
 
 #[cfg(test)]
@@ -396,7 +398,7 @@ mod tests {
 
     #[test]
     fn a_gate_closes_when_one_of_its_needs_is_missing() {
-        let project = Project { root: "/".into(), target: "/target".into(), incremental: true };
+        let project = Project { root: "/".into(), target: "/target".into(), for_developer: true, quick: false };
         let closed =
             |missing: &[Need]| site(&project, missing).closed_gates().map(|gate| gate.module).collect::<Vec<_>>();
         assert!(closed(&[]).is_empty());

@@ -168,7 +168,12 @@ mod tests {
     #[test]
     fn a_path_of_this_machine_is_found() {
         let folder = tempfile::tempdir().unwrap();
-        let project = Project { root: "/a/place/of/mine".into(), target: "/another/place".into(), incremental: false };
+        let project = Project {
+            root: "/a/place/of/mine".into(),
+            target: "/another/place".into(),
+            for_developer: false,
+            quick: false,
+        };
         fs::write(folder.path().join("good"), b"\0/a/place/of/yours\0").unwrap();
         assert_eq!(paths_of_this_machine(&project, folder.path()).unwrap(), [""; 0]);
         fs::write(folder.path().join("bad"), b"\0/a/place/of/mine/src/lib.rs\0").unwrap();

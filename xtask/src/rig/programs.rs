@@ -40,12 +40,11 @@ struct Target {
 
 /// The wire tests with all programs that they start.
 pub fn tests(project: &Project, packages: &Packages, folder: &Path) -> Result<Programs, Error> {
-    let prefix = project.target.join("xtask/stage");
-    stage::build_into(project, &prefix, "dev")?;
+    let prefix = stage::build_for_tests(project)?;
     let built = folder.join("built");
     packages::empty(&built)?;
     let mut programs = vec![
-        ("tests".to_owned(), build_target(project, "test", TESTS)?),
+        ("tests".to_owned(), build_test(project, TESTS)?),
         ("ecmsk".to_owned(), prefix.join("bin/ecmsk")),
         // The library of this project, and one that uses a hidraw device.
         (format!("ours/{LIBRARY}"), prefix.join("lib").join(LIBRARY)),
@@ -63,13 +62,18 @@ pub fn tests(project: &Project, packages: &Packages, folder: &Path) -> Result<Pr
 
 /// The bench of the wires.
 pub fn bench(project: &Project) -> Result<Programs, Error> {
-    Ok(vec![("bench".to_owned(), build_target(project, "bench", BENCH)?)])
+    let mut cargo = project.cargo();
+    cargo.args(["bench", "--package=ecmsk", "--bench", BENCH]);
+    Ok(vec![("bench".to_owned(), built(cargo, "bench", BENCH)?)])
 }
 
-/// Builds a test or a bench of the root package.
-pub fn build_target(project: &Project, kind: &str, name: &str) -> Result<PathBuf, Error> {
-    let mut cargo = project.cargo();
-    cargo.args([kind, "--package=ecmsk", &format!("--{kind}={name}")]);
+/// Builds a group of tests of the root package.
+pub fn build_test(project: &Project, name: &str) -> Result<PathBuf, Error> {
+    built(project.cargo_as_in_tests("test", name, &[]), "test", name)
+}
+
+/// Builds what `cargo` names; returns the program of the target.
+fn built(mut cargo: Command, kind: &str, name: &str) -> Result<PathBuf, Error> {
     cargo.args(["--no-run", "--message-format=json-render-diagnostics"]);
     let said = command::output(&mut cargo)?;
     let built = executable(&said, name, kind);

@@ -39,8 +39,9 @@ pub const BUILT: [Built; 2] = [
     },
 ];
 
-/// Cargo's profile for them.
+/// Cargo's profile for them, and the one for tests alone.
 const PROFILE: &str = "windows";
+const QUICK_PROFILE: &str = "windows-quick";
 /// Debian's programs, and not those that rustup has put before them on the path.
 const CARGO: &str = "/usr/bin/cargo";
 pub const RUSTC: &str = "/usr/bin/rustc";
@@ -55,7 +56,8 @@ impl Built {
         let target = folder(project).join("build");
         let shown = details.object(width, &target.join(width.name()))?;
         let mut cargo = cargo(project, width, &target)?;
-        cargo.arg("rustc").args(*what).args(["--profile", PROFILE]);
+        let profile = if project.quick { QUICK_PROFILE } else { PROFILE };
+        cargo.arg("rustc").args(*what).args(["--profile", profile]);
         // This leaves rustc's metadata of a crate in a file beside the library, and not a second time in it: 400 MB less.
         cargo.args(["-Zbuild-std=std,panic_abort", "-Zno-embed-metadata", "--target", width.target()]);
         println!("building {} for {}", details.name, width.name());
@@ -65,7 +67,7 @@ impl Built {
             cargo.arg(format!("-Zpre-link-arg={}", object.display()));
         }
         command::run(&mut cargo)?;
-        let built = target.join(width.target()).join(PROFILE).join(details.name);
+        let built = target.join(width.target()).join(profile).join(details.name);
         let mut image = fs::read(&built).map_err(Error::file("read", &built))?;
         relocations::mend(&mut image).map_err(|what| Error::Dll { path: built, what })?;
         let to = place.join(details.name);

@@ -190,8 +190,7 @@ fn run_tests(
     let others = Width::ALL.into_iter().filter(|other| *other != width).map(|other| format!("{}::", other.name()));
     let skipped: Vec<String> = others.chain(but.iter().map(|&name| name.to_owned())).collect();
     let tests = |how: &str| {
-        let mut cargo = project.cargo();
-        cargo.args(["test", "--package=ecmsk", "--test", TESTS, "--", how]);
+        let mut cargo = project.cargo_as_in_tests("test", TESTS, &["--", how]);
         cargo.args(skipped.iter().map(|name| format!("--skip={name}"))).args(names);
         cargo
     };

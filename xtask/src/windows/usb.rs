@@ -15,7 +15,7 @@ use crate::error::Error;
 use crate::project::Project;
 use crate::rig::initrd::Archive;
 use crate::rig::packages::Packages;
-use crate::rig::programs::{build_target, stripped};
+use crate::rig::programs::{build_test, stripped};
 use crate::rig::qemu::{self, Machine};
 use crate::rig::{kernel, modules, packages};
 use crate::stage;
@@ -151,7 +151,7 @@ fn share(project: &Project, folder: &Path) -> Result<PathBuf, Error> {
         }
     }
     stripped(&stage::build_tool(project)?, &share.join("ecmsk"))?;
-    stripped(&build_target(project, "test", TESTS)?, &share.join("tests"))?;
+    stripped(&build_test(project, TESTS)?, &share.join("tests"))?;
     Ok(share)
 }
 

@@ -1,11 +1,13 @@
 //! The groups of tests, each a program of its own: which are quick, which run on the machine's clock, and which tests are long
 //! and left to `--all`. Each group stands in exactly one list; a test below fails for one that was forgotten.
 
+use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::{hint, thread};
 
 use crate::command;
 use crate::error::Error;
+use crate::side_by_side::{self, Named};
 use crate::test::Site;
 
 /// Groups that need no other program, and seconds: `cargo xtask ci --fast` runs them.
@@ -16,8 +18,9 @@ const QUICK: &[&str] =
 const OTHERS: &[&str] =
     &["bus", "capi", "counters", "ecm", "ecmsk_header", "esi", "invariants", "master", "migration", "xf_api"];
 
-/// Groups that use the machine's clock: runners, processes, sockets, network cards, masters of other projects. Nothing else
-/// runs beside them, and they run one test at a time. Their assertions hold on a machine that is late, too.
+/// Groups that use the machine's clock: runners, processes, sockets, network cards, masters of other projects. Two of them run
+/// at a time, each one test after the other, and nothing else beside them: most of them wait most of the time. Their
+/// assertions hold on a machine that is late, too. The long ones come first.
 const REAL_CLOCK: &[&str] = &[
     "bus_on_card",
     "failing_calls",
@@ -95,8 +98,17 @@ pub fn not_quick() -> impl Iterator<Item = &'static str> {
 /// The groups on the machine's clock.
 pub fn real_clock(site: &Site) -> Result<(), Error> {
     let others = if site.all { OTHER_MASTERS } else { &[] };
-    run(site, &[REAL_CLOCK, others], &[], &["--test-threads=1"])?;
-    run(site, &[&[TOOL]], &[], &[&["--test-threads=1"], TOOL_ON_REAL_CLOCK].concat())
+    let groups = [&[TOOL][..], others, REAL_CLOCK].concat();
+    // Otherwise the groups would wait for one another's builds.
+    command::run(tests(site, &groups, &[]).arg("--no-run"))?;
+    let named = groups.into_iter().map(|group| {
+        let chosen = if group == TOOL { TOOL_ON_REAL_CLOCK } else { &[] };
+        let options = [&["--test-threads=1"][..], chosen].concat();
+        let mut command = tests(site, &[group], &[]);
+        choose(&mut command, site, &options);
+        Named { name: group.to_owned(), command }
+    });
+    side_by_side::run(named.collect(), &site.project.target.join("xtask/groups"))
 }
 
 /// The examples in the documentation.
@@ -106,14 +118,25 @@ pub fn documentation(site: &Site) -> Result<(), Error> {
 
 /// Runs cargo for the whole workspace, so that each group has the library with the same features and it is compiled once.
 fn run(site: &Site, groups: &[&[&str]], targets: &[&str], options: &[&str]) -> Result<(), Error> {
+    let mut cargo = tests(site, &groups.concat(), targets);
+    choose(&mut cargo, site, options);
+    command::run(&mut cargo)
+}
+
+/// The command that builds and runs these targets.
+fn tests(site: &Site, groups: &[&str], targets: &[&str]) -> Command {
     let mut cargo = site.project.cargo();
     cargo.args(["test", "--workspace"]).args(targets);
-    cargo.args(groups.iter().copied().flatten().map(|group| format!("--test={group}")));
+    cargo.args(groups.iter().map(|group| format!("--test={group}")));
+    cargo
+}
+
+/// Adds the arguments by which the programs choose their tests.
+fn choose(cargo: &mut Command, site: &Site, options: &[&str]) {
     cargo.args(["--", "--quiet"]).args(options).args(site.skipped_modules());
     if !site.all {
         cargo.args(LONG.iter().map(|name| format!("--skip={name}")));
     }
-    command::run(&mut cargo)
 }
 
 /// Runs the groups on the machine's clock `times` times; if `is_busy`, with a busy loop on each processor in every second

@@ -31,6 +31,7 @@ mod npm;
 mod project;
 mod rig;
 mod semver;
+mod side_by_side;
 mod soak;
 mod spend;
 mod stage;

@@ -19,6 +19,9 @@ const KEPT_MAX: usize = 1024;
 /// Longest time that a server waits at its end until the remaining notes are passed on. A working reader takes them at
 /// once, a stalled one never does. \[OURS]
 pub const FLUSH_LIMIT: Duration = Duration::from_secs(1);
+/// The longest time that one wait counts as. While the machine stands still, as when it is suspended, no reader can take
+/// anything, and nothing may be lost for that. \[OURS]
+pub const WAIT_SLICE: Duration = Duration::from_millis(100);
 
 /// An item that the queue passes on.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -135,14 +138,17 @@ impl<T> NoteThread<T> {
 
     /// Waits until the notes added so far have been passed on, at most `limit`. Returns whether they have.
     pub fn flush_within(&self, limit: Duration) -> bool {
-        let until = Instant::now() + limit;
         // Other threads hold the lock only for a few instructions. It may be held for longer if a signal handler has
         // interrupted such a thread and ends the process from there.
-        let Some(mut state) = self.notes.0.state.try_lock_until(until) else { return false };
+        let Some(mut state) = self.notes.0.state.try_lock_for(limit) else { return false };
+        let mut left = limit;
         while !state.is_over && !state.is_passed_on() {
-            if self.notes.0.changed.wait_until(&mut state, until).timed_out() {
+            if left.is_zero() {
                 return false;
             }
+            let (slice, began) = (left.min(WAIT_SLICE), Instant::now());
+            self.notes.0.changed.wait_for(&mut state, slice);
+            left = left.saturating_sub(began.elapsed().min(WAIT_SLICE));
         }
         true
     }

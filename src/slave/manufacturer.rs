@@ -129,6 +129,15 @@ impl ManufacturerType {
         }
     }
 
+    /// The data type with this code in an object dictionary, for a value of `bytes` bytes. A type that files do not name is an
+    /// unsigned integer of the same length, or [`ManufacturerType::Any`].
+    pub fn of_code(code: DataTypeCode, bytes: usize) -> Self {
+        let fits = |data: &Self| data.bytes().is_none_or(|len| usize::from(len) == bytes);
+        let named = Self::ALL.into_iter().find(|data| data.code() == code && fits(data));
+        let unsigned = [Self::U8, Self::U16, Self::U32, Self::U64];
+        named.or_else(|| unsigned.into_iter().find(fits)).unwrap_or(Self::Any)
+    }
+
     /// Whether a PDO entry of this length in bits can contain a value of this type. \[OURS] A `u8` may stand for one of the
     /// types of 2 to 7 bits, which files do not distinguish.
     const fn can_be_mapped_with(self, bits: u8) -> bool {

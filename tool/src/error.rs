@@ -7,6 +7,7 @@ use ecmsk::recording::RecordError;
 
 use super::board::BoardError;
 use super::bus::BusVerbError;
+use super::params::ParamsError;
 use super::stderr::say;
 use super::xf::XfVerbError;
 
@@ -53,6 +54,9 @@ pub enum CliError {
     /// See [`super::objects::ObjectsError`].
     #[error(transparent)]
     Objects(#[from] super::objects::ObjectsError),
+    /// See [`super::params::ParamsError`].
+    #[error(transparent)]
+    Params(#[from] super::params::ParamsError),
     /// See [`super::exec::ExecError`].
     #[error(transparent)]
     Exec(#[from] super::exec::ExecError),
@@ -96,6 +100,7 @@ impl CliError {
         if let Self::Output(error)
         | Self::Board(BoardError::Output(error))
         | Self::Bus(BusVerbError::Output(error))
+        | Self::Params(ParamsError::Output(error))
         | Self::Xf(XfVerbError::Output(error)) = self
             && error.kind() == io::ErrorKind::BrokenPipe
         {
@@ -113,6 +118,7 @@ impl CliError {
     fn code(&self) -> u8 {
         match self {
             Self::Exec(error) => error.code(),
+            Self::Params(error) => error.code(),
             Self::Board(error) => error.code(),
             Self::Bus(error) => error.code(),
             Self::Xf(error) => error.code(),

@@ -13,6 +13,7 @@
 //!   several of them; `board.rs` is what they share
 //! - `monitor.rs`, `serve.rs`, `link.rs`, `objects.rs`, `slave.rs`, `list.rs`, `doctor.rs`, `completions.rs`, `man.rs`:
 //!   one verb each; `image.rs` reads Windows programs for `doctor` and `exec`
+//! - `params.rs`: `ecmsk params`, the parameters of drives, in `params/`
 //! - `bus.rs`: `ecmsk bus`, the look at any network, one file for each verb in `bus/`
 //! - `xf.rs`: `ecmsk xf`, the verbs that talk to an ECM-XF, one file each in `xf/`
 //! - `link_option.rs`, `record_option.rs`, `slot_size.rs`: the options `--link`, `--record` and `--slot-size`;
@@ -44,6 +45,7 @@ mod migrate;
 mod monitor;
 mod objects;
 mod output;
+mod params;
 mod plot;
 mod record_option;
 mod recording;
@@ -86,6 +88,10 @@ Exit codes:
        with --exit-code: 0 nothing went wrong, 1 something did, or the recording is not whole
   migrate
        0 the program runs on an ECM-XF as it is, 1 it runs with differences or not, 2 it could not be said
+  params diff
+       0 the parameters are equal, 1 they differ, 2 they could not be compared (as diff)
+  params restore
+       0 all were written and read back, 1 some were not
   bus errors, bus dc
        0 nothing is wrong, 1 a cable is bad, or clocks do not keep together
   list 0 if each board that was found on USB can be opened, or an SPI device if there is none
@@ -122,6 +128,7 @@ enum Verb {
     Monitor(monitor::Args),
     Link(link::Args),
     Objects(objects::Args),
+    Params(params::Args),
     List(list::Args),
     Doctor(doctor::Args),
     Serve(serve::Args),
@@ -168,6 +175,7 @@ impl Verb {
             Self::Monitor(args) => monitor::run(&args),
             Self::Link(args) => link::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Objects(args) => objects::run(&args).map(|()| ExitCode::SUCCESS),
+            Self::Params(args) => Ok(recording_end::of_opened(params::run(&args)?)),
             Self::List(args) => list::run(&args),
             Self::Doctor(args) => doctor::run(&args),
             Self::Man(args) => man::run(&args).map(|()| ExitCode::SUCCESS),

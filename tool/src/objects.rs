@@ -20,6 +20,8 @@ use serde_json::json;
 use super::CliError;
 use super::board::Reporter;
 
+pub use drive::read_from as read_drive;
+
 /// Make a file of the objects of a drive's maker, for simulated drives: slaves=drive:objects@FILE
 ///
 /// Programs write 0x2000, 0x2101 and others of their drives before they go on. A simulated drive does not have them; with

@@ -18,9 +18,9 @@ pub struct Project {
     pub root: PathBuf,
     /// The target folder of cargo.
     pub target: PathBuf,
-    /// Whether cargo builds as for a developer: incrementally, which doubles the space on the disk, and with the line numbers
-    /// of backtraces, which take a fifth of the time.
-    pub for_developer: bool,
+    /// Whether cargo builds for a run of the whole test, which takes longer than its builds: a little optimised, not
+    /// incrementally, which doubles the space on the disk, and without the line numbers of backtraces.
+    pub for_tests: bool,
     /// Whether packages and the files for Windows are built for tests alone: not optimised, which takes a third of the time.
     pub quick: bool,
 }
@@ -41,7 +41,7 @@ impl Project {
     /// Finds the workspace around the current directory.
     pub fn find() -> Result<Self, Error> {
         let metadata: Metadata = metadata(Command::new(cargo_program()), "--no-deps")?;
-        Ok(Self { root: metadata.workspace_root, target: metadata.target_directory, for_developer: true, quick: false })
+        Ok(Self { root: metadata.workspace_root, target: metadata.target_directory, for_tests: false, quick: false })
     }
 
     /// cargo, run at the root of the project.
@@ -67,8 +67,9 @@ impl Project {
         for name in told.filter(|name| name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_")) {
             command.env_remove(name);
         }
-        if !self.for_developer {
-            command.env("CARGO_INCREMENTAL", "0").env("CARGO_PROFILE_DEV_DEBUG", "0");
+        if self.for_tests {
+            command.env("CARGO_INCREMENTAL", "0");
+            command.env("CARGO_PROFILE_DEV_DEBUG", "0").env("CARGO_PROFILE_DEV_OPT_LEVEL", "1");
         }
         command.current_dir(&self.root);
         command

@@ -227,6 +227,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         needs::require(project, rig::NEEDS)?;
         return rig::run(project, &arguments.names);
     }
+    let project = &Project { for_tests: true, quick: arguments.all, ..project.clone() };
     if arguments.real_clock {
         let needed: Vec<Need> = gates(false).iter().flat_map(|gate| gate.needs).copied().collect();
         let missing = needs::set_up(project, &needed);
@@ -244,8 +245,6 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     if arguments.all {
         ALL.announce(project);
     }
-    // Everything is run before a change is merged, mostly in a fresh clone where an incremental build is of no use.
-    let project = &Project { for_developer: !arguments.all, quick: arguments.all, ..project.clone() };
     let left_out = if arguments.all { LEFT_OUT_OF_ALL } else { &[] };
     run_parts(&Site::new(project, &missing, arguments.all), parts, &gates, left_out)
 }
@@ -398,7 +397,7 @@ mod tests {
 
     #[test]
     fn a_gate_closes_when_one_of_its_needs_is_missing() {
-        let project = Project { root: "/".into(), target: "/target".into(), for_developer: true, quick: false };
+        let project = Project { root: "/".into(), target: "/target".into(), for_tests: false, quick: false };
         let closed =
             |missing: &[Need]| site(&project, missing).closed_gates().map(|gate| gate.module).collect::<Vec<_>>();
         assert!(closed(&[]).is_empty());

@@ -117,13 +117,18 @@ fn number(data: ManufacturerType, value: &str) -> Result<ManufacturerValue, Stri
         )
     })?;
     // A number has no leading zeros, so the length of a text is given by its last non-zero byte.
-    let significant = NUMBER_BYTES_MAX - bits.leading_zeros() as usize / 8;
+    let significant = significant_bytes(bits);
     let bytes = match (data, data.bytes()) {
         (_, Some(bytes)) => bytes.into(),
         (ManufacturerType::Any, None) => significant.max(super::ANY_BYTES_MIN),
         (_, None) => significant,
     };
     Ok(ManufacturerValue::of_bits(bits, bytes))
+}
+
+/// The length of a number without leading zeros, bytes.
+const fn significant_bytes(bits: u64) -> usize {
+    NUMBER_BYTES_MAX - bits.leading_zeros() as usize / 8
 }
 
 /// Parses a value in quotes, whose opening quote was already taken. Returns its bytes and the rest of the line.
@@ -175,9 +180,12 @@ impl fmt::Display for ManufacturerObject {
             write!(f, "{mapping} ")?;
         }
         let bytes = self.value.bytes();
-        // A text written as a number would lose zero bytes at its end.
-        let is_number =
-            bytes.len() <= NUMBER_BYTES_MAX && (self.data != ManufacturerType::Text || bytes.last() != Some(&0));
+        // A number does not say how many zero bytes stand at the end of a value without a fixed size.
+        let is_number = match self.data {
+            ManufacturerType::Text => bytes.len() <= NUMBER_BYTES_MAX && bytes.last() != Some(&0),
+            ManufacturerType::Any => bytes.len() == significant_bytes(self.value.bits()).max(super::ANY_BYTES_MIN),
+            _ => true,
+        };
         if is_number {
             write!(f, "0x{:X}", self.value.bits())?;
         } else {

@@ -10,10 +10,11 @@ use std::io::{self, Read};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{self, Receiver};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::thread;
 use std::time::Duration;
 
+use ecmsk::notes::WAIT_SLICE;
 use ecmsk::summary::{Line, Summary, is_sum};
 
 use crate::stderr::say;
@@ -81,7 +82,12 @@ impl ReasonReader {
         if let Some(thread) = self.thread.take() {
             thread.unpark();
         }
-        self.summary.recv_timeout(SUMMARY_WAIT_MAX).ok()
+        // Each wait counts as its own length, however long the machine stood still meanwhile.
+        let waits = SUMMARY_WAIT_MAX.as_millis() / WAIT_SLICE.as_millis();
+        (0..waits).find_map(|_| match self.summary.recv_timeout(WAIT_SLICE) {
+            Err(RecvTimeoutError::Timeout) => None,
+            summary => Some(summary.ok()),
+        })?
     }
 }
 

@@ -21,9 +21,24 @@ pub fn read<E: From<EcmError>>(
     mut at: impl FnMut(u16),
 ) -> Result<(), E> {
     let ecm = Ecm::open(link)?;
+    read_from(&ecm, slave, indexes, &mut found, &mut at)?;
+    Ok(ecm.close(Close::Leave)?)
+}
+
+/// As [`read`], of an open board.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_from<E: From<EcmError>>(
+    ecm: &Ecm,
+    slave: u8,
+    indexes: &[std::ops::RangeInclusive<u16>],
+    found: &mut dyn FnMut(ManufacturerObject) -> Result<(), E>,
+    at: &mut dyn FnMut(u16),
+) -> Result<(), E> {
     for index in indexes.iter().cloned().flatten() {
         at(index);
-        let Some(first) = upload(&ecm, slave, index, 0)? else { continue };
+        let Some(first) = upload(ecm, slave, index, 0)? else { continue };
         let count = first.value.bits();
         let is_readable = first.access != Access::WriteOnly;
         found(first)?;
@@ -33,14 +48,14 @@ pub fn read<E: From<EcmError>>(
         // Sub-index 0 of a record or an array is its highest sub-index; that of a plain object is its value, and
         // there is no other.
         for sub in (1..=count.min(254) as u8).take_while(|_| count <= 254) {
-            match upload(&ecm, slave, index, sub)? {
+            match upload(ecm, slave, index, sub)? {
                 Some(object) => found(object)?,
                 None if sub == 1 => break,
                 None => {}
             }
         }
     }
-    Ok(ecm.close(Close::Leave)?)
+    Ok(())
 }
 
 /// Reads one sub-index; `None` if it does not exist.

@@ -22,12 +22,8 @@ pub fn compare(project: &Project, release: &Release, first: &Made) -> Result<(),
         fs::remove_dir_all(&place).map_err(Error::file("remove", &place))?;
     }
     // The paths, their lengths and their alphabetical order differ from those of the first time.
-    let copy = Project {
-        root: place.join("sources of ecmsk"),
-        target: place.join("built"),
-        for_developer: false,
-        quick: false,
-    };
+    let copy =
+        Project { root: place.join("sources of ecmsk"), target: place.join("built"), for_tests: false, quick: false };
     copy_sources(&project.root, &copy.root)?;
     let second = make(&copy, release, &place.join("packages"))?;
     let differing = differing(first, &second)?;

@@ -171,7 +171,7 @@ mod tests {
         let project = Project {
             root: "/a/place/of/mine".into(),
             target: "/another/place".into(),
-            for_developer: false,
+            for_tests: false,
             quick: false,
         };
         fs::write(folder.path().join("good"), b"\0/a/place/of/yours\0").unwrap();

@@ -1,0 +1,604 @@
+//! `ecmsk params`: the parameters of drives: kept in files, compared, and put back.
+//!
+//! Files:
+//!
+//! - `params.rs`: the verbs
+//! - `params/file.rs`: a file of parameters
+//! - `params/choice.rs`: which objects are parameters, and the order of writing the mapping of process data
+//! - `params/drive.rs`: a drive on a network, and one behind a board
+//! - `params/restore.rs`: comparing and writing
+
+mod choice;
+mod drive;
+mod error;
+mod file;
+mod restore;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::{Subcommand, ValueHint};
+use ecmsk::bus::{self, BusError};
+use ecmsk::ecm::Ecm;
+use ecmsk::link::manufacturer_objects;
+use ecmsk::link::uri::LinkUri;
+use ecmsk::sk::MasterState;
+use ecmsk::slave::{ManufacturerObject, ManufacturerObjects, ManufacturerType};
+use serde_json::{Value as Json, json};
+use time::OffsetDateTime;
+use time::format_description::well_known::Rfc3339;
+
+use crate::board::Reporter;
+use crate::hex::hex;
+use crate::link_option::ChosenLink;
+
+use drive::{Answer, BehindBoard, Drive, OnNetwork};
+use file::{Device, ParameterFile};
+use restore::{Compared, Difference, Fate};
+
+pub use error::ParamsError;
+
+/// Keep the parameters of drives in files, compare them, and write them back, e.g. to a drive that takes the place of a broken one
+///
+/// A parameter is an object that can be read and written and that does not command the drive at the moment: no controlword, target,
+/// mode or output, nothing that stores or deletes. On a network of its own (nic:, xf-spi:, xf-usb:) the drive itself says which
+/// objects it has. A board (usb:, spi:, tcp:) transfers 4 bytes of an object and knows no list: --objects names a file of the
+/// drive's maker, made by `ecmsk objects from-esi`; without it everything that answers is kept.
+#[derive(clap::Args)]
+#[command(
+    disable_help_subcommand = true,
+    arg_required_else_help = true,
+    after_help = "\
+Examples:
+  ecmsk params backup 1 --link nic:eth1 --output axis1.params
+  ecmsk params backup all --link nic:eth1 --output machine/
+  ecmsk params diff axis1.params 1 --link nic:eth1
+  ecmsk params diff monday.params friday.params
+  ecmsk params restore axis1.params 1 --link nic:eth1 --yes
+  ecmsk params backup 1 --link usb: --objects sv2.objects --output axis1.params
+
+Exit codes of diff: 0 nothing differs, 1 something does, 2 it could not be compared."
+)]
+pub struct Args {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand)]
+enum Verb {
+    /// Write the parameters of a drive, or of all drives, to a file each; nothing is written to a drive
+    Backup {
+        /// The slave, from 1 in the order of the cable, or `all`
+        #[arg(value_name = "SLAVE", value_parser = Which::parse)]
+        which: Which,
+        #[command(flatten)]
+        place: Place,
+        /// The file, or with `all` the folder, which gets slave1.params, slave2.params .. [default: standard output]
+        #[arg(long, short, value_name = "FILE", value_hint = ValueHint::AnyPath, required_if_eq("which", "all"))]
+        output: Option<PathBuf>,
+        /// Replace files that are there
+        #[arg(long)]
+        overwrite: bool,
+    },
+    /// Show in which parameters a drive or a file differs from a file
+    Diff {
+        /// The file that `params backup` made, or one of `objects`
+        #[arg(value_hint = ValueHint::FilePath)]
+        file: PathBuf,
+        /// The drive to compare with, by its number from 1; or another file
+        #[arg(value_name = "SLAVE|FILE", value_parser = Other::parse, value_hint = ValueHint::FilePath)]
+        with: Other,
+        #[command(flatten)]
+        place: Place,
+    },
+    /// Write the parameters of a file to a drive, those alone that differ, and read them back
+    ///
+    /// What the drive refuses is tried again behind the others, since one limit may depend on another one. The mapping of process data
+    /// comes last. Some drives take a parameter when they are switched on; their manual says which.
+    Restore {
+        /// The file that `params backup` made, or one of `objects`
+        #[arg(value_hint = ValueHint::FilePath)]
+        file: PathBuf,
+        /// The slave, from 1 in the order of the cable
+        #[arg(value_parser = clap::value_parser!(u8).range(1..=40))]
+        slave: u8,
+        #[command(flatten)]
+        place: Place,
+        /// Write; without this option what differs is shown alone
+        #[arg(long)]
+        yes: bool,
+        /// Write although the file is of another product, or does not say of which
+        #[arg(long)]
+        force: bool,
+        /// Let the drive store its parameters then (0x1010:1, `save`), so that they outlast its power
+        #[arg(long)]
+        store: bool,
+    },
+}
+
+// No doc comment: clap would show it as the help of every verb.
+#[derive(Clone, clap::Args)]
+#[group(skip)]
+struct Place {
+    /// Network or board with the drive, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml]
+    #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
+    link: Option<LinkUri>,
+
+    /// The objects of a drive behind a board with their types, see `ecmsk objects from-esi`
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    objects: Option<PathBuf>,
+
+    /// Print JSON, one object a line
+    #[arg(long)]
+    json: bool,
+}
+
+/// Which drives to read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Which {
+    One(u8),
+    All,
+}
+
+/// The last slave of a board.
+const SLAVES_MAX: u8 = 40;
+
+impl Which {
+    fn parse(text: &str) -> Result<Self, String> {
+        let slave = || text.parse().ok().filter(|slave| (1..=SLAVES_MAX).contains(slave)).map(Self::One);
+        if text == "all" {
+            return Ok(Self::All);
+        }
+        slave().ok_or_else(|| format!("allowed: 1 to {SLAVES_MAX}, or all"))
+    }
+}
+
+/// The other side of a comparison.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Other {
+    Slave(u8),
+    File(PathBuf),
+}
+
+impl Other {
+    fn parse(text: &str) -> Result<Self, String> {
+        match text.parse() {
+            Ok(slave) if (1..=SLAVES_MAX).contains(&slave) => Ok(Self::Slave(slave)),
+            Ok(_) => Err(format!("allowed: 1 to {SLAVES_MAX}, or a file")),
+            Err(_) => Ok(Self::File(text.into())),
+        }
+    }
+}
+
+/// # Errors
+/// [`ParamsError`]
+pub fn run(args: &Args) -> Result<ExitCode, ParamsError> {
+    match &args.verb {
+        Verb::Backup { which, place, output, overwrite } => {
+            backup(*which, place, output.as_deref(), *overwrite).map(|()| ExitCode::SUCCESS)
+        }
+        Verb::Diff { file, with, place } => {
+            let differ = diff(file, with, place).map_err(|error| ParamsError::NotCompared(Box::new(error)))?;
+            Ok(ExitCode::from(u8::from(differ)))
+        }
+        Verb::Restore { file, slave, place, yes, force, store } => {
+            let options = RestoreOptions { yes: *yes, force: *force, store: *store };
+            restore_file(file, *slave, place, options)
+        }
+    }
+}
+
+/// An open link with drives.
+struct Opened {
+    link: String,
+    reporter: Reporter,
+    /// The slaves that were found; `None` behind a board, which is not asked.
+    slaves: Option<Vec<u8>>,
+    drive: DriveKind,
+}
+
+enum DriveKind {
+    Network(OnNetwork),
+    Board(BehindBoard),
+}
+
+impl Opened {
+    fn drive(&mut self, slave: u8) -> Result<&mut dyn Drive, ParamsError> {
+        if let Some(slaves) = &self.slaves
+            && !slaves.contains(&slave)
+        {
+            return Err(BusError::NoSuchSlave { slave, found: slaves.len() }.into());
+        }
+        Ok(match &mut self.drive {
+            DriveKind::Network(drive) => {
+                drive.slave = slave;
+                drive
+            }
+            DriveKind::Board(drive) => {
+                drive.slave = slave;
+                drive
+            }
+        })
+    }
+
+    /// Shows which index is looked at, on a terminal alone.
+    fn progress(reporter: &Reporter, slave: u8) -> impl FnMut(u16) {
+        let mut shown = u16::MAX;
+        let is_watched = std::io::IsTerminal::is_terminal(&std::io::stderr());
+        move |index| {
+            if is_watched && index >> 4 != shown {
+                shown = index >> 4;
+                // A closed terminal does not end the reading.
+                let _ = reporter.progress(format_args!("slave {slave}: 0x{index:04X}"), || json!({}));
+            }
+        }
+    }
+}
+
+impl Place {
+    fn open(&self) -> Result<Opened, ParamsError> {
+        let chosen = ChosenLink::find(self.link.as_ref())?;
+        if !chosen.is_named() {
+            return Err(ParamsError::NoLink);
+        }
+        let known = self.objects.as_deref().map(manufacturer_objects::load).transpose()?;
+        crate::recording_end::opens(&chosen.uri);
+        let link = chosen.uri.to_string();
+        match bus::open(&link) {
+            Ok(mut network) => {
+                if known.is_some() {
+                    return Err(ParamsError::ObjectsOnNetwork);
+                }
+                let slaves = network.scan()?.iter().map(|slave| slave.slave).collect();
+                let reporter = Reporter::new(self.json, network.is_virtual());
+                let drive = DriveKind::Network(OnNetwork { network, slave: 1 });
+                Ok(Opened { link, reporter, slaves: Some(slaves), drive })
+            }
+            Err(BusError::IsBoard { .. }) => {
+                let ecm = Ecm::open(&link)?;
+                let state = ecm.state()?;
+                if state.state().is_some_and(|state| state > MasterState::PreOp) {
+                    return Err(ParamsError::Runs { state: state.to_string() });
+                }
+                let drive = DriveKind::Board(BehindBoard { ecm, slave: 1, known });
+                Ok(Opened { link, reporter: Reporter::new(self.json, false), slaves: None, drive })
+            }
+            Err(error) => Err(error.into()),
+        }
+    }
+}
+
+fn backup(which: Which, place: &Place, output: Option<&Path>, overwrite: bool) -> Result<(), ParamsError> {
+    let mut opened = place.open()?;
+    let slaves = match (which, &opened.slaves) {
+        (Which::One(slave), _) => vec![slave],
+        (Which::All, Some(slaves)) => slaves.clone(),
+        (Which::All, None) => return Err(ParamsError::AllBehindBoard),
+    };
+    for slave in slaves {
+        let file = match (which, output) {
+            (Which::All, Some(folder)) => Some(folder.join(format!("slave{slave}.params"))),
+            (_, output) => output.map(Path::to_owned),
+        };
+        backup_one(&mut opened, slave, file.as_deref(), overwrite)?;
+    }
+    Ok(())
+}
+
+fn backup_one(opened: &mut Opened, slave: u8, file: Option<&Path>, overwrite: bool) -> Result<(), ParamsError> {
+    if let Some(file) = file.filter(|file| !overwrite && file.exists()) {
+        return Err(ParamsError::Exists { file: file.to_owned() });
+    }
+    let source = format!("slave {slave} of {}", opened.link);
+    let (device, objects) = {
+        let reporter = Reporter::new(false, false);
+        let mut at = Opened::progress(&reporter, slave);
+        let drive = opened.drive(slave)?;
+        let found = (drive.device()?, drive.parameters(&mut at)?);
+        reporter.clear();
+        found
+    };
+    let text = ParameterFile::text(&device, &objects, &source, &now());
+    let Some(file) = file else { return Ok(crate::output::print(text)?) };
+    std::fs::write(file, text).map_err(|source| ParamsError::Write { file: file.to_owned(), source })?;
+    let count = objects.len();
+    let json = json!({
+        "verb": "params backup", "slave": slave, "file": file.display().to_string(), "parameters": count,
+        "vendor": device.vendor, "product": device.product, "revision": device.revision, "serial": device.serial,
+    });
+    let text = format!("slave {slave}, {device}: {count} parameters in {}", file.display());
+    Ok(opened.reporter.result(text, &json)?)
+}
+
+/// The time as ISO 8601, to the second.
+fn now() -> String {
+    let now = OffsetDateTime::now_utc();
+    now.replace_nanosecond(0).unwrap_or(now).format(&Rfc3339).unwrap_or_default()
+}
+
+/// Whether something differs.
+fn diff(path: &Path, with: &Other, place: &Place) -> Result<bool, ParamsError> {
+    const VERB: &str = "params diff";
+    let file = ParameterFile::read(path)?;
+    let slave = match with {
+        Other::File(other) => {
+            let reporter = Reporter::new(place.json, false);
+            return Ok(show_file_diff(&reporter, &file.objects, &ParameterFile::read(other)?.objects)?);
+        }
+        Other::Slave(slave) => *slave,
+    };
+    let mut opened = place.open()?;
+    let compared = compare_with(&mut opened, slave, &file, true)?;
+    for Difference { wanted, present } in &compared.different {
+        let (from, to) = (shown(wanted, wanted.value.bytes()), answer_shown(wanted, present));
+        let text = format!("{:<10}  {from} | {to}  {}", wanted.address.to_string(), wanted.name);
+        let mut json = object_json(VERB, slave, wanted);
+        json["file"] = hex(wanted.value.bytes()).into();
+        put_answer(&mut json, "drive", present);
+        opened.reporter.result(text.trim_end(), &json)?;
+    }
+    summarise(&opened.reporter, &compared);
+    Ok(!compared.different.is_empty())
+}
+
+/// Shows in which objects two files differ; whether there are any.
+fn show_file_diff(
+    reporter: &Reporter,
+    first: &ManufacturerObjects,
+    second: &ManufacturerObjects,
+) -> std::io::Result<bool> {
+    let find = |objects: &ManufacturerObjects, wanted: &ManufacturerObject| {
+        objects.objects().iter().find(|object| object.address == wanted.address).cloned()
+    };
+    let only_second = second.objects().iter().filter(|object| find(first, object).is_none());
+    let pairs = first.objects().iter().map(|object| (Some(object.clone()), find(second, object)));
+    let mut pairs: Vec<_> = pairs.chain(only_second.map(|object| (None, Some(object.clone())))).collect();
+    pairs.sort_by_key(|(first, second)| first.as_ref().or(second.as_ref()).map(|object| object.address));
+    let mut differ = false;
+    for (first, second) in pairs {
+        let value = |object: &Option<ManufacturerObject>| object.as_ref().map(|object| object.value.clone());
+        if value(&first) == value(&second) {
+            continue;
+        }
+        differ = true;
+        let Some(object) = first.as_ref().or(second.as_ref()) else { continue };
+        let side = |of: &Option<ManufacturerObject>| {
+            of.as_ref().map_or_else(|| "-".to_owned(), |of| shown(of, of.value.bytes()))
+        };
+        let text = format!("{:<10}  {} | {}  {}", object.address.to_string(), side(&first), side(&second), object.name);
+        let bytes = |of: &Option<ManufacturerObject>| of.as_ref().map(|of| hex(of.value.bytes()));
+        let json = json!({
+            "verb": "params diff", "index": object.address.index, "sub": object.address.sub, "name": object.name,
+            "file": bytes(&first), "other": bytes(&second),
+        });
+        reporter.result(text.trim_end(), &json)?;
+    }
+    Ok(differ)
+}
+
+/// Compares a drive with a file. If the file is of another product, `is_allowed` decides.
+fn compare_with(
+    opened: &mut Opened,
+    slave: u8,
+    file: &ParameterFile,
+    is_allowed: bool,
+) -> Result<Compared, ParamsError> {
+    let progress = Reporter::new(false, false);
+    let mut at = Opened::progress(&progress, slave);
+    let drive = opened.drive(slave)?;
+    let found = drive.device()?;
+    let same = file.device.as_ref().is_some_and(|device| device.is_same_product(&found));
+    let note = other_device(file.device.as_ref(), &found);
+    if !same && !is_allowed {
+        return Err(ParamsError::OtherProduct { what: note.unwrap_or_default() });
+    }
+    let compared = restore::compare(drive, file.objects.objects(), &mut at)?;
+    progress.clear();
+    if let Some(note) = note {
+        opened.reporter.note(note);
+    }
+    Ok(compared)
+}
+
+/// How the device of a file differs from the one that was found; `None` if it does not.
+fn other_device(of_file: Option<&Device>, found: &Device) -> Option<String> {
+    let Some(device) = of_file else {
+        return Some(format!("the file does not say of which device it is; the drive is {found}"));
+    };
+    if !device.is_same_product(found) {
+        return Some(format!("the file is of {device}, the drive is {found}"));
+    }
+    let firmware = [device.firmware(), found.firmware()];
+    if device.revision != found.revision {
+        return Some(format!(
+            "the file is of revision 0x{:08X}, the drive has 0x{:08X}: their parameters may differ",
+            device.revision, found.revision
+        ));
+    }
+    let differs = firmware[0] != firmware[1] && firmware.iter().all(|version| !version.is_empty());
+    differs.then(|| {
+        format!("the file is of firmware {}, the drive has {}: their parameters may differ", firmware[0], firmware[1])
+    })
+}
+
+#[derive(Clone, Copy)]
+struct RestoreOptions {
+    yes: bool,
+    force: bool,
+    store: bool,
+}
+
+fn restore_file(path: &Path, slave: u8, place: &Place, options: RestoreOptions) -> Result<ExitCode, ParamsError> {
+    const VERB: &str = "params restore";
+    let file = ParameterFile::read(path)?;
+    let mut opened = place.open()?;
+    let compared = compare_with(&mut opened, slave, &file, options.force)?;
+    if !options.yes {
+        for difference in &compared.different {
+            show(&opened.reporter, VERB, slave, difference, "differs", "")?;
+        }
+        summarise(&opened.reporter, &compared);
+        return if compared.different.is_empty() { Ok(ExitCode::SUCCESS) } else { Err(ParamsError::NotConfirmed) };
+    }
+    let (mut decided, mut failed) = (0, 0);
+    let reporter = Reporter::new(place.json, false);
+    let result =
+        restore::restore(opened.drive(slave)?, file.objects.objects(), &compared.different, &mut |difference, fate| {
+            decided += 1;
+            failed += usize::from(fate != Fate::Written);
+            let (word, what) = match &fate {
+                Fate::Written => ("written", String::new()),
+                Fate::Refused(code) => ("refused", format!(": refused, {code}")),
+                Fate::ReadsBack(bytes) => {
+                    let value = shown(&difference.wanted, bytes);
+                    ("reads_back", format!(": written, and reads back as {value}"))
+                }
+            };
+            Ok(show(&reporter, VERB, slave, difference, word, &what)?)
+        });
+    if let Err(error) = result {
+        let left = compared.different.len() - decided;
+        return Err(ParamsError::Halfway { decided, left, error: Box::new(error) });
+    }
+    summarise(&opened.reporter, &compared);
+    if decided > 0 {
+        opened.reporter.note(format_args!("{} of {decided} were written and read back", decided - failed));
+    }
+    if options.store {
+        store(&mut opened, slave)?;
+    }
+    Ok(ExitCode::from(u8::from(failed > 0)))
+}
+
+/// The object that stores all parameters, and the word that makes it do so (ETG.1020 table 55, CiA 301 7.5.2.13).
+const STORE: ecmsk::coe::ObjectAddress = ecmsk::coe::ObjectAddress::new(0x1010, 1);
+const SAVE: &[u8; 4] = b"save";
+
+fn store(opened: &mut Opened, slave: u8) -> Result<(), ParamsError> {
+    opened.drive(slave)?.write(STORE, SAVE)?.map_err(|code| ParamsError::NotStored { slave, code })?;
+    opened.reporter.note(format_args!("slave {slave} has stored its parameters"));
+    Ok(())
+}
+
+fn show(
+    reporter: &Reporter,
+    verb: &str,
+    slave: u8,
+    Difference { wanted, present }: &Difference,
+    word: &str,
+    what: &str,
+) -> std::io::Result<()> {
+    let (from, to) = (answer_shown(wanted, present), shown(wanted, wanted.value.bytes()));
+    let name = if wanted.name.is_empty() { String::new() } else { format!("  {}", wanted.name) };
+    let mut json = object_json(verb, slave, wanted);
+    json["result"] = word.into();
+    json["file"] = hex(wanted.value.bytes()).into();
+    put_answer(&mut json, "drive", present);
+    reporter.result(format_args!("{:<10}  {from} -> {to}{name}{what}", wanted.address.to_string()), &json)
+}
+
+fn summarise(reporter: &Reporter, compared: &Compared) {
+    let Compared { different, same, too_long } = compared;
+    let word = |count: usize| if count == 1 { "parameter" } else { "parameters" };
+    let differ = if different.len() == 1 { "differs" } else { "differ" };
+    reporter.note(format_args!("{} {} {differ}, {same} are the same", different.len(), word(different.len())));
+    if !too_long.is_empty() {
+        let names: Vec<String> = too_long.iter().map(|object| object.address.to_string()).collect();
+        reporter.note(format_args!(
+            "a board transfers 4 bytes of an object, so that {} {} left out: {}",
+            too_long.len(),
+            if too_long.len() == 1 { "is" } else { "are" },
+            names.join(", ")
+        ));
+    }
+}
+
+fn object_json(verb: &str, slave: u8, object: &ManufacturerObject) -> Json {
+    json!({
+        "verb": verb, "slave": slave, "index": object.address.index, "sub": object.address.sub, "name": object.name,
+        "type": object.data.word(),
+    })
+}
+
+fn put_answer(json: &mut Json, key: &str, answer: &Answer<Vec<u8>>) {
+    match answer {
+        Ok(bytes) => json[key] = hex(bytes).into(),
+        Err(code) => json["abort_code"] = code.0.into(),
+    }
+}
+
+fn answer_shown(object: &ManufacturerObject, answer: &Answer<Vec<u8>>) -> String {
+    answer.as_ref().map_or_else(|code| format!("({code})"), |bytes| shown(object, bytes))
+}
+
+/// A value as a number or as a text. Mappings name objects, which are known by their hexadecimal numbers.
+fn shown(object: &ManufacturerObject, bytes: &[u8]) -> String {
+    let data = object.data;
+    // A board shows more bytes than the object has.
+    let bytes = data.bytes().and_then(|len| bytes.get(..len.into())).unwrap_or(bytes);
+    let raw = || bytes.iter().rev().fold(0_u64, |number, byte| number << 8 | u64::from(*byte));
+    match data {
+        _ if bytes.len() > 8 && data != ManufacturerType::Text => crate::hex::spaced(bytes),
+        ManufacturerType::Text => format!("\"{}\"", String::from_utf8_lossy(bytes).trim_end_matches('\0')),
+        ManufacturerType::I8 | ManufacturerType::I16 | ManufacturerType::I32 | ManufacturerType::I64 => {
+            let left = 64 - 8 * bytes.len() as u32;
+            raw().checked_shl(left).map_or(0, |bits| bits.cast_signed() >> left).to_string()
+        }
+        ManufacturerType::F32 if bytes.len() == 4 => f32::from_bits(raw() as u32).to_string(),
+        ManufacturerType::F64 if bytes.len() == 8 => f64::from_bits(raw()).to_string(),
+        _ if choice::is_mapping(object.address) => format!("0x{:X}", raw()),
+        _ => raw().to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn object(index: u16, data: ManufacturerType) -> ManufacturerObject {
+        ManufacturerObject {
+            address: ecmsk::coe::ObjectAddress::new(index, 1),
+            data,
+            access: ecmsk::slave::dictionary::Access::ReadWrite,
+            mappable: ecmsk::slave::Mappable::default(),
+            value: ecmsk::slave::ManufacturerValue::of_bytes(&[]),
+            name: String::new(),
+        }
+    }
+
+    #[test]
+    fn values_are_shown_by_their_types() {
+        assert_eq!(shown(&object(0x1600, ManufacturerType::U32), &[0x10, 0, 0x40, 0x60]), "0x60400010");
+        for (data, bytes, said) in [
+            (ManufacturerType::I16, &[0xFF, 0xFF][..], "-1"),
+            (ManufacturerType::I8, &[0x80, 0, 0, 0], "-128"),
+            (ManufacturerType::U16, &[0x10, 0x01, 0, 0], "272"),
+            (ManufacturerType::I64, &[0xFE, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF], "-2"),
+            (ManufacturerType::F32, &[0, 0, 0xC0, 0x3F], "1.5"),
+            (ManufacturerType::Text, b"drive\0", "\"drive\""),
+            (ManufacturerType::Any, &[1, 2, 3, 4, 5, 6, 7, 8, 9], "01 02 03 04 05 06 07 08 09"),
+            (ManufacturerType::I8, &[], "0"),
+        ] {
+            assert_eq!(shown(&object(0x2000, data), bytes), said, "{data:?}");
+        }
+    }
+
+    #[test]
+    fn a_device_of_another_product_or_version_is_named() {
+        let device = |product, revision, firmware: &str| Device {
+            vendor: 1,
+            product,
+            revision,
+            serial: 1,
+            texts: [String::new(), String::new(), firmware.to_owned()],
+        };
+        let said = |file: Option<Device>, found: Device| other_device(file.as_ref(), &found).unwrap_or_default();
+        assert_eq!(said(Some(device(2, 3, "1.0")), device(2, 3, "")), "");
+        assert!(said(Some(device(2, 3, "1.0")), device(2, 3, "1.1")).contains("firmware 1.0, the drive has 1.1"));
+        assert!(
+            said(Some(device(2, 3, "")), device(2, 4, "")).contains("revision 0x00000003, the drive has 0x00000004")
+        );
+        assert!(said(Some(device(2, 3, "")), device(5, 3, "")).contains("product 0x00000002, the drive is vendor"));
+        assert!(said(None, device(2, 3, "")).contains("does not say of which device"));
+    }
+}

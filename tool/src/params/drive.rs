@@ -1,0 +1,225 @@
+//! A drive whose parameters are read and written: on a network that this program runs, or behind a board.
+
+use std::ops::RangeInclusive;
+
+use ecmsk::bus::dictionary::{self, Entry, Object};
+use ecmsk::bus::{BusError, Network};
+use ecmsk::coe::{AbortCode, ObjectAccess, ObjectAddress, ObjectCode, SdoScope};
+use ecmsk::ecm::{Ecm, EcmError};
+use ecmsk::master::SdoError;
+use ecmsk::slave::dictionary::Access;
+use ecmsk::slave::{ManufacturerObject, ManufacturerObjects, ManufacturerType, ManufacturerValue, Mappable};
+
+use super::ParamsError;
+use super::choice::is_parameter;
+use super::file::{Device, IDENTITY, TEXTS};
+
+/// What a drive answers: a value, or the code with which it aborts.
+pub type Answer<T> = Result<T, AbortCode>;
+
+/// A drive on some link. A call fails if the drive or its link does not answer.
+pub trait Drive {
+    /// Reads an object. A longer value of a drive behind a board has its first 4 bytes.
+    fn read(&mut self, object: ObjectAddress) -> Result<Answer<Vec<u8>>, ParamsError>;
+
+    /// Writes an object.
+    fn write(&mut self, object: ObjectAddress, value: &[u8]) -> Result<Answer<()>, ParamsError>;
+
+    /// The parameters of the drive with their values, by ascending address. `at` is called for each index.
+    fn parameters(&mut self, at: &mut dyn FnMut(u16)) -> Result<Vec<ManufacturerObject>, ParamsError>;
+
+    /// The longest value in bytes that can be transferred.
+    fn bytes_max(&self) -> usize;
+
+    /// The device, by its own objects; zeros and empty texts where it has none.
+    fn device(&mut self) -> Result<Device, ParamsError> {
+        let mut number = |sub| -> Result<u32, ParamsError> {
+            let bytes = self.read(ObjectAddress::new(IDENTITY, sub))?.unwrap_or_default();
+            Ok(bytes.iter().take(4).rev().fold(0, |number, byte| number << 8 | u32::from(*byte)))
+        };
+        let [vendor, product, revision, serial] = [number(1)?, number(2)?, number(3)?, number(4)?];
+        let mut texts = [const { String::new() }; 3];
+        if self.bytes_max() > size_of::<u32>() {
+            for ((_, object), text) in TEXTS.iter().zip(&mut texts) {
+                let bytes = self.read(*object)?.unwrap_or_default();
+                *text = String::from_utf8_lossy(&bytes).trim_end_matches('\0').trim().to_owned();
+            }
+        }
+        Ok(Device { vendor, product, revision, serial, texts })
+    }
+}
+
+/// A drive on a network: every object, by the drive's own dictionary.
+pub struct OnNetwork {
+    pub network: Box<dyn Network>,
+    pub slave: u8,
+}
+
+/// The answer of a drive within the answer of its network.
+fn answered<T>(done: Result<T, BusError>) -> Result<Answer<T>, ParamsError> {
+    match done {
+        Ok(value) => Ok(Ok(value)),
+        Err(BusError::Sdo { error: SdoError::Abort(code), .. }) => Ok(Err(code)),
+        Err(error) => Err(error.into()),
+    }
+}
+
+impl Drive for OnNetwork {
+    fn read(&mut self, object: ObjectAddress) -> Result<Answer<Vec<u8>>, ParamsError> {
+        answered(self.network.upload(self.slave, object, SdoScope::Entry))
+    }
+
+    fn write(&mut self, object: ObjectAddress, value: &[u8]) -> Result<Answer<()>, ParamsError> {
+        answered(self.network.download(self.slave, object, SdoScope::Entry, value))
+    }
+
+    fn parameters(&mut self, at: &mut dyn FnMut(u16)) -> Result<Vec<ManufacturerObject>, ParamsError> {
+        let mut found = Vec::new();
+        for object in dictionary::objects(&mut *self.network, self.slave)? {
+            at(object.index);
+            if !is_parameter(ObjectAddress::new(object.index, 0)) || !has_values(object.code) {
+                continue;
+            }
+            for entry in dictionary::entries(&mut *self.network, self.slave, &object)? {
+                if !entry.access.intersects(ObjectAccess::READ) || !entry.access.intersects(ObjectAccess::WRITE) {
+                    continue;
+                }
+                // An object that is listed and cannot be read has no value to keep.
+                if let Ok(bytes) = self.read(entry.object)? {
+                    found.push(parameter(&object, &entry, &bytes));
+                }
+            }
+        }
+        Ok(found)
+    }
+
+    fn bytes_max(&self) -> usize {
+        usize::MAX
+    }
+}
+
+const fn has_values(code: ObjectCode) -> bool {
+    !matches!(code, ObjectCode::Domain | ObjectCode::DefType | ObjectCode::DefStruct)
+}
+
+fn parameter(object: &Object, entry: &Entry, bytes: &[u8]) -> ManufacturerObject {
+    let name = match entry.name.as_str() {
+        "" => object.name.clone(),
+        name if name == object.name => name.to_owned(),
+        name => format!("{}, {name}", object.name),
+    };
+    ManufacturerObject {
+        address: entry.object,
+        data: ManufacturerType::of_code(entry.data_type, bytes.len()),
+        access: Access::ReadWrite,
+        mappable: Mappable::default(),
+        value: ManufacturerValue::of_bytes(bytes),
+        name,
+    }
+}
+
+/// A drive behind a board, which transfers at most 4 bytes and knows no dictionary.
+pub struct BehindBoard {
+    pub ecm: Ecm,
+    pub slave: u8,
+    /// The objects that the drive has, with their types, as a file of its maker says; `None`: those that answer.
+    pub known: Option<ManufacturerObjects>,
+}
+
+/// The indices that are tried where no file says which objects there are: those of the maker, and of CiA 402 for one axis.
+const TRIED: [RangeInclusive<u16>; 2] = [0x2000..=0x5FFF, 0x6000..=0x67FF];
+
+/// The answer of a drive within the answer of its board.
+fn told<T>(done: Result<T, EcmError>) -> Result<Answer<T>, ParamsError> {
+    match done {
+        Ok(value) => Ok(Ok(value)),
+        // The slave does not exist, or does not answer any more.
+        Err(EcmError::SdoAborted { code, .. }) if code != AbortCode::TIMEOUT => Ok(Err(code)),
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// Whether a drive has aborted because the value has another length than the object.
+const fn is_length(code: AbortCode) -> bool {
+    matches!(code, AbortCode::LENGTH | AbortCode::TOO_LONG | AbortCode::TOO_SHORT)
+}
+
+impl Drive for BehindBoard {
+    fn read(&mut self, object: ObjectAddress) -> Result<Answer<Vec<u8>>, ParamsError> {
+        Ok(told(self.ecm.sdo_read::<u32>(self.slave, object))?.map(|bits| bits.to_le_bytes().to_vec()))
+    }
+
+    fn write(&mut self, object: ObjectAddress, value: &[u8]) -> Result<Answer<()>, ParamsError> {
+        let byte = |at: usize| value.get(at).copied().unwrap_or(0);
+        let bits = u32::from_le_bytes([byte(0), byte(1), byte(2), byte(3)]);
+        match value.len() {
+            1 => told(self.ecm.sdo_write(self.slave, object, byte(0))),
+            2 => told(self.ecm.sdo_write(self.slave, object, bits as u16)),
+            4 => told(self.ecm.sdo_write(self.slave, object, bits)),
+            _ => Ok(Err(AbortCode::LENGTH)),
+        }
+    }
+
+    fn parameters(&mut self, at: &mut dyn FnMut(u16)) -> Result<Vec<ManufacturerObject>, ParamsError> {
+        match self.known.clone() {
+            Some(known) => self.values(&known, at),
+            None => self.found(at),
+        }
+    }
+
+    fn bytes_max(&self) -> usize {
+        size_of::<u32>()
+    }
+}
+
+impl BehindBoard {
+    /// The values of the objects of a file. Those that are longer than a board transfers are left out.
+    fn values(
+        &self,
+        known: &ManufacturerObjects,
+        at: &mut dyn FnMut(u16),
+    ) -> Result<Vec<ManufacturerObject>, ParamsError> {
+        let mut found = Vec::new();
+        for object in known.objects() {
+            at(object.address.index);
+            let len = object.data.bytes().map_or(size_of::<u32>(), usize::from);
+            if object.access == Access::ReadOnly || object.access == Access::WriteOnly || len > size_of::<u32>() {
+                continue;
+            }
+            if !is_parameter(object.address) {
+                continue;
+            }
+            if let Ok(bits) = told(self.ecm.sdo_read::<u32>(self.slave, object.address))? {
+                found
+                    .push(ManufacturerObject { value: ManufacturerValue::of_bits(bits.into(), len), ..object.clone() });
+            }
+        }
+        Ok(found)
+    }
+
+    /// The values of the objects that answer. Neither their types nor whether they can be written is known.
+    fn found(&self, at: &mut dyn FnMut(u16)) -> Result<Vec<ManufacturerObject>, ParamsError> {
+        let mut found = Vec::new();
+        let mut keep = |object: ManufacturerObject| {
+            if object.access != Access::WriteOnly && is_parameter(object.address) {
+                found.push(object);
+            }
+            Ok::<_, ParamsError>(())
+        };
+        crate::objects::read_drive(&self.ecm, self.slave, &TRIED, &mut keep, at)?;
+        Ok(found)
+    }
+}
+
+/// Writes a value whose length is not known: as it is in the file, and if that is not its length, shorter, while the rest is
+/// zero.
+pub fn write_any(drive: &mut dyn Drive, object: ObjectAddress, value: &[u8]) -> Result<Answer<()>, ParamsError> {
+    let mut answer = drive.write(object, value)?;
+    for len in [2, 1] {
+        let fits = value.len() > len && value[len..].iter().all(|byte| *byte == 0);
+        if answer.is_err_and(is_length) && fits {
+            answer = drive.write(object, &value[..len])?;
+        }
+    }
+    Ok(answer)
+}

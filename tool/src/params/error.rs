@@ -1,0 +1,130 @@
+//! The errors of parameters.
+
+use std::io;
+use std::path::PathBuf;
+
+use ecmsk::bus::BusError;
+use ecmsk::coe::AbortCode;
+use ecmsk::ecm::EcmError;
+use ecmsk::link::config::{FILE_NAME, LINK_VARIABLE};
+use ecmsk::link::manufacturer_objects::ManufacturerObjectsError;
+
+use crate::link_option::ChoiceError;
+
+/// Why parameters were not kept, compared or written. Every text ends with the next step.
+#[derive(Debug, thiserror::Error)]
+pub enum ParamsError {
+    /// See [`crate::CliError::Output`].
+    #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
+    Output(#[from] io::Error),
+    /// The configuration of the link is invalid.
+    #[error(transparent)]
+    Choice(#[from] ChoiceError),
+    /// The command line names no link.
+    #[error(
+        "no network or board was named: no --link, {LINK_VARIABLE} is not set, there is no {FILE_NAME}; give one, e.g. --link nic:eth1 \
+         or --link usb:"
+    )]
+    NoLink,
+    /// The file cannot be read.
+    #[error(transparent)]
+    File(#[from] ManufacturerObjectsError),
+    /// The content of the file is wrong.
+    #[error("cannot take the parameters of {}: {reason}; name a file that `ecmsk params backup` made", file.display())]
+    Content {
+        /// The path of the file.
+        file: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The file cannot be written.
+    #[error("cannot write {}: {source}; name another place with --output", file.display())]
+    Write {
+        /// The path of the file.
+        file: PathBuf,
+        /// The error of the operating system.
+        source: io::Error,
+    },
+    /// The file is there already.
+    #[error("{} is there already; name another place with --output, or replace it with --overwrite", file.display())]
+    Exists {
+        /// The path of the file.
+        file: PathBuf,
+    },
+    /// An error of the network or of a slave.
+    #[error(transparent)]
+    // Boxed, because every error is as large as its largest variant.
+    Bus(Box<BusError>),
+    /// An error of the board or of a slave.
+    #[error(transparent)]
+    Ecm(#[from] EcmError),
+    /// The drives behind the board may be moving.
+    #[error(
+        "the network of the board is in {state}, where drives may move: parameters are read and written in PreOP; end the program that \
+         runs it, or say `ecmsk state preop`"
+    )]
+    Runs {
+        /// The state of the network.
+        state: String,
+    },
+    /// A board is not asked how many slaves it has.
+    #[error(
+        "a board does not tell which slaves it has; keep the parameters of one after the other: `ecmsk params backup 1`"
+    )]
+    AllBehindBoard,
+    /// The option is without effect.
+    #[error("a drive on a network of its own says itself which objects it has; leave out --objects")]
+    ObjectsOnNetwork,
+    /// The parameters are those of another product.
+    #[error("nothing was written: {what}; give the file of such a drive, or say --force")]
+    OtherProduct {
+        /// The two devices.
+        what: String,
+    },
+    /// The user has not confirmed writing.
+    #[error("nothing was written; look at what differs, and say --yes")]
+    NotConfirmed,
+    /// The drive is gone, or its link.
+    #[error(
+        "{error}; {decided} parameters were decided before, {left} were not: some of them may be written; restore once more"
+    )]
+    Halfway {
+        /// How many parameters were written or refused.
+        decided: usize,
+        /// How many were not, or were not read back.
+        left: usize,
+        /// What happened.
+        error: Box<ParamsError>,
+    },
+    /// The drive does not store its parameters.
+    #[error(
+        "slave {slave} was written, and does not store its parameters: object 0x1010:1, aborted with {code}; see its manual on how \
+         they outlast its power"
+    )]
+    NotStored {
+        /// The slave, from 1.
+        slave: u8,
+        /// The abort code.
+        code: AbortCode,
+    },
+    /// Nothing was compared.
+    #[error(transparent)]
+    NotCompared(Box<ParamsError>),
+}
+
+impl From<BusError> for ParamsError {
+    fn from(error: BusError) -> Self {
+        Self::Bus(Box::new(error))
+    }
+}
+
+impl ParamsError {
+    /// The exit code.
+    pub const fn code(&self) -> u8 {
+        match self {
+            Self::NotCompared(_) => crate::compare::TROUBLE,
+            Self::NoLink | Self::ObjectsOnNetwork | Self::AllBehindBoard => crate::WRONG_COMMAND_LINE,
+            _ => 1,
+        }
+    }
+}

@@ -1,0 +1,165 @@
+//! A file of parameters: a file of objects, as `objects` makes them, whose comments at the top say of which drive they are.
+
+use std::fmt::{self, Write as _};
+use std::path::Path;
+
+use ecmsk::coe::ObjectAddress;
+use ecmsk::link::manufacturer_objects;
+use ecmsk::slave::{MANUFACTURER_FILE_BYTES_MAX, ManufacturerObject, ManufacturerObjects};
+
+use super::ParamsError;
+
+/// The device that parameters belong to: the object 0x1018, and the texts 0x1008 to 0x100A.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Device {
+    pub vendor: u32,
+    pub product: u32,
+    pub revision: u32,
+    pub serial: u32,
+    /// Name, hardware version and software version, if the device has them.
+    pub texts: [String; 3],
+}
+
+/// The sub-indices of 0x1018.
+pub const IDENTITY: u16 = 0x1018;
+/// The words for [`Device::texts`] in a file, and their objects.
+pub const TEXTS: [(&str, ObjectAddress); 3] = [
+    ("device", ObjectAddress::new(0x1008, 0)),
+    ("hardware", ObjectAddress::new(0x1009, 0)),
+    ("firmware", ObjectAddress::new(0x100A, 0)),
+];
+
+impl Device {
+    /// The numbers of the identity, with their words in a file.
+    const fn numbers(&self) -> [(&'static str, u32); 4] {
+        [("vendor", self.vendor), ("product", self.product), ("revision", self.revision), ("serial", self.serial)]
+    }
+
+    /// Whether parameters of the one may be written to the other: they have the same vendor and product.
+    pub const fn is_same_product(&self, other: &Self) -> bool {
+        self.vendor == other.vendor && self.product == other.product
+    }
+
+    /// The version of the software, which decides which parameters there are.
+    pub fn firmware(&self) -> &str {
+        &self.texts[2]
+    }
+}
+
+impl fmt::Display for Device {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [name, ..] = &self.texts;
+        write!(f, "vendor 0x{:08X} product 0x{:08X}", self.vendor, self.product)?;
+        if name.is_empty() { Ok(()) } else { write!(f, " ({name})") }
+    }
+}
+
+/// The parameters of a drive.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ParameterFile {
+    /// `None` if the file does not say of which device it is, as one that `objects` made.
+    pub device: Option<Device>,
+    pub objects: ManufacturerObjects,
+}
+
+impl ParameterFile {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// [`ParamsError::File`], [`ParamsError::Content`]
+    pub fn read(path: &Path) -> Result<Self, ParamsError> {
+        let bytes = manufacturer_objects::read_bytes(path, MANUFACTURER_FILE_BYTES_MAX)?;
+        let wrong = |reason: String| ParamsError::Content { file: path.to_owned(), reason };
+        let text = String::from_utf8(bytes).map_err(|_| wrong("it is not a text in UTF-8".to_owned()))?;
+        let objects = ManufacturerObjects::parse(&text).map_err(|error| wrong(error.to_string()))?;
+        if objects.objects().is_empty() {
+            return Err(wrong("it has no object".to_owned()));
+        }
+        Ok(Self { device: device(&text), objects })
+    }
+
+    /// The text of a file. `source` is the slave and its link, `time` when it was read.
+    pub fn text(device: &Device, objects: &[ManufacturerObject], source: &str, time: &str) -> String {
+        let line = |text: &str| text.replace(|c: char| c.is_control(), " ");
+        let mut text = format!("# parameters of {}, read {time}\n#", line(source));
+        // Writing to a String does not fail.
+        for (word, number) in device.numbers() {
+            let _ = write!(text, " {word} 0x{number:08X}");
+        }
+        text.push('\n');
+        for ((word, _), value) in TEXTS.iter().zip(&device.texts).filter(|(_, value)| !value.is_empty()) {
+            let _ = writeln!(text, "# {word}: {}", line(value));
+        }
+        text += "# a line is INDEX:SUB TYPE ACCESS VALUE NAME; `ecmsk params restore` writes the values back\n";
+        for object in objects {
+            let _ = writeln!(text, "{object}");
+        }
+        text
+    }
+}
+
+/// The device in the comments of a file.
+fn device(text: &str) -> Option<Device> {
+    let comments = || text.lines().filter_map(|line| line.trim_start_matches('\u{FEFF}').strip_prefix("# "));
+    let words: Vec<&str> = comments().find(|line| line.starts_with("vendor "))?.split_whitespace().collect();
+    let number = |word: &str| {
+        let at = words.iter().position(|other| *other == word)?;
+        u32::from_str_radix(words.get(at + 1)?.strip_prefix("0x")?, 16).ok()
+    };
+    let text = |word: &str| {
+        let found = comments().find_map(|line| line.strip_prefix(word)?.strip_prefix(": "));
+        found.unwrap_or_default().trim().to_owned()
+    };
+    Some(Device {
+        vendor: number("vendor")?,
+        product: number("product")?,
+        revision: number("revision")?,
+        serial: number("serial")?,
+        texts: TEXTS.map(|(word, _)| text(word)),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn a_device() -> Device {
+        Device {
+            vendor: 0x66F,
+            product: 0x6038_0004,
+            revision: 0x1_0000,
+            serial: 7,
+            texts: ["MADLN05BE".to_owned(), String::new(), "V1.10".to_owned()],
+        }
+    }
+
+    /// A file gives back the device and the objects that were written into it, and a simulated drive can use it.
+    #[test]
+    fn a_file_is_read_as_it_was_written() {
+        let objects =
+            ManufacturerObjects::parse("0x2000:0 u16 rw 0x10 Gain\n0x3000:1 text rw \"a\\x00\" Name\n").unwrap();
+        let text = ParameterFile::text(&a_device(), objects.objects(), "slave 1 of nic:eth1", "2026-11-28T10:00:00Z");
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.params");
+        std::fs::write(&file, &text).unwrap();
+        let read = ParameterFile::read(&file).unwrap();
+        assert_eq!(read, ParameterFile { device: Some(a_device()), objects });
+        assert!(
+            text.starts_with("# parameters of slave 1 of nic:eth1, read 2026-11-28T10:00:00Z\n# vendor 0x0000066F "),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn a_file_without_a_device_or_without_objects() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a");
+        std::fs::write(&file, "# vendor 0x1 product ten\n0x2000:0 u8 rw 1\n").unwrap();
+        assert_eq!(ParameterFile::read(&file).unwrap().device, None);
+        for (content, said) in [(&b"# nothing\n"[..], "no object"), (b"0x2000 u8\n", "line 1"), (b"\xFF\n", "UTF-8")] {
+            std::fs::write(&file, content).unwrap();
+            let error = ParameterFile::read(&file).unwrap_err().to_string();
+            assert!(error.contains(said), "{error}");
+        }
+    }
+}

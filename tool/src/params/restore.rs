@@ -1,0 +1,317 @@
+//! Compares the parameters of a file with those of a drive, and writes what differs.
+
+use std::collections::BTreeSet;
+
+use ecmsk::coe::AbortCode;
+use ecmsk::slave::{ManufacturerObject, ManufacturerType, ManufacturerValue};
+
+use super::ParamsError;
+use super::choice::{self, is_mapping};
+use super::drive::{Answer, Drive, write_any};
+
+/// A parameter whose value on the drive is not that of the file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Difference {
+    /// The object, with the value of the file.
+    pub wanted: ManufacturerObject,
+    /// The value on the drive, or why it cannot be read.
+    pub present: Answer<Vec<u8>>,
+}
+
+/// The result of comparing a drive with a file.
+#[derive(Debug, Default)]
+pub struct Compared {
+    pub different: Vec<Difference>,
+    /// How many parameters have the value of the file.
+    pub same: usize,
+    /// Those that are longer than the link transfers.
+    pub too_long: Vec<ManufacturerObject>,
+}
+
+/// Whether a drive has the value of a file. A drive behind a board shows 4 bytes of each object; on a network, a value whose
+/// length the file does not know may be shorter.
+pub fn is_same(wanted: &ManufacturerObject, present: &[u8], bytes_max: usize) -> bool {
+    let value = wanted.value.bytes();
+    if bytes_max < usize::MAX {
+        return present.get(..value.len()) == Some(value);
+    }
+    if wanted.data == ManufacturerType::Any {
+        return without_zeros(value) == without_zeros(present);
+    }
+    value == present
+}
+
+/// The bytes without the zeros at the end.
+fn without_zeros(bytes: &[u8]) -> &[u8] {
+    let len = bytes.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
+    &bytes[..len]
+}
+
+/// Compares a drive with the objects of a file that are parameters.
+///
+/// # Errors
+/// The drive does not answer any more.
+pub fn compare(
+    drive: &mut dyn Drive,
+    objects: &[ManufacturerObject],
+    at: &mut dyn FnMut(u16),
+) -> Result<Compared, ParamsError> {
+    let mut compared = Compared::default();
+    for wanted in objects.iter().filter(|object| choice::is_parameter(object.address)) {
+        at(wanted.address.index);
+        if wanted.value.bytes().len() > drive.bytes_max() {
+            compared.too_long.push(wanted.clone());
+            continue;
+        }
+        let present = drive.read(wanted.address)?;
+        match &present {
+            Ok(bytes) if is_same(wanted, bytes, drive.bytes_max()) => compared.same += 1,
+            _ => compared.different.push(Difference { wanted: wanted.clone(), present }),
+        }
+    }
+    Ok(compared)
+}
+
+/// What became of a parameter that differed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Fate {
+    /// It was written and reads back as it is in the file.
+    Written,
+    /// The drive has refused it.
+    Refused(AbortCode),
+    /// It was written, and the drive has another value now: it limits it, or takes it when it is switched on.
+    ReadsBack(Vec<u8>),
+}
+
+/// Writes the differences, and calls `done` for each that is decided. What is refused is tried again behind the others, as
+/// long as that helps: a limit may depend on another one. The mapping of process data comes last.
+///
+/// # Errors
+/// The drive does not answer any more. Those for which `done` was not called are undecided.
+pub fn restore(
+    drive: &mut dyn Drive,
+    objects: &[ManufacturerObject],
+    different: &[Difference],
+    done: &mut dyn FnMut(&Difference, Fate) -> Result<(), ParamsError>,
+) -> Result<(), ParamsError> {
+    let (mapping, mut waiting): (Vec<&Difference>, Vec<&Difference>) =
+        different.iter().partition(|difference| is_mapping(difference.wanted.address));
+    let mut written = Vec::new();
+    loop {
+        let mut refused = Vec::new();
+        let before = waiting.len();
+        for difference in waiting {
+            match write_any(drive, difference.wanted.address, difference.wanted.value.bytes())? {
+                Ok(()) => written.push(difference),
+                Err(code) => refused.push((difference, code)),
+            }
+        }
+        if refused.is_empty() || refused.len() == before {
+            for (difference, code) in refused {
+                done(difference, Fate::Refused(code))?;
+            }
+            break;
+        }
+        waiting = refused.into_iter().map(|(difference, _)| difference).collect();
+    }
+    read_back(drive, &written, done)?;
+    restore_mapping(drive, objects, &mapping, done)
+}
+
+fn read_back(
+    drive: &mut dyn Drive,
+    written: &[&Difference],
+    done: &mut dyn FnMut(&Difference, Fate) -> Result<(), ParamsError>,
+) -> Result<(), ParamsError> {
+    for difference in written {
+        let fate = match drive.read(difference.wanted.address)? {
+            Ok(bytes) if is_same(&difference.wanted, &bytes, drive.bytes_max()) => Fate::Written,
+            Ok(bytes) => Fate::ReadsBack(bytes),
+            Err(code) => Fate::Refused(code),
+        };
+        done(difference, fate)?;
+    }
+    Ok(())
+}
+
+fn restore_mapping(
+    drive: &mut dyn Drive,
+    objects: &[ManufacturerObject],
+    mapping: &[&Difference],
+    done: &mut dyn FnMut(&Difference, Fate) -> Result<(), ParamsError>,
+) -> Result<(), ParamsError> {
+    if mapping.is_empty() {
+        return Ok(());
+    }
+    let changed: BTreeSet<u16> = mapping.iter().map(|difference| difference.wanted.address.index).collect();
+    let wanted: Vec<&ManufacturerObject> = objects.iter().filter(|object| is_mapping(object.address)).collect();
+    for write in choice::mapping_writes(&wanted, &changed) {
+        if let Err(code) = drive.write(write.address, &write.bytes)? {
+            // Half a mapping is worse than the old one.
+            let old: Vec<ManufacturerObject> = wanted.iter().map(|object| present(object, mapping)).collect();
+            for write in choice::mapping_writes(&old.iter().collect::<Vec<_>>(), &changed) {
+                let _refused_again = drive.write(write.address, &write.bytes)?;
+            }
+            return mapping.iter().try_for_each(|difference| done(difference, Fate::Refused(code)));
+        }
+    }
+    read_back(drive, mapping, done)
+}
+
+/// An object of the file with the value that the drive had.
+fn present(object: &ManufacturerObject, different: &[&Difference]) -> ManufacturerObject {
+    let difference = different.iter().find(|difference| difference.wanted.address == object.address);
+    let bytes = difference.and_then(|difference| difference.present.as_ref().ok());
+    let value = bytes.map_or_else(|| object.value.clone(), |bytes| ManufacturerValue::of_bytes(bytes));
+    ManufacturerObject { value, ..object.clone() }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use ecmsk::coe::ObjectAddress;
+    use ecmsk::slave::ManufacturerObjects;
+
+    use super::*;
+
+    /// A drive of the test: its values, and what it refuses.
+    #[derive(Default)]
+    struct Table {
+        values: BTreeMap<ObjectAddress, Vec<u8>>,
+        /// Whether a write is refused, by the values of the drive.
+        refuses: Option<fn(&Self, ObjectAddress, &[u8]) -> Option<AbortCode>>,
+        /// After how many calls the drive is gone.
+        calls_left: Option<usize>,
+        writes: Vec<(ObjectAddress, Vec<u8>)>,
+        bytes_max: usize,
+    }
+
+    impl Table {
+        fn of(text: &str) -> Self {
+            let objects = ManufacturerObjects::parse(text).unwrap();
+            let values = objects.objects().iter().map(|object| (object.address, object.value.bytes().to_vec()));
+            Self { values: values.collect(), bytes_max: usize::MAX, ..Self::default() }
+        }
+
+        fn call(&mut self) -> Result<(), ParamsError> {
+            match &mut self.calls_left {
+                Some(0) => Err(ecmsk::bus::BusError::Gone { slave: 1 }.into()),
+                Some(left) => {
+                    *left -= 1;
+                    Ok(())
+                }
+                None => Ok(()),
+            }
+        }
+    }
+
+    impl Drive for Table {
+        fn read(&mut self, object: ObjectAddress) -> Result<Answer<Vec<u8>>, ParamsError> {
+            self.call()?;
+            Ok(self.values.get(&object).cloned().ok_or(AbortCode::NO_OBJECT))
+        }
+
+        fn write(&mut self, object: ObjectAddress, value: &[u8]) -> Result<Answer<()>, ParamsError> {
+            self.call()?;
+            self.writes.push((object, value.to_vec()));
+            if let Some(code) = self.refuses.and_then(|refuses| refuses(self, object, value)) {
+                return Ok(Err(code));
+            }
+            match self.values.get_mut(&object) {
+                None => Ok(Err(AbortCode::NO_OBJECT)),
+                Some(old) if old.len() != value.len() => Ok(Err(AbortCode::LENGTH)),
+                Some(old) => {
+                    *old = value.to_vec();
+                    Ok(Ok(()))
+                }
+            }
+        }
+
+        fn parameters(&mut self, _: &mut dyn FnMut(u16)) -> Result<Vec<ManufacturerObject>, ParamsError> {
+            Ok(Vec::new())
+        }
+
+        fn bytes_max(&self) -> usize {
+            self.bytes_max
+        }
+    }
+
+    fn run(drive: &mut Table, file: &str) -> (Vec<(String, Fate)>, Result<(), ParamsError>) {
+        let objects = ManufacturerObjects::parse(file).unwrap();
+        let compared = compare(drive, objects.objects(), &mut |_| ()).unwrap();
+        let mut fates = Vec::new();
+        let result = restore(drive, objects.objects(), &compared.different, &mut |difference, fate| {
+            fates.push((difference.wanted.address.to_string(), fate));
+            Ok(())
+        });
+        (fates, result)
+    }
+
+    #[test]
+    fn only_what_differs_is_written_and_read_back() {
+        let mut drive = Table::of("0x2000:0 u16 rw 1\n0x2001:0 u32 rw 2\n0x607A:0 i32 rw 0\n");
+        let (fates, result) = run(&mut drive, "0x2000:0 u16 rw 1\n0x2001:0 u32 rw 5\n0x607A:0 i32 rw 900\n");
+        result.unwrap();
+        assert_eq!(fates, [("0x2001:0".to_owned(), Fate::Written)]);
+        assert_eq!(drive.writes, [(ObjectAddress::new(0x2001, 0), vec![5, 0, 0, 0])]);
+    }
+
+    /// The upper limit is written at last although it stands behind the lower one, which has to be below it.
+    #[test]
+    fn what_depends_on_a_later_object_is_tried_again() {
+        let mut drive = Table::of("0x2000:0 u8 rw 1\n0x2001:0 u8 rw 2\n0x2002:0 u8 rw 0\n");
+        drive.refuses = Some(|drive, object, value| {
+            let upper = drive.values[&ObjectAddress::new(0x2001, 0)][0];
+            (object.index == 0x2000 && value[0] > upper || object.index == 0x2002).then_some(AbortCode::VALUE_HIGH)
+        });
+        let (fates, result) = run(&mut drive, "0x2000:0 u8 rw 8\n0x2001:0 u8 rw 9\n0x2002:0 u8 rw 1\n");
+        result.unwrap();
+        let written = |object: &str| (object.to_owned(), Fate::Written);
+        let refused = ("0x2002:0".to_owned(), Fate::Refused(AbortCode::VALUE_HIGH));
+        assert_eq!(fates, [refused, written("0x2001:0"), written("0x2000:0")]);
+    }
+
+    /// A drive that vanishes leaves the rest undecided.
+    #[test]
+    fn a_drive_that_vanishes_is_an_error() {
+        let mut drive = Table::of("0x2000:0 u8 rw 1\n0x2001:0 u8 rw 2\n");
+        // Two to compare, two writes, one to read back.
+        drive.calls_left = Some(5);
+        let (fates, result) = run(&mut drive, "0x2000:0 u8 rw 8\n0x2001:0 u8 rw 9\n");
+        assert_eq!(fates, [("0x2000:0".to_owned(), Fate::Written)]);
+        assert!(result.unwrap_err().to_string().contains("slave 1 does not answer any more"));
+    }
+
+    /// A file that was read over a board has 4 bytes of each object.
+    #[test]
+    fn a_value_of_unknown_length_fits_a_shorter_object() {
+        let mut drive = Table::of("0x2000:0 u16 rw 1\n0x2001:0 u8 rw 7\n0x2002:0 u32 rw 1\n");
+        let (fates, result) = run(&mut drive, "0x2000:0 any rw 2\n0x2001:0 any rw 7\n0x2002:0 any rw 0x12345\n");
+        result.unwrap();
+        let written = |object: &str| (object.to_owned(), Fate::Written);
+        assert_eq!(fates, [written("0x2000:0"), written("0x2002:0")]);
+        assert_eq!(drive.values[&ObjectAddress::new(0x2000, 0)], [2, 0]);
+    }
+
+    /// A mapping that the drive refuses is refused as a whole.
+    #[test]
+    fn a_mapping_comes_last() {
+        let file = "0x1600:0 u8 rw 1\n0x1600:1 u32 rw 0x60400010\n0x1C12:0 u8 rw 1\n0x1C12:1 u16 rw 0x1600\n0x2000:0 u8 rw 1\n";
+        let mut drive =
+            Table::of(&file.replace("0x60400010", "0x60FF0020").replace("0x2000:0 u8 rw 1", "0x2000:0 u8 rw 0"));
+        let (fates, result) = run(&mut drive, file);
+        result.unwrap();
+        assert_eq!(fates, [("0x2000:0".to_owned(), Fate::Written), ("0x1600:1".to_owned(), Fate::Written)]);
+        let order: Vec<String> = drive.writes.iter().map(|(object, _)| object.to_string()).collect();
+        assert_eq!(order, ["0x2000:0", "0x1C12:0", "0x1600:0", "0x1600:1", "0x1600:0", "0x1C12:1", "0x1C12:0"]);
+        // The old mapping comes back if the new one is refused.
+        drive.refuses = Some(|_, object, value| {
+            (object == ObjectAddress::new(0x1600, 1) && value[2] == 0x60).then_some(AbortCode::NOT_MAPPABLE)
+        });
+        let (values, new) = (drive.values.clone(), file.replace("0x60400010", "0x60600008"));
+        let (fates, _) = run(&mut drive, &new);
+        assert_eq!(fates, [("0x1600:1".to_owned(), Fate::Refused(AbortCode::NOT_MAPPABLE))]);
+        assert_eq!(drive.values, values);
+    }
+}

@@ -462,7 +462,7 @@ fn restore_file(path: &Path, slave: u8, place: &Place, options: RestoreOptions) 
     }
     summarise(&opened.reporter, &compared);
     if decided > 0 {
-        opened.reporter.note(format_args!("{} of {decided} were written and read back", decided - failed));
+        opened.reporter.note(format_args!("written and read back: {} of {decided}", decided - failed));
     }
     if options.store {
         store(&mut opened, slave)?;

@@ -4,7 +4,7 @@
 use super::fault_reset::FaultReset;
 use super::homing::AxisHoming;
 use crate::ethercat::cia402::{Controlword, DriveState, Mode};
-use crate::fieldbus::{AxisIn, AxisOut, Ns};
+use crate::fieldbus::{AxisIn, AxisOut, MAX_AXES, MAX_SLAVES, Ns};
 
 /// The power state that SV_ON or SV_OFF has requested of an axis, and whether it is reached.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -64,6 +64,14 @@ pub(super) struct Axis {
     faulted: bool,
     ends: Ends,
     pub(super) homing: AxisHoming,
+}
+
+/// The axes of all slaves.
+pub(super) type AllAxes = [[Axis; MAX_AXES]; MAX_SLAVES];
+
+/// Resets all axes, one by one in their place.
+pub(super) fn reset(axes: &mut AllAxes) {
+    axes.iter_mut().flatten().for_each(|axis| *axis = Axis::default());
 }
 
 /// The state of an axis to which SET_FIFO 1 (clear) returns when it takes back entries whose outputs a bus has queued.

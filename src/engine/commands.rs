@@ -272,7 +272,7 @@ impl Engine {
         match *command {
             SlaveCommand::IoWrite(bits) => {
                 self.end_output_test();
-                self.volatile.axes[slave - 1][0].requested.out.outputs = bits;
+                self.axes[slave - 1][0].requested.out.outputs = bits;
                 return Ok(Outcome::Executed(Some(bits)));
             }
             SlaveCommand::ServoOn => self.each_axis(slave, super::Axis::switch_on),
@@ -305,7 +305,7 @@ impl Engine {
 
     fn each_axis(&mut self, slave: usize, act: impl Fn(&mut super::Axis)) {
         let axes = self.axes(slave);
-        self.volatile.axes[slave - 1][..axes].iter_mut().for_each(act);
+        self.axes[slave - 1][..axes].iter_mut().for_each(act);
     }
 
     /// Whether CSP, CSV or CST is accepted: only in the mode that DRIVE_MODE chose, and while 0x6060 has that value. On
@@ -325,7 +325,7 @@ impl Engine {
         self.check_mode(slave, mode)?;
         let has_outputs = matches!(self.volatile.roles[slave - 1], Role::Hsp(_));
         let two_channels = self.carries_two_channels(slave);
-        let [first, second] = &mut self.volatile.axes[slave - 1];
+        let [first, second] = &mut self.axes[slave - 1];
         let mut follows = first.set_target(motion.first.target);
         if has_outputs {
             first.requested.out.outputs = motion.first.outputs;

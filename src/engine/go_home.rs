@@ -21,7 +21,7 @@ impl Engine {
     /// The homing phase of a slave (from 1). Unless it is [`HomingPhase::Idle`], all commands for the slave except
     /// SV_OFF, ALM_CLR and ABORT_HOME are ignored.
     pub fn homing_phase(&self, slave: u8) -> HomingPhase {
-        let Some(axes) = usize::from(slave).checked_sub(1).and_then(|n| self.volatile.axes.get(n)) else {
+        let Some(axes) = usize::from(slave).checked_sub(1).and_then(|n| self.axes.get(n)) else {
             return HomingPhase::Idle;
         };
         if !self.volatile.homing_active.contains(slave) && !self.volatile.restores.concern(slave) {
@@ -41,7 +41,7 @@ impl Engine {
             return slaves;
         }
         for slave in self.volatile.homing_active.iter() {
-            if self.volatile.axes[usize::from(slave) - 1].iter().any(|axis| axis.homing.is_homing()) {
+            if self.axes[usize::from(slave) - 1].iter().any(|axis| axis.homing.is_homing()) {
                 slaves.insert(slave);
             }
         }
@@ -71,7 +71,7 @@ impl Engine {
         if self.config.firmware.one_homing_at_a_time() && self.is_any_homing_of(self.homing_before) {
             return Err(Reason::HomingElsewhere);
         }
-        let axes_of_slave = &self.volatile.axes[slave - 1];
+        let axes_of_slave = &self.axes[slave - 1];
         if !(0..axes).filter(is_chosen).all(|axis| axes_of_slave[axis].is_on()) {
             return Err(Reason::NotEnabled);
         }
@@ -91,7 +91,7 @@ impl Engine {
         for slave in slaves.iter().map(usize::from) {
             let modes = self.volatile.modes_written[slave - 1];
             let axes = 1 + usize::from(self.carries_two_channels(slave));
-            for (axis, mode) in self.volatile.axes[slave - 1].iter_mut().zip(modes).take(axes) {
+            for (axis, mode) in self.axes[slave - 1].iter_mut().zip(modes).take(axes) {
                 if mode == Mode::Homing.code() {
                     axis.homing.start();
                 }
@@ -103,7 +103,7 @@ impl Engine {
     /// Whether any of these slaves is still homing, as far as its reports show.
     fn is_any_homing_of(&self, slaves: SlaveSet) -> bool {
         slaves.iter().any(|slave| {
-            let axes = &self.volatile.axes[usize::from(slave) - 1];
+            let axes = &self.axes[usize::from(slave) - 1];
             let inputs = &self.inputs.slaves[usize::from(slave) - 1];
             axes.iter().zip(inputs).any(|(axis, input)| {
                 axis.homing.is_homing() && !axis.homing.seems_over(self.newest_answered, input.statusword)
@@ -127,7 +127,7 @@ impl Engine {
 
     /// Ends the homing of one axis, for the cause `end`.
     pub(super) fn end_homing_of_axis(&mut self, slave: usize, axis: usize, end: HomingEnd, at: Ns) {
-        if self.volatile.axes[slave - 1][axis].homing.end(end) {
+        if self.axes[slave - 1][axis].homing.end(end) {
             self.log.push(Event { at, kind: EventKind::HomingEnded { slave: slave as u8, axis: axis as u8, end } });
         }
     }
@@ -140,12 +140,12 @@ impl Engine {
         }
         // Inputs kept from an earlier cycle are no answer to the outputs of this cycle.
         for slave in self.volatile.homing_active.difference(self.inputs.held).iter().map(usize::from) {
-            if self.volatile.axes[slave - 1].iter().all(|axis| axis.homing.is_idle()) {
+            if self.axes[slave - 1].iter().all(|axis| axis.homing.is_idle()) {
                 self.volatile.homing_active.remove(slave as u8);
                 continue;
             }
             for axis in 0..MAX_AXES {
-                let homing = &mut self.volatile.axes[slave - 1][axis].homing;
+                let homing = &mut self.axes[slave - 1][axis].homing;
                 if homing.is_idle() {
                     continue;
                 }
@@ -168,7 +168,7 @@ impl Engine {
     pub(super) fn end_homing_of_lost(&mut self, slave: usize, at: Ns) {
         self.end_homing(slave, HomingEnd::Lost, at);
         for axis in 0..MAX_AXES {
-            let homing = &mut self.volatile.axes[slave - 1][axis].homing;
+            let homing = &mut self.axes[slave - 1][axis].homing;
             if homing.is_ending() {
                 homing.skip_standstill();
                 self.restore_later(slave, axis);
@@ -183,7 +183,7 @@ impl Engine {
         for slave in 1..=MAX_SLAVES {
             self.end_homing(slave, HomingEnd::LeftOp, at);
             for axis in 0..MAX_AXES {
-                if self.volatile.axes[slave - 1][axis].homing.is_ending() {
+                if self.axes[slave - 1][axis].homing.is_ending() {
                     self.restore_later(slave, axis);
                 }
             }

@@ -6,8 +6,8 @@ use super::restore::{SdoOwner, mode_object, mode_write};
 use super::{Axis, Engine, Event, EventKind, SlotHead, StateFailure};
 use crate::ethercat::coe::AbortCode;
 use crate::fieldbus::{
-    AlState, AxisOut, BusConfig, Configured, Fieldbus, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Refusal, Role, SdoDone,
-    SlaveConfig, SlaveSet,
+    AlState, AxisOut, BusConfig, Configured, Fieldbus, Job, JobDone, MAX_AXES, Ns, Refusal, Role, SdoDone, SlaveConfig,
+    SlaveSet,
 };
 use crate::sk::{DriveSync, MasterState};
 
@@ -370,7 +370,7 @@ impl Engine {
     /// Sets which pulse modules have a second axis. Requests and outputs of axes that no longer exist are dropped.
     pub(super) fn set_second_axes(&mut self, second_axes: SlaveSet) {
         for slave in self.volatile.second_axes.difference(second_axes).iter().map(usize::from) {
-            self.volatile.axes[slave - 1][1] = Axis::default();
+            self.axes[slave - 1][1] = Axis::default();
             self.outputs.slaves[slave - 1][1] = AxisOut::default();
         }
         self.volatile.second_axes = second_axes;
@@ -393,7 +393,7 @@ impl Engine {
             self.clear_fifo();
             self.leave_homing_with_op(now);
             self.drop_commanded();
-            self.volatile.axes = [[Axis::default(); MAX_AXES]; MAX_SLAVES];
+            super::axis::reset(&mut self.axes);
             if was_op && self.unconfirmed() > 0 {
                 // Commands whose outputs were not sent do not count as executed.
                 self.volatile.heads = self.shown_heads;

@@ -149,7 +149,7 @@ impl Engine {
         self.shown_heads[slave - 1].outputs_off();
         let mode = self.role(slave).mode();
         let used = used_axes(self.volatile.second_axes, slave as u8);
-        for (axis, input) in self.volatile.axes[slave - 1].iter_mut().zip(&self.inputs.slaves[slave - 1]).take(used) {
+        for (axis, input) in self.axes[slave - 1].iter_mut().zip(&self.inputs.slaves[slave - 1]).take(used) {
             axis.lose(input, mode);
         }
     }

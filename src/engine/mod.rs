@@ -79,10 +79,10 @@ pub use test_mode::{ALL_ON_NS, ONE_ON_NS};
 pub use threaded::{Lateness, Threaded};
 pub use unexecuted::Unexecuted;
 
-use crate::fieldbus::{Fieldbus, Inputs, MAX_SLAVES, Ns, Outputs, Pacing, RingState, Role, SlaveSet};
+use crate::fieldbus::{Fieldbus, Inputs, MAX_AXES, MAX_SLAVES, Ns, Outputs, Pacing, RingState, Role, SlaveSet};
 use crate::sk::{CommandId, CycleTime, Frame, SlotSize, StateByte};
 use crate::threads::sync;
-use axis::Axis;
+use axis::{AllAxes, Axis};
 use event::EventLog;
 use fifo::CommandFifo;
 use outputs_record::{COMMANDED_SETS, History, OutputsRecord};
@@ -95,6 +95,9 @@ pub struct Engine {
     /// The CRC switches that SET_EX has set. They take effect at the next boot.
     remembered: CrcSwitches,
     volatile: Volatile,
+    /// The axes, which SW_RESET resets, too. They are in a place of their own because a whole [`Volatile`] with them would take
+    /// 8 kB of the stack of a program's thread (LIB-73).
+    axes: AllAxes,
     fifo: CommandFifo,
     /// The running job of the bus, other than an SDO transfer.
     job: Option<jobs::NetworkJob>,
@@ -176,6 +179,7 @@ impl Engine {
             pacing,
             remembered: FACTORY_CRC,
             volatile: Volatile::new(FACTORY_CRC),
+            axes: [[Axis::default(); MAX_AXES]; MAX_SLAVES],
             fifo: CommandFifo::new(),
             job: None,
             sdo_owner: None,
@@ -477,12 +481,15 @@ impl Engine {
 
     /// SW_RESET: resets all variables except the CRC switches of SET_EX, which take effect now. The host interface
     /// answers again when the boot has reached PreOP.
+    // Not a part of its caller, whose stack it would take for every command.
+    #[inline(never)]
     fn reset(&mut self) {
         self.counters.cleared += u64::from(self.fifo.reset());
         self.clear_ahead();
         self.drop_deferred();
         self.set_second_axes(SlaveSet::EMPTY);
         self.volatile = Volatile::new(self.remembered);
+        axis::reset(&mut self.axes);
         (self.cancel_job, self.cancel_sdo) = (true, true);
         self.drop_commanded();
         self.shown_heads = [SlotHead::default(); MAX_SLAVES];
@@ -519,7 +526,7 @@ impl Engine {
     fn has_torque(&self, slave: u8) -> bool {
         use crate::ethercat::cia402::DriveState::{FaultReactionActive, OperationEnabled, QuickStopActive};
         let n = usize::from(slave) - 1;
-        let axes = self.volatile.axes[n].iter().zip(&self.inputs.slaves[n]).take(self.axes(slave.into()));
+        let axes = self.axes[n].iter().zip(&self.inputs.slaves[n]).take(self.axes(slave.into()));
         axes.into_iter().any(|(axis, input)| {
             let moves = [OperationEnabled, QuickStopActive, FaultReactionActive];
             axis.is_on() || input.statusword.state().is_some_and(|state| moves.contains(&state))

@@ -13,6 +13,7 @@
 //! an axis is being switched on only a few sets are pushed ahead \[OURS]: [`AHEAD_MAX_SWITCHING_ON`], or
 //! [`AHEAD_MAX_BESIDE_MOTION`] while other axes follow targets, so that these do not stop.
 
+use super::axis::AllAxes;
 use super::outputs_record::OutputsRecord;
 use super::volatile::Volatile;
 use super::{Engine, Event, EventKind};
@@ -77,7 +78,7 @@ impl Engine {
             self.outputs.id = id;
             self.hold_go_home();
             let record = self.records.of_mut(id);
-            refresh_outputs(&mut self.outputs, &mut self.volatile, record);
+            refresh_outputs(&mut self.outputs, &self.volatile, &mut self.axes, record);
             record.heads = self.volatile.heads;
             *self.commanded_by.of_mut(id) = self.commanded;
             record.pushed_at = now;
@@ -147,7 +148,7 @@ impl Engine {
     /// The most sets of outputs that may be queued in the bus now.
     fn ahead_max(&self) -> u64 {
         let found = usize::from(self.network().found());
-        let axes = || self.volatile.axes[..found].iter().enumerate();
+        let axes = || self.axes[..found].iter().enumerate();
         let rises = |(n, axes): (usize, &[super::Axis; 2])| {
             axes.iter().any(super::Axis::is_switching_on) && self.volatile.roles[n].mode() == Some(Mode::Csp)
         };
@@ -182,7 +183,7 @@ impl Engine {
 
     /// Whether the outputs of any axis differ from those that were pushed last.
     fn outputs_changed(&self) -> bool {
-        let axes = self.volatile.axes.iter().zip(&self.outputs.slaves).take(self.network().found().into());
+        let axes = self.axes.iter().zip(&self.outputs.slaves).take(self.network().found().into());
         axes.flat_map(|(axes, image)| axes.iter().zip(image)).any(|(axis, out)| axis.differs_from(out))
     }
 
@@ -216,7 +217,7 @@ impl Engine {
         op_start.heads = self.volatile.heads;
         op_start.test = self.volatile.test;
         op_start.homing_active = SlaveSet::EMPTY;
-        for (n, axes) in self.volatile.axes.iter().enumerate() {
+        for (n, axes) in self.axes.iter().enumerate() {
             for (checkpoint, axis) in op_start.axes.iter_mut().zip(axes) {
                 checkpoint[n] = axis.checkpoint();
             }
@@ -276,7 +277,7 @@ impl Engine {
         // The outputs pushed last are gone, and those sent before them may differ from what the axes now request.
         self.outputs_left = true;
         let next = self.next_output_id;
-        for (slave, (n, axes)) in (1..).zip(self.volatile.axes.iter_mut().enumerate()) {
+        for (slave, (n, axes)) in (1..).zip(self.axes.iter_mut().enumerate()) {
             if lost.contains(slave) {
                 continue;
             }
@@ -295,11 +296,11 @@ impl Engine {
 }
 
 /// Copies the outputs of the axes to the process image, and the state of the axes to `record`.
-fn refresh_outputs(outputs: &mut Outputs, volatile: &mut Volatile, record: &mut OutputsRecord) {
+fn refresh_outputs(outputs: &mut Outputs, volatile: &Volatile, all: &mut AllAxes, record: &mut OutputsRecord) {
     let Outputs { id, slaves } = outputs;
     let [first, second] = &mut record.axes;
     let found = usize::from(volatile.network.found());
-    for ((n, axes), image) in volatile.axes[..found].iter_mut().enumerate().zip(slaves) {
+    for ((n, axes), image) in all[..found].iter_mut().enumerate().zip(slaves) {
         image[0] = axes[0].next_out(*id);
         first[n] = axes[0].checkpoint();
         if volatile.second_axes.contains(n as u8 + 1) {
@@ -310,7 +311,7 @@ fn refresh_outputs(outputs: &mut Outputs, volatile: &mut Volatile, record: &mut 
     record.homing_active = volatile.homing_active;
     for slave in volatile.homing_active.iter() {
         let n = usize::from(slave) - 1;
-        let kept = record.homing[n].iter_mut().zip(&volatile.axes[n]);
+        let kept = record.homing[n].iter_mut().zip(&all[n]);
         kept.take(used_axes(volatile.second_axes, slave)).for_each(|(then, axis)| *then = axis.homing);
     }
 }

@@ -72,7 +72,7 @@ impl Engine {
         let n = slave - 1;
         let ids = OutputIds { sent_until: self.unconfirmed_from, next: self.next_output_id };
         let answers = self.inputs.slaves[n].iter().zip(self.volatile.modes_written[n]);
-        for (axis, (input, written)) in self.volatile.axes[n].iter_mut().zip(answers).take(axes) {
+        for (axis, (input, written)) in self.axes[n].iter_mut().zip(answers).take(axes) {
             axis.answer(at, input, mode, written, ids);
         }
     }

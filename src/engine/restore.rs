@@ -145,7 +145,7 @@ impl Engine {
         self.end_homing_of_axis(slave.into(), axis, HomingEnd::ModeWritten, now);
         // The mode has changed already: the board neither waits for a standstill nor restores a mode.
         let since = self.answers_valid_from(now);
-        let homing = &mut self.volatile.axes[usize::from(slave) - 1][axis].homing;
+        let homing = &mut self.axes[usize::from(slave) - 1][axis].homing;
         homing.skip_standstill();
         homing.mode_written(since);
     }
@@ -156,7 +156,7 @@ impl Engine {
         self.volatile.modes_written[n][axis] = mode;
         let in_mode = self.role(slave.into()).mode().is_some_and(|declared| declared.code() == mode);
         let newest = self.inputs.slaves[n][axis].statusword.state();
-        self.volatile.axes[n][axis].mode_written(newest, in_mode);
+        self.axes[n][axis].mode_written(newest, in_mode);
     }
 
     /// Whether the waiting transfer of the host has to wait longer: it writes the mode of an axis that has not come to
@@ -164,7 +164,7 @@ impl Engine {
     pub(super) fn holds_mode_write(&mut self, now: Ns) -> bool {
         let Some((slave, axis)) = self.volatile.sdo.waiting_write().and_then(mode_write) else { return false };
         self.end_homing_of_axis(slave, axis, HomingEnd::ModeWritten, now);
-        self.volatile.axes[slave - 1][axis].homing.is_ending()
+        self.axes[slave - 1][axis].homing.is_ending()
     }
 
     /// Delays a GO_HOME while a host's earlier write of the same axis's mode is under way. The end of that write ends
@@ -172,7 +172,7 @@ impl Engine {
     /// target fits the new home position.
     pub(super) fn hold_go_home(&mut self) {
         let Some((slave, axis)) = self.volatile.sdo.running_write().and_then(mode_write) else { return };
-        self.volatile.axes[slave - 1][axis].homing.wait();
+        self.axes[slave - 1][axis].homing.wait();
     }
 
     /// Stops restoring the mode of an axis because its slave is lost.

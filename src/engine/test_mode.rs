@@ -79,7 +79,7 @@ impl Engine {
                 continue;
             }
             if !lost.contains(slave as u8) {
-                self.volatile.axes[slave - 1][0].requested.out.outputs = image(n);
+                self.axes[slave - 1][0].requested.out.outputs = image(n);
             }
             n += 1;
         }

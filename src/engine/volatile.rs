@@ -1,7 +1,6 @@
 //! The part of a board's state that SW_RESET resets: everything that programs have set, except the CRC switches of
 //! SET_EX.
 
-use super::axis::Axis;
 use super::network::Network;
 use super::restore::Restores;
 use super::sdo::SdoSlot;
@@ -66,7 +65,6 @@ pub(super) struct Volatile {
     pub(super) test: test_mode::TestPhase,
     /// For each axis the mode that the board or an SDO of the host has written last to 0x6060 (0x6860).
     pub(super) modes_written: [[u8; MAX_AXES]; MAX_SLAVES],
-    pub(super) axes: [[Axis; MAX_AXES]; MAX_SLAVES],
     pub(super) sdo: SdoSlot,
     /// The slaves with an axis that is homing, or that has not finished the steps after it. Slaves that have just
     /// finished may still be in the set.
@@ -101,7 +99,6 @@ impl Volatile {
             left_shown_from: None,
             test: test_mode::TestPhase::default(),
             modes_written: [[0; MAX_AXES]; MAX_SLAVES],
-            axes: [[Axis::default(); MAX_AXES]; MAX_SLAVES],
             sdo: SdoSlot::new(),
             homing_active: SlaveSet::EMPTY,
             restores: Restores::new(),

@@ -16,6 +16,9 @@ static void *use(void *unused)
         CHECK(ECMUSBWrite(frame, 504));
         CHECK(ECMUSBRead(frame, 504));
         memset(frame, 0, sizeof frame);
+        /* What does most in the board: to OP and a reset. */
+        frame[0] = i == 10 ? SET_STATE : i == 90 ? SW_RESET : 0;
+        frame[4] = i == 10 ? STATE_OPERATIONAL : 0;
     }
     CHECK(!ECMUSBRead(NULL, 504));
     return NULL;

@@ -19,7 +19,7 @@ pub mod chart;
 mod chosen;
 pub mod decimate;
 mod error;
-mod execution;
+pub mod execution;
 mod file;
 mod lanes;
 mod layout;

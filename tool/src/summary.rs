@@ -1,4 +1,13 @@
-//! `ecmsk summary`: what went wrong in a recorded run.
+//! `ecmsk summary`: what went wrong in a recorded run, and the extremes of its axes.
+//!
+//! Files:
+//!
+//! - `summary.rs`: the verb
+//! - `summary/extremes.rs`: the extremes of each axis
+//! - `summary/fail_on.rs`: what makes a run a failed one
+
+mod extremes;
+mod fail_on;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -10,22 +19,29 @@ use ecmsk::sk::SlotSize;
 use ecmsk::summary::{FrameWatch, Summary};
 use serde_json::{Value, json as object};
 
+use extremes::Extremes;
+use fail_on::FailOn;
+
 use super::error::CliError;
 use super::recording::{Framed, Frames, board, parse_device};
 use super::stderr::say;
 use super::{output, slot_size};
 
-/// Say what went wrong in a recorded run: alarms, changes of state that failed, gaps, a full FIFO, wrong CRCs
+/// Say what went wrong in a recorded run: alarms, changes of state that failed, gaps, a full FIFO, wrong CRCs; and how far each
+/// axis went
 ///
-/// The same as `ecmsk exec` says at the end of a program, as far as frames show it. Which commands the board has rejected
-/// they do not: a simulated board counts them, and `ecmsk exec` tells. Nothing is said of a run in which nothing went wrong.
+/// What went wrong is the same as `ecmsk exec` says at the end of a program, as far as frames show it. Which commands the board has
+/// rejected they do not: a simulated board counts them, and `ecmsk exec` tells. Then comes a line for each axis that was moved: the
+/// largest following error (the target in force minus the position), step of the target from one cycle to the next, velocity and
+/// torque, each with its time since the first frame.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   ecmsk summary run.pcapng
   ecmsk summary --json run.pcapng | jq .alarms
+  ecmsk summary --fail-on alarm,gap,following-error>500,torque>90 run.pcapng
 
-Exit code: 0, whatever went wrong, unless --exit-code is given; 1 if the recording cannot be read.")]
+Exit code: 0, whatever went wrong, unless --exit-code or --fail-on is given; 1 if the recording cannot be read.")]
 pub struct Args {
     /// The recording or capture; - for standard input
     #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
@@ -46,6 +62,11 @@ pub struct Args {
     /// End with 1 if something went wrong, or the recording is not whole
     #[arg(long)]
     exit_code: bool,
+
+    /// End with 1 if one of these happened, and say which: any (as --exit-code), alarm, state, gap, or an axis went beyond a limit:
+    /// following-error>COUNTS, target-step>COUNTS, velocity>COUNTS_PER_S, torque>PERCENT
+    #[arg(long, value_name = "REASON,..", value_delimiter = ',', value_parser = FailOn::parse)]
+    fail_on: Vec<FailOn>,
 }
 
 /// # Errors
@@ -57,7 +78,9 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let mut watch = None;
     let (mut summary, mut is_whole) = (Summary::default(), true);
     let mut order = InOrder::default();
+    let mut extremes = Extremes::new();
     let mut take = |framed: Framed| {
+        extremes.frame(&framed);
         let watch = watch.get_or_insert_with(|| FrameWatch::new(framed.size));
         match framed.recorded.dir {
             ecmsk::link::Dir::Write => watch.command(framed.time_ns, &framed.recorded.frame),
@@ -88,13 +111,19 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let counts = watch.map(|watch| watch.counts()).unwrap_or_default();
     summary.set_frame_counts(&counts);
     frames.note_missing();
+    let axes: Vec<_> = extremes.axes().collect();
     if args.json {
-        output::print(format!("{}\n", json(&summary)))?;
+        let mut json = json(&summary);
+        json["axes"] = axes.iter().map(|(slave, axis)| extremes::axis_json(*slave, axis)).collect();
+        output::print(format!("{json}\n"))?;
     } else {
-        output::print(summary.to_string())?;
+        let lines: String = axes.iter().map(|(slave, axis)| extremes::line(*slave, axis) + "\n").collect();
+        output::print(format!("{summary}{lines}"))?;
     }
+    let failures = args.fail_on.iter().flat_map(|reason| reason.failures(&summary, is_whole, &axes));
+    let failed = failures.inspect(|failure| say("failed", failure)).count() > 0;
     let is_clean = summary.is_empty() && is_whole;
-    Ok(if args.exit_code && !is_clean { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+    Ok(if failed || args.exit_code && !is_clean { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
 /// A summary as JSON.

@@ -71,6 +71,7 @@ mod slave;
 mod stalled;
 mod state_failed;
 mod stop;
+mod summary_axes;
 mod tcp_network;
 mod tcp_params;
 mod tcp_process;

@@ -1,0 +1,273 @@
+//! The extremes of each axis in a run: following error, step of the target, velocity and torque, with their times.
+
+use ecmsk::link::Dir;
+use ecmsk::recording::Kinds;
+use ecmsk::sk::dump::MAX_SLAVES;
+use ecmsk::sk::{
+    CommandId, DriveResponse, FifoAction, MasterCommand, MasterResponse, MasterState, SlaveCommand, SlaveKind,
+    SlotCommand,
+};
+use serde_json::{Value, json};
+
+use crate::plot::execution::{Entry, Execution, ExecutionReport, Orders};
+use crate::recording::Framed;
+
+/// The cycle of a board that was not told another one (UG 1.7), nanoseconds.
+const DEFAULT_CYCLE_NS: i64 = 1_000_000;
+/// \[OURS] Two reports that are further apart than this many cycles give no velocity.
+const CYCLES_APART_MAX: i64 = 8;
+
+/// The largest value of a quantity, and its time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Peak {
+    /// The magnitude.
+    pub value: u64,
+    /// Nanoseconds since the first frame.
+    pub at_ns: i64,
+}
+
+impl Peak {
+    fn take(&mut self, value: i64, at_ns: i64) {
+        if value.unsigned_abs() > self.value {
+            *self = Self { value: value.unsigned_abs(), at_ns };
+        }
+    }
+}
+
+/// A quantity of which the largest value is kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quantity {
+    /// The target in force minus the actual position of an axis that is on, counts.
+    FollowingError,
+    /// The change of the target from one executed command to the next, counts.
+    TargetStep,
+    /// The change of the position, counts per second.
+    Velocity,
+    /// The torque, in 0.1 % of the rated one.
+    Torque,
+}
+
+impl Quantity {
+    pub const ALL: [Self; 4] = [Self::FollowingError, Self::TargetStep, Self::Velocity, Self::Torque];
+
+    /// The word on a command line; in JSON with `_` for `-`.
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::FollowingError => "following-error",
+            Self::TargetStep => "target-step",
+            Self::Velocity => "velocity",
+            Self::Torque => "torque",
+        }
+    }
+
+    /// A value with its unit.
+    pub fn shown(self, value: u64) -> String {
+        match self {
+            Self::FollowingError | Self::TargetStep => format!("{value} counts"),
+            Self::Velocity => format!("{value} counts/s"),
+            Self::Torque => format!("{}.{} %", value / 10, value % 10),
+        }
+    }
+}
+
+/// The extremes of an axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct AxisExtremes {
+    peaks: [Peak; 4],
+}
+
+impl AxisExtremes {
+    pub const fn of(&self, quantity: Quantity) -> Peak {
+        self.peaks[quantity as usize]
+    }
+}
+
+/// An axis while frames are read.
+#[derive(Debug, Default)]
+struct Axis {
+    extremes: AxisExtremes,
+    /// Whether a command has moved it.
+    is_axis: bool,
+    /// The target that was executed last, while it is in force.
+    target: Option<i32>,
+    /// The time and the position of the last report.
+    position: Option<(i64, i32)>,
+    /// The command that the last report answered.
+    answered: Option<u8>,
+}
+
+impl Axis {
+    fn peak(&mut self, quantity: Quantity, value: i64, at_ns: i64) {
+        self.extremes.peaks[quantity as usize].take(value, at_ns);
+    }
+
+    fn executed(&mut self, at_ns: i64, order: &SlaveCommand) {
+        match order {
+            SlaveCommand::Csp(motion) => {
+                self.is_axis = true;
+                let target = motion.first.target;
+                if let Some(before) = self.target.replace(target) {
+                    self.peak(Quantity::TargetStep, i64::from(target) - i64::from(before), at_ns);
+                }
+            }
+            SlaveCommand::GetStatus | SlaveCommand::Other(_) | SlaveCommand::IoRead | SlaveCommand::IoWrite(_) => {}
+            order => {
+                self.is_axis |= order.id().is_for_axes();
+                self.target = None;
+            }
+        }
+    }
+
+    fn report(&mut self, at_ns: i64, cycle_ns: i64, drive: &DriveResponse, is_drive: bool, is_certain: bool) {
+        // Homing moves the zero of the position.
+        let is_homing = CommandId::from_code(drive.head.id) == CommandId::GoHome;
+        if is_homing || self.answered.replace(drive.head.id) != Some(drive.head.id) {
+            self.position = None;
+        }
+        if is_homing {
+            self.target = None;
+        }
+        let before = self.position.replace((at_ns, drive.position));
+        if let Some((then_ns, position)) = before {
+            let passed = at_ns.saturating_sub(then_ns);
+            if passed > 0 && passed <= CYCLES_APART_MAX.saturating_mul(cycle_ns) {
+                let counts = i64::from(drive.position) - i64::from(position);
+                self.peak(Quantity::Velocity, counts.saturating_mul(1_000_000_000) / passed.max(cycle_ns), at_ns);
+            }
+        }
+        if is_drive {
+            self.peak(Quantity::Torque, drive.torque.into(), at_ns);
+        }
+        if !drive.statusword.is_enabled() {
+            self.target = None;
+        } else if let Some(target) = self.target.filter(|_| is_certain) {
+            self.peak(Quantity::FollowingError, i64::from(target) - i64::from(drive.position), at_ns);
+        }
+    }
+}
+
+/// Finds the extremes of all axes in the frames of a run, sorted by time.
+pub struct Extremes {
+    axes: Vec<Axis>,
+    kinds: Kinds,
+    execution: Execution,
+    cycle_ns: i64,
+    in_op: bool,
+}
+
+impl Extremes {
+    pub fn new() -> Self {
+        Self {
+            axes: (0..MAX_SLAVES).map(|_| Axis::default()).collect(),
+            kinds: Kinds::new(None),
+            execution: Execution::new(DEFAULT_CYCLE_NS),
+            cycle_ns: DEFAULT_CYCLE_NS,
+            in_op: false,
+        }
+    }
+
+    /// The extremes of each slave that is an axis, with its number from 1.
+    pub fn axes(&self) -> impl Iterator<Item = (usize, &AxisExtremes)> {
+        (1..).zip(&self.axes).filter(|(_, axis)| axis.is_axis).map(|(slave, axis)| (slave, &axis.extremes))
+    }
+
+    /// Takes the next frame.
+    pub fn frame(&mut self, framed: &Framed) {
+        match framed.recorded.dir {
+            Dir::Write => self.command(framed),
+            Dir::Read => self.report(framed),
+        }
+    }
+
+    fn command(&mut self, framed: &Framed) {
+        let (frame, size) = (&framed.recorded.frame, framed.size);
+        self.kinds.command(frame, size);
+        let master = MasterCommand::decode(&frame.slot(size, 0), size);
+        if !self.in_op {
+            if let Ok(MasterCommand::SetDc { cycle, .. }) = master {
+                self.cycle_ns = i64::from(cycle.us()).max(1) * 1000;
+                self.execution = Execution::new(self.cycle_ns);
+            }
+            return;
+        }
+        let mut orders = Orders::default();
+        for (slave, order) in (1..=size.max_slaves()).zip(&mut orders) {
+            *order = SlotCommand::decode(&frame.slot(size, slave), size).ok().map(|slot| slot.command);
+        }
+        let clears = master == Ok(MasterCommand::SetFifo(FifoAction::Clear));
+        self.execution.command(framed.time_ns, orders, clears);
+    }
+
+    fn report(&mut self, framed: &Framed) {
+        let (frame, size, at_ns) = (&framed.recorded.frame, framed.size, framed.time_ns);
+        self.kinds.response(frame, size);
+        let board = MasterResponse::decode(&frame.slot(size, 0));
+        self.in_op = board.state.state() == Some(MasterState::Op);
+        if !self.in_op || board.state.is_failed() {
+            // In 0x18 the slots of lost slaves repeat their last values.
+            self.execution.reset();
+            self.axes.iter_mut().for_each(|axis| (axis.target, axis.position) = (None, None));
+            return;
+        }
+        let is_certain = match self.execution.report(at_ns, &board) {
+            ExecutionReport::Executed { entries, .. } => {
+                entries.iter().for_each(|entry| self.execute(entry));
+                true
+            }
+            ExecutionReport::Later => false,
+            ExecutionReport::Unknown => {
+                self.axes.iter_mut().for_each(|axis| axis.target = None);
+                false
+            }
+        };
+        for (slave, axis) in (1..=size.max_slaves()).zip(&mut self.axes).filter(|(_, axis)| axis.is_axis) {
+            // An HSP has inputs where a drive has its torque.
+            let is_drive = self.kinds.of(slave) != Some(SlaveKind::Hsp);
+            axis.report(at_ns, self.cycle_ns, &DriveResponse::decode(&frame.slot(size, slave)), is_drive, is_certain);
+        }
+    }
+
+    fn execute(&mut self, Entry { at_ns, orders }: &Entry) {
+        for (axis, order) in self.axes.iter_mut().zip(orders) {
+            if let Some(order) = order {
+                axis.executed(*at_ns, order);
+            }
+        }
+    }
+}
+
+/// A time of a recording: `1.758 s`.
+pub fn seconds(at_ns: i64) -> String {
+    format!("{:.3} s", at_ns as f64 / 1e9)
+}
+
+/// The line of an axis.
+pub fn line(slave: usize, extremes: &AxisExtremes) -> String {
+    let parts: Vec<String> = Quantity::ALL
+        .into_iter()
+        .map(|quantity| (quantity, extremes.of(quantity)))
+        .filter(|(_, peak)| peak.value > 0)
+        .map(|(quantity, peak)| {
+            let name = quantity.word().replace('-', " ");
+            format!("{name} up to {} ({})", quantity.shown(peak.value), seconds(peak.at_ns))
+        })
+        .collect();
+    match parts.as_slice() {
+        [] => format!("axis {slave}: it stood still"),
+        parts => format!("axis {slave}: {}", parts.join(", ")),
+    }
+}
+
+/// An axis as JSON.
+pub fn axis_json(slave: usize, extremes: &AxisExtremes) -> Value {
+    let mut axis = json!({ "slave": slave });
+    for quantity in Quantity::ALL {
+        let Peak { value, at_ns } = extremes.of(quantity);
+        axis[quantity.word().replace('-', "_")] = match (value, quantity) {
+            (0, _) => Value::Null,
+            (_, Quantity::Torque) => json!({"value": value as f64 / 10.0, "at_s": at_ns as f64 / 1e9}),
+            _ => json!({"value": value, "at_s": at_ns as f64 / 1e9}),
+        };
+    }
+    axis
+}

@@ -194,12 +194,7 @@ struct Opened {
     reporter: Reporter,
     /// The slaves that were found; `None` behind a board, which is not asked.
     slaves: Option<Vec<u8>>,
-    drive: DriveKind,
-}
-
-enum DriveKind {
-    Network(OnNetwork),
-    Board(BehindBoard),
+    drive: Box<dyn Drive>,
 }
 
 impl Opened {
@@ -209,16 +204,8 @@ impl Opened {
         {
             return Err(BusError::NoSuchSlave { slave, found: slaves.len() }.into());
         }
-        Ok(match &mut self.drive {
-            DriveKind::Network(drive) => {
-                drive.slave = slave;
-                drive
-            }
-            DriveKind::Board(drive) => {
-                drive.slave = slave;
-                drive
-            }
-        })
+        self.drive.choose(slave);
+        Ok(&mut *self.drive)
     }
 
     /// Shows which index is looked at, on a terminal alone.
@@ -251,7 +238,7 @@ impl Place {
                 }
                 let slaves = network.scan()?.iter().map(|slave| slave.slave).collect();
                 let reporter = Reporter::new(self.json, network.is_virtual());
-                let drive = DriveKind::Network(OnNetwork { network, slave: 1 });
+                let drive = Box::new(OnNetwork { network, slave: 1 });
                 Ok(Opened { link, reporter, slaves: Some(slaves), drive })
             }
             Err(BusError::IsBoard { .. }) => {
@@ -260,7 +247,7 @@ impl Place {
                 if state.state().is_some_and(|state| state > MasterState::PreOp) {
                     return Err(ParamsError::Runs { state: state.to_string() });
                 }
-                let drive = DriveKind::Board(BehindBoard { ecm, slave: 1, known });
+                let drive = Box::new(BehindBoard { ecm, slave: 1, known });
                 Ok(Opened { link, reporter: Reporter::new(self.json, false), slaves: None, drive })
             }
             Err(error) => Err(error.into()),

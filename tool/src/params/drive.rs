@@ -19,6 +19,9 @@ pub type Answer<T> = Result<T, AbortCode>;
 
 /// A drive on some link. A call fails if the drive or its link does not answer.
 pub trait Drive {
+    /// Chooses the slave that the other calls are about, from 1.
+    fn choose(&mut self, slave: u8);
+
     /// Reads an object. A longer value of a drive behind a board has its first 4 bytes.
     fn read(&mut self, object: ObjectAddress) -> Result<Answer<Vec<u8>>, ParamsError>;
 
@@ -65,6 +68,10 @@ fn answered<T>(done: Result<T, BusError>) -> Result<Answer<T>, ParamsError> {
 }
 
 impl Drive for OnNetwork {
+    fn choose(&mut self, slave: u8) {
+        self.slave = slave;
+    }
+
     fn read(&mut self, object: ObjectAddress) -> Result<Answer<Vec<u8>>, ParamsError> {
         answered(self.network.upload(self.slave, object, SdoScope::Entry))
     }
@@ -145,6 +152,10 @@ const fn is_length(code: AbortCode) -> bool {
 }
 
 impl Drive for BehindBoard {
+    fn choose(&mut self, slave: u8) {
+        self.slave = slave;
+    }
+
     fn read(&mut self, object: ObjectAddress) -> Result<Answer<Vec<u8>>, ParamsError> {
         Ok(told(self.ecm.sdo_read::<u32>(self.slave, object))?.map(|bits| bits.to_le_bytes().to_vec()))
     }

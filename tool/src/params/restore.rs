@@ -175,12 +175,14 @@ mod tests {
 
     use super::*;
 
+    type Refuses = fn(&Table, ObjectAddress, &[u8]) -> Option<AbortCode>;
+
     /// A drive of the test: its values, and what it refuses.
     #[derive(Default)]
     struct Table {
         values: BTreeMap<ObjectAddress, Vec<u8>>,
         /// Whether a write is refused, by the values of the drive.
-        refuses: Option<fn(&Self, ObjectAddress, &[u8]) -> Option<AbortCode>>,
+        refuses: Option<Refuses>,
         /// After how many calls the drive is gone.
         calls_left: Option<usize>,
         writes: Vec<(ObjectAddress, Vec<u8>)>,
@@ -207,6 +209,8 @@ mod tests {
     }
 
     impl Drive for Table {
+        fn choose(&mut self, _: u8) {}
+
         fn read(&mut self, object: ObjectAddress) -> Result<Answer<Vec<u8>>, ParamsError> {
             self.call()?;
             Ok(self.values.get(&object).cloned().ok_or(AbortCode::NO_OBJECT))

@@ -186,7 +186,7 @@ fn units_are_read_and_set() {
         (&["gpio", "mode", "20", "output"][..], "pins from 0 to 19"),
         (&["gpio", "mode", "0", "out"], "allowed: input, output, open-drain, quasi-bidirectional"),
         (&["gpio", "set", "0x100000"], "allowed: 0 to 0xFFFFF"),
-        (&["dac", "5V"], "allowed: 0 to 4095, 0V to 3.3V, or off"),
+        (&["dac", "5V"], "allowed: 0 to 4095 for 0 V to 3.3 V, or off"),
         (&["encoder", "start", "--mode", "x3"], "allowed: x4-free, x2-free"),
     ] {
         run([&["xf"], words, &["--link", CHIP]].concat()).expect_misuse(&[why]);

@@ -71,7 +71,7 @@ fn dictionaries_and_files_behind_a_chip() {
     let said = refused(on_chip.read_file(1, "none", 0));
     assert!(said.contains("not found"), "{said}");
     let said = refused(on_chip.read_file(3, "a", 0));
-    assert!(said.contains("slave 3 has no files: its EEPROM says no FoE"), "{said}");
+    assert!(said.contains("slave 3 has no files: its EEPROM declares no FoE"), "{said}");
     let said = refused(on_chip.object_list(4));
     assert!(said.contains("there is no slave 4"), "{said}");
 }

@@ -17,6 +17,6 @@ fn files_are_moved_both_ways() {
     let said = refused(network.read_file(1, "none", 0));
     assert!(said.contains("not found") && said.contains("manual"), "{said}");
     for said in [refused(network.read_file(2, "a", 0)), refused(network.write_file(2, "a", 0, &[]))] {
-        assert!(said.contains("slave 2 has no files: its EEPROM says no FoE"), "{said}");
+        assert!(said.contains("slave 2 has no files: its EEPROM declares no FoE"), "{said}");
     }
 }

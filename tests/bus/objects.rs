@@ -63,7 +63,7 @@ fn slaves_without_objects_or_a_dictionary_are_told() {
         refused(network.object_list(1)),
         refused(dictionary::objects(&mut *network, 1)),
     ] {
-        assert!(said.contains("slave 1 has no objects: its EEPROM says no CoE"), "{said}");
+        assert!(said.contains("slave 1 has no objects: its EEPROM declares no CoE"), "{said}");
     }
     assert_eq!(checksum(content.first_chunk().expect("14 bytes")), content[14], "the protocols are not covered by it");
 }

@@ -137,7 +137,7 @@ fn a_mute_mailbox_is_no_lost_slave() {
     let line = OddLine::new([drive().with(|slave| slave.mailbox.is_mute = true)]);
     let (mut network, _) = scanned(&line);
     let said = refused(network.upload(1, ObjectAddress::new(0x1018, 1), SdoScope::Entry));
-    assert!(said.contains("no answer when the time was up") && !said.contains("power"), "{said}");
+    assert!(said.contains("did not answer before the timeout") && !said.contains("power"), "{said}");
 }
 
 /// BUS-2.3 Frames whose source address comes back unchanged are said to be no slave's.

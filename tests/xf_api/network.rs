@@ -86,7 +86,7 @@ fn a_program_reaches_registers_eeproms_and_files() {
 #[test]
 fn a_wrong_link_is_an_error() {
     for (link, parts) in [
-        ("sim:", &["is a board and no ECM-XF", "xf-sim:?slaves=drive*2"][..]),
+        ("sim:", &["is a board and not an ECM-XF", "xf-sim:?slaves=drive*2"][..]),
         ("xf-sim:?slave=io", &["no key `slave`", "did you mean `slaves`", "chip_fw"]),
         ("xf-sim:?n=31", &["key `n`", "32 to 1408"]),
         ("xf-sim:?chip_fw=9", &["new, old, xfu"]),

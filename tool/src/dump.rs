@@ -144,7 +144,7 @@ pub enum DumpError {
         name: String,
     },
     /// A line is no frame.
-    #[error("line {line}: {problem}; put `#` before what is no frame")]
+    #[error("line {line}: {problem}; put `#` before lines that are not frames")]
     Line {
         /// The number of the line, from 1.
         line: u64,
@@ -152,7 +152,7 @@ pub enum DumpError {
         problem: HexError,
     },
     /// A line is too long.
-    #[error("line {line} is longer than {LINE_BYTES_MAX} bytes; give one frame a line, as hexadecimal digits")]
+    #[error("line {line} is longer than {LINE_BYTES_MAX} bytes; give one frame per line, as hexadecimal digits")]
     LongLine {
         /// The number of the line, from 1.
         line: u64,

@@ -105,7 +105,8 @@ pub enum ExecError {
     /// Another library with the same name is in the program's folder, where Windows looks first.
     #[cfg(windows)]
     #[error(
-        "{} is not of this build, and Windows takes it before any other; keep it under another name, and copy {} to its place",
+        "{} is not of this build, and Windows loads it before any other; keep it under another name, and copy {} to \
+         its place",
         .beside.display(), .ours.display()
     )]
     Beside {

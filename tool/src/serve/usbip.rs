@@ -91,7 +91,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         ..Options::default()
     };
     if !args.listen.ip().is_loopback() && args.insecure_anyone {
-        say("note", &format_args!("whoever reaches {} can use the boards: USB/IP knows no password", args.listen));
+        say("note", &format_args!("anybody who reaches {} can use the boards: USB/IP knows no password", args.listen));
     }
     let server = Server::start(options, boards, Arc::new(|event| say("serve", event)))?;
 

@@ -70,7 +70,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         && !address.ip().is_loopback()
         && args.insecure_anyone
     {
-        say("note", &format_args!("whoever reaches {address} can use the chip: nobody is asked for a password"));
+        say("note", &format_args!("anybody who reaches {address} can use the chip: nobody is asked for a password"));
     }
     let server = Server::start(move || chip::open(&uri), options)?;
     super::announce(format!("listening on {}; serving {}\n", server.listen(), described(server.info())))?;

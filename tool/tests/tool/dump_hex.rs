@@ -232,11 +232,11 @@ fn a_wrong_line_ends_the_dump_with_its_number() {
         (format!("{good}\u{e4}{digits}"), ["`\u{e4}` is no", ""]),
     ] {
         let ran = dump(&[], &input);
-        ran.expect_failure(1, &words, "put `#` before what is no frame");
+        ran.expect_failure(1, &words, "put `#` before lines that are not frames");
         assert_eq!(ran.out, "line 1    command\n  ECM      SET_STATE PreOP, CRC 0xE7 ok\n", "{input}");
     }
     dump(&[], b"\xff\xfe\n").expect_failure(1, &["line 1", "is no hexadecimal digit"], "put `#` before");
-    dump(&[], vec![0; 1 << 20]).expect_failure(1, &["line 1 is longer than 65536 bytes"], "one frame a line");
+    dump(&[], vec![0; 1 << 20]).expect_failure(1, &["line 1 is longer than 65536 bytes"], "one frame per line");
     dump(&["--slot-size", "16"], &digits).expect_failure(1, &["504 bytes", "512"], "leave out --slot-size 16");
     let wide = hex(&vector_named("all-zero-16").bytes);
     dump(&["--slots", "32"], &wide).expect_failure(1, &["16-byte slots has no slot 32"], "name slots from 0 to 31");

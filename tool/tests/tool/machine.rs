@@ -23,11 +23,11 @@ fn the_udev_rule_is_written_once_where_udev_looks() {
     assert!(again.starts_with("/etc/udev/rules.d/60-ecmsk.rules is there already"), "{again}");
     tree.file("/etc/udev/rules.d/60-ecmsk.rules", "# mine\n");
     let ran = tree.run(&["doctor", "--write-udev-rule"]);
-    ran.expect_failure(1, &["says something else, it was left as it is", "sudo rm "], "look at it");
+    ran.expect_failure(1, &["exists with another content and was not changed", "sudo rm "], "check it");
     assert_eq!(fs::read_to_string(&written).expect("it is there"), "# mine\n");
     tree.remove("/etc/udev");
     let ran = tree.run(&["doctor", "--write-udev-rule"]);
-    ran.expect_failure(1, &["was not written"], "is there udev on this machine");
+    ran.expect_failure(1, &["was not written"], "does this machine have udev");
     run(["doctor", "--write-udev-rule", "--json"]).expect_misuse(&["--json"]);
 }
 

@@ -79,13 +79,13 @@ fn what_serve_xf_refuses() {
     for part in ["no password", "127.0.0.1", "ssh -N -L", "docs/XF-PORT.md", "--insecure-anyone"] {
         assert!(refused.err.contains(part), "no {part}: {refused:?}");
     }
-    run(&["--link", "sim:"]).expect_failure(1, &["is a board and no ECM-XF"], "ecmsk link help");
+    run(&["--link", "sim:"]).expect_failure(1, &["is a board and not an ECM-XF"], "ecmsk link help");
     run(&[]).expect_failure(2, &["no --link"], "--link");
     let nowhere = run(&[&link[..], &["--listen", "here"]].concat());
     assert!(nowhere.code == Some(2) && nowhere.err.contains("nor unix:PATH"), "{nowhere:?}");
     let elsewhere = run(&[&link[..], &["--listen", "192.0.2.1:4712", "--insecure-anyone"]].concat());
     assert_eq!(elsewhere.code, Some(1), "{elsewhere:?}");
-    assert!(elsewhere.err.starts_with("note: whoever reaches 192.0.2.1:4712"), "{elsewhere:?}");
+    assert!(elsewhere.err.starts_with("note: anybody who reaches 192.0.2.1:4712"), "{elsewhere:?}");
     assert!(elsewhere.err.contains("; name an address of this machine with `--listen`"), "{elsewhere:?}");
 }
 

@@ -107,7 +107,10 @@ mod tests {
         assert!(unknown.contains("`klingon`") && unknown.contains("save it as UTF-8"), "{unknown}");
         for bytes in [&b"<?xml version=\"1.0\" encoding=\"UTF-8\"?><a>\xFC</a>"[..], b"<a>\xFC</a>", b"\xFF\xFE<"] {
             let wrong = decoded(bytes).unwrap_err().to_string();
-            assert!(wrong.starts_with("it is no text in UTF-") && wrong.contains("declare its true encoding"), "{wrong}");
+            assert!(
+                wrong.starts_with("it is no text in UTF-") && wrong.contains("declare its true encoding"),
+                "{wrong}"
+            );
         }
     }
 }

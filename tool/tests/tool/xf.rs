@@ -35,7 +35,11 @@ fn a_chip_is_named_or_there_is_none() {
     for verb in ["scan", "info", "state"] {
         let none = run(["xf", verb]);
         none.expect_failure(2, &["no chip was named", "xf-sim:?slaves=drive*2"], "xf-sim:");
-        run(["xf", verb, "--link", "sim:?slaves=drive"]).expect_failure(1, &["is a board and not an ECM-XF"], "link help");
+        run(["xf", verb, "--link", "sim:?slaves=drive"]).expect_failure(
+            1,
+            &["is a board and not an ECM-XF"],
+            "link help",
+        );
         run(["xf", verb, "--link", "xf-sim:?slave=drive"]).expect_misuse(&["slave"]);
     }
     let mut by_variable = ecmsk(["xf", "scan", "--json"]);

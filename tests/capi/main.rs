@@ -3,7 +3,7 @@
 //! Files:
 //!
 //! - `behaviour.rs`: every exported function, called from C (`tests/c/`)
-//! - `headers.rs`, `symbols.rs`, `surface.rs`: the headers, the exports of the library, and that neither changes
+//! - `headers.rs`, `symbols.rs`, `surface.rs`: the headers, the exports of the library, and the stability of both
 //! - `cpp_examples.rs`, `cpp_guide.rs`, `python_examples.rs`, `dotnet/`: the examples in C, C++, Python and .NET
 //! - `set_user_id.rs`, `vanish.rs`: programs with more rights than their user; programs that end without closing the
 //!   board

@@ -1,4 +1,5 @@
-//! A pulse module of two channels under the native API: what moves one leaves the other alone, and both have to be on.
+//! A pulse module of two channels under the native API: a command for one channel does not affect the other, and both
+//! have to be on.
 
 use std::time::Duration;
 
@@ -72,7 +73,7 @@ fn one_velocity_of_two_changes() {
 }
 
 /// SK-7.15 The second channel trips: the stream takes no target for the slave any more, and after `clear_alarm` and
-/// `servo_on`, which wait for both channels, nothing moves before there is one.
+/// `servo_on`, which wait for both channels, nothing moves before a new target.
 #[test]
 fn a_second_channel_that_trips_stops_both() {
     let file = script("two-trips", "at 3s alarm 1.2 0x7500\n");

@@ -2,7 +2,7 @@
 
 use crate::{network, refused};
 
-/// BUS-5.1 A file is written and read back, of any length; what the slave refuses is told with its error.
+/// BUS-5.1 A file of any length is written and read back; a refusal is reported with the slave's error.
 #[test]
 fn files_are_moved_both_ways() {
     let (mut network, _) = network("drive,dp3cl");

@@ -1,4 +1,4 @@
-//! The C ABI: programs in C, C++, Python and .NET on the library of this build, and what is shipped beside it.
+//! The C ABI: programs in C, C++, Python and .NET on the library of this build, and the files shipped with it.
 //!
 //! Files:
 //!

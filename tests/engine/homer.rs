@@ -66,7 +66,7 @@ pub struct State {
     bit: bool,
     under_way: Option<u32>,
     braking: Option<u32>,
-    /// Homings begun.
+    /// Number of homings begun.
     pub begun: u32,
     images: Images,
 }
@@ -136,7 +136,7 @@ impl Homer {
         self.state().last.target
     }
 
-    /// Homings begun.
+    /// Number of homings begun.
     pub fn begun(&self) -> u32 {
         self.state().begun
     }

@@ -1,4 +1,4 @@
-//! Random frames in a row against one board of every kind of network: what `random` checks after each of them holds.
+//! Random frames in a row against one board of every kind of network, with the checks of `random` after each.
 //!
 //! The test sends a share; `cargo xtask soak` sends 100,000 to each. One network again:
 //! `ECMSK_SOAK_FIRST=<seed> ECMSK_SOAK_FRAMES=<frames>`.

@@ -12,7 +12,7 @@ use ecmsk::xf_api::{NetworkConfig, XfError};
 use super::ends::{S, drive_state, moving, stands_and_is_off};
 use super::{Exchange, POSITION, enabled, safe_op, started};
 
-/// The quick stop's option code, and its deceleration in counts/s\u{b2}.
+/// A quick stop's deceleration in counts/s\u{b2}.
 const QUICK_STOP_DECELERATION: ObjectAddress = ObjectAddress::new(0x6085, 0);
 
 fn motor(number: u8) -> MotorNumber {

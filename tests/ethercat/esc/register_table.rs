@@ -1,4 +1,4 @@
-//! Every register that a master touches: its length, its value at power-on, and what a write does.
+//! Every register that a master uses: its length, its value at power-on, and the effect of a write.
 
 use ecmsk::ethercat::Command;
 use ecmsk::slave::esc::EscSettings;

@@ -54,7 +54,7 @@ struct Seen {
     is_broken: bool,
     /// The dice for stalls of the server's process, and the number of stalls left.
     stalls: Option<(Dice, u64)>,
-    /// For how long it stood still.
+    /// Time at rest.
     stood: Duration,
     /// Whether a drive was homing: it may begin to move by itself.
     has_homed: bool,
@@ -208,7 +208,7 @@ impl Eyes {
         self.seen().stalls = Some((dice, times));
     }
 
-    /// For how long it stood still.
+    /// Time at rest.
     pub fn stood(&self) -> Duration {
         self.seen().stood
     }

@@ -28,7 +28,7 @@ pub struct Pushed {
 #[derive(Default)]
 pub struct Trace {
     cycles: VecDeque<Arc<Cycle>>,
-    /// Number of the oldest cycle that is remembered.
+    /// Number of the oldest stored cycle.
     oldest: usize,
     pushed: VecDeque<Pushed>,
     /// The cycle whose answer the engine has taken last.
@@ -110,7 +110,7 @@ impl Trace {
         &self.cycles[n - self.oldest]
     }
 
-    /// Number of the oldest cycle that is remembered.
+    /// Number of the oldest stored cycle.
     pub fn oldest(&self) -> usize {
         self.oldest
     }

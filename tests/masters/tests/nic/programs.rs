@@ -166,7 +166,7 @@ mod needs_network_namespace {
     /// Programs in Rust.
     #[test]
     fn rust_programs_run_on_a_network_card() {
-        // Each in the middle of a side of the square.
+        // Each event at the middle of a side of the square.
         const ON_THE_WAY: [Alarm; 2] =
             [alarm(3200, "corner [1000000, 0]", 450, TWO), alarm(4900, "corner [1000000, 1000000]", 450, STAYS)];
         for (name, link, alarms) in [
@@ -245,7 +245,7 @@ mod needs_network_namespace {
         /// Programs in C++ that clear alarms on their way, and one that an alarm ends.
         #[test]
         fn programs_in_cpp_overcome_alarms_on_a_network_card() {
-            // Each in the middle of a side of the square.
+            // Each event at the middle of a side of the square.
             let on_the_way =
                 [alarm(2750, "corner 2 of the square", 250, TWO), alarm(3650, "corner 3 of the square", 250, STAYS)];
             for (folder, name, alarms) in [

@@ -66,7 +66,8 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-42 Open without a device gives false, and the reason can be read. SK-9.16 Open fails if no slave was found.
+    /// LIB-42 Open without a device returns false, and the reason can be read. SK-9.16 Open fails if no slave was
+    /// found.
     #[test]
     fn an_open_that_fails_says_why() {
         passes("open_fails", "sim:?slaves=none&clock=virtual", &["no slave"]);
@@ -86,7 +87,7 @@ mod needs_cxx {
         assert_eq!(ended.success(), "ok\n");
     }
 
-    /// LIB-48 Close during a blocked read: the read gives false.
+    /// LIB-48 Close during a blocked read: the read returns false.
     #[test]
     fn close_ends_a_read() {
         passes("close_during_read", "sim:?slaves=drive&clock=real", &[]);
@@ -101,7 +102,8 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-36 With `read_timeout_ms` in the link a read gives false after that time; LIB-54 the last frame is in the buffer.
+    /// LIB-36 With `read_timeout_ms` in the link a read returns false after that time; LIB-54 the last frame is in the
+    /// buffer.
     #[test]
     fn a_read_with_a_limit_ends() {
         for link in CLOCKS {
@@ -109,14 +111,14 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-55 While nobody reads the newest 32 reports are kept; dropped ones are counted. SK-9.11 Old ones are read first.
+    /// LIB-55 Without reads the newest 32 reports are kept; dropped ones are counted. SK-9.11 Old ones are read first.
     /// SK-9.10 Several writes per read and several reads per write are both normal.
     #[test]
     fn unread_reports_are_kept_and_counted() {
         passes("unread", "sim:?slaves=drive&clock=virtual", &[]);
     }
 
-    /// LIB-39 Success is 1, and failure 0, in the whole register that `bool` comes back in.
+    /// LIB-39 Success is 1, and failure 0, in the whole register of the returned `bool`.
     #[test]
     fn the_library_can_be_loaded_and_unloaded_by_name() {
         let library = support::library().shared.to_string_lossy();
@@ -248,7 +250,7 @@ mod needs_cxx {
     }
 
     /// LIB-72 However little memory the system leaves to a program, its calls report that and the program does not end:
-    /// the vendor's calls, and `ecmsk_open`, which gives `ECMSK_ERROR_IO`.
+    /// the vendor's calls, and `ecmsk_open`, which returns `ECMSK_ERROR_IO`.
     #[test]
     fn a_program_without_memory_is_told() {
         for link in CLOCKS {

@@ -19,7 +19,7 @@ use support::{Ended, Program, out_dir, root};
 const REAL: &str = "sim:?slaves=drive*2&clock=real";
 
 /// With the slaves behind an ECM-XF these print the same. The others print the number of reports of a step, the
-/// position of an axis after so many, or the number of frames lost to a full FIFO.
+/// position of an axis after a number of reports, or the number of frames lost to a full FIFO.
 const SAME_BEHIND_CHIP: [&str; 6] =
     ["habit_read_after_open", "habit_reader_writer_threads", "homing", "io", "two_axes_12b", "two_axes_16b"];
 
@@ -88,7 +88,7 @@ fn prints_its_snapshot(name: &str, link: &str) {
     support::snapshot(name, &ended.success());
 }
 
-/// Runs a program and gives the last report it has read, too.
+/// Runs a program; returns also the last report it has read.
 fn last_report(name: &str, link: &str, size: SlotSize) -> (Ended, MasterState, Vec<DriveResponse>) {
     let file = out_dir().join(format!("{name}.pcapng"));
     let ended = program(name).run(&format!("{link}&record={}", uri_part(file.to_str().expect("UTF-8"))), [""; 0]);

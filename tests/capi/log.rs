@@ -40,8 +40,8 @@ mod needs_cxx {
         until("the end of the program", || child.try_wait().unwrap()).code()
     }
 
-    /// A program whose standard error nobody reads moves its axis and ends, with a log of every call: on both clocks,
-    /// and with a served board, whose server stops the axis when the program has ended.
+    /// A program with an unread standard error moves its axis and ends, with a log of every call: on both clocks, and
+    /// with a served board, whose server stops the axis when the program has ended.
     #[test]
     fn a_standard_error_that_nobody_reads_holds_no_call() {
         for (how, code) in [("close", 0), ("exit", 3)] {

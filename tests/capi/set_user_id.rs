@@ -1,6 +1,6 @@
 //! The library in a program with more rights than the user who starts it: the user cannot influence it.
 //!
-//! The program is installed in a folder of the system's for temporary files, since the user has to come to it.
+//! The program is installed in a system folder for temporary files, since the user has to reach it.
 #![cfg(target_os = "linux")]
 
 /// LIB-58 The library reads its variables in one place, which checks for such programs.
@@ -133,8 +133,8 @@ mod needs_root {
         assert!(said.contains("ECMSK_TCP_SECRET"), "{said}");
     }
 
-    /// LIB-58 An `ecmsk.toml` counts in a set-user-ID program if nobody but root can have written it; another one ends the
-    /// open with the reason.
+    /// LIB-58 An `ecmsk.toml` counts in a set-user-ID program if only root can have written it; otherwise the open
+    /// fails with the reason.
     #[test]
     fn a_configuration_of_roots_alone_counts() {
         let installed = Installed::new();

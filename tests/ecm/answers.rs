@@ -222,7 +222,7 @@ fn an_sdo_write_after_a_late_one_is_done() {
     assert_eq!(ecm.sdo_read::<u32>(1, object), Ok(3000));
 }
 
-/// SK-4.3 A part of the configuration that is lost on the way is sent until its own answer is there.
+/// SK-4.3 A lost part of the configuration is sent again until its own answer has arrived.
 #[test]
 fn a_lost_part_of_the_configuration_is_sent_again() {
     let tap = Tap::open("slaves=drive*16");

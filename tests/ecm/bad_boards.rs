@@ -36,13 +36,13 @@ enum Misfortune {
     Silent,
     /// Every report has an inverted bit.
     Garbled,
-    /// Every command frame is lost on the way.
+    /// Every command frame is lost.
     Deaf,
     /// It accepts no command frame.
     Stuck,
 }
 
-/// A link whose board has its fault after so many reads and writes.
+/// A link whose board has its fault after that many reads and writes.
 struct Doomed {
     inner: Arc<dyn Link>,
     misfortune: Misfortune,

@@ -252,7 +252,7 @@ fn a_reset_that_is_not_heard() {
     let file = script("board-deaf", "at 1s silent\n");
     let ecm = open(&format!("slaves=drive&script={file}"));
     while ecm.next_cycle(SECOND).is_ok() {}
-    // It is reset, though nobody sees reports: the link tells.
+    // It is reset while no reports are read: the link reports the reset.
     ecm.reset().unwrap();
     let ecm = Ecm::open("sim:?slaves=drive&clock=virtual&fault.drop.write=1").unwrap();
     let error = ecm.reset().unwrap_err();

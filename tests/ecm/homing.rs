@@ -110,7 +110,7 @@ fn an_alarm_of_one_axis_ends_the_homing_of_all() {
     ecm.home_all(&[homed(1, 0), homed(2, 0)], |_| {}).unwrap();
 }
 
-/// What does not go sends nothing: a slave named twice, one that is no axis, one that is off.
+/// For invalid slaves nothing is sent: a slave named twice, one that is no axis, one that is off.
 #[test]
 fn an_invalid_list_of_axes_sends_nothing() {
     let tap = Tap::open("slaves=drive*2,io");

@@ -1,4 +1,4 @@
-//! The statements of docs/SAFETY.md about axes that nobody commands any more, on the modelled board: the program
+//! The statements of docs/SAFETY.md about axes that are not commanded any more, on the modelled board: the program
 //! vanishes, the cable is cut, the board resets, the network leaves OP.
 
 use std::sync::Arc;
@@ -13,7 +13,7 @@ fn config(axis: Axis) -> Config {
     Config { slaves: vec![Slave::Drive(axis); 2], ..Config::default() }
 }
 
-/// The counts that an axis moves in so many cycles.
+/// The counts that an axis moves in that many cycles.
 fn moves(ecm: &Ecm, slave: u8, count: u32) -> i32 {
     let from = ecm.next_cycle(SECOND).unwrap().position(slave).unwrap();
     cycles(ecm, count);

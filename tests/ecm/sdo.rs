@@ -71,7 +71,7 @@ fn an_abort_is_an_error_with_its_code_and_text() {
     for slave in [0, 41, 255] {
         assert_eq!(ecm.sdo_read::<u8>(slave, WINDOW), Err(EcmError::NoSuchSlave { slave, declared: 40 }));
     }
-    // A repeated aborted request gives its own abort, and a valid one works.
+    // A repeated aborted request returns its own abort, and a valid one works.
     assert!(ecm.sdo_read::<u32>(1, object).is_err() && ecm.sdo_read::<u32>(1, object).is_err());
     assert!(ecm.sdo_read::<u32>(1, WINDOW).is_ok());
 }
@@ -145,7 +145,7 @@ fn an_sdo_of_a_slow_slave_is_repeated_up_to_its_limit() {
     let tap = Tap::open(&format!("slaves=drive*2&script={file}"));
     let ecm = tap.ecm(Options::default()).unwrap();
     assert!(ecm.sdo_read::<u32>(1, WINDOW).is_ok());
-    // Another program's request is under way: ours runs next.
+    // Another program's request is in progress: this one's runs next.
     let mut frame = ecmsk::sk::Frame::new();
     frame.put_sdo(SIZE, &SdoCommand::Read { slave: 1, object: ObjectAddress::new(0x1018, 2) });
     tap.write(&frame, ecmsk::link::Wait::Now).unwrap();

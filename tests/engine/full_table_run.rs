@@ -219,7 +219,7 @@ impl Table {
     }
 }
 
-/// Counters that the commands of a table move, those of the network's time left out.
+/// Counters that the commands of a table change, without those of the network's time.
 fn told(counters: &Counters) -> Counters {
     Counters { reports: 0, executed: 0, idle_cycles: 0, ..*counters }
 }

@@ -290,7 +290,8 @@ impl<B: Fieldbus> Fieldbus for WithPins<B> {
     }
 }
 
-/// SK-12.8 LIO_RD gives the inputs of the bus's chip and LIO_WR sets its outputs, in every state; SW_RESET switches them off.
+/// SK-12.8 LIO_RD returns the inputs of the bus's chip and LIO_WR sets its outputs, in every state; SW_RESET switches
+/// them off.
 #[test]
 fn local_io_is_that_of_the_bus() {
     for how in buses() {
@@ -315,7 +316,7 @@ fn local_io_is_that_of_the_bus() {
     }
 }
 
-/// A bus that asks for every cycle to be so much later than planned.
+/// A bus that requests every cycle to be later by that time than planned.
 struct Nudging(SimBus, i64);
 
 impl Fieldbus for Nudging {

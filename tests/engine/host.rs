@@ -54,7 +54,7 @@ pub const ONE_BY_ONE: &str = "one_by_one";
 pub const XF_SETTLED: &str = "xf_settled";
 /// As [`ONE_BY_ONE`], likewise.
 pub const XF_ONE_BY_ONE: &str = "xf_one_by_one";
-/// The simulated network is at the end of a wire, as slave controllers that our own master reaches.
+/// The simulated network is at the end of a wire, as slave controllers behind this project's own master.
 pub const NIC: &str = "nic";
 /// The prefix on standard error in such a run; the name of each test follows that has a board whose slaves are behind
 /// the chip, or at the end of the wire.

@@ -1,4 +1,5 @@
-//! The bus of a network card: slave controllers that our own master reaches, in virtual time, over a wire that loses frames.
+//! The bus of a network card: slave controllers behind this project's own master, in virtual time, over a wire that
+//! loses frames.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -495,8 +496,8 @@ fn missed(puppet: &Puppet, last: i32) -> u64 {
     (1..=last).filter(|n| !targets.contains(&(n * 10))).count() as u64
 }
 
-/// A slave leaves OP while others are already lost in that state, since no frame came for so long. It is named with all
-/// commands that it missed, although the others add to the working counter and have its AL status.
+/// A slave leaves OP while others are already lost in that state, since it got no frame for too long. It is reported
+/// with all commands that it missed, although the others add to the working counter and have the same AL status.
 #[test]
 fn what_a_slave_misses_that_falls_behind_lost_ones_is_counted() {
     let puppet = Puppet::obedient();

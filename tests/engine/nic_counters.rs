@@ -47,7 +47,7 @@ fn in_op(slaves: Vec<Box<dyn Slave>>) -> (Host, Lies, SimHandle) {
     (host, lies, network)
 }
 
-/// Suppresses the inputs of one of so many slaves from now on, with those of others and alone.
+/// Suppresses the inputs of one of that many slaves from now on, with those of others and alone.
 fn mute(lies: &Lies, slave: usize, slaves: u16) {
     lies.tell(move |answer: &mut Answer<'_>| {
         // In a datagram without this slave its inputs cannot be missing.

@@ -76,7 +76,7 @@ impl NicWires for RunnerWires {
 struct Runner {
     board: Board,
     wires: RunnerWires,
-    /// The skipped time: the board's time is so much behind the wires' clock.
+    /// The skipped time: the board's time is behind the wires' clock by that much.
     behind: Ns,
     report: Frame,
 }

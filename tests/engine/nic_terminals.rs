@@ -79,7 +79,7 @@ impl Slave for Terminal {
     }
 }
 
-/// The EEPROM of a terminal with so many one-bit channels in each direction; 0: none.
+/// The EEPROM of a terminal with that many one-bit channels in each direction; 0: none.
 fn eeprom(outputs: usize, inputs: usize, pdi_control: u16) -> Vec<u8> {
     let mut bytes = vec![0; 1024];
     let identity = SiiIdentity { vendor: 2, product: (outputs << 8 | inputs) as u32, revision: 1, serial: 0 };
@@ -110,7 +110,7 @@ fn eeprom(outputs: usize, inputs: usize, pdi_control: u16) -> Vec<u8> {
     bytes
 }
 
-/// A board in OP with a drive and terminals behind it with so many outputs and inputs each.
+/// A board in OP with a drive and terminals behind it with that many outputs and inputs each.
 fn board(kinds: &[(usize, usize, u16)]) -> (Host, SimHandle, Vec<Terminals>) {
     let handle = SimHandle::default();
     let drive = Box::new(Drive::new(DriveConfig::default()));

@@ -23,7 +23,7 @@ pub const FAULT: u16 = 0x0218;
 /// The slave's reaction to the outputs of a cycle.
 pub type Reflex = fn(&mut AxisIn, &AxisOut);
 
-/// The slave's state, which the test may look at and change at any time.
+/// The slave's state, which the test may read and change at any time.
 #[derive(Default)]
 pub struct Strings {
     state: AlState,

@@ -18,7 +18,7 @@ fn ready(firmware: Firmware, how: Ahead) -> Home {
     home
 }
 
-/// The number of sets of outputs that the bus gets in so many cycles.
+/// The number of sets of outputs that the bus gets in that many cycles.
 fn given(home: &mut Home, cycles: usize) -> u64 {
     let before = home.jobs.pushes();
     home.host.cycles(cycles);

@@ -139,7 +139,7 @@ fn a_write_that_is_cleared() {
     assert_eq!(last(&puppets)[0].count_ones(), 1, "the walk goes on");
 }
 
-/// SK-4.70 [OURS] The board follows a host's SET_STATE; back in OP the walk begins anew.
+/// SK-4.70 [OURS] The board follows a host's SET_STATE; back in OP the walk restarts.
 #[test]
 fn a_host_changes_the_state() {
     let (mut host, puppets, _) = board(None, 1);
@@ -148,7 +148,7 @@ fn a_host_changes_the_state() {
     puppets[0].forget();
     host.go(MasterState::Op).cycles(1500);
     assert_eq!(last(&puppets), [0xFFFF]);
-    // SK-4.33 After SW_RESET all begins anew.
+    // SK-4.33 After SW_RESET everything restarts.
     host.slave(1, SlaveCommand::IoWrite(0)).cycles(5).soft_reset();
     puppets[0].forget();
     host.until("OP", |host| host.state().0 == 8).cycles(100);

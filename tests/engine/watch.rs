@@ -29,7 +29,7 @@ pub struct Span {
 pub struct Spans(Arc<Mutex<Vec<Span>>>, Arc<AtomicU32>, Arc<AtomicU64>, Arc<Mutex<Outputs>>);
 
 impl Spans {
-    /// Makes the bus busy for the next so many starts.
+    /// Makes the bus busy for that many starts of jobs.
     pub fn be_busy(&self, times: u32) {
         self.1.store(times, Ordering::Relaxed);
     }

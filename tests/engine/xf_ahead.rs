@@ -4,7 +4,7 @@
 use ecmsk::sk::CycleTime;
 use support::late_host::{LateHost, Outcome, Stalls};
 
-/// Stalls of so many cycles, one every 100 ms, begun at all times of a cycle, for 3 s.
+/// Stalls of that many cycles, one every 100 ms, begun at all times of a cycle, for 3 s.
 fn lead(drives: usize, ahead: u16, cycles: u64) -> Outcome {
     let outcome = LateHost::new(drives, ahead).lead(3000, Stalls { cycles, every: 100 });
     assert!(outcome.targets > 2500 && outcome.stalls >= 28, "{drives} drives, ahead {ahead}: {outcome:?}");

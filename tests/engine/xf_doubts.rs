@@ -152,7 +152,8 @@ fn the_newest_outputs_come() {
     });
 }
 
-/// XF-20.18 A slave that is lost meanwhile is told to hold, and none of the others goes back to the outputs before the newest.
+/// XF-20.18 A slave that is lost meanwhile is commanded to hold, and none of the others returns to outputs before the
+/// newest.
 #[test]
 fn nobody_goes_back_beside_a_lost_slave() {
     at_any_moment(|Rig { host, puppets, handle, .. }, target| {

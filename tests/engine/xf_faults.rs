@@ -293,7 +293,7 @@ fn cycles_are_told_behind_a_job_that_was_given_up() {
 /// then: the next change of state fails, and the one behind it starts the network.
 #[test]
 fn a_reset_during_a_resize_is_seen() {
-    // The packets of a chip's start do not hold the process data of so many.
+    // The packets of a chip's start are too short for the process data of that many slaves.
     const DRIVES: u8 = 12;
     let puppets: Vec<Puppet> = (0..DRIVES).map(|_| Puppet::obedient()).collect();
     let mut bus = xf_bus(puppets.iter().map(Puppet::boxed).collect(), XfBusOptions::DEFAULT);

@@ -16,7 +16,7 @@ use crate::puppet::Puppet;
 /// Targets of the motion.
 const TARGETS: i32 = 300;
 
-/// The needs of so many drives in a cycle of so many us, with a clock in Hz.
+/// The requirements of that many drives, with the cycle in us and the clock in Hz.
 fn needs(drives: usize, cycle_us: u32, clock_hz: u32) -> Needs {
     let mut network = Network { cycle: CycleTime::from_us(cycle_us).expect("a cycle"), ..Network::default() };
     network.kinds[..drives].fill(Some(SlaveKind::Drive));

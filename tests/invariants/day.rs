@@ -95,8 +95,8 @@ impl Day {
     }
 }
 
-/// Runs so many minutes of one target a cycle, and checks that each entry was executed and none lost. `look` gets the
-/// allocations of each minute.
+/// Runs that many minutes of one target per cycle, and checks that each entry was executed and none lost. `look` gets
+/// the allocations of each minute.
 fn live(mut day: Day, usual: u64, look: impl Fn(u64, &allocation_counter::AllocationInfo)) {
     let asked = asked("ECMSK_SOAK_MINUTES");
     let minutes = asked.unwrap_or(usual);

@@ -1,5 +1,5 @@
-//! Random programs whose slaves obey within a cycle, on any bus, with random faults: on the way to the slaves ([`Ends`]), of
-//! slaves and cable, of the host.
+//! Random programs whose slaves obey within a cycle, on any bus, with random faults: of the path to the slaves ([`Ends`]),
+//! of slaves and cable, of the host.
 //!
 //! Every target and every mark in a module's outputs is unique and rises, so that each one is recognised. Slaves obey within
 //! a cycle (`follower`). Invariants of each slave, in the order of events at its end (`books`):

@@ -8,7 +8,7 @@ use ecmsk::sk::{Frame, SdoCommand, SlaveCommand};
 use crate::machine::{Machine, SPEED, Unit};
 use support::dice::Dice;
 
-/// Successive reports without an accepted target after which a path begins anew.
+/// Successive reports without an accepted target after which a path restarts.
 const MISSES: u32 = 100;
 
 /// The program's plan for the axes of a slave.

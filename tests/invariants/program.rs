@@ -106,7 +106,7 @@ pub trait Checks {
     fn forget(&mut self);
     /// The shafts of unit `n` were jammed, or freed.
     fn jam(&mut self, machine: &Machine, n: usize, jammed: bool);
-    /// A cycle of the board has passed, so long after the one before, with its reports and the time that each belongs to.
+    /// A cycle of the board has passed: the time since the previous one, its reports and the time of each.
     fn cycle(&mut self, machine: &Machine, reports: &[(Frame, Ns)], dt_ns: Ns, before: &Counters, after: &Counters);
     /// Adds what was seen to the totals.
     fn tell(&self, done: &mut Done);
@@ -152,7 +152,7 @@ impl<C: Checks> Program<C> {
         }
     }
 
-    /// Runs until so many cycles have passed, most of them in OP.
+    /// Runs until that many cycles have passed, most of them in OP.
     pub fn run(&mut self, cycles: u64) {
         while self.done.cycles < cycles {
             let state = self.machine.state();
@@ -174,7 +174,7 @@ impl<C: Checks> Program<C> {
         }
     }
 
-    /// Heals everything, clears the FIFO, and lets so many cycles pass.
+    /// Ends all faults, clears the FIFO, and lets that many cycles pass.
     pub fn come_to_rest(&mut self, cycles: u64) {
         (self.broken, self.next_loss, self.jam) = (0, None, self.jam.min(301));
         self.master(&MasterCommand::SetFifo(FifoAction::Clear));

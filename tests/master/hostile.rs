@@ -7,7 +7,7 @@ use support::dice::Dice;
 
 use super::rig::{CYCLE, Faults, Hostile, MS, Rig, SECOND, kinds};
 
-/// Changes data and working counters, one byte in so many; the master accepts such frames as answers.
+/// Changes data and working counters, one byte in that many; the master accepts such frames as answers.
 fn liar(seed: u64, one_in: u64) -> Hostile {
     let mut dice = Dice(seed);
     Box::new(move |frame| {

@@ -15,7 +15,7 @@ use super::watchdog::killed;
 
 /// Seeds of the test; `cargo xtask soak` asks for more.
 const SEEDS: u64 = 200;
-/// After so long without a frame a slave leaves OP, as docs/SAFETY.md says.
+/// After that time without a frame a slave leaves OP, as docs/SAFETY.md says.
 const WATCHDOG: Ns = 100 * MS;
 /// The number of cycles in which axes move, and the distance in each.
 const MOVES: i32 = 40;

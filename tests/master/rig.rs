@@ -47,7 +47,7 @@ pub type Hostile = Box<dyn FnMut(&mut Vec<u8>)>;
 /// A listener at the first slave.
 pub type Heard = Box<dyn FnMut(&[u8])>;
 
-/// The faults of frames: one in so many, 0: none.
+/// The faults of frames: one in that many, 0: none.
 pub struct Faults {
     pub dice: Dice,
     /// A frame reaches no slave.
@@ -63,7 +63,7 @@ pub struct Faults {
 impl Faults {
     pub const NONE: Self = Self { dice: Dice(0), lost_out: 0, lost_back: 0, doubled: 0, late: 0 };
 
-    /// Each kind, one in so many.
+    /// Each kind, one in that many.
     pub fn all(seed: u64, one_in: u64) -> Self {
         Self { dice: Dice(seed), lost_out: one_in, lost_back: one_in, doubled: one_in, late: one_in }
     }

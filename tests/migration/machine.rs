@@ -120,7 +120,7 @@ impl Machine {
         self
     }
 
-    /// Reads for so many milliseconds of cycles.
+    /// Reads for that many milliseconds of cycles.
     pub fn rest(&mut self, ms: u32) -> &mut Self {
         self.read_some((1000 * ms / self.cycle_us).max(1) as usize)
     }

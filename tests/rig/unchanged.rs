@@ -146,7 +146,7 @@ impl Program {
         frame.wire(self.size).to_vec()
     }
 
-    /// `sent` by the program, `arrived` at the board, of whose frames it has `lost` so many.
+    /// Compares the frames `sent` by the program with those `arrived` at the board, of which it has `lost` that many.
     #[track_caller]
     fn check(&self, sent: &[Frame], arrived: &[Frame], lost: Option<u16>) {
         let other = arrived.iter().zip(sent).position(|(arrived, sent)| arrived != sent);

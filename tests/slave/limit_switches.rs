@@ -88,7 +88,8 @@ fn a_target_just_beyond_a_switch_is_not_passed() {
     assert_eq!(furthest, rig.drive.axis().demand());
 }
 
-/// In CSV and CST, too. What turns the axis back is free, and a switch that is wired but does not act lets it pass.
+/// In CSV and CST, too. Outputs that move the axis back are effective, and a switch that is wired but does not act lets
+/// it pass.
 #[test]
 fn velocities_and_torques_stop_at_a_switch() {
     for (mode, target) in [(Mode::Csv, 2 * TURN as i32), (Mode::Cst, 100)] {

@@ -244,7 +244,7 @@ fn drive_with(makers: &str) -> Drive {
     drive
 }
 
-/// Puts a value to where an entry of a map lies in its image.
+/// Writes a value at the position of a map's entry in its image.
 fn put(image: &mut [u8], pdos: &[(u16, &[u32])], object: u32, value: u64) {
     let mut bit = 0;
     for entry in pdos.iter().flat_map(|(_, entries)| *entries) {

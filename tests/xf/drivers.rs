@@ -1,5 +1,5 @@
-//! Hosts in the spirit of other drivers for the chip, against its model. They are made from what is known of those drivers,
-//! with their own packet format, and use none of this project's encoders.
+//! Hosts like other drivers for the chip, on its model. They are written from what is known of those drivers, with their own
+//! packet code, and use none of this project's encoders.
 //!
 //! | host | what is its own |
 //! | --- | --- |

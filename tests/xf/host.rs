@@ -111,7 +111,7 @@ impl Rig {
         self.until("running", |rig| rig.host.state() == HostState::Running);
     }
 
-    /// Runs so many exchanges.
+    /// Runs that many exchanges.
     fn exchanges(&mut self, n: usize) {
         let mut done = 0;
         while done < n {

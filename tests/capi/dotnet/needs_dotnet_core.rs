@@ -81,7 +81,8 @@ mod needs_cxx {
         programs::behaviour(Core);
     }
 
-    /// LIB-29, LIB-4 A library like the vendor's, whose bool is one byte and which gives no reasons, works as well.
+    /// LIB-29, LIB-4 A library like the vendor's, whose bool is one byte and which has no function for the reason,
+    /// works as well.
     #[test]
     fn a_library_as_the_vendors() {
         programs::a_library_as_the_vendors(Core);

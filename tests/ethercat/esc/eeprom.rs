@@ -25,7 +25,7 @@ fn write_word(rig: &mut Rig, control: u8, word: u16, value: u16) -> SiiControl {
     SiiControl(rig.read_u16(FIRST, registers::SII_CONTROL))
 }
 
-/// ECAT-9.3 A read command gives the words at an address, odd ones too; behind the end it reads 0xFF.
+/// ECAT-9.3 A read command returns the words at an address, odd ones too; behind the end it reads 0xFF.
 #[test]
 fn s13_words_are_read() {
     let mut rig = Rig::drives(1);
@@ -42,7 +42,7 @@ fn s13_words_are_read() {
     assert_eq!(rig.read(FIRST, registers::SII_DATA, 4), VENDOR_ID.to_le_bytes());
 }
 
-/// ECAT-9.4 Bit 6 says whether a read gives 8 bytes or 4.
+/// ECAT-9.4 Bit 6 selects whether a read returns 8 bytes or 4.
 #[test]
 fn s14_a_read_gives_8_bytes_or_4() {
     for (reads_8_bytes, bit) in [(true, 0x40), (false, 0)] {

@@ -395,7 +395,7 @@ fn s36_a_slave_without_emergencies() {
     assert_eq!(emergency(&sent).map(|emergency| emergency.code), Some(0x1000));
 }
 
-/// ECAT-12.7 In Init there is no mailbox, and it begins anew afterwards.
+/// ECAT-12.7 In Init there is no mailbox, and it restarts afterwards.
 #[test]
 fn a_mailbox_begins_anew() {
     let mut rig = Rig::drives(1);

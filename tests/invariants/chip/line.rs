@@ -24,13 +24,13 @@ const STANDSTILL: u32 = 1000;
 /// The faults to come, which the schedule sets at any time.
 #[derive(Default)]
 pub struct Trouble {
-    /// One in so many exchanges has a fault; `None`: none has.
+    /// One in this number of exchanges has a fault; `None`: none has.
     pub rarely: Option<u64>,
-    /// The wires carry nothing for so long from now on.
+    /// The wires carry nothing for that time from now on.
     pub dead_ns: Ns,
     /// The wires are whole again now.
     pub mended: bool,
-    /// The next exchange begins so much later.
+    /// The delay of the next exchange.
     pub late_ns: Ns,
     /// The chip is reset now.
     pub reset: bool,

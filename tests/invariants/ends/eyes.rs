@@ -15,10 +15,10 @@ use support::dice::Dice;
 use crate::machine::Unit;
 use crate::tap::Seen as Taken;
 
-/// An axis that does not move for so long counts as standing.
+/// An axis that does not move for that time counts as at rest.
 const HELD_NS: u64 = 100_000_000;
 
-/// An entry that is not executed within so many cycles counts as held.
+/// An entry that is not executed within that many cycles counts as held.
 const HELD_CYCLES: u32 = 4;
 
 /// The link.
@@ -34,7 +34,7 @@ pub struct Eyes {
 /// A fault while a server stops axes.
 #[derive(Clone, Copy, Debug)]
 pub enum Break {
-    /// The cable behind so many slaves is cut.
+    /// The cable behind that many slaves is cut.
     Cable(u8),
     /// A slave falls silent.
     Silence(u8),
@@ -197,7 +197,7 @@ impl Eyes {
         self.seen().report.clone()
     }
 
-    /// Sets a fault after so many calls from now on.
+    /// Sets a fault after that many calls from now on.
     pub fn break_in(&self, calls: u64, what: Break) {
         self.seen().breaks_in = Some((calls, what));
     }

@@ -27,7 +27,7 @@ struct Known {
     open: BTreeMap<i32, usize>,
     /// The newest value that has come.
     newest: i32,
-    /// An SV_ON that may still act: only if it was among the first so many accepted frames.
+    /// An SV_ON that may still act: only if it was among that many first accepted frames.
     switched_on_by: Option<u64>,
     /// The numbers of the frames with an SV_OFF.
     switched_off_by: Vec<u64>,

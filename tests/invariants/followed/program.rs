@@ -318,7 +318,7 @@ impl<S: Setting> Program<S> {
         }
     }
 
-    /// Runs so many cycles of the program with faults.
+    /// Runs that many cycles of the program with faults.
     pub fn run(&mut self, cycles: u64) {
         let fault_every = self.dice.pick(&[60, 200, 400, 1_000_000]);
         for _ in 0..cycles {

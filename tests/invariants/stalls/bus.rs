@@ -84,7 +84,7 @@ impl Runner {
         self.0.lock().expect("no panic")
     }
 
-    /// Makes it stall before one of so many cycles; `None`: before none.
+    /// Makes it stall before one of that many cycles; `None`: before none.
     pub fn stand_still(&self, rarely: Option<u64>) {
         self.inside().rarely = rarely;
     }
@@ -177,7 +177,7 @@ pub struct Net {
     pub runner: Runner,
 }
 
-/// A bus to so many drives.
+/// A bus to that many drives.
 pub fn net(seed: u64, count: usize, dice: &mut Dice) -> Net {
     let told: Vec<Told> = (0..count).map(|_| Told::default()).collect();
     let drive = |told: &Told| {

@@ -19,7 +19,7 @@ pub struct Stalling {
 
 struct Inside {
     dice: Dice,
-    /// It stalls in one of so many calls; `None`: in none.
+    /// It stalls in one of that many calls; `None`: in none.
     rarely: Option<u64>,
     /// The number of stalls left.
     left: u64,
@@ -43,7 +43,8 @@ impl Stalling {
         self.inside.lock().expect("no panic")
     }
 
-    /// From now on it stalls in one of so many calls, some times. Earlier frames do not belong to the program's motion.
+    /// From now on it stalls in one of that many calls, several times. Earlier frames do not belong to the program's
+    /// motion.
     pub fn stand_still(&self, rarely: Option<u64>) {
         let mut inside = self.inside();
         if rarely.is_some() {

@@ -52,10 +52,10 @@ struct Arriving {
 struct Inside {
     wires: ChainWires,
     dice: Dice,
-    /// One in so many frames has a fault; `None`: none has.
+    /// One in this number of frames has a fault; `None`: none has.
     rarely: Option<u64>,
     down_until: Ns,
-    /// The next cycle begins so much later.
+    /// The delay of the next cycle.
     late_ns: Ns,
     faults: BTreeMap<Fault, u64>,
     /// Frames on their way out, in their order.

@@ -15,7 +15,7 @@ pub(super) const INTERFACES: [&str; 2] = ["veth2", "veth3"];
 /// The interval at which it polls for frames.
 const LOOK: Duration = Duration::from_micros(20);
 
-/// The faults of frames: one in so many is lost, doubled or late; 0: none is.
+/// The faults of frames: one in that many is lost, duplicated or late; 0: none is.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Trouble {
     /// Lost, on the way out or back.

@@ -19,11 +19,11 @@ fn position(snapshot: &Snapshot, slave: u8) -> i32 {
     }
 }
 
-/// Moves axes, each by so many counts in each step, from their positions; calls `happens` before each step. Returns how
+/// Moves axes, each by that many counts per step, from their positions; calls `happens` before each step. Returns how
 /// many attempts were reported as failed.
 ///
 /// # Panics
-/// An axis is beside its way, or not at its end, or they never come there.
+/// An axis leaves its path, does not end at its target, or the motion never ends.
 pub fn arrive(ecm: &Ecm, axes: &[(u8, i32)], steps: i32, mut happens: impl FnMut(i32)) -> usize {
     let mut told = Vec::new();
     while told.len() < TRIES {

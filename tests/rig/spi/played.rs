@@ -1,4 +1,4 @@
-//! A board on the wires: a thread that answers exchanges and drives BUSY, with our model or a test behind it.
+//! A board on the wires: a thread that answers exchanges and drives BUSY, with the model or a test behind it.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};

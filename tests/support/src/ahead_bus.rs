@@ -40,7 +40,7 @@ impl fmt::Debug for Ahead {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Honesty {
     pub seed: u64,
-    /// An answer may take up to so many cycles more than `pipeline`; the number varies.
+    /// An answer may take up to that many cycles more than `pipeline`; the number varies.
     pub jitter: usize,
     /// Age of the reported fill level, in polls.
     pub stale_looks: usize,
@@ -48,12 +48,12 @@ pub struct Honesty {
     pub bytes: u32,
     /// Polls that a clear takes; it acts after half of them.
     pub clear_looks: u32,
-    /// One poll in so many finds no cycle, and the next one finds them all; 0: every poll finds the cycles that have
+    /// One poll in that many finds no cycle, and the next one finds them all; 0: every poll finds the cycles that have
     /// passed.
     pub blind: u64,
     /// Answers that the bus keeps until they are polled; the oldest is dropped first. 0: all.
     pub keeps: usize,
-    /// One answer in so many is lost although there is room; 0: none.
+    /// One answer in that many is lost although there is room; 0: none.
     pub loses: u64,
     /// The bus takes no SDO beside a change of state.
     pub refuses_sdo: bool,

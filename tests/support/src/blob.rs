@@ -28,7 +28,7 @@ impl Blob {
         EscSlave::new(Box::new(self), settings, eeprom, 0)
     }
 
-    /// A blob with so many bytes.
+    /// A blob with that many bytes.
     pub fn of(len: usize) -> Self {
         Self { value: bytes(len), ..Self::default() }
     }

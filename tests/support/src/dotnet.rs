@@ -70,7 +70,7 @@ impl Pair {
         }
     }
 
-    /// Our assembly of that name.
+    /// This project's assembly of that name.
     pub fn ours(self, assembly: &str) -> PathBuf {
         let folder = match self {
             Self::X86 => "assemblies",

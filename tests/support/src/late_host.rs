@@ -27,9 +27,9 @@ const STEP: i32 = 20;
 /// How far the program is ahead of the board in cycles of 1 ms: frames in its FIFO, by which a board would bridge a
 /// stall.
 const LEAD: u64 = 60;
-/// The runner catches up in steps of so long, and takes frames after each step (`engine::Threaded`).
+/// The runner catches up in steps of that length, and takes frames after each step (`engine::Threaded`).
 const PART_NS: Ns = 5_000_000;
-/// After so many cycles without a stall no frame is under way any more.
+/// After that many cycles without a stall no frame is in transit any more.
 const SETTLED: u64 = 200;
 const PATIENCE: u64 = 100_000;
 
@@ -111,7 +111,7 @@ impl LateHost {
         Self::with_cycle(drives, ahead, CycleTime::DEFAULT, LEAD)
     }
 
-    /// The same with this cycle, and a program that is ahead by so many frames.
+    /// The same with this cycle, and a program that is ahead by that many frames.
     pub fn with_cycle(drives: usize, ahead: u16, cycle: CycleTime, lead: u64) -> Self {
         let ears: Vec<Ear> = (0..drives).map(|_| Ear::default()).collect();
         let slaves = ears.iter().map(Ear::drive).collect();
@@ -146,7 +146,7 @@ impl LateHost {
         self.cycles(SETTLED);
     }
 
-    /// Sends the targets of so many cycles, with those stalls.
+    /// Sends the targets of that many cycles, with those stalls.
     pub fn lead(&mut self, cycles: u64, stalls: Stalls) -> Outcome {
         let (before, first) = (*self.board.engine().counters(), self.sent);
         self.ears.iter().for_each(|ear| ear.notes().targets.clear());

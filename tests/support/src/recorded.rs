@@ -37,7 +37,7 @@ pub struct Program {
     pub cycle_us: u32,
     /// Whether it stops after the motion.
     pub short: bool,
-    /// Pauses: before the target of this number it only reads, so many reports.
+    /// Pauses: before the target of this number it only reads that many reports.
     pub pauses: &'static [(i32, usize)],
 }
 

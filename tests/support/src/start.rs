@@ -107,7 +107,7 @@ impl Program {
         });
     }
 
-    /// Lets so much time pass.
+    /// Lets that time pass.
     pub fn pass(&mut self, time_ns: Ns) {
         let until = self.board.now() + time_ns;
         while self.board.next_cycle() <= until {

@@ -45,7 +45,7 @@ pub enum Fault {
     Replaced,
     /// The due answer comes after the next one.
     Late,
-    /// An answer to a command that nobody sent comes in between.
+    /// An answer to a command that was not sent comes in between.
     Stranger,
     /// The chip is reset before the exchange.
     Reset,

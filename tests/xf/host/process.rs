@@ -181,7 +181,7 @@ fn a_lost_answer_to_a_write() {
     assert_eq!((&rig.chip.rx, rig.host.counters().rx_written), (&[5].into(), 1));
 }
 
-/// XF-12.11 With pipelined writes the chip's count of errors tells whether a write without an answer was done.
+/// XF-12.11 With pipelined writes the chip's count of errors shows whether a write without an answer was executed.
 #[test]
 fn overtaken_writes() {
     let cases = [

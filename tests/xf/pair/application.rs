@@ -100,7 +100,7 @@ fn start(profile: Profile, config: HostConfig) -> Pair {
     pair
 }
 
-/// A cosine ramp from where the drives are to `[distance, -2 * distance]` counts further, in so many cycles.
+/// A cosine ramp from the drives' positions to `[distance, -2 * distance]` counts further, in that many cycles.
 fn path(from: [i64; 2], distance: i64, cycles: u32) -> impl Iterator<Item = [i64; 2]> {
     (1..=cycles).map(move |n| {
         let part = (1.0 - (std::f64::consts::PI * f64::from(n) / f64::from(cycles)).cos()) / 2.0;

@@ -245,8 +245,8 @@ fn polled(pair: &mut Pair, polling: MailboxStatus) -> Vec<bool> {
     pair.get(&polling, |bits| (0..3).map(|n| bits.contains(slave(n))).collect())
 }
 
-/// XF-11.66 An emergency stays in a mailbox that is polled (MBX_STAT, XF EN 1663), from RECONFIG_OP on; its flag tells in OP, and
-/// RECV_MAILBOX fetches it and gives it in parts (XF EN 1646).
+/// XF-11.66 An emergency stays in a mailbox that is polled (MBX_STAT, XF EN 1663), from RECONFIG_OP on; its flag is
+/// valid in OP, and RECV_MAILBOX fetches it and returns it in parts (XF EN 1646).
 #[test]
 pub fn mailboxes() {
     let mut pair = in_state(EtherCatState::PreOp);
@@ -286,8 +286,8 @@ pub fn mailboxes() {
     pair.is_refused(&ReceiveMailbox::Request { slave: slave(3) });
 }
 
-/// XF-11.66 A slave's answer to a request that the host has written by a datagram waits for the host, who fetches it by
-/// RECV_MAILBOX; a second later the chip uses the mailbox again.
+/// XF-11.66 A slave's answer to a request that the host has written by a datagram waits for the host, which fetches it
+/// by RECV_MAILBOX; a second later the chip uses the mailbox again.
 #[test]
 fn the_answer_to_a_datagram_is_the_hosts() {
     let mut pair = in_state(EtherCatState::PreOp);

@@ -83,7 +83,7 @@ fn a_cut_cable_is_told_of() {
     pair.pass(100 * MS);
     assert_eq!(states(&mut pair), [8, 0x10, 0x10]);
     pair.chip().network().handle().heal();
-    // Outputs have not come for so long that the watchdogs of the slaves have expired.
+    // Outputs were missing for longer than the slaves' watchdog time.
     pair.pass(500 * MS);
     let [first, second, third] = states(&mut pair);
     assert_eq!((first, second & 0x10, third & 0x10), (8, 0x10, 0x10));

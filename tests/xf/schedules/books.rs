@@ -84,7 +84,7 @@ pub struct Books {
 }
 
 impl Books {
-    /// `may_overrun`: the chip's RxFIFO is smaller than the driver was told.
+    /// `may_overrun`: the chip's RxFIFO is smaller than the driver's setting.
     pub fn new(may_overrun: bool) -> Self {
         Self { may_overrun, ..Self::default() }
     }

@@ -22,7 +22,7 @@ const MS: Ns = 1_000_000;
 const S: Ns = 1_000_000_000;
 /// The EtherCAT cycle.
 const CYCLE: Ns = MS;
-/// The program looks at the driver this often.
+/// The program polls the driver at this interval.
 const LOOK: Ns = 500 * US;
 /// By then every command has ended: the driver's timeouts for one command and one start.
 const END: Ns = 60 * S;
@@ -37,7 +37,7 @@ pub struct Rig {
     books: Books,
     done: Done,
     now: Ns,
-    /// One in so many exchanges has a fault; `None`: none has.
+    /// One in this number of exchanges has a fault; `None`: none has.
     rarely: Option<u64>,
     /// The next edge of INT0 is lost.
     edge_lost: bool,
@@ -310,7 +310,7 @@ impl Rig {
         self.rx_bytes > 0 && self.tx_bytes > 0
     }
 
-    /// Sends commands and process data for so many turns, with random faults, at times many and at times few.
+    /// Sends commands and process data for that many turns, with random faults, at times many and at times few.
     pub fn stream(&mut self, turns: u64) {
         let busily = self.dice.pick(&[1, 3, 10, 40]);
         let commands = self.dice.pick(&[2, 10]);
@@ -446,7 +446,7 @@ impl Rig {
         self.pass(100);
     }
 
-    /// Lets so many cycles pass without faults.
+    /// Lets that many cycles pass without faults.
     pub fn pass(&mut self, cycles: u64) {
         self.rarely = None;
         let until = self.now + cycles * CYCLE;

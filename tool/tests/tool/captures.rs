@@ -38,7 +38,7 @@ impl Files {
         file
     }
 
-    /// The fixture as it is, and as files of other kinds.
+    /// The unchanged fixture, and the same as files of other kinds.
     fn all(&self, slot: u32) -> Vec<PathBuf> {
         let captured = fixture(slot);
         let events = events(&captured);

@@ -55,7 +55,7 @@ fn a_recording_that_lacks_frames_is_an_exit_code() {
     assert_eq!(place.run(&[], &format!("{lacks} exit 6")).code, Some(6));
 }
 
-/// A standard error that nobody reads delays neither the program nor the tool.
+/// An unread standard error delays neither the program nor the tool.
 #[test]
 fn a_standard_error_that_nobody_reads_delays_neither_program_nor_tool() {
     use std::io::Write;
@@ -152,7 +152,7 @@ mod needs_cxx {
         has(&ran, &[&format!("{failed}see whether SET_AXIS declares each slave")]);
     }
 
-    /// A full FIFO, a FIFO that runs empty in a motion, and reports that nobody reads.
+    /// A full FIFO, a FIFO that runs empty in a motion, and unread reports.
     #[test]
     fn a_full_fifo_an_empty_fifo_and_unread_reports_are_told() {
         let ran = exec(&[], TWO, &["2", "500", "flood"]);

@@ -163,7 +163,7 @@ fn each_thing_that_keeps_a_board_from_being_opened_is_named() {
     }
 }
 
-/// A device whose files are missing or nonsense is shown as far as it is known; its texts do not control the terminal.
+/// A device whose files are missing or nonsense is shown with its known data; its texts do not control the terminal.
 #[test]
 fn a_device_with_nonsense_in_its_files_is_shown_as_far_as_it_is_known() {
     let tree = FakeMachine::bare();

@@ -31,7 +31,7 @@ fn the_udev_rule_is_written_once_where_udev_looks() {
     run(["doctor", "--write-udev-rule", "--json"]).expect_misuse(&["--json"]);
 }
 
-/// A user who may not write it gets lines to type, which work.
+/// Without the right to write it, the tool prints commands for the user, which work.
 #[test]
 fn a_user_who_may_not_write_the_rule_gets_working_commands() {
     let kept = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");

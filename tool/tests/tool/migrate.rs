@@ -46,7 +46,7 @@ fn migrate(file: &Path, options: &[&str]) -> Ran {
     run([&["migrate", file.to_str().expect("UTF-8")], options].concat())
 }
 
-/// A program of one axis that is 30 targets ahead, and stalls for so many cycles in the motion.
+/// A program of one axis that is 30 targets ahead, and stalls for that many cycles in the motion.
 fn stalled(cycles: i32) -> FakeBoard {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
     let mut sent = 0;
@@ -121,7 +121,7 @@ fn what_differs_is_named_with_its_row() {
     }
 }
 
-/// Exit codes are those of diff: 0 it runs as it is, 1 with differences or not, 2 it could not be judged.
+/// Exit codes are those of diff: 0 it runs unchanged, 1 with differences or not at all, 2 it could not be judged.
 #[test]
 fn exit_codes_are_those_of_diff() {
     let files = Files::new();

@@ -203,7 +203,7 @@ fn a_closed_terminal_ends_the_monitor() {
 fn sigterm_ends_the_monitor_on_a_terminal_that_takes_no_output() {
     let mut terminal = started();
     tcflow(&terminal.line, Action::OOff).expect("output stops");
-    // Nobody reads the terminal's output meanwhile.
+    // The terminal's output is not read meanwhile.
     terminal.type_keys(b"jjjj");
     terminal.signal(Signal::TERM);
     assert_eq!(ends(&mut terminal.tool), Some(143));

@@ -12,8 +12,8 @@ const BLACK: &str = "#202020";
 /// Fault, as CiA 402 shows it.
 const FAULTED: u16 = 0x0218;
 
-/// One axis goes 10 counts a cycle, for so many cycles; in cycles `faulted` its drive has an alarm. Returns the run and
-/// the begin and end of the alarm.
+/// One axis moves 10 counts per cycle, for that many cycles; in cycles `faulted` its drive has an alarm. Returns the
+/// run and the begin and end of the alarm.
 fn run(cycles: i32, faulted: std::ops::Range<i32>) -> (Recorded, (f64, f64)) {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
     let fine = run.drives[0];

@@ -73,7 +73,7 @@ fn a_lost_slave_is_shown() {
     assert!(texts.contains(&"lost: slot without news in state 0x18") && texts.contains(&"state 0x18"), "{texts:?}");
 }
 
-/// TOOL-197 A slave that stands still in state 0x18 may be lost or not: it is marked "lost?" until it moves.
+/// TOOL-197 A slave at rest in state 0x18 may or may not be lost: it is marked "lost?" until it moves.
 #[test]
 fn a_slave_that_stands_still_may_be_lost() {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 2);

@@ -10,7 +10,7 @@ use crate::common::{Ran, run};
 use serde_json::Value;
 use support::recorded::{Program, Run};
 
-/// A run's recording up to a block, as a killed program leaves it: so many frames.
+/// A run's recording up to a block, as a killed program leaves it: that many frames.
 fn cut_after(run: &Run, frames: usize) -> PathBuf {
     let bytes = fs::read(&run.file).expect("a recording");
     let length = (0..2 + frames)

@@ -107,7 +107,7 @@ fn what_a_host_sends_is_recorded() {
     assert_eq!(frames.count(), 20);
 }
 
-/// Everybody who reaches the server can use the boards: without the option for that, such an address is refused with
+/// Any client that reaches the server can use the boards: without the option for that, such an address is refused with
 /// the next step, and nothing listens.
 #[test]
 fn listening_to_others_is_refused() {
@@ -121,7 +121,7 @@ fn listening_to_others_is_refused() {
     run(&["--link", "sim:", "--listen", "127.0.0.2:0", "--link", "sim:"]).expect_failure(1, &["in use"], "name=");
 }
 
-/// Everybody who reaches the server can use the boards: a note says so.
+/// Any client that reaches the server can use the boards: a note says so.
 #[test]
 fn listening_to_others_is_warned_of() {
     let mut child = ecmsk(["serve", "usbip", "--link", "sim:", "--listen", "0.0.0.0:0", "--insecure-anyone"])

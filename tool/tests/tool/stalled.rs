@@ -1,4 +1,4 @@
-//! Verbs that move axes while nobody reads their output: a full pipe, a terminal that is full or stopped. They move,
+//! Verbs that move axes while their output is not read: a full pipe, a terminal that is full or stopped. They move,
 //! obey Ctrl-C, brake and end.
 #![cfg(target_os = "linux")]
 
@@ -123,8 +123,8 @@ fn at_once<T: Send>(cases: impl IntoIterator<Item = T>, run: impl Fn(T) + Sync) 
     thread::scope(|scope| cases.into_iter().for_each(|case| _ = scope.spawn(move || run(case))));
 }
 
-/// A move whose output nobody reads goes on and brakes at Ctrl-C, and the tool closes the board and ends by itself:
-/// with lines and with JSON, on a pipe and on a terminal.
+/// A move whose output is not read goes on and brakes at Ctrl-C, and the tool closes the board and ends by itself: with
+/// lines and with JSON, on a pipe and on a terminal.
 #[test]
 fn a_move_obeys_ctrl_c() {
     at_once(ALL.into_iter().flat_map(|stalled| [false, true].map(|json| (stalled, json))), |(stalled, json)| {
@@ -173,7 +173,7 @@ fn a_result_waits_for_its_reader() {
     let mut child = command.stdout(writer).stderr(Stdio::null()).spawn().unwrap();
     drop(command);
     look.until_beyond(1_998);
-    // The axis has arrived, and nobody has read the output.
+    // The axis has arrived, and the output has not been read.
     for _ in 0..1000 {
         look.position();
     }

@@ -1,5 +1,5 @@
-//! Servers whose log nobody reads: a full pipe, a function that does not return. Axes, clients and the end of the
-//! server do not wait for it.
+//! Servers whose log is not read: a full pipe, a function that does not return. Axes, clients and the end of the server
+//! do not wait for it.
 #![cfg(target_os = "linux")]
 
 use std::io::{BufRead as _, BufReader, PipeReader, Read as _};
@@ -18,7 +18,7 @@ use support::full_pipe;
 use support::tcp::proxy::Cable;
 use support::tcp::{LIMIT, Raw, SIZE, options, serve_with, until};
 
-/// The running tool, with a standard error that nobody reads.
+/// The running tool, with an unread standard error.
 fn serving(arguments: &[&str], keys: &[(&str, &str)]) -> (Child, BufReader<ChildStdout>, String, PipeReader) {
     let (reader, writer) = full_pipe();
     let mut command = ecmsk(arguments);
@@ -122,7 +122,7 @@ fn a_standard_output_that_nobody_reads_stops_nothing() {
     }
 }
 
-/// `ecmsk serve usbip` ends by SIGTERM, too, when nobody reads its output.
+/// `ecmsk serve usbip` ends by SIGTERM, too, while its output is not read.
 #[test]
 fn usbip_ends_with_a_full_pipe() {
     let arguments = ["serve", "usbip", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive*2"];

@@ -53,8 +53,8 @@ fn metadata(file: &Path) -> String {
     support::run(Mono.command(&program, VIRTUAL).arg(file)).success()
 }
 
-/// LIB-29, LIB-30, LIB-31, LIB-32, LIB-34, NET-1, NET-14, NET-15, NET-16, NET-17, NET-18, NET-19 The metadata of our assemblies,
-/// of either pair, are those of the table: file, versions, references, members, types, values.
+/// LIB-29, LIB-30, LIB-31, LIB-32, LIB-34, NET-1, NET-14, NET-15, NET-16, NET-17, NET-18, NET-19 The metadata of this
+/// project's assemblies, of either pair, are those of the table: file, versions, references, members, types, values.
 #[test]
 fn our_metadata_are_those_of_the_table() {
     for name in ASSEMBLIES {

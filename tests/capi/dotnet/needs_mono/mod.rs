@@ -95,7 +95,8 @@ mod needs_cxx {
         programs::behaviour_of_the_stand_in();
     }
 
-    /// LIB-29, LIB-4 A library like the vendor's, whose bool is one byte and which gives no reasons, works as well.
+    /// LIB-29, LIB-4 A library like the vendor's, whose bool is one byte and which has no function for the reason,
+    /// works as well.
     #[test]
     fn a_library_as_the_vendors() {
         programs::a_library_as_the_vendors(Mono);

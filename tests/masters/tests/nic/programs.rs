@@ -35,8 +35,8 @@ mod needs_network_namespace {
     const ALARM: &str = "it says where an alarm has stopped the axes, and the alarm comes by the real clock";
 
     /// An alarm in a program's motion. On a simulated board it comes at that time. For slaves on a card, whose time is
-    /// not the board's, it comes at the same place of the program: so long after it has printed a line, or after OP if
-    /// it prints none before.
+    /// not the board's, it comes at the same point of the program: that time after it has printed a line, or after OP
+    /// if it prints none before.
     struct Alarm {
         simulated_ms: u64,
         /// The beginning of the line; "": OP.

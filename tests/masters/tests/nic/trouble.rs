@@ -44,8 +44,8 @@ mod needs_network_namespace {
             self.link.stats().board.expect("a board of this process")
         }
 
-        /// Moves both axes along their paths in so many steps to their ends. Returns how many attempts were reported as
-        /// failed.
+        /// Moves both axes along their paths in that many steps to their ends. Returns how many attempts were reported
+        /// as failed.
         fn moves(&self, steps: i32) -> usize {
             arrive(&self.ecm, &[(1, 10), (2, -20)], steps, |_| ())
         }

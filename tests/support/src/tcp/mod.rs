@@ -154,7 +154,7 @@ impl Puppet {
         self.changed.notify_all();
     }
 
-    /// The link behind it drops so many reports in addition to the 3 before.
+    /// The link behind it drops that many reports in addition to the 3 before.
     pub fn drop_reports(&self, count: u64) {
         self.state.lock().unwrap().dropped += count;
     }

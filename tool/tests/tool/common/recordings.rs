@@ -29,7 +29,7 @@ impl Script {
         self
     }
 
-    /// Makes every report be read only after the next so many commands were written: those come before it in the
+    /// Delays the read of every report until that many further commands were written: they come before it in the
     /// recording.
     pub fn read_late(&mut self, commands: usize) -> &mut Self {
         let mut late = VecDeque::new();

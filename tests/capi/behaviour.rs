@@ -57,8 +57,8 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-44 Open while open is true and goes on working; LIB-47 Close twice is harmless; the board is unchanged when
-    /// it is opened again.
+    /// LIB-44 Open while open returns true, and the board goes on working; LIB-47 Close twice is harmless; the board is
+    /// unchanged when it is opened again.
     #[test]
     fn open_twice_close_twice_open_again() {
         for link in CLOCKS {

@@ -152,7 +152,7 @@ mod needs_cxx {
         support::compile(&source("both", Cpp("c++98"), both), Cpp("c++98"));
     }
 
-    /// LIB-18 The two slot sizes cannot be mixed up in one source: that does not compile, and the error says why.
+    /// LIB-18 The two slot sizes cannot be mixed in one source: it does not compile, and the error states the reason.
     #[test]
     fn both_slot_sizes_in_one_source_are_refused() {
         let mixed = "#include \"NEXTWUSBLib_12B.h\"\n#include \"NEXTWUSBLib_16B.h\"\n";

@@ -174,8 +174,8 @@ mod needs_root {
         assert!(says().contains("opened sim"), "{}", says());
     }
 
-    /// LIB-58 The user cannot bring a configuration to the program: a second name of it in a folder of the user's is
-    /// refused with the files beside it, and so is a folder of root's below one of the user's.
+    /// LIB-58 The user cannot bring a configuration to the program: a second name of it in a folder of the user is
+    /// refused with the files beside it, and so is a folder of root below one of the user.
     #[test]
     fn the_program_elsewhere_does_not_help() {
         let installed = Installed::new();

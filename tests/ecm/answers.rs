@@ -51,7 +51,7 @@ fn timed_out<T>(done: Result<T, EcmError>) -> bool {
     matches!(done, Err(EcmError::Timeout { .. }))
 }
 
-/// SK-8.3 The board's inputs are read beside a thread that sets its outputs, whose results are 0.
+/// SK-8.3 The board's inputs are read while another thread sets its outputs, whose results are 0.
 #[test]
 fn inputs_are_those_of_the_own_entry() {
     let file = script("answers-inputs", "inputs 0x3F\n");
@@ -88,7 +88,7 @@ fn a_lost_request_has_no_answer() {
     }
 }
 
-/// The same for IO slaves, without a stream and beside one; and a command that arrives later is answered.
+/// The same for IO slaves, without a stream and during one; and a command that arrives later is answered.
 #[test]
 fn a_lost_io_command_is_not_reported_as_done() {
     let (tap, ecm) = Tap::enabled("slaves=drive,io", &config());
@@ -140,7 +140,7 @@ fn a_refused_frame_loses_no_command() {
     assert_eq!(ecm.inputs(2), Ok(0xBEEF));
 }
 
-/// A target whose frame the board did not take goes out with no other frame.
+/// A target whose frame the board did not take is not sent with another frame.
 #[test]
 fn a_target_of_a_refused_step_is_not_sent() {
     let (tap, ecm) = Tap::enabled("slaves=drive,io", &config());
@@ -157,7 +157,8 @@ fn a_target_of_a_refused_step_is_not_sent() {
     assert!(tap.take().iter().all(|frame| frame.slot(SIZE, 1).data1 != 500));
 }
 
-/// SK-7.20 GO_HOME that is lost, or rejected, while bits 10 and 12 of an earlier homing stand, does not count as home.
+/// SK-7.20 GO_HOME that is lost, or rejected, while bits 10 and 12 of an earlier homing are still set, does not count
+/// as home.
 #[test]
 fn bits_of_an_earlier_homing_are_not_taken_for_home() {
     for stream in [false, true] {

@@ -141,7 +141,7 @@ fn an_unknown_method_and_a_home_not_found_are_errors() {
     assert!(matches!(error, EcmError::SdoAborted { code: AbortCode::NO_OBJECT, .. }), "{error}");
 }
 
-/// SK-7.20 Bits 10 and 12 that still stand from an earlier homing are not taken for a home.
+/// SK-7.20 Bits 10 and 12 that are still set from an earlier homing are not taken for a home.
 #[test]
 fn home_bits_of_an_earlier_homing_do_not_end_a_new_one() {
     let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));

@@ -120,8 +120,8 @@ fn crc_switches_act_after_a_boot() {
     assert!(tap.take().is_empty());
 }
 
-/// SK-5.18 SK-5.22 A cleared FIFO is empty: its entries never run, and the axis stands at its position. The stream has
-/// ended, since its next targets would begin elsewhere.
+/// SK-5.18 SK-5.22 A cleared FIFO is empty: its entries are never executed, and the axis stays at its position. The
+/// stream has ended, since its next targets would begin elsewhere.
 #[test]
 fn a_cleared_fifo_stops_the_axis() {
     let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));

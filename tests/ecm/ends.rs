@@ -108,7 +108,7 @@ fn what_does_not_come_on_stays_off() {
     assert!(is_on(1) && !is_on(3));
 }
 
-/// `servo_on` and `clear_alarm` put nothing into the slot of an axis that is on: a stream's next target stands there.
+/// `servo_on` and `clear_alarm` put nothing into the slot of an axis that is on: it contains a stream's next target.
 #[test]
 fn a_streaming_axis_keeps_its_slot() {
     let tap = Tap::open("slaves=drive*2");

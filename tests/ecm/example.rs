@@ -11,7 +11,7 @@ fn run(example: &str, link: Option<&str>) -> Ended {
     support::run(support::example(example).args(link).current_dir(root()))
 }
 
-/// Without a link, and on links where nothing else comes out, it prints its snapshot.
+/// Without a link, and on links with the same result, it prints its snapshot.
 fn prints_its_snapshot(example: &str, links: &[&str]) {
     for link in std::iter::once(None).chain(links.iter().copied().map(Some)) {
         let ended = run(example, link);

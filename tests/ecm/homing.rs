@@ -27,8 +27,8 @@ fn away(ecm: &Ecm, slaves: &[u8]) {
     }
 }
 
-/// SK-7.27 Several GO_HOME stand in one frame and in no other, on either firmware; each axis is home and takes
-/// targets again, though one is there sooner than another.
+/// SK-7.27 Several GO_HOME are sent in one frame and in no other, on either firmware; each axis is homed and takes
+/// targets again, although one is homed sooner than another.
 #[test]
 fn several_axes_home_from_one_frame() {
     for keys in ["slaves=drive*3,io", "slaves=drive*3,io&fw=1.5", "slaves=drive*3,io&slot=16"] {
@@ -157,7 +157,7 @@ fn a_mode_that_stays_is_told() {
     assert_eq!(modes(&ecm, &[2]), [8]);
 }
 
-/// API-14 An axis that homes beside an open stream gets none of the stream's targets, neither then nor after it.
+/// API-14 An axis that homes during an open stream gets none of the stream's targets, neither then nor afterwards.
 #[test]
 fn homing_beside_a_stream() {
     let (tap, ecm) = Tap::enabled("slaves=drive*2", &Config::drives(2));

@@ -70,7 +70,7 @@ fn killed_in_cst_the_axis_gets_faster() {
     assert!(first > 0 && later > first, "{first} {later}");
 }
 
-/// SK-7.20 SK-7.22 Homing: the drive goes on by itself, finds its home and stands there, on.
+/// SK-7.20 SK-7.22 Homing: the drive goes on by itself, finds its home and stays there, switched on.
 #[test]
 fn killed_while_homing_the_axis_goes_home() {
     let keys = "slaves=drive*2&name=safety-homing";

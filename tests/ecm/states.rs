@@ -67,7 +67,7 @@ fn another_number_of_slaves_is_an_error() {
     ecm.configure(&Config::drives(2)).unwrap();
 }
 
-/// SK-4.55 SK-4.58 A change that gets stuck says where and, as far as the wire shows it, on which slave.
+/// SK-4.55 SK-4.58 The error of a change that gets stuck names the state and, as far as the reports show it, the slave.
 #[test]
 fn a_stuck_change_says_where_and_on_whom() {
     // Both are declared as drives, but the second one is an IO slave.

@@ -101,7 +101,7 @@ fn any_increase_of_the_full_count_is_a_loss() {
     assert_eq!(lost, [lost_at(0, 1), lost_at(1, 127), lost_at(127, 65_500), lost_at(65_500, 3)]);
 }
 
-/// SK-5.10 A full count that rises because another program writes beside the stream counts as a loss of it.
+/// SK-5.10 A full count that rises because another program writes during the stream counts as a loss of the stream.
 #[test]
 fn losses_show_in_the_stream() {
     let (tap, ecm) = Tap::enabled("slaves=drive&fw=1.5", &Config::drives(1));

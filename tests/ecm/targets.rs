@@ -1,5 +1,5 @@
-//! The native API's targets between two steps: the report by which they are checked, targets of an axis that goes off,
-//! and allocations.
+//! The native API's targets between two steps: the report by which they are checked, targets of an axis that is
+//! switched off, and allocations.
 
 use std::time::Duration;
 
@@ -8,8 +8,8 @@ use ecmsk::ecm::{Axis, Config, Ecm, EcmError, Guard, Slave};
 use ecmsk::link::Link;
 use ecmsk::sk::CommandId;
 
-/// A target goes out with the step that follows it and with no other frame; a stream that ends before it steps has
-/// not sent it.
+/// A target is sent with the step that follows it and with no other frame; a stream that ends before it steps has not
+/// sent it.
 #[test]
 fn a_target_waits_for_its_step() {
     let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));

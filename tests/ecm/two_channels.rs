@@ -126,7 +126,7 @@ fn the_channel_that_goes_on_is_stopped() {
     }
 }
 
-/// An alarm of the second channel alone: `servo_on` refuses, `clear_alarm` says if it stays.
+/// An alarm of the second channel alone: `servo_on` refuses, `clear_alarm` returns an error if it stays.
 #[test]
 fn an_alarm_of_the_second_channel_is_told() {
     let file = script("two-alarm", "at 2s alarm 1.2 0x7500 stays\n");
@@ -138,7 +138,7 @@ fn an_alarm_of_the_second_channel_is_told() {
     assert_eq!(ecm.clear_alarm(&[1]), Err(EcmError::Alarm { slave: 1, code: 0 }));
 }
 
-/// Other transfers get through beside a stream that asks for the second channel.
+/// Other transfers succeed during a stream that reads the second channel.
 #[test]
 fn sdo_beside_a_stream_of_two_channels() {
     let slaves = vec![Slave::Hsp(Axis::CSP), Slave::Drive(Axis::CSP)];

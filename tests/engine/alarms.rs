@@ -126,9 +126,9 @@ fn without_a_fault_alarm_clear_has_no_effect() {
     assert_eq!(host.counters().rejected_total(), 0);
 }
 
-/// SK-7.11 A drive in Fault goes to Switch on disabled, and its error code goes. The motor stays off, however often
-/// ALM_CLR comes, also if it was on or an SV_ON came in the fault; a new SV_ON starts it.
-/// SK-7.9 SV_ON alone resets nothing.
+/// SK-7.11 A drive in Fault goes to Switch on disabled, and its error code is cleared. The motor stays off, however
+/// often ALM_CLR comes, also if it was on or an SV_ON came in the fault; a new SV_ON starts it. SK-7.9 SV_ON alone
+/// resets nothing.
 #[test]
 fn alarm_clear_resets_a_fault_and_starts_no_motor() {
     for (before, times) in [(false, 1), (false, 30), (true, 1), (true, 30)] {

@@ -13,7 +13,7 @@ use crate::host::Host;
 use crate::probe::{AnySlave, drives};
 
 /// A kind of slot; the tests' board has one of each. Its slaves are a drive, an IO slave, a pulse module, a stepper,
-/// and a slave declared as none; beyond them there are none.
+/// and a slave declared as none; there are no others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Place {
     Master,

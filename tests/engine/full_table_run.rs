@@ -16,7 +16,7 @@ use crate::host::Host;
 use crate::models::{Model, declare};
 use support::swift::SWIFT;
 
-/// The index of the tested commands, and the index of the commands beside them.
+/// The index of the tested commands, and the index of the other commands in the frame.
 const INDEX: u8 = 0x5A;
 const WITNESS_INDEX: u8 = 0xA6;
 
@@ -69,7 +69,7 @@ impl Table {
         }
         if state.failed {
             [Lost, LostIo].into_iter().for_each(|place| network.lose(place as u8));
-            // Below SafeOP a loss is seen only when a request goes to the slave.
+            // Below SafeOP a loss is detected only by a request to the slave.
             let next = match state.code {
                 1 => Some(MasterState::PreOp),
                 2 => Some(MasterState::SafeOp),
@@ -83,7 +83,7 @@ impl Table {
         Self { host, state, firmware, bits: 0 }
     }
 
-    /// Sends a command at a place, with others beside it, and checks all results. Returns whether the board is
+    /// Sends a command in a slot, with others in the same frame, and checks all results. Returns whether the board is
     /// unchanged.
     fn send(&mut self, sent: &Sent, place: Place) -> bool {
         let Self { host, state, firmware, bits } = self;
@@ -145,7 +145,7 @@ impl Table {
         assert_eq!(told(&host.counters()), told(&counters), "{what}");
         assert_eq!(host.state().0, state.byte(), "{what}");
 
-        // The commands beside it were executed.
+        // The other commands in the frame were executed.
         if place != Master {
             assert_eq!(host.board.engine().local_outputs(), *bits, "{what}");
         }

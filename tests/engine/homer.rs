@@ -1,5 +1,5 @@
-//! A drive that homes as the test says: how soon it sees bit 4, how long it takes, how it ends and how long it brakes.
-//! In CSP it reaches each target at once and keeps the longest jump that was commanded.
+//! A drive whose homing the test defines: the delay of bit 4, the duration, the result and the braking time. In CSP it
+//! reaches each target at once and keeps the longest jump that was commanded.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -33,7 +33,7 @@ pub struct Script {
     pub takes: u32,
     /// Bits 10, 12 and 13 at the end.
     pub result: u16,
-    /// Cycles until the drive stands after bit 4 has fallen; it then shows bit 10.
+    /// Cycles until the drive is at rest after bit 4 has fallen; it then shows bit 10.
     pub brakes: u32,
     /// The position that the home event gives it.
     pub home: i32,

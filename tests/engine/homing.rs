@@ -136,7 +136,7 @@ fn go_home_needs_mode_6() {
     }
 }
 
-/// SK-7.38 GO_HOME for a drive that is not on is rejected, and no motor goes home because of it later.
+/// SK-7.38 GO_HOME for a drive that is not on is rejected, and no motor homes because of it later.
 #[test]
 fn go_home_needs_a_drive_that_is_on() {
     for firmware in PROFILES {

@@ -103,7 +103,8 @@ fn the_mode_returns_after_every_end() {
     }
 }
 
-/// SK-7.41 A drive that brakes is given time: the mode does not change before it stands, or half a second has passed.
+/// SK-7.41 A drive that brakes is given time: the mode does not change before it is at rest, or half a second has
+/// passed.
 #[test]
 fn the_mode_waits_until_the_drive_stands() {
     for (brakes, at_least, at_most) in [(5, 5, 40), (200, 200, 240), (100_000, 480, 560)] {

@@ -1,4 +1,4 @@
-//! The board's own SDO that writes the mode back after homing, beside those of the host.
+//! The board's own SDO that restores the mode after homing, together with those of the host.
 
 use ecmsk::engine::{Firmware, HomingEnd, HomingPhase, Reason};
 use ecmsk::fieldbus::Ns;

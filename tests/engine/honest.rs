@@ -1,5 +1,5 @@
 //! Properties of a bus on other hardware, one at a time: it loses answers, knows a lost slave late, cannot configure a
-//! slave without the others, takes no SDO beside a change of state, has inputs and outputs of its own.
+//! slave without the others, takes no SDO during a change of state, has its own inputs and outputs.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
@@ -255,7 +255,7 @@ fn a_clear_brings_back_nothing_from_before_a_loss() {
     }
 }
 
-/// SK-12.10 A bus may refuse an SDO beside a change of state: it waits for the end of the change, and is answered then.
+/// SK-12.10 A bus may refuse an SDO during a change of state: it waits for the end of the change, and is answered then.
 #[test]
 fn an_sdo_waits_for_the_end_of_a_change() {
     let mut net = Net::new(Some(but(Honesty { refuses_sdo: true, ..Honesty::default() })), 3);
@@ -271,7 +271,7 @@ fn an_sdo_waits_for_the_end_of_a_change() {
     net.host.go(PreOp);
 }
 
-/// A bus whose chip has inputs and outputs of its own.
+/// A bus whose chip has its own inputs and outputs.
 struct WithPins<B> {
     bus: B,
     inputs: Arc<AtomicU8>,

@@ -73,9 +73,9 @@ fn shows(position: i32, inputs: u16) -> AxisIn {
     AxisIn { statusword: Statusword(0x1637), torque: 0x1234, position, error_code: 0x5678, inputs }
 }
 
-/// SK-3.22 The golden response of a two-channel HSP in 16-byte mode: position 2 stands at byte 10, unaligned. Neither
-/// torque nor error code has a place.
-/// SK-3.21 In 12-byte mode: position, inputs, 0. SK-3.24 A one-channel HSP in 16-byte mode: bytes 10 to 15 are 0.
+/// SK-3.22 The golden response of a two-channel HSP in 16-byte mode: position 2 is at byte 10, unaligned. There is
+/// neither torque nor error code. SK-3.21 In 12-byte mode: position, inputs, 0. SK-3.24 A one-channel HSP in 16-byte
+/// mode: bytes 10 to 15 are 0.
 #[test]
 fn golden_responses() {
     // Id and index, statusword 0x1637, then the vectors resp-hsp-12 and resp-hsp-2ch-16.

@@ -97,9 +97,8 @@ fn commands_of_drives_leave_outputs_alone() {
     }
 }
 
-/// SK-3.17 The simulated module: what is written comes back, beside a drive that moves.
-/// SK-7.7 It maps 16 digital outputs and 16 digital inputs.
-/// SK-4.52 Without SET_AXIS all slaves are IO.
+/// SK-3.17 The simulated module: its inputs return the written outputs, while a drive moves. SK-7.7 It maps 16 digital
+/// outputs and 16 digital inputs. SK-4.52 Without SET_AXIS all slaves are IO.
 #[test]
 fn a_simulated_module_answers() {
     for size in SlotSize::ALL {

@@ -48,7 +48,7 @@ fn the_leds_of_every_state() {
     }
 }
 
-/// SK-11.1 Without a slave the start goes on without end. SK-4.68 SK-10.5 BUSY is high while the board starts up, after
+/// SK-11.1 Without a slave the start never ends. SK-4.68 SK-10.5 BUSY is high while the board starts up, after
 /// SW_RESET, too.
 #[test]
 fn a_board_that_starts() {

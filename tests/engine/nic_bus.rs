@@ -442,7 +442,7 @@ fn a_lost_slave_that_answers_again_holds() {
     assert_eq!(puppets.map(|puppet| puppet.last().outputs), [0x33, 0x33]);
 }
 
-/// A drive that leaves OP when the test says so, and whose controller takes outputs all the same.
+/// A drive that leaves OP on the test's request, and whose controller takes outputs all the same.
 struct Falling {
     puppet: Puppet,
     has_fallen: Arc<AtomicBool>,

@@ -1,5 +1,5 @@
-//! Wrong working counters, over the bus of a network card: the inputs beside them are not used, and inputs that do not
-//! come become stale.
+//! Wrong working counters, over the bus of a network card: inputs with a wrong counter are not used, and missing inputs
+//! become stale.
 
 use ecmsk::cia402::{Controlword, Mode};
 use ecmsk::engine::{EngineConfig, EventKind, StateFailure};
@@ -106,7 +106,7 @@ fn an_axis_in_csv_whose_inputs_never_arrive_is_stopped() {
     assert_eq!(kinds, [EventKind::WorkingCounter { counted: 8, expected: 9 }, EventKind::InputsStale { slave: 2 }]);
     let held = host.counters().inputs_held - before.inputs_held;
     assert_eq!((held, host.counters().inputs_stale), (STALE_CYCLES as u64 - 1, 1), "{:?}", host.counters());
-    // Commands sent to it since are counted as not executed; it brakes and stands.
+    // Commands sent to it since are counted as not executed; it brakes to rest.
     host.slave(2, SlaveCommand::Csv(Motion::to(1))).cycles(300);
     assert!(host.counters().for_lost > before.for_lost);
     assert_eq!(velocity(&network, &mut host, 2), 0, "it stands");

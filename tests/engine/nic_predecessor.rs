@@ -22,7 +22,7 @@ const MS: Ns = 1_000_000;
 /// What the test observes on the wires.
 #[derive(Default)]
 struct Seen {
-    /// The program is killed: no frame goes out.
+    /// The program is killed: no frame is sent.
     is_killed: bool,
     last_frame: Ns,
     /// The time at which each slave left OP.

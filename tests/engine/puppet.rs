@@ -95,7 +95,7 @@ impl Puppet {
         self.strings().shows.statusword = Statusword(statusword);
     }
 
-    /// Stands at a position from the next cycle on.
+    /// Is at this position from the next cycle on.
     pub fn stand(&self, position: i32) {
         self.strings().shows.position = position;
     }

@@ -68,8 +68,8 @@ fn pulled_back(how: Ahead, moves_another: bool) -> (i32, Vec<i32>) {
     (net.host.drive(1).torque.into(), steps.collect())
 }
 
-/// SK-12.3 An axis that sags while its brake opens is not pulled back to where it was before, however deep the bus: only
-/// by what it sags until its answer is seen. SK-7.16
+/// SK-12.3 An axis that sags while its brake opens is not pulled back to its earlier position, however deep the bus:
+/// only by the sag until its answer is seen. SK-7.16
 #[test]
 fn a_deep_bus_pulls_a_sagging_axis_back_no_further() {
     for (pipeline, phase, slower) in [(0, 333_333, 0), (2, 999_999, 2500), (4, 500_000, 300)] {

@@ -117,7 +117,7 @@ fn no_other_drive_mode() {
     }
 }
 
-/// SK-3.20 A simulated stepper goes where CSP says, and its alarm shows and is cleared.
+/// SK-3.20 A simulated stepper follows CSP, and its alarm is shown and cleared.
 #[test]
 fn a_stepper_moves() {
     for size in SlotSize::ALL {

@@ -168,8 +168,8 @@ fn axes_whose_inputs_are_stale_are_sent_a_quick_stop() {
     }
 }
 
-/// While the working counter is wrong, the inputs beside it enable no servo; when it is right again, the servo is
-/// enabled at its position.
+/// While the working counter is wrong, its inputs enable no servo; when it is right again, the servo is enabled at its
+/// position.
 #[test]
 fn a_counter_that_is_too_low_enables_no_servo() {
     let puppets = [Puppet::obedient(), Puppet::obedient()];

@@ -28,7 +28,7 @@ use writer::{Bounds, Writer};
 
 /// Schedules of the test; `cargo xtask soak` asks for more.
 const SCHEDULES: u64 = 150;
-/// The longest time in which a drive that was commanded to stand comes to rest.
+/// The longest time in which a drive that was commanded to stop comes to rest.
 const COMES_TO_REST: Duration = Duration::from_millis(50);
 
 /// Totals of the schedules, so that none passes without events.

@@ -37,8 +37,8 @@ fn values_of_any_length_are_read_and_written() {
     assert_eq!(rig.upload(1, BLOB.index, BLOB.sub), Ok(Vec::new()));
 }
 
-/// MASTER-2.8 The answer to the first request to a mailbox, which asks for an object that this slave has not, is none to the second one
-/// when it comes late.
+/// MASTER-2.8 The answer to the first request to a mailbox, which reads an object that this slave does not have, is not
+/// taken for the second one's if it comes late.
 #[test]
 fn a_late_first_answer_is_none_to_another_request() {
     let mut rig = blob(3);
@@ -81,7 +81,7 @@ fn an_abort_has_its_code() {
     assert_eq!(rig.download(1, BLOB.index, BLOB.sub, &far[1..]), Ok(()));
 }
 
-/// A slave that gives no answer, has no mailbox or is not there is not waited for longer than was said.
+/// A slave that gives no answer, has no mailbox or is not there is not waited for longer than the given time.
 #[test]
 fn every_transfer_ends() {
     let mut rig = Rig::scanned(&["drive"]);

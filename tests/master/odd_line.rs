@@ -361,7 +361,7 @@ fn counters_and_services_of_answers() {
     }
 }
 
-/// A slave that takes requests and answers none is not said to be gone: the time is up.
+/// A slave that takes requests and answers none is not reported as lost: the error is a timeout.
 #[test]
 fn a_mute_mailbox_is_no_lost_slave() {
     let mut rig = Rig::in_preop(drive().with(|slave| slave.mailbox.is_mute = true));

@@ -71,7 +71,7 @@ fn error_counters_are_read_and_cleared() {
     assert_eq!(rig.last.working_counter, rig.last.expected_working_counter);
 }
 
-/// A datagram of any command goes out once, and returns its answer with the working counter.
+/// A datagram of any command is sent once, and returns its answer with the working counter.
 #[test]
 fn datagrams_of_any_command_go_out() {
     let mut rig = Rig::scanned(&["drive", "io", "drive"]);

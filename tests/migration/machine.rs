@@ -163,7 +163,7 @@ impl Machine {
         self.report.slot(self.size, slave)
     }
 
-    /// A drive's slot; of a pulse module statusword and position of its first axis stand at the same places.
+    /// A drive's slot; a pulse module has statusword and position of its first axis at the same bytes.
     pub fn drive(&self, slave: usize) -> DriveResponse {
         DriveResponse::decode(&self.slot(slave))
     }

@@ -201,8 +201,8 @@ fn the_slot_of_a_one_channel_hsp_has_inputs_in_bytes_8_and_9() {
     assert_eq!(HspResponse::decode(&slot(NARROW, &odd), NARROW), one);
 }
 
-/// SK-3.22 Two-channel HSP: position 2 is the unaligned field at byte 10, inputs 2 stand in 14..15;
-/// SK-3.25 whatever command is answered, and of commands CSP and CSV alone read bytes 8..15.
+/// SK-3.22 Two-channel HSP: position 2 is the unaligned field at byte 10, inputs 2 are in 14..15; SK-3.25 whatever
+/// command is answered, and of commands CSP and CSV alone read bytes 8..15.
 #[test]
 fn the_slot_of_a_two_channel_hsp_has_position_2_at_byte_10() {
     for id in [0x00, 0x10, 0x11, 0x12, 0x15, 0x16, 0x18, 0x19] {

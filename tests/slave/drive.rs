@@ -271,7 +271,7 @@ fn leaving_op_in_motion() {
             rig.drive.step(MS);
             steps += 1;
         }
-        // 5 turns/s, braked with 1000 turns/s²: 5 ms, and some more until it stands.
+        // 5 turns/s, braked with 1000 turns/s²: 5 ms, and some more until it is at rest.
         assert!((5..30).contains(&steps), "{steps} ms");
         let way = (rig.position() - start) as f64 / TURN as f64;
         assert!((0.0125..0.02).contains(&way), "{way} turns");
@@ -327,7 +327,7 @@ fn injected_faults() {
     }
 }
 
-/// A mode written to 0x6060 shows in 0x6061, and the axis holds where it is until a target of that mode comes.
+/// A mode written to 0x6060 shows in 0x6061, and the axis holds its position until a target of that mode comes.
 #[test]
 fn a_change_of_mode_does_not_jump() {
     for mode in [Mode::Csv, Mode::Cst] {

@@ -162,7 +162,7 @@ fn switching_on_and_off_does_not_move_the_shaft() {
     }
 }
 
-/// While it is off the shaft holds by friction, without torque, whatever the target says.
+/// While it is off the shaft holds by friction, without torque, whatever the target is.
 #[test]
 fn off_it_holds_its_position_without_torque() {
     let mut rig = Rig::in_op(DriveConfig { position: 4711, ..DriveConfig::default() }, Mode::Csp, MS);
@@ -379,7 +379,7 @@ fn a_quick_stop_with_all_the_torque() {
     let way = (rig.position() - start) as f64;
     let expected = (SPEED as f64) * (SPEED as f64) / (2.0 * 3.0 * 165e6);
     assert_eq!(rig.velocity(), 0.0);
-    // The word acts a cycle later.
+    // The controlword takes effect a cycle later.
     let most = 1.2 * expected + SPEED as f64 / 1000.0;
     assert!((expected..most).contains(&way), "{way}, ideal is {expected}");
 }

@@ -18,7 +18,7 @@ use crate::{bytes, crc32, motor, slave};
 
 const SIZE: DataSize = DataSize::NEWER;
 
-/// An answer packet as the manual prints it, its check word a CRC-32 made here.
+/// An answer packet as in the manual, with a CRC-32 computed here as its check word.
 fn packet(code: u8, ret: u8, len: u16, data: &[u8]) -> Vec<u8> {
     let mut bytes = vec![0xA4, 0xA3, 0xA2, 0xA1, 0, 0, 0, 0, 0, 0, 3, 9, code, ret];
     bytes.extend(len.to_le_bytes());

@@ -9,7 +9,7 @@ fn examples() {
     programs::examples(Core);
 }
 
-/// NET-4 A program that fails says why, and its axes are off.
+/// NET-4 A program that fails prints the reason, and its axes are off.
 #[test]
 fn an_end_by_an_alarm() {
     programs::an_end_by_an_alarm(Core);
@@ -41,7 +41,7 @@ fn misuse() {
     programs::misuse(Core);
 }
 
-/// NET-23 A write beside a read that waits.
+/// NET-23 A write during a waiting read.
 #[test]
 fn together() {
     programs::together(Core);

@@ -27,7 +27,7 @@ pub fn examples(runtime: Runtime) {
     }
 }
 
-/// A program whose axis has an alarm says so, ends with 1, and leaves the axes off and the network in PreOP.
+/// A program whose axis has an alarm reports it, exits with 1, and leaves the axes off and the network in PreOP.
 pub fn an_end_by_an_alarm(runtime: Runtime) {
     let file = out_dir().join(format!("alarm-{runtime:?}.pcapng"));
     let link = format!("{VIRTUAL}{}&record={}", scripted("&script=SCRIPTS/alarm.ecmscript"), file.display());

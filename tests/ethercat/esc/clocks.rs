@@ -131,7 +131,7 @@ fn s38_one_wrong_time_moves_a_clock_by_the_limit() {
     }
 }
 
-/// ECAT-13.2 The difference is averaged as the filter says, and a write to the speed counter begins it anew.
+/// ECAT-13.2 The difference is averaged according to the filter, and a write to the speed counter restarts it.
 #[test]
 fn the_difference_is_filtered() {
     let mut rig = Rig::drives(2);

@@ -124,7 +124,7 @@ fn values_at_power_on() {
     }
 }
 
-/// ECAT-2.8 A write to any byte of a register does what its access says.
+/// ECAT-2.8 A write to any byte of a register has the effect of its access.
 #[test]
 fn what_a_write_does() {
     for (address, len, _, write) in TABLE {

@@ -270,7 +270,7 @@ fn a_device_has_its_own_reasons() {
 }
 
 /// ECAT-11.14 A drive that a master has set to SYNC0 (0x1C32:1 or 0x1C33:1 = 2) refuses OP without SYNC0, with 0x30;
-/// with SYNC0, with another type, or without that setting it goes.
+/// with SYNC0, with another type, or without that setting it reaches OP.
 #[test]
 fn a_drive_told_to_run_by_sync0_needs_it() {
     for (object, code, has_sync0, expected) in [
@@ -305,7 +305,7 @@ fn a_drive_told_to_run_by_sync0_needs_it() {
         }
         assert_eq!(rig.al_status(FIRST), expected, "{object:04X?} = {code}, SYNC0: {has_sync0}");
         if expected.0 == 0x14 {
-            // The mistake is corrected: the drive goes.
+            // The error is corrected: the drive reaches OP.
             rig.request(FIRST, 0x12);
             let (object, value) = (ObjectAddress::new(object.unwrap_or_default(), 1), SdoValuePart::Expedited(&[1, 0]));
             rig.sdo(FIRST, SdoRequest::Download { object, scope: SdoScope::Entry, value });

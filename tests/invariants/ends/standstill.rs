@@ -9,7 +9,7 @@ use ecmsk::sk::{FIFO_ENTRIES, Frame};
 
 use super::eyes::Eyes;
 
-/// docs/SAFETY.md: axes stand 2 s after the server has noticed the end, and some cycles.
+/// docs/SAFETY.md: axes are at rest 2 s and some cycles after the server has noticed the end.
 pub const DOCUMENTED: Duration = Duration::from_secs(2);
 const CYCLES: u32 = 8;
 /// How far noise and friction may move a standing shaft, counts: a two-hundredth of a degree and less.

@@ -149,7 +149,7 @@ impl<S: Setting> Program<S> {
         self.master(&MasterCommand::SetDc { cycle, shift: DcShift::Auto });
     }
 
-    /// Below OP the slaves are declared anew; from Init the program goes to PreOP first.
+    /// Below OP the slaves are declared again; from Init the program goes to PreOP first.
     fn ask_for_op(&mut self) {
         let state = self.board.engine().state().state();
         if state == Some(MasterState::PreOp) {

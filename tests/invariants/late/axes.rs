@@ -171,7 +171,7 @@ impl Axes {
     fn stops(&mut self, trace: &Trace, units: &[Unit], entry: Option<&[(usize, SlaveCommand)]>) {
         let (cycle, n) = (trace.newest(), trace.passed() - 1);
         let unreached = cycle.lost.union(cycle.without_outputs);
-        // The time that the drive takes to stand does not count.
+        // The time until the drive is at rest does not count.
         let is_on = |slave: usize| {
             cycle.outputs.as_ref().is_some_and(|(_, outputs)| {
                 outputs[slave - 1][0].controlword.0 & ENABLE_OPERATION == ENABLE_OPERATION

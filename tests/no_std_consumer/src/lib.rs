@@ -14,7 +14,7 @@ use core::panic::PanicInfo;
 
 use ecmsk::sk::FRAME_LEN;
 
-/// Fills `frame` with the commands of one cycle: slave 1 goes to `target`, counts.
+/// Fills `frame` with the commands of one cycle: slave 1 moves to `target`, in counts.
 // SAFETY: nothing else that a firmware links has this name.
 #[unsafe(no_mangle)]
 pub extern "C" fn controller_command(frame: &mut [u8; FRAME_LEN], target: i32, index: u8) {
@@ -35,7 +35,7 @@ pub extern "C" fn controller_response(frame: &[u8; FRAME_LEN], position: &mut i3
     }
 }
 
-/// Writes the dump of `frame` into `screen`, as far as it fits, and says how many bytes that are.
+/// Writes the dump of `frame` into `screen`, as far as it fits, and returns its length in bytes.
 // SAFETY: nothing else that a firmware links has this name.
 #[unsafe(no_mangle)]
 pub extern "C" fn controller_show(frame: &[u8; FRAME_LEN], screen: &mut [u8; 160]) -> usize {

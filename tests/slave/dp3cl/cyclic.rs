@@ -237,7 +237,7 @@ fn a_sensor_that_sticks() {
     assert_eq!((bench.shaft(), bench.bit(11), bench.read(0x60FD, 0) & 2), (100, false, 0));
 }
 
-/// DP3CL-10.4 Neither a cycle nor a master's SDO beside it allocates.
+/// DP3CL-10.4 Neither a cycle nor a master's SDO during it allocates.
 #[test]
 fn nothing_allocates() {
     for mode in [1, 3, 6, 8] {

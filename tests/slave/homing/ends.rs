@@ -26,8 +26,8 @@ fn after(bench: &mut Bench, bits: Bits) -> Bits {
 }
 
 /// SK-7.20 Bits 13, 12, 10 of a run that finds home: not started, running, done; and they stay. SK-7.44 It is done when
-/// the axis stands at home, to the count, where the switch changed, and not at the end of its ramp: it runs back at the
-/// speed of the search for zero.
+/// the axis is at rest at home, to the count, where the switch changed, and not at the end of its ramp: it runs back at
+/// the speed of the search for zero.
 #[test]
 fn bits_of_a_run() {
     let mut bench = Bench::new(travel(CAM), -100_000);
@@ -41,7 +41,7 @@ fn bits_of_a_run() {
         bits
     });
     assert_eq!({ end }.find(|bits| *bits != Bits::Running), Some(Bits::Done));
-    // It goes past the switch by the braking distance, v^2 / 2a, and then back.
+    // It passes the switch by the braking distance, v^2 / 2a, and then back.
     assert!((farthest - FIRST - FAST * FAST / (2 * RAMP)).abs() < 1_500, "{farthest}");
     assert!(-fastest_back > 0.9 * SLOW as f64 && -fastest_back < 1.25 * SLOW as f64, "{fastest_back}");
     assert!(bench.rig.velocity().abs() < 1.0);
@@ -83,7 +83,7 @@ fn the_edge_starts() {
     assert_eq!(bench.home(20).end, Ok(FIRST));
 }
 
-/// Bit 4 falls during a run: the axis brakes and stands, interrupted. The next edge begins a new run.
+/// Bit 4 falls during a run: the axis brakes to rest, interrupted. The next edge begins a new run.
 #[test]
 fn interrupted() {
     let mut bench = running(22, 290_000, 300);

@@ -1,4 +1,4 @@
-//! Everything that ends a run in a homing error: bit 13 of the statusword, an axis that brakes and stands.
+//! Everything that ends a run in a homing error: bit 13 of the statusword, an axis that brakes to rest.
 
 use ecmsk::cia402::{Controlword, Mode};
 use ecmsk::coe::SdoSize;
@@ -185,7 +185,7 @@ fn started_in_motion() {
     assert!(bench.shaft() < FIRST);
 }
 
-/// A start while the shaft is still commanded to move is an error, too, though it is jammed and stands.
+/// A start while the shaft is still commanded to move is an error, too, although it is jammed and at rest.
 #[test]
 fn started_while_it_is_asked_to_move() {
     let mut bench = Bench::new(travel(CAM), -190_000);

@@ -122,7 +122,8 @@ fn stuck_inputs_in_0x60fd() {
     assert!(!io.apply_fault(stick(Input::Home, None)) && !io.apply_fault(jam(true)), "nor any axis of an IO module");
 }
 
-/// A jammed shaft stands whatever the torque; the following error grows on its own and is a fault, which ends homing.
+/// A jammed shaft does not move whatever the torque is; the following error grows on its own and is a fault, which ends
+/// homing.
 #[test]
 fn jammed() {
     let mut bench = Bench::new(travel(CAM), -190_000);
@@ -194,7 +195,7 @@ fn by_the_handle_of_the_bus() {
     let read = |bus: &mut support::fieldbus_rig::Bench| {
         [1, 2, 3].map(|slave| bus.transferred(support::fieldbus_rig::sdo(slave, 0x60FD, None)).expect("it is read"))
     };
-    // The axes stand on the cam of the default travel.
+    // The axes are on the cam of the default travel.
     let cam = 0b100;
     assert_eq!(read(&mut bus), [cam; 3]);
     for (slave, axis) in [(2, 0), (0, 0), (1, 1), (40, 0)] {

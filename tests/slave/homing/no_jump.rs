@@ -58,8 +58,8 @@ fn a_target_in_old_coordinates() {
     assert_eq!(i64::from(bench.rig.seen.position), 3 * TURN);
 }
 
-/// The mode is left while the axis moves, and then while it stands past home: it brakes, with the ramp of homing, and
-/// holds.
+/// The mode is left while the axis moves, and then while it is at rest past home: it brakes, with the ramp of homing,
+/// and holds.
 #[test]
 fn left_in_motion() {
     for (mode, wait) in [(Mode::Csp, 100), (Mode::Csp, 200), (Mode::Csv, 100), (Mode::Cst, 30)] {
@@ -83,7 +83,7 @@ fn left_in_motion() {
 }
 
 /// The mode is changed again while the axis brakes after mode 6: it goes on braking, and the new mode's target counts
-/// when it stands.
+/// when it is at rest.
 #[test]
 fn left_in_motion_for_one_mode_after_the_other() {
     let mut bench = Bench::new(travel(CAM), -190_000);
@@ -102,8 +102,8 @@ fn left_in_motion_for_one_mode_after_the_other() {
     assert!(start > 0.0 && lost <= 2.0 * RAMP as f64 / 1000.0, "from {start} by {lost} in a cycle");
 }
 
-/// The axis ignores targets while it brakes after mode 6, and targets that are under way when it stands: a master that
-/// sends positions once it has seen bit 12 moves nothing.
+/// The axis ignores targets while it brakes after mode 6, and targets that are in transit when it is at rest: a master
+/// that sends positions once it has seen bit 12 moves nothing.
 #[test]
 fn targets_while_it_brakes() {
     let mut bench = Bench::new(travel(CAM), -190_000);

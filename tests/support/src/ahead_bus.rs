@@ -55,7 +55,7 @@ pub struct Honesty {
     pub keeps: usize,
     /// One answer in that many is lost although there is room; 0: none.
     pub loses: u64,
-    /// The bus takes no SDO beside a change of state.
+    /// The bus takes no SDO during a change of state.
     pub refuses_sdo: bool,
     /// Cycles of silence after which a slave is reported as lost.
     pub loss_delay: u64,

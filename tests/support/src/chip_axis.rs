@@ -6,7 +6,7 @@ use ecmsk::xf::EtherCatState;
 use ecmsk::xf::request::{FifoEnable, Reconfig, Slaves};
 use ecmsk::xf_api::{NetworkConfig, Xf, XfError};
 
-/// How far the axis goes, in counts.
+/// The distance of the axis' motion, in counts.
 const DISTANCE: i32 = 5000;
 
 /// Brings a network of one drive to OP, enables the axis and moves it by some thousand counts in CSP, with as many

@@ -53,7 +53,7 @@ pub enum Fault {
     Failed,
     /// The host gets only the beginning of the answer.
     Truncated,
-    /// The packet goes out twice; the host gets the first answer, or the second one.
+    /// The packet is sent twice; the host gets the first answer, or the second one.
     Repeated,
     /// The host gets the answer of the previous exchange once more.
     Late,

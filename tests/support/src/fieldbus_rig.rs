@@ -28,7 +28,7 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// Drives whose shafts stand at 1000, 2000, ...
+    /// Drives whose shafts are at 1000, 2000, ...
     pub fn new(drives: u8) -> Self {
         let slaves = (1..=drives).map(|n| {
             let position = i64::from(n) * 1000;

@@ -40,7 +40,7 @@ fn counts_lag() {
     assert!(host.send(&InfoUpdate).header.tx_fifo >= tx + 10);
 }
 
-/// XF-11.19 A full RxFIFO loses the new RxPDO: a FIFO error, and the answer says failed. XF-11.21 So does one whose
+/// XF-11.19 A full RxFIFO loses the new RxPDO: a FIFO error, and the answer is "failed". XF-11.21 So does one whose
 /// entries FIFO_INIT has set.
 #[test]
 fn rx_full() {

@@ -1,5 +1,5 @@
 //! A DP3CL is homed and moved by profiles and in CSP, with distributed clocks and the process data of power-on; another
-//! one stands meanwhile.
+//! one is at rest meanwhile.
 
 use ethercrab::subdevice_group::HasDc;
 

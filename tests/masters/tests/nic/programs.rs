@@ -88,7 +88,7 @@ mod needs_network_namespace {
         let on_card = || std::thread::scope(|scope| scope.spawn(on_card).join().expect("no panic"));
         assert!(board.status.success() || may_fail, "{language}, {name}: {board:?}");
         let other = OTHER_NUMBERS.iter().find(|(of, program, ..)| (*of, *program) == (language, name));
-        // A program that fails says why.
+        // A program that fails prints the reason.
         let said = |ended: &Ended| {
             let said = without_underruns(&ended.stdout) + if may_fail { &ended.stderr } else { "" };
             (ended.status.code(), other.map_or_else(|| said.clone(), |(.., of, _)| words(&said, of)))

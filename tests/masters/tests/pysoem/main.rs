@@ -90,7 +90,7 @@ mod needs_pysoem {
         assert!(said.last().is_some_and(|line| line.ends_with("were answered, 0 were lost")), "{said:?}");
     }
 
-    /// ECAT-15.5 A drive follows a path in CSP, and stands at its end.
+    /// ECAT-15.5 A drive follows a path in CSP, and is at rest at its end.
     #[test]
     fn a_drive_moves_in_csp() {
         run("drive*2", "csp");

@@ -57,8 +57,8 @@ mod needs_network_namespace {
         Ran { code, out: String::new(), err: text }
     }
 
-    /// A move, a running `bus` verb, the live table and a program under `exec`: each ends, and says which card is gone
-    /// and what to do.
+    /// A move, a running `bus` verb, the live table and a program under `exec`: each ends, and reports which card is
+    /// gone and what to do.
     #[test]
     fn each_verb_ends_and_says_so() {
         let _rig = Rig::new("drive*2", "tool_gone");

@@ -14,8 +14,8 @@ pub struct Run {
 }
 
 impl Run {
-    /// The rules for every program: it ends by itself; with status 0 only if `is_done`; with another status it says
-    /// why.
+    /// The rules for every program: it ends by itself; with status 0 only if `is_done`; with another status it prints
+    /// the reason.
     pub fn judge(struck: Struck, is_done: impl FnOnce(&Struck) -> Result<(), String>) -> Self {
         let wrong = wrong(&struck).or_else(|| {
             struck

@@ -1,6 +1,6 @@
 /*
- * ecmsk: what the library has beside the vendor's four functions, for programs that want to know why a call failed, to
- * open several boards at once, or to look at counters. It may be included together with a vendor header.
+ * ecmsk: functions of the library beside the vendor's four, for programs that need error texts, several open boards at
+ * once, or counters. This header may be included together with a vendor header.
  *
  * Made by cbindgen from capi/src; do not edit.
  */
@@ -32,7 +32,7 @@
 #define ECMSK_ERROR_TIMEOUT -3
 
 /**
- * On a link with virtual time: no report will come however long the program waits.
+ * The link has virtual time, and no report will come however long the program waits.
  */
 #define ECMSK_ERROR_SILENT -4
 
@@ -77,7 +77,7 @@
 #define ECMSK_WAIT_FOREVER -1
 
 /**
- * As a timeout: that of the link's URI, `read_timeout_ms` or `write_timeout_ms`.
+ * As a timeout: the timeout of the link's URI, `read_timeout_ms` or `write_timeout_ms`.
  */
 #define ECMSK_WAIT_LINK -2
 
@@ -87,7 +87,7 @@
 #define ECMSK_REJECT_KINDS 16
 
 /**
- * A handle of an open board. It is no address: a handle that was closed or made up gives `ECMSK_ERROR_HANDLE`.
+ * A handle of an open board. It is not an address: a handle that was closed or made up gives `ECMSK_ERROR_HANDLE`.
  */
 typedef struct ecmsk_board ecmsk_board;
 
@@ -119,8 +119,8 @@ typedef struct {
 } ecmsk_faults;
 
 /**
- * The statistics of a link since it was opened. Set `size` to the sizeof of the structure before the call; afterwards it is
- * the number of bytes that were filled in.
+ * The statistics of a link since it was opened. Set `size` to the sizeof of the structure before the call. After the call,
+ * `size` is the number of bytes that were filled in.
  */
 typedef struct {
   /**
@@ -170,7 +170,7 @@ typedef struct {
 } ecmsk_stats;
 
 /**
- * What the board has done with commands since it booted. `size` is used as in `ecmsk_stats`.
+ * The counters of the board since it booted. `size` is used as in `ecmsk_stats`.
  */
 typedef struct {
   /**
@@ -246,27 +246,27 @@ typedef struct {
    */
   uint64_t sdo_aborted;
   /**
-   * Cycles without a report, since a chip or a network card lost their answers.
+   * Cycles without a report because a chip or a network card lost their answers.
    */
   uint64_t answers_lost;
   /**
-   * FIFO entries that a chip or a network card had taken and that some slave has missed, or may have.
+   * FIFO entries that a chip or a network card had accepted and that a slave has missed, or may have missed.
    */
   uint64_t outputs_lost;
   /**
-   * Cycles that were left out on a network card since the machine was too late for them: what moves has stood still for so long.
+   * Cycles that were skipped on a network card because the machine was too late for them. Moving axes stood still meanwhile.
    */
   uint64_t cycles_left_out;
   /**
-   * Cycles in OP with a broken ring of cables between two network cards. Nothing is lost by them.
+   * Cycles in OP in which the ring of cables between two network cards was broken. No data are lost by that.
    */
   uint64_t ring_broken;
   /**
-   * Cycles in OP in which a slave kept its inputs of before, since the working counter beside the new ones was wrong.
+   * Cycles in OP in which a slave kept its previous inputs because the working counter of the new ones was wrong.
    */
   uint64_t inputs_held;
   /**
-   * How often the inputs of a slave have not come for so long that it counts as lost.
+   * How often the inputs of a slave were missing for so long that the slave counts as lost.
    */
   uint64_t inputs_stale;
 } ecmsk_counters;
@@ -276,9 +276,9 @@ extern "C" {
 #endif // __cplusplus
 
 /**
- * Opens the board that a link's URI names, such as `sim:?slaves=drive*2` or `usb:`, and writes its handle to `*board`, or
- * NULL if it fails. Two links to simulated boards lead to the same board only if they have the same `name=`. A board that is
- * open already gives `ECMSK_ERROR_IN_USE`.
+ * Opens the board that a link's URI names, such as `sim:?slaves=drive*2` or `usb:`. Writes the handle of the board to
+ * `*board`, or NULL if the call fails. Two links to simulated boards lead to the same board only if they have the same
+ * `name=`. A board that is open already gives `ECMSK_ERROR_IN_USE`.
  *
  * # Safety
  * `uri` is NULL or a text that ends with 0. `board` is NULL or points to room for a pointer.
@@ -295,8 +295,8 @@ ecmsk_result ecmsk_open(const char *uri,
 ecmsk_result ecmsk_close(ecmsk_board *board);
 
 /**
- * A handle of the board of `OpenECMUSB`, for the functions below. It always has the same value; while that board is not open
- * they return `ECMSK_ERROR_CLOSED`.
+ * A handle of the board of `OpenECMUSB`, for the functions below. It always has the same value. While that board is not
+ * open, the functions return `ECMSK_ERROR_CLOSED`.
  *
  * # Safety
  * None.
@@ -304,8 +304,9 @@ ecmsk_result ecmsk_close(ecmsk_board *board);
 ecmsk_board *ecmsk_vendor_board(void);
 
 /**
- * Writes a command frame of `length` bytes. Of more than 512 the first 512 are written; fewer are filled up with 0.
- * `timeout_ms` is the longest wait in milliseconds, where 0 does not wait, or `ECMSK_WAIT_FOREVER` or `ECMSK_WAIT_LINK`.
+ * Writes a command frame of `length` bytes. If `length` is over 512, only the first 512 bytes are written; a shorter frame is
+ * filled up with 0. `timeout_ms` is the longest wait in milliseconds, `ECMSK_WAIT_FOREVER` or `ECMSK_WAIT_LINK`; with 0 the
+ * call does not wait.
  *
  * # Safety
  * `data` is NULL or points to `length` readable bytes (512 if it is more). `board` may be any value.
@@ -334,8 +335,8 @@ const char *ecmsk_version(void);
 
 /**
  * The error text of the last call of this thread that failed, including calls of the vendor's functions. If no call of this
- * thread has failed it is the text of the last OpenECMUSB that failed in any thread, or else an empty text. A call that
- * succeeds does not change it.
+ * thread has failed, it is the text of the last OpenECMUSB that failed in any thread. If none has failed, it is an empty
+ * text. A call that succeeds does not change the text.
  *
  * # Safety
  * None. The text has at most 2047 bytes and stays at the same address as long as the thread lives; the next call of this
@@ -370,7 +371,7 @@ const char *ecmsk_reject_name(uint32_t kind);
 
 /**
  * Copies the URI of a board's link, in its normal form and with a terminating 0, to the `length` bytes at `buffer`; a longer
- * URI is cut. The number of bytes that the whole URI needs, the 0 included, is written to `*needed` unless that is NULL.
+ * URI is cut. The number of bytes that the whole URI needs, including the 0, is written to `*needed` unless `needed` is NULL.
  *
  * # Safety
  * `buffer` is NULL (then `length` must be 0) or points to `length` writable bytes. `needed` is NULL or points to room

@@ -27,7 +27,7 @@ pub(crate) enum FileError {
     #[error("{0}")]
     Io(#[from] io::Error),
     /// The path is not that of a regular file.
-    #[error("it is {kind}, and only regular files are read; copy what it holds into one")]
+    #[error("it is {kind}, and only regular files are read; copy its content into one")]
     Kind {
         /// The kind of the file, with an article: `a folder`.
         kind: &'static str,

@@ -1,6 +1,7 @@
-//! What the log says of commands that a board in this process has not executed, and of a chip whose CRC-32 nobody knows.
+//! The log's messages about commands that a board in this process has not executed, and about a chip with an unknown
+//! CRC-32.
 //!
-//! A process has one log: in a program with other tests, what their boards say would be heard too.
+//! A process has one log: in a program with other tests it would contain messages of their boards, too.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
@@ -14,15 +15,15 @@ use ecmsk::xf_api::Xf;
 use support::heard::{lines_with, listen};
 use support::script_client::{Client, SIZE};
 
-/// SK-4.78 A program that writes faster than the board takes commands out is told so once, when the first frame is lost, and
-/// once how many were lost, when it has ended.
+/// SK-4.78 For a program that writes faster than the board executes commands there is one message when the first frame
+/// is lost, and one with the number of lost frames when this has ended.
 #[test]
 fn a_full_fifo_is_told_when_it_begins_and_when_it_ends() {
     let _turn = listen();
     let mut client = Client::stepped("log_full", "");
     client.op();
     let frame = Frame::new();
-    // 160 entries have room, and each write takes an eighth of a cycle.
+    // The FIFO has 160 entries, and each write takes an eighth of a cycle.
     for _ in 0..1000 {
         client.link.write(&frame, ecmsk::link::Wait::Forever).unwrap();
     }
@@ -41,7 +42,7 @@ fn a_full_fifo_is_told_when_it_begins_and_when_it_ends() {
     assert_eq!(lines_with(&["FIFO full"]).len(), 2);
 }
 
-/// SK-4.78 Targets before SV_ON are told with what to do; a link that is closed first tells the count.
+/// SK-4.78 Targets before SV_ON are logged with the next step; a link that is closed first logs the count.
 #[test]
 fn targets_for_a_drive_that_is_off_are_logged_with_the_next_step() {
     let _turn = listen();
@@ -57,7 +58,7 @@ fn targets_for_a_drive_that_is_off_are_logged_with_the_next_step() {
     assert!(told[0].contains("SV_ON") && told[1].contains("50 target(s)"), "{told:?}");
 }
 
-/// SK-4.79 A write of an object that the simulated drive does not have says which, and how the drive gets it.
+/// SK-4.79 A write of an object that the simulated drive lacks is logged with the object, and how to add it.
 #[test]
 fn an_aborted_sdo_write_is_logged_with_its_object() {
     let _turn = listen();
@@ -73,13 +74,13 @@ fn an_aborted_sdo_write_is_logged_with_its_object() {
     assert_eq!(client.link.stats().board.expect("a board of this process").sdo_aborted, 1);
 }
 
-/// SK-4.80 A change of state that fails says in the log which slave refused and why, and the link says it to who asks; it is
-/// forgotten when the state is reached.
+/// SK-4.80 A failed change of state is logged with the slave that refused and the reason; the link returns both until
+/// the state is reached.
 #[test]
 fn a_state_that_failed_is_explained() {
     let _turn = listen();
     let mut client = Client::with("drive,io", "log_state", "clock=virtual", "");
-    // Nothing is declared: both are IO.
+    // No kinds are declared: both are IO.
     client.request(MasterState::Op);
     client.until("0x12", |c| c.answer().state == StateByte::failed(Some(MasterState::PreOp)));
     let why = client.link.stats().state_failure.expect("a board of this process knows");
@@ -92,8 +93,8 @@ fn a_state_that_failed_is_explained() {
     assert_eq!(StateFailure::explain(client.answer().state, None), None);
 }
 
-/// A program that gives up on OP while the change is under way is told so when it closes the board; one that goes down
-/// before it ends, or that is in OP, is not.
+/// If a program closes the board while the change to OP is still in progress, this is logged; not if it has requested a
+/// lower state, or is in OP.
 #[test]
 fn a_change_under_way_at_the_end_is_told() {
     let _turn = listen();
@@ -113,7 +114,8 @@ fn a_change_under_way_at_the_end_is_told() {
     assert_eq!(lines_with(&[WORDS]).len(), 1, "only the first one");
 }
 
-/// SK-4.80 A mode that a kind does not have, a slave that refuses a state and one that says nothing are told apart.
+/// SK-4.80 A mode that a kind does not have, a slave that refuses a state and one that does not answer are
+/// distinguished.
 #[test]
 fn each_kind_of_failed_state_change_has_its_own_explanation() {
     let _turn = listen();
@@ -134,8 +136,8 @@ fn each_kind_of_failed_state_change_has_its_own_explanation() {
     assert_eq!(fails("drive*2", "log_silent", "mute 1\n", Mode::Csp), Some(silent));
 }
 
-/// SK-4.80 Without a board of this process there is a text for every byte that says that a state has failed, and for no
-/// other; the one for 0x12 names what is usually the cause.
+/// SK-4.80 Without a board of this process there is a text for every state byte that means a failure, and for no other;
+/// the one for 0x12 names the usual cause.
 #[test]
 fn every_failed_state_has_an_explanation() {
     for byte in 0..=u8::MAX {
@@ -147,7 +149,7 @@ fn every_failed_state_has_an_explanation() {
     assert!(usual.contains("SET_AXIS") && usual.contains("not at all"), "{usual}");
 }
 
-/// A chip that takes no packet with a CRC-32, whatever that covers.
+/// A chip that accepts no packet with a CRC-32, whatever that covers.
 struct StrangeCrc(SimChip);
 
 impl StrangeCrc {
@@ -199,8 +201,9 @@ impl ChipLink for StrangeCrc {
     }
 }
 
-/// XF-12.17 A chip whose CRC-32 covers nothing that is known is told once by who opens it, with what that means for the wires:
-/// a board over the chip, and a program that uses the chip itself. Of one whose CRC-32 is found nothing is told.
+/// XF-12.17 A chip with an unknown coverage of its CRC-32 is logged once at its opening, with the consequence for the
+/// wires: for a board over the chip, and for a program that uses the chip itself. For a chip with a known CRC-32
+/// nothing is logged.
 #[test]
 fn a_crc_that_is_given_up_is_told() {
     let _turn = listen();

@@ -1,4 +1,4 @@
-//! The rooms of `src/`: what CONTRIBUTING's table says that each may use is what it uses.
+//! The rooms of `src/`: each uses only the rooms that CONTRIBUTING's table allows.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -35,10 +35,11 @@ fn table(page: &str) -> Table {
     table
 }
 
-/// The file that gives what lives in other rooms its public paths. It stands below those rooms and has nothing else.
+/// The file that re-exports items of other rooms under their public paths. It may use those rooms and contains nothing
+/// else.
 const PATHS: &str = "src/link/paths.rs";
 
-/// The source files of `src/` that are no tests.
+/// The source files of `src/` without tests.
 fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).expect("src/ can be read") {
         let path = entry.expect("an entry").path();
@@ -61,7 +62,7 @@ fn room_of(file: &Path) -> String {
     first.trim_end_matches(".rs").to_owned()
 }
 
-/// A file's code: without its comments, and without its module of tests, which stands at its end.
+/// A file's code: without its comments, and without its module of tests at its end.
 fn code(text: &str) -> String {
     let tests = text.match_indices("\nmod ").map(|(at, _)| at).find(|at| {
         let condition = text[..*at].lines().next_back().unwrap_or_default();
@@ -72,7 +73,7 @@ fn code(text: &str) -> String {
     text.lines().map(|line| line.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join("\n")
 }
 
-/// The first words behind `begin` of all paths that begin so.
+/// The first word after `begin` in all paths with that begin.
 fn used(code: &str, begin: &str) -> BTreeSet<String> {
     let mut used = BTreeSet::new();
     for (at, found) in code.match_indices(begin) {
@@ -103,7 +104,7 @@ fn first_word(path: &str) -> String {
     path.chars().take_while(|letter| letter.is_alphanumeric() || *letter == '_').collect()
 }
 
-/// Every file of `src/` uses the rooms alone that CONTRIBUTING's table lets its room use.
+/// Every file of `src/` uses only the rooms that CONTRIBUTING's table allows its room.
 #[test]
 fn each_room_uses_what_the_table_says() {
     let table = table(&fs::read_to_string(root().join("CONTRIBUTING.md")).expect("CONTRIBUTING.md"));
@@ -135,7 +136,7 @@ fn each_room_uses_what_the_table_says() {
     assert!(wrong.is_empty(), "what the table of rooms in CONTRIBUTING.md does not say:\n{}", wrong.join("\n"));
 }
 
-/// No room is above another one that is above it: the table has an order.
+/// No two rooms use each other: the table has an order.
 #[test]
 fn no_two_rooms_use_each_other() {
     let table = table(&fs::read_to_string(root().join("CONTRIBUTING.md")).expect("CONTRIBUTING.md"));
@@ -159,7 +160,8 @@ fn no_two_rooms_use_each_other() {
     assert!(left.is_empty(), "these rooms use each other: {left:?}");
 }
 
-/// The file that may name any room has public paths alone, and no room takes one of them: it names the room where a thing lives.
+/// The file that may name any room contains only public paths, and no room uses them: each names the room that defines
+/// an item.
 #[test]
 fn the_paths_are_for_users_alone() {
     let paths = code(&fs::read_to_string(root().join(PATHS)).expect(PATHS));
@@ -183,7 +185,7 @@ fn the_paths_are_for_users_alone() {
     assert!(taken.is_empty(), "these live in other rooms:\n{}", taken.join("\n"));
 }
 
-/// What the test reads of a file is what the compiler sees of it.
+/// The test finds the same imports in a file as the compiler.
 #[test]
 fn imports_are_found() {
     let text = "//! [`crate::one`]\nuse crate::two::Two;\nuse crate::{three, four::{self, Four}, five};\nfn f() { crate::six::g() }\n\

@@ -44,12 +44,12 @@ pub enum CallError {
         found: i64,
     },
     /// The vendor's functions were called before OpenECMUSB or after CloseECMUSB.
-    #[error("no board is open; call OpenECMUSB first and look whether it returns true")]
+    #[error("no board is open; call OpenECMUSB first and check that it returns true")]
     NotOpen,
     /// The process was forked while a board was open, or was being opened or closed.
     #[error(
-        "this process was forked while a board was open, or was being opened or closed; the board is its parent's: fork \
-         before OpenECMUSB, or let the child exec"
+        "this process was forked while a board was open, or was being opened or closed; the board belongs to its \
+         parent: fork before OpenECMUSB, or let the child exec"
     )]
     Forked,
     /// No open board has this handle.

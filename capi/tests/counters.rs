@@ -1,11 +1,11 @@
-//! Counters at their end, through the C functions, in whose caller no panic of ours may arrive.
+//! Counters at their maximum, through the C functions, which must not panic into their caller.
 
 use std::ffi::{CString, c_char, c_void};
 use std::io::{Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::{ptr, thread};
 
-// Brings the C functions in, which the linker finds by their names.
+// Links the C functions, which are found by their names.
 use NEXTWUSBLib as _;
 
 unsafe extern "C" {
@@ -39,7 +39,7 @@ fn message(kind: u8, payload: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// What a server says first: its greeting, and that it takes the client.
+/// A server's first messages: its greeting, and the acceptance of the client.
 fn welcome() -> Vec<u8> {
     let mut payload = vec![0; 32];
     payload.extend([12, 0]);
@@ -51,7 +51,7 @@ fn welcome() -> Vec<u8> {
     [&b"ecmsktcp\x03\x00\x00\x01\x00\x00\x00\x00"[..], &message(WELCOME, &payload)].concat()
 }
 
-/// A server that has dropped as many reports as can be counted, says so in every report and whenever it is asked.
+/// A server that has dropped as many reports as can be counted, as it states in every report and every answer.
 fn serve(mut socket: TcpStream) {
     let mut said = welcome();
     for _ in 0..4 {
@@ -70,8 +70,9 @@ fn serve(mut socket: TcpStream) {
     }
 }
 
-/// LIB-67 What another program or machine has counted may be at its end: our sums stay there, and neither begin at 0 again
-/// nor end the call with an error or a panic. The library drops reports of that server, too, since its queue holds two.
+/// LIB-67 Counters of another program or machine may be at their maximum: the library's sums stay there, and neither
+/// wrap to 0 nor end the call with an error or a panic. The library drops reports of that server, too, since its queue
+/// holds two.
 #[test]
 fn a_counter_at_its_end_stays_there() {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
@@ -81,7 +82,7 @@ fn a_counter_at_its_end_stays_there() {
     let mut board = ptr::null_mut();
     let mut stats = Stats { size: size_of::<Stats>() as u32, ..Stats::default() };
     let mut report = [0; 512];
-    // SAFETY: every pointer is to a variable of that type, and the buffer has the length that is said.
+    // SAFETY: every pointer is to a variable of that type, and the buffer has the given length.
     unsafe {
         assert_eq!(ecmsk_open(uri.as_ptr(), &mut board), 0);
         for _ in 0..2 {

@@ -135,13 +135,13 @@ pub enum ConfigError {
         found: String,
     },
     /// The file exists but cannot be read.
-    #[error("{}: {message}; make it readable or take it away", .path.display())]
+    #[error("{}: {message}; make it readable or remove it", .path.display())]
     Unreadable { path: PathBuf, message: String },
     /// The program has more rights than the user who started it, and that user or another one may have written the
     /// file.
     #[error(
-        "{}: not read, since this program runs with more rights than the user who started it and {reason}; \
-         have the file and its folder belong to root and be writable by nobody else, or take the file away",
+        "{}: not read, since this program runs with more rights than the user who started it and {reason}; make root \
+         the owner of the file and its folder, writable by nobody else, or remove the file",
         .path.display()
     )]
     WritableByOthers {

@@ -9,8 +9,8 @@ use crate::ethercat::sii::{SII_INFO_LEN, SiiIdentity};
 pub enum ContentError {
     /// The length is odd, or shorter than the first words of an EEPROM.
     #[error(
-        "{len} bytes are no content of an EEPROM, which has an even number of at least {} bytes; name a file that `ecmsk bus sii \
-         read` or `ecmsk slave sii` has written", SII_INFO_LEN + 2
+        "{len} bytes cannot be the content of an EEPROM, which has an even number of at least {} bytes; name a file \
+         that `ecmsk bus sii read` or `ecmsk slave sii` has written", SII_INFO_LEN + 2
     )]
     Len { len: usize },
     /// The content is longer than the slave's EEPROM.
@@ -18,12 +18,12 @@ pub enum ContentError {
     TooLong { len: usize, room: usize },
     /// The checksum of the first words is wrong.
     #[error(
-        "the checksum of the first 7 words is 0x{found:02X} and should be 0x{expected:02X}: no slave would load them; name a file \
-         that is whole"
+        "the checksum of the first 7 words is 0x{found:02X} and should be 0x{expected:02X}: no slave would load them; \
+         name an undamaged file"
     )]
     Checksum { found: u8, expected: u8 },
     /// The list of categories has no end.
-    #[error("the categories behind the first words are not whole ({0}); name a file that is whole")]
+    #[error("the categories after the first words are not whole ({0}); name a complete file")]
     Categories(WireError),
     /// The content is for another device: vendor or product differ.
     #[error(

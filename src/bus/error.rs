@@ -25,8 +25,8 @@ pub enum BusError {
     ChipEeprom { slave: u8, error: u8 },
     /// The link is one to a board, which gives no access to its network.
     #[error(
-        "`{link}` is a board, which tells little of its network; ask it with `ecmsk info` and `ecmsk sdo`, or take the drives' \
-         cable into a network card and name that, e.g. --link nic:eth1"
+        "`{link}` is a board, which reports little of its network; use `ecmsk info` and `ecmsk sdo` for it, or plug \
+         the drives' cable into a network card and name that, e.g. --link nic:eth1"
     )]
     IsBoard { link: String },
     /// The network card is gone; with a ring, both are.
@@ -43,8 +43,8 @@ pub enum BusError {
     Echo { frames: u64 },
     /// A slave is in OP, so another master runs the network.
     #[error(
-        "slave {slave} is in OP, so that somebody runs this network, or did until just now; end that program, and if there is \
-         none, switch the slaves off and on"
+        "slave {slave} is in OP: another master runs this network, or did until just now; end that program, or if \
+         there is none, switch the slaves off and on"
     )]
     Runs { slave: u8 },
     /// There is no slave with this number.
@@ -60,11 +60,11 @@ pub enum BusError {
     #[error("{0}; look at the AL status code in the slave's manual, and read its EEPROM with `ecmsk bus sii read`")]
     State(StateError),
     /// A slave does not support CoE.
-    #[error("slave {slave} has no objects: its EEPROM says no CoE; see `ecmsk bus sii read {slave}`")]
+    #[error("slave {slave} has no objects: its EEPROM declares no CoE; see `ecmsk bus sii read {slave}`")]
     NoCoe { slave: u8 },
     /// A slave does not support the SDO information service.
     #[error(
-        "slave {slave} does not tell which objects it has (no SDO information); read them one by one with `ecmsk bus sdo read \
+        "slave {slave} does not list its objects (no SDO information); read them one by one with `ecmsk bus sdo read \
          {slave} OBJECT`, by its manual"
     )]
     NoInformation { slave: u8 },
@@ -72,7 +72,7 @@ pub enum BusError {
     #[error("slave {slave}, object {object}: {}", sdo(.error))]
     Sdo { slave: u8, object: ObjectAddress, error: SdoError },
     /// A request of the SDO information service failed.
-    #[error("slave {slave}, what its objects are: {}", sdo(.error))]
+    #[error("slave {slave}, list of its objects: {}", sdo(.error))]
     Information { slave: u8, error: SdoError },
     /// An EEPROM could not be read or written.
     #[error("slave {slave}: {error}{}", eeprom(*.error))]
@@ -87,7 +87,7 @@ pub enum BusError {
     )]
     NotWritten { slave: u8, word: u16, wanted: u16, found: u16 },
     /// A slave does not support FoE.
-    #[error("slave {slave} has no files: its EEPROM says no FoE; see `ecmsk bus sii read {slave}`")]
+    #[error("slave {slave} has no files: its EEPROM declares no FoE; see `ecmsk bus sii read {slave}`")]
     NoFoe { slave: u8 },
     /// A file could not be read or written.
     #[error("slave {slave}, file {name}: {}", file(.error))]

@@ -20,7 +20,8 @@ pub enum CompareError {
     Recording(#[from] RecordError),
     /// The two runs have slots of different sizes.
     #[error(
-        "A has slots of {} bytes and B of {}: their frames cannot be held against each other; if one of them is wrong, give the slot size",
+        "A has slots of {} bytes and B of {}: their frames cannot be compared; if one of them is wrong, give the slot \
+         size",
         .a.bytes(),
         .b.bytes()
     )]

@@ -31,8 +31,8 @@ pub struct ReportInterface {
 pub enum NotTheBoard {
     /// The system has not selected any configuration of the device.
     #[error(
-        "this machine has not switched it on: its port or hub gives it too little power, or it is still being looked \
-         at; plug it into this machine, or into a hub with a power supply of its own"
+        "this machine has not configured it: its port or hub has too little power for it, or it is still being \
+         enumerated; plug it into this machine, or into a hub with a power supply of its own"
     )]
     Unconfigured,
     /// The descriptors cannot be read or contradict each other.

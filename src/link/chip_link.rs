@@ -112,7 +112,9 @@ pub enum ChipError {
     #[error(transparent)]
     Uri(#[from] UriError),
     /// The URI names a board and not a chip.
-    #[error("`{name}` is a board and no ECM-XF; name a chip, such as xf-sim:?slaves=drive*2; see `ecmsk link help`")]
+    #[error(
+        "`{name}` is a board and not an ECM-XF; name a chip, such as xf-sim:?slaves=drive*2; see `ecmsk link help`"
+    )]
     NotAChip { name: String },
     /// This build cannot open links with this scheme.
     #[error("link `{scheme}:` is not in this build; {hint}")]

@@ -88,8 +88,8 @@ pub enum LinkError {
     /// The connection to the board's server ended during a write, so it is not known whether the board has taken the
     /// frame.
     #[error(
-        "the connection to `{name}` ended while a frame was on its way ({reason}): whether the board took it is not \
-         known; open it again and look at the board before you send anything twice"
+        "the connection to `{name}` ended while a frame was on its way ({reason}): it is not known whether the board \
+         took it; open it again and look at the board before you send anything twice"
     )]
     Unsure {
         name: String,

@@ -4,7 +4,7 @@ use crate::address::keys::WHERE_TO_LOOK;
 
 /// Why a file of manufacturer-specific objects cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("cannot take the objects of {file}: {message}; name another file or mend it, {WHERE_TO_LOOK}")]
+#[error("cannot take the objects of {file}: {message}; name another file or correct it, {WHERE_TO_LOOK}")]
 pub struct ManufacturerObjectsError {
     /// The path of the file.
     pub file: String,

@@ -34,7 +34,7 @@ const ANSWERS: u8 = 1;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MailboxError {
     /// The slave has no mailbox, or does not support the protocol.
-    #[error("the slave has no mailbox for this protocol, as its EEPROM says")]
+    #[error("by its EEPROM the slave has no mailbox for this protocol")]
     NoMailbox,
     /// The request is longer than the mailbox.
     #[error("the request does not fit into the slave's mailbox")]
@@ -46,13 +46,13 @@ pub enum MailboxError {
     #[error("the slave does not answer; check its cable and its power")]
     NoAnswer,
     /// The timeout has passed without an answer.
-    #[error("the slave has given no answer when the time was up")]
+    #[error("the slave did not answer before the timeout")]
     TimeUp,
     /// The slave has answered with a mailbox error.
     #[error("the slave answers with {0}")]
     Fault(MailboxFault),
     /// The answer does not belong to the request, or is longer than allowed.
-    #[error("the slave's answer is none to the request")]
+    #[error("the slave's answer does not belong to the request")]
     WrongAnswer,
 }
 

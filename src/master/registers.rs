@@ -10,15 +10,15 @@ pub enum DatagramError {
     #[error("the frame did not come back; check the cables")]
     Lost,
     /// The data do not fit into a datagram.
-    #[error("{0} bytes fit into no datagram, which has room for {DATA_LEN_MAX}; ask for fewer at once")]
+    #[error("{0} bytes do not fit into a datagram, which has room for {DATA_LEN_MAX}; ask for fewer at once")]
     TooLong(usize),
     /// The scan found no slave with that number.
     #[error("there is no slave {0}; the scan found fewer")]
     NoSlave(u8),
     /// The frame came back with another working counter than the 1 that a single slave adds.
     #[error(
-        "the working counter is {0}, not 1: the slave does not answer, or has no such registers, or does not let a \
-         master write them now"
+        "the working counter is {0}, not 1: the slave does not answer, has no such registers, or does not allow \
+         writing them now"
     )]
     WorkingCounter(u16),
 }

@@ -24,8 +24,8 @@ pub enum SiiError {
     Empty(u8),
     /// The checksum is wrong, so that the slave controller loads nothing from the EEPROM.
     #[error(
-        "the checksum of the EEPROM's first words is 0x{found:02X} and should be 0x{expected:02X}: the slave's controller loads \
-         nothing of it"
+        "the checksum of the EEPROM's first words is 0x{found:02X} and should be 0x{expected:02X}: the slave \
+         controller does not load it"
     )]
     Checksum {
         /// The checksum in the EEPROM.
@@ -34,7 +34,7 @@ pub enum SiiError {
         expected: u8,
     },
     /// The end of the categories is missing.
-    #[error("the EEPROM's categories are not whole: behind word 0x{word:04X} nothing of them can be read")]
+    #[error("the EEPROM's categories are not whole: nothing after word 0x{word:04X} can be read")]
     NoEnd {
         /// The number of words that are complete.
         word: u16,

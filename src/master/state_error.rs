@@ -28,7 +28,7 @@ pub enum StateReason {
         code: AlStatus,
     },
     /// The timeout has passed.
-    #[error("it is in state 0x{:X} when the time is up", .state.code())]
+    #[error("it is in state 0x{:X} at the timeout", .state.code())]
     TimeUp {
         /// The state of the slave at the timeout.
         state: RequestedState,
@@ -43,8 +43,8 @@ pub enum StateReason {
     NoAnswer,
     /// The slave answers, but a register that the change needs could not be read or written.
     #[error(
-        "it answers, but one of its registers that this needs was not read or not written (working counter {0} instead of 1); \
-         switch it off and on, and look whether two slaves have one station address"
+        "it answers, but a register was not read or not written (working counter {0} instead of 1); switch it off and \
+         on, and check that no two slaves have the same station address"
     )]
     NotTaken(u16),
     /// The slave controller refuses the watchdog time after which it leaves OP without outputs. Without that it could

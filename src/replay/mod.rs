@@ -69,8 +69,8 @@ pub enum ReplayError {
     },
     /// The link in the recording names a file, and the caller has not allowed that.
     #[error(
-        "the link in {name} names a file ({key}={file}); a recording may come from anybody, and what it names is opened only \
-         with --allow-files; or name the model yourself with --link"
+        "the link in {name} names a file ({key}={file}); a recording may come from anybody, and files that it names \
+         are opened only with --allow-files; add that, or name the model yourself with --link"
     )]
     NamesFile {
         /// The name of the recording's file.
@@ -81,17 +81,15 @@ pub enum ReplayError {
         file: String,
     },
     /// The link is not one of a model (`sim:`, `xf-sim:`).
-    #[error(
-        "`{link}` is no model, and a real board cannot be told what time it is; name one with --link 'sim:?slaves=..'"
-    )]
+    #[error("`{link}` is no model, and the time of a real board cannot be set; name one with --link 'sim:?slaves=..'")]
     NotAModel {
         /// The URI of the link.
         link: String,
     },
     /// The link of the model has the key `record=`, and a replay makes no recording.
     #[error(
-        "`{link}` asks for a recording (record={file}), and a replay makes none: what the model answers is compared at once. Leave \
-         record= out; `ecmsk exec --record FILE` records a program that runs on the model"
+        "`{link}` asks for a recording (record={file}), and a replay makes none: it compares the model's answers at \
+         once. Leave record= out; `ecmsk exec --record FILE` records a program that runs on the model"
     )]
     Records {
         /// The URI of the link.
@@ -101,7 +99,8 @@ pub enum ReplayError {
     },
     /// The recording has no report of the board.
     #[error(
-        "{name} holds {commands} command frames of board {board} and no report: there is nothing to hold the model against; capture both directions, whole packets (snap length 0)"
+        "{name} holds {commands} command frames of board {board} and no report: there is nothing to compare the model \
+         with; capture both directions, whole packets (snap length 0)"
     )]
     NoReport {
         /// The name of the recording's file.
@@ -113,7 +112,8 @@ pub enum ReplayError {
     },
     /// The recording begins in SafeOP or OP, and the model cannot be brought into the same state.
     #[error(
-        "{name} begins with the network in {state}, and never goes below SafeOP: what the board was told before is not in it; begin the capture before the program starts, with the board just switched on"
+        "{name} begins with the network in {state}, and never goes below SafeOP: commands before that are missing; \
+         begin the capture before the program starts, with the board just switched on"
     )]
     NoStart {
         /// The name of the recording's file.

@@ -10,7 +10,7 @@ pub const PAYLOAD_MAX: usize = 1024;
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum WireError {
     /// The first bytes are not those of a server.
-    #[error("whoever listens there is no `ecmsk serve tcp`; check host and port")]
+    #[error("the program that listens there is no `ecmsk serve tcp`; check host and port")]
     NoServer,
     /// The other end has another version of the protocol.
     #[error("the other end speaks version {found} of the protocol, this one {VERSION}; use the same ecmsk on both")]

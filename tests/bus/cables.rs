@@ -12,7 +12,7 @@ fn cable(near: Option<(u8, u8)>, far: Option<(u8, u8)>) -> ProblemPlace {
     ProblemPlace::Cable { near: near.map(end), far: far.map(end) }
 }
 
-/// BUS-7.2 A cable that damages frames is found from its two ends, wherever it is. Long frames make it show.
+/// BUS-7.2 A cable that damages frames is found by the counters at its two ends, wherever it is. Long frames reveal it.
 #[test]
 fn the_bad_cable_of_a_line_is_found() {
     for bad in 1..=4 {
@@ -32,7 +32,8 @@ fn the_bad_cable_of_a_line_is_found() {
     }
 }
 
-/// BUS-7.1 All counters are read and cleared. BUS-7.2 A link that was lost is the cable's at that port, with whoever is there now.
+/// BUS-7.1 All counters are read and cleared. BUS-7.2 A lost link is attributed to the cable at that port, with the
+/// slave that is there now.
 #[test]
 fn a_lost_link_is_counted_and_cleared() {
     let (mut network, slaves) = with_script("io*3", "at 1s cut 3 for 200ms\nat 2s cut 3\n");
@@ -51,8 +52,8 @@ fn a_lost_link_is_counted_and_cleared() {
     assert_eq!(problems.iter().map(|problem| problem.place).collect::<Vec<_>>(), [cable(Some((2, 1)), None)]);
 }
 
-/// BUS-7.2 In a tree the cable of a branch is blamed, and forwarded errors blame none; wrong frames are the master's, errors of a
-/// slave's own controller its own.
+/// BUS-7.2 In a tree errors are attributed to the cable of a branch, forwarded errors to none; invalid frames to the
+/// master, errors of a slave's own controller to that slave.
 #[test]
 fn counters_in_a_tree() {
     let (_, mut slaves) = network("io*4");
@@ -79,7 +80,7 @@ fn counters_in_a_tree() {
     assert_eq!(own, [ProblemPlace::Slave(4), ProblemPlace::Master]);
 }
 
-/// What was counted since is the difference; of a counter that was cleared it is what stands there.
+/// The errors since a reading are the difference; for a counter cleared since, its present value.
 #[test]
 fn counters_since_a_moment() {
     let of = |invalid, pdi| {

@@ -1,4 +1,4 @@
-//! A network that an ECM-XF has.
+//! The network of an ECM-XF.
 
 use std::time::Duration;
 
@@ -37,8 +37,8 @@ fn a_chip_is_a_network() {
     assert!(said.contains("no slave answers"), "{said}");
 }
 
-/// BUS-8.2 What a slave says of its objects, and its files, come through its mailbox as they do from a network card; the chip's own
-/// SDOs go on between, none is taken for a repeat.
+/// BUS-8.2 A slave's dictionary and files are read through its mailbox as over a network card; the chip's own SDOs go
+/// on in between, and none is taken for a repeat.
 #[test]
 fn dictionaries_and_files_behind_a_chip() {
     let list = "drive,io,dp3cl";
@@ -51,13 +51,13 @@ fn dictionaries_and_files_behind_a_chip() {
         for object in &objects {
             let entries = dictionary::entries(&mut *on_chip, slave, object).expect("they are described");
             assert_eq!(entries, dictionary::entries(&mut *on_card, slave, object).expect("they are described"));
-            // Each of them by the chip's own SDO.
+            // Each object by the chip's own SDO.
             for entry in &entries {
                 dictionary::value(&mut *on_chip, slave, entry).expect("an answer");
             }
         }
     }
-    // A message goes in eleven parts where packets are the shortest.
+    // With the shortest packets a message takes eleven parts.
     let (mut short, _) = network("xf-sim:?slaves=drive&n=32&use_n=32");
     let object = &dictionary::objects(&mut *short, 1).expect("a dictionary")[0];
     assert_eq!(object, &dictionary::objects(&mut *on_card, 1).expect("a dictionary")[0]);
@@ -71,7 +71,7 @@ fn dictionaries_and_files_behind_a_chip() {
     let said = refused(on_chip.read_file(1, "none", 0));
     assert!(said.contains("not found"), "{said}");
     let said = refused(on_chip.read_file(3, "a", 0));
-    assert!(said.contains("slave 3 has no files: its EEPROM says no FoE"), "{said}");
+    assert!(said.contains("slave 3 has no files: its EEPROM declares no FoE"), "{said}");
     let said = refused(on_chip.object_list(4));
     assert!(said.contains("there is no slave 4"), "{said}");
 }
@@ -94,7 +94,7 @@ fn registers_eeproms_and_clocks() {
     assert_eq!(network.read_eeprom(2).expect("an EEPROM"), content);
     let clocks = clocks::measure(&mut *network, &slaves, Duration::from_millis(100)).expect("clocks");
     assert_eq!(clocks.iter().map(|clock| (clock.slave, clock.delay_ns)).collect::<Vec<_>>(), [(1, 0), (2, 310)]);
-    // In Init a slave takes no wrong step, and says so.
+    // In Init a slave refuses an invalid change of state with an error.
     network.write(1, AL_CONTROL, &[8, 0]).expect("a register");
     network.wait(Duration::from_millis(10)).expect("time");
     let mut status = [0; 2];
@@ -102,7 +102,7 @@ fn registers_eeproms_and_clocks() {
     assert_eq!(status[0], 0x11);
 }
 
-/// A chip with these slaves, to which that happens.
+/// A chip with these slaves and that script.
 fn scripted(slaves: &str, script: &str) -> Box<dyn Network> {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("a.ecmscript");
@@ -110,7 +110,7 @@ fn scripted(slaves: &str, script: &str) -> Box<dyn Network> {
     bus::open(&format!("xf-sim:?slaves={slaves}&script={}", file.display())).expect("a network")
 }
 
-/// BUS-8.1 Slaves that refuse a state, and mailboxes that a cut cable takes away, are told by the numbers of this network.
+/// BUS-8.1 Slaves that refuse a state, and mailboxes behind a cut cable, are reported by this network's numbers.
 #[test]
 fn what_fails_behind_a_chip_names_the_slave() {
     let mut refuses = scripted("io*2", "at 1ms refuse 2 preop\n");

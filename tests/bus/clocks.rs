@@ -7,8 +7,8 @@ use ecmsk::ethercat::registers::SYSTEM_TIME_OFFSET;
 
 use crate::network;
 
-/// Clocks are judged once they have come together. The first slave with a clock is the reference; the others are measured, those without a clock are left out. Crystals
-/// drift, and stay together.
+/// Clocks are judged once they have converged. The first slave with a clock is the reference; the others are measured,
+/// those without a clock are left out. Crystals drift, and the clocks stay synchronous.
 #[test]
 fn clocks_are_measured_against_the_reference() {
     let (mut network, slaves) = network("io,drive*3,io");
@@ -22,14 +22,14 @@ fn clocks_are_measured_against_the_reference() {
         assert!(ahead.min_ns <= ahead.mean_ns && ahead.mean_ns <= ahead.max_ns && ahead.max_ns < 0, "{ahead:?}");
     }
     let (mut network, slaves) = crate::network("drive*2");
-    // So far away that a clock needs some seconds: it is slewed by 1 us each time that it is told the reference's.
+    // An offset for which a clock needs some seconds: it is slewed by 1 us each time it gets the reference's time.
     let mut offset = [0; 8];
     network.read(2, SYSTEM_TIME_OFFSET, &mut offset).expect("it is read");
     let offset = u64::from_le_bytes(offset) + 5_000_000;
     network.write(2, SYSTEM_TIME_OFFSET, &offset.to_le_bytes()).expect("it is written");
     let clocks = clocks::measure(&mut *network, &slaves, Duration::from_millis(500)).expect("it is measured");
     assert!(clocks[1].ahead.is_some_and(|ahead| ahead.is_good() && ahead.count == 50), "{:?}", clocks[1]);
-    // One that never comes near is measured all the same.
+    // A clock that never converges is measured, too.
     network.write(2, SYSTEM_TIME_OFFSET, &(offset + 50_000_000).to_le_bytes()).expect("it is written");
     let clocks = clocks::measure(&mut *network, &slaves, Duration::from_millis(100)).expect("it is measured");
     assert!(clocks[1].ahead.is_some_and(|ahead| !ahead.is_good()), "{:?}", clocks[1]);

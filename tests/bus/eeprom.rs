@@ -5,7 +5,7 @@ use ecmsk::ethercat::sii::{Sii, checksum};
 
 use crate::{network, refused};
 
-/// The words that change are found, written, and read back; a scan shows them.
+/// Changed words are found, written, and read back; a scan shows them.
 #[test]
 fn changed_words_are_written_and_read_back() {
     let (mut network, _) = network("drive*2");
@@ -28,7 +28,7 @@ fn changed_words_are_written_and_read_back() {
     assert_ne!(network.read_eeprom(1).expect("an EEPROM"), content, "that of the other slave is as it was");
 }
 
-/// Behind its end an EEPROM takes no word.
+/// An EEPROM refuses words beyond its end.
 #[test]
 fn behind_its_end_nothing_is_written() {
     let (mut network, _) = network("io");

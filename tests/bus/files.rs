@@ -2,7 +2,7 @@
 
 use crate::{network, refused};
 
-/// BUS-5.1 A file is written and read back, of any length; what the slave refuses is told with its error.
+/// BUS-5.1 A file of any length is written and read back; a refusal is reported with the slave's error.
 #[test]
 fn files_are_moved_both_ways() {
     let (mut network, _) = network("drive,dp3cl");
@@ -17,6 +17,6 @@ fn files_are_moved_both_ways() {
     let said = refused(network.read_file(1, "none", 0));
     assert!(said.contains("not found") && said.contains("manual"), "{said}");
     for said in [refused(network.read_file(2, "a", 0)), refused(network.write_file(2, "a", 0, &[]))] {
-        assert!(said.contains("slave 2 has no files: its EEPROM says no FoE"), "{said}");
+        assert!(said.contains("slave 2 has no files: its EEPROM declares no FoE"), "{said}");
     }
 }

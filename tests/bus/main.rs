@@ -1,10 +1,10 @@
-//! What `ecmsk::bus` tells of a network, on simulated slaves in virtual time.
+//! `ecmsk::bus` on simulated slaves in virtual time.
 //!
-//! - `network.rs`: which networks there are, the scan, cut cables
+//! - `network.rs`: kinds of networks, the scan, cut cables
 //! - `objects.rs`, `eeprom.rs`, `files.rs`, `clocks.rs`: SDO, SII, FoE, distributed clocks
 //! - `cables.rs`: error counters, and which cable is bad
 //! - `chip.rs`: an ECM-XF
-//! - `odd_line.rs`: slaves of another descent than our models
+//! - `odd_line.rs`: slaves with an implementation of their own, independent of the models
 
 mod cables;
 mod chip;
@@ -17,7 +17,7 @@ mod odd_line;
 
 use ecmsk::bus::{self, BusError, FoundSlave, Network};
 
-/// The network of these slaves with its slaves, to which what the script says happens.
+/// The network of these slaves with its slaves, and that script.
 fn with_script(slaves: &str, script: &str) -> (Box<dyn Network>, Vec<FoundSlave>) {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("script.ecmscript");

@@ -1,4 +1,4 @@
-//! Which networks there are, what a scan finds, and what a cut cable ends.
+//! Kinds of networks, the scan, and the effects of a cut cable.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use ecmsk::ethercat::{AlState, AlStatus};
 
 use crate::{network, refused, with_script};
 
-/// A board's link is refused with what can be done instead; a link that is wrong, and one without slaves, are told.
+/// A board's link is refused with the alternative; an invalid link, and one without slaves, are reported.
 #[test]
 fn a_board_is_no_network() {
     for link in ["usb:", "spi:/dev/spidev0.0", "tcp://press:4000"] {
@@ -45,7 +45,8 @@ fn slaves_are_found_in_their_order() {
     assert_eq!(kind, [0x11]);
 }
 
-/// Where a slave was before is read first; all are in Init then, and what needs a mailbox brings one slave to PreOP.
+/// A slave's state is read before the scan. Then all are in Init, and a call that needs a mailbox brings one slave to
+/// PreOP.
 #[test]
 fn states_are_told_and_none_is_above_preop() {
     let (mut network, slaves) = network("io*2");
@@ -57,7 +58,7 @@ fn states_are_told_and_none_is_above_preop() {
         status[0]
     };
     assert_eq!([1, 2].map(|slave| state(&mut *network, slave)), [1, 2]);
-    // A step that is refused leaves an error behind.
+    // A refused change of state sets an error.
     network.write(2, AL_CONTROL, &[8, 0]).expect("a register");
     network.wait(Duration::from_millis(10)).expect("time");
     let found = network.scan().expect("slaves");
@@ -66,7 +67,7 @@ fn states_are_told_and_none_is_above_preop() {
     assert_eq!([1, 2].map(|slave| state(&mut *network, slave)), [1; 2]);
 }
 
-/// There is no slave 0, and none behind the last one; a slave that is gone is told from one that refuses.
+/// There is no slave 0, and none after the last one; a lost slave is distinguished from one that refuses.
 #[test]
 fn a_cut_cable_ends_everything() {
     let (mut network, _) = network("io");

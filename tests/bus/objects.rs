@@ -6,7 +6,7 @@ use ecmsk::ethercat::sii::{CategoryKind, Sii, checksum};
 
 use crate::{network, refused};
 
-/// BUS-3.1 All objects by the slave's own word, each with its sub-indices, types, rights and values.
+/// BUS-3.1 All objects of the slave's own dictionary, each with its sub-indices, types, rights and values.
 #[test]
 fn the_dictionary_of_a_slave() {
     let (mut network, _) = network("drive");
@@ -27,7 +27,7 @@ fn the_dictionary_of_a_slave() {
     assert!(matches!(dictionary::value(&mut *network, 1, &missing), Ok(Some(Err(_)))));
 }
 
-/// Single objects are read and written; aborts are told in words.
+/// Single objects are read and written; aborts are reported as texts.
 #[test]
 fn single_objects() {
     let (mut network, _) = network("drive");
@@ -40,7 +40,7 @@ fn single_objects() {
     assert!(said.contains("read-only object") && said.contains("manual"), "{said}");
 }
 
-/// What the EEPROM says of the mailbox decides: without CoE there are no objects, without SDO information no dictionary.
+/// The EEPROM's data about the mailbox decide: without CoE there are no objects, without SDO information no dictionary.
 #[test]
 fn slaves_without_objects_or_a_dictionary_are_told() {
     let (mut network, _) = network("io");
@@ -63,7 +63,7 @@ fn slaves_without_objects_or_a_dictionary_are_told() {
         refused(network.object_list(1)),
         refused(dictionary::objects(&mut *network, 1)),
     ] {
-        assert!(said.contains("slave 1 has no objects: its EEPROM says no CoE"), "{said}");
+        assert!(said.contains("slave 1 has no objects: its EEPROM declares no CoE"), "{said}");
     }
     assert_eq!(checksum(content.first_chunk().expect("14 bytes")), content[14], "the protocols are not covered by it");
 }

@@ -1,4 +1,4 @@
-//! Slaves of another descent than our models: `support::odd_line`.
+//! Slaves with an implementation of their own, independent of the models: `support::odd_line`.
 
 use std::time::Duration;
 
@@ -16,8 +16,8 @@ fn scanned(line: &OddLine) -> (Box<dyn Network>, Vec<FoundSlave>) {
     (network, slaves)
 }
 
-/// Clocks whose crystals drift by 5, 20 and 50 ppm are judged good, however long nobody has brought them the time of the reference:
-/// after they have come together.
+/// Clocks whose crystals drift by 5, 20 and 50 ppm are judged good after they have converged, however long they had no
+/// time of the reference before.
 #[test]
 fn drifting_clocks_raise_no_false_alarm() {
     const FOR_LONG: u64 = 2_000_000_000;
@@ -44,7 +44,7 @@ fn drifting_clocks_raise_no_false_alarm() {
     }
 }
 
-/// A slave that keeps the counter of its mailbox over Init answers in one look after another, whatever counter it has kept.
+/// A slave that keeps its mailbox' counter over Init answers in consecutive inspections, for any value of the counter.
 #[test]
 fn one_look_after_another() {
     let line = OddLine::new([drive().with(|slave| slave.mailbox.keeps_counter = true)]);
@@ -60,7 +60,7 @@ fn one_look_after_another() {
     }
 }
 
-/// BUS-2.3 What is wrong with an EEPROM is named, and nothing is said of process data that it does not know of.
+/// BUS-2.3 Errors of an EEPROM are named, and nothing is reported about process data that it does not describe.
 #[test]
 fn what_is_wrong_with_an_eeprom_is_named() {
     let blank = |byte| OddSlave::new(vec![byte; 2048], Device::None);
@@ -89,7 +89,8 @@ fn what_is_wrong_with_an_eeprom_is_named() {
     assert_eq!(slaves[5].process_bytes, (Some(6), Some(10)));
 }
 
-/// An EEPROM that acknowledges nothing for some time after each word is written and read back; one whose commands take 60 ms, too.
+/// An EEPROM that does not acknowledge for some time after each word is written and read back; one whose commands take
+/// 60 ms, too.
 #[test]
 fn slow_eeproms_are_written() {
     for (busy_ns, silent_ns) in [(0, 8_000_000), (60_000_000, 0), (2_000_000, 50_000_000)] {
@@ -106,7 +107,7 @@ fn slow_eeproms_are_written() {
     }
 }
 
-/// BUS-3.1 The dictionary of a slave by its own word, in fragments.
+/// BUS-3.1 The dictionary of a slave, in fragments.
 #[test]
 fn a_dictionary_in_fragments() {
     let line = OddLine::new([coupler(), drive()]);
@@ -117,8 +118,8 @@ fn a_dictionary_in_fragments() {
     assert_eq!(dictionary::entries(&mut *network, 2, identity).expect("its entries").len(), 5);
 }
 
-/// A state with an error is told with its code. A slave that refuses PreOP is named with the code in words, and not as one that does
-/// not answer.
+/// A state with an error is reported with its code. A slave that refuses PreOP is named with the code's text, and not
+/// as one that does not answer.
 #[test]
 fn states_and_refusals() {
     let line = OddLine::new([drive()]);
@@ -131,16 +132,16 @@ fn states_and_refusals() {
     assert!(said.contains("0x0016 (") && !said.contains("does not answer"), "{said}");
 }
 
-/// A slave whose mailbox is mute answers, and is not said to be gone.
+/// A slave whose mailbox does not answer is not reported as lost.
 #[test]
 fn a_mute_mailbox_is_no_lost_slave() {
     let line = OddLine::new([drive().with(|slave| slave.mailbox.is_mute = true)]);
     let (mut network, _) = scanned(&line);
     let said = refused(network.upload(1, ObjectAddress::new(0x1018, 1), SdoScope::Entry));
-    assert!(said.contains("no answer when the time was up") && !said.contains("power"), "{said}");
+    assert!(said.contains("did not answer before the timeout") && !said.contains("power"), "{said}");
 }
 
-/// BUS-2.3 Frames whose source address comes back unchanged are said to be no slave's.
+/// BUS-2.3 Frames whose source address returns unchanged are reported as not processed by a slave.
 #[test]
 fn an_unchanged_source_is_told() {
     let line = OddLine::new([drive()]).keeping_the_source();

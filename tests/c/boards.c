@@ -1,4 +1,4 @@
-/* The functions beside the vendor's: several boards by URI, handles that are not trusted, facts of a board. */
+/* The functions besides the vendor's: several boards by URI, validated handles, facts of a board. */
 #include "check.h"
 
 #include <limits.h>
@@ -90,7 +90,7 @@ static void facts(ecmsk_board *board)
     size_t needed = 0, i;
     unsigned kind;
 
-    /* A program built with an older, shorter structure gets what it has room for. */
+    /* A program built with an older, shorter structure gets the part that fits. */
     memset(&stats, 0xA5, sizeof stats);
     stats.size = 16;
     CHECK(ecmsk_get_stats(board, &stats) == ECMSK_OK);
@@ -111,7 +111,7 @@ static void facts(ecmsk_board *board)
     CHECK(ecmsk_get_stats(board, NULL) == ECMSK_ERROR_ARGUMENT);
     CHECK(ecmsk_get_counters(board, NULL) == ECMSK_ERROR_ARGUMENT);
 
-    /* Counters move with what happens: a frame with a command that no guide knows. */
+    /* Counters change with events: a frame with an undocumented command. */
     counters.size = sizeof counters;
     CHECK(ecmsk_get_counters(board, &counters) == ECMSK_OK);
     CHECK(counters.size == sizeof counters);
@@ -120,7 +120,7 @@ static void facts(ecmsk_board *board)
         memset(command, 0, sizeof command);
         command[0].CMD = 0x77;
         CHECK(ecmsk_write(board, (unsigned char *)command, sizeof command, ECMSK_WAIT_LINK) == ECMSK_OK);
-        /* A thread may run the board: it shows its counters a cycle later. */
+        /* If a thread runs the board, it shows its counters a cycle later. */
         for (i = 0; i < 1000 && counters.frames == frames; i++) {
             state_of(board);
             counters.size = sizeof counters;
@@ -164,7 +164,7 @@ static void timeouts(ecmsk_board *board)
     CHECK(ecmsk_read(board, report, sizeof report, -3) == ECMSK_ERROR_ARGUMENT);
     CHECK(ecmsk_write(board, report, sizeof report, INT64_MIN) == ECMSK_ERROR_ARGUMENT);
     CHECK(last_error_has("ECMSK_WAIT_FOREVER"));
-    /* Without waiting: a report that is there, or a timeout that leaves the buffer alone. */
+    /* Without waiting: an available report, or a timeout that leaves the buffer unchanged. */
     for (i = 0; i < 100; i++) {
         ecmsk_result result;
         memset(report, 0xA5, sizeof report);
@@ -216,7 +216,7 @@ int main(void)
     CHECK(ecmsk_close(board) == ECMSK_OK);
     CHECK(ecmsk_close(board) == ECMSK_ERROR_HANDLE);
 
-    /* The board of OpenECMUSB has a handle too. */
+    /* The board of OpenECMUSB also has a handle. */
     board = ecmsk_vendor_board();
     CHECK(ecmsk_read(board, buffer, sizeof buffer, 0) == ECMSK_ERROR_CLOSED);
     CHECK(OpenECMUSB());

@@ -1,5 +1,5 @@
-/* Threads that are cancelled in the library: the call that is under way comes to its end, and the thread ends after it,
- * where the program itself waits or looks (pthread_testcancel). Whoever comes next finds the board as it should be. */
+/* Threads that are cancelled in the library: the pending call completes, and the thread ends after it, where the
+ * program itself waits or tests (pthread_testcancel). The next thread finds the board in a valid state. */
 #include "check.h"
 
 #include <pthread.h>
@@ -7,7 +7,7 @@
 
 static volatile int reading, ended, went_on;
 
-/* Cancelled before its first call: every call is made whole, one that opens or closes a board too. */
+/* Cancelled before its first call: every call completes, also one that opens or closes a board. */
 static void *cancelled_before(void *unused)
 {
     (void)unused;

@@ -1,4 +1,4 @@
-/* What the C programs of the tests share. */
+/* Shared by the C programs of the tests. */
 #ifndef CHECK_H
 #define CHECK_H
 
@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Ends the program with a message if `holds` does not hold. */
+/* Ends the program with a message if `holds` is false. */
 #define CHECK(holds)                                                                                       \
     do {                                                                                                   \
         if (!(holds)) {                                                                                    \
@@ -18,7 +18,7 @@
         }                                                                                                  \
     } while (0)
 
-/* Frames as programs have them. */
+/* Frames as in programs. */
 static transData command[DEF_MA_MAX];
 static transData response[DEF_MA_MAX];
 
@@ -39,10 +39,10 @@ static inline bool master(unsigned short id, unsigned short parm, unsigned data1
     return write_command();
 }
 
-/* Says that every slave is a drive. Before SET_STATE: by default all are IO, and a drive does not go to SafeOP as IO. */
+/* Declares every slave as a drive. Before SET_STATE: by default all are IO, and a drive does not go to SafeOP as IO. */
 static inline void declare_drives(void) { CHECK(master(SET_AXIS, 0, 0, 0)); }
 
-/* Asks for a state and reads until the board is there. */
+/* Requests a state and reads until the board has reached it. */
 static inline void go_to(unsigned wanted)
 {
     int reads;

@@ -1,4 +1,5 @@
-/* Axis 1 goes to 2500 by CSP, and every frame is accounted for. Argument: tcp: the board is served, and has no counters. */
+/* Axis 1 moves to 2500 by CSP, and every frame is accounted for. Argument: tcp: the board is served, and has no
+ * counters. */
 #include "check.h"
 
 #define STEPS 50

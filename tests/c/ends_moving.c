@@ -1,6 +1,6 @@
-/* A program that ends while axis 1 turns in CSV. Argument: how. close: it closes the board first; return, fails, exit,
- * abort: it does not; waits: it ends by nothing at all, until somebody kills it; forks, clones: the same, with a child that lives for
- * two minutes; handler: a handler of SIGUSR1 that has interrupted a read never returns, and says `stuck`. */
+/* A program that ends while axis 1 turns in CSV. Argument: how. close: it closes the board first; return, fails,
+ * exit, abort: it does not; waits: it does not end until it is killed; forks, clones: the same, with a child that lives
+ * for two minutes; handler: a handler of SIGUSR1 that has interrupted a read never returns, and says `stuck`. */
 #define _GNU_SOURCE
 #include "check.h"
 

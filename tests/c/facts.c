@@ -1,5 +1,5 @@
-/* Counters and statistics that only trouble moves: a mode that cannot be written back after homing, commands for a slave
-   that is lost, frames that a link loses or doubles. */
+/* Counters and statistics of failures: a mode that cannot be written back after homing, commands for a lost slave,
+ * frames that a link loses or duplicates. */
 #include "check.h"
 
 static ecmsk_counters counters_now(void)
@@ -68,7 +68,7 @@ static void faults(void)
     CHECK(stats.write_faults.corrupted == 0 && stats.read_faults.corrupted == 0);
     CHECK(stats.write_faults.delayed == 0 && stats.read_faults.delayed == 0);
     CHECK(stats.disconnected == 0);
-    /* A program that knows the first version of the structure is given as much. */
+    /* A program with the first version of the structure gets that part. */
     stats.size = 56;
     stats.disconnected = 77;
     CHECK(ecmsk_get_stats(board, &stats) == ECMSK_OK);

@@ -1,5 +1,5 @@
-/* Forks while another thread opens, uses and closes the board, over and over. Each child either has the library whole, or
- * none of it: then every call fails at once with the reason. None of them hangs, neither in a call nor when it exits. */
+/* Forks while another thread opens, uses and closes the board repeatedly. In each child the library either works
+ * completely, or every call fails at once with the reason. No child hangs, neither in a call nor at its exit. */
 #define _DEFAULT_SOURCE
 #include "check.h"
 

@@ -1,5 +1,5 @@
-/* A child of a program whose board is open has no board: every call is false at once, and its parent's goes on. A child
- * that was forked before Open, or after Close, may open its own. */
+/* The child of a program with an open board has no board: every call returns false at once, and the parent's board
+ * goes on. A child that was forked before Open, or after Close, may open its own. */
 #define _DEFAULT_SOURCE
 #include "check.h"
 

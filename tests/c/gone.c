@@ -1,7 +1,7 @@
-/* Threads that are ended by force while they wait in the library, which frees nothing of them: every other thread reads and
- * writes, closes and opens, as if they had never been there. With the argument `cancel` threads are cancelled, which stay in
- * their calls until those end. With `receives` the system ends a thread in the call that takes bytes from a server: the board is
- * lost then. */
+/* Threads that are killed while they wait in the library, so that nothing of them is freed: every other thread reads
+ * and writes, closes and opens, as if they had never existed. With the argument `cancel` threads are cancelled, which
+ * stay in their calls until those end. With `receives` the system ends a thread in the call that takes bytes from a
+ * server: the board is lost then. */
 #define _GNU_SOURCE
 #include "check.h"
 
@@ -89,7 +89,8 @@ static pthread_t start(unsigned char *buffer)
     if (by_receipt) {
         return thread;
     }
-    /* It has just got a report, the next one is far, and it waits for it: on a machine that stood still meanwhile, too. */
+    /* It has just read a report and waits for the next one, which is far away: also on a machine that stalled
+     * meanwhile. */
     while (!sleeps()) {
         sched_yield();
     }
@@ -109,7 +110,7 @@ static void open_board(void)
     go_to(STATE_OPERATIONAL);
 }
 
-/* What a program does next. */
+/* The program's next calls. */
 static void goes_on(void)
 {
     CHECK(write_command());
@@ -128,11 +129,11 @@ int main(int count, char **arguments)
     signal(SIGUSR2, end_thread);
     open_board();
     for (round = 0; round < ROUNDS; round++) {
-        /* One that waits, and in every second round another one behind it. */
+        /* One waiting thread, and in every second round a second one. */
         pthread_t first = start(buffers[0]);
         pid_t first_number = number;
         if (by_cancel) {
-            /* It stays in its call, which harms nobody, and ends with it. */
+            /* It stays in its call, which does no harm, and ends with it. */
             CHECK(pthread_cancel(first) == 0);
         } else {
             CHECK(by_receipt || pthread_kill(first, SIGUSR2) == 0);

@@ -1,12 +1,12 @@
-/* A read that fails leaves what the vendor's library leaves: the frame that was moved last, in whichever direction, as many
- * bytes of it as the caller has asked for, and not a byte beyond. */
+/* After a failed read the buffer is as with the vendor's library: it holds the last transferred frame of either
+ * direction, in the requested length, and no byte beyond is written. */
 #include "check.h"
 
 enum { FRAME = 512 };
 
 static unsigned char last[FRAME];
 
-/* Reads of every length fail and leave the last frame. */
+/* Reads of every length fail and return the last frame. */
 static void reads_leave_the_last_frame(void)
 {
     static const unsigned long lengths[] = {1, 2, 3, 11, 12, 503, 504, 505, 511, 512, 513, 600, 0x7FFFFFFF};
@@ -30,7 +30,7 @@ static bool writes(unsigned char with, unsigned long length)
 {
     unsigned char frame[FRAME];
     memset(frame, 0, sizeof frame);
-    /* The command of slot 1 and behind the slots: none that means something. */
+    /* The command of slot 1 and the bytes after the slots: without a meaning. */
     memset(frame + 16, with, 8);
     memset(frame + 504, with, 8);
     memcpy(last, frame, length);
@@ -47,7 +47,7 @@ int main(void)
 {
     int tries;
 
-    /* Nothing was moved: 0. */
+    /* No frame was transferred: 0. */
     reads_leave_the_last_frame();
     CHECK(OpenECMUSB());
     CloseECMUSB();
@@ -78,7 +78,7 @@ int main(void)
     CHECK(!ECMUSBWrite(last, 0));
     reads_leave_the_last_frame();
 
-    /* The board goes: a program that looks at the state byte and not at the result does not believe in OP for ever. */
+    /* The board is lost: a program that checks the state byte instead of the result does not see OP forever. */
     CHECK(OpenECMUSB());
     declare_drives();
     go_to(STATE_OPERATIONAL);

@@ -6,7 +6,7 @@
 #ifdef _WIN32
 #include <windows.h>
 
-/* Room before a page that nobody may touch: where that one begins. */
+/* Memory before an inaccessible page: the begin of that page. */
 static unsigned char *new_edge(void)
 {
     size_t page = 4096;
@@ -19,7 +19,7 @@ static unsigned char *new_edge(void)
 #include <sys/mman.h>
 #include <unistd.h>
 
-/* Room before a page that nobody may touch: where that one begins. */
+/* Memory before an inaccessible page: the begin of that page. */
 static unsigned char *new_edge(void)
 {
     size_t page = (size_t)sysconf(_SC_PAGESIZE);
@@ -67,9 +67,9 @@ int main(void)
 
         memset(at_the_edge(600), 0xA5, 600);
         CHECK(ECMUSBRead(buffer, lengths[i]));
-        /* What stands before the buffer is none of the library's business either. */
+        /* Bytes before the buffer must not be accessed either. */
         CHECK(is_filled_with(at_the_edge(600), 600 - counts, 0xA5));
-        /* All that counts is written: outside OP a report begins with id 0, and no byte of it is 0xA5 by chance. */
+        /* All bytes are written: outside OP a report begins with id 0, and no byte of it happens to be 0xA5. */
         CHECK(memchr(buffer, 0xA5, counts) == NULL);
     }
 
@@ -84,7 +84,7 @@ int main(void)
         CHECK(ECMUSBWrite(odd, 512));
     }
 
-    /* A length of 0 and a NULL take no report and move nothing. */
+    /* A length of 0 and a NULL read no report and transfer nothing. */
     before = reports_read();
     memset(whole, 0xA5, sizeof whole);
     CHECK(!ECMUSBRead(whole, 0));
@@ -100,7 +100,7 @@ int main(void)
     CHECK(ECMUSBRead(whole, 512));
     CHECK(reports_read() == before + 1);
 
-    /* A short command counts: 8 bytes hold a whole SET_STATE. */
+    /* A short command is valid: 8 bytes hold a whole SET_STATE. */
     memset(command, 0, sizeof command);
     command[0].CMD = SET_STATE;
     command[0].Data1 = STATE_INIT;

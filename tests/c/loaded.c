@@ -1,5 +1,5 @@
-/* The library loaded by name, as other languages do: the whole of the register that bool comes back in is 0 or 1, and
- * unloading it while its board is open harms nothing. Argument: the library's file. */
+/* The library loaded by name, as in other languages: the whole register of the returned bool is 0 or 1, and
+ * unloading the library while its board is open does no harm. Argument: the library's file. */
 #define _DEFAULT_SOURCE
 #include <dlfcn.h>
 #include <stdio.h>

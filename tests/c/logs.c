@@ -1,5 +1,5 @@
-/* A program whose calls fail, each for a line of the log. Arguments: how many; then "fork": a child does the same first. It says
- * `ok`, and ends when its standard input does. */
+/* A program whose calls fail, each with a line in the log. Arguments: how many; then "fork": a child does the same
+ * first. It prints `ok`, and ends with its standard input. */
 #define _DEFAULT_SOURCE
 #include "check.h"
 

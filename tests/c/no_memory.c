@@ -1,5 +1,6 @@
-/* A system without memory. For each amount of it a child has so much left and no more; it opens, writes and reads, and ends by
- * itself, with or without a board. With the argument `ecmsk_open` it does so by the functions for several boards. */
+/* A system without memory. For each amount there is a child with only that much left; it opens, writes and reads,
+ * and ends by itself, with or without a board. With the argument `ecmsk_open` it uses the functions for several boards.
+ * */
 #define _DEFAULT_SOURCE
 #include "check.h"
 
@@ -7,7 +8,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-/* The exit codes of a child: all went well, or a call has failed and said why. */
+/* The exit codes of a child: all calls succeeded, or a call has failed with a reason. */
 enum { WELL = 0, TOLD = 3 };
 enum { SMALL_STEP = 96 * 1024, LARGE_STEP = 2 * 1024 * 1024, MOST = 64 * 1024 * 1024 };
 
@@ -35,7 +36,7 @@ static void leave_only(unsigned long more)
 
 static int opens_by_uri(void)
 {
-    /* What a program finds there must not be taken for a board. */
+    /* A returned value must not be a false handle. */
     ecmsk_board *board = (ecmsk_board *)command;
     ecmsk_result result = ecmsk_open(getenv("ECMSK_LINK"), &board);
     if (result != ECMSK_OK) {

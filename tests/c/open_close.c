@@ -1,4 +1,4 @@
-/* Open twice, close twice, open again: the board goes on, and is found again as it was left. */
+/* Open twice, close twice, open again: the board goes on, and is found again unchanged. */
 #include "check.h"
 
 int main(void)
@@ -12,7 +12,7 @@ int main(void)
     declare_drives();
     go_to(STATE_OPERATIONAL);
 
-    /* Goes on working: a second Open does not start anything anew. */
+    /* It goes on working: a second Open does not restart anything. */
     CHECK(OpenECMUSB());
     CHECK(read_response());
     CHECK(state() == STATE_OPERATIONAL);

@@ -1,4 +1,4 @@
-/* SW_RESET drops the connection: every call is false until Open, which needs no Close before it. */
+/* SW_RESET drops the connection: every call returns false until Open, which needs no Close before it. */
 #include "check.h"
 
 int main(void)

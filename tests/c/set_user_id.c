@@ -1,5 +1,5 @@
-/* Prints on one line each whether OpenECMUSB opens a board, and which or why not; with an argument ecmsk_open with that
-   link. Installed set-user-ID root and run by somebody else. */
+/* Prints, one per line, whether OpenECMUSB opens a board, and which one or why not; with an argument, the same for
+ * ecmsk_open with that link. Installed set-user-ID root and run by another user. */
 #include "check.h"
 
 int main(int arguments, char **argument)

@@ -1,5 +1,5 @@
-/* A program that opens its board, then blocks SIGINT in its own thread to take it from a signalfd, as programs with an
- * event loop do: the signal must not end it in a thread of the library's. */
+/* A program that opens its board, then blocks SIGINT in its own thread to take it from a signalfd, as programs with
+ * an event loop do: the signal must not end the program through a thread of the library. */
 #define _GNU_SOURCE
 #include "check.h"
 

@@ -1,4 +1,4 @@
-/* A thread with as little stack as the system allows, 16 kB, writes and reads: as much as the vendor's library needs. */
+/* A thread with as little stack as the system allows, 16 kB, writes and reads: the vendor's library needs as much. */
 #define _GNU_SOURCE
 #include "check.h"
 
@@ -38,7 +38,7 @@ int main(void)
     pthread_attr_t attributes;
     pthread_t thread;
     void *line = NULL;
-    /* Below the stack nobody may touch a byte. */
+    /* Bytes below the stack are inaccessible. */
     char *memory = (char *)mmap(NULL, PAGE + STACK, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
 
     CHECK(memory != MAP_FAILED && mprotect(memory, PAGE, PROT_NONE) == 0);

@@ -1,4 +1,4 @@
-/* SDO requests of a program that is starved: between two reads the board makes more reports than are kept. It writes a request
+/* SDO requests of a slow program: between two reads the board makes more reports than are kept. It writes a request
  * once, then all-zero frames, and reads until the SDO slot has the answer, 800 reads at most, as programs do. */
 #include "check.h"
 

@@ -1,5 +1,5 @@
 #define _POSIX_C_SOURCE 199309L
-/* A program that looks at no answer, as many do. Arguments: axes, frames of targets, and what it does otherwise. */
+/* A program that ignores answers, as many do. Arguments: axes, frames of targets, and a variation. */
 #include "check.h"
 
 #include <signal.h>
@@ -63,13 +63,13 @@ int main(int argc, char **argv)
         }
     }
     if (strcmp(how, "flood") == 0) {
-        /* Now the answers show what has become of it. */
+        /* Now the answers show the result. */
         read_some(300);
     }
     puts("done");
     fflush(stdout);
     if (strcmp(how, "killed") == 0) {
-        /* The library writes what it knows some times a second. */
+        /* The library writes its state several times a second. */
         struct timespec second = {1, 0};
         nanosleep(&second, NULL);
         raise(SIGKILL);

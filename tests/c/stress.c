@@ -1,5 +1,5 @@
-/* Eight threads do everything at once. Nothing is said about what each call returns, only that all of them return,
- * that nothing crashes, that no byte beyond a buffer is touched, and that the board works afterwards. */
+/* Eight threads make all calls at once. The results are not checked, only that all calls return, that nothing
+ * crashes, that no byte beyond a buffer is accessed, and that the board works afterwards. */
 #include "check.h"
 
 #include <pthread.h>

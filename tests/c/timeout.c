@@ -1,4 +1,4 @@
-/* With `read_timeout_ms` a read ends with false after that time, and leaves the frame that was moved last. The cycle is half a
+/* With `read_timeout_ms` a read returns false after that time, with the last transferred frame. The cycle is half a
  * second, the limit shorter. */
 #include "check.h"
 

@@ -1,5 +1,5 @@
-/* What a program meets on a bad day: inputs that change, a following error, a homing error, a lost slave. It knows nothing
-   of a script. */
+/* Failures in a program's run: inputs that change, a following error, a homing error, a lost slave. The program does
+ * not know of the script. */
 #include "check.h"
 
 static void until(bool (*holds)(void))

@@ -1,4 +1,4 @@
-/* Reports that nobody reads: the newest 32 are kept, the others counted, and the oldest is read first. */
+/* Unread reports: the newest 32 are kept, the others counted, and the oldest is read first. */
 #include "check.h"
 
 static ecmsk_stats stats(void)
@@ -40,7 +40,7 @@ int main(void)
     CHECK(stats().read == 33);
     CHECK(stats().written == 400);
 
-    /* Old ones first: the state of before, then the one asked for meanwhile. */
+    /* Old reports first: the earlier state, then the one requested meanwhile. */
     for (i = 0; i < 400; i++) {
         CHECK(write_command());
     }

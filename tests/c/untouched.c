@@ -1,5 +1,5 @@
-/* Writes two frames whose bytes mean nothing to a board: in the first byte 3, the place of the CRC, is 0, in the second it
- * is wrong. */
+/* Writes two frames whose bytes mean nothing to a board: byte 3, the CRC, is 0 in the first one and wrong in the
+ * second one. */
 #include "check.h"
 
 int main(void)

@@ -1,5 +1,5 @@
-//! What the functions of the library do, call by call, seen from C: every program in `tests/c/` is a user of the shared
-//! library and checks itself; the tests choose the link that it runs on.
+//! The behaviour of the library's functions, call by call, seen from C: every program in `tests/c/` is a user of the
+//! shared library and checks itself; the tests choose the link that it runs on.
 #![cfg(target_os = "linux")]
 
 /// Links that most programs run on: on virtual time every run is the same, on the real clock a thread runs the board.
@@ -12,7 +12,7 @@ fn c_program(name: &str) -> support::Program {
     support::compile(&support::root().join("tests/c").join(name).with_extension("c"), support::Language::C("c99"))
 }
 
-/// Runs a program that checks itself and says `ok`. It must print nothing else, least of all the library in it.
+/// Runs a program that checks itself and prints `ok`. Neither it nor the library may print anything else.
 #[cfg(test)]
 fn passes(name: &str, link: &str, arguments: &[&str]) {
     let ended = c_program(name).run(link, arguments);
@@ -39,8 +39,8 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-54 A read that fails leaves the frame that was moved last, as many bytes as there is room for: before any frame,
-    /// after Close, while nothing is open, and when the board is gone.
+    /// LIB-54 A read that fails leaves the frame that was moved last, as many bytes as the buffer has: before any
+    /// frame, after Close, while nothing is open, and when the board is gone.
     #[test]
     fn a_read_that_fails_leaves_the_last_frame() {
         for link in CLOCKS {
@@ -49,7 +49,7 @@ mod needs_cxx {
     }
 
     /// LIB-28, LIB-52 A length above 512 counts as 512, and not a byte beyond is touched; a read copies min(n, 512) bytes.
-    /// LIB-27, LIB-51, LIB-53 NULL and a length of 0 are false. LIB-6 `unsigned long` is taken whole.
+    /// LIB-27, LIB-51, LIB-53 NULL and a length of 0 are false. LIB-6 All bits of `unsigned long` count.
     #[test]
     fn lengths_are_limited_to_512_and_null_is_an_error() {
         for link in CLOCKS {
@@ -57,8 +57,8 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-44 Open while open is true and goes on working; LIB-47 Close twice is harmless; the board is found again as it
-    /// was left.
+    /// LIB-44 Open while open returns true, and the board goes on working; LIB-47 Close twice is harmless; the board is
+    /// unchanged when it is opened again.
     #[test]
     fn open_twice_close_twice_open_again() {
         for link in CLOCKS {
@@ -66,7 +66,8 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-42 Open without a device gives false, and the reason can be asked for. SK-9.16 Open fails if no slave was found.
+    /// LIB-42 Open without a device returns false, and the reason can be read. SK-9.16 Open fails if no slave was
+    /// found.
     #[test]
     fn an_open_that_fails_says_why() {
         passes("open_fails", "sim:?slaves=none&clock=virtual", &["no slave"]);
@@ -86,7 +87,7 @@ mod needs_cxx {
         assert_eq!(ended.success(), "ok\n");
     }
 
-    /// LIB-48 Close during a blocked read: the read gives false.
+    /// LIB-48 Close during a blocked read: the read returns false.
     #[test]
     fn close_ends_a_read() {
         passes("close_during_read", "sim:?slaves=drive&clock=real", &[]);
@@ -101,7 +102,8 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-36 With `read_timeout_ms` in the link a read gives false after that time; LIB-54 the last frame is in the buffer.
+    /// LIB-36 With `read_timeout_ms` in the link a read returns false after that time; LIB-54 the last frame is in the
+    /// buffer.
     #[test]
     fn a_read_with_a_limit_ends() {
         for link in CLOCKS {
@@ -109,14 +111,14 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-55 While nobody reads the newest 32 reports are kept; dropped ones are counted. SK-9.11 Old ones are read first.
+    /// LIB-55 Without reads the newest 32 reports are kept; dropped ones are counted. SK-9.11 Old ones are read first.
     /// SK-9.10 Several writes per read and several reads per write are both normal.
     #[test]
     fn unread_reports_are_kept_and_counted() {
         passes("unread", "sim:?slaves=drive&clock=virtual", &[]);
     }
 
-    /// LIB-39 Success is 1, and failure 0, in the whole register that `bool` comes back in.
+    /// LIB-39 Success is 1, and failure 0, in the whole register of the returned `bool`.
     #[test]
     fn the_library_can_be_loaded_and_unloaded_by_name() {
         let library = support::library().shared.to_string_lossy();
@@ -125,7 +127,8 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-41 A program that ends without Close ends, whatever its threads are at; a child of fork leaves its parent's board alone.
+    /// LIB-41 A program that ends without Close ends, whatever its threads are doing; a child of fork leaves its
+    /// parent's board alone.
     #[test]
     fn programs_may_end_without_close() {
         for link in CLOCKS {
@@ -136,8 +139,8 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-41, LIB-47 A global object's destructor still has the board: it may write what brings the machine to rest,
-    /// read and close. A recording has it all, closed or not.
+    /// LIB-41, LIB-47 A global object's destructor still has the board: it may stop the machine, read and close. A
+    /// recording has all frames, closed or not.
     #[test]
     fn a_destructor_of_a_global_has_the_board() {
         let source = support::root().join("tests/c/late_close.cpp");
@@ -160,7 +163,7 @@ mod needs_cxx {
         }
     }
 
-    /// A signal of the program is taken where the program says, whatever threads the library has.
+    /// A signal of the program is handled in the thread that the program chooses, whatever threads the library has.
     #[test]
     fn a_signal_goes_to_the_program() {
         for link in CLOCKS {
@@ -169,7 +172,7 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-57 A thread that is cancelled in a call, or before it, makes the call whole and ends after it: in a read that
+    /// LIB-57 A thread that is cancelled in a call, or before it, completes the call and ends after it: in a read that
     /// waits, and in calls that open, close and write files.
     #[test]
     fn a_thread_may_be_cancelled() {
@@ -198,8 +201,8 @@ mod needs_cxx {
         assert!(!frames.expect("whole").is_empty());
     }
 
-    /// LIB-70 The same of a board that is served. One that is ended while it takes bytes from the connection loses the board, as
-    /// nobody knows where the next message begins: reads say so, and Close and the next Open go on.
+    /// LIB-70 The same with a served board. A thread that is ended while it receives bytes loses the board, since the
+    /// beginning of the next message is unknown: reads say so, and Close and the next Open go on.
     #[test]
     fn a_thread_that_is_gone_hinders_nobody_on_a_served_board() {
         let (server, _) = support::tcp::serve(CLOCKS[1]);
@@ -246,8 +249,8 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-72 Whatever memory the system leaves to a program, it is told so by its calls and does not end: those of the vendor,
-    /// and `ecmsk_open` with what it opens, which gives `ECMSK_ERROR_IO`.
+    /// LIB-72 However little memory the system leaves to a program, its calls report that and the program does not end:
+    /// the vendor's calls, and `ecmsk_open`, which returns `ECMSK_ERROR_IO`.
     #[test]
     fn a_program_without_memory_is_told() {
         for link in CLOCKS {
@@ -298,7 +301,7 @@ mod needs_cxx {
         }
     }
 
-    /// SK-1.23 The caller's bytes go to the board as they are: no CRC is filled in, where there is none or a wrong one.
+    /// SK-1.23 The caller's bytes go to the board unchanged: a missing or wrong CRC is not filled in.
     #[test]
     fn a_write_does_not_touch_the_bytes() {
         let file = out_dir().join("untouched.pcapng");
@@ -332,7 +335,7 @@ mod needs_cxx {
         }
     }
 
-    /// A program of the other slot size is told so in the log, once.
+    /// For a program of the other slot size the log says so, once.
     #[test]
     fn the_wrong_slot_size_is_named() {
         let mut command = c_program("other_slots").command("sim:?slot=16&clock=virtual");
@@ -355,8 +358,8 @@ mod needs_cxx {
         passes("boards", "sim:?slaves=drive*2&clock=virtual", &[]);
     }
 
-    /// Counters of what came for a lost slave and of modes that homing left behind; statistics of faults that the link
-    /// injected.
+    /// Counters of commands for a lost slave and of modes that were not restored after homing; statistics of faults
+    /// that the link injected.
     #[test]
     fn counters_and_faults_are_shown() {
         let script = out_dir().join("facts.ecmscript");
@@ -393,7 +396,7 @@ mod needs_cxx {
             let mut command = program.command(link);
             command.env("LD_LIBRARY_PATH", &library_dir);
             if link.is_empty() {
-                // A board that is plugged in here is none of this test's.
+                // The test must not use a board that is plugged in here.
                 support::without_libusb(command.env_remove("ECMSK_LINK"));
             }
             support::run(&mut command).stdout
@@ -418,7 +421,8 @@ mod needs_cxx {
 mod needs_valgrind {
     use super::{CLOCKS, c_program};
 
-    /// LIB-28, LIB-52, LIB-54 The library touches no byte that is not the caller's or not set, and loses no memory.
+    /// LIB-28, LIB-52, LIB-54 The library touches no byte that is not the caller's or not initialised, and leaks no
+    /// memory.
     #[test]
     fn memcheck_finds_nothing() {
         for (name, links) in [("not_open", &CLOCKS[..]), ("lengths", &CLOCKS[..1]), ("boards", &CLOCKS[..1])] {

@@ -1,5 +1,5 @@
 //! The programs of `examples/cpp/` and `examples/c/`, built with their own Makefiles and pkg-config as a user would, run on
-//! a simulated board. On virtual time they print what `tests/snapshots/` holds, to the byte.
+//! a simulated board. In virtual time they print the snapshots of `tests/snapshots/`, to the byte.
 #![cfg(target_os = "linux")]
 
 use std::fs;
@@ -18,12 +18,12 @@ use support::{Ended, Program, out_dir, root};
 /// Two drives on the real clock.
 const REAL: &str = "sim:?slaves=drive*2&clock=real";
 
-/// With the slaves behind an ECM-XF these print the same. The others say how many reports something took, where an axis
-/// was after so many, or how many frames a full FIFO has lost.
+/// With the slaves behind an ECM-XF these print the same. The others print the number of reports of a step, the
+/// position of an axis after a number of reports, or the number of frames lost to a full FIFO.
 const SAME_BEHIND_CHIP: [&str; 6] =
     ["habit_read_after_open", "habit_reader_writer_threads", "homing", "io", "two_axes_12b", "two_axes_16b"];
 
-/// Every program with the link that its snapshot is made with.
+/// Every program with the link of its snapshot.
 fn programs() -> impl Iterator<Item = (&'static str, String)> {
     CPP.into_iter().chain(C).map(|(name, link)| {
         let script = SCRIPTS.into_iter().find(|(program, _)| *program == name);
@@ -35,7 +35,7 @@ fn link_of(name: &str) -> String {
     programs().find(|(program, _)| *program == name).expect("a program of the tables").1
 }
 
-/// A link with what happens by a script of `examples/scripts/`.
+/// A link with a script of `examples/scripts/`.
 fn scripted(link: &str, script: &str) -> String {
     let file = root().join("examples/scripts").join(script).with_extension("ecmscript");
     format!("{link}&script={}", uri_part(file.to_str().expect("UTF-8")))
@@ -46,7 +46,7 @@ fn uri_part(path: &str) -> String {
     path.replace('%', "%25").replace('&', "%26").replace(' ', "%20").replace('#', "%23").replace('+', "%2B")
 }
 
-/// Builds all programs with `make` and the pkg-config file, and gives the folder they are in.
+/// Builds all programs with `make` and the pkg-config file, and returns their folder.
 fn built() -> &'static PathBuf {
     static BUILT: OnceLock<PathBuf> = OnceLock::new();
     BUILT.get_or_init(|| {
@@ -62,7 +62,7 @@ fn built() -> &'static PathBuf {
         let template = fs::read_to_string(root().join("capi/nextwusblib.pc.in")).expect("capi/nextwusblib.pc.in");
         let file = template.replace("@VERSION@", env!("CARGO_PKG_VERSION")).replace("@PRIVATE_LIBS@", "");
         fs::write(pkgconfig.join("nextwusblib.pc"), file).expect("a file in the target folder");
-        // What was installed may be moved: no file in it names its place.
+        // The installed folder may be moved: no file in it has its path.
         fs::rename(&moved, &prefix).expect("a folder can be moved");
 
         let out = out_dir().join("programs");
@@ -81,14 +81,14 @@ fn program(name: &str) -> Program {
     Program { exe: built().join(name) }
 }
 
-/// Runs a program; it must print what its snapshot holds, and nothing to standard error.
+/// Runs a program; it must print its snapshot, and nothing to standard error.
 fn prints_its_snapshot(name: &str, link: &str) {
     let ended = program(name).run(link, [""; 0]);
     assert_eq!(ended.stderr, "", "{name} on {link}");
     support::snapshot(name, &ended.success());
 }
 
-/// Runs a program and gives the last report it has read, too.
+/// Runs a program; returns also the last report it has read.
 fn last_report(name: &str, link: &str, size: SlotSize) -> (Ended, MasterState, Vec<DriveResponse>) {
     let file = out_dir().join(format!("{name}.pcapng"));
     let ended = program(name).run(&format!("{link}&record={}", uri_part(file.to_str().expect("UTF-8"))), [""; 0]);
@@ -103,8 +103,8 @@ fn last_report(name: &str, link: &str, size: SlotSize) -> (Ended, MasterState, V
 mod needs_cxx {
     use super::*;
 
-    /// Every program ends well with the slaves behind an ECM-XF. The bus comes up later there, so that an alarm "on the
-    /// way" has its own time.
+    /// Every program succeeds with the slaves behind an ECM-XF. The bus comes up later there, so that an alarm in a
+    /// motion has its own time.
     #[test]
     fn all_programs_behind_a_chip() {
         let alarm = support::script_client::file("alarm-behind-chip", "at 4s alarm 2 0x7500\n");
@@ -189,7 +189,7 @@ mod needs_cxx {
         prints_its_snapshot("homing", &format!("{VIRTUAL}&fw=1.5"));
     }
 
-    /// LIB-25, SK-7.11 An alarm on the way is noticed, cleared and overcome: the path is gone to its end.
+    /// LIB-25, SK-7.11 An alarm in the motion is noticed and cleared, and the path is completed.
     #[test]
     fn recovery_from_an_alarm() {
         let link = link_of("alarm_recovery");
@@ -201,7 +201,7 @@ mod needs_cxx {
         assert!(!undisturbed.contains("alarm") && undisturbed.contains("servos off, PreOP"), "{undisturbed}");
     }
 
-    /// SK-7.12 An alarm that ALM_CLR does not clear is told to the user, and both axes end switched off.
+    /// SK-7.12 An alarm that ALM_CLR does not clear is reported to the user, and both axes end switched off.
     #[test]
     fn an_alarm_that_stays() {
         let link = scripted(VIRTUAL, "alarm_that_stays");
@@ -220,7 +220,8 @@ mod needs_cxx {
         prints_its_snapshot("csv_cst", &format!("{VIRTUAL}&fw=1.5"));
     }
 
-    /// SK-3.22, SK-3.23, SK-3.29, SK-4.25 Both channels of a module go their ways in one slot, each with its outputs and inputs.
+    /// SK-3.22, SK-3.23, SK-3.29, SK-4.25 Both channels of a module follow their paths in one slot, each with its
+    /// outputs and inputs.
     #[test]
     fn a_module_of_two_channels() {
         let link = link_of("hsp_16b");
@@ -228,7 +229,7 @@ mod needs_cxx {
         prints_its_snapshot("hsp_16b", &format!("{link}&fw=1.5"));
     }
 
-    /// SK-3.17, SK-4.31, SK-4.32, SK-8.1 What is at a slave's inputs and at the board's own is read, and outputs are set.
+    /// SK-3.17, SK-4.31, SK-4.32, SK-8.1 The inputs of a slave and of the board are read, and outputs are set.
     #[test]
     fn inputs_and_outputs() {
         let link = link_of("io");
@@ -250,7 +251,7 @@ mod needs_cxx {
     #[test]
     fn programs_end_in_a_safe_state() {
         let well = |name| (name, link_of(name), Some(0));
-        // Two axes stand on their way, one is turning at a velocity.
+        // Two axes stop in their motion, one is turning at a velocity.
         let by_alarm = |name| (name, scripted(VIRTUAL, "alarm"), Some(1));
         let ends = ["alarm_recovery", "homing", "hsp_16b", "operator_panel", "two_axes_12b", "csv_cst", "io"].map(well);
         for (name, link, code) in ends.into_iter().chain(["two_axes_12b", "homing", "csv_cst"].map(by_alarm)) {

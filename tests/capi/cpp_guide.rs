@@ -1,5 +1,5 @@
-//! `docs/GUIDE-CPP.md`: its programs are those of `examples/guide/`, each is run on the link that stands above it, and what
-//! stands below it is what it prints.
+//! `docs/GUIDE-CPP.md`: its programs are those of `examples/guide/`. Each is run on the link above it, and must print
+//! the output below it.
 #![cfg(target_os = "linux")]
 
 use std::fmt::Write as _;
@@ -8,7 +8,7 @@ use std::path::Path;
 
 use support::{Language, root};
 
-/// What stands above a program: its file and its link.
+/// The mark above a program, with its file and its link.
 const HEAD: &str = "<!-- program: ";
 
 /// The parts of the page that a test writes: from the head of a program to the end of its output.
@@ -17,7 +17,7 @@ fn programs(page: &str) -> Vec<(String, String)> {
     heads.map(|head| head.split_once(" on ").expect("a program on a link")).map(|(a, b)| (a.into(), b.into())).collect()
 }
 
-/// A program of the page, as it is now.
+/// The part of the page for a program, from its present source and output.
 fn written(name: &str, link: &str, printed: &str) -> String {
     let source =
         fs::read_to_string(root().join("examples/guide").join(name).with_extension("cpp")).expect("the program");
@@ -30,12 +30,12 @@ fn written(name: &str, link: &str, printed: &str) -> String {
     text
 }
 
-/// The page with every program and its output as they are now.
+/// The page with the present programs and outputs.
 fn again(page: &str, printed: impl Fn(&str, &str) -> String) -> String {
     let mut parts = page.split(HEAD);
     let mut again = parts.next().unwrap_or_default().to_owned();
     for (part, (name, link)) in parts.zip(programs(page)) {
-        // What follows the output, or, of a program that was just put in, the line with its name.
+        // The text after the output, or, for a new program, after the line with its name.
         let rest = match part.split_once("```text\n") {
             Some((_, output)) => output.split_once("```\n").expect("an output ends").1,
             None => part.split_once('\n').expect("a line ends").1,
@@ -50,7 +50,7 @@ mod needs_cxx {
     use super::*;
 
     /// The guide's programs are the files beside it, compile without a warning as C++98 (the one with threads as C++11),
-    /// end well on the link that stands above them, and print what stands below them.
+    /// succeed on the link above them, and print the output below them.
     #[test]
     fn the_programs_of_the_guide_compile_and_print_what_it_shows() {
         let page = root().join("docs/GUIDE-CPP.md");
@@ -66,12 +66,12 @@ mod needs_cxx {
         assert!(again(&text, behind_chip).replace("xf-sim:", "sim:") == text, "another output than the page's");
     }
 
-    /// What a program prints on that link.
+    /// The output of a program on that link.
     fn printed(name: &str, link: &str) -> String {
         let source = root().join("examples/guide").join(name).with_extension("cpp");
         let standard = if name.ends_with("threads") { "c++11" } else { "c++98" };
         let program = support::compile(&source, Language::Cpp(standard));
-        // Paths of the page are those from the root.
+        // Paths of the page start at the root of the repository.
         let here = link.replace("script=examples", &format!("script={}/examples", root().display()));
         let ended = program.run(&format!("{here}&clock=virtual"), [""; 0]);
         assert_eq!(ended.stderr, "", "{name} on {link}");

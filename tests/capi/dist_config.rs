@@ -1,4 +1,4 @@
-//! `share/windows/ecmsk.toml`, which is shipped with the DLLs: every key there is, with what it does, as a line to switch on.
+//! `share/windows/ecmsk.toml`, which is shipped with the DLLs: every key, with its meaning, as a line to uncomment.
 
 use std::fs;
 
@@ -7,7 +7,7 @@ use ecmsk::link::keys::{KEYS, Key, Scheme, Syntax};
 use ecmsk::link::slaves::SlaveModel;
 use ecmsk::link::uri::LinkUri;
 
-/// What the DLL can open, and the shortest link of each.
+/// The schemes that the DLL can open, and the shortest link of each.
 const SCHEMES: [(Scheme, &str, &str); 4] = [
     (Scheme::Sim, "sim:", "a simulated board in the program"),
     (Scheme::XfSim, "xf-sim:", "a simulated board whose slaves are behind an ECM-XF"),
@@ -25,7 +25,7 @@ const HEAD: &str = r#"# Which board NEXTWUSBLib.dll opens. Put this file beside 
 
 "#;
 
-/// How the file names its one key, switched on and switched off.
+/// The file's only key, active and commented out.
 const ON: &str = "link = ";
 const OFF: &str = "# link = ";
 
@@ -33,7 +33,7 @@ fn file() -> std::path::PathBuf {
     support::root().join("share/windows/ecmsk.toml")
 }
 
-/// What the file has to be, from the table that the reader of links uses.
+/// The expected file, from the table that the parser of links uses.
 fn expected() -> String {
     let (on, off): (Vec<_>, Vec<_>) = SCHEMES.into_iter().partition(|(scheme, ..)| *scheme == Scheme::Usb);
     let mut text = format!("{HEAD}# {}\n{ON}'{DEFAULT_LINK}'\n", on[0].2);
@@ -56,14 +56,14 @@ fn expected() -> String {
 
 fn entry(link: &str, key: &Key) -> String {
     let value = match key.syntax {
-        // As they look on Windows.
+        // Paths as on Windows.
         Syntax::File => {
             format!(r"C:\Users\Public\{}", key.example.rsplit('/').next().expect("a name"))
         }
         _ => key.example.to_owned(),
     };
     let default = key.default.map(|value| format!("; default {value}")).unwrap_or_default();
-    // What the help has further down.
+    // The part of the help further down.
     let mut meaning = key.meaning.replace("see below", "see `ecmsk link help`");
     if key.syntax == Syntax::Slaves {
         let kinds = SlaveModel::ALL.map(|kind| format!("{}, {}", kind.name(), kind.meaning()));
@@ -87,7 +87,7 @@ fn wrapped(text: &str) -> String {
     lines.join("\n") + "\n"
 }
 
-/// What the reader makes of a text, in a file with Windows' line ends.
+/// Parses a text, as a file with Windows' line ends.
 fn read(text: &str) -> Result<String, String> {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("ecmsk.toml");
@@ -110,14 +110,14 @@ fn the_shipped_configuration_lists_every_key() {
     }
 }
 
-/// As it is shipped the file says what holds without one.
+/// The shipped file has the same effect as no file.
 #[test]
 fn the_shipped_configuration_changes_no_default() {
     assert_eq!(read(&fs::read_to_string(file()).expect("the file")).as_deref(), Ok(DEFAULT_LINK));
 }
 
-/// Each line that is switched off is a link once it is switched on, and says something else than the default; two that are
-/// on are an error with the line.
+/// Each commented line is a valid link once it is active, and differs from the default; two active lines are an error
+/// with the line.
 #[test]
 fn each_commented_line_of_the_shipped_configuration_is_a_valid_link() {
     let text = fs::read_to_string(file()).expect("the file");

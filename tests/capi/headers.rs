@@ -32,7 +32,7 @@ mod needs_cxx {
         format!("{}-{}", header.replace('.', "_"), standard.replace('+', "p"))
     }
 
-    /// Every macro of a vendor header with the number it stands for. The numbers are this project's own constants.
+    /// Every macro of a vendor header with its number. The numbers are this project's own constants.
     fn macros(size: SlotSize) -> BTreeMap<String, u32> {
         let mut macros = BTreeMap::new();
         let mut put = |name: &str, value: u32| assert_eq!(macros.insert(name.to_owned(), value), None, "{name} twice");
@@ -72,7 +72,7 @@ mod needs_cxx {
         members
     }
 
-    /// A program that prints every number of a header and does not compile if a prototype is another one.
+    /// A program that prints every number of a header and does not compile if a prototype differs.
     fn probe(header: &str, size: SlotSize) -> String {
         let mut text = format!("#include \"{header}\"\n#include <stddef.h>\n#include <stdio.h>\n");
         text.push_str(
@@ -102,7 +102,7 @@ mod needs_cxx {
         text
     }
 
-    /// What the program must print.
+    /// The expected output of the program.
     fn expected(size: SlotSize) -> String {
         let mut text = String::new();
         for (name, value) in macros(size) {
@@ -129,7 +129,8 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-13, LIB-14, LIB-15, LIB-16, LIB-17 A vendor header defines the macros that programs know, and no other that could get in their way.
+    /// LIB-13, LIB-14, LIB-15, LIB-16, LIB-17 A vendor header defines the macros that programs know, and no others that
+    /// could conflict.
     #[test]
     fn vendor_headers_define_nothing_else() {
         for (header, size) in VENDOR_HEADERS {
@@ -151,7 +152,7 @@ mod needs_cxx {
         support::compile(&source("both", Cpp("c++98"), both), Cpp("c++98"));
     }
 
-    /// LIB-18 The two slot sizes cannot be mixed up in one source: that does not compile, and says why.
+    /// LIB-18 The two slot sizes cannot be mixed in one source: it does not compile, and the error states the reason.
     #[test]
     fn both_slot_sizes_in_one_source_are_refused() {
         let mixed = "#include \"NEXTWUSBLib_12B.h\"\n#include \"NEXTWUSBLib_16B.h\"\n";
@@ -187,7 +188,8 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-19 `ecmsk.h` compiles without a warning in every standard, beside a vendor header too, and its structures begin with their size.
+    /// LIB-19 `ecmsk.h` compiles without a warning in every standard, also beside a vendor header, and its structures
+    /// begin with their size.
     #[test]
     fn the_header_of_our_own_functions_compiles_everywhere() {
         let text = "#include \"NEXTWUSBLib_12B.h\"\n#include \"ecmsk.h\"\n#include <stdio.h>\n\
@@ -203,7 +205,7 @@ mod needs_cxx {
     /// Options by which a header with Windows' keywords compiles on Linux: README names them.
     const FOR_A_HEADER_OF_WINDOWS: &str = "'-D__declspec(x)=' -D__stdcall=";
 
-    /// What headers for Windows have: the keywords of an import and of the calling convention.
+    /// The text of headers for Windows: the keywords of an import and of the calling convention.
     const HEADER_OF_WINDOWS: &str = "
 #ifdef NEXTWUSBLIB_EXPORTS
 #define NEXTWUSBLIB_API __declspec(dllexport)
@@ -221,7 +223,7 @@ NEXTWUSBLIB_API bool __stdcall ECMUSBRead(unsigned char *data, unsigned long dwl
 ";
 
     /// LIB-68 A program that keeps a header for Windows beside its source compiles with the options that README names, and
-    /// runs; they harm no program on our header.
+    /// runs; they do no harm with this project's header.
     #[test]
     fn a_header_for_windows_beside_the_source() {
         let readme = fs::read_to_string(support::root().join("README.md")).expect("README.md");

@@ -10,14 +10,14 @@ mod needs_cxx {
     use support::tcp::{LIMIT, serve, until, uri};
     use support::{Program, full_pipe, root};
 
-    /// What a call says that fails since no board is open.
+    /// The line of a call that fails since no board is open.
     const LINE: &str = "ECMUSBRead(dwlength=504 ) -> ";
 
     fn program(name: &str) -> Program {
         support::compile(&root().join("tests/c").join(name).with_extension("c"), support::Language::C("c99"))
     }
 
-    /// The program at work, with a standard error that takes nothing until the pipe is read.
+    /// The running program, with a standard error that takes nothing until the pipe is read.
     fn stalled(name: &str, link: &str, arguments: &[&str], level: &str) -> (Child, PipeReader) {
         let (reader, writer) = full_pipe();
         let mut command = program(name).command(link);
@@ -40,8 +40,8 @@ mod needs_cxx {
         until("the end of the program", || child.try_wait().unwrap()).code()
     }
 
-    /// A program whose standard error nobody reads moves its axis and ends, with a log of every call: on both clocks, and
-    /// with its board elsewhere, whose server stops the axis when it has ended.
+    /// A program with an unread standard error moves its axis and ends, with a log of every call: on both clocks, and
+    /// with a served board, whose server stops the axis when the program has ended.
     #[test]
     fn a_standard_error_that_nobody_reads_holds_no_call() {
         for (how, code) in [("close", 0), ("exit", 3)] {
@@ -56,8 +56,8 @@ mod needs_cxx {
         }
     }
 
-    /// What finds no room in the queue is counted, and the count is told where the lines are missing, when the log is read
-    /// again: none is missing without a word.
+    /// Lines without room in the queue are counted, and the count is written in their place when the log is read again:
+    /// no line is missing unreported.
     #[test]
     fn lines_that_were_dropped_are_counted() {
         let (mut child, mut unread) = stalled("logs", "sim:", &["3000"], "warn");
@@ -90,8 +90,8 @@ mod needs_cxx {
         assert_eq!(ended.success(), "ok\n");
     }
 
-    /// LIB-60 A child that may use the library has a log of its own, and waits for none of its parent's, whose reader has
-    /// stalled or not.
+    /// LIB-60 A child that may use the library has a log of its own, and does not wait for its parent's, whether its
+    /// reader has stalled or not.
     #[test]
     fn a_child_has_a_log_of_its_own() {
         let mut command = program("logs").command("sim:");

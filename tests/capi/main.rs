@@ -1,9 +1,9 @@
-//! The C ABI: programs in C, C++, Python and .NET on the library of this build, and what is shipped beside it.
+//! The C ABI: programs in C, C++, Python and .NET on the library of this build, and the files shipped with it.
 //!
 //! Files:
 //!
 //! - `behaviour.rs`: every exported function, called from C (`tests/c/`)
-//! - `headers.rs`, `symbols.rs`, `surface.rs`: the headers, the exports of the library, and that neither changes
+//! - `headers.rs`, `symbols.rs`, `surface.rs`: the headers, the exports of the library, and the stability of both
 //! - `cpp_examples.rs`, `cpp_guide.rs`, `python_examples.rs`, `dotnet/`: the examples in C, C++, Python and .NET
 //! - `set_user_id.rs`, `vanish.rs`: programs with more rights than their user; programs that end without closing the
 //!   board

@@ -1,4 +1,4 @@
-//! The programs of `examples/python/` on a simulated board: on virtual time they print what those in C++ and C print.
+//! The programs of `examples/python/` on a simulated board: in virtual time they print the same as those in C++ and C.
 #![cfg(target_os = "linux")]
 
 use std::fs;
@@ -41,7 +41,7 @@ mod needs_python {
         prints_the_same("inputs_outputs", &[link]);
     }
 
-    /// What goes wrong is said in the library's words, with code 1; axes are off then.
+    /// Errors are printed in the library's words, with code 1; axes are off then.
     #[test]
     fn errors_have_words() {
         let none = run_python("two_axes", "sim:?slaves=none&clock=virtual");
@@ -64,7 +64,7 @@ mod needs_python {
         let mut names: Vec<String> = files
             .filter(|file| file.extension().is_some_and(|extension| extension == "py"))
             .map(|file| file.file_stem().expect("a name").to_string_lossy().into_owned())
-            // The second is a master of its own, without a board.
+            // The second one is an independent master, without a board.
             .filter(|name| !["ecm", "own_master"].contains(&name.as_str()))
             .collect();
         names.sort();

@@ -1,9 +1,9 @@
-//! The library in a program with more rights than the user who starts it: that user decides nothing there.
+//! The library in a program with more rights than the user who starts it: the user cannot influence it.
 //!
-//! The program is installed in a folder of the system's for temporary files, since the user has to come to it.
+//! The program is installed in a system folder for temporary files, since the user has to reach it.
 #![cfg(target_os = "linux")]
 
-/// LIB-58 The library reads its variables in one place, which knows of such programs.
+/// LIB-58 The library reads its variables in one place, which checks for such programs.
 #[test]
 fn variables_are_read_in_one_place() {
     let mut others = Vec::new();
@@ -24,7 +24,7 @@ fn read_variables(folder: &std::path::Path, found: &mut Vec<std::path::PathBuf>)
         } else {
             let text = std::fs::read_to_string(&path).expect("a source");
             if ["env::var", "getenv", "vars_os", "home_dir"].iter().any(|call| {
-                // Words about them stand in backticks.
+                // Mentions in comments are in backticks.
                 text.lines().any(|line| !line.trim_start().starts_with("//") && line.contains(call))
             }) {
                 found.push(path);
@@ -71,7 +71,7 @@ mod needs_root {
             self.root.path().join("ecmsk.toml")
         }
 
-        /// The program, started by the user, who has set those variables. It must print nothing else.
+        /// Runs the program as the user, with these variables. It must print nothing else.
         fn says(&self, variables: &[(&str, &str)], arguments: &[&str]) -> String {
             let mut command = Command::new(self.program());
             command.args(arguments).env_clear().envs(variables.iter().copied());
@@ -94,7 +94,7 @@ mod needs_root {
 
     const SIM: &str = "sim:?slaves=drive*3&clock=virtual";
 
-    /// LIB-58 Variables of the user's do nothing in a set-user-ID program, and all that they do without that right.
+    /// LIB-58 Variables of the user have no effect in a set-user-ID program, and their usual effect without that right.
     #[test]
     fn variables_are_not_obeyed() {
         let installed = Installed::new();
@@ -133,8 +133,8 @@ mod needs_root {
         assert!(said.contains("ECMSK_TCP_SECRET"), "{said}");
     }
 
-    /// LIB-58 An `ecmsk.toml` counts in a set-user-ID program if nobody but root can have written it; another one ends the
-    /// open with the reason.
+    /// LIB-58 An `ecmsk.toml` counts in a set-user-ID program if only root can have written it; otherwise the open
+    /// fails with the reason.
     #[test]
     fn a_configuration_of_roots_alone_counts() {
         let installed = Installed::new();
@@ -174,8 +174,8 @@ mod needs_root {
         assert!(says().contains("opened sim"), "{}", says());
     }
 
-    /// LIB-58 The user cannot bring a configuration to the program: a second name of it in a folder of the user's is refused with
-    /// what lies beside it, and so is a folder of root's below one of the user's.
+    /// LIB-58 The user cannot bring a configuration to the program: a second name of it in a folder of the user is
+    /// refused with the files beside it, and so is a folder of root below one of the user.
     #[test]
     fn the_program_elsewhere_does_not_help() {
         let installed = Installed::new();

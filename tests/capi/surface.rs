@@ -1,5 +1,5 @@
-//! What programs are compiled and linked against stays as it is in `surface.txt`: exports, and what `include/ecmsk.h` declares, with
-//! sizes and offsets as a C compiler sees them. The header is what cbindgen makes of the sources (`capi/tests/ecmsk_header.rs`).
+//! The binary interface stays as in `surface.txt`: exports, and the declarations of `include/ecmsk.h`, with sizes and
+//! offsets as a C compiler sees them. The header is what cbindgen makes of the sources (`capi/tests/ecmsk_header.rs`).
 #![cfg(target_os = "linux")]
 
 mod needs_cxx {
@@ -12,7 +12,7 @@ mod needs_cxx {
     use support::Language::C;
     use support::root;
 
-    /// What `ecmsk.h` declares.
+    /// The declarations of `ecmsk.h`.
     #[derive(Default)]
     struct Header {
         values: Vec<String>,
@@ -153,7 +153,7 @@ mod needs_cxx {
         text
     }
 
-    /// Whether all that is in `kept` is in `now`, in its order. A structure may have grown.
+    /// Whether `now` has all lines of `kept`, in their order. A structure may have grown.
     fn has_only_additions(kept: &str, now: &str) -> bool {
         let mut now = now.lines();
         kept.lines().all(|line| now.any(|new| new == line || has_grown(line, new)))
@@ -169,8 +169,8 @@ mod needs_cxx {
         Some((structure, size.parse().ok()?))
     }
 
-    /// The surface of the C library is that of `surface.txt`. `ECMSK_BLESS` writes what was added, and refuses every other change: a
-    /// program that was compiled before would break.
+    /// The surface of the C library is that of `surface.txt`. `ECMSK_BLESS` writes additions, and refuses every other
+    /// change: a program that was compiled before would break.
     #[test]
     fn the_surface_stays() {
         let path = root().join("tests/capi/surface.txt");
@@ -191,7 +191,8 @@ mod needs_cxx {
         );
     }
 
-    /// No line of the facts can change or go, and none can come between members; what stands at an end may be added.
+    /// No line of the facts may change or disappear, and none may come between members; additions at an end are
+    /// allowed.
     #[test]
     fn what_breaks_programs_is_no_addition() {
         let kept = fs::read_to_string(root().join("tests/capi/surface.txt")).expect("the facts");

@@ -1,4 +1,4 @@
-//! What the built library shows to linker and loader.
+//! The symbols of the built library for linker and loader.
 #![cfg(target_os = "linux")]
 
 use std::collections::BTreeSet;

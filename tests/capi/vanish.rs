@@ -1,4 +1,4 @@
-//! How a program on the library leaves a board that is served when it ends: it has vanished, unless it has closed the board.
+//! The end of a program on the library with a served board: the program has vanished, unless it has closed the board.
 #![cfg(target_os = "linux")]
 
 mod needs_cxx {
@@ -19,7 +19,7 @@ mod needs_cxx {
         support::compile(&support::root().join("tests/c/ends_moving.c"), support::Language::C("c99"))
     }
 
-    /// Whether axis 1 turns, by a look of the next writer, which has a place once the server has done with the axes.
+    /// Whether axis 1 turns, as the next writer sees it, which is accepted once the server has stopped the axes.
     fn turns(server: &Server) -> bool {
         let ecm = until("place for a writer", || Ecm::open(&uri(server, "")).ok());
         ecm.adopt(&Config { slaves: vec![Slave::Drive(Axis::CSV)], ..Config::default() }).unwrap();
@@ -41,8 +41,8 @@ mod needs_cxx {
         assert_eq!(turns(server), how == "close", "{how}: {:?}", told.lines());
     }
 
-    /// TCP-21 TCP-10 A program that ends without CloseECMUSB has vanished, by whatever it ends and with whatever exit
-    /// code: its axes are brought to a standstill. One that has closed is trusted.
+    /// TCP-21 TCP-10 A program that ends without CloseECMUSB has vanished, however it exits: its axes are brought to a
+    /// standstill. After a close they are not touched.
     #[test]
     fn a_program_that_ends_without_close_has_vanished() {
         for clock in CLOCKS {
@@ -68,7 +68,7 @@ mod needs_cxx {
         assert!(written > 100, "{written}");
     }
 
-    /// The program at work, once it has said that.
+    /// The running program, once it has printed that line.
     fn at_work(server: &Server, keys: &str, how: &str, said: &str) -> (Child, BufReader<ChildStdout>) {
         let mut child = program().command(&uri(server, keys)).arg(how).stdout(Stdio::piped()).spawn().unwrap();
         let mut out = BufReader::new(child.stdout.take().unwrap());
@@ -99,7 +99,7 @@ mod needs_cxx {
         let (child, _out) = at_work(&server, "keepalive_ms=3600000", "forks", "forked");
         kill(child);
         let said = end_of_writer(&told);
-        // Its end is seen when something comes of it, or when something is sent to it, whichever is first.
+        // Its end is seen when the connection closes, or when a message is sent to it, whichever is first.
         let ends = ["without closing its link", "does not take what is sent"];
         assert!(ends.iter().any(|end| said.contains(end)), "{said}");
         assert!(!turns(&server), "{:?}", told.lines());
@@ -121,9 +121,10 @@ mod needs_cxx {
     /// program's own library, which ends the connection.
     #[test]
     fn a_handler_that_never_returns() {
-        // So long that a machine which stands still for a second is none that hangs.
+        // So long that a machine that stalls for a second does not count as hanging.
         for keys in ["hang_ms=1500&keepalive_ms=3600000", "keepalive_ms=1000"] {
-            // Where it has interrupted the library within a lock, which is seldom, the server has to wait for four keep-alive times.
+            // If it has interrupted the library within a lock, which is rare, the server has to wait for four
+            // keep-alive times.
             let is_noticed = (0..5).any(|_| {
                 let (server, told) = serve(CLOCKS[1]);
                 let (child, mut out) = at_work(&server, keys, "handler", "reads");

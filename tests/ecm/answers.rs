@@ -1,5 +1,5 @@
-//! Answers of the native API are those of its own commands: frames get lost on the way, other threads ask too, and what
-//! stands in a slot is old.
+//! Answers of the native API belong to its own commands, although frames get lost, other threads send commands, too,
+//! and slots have old values.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -51,7 +51,7 @@ fn timed_out<T>(done: Result<T, EcmError>) -> bool {
     matches!(done, Err(EcmError::Timeout { .. }))
 }
 
-/// SK-8.3 The board's inputs beside a thread that sets its outputs, whose results are 0.
+/// SK-8.3 The board's inputs are read while another thread sets its outputs, whose results are 0.
 #[test]
 fn inputs_are_those_of_the_own_entry() {
     let file = script("answers-inputs", "inputs 0x3F\n");
@@ -71,7 +71,7 @@ fn inputs_are_those_of_the_own_entry() {
     });
 }
 
-/// SK-3.9 A request that gets lost has no answer, whatever stands in the slot, in OP and outside.
+/// SK-3.9 A lost request has no answer, whatever the slot shows, in OP and outside.
 #[test]
 fn a_lost_request_has_no_answer() {
     for state in [MasterState::PreOp, MasterState::Op] {
@@ -88,7 +88,7 @@ fn a_lost_request_has_no_answer() {
     }
 }
 
-/// The same for IO slaves, without a stream and beside one; and one that gets through later is answered.
+/// The same for IO slaves, without a stream and during one; and a command that arrives later is answered.
 #[test]
 fn a_lost_io_command_is_not_reported_as_done() {
     let (tap, ecm) = Tap::enabled("slaves=drive,io", &config());
@@ -106,7 +106,7 @@ fn a_lost_io_command_is_not_reported_as_done() {
     assert_eq!(ecm.inputs(2), Ok(0xBEEF), "inputs are wired to outputs");
 }
 
-/// Firmware 1.5 shows the mode in byte 1: there the count of entries has to do.
+/// Firmware 1.5 shows the mode in byte 1: there the count of entries is used instead.
 #[test]
 fn firmware_1_5_is_understood_too() {
     let file = script("answers-15", "inputs 0x15\n");
@@ -120,13 +120,13 @@ fn firmware_1_5_is_understood_too() {
     });
     ecm.clear_fifo().unwrap();
     ecm.home(1, &Homing::method(35), |_| {}).unwrap();
-    // One that was found running is learnt from what it does not repeat.
+    // The firmware of a running board is recognised by the index that it does not repeat.
     let adopted = Ecm::over(tap.clone(), Options::default()).unwrap();
     adopted.adopt(&config()).unwrap();
     assert_eq!(adopted.local_inputs(), Ok(0x15));
 }
 
-/// A frame that the board does not take keeps what other threads have put into it.
+/// A frame that the board does not take keeps the commands of other threads in it.
 #[test]
 fn a_refused_frame_loses_no_command() {
     let (tap, ecm) = Tap::enabled("slaves=drive,io", &config());
@@ -140,7 +140,7 @@ fn a_refused_frame_loses_no_command() {
     assert_eq!(ecm.inputs(2), Ok(0xBEEF));
 }
 
-/// A target whose frame the board did not take goes out with no other frame.
+/// A target whose frame the board did not take is not sent with another frame.
 #[test]
 fn a_target_of_a_refused_step_is_not_sent() {
     let (tap, ecm) = Tap::enabled("slaves=drive,io", &config());
@@ -157,7 +157,8 @@ fn a_target_of_a_refused_step_is_not_sent() {
     assert!(tap.take().iter().all(|frame| frame.slot(SIZE, 1).data1 != 500));
 }
 
-/// SK-7.20 GO_HOME that is lost, or rejected, while bits 10 and 12 of an earlier homing stand, is no home.
+/// SK-7.20 GO_HOME that is lost, or rejected, while bits 10 and 12 of an earlier homing are still set, does not count
+/// as home.
 #[test]
 fn bits_of_an_earlier_homing_are_not_taken_for_home() {
     for stream in [false, true] {
@@ -176,7 +177,7 @@ fn bits_of_an_earlier_homing_are_not_taken_for_home() {
     }
 }
 
-/// Another thread's commands leave no trace of GO_HOME in its slot; it is noticed all the same.
+/// Another thread's commands hide GO_HOME in the slot; the homing is noticed all the same.
 #[test]
 fn homing_beside_a_thread_that_polls() {
     let ecm = enabled("slaves=drive,io", &config());
@@ -222,7 +223,7 @@ fn an_sdo_write_after_a_late_one_is_done() {
     assert_eq!(ecm.sdo_read::<u32>(1, object), Ok(3000));
 }
 
-/// SK-4.3 A part of the configuration that is lost on the way is sent until its own answer is there.
+/// SK-4.3 A lost part of the configuration is sent again until its own answer has arrived.
 #[test]
 fn a_lost_part_of_the_configuration_is_sent_again() {
     let tap = Tap::open("slaves=drive*16");
@@ -235,7 +236,7 @@ fn a_lost_part_of_the_configuration_is_sent_again() {
     });
     in_op(&ecm, &Config::drives(16));
     ecm.servo_on(&(1..=16).collect::<Vec<_>>()).unwrap();
-    // A mode that never arrives is told.
+    // A mode that never arrives is reported.
     let tap = Tap::open("slaves=drive");
     let ecm = tap.ecm(Options::default()).unwrap();
     ecm.configure(&Config::drives(1)).unwrap();
@@ -244,7 +245,7 @@ fn a_lost_part_of_the_configuration_is_sent_again() {
     assert!(timed_out(ecm.configure(&velocity)));
 }
 
-/// SK-4.61 A slave that is lost in OP: its targets are refused, switching it says so, and so does closing, soon.
+/// SK-4.61 A slave that is lost in OP: its targets are refused, and switching it or closing reports that, soon.
 #[test]
 fn a_lost_slave_is_named() {
     let file = script("answers-lost", "at 3s lose 2\n");

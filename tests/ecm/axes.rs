@@ -24,7 +24,7 @@ fn axes_are_on_after_servo_on_and_off_after_servo_off() {
     }
 }
 
-/// API-23 What an axis or a state does not allow is refused before it is sent.
+/// API-23 A call that an axis or a state does not allow is refused before anything is sent.
 #[test]
 fn calls_that_an_axis_or_state_forbids_send_nothing() {
     let tap = Tap::open("slaves=drive,io");
@@ -55,7 +55,7 @@ fn an_alarm_ends_servo_on_with_its_code_until_it_is_cleared() {
     in_op(&ecm, &Config::drives(2));
     ecm.servo_on(&[1, 2]).unwrap();
     while ecm.next_cycle(SECOND).unwrap().drive(1).unwrap().statusword.is_enabled() {}
-    // It stays: no reset clears this one.
+    // This alarm stays: no reset clears it.
     while ecm.next_cycle(SECOND).unwrap().drive(1).unwrap().error_code == 0 {}
     let alarm = EcmError::Alarm { slave: 1, code: 0x7500 };
     assert_eq!(ecm.clear_alarm(&[1]), Err(alarm.clone()));
@@ -115,7 +115,7 @@ fn homing_reports_its_progress_and_ends_at_0() {
     }
 }
 
-/// SK-7.21 SK-6.5 A method the drive has not got, and a home that is not found, are errors; the axis is in its mode after.
+/// SK-7.21 SK-6.5 An unsupported method, and a home that is not found, are errors; the axis is in its mode afterwards.
 #[test]
 fn an_unknown_method_and_a_home_not_found_are_errors() {
     let ecm = enabled("slaves=drive", &Config::drives(1));
@@ -141,7 +141,7 @@ fn an_unknown_method_and_a_home_not_found_are_errors() {
     assert!(matches!(error, EcmError::SdoAborted { code: AbortCode::NO_OBJECT, .. }), "{error}");
 }
 
-/// SK-7.20 Bits 10 and 12 that still stand from an earlier homing are not taken for a home.
+/// SK-7.20 Bits 10 and 12 that are still set from an earlier homing are not taken for a home.
 #[test]
 fn home_bits_of_an_earlier_homing_do_not_end_a_new_one() {
     let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));
@@ -188,7 +188,7 @@ fn homing_is_aborted_by_another_thread() {
     assert!(ecm.snapshot().unwrap().drive(1).unwrap().statusword.is_enabled());
 }
 
-/// SK-3.17 SK-3.18 Inputs are those of now, whatever was answered before; output k is wired to input k.
+/// SK-3.17 SK-3.18 Inputs are the present ones, whatever was answered before; output k is wired to input k.
 #[test]
 fn io_reads_present_inputs_and_writes_outputs() {
     for keys in ["slaves=io,drive", "slaves=io,drive&fw=1.5", "slaves=io,drive&slot=16"] {

@@ -1,5 +1,5 @@
-//! A board that goes away, falls silent or talks nonsense in the middle of each call of the native API: each call ends
-//! within its limit, with an error that says what happened and what to do.
+//! A board that is unplugged, falls silent or sends nonsense in the middle of each call of the native API: each call
+//! ends within its limit, with an error that says what happened and what to do.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
@@ -11,7 +11,7 @@ use ecmsk::ecm::{Ecm, EcmError, Options};
 use ecmsk::link::{self, Dir, Layer, Link, LinkError, ReadMeta, Share, Stamp, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterState};
 
-/// Limits of the board and, longer, of the program, so that what never comes is not waited for long.
+/// Limits of the board and, longer, of the program, so that no wait is long.
 const LIMITS: &str = "state_timeout_ms=1500&sdo_timeout_ms=300";
 
 fn options() -> Options {
@@ -25,7 +25,7 @@ fn options() -> Options {
     }
 }
 
-/// What befalls a board.
+/// A fault of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Misfortune {
     /// Somebody sends SW_RESET.
@@ -34,15 +34,15 @@ enum Misfortune {
     Unplugged,
     /// It makes no report any more.
     Silent,
-    /// Every report has a bit turned over.
+    /// Every report has an inverted bit.
     Garbled,
-    /// Every command frame is lost on the way.
+    /// Every command frame is lost.
     Deaf,
     /// It accepts no command frame.
     Stuck,
 }
 
-/// A link whose board meets its misfortune after so many reads and writes.
+/// A link whose board has its fault after that many reads and writes.
 struct Doomed {
     inner: Arc<dyn Link>,
     misfortune: Misfortune,
@@ -51,7 +51,7 @@ struct Doomed {
     calls: AtomicU64,
 }
 
-/// As good as never.
+/// Practically never.
 const NEVER: i64 = i64::MAX;
 
 impl Doomed {
@@ -60,7 +60,7 @@ impl Doomed {
         Arc::new(Self { inner, misfortune, left: AtomicI64::new(NEVER), calls: AtomicU64::new(0) })
     }
 
-    /// Whether it has happened; here, if this call is the one.
+    /// Whether the fault has happened; it happens now if this call is the one.
     fn met(&self) -> bool {
         self.calls.fetch_add(1, Ordering::Relaxed);
         let left = self.left.fetch_sub(1, Ordering::Relaxed);
@@ -129,7 +129,7 @@ impl Layer for Doomed {
     }
 }
 
-/// A board that is well, in a state that is good for the call.
+/// A healthy board, in a state that suits the call.
 fn well(call: &Call, misfortune: Misfortune) -> (Arc<Doomed>, Ecm) {
     let link = Doomed::new(misfortune);
     let ecm = Ecm::over(link.clone(), options()).unwrap();
@@ -146,7 +146,7 @@ fn well(call: &Call, misfortune: Misfortune) -> (Arc<Doomed>, Ecm) {
     (link, ecm)
 }
 
-/// Whether that is what a program has to hear of it.
+/// Whether the error is the right one for this fault.
 fn says(misfortune: Misfortune, error: &EcmError) -> bool {
     match misfortune {
         Misfortune::Reset | Misfortune::Unplugged => matches!(error, EcmError::Link(LinkError::Lost { .. })),
@@ -180,7 +180,7 @@ fn in_the_middle_of_each_call(misfortune: Misfortune) {
             assert!(link.left.load(Ordering::Relaxed) < 0, "{what}: it has met its misfortune");
             let took = link.time().saturating_sub(began);
             assert!(took < 25 * SECOND, "{what}: {took:?}");
-            // Closing is bounded on such a board too.
+            // Closing is bounded on such a board, too.
             let began = link.time();
             drop(ecm);
             let took = link.time().saturating_sub(began);
@@ -208,7 +208,7 @@ fn a_board_that_falls_silent() {
     in_the_middle_of_each_call(Misfortune::Silent);
 }
 
-/// A line that turns a bit of every report over.
+/// A line that inverts a bit of every report.
 #[test]
 fn a_board_that_is_not_understood() {
     in_the_middle_of_each_call(Misfortune::Garbled);
@@ -226,8 +226,8 @@ fn a_board_that_accepts_nothing() {
     in_the_middle_of_each_call(Misfortune::Stuck);
 }
 
-/// SK-4.59 SK-4.61 What befalls the network: a cable that is cut before the first or a later slave, a slave without
-/// power, one that is mute, a board that takes nothing out of its FIFO. Calls that go on through it end within their limits.
+/// SK-4.59 SK-4.61 Faults of the network: a cable that is cut before the first or a later slave, a slave without power,
+/// a silent slave, a board that takes nothing out of its FIFO. Calls during the fault end within their limits.
 #[test]
 fn a_network_in_trouble() {
     let troubles = ["cut 1", "cut 2", "lose 1", "mute 1", "lose 3", "silent", "full", "sdo-delay 1 2s", "jam 1"];
@@ -242,7 +242,7 @@ fn a_network_in_trouble() {
             let now = || Duration::from_nanos(link.pass(Duration::ZERO).unwrap().unwrap().0);
             let opened = Duration::from_nanos(link.info().opened_at.0);
             link.pass((opened + 2 * SECOND).saturating_sub(now()).saturating_sub(Duration::from_millis(3))).unwrap();
-            // One that is under way when it happens, and where that one does not notice it one that comes after it.
+            // A call that is under way at the fault, and, if that one does not notice it, a call after it.
             for _ in 0..2 {
                 let began = now();
                 let given = (call.run)(&ecm);

@@ -1,5 +1,5 @@
-//! Every call of the native API in every state: what is good works, what is not ends with a typed error that says what to
-//! do, and nothing is sent that the board would reject.
+//! Every call of the native API in every state: a valid call works, another one ends with a typed error that says what
+//! to do, and no command is sent that the board would reject.
 
 use std::sync::Arc;
 use std::sync::mpsc;
@@ -35,7 +35,7 @@ impl State {
     }
 }
 
-/// What a call has to give in a state: `None`, it works; else the name of the error.
+/// The expected result of a call in a state: `None`, it works; else the name of the error.
 fn expected(call: &Call, state: State) -> Option<&'static str> {
     let Some(network) = state.network() else {
         let lost = if state == State::Lost { "Lost" } else { "Closed" };
@@ -69,7 +69,7 @@ fn name(error: &EcmError) -> &'static str {
     }
 }
 
-/// A board that is in that state, and will stay there but for the call.
+/// A board in that state, which only the call changes.
 fn board_in(state: State) -> (Arc<Tap>, Ecm) {
     let keys = match state {
         State::Alarm => {

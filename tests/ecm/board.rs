@@ -72,7 +72,7 @@ fn a_board_that_was_reset_by_others_stays_lost() {
     assert!(again(&uri("slaves=drive&name=foreign-reset")).0.state().is_ok());
 }
 
-/// What will not come by waiting is said at once, and what does not come is said after the limit.
+/// A hopeless wait ends at once, and another one after its limit.
 #[test]
 fn waiting_for_a_board_that_does_not_come() {
     let wrong = Ecm::open_when_there("sim:?slaves=lathe", Options::default(), MINUTE).map(|_| ());
@@ -87,7 +87,7 @@ fn waiting_for_a_board_that_does_not_come() {
     assert!(waited >= limit && seen.contains("it finds no slave"), "{waited:?} {seen}");
 }
 
-/// SK-1.15 SK-1.16 The switches act from the next boot on, not before: then a frame that is wrong counts as one.
+/// SK-1.15 SK-1.16 The switches act from the next boot on, not before: then a wrong frame is counted.
 #[test]
 fn crc_switches_act_after_a_boot() {
     let keys = "slaves=drive&name=switches";
@@ -120,8 +120,8 @@ fn crc_switches_act_after_a_boot() {
     assert!(tap.take().is_empty());
 }
 
-/// SK-5.18 SK-5.22 A cleared FIFO is empty: what was ahead never runs, and the axis stands where it was. The stream
-/// is over: its next targets begin somewhere else.
+/// SK-5.18 SK-5.22 A cleared FIFO is empty: its entries are never executed, and the axis stays at its position. The
+/// stream has ended, since its next targets would begin elsewhere.
 #[test]
 fn a_cleared_fifo_stops_the_axis() {
     let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));
@@ -179,7 +179,7 @@ fn a_fifo_that_another_thread_clears() {
     assert!(frames[clear..].iter().all(|frame| RawSlot { index: 0, ..frame.slot(SIZE, 1) }.is_zero()));
 }
 
-/// Entries that were dropped are no underruns, and hide none of the stream that comes after.
+/// Dropped entries are no underruns, and hide none of a later stream.
 #[test]
 fn underruns_after_a_clear_count() {
     let (tap, ecm) = Tap::enabled("slaves=drive&queue=64", &Config::drives(1));
@@ -252,7 +252,7 @@ fn a_reset_that_is_not_heard() {
     let file = script("board-deaf", "at 1s silent\n");
     let ecm = open(&format!("slaves=drive&script={file}"));
     while ecm.next_cycle(SECOND).is_ok() {}
-    // It is reset, though nobody sees reports: the link tells.
+    // It is reset while no reports are read: the link reports the reset.
     ecm.reset().unwrap();
     let ecm = Ecm::open("sim:?slaves=drive&clock=virtual&fault.drop.write=1").unwrap();
     let error = ecm.reset().unwrap_err();

@@ -76,7 +76,7 @@ fn closing_holds_switches_off_or_leaves_as_asked() {
     }
 }
 
-/// API-10 SK-5.5 CSV ramps its velocity to 0 and CST keeps the torque of an axis that stands.
+/// API-10 SK-5.5 CSV ramps its velocity to 0 and CST keeps the torque of an axis at rest.
 #[test]
 fn closing_ramps_a_velocity_to_0_and_keeps_a_holding_torque() {
     let slaves = vec![Slave::Drive(Axis::CSV), Slave::Drive(Axis::CST), Slave::Drive(Axis::CST)];
@@ -111,7 +111,7 @@ fn closing_ramps_a_velocity_to_0_and_keeps_a_holding_torque() {
     assert!((ecm.snapshot().unwrap().position(1).unwrap() - first).abs() <= 2);
 }
 
-/// API-10 SK-5.4 A board that ran dry stands: the end of its stream does not set it going again.
+/// API-10 SK-5.4 If the board's FIFO ran empty its axes are at rest: the end of the stream does not start them again.
 #[test]
 fn the_end_of_a_stream_does_not_move_a_board_that_ran_dry() {
     let (tap, ecm) = Tap::enabled("slaves=drive*2&queue=4", &Config::drives(2));

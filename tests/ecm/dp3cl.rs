@@ -5,7 +5,7 @@ use ecmsk::ecm::{Axis, Config, Homing, Slave};
 use ecmsk::link::Link;
 use ecmsk::sk::MasterState;
 
-/// DP3CL-10.1 As a stepper and as a drive: it goes where it is sent, homes with a switch, and goes on from there.
+/// DP3CL-10.1 As a stepper and as a drive: it moves to its targets, homes with a switch, and moves on from there.
 #[test]
 fn it_moves_and_homes() {
     for slave in [Slave::Step(Axis::CSP), Slave::Drive(Axis::CSP)] {

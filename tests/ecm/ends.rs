@@ -81,8 +81,8 @@ fn slow_progress_stops_no_stream() {
     ecm.stream(4).unwrap().finish().unwrap();
 }
 
-/// SK-7.3 An axis that does not come on in time is told to stay off, and the error says so; those that were on stay
-/// on. An alarm of one sends nothing to the others.
+/// SK-7.3 An axis that does not switch on in time is commanded off, and the error says so; axes that were on stay on.
+/// After an alarm of one axis nothing is sent to the others.
 #[test]
 fn what_does_not_come_on_stays_off() {
     let file = script("ends-late", "at 1s jam 2 for 4s\nat 8s alarm 2 0x7500\n");
@@ -108,7 +108,7 @@ fn what_does_not_come_on_stays_off() {
     assert!(is_on(1) && !is_on(3));
 }
 
-/// `servo_on` and `clear_alarm` put nothing into the slot of an axis that is on: a stream's next target stands there.
+/// `servo_on` and `clear_alarm` put nothing into the slot of an axis that is on: it contains a stream's next target.
 #[test]
 fn a_streaming_axis_keeps_its_slot() {
     let tap = Tap::open("slaves=drive*2");
@@ -211,7 +211,7 @@ fn targets_half_the_range_apart() {
     );
 }
 
-/// API-10 A velocity that was lost on the way has not been executed: its axis stands, and the ramp does not set it going.
+/// API-10 A lost velocity has not been executed: its axis is at rest, and the ramp does not start it.
 #[test]
 fn a_velocity_that_never_arrived_is_not_ramped() {
     let (tap, ecm) = Tap::enabled("slaves=drive", &one(Axis::CSV));

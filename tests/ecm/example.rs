@@ -11,7 +11,7 @@ fn run(example: &str, link: Option<&str>) -> Ended {
     support::run(support::example(example).args(link).current_dir(root()))
 }
 
-/// Without a link, and on links where nothing else comes out, it prints its snapshot.
+/// Without a link, and on links with the same result, it prints its snapshot.
 fn prints_its_snapshot(example: &str, links: &[&str]) {
     for link in std::iter::once(None).chain(links.iter().copied().map(Some)) {
         let ended = run(example, link);
@@ -31,7 +31,7 @@ fn two_axes() {
     prints_its_snapshot("two_axes", &[&format!("{DRIVES}&fw=1.5&slot=16")]);
 }
 
-/// SK-4.10 What goes wrong is said with the next step to do.
+/// SK-4.10 Errors are printed with the next step.
 #[test]
 fn two_axes_on_a_board_of_three() {
     let ended = run("two_axes", Some("sim:?slaves=drive*3&clock=virtual"));
@@ -75,7 +75,7 @@ fn move_axis_of_a_served_board() {
         end
     });
     for (end, told) in ends.into_iter().zip([10_000_i32, 20_000]) {
-        // It was stopped at full speed, 10 counts a cycle, and may settle yet.
+        // It was stopped at full speed, 10 counts per cycle, and may still settle.
         assert!(end.abs_diff(told) <= 10, "{end}, told {told}");
     }
     server.stop();
@@ -98,7 +98,7 @@ fn homing() {
     prints_its_snapshot("homing", &[&format!("{DRIVES}&fw=1.5")]);
 }
 
-/// SK-7.11 An alarm on the way is cleared and overcome; one that stays ends the program with its words.
+/// SK-7.11 An alarm during the motion is cleared and the motion goes on; one that stays ends the program with its text.
 #[test]
 fn alarm_recovery() {
     prints_its_snapshot("alarm_recovery", &[&format!("{DRIVES}&fw=1.5&slot=16")]);

@@ -27,8 +27,8 @@ fn away(ecm: &Ecm, slaves: &[u8]) {
     }
 }
 
-/// SK-7.27 Several GO_HOME stand in one frame and in no other, on either firmware; each axis is home and takes
-/// targets again, though one is there sooner than another.
+/// SK-7.27 Several GO_HOME are sent in one frame and in no other, on either firmware; each axis is homed and takes
+/// targets again, although one is homed sooner than another.
 #[test]
 fn several_axes_home_from_one_frame() {
     for keys in ["slaves=drive*3,io", "slaves=drive*3,io&fw=1.5", "slaves=drive*3,io&slot=16"] {
@@ -110,7 +110,7 @@ fn an_alarm_of_one_axis_ends_the_homing_of_all() {
     ecm.home_all(&[homed(1, 0), homed(2, 0)], |_| {}).unwrap();
 }
 
-/// What does not go sends nothing: a slave named twice, one that is no axis, one that is off.
+/// For invalid slaves nothing is sent: a slave named twice, one that is no axis, one that is off.
 #[test]
 fn an_invalid_list_of_axes_sends_nothing() {
     let tap = Tap::open("slaves=drive*2,io");
@@ -157,7 +157,7 @@ fn a_mode_that_stays_is_told() {
     assert_eq!(modes(&ecm, &[2]), [8]);
 }
 
-/// API-14 An axis that homes beside an open stream gets none of the stream's targets, neither then nor after it.
+/// API-14 An axis that homes during an open stream gets none of the stream's targets, neither then nor afterwards.
 #[test]
 fn homing_beside_a_stream() {
     let (tap, ecm) = Tap::enabled("slaves=drive*2", &Config::drives(2));

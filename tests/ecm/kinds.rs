@@ -5,7 +5,7 @@ use ecmsk::ecm::{Axis, Homing, Slave, SlaveView};
 use ecmsk::link::Link;
 use ecmsk::sk::AxisTarget;
 
-/// SK-3.20 SK-7.36 A stepper goes where it is sent, and homes.
+/// SK-3.20 SK-7.36 A stepper follows its targets, and homes.
 #[test]
 fn a_stepper_moves_and_homes() {
     for keys in ["slaves=step", "slaves=step&slot=16", "slaves=step&fw=1.5"] {

@@ -1,4 +1,4 @@
-//! The native API: boards, axes, streams, and what a board can get wrong.
+//! The native API: boards, axes, streams, and faults of a board.
 //!
 //! Files:
 //!
@@ -8,7 +8,7 @@
 //! - `stream.rs`, `targets.rs`: cyclic targets
 //! - `threads.rs`, `answers.rs`, `ends.rs`: several threads, lost frames, calls that something interrupts
 //! - `bad_states.rs`, `bad_boards.rs`: every call in every state, and with every failure of a board
-//! - `safety.rs`, `example.rs`: what docs/SAFETY.md states; the programs of `examples/rust/`
+//! - `safety.rs`, `example.rs`: the statements of docs/SAFETY.md; the programs of `examples/rust/`
 //! - `common/`: programs and links that the tests share
 
 mod answers;

@@ -1,5 +1,5 @@
-//! What docs/SAFETY.md says of axes that nobody commands any more, shown on the modelled board: the program vanishes, the
-//! cable goes, the board resets, the network leaves OP.
+//! The statements of docs/SAFETY.md about axes that are not commanded any more, on the modelled board: the program
+//! vanishes, the cable is cut, the board resets, the network leaves OP.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ fn config(axis: Axis) -> Config {
     Config { slaves: vec![Slave::Drive(axis); 2], ..Config::default() }
 }
 
-/// Counts an axis moves in so many cycles.
+/// The counts that an axis moves in that many cycles.
 fn moves(ecm: &Ecm, slave: u8, count: u32) -> i32 {
     let from = ecm.next_cycle(SECOND).unwrap().position(slave).unwrap();
     cycles(ecm, count);
@@ -40,7 +40,7 @@ fn killed_while(name: &str, axis: Axis, command: impl Fn(&mut ecmsk::ecm::Stream
     ecm
 }
 
-/// SK-5.4 CSP: what is in the FIFO runs, then the axis holds the last target, on.
+/// SK-5.4 CSP: the entries of the FIFO run, then the axis holds the last target, on.
 #[test]
 fn killed_in_csp_the_axis_holds() {
     let ecm = killed_while("csp", Axis::CSP, |stream, n| stream.csp(1, n * 50).unwrap());
@@ -70,7 +70,7 @@ fn killed_in_cst_the_axis_gets_faster() {
     assert!(first > 0 && later > first, "{first} {later}");
 }
 
-/// SK-7.20 SK-7.22 Homing: the drive goes on by itself, finds its home and stands there, on.
+/// SK-7.20 SK-7.22 Homing: the drive goes on by itself, finds its home and stays there, switched on.
 #[test]
 fn killed_while_homing_the_axis_goes_home() {
     let keys = "slaves=drive*2&name=safety-homing";
@@ -121,8 +121,8 @@ fn a_panic_ramps_to_a_standstill() {
     assert!(is_on(&ecm, 1));
 }
 
-/// SK-4.59 SK-4.60 The cable before the first slave goes: no cycle passes any more. The watchdogs of the drives stop them
-/// within 100 ms, they are off, and stay so when the cable is back, until a program switches them on.
+/// SK-4.59 SK-4.60 The cable before the first slave is cut: no cycle passes any more. The watchdogs of the drives stop
+/// them within 100 ms, they are off, and stay so when the cable is back, until a program switches them on.
 #[test]
 fn a_cut_cable_stops_the_drives() {
     let file = script("safety-cut", "at 2s cut 1 for 1s\n");
@@ -137,7 +137,7 @@ fn a_cut_cable_stops_the_drives() {
     while ecm.next_cycle(SECOND).is_err() {}
     cycles(&ecm, 100);
     let snapshot = ecm.snapshot().unwrap();
-    // What lost drives show is old.
+    // The values of lost drives are old.
     assert_eq!(snapshot.state(), StateByte::failed(Some(MasterState::Op)));
     ecm.set_state(MasterState::Op).unwrap();
     let after = ecm.next_cycle(SECOND).unwrap().position(1).unwrap();
@@ -147,7 +147,8 @@ fn a_cut_cable_stops_the_drives() {
     assert!(!is_on(&ecm, 1) && !is_on(&ecm, 2));
 }
 
-/// SK-4.61 A cable that is cut behind slave 1: slave 2 is stopped as by a cut before the first one, slave 1 goes on as it is told.
+/// SK-4.61 A cable that is cut behind slave 1: slave 2 is stopped as by a cut before the first one, slave 1 still
+/// obeys.
 #[test]
 fn a_cut_behind_a_slave_stops_those_behind_it() {
     let file = script("safety-cut-2", "at 2s cut 2 for 1s\n");
@@ -171,7 +172,7 @@ fn a_cut_behind_a_slave_stops_those_behind_it() {
     assert!(!is_on(&ecm, 2));
 }
 
-/// SK-4.61 A slave that loses its power is lost alone: the others do as they are told.
+/// SK-4.61 A slave that loses its power is lost alone: the others still obey.
 #[test]
 fn one_slave_without_power_stops_alone() {
     let file = script("safety-lose", "at 1s lose 1\n");
@@ -231,7 +232,7 @@ fn leaving_op_stops_the_drives() {
     assert!(moves(&ecm, 1, 200).abs() <= 2);
 }
 
-/// Every test that docs/SAFETY.md names is there.
+/// Every test that docs/SAFETY.md names exists.
 #[test]
 fn the_page_names_tests_that_exist() {
     let root = support::root();

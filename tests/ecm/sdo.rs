@@ -36,7 +36,7 @@ fn values_of_all_types_are_read_and_written_in_every_state() {
     }
 }
 
-/// SK-6.11 Data2 is zero-extended: signed values come back as they are, what is too wide for the type is an error.
+/// SK-6.11 Data2 is zero-extended: signed values are read correctly, a value that is too wide for the type is an error.
 #[test]
 fn signed_values_come_back_and_values_too_wide_are_errors() {
     assert_eq!((i8::from_raw(0xFF), i8::from_raw(0x100), u8::from_raw(0xFF)), (Some(-1), None, Some(255)));
@@ -71,12 +71,12 @@ fn an_abort_is_an_error_with_its_code_and_text() {
     for slave in [0, 41, 255] {
         assert_eq!(ecm.sdo_read::<u8>(slave, WINDOW), Err(EcmError::NoSuchSlave { slave, declared: 40 }));
     }
-    // An aborted request asked again gives its own abort, and one that works works.
+    // A repeated aborted request returns its own abort, and a valid one works.
     assert!(ecm.sdo_read::<u32>(1, object).is_err() && ecm.sdo_read::<u32>(1, object).is_err());
     assert!(ecm.sdo_read::<u32>(1, WINDOW).is_ok());
 }
 
-/// SK-6.10 A request that the slot shows already is asked for after another object was read, and only then.
+/// SK-6.10 If the slot already shows the request, another object is read first, and only then.
 #[test]
 fn the_answer_that_stays_is_not_taken_for_a_new_one() {
     let tap = Tap::open("slaves=drive*2");
@@ -93,7 +93,7 @@ fn the_answer_that_stays_is_not_taken_for_a_new_one() {
     ecm.sdo_write(1, WINDOW, 5_u32).unwrap();
     ecm.sdo_read::<u32>(1, WINDOW).unwrap();
     assert_eq!(sent().len(), 4);
-    // The device type itself goes by the vendor id.
+    // The device type itself is read after the vendor id.
     ecm.sdo_read::<u32>(1, DEVICE_TYPE).unwrap();
     ecm.sdo_read::<u32>(1, DEVICE_TYPE).unwrap();
     let vendor = ObjectAddress::new(0x1018, 1);
@@ -105,7 +105,7 @@ fn the_answer_that_stays_is_not_taken_for_a_new_one() {
     assert_eq!(sent()[1], read(1, DEVICE_TYPE));
 }
 
-/// SK-6.10 A value that changes is read anew each time, also when the answers of another program's session are there.
+/// SK-6.10 A value that changes is read anew each time, also when the slot has answers from another program's session.
 #[test]
 fn every_read_is_fresh() {
     let keys = "slaves=drive&name=fresh";
@@ -131,7 +131,7 @@ fn every_read_is_fresh() {
     assert_eq!(sent[0], SdoCommand::Read { slave: 1, object: DEVICE_TYPE }, "the slot showed it from before");
 }
 
-/// SK-6.3 One that meets a transfer under way runs next, and the right answer is found.
+/// SK-6.3 A request that meets a transfer under way runs next, and the right answer is found.
 #[test]
 fn an_sdo_of_a_slow_slave_is_repeated_up_to_its_limit() {
     let file = script("slow", "sdo-delay 1 400ms\n");
@@ -145,7 +145,7 @@ fn an_sdo_of_a_slow_slave_is_repeated_up_to_its_limit() {
     let tap = Tap::open(&format!("slaves=drive*2&script={file}"));
     let ecm = tap.ecm(Options::default()).unwrap();
     assert!(ecm.sdo_read::<u32>(1, WINDOW).is_ok());
-    // Another program's request is under way: ours runs next.
+    // Another program's request is in progress: this one's runs next.
     let mut frame = ecmsk::sk::Frame::new();
     frame.put_sdo(SIZE, &SdoCommand::Read { slave: 1, object: ObjectAddress::new(0x1018, 2) });
     tap.write(&frame, ecmsk::link::Wait::Now).unwrap();
@@ -183,7 +183,7 @@ fn each_thread_gets_the_answers_to_its_own_sdos() {
     assert_eq!(tap.stats().board.unwrap().rejected_total(), 0);
 }
 
-/// SK-5.20 In the middle of a full FIFO a request waits for its entry, and nothing is asked twice.
+/// SK-5.20 In the middle of a full FIFO a request waits for its entry, and is not sent twice.
 #[test]
 fn an_sdo_behind_a_full_fifo_is_asked_once() {
     let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));

@@ -1,4 +1,4 @@
-//! The native API's opening, configuring and changing of states, and what it makes of odd reports.
+//! The native API's opening, configuring and changing of states, and its handling of odd reports.
 
 use std::time::Duration;
 
@@ -67,10 +67,10 @@ fn another_number_of_slaves_is_an_error() {
     ecm.configure(&Config::drives(2)).unwrap();
 }
 
-/// SK-4.55 SK-4.58 A change that gets stuck says where and, as far as the wire shows it, on which slave.
+/// SK-4.55 SK-4.58 The error of a change that gets stuck names the state and, as far as the reports show it, the slave.
 #[test]
 fn a_stuck_change_says_where_and_on_whom() {
-    // Declared as drives, and the second one is an IO slave.
+    // Both are declared as drives, but the second one is an IO slave.
     let ecm = open("slaves=drive,io");
     ecm.configure(&Config::drives(2)).unwrap();
     let found = StateByte::failed(Some(MasterState::PreOp));
@@ -83,7 +83,7 @@ fn a_stuck_change_says_where_and_on_whom() {
         "OP was not reached, the board is in PreOP (a slave failed): slave 2 is no DRIVE, it has no object 0x6041:0; \
          correct the configuration"
     );
-    // It is the same the second time, and no old failure is taken for a new one after the correction.
+    // It is the same the second time, and after the correction an old failure does not count as a new one.
     assert!(matches!(ecm.set_state(MasterState::Op), Err(EcmError::StateStuck { .. })));
     let right = Config { slaves: vec![Slave::Drive(Axis::CSP), Slave::Io], ..Config::default() };
     ecm.configure(&right).unwrap();
@@ -103,13 +103,14 @@ fn a_stuck_change_says_where_and_on_whom() {
     let found = StateByte::failed(Some(MasterState::SafeOp));
     assert_eq!(error, EcmError::StateStuck { wanted: MasterState::Op, found, suspect: Suspect::Unknown });
 
-    // Nothing is configured: the board takes the drives for IO slaves.
+    // Nothing is configured: the board treats the drives as IO slaves.
     let error = open("slaves=drive").set_state(MasterState::Op).unwrap_err();
     assert!(matches!(error, EcmError::StateStuck { suspect: Suspect::Undeclared, .. }), "{error}");
     assert!(error.to_string().ends_with("call configure first"), "{error}");
 }
 
-/// API-27 SK-5.5 A board found in OP is adopted as it is: nothing is sent, its axes go on, and configuring it is refused.
+/// API-27 SK-5.5 A board found in OP is adopted unchanged: nothing is sent, its axes go on, and configuring it is
+/// refused.
 #[test]
 fn a_board_in_op_is_attached_to() {
     let keys = "slaves=drive&name=attach";
@@ -135,7 +136,7 @@ fn a_board_in_op_is_attached_to() {
     let moved = to.position(1).unwrap() - from.position(1).unwrap();
     assert!((4_500..5_500).contains(&moved), "it goes on: {moved}");
     assert!(tap.take().is_empty());
-    // What somebody else has set going is ramped to a standstill, and stays enabled.
+    // An axis that another program has set in motion is ramped to a standstill, and stays enabled.
     ecm.close(Close::Hold).unwrap();
     let ecm = open(keys);
     ecm.adopt(&config).unwrap();
@@ -146,7 +147,7 @@ fn a_board_in_op_is_attached_to() {
     assert!(still.drive(1).unwrap().statusword.is_enabled());
 }
 
-/// SK-2.7 A change of byte 1 is told and fails nothing, whatever the value.
+/// SK-2.7 A change of byte 1 is an event and no error, whatever the value.
 #[test]
 fn a_change_of_byte_1_is_an_event_and_no_error() {
     let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));
@@ -182,7 +183,7 @@ fn a_wrong_crc_of_a_report_is_refused_and_0_counts_as_absent() {
     assert_eq!((bent(0, false), bent(0, true)), (0, 10));
     assert_eq!((bent(0x5C, false), bent(0x5C, true)), (10, 10));
 
-    // A board that fills none is fine, and only silent reports with wrong CRCs are an error.
+    // A board without CRCs is valid, and only wrong CRCs without a good report are an error.
     let tap = Tap::open("slaves=drive");
     let ecm = tap.ecm(Options::default()).unwrap();
     tap.bend(|_, frame| frame.bytes_mut()[9] ^= 1);
@@ -190,7 +191,7 @@ fn a_wrong_crc_of_a_report_is_refused_and_0_counts_as_absent() {
     assert!(matches!(error, EcmError::NoReport { bad_crc, .. } if bad_crc > 900), "{error}");
 }
 
-/// SK-1.13 Where the link does not say how wide slots are the CRC of its reports does.
+/// SK-1.13 If the link does not give the slot size, the CRC of its reports shows it.
 #[test]
 fn the_slot_size_is_found() {
     for (keys, size) in [("slaves=drive", SlotSize::Bytes12), ("slaves=drive&slot=16", SlotSize::Bytes16)] {
@@ -205,7 +206,7 @@ fn the_slot_size_is_found() {
     Tap::without_slot("slaves=drive").ecm(given).unwrap();
 }
 
-/// LIB-37 Every read and write has a limit, whatever is done, even where the link's own default waits for ever.
+/// LIB-37 Every read and write of every call has a limit, even if the link's own default waits for ever.
 #[test]
 fn every_wait_has_a_limit() {
     let tap = Tap::open("slaves=drive,io");
@@ -226,7 +227,7 @@ fn every_wait_has_a_limit() {
     assert!(longest <= Some(SECOND), "{longest:?}");
 }
 
-/// LIB-37 SK-9.12 A board that says nothing ends every call with an error that says what to do.
+/// LIB-37 SK-9.12 A silent board ends every call with an error that says what to do.
 #[test]
 fn a_silent_board_ends_calls() {
     let file = script("silent", "at 50ms silent\n");
@@ -242,7 +243,7 @@ fn a_silent_board_ends_calls() {
     silent(ecm.local_inputs().map(|_| ()));
 }
 
-/// SK-9.11 Reports that were lost are told, and nothing goes wrong with the rest.
+/// SK-9.11 Lost reports are reported, and the others are not affected.
 #[test]
 fn lost_reports_are_told() {
     let tap = Tap::open("slaves=drive&queue=4");
@@ -255,7 +256,7 @@ fn lost_reports_are_told() {
     assert!(now.meta.dropped >= 45);
 }
 
-/// A line that loses, doubles, bends and delays frames in both directions: all calls do their work.
+/// A line that loses, doubles, corrupts and delays frames in both directions: all calls succeed.
 #[test]
 fn a_bad_line_is_lived_with() {
     for seed in 1..4 {
@@ -277,7 +278,7 @@ fn a_bad_line_is_lived_with() {
     }
 }
 
-/// API-17 A board that goes away is an error of the link; nothing opens it again by itself.
+/// API-17 A board that goes away is an error of the link; it is not opened again automatically.
 #[test]
 fn a_lost_board_stays_lost() {
     let ecm = Ecm::open(&uri("slaves=drive&fault.disconnect_ms=100")).unwrap();
@@ -306,7 +307,7 @@ fn a_stream_on_the_real_clock_has_no_loss() {
     ecm.close(Close::ServoOff).unwrap();
 }
 
-/// SK-3.12 The snapshot shows what came.
+/// SK-3.12 The snapshot shows the received report.
 #[test]
 fn a_snapshot_is_the_report() {
     let ecm =

@@ -56,7 +56,7 @@ fn underruns_are_the_cycles_without_an_entry() {
     let gaps = stream.stats().unwrap().underruns - before.underruns;
     assert!(gaps.abs_diff(30 - entries) <= 1, "{gaps} gaps, {entries} entries were there");
     assert_eq!(before.underruns, 0);
-    // It is as far ahead again: old reports in the queue have not fooled it.
+    // The stream is as far ahead again: old reports in the queue did not mislead it.
     assert!(stream.snapshot().unwrap().board.fifo_free <= 153, "{:?}", stream.snapshot().unwrap().board);
 }
 
@@ -82,7 +82,7 @@ fn a_full_board_is_waited_for_and_never_overfilled() {
     assert_eq!(tap.stats().board.unwrap().full, 0);
 }
 
-/// SK-5.10 Any increase of the full count is a loss, by 1 or by 126, over the wrap too; it is told and not divided.
+/// SK-5.10 Any increase of the full count is a loss, by 1 or by 126, also over the wrap; the raw increase is reported.
 #[test]
 fn any_increase_of_the_full_count_is_a_loss() {
     let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));
@@ -101,7 +101,7 @@ fn any_increase_of_the_full_count_is_a_loss() {
     assert_eq!(lost, [lost_at(0, 1), lost_at(1, 127), lost_at(127, 65_500), lost_at(65_500, 3)]);
 }
 
-/// SK-5.10 A full count that rises because another program writes beside the stream counts as a loss of it.
+/// SK-5.10 A full count that rises because another program writes during the stream counts as a loss of the stream.
 #[test]
 fn losses_show_in_the_stream() {
     let (tap, ecm) = Tap::enabled("slaves=drive&fw=1.5", &Config::drives(1));
@@ -117,7 +117,7 @@ fn losses_show_in_the_stream() {
     assert!(stream.stats().unwrap().losses > 0);
 }
 
-/// API-3 The guard refuses a target that is too far from the actual position, and nothing of it reaches the board.
+/// API-3 The guard refuses a target that is too far from the actual position, and no part of it reaches the board.
 #[test]
 fn the_guard_refuses_what_is_too_far() {
     let axis = Axis { guard: Guard::Within(500), ..Axis::CSP };
@@ -159,7 +159,7 @@ fn a_target_in_units_is_converted_to_counts() {
     assert!(matches!(stream.csp_units(1, f64::NAN), Err(EcmError::OutOfRange { .. })));
 }
 
-/// API-23 SK-7.31 SK-7.33 What an axis cannot take is refused before it is sent, with the reason.
+/// API-23 SK-7.31 SK-7.33 An impossible target is refused before it is sent, with the reason.
 #[test]
 fn targets_that_make_no_sense_are_refused() {
     let slaves = vec![Slave::Drive(Axis::CSP), Slave::Drive(Axis::CSV), Slave::Io, Slave::Drive(Axis::CST)];
@@ -236,7 +236,7 @@ fn every_frame_carries_its_crc() {
     assert_eq!(tap.stats().board.unwrap().crc, 1);
 }
 
-/// A stream of 40 axes allocates nothing: targets, steps, reading what the axes say.
+/// A stream of 40 axes allocates nothing: targets, steps, and reading the axes.
 #[test]
 fn a_stream_allocates_nothing() {
     let ecm = enabled("slaves=drive*40", &Config::drives(40));
@@ -254,7 +254,7 @@ fn a_stream_allocates_nothing() {
     assert!(stream.snapshot().unwrap().position(40).unwrap() > 20_000);
 }
 
-/// API-15 SK-5.2 Commands of other threads ride in the stream's frames: none of them takes a cycle from the motion.
+/// API-15 SK-5.2 Commands of other threads share the stream's frames: none of them takes a cycle from the motion.
 #[test]
 fn other_threads_ride_along() {
     let config = Config { slaves: vec![Slave::Drive(Axis::CSP), Slave::Io], ..Config::default() };
@@ -328,7 +328,7 @@ fn leaving_op_ends_the_stream() {
     assert!(matches!(stream.step(), Err(EcmError::WrongState { .. })));
 }
 
-/// API-3 SK-3.23 An HSP of two channels takes both targets and outputs, and the guard looks at both.
+/// API-3 SK-3.23 An HSP of two channels takes both targets and outputs, and the guard checks both.
 #[test]
 fn a_stream_moves_both_channels_of_an_hsp() {
     let axis = Axis { guard: Guard::Within(1000), ..Axis::CSP };

@@ -1,5 +1,5 @@
-//! The native API's targets between two steps: by which report they are checked, what becomes of those of an axis that
-//! goes off, and what they cost.
+//! The native API's targets between two steps: the report by which they are checked, targets of an axis that is
+//! switched off, and allocations.
 
 use std::time::Duration;
 
@@ -8,8 +8,8 @@ use ecmsk::ecm::{Axis, Config, Ecm, EcmError, Guard, Slave};
 use ecmsk::link::Link;
 use ecmsk::sk::CommandId;
 
-/// A target goes out with the step that follows it and with no other frame; a stream that ends before it steps has
-/// not sent it.
+/// A target is sent with the step that follows it and with no other frame; a stream that ends before it steps has not
+/// sent it.
 #[test]
 fn a_target_waits_for_its_step() {
     let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));
@@ -25,7 +25,7 @@ fn a_target_waits_for_its_step() {
     assert!(tap.take_slots(1).iter().all(|slot| slot.data1 != 500));
 }
 
-/// The guard goes by the newest report, whoever has read it.
+/// The guard uses the newest report, whichever thread has read it.
 #[test]
 fn the_guard_goes_by_the_newest_report() {
     let axis = Axis { guard: Guard::Within(1000), ..Axis::CSP };
@@ -77,7 +77,7 @@ fn an_axis_with_an_alarm_is_left_out() {
     assert_eq!(frame.slot(SIZE, 2).data1, 7);
 }
 
-/// On the real clock a stream of 40 axes allocates nothing either.
+/// On the real clock a stream of 40 axes allocates nothing, either.
 #[test]
 fn a_stream_on_the_real_clock_allocates_nothing() {
     let ecm = enable(Ecm::open("sim:?slaves=drive*40&clock=real").unwrap(), &Config::drives(40));

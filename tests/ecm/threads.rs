@@ -1,4 +1,4 @@
-//! The native API in several threads: turns, a stream whose thread sleeps, ends that come from elsewhere.
+//! The native API in several threads: turns, a stream whose thread sleeps, ends caused by other threads.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
@@ -49,8 +49,8 @@ fn each_thread_gets_its_own_answers() {
     assert_eq!((board.rejected_total(), board.full), (0, 0));
 }
 
-/// API-15 A stream and an SDO loop in two threads: the axis goes where it is sent without a gap on its way, and each value
-/// is read back.
+/// API-15 A stream and an SDO loop in two threads: the axis follows its targets without a gap, and each value is read
+/// back.
 #[test]
 fn one_streams_and_one_reads() {
     let (tap, ecm) = Tap::enabled("slaves=drive*2,io*2", &mixed());
@@ -104,7 +104,7 @@ fn a_stream_that_sleeps_holds_nobody_up() {
     });
 }
 
-/// A link that is closed in one thread ends at once what waits in others: a report, a state, an SDO.
+/// A link that is closed in one thread ends all waits in others at once: a report, a state, an SDO.
 #[test]
 fn closing_ends_what_waits() {
     let file = script("threads-silent", "at 600ms silent\n");

@@ -1,4 +1,5 @@
-//! A pulse module of two channels under the native API: what moves one leaves the other alone, and both have to be on.
+//! A pulse module of two channels under the native API: a command for one channel does not affect the other, and both
+//! have to be on.
 
 use std::time::Duration;
 
@@ -72,7 +73,7 @@ fn one_velocity_of_two_changes() {
 }
 
 /// SK-7.15 The second channel trips: the stream takes no target for the slave any more, and after `clear_alarm` and
-/// `servo_on`, which wait for both channels, nothing moves before there is one.
+/// `servo_on`, which wait for both channels, nothing moves before a new target.
 #[test]
 fn a_second_channel_that_trips_stops_both() {
     let file = script("two-trips", "at 3s alarm 1.2 0x7500\n");
@@ -125,7 +126,7 @@ fn the_channel_that_goes_on_is_stopped() {
     }
 }
 
-/// An alarm of the second channel alone: `servo_on` refuses, `clear_alarm` says if it stays.
+/// An alarm of the second channel alone: `servo_on` refuses, `clear_alarm` returns an error if it stays.
 #[test]
 fn an_alarm_of_the_second_channel_is_told() {
     let file = script("two-alarm", "at 2s alarm 1.2 0x7500 stays\n");
@@ -137,7 +138,7 @@ fn an_alarm_of_the_second_channel_is_told() {
     assert_eq!(ecm.clear_alarm(&[1]), Err(EcmError::Alarm { slave: 1, code: 0 }));
 }
 
-/// Other transfers get through beside a stream that asks for the second channel.
+/// Other transfers succeed during a stream that reads the second channel.
 #[test]
 fn sdo_beside_a_stream_of_two_channels() {
     let slaves = vec![Slave::Hsp(Axis::CSP), Slave::Drive(Axis::CSP)];

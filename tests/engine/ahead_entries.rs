@@ -1,4 +1,4 @@
-//! What an entry holds for the board itself, on a bus that takes outputs ahead: it acts with the entry's outputs.
+//! Commands for the board itself in an entry, on a bus that takes outputs ahead: they act with the entry's outputs.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -39,7 +39,7 @@ fn sent(net: &Net) -> i32 {
     net.puppets[0].strings().sent.last().map_or(0, |out| out.target)
 }
 
-/// And the chip's outputs.
+/// The same with the chip's outputs.
 fn target_and_outputs(net: &Net) -> (i32, u8) {
     (sent(net), net.host.board.engine().local_outputs())
 }
@@ -53,7 +53,7 @@ fn lio_acts_with_its_outputs() {
         let mut seen = vec![];
         for _ in 0..80 {
             net.host.cycle();
-            // Known when it is answered.
+            // The marker is known when the entry is answered.
             let answered = net.host.drive(1).head.index;
             assert_eq!(answered, net.host.board.engine().local_outputs(), "{how:?}");
             seen.push(answered);
@@ -94,8 +94,8 @@ fn an_sdo_starts_with_its_outputs() {
     }
 }
 
-/// SK-5.22 SK-4.44 What a clear takes back has not acted, and what has acted is not counted as cleared: outputs, SDO, a
-/// rejection. SK-5.25 Nor does it act when OP is left.
+/// SK-5.22 SK-4.44 Entries that a clear takes back have not acted, and entries that have acted are not counted as
+/// cleared: outputs, SDO, a rejection. SK-5.25 They do not act when OP is left, either.
 #[test]
 fn what_is_taken_back_has_not_acted() {
     for how in deep() {
@@ -132,7 +132,7 @@ fn what_is_taken_back_has_not_acted() {
     }
 }
 
-/// SK-4.39 A rejection of what stands in slot 0 or in the SDO slot comes with its entry as well.
+/// SK-4.39 The rejection of a command in slot 0 or in the SDO slot comes with its entry as well.
 #[test]
 fn rejections_come_with_their_entry() {
     for how in deep() {
@@ -154,7 +154,7 @@ fn rejections_come_with_their_entry() {
     }
 }
 
-/// A bus whose cable is cut, as often as it is told to, between saying that there is room and taking outputs.
+/// A bus whose cable is cut, as often as the test sets, between its report of free room and taking outputs.
 struct Torn<B> {
     bus: B,
     cuts: Arc<AtomicU32>,
@@ -171,7 +171,7 @@ impl<B: Fieldbus> Fieldbus for Torn<B> {
     }
 }
 
-/// Boards in OP whose drive is on, on every kind of bus, each with its cuts to come.
+/// Boards in OP whose drive is on, on every kind of bus, each with its number of cuts.
 fn torn() -> impl Iterator<Item = (Host, Puppet, Arc<AtomicU32>, Option<Ahead>)> {
     std::iter::once(None).chain(deep().map(Some)).map(|how| {
         let (puppet, cuts) = (Puppet::obedient(), Arc::new(AtomicU32::new(0)));
@@ -185,7 +185,7 @@ fn torn() -> impl Iterator<Item = (Host, Puppet, Arc<AtomicU32>, Option<Ahead>)>
     })
 }
 
-/// SK-5.21 SK-4.59 An entry whose outputs no bus takes any more has been executed: its LIO has acted, once.
+/// SK-5.21 SK-4.59 An entry whose outputs the bus does not take any more has been executed: its LIO has acted, once.
 #[test]
 fn a_cable_that_is_cut_this_moment() {
     for (mut host, puppet, cuts, how) in torn() {

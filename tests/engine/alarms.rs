@@ -1,4 +1,4 @@
-//! ALM_CLR: the fault reset of a drive, and all that it must not do.
+//! ALM_CLR: the fault reset of a drive, and its limits.
 
 use ecmsk::cia402::{DriveState, Statusword};
 use ecmsk::engine::EngineConfig;
@@ -82,7 +82,7 @@ fn alarm_clear_works_again() {
         alarm_clear(&mut host).cycles(50);
         assert_eq!(edges(&puppet, 0), n);
     }
-    // In every frame, as a program that waits for the end of the fault.
+    // ALM_CLR in every frame, as from a program that waits for the end of the fault.
     let from = sets(&puppet);
     for _ in 0..200 {
         alarm_clear(&mut host).cycle();
@@ -90,8 +90,8 @@ fn alarm_clear_works_again() {
     assert!(edges(&puppet, from) >= 10, "{}", edges(&puppet, from));
 }
 
-/// SK-7.11 Without a fault it has no effect: a walk goes on, a drive that is on holds its target, one that is off stays
-/// off, and a fault that comes later is not reset.
+/// SK-7.11 Without a fault it has no effect: a walk of SV_ON goes on, a drive that is on holds its target, one that is
+/// off stays off, and a fault that comes later is not reset.
 #[test]
 fn without_a_fault_alarm_clear_has_no_effect() {
     let (mut host, puppet) = board();
@@ -126,9 +126,9 @@ fn without_a_fault_alarm_clear_has_no_effect() {
     assert_eq!(host.counters().rejected_total(), 0);
 }
 
-/// SK-7.11 A drive in Fault goes to Switch on disabled, and its error code goes. The motor stays off, however often
-/// ALM_CLR comes, also if it was on or an SV_ON came in the fault; a new SV_ON starts it.
-/// SK-7.9 SV_ON alone resets nothing.
+/// SK-7.11 A drive in Fault goes to Switch on disabled, and its error code is cleared. The motor stays off, however
+/// often ALM_CLR comes, also if it was on or an SV_ON came in the fault; a new SV_ON starts it. SK-7.9 SV_ON alone
+/// resets nothing.
 #[test]
 fn alarm_clear_resets_a_fault_and_starts_no_motor() {
     for (before, times) in [(false, 1), (false, 30), (true, 1), (true, 30)] {
@@ -176,8 +176,7 @@ fn alarm_clear_does_not_clear_every_alarm() {
     assert_eq!(host.counters().rejected_total(), 0);
 }
 
-/// SK-7.11 A program that sends ALM_CLR in each frame until the fault is gone, and then SV_ON, gets on, whoever owns the
-/// cycle.
+/// SK-7.11 A program that sends ALM_CLR in each frame until the fault is gone, and then SV_ON, succeeds on every bus.
 #[test]
 fn a_program_gets_out_of_a_fault_on_every_bus() {
     for how in ahead() {
@@ -198,8 +197,8 @@ fn a_program_gets_out_of_a_fault_on_every_bus() {
     }
 }
 
-/// SK-5.22 An ALM_CLR that lies ahead when the FIFO is cleared has not happened; SK-7.11 one that is under way ends, and
-/// the next one works.
+/// SK-5.22 An ALM_CLR that the bus has taken ahead when the FIFO is cleared has no effect; SK-7.11 an ALM_CLR under way
+/// ends, and the next one works.
 #[test]
 fn clear_takes_back_an_alarm_clear() {
     for how in ahead() {

@@ -1,4 +1,4 @@
-//! No cycle allocates, and no call of a host does.
+//! Neither a cycle nor a call of a host allocates.
 
 use allocation_counter::measure;
 use ecmsk::coe::{ObjectAddress, SdoSize};
@@ -127,7 +127,7 @@ fn what_goes_wrong_allocates_nothing() {
     assert_eq!(host.drive(1).error_code, 0x2310);
 }
 
-/// SK-5.3 Nor does a bus that takes outputs ahead make the engine allocate.
+/// SK-5.3 The engine does not allocate on a bus that takes outputs ahead, either.
 #[test]
 fn outputs_ahead_allocate_nothing() {
     let mut host = in_op(AheadBus::new(network(), Ahead::kind(64, 4, 333_333, 700)));
@@ -179,7 +179,7 @@ fn a_board_of_a_link_allocates_nothing() {
             until(&declared, &|_| true);
             until(&op, &is(MasterState::Op));
             until(&on, &|report| drive(report).statusword.is_enabled());
-            // More than a chip holds are on their way, so that everything that is kept of them is.
+            // More targets are under way than a chip holds, so that every record of them is in use.
             for _ in 0..100 {
                 link.write(&targets, Wait::Forever).unwrap();
             }

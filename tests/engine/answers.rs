@@ -1,4 +1,4 @@
-//! What the slots of a response say: the board's own, those of slaves, and the SDO slot.
+//! The slots of a response: the board's own, those of slaves, and the SDO slot.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::ObjectAddress;
@@ -26,7 +26,7 @@ fn board(slot: SlotSize) -> Bench {
     bench
 }
 
-/// A command of the board that is known to have a result: its six inputs.
+/// A command of the board with a known result: its six inputs.
 fn read_inputs(host: &mut Host, bits: u8) {
     host.board.engine_mut().set_local_inputs(bits);
     host.master(MasterCommand::LocalRead).cycle();
@@ -236,8 +236,8 @@ fn a_failed_change_goes_by_the_low_nibble() {
     }
 }
 
-/// SK-3.1 SK-4.56 A slot without a slave, and one that is declared as none, shows what was executed there, too: DRIVE_MODE
-/// and its index.
+/// SK-3.1 SK-4.56 A slot without a slave, and one that is declared as none, shows the command executed there, too:
+/// DRIVE_MODE and its index.
 #[test]
 fn a_slot_without_a_slave_shows_what_it_was_told() {
     for size in SlotSize::ALL {
@@ -252,7 +252,7 @@ fn a_slot_without_a_slave_shows_what_it_was_told() {
             assert_eq!(host.slot(slave), RawSlot::ZERO);
             host.build(|frame, size| frame.put_slave(size, slave, &mode)).cycle();
             assert_eq!(host.slot(slave), shown, "{size:?} slot {slave}");
-            // And in OP, where it is executed no more, until another frame has come.
+            // In OP, too, where it is not executed again, until another frame has come.
             host.build(|frame, size| {
                 frame.put_master(size, &MasterCommand::SetState(MasterState::Op));
                 frame.put_slave(size, slave, &mode);

@@ -1,5 +1,5 @@
-//! Rules that other files show cycle by cycle, which no bus but a simulated one lets them: here so that any bus will do, and
-//! `over` runs them over all of them.
+//! Rules that other files show cycle by cycle, which only a simulated bus allows. Here they are shown on any bus, and
+//! `over` runs them over all buses.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
@@ -30,8 +30,8 @@ fn puppet_in_op(kind: SlaveKind) -> (Host, Puppet) {
     (host, puppet)
 }
 
-/// SK-4.47 After power-up the board looks for slaves and goes to PreOP by itself.
-/// SK-4.48 It begins to talk when it is there: the first report says PreOP.
+/// SK-4.47 After power-up the board looks for slaves and goes to PreOP by itself. SK-4.48 It begins to report in PreOP:
+/// the first report shows PreOP.
 #[test]
 fn a_board_starts_in_preop() {
     let puppet = Puppet::new();
@@ -82,8 +82,8 @@ fn nibbles_name_kinds() {
     assert_eq!(roles, [Role::Drive(Mode::Csp), Role::Io, Role::Hsp(Mode::Csp), Role::Step(Mode::Csp), Role::Unused]);
 }
 
-/// SK-7.54 What the board has written on the way to SafeOP: the PDOs that it assigns, in each mode, and the mode.
-/// SK-7.3 SK-7.4 What they hold: 0x60FF in CSV, 0x6071 in CST, with their lengths.
+/// SK-7.54 The board's writes on the way to SafeOP: the assigned PDOs, in each mode, and the mode. SK-7.3 SK-7.4 Their
+/// entries: 0x60FF in CSV, 0x6071 in CST, with their lengths.
 #[test]
 fn process_data_are_mapped() {
     for (mode, pdo, value, target) in

@@ -1,4 +1,4 @@
-//! A bus that owns its cycle and takes outputs ahead: a program sees the same as on one that our runner paces.
+//! A bus that owns its cycle and takes outputs ahead: a program sees the same as on a bus that the runner paces.
 
 use ecmsk::cia402::{Controlword, DriveState};
 use ecmsk::coe::ObjectAddress;
@@ -29,8 +29,8 @@ fn host(how: Option<Ahead>, slaves: Vec<Box<dyn Slave>>) -> Host {
     }
 }
 
-/// A program as they are: configuration, motors on, a stream of targets with a look at the free space, an SDO and
-/// nonsense on the way, a burst that is too long, motors off. Says the last report.
+/// A typical program: configuration, motors on, a stream of targets by the free space, an SDO and nonsense meanwhile, a
+/// burst that is too long, motors off. Returns the last report.
 fn program(host: &mut Host) -> Frame {
     host.declare_drives(2);
     host.master(MasterCommand::SetDc { cycle: CycleTime::from_us(2000).unwrap(), shift: DcShift::Auto });
@@ -55,8 +55,8 @@ fn program(host: &mut Host) -> Frame {
     host.report.clone()
 }
 
-/// SK-5.3 The same program ends the same, to the byte, whoever owns the cycle: every target once and in order, the SDO
-/// answered, nonsense rejected, 10 of 170 frames lost.
+/// SK-5.3 The same program ends the same, to the byte, on every bus: every target once and in order, the SDO answered,
+/// nonsense rejected, 10 of 170 frames lost.
 #[test]
 fn a_program_ends_the_same_on_every_bus() {
     let run = |how| {
@@ -130,9 +130,9 @@ fn reports_are_right_however_cycles_and_polls_fall() {
     }
 }
 
-/// SK-5.22 SET_FIFO 1 drops what the bus has taken ahead too; SK-4.44 all of it is counted.
-/// SK-5.19 Its frame is the first entry after it.
-/// SK-7.16 The axis stays at the last target that was sent, also when later frames move others.
+/// SK-5.22 SET_FIFO 1 drops the entries that the bus has taken ahead, too; SK-4.44 all of it is counted. SK-5.19 Its
+/// frame is the first entry after it. SK-7.16 The axis stays at the last target that was sent, also when later frames
+/// move others.
 #[test]
 fn clear_takes_back_what_lies_ahead() {
     for how in ahead() {
@@ -158,7 +158,7 @@ fn clear_takes_back_what_lies_ahead() {
     }
 }
 
-/// SK-5.22 An SV_ON or SV_OFF that lies ahead when the FIFO is cleared has not happened.
+/// SK-5.22 An SV_ON or SV_OFF that the bus has taken ahead when the FIFO is cleared has no effect.
 #[test]
 fn clear_takes_back_walks() {
     for how in ahead() {
@@ -256,8 +256,8 @@ fn a_threshold_holds_back_what_could_lie_ahead() {
     }
 }
 
-/// SK-5.6 Entries that lie ahead take their place: a frame that finds 160 in all is lost.
-/// SK-5.12 They count against a threshold too.
+/// SK-5.6 Entries that the bus has taken ahead count: a frame that finds 160 in all is lost. SK-5.12 They count against
+/// a threshold too.
 #[test]
 fn what_lies_ahead_counts() {
     for how in ahead() {
@@ -316,7 +316,7 @@ fn op_begins_with_the_heads_of_the_commands_before() {
     }
 }
 
-/// SK-7.14 A walk goes on behind entries and when no more come.
+/// SK-7.14 A walk of SV_ON goes on behind entries and when no more come.
 #[test]
 fn a_walk_needs_no_more_frames() {
     for how in ahead() {
@@ -337,9 +337,8 @@ fn a_walk_needs_no_more_frames() {
     }
 }
 
-/// SK-5.25 Leaving OP drops what lies ahead; SK-4.44 it is counted.
-/// SK-4.66 The slot keeps its last values: those of the last entry that was answered.
-/// SK-4.33 SW_RESET forgets it all.
+/// SK-5.25 Leaving OP drops the entries that the bus has taken ahead; SK-4.44 it is counted. SK-4.66 The slot keeps its
+/// last values: those of the last entry that was answered. SK-4.33 SW_RESET resets all of it.
 #[test]
 fn leaving_op_drops_what_lies_ahead() {
     for how in ahead() {
@@ -361,7 +360,7 @@ fn leaving_op_drops_what_lies_ahead() {
         assert_eq!(rig.drive(1).head.index, answered as u8, "{how:?}: the newest that was answered in OP");
 
         rig.go(MasterState::Op);
-        // SK-3.32 SET_STATE's frame held GET_STATUS for it.
+        // SK-3.32 SET_STATE's frame had GET_STATUS for this slave.
         assert_eq!((rig.answer().fifo_free, rig.drive(1).head.id), (FIFO_ENTRIES, 0), "{how:?}");
         assert_eq!(rig.drive(1).head.index, answered as u8, "{how:?}");
         assert!(!rig.drive(1).statusword.is_enabled(), "the board switches nothing on by itself");

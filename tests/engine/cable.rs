@@ -26,7 +26,7 @@ fn a_cut_before_the_first_slave() {
         net.stream(20).settle();
         let (executed, reports) = (net.host.counters().executed, net.host.reports);
         net.network.cut_after(0);
-        // What the bus had under way is on its way up still.
+        // Answers already in the bus' pipeline still arrive.
         net.host.cycles(20);
         let silent_since = net.host.reports;
         assert!(silent_since - reports <= 6, "{how:?}");
@@ -116,7 +116,7 @@ fn a_cut_between_slaves() {
 }
 
 /// SK-4.61 The others take every target once and in order, while slaves are lost and while they are brought back.
-/// SK-4.44 What was meant for a lost one stands in a counter, or has reached it.
+/// SK-4.44 A target for a lost slave is in a counter, or has reached it.
 #[test]
 fn every_target_is_executed_or_counted() {
     for how in buses() {
@@ -253,7 +253,7 @@ fn down_with_lost_slaves() {
     }
 }
 
-/// SK-4.64 While nobody answers a SET_STATE for a lost slave, one to a lower state is not held up by it.
+/// SK-4.64 While a SET_STATE for a lost slave is not answered, one to a lower state is not delayed by it.
 #[test]
 fn down_while_lost_slaves_are_waited_for() {
     for how in two_buses() {

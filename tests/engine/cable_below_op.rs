@@ -34,8 +34,8 @@ fn reports_go_on() {
     }
 }
 
-/// SK-4.61 SK-4.62 In SafeOP nobody answers then: 0x10 | 4, also when the cable is whole again, until the next SET_STATE.
-/// SK-4.55 In Init and PreOP nothing is exchanged that would be missed.
+/// SK-4.61 SK-4.62 In SafeOP no slave answers then: 0x10 | 4, also when the cable is whole again, until the next
+/// SET_STATE. SK-4.55 In Init and PreOP no process data are exchanged that would be missed.
 #[test]
 fn slaves_that_are_missed_and_others() {
     for how in two_buses() {
@@ -55,7 +55,7 @@ fn slaves_that_are_missed_and_others() {
     }
 }
 
-/// SK-4.55 SK-9.8 A change under way with the cable cut: the reports show how it fails.
+/// SK-4.55 SK-9.8 A change under way when the cable is cut: the reports show its failure.
 #[test]
 fn a_change_that_fails_is_seen() {
     let config = EngineConfig { state_timeout_ns: 500_000_000, ..EngineConfig::default() };

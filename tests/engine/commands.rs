@@ -12,8 +12,8 @@ use support::guide::{self, Column};
 use crate::host::Host;
 use crate::probe::{AnySlave, drives};
 
-/// A kind of slot, and which slot of the tests' board is one. Its slaves are a drive, an IO slave, a pulse module, a
-/// stepper, and a slave declared as none; beyond them there are none.
+/// A kind of slot; the tests' board has one of each. Its slaves are a drive, an IO slave, a pulse module, a stepper,
+/// and a slave declared as none; there are no others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Place {
     Master,
@@ -49,7 +49,7 @@ impl Place {
         !matches!(self, Master | Sdo)
     }
 
-    /// What a slave is declared as; `None` for none, and outside slaves' slots.
+    /// The declared kind of a slave; `None` if it is declared as none, and outside slaves' slots.
     fn kind(self) -> Option<SlaveKind> {
         let kind = KINDS.get(self.slot(SlotSize::Bytes12).checked_sub(1)?).copied();
         kind.filter(|kind| self != Empty && *kind != SlaveKind::None)
@@ -59,7 +59,7 @@ impl Place {
 const STATES: [(MasterState, char); 4] =
     [(MasterState::Init, 'i'), (MasterState::PreOp, 'p'), (MasterState::SafeOp, 's'), (MasterState::Op, 'o')];
 
-/// Why a command is rejected: any of what holds. Empty: it is accepted.
+/// The possible reasons for a rejection: any of those that hold. Empty: the command is accepted.
 fn reasons(id: u8, place: Place, state: char) -> Vec<Reason> {
     let Some((column, states)) = guide::row(id) else { return vec![Reason::UnknownId] };
     let mut reasons = Vec::new();
@@ -75,7 +75,7 @@ fn reasons(id: u8, place: Place, state: char) -> Vec<Reason> {
         Column::Kinds(kinds) => (!place.kind().is_some_and(|kind| kinds.contains(&kind))).then_some(Reason::WrongSlot),
     };
     reasons.extend(why_not);
-    // All are in CSP.
+    // All slaves are in CSP.
     if reasons.is_empty() && matches!(place, Drive | Hsp) && matches!(id, 0x16 | 0x17) {
         reasons.push(Reason::WrongMode);
     }
@@ -111,7 +111,7 @@ fn board(slot: SlotSize) -> Host {
     host
 }
 
-/// What came of one command.
+/// The result of one command.
 struct Outcome {
     rejections: Vec<(u8, CommandId, Reason)>,
     counted: u64,
@@ -137,7 +137,7 @@ fn compare(host: &mut Host, (state, letter): (MasterState, char), ids: RangeIncl
             let slot = place.slot(size);
             let what = format!("{size:?} {state}: 0x{id:02X} in {place:?}");
             let expected = reasons(id, place, letter);
-            // What the answer shows before.
+            // The answer before the command.
             host.idle().cycle();
             let before = host.slot(slot);
             let Outcome { rejections, counted, booted } = send(host, slot, valid(id, state));
@@ -146,7 +146,7 @@ fn compare(host: &mut Host, (state, letter): (MasterState, char), ids: RangeIncl
                 assert_eq!((rejections, counted), (vec![], 0), "{what}: accepted");
                 if place == Sdo && id != 0 {
                     host.until(&what, |host| host.slot(slot).id == id);
-                    // So that the next one is seen, too.
+                    // Another answer in the SDO slot, so that the next one is seen, too.
                     host.read_object(1, 0x1018, 1).unwrap();
                 } else if place.is_slave() || place == Master && letter != 'o' {
                     assert_eq!(host.slot(slot).id, id, "{what}: the answer shows it");
@@ -181,7 +181,7 @@ fn compare_state(state: (MasterState, char)) {
         let mut host = board(size);
         host.go(state.0);
         compare(&mut host, state, 0..=255);
-        // SW_RESET last: nowhere but in slot 0, and there in every state.
+        // SW_RESET comes last: it acts in slot 0 only, and there in every state.
         for place in PLACES.into_iter().rev() {
             let Outcome { rejections, booted, .. } = send(&mut host, place.slot(size), valid(0xBB, state.0));
             let accepted = reasons(0xBB, place, state.1).is_empty();

@@ -12,7 +12,7 @@ use ecmsk::sk::{
 use crate::host::Host;
 use crate::probe::{Bench, drives};
 
-/// The guide's words in code: x^8+x^2+x+1 from 0x5A over the whole frame, its byte 3 taken as 0.
+/// The CRC as the guide describes it: x^8+x^2+x+1 from 0x5A over the whole frame, its byte 3 taken as 0.
 pub fn crc8(wire: &[u8]) -> u8 {
     const STEPS: [u8; 256] = {
         let mut steps = [0; 256];
@@ -51,7 +51,7 @@ fn send_wrong(host: &mut Host, build: impl FnOnce(&mut Frame, SlotSize)) {
     host.send(&frame);
 }
 
-/// A command for the board that is seen in the answer: byte 0 becomes 0x21.
+/// A command for the board whose answer shows that it was executed: byte 0 becomes 0x21.
 fn local_read(frame: &mut Frame, size: SlotSize) {
     frame.put_master(size, &MasterCommand::LocalRead);
 }
@@ -73,13 +73,13 @@ fn fills_responses(host: &mut Host) -> bool {
         crcs.push((host.report.crc_byte(), crc8(host.report.wire(host.size))));
     }
     let filled = crcs.iter().all(|(found, right)| found == right);
-    // SK-1.17: switched off, it is 0. A right CRC may be 0, but not in all of these.
+    // SK-1.17: switched off, the CRC is 0. A right CRC may be 0, but not in all of these reports.
     assert_ne!(filled, crcs.iter().all(|(found, _)| *found == 0), "{crcs:02X?}");
     filled
 }
 
-/// SK-1.18 A board as it leaves the factory does not check commands and fills responses.
-/// SK-2.10 Byte 3 of slot 0 is the CRC-8 of the response.
+/// SK-1.18 A board with factory settings does not check commands and fills responses. SK-2.10 Byte 3 of slot 0 is the
+/// CRC-8 of the response.
 #[test]
 fn factory_setting() {
     for size in SlotSize::ALL {
@@ -93,11 +93,9 @@ fn factory_setting() {
     }
 }
 
-/// SK-1.15 SET_EX switches checking and filling, each on its own.
-/// SK-1.16 The switches act after the next SW_RESET and not before, and further ones keep them.
-/// SK-1.17 With response CRC off, byte 3 of a response is 0.
-/// SK-4.14 Data1 bit 0 is the check, bit 4 the filling; other bits are without effect.
-/// SK-4.33 SW_RESET resets all but the switches.
+/// SK-1.15 SET_EX switches checking and filling independently. SK-1.16 The switches act after the next SW_RESET and not
+/// before, and further ones keep them. SK-1.17 With response CRC off, byte 3 of a response is 0. SK-4.14 Data1 bit 0 is
+/// the check, bit 4 the filling; other bits are without effect. SK-4.33 SW_RESET resets all but the switches.
 #[test]
 fn switches_act_after_the_next_boot() {
     for size in SlotSize::ALL {
@@ -122,7 +120,7 @@ fn switches_act_after_the_next_boot() {
     }
 }
 
-/// SK-1.16 What was switched last before a boot counts.
+/// SK-1.16 The last setting before a boot counts.
 #[test]
 fn the_last_switch_before_a_boot_counts() {
     let Bench { mut host, .. } = board(SlotSize::Bytes12, Firmware::V17);
@@ -145,9 +143,8 @@ fn set_ex_is_checked_too() {
     }
 }
 
-/// SK-1.24 A frame with a wrong CRC is not executed in any slot.
-/// SK-1.25 SK-2.5 It raises the error count in byte 1 of slot 0 by one.
-/// SK-4.44 Such frames are counted outside the wire too.
+/// SK-1.24 No slot of a frame with a wrong CRC is executed. SK-1.25 SK-2.5 It raises the error count in byte 1 of slot
+/// 0 by one. SK-4.44 Such frames are counted outside the wire too.
 #[test]
 fn a_wrong_frame_acts_in_no_slot() {
     for size in SlotSize::ALL {
@@ -172,7 +169,7 @@ fn a_wrong_frame_acts_in_no_slot() {
             (1000, Role::Drive(Mode::Csp), DriveSync::DcSync)
         });
 
-        // The same with its CRC right acts in all of them.
+        // The same frame with the right CRC acts in all slots.
         host.go(MasterState::PreOp).build(everything);
         host.until("the SDO", |host| host.sdo_answer() != SdoResponse::Empty);
         assert_eq!((host.answer().error, host.answer().id), (1, 0x03), "{size:?}");
@@ -215,7 +212,7 @@ fn error_count_wraps() {
 fn in_op_a_wrong_frame_takes_no_entry() {
     for size in SlotSize::ALL {
         let Bench { mut host, .. } = checking(size, Firmware::V17);
-        // So slow that the FIFO fills within a cycle.
+        // The cycle is so slow that the FIFO fills within it.
         let cycle = CycleTime::from_us(512_000).unwrap();
         host.master(MasterCommand::SetDc { cycle, shift: DcShift::Auto }).op(2);
         for taken in 0..3 {

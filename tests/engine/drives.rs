@@ -1,4 +1,4 @@
-//! Drives: the walks of SV_ON and SV_OFF, what the process data hold meanwhile, and modes.
+//! Drives: the walks of SV_ON and SV_OFF, the process data meanwhile, and modes.
 
 use ecmsk::cia402::{DriveState, Mode};
 use ecmsk::coe::SdoSize;
@@ -12,7 +12,7 @@ use ecmsk::slave::{Drive, DriveConfig};
 use crate::host::Host;
 use crate::puppet::{DISABLED, ENABLED, FAULT, FAULT_REACTION, NOT_READY, Puppet, QUICK_STOP, READY, SWITCHED_ON};
 
-/// A board in OP with one drive on strings that shows Switch on disabled, at 1000 counts.
+/// A board in OP with one puppet drive that shows Switch on disabled, at 1000 counts.
 pub fn board() -> (Host, Puppet) {
     let puppet = Puppet::new();
     puppet.stand(1000);
@@ -63,7 +63,7 @@ fn servo_on_walks_up_step_by_step() {
         let mut words = vec![0x00];
         for (shown, asked) in [(DISABLED, 0x06), (READY, 0x07), (SWITCHED_ON, 0x0F), (ENABLED, 0x0F)] {
             puppet.show(shown);
-            // A cycle shows the statusword, the next one carries what follows from it.
+            // A cycle shows the statusword, and the next one carries the controlword that follows from it.
             host.idle().cycles(2);
             words.push(asked);
             words.dedup();
@@ -74,7 +74,7 @@ fn servo_on_walks_up_step_by_step() {
     }
 }
 
-/// SK-7.8 The walk begins at the step that the drive is at.
+/// SK-7.8 The walk begins at the drive's present state.
 #[test]
 fn servo_on_begins_where_the_drive_is() {
     for (shown, words) in [(READY, [0x00, 0x07].as_slice()), (SWITCHED_ON, &[0x00, 0x0F]), (ENABLED, &[0x00, 0x0F])] {
@@ -83,7 +83,7 @@ fn servo_on_begins_where_the_drive_is() {
         host.cycles(3).slave(1, SlaveCommand::ServoOn).cycles(5);
         assert_eq!(puppet.controlwords(), words);
     }
-    // One that initialises still is waited for.
+    // The board waits for a drive that is still initialising.
     let (mut host, puppet) = board();
     puppet.show(NOT_READY);
     host.cycles(3).slave(1, SlaveCommand::ServoOn).cycles(200);
@@ -167,7 +167,7 @@ fn a_fault_ends_a_walk() {
     }
 }
 
-/// SK-7.8 One that is braking by a quick stop of its own is led out of it first: disable voltage, then the walk.
+/// SK-7.8 A drive that brakes by its own quick stop is brought out of it first: disable voltage, then the walk.
 #[test]
 fn servo_on_goes_on_after_a_quick_stop() {
     let (mut host, puppet) = board();
@@ -179,7 +179,7 @@ fn servo_on_goes_on_after_a_quick_stop() {
     }
 }
 
-/// SK-7.8 A drive that drops out of Operation enabled by itself is not brought back by the board; a new SV_ON is.
+/// SK-7.8 The board does not bring back a drive that leaves Operation enabled by itself; a new SV_ON does.
 #[test]
 fn a_drive_that_drops_out_stays_out() {
     for dropped in [DISABLED, READY, SWITCHED_ON, QUICK_STOP, FAULT_REACTION, FAULT] {
@@ -215,7 +215,7 @@ fn the_target_is_the_actual_position_until_enabled() {
     }
 }
 
-/// SK-7.16 The very first process data of OP hold it already, also after a way back from OP.
+/// SK-7.16 The very first process data of OP have the actual position already, also after OP was left.
 #[test]
 fn the_first_outputs_hold_the_actual_position() {
     let (mut host, puppet) = board();
@@ -229,7 +229,7 @@ fn the_first_outputs_hold_the_actual_position() {
     }
 }
 
-/// SK-7.16 Operation enabled alone moves nothing: the target stays where the drive was enabled until the first motion
+/// SK-7.16 Operation enabled alone moves no shaft: the target stays where the drive was enabled until the first motion
 /// command, also when a force pushes the shaft away, and then it is the command's.
 #[test]
 fn the_first_motion_command_is_the_first_new_target() {
@@ -252,7 +252,7 @@ fn the_first_motion_command_is_the_first_new_target() {
     assert_eq!(puppet.targets(), [-1234, -1300]);
 }
 
-/// SK-7.16 SK-7.18 A target of before is not taken up again after the drive was off.
+/// SK-7.16 SK-7.18 An old target is not used again after the drive was off.
 #[test]
 fn an_old_target_is_forgotten_with_the_power() {
     let (mut host, puppet) = board_on();
@@ -294,7 +294,7 @@ fn targets_before_operation_enabled_are_discarded() {
     aim(&mut host, 1100);
     assert_eq!((puppet.targets(), discarded(&host)), (vec![1000, 1100], count));
 
-    // And when the drive has dropped out.
+    // The same when the drive has left Operation enabled.
     puppet.show(FAULT);
     puppet.stand(1090);
     host.cycles(3);
@@ -318,9 +318,9 @@ fn csp_needs_drive_mode_csp() {
     }
 }
 
-/// SK-7.32 CSP is accepted only while 0x6060 was last written 8, by the board or by an SDO of the host.
-/// SK-7.16 Until the mode is back and a motion command has come, the target is the actual position.
-/// SK-7.18 A target of that time is not kept.
+/// SK-7.32 CSP is accepted only while 0x6060 was last written 8, by the board or by an SDO of the host. SK-7.16 Until
+/// the mode is back and a motion command has come, the target is the actual position. SK-7.18 A target that comes
+/// meanwhile is not kept.
 #[test]
 fn csp_needs_mode_8_in_0x6060() {
     let (mut host, puppet) = board_on();
@@ -348,8 +348,8 @@ fn csp_needs_mode_8_in_0x6060() {
     }
 }
 
-/// SK-7.34 At PreOP to SafeOP the board writes DRIVE_MODE's value to 0x6060, whatever stood there.
-/// SK-7.1 SK-7.2 In CSP a drive maps 6040:16 607A:32, and 6041:16 6064:32 6077:16 603F:16 in every mode.
+/// SK-7.34 At PreOP to SafeOP the board writes DRIVE_MODE's value to 0x6060, whatever its old value. SK-7.1 SK-7.2 In
+/// CSP a drive maps 6040:16 607A:32, and 6041:16 6064:32 6077:16 603F:16 in every mode.
 #[test]
 fn the_way_to_safeop_writes_the_mode_and_maps_process_data() {
     let mut host = Host::new(EngineConfig::default(), SimBus::new(vec![Box::new(Drive::new(DriveConfig::default()))]));
@@ -371,9 +371,9 @@ fn the_way_to_safeop_writes_the_mode_and_maps_process_data() {
     assert_eq!(rx, [2, 0x6040_0010, 0x607A_0020]);
 }
 
-/// SK-7.16 No jump of the shaft, from power-on to the first motion command, nor from targets that are discarded.
-/// SK-7.13 A drive that is on reads 37h in the low byte of the statusword.
-/// SK-7.15 Drives take their own time to turn on: programs poll.
+/// SK-7.16 The shaft does not jump from power-on to the first motion command, nor by discarded targets. SK-7.13 A drive
+/// that is on reads 37h in the low byte of the statusword. SK-7.15 Drives take their own time to turn on: programs
+/// poll.
 #[test]
 fn no_shaft_jumps() {
     let start = 123_456;

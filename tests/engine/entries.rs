@@ -1,4 +1,4 @@
-//! Frames that can be told apart: what a host needs to watch the command FIFO.
+//! Distinguishable frames, by which a host watches the command FIFO.
 
 use ecmsk::fieldbus::Ns;
 use ecmsk::sk::{Frame, Motion, SlaveCommand};
@@ -9,7 +9,7 @@ use crate::host::Host;
 pub const MARKED: usize = 1;
 
 impl Host {
-    /// A frame arrives now: no time passes.
+    /// Lets a frame arrive now; no time passes.
     pub fn arrive(&mut self, frame: &Frame) -> &mut Self {
         let now = self.board.now();
         self.board.host(frame, now, &mut |_, _| panic!("no cycle is due"));
@@ -24,7 +24,7 @@ impl Host {
         frame
     }
 
-    /// `marks.len()` such frames arrive now.
+    /// Lets `marks.len()` such frames arrive now.
     pub fn arrive_marked(&mut self, marks: impl IntoIterator<Item = u8>) -> &mut Self {
         for mark in marks {
             let frame = self.marked(mark);
@@ -33,7 +33,7 @@ impl Host {
         self
     }
 
-    /// The mark executed last.
+    /// The mark of the frame executed last.
     pub fn mark_shown(&self) -> u8 {
         self.drive(MARKED).head.index
     }

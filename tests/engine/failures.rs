@@ -1,4 +1,4 @@
-//! Changes of state that fail, and slaves that are not what they were declared.
+//! Changes of state that fail, and slaves of another kind than declared.
 
 use MasterState::{Init, Op, PreOp, SafeOp};
 use ecmsk::cia402::Mode;
@@ -18,8 +18,8 @@ fn board(n: usize) -> Bench {
     bench
 }
 
-/// SK-4.55 A slave that refuses ends the change at 0x10 | the last state that all reached, and nobody tries again.
-/// SK-2.9 SK-2.17
+/// SK-4.55 A slave that refuses ends the change at 0x10 | the last state that all reached, and is not retried. SK-2.9
+/// SK-2.17
 #[test]
 fn a_refused_state() {
     let ways = [
@@ -41,7 +41,7 @@ fn a_refused_state() {
             host.cycles(15_000);
             assert_eq!((host.state().0, jobs.len()), (0x10 | good, jobs_so_far), "{from} to {target}: a retry");
 
-            // Acknowledged in the state it is in.
+            // The failure is acknowledged in the present state.
             let state = MasterState::from_request(good.into()).unwrap();
             host.go(state).cycles(20);
             assert_eq!(host.state().0, good);
@@ -75,7 +75,7 @@ fn set_state_in_the_cycle_of_a_failure() {
             host.master(MasterCommand::SetState(target));
             host.cycles(3000);
             let failed = host.board.engine().events_since(mark).count();
-            // One that repeats the target of a change is part of it, and fails with it.
+            // A SET_STATE that repeats the target of a change is part of it, and fails with it.
             if target != SafeOp || sooner_or_later >= 0 {
                 assert_eq!(host.state(), StateByte::reached(target), "{target} {sooner_or_later}: {failed} events");
             }
@@ -84,7 +84,7 @@ fn set_state_in_the_cycle_of_a_failure() {
 }
 
 /// SK-4.55 The next SET_STATE tries again: up, without an acknowledgement before, though some slaves went further than
-/// others; and what all slaves reach on the way is no failure any more.
+/// others; and a state that all slaves reach on the way is no failure any more.
 #[test]
 fn the_next_set_state_tries_again() {
     for (refused, good) in [(AlState::SafeOp, 0x12), (AlState::Op, 0x14)] {
@@ -92,7 +92,7 @@ fn the_next_set_state_tries_again() {
             let Bench { mut host, network, .. } = board(3);
             network.refuse(slave, Some((refused, REFUSAL)));
             host.master(MasterCommand::SetState(Op)).until("the failure", |host| host.state().0 == good);
-            // Still refused: the same end.
+            // The slave still refuses: the same end.
             host.master(MasterCommand::SetState(Op)).cycles(1000);
             assert_eq!(host.state().0, good, "slave {slave}");
 
@@ -163,7 +163,7 @@ fn a_change_that_waits_has_its_time() {
     host.go(Op);
 }
 
-/// SK-4.55 A time without end is one.
+/// SK-4.55 The time may be without limit.
 #[test]
 fn a_change_may_take_for_ever() {
     let config = EngineConfig { state_timeout_ns: Ns::MAX, ..EngineConfig::default() };
@@ -216,7 +216,7 @@ fn slots_without_a_slave() {
     }
 }
 
-/// SK-4.57 A found slave with nibble F stays in PreOP and is not waited for; the slave count includes it.
+/// SK-4.57 A found slave with nibble F stays in PreOP, and the board does not wait for it; the slave count includes it.
 #[test]
 fn a_slave_declared_none_stays_in_preop() {
     let Bench { mut host, network, jobs } = Bench::new(EngineConfig::default(), any_slaves(3));
@@ -238,11 +238,12 @@ fn a_slave_declared_none_stays_in_preop() {
     // It still has its mailbox.
     assert_eq!(host.read_object(2, 0x1018, 0), Ok(0x1018));
 
-    // All declared none: nobody has to move.
+    // All are declared none: no slave has to change its state.
     host.go(PreOp).master(MasterCommand::SetAxis { group: 0, kinds: [SlaveKind::None; 8] }).go(Op).go(Init).go(PreOp);
 }
 
-/// SK-4.57 Nobody waits for a slave with nibble F, on the way up or back to PreOP, even if it is switched off.
+/// SK-4.57 The board does not wait for a slave with nibble F, on the way up or back to PreOP, even if it is switched
+/// off.
 #[test]
 fn a_silent_slave_declared_none() {
     let Bench { mut host, network, .. } = Bench::new(EngineConfig::default(), drives(3));
@@ -253,7 +254,7 @@ fn a_silent_slave_declared_none() {
     for _ in 0..2 {
         host.go(Op).drained().servo_on(3).go(PreOp).go(SafeOp).go(PreOp);
     }
-    // To Init all go, and it does not follow.
+    // All slaves go to Init, but the silent one does not follow.
     host.master(MasterCommand::SetState(Init)).until("the failure", |host| host.state().0 & 0x10 != 0);
     network.silence(2, false);
     host.go(PreOp).go(Op);

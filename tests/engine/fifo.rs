@@ -1,4 +1,4 @@
-//! The command FIFO of OP: capacity, order, full count, threshold, and what does not wait in it.
+//! The command FIFO of OP: capacity, order, full count, threshold, and commands that do not wait in it.
 
 use ecmsk::engine::{EngineConfig, Firmware, Reason};
 use ecmsk::fieldbus::sim::SimBus;
@@ -43,7 +43,7 @@ fn clear_with(host: &Host, mark: u8) -> Frame {
     frame
 }
 
-/// Runs cycles until nothing is left, and says the marks executed, one for each cycle.
+/// Runs cycles until the FIFO is empty, and returns the executed marks, one for each cycle.
 fn drain(host: &mut Host) -> Vec<u8> {
     let mut marks = Vec::new();
     loop {
@@ -177,7 +177,7 @@ fn a_threshold_holds_entries_back_until_it_is_passed() {
             assert_eq!(host.fifo().0, t - 1 + taken, "T = {t}: one entry a cycle");
         }
         assert_eq!((host.fifo().0, host.mark_shown()), (CAPACITY, 200));
-        // The default again: a single entry is taken at once.
+        // The threshold is the default again: a single entry is taken at once.
         host.arrive_marked([201]).cycle();
         assert_eq!((host.fifo().0, host.mark_shown()), (CAPACITY, 201), "T = {t}");
     }
@@ -271,9 +271,9 @@ fn a_threshold_acts_on_a_full_fifo() {
     assert_eq!(host.mark_shown(), 160);
 }
 
-/// SK-5.17 SET_STATE acts on arrival, also behind a threshold that nothing passes.
-/// SK-5.19 Its frame queues with what else it holds.
-/// SK-5.25 Leaving OP empties the FIFO; what is dropped is counted (SK-4.44), and it is not executed in the next OP.
+/// SK-5.17 SET_STATE acts on arrival, also behind a threshold that holds all entries back. SK-5.19 Its frame queues
+/// with what else it holds. SK-5.25 Leaving OP empties the FIFO; what is dropped is counted (SK-4.44), and it is not
+/// executed in the next OP.
 #[test]
 fn set_state_does_not_wait_and_leaving_op_empties_the_fifo() {
     let (mut host, _) = board();

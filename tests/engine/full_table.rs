@@ -1,11 +1,11 @@
-//! The rules of the full table: what one command does in any state, for any slave, in any slot. Written from UG17 1.8
-//! and the decisions of SK-4, SK-6 and SK-7; `full_table_run` goes through all of it.
+//! The rules of the full table: the effect of one command in any state, for any slave, in any slot. Written from UG17
+//! 1.8 and the decisions of SK-4, SK-6 and SK-7; `full_table_run` goes through all of it.
 
 use ecmsk::engine::{Firmware, Reason};
 use ecmsk::sk::{InvalidArgument, RawSlot, SlaveKind, SlotSize};
 use support::guide::{self, Column};
 
-/// What stands at a place, in the order of their slots: slot 0, then slaves from 1 on, then the SDO slot.
+/// The kinds of places, in the order of their slots: slot 0, then slaves from 1 on, then the SDO slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
     Master,
@@ -27,9 +27,9 @@ pub enum Place {
     Lost,
     /// An IO slave that was lost, where the state is a failed one.
     LostIo,
-    /// An IO slave that other commands of the frame are for.
+    /// An IO slave for the other commands of the frame.
     Witness,
-    /// Nobody.
+    /// No slave.
     Empty,
     Sdo,
 }
@@ -78,7 +78,7 @@ impl Place {
         matches!(self, DeclaredNone | Empty)
     }
 
-    /// What a slave is declared as; `None` for nobody, and outside slaves' slots.
+    /// The declared kind of a slave; `None` without a slave, and outside slaves' slots.
     fn kind(self) -> Option<SlaveKind> {
         match self {
             _ if self.is_drive() => Some(SlaveKind::Drive),
@@ -90,10 +90,10 @@ impl Place {
     }
 }
 
-/// Ids that are none: beside those of the table, and at the ends. `commands` sends all of them.
+/// Unknown ids: next to those of the table, and at the ends. `commands` sends all of them.
 const UNKNOWN: [u8; 14] = [0x09, 0x0A, 0x0F, 0x1A, 0x1F, 0x20, 0x23, 0x33, 0x7F, 0x80, 0xBA, 0xBC, 0xBF, 0xFF];
 
-/// Where the board is.
+/// The state of the board.
 #[derive(Clone, Copy, Debug)]
 pub struct State {
     /// 1, 2, 4, 8.
@@ -128,7 +128,7 @@ pub struct Sent {
     pub wrong: Option<InvalidArgument>,
 }
 
-/// Every id with right arguments and with each kind of wrong ones, in that state.
+/// Every id with right arguments and with each kind of wrong arguments, in that state.
 pub fn commands(size: SlotSize, state: State) -> Vec<Sent> {
     let mut all = Vec::new();
     let mut put = |id: u8, parm: u16, data1: u32, data2: u32, wrong: Option<InvalidArgument>| {
@@ -173,7 +173,7 @@ pub fn commands(size: SlotSize, state: State) -> Vec<Sent> {
     for bytes in [0u8, 3, 5, 0xFF] {
         put(0x08, u16::from(bytes) << 8 | 1, 0x6065_0000, 0, Some(InvalidArgument::SdoSize(bytes)));
     }
-    // The others have no arguments that could be wrong.
+    // The other commands have no arguments that could be wrong.
     for (id, ..) in guide::TABLE.iter().filter(|row| !(0x01..=0x08).contains(&row.0)) {
         put(*id, 0, 0, 0, None);
     }
@@ -183,7 +183,7 @@ pub fn commands(size: SlotSize, state: State) -> Vec<Sent> {
     all
 }
 
-/// What becomes of a command.
+/// The outcome of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     Accepted,
@@ -194,8 +194,8 @@ pub enum Outcome {
     Rejected(Reason),
 }
 
-/// The table. Where several reasons hold the first one of these counts [OURS]: unknown id, wrong column, wrong state, bad
-/// argument, nobody there, wrong kind of slave, wrong mode.
+/// The table. If several reasons hold, the first one of these counts [OURS]: unknown id, wrong column, wrong state, bad
+/// argument, no slave, wrong kind of slave, wrong mode.
 pub fn outcome(sent: &Sent, place: Place, state: State, firmware: Firmware) -> Outcome {
     use Outcome::*;
     let id = sent.slot.id;
@@ -218,7 +218,7 @@ pub fn outcome(sent: &Sent, place: Place, state: State, firmware: Firmware) -> O
         return Rejected(Reason::BadArgument(wrong));
     }
     let Column::Kinds(kinds) = column else { return Accepted };
-    // What follows is in OP alone.
+    // The following checks are for OP alone.
     if place.is_nobody() {
         return Rejected(Reason::NoSlave);
     }
@@ -227,7 +227,7 @@ pub fn outcome(sent: &Sent, place: Place, state: State, firmware: Firmware) -> O
     }
     if place.is_lost(state) {
         return match id {
-            // It is for all slaves, wherever it stands.
+            // ABORT_HOME is for all slaves, in whichever slot it is.
             0x19 => Accepted,
             0x16 | 0x17 => Rejected(Reason::WrongMode),
             _ => ForLost,
@@ -247,7 +247,7 @@ pub fn outcome(sent: &Sent, place: Place, state: State, firmware: Firmware) -> O
             if id == right { Discarded } else { Rejected(Reason::WrongMode) }
         }
         0x18 if place != Homable => Rejected(Reason::NotInHomingMode),
-        // Another one is homing, which only 1.7 minds; and it is off.
+        // Another slave is homing, which only 1.7 rejects; and this drive is off.
         0x18 if firmware == Firmware::V17 => Rejected(Reason::HomingElsewhere),
         0x18 => Rejected(Reason::NotEnabled),
         _ => Accepted,

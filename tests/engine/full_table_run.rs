@@ -1,5 +1,6 @@
 //! Every command in every state for every kind of slave and slot, with right and wrong arguments, in both sizes of a slot
-//! and with both firmwares: each is accepted, or counted once with its reason, and nothing else in the frame suffers.
+//! and with both firmwares: each is accepted, or counted once with its reason, and all other commands of the frame are
+//! executed.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::SdoSize;
@@ -15,7 +16,7 @@ use crate::host::Host;
 use crate::models::{Model, declare};
 use support::swift::SWIFT;
 
-/// The index of the commands that the table is gone through with, and that of those beside them.
+/// The index of the tested commands, and the index of the other commands in the frame.
 const INDEX: u8 = 0x5A;
 const WITNESS_INDEX: u8 = 0xA6;
 
@@ -24,7 +25,7 @@ struct Table {
     host: Host,
     state: State,
     firmware: Firmware,
-    /// Changes with every frame.
+    /// A value that changes with every frame.
     bits: u8,
 }
 
@@ -68,7 +69,7 @@ impl Table {
         }
         if state.failed {
             [Lost, LostIo].into_iter().for_each(|place| network.lose(place as u8));
-            // Before SafeOP a loss is seen when the slave is asked for something.
+            // Below SafeOP a loss is detected only by a request to the slave.
             let next = match state.code {
                 1 => Some(MasterState::PreOp),
                 2 => Some(MasterState::SafeOp),
@@ -82,8 +83,8 @@ impl Table {
         Self { host, state, firmware, bits: 0 }
     }
 
-    /// Sends a command at a place, others beside it, and looks at all that came of it. Says whether the board is as it
-    /// was.
+    /// Sends a command in a slot, with others in the same frame, and checks all results. Returns whether the board is
+    /// unchanged.
     fn send(&mut self, sent: &Sent, place: Place) -> bool {
         let Self { host, state, firmware, bits } = self;
         let (size, state) = (host.size, *state);
@@ -92,7 +93,7 @@ impl Table {
         let id = command.id;
         let what = format!("{size:?} {firmware:?} {:02X}: {command:X?} in {place:?}", state.byte());
         let expected = outcome(sent, place, state, *firmware);
-        // In OP its answer shows the id of something else before.
+        // In OP another command comes first, so that the answer's id changes.
         let shows = match place {
             _ if place.is_io() => 0x13,
             _ if place.is_slave() => 0x10,
@@ -144,7 +145,7 @@ impl Table {
         assert_eq!(told(&host.counters()), told(&counters), "{what}");
         assert_eq!(host.state().0, state.byte(), "{what}");
 
-        // What stood beside it was executed.
+        // The other commands in the frame were executed.
         if place != Master {
             assert_eq!(host.board.engine().local_outputs(), *bits, "{what}");
         }
@@ -185,7 +186,7 @@ impl Table {
             (Master, _) if state.is_op() => assert_eq!(shown.id, 0xBF, "{what}"),
             (Master, Outcome::Accepted) => assert_eq!(shown.id, id, "{what}"),
             (Master, _) => assert_eq!((shown.id, shown.data1), (before.id, before.data1), "{what}: the answer stays"),
-            // A lost one shows what it showed.
+            // The slot of a lost slave does not change.
             _ if lost => assert_eq!(shown, *before, "{what}: the answer stays"),
             // SK-3.32
             (_, Outcome::Accepted) if id == 0 && !state.is_op() => {
@@ -207,7 +208,8 @@ impl Table {
             (_, Outcome::Rejected(_)) if state.is_op() => assert_eq!(shown.id, 0, "{what}"),
             _ => assert_eq!(shown, *before, "{what}: the answer stays"),
         }
-        // These end the homing, bring lost slaves back, turn a drive on, or change what SDO and targets meet.
+        // These commands end the homing, bring lost slaves back, switch a drive on, or change the conditions of SDOs
+        // and targets.
         let lasting = match id {
             0x01 | 0x11 | 0x12 | 0x19 => true,
             0x06 => matches!(place, DriveCsv | DriveCst),
@@ -217,7 +219,7 @@ impl Table {
     }
 }
 
-/// Counters that the commands of a table move, those of the network's time left out.
+/// Counters that the commands of a table change, without those of the network's time.
 fn told(counters: &Counters) -> Counters {
     Counters { reports: 0, executed: 0, idle_cycles: 0, ..*counters }
 }

@@ -1,4 +1,4 @@
-//! What a test or a script does to a board itself while it runs.
+//! What a test or a script can change in a running board.
 
 use ecmsk::engine::{EngineConfig, Event, EventKind, Script};
 use ecmsk::fieldbus::Ns;
@@ -18,7 +18,7 @@ fn free(host: &Host) -> u16 {
     host.board.engine().fifo_free()
 }
 
-/// A muted board makes no reports and goes on with all else.
+/// A muted board makes no reports and otherwise goes on.
 #[test]
 fn a_muted_board_goes_on() {
     let mut host = board();
@@ -37,7 +37,7 @@ fn a_muted_board_goes_on() {
     assert_eq!(host.reports, reports + 3);
 }
 
-/// A FIFO that is held gives nothing out, so that it fills, and goes on when it is let go.
+/// A held FIFO gives out no entry, so that it fills; it goes on when it is released.
 #[test]
 fn a_held_fifo_fills() {
     let mut host = board();
@@ -65,7 +65,7 @@ fn cycles_are_counted() {
     assert_eq!((host.board.cycles(), host.board.next_cycle()), (cycles + 25, now + 25_000_000));
 }
 
-/// Cycles that a runner leaves out are counted where they cost something, in OP; docs/NIC.md: `cycles_left_out`.
+/// Cycles that a runner skips are counted in OP, where they have an effect; docs/NIC.md: `cycles_left_out`.
 #[test]
 fn cycles_that_are_left_out_are_counted() {
     let mut host = board();
@@ -75,7 +75,7 @@ fn cycles_that_are_left_out_are_counted() {
     assert_eq!(host.counters().cycles_left_out, 7);
 }
 
-/// SK-8.1 The chip's inputs are six; what was never set is left to whoever sets it otherwise.
+/// SK-8.1 The chip's inputs are six; an input that a test never set keeps its other source.
 #[test]
 fn inputs_are_set() {
     let mut host = board();
@@ -111,7 +111,7 @@ impl Script for Once {
     }
 }
 
-/// What a script does is among the board's events.
+/// A script's actions are among the board's events.
 #[test]
 fn a_script_is_noted() {
     let mut host = board();

@@ -1,5 +1,5 @@
-//! A drive that homes as the test says: how soon it sees bit 4, how long it takes, how it ends and how long it brakes. In
-//! CSP it goes where it is sent at once and remembers the longest jump that it was told to make.
+//! A drive whose homing the test defines: the delay of bit 4, the duration, the result and the braking time. In CSP it
+//! reaches each target at once and keeps the longest jump that was commanded.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -24,16 +24,16 @@ pub const BIT_12: u16 = 1 << 12;
 pub const BIT_13: u16 = 1 << 13;
 const RESULTS: u16 = BIT_10 | BIT_12 | BIT_13;
 
-/// How a homing goes.
+/// The course of a homing.
 #[derive(Clone, Copy)]
 pub struct Script {
     /// Cycles for which it does not see that bit 4 has changed.
     pub deaf: u32,
-    /// Cycles from then to the end; 0: it is there at once, and its bits never clear.
+    /// Cycles from then to the end; 0: it is home at once, and its bits never clear.
     pub takes: u32,
     /// Bits 10, 12 and 13 at the end.
     pub result: u16,
-    /// Cycles until it stands after bit 4 has fallen; it then shows bit 10.
+    /// Cycles until the drive is at rest after bit 4 has fallen; it then shows bit 10.
     pub brakes: u32,
     /// The position that the home event gives it.
     pub home: i32,
@@ -55,18 +55,18 @@ pub struct State {
     pub objects: BTreeMap<u16, u32>,
     /// What was written: index and value.
     pub writes: Vec<(u16, u32)>,
-    /// Controlwords since the test forgot them, in CSP and homing alike.
+    /// Controlwords since the test last cleared them, in CSP and homing alike.
     pub words: Vec<u16>,
     /// The newest outputs.
     pub last: AxisOut,
-    /// The longest way that CSP was told to go in one cycle.
+    /// The longest distance that CSP was commanded to go in one cycle.
     pub jump: i32,
-    /// Cycles that bit 4 has been as it is.
+    /// Cycles since bit 4 last changed.
     steady: u32,
     bit: bool,
     under_way: Option<u32>,
     braking: Option<u32>,
-    /// Homings begun.
+    /// Number of homings begun.
     pub begun: u32,
     images: Images,
 }
@@ -136,7 +136,7 @@ impl Homer {
         self.state().last.target
     }
 
-    /// Homings begun.
+    /// Number of homings begun.
     pub fn begun(&self) -> u32 {
         self.state().begun
     }
@@ -148,7 +148,7 @@ impl Homer {
 }
 
 impl State {
-    /// Outputs have come.
+    /// Processes outputs.
     pub fn obey(&mut self, out: &AxisOut) {
         use DriveState::*;
         let Statusword(word) = self.shows.statusword;
@@ -347,7 +347,7 @@ impl Home {
 
     /// The host writes 0x6060, to its end.
     pub fn mode(&mut self, slave: usize, mode: u32) {
-        // So that an answer of before does not match.
+        // Another answer first, so that an old one does not match.
         self.host.read_object(slave as u8, 0x6098, 0).unwrap();
         assert_eq!(self.host.write_object(slave as u8, 0x6060, 0, SdoSize::One, mode), Ok(mode));
     }
@@ -369,13 +369,13 @@ impl Home {
         self.host.board.engine().homing_phase(slave as u8)
     }
 
-    /// Until the board says that a slave is in that phase.
+    /// Waits until the board reports that phase for a slave.
     pub fn until_phase(&mut self, slave: usize, phase: HomingPhase) {
         let wanted = |host: &Host| host.board.engine().homing_phase(slave as u8) == phase;
         self.host.until(&format!("{phase:?}"), wanted);
     }
 
-    /// Ends since a mark: slave and how.
+    /// Homings that ended since a mark: the slave and the end.
     pub fn ends(&self, mark: u64) -> Vec<(u8, HomingEnd)> {
         let events = self.host.board.engine().events_since(mark).filter_map(|event| match event.kind {
             EventKind::HomingEnded { slave, end, .. } => Some((slave, end)),

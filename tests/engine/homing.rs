@@ -1,4 +1,4 @@
-//! GO_HOME: what it needs, when it starts, which of the drive's answers count, and what is ignored meanwhile.
+//! GO_HOME: its conditions, its start, the drive's answers that count, and the commands that are ignored meanwhile.
 
 use ecmsk::coe::SdoSize;
 use ecmsk::engine::{Firmware, HomingEnd, HomingPhase, Reason};
@@ -79,9 +79,8 @@ fn old_results_do_not_count() {
     }
 }
 
-/// SK-7.20 SK-7.39 A drive that is home at once (methods 35 and 37) and whose bits never clear is believed after a
-/// while.
-/// SK-7.21 So is one that is in error at once.
+/// SK-7.20 SK-7.39 The end of a drive that is home at once (methods 35 and 37) and whose bits never clear is accepted
+/// after a while. SK-7.21 So is that of a drive that is in error at once.
 #[test]
 fn a_drive_that_is_home_at_once() {
     let results = [(BIT_10 | BIT_12, HomingEnd::Attained), (BIT_13 | BIT_10, HomingEnd::Error)];
@@ -137,7 +136,7 @@ fn go_home_needs_mode_6() {
     }
 }
 
-/// SK-7.38 GO_HOME for a drive that is not on is rejected, and no motor goes home because of it later.
+/// SK-7.38 GO_HOME for a drive that is not on is rejected, and no motor homes because of it later.
 #[test]
 fn go_home_needs_a_drive_that_is_on() {
     for firmware in PROFILES {
@@ -219,7 +218,7 @@ fn what_comes_while_homing_is_ignored_and_counted() {
         for (n, command) in commands.into_iter().enumerate() {
             home.host.slave(1, command).drained().cycles(3);
             assert_eq!(home.ignored(), n as u64 + 1, "{firmware:?} {command:?}");
-            // SK-7.55 SV_ON alone is answered, though it does nothing.
+            // SK-7.55 SV_ON alone is answered, though it has no effect.
             let shown = if command == SlaveCommand::ServoOn { CommandId::ServoOn } else { CommandId::GoHome };
             assert_eq!(home.host.drive(1).head.id, shown.code(), "the one executed last");
         }
@@ -258,7 +257,7 @@ fn a_second_homing_has_its_own_edge() {
     }
 }
 
-/// SK-7.16 While it homes the target follows the actual position, and nothing else.
+/// SK-7.16 While a drive homes, its target follows the actual position only.
 #[test]
 fn the_target_follows_while_homing() {
     for firmware in PROFILES {
@@ -277,8 +276,8 @@ fn the_target_follows_while_homing() {
     }
 }
 
-/// SK-5.22 A GO_HOME that a SET_FIFO clear takes back has not happened; nor has an ABORT_HOME. What the drive has ended
-/// stays ended.
+/// SK-5.22 A GO_HOME that a SET_FIFO clear takes back has no effect, and neither has an ABORT_HOME. A homing that the
+/// drive has ended stays ended.
 #[test]
 fn a_clear_takes_homing_back() {
     let clear = MasterCommand::SetFifo(FifoAction::Clear);
@@ -300,7 +299,7 @@ fn a_clear_takes_homing_back() {
             assert_eq!((home.phase(1), home.drive().words()), (HomingPhase::Homing, vec![HOMING]), "{how:?}");
             assert_eq!(home.drive().begun(), 1, "{how:?}");
 
-            // It comes home while entries lie ahead that are then taken back.
+            // The drive comes home while the bus has entries ahead that are then taken back.
             let mark = home.host.mark();
             home.drive().fall(0x0237 | BIT_10 | BIT_12);
             home.drive().script(Script { takes: 0, ..Script::default() });

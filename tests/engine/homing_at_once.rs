@@ -1,4 +1,4 @@
-//! Drives that are home at once (methods 35 and 37): what the slot says, what the board believes, and when the next
+//! Drives that are home at once (methods 35 and 37): what the slot shows, what the board accepts, and when the next
 //! slave may go home.
 
 use ecmsk::coe::SdoSize;
@@ -15,7 +15,7 @@ const DONE: u16 = BIT_10 | BIT_12;
 /// On, before bits 10, 12 and 13.
 const ON: u16 = 0x0237;
 
-/// Whether a slave's slot says GO_HOME, and a result.
+/// Whether a slave's slot shows GO_HOME, and a result.
 fn says(host: &Host, slave: usize, result: u16) -> bool {
     let drive = host.drive(slave);
     drive.head.id == CommandId::GoHome.code() && drive.statusword.0 & result == result
@@ -69,7 +69,7 @@ fn drives_one_after_another() {
     }
 }
 
-/// SK-7.39 A drive that has stood in mode 6 without a result for 20 ms is believed with the first answer after bit 4.
+/// SK-7.39 If a drive has shown no result in mode 6 for 20 ms, its first answer after bit 4 counts.
 #[test]
 fn without_an_old_result_a_new_one_counts_at_once() {
     for (result, end) in [(DONE, HomingEnd::Attained), (BIT_13, HomingEnd::Error)] {
@@ -83,8 +83,8 @@ fn without_an_old_result_a_new_one_counts_at_once() {
     }
 }
 
-/// SK-7.39 An old result is not believed: neither one that comes up within 20 ms after the mode was written, nor one that
-/// comes up, by itself or with SV_ON, in the last cycle before bit 4.
+/// SK-7.39 An old result does not count: neither one that appears within 20 ms after the mode was written, nor one that
+/// appears, by itself or with SV_ON, in the last cycle before bit 4.
 #[test]
 fn an_old_result_that_comes_up_late_is_none() {
     type Late = fn(&mut Home);
@@ -111,7 +111,7 @@ fn an_old_result_that_comes_up_late_is_none() {
             let (mark, begun) = (home.host.mark(), home.drive().begun());
             home.go_home(1);
             home.until_phase(1, HomingPhase::Homing);
-            // What it shows while it has not seen bit 4.
+            // The statusword until the drive has seen bit 4.
             home.drive().fall(ON | DONE);
             home.host.until("an end", |host| host.board.engine().homing_phase(1) != HomingPhase::Homing);
             let state = (home.drive().position(), home.drive().begun() - begun);

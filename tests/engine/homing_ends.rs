@@ -1,4 +1,4 @@
-//! What ends homing, apart from being home.
+//! The ends of homing other than success.
 
 use ecmsk::coe::SdoSize;
 use ecmsk::engine::{Firmware, HomingEnd, HomingPhase};
@@ -10,7 +10,7 @@ use crate::rig::ahead;
 
 const PROFILES: [Firmware; 2] = [Firmware::V17, Firmware::V15];
 
-/// One drive that has been homing for a while and will be for long.
+/// One drive in the middle of a long homing.
 fn homing(firmware: Firmware) -> Home {
     homing_of(1, firmware)
 }
@@ -65,7 +65,7 @@ fn leaving_operation_enabled_ends_homing() {
     }
 }
 
-/// SK-7.21 SK-7.43 SV_OFF ends homing; the drive walks down as ever.
+/// SK-7.21 SK-7.43 SV_OFF ends homing; the drive walks down as usual.
 #[test]
 fn servo_off_ends_homing() {
     for firmware in PROFILES {
@@ -89,7 +89,7 @@ fn abort_home_in_any_slot_ends_all() {
         for slot in 1..=4 {
             let mut home = homing_of(3, firmware);
             let mark = home.host.mark();
-            // The fourth slot has no slave: it is rejected and ends nothing.
+            // The fourth slot has no slave: the command is rejected and ends no homing.
             home.host.slave(slot, SlaveCommand::AbortHome).drained().cycles(3);
             if slot == 4 {
                 assert_eq!((home.ends(mark), home.phase(2)), (vec![], HomingPhase::Homing));
@@ -183,7 +183,7 @@ fn leaving_op_ends_homing() {
     }
 }
 
-/// SK-4.33 SW_RESET forgets homing.
+/// SK-4.33 SW_RESET ends homing.
 #[test]
 fn a_reset_forgets_homing() {
     for firmware in PROFILES {
@@ -198,8 +198,7 @@ fn a_reset_forgets_homing() {
     }
 }
 
-/// SK-7.21 Loss of the slave ends its homing, and nobody else's. SK-7.42 Its mode is not restored, which
-/// is counted.
+/// SK-7.21 Loss of a slave ends its homing, and no other one's. SK-7.42 Its mode is not restored, which is counted.
 #[test]
 fn a_lost_slave_is_not_homing() {
     for firmware in PROFILES {
@@ -239,7 +238,7 @@ fn the_hosts_write_of_the_mode_ends_homing() {
     }
 }
 
-/// SK-7.21 The end of one does not end the others: each has its own.
+/// SK-7.21 The end of one slave's homing does not end the others'.
 #[test]
 fn each_slave_has_its_own_end() {
     for firmware in PROFILES {
@@ -257,7 +256,7 @@ fn each_slave_has_its_own_end() {
     }
 }
 
-/// SK-7.21 Each end has its words, as a log shows them.
+/// SK-7.21 Each end has a text, as a log shows it.
 #[test]
 fn every_end_is_worded() {
     use HomingEnd::*;

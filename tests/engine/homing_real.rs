@@ -17,7 +17,7 @@ const DONE: u16 = BIT_10 | BIT_12;
 /// 0x607C of the tests.
 const OFFSET: i32 = -4321;
 
-/// What moves the axis.
+/// The kind of axis.
 #[derive(Clone, Copy, Debug)]
 enum Kind {
     Servo,
@@ -40,7 +40,7 @@ impl Kind {
     }
 }
 
-/// A travel of four turns, with places that are the same parts of a turn for every motor.
+/// A travel of four turns, whose switches are at the same parts of a turn for every motor.
 fn places(motor: &Motor) -> Places {
     let turn = i64::from(motor.counts_per_turn);
     Places { limits: (-turn * 3 / 2, turn * 23 / 10), cam: (-turn * 3 / 10, turn * 4 / 10), index: turn / 10, turn }
@@ -58,7 +58,7 @@ fn travel(places: &Places) -> Travel {
     }
 }
 
-/// A method finds home from one side of the cam, at least.
+/// A start position from which the method finds home.
 fn start_of(method: i8, places: &Places) -> i64 {
     let right = places.cam.1 + places.turn / 2;
     if places.home(method, right).is_some() { right } else { places.cam.0 - places.turn / 2 }
@@ -69,7 +69,7 @@ struct Axes {
     host: Host,
     network: SimHandle,
     shafts: Vec<i64>,
-    /// Greatest way of a shaft in a cycle so far, counts.
+    /// Greatest distance of a shaft in a cycle so far, counts.
     way: i64,
 }
 
@@ -123,7 +123,7 @@ impl Axes {
         assert!(written.is_ok(), "{index:04X}:{sub} {written:?}");
     }
 
-    /// What an application writes before GO_HOME (SK-7.19): 4 turns/s, 1 turn/s, 200 turns/s².
+    /// Writes what an application writes before GO_HOME (SK-7.19): 4 turns/s, 1 turn/s, 200 turns/s².
     fn prepare(&mut self, slave: usize, method: i8, turn: i64) {
         self.write(slave, 0x6060, 0, SdoSize::One, 6);
         self.write(slave, 0x6098, 0, SdoSize::One, method.into());
@@ -133,7 +133,7 @@ impl Axes {
         self.write(slave, 0x609A, 0, SdoSize::Four, 200 * turn);
     }
 
-    /// Homing is over, as firmware and program bring the drive back to CSP.
+    /// Brings the drive back to CSP after homing, by the firmware or by the program.
     fn back_to_csp(&mut self, slave: usize, firmware: Firmware) {
         if firmware == Firmware::V15 {
             self.write(slave, 0x6060, 0, SdoSize::One, 8);
@@ -143,8 +143,8 @@ impl Axes {
         assert_eq!(self.host.read_object(slave as u8, 0x6061, 0), Ok(8));
     }
 
-    /// Goes on from where the drive is, by 50 counts a cycle; its shaft moves so far and no further, and never more than
-    /// a little in a cycle.
+    /// Moves on from the present position by 50 counts a cycle; the shaft moves exactly so far, and only a little in
+    /// each cycle.
     fn move_on(&mut self, slaves: &[usize]) {
         self.cycles(100);
         let from: Vec<i64> = self.shafts.clone();
@@ -202,10 +202,10 @@ fn every_method_through_the_board() {
             axes.cycles(200);
             let home = axes.shafts[0] - i64::from(axes.host.drive(1).position - OFFSET);
             let expected = places.home(method, position).expect("a home");
-            // The methods that take the place where the shaft stands take what the loops make of it.
+            // Methods that use the present position have the tolerance of the control loops.
             let tolerance = if method >= 35 { 2 } else { 0 };
             assert!((home - expected).abs() <= tolerance, "{what}: home at {home}, not {expected}");
-            // 4 turns/s, and what a loop adds.
+            // 4 turns/s, and the overshoot of the loop.
             assert!(axes.way <= places.turn * 41 / 10_000 + 30, "{what}: {} counts in a cycle", axes.way);
             axes.move_on(&[1]);
             assert_eq!((axes.host.counters().rejected_total(), axes.host.counters().ignored_homing), (0, 0), "{what}");
@@ -214,7 +214,7 @@ fn every_method_through_the_board() {
 }
 
 /// SK-7.21 A homing error: bit 13 is in the slot, the mode comes back (SK-7.22), and the drive moves on in the coordinate
-/// it had. A switch that sticks, one that is not wired, a method that there is not.
+/// it had. A switch that sticks, a switch that is not wired, an unknown method.
 #[test]
 fn a_homing_that_fails() {
     for (firmware, case) in PROFILES.into_iter().flat_map(|firmware| (0..3).map(move |case| (firmware, case))) {

@@ -1,4 +1,4 @@
-//! The mode after homing: the board's own SDO writes it back in firmware 1.7, and no drive jumps.
+//! The mode after homing: the board writes it back by SDO in firmware 1.7, and no drive jumps.
 
 use allocation_counter::measure;
 use ecmsk::cia402::Mode;
@@ -31,7 +31,7 @@ pub fn rejected(home: &Home, reason: Reason) -> u64 {
     home.host.counters().rejected[reason.kind()]
 }
 
-/// Homes the first drive, until it is over.
+/// Homes the first drive to the end.
 pub fn home_it(home: &mut Home) {
     home.go_home(1);
     home.until_phase(1, HomingPhase::Homing);
@@ -103,7 +103,8 @@ fn the_mode_returns_after_every_end() {
     }
 }
 
-/// SK-7.41 A drive that brakes is given time: the mode does not change before it stands, or half a second has passed.
+/// SK-7.41 A drive that brakes is given time: the mode does not change before it is at rest, or half a second has
+/// passed.
 #[test]
 fn the_mode_waits_until_the_drive_stands() {
     for (brakes, at_least, at_most) in [(5, 5, 40), (200, 200, 240), (100_000, 480, 560)] {
@@ -121,8 +122,8 @@ fn the_mode_waits_until_the_drive_stands() {
 }
 
 /// SK-7.24 A program that writes 0x6060 = 8 by SDO itself after homing works in both profiles: at any time around the
-/// home event, on every bus. SK-7.16 SK-7.41 No target of before makes the drive jump.
-/// SK-6.5 The board's own write that has not begun is cancelled.
+/// home event, on every bus. SK-7.16 SK-7.41 No old target makes the drive jump. SK-6.5 The board's own write that has
+/// not begun is cancelled.
 #[test]
 fn a_program_may_write_the_mode_itself() {
     for firmware in PROFILES {
@@ -149,8 +150,8 @@ fn a_program_may_write_the_mode_itself() {
     }
 }
 
-/// SK-7.41 A home event that comes while an ABORT_HOME lies ahead in the bus: the mode waits until the targets of before
-/// are through.
+/// SK-7.41 A home event that comes while an ABORT_HOME lies ahead in the bus: the mode is written only after the old
+/// targets are executed.
 #[test]
 fn a_home_event_behind_an_abort_makes_no_jump() {
     for how in ahead().filter(|how| how.depth > 1) {
@@ -171,8 +172,8 @@ fn a_home_event_behind_an_abort_makes_no_jump() {
     }
 }
 
-/// SK-7.24 So does one that waits for bits 10 and 12, writes 8, waits for the answer and moves on, streaming all the
-/// while. SK-7.16 The home event moves the coordinate, not the drive.
+/// SK-7.24 So does a program that waits for bits 10 and 12, writes 8, waits for the answer and moves on, streaming all
+/// the while. SK-7.16 The home event moves the coordinate, not the drive.
 #[test]
 fn streams_around_homing_make_no_jump() {
     for firmware in PROFILES {
@@ -201,8 +202,8 @@ fn streams_around_homing_make_no_jump() {
     }
 }
 
-/// SK-7.18 SK-7.24 A program that streams its target over the end of homing: from the entry on that follows the mode, written by
-/// the program or by the board, the target is taken. Each entry before it is counted as what it is, and none is discarded as
+/// SK-7.18 SK-7.24 A program that streams its target over the end of homing: from the entry on that follows the mode, written
+/// by the program or by the board, the target is taken. Each earlier entry is counted with its reason, and none is discarded as
 /// too early: the drive shows Operation enabled all the while.
 #[test]
 fn the_first_target_in_the_mode_is_taken() {
@@ -217,7 +218,7 @@ fn the_first_target_in_the_mode_is_taken() {
                 home.host.cycles(60).sdo(write_mode(1, 8));
             }
             let before = home.host.counters();
-            // The FIFO gives one of them to each cycle.
+            // Each cycle takes one of them from the FIFO.
             for _ in 0..150 {
                 home.host.csp(1, HOME + 10);
             }
@@ -275,7 +276,7 @@ fn a_mode_that_cannot_be_restored() {
     home.host.csp(1, -700_001).drained();
     assert_eq!((home.drive().target(), rejected(&home, Reason::WrongMode)), (-700_001, 1));
 
-    // One that fails once.
+    // A transfer that fails once.
     home.mode(1, 6);
     home.drive().modes();
     home.network.abort_sdo(1, Some(AbortCode(0x0800_0022)));

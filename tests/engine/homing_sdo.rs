@@ -1,4 +1,4 @@
-//! The board's own SDO that writes the mode back after homing, beside those of the host.
+//! The board's own SDO that restores the mode after homing, together with those of the host.
 
 use ecmsk::engine::{Firmware, HomingEnd, HomingPhase, Reason};
 use ecmsk::fieldbus::Ns;
@@ -56,7 +56,7 @@ fn restoring_waits_for_the_host() {
 }
 
 /// SK-6.4 A request that comes while the board restores is not rejected but waits, and runs next: also before other
-/// modes that are due. SK-6.3 One more is held behind it. SK-7.25 The board and the host take turns.
+/// modes that are due. SK-6.3 One more request is held behind it. SK-7.25 The board and the host take turns.
 #[test]
 fn a_request_while_restoring_is_held() {
     let mut home = Home::ready_of(3, Firmware::V17, None);
@@ -82,8 +82,8 @@ fn a_request_while_restoring_is_held() {
     assert!(matches!(home.host.sdo_answer(), SdoResponse::Done { slave: 1, id: CommandId::SdoRead, .. }));
 }
 
-/// SK-6.5 A host's write of 0x6060 cancels a restore not yet begun; one that the drive refuses does not.
-/// SK-6.4 One that comes when it has begun runs next, and counts.
+/// SK-6.5 A host's write of 0x6060 cancels a restore not yet begun; a write that the drive refuses does not. SK-6.4 A
+/// write that comes after the restore has begun runs next, and counts.
 #[test]
 fn the_hosts_mode_counts() {
     for (when, mode, written) in [(0, 6, vec![6]), (0, 99, vec![8]), (12, 6, vec![8, 6]), (12, 99, vec![8])] {

@@ -1,5 +1,5 @@
-//! What a bus does that is other hardware, one thing at a time: it loses answers, knows a lost slave late, cannot configure
-//! a slave without the others, takes no SDO beside a change of state, has inputs and outputs of its own.
+//! Properties of a bus on other hardware, one at a time: it loses answers, knows a lost slave late, cannot configure a
+//! slave without the others, takes no SDO during a change of state, has its own inputs and outputs.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
@@ -21,7 +21,7 @@ use crate::puppet::Puppet;
 use support::ahead_bus::{Ahead, Honesty};
 use support::hand_on;
 
-/// A bus that is kind but for one thing.
+/// An ideal bus with one deviation.
 fn but(honesty: Honesty) -> Ahead {
     Ahead { honesty: Honesty { seed: 1, ..honesty }, ..Ahead::kind(16, 2, 333_333, 100) }
 }
@@ -31,7 +31,7 @@ fn events(net: &Net, mark: u64) -> Vec<Event> {
 }
 
 /// SK-12.4 Answers that a bus has lost make no report and are counted and logged; no entry is lost by it, and a later
-/// answer stands for those before it. SK-12.1
+/// answer covers the earlier ones. SK-12.1
 #[test]
 fn lost_answers_are_counted() {
     let mut net = Net::on(Some(but(Honesty { loses: 7, ..Honesty::default() })), 2);
@@ -46,7 +46,7 @@ fn lost_answers_are_counted() {
     assert!(told[0].to_string().contains("are lost"), "{}", told[0]);
 }
 
-/// SK-12.4 Also when nobody looks for a while, so that the bus has no room for more answers.
+/// SK-12.4 The same when the bus is not polled for a while, so that it has no room for more answers.
 #[test]
 fn answers_of_a_long_pause_are_lost() {
     let how = but(Honesty { keeps: 20, ..Honesty::default() });
@@ -61,8 +61,8 @@ fn answers_of_a_long_pause_are_lost() {
     assert_eq!(rig.answer().fifo_free, FIFO_ENTRIES);
 }
 
-/// SK-12.5 A slave that is known to be lost only later: what was sent to it meanwhile is counted as for a lost one, to the
-/// command, and the others go on. SK-12.6 That not all answer is said at once, and once.
+/// SK-12.5 A slave whose loss is known only later: commands sent to it meanwhile are counted as for a lost slave,
+/// exactly, and the others go on. SK-12.6 That not all slaves answer is reported at once, and once.
 #[test]
 fn a_loss_known_late() {
     for loss_delay in [0, 1, 5, 40] {
@@ -92,8 +92,8 @@ fn a_loss_known_late() {
     }
 }
 
-/// SK-12.5 Two slaves that are lost soon after each other, and known to be so later: of each only the commands count that it
-/// has not got. SK-12.4 Answers that are lost meanwhile change nothing of it.
+/// SK-12.5 Two slaves that are lost soon after each other, which is known only later: for each, only the commands count
+/// that it missed. SK-12.4 Answers that are lost meanwhile do not change that.
 #[test]
 fn two_losses_known_late() {
     for loss_delay in [0, 1, 5, 40] {
@@ -112,8 +112,8 @@ fn two_losses_known_late() {
     }
 }
 
-/// SK-12.5 A loss that is known only when OP has been left, or forgotten by SW_RESET: what was sent to the slave in OP and
-/// has not reached it counts all the same.
+/// SK-12.5 A loss that is known only after OP was left, or ended by SW_RESET: commands sent to the slave in OP that did
+/// not reach it count all the same.
 #[test]
 fn a_loss_known_when_op_is_over() {
     for command in [MasterCommand::SetState(SafeOp), MasterCommand::SetState(PreOp), MasterCommand::SoftReset] {
@@ -124,14 +124,14 @@ fn a_loss_known_when_op_is_over() {
         net.stream(10);
         net.host.master(command).cycles(200);
         let after = net.host.counters();
-        // What was sent and slave 1 has not got either has come when it had left OP.
+        // The other outputs that slave 1 missed came when it had left OP.
         let sent = (after.executed - before.executed).min(60) as i32;
         let missed = [1, 2].map(|slave| (sent - net.received(slave).last().unwrap()) as u64);
         assert_eq!((after.for_lost, missed[1] > 5), (missed[0] + missed[1], true), "{command:?}");
     }
 }
 
-/// SK-12.5 A slave that was silent before the first outputs of the board were sent has got none of them.
+/// SK-12.5 A slave that was silent before the first outputs of the board were sent has received none of them.
 #[test]
 fn a_loss_before_the_first_outputs() {
     let mut net = Net::new(Some(but(Honesty { loss_delay: 40, keeps: 64, ..Honesty::default() })), 2);
@@ -144,8 +144,8 @@ fn a_loss_before_the_first_outputs() {
     assert_eq!((net.lost(), net.host.counters().for_lost), (set(&[2]), 1));
 }
 
-/// SK-12.7 A bus that configures no slave without the others: bringing one back throws them out of OP. That is logged, their
-/// motors stay off until they are switched on, and one SET_STATE brings all back. SK-4.62
+/// SK-12.7 A bus that configures no slave without the others: bringing one back makes them leave OP. That is logged,
+/// their motors stay off until they are switched on, and one SET_STATE brings all back. SK-4.62
 #[test]
 fn configuring_one_disturbs_the_others() {
     for honesty in [Honesty::default(), Honesty { clear_looks: 6, jitter: 20, keeps: 64, ..Honesty::default() }] {
@@ -180,8 +180,9 @@ fn configuring_one_disturbs_the_others() {
     }
 }
 
-/// SK-12.2 With all slaves lost and nobody in OP such a bus sends nothing: entries do not wait in the FIFO until the slaves are
-/// back. They count as cleared, their commands as those for lost slaves (SK-4.61), and no motor starts by them.
+/// SK-12.2 With all slaves lost and none in OP such a bus sends no outputs: entries do not wait in the FIFO until the
+/// slaves are back. They count as cleared, their commands count as those for lost slaves (SK-4.61), and they start no
+/// motor.
 #[test]
 fn entries_that_nobody_gets_are_cleared() {
     for honesty in [Honesty::default(), Honesty { clear_looks: 6, jitter: 20, keeps: 64, ..Honesty::default() }] {
@@ -214,12 +215,12 @@ fn entries_that_nobody_gets_are_cleared() {
     }
 }
 
-/// SK-4.62 SK-12.2 SET_FIFO 1 while slaves that were all lost return to OP, on a bus whose clear ends when they are back: the
-/// newest outputs that were sent are from before the loss, and no output of an IO slave comes on again by them.
+/// SK-4.62 SK-12.2 SET_FIFO 1 while slaves that were all lost return to OP, on a bus whose clear ends when they are
+/// back: the newest sent outputs are from before the loss, and they switch no output of an IO slave on again.
 #[test]
 fn a_clear_brings_back_nothing_from_before_a_loss() {
     for wait in (410..560).step_by(10) {
-        // Slave 1 leaves OP because slave 2 is configured, so that the bus sends nothing after the outputs that it got.
+        // Slave 1 leaves OP because slave 2 is configured, so that the bus sends no more outputs after those.
         let how = but(Honesty { clear_looks: 400, disturbs: true, ..Honesty::default() });
         let puppets = [Puppet::new(), Puppet::new()];
         let bus = SimBus::new(puppets.iter().map(Puppet::boxed).collect());
@@ -254,7 +255,7 @@ fn a_clear_brings_back_nothing_from_before_a_loss() {
     }
 }
 
-/// SK-12.10 A bus may refuse an SDO beside a change of state: it waits for the end of the change, and is answered then.
+/// SK-12.10 A bus may refuse an SDO during a change of state: it waits for the end of the change, and is answered then.
 #[test]
 fn an_sdo_waits_for_the_end_of_a_change() {
     let mut net = Net::new(Some(but(Honesty { refuses_sdo: true, ..Honesty::default() })), 3);
@@ -270,7 +271,7 @@ fn an_sdo_waits_for_the_end_of_a_change() {
     net.host.go(PreOp);
 }
 
-/// A bus whose chip has inputs and outputs of its own.
+/// A bus whose chip has its own inputs and outputs.
 struct WithPins<B> {
     bus: B,
     inputs: Arc<AtomicU8>,
@@ -289,7 +290,8 @@ impl<B: Fieldbus> Fieldbus for WithPins<B> {
     }
 }
 
-/// SK-12.8 LIO_RD gives the inputs of the bus's chip and LIO_WR sets its outputs, in every state; SW_RESET switches them off.
+/// SK-12.8 LIO_RD returns the inputs of the bus's chip and LIO_WR sets its outputs, in every state; SW_RESET switches
+/// them off.
 #[test]
 fn local_io_is_that_of_the_bus() {
     for how in buses() {
@@ -314,7 +316,7 @@ fn local_io_is_that_of_the_bus() {
     }
 }
 
-/// A bus that would like every cycle so much later than planned.
+/// A bus that requests every cycle to be later by that time than planned.
 struct Nudging(SimBus, i64);
 
 impl Fieldbus for Nudging {
@@ -343,9 +345,9 @@ fn a_bus_nudges_the_next_cycle() {
     }
 }
 
-/// SK-12.2 A clear that takes a while: cycles go on sending meanwhile, and what they send counts as executed; the rest counts
-/// as cleared, and the axis stays where the newest that was sent has put it. Frames that come meanwhile are executed after
-/// it, once and in order. SK-5.22
+/// SK-12.2 A clear that takes a while: cycles go on sending meanwhile, and those outputs count as executed. The rest
+/// counts as cleared, and the axis stays at the newest sent target. Frames that come meanwhile are executed after the
+/// clear, once and in order. SK-5.22
 #[test]
 fn a_clear_takes_a_while() {
     for clear_looks in [0, 1, 2, 3, 8, 20] {

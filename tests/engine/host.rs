@@ -1,4 +1,4 @@
-//! A host beside a board: sends typed commands, reads typed answers, lets time pass. No link, no runner.
+//! A host with its board: sends typed commands, reads typed answers, lets time pass. There is no link and no runner.
 
 use std::any::Any;
 use std::env;
@@ -22,11 +22,11 @@ use ecmsk::slave::Slave;
 use support::ahead_bus::{Ahead, AheadBus};
 use support::chip_line::xf_bus_reached_by;
 
-/// What a write takes: one USB microframe.
+/// The time of a write: one USB microframe.
 pub const MICROFRAME: Ns = 125_000;
-/// No boot in these tests takes longer.
+/// The longest boot in these tests.
 pub const BOOT_LIMIT: Ns = 60_000_000_000;
-/// No change in these tests takes longer than this many reports.
+/// The longest change of state in these tests, in reports.
 const PATIENCE: usize = 30_000;
 
 /// Cycles after which [`Ahead::chip`] has answered at the latest.
@@ -43,21 +43,21 @@ pub struct Host {
     is_late: bool,
 }
 
-/// In the environment of a run (tests/engine/over.rs): every board stands over a bus that takes outputs ahead, but for those
-/// of tests that have asked for one themselves. Its value is one of those below.
+/// In the environment of a run (tests/engine/over.rs): every board gets a bus that takes outputs ahead, except in tests
+/// that choose such a bus themselves. The value is one of those below.
 pub const OVER: &str = "ECMSK_TEST_OVER";
-/// After the cycles that a test lets pass, [`LATE`] more pass.
+/// After the cycles of a test, [`LATE`] more cycles pass.
 pub const SETTLED: &str = "settled";
-/// They do not.
+/// No more cycles pass.
 pub const ONE_BY_ONE: &str = "one_by_one";
 /// As [`SETTLED`], but the simulated network is behind the model of an ECM-XF.
 pub const XF_SETTLED: &str = "xf_settled";
 /// As [`ONE_BY_ONE`], likewise.
 pub const XF_ONE_BY_ONE: &str = "xf_one_by_one";
-/// The simulated network is at the end of a wire, as slave controllers that our own master reaches.
+/// The simulated network is at the end of a wire, as slave controllers behind this project's own master.
 pub const NIC: &str = "nic";
-/// What such a run says on standard error before the name of each test that has a board whose slaves are behind the chip, or at
-/// the end of the wire.
+/// The prefix on standard error in such a run; the name of each test follows that has a board whose slaves are behind
+/// the chip, or at the end of the wire.
 pub const SLAVES_MOVED: &str = "slaves moved: ";
 
 /// Whether this is such a run.
@@ -84,13 +84,13 @@ fn wire(slaves: Vec<Box<dyn Slave>>, handle: SimHandle) -> impl Fieldbus {
     NicBus::new(wires, Settings::default())
 }
 
-/// The slaves of a simulated network, watched or not, behind something else; another bus stays as it is.
+/// Puts the slaves of a simulated network, watched or not, behind another bus; a bus of another kind stays as it is.
 fn behind<B: Fieldbus + 'static, F: Fieldbus + 'static>(
     bus: B,
     put: fn(Vec<Box<dyn Slave>>, SimHandle) -> F,
 ) -> Box<dyn Fieldbus> {
     let put_behind = |sim: SimBus| {
-        // Past what is kept of a test's output: tests/engine/over.rs reads it.
+        // This bypasses the captured output of a test: tests/engine/over.rs reads it.
         let test = thread::current();
         let _ = writeln!(io::stderr(), "{SLAVES_MOVED}{}", test.name().unwrap_or_default());
         let (slaves, handle) = sim.into_parts();
@@ -157,7 +157,7 @@ impl Host {
         self.build(|frame, size| frame.put_sdo(size, &command))
     }
 
-    /// Sends a slot as it is.
+    /// Sends a raw slot.
     pub fn raw(&mut self, slot: usize, raw: RawSlot) -> &mut Self {
         self.build(|frame, size| frame.put(size, slot, &raw))
     }
@@ -167,7 +167,7 @@ impl Host {
         self.build(|_, _| {})
     }
 
-    /// Sends SW_RESET and waits until the board talks again; what it reported before is forgotten.
+    /// Sends SW_RESET and waits until the board talks again; earlier reports are dropped.
     pub fn soft_reset(&mut self) -> &mut Self {
         self.master(MasterCommand::SoftReset);
         assert!(self.board.boot(BOOT_LIMIT), "the board does not talk after SW_RESET");
@@ -175,7 +175,7 @@ impl Host {
         self
     }
 
-    /// Lets one cycle pass; says whether it brought a report.
+    /// Lets one cycle pass; returns whether it brought a report.
     pub fn cycle(&mut self) -> bool {
         let came = self.one_cycle();
         if self.is_late {
@@ -209,7 +209,7 @@ impl Host {
         self
     }
 
-    /// Lets cycles pass until `done` says so.
+    /// Lets cycles pass until `done` returns true.
     pub fn until(&mut self, what: &str, mut done: impl FnMut(&Self) -> bool) -> &mut Self {
         for _ in 0..PATIENCE {
             if done(self) {
@@ -239,7 +239,7 @@ impl Host {
         self.answer().state
     }
 
-    /// A slot of the newest report as it is.
+    /// A raw slot of the newest report.
     pub fn slot(&self, slot: usize) -> RawSlot {
         self.report.slot(self.size, slot)
     }
@@ -254,7 +254,7 @@ impl Host {
         self.board.engine().events_total()
     }
 
-    /// What was rejected since a mark: slot, id and reason.
+    /// Rejections since a mark: slot, id and reason.
     pub fn rejections(&self, mark: u64) -> Vec<(u8, CommandId, Reason)> {
         let events = self.board.engine().events_since(mark).filter_map(|event| match event.kind {
             EventKind::Rejected(Rejection { slot, id, reason }) => Some((slot, id, reason)),

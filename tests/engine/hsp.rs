@@ -31,7 +31,7 @@ fn op(host: &mut Host, mode: Mode) {
     host.go(MasterState::Op).drained();
 }
 
-/// A board in OP with an HSP on strings.
+/// A board in OP with a puppet HSP.
 fn board(size: SlotSize, channels: usize, mode: Mode, puppet: Puppet) -> (Host, Puppet) {
     let puppet = puppet.with_channels(channels);
     let mut host = Host::new(config(size), SimBus::new(vec![puppet.boxed()]));
@@ -40,7 +40,7 @@ fn board(size: SlotSize, channels: usize, mode: Mode, puppet: Puppet) -> (Host, 
     (host, puppet)
 }
 
-/// One that is on.
+/// The same with the HSP on.
 fn board_on(size: SlotSize, channels: usize, mode: Mode) -> (Host, Puppet) {
     let (mut host, puppet) = board(size, channels, mode, Puppet::obedient());
     host.slave(1, SlaveCommand::ServoOn).cycles(20);
@@ -73,9 +73,9 @@ fn shows(position: i32, inputs: u16) -> AxisIn {
     AxisIn { statusword: Statusword(0x1637), torque: 0x1234, position, error_code: 0x5678, inputs }
 }
 
-/// SK-3.22 The golden response of a two-channel HSP in 16-byte mode: position 2 stands at byte 10, unaligned. Neither
-/// torque nor error code has a place.
-/// SK-3.21 In 12-byte mode: position, inputs, 0. SK-3.24 A one-channel HSP in 16-byte mode: bytes 10 to 15 are 0.
+/// SK-3.22 The golden response of a two-channel HSP in 16-byte mode: position 2 is at byte 10, unaligned. There is
+/// neither torque nor error code. SK-3.21 In 12-byte mode: position, inputs, 0. SK-3.24 A one-channel HSP in 16-byte
+/// mode: bytes 10 to 15 are 0.
 #[test]
 fn golden_responses() {
     // Id and index, statusword 0x1637, then the vectors resp-hsp-12 and resp-hsp-2ch-16.
@@ -128,7 +128,8 @@ fn golden_commands() {
     }
 }
 
-/// SK-3.25 The layout holds in every response, whatever the command; of commands only CSP and CSV read bytes 8 to 15.
+/// SK-3.25 The layout is the same in every response, whatever the command; only the commands CSP and CSV read bytes 8
+/// to 15.
 #[test]
 fn other_commands_read_nothing_and_are_answered_alike() {
     for (size, channels) in SIZES.into_iter().flat_map(|size| [(size, 1), (size, 2)]) {
@@ -197,7 +198,7 @@ fn alarm_clear_resets_both_axes() {
             assert_eq!(rises, faulted, "{size:?}");
         }
     }
-    // A real one: the fault goes.
+    // With the simulated module the fault ends.
     let two = Hsp::new(HspConfig::with(Channels::Two));
     let Bench { mut host, network, .. } = Bench::new(config(SlotSize::Bytes16), vec![Box::new(two)]);
     op(&mut host, Mode::Csp);
@@ -329,14 +330,14 @@ fn there_is_no_cst() {
         for good in [Mode::Csv, Mode::Csp] {
             host.slave(1, mode(good)).go(MasterState::Op).go(MasterState::PreOp);
         }
-        // Declared as something that is not there, nobody looks at the mode.
+        // Without a slave the mode of the declaration is not checked.
         host.slave(2, mode(Mode::Cst));
         host.master(MasterCommand::SetAxis { group: 0, kinds: [SlaveKind::Hsp; 8] }).go(MasterState::Op);
     }
 }
 
 /// SK-3.26 In 12-byte mode a two-channel HSP moves axis 1 only. SK-3.23 In 16-byte mode both follow, to the pulse.
-/// SK-3.22 SK-3.24 Outputs come back as inputs, of each channel its own.
+/// SK-3.22 SK-3.24 Outputs come back as inputs, separately for each channel.
 #[test]
 fn pulses_go_where_commands_say() {
     for (size, channels) in SIZES.into_iter().flat_map(|size| [(size, Channels::One), (size, Channels::Two)]) {

@@ -1,5 +1,5 @@
-//! Homing of pulse modules: which axes GO_HOME starts, which modes are written back and when, and what the other axis
-//! does meanwhile. With axes on strings first, then with the simulated module.
+//! Homing of pulse modules: which axes GO_HOME starts, which modes are written back and when, and the other axis
+//! meanwhile. First with puppet axes, then with the simulated module.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
@@ -19,7 +19,7 @@ use support::images::{Images, number};
 
 const SECOND: u16 = 0x800;
 
-/// A module of two channels whose axes are on strings.
+/// A module of two channels whose axes are puppets.
 #[derive(Clone)]
 struct Pair([Homer; 2], Images);
 
@@ -50,7 +50,7 @@ impl Slave for Pair {
             return Ok(len);
         }
         let (axis, object) = Self::split(object);
-        // That it has a controlword is how a master tells that there is the axis.
+        // A master knows by the controlword that the axis exists.
         if object.index == 0x6040 { Ok(2) } else { self.0[axis].read(object, scope, value) }
     }
 
@@ -97,7 +97,7 @@ fn pair_on(slot: SlotSize, firmware: Firmware) -> (Host, [Homer; 2]) {
 
 /// The host writes 0x6060 or 0x6860.
 fn write_mode(host: &mut Host, axis: usize, mode: u32) {
-    // So that an answer of before does not match.
+    // Another answer first, so that an old one does not match.
     host.read_object(1, 0x6098, 0).unwrap();
     assert_eq!(host.write_object(1, 0x6060 + SECOND * axis as u16, 0, SdoSize::One, mode), Ok(mode));
 }
@@ -125,11 +125,12 @@ fn forget(axes: &[Homer; 2]) {
     });
 }
 
-/// Every choice of axes: none is no choice.
+/// Every non-empty choice of axes.
 const CHOICES: [&[usize]; 3] = [&[0], &[1], &[0, 1]];
 
 /// SK-3.28 GO_HOME acts on those axes whose 0x6060 / 0x6860 is 6. SK-3.26 In 12-byte mode it does not move axis 2.
-/// SK-7.22 The mode of those that went home is written back, and of no other; in profile 1.5 (SK-7.23) of none. The other axis holds its target.
+/// SK-7.22 The mode of axes that went home is written back, and no other one; in profile 1.5 (SK-7.23) none. The other
+/// axis holds its target.
 #[test]
 fn go_home_acts_on_the_axes_in_mode_6() {
     for (slot, firmware) in SlotSize::ALL.into_iter().flat_map(|slot| [(slot, Firmware::V17), (slot, Firmware::V15)]) {
@@ -167,7 +168,7 @@ fn to(target: i32) -> AxisTarget {
 }
 
 /// SK-7.26 SK-7.41 An axis of two that is home is not restored while the other one still homes; then both are. SK-7.37
-/// Commands for the slave until then count as ignored, and so those of the axis that is home.
+/// Commands for the slave until then count as ignored, also those for the axis that is home.
 #[test]
 fn no_axis_is_restored_before_the_other_is_home() {
     let buses = std::iter::once(None).chain(ahead().map(Some));
@@ -242,8 +243,8 @@ fn ends_of_one_axis_and_of_both() {
     }
 }
 
-/// SK-7.27 Of a module each axis counts by its own statusword: that axis 1 is home, as the slot says, does not end the
-/// homing of axis 2, and axis 2 has ended as soon as 0x6841 says so.
+/// SK-7.27 Each axis of a module counts by its own statusword: axis 1 being home in the slot does not end the homing of
+/// axis 2, and axis 2 has ended as soon as 0x6841 says so.
 #[test]
 fn the_next_slave_waits_for_both_axes() {
     let (axes, next) = ([Homer::new(), Homer::new()], Homer::new());
@@ -266,8 +267,8 @@ fn the_next_slave_waits_for_both_axes() {
     assert_eq!((rejected(&host, Reason::HomingElsewhere), next.begun()), (1, 1));
 }
 
-/// SK-7.30 GO_HOME for a module of which no axis is in mode 6 is rejected. SK-7.38 And if one of those that are is not on
-/// by SV_ON, none starts.
+/// SK-7.30 GO_HOME for a module of which no axis is in mode 6 is rejected. SK-7.38 If one axis in mode 6 is not on by
+/// SV_ON, none starts.
 #[test]
 fn rejections() {
     let (mut host, axes) = pair_on(SlotSize::Bytes16, Firmware::V17);
@@ -352,7 +353,7 @@ fn a_module_homes_and_goes_on() {
     }
 }
 
-/// SK-7.22 A module in CSV, and one of one channel: mode 9 comes back, and the velocity after it is that of commands.
+/// SK-7.22 A module in CSV, and one of one channel: mode 9 comes back, and after it commands set the velocity.
 #[test]
 fn a_module_in_csv_homes() {
     for channels in [Channels::One, Channels::Two] {

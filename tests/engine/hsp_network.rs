@@ -1,5 +1,4 @@
-//! Pulse modules of two channels on a network that has trouble, and under SET_FIFO: lost and brought back, and outputs
-//! that a bus had taken ahead.
+//! Pulse modules of two channels that are lost and brought back, and SET_FIFO with outputs that a bus had taken ahead.
 
 use ecmsk::cia402::{Controlword, DriveState};
 use ecmsk::engine::{EngineConfig, Reason};
@@ -43,8 +42,8 @@ fn answer(host: &Host, slave: usize) -> HspResponse {
 }
 
 /// SK-4.61 SK-4.62 A module of two channels that loses its power stops with both axes and its outputs; brought back it
-/// has two channels as before, and so has the one that stayed. Neither axis starts, and none moves by a target of
-/// before: SV_ON and CSP act on both again.
+/// has two channels as before, and so has the one that stayed. Neither axis starts, and none moves by an old target:
+/// SV_ON and CSP act on both again.
 #[test]
 fn a_module_of_two_channels_is_lost_and_comes_back() {
     for (how, lost) in buses().flat_map(|how| [(how, 1), (how, 2)]) {
@@ -96,8 +95,8 @@ fn a_module_of_two_channels_is_lost_and_comes_back() {
     }
 }
 
-/// SK-5.22 SET_FIFO 1 takes back digital outputs and targets that a bus had taken ahead, of both channels: what was sent
-/// last stays, also when later frames move others.
+/// SK-5.22 SET_FIFO 1 takes back digital outputs and targets that a bus had taken ahead, of both channels: the last
+/// sent outputs stay, also when later frames move others.
 #[test]
 fn clear_takes_back_outputs_that_lie_ahead() {
     for how in ahead() {
@@ -125,7 +124,7 @@ fn clear_takes_back_outputs_that_lie_ahead() {
             sent.dedup();
             sent
         };
-        // One more may have been on its way.
+        // One more target may have been under way.
         let stays: Vec<i32> = sent(0).iter().map(|(target, _)| *target).collect();
         assert!(stays.iter().all(|n| (first.target..=first.target + 1).contains(n)), "{how:?}: {stays:?}");
         let newest = *stays.last().expect("outputs");

@@ -19,7 +19,7 @@ fn config(slot: SlotSize) -> EngineConfig {
     EngineConfig { slot, ..EngineConfig::default() }
 }
 
-/// A board in OP with two IO slaves on strings, whose inputs are 0xA5C3 whatever their outputs.
+/// A board in OP with two puppet IO slaves, whose inputs are 0xA5C3 whatever their outputs.
 fn board(slot: SlotSize) -> (Host, [Puppet; 2]) {
     let puppets = [Puppet::new(), Puppet::new()];
     puppets.iter().for_each(|puppet| puppet.strings().shows.inputs = 0xA5C3);
@@ -84,7 +84,7 @@ fn under_get_status_outputs_hold() {
     }
 }
 
-/// SK-4.36 What is no command for an IO slave changes nothing: its outputs hold.
+/// SK-4.36 A command that is not for IO slaves has no effect: the outputs hold.
 #[test]
 fn commands_of_drives_leave_outputs_alone() {
     let (mut host, [puppet, _]) = board(SlotSize::Bytes12);
@@ -97,9 +97,8 @@ fn commands_of_drives_leave_outputs_alone() {
     }
 }
 
-/// SK-3.17 The simulated module: what is written comes back, beside a drive that moves.
-/// SK-7.7 It maps 16 digital outputs and 16 digital inputs.
-/// SK-4.52 Without SET_AXIS all slaves are IO.
+/// SK-3.17 The simulated module: its inputs return the written outputs, while a drive moves. SK-7.7 It maps 16 digital
+/// outputs and 16 digital inputs. SK-4.52 Without SET_AXIS all slaves are IO.
 #[test]
 fn a_simulated_module_answers() {
     for size in SlotSize::ALL {
@@ -128,7 +127,7 @@ fn a_simulated_module_answers() {
     }
 }
 
-/// OP begins with all outputs off, also after a way back from OP.
+/// OP begins with all outputs off, also after OP was left.
 #[test]
 fn op_begins_with_outputs_off() {
     let (mut host, [puppet, _]) = board(SlotSize::Bytes12);
@@ -146,7 +145,7 @@ fn op_begins_with_outputs_off() {
 }
 
 /// SK-5.3 SK-3.17 On a bus that takes outputs ahead every IO_WR reaches the slave once and in order, and the answer belongs
-/// to it. SK-5.22 Those that lie ahead when the FIFO is cleared have not happened.
+/// to it. SK-5.22 Commands that the bus has taken ahead when the FIFO is cleared have no effect.
 #[test]
 fn outputs_ahead() {
     for how in ahead() {
@@ -182,13 +181,13 @@ fn outputs_ahead() {
     }
 }
 
-/// SK-3.14 SK-3.17 The output image of the answer is what is really output: in OP again after a lower state the outputs are
+/// SK-3.14 SK-3.17 The output image of the answer is the real output: in OP again after a lower state the outputs are
 /// off until they are written. SK-4.66 Below OP the slot keeps its last values.
 #[test]
 fn the_image_is_what_is_output() {
     for state in [MasterState::SafeOp, MasterState::PreOp, MasterState::Init] {
         let (mut host, puppets) = board(SlotSize::Bytes12);
-        // Every frame carries it, so that no GET_STATUS takes its place; below OP it is rejected.
+        // Every frame carries the command, so that no GET_STATUS replaces it; below OP it is rejected.
         let ask = |host: &mut Host, state| {
             host.build(|frame, size| {
                 frame.put_master(size, &MasterCommand::SetState(state));

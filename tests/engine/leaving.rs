@@ -1,4 +1,4 @@
-//! What ends with OP, and what SW_RESET leaves.
+//! The end of OP, and SW_RESET.
 
 use ecmsk::cia402::{Controlword, Mode};
 use ecmsk::engine::{EngineConfig, Firmware};
@@ -12,7 +12,7 @@ use crate::host::BOOT_LIMIT;
 use crate::network_rig::{Net, buses};
 use crate::probe::{Bench, any_slaves, drives};
 
-/// So slow that a FIFO fills within a cycle.
+/// A cycle so slow that the FIFO fills within it.
 fn slow() -> MasterCommand {
     MasterCommand::SetDc { cycle: CycleTime::from_us(512_000).unwrap(), shift: DcShift::Auto }
 }
@@ -60,12 +60,12 @@ fn leaving_op_empties_the_fifo() {
         host.slave(1, SlaveCommand::ServoOn);
     });
     assert_eq!(host.board.engine().fifo_free(), FIFO_ENTRIES - 50);
-    // A clear is none of this: SET_STATE's own frame is an entry too.
+    // This differs from a clear: SET_STATE's own frame is an entry, too.
     host.go(MasterState::SafeOp);
     assert_eq!(host.counters().cleared, 51);
     host.go(MasterState::Op).cycle();
     assert_eq!(host.answer().fifo_free, FIFO_ENTRIES);
-    // The threshold went too: the first entry is taken at once.
+    // The threshold is the default again: the first entry is taken at once.
     let executed = host.counters().executed;
     host.idle().cycle();
     assert_eq!((host.counters().executed, host.answer().fifo_free), (executed + 1, FIFO_ENTRIES));
@@ -138,7 +138,8 @@ fn sw_reset_during_other_things() {
     host.op(2).servo_on(1);
 }
 
-/// SK-4.33 SW_RESET resets what slaves are sent, also of those that are not found any more: nothing asks for their motors.
+/// SK-4.33 SW_RESET resets the outputs of slaves, also of those that are not found any more: their motors are not
+/// requested.
 #[test]
 fn sw_reset_leaves_no_outputs() {
     for how in buses() {
@@ -173,7 +174,7 @@ fn counters_survive_sw_reset() {
     }
 }
 
-/// SK-4.44 Frames that arrive while the board boots after SW_RESET are not executed, and counted by themselves.
+/// SK-4.44 Frames that arrive while the board boots after SW_RESET are not executed, and have their own counter.
 #[test]
 fn frames_while_booting_are_counted() {
     let Bench { mut host, .. } = Bench::new(EngineConfig::default(), drives(1));

@@ -1,4 +1,4 @@
-//! LEDs, BUSY and the rest of what can be seen of a board.
+//! LEDs, BUSY and the other visible signals of a board.
 
 use MasterState::{Init, Op, PreOp, SafeOp};
 use ecmsk::engine::{Board, EngineConfig, Leds};
@@ -48,7 +48,8 @@ fn the_leds_of_every_state() {
     }
 }
 
-/// SK-11.1 On and on without a slave. SK-4.68 SK-10.5 BUSY is high while the board starts up, after SW_RESET, too.
+/// SK-11.1 Without a slave the start never ends. SK-4.68 SK-10.5 BUSY is high while the board starts up, after
+/// SW_RESET, too.
 #[test]
 fn a_board_that_starts() {
     let bus = SimBus::new(drives(1));
@@ -90,7 +91,7 @@ fn power_link_and_traffic() {
         net.host.cycles(20);
         assert_eq!(seen(&net), (true, true), "{how:?}: the first slave is there");
         net.network.cut_after(0);
-        // A bus that owns its cycle passes none in some of ours, by its phase.
+        // A bus that owns its cycle may have no cycle within one of the host's, by its phase.
         net.host.cycles(if how.is_none() { 1 } else { 5 });
         assert_eq!(seen(&net), (false, false), "{how:?}");
         net.network.heal();

@@ -1,4 +1,4 @@
-//! A way down that some slave refuses: the others have left the state that the board shows.
+//! A change to a lower state that a slave refuses: the others have left the state that the board shows.
 
 use MasterState::{Init, Op, PreOp, SafeOp};
 use ecmsk::coe::{AbortCode, SdoSize};
@@ -64,8 +64,8 @@ fn who_has_left_safeop_is_lost() {
     }
 }
 
-/// SK-2.17 SK-2.18 SK-4.73 SET_STATE 8 acknowledges: slave 1 is configured again, from Init, too, comes back, and nothing
-/// of before starts it.
+/// SK-2.17 SK-2.18 SK-4.73 SET_STATE 8 acknowledges: slave 1 is configured again, from Init, too, comes back, and no
+/// old command starts it.
 #[test]
 fn it_comes_back() {
     for how in buses() {
@@ -87,8 +87,8 @@ fn it_comes_back() {
     }
 }
 
-/// SK-4.73 SK-12.5 The same when SET_STATE comes at once, before the answers of a late bus show who has left: those are waited
-/// for, in OP and in SafeOP.
+/// SK-4.73 SK-12.5 The same when SET_STATE comes at once, before the answers of a late bus show which slaves have left:
+/// the board waits for these answers, in OP and in SafeOP.
 #[test]
 fn it_comes_back_at_once() {
     let late =
@@ -136,7 +136,7 @@ fn simulated_drives() {
     }
 }
 
-/// SK-4.73 SK-4.62 An IO slave comes back with its outputs off, until it is sent some. SK-3.14 Its slot says so.
+/// SK-4.73 SK-4.62 An IO slave comes back with its outputs off until new ones are sent. SK-3.14 Its slot shows that.
 #[test]
 fn outputs_are_off() {
     for (how, to) in two_buses().flat_map(|how| [(how, PreOp), (how, Init)]) {
@@ -164,7 +164,7 @@ fn outputs_are_off() {
     }
 }
 
-/// A bus that says later than its slaves that a change of state is over.
+/// A bus that reports the end of a change of state later than its slaves.
 struct Slow {
     bus: SimBus,
     ended: Option<(JobDone, Ns)>,
@@ -205,7 +205,7 @@ fn a_change_under_way_leaves_nobody_behind() {
     }
 }
 
-/// SK-4.39 It is logged, with what to do. SK-6.8 Its mailbox is not used.
+/// SK-4.39 The loss is logged, with what to do. SK-6.8 The slave's mailbox is not used.
 #[test]
 fn it_is_logged() {
     let mut net = Net::on(None, 3);
@@ -221,7 +221,8 @@ fn it_is_logged() {
     assert_eq!(net.host.write_object(1, 0x6060, 0, SdoSize::One, 8), Err(AbortCode::TIMEOUT));
 }
 
-/// SK-4.64 A way down that is replaced by OP in the middle leaves nobody behind. SK-4.57 Nor is one declared as none lost.
+/// SK-4.64 A way down that is replaced by OP in the middle leaves no slave behind. SK-4.57 A slave declared as none is
+/// not lost, either.
 #[test]
 fn nobody_is_left_behind_without_a_failure() {
     for how in two_buses() {

@@ -23,7 +23,7 @@ fn outputs(host: &Host) -> u8 {
     host.board.engine().local_outputs()
 }
 
-/// One LIO_RD, executed: what Data1 says.
+/// Executes one LIO_RD; returns Data1.
 fn read(host: &mut Host) -> u32 {
     host.master(MasterCommand::LocalRead).cycle();
     host.answer().result
@@ -80,8 +80,8 @@ fn local_io_needs_no_network() {
     answers(&mut host, "after a failure");
 }
 
-/// SK-5.21 In OP LIO acts when its entry is taken out: not on arrival, and with the inputs of then.
-/// SK-8.3 Its answer has no marker: byte 0 says what it always says in OP, and Data1 is valid once the entry has run.
+/// SK-5.21 In OP LIO acts when its entry is taken out: not on arrival, and with the inputs of then. SK-8.3 Its answer
+/// has no marker: byte 0 is the usual one in OP, and Data1 is valid once the entry has run.
 #[test]
 fn in_op_local_io_waits_in_the_queue() {
     const BEFORE: usize = 12;

@@ -1,4 +1,4 @@
-//! One slave lost: what comes for it, what it had under way, and how it comes back.
+//! One lost slave: commands for it, its transfers and walks under way, and its way back.
 
 use MasterState::{Op, PreOp, SafeOp};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
@@ -41,7 +41,7 @@ fn a_slave_without_power() {
     }
 }
 
-/// SK-4.62 [OURS] Nothing that was under way starts a motor of a slave that comes back: not a walk of SV_ON, not what a
+/// SK-4.62 [OURS] No earlier command starts a motor of a slave that comes back: not a walk of SV_ON, not outputs that a
 /// bus has taken ahead, not a SET_FIFO that takes entries back.
 #[test]
 fn no_motor_starts_when_a_slave_comes_back() {
@@ -71,12 +71,12 @@ fn no_motor_starts_when_a_slave_comes_back() {
     }
 }
 
-/// So slow a cycle that a bus has old outputs for longer than a slave needs to come back.
+/// A cycle so slow that a bus has old outputs for longer than a slave needs to come back.
 fn slow() -> MasterCommand {
     MasterCommand::SetDc { cycle: CycleTime::from_us(128_000).unwrap(), shift: DcShift::Auto }
 }
 
-/// SK-4.62 [OURS] Nor does an output of an IO slave come on.
+/// SK-4.62 [OURS] No output of an IO slave is switched on, either.
 #[test]
 fn no_output_comes_on_when_a_slave_comes_back() {
     for how in buses() {
@@ -93,7 +93,7 @@ fn no_output_comes_on_when_a_slave_comes_back() {
             [1, 2].into_iter().for_each(|slave| frame.put_slave(host.size, slave, &SlaveCommand::IoWrite(bits).into()));
             host.arrive(&frame);
         };
-        // As many as the bus takes at once.
+        // As many entries as the bus takes at once.
         let taken = how.map_or(1, |how| how.depth);
         (1..=taken).for_each(|n| write(&mut host, 0x100 + n));
         host.cycles(3);
@@ -110,7 +110,8 @@ fn no_output_comes_on_when_a_slave_comes_back() {
     }
 }
 
-/// SK-4.61 Its slot keeps its values until it is back in OP. SK-4.62 A slave that is back holds its place until the first target: SK-7.16 it is sent its actual position.
+/// SK-4.61 Its slot keeps its values until it is back in OP. SK-4.62 A slave that is back holds its position until the
+/// first target: SK-7.16 its target is the actual position.
 #[test]
 fn a_slave_that_is_back_holds_its_place() {
     for how in two_buses() {
@@ -153,7 +154,7 @@ fn a_slave_that_is_back_is_in_its_mode() {
     }
 }
 
-/// SK-4.44 SK-7.32 CSP for a lost drive that is not in CSP is rejected as for one that is there.
+/// SK-4.44 SK-7.32 CSP for a lost drive that is not in CSP is rejected as for a present one.
 #[test]
 fn targets_for_a_lost_slave_in_another_mode() {
     let mut net = Net::new(None, 2);
@@ -169,8 +170,8 @@ fn targets_for_a_lost_slave_in_another_mode() {
     assert_eq!(after.for_lost, before.for_lost);
 }
 
-/// SK-4.61 Commands for a lost slave do not change its slot. SK-4.44 [OURS] They stand in a counter of their own; SK-4.39
-/// what is no command for such a slot is rejected as ever; GET_STATUS is nothing.
+/// SK-4.61 Commands for a lost slave do not change its slot. SK-4.44 [OURS] They have their own counter; SK-4.39 a
+/// command that is not for such a slot is rejected as usual; GET_STATUS does not count.
 #[test]
 fn commands_for_a_lost_slave() {
     let mut net = Net::on(None, 2);
@@ -191,7 +192,8 @@ fn commands_for_a_lost_slave() {
     let after = net.host.counters();
     assert_eq!(after.for_lost - before.for_lost, 4);
     assert_eq!(after.discarded_before_enabled, before.discarded_before_enabled);
-    // What would be rejected of one that is there is so of a lost one: they are for another kind of slave, or mode.
+    // Commands that are rejected for a present slave are rejected for a lost one: they are for another kind of slave,
+    // or mode.
     let wrong =
         [SlaveCommand::IoRead, SlaveCommand::IoWrite(1), SlaveCommand::Csv(Motion::to(5)), SlaveCommand::Cst(5)];
     for command in wrong {
@@ -214,7 +216,7 @@ fn commands_for_a_lost_slave() {
     assert_eq!((net.host.slot(2).id, net.host.slot(2).index), (0x12, 7), "the last one that was executed");
 }
 
-/// SK-3.1 A slave that is back shows the last command that has reached it, not one that a bus had taken ahead. SK-4.62
+/// SK-3.1 A slave that is back shows the last command that reached it, not one that a bus had taken ahead. SK-4.62
 #[test]
 fn a_slave_that_is_back_shows_what_has_reached_it() {
     for cleared in [false, true] {
@@ -238,7 +240,7 @@ fn a_slave_that_is_back_shows_what_has_reached_it() {
     }
 }
 
-/// SK-4.61 A CSP that was on its way in the very cycle in which the slave was lost stands in the counter.
+/// SK-4.61 A CSP that was under way in the very cycle of the loss is counted.
 #[test]
 fn the_command_of_the_cycle_of_the_loss() {
     let mut net = Net::on(None, 2);
@@ -263,7 +265,7 @@ fn sdo_transfers_with_a_lost_slave() {
         assert_eq!(bench.host.read_object(2, 0x1000, n), Err(AbortCode::TIMEOUT), "powered: {powered}");
         assert_eq!(AbortCode::TIMEOUT.0, 0x0504_0000);
         assert_eq!(bench.host.read_object(1, 0x1018, n), Ok(0x1018));
-        // It falls to SafeOP, where it has a mailbox.
+        // The slave falls to SafeOP, where it has a mailbox.
         bench.network.silence(2, false);
         bench.host.cycles(100);
     }
@@ -282,7 +284,7 @@ fn a_transfer_under_way() {
     assert!(matches!(net.host.sdo_answer(), SdoResponse::Aborted { slave: 2, code: AbortCode::TIMEOUT, .. }));
 }
 
-/// SK-4.57 A slave that is not used is not missed. SK-4.61
+/// SK-4.57 An unused slave is not missed. SK-4.61
 #[test]
 fn an_unused_slave_is_not_missed() {
     for how in two_buses() {
@@ -362,7 +364,7 @@ fn another_target_on_the_way_back() {
     }
 }
 
-/// SK-4.62 All slaves lost, and outputs that a bus has taken ahead: they do not keep the slaves from coming back.
+/// SK-4.62 All slaves lost, and outputs that a bus has taken ahead: these do not prevent the slaves from coming back.
 #[test]
 fn all_lost_with_outputs_ahead() {
     for how in buses() {
@@ -403,7 +405,7 @@ fn old_answers_are_no_new_loss() {
     }
 }
 
-/// SK-4.33 SW_RESET forgets losses, too, and finds who is there.
+/// SK-4.33 SW_RESET resets losses, too, and finds the present slaves.
 #[test]
 fn sw_reset_finds_who_is_there() {
     for how in two_buses() {

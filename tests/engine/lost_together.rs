@@ -1,4 +1,4 @@
-//! Several slaves lost: those that can come back do so without those that cannot.
+//! Several lost slaves: those that can come back do so without those that cannot.
 
 use MasterState::{Op, PreOp, SafeOp};
 use ecmsk::fieldbus::AlState;
@@ -12,8 +12,8 @@ use crate::probe::drives;
 
 const REFUSAL: AlStatus = AlStatus(0x0011);
 
-/// SK-4.62 SK-4.74 Dead slaves do not keep the others back. They are waited for while the change has time; then it has
-/// failed (SK-4.55), and the next SET_STATE brings them back.
+/// SK-4.62 SK-4.74 Dead slaves do not hold up the others. The board waits for them while the change has time; then it
+/// has failed (SK-4.55), and the next SET_STATE brings them back.
 #[test]
 fn dead_slaves_keep_nobody_back() {
     for how in two_buses() {
@@ -47,7 +47,7 @@ fn dead_slaves_keep_nobody_back() {
     }
 }
 
-/// SK-4.74 One that answers a little later comes back with the same SET_STATE.
+/// SK-4.74 A slave that answers a little later comes back with the same SET_STATE.
 #[test]
 fn a_late_one_comes_back_too() {
     for how in two_buses() {
@@ -64,7 +64,7 @@ fn a_late_one_comes_back_too() {
     }
 }
 
-/// SK-4.74 SK-4.55 One that refuses, wherever it does, keeps nobody back and is not asked again.
+/// SK-4.74 SK-4.55 A slave that refuses, in any step, holds up no other one and is not asked again.
 #[test]
 fn who_refuses_keeps_nobody_back() {
     for how in two_buses() {
@@ -85,7 +85,7 @@ fn who_refuses_keeps_nobody_back() {
     }
 }
 
-/// SK-4.74 Below OP as well: in SafeOP, and on a way down to a lower state.
+/// SK-4.74 The same below OP: in SafeOP, and on the way down to a lower state.
 #[test]
 fn below_op() {
     for how in two_buses() {
@@ -102,7 +102,7 @@ fn below_op() {
     }
 }
 
-/// SK-4.55 SK-4.74 One that refuses ends a change that goes further: the others do not go up without it.
+/// SK-4.55 SK-4.74 A slave that refuses ends a change to a higher state: the others do not go up without it.
 #[test]
 fn nobody_goes_up_without_who_refuses() {
     for how in two_buses() {

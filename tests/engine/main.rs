@@ -9,12 +9,11 @@
 //! - homing: `homing` and the files that begin with its name, `hsp_homing`
 //! - SDO: `sdo`, `sdo_beside`
 //! - buses that take outputs ahead: `bus_ahead`, `ahead_entries`, `honest`, `sag`, `repeats`, and `over`, which runs the whole
-//!   group over such a bus; `any_bus`, what others show cycle by cycle and every bus has to show
+//!   group over such a bus; `any_bus`, rules that others show cycle by cycle, for every bus
 //! - over an ECM-XF: `xf_bus`, `xf_counters`, `xf_faults`, `xf_doubts`, `xf_packets`, `xf_start`, `xf_state`, `xf_ahead`
 //! - over our own master: `nic_bus`, `nic_counters`, `nic_gone`, `nic_odd`, `nic_predecessor`, `nic_ring`, `nic_runner`, `nic_terminals`
-//! - at random, and what always holds: `random`, `random_networks`, `allocation`, `nic_allocation`
-//! - what tests drive the board with: `host`, `probe`, `rig`, `network_rig`, `models`, `puppet`, `homer`, `entries`, `watch`,
-//!   `handles`
+//! - random runs, and invariants: `random`, `random_networks`, `allocation`, `nic_allocation`
+//! - the tools of the tests: `host`, `probe`, `rig`, `network_rig`, `models`, `puppet`, `homer`, `entries`, `watch`, `handles`
 
 mod ahead_entries;
 mod alarms;

@@ -1,4 +1,4 @@
-//! Networks of all kinds of slaves, up to as many as a board takes.
+//! Networks of all kinds of slaves, up to the most that a board takes.
 
 use ecmsk::cia402::Mode;
 use ecmsk::engine::EngineConfig;
@@ -30,7 +30,7 @@ fn as_many_slaves_as_a_board_takes() {
 
         let axes = || (1..=slaves).filter(|slave| models[slave - 1] != Io);
         host.build(|frame, size| axes().for_each(|slave| frame.put_slave(size, slave, &SlaveCommand::ServoOn.into())));
-        // The statusword stands in the same place of every slot.
+        // The statusword is at the same place in every slot.
         host.until("all on", |host| axes().all(|slave| host.drive(slave).statusword.is_enabled())).cycles(50);
 
         let step = |slave: usize| slave as i32 * 5;
@@ -83,14 +83,14 @@ fn as_many_slaves_as_a_board_takes() {
         let counters = host.counters();
         assert_eq!((counters.rejected_total(), counters.discarded_before_enabled), (0, 0), "{size:?}");
 
-        // Off again, all of them.
+        // All off again.
         host.build(|frame, size| axes().for_each(|slave| frame.put_slave(size, slave, &SlaveCommand::ServoOff.into())));
         host.until("all off", |host| axes().all(|slave| host.drive(slave).statusword.0 & 1 == 0));
     }
 }
 
-/// Modes of their own: slaves of all kinds run in CSV where they have it, in one network with those that do not.
-/// SK-7.35 SK-7.36 What each kind has no process data for does not stop the others' modes.
+/// Different modes in one network: slaves that have CSV run in it beside those that do not. SK-7.35 SK-7.36 A kind
+/// without process data for a mode does not prevent the others' modes.
 #[test]
 fn every_slave_has_its_mode() {
     let models = [Servo, Hsp, Step, Hsp2, Io, Servo];
@@ -122,8 +122,8 @@ fn every_slave_has_its_mode() {
 }
 
 /// SK-4.58 A slave that is declared as something whose objects it does not have fails PreOP to SafeOP, for every kind and
-/// every wrong nibble, wherever it stands; declared as what it is the network starts, and so do drive and stepper, which
-/// have the same process data in CSP, one as the other.
+/// every wrong nibble, wherever it stands; with the right declaration the network starts. So do a drive and a stepper
+/// that are declared as each other, which have the same process data in CSP.
 #[test]
 fn every_wrong_declaration_fails() {
     for model in MODELS {

@@ -1,11 +1,11 @@
-//! Slaves of every kind, as models that behave.
+//! Slaves of every kind, as working models.
 
 use ecmsk::sk::{MasterCommand, SlaveKind};
 use ecmsk::slave::{Channels, Drive, DriveConfig, HspConfig, Slave};
 
 use crate::host::Host;
 
-/// What the slaves are: the kind to declare them as, and whether they have a second channel.
+/// The models: the kind to declare them as, and whether they have a second channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Model {
     Servo,

@@ -1,4 +1,4 @@
-//! CSV and CST: velocities and torques, when they are accepted, and what the process data hold before.
+//! CSV and CST: velocities and torques, when they are accepted, and the process data before.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::SdoSize;
@@ -25,7 +25,7 @@ fn drive_mode(host: &mut Host, mode: Mode) {
     host.slave(1, SlaveCommand::DriveMode { mode, sync: DriveSync::DcSync });
 }
 
-/// A board in OP with one drive on strings in that mode, at 1000 counts, Switch on disabled.
+/// A board in OP with one puppet drive in that mode, at 1000 counts, Switch on disabled.
 fn board(mode: Mode) -> (Host, Puppet) {
     let puppet = Puppet::new();
     puppet.stand(1000);
@@ -112,7 +112,7 @@ fn velocity_and_torque_are_0_until_the_first_motion_command() {
         host.slave(1, motion(mode, -250)).drained().cycles(50);
         assert_eq!((puppet.targets(), discarded(&host)), (vec![0, -250], count), "{mode}");
 
-        // A target of before is not taken up again.
+        // An old target is not used again.
         puppet.show(FAULT);
         host.cycles(3);
         puppet.show(DISABLED);
@@ -151,7 +151,7 @@ fn data1_is_the_target() {
 }
 
 /// SK-5.5 An empty FIFO repeats the last process data: a velocity keeps running, and frames that ask for nothing do not
-/// stop it. SK-4.26 It is a velocity: the shaft moves as far in every second.
+/// stop it. SK-4.26 The target is a velocity: the shaft moves equally far in every second.
 #[test]
 fn a_velocity_keeps_running() {
     for velocity in [20_000, -150_000] {
@@ -179,8 +179,8 @@ fn a_velocity_keeps_running() {
     }
 }
 
-/// SK-4.27 CST is in 0.1 % of the rated torque: the answer's actual torque gets there, and the shaft goes its way.
-/// SK-5.5 An empty FIFO repeats it.
+/// SK-4.27 CST is in 0.1 % of the rated torque: the answer's actual torque reaches it, and the shaft moves. SK-5.5 An
+/// empty FIFO repeats it.
 #[test]
 fn a_torque_is_reached_and_kept() {
     for torque in [200, -350] {

@@ -1,5 +1,5 @@
-//! A board in OP over puppets, on a bus that our runner paces or on one that takes outputs ahead, with its network in
-//! the test's hands.
+//! A board in OP over puppets, on a bus that the runner paces or on one that takes outputs ahead; the test controls the
+//! network.
 
 use ecmsk::engine::EngineConfig;
 use ecmsk::fieldbus::SlaveSet;
@@ -12,12 +12,12 @@ use crate::rig::ahead;
 use crate::watch::{Spans, Watch};
 use support::ahead_bus::{Ahead, AheadBus};
 
-/// Every kind of bus: `None` is one that our runner paces.
+/// Every kind of bus: `None` is one that the runner paces.
 pub fn buses() -> impl Iterator<Item = Option<Ahead>> {
     std::iter::once(None).chain(ahead().map(Some))
 }
 
-/// Two of them, for what takes long.
+/// Two of them, for long tests.
 pub fn two_buses() -> impl Iterator<Item = Option<Ahead>> {
     [None, Some(Ahead::kind(8, 2, 333_333, 700))].into_iter().take(if is_over() { 1 } else { 2 })
 }
@@ -68,7 +68,7 @@ impl Net {
         net
     }
 
-    /// A frame with the next target for every slave arrives, and a cycle passes.
+    /// Lets a frame with the next target for every slave arrive, and a cycle pass.
     pub fn stream(&mut self, frames: usize) -> &mut Self {
         for _ in 0..frames {
             self.target();
@@ -88,13 +88,13 @@ impl Net {
         self.host.arrive(&frame);
     }
 
-    /// All entries are executed and answered.
+    /// Waits until all entries are executed and answered.
     pub fn settle(&mut self) -> &mut Self {
         self.host.drained().cycles(30);
         self
     }
 
-    /// SET_STATE, and what follows until the state byte shows `shown`.
+    /// Sends SET_STATE and waits until the state byte shows `shown`.
     pub fn ask(&mut self, state: MasterState, shown: StateByte) -> &mut Self {
         self.host.master(MasterCommand::SetState(state));
         self.host.until(&format!("{shown:?}"), |host| host.state() == shown);
@@ -114,7 +114,7 @@ impl Net {
         slaves.iter().map(|slave| self.host.slot(*slave)).collect()
     }
 
-    /// Targets that a slave was sent, repetitions and what holds it left out.
+    /// Targets that a slave got, without repetitions and without targets that hold its position.
     pub fn received(&self, slave: usize) -> Vec<i32> {
         self.puppets[slave - 1].targets()
     }

@@ -1,4 +1,4 @@
-//! What a program causes on a network card allocates nothing, once its slaves were found and configured.
+//! A program on a network card causes no allocation, once its slaves were found and configured.
 
 use allocation_counter::measure;
 use ecmsk::cia402::Mode;

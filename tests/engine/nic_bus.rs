@@ -1,4 +1,5 @@
-//! The bus of a network card: slave controllers that our own master reaches, in virtual time, over a wire that loses frames.
+//! The bus of a network card: slave controllers behind this project's own master, in virtual time, over a wire that
+//! loses frames.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -18,7 +19,7 @@ use ecmsk::slave::{Drive, DriveConfig, Slave};
 use crate::host::Host;
 use crate::puppet::Puppet;
 
-/// What a wire does to frames: bit n is about the frame n from now on.
+/// Losses of a wire: bit n is for the n-th frame from now on.
 #[derive(Clone, Default)]
 struct Losses {
     /// Frames that reach no slave.
@@ -84,8 +85,8 @@ fn in_op_reached_by(slaves: Vec<Box<dyn Slave>>, network: SimHandle) -> (Host, L
     (host, losses)
 }
 
-/// NIC-2.3 Whatever frames are lost on the way out or back, each target reaches the slave in order, and none is left out. The
-/// cycles are counted.
+/// NIC-2.3 Whatever frames are lost on the way out or back, each target reaches the slave in order, and none is
+/// missing. The cycles are counted.
 #[test]
 fn no_target_is_left_out_when_frames_are_lost() {
     for (outward, homeward) in
@@ -107,13 +108,13 @@ fn no_target_is_left_out_when_frames_are_lost() {
         assert_eq!(puppet.targets_from(10), expected, "{outward:b} {homeward:b}");
         let counters = host.counters();
         assert_eq!((counters.outputs_lost, counters.full, counters.for_lost), (0, 0, 0), "{counters:?}");
-        // Some of the frames that were lost were none of a cycle.
+        // Some of the lost frames did not belong to a cycle.
         let lost = u64::from(outward.count_ones() + homeward.count_ones());
         assert!((1..=lost).contains(&counters.answers_lost), "{outward:b} {homeward:b}: {counters:?}");
     }
 }
 
-/// The report of a cycle shows what the command of that cycle was, as on a simulated network.
+/// The report of a cycle shows the command of that cycle, as on a simulated network.
 #[test]
 fn an_answer_belongs_to_the_outputs_of_its_own_cycle() {
     let indices = |host: &mut Host| {
@@ -132,14 +133,14 @@ fn an_answer_belongs_to_the_outputs_of_its_own_cycle() {
     assert_eq!(indices(&mut on_wire), indices(&mut on_sim));
 }
 
-/// A drive whose process data are those that a drive has at power-on.
+/// A drive with fixed process data, those of a drive at power-on.
 struct Fixed {
     drive: Drive,
-    /// An entry that is another one than the drive's.
+    /// An entry that differs from the drive's.
     other: Option<(ObjectAddress, u32)>,
-    /// With what it aborts the writing of them.
+    /// The abort code of writes to them.
     code: AbortCode,
-    /// Nor does it say what is assigned.
+    /// Whether it hides its assignments, too.
     hides_assignments: bool,
 }
 
@@ -169,8 +170,8 @@ impl Slave for Fixed {
     }
 }
 
-/// A slave whose process data are fixed is used if they are those that are wanted, with whatever code it aborts their writing,
-/// and refused with the object that is not and the code.
+/// A slave with fixed process data is used if they are the wanted ones, whatever its abort code for writes. Otherwise
+/// it is refused, with the object that differs and the code.
 #[test]
 fn fixed_process_data_are_checked_instead_of_written() {
     let drive = || Drive::new(DriveConfig::default());
@@ -191,7 +192,7 @@ fn fixed_process_data_are_checked_instead_of_written() {
         host.cycles(20);
         assert!((host.drive(1).position - 500).abs() <= 1, "{code}: {}", host.drive(1).position);
     }
-    // What is assigned its EEPROM alone says.
+    // Only its EEPROM gives the assignment.
     let settings = EscSettings::default();
     let eeprom = eeprom_of(&mut drive(), &settings).expect("it can be described");
     let hiding = Fixed { drive: drive(), other: None, code: AbortCode::NO_OBJECT, hides_assignments: true };
@@ -221,7 +222,7 @@ fn fixed_process_data_are_checked_instead_of_written() {
     }
 }
 
-/// A slave that answers is never said not to answer: it refuses without a reason, or an SDO to it has no answer in time.
+/// A slave that answers is never reported as silent: it refuses without a reason, or an SDO to it times out.
 #[test]
 fn a_slave_that_answers_is_never_said_not_to() {
     let drive = || Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>;
@@ -260,7 +261,7 @@ fn a_slave_that_answers_is_never_said_not_to() {
     assert!(said.contains("does not answer"), "{said}");
 }
 
-/// Wires on which another master sends frames from some time on.
+/// Wires on which another master sends frames from a certain time on.
 struct SharedWires {
     wires: ChainWires,
     is_shared: Arc<AtomicBool>,
@@ -297,8 +298,8 @@ impl NicWires for SharedWires {
     }
 }
 
-/// Another master that comes while the board runs is told once, with its address. What is lost on a cable is not said to be lost at
-/// a chip.
+/// Another master that comes while the board runs is reported once, with its address. Losses on a cable are not
+/// reported as those of a chip.
 #[test]
 fn another_master_is_named() {
     let is_shared = Arc::new(AtomicBool::new(false));
@@ -318,8 +319,8 @@ fn another_master_is_named() {
     assert!(!lost.contains("chip"), "{lost}");
 }
 
-/// NIC-2.8 Silence that is too short for the slaves' watchdogs is counted, and nobody is sent to look at the wires; what lasts longer is
-/// told once.
+/// NIC-2.8 Silence that is too short for the slaves' watchdogs is counted, and the user is not asked to check the
+/// wires; longer silence is reported once.
 #[test]
 fn a_network_that_does_not_answer_is_told() {
     let network = SimHandle::default();
@@ -341,7 +342,8 @@ fn a_network_that_does_not_answer_is_told() {
     assert_eq!((told_meanwhile, told), (1, 1), "while it is silent, and once");
 }
 
-/// NIC-2.1 Slaves are configured several at once: each gets what the board writes, and of those that refuse the first is named.
+/// NIC-2.1 Several slaves are configured at once: each gets the board's writes, and the first one that refuses is
+/// named.
 #[test]
 fn of_several_slaves_that_refuse_the_first_is_named() {
     let puppets: Vec<Puppet> = (0..20).map(|_| Puppet::obedient()).collect();
@@ -409,8 +411,8 @@ fn cycles_allocate_nothing() {
     }
 }
 
-/// NIC-2.13 A slave that is lost for some cycles and still in OP gets outputs with which nothing moves when it answers again, until SET_STATE
-/// has brought it back.
+/// NIC-2.13 A slave that is lost for some cycles and still in OP gets outputs that move no axis when it answers again,
+/// until SET_STATE has brought it back.
 #[test]
 fn a_lost_slave_that_answers_again_holds() {
     let puppets = [Puppet::new(), Puppet::new()];
@@ -440,7 +442,7 @@ fn a_lost_slave_that_answers_again_holds() {
     assert_eq!(puppets.map(|puppet| puppet.last().outputs), [0x33, 0x33]);
 }
 
-/// A drive that leaves OP when it is told to, and whose controller takes outputs all the same.
+/// A drive that leaves OP on the test's request, and whose controller takes outputs all the same.
 struct Falling {
     puppet: Puppet,
     has_fallen: Arc<AtomicBool>,
@@ -488,14 +490,14 @@ fn counted(host: &Host) -> u64 {
     host.counters().outputs_lost + host.counters().for_lost
 }
 
-/// How many of the targets 10, 20, ... did not come.
+/// The number of targets 10, 20, ... that did not arrive.
 fn missed(puppet: &Puppet, last: i32) -> u64 {
     let targets = puppet.targets();
     (1..=last).filter(|n| !targets.contains(&(n * 10))).count() as u64
 }
 
-/// A slave that leaves OP while others are lost in that state already, as no frame has come for so long, is named with all that it
-/// has missed, although these add to the working counter and have its AL status.
+/// A slave leaves OP while others are already lost in that state, since it got no frame for too long. It is reported
+/// with all commands that it missed, although the others add to the working counter and have the same AL status.
 #[test]
 fn what_a_slave_misses_that_falls_behind_lost_ones_is_counted() {
     let puppet = Puppet::obedient();
@@ -514,8 +516,8 @@ fn what_a_slave_misses_that_falls_behind_lost_ones_is_counted() {
     assert_eq!(host.counters().for_lost - for_lost, 1, "the slave is named for it");
 }
 
-/// What a slave misses that is silent for some cycles while others are lost counts as sets that were lost, or as lost with it if it
-/// is named. What comes before and behind it does not.
+/// Outputs for a slave that is silent for some cycles while others are lost count as lost sets, or as lost with the
+/// slave if it is named. Earlier and later outputs do not.
 #[test]
 fn what_a_slave_misses_beside_lost_ones_is_counted() {
     for silent in [1, 2, 5] {
@@ -533,8 +535,8 @@ fn what_a_slave_misses_beside_lost_ones_is_counted() {
     }
 }
 
-/// A slave that leaves OP, still takes part in cycles, and has the AL status of lost ones is seen when the states are read the next
-/// time: what was sent since they were known counts as lost with it.
+/// A slave that leaves OP, still takes part in cycles, and has the AL status of lost ones is seen when the states are
+/// read the next time: outputs sent since the last reading count as lost with it.
 #[test]
 fn what_a_slave_misses_that_nobody_sees_fall_is_counted() {
     let (puppet, has_fallen) = (Puppet::obedient(), Arc::new(AtomicBool::new(false)));

@@ -1,5 +1,5 @@
-//! Working counters that are wrong, over the bus of a network card: nothing beside them is believed, and inputs that do not come are
-//! stale.
+//! Wrong working counters, over the bus of a network card: inputs with a wrong counter are not used, and missing inputs
+//! become stale.
 
 use ecmsk::cia402::{Controlword, Mode};
 use ecmsk::engine::{EngineConfig, EventKind, StateFailure};
@@ -19,9 +19,9 @@ use support::lying_wire::{Answer, Lies, LyingWires};
 /// The bytes of a drive in CSP or CSV: its outputs, and behind them its inputs.
 const OUTPUTS: usize = 6;
 const INPUTS: usize = 10;
-/// Cycles of 1 ms until inputs are stale: what holds longer, 10 cycles or 20 ms.
+/// Cycles of 1 ms until inputs are stale: the longer of 10 cycles and 20 ms.
 const STALE_CYCLES: usize = 20;
-/// How many cycles it takes at most to find out whose inputs they are that do not come.
+/// The most cycles that the search for the slave with missing inputs takes.
 const SEARCH_CYCLES: i32 = 6;
 
 const _: () = assert!(STALE_AFTER.0 == 10 && STALE_AFTER.1 == 20_000_000 && STALE_AT_LAST_NS == 100_000_000);
@@ -31,7 +31,7 @@ fn inputs_of(slave: usize) -> u32 {
     ((slave - 1) * (OUTPUTS + INPUTS) + OUTPUTS) as u32
 }
 
-/// A board with these slaves at the end of a wire that lies.
+/// A board with these slaves at the end of a wire that changes datagrams.
 fn board(slaves: Vec<Box<dyn Slave>>) -> (Host, Lies, SimHandle) {
     let (network, lies) = (SimHandle::default(), Lies::default());
     let wires = ChainWires::new(slaves, network.clone()).expect("they have an EEPROM");
@@ -39,7 +39,7 @@ fn board(slaves: Vec<Box<dyn Slave>>) -> (Host, Lies, SimHandle) {
     (Host::new(EngineConfig::default(), bus), lies, network)
 }
 
-/// A board in OP with these slaves as drives in CSP, at the end of a wire that lies.
+/// A board in OP with these slaves as drives in CSP, at the end of a wire that changes datagrams.
 fn in_op(slaves: Vec<Box<dyn Slave>>) -> (Host, Lies, SimHandle) {
     let count = slaves.len();
     let (mut host, lies, network) = board(slaves);
@@ -47,17 +47,17 @@ fn in_op(slaves: Vec<Box<dyn Slave>>) -> (Host, Lies, SimHandle) {
     (host, lies, network)
 }
 
-/// The inputs of one of so many slaves do not arrive from now on: not with those of others, and not alone.
+/// Suppresses the inputs of one of that many slaves from now on, with those of others and alone.
 fn mute(lies: &Lies, slave: usize, slaves: u16) {
     lies.tell(move |answer: &mut Answer<'_>| {
-        // Where it takes no part in the cycle it cannot lack there.
+        // In a datagram without this slave its inputs cannot be missing.
         if answer.command != Command::Lrw || answer.counter > 3 * (slaves - 1) {
             answer.silence(inputs_of(slave), INPUTS);
         }
     });
 }
 
-/// Three drives in CSV at that speed, in counts/s.
+/// A board with three drives in CSV at that speed, in counts/s.
 fn three_in_csv(velocity: i32) -> (Host, Lies, SimHandle) {
     let (mut host, lies, network) = board(drives(3));
     host.declare_drives(3);
@@ -84,9 +84,9 @@ fn velocity(network: &SimHandle, host: &mut Host, slave: u8) -> i64 {
     (network.shaft(slave, 0).expect("a shaft") - before) * 100
 }
 
-/// The inputs of one of three drives in CSV do not arrive any more, working counter 8 of 9, though it is in OP and gets its outputs. After 20
-/// cycles it is lost, told by its name and counted, and stopped on its quick-stop ramp. The others go on, and what they send is
-/// believed as soon as it is known whose inputs do not come. `STALE_AFTER`, [OURS].
+/// The inputs of one of three drives in CSV do not arrive any more, working counter 8 of 9, though it is in OP and gets
+/// its outputs. After 20 cycles it is lost, reported by its name and counted, and stopped on its quick-stop ramp. The
+/// others go on, and their inputs are used as soon as it is known whose inputs are missing. `STALE_AFTER`, [OURS].
 #[test]
 fn an_axis_in_csv_whose_inputs_never_arrive_is_stopped() {
     let (mut host, lies, network) = three_in_csv(20_000);
@@ -106,7 +106,7 @@ fn an_axis_in_csv_whose_inputs_never_arrive_is_stopped() {
     assert_eq!(kinds, [EventKind::WorkingCounter { counted: 8, expected: 9 }, EventKind::InputsStale { slave: 2 }]);
     let held = host.counters().inputs_held - before.inputs_held;
     assert_eq!((held, host.counters().inputs_stale), (STALE_CYCLES as u64 - 1, 1), "{:?}", host.counters());
-    // What was sent to it since is counted as not executed; it brakes and stands.
+    // Commands sent to it since are counted as not executed; it brakes to rest.
     host.slave(2, SlaveCommand::Csv(Motion::to(1))).cycles(300);
     assert!(host.counters().for_lost > before.for_lost);
     assert_eq!(velocity(&network, &mut host, 2), 0, "it stands");
@@ -119,7 +119,7 @@ fn an_axis_in_csv_whose_inputs_never_arrive_is_stopped() {
     assert!(held <= STALE_CYCLES as u64, "{held}: those of others come");
 }
 
-/// While it is searched whose inputs do not come those of the others are held, and no longer.
+/// The inputs of the other slaves are held only during the search for the one whose inputs are missing.
 #[test]
 fn inputs_of_others_come_again_when_it_is_known_whose_do_not() {
     let puppets = [(); 3].map(|()| Puppet::new());
@@ -130,7 +130,7 @@ fn inputs_of_others_come_again_when_it_is_known_whose_do_not() {
         [1, 2, 3].map(|slave| host.drive(slave).position)
     };
     let [.., shown] = [1, 2, 3, 4, 5].map(&mut step);
-    // What a slave shows it has measured some cycles before.
+    // A slave's inputs were measured some cycles before.
     let late = 5 - shown[0];
     assert_eq!(shown, [5 - late; 3]);
     mute(&lies, 2, 3);
@@ -145,8 +145,8 @@ fn inputs_of_others_come_again_when_it_is_known_whose_do_not() {
     assert!((1..=SEARCH_CYCLES).contains(&last_held), "held until cycle {last_held}");
 }
 
-/// A box in the cable that takes one off each working counter of process data for good: it is not known whose inputs are missing, since each
-/// slave answers when it is asked alone. All are lost after 20 cycles, and none moves on.
+/// A box in the cable reduces each working counter of process data by one for good. It is not known whose inputs are
+/// missing, since each slave answers when it is asked alone. All are lost after 20 cycles, and none moves on.
 #[test]
 fn a_counter_that_is_too_low_for_no_reason_stops_all() {
     for off in [u16::MAX, 1, 100] {
@@ -168,7 +168,7 @@ fn a_counter_that_is_too_low_for_no_reason_stops_all() {
     }
 }
 
-/// How old inputs may be: 10 cycles, and 20 ms at least, whatever the cycle.
+/// The greatest age of inputs: 10 cycles, but at least 20 ms.
 #[test]
 fn inputs_are_stale_after_ten_cycles_and_20_ms() {
     for (cycle_us, cycles) in [(250, 80), (500, 40), (2000, 10), (4000, 10)] {
@@ -184,8 +184,8 @@ fn inputs_are_stale_after_ten_cycles_and_20_ms() {
     }
 }
 
-/// A working counter above what slaves can add, and inputs beside it that would enable a drive at a place where it is not: none of them
-/// reaches an axis. The switching on waits, and comes to its end where the drive is when counters are right again.
+/// A working counter above the sum of all slaves, with inputs that would enable a drive at a wrong position: none of
+/// them reaches an axis. Switching on waits, and completes at the drive's position when counters are right again.
 #[test]
 fn a_counter_that_is_too_high_enables_no_servo() {
     for excess in [1, 2, 100] {
@@ -215,8 +215,9 @@ fn a_counter_that_is_too_high_enables_no_servo() {
     }
 }
 
-/// A working counter that is wrong in one cycle now and then, too low or too high, and inputs beside it that are not those of the slave: all
-/// targets reach it once and in order, no report shows the inputs, nobody is lost, and each of these cycles is counted.
+/// A working counter that is wrong in one cycle now and then, too low or too high, and inputs beside it that are not
+/// those of the slave: all targets reach it once and in order, no report shows these inputs, no slave is lost, and each
+/// of these cycles is counted.
 #[test]
 fn one_wrong_counter_now_and_then_is_counted_and_nothing_else() {
     let puppets = [Puppet::obedient(), Puppet::obedient()];
@@ -259,8 +260,9 @@ fn one_wrong_counter_now_and_then_is_counted_and_nothing_else() {
     }
 }
 
-/// Inputs that come again before they are stale change nothing. Once they are stale the slave is lost though they come again: SET_STATE
-/// brings it back, off and where it is, and it moves again. While they still do not come it is lost again, and is not enabled.
+/// Inputs that come again before they are stale have no effect. Once they are stale the slave is lost even if they come again:
+/// SET_STATE brings it back, off and where it is, and it moves again. While they still do not come it is lost again, and is
+/// not enabled.
 #[test]
 fn stale_inputs_that_come_again() {
     let puppets = [Puppet::obedient(), Puppet::obedient()];
@@ -285,7 +287,7 @@ fn stale_inputs_that_come_again() {
     assert_eq!(puppets[1].last().controlword, Controlword::QUICK_STOP, "its axis brakes");
     assert_eq!(host.drive(1).statusword.0, ENABLED, "the other one goes on");
 
-    // It is asked for while its inputs still do not come.
+    // SET_STATE comes while its inputs are still missing.
     mute(&lies, 2, 2);
     puppets[1].forget();
     host.master(MasterCommand::SetState(MasterState::Op));
@@ -303,8 +305,8 @@ fn stale_inputs_that_come_again() {
     assert_eq!((host.drive(2).position, host.drive(1).statusword.0), (4400, ENABLED));
 }
 
-/// In a network of 40 drives the search for a slave that is lost ends before the inputs of the others, which share its datagrams, are stale:
-/// nobody is lost but those behind the cut.
+/// In a network of 40 drives the search for a slave that is lost ends before the inputs of the others, which share its
+/// datagrams, are stale: only the slaves behind the cut are lost.
 #[test]
 fn a_cut_cable_makes_no_other_slave_stale() {
     for reach in [1, 20, 39] {

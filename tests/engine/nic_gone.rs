@@ -1,4 +1,4 @@
-//! A network card that is gone, in virtual time.
+//! A network card that is removed, in virtual time.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -51,8 +51,8 @@ impl NicWires for Pulled {
     }
 }
 
-/// Each call ends at once when the card is gone: a read without a limit, a write, one that lets time pass, and the look whether the
-/// board is open. Closing takes no time then.
+/// Each call ends at once when the card is gone: a read without a limit, a write, a call that lets time pass, and the
+/// check whether the board is open. Closing takes no time then.
 #[test]
 fn every_call_ends_at_once() {
     let is_gone = Arc::new(AtomicBool::new(false));
@@ -78,7 +78,7 @@ fn every_call_ends_at_once() {
     assert_eq!((board.now(), board.cycles()), (began, cycles));
 }
 
-/// Two cards of which one can be pulled.
+/// Two cards, one of which can be pulled.
 struct TwoCards {
     chain: ChainWires,
     network: SimHandle,
@@ -122,8 +122,8 @@ impl CardPair for TwoCards {
     }
 }
 
-/// NIC-3.2 One of two cards is gone: each slave gets each target once and in order by the other one, no cycle is lost, and the broken
-/// ring is counted and told.
+/// NIC-3.2 One of two cards is gone: each slave gets each target once and in order by the other one, no cycle is lost,
+/// and the broken ring is counted and reported.
 #[test]
 fn a_ring_goes_on_by_the_other_card() {
     for pulled in CableEnd::BOTH {

@@ -1,4 +1,5 @@
-//! A board over our own master on a network card, with slaves of another descent than our models, each odd in its own way.
+//! A board over the software master on a network card, with slaves written independently of the models, each odd in its
+//! own way.
 
 use ecmsk::engine::{Board, EngineConfig};
 use ecmsk::fieldbus::nic::NicBus;
@@ -8,7 +9,7 @@ use support::odd_line::{OddLine, OddSlave, coupler, drive, drive_of, number, sii
 
 use crate::host::{BOOT_LIMIT, Host};
 
-/// For so long a board is waited for before it is looked whether it has failed.
+/// The time between two checks whether a starting board has failed, ns.
 const SLICE: u64 = 1_000_000_000;
 
 /// A board with these slaves, the last of which is a drive and declared as one.
@@ -26,7 +27,7 @@ fn board_on(line: OddLine, drive: usize) -> Host {
     host
 }
 
-/// The drive at the end of the line comes to OP, is switched on, and goes where it is sent, without a target left out.
+/// The drive at the end of the line comes to OP, is switched on, and gets every target.
 #[track_caller]
 fn moves(slaves: Vec<OddSlave>) -> OddLine {
     let (mut host, line, last) = board(slaves);
@@ -40,7 +41,7 @@ fn moves(slaves: Vec<OddSlave>) -> OddLine {
     line
 }
 
-/// What the board says when the way to OP has failed.
+/// The board's message when the way to OP has failed.
 #[track_caller]
 fn failure(slaves: Vec<OddSlave>) -> String {
     let line = OddLine::new(slaves);
@@ -76,8 +77,8 @@ fn a_coupler_that_copies_the_acknowledgement_blocks_nobody() {
     assert_eq!(host.state(), StateByte::reached(MasterState::Op));
 }
 
-/// MASTER-2.9 NIC-2.1 A drive whose EEPROM gives its sync managers no type, or has none of them, or those of the mailbox alone, is used: the
-/// control bytes tell, or object 0x1C00 does.
+/// MASTER-2.9 NIC-2.1 A drive whose EEPROM gives its sync managers no type, or has none of them, or those of the
+/// mailbox alone, is used: the control bytes or object 0x1C00 give the types.
 #[test]
 fn sync_managers_that_the_eeprom_does_not_name() {
     let untyped = sii::MANAGERS.map(|(start, len, control, enable, _)| (start, len, control, enable, 0));
@@ -86,7 +87,7 @@ fn sync_managers_that_the_eeprom_does_not_name() {
     }
 }
 
-/// A drive without sync managers in its EEPROM, whose object 0x1C00 says that they are these.
+/// A drive without sync managers in its EEPROM, whose object 0x1C00 lists these.
 fn saying(uses: &[u8], managers: Option<&[sii::Manager]>) -> OddSlave {
     drive_of(sii::drive(managers)).with(|slave| {
         let coe = slave.mailbox.coe.as_mut().expect("objects");
@@ -110,8 +111,8 @@ fn saying(uses: &[u8], managers: Option<&[sii::Manager]>) -> OddSlave {
     })
 }
 
-/// MASTER-2.9 NIC-2.21 Object 0x1C00 decides which sync managers are whose, where the EEPROM says nothing: also others than 2 and 3, to which
-/// what is mapped is assigned then.
+/// MASTER-2.9 NIC-2.21 Object 0x1C00 decides the use of sync managers if the EEPROM does not: also of others than 2 and
+/// 3, to which the mapping is assigned then.
 #[test]
 fn object_0x1c00_decides() {
     moves(vec![saying(&[1, 2, 3, 4], None)]);
@@ -122,7 +123,7 @@ fn object_0x1c00_decides() {
     moves(vec![saying(&[1, 2, 4, 3], Some(&swapped))]);
 }
 
-/// MASTER-2.3 NIC-2.1 EEPROMs whose commands take 60 to 99 ms hold up the start and nothing else.
+/// MASTER-2.3 NIC-2.1 EEPROMs whose commands take 60 to 99 ms only delay the start.
 #[test]
 fn slow_eeproms() {
     for busy_ms in [60, 99] {
@@ -130,7 +131,7 @@ fn slow_eeproms() {
     }
 }
 
-/// A drive that has the process data of a drive, and aborts their writing with that code.
+/// A drive with the usual process data, which aborts writes of the mapping with that code.
 fn fixed(code: u32) -> OddSlave {
     drive().with(|slave| {
         let coe = slave.mailbox.coe.as_mut().expect("objects");
@@ -138,11 +139,11 @@ fn fixed(code: u32) -> OddSlave {
     })
 }
 
-/// Fixed process data are used if they are the wanted ones, with whatever code their writing is aborted; otherwise the message
+/// Fixed process data are used if they are the wanted ones, whatever the abort code of writes; otherwise the message
 /// names object and code.
 #[test]
 fn fixed_process_data() {
-    // What the board maps, as a drive with free mapping shows it.
+    // The board's mapping, read from a drive with free mapping.
     let line = moves(vec![drive()]);
     let wanted = line.slave(1, |slave| {
         let objects = &slave.mailbox.coe.as_ref().expect("objects").objects;
@@ -168,7 +169,7 @@ fn fixed_process_data() {
     }
 }
 
-/// What a slave refuses is told with its AL status code in words; a slave that answers is never said not to.
+/// A refusal is reported with its AL status code in words; a slave that answers is never reported as silent.
 #[test]
 fn refusals_are_in_words() {
     for code in [0x0016, 0x001A, 0x001D, 0x001E, 0x002C, 0x002D, 0x0030, 0x0032, 0x0035, 0x0070] {
@@ -180,7 +181,7 @@ fn refusals_are_in_words() {
     assert!(said.contains("AL status 0x0016 ("), "{said}");
 }
 
-/// A slave that answers, whatever of it does not, is never said not to answer or to have no power.
+/// A slave that answers is never reported as silent or without power, even if parts of it do not answer.
 #[test]
 fn whoever_answers_is_not_said_not_to() {
     type Change = fn(&mut OddSlave);

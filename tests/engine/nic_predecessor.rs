@@ -1,4 +1,5 @@
-//! A network card whose slaves another master has left: what SAFETY.md and NIC.md say of a program that is killed.
+//! A network card whose slaves another master has left: the promises of SAFETY.md and NIC.md for a program that is
+//! killed.
 
 use std::sync::{Arc, Mutex};
 
@@ -18,17 +19,17 @@ use crate::probe;
 
 const MS: Ns = 1_000_000;
 
-/// What is seen of the wires.
+/// What the test observes on the wires.
 #[derive(Default)]
 struct Seen {
-    /// The program is killed: no frame goes out.
+    /// The program is killed: no frame is sent.
     is_killed: bool,
     last_frame: Ns,
-    /// When each slave has left OP.
+    /// The time at which each slave left OP.
     left: Vec<Option<Ns>>,
 }
 
-/// Wires that end with the program, on which the slaves are watched.
+/// Wires that end with the program; the test watches the slaves on them.
 struct Mortal {
     wires: ChainWires,
     seen: Arc<Mutex<Seen>>,
@@ -127,7 +128,8 @@ impl Slave for Hasty {
     }
 }
 
-/// A slave that does not take the time of the watchdog is named with that, and nobody is sent to look at its cable.
+/// A slave that does not take the time of the watchdog is named with that reason, and the user is not asked to check
+/// its cable.
 #[test]
 fn a_watchdog_that_is_not_taken_is_told() {
     let mut slaves = probe::drives(1);

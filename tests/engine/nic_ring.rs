@@ -1,4 +1,4 @@
-//! Two network cards at the ends of the cable, a ring: what is cut does not cost a cycle.
+//! Two network cards at the ends of the cable, a ring: a cut does not cost a cycle.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -64,7 +64,7 @@ fn ring(slaves: Vec<Box<dyn Slave>>) -> Bench {
     Bench { host, network, has_second }
 }
 
-/// What is done to the cables of four slaves, and how the ring is then.
+/// A change of the cables of four slaves, and the resulting state of the ring.
 type Cut = (&'static str, fn(&Bench), RingState);
 
 const CUTS: [Cut; 4] = [
@@ -158,7 +158,7 @@ fn a_broken_ring_starts() {
     }
 }
 
-/// A bus of one card has no ring to tell of.
+/// A bus of one card reports no ring.
 #[test]
 fn one_card_makes_no_ring() {
     let chain = ChainWires::new(drives(1), SimHandle::default()).expect("they have an EEPROM");

@@ -18,21 +18,21 @@ use crate::puppet::Puppet;
 
 const US: Ns = 1_000;
 const SIZE: SlotSize = SlotSize::Bytes12;
-/// No change of state takes so many cycles.
+/// More cycles than any change of state takes.
 const PATIENCE: usize = 30_000;
 
-/// Wires with a clock that goes on while the bus does not wait; clones are the same ones.
+/// Wires with a clock that goes on while the bus does not wait; clones share them.
 #[derive(Clone)]
 struct RunnerWires(Arc<Mutex<Inside>>);
 
 struct Inside {
     wires: ChainWires,
-    /// What has come while nobody looked.
+    /// Frames that came while the bus did not poll.
     came: VecDeque<Vec<u8>>,
 }
 
 impl RunnerWires {
-    /// Time passes until then, whatever comes.
+    /// Lets time pass until then, whatever comes.
     fn pass(&self, until: Ns) {
         let Inside { wires, came } = &mut *self.0.lock().expect("no panic");
         let mut buffer = [0; FRAME_LEN_MAX];
@@ -76,7 +76,7 @@ impl NicWires for RunnerWires {
 struct Runner {
     board: Board,
     wires: RunnerWires,
-    /// What was left out: by so much the board's time is behind the wires' clock.
+    /// The skipped time: the board's time is behind the wires' clock by that much.
     behind: Ns,
     report: Frame,
 }
@@ -90,7 +90,7 @@ impl Runner {
         Self { board, wires, behind: 0, report: Frame::new() }
     }
 
-    /// The next cycle runs, so late.
+    /// Runs the next cycle, so late.
     fn cycle(&mut self, late_ns: Ns) {
         let Self { board, wires, behind, report } = self;
         let (due, period) = (board.next_cycle() + *behind, board.period_ns());
@@ -127,8 +127,8 @@ impl Runner {
     }
 }
 
-/// Slaves that their watchdog has taken out of OP since this machine stood still are told so, with how long that was, and not the
-/// cable; a board whose frames were lost says nothing of this machine.
+/// If slaves left OP by their watchdog because this machine stalled, the message says so, with the length of the stall,
+/// and does not blame the cable. If frames were lost, the message does not blame this machine.
 #[test]
 fn a_machine_that_stood_still_is_named() {
     let puppet = Puppet::obedient();
@@ -155,7 +155,7 @@ fn a_machine_that_stood_still_is_named() {
     }
 }
 
-/// A runner that has left out cycles below OP, where they are others than those of OP, keeps step with SYNC0 in OP all the same:
+/// A runner that has skipped cycles below OP, where the cycle time differs, keeps step with SYNC0 in OP all the same:
 /// sets that are late by less than half a cycle come before the pulse, each before its own, and none is overwritten.
 #[test]
 fn cycles_that_are_left_out_below_op_change_nothing_in_op() {

@@ -1,5 +1,5 @@
-//! IO modules of others on a network card: terminals whose EEPROM alone says what their process data are, and modules that map
-//! nothing but their own.
+//! IO modules of other makers on a network card: terminals whose EEPROM alone gives their process data, and modules
+//! with a fixed mapping.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -23,7 +23,7 @@ use crate::host::Host;
 /// PDI control word of a controller without a processor behind it: AL status copies AL control.
 const DEVICE_EMULATION: u16 = 0x0100;
 
-/// What is connected to a terminal.
+/// The wiring of a terminal.
 #[derive(Clone, Default)]
 struct Terminals {
     outputs: Arc<AtomicU32>,
@@ -79,7 +79,7 @@ impl Slave for Terminal {
     }
 }
 
-/// Of each direction the number of channels of one bit; 0: it has none.
+/// The EEPROM of a terminal with that many one-bit channels in each direction; 0: none.
 fn eeprom(outputs: usize, inputs: usize, pdi_control: u16) -> Vec<u8> {
     let mut bytes = vec![0; 1024];
     let identity = SiiIdentity { vendor: 2, product: (outputs << 8 | inputs) as u32, revision: 1, serial: 0 };
@@ -96,7 +96,7 @@ fn eeprom(outputs: usize, inputs: usize, pdi_control: u16) -> Vec<u8> {
         if channels > 0 {
             let number = managers.len() as u8;
             let start = 0x1000 + 0x100 * u16::from(number);
-            // As many terminals have it: the length comes from the PDOs.
+            // As in many terminals, the length comes from the PDOs.
             managers.push(SiiSyncManager { start, len: 0, control, status: 0, enable: SiiSmEnable::ENABLE, kind });
             let entries: Vec<SiiPdoEntry> = (0..channels).map(|n| channel(n, object)).collect();
             pdos.push((category, SiiPdo::new(pdo, number, 0), entries));
@@ -110,7 +110,7 @@ fn eeprom(outputs: usize, inputs: usize, pdi_control: u16) -> Vec<u8> {
     bytes
 }
 
-/// A board in OP with a drive and terminals behind it with so many outputs and inputs each.
+/// A board in OP with a drive and terminals behind it with that many outputs and inputs each.
 fn board(kinds: &[(usize, usize, u16)]) -> (Host, SimHandle, Vec<Terminals>) {
     let handle = SimHandle::default();
     let drive = Box::new(Drive::new(DriveConfig::default()));
@@ -132,7 +132,7 @@ fn board(kinds: &[(usize, usize, u16)]) -> (Host, SimHandle, Vec<Terminals>) {
 }
 
 /// A module without CANopen has the process data that its EEPROM describes, of any length, with one direction alone, and with
-/// or without a state machine of its own. The low 16 bits of each direction are those of IO_WR and IO_RD.
+/// or without a state machine of its own. IO_WR and IO_RD have the low 16 bits of each direction.
 #[test]
 fn terminals_without_objects_are_used_as_their_eeprom_says() {
     for pdi_control in [0, DEVICE_EMULATION] {
@@ -153,7 +153,7 @@ fn terminals_without_objects_are_used_as_their_eeprom_says() {
             host.drained().cycles(3);
             let outputs = terminals.iter().map(|one| one.outputs.load(Ordering::Relaxed));
             let low = u32::from(bits & 0xFF);
-            // A byte is the least that goes along the cable: the unused bits of the four channels are in it.
+            // The smallest unit on the cable is a byte: it has the unused bits of the four channels, too.
             assert_eq!(outputs.collect::<Vec<_>>(), [low, 0, low, bits.into(), bits.into()], "{pdi_control:#x}");
             for slave in 2..=6 {
                 host.slave(slave, SlaveCommand::IoRead);
@@ -165,7 +165,8 @@ fn terminals_without_objects_are_used_as_their_eeprom_says() {
     }
 }
 
-/// MASTER-3.7 A coupler without a state machine and without process data, in front of all others, keeps nobody from OP.
+/// MASTER-3.7 A coupler without a state machine and without process data, in front of all others, prevents no slave
+/// from reaching OP.
 #[test]
 fn a_coupler_in_front_keeps_nobody_from_op() {
     let handle = SimHandle::default();
@@ -212,10 +213,10 @@ fn a_terminal_that_is_lost_comes_back() {
     assert_eq!(terminals[0].outputs.load(Ordering::Relaxed), 0x3C);
 }
 
-/// A module whose PDOs are fixed and have other objects than the board maps.
+/// A module with fixed PDOs, which have other objects than the board maps.
 struct FixedModule {
     io: Io,
-    /// Which PDOs are assigned can be chosen.
+    /// Whether the assignment of PDOs can be changed.
     is_assignable: bool,
     /// The aborts of a module that has no assignments at all.
     lacks_assignments: bool,
@@ -248,8 +249,8 @@ impl Slave for FixedModule {
     }
 }
 
-/// An IO module with CANopen that cannot map what the board maps has the PDOs that its EEPROM assigns, which are assigned
-/// again if the board's try has taken them away.
+/// An IO module with CANopen that cannot map the board's objects keeps the PDOs that its EEPROM assigns; these are
+/// assigned again if the board's attempt has removed them.
 #[test]
 fn modules_that_map_nothing_else_keep_their_own_process_data() {
     for (is_assignable, lacks_assignments) in [(false, false), (true, false), (false, true)] {

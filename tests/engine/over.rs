@@ -1,7 +1,7 @@
-//! The whole group once more, over a bus that takes outputs ahead and is as late as a real one ([`Ahead::chip`]): what a
-//! program sees of a board does not depend on the bus. This program runs itself with [`OVER`] in its environment; every
-//! board then stands over such a bus. After what a test lets pass, as many cycles more pass as the bus is late. It does so again
-//! with the slaves behind the model of an ECM-XF, and at the end of a wire, as controllers that our own master reaches.
+//! Runs the whole group once more, over a bus that takes outputs ahead and is as late as a real one ([`Ahead::chip`]):
+//! a program sees the same on every bus. This program runs itself with [`OVER`] in its environment; every board then
+//! has such a bus. After the cycles of a test, as many more pass as the bus is late. It does so again with the slaves
+//! behind the model of an ECM-XF, and at the end of a wire, as controllers that our own master reaches.
 //!
 //! [`Ahead::chip`]: support::ahead_bus::Ahead::chip
 
@@ -12,7 +12,7 @@ use std::thread;
 
 use crate::host::{NIC, ONE_BY_ONE, OVER, SETTLED, SLAVES_MOVED, XF_ONE_BY_ONE, XF_SETTLED};
 
-/// Tests that count cycles, and so pass only when none passes besides theirs.
+/// Tests that count cycles, and so pass only without additional cycles.
 const BY_CYCLES: [&str; 18] = [
     "cable_below_op::reports_go_on",
     "handles::cycles_are_counted",
@@ -237,8 +237,8 @@ const CANNOT_ON_WIRE: [(&str, &str); 49] = [
     ("xf_state::", "it has another bus"),
 ];
 
-/// Tests that have no board over a simulated network alone, so that nothing of theirs is behind the chip in such a run:
-/// buses of their own that take outputs ahead or fail, and boards that boot in the test's hands.
+/// Tests without a board over a plain simulated network, so that their slaves are not behind the chip in such a run:
+/// tests with their own buses that take outputs ahead or fail, and tests that boot boards themselves.
 const NOT_BEHIND_CHIP: [&str; 38] = [
     "ahead_entries::",
     "alarms::a_program_gets_out_of_a_fault_on_every_bus",
@@ -280,10 +280,11 @@ const NOT_BEHIND_CHIP: [&str; 38] = [
     "test_mode::the_key_of_a_link",
 ];
 
-/// Tests that have a bus of their own in every board, and these.
+/// Modules whose tests use their own bus for every board, and single tests of that kind.
 const OWN_BUS: [&str; 6] = ["nic_counters::", "nic_gone::", "over::", "random::", "random_networks::", "xf_counters::"];
 
-/// Runs this program's tests once more; gives the names of those that passed and of those that did not, and what was said.
+/// Runs this program's tests once more; returns the names of the tests that passed and of those that failed, and the
+/// output.
 fn run(over: &str, arguments: &[&str]) -> ([BTreeSet<String>; 2], String) {
     // More than one thread: else the thread of a test does not have its name.
     let threads = thread::available_parallelism().map_or(2, |n| n.get().max(2)).to_string();
@@ -302,11 +303,11 @@ fn has_moved_slaves(said: &str, test: &str) -> bool {
     said.contains(&format!("{SLAVES_MOVED}{test}\n"))
 }
 
-/// SK-12.1 What a program sees of a board over a simulated network it sees over other hardware.
+/// SK-12.1 A program sees the same over other hardware as over a simulated network.
 #[test]
 fn all_that_a_program_sees_is_the_same() {
     let skipped = BY_CYCLES.iter().chain(CANNOT.iter().map(|(name, _)| name)).chain(&OWN_BUS);
-    // And these take as long as all others, so that `cargo xtask soak` alone runs them.
+    // These tests take as long as all others, so only `cargo xtask soak` runs them.
     let long = if env::var_os("ECMSK_SOAK_FRAMES").is_some() { &[][..] } else { &["full_table_run::"] };
     let skipped = skipped.chain(long);
     let arguments: Vec<&str> = skipped.flat_map(|name| ["--skip", *name]).collect();
@@ -316,7 +317,7 @@ fn all_that_a_program_sees_is_the_same() {
     assert!(failed.is_empty() && passed.len() == BY_CYCLES.len(), "{failed:?}\n{said}");
 }
 
-/// XF-19.1 The same with the slaves behind the model of an ECM-XF. Those of the tests are, but of those in a table.
+/// XF-19.1 The same with the slaves behind the model of an ECM-XF, in all tests except those in a table.
 #[test]
 fn all_that_a_program_sees_is_the_same_behind_an_ecm_xf() {
     let cannot: Vec<&str> = CANNOT.iter().chain(&CANNOT_BEHIND_CHIP).map(|(name, _)| *name).collect();
@@ -342,8 +343,7 @@ fn all_that_a_program_sees_is_the_same_behind_an_ecm_xf() {
     assert!(others.is_empty(), "{others:?}");
 }
 
-/// What a program sees of a board over a simulated network it sees with the slaves at the end of a wire, as slave
-/// controllers that our own master reaches.
+/// A program sees the same with the slaves at the end of a wire, as slave controllers that the software master reaches.
 #[test]
 fn all_that_a_program_sees_is_the_same_on_a_network_card() {
     let cannot: Vec<&str> = CANNOT.iter().chain(&CANNOT_ON_WIRE).map(|(name, _)| *name).collect();
@@ -355,7 +355,7 @@ fn all_that_a_program_sees_is_the_same_on_a_network_card() {
     assert!(moved > 200, "{moved} of {}", passed.len());
 }
 
-/// No test is left out that could be there.
+/// Every excluded test really fails there.
 #[test]
 fn what_is_left_out_does_not_pass() {
     let names = CANNOT.map(|(name, _)| name);

@@ -18,7 +18,7 @@ fn board(slot: SlotSize, partial_frames: PartialFrames) -> Host {
     Host::new(config, SimBus::new(drives(1)))
 }
 
-/// Bytes arrive so long after now.
+/// Lets bytes arrive after that time.
 fn arrive(host: &mut Host, bytes: &[u8], after: Ns) {
     let at = host.board.now() + after;
     let Host { board, report, reports, .. } = host;
@@ -35,8 +35,8 @@ fn local_write(size: SlotSize, bits: u8) -> Vec<u8> {
     frame.wire(size).to_vec()
 }
 
-/// SK-5.15 A frame that arrives completely within 100 cycles counts, however it is cut; SK-10.13 504 bytes are one frame
-/// in 12-byte mode, 512 in 16-byte mode.
+/// SK-5.15 A frame that arrives completely within 100 cycles counts, however it is divided; SK-10.13 504 bytes are one
+/// frame in 12-byte mode, 512 in 16-byte mode.
 #[test]
 fn a_frame_in_pieces() {
     for size in SlotSize::ALL {
@@ -59,7 +59,7 @@ fn a_frame_in_pieces() {
     }
 }
 
-/// SK-5.15 After 100 cycles it is dropped. SK-4.46 It stands in the counter of incomplete frames and is logged.
+/// SK-5.15 After 100 cycles an incomplete frame is dropped. SK-4.46 It is counted as incomplete and logged.
 #[test]
 fn a_frame_that_stays_incomplete() {
     assert_eq!(INCOMPLETE_CYCLES, 100);
@@ -78,7 +78,7 @@ fn a_frame_that_stays_incomplete() {
     }
 }
 
-/// SK-5.15 The time runs from the first byte, and nobody has to send anything for it to end: the next frame is whole.
+/// SK-5.15 The time runs from the first byte, and ends without another byte: the next frame is whole.
 #[test]
 fn the_time_ends_by_itself() {
     let mut host = board(SlotSize::Bytes12, PartialFrames::Dropped);
@@ -97,7 +97,7 @@ fn the_time_ends_by_itself() {
     assert_eq!(host.counters().incomplete, 2, "nothing is under way");
 }
 
-/// SK-5.15 100 cycles are those of the EtherCAT cycle in OP. SK-5.2 A dropped frame takes no entry.
+/// SK-5.15 In OP the 100 cycles are EtherCAT cycles. SK-5.2 A dropped frame takes no entry.
 #[test]
 fn cycles_are_those_of_op() {
     for us in [250u32, 4000] {
@@ -120,7 +120,7 @@ fn cycles_are_those_of_op() {
     }
 }
 
-/// SK-5.16 CONFIG3 low: the rest is waited for without limit.
+/// SK-5.16 CONFIG3 low: the board waits for the rest without limit.
 #[test]
 fn a_frame_that_is_waited_for() {
     let mut host = board(SlotSize::Bytes16, PartialFrames::Awaited);
@@ -133,7 +133,7 @@ fn a_frame_that_is_waited_for() {
     assert_eq!(host.board.engine().local_outputs(), 0x3F);
 }
 
-/// SK-1.24 SK-1.25 A dropped frame is no CRC error; a frame put together of the rest of one is. SK-5.15
+/// SK-1.24 SK-1.25 A dropped frame is no CRC error; a frame that begins with the rest of one is. SK-5.15
 #[test]
 fn partial_frames_and_the_crc() {
     let size = SlotSize::Bytes12;
@@ -143,7 +143,7 @@ fn partial_frames_and_the_crc() {
     arrive(&mut host, &frame[..200], 0);
     host.cycles(150);
     assert_eq!((host.counters().crc, host.counters().incomplete), (0, 1));
-    // What was left of it comes late, with a whole frame behind it.
+    // The rest comes late, with a whole frame behind it.
     arrive(&mut host, &frame[200..], 0);
     arrive(&mut host, &frame, 0);
     assert_eq!((host.counters().crc, host.counters().incomplete), (1, 1));
@@ -155,7 +155,7 @@ fn partial_frames_and_the_crc() {
     assert_eq!(host.answer().error, 1);
 }
 
-/// SK-4.43 Each frame of a piece is executed, SW_RESET among them: what comes behind it finds a board that boots.
+/// SK-4.43 Each frame of a piece is executed, including SW_RESET: frames behind it find a booting board.
 #[test]
 fn sw_reset_in_a_piece() {
     let size = SlotSize::Bytes12;
@@ -210,8 +210,8 @@ proptest! {
     }
 }
 
-/// SK-4.77 SW_RESET resets what has come of a frame, too, and what comes while the board boots begins none: the first byte
-/// after the boot is the first of a frame, also if incomplete frames are waited for (SK-5.16).
+/// SK-4.77 SW_RESET drops a partial frame, too, and bytes that come while the board boots begin no frame: the first
+/// byte after the boot is the first of a frame, also if incomplete frames are waited for (SK-5.16).
 #[test]
 fn sw_reset_forgets_a_frame_under_way() {
     for size in SlotSize::ALL {

@@ -12,11 +12,11 @@ use crate::host::Host;
 use crate::watch::{Spans, Watch};
 use support::images::{Images, number};
 
-/// What an [`AnySlave`] measures, but for its position.
+/// The inputs of an [`AnySlave`], except its position.
 pub const MEASURED: AxisIn =
     AxisIn { statusword: Statusword(0x1250), torque: -321, position: 0, error_code: 0x8611, inputs: 0xA5C3 };
 
-/// A slave that takes every role and every object. Its position counts the cycles that passed it.
+/// A slave that takes every role and every object. Its position counts the cycles.
 #[derive(Default)]
 pub struct AnySlave {
     al: ApplicationLayer,

@@ -1,4 +1,4 @@
-//! The two firmware profiles side by side: the same frames, and reports that differ where the rules say so only.
+//! The two firmware profiles side by side: the same frames, and reports that differ only where the rules say so.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::ObjectAddress;
@@ -10,7 +10,7 @@ use ecmsk::sk::{
 use crate::host::Host;
 use crate::probe::{Bench, drives};
 
-/// What 1.5 shows otherwise is taken out of a report: byte 1 of slot 0 (SK-2.6) and of slaves' slots (SK-3.5), the full
+/// A report without the parts that differ in 1.5: byte 1 of slot 0 (SK-2.6) and of slaves' slots (SK-3.5), the full
 /// count (SK-5.8), and the CRC over it all.
 fn common(host: &Host) -> Vec<RawSlot> {
     let size = host.size;
@@ -25,8 +25,8 @@ fn common(host: &Host) -> Vec<RawSlot> {
     slots.collect()
 }
 
-/// SK-3.10 But for SK-2.6, SK-3.5, SK-3.8, SK-3.9 and SK-5.8 the profiles are the same: a program without homing gets the
-/// same answers, cycle by cycle, and the same counts.
+/// SK-3.10 Except for SK-2.6, SK-3.5, SK-3.8, SK-3.9 and SK-5.8 the profiles are the same: a program without homing
+/// gets the same answers, cycle by cycle, and the same counts.
 #[test]
 fn profiles_differ_where_the_rules_say_so_only() {
     for slot in SlotSize::ALL {

@@ -1,4 +1,4 @@
-//! A slave on strings: it shows the statusword and the position that the test says, and keeps what it was sent.
+//! A puppet slave: it shows the statusword and the position that the test sets, and keeps the outputs that it gets.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -20,22 +20,22 @@ pub const QUICK_STOP: u16 = 0x0217;
 pub const FAULT_REACTION: u16 = 0x021F;
 pub const FAULT: u16 = 0x0218;
 
-/// What the slave does by itself with the outputs of a cycle.
+/// The slave's reaction to the outputs of a cycle.
 pub type Reflex = fn(&mut AxisIn, &AxisOut);
 
-/// The slave's state, which the test may look at and change at any time.
+/// The slave's state, which the test may read and change at any time.
 #[derive(Default)]
 pub struct Strings {
     state: AlState,
-    /// What it shows in the next cycle.
+    /// Its inputs in the next cycle.
     pub shows: AxisIn,
-    /// What it was sent, a set for each cycle in OP.
+    /// The outputs that it got, one set for each cycle in OP.
     pub sent: Vec<AxisOut>,
-    /// What its second axis shows in the next cycle.
+    /// The inputs of its second axis in the next cycle.
     pub shows_second: AxisIn,
-    /// What its second axis was sent.
+    /// The outputs that its second axis got.
     pub sent_second: Vec<AxisOut>,
-    /// Roles it was configured for.
+    /// Roles that it was configured for.
     pub roles: Vec<Role>,
     /// Objects: size and value.
     pub objects: BTreeMap<(u16, u8), (u8, u32)>,
@@ -51,31 +51,31 @@ impl Strings {
         self.state
     }
 
-    /// It leaves its AL state by itself.
+    /// Makes it leave its AL state by itself.
     pub const fn fall(&mut self, to: AlState) {
         self.state = to;
     }
 
-    /// It shows that statusword whatever it is sent.
+    /// Makes it show that statusword whatever its outputs.
     pub const fn freeze(&mut self, statusword: u16) {
         self.shows.statusword = Statusword(statusword);
         self.reflex = None;
     }
 }
 
-/// The slave; clones are the same one.
+/// The slave; clones share it.
 #[derive(Clone, Default)]
 pub struct Puppet(Arc<Mutex<Strings>>);
 
 impl Puppet {
-    /// One that shows Switch on disabled.
+    /// A slave that shows Switch on disabled.
     pub fn new() -> Self {
         let puppet = Self::default();
         puppet.show(DISABLED);
         puppet
     }
 
-    /// One that obeys: a state and a target are reached within a cycle.
+    /// An obedient slave: it reaches a state and a target within a cycle.
     pub fn obedient() -> Self {
         let puppet = Self::new();
         puppet.strings().reflex = Some(obey);
@@ -95,12 +95,12 @@ impl Puppet {
         self.strings().shows.statusword = Statusword(statusword);
     }
 
-    /// Stands at a position from the next cycle on.
+    /// Is at this position from the next cycle on.
     pub fn stand(&self, position: i32) {
         self.strings().shows.position = position;
     }
 
-    /// A pulse module of that many channels: that is what its objects say. Its second axis shows Switch on disabled.
+    /// Makes it a pulse module of that many channels, by its objects. Its second axis shows Switch on disabled.
     pub fn with_channels(self, channels: usize) -> Self {
         let mut strings = self.strings();
         strings.shows_second.statusword = Statusword(DISABLED);
@@ -112,23 +112,23 @@ impl Puppet {
         self
     }
 
-    /// What both axes were sent.
+    /// The outputs of both axes.
     pub fn sent_two(&self) -> [Vec<AxisOut>; 2] {
         let strings = self.strings();
         [strings.sent.clone(), strings.sent_second.clone()]
     }
 
-    /// What both axes were sent last.
+    /// The last outputs of both axes.
     pub fn last_two(&self) -> [AxisOut; 2] {
         self.sent_two().map(|sent| *sent.last().expect("no outputs have come"))
     }
 
-    /// What it was sent last.
+    /// The last outputs.
     pub fn last(&self) -> AxisOut {
         *self.strings().sent.last().expect("no outputs have come")
     }
 
-    /// Forgets what it was sent.
+    /// Clears the record of outputs.
     pub fn forget(&self) {
         let mut strings = self.strings();
         strings.sent.clear();
@@ -149,7 +149,7 @@ impl Puppet {
         targets
     }
 
-    /// Those from the first `target` on, which has to be there: what it was sent to hold before is left out.
+    /// Targets from the first `target` on, which has to occur: earlier targets, which hold the position, are left out.
     #[track_caller]
     pub fn targets_from(&self, target: i32) -> Vec<i32> {
         let targets = self.targets();

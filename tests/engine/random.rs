@@ -17,7 +17,7 @@ const FRAMES: u64 = 500;
 /// Runs for each size of slot: 10,000 frames.
 const RUNS: u64 = 20;
 
-/// What this test throws them for.
+/// Random choices of this test.
 trait Throws {
     fn noise(&mut self) -> RawSlot;
     fn plausible(&mut self, slot: usize, size: SlotSize) -> RawSlot;
@@ -37,7 +37,7 @@ impl Throws for Dice {
         }
     }
 
-    /// A command that a slot may well carry, with arguments of which many are right.
+    /// A plausible command for a slot, with mostly right arguments.
     fn plausible(&mut self, slot: usize, size: SlotSize) -> RawSlot {
         let noise = self.noise();
         let (id, parm, data1) = if slot == 0 {
@@ -84,13 +84,13 @@ impl Throws for Dice {
     }
 }
 
-/// What a board must show, from what was sent to it.
+/// What a board must show after the frames that were sent to it.
 #[derive(Default)]
 struct Books {
     /// Switches in force, and those of the next boot: check, fill.
     switches: (bool, bool),
     remembered: (bool, bool),
-    /// Frames that arrived in OP, those of them with a wrong CRC, and those that carried a SW_RESET out.
+    /// Frames that arrived in OP, how many of them had a wrong CRC, and how many executed a SW_RESET.
     arrived: u64,
     wrong: u64,
     resets: u64,
@@ -102,7 +102,7 @@ pub struct Run {
     config: EngineConfig,
     pub board: Board,
     books: Books,
-    /// What the slaves are declared as; those beyond are drives.
+    /// The declared kinds of the slaves; all others are drives.
     kinds: Vec<SlaveKind>,
     what: String,
 }
@@ -115,7 +115,7 @@ impl Run {
         Self { config, board, books, kinds, what }
     }
 
-    /// Time passes; every report is looked at.
+    /// Lets time pass, and checks every report.
     fn advance(&mut self, to: u64) {
         while self.board.next_cycle() <= to {
             let mut report = None;
@@ -156,7 +156,7 @@ impl Run {
         assert!(matches!((sdo.id, sdo.index, sdo.data3), (0 | 7 | 8, 0, 0)), "{what}: {sdo:?}");
     }
 
-    /// Every frame that arrived in OP is executed, full, cleared, wrong or still queued.
+    /// Every frame that arrived in OP is executed, lost to a full FIFO, cleared, wrong or still queued.
     fn check_books(&self) {
         let Self { board, books, what, .. } = self;
         let counters = board.engine().counters();
@@ -208,7 +208,7 @@ impl Run {
         self.advance(self.board.now() + self.patience());
     }
 
-    /// Says what the slaves are; then OP.
+    /// Declares the slaves, and goes to OP.
     fn reach_op(&mut self) {
         for group in 0..5 {
             let nibble = |k: u16| self.kinds.get(usize::from(group * 8 + k)).map_or(0, |kind| kind.nibble());
@@ -219,12 +219,12 @@ impl Run {
         self.advance(self.board.now() + self.patience());
     }
 
-    /// No boot and no way to OP takes longer with [`SWIFT`].
+    /// The longest boot and way to OP with [`SWIFT`].
     fn patience(&self) -> u64 {
         50_000_000 + 3_000_000 * self.kinds.len() as u64
     }
 
-    /// Something happens to the network, or everything is whole again.
+    /// Makes a random fault in the network, or heals everything.
     fn disturb(dice: &mut Dice, network: &SimHandle) {
         let slave = 1 + dice.below(5) as u8;
         match dice.below(6) {
@@ -261,7 +261,7 @@ impl Run {
 fn run(size: SlotSize, ahead: Option<Ahead>) {
     let disturbed = false;
     let totals = run_all(size, ahead, disturbed);
-    // Nothing of it is for lack of such frames.
+    // There were enough frames of every kind.
     totals.at_least(&[2001, 501, 101, 101, 3, 0, 0]);
 }
 
@@ -291,7 +291,7 @@ fn run_all(size: SlotSize, ahead: Option<Ahead>, disturbed: bool) -> Totals {
     totals
 }
 
-/// What all runs did.
+/// The totals of all runs.
 #[derive(Debug, Default)]
 pub struct Totals {
     frames: u64,
@@ -353,7 +353,7 @@ fn random_frames_on_a_network_that_breaks() {
     }
 }
 
-/// SK-4.44 SK-2.9 SK-4.61 SK-4.62 SK-12.1 SK-12.2 The same over buses that are as honest as real ones.
+/// SK-4.44 SK-2.9 SK-4.61 SK-4.62 SK-12.1 SK-12.2 The same over buses with the losses and delays of real ones.
 #[test]
 fn random_frames_over_honest_buses() {
     for seed in 1..=4 {

@@ -1,4 +1,4 @@
-//! Random frames in a row against one board of every kind of network: what `random` checks after each of them holds.
+//! Random frames in a row against one board of every kind of network, with the checks of `random` after each.
 //!
 //! The test sends a share; `cargo xtask soak` sends 100,000 to each. One network again:
 //! `ECMSK_SOAK_FIRST=<seed> ECMSK_SOAK_FRAMES=<frames>`.
@@ -20,11 +20,11 @@ struct Network {
     name: &'static str,
     size: SlotSize,
     firmware: Firmware,
-    /// The slaves: these over and over.
+    /// The slaves: these models, repeated.
     of: &'static [Model],
     slaves: usize,
     ahead: Option<Ahead>,
-    /// The cable is cut and healed, slaves come and go.
+    /// Whether the cable is cut and healed, and slaves come and go.
     breaks: bool,
 }
 
@@ -63,7 +63,7 @@ const NETWORKS: [Network; 14] = [
     },
 ];
 
-/// Frames for each network when nobody asks for more.
+/// Frames for each network by default.
 const SHARE: u64 = 1000;
 
 fn asked(variable: &str) -> Option<u64> {
@@ -100,9 +100,9 @@ fn throw(network: &Network, seed: u64, frames: u64, all: &mut Totals) -> Totals 
     totals
 }
 
-/// SK-4.44 SK-2.9 SK-2.10 SK-2.20 SK-2.21 SK-3.2 SK-3.7 SK-5.7 SK-5.8 Whatever comes for whatever slaves, in both sizes
-/// of a slot, with both firmwares and on both kinds of bus: nothing panics, every report is sound, every frame is
-/// executed or counted.
+/// SK-4.44 SK-2.9 SK-2.10 SK-2.20 SK-2.21 SK-3.2 SK-3.7 SK-5.7 SK-5.8 For all frames and slaves, in both sizes of a
+/// slot, with both firmwares and on both kinds of bus: nothing panics, every report is sound, every frame is executed
+/// or counted.
 #[test]
 fn random_frames_against_every_network() {
     let frames = asked("ECMSK_SOAK_FRAMES").unwrap_or(SHARE);
@@ -120,6 +120,6 @@ fn random_frames_against_every_network() {
             started.elapsed().as_secs_f64()
         );
     }
-    // Nothing of it is for lack of frames that are executed, dropped and lost.
+    // There were enough executed, dropped and lost frames.
     all.at_least(&[frames, frames / 2, frames / 10, frames / 10, 1, frames / 50, 0]);
 }

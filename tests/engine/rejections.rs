@@ -1,4 +1,4 @@
-//! Bad arguments, each with its reason, and what of rejections is counted and logged.
+//! Bad arguments, each with its reason, and the counters and log lines of rejections.
 
 use ecmsk::coe::ObjectAddress;
 use ecmsk::engine::{EngineConfig, Event, EventKind, Reason};
@@ -18,7 +18,7 @@ fn slot_0(id: u8, byte_2: u8, data1: u32) -> RawSlot {
     RawSlot { id, parm: byte_2.into(), data1, data2: 0xFFFF, ..RawSlot::ZERO }
 }
 
-/// Sends one command and says how it was rejected.
+/// Sends one command and returns its rejection.
 fn reject(host: &mut Host, slot: usize, command: RawSlot) -> Option<Reason> {
     let (mark, before) = (host.mark(), host.counters());
     host.raw(slot, command).cycle();
@@ -77,7 +77,7 @@ fn set_axis() {
             for k in 0..8u8 {
                 let slave = group * 8 + k + 1;
                 for nibble in 0..=0xFu8 {
-                    // All drives but one.
+                    // All are drives except one.
                     let command = slot_0(0x02, group, u32::from(nibble) << (4 * k));
                     let known = matches!(nibble, 0..=3 | 0xF) || usize::from(slave) > size.max_slaves();
                     let expected = (!known).then_some(Reason::BadArgument(InvalidArgument::Kind { slave, nibble }));
@@ -86,7 +86,7 @@ fn set_axis() {
                 }
             }
         }
-        // The last that was accepted for slaves 1 to 8 declared IO slaves; a bad one changes none of them.
+        // The last accepted command declared slaves 1 to 8 as IO slaves; a bad one changes none of them.
         host.raw(0, slot_0(0x02, 0, 0x1111_1111));
         assert_bad(&mut host, 0, slot_0(0x02, 0, 0x5000_0000), InvalidArgument::Kind { slave: 8, nibble: 5 });
         host.go(MasterState::SafeOp);
@@ -142,8 +142,8 @@ fn set_fifo() {
     }
 }
 
-/// SK-4.16 DRIVE_MODE: Data1 is 8, 9 or 10, Data2 0 or 1, or what a command before has left there.
-/// SK-4.41 In the slot of any slave, present or not.
+/// SK-4.16 DRIVE_MODE: Data1 is 8, 9 or 10, Data2 0 or 1, or a value that an earlier command has left there. SK-4.41 In
+/// the slot of any slave, present or not.
 #[test]
 fn drive_mode() {
     for size in SlotSize::ALL {
@@ -159,7 +159,7 @@ fn drive_mode() {
                 for data1 in [0, 1, 3, 6, 7, 11, 0x108, 0x0008_0000, u32::MAX] {
                     assert_bad(&mut host, slave, mode(data1, 1), InvalidArgument::DriveMode(data1));
                 }
-                // SK-4.81 What a command before has left there is no reason to lose the mode; it is logged.
+                // SK-4.81 A value left by an earlier command does not invalidate the mode; it is logged.
                 for data2 in [2, 0xFFFF, 0x1_0000, u32::MAX] {
                     let mark = host.board.engine().events_total();
                     assert_eq!(reject(&mut host, slave, mode(8, data2)), None);
@@ -204,7 +204,7 @@ fn sdo() {
     }
 }
 
-/// SK-4.39 The log says in words which command in which slot was rejected when, and why.
+/// SK-4.39 The log names the rejected command, its slot, the time and the reason.
 #[test]
 fn the_log_speaks() {
     let Bench { mut host, .. } = board(SlotSize::Bytes12);

@@ -1,4 +1,4 @@
-//! A bus that owns its cycle repeats the newest outputs by itself: while an axis asks for nothing new it is given none.
+//! A bus that owns its cycle repeats the newest outputs by itself: it gets none while no axis has new ones.
 
 use ecmsk::cia402::Mode;
 use ecmsk::engine::{Firmware, HomingPhase};
@@ -9,7 +9,7 @@ use crate::puppet::{DISABLED, FAULT};
 use crate::rig::ahead;
 use support::ahead_bus::Ahead;
 
-/// One drive, on and in mode 6, whose targets in its own mode do not follow where it is.
+/// One drive, on and in mode 6, whose targets in its own mode do not follow its position.
 fn ready(firmware: Firmware, how: Ahead) -> Home {
     let mut home = Home::in_preop(1, firmware, Some(how));
     home.host.slave(1, SlaveCommand::DriveMode { mode: Mode::Csv, sync: DriveSync::DcSync }).op(1);
@@ -18,15 +18,14 @@ fn ready(firmware: Firmware, how: Ahead) -> Home {
     home
 }
 
-/// Sets of outputs that the bus is given in so many cycles.
+/// The number of sets of outputs that the bus gets in that many cycles.
 fn given(home: &mut Home, cycles: usize) -> u64 {
     let before = home.jobs.pushes();
     home.host.cycles(cycles);
     home.jobs.pushes() - before
 }
 
-/// SK-5.3 Neither a drive that stands, nor one that goes home, nor one that has gone home, nor one whose fault was reset
-/// asks for outputs of its own.
+/// SK-5.3 A drive that stands, is homing, has homed, or whose fault was reset, needs no new outputs.
 #[test]
 fn nothing_new_is_not_given_again() {
     for how in ahead() {
@@ -49,7 +48,8 @@ fn nothing_new_is_not_given_again() {
     }
 }
 
-/// SK-7.40 Bit 4 has rested when nothing is left to be sent: the next homing begins with the outputs of its GO_HOME.
+/// SK-7.40 Bit 4 has been low for long enough when no outputs are left to be sent: the next homing begins with the
+/// outputs of its GO_HOME.
 #[test]
 fn bit_4_has_rested_meanwhile() {
     for how in ahead() {
@@ -67,7 +67,7 @@ fn bit_4_has_rested_meanwhile() {
     }
 }
 
-/// SK-5.3 One entry is taken in each cycle of OP: cycles that had none to take are counted, and no others.
+/// SK-5.3 One entry is taken in each cycle of OP: cycles that found none are counted, and no others.
 #[test]
 fn cycles_without_an_entry_are_counted() {
     let mut home = Home::in_preop(1, Firmware::V17, None);

@@ -1,4 +1,4 @@
-//! SET_STATE again during a change: settings that were replaced meanwhile, and the time that it has.
+//! SET_STATE again during a change: settings that were replaced meanwhile, and its timeout.
 
 use MasterState::{Init, Op, PreOp, SafeOp};
 use ecmsk::cia402::Mode;
@@ -21,7 +21,7 @@ fn set_dc(us: u32) -> MasterCommand {
     MasterCommand::SetDc { cycle: CycleTime::from_us(us).unwrap(), shift: DcShift::Auto }
 }
 
-/// SK-4.64 SK-4.75 What SET_DC, SET_AXIS and DRIVE_MODE say during a change, in whichever part of the way to SafeOP, is
+/// SK-4.64 SK-4.75 Settings of SET_DC, SET_AXIS and DRIVE_MODE during a change, in any phase of the way to SafeOP, are
 /// configured by the next SET_STATE, and the change ends in OP with it.
 #[test]
 fn new_settings_are_configured() {
@@ -50,7 +50,7 @@ fn new_settings_are_configured() {
     }
 }
 
-/// SK-4.64 SK-4.75 It is enough that one of them says something new: the cycle alone, or one slave alone.
+/// SK-4.64 SK-4.75 One new setting is enough: the cycle alone, or one slave alone.
 #[test]
 fn one_new_setting_is_configured() {
     type Setting = (fn(&mut Host) -> &mut Host, (u32, Mode));
@@ -70,7 +70,7 @@ fn one_new_setting_is_configured() {
     }
 }
 
-/// SK-4.64 A SET_STATE that replaces nothing does not begin anew, nor do settings that say the same.
+/// SK-4.64 A SET_STATE that replaces nothing does not restart the change, nor do equal settings.
 #[test]
 fn the_same_again_is_nothing_new() {
     let mut alone = board();
@@ -85,7 +85,8 @@ fn the_same_again_is_nothing_new() {
     assert_eq!((host.state().0, jobs.len()), (8, alone.jobs.len()));
 }
 
-/// SK-4.76 [OURS] A program that asks in every frame sees the failure as well: a repeated SET_STATE gives no more time.
+/// SK-4.76 [OURS] A program that sends SET_STATE in every frame sees the failure as well: a repeated SET_STATE gives no
+/// more time.
 #[test]
 fn asking_again_gives_no_more_time() {
     let config = EngineConfig { state_timeout_ns: 2_000_000_000, ..EngineConfig::default() };
@@ -100,7 +101,7 @@ fn asking_again_gives_no_more_time() {
     assert!(host.board.now() - asked >= 2_000_000_000);
 }
 
-/// SK-4.76 [OURS] Another target has its own 10 s, whatever the bus is doing when it comes.
+/// SK-4.76 [OURS] Another target has its own 10 s, whatever the bus does at that time.
 #[test]
 fn another_target_has_its_own_time() {
     let timeout: Ns = 2_000_000_000;
@@ -113,7 +114,7 @@ fn another_target_has_its_own_time() {
         host.cycles(1500).master(MasterCommand::SetState(Op));
         let asked = host.board.now();
         if answers {
-            // Later than the first one would have had to be there.
+            // This is later than the timeout of the first one.
             host.cycles(1000);
             assert_eq!(host.state().0, 2);
             network.silence(2, false);
@@ -139,7 +140,7 @@ fn a_refusal_after_another_target() {
     host.go(PreOp).go(Init);
 }
 
-/// SK-4.55 SK-4.76 So is one that comes when the slave was asked already, and the other target has more time.
+/// SK-4.55 SK-4.76 So is a refusal that comes when the slave was asked already, and the new target has more time.
 #[test]
 fn a_refusal_of_what_was_asked_before() {
     let Bench { mut host, network, jobs } = board();
@@ -153,7 +154,7 @@ fn a_refusal_of_what_was_asked_before() {
     assert_eq!(asked(&jobs), 1, "it is not asked again");
 }
 
-/// SK-4.50 Kinds and modes that do not go together harm nobody on the way down: Init is reached.
+/// SK-4.50 Kinds and modes that do not fit each other do no harm on the way down: Init is reached.
 #[test]
 fn the_way_down_needs_no_process_data() {
     let Bench { mut host, .. } = Bench::new(EngineConfig::default(), any_slaves(1));

@@ -1,5 +1,5 @@
-//! An engine over a bus that may take outputs ahead, polled whenever the test likes, with one obedient slave that is on.
-//! Every report is checked against what the slave was sent.
+//! An engine over a bus that may take outputs ahead, polled at times that the test chooses, with one obedient slave
+//! that is on. Every report is checked against the outputs of the slave.
 
 use ecmsk::engine::{Engine, EngineConfig};
 use ecmsk::fieldbus::sim::SimBus;
@@ -16,10 +16,10 @@ use support::ahead_bus::{Ahead, AheadBus};
 const SIZE: SlotSize = SlotSize::Bytes12;
 const CYCLE: Ns = 1_000_000;
 
-/// Every kind of bus that the tests go through.
+/// Every kind of bus in the tests.
 pub fn ahead() -> impl Iterator<Item = Ahead> {
     let clocks = [(0, 333_333, 0), (1, 1, 100), (2, 999_999, 2500), (4, 500_000, 300)];
-    // Where all boards are over one that the run has chosen, these would be the same once more.
+    // If the run chooses the bus of all boards, these would be the same once more.
     let depths = if is_over() { &[][..] } else { &[1, 8, 64] };
     depths
         .iter()
@@ -39,8 +39,8 @@ pub struct Rig {
     pub news: usize,
     /// Targets sent so far; the n-th one is n.
     pub targets: i32,
-    /// Nothing but targets is sent from now on, and every report is checked. The cycle that the next one answers, as an
-    /// index into what the slave was sent.
+    /// Set while only targets are sent and every report is checked: the cycle that the next report answers, as an index
+    /// into the slave's outputs.
     checked: Option<usize>,
 }
 
@@ -78,21 +78,21 @@ impl Rig {
         self.run(10);
     }
 
-    /// A frame arrives now.
+    /// Lets a frame arrive now.
     pub fn send(&mut self, build: impl FnOnce(&mut Frame)) {
         let mut frame = Frame::new();
         build(&mut frame);
         self.engine.host(&frame, self.now);
     }
 
-    /// A frame with the next target arrives; its index is the target's low byte.
+    /// Lets a frame with the next target arrive; its index is the target's low byte.
     pub fn target(&mut self) {
         self.targets += 1;
         let csp = SlaveCommand::Csp(Motion::to(self.targets)).with_index(self.targets as u8);
         self.send(|frame| frame.put_slave(SIZE, 1, &csp));
     }
 
-    /// The engine is polled after that time.
+    /// Polls the engine after that time.
     pub fn poll_after(&mut self, ns: Ns) {
         self.now += ns;
         self.news = 0;
@@ -107,7 +107,7 @@ impl Rig {
         });
     }
 
-    /// What the slave was sent in the cycle that the newest answer belongs to.
+    /// The slave's outputs in the cycle of the newest answer.
     pub fn answered(&self) -> AxisOut {
         *self.puppet.strings().sent.iter().rev().nth(self.how.pipeline).expect("so many cycles have passed")
     }
@@ -117,7 +117,7 @@ impl Rig {
         self.checked = Some(self.puppet.strings().sent.len() - self.how.pipeline);
     }
 
-    /// That many polls, one a cycle.
+    /// Polls so often, once a cycle.
     pub fn run(&mut self, polls: usize) {
         for _ in 0..polls {
             self.poll_after(CYCLE);
@@ -148,13 +148,13 @@ impl Rig {
     }
 }
 
-/// A report while nothing but targets 1, 2, 3.. was sent, `accepted` of them; `sent` is what the slave got in each cycle,
-/// and the report answers the one at `cycle`.
+/// Checks a report while only targets 1, 2, 3.. were sent, `accepted` of them; `sent` has the slave's outputs of each
+/// cycle, and the report answers the one at `cycle`.
 fn check(how: Ahead, report: &Frame, accepted: i32, cycle: usize, sent: &[AxisOut]) {
     let newest = sent[cycle].target;
     let free = MasterResponse::decode(&report.slot(SIZE, 0)).fifo_free;
     assert_eq!(i32::from(free) + accepted - newest, FIFO_ENTRIES.into(), "{how:?}: free + not known to be sent");
-    // What a cycle measured is what the one before has done.
+    // A cycle measures the effect of the one before.
     let drive = DriveResponse::decode(&report.slot(SIZE, 1));
     let expected = (newest as u8, sent[cycle - 1].target);
     assert_eq!((drive.head.index, drive.position), expected, "{how:?}: an answer belongs to its outputs");

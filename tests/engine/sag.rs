@@ -8,7 +8,7 @@ use crate::network_rig::Net;
 use crate::puppet::{DISABLED, ENABLED, READY, SWITCHED_ON};
 use support::ahead_bus::Ahead;
 
-/// Counts that the load sags in a cycle, and cycles that the brake takes to open.
+/// Counts by which the load sags in a cycle, and cycles that the brake takes to open.
 const SAG: i32 = 50;
 const BRAKE_CYCLES: u16 = 40;
 
@@ -34,8 +34,8 @@ fn vertical(shows: &mut AxisIn, out: &AxisOut) {
     }
 }
 
-/// How far the axis is pulled back when it is switched on while a program streams: nothing, or targets for slave 2. With
-/// the steps of slave 2 from one cycle to the next.
+/// How far the axis is pulled back when it is switched on while a program streams empty frames, or targets for slave 2.
+/// Also returns the steps of slave 2 from one cycle to the next.
 fn pulled_back(how: Ahead, moves_another: bool) -> (i32, Vec<i32>) {
     let mut net = Net::new(Some(how), 2);
     net.host.go(MasterState::Op).drained();
@@ -68,8 +68,8 @@ fn pulled_back(how: Ahead, moves_another: bool) -> (i32, Vec<i32>) {
     (net.host.drive(1).torque.into(), steps.collect())
 }
 
-/// SK-12.3 An axis that sags while its brake opens is not pulled back to where it was before, however deep the bus: only
-/// by what it sags until its answer is seen. SK-7.16
+/// SK-12.3 An axis that sags while its brake opens is not pulled back to its earlier position, however deep the bus:
+/// only by the sag until its answer is seen. SK-7.16
 #[test]
 fn a_deep_bus_pulls_a_sagging_axis_back_no_further() {
     for (pipeline, phase, slower) in [(0, 333_333, 0), (2, 999_999, 2500), (4, 500_000, 300)] {
@@ -82,8 +82,8 @@ fn a_deep_bus_pulls_a_sagging_axis_back_no_further() {
     }
 }
 
-/// SK-12.3 Nor by a program that has sent an entry now and then, which leaves a bus with little to do, and sends many at
-/// once while the brake opens: cycles that had nothing to take have not taken what is pushed after them.
+/// SK-12.3 The same holds for a program that sends few entries, and then many at once while the brake opens: cycles
+/// without an entry do not count for entries that are pushed later.
 #[test]
 fn a_burst_while_the_brake_opens() {
     for (pipeline, phase, slower) in [(4, 500_000, 300), (20, 333_333, 0), (30, 999_999, 2500)] {
@@ -111,7 +111,7 @@ fn a_burst_while_the_brake_opens() {
     }
 }
 
-/// SK-12.3 Nor while another axis follows targets; and that one does not stand still for it.
+/// SK-12.3 The same holds while another axis follows targets, and that axis does not stop for it.
 #[test]
 fn another_axis_goes_on_meanwhile() {
     for (pipeline, phase, slower) in [(0, 333_333, 0), (2, 999_999, 0), (4, 500_000, 0)] {

@@ -1,4 +1,4 @@
-//! The SDO slot: one transfer at a time, the answer that stays, rejections, aborts and times.
+//! The SDO slot: one transfer at a time, the answer that stays, rejections, aborts and timeouts.
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::engine::{EngineConfig, Reason};
@@ -16,10 +16,10 @@ use crate::watch::{Spans, Started, Watch};
 
 const MS: Ns = 1_000_000;
 const CYCLE: Ns = MS;
-/// How long a slave may be silent.
+/// The timeout of a silent slave.
 const TIMEOUT: Ns = 1000 * MS;
 
-/// A board in PreOP with one slave on strings and one servo drive.
+/// A board in PreOP with one puppet slave and one servo drive.
 struct Bench {
     host: Host,
     puppet: Puppet,
@@ -61,7 +61,7 @@ fn frame_of(host: &Host, command: SdoCommand) -> Frame {
     frame
 }
 
-/// The SDO slot as it is.
+/// The raw SDO slot.
 fn slot(host: &Host) -> RawSlot {
     host.report.slot(host.size, host.size.sdo_slot())
 }
@@ -100,8 +100,8 @@ fn an_answer_stays_until_the_next_transfer_ends() {
     }
 }
 
-/// SK-6.16 A program that polls sends its request in every frame until the answer is there: it is one request, and nothing of
-/// it is rejected. Another one in between is.
+/// SK-6.16 A program that polls sends its request in every frame until the answer is there: all are one request, and
+/// none is rejected. Another request in between is.
 #[test]
 fn a_request_that_repeats_the_one_under_way_is_one_with_it() {
     for state in [MasterState::PreOp, MasterState::Op] {
@@ -112,7 +112,7 @@ fn a_request_that_repeats_the_one_under_way_is_one_with_it() {
             host.sdo(read(1, 0x2000, 4)).cycle();
             assert_eq!((host.counters().sdo_repeated, host.counters().rejected_total()), (n, 0), "{state}");
         }
-        // One that is held is repeated likewise; the one before it is another then.
+        // A held request may be repeated as well; the earlier one counts as a different one then.
         for n in 21..=24 {
             host.sdo(read(1, 0x2000, 2)).cycle();
             assert_eq!((host.counters().sdo_repeated, host.counters().rejected_total()), (n - 1, 0), "{state}");
@@ -126,8 +126,8 @@ fn a_request_that_repeats_the_one_under_way_is_one_with_it() {
     }
 }
 
-/// SK-6.3 A library that writes one object after another, in the same cycle or 1 ms later, and looks at nothing: each is
-/// written, in its order.
+/// SK-6.3 A library that writes one object after another, in the same cycle or 1 ms later, and reads no answer: all are
+/// written, in their order.
 #[test]
 fn writes_that_follow_one_another_are_all_made() {
     for state in [MasterState::PreOp, MasterState::Op] {
@@ -147,8 +147,8 @@ fn writes_that_follow_one_another_are_all_made() {
     }
 }
 
-/// SK-6.3 A request while another one is under way is held, and runs next; the newest one replaces the one that is held, which
-/// is counted and told. SK-4.38 The slot keeps its answer meanwhile.
+/// SK-6.3 A request while another one is under way is held, and runs next; a newer one replaces the held one, which is
+/// counted and reported. SK-4.38 The slot keeps its answer meanwhile.
 #[test]
 fn a_third_request_replaces_the_one_that_is_held() {
     for state in [MasterState::PreOp, MasterState::Op] {
@@ -172,7 +172,8 @@ fn a_third_request_replaces_the_one_that_is_held() {
 }
 
 /// SK-6.17 A write of 0x6060 in PreOP with SET_STATE in the same frame, in the frame before or in the one after it in the same
-/// cycle: the host's value is written first, then that of DRIVE_MODE. So are two writes, the second of which is held.
+/// cycle: the host's value is written first, then that of DRIVE_MODE. The same holds for two writes, the second of which is
+/// held.
 #[test]
 fn the_hosts_writes_go_before_the_boards_own() {
     for order in 0..4 {
@@ -205,7 +206,7 @@ fn the_hosts_writes_go_before_the_boards_own() {
     }
 }
 
-/// SK-6.17 A program that asks for objects without end does not keep the network from SafeOP.
+/// SK-6.17 A program that sends SDO requests without end does not prevent the network from reaching SafeOP.
 #[test]
 fn requests_without_end_do_not_hold_up_a_change() {
     let Bench { mut host, network, .. } = bench();
@@ -220,7 +221,7 @@ fn requests_without_end_do_not_hold_up_a_change() {
 }
 
 /// SK-4.17 Programs put the object's size above the slave's number of a read, too, 0x0201, and poll for Parm = slave: the
-/// read runs in every state that has it, nothing is rejected, and the answer has the slave alone.
+/// read runs in every state that has it, nothing is rejected, and the answer has the slave's number alone.
 #[test]
 fn a_read_with_a_size_in_parm_is_a_read() {
     for size in SlotSize::ALL {
@@ -269,14 +270,14 @@ fn slave_numbers_the_board_does_not_have_are_rejected() {
             );
         }
         assert_eq!((slot(&host), jobs.transfers().len()), (before, 1));
-        // The last one that it has is a slave, though an absent one.
+        // The last valid number is accepted, though that slave is absent.
         assert_eq!(host.read_object(most as u8, 0x2000, 1), Err(AbortCode::TIMEOUT));
     }
 }
 
-/// SK-6.7 A slave that is silent for 1 s (a link key) ends in abort 0x05040000, to the cycle. One that is absent ends in
-/// it as well, and nobody waits for it.
-/// SK-6.13 On the wire: CMD, Parm = slave | 0x8000, Data1 the same, Data2 = the code.
+/// SK-6.7 A slave that is silent for 1 s (a link key) ends in abort 0x05040000, to the cycle. A transfer to an absent
+/// slave ends with it as well, at once. SK-6.13 On the wire: CMD, Parm = slave | 0x8000, Data1 the same, Data2 = the
+/// code.
 #[test]
 fn a_transfer_that_nobody_answers_times_out() {
     for (timeout, state) in [(TIMEOUT, MasterState::PreOp), (TIMEOUT, MasterState::Op), (70 * MS, MasterState::SafeOp)]
@@ -292,7 +293,7 @@ fn a_transfer_that_nobody_answers_times_out() {
             host.sdo(write(slave, 0x6065, 0, SdoSize::Four, 7)).cycles(2);
             assert_eq!((slot(&host), jobs.transfers().len()), (aborted(slave), 0), "slave {slave}, {state}");
         }
-        // There, but mute to SDOs for longer than that.
+        // The slave is present, but answers SDOs only after a longer time.
         network.delay_sdo(2, timeout + MS);
         let before = slot(&host);
         host.sdo(write(2, 0x6065, 0, SdoSize::Four, 7)).cycle();
@@ -304,7 +305,7 @@ fn a_transfer_that_nobody_answers_times_out() {
         }
         host.cycle();
         assert_eq!((host.time(), slot(&host)), (began + timeout, aborted(2)), "{state}");
-        // One that answers just in time.
+        // A slave that answers just in time.
         network.delay_sdo(2, timeout - 10 * MS);
         assert_eq!(host.read_object(2, 0x6065, 0), Ok(3 << 17), "nothing was written meanwhile");
     }
@@ -350,10 +351,9 @@ fn values_are_zero_extended() {
     assert_eq!(host.read_object(2, 0x1008, 0), Ok(u32::from_le_bytes(*b"SRVO")));
 }
 
-/// SK-6.12 What a slave refuses ends in a CoE abort code.
-/// SK-6.13 On the wire: CMD = 7 or 8, Parm = slave | 0x8000, Data1 the same, Data2 = the code; a program that waits
-/// for Parm == slave never takes it for a value.
-/// SK-4.18 The high byte of Parm, the size of a write, is not in the answer.
+/// SK-6.12 A refused access ends in a CoE abort code. SK-6.13 On the wire: CMD = 7 or 8, Parm = slave | 0x8000, Data1
+/// the same, Data2 = the code; a program that waits for Parm == slave never takes it for a value. SK-4.18 The high byte
+/// of Parm, the size of a write, is not in the answer.
 #[test]
 fn refusals_are_abort_codes() {
     use SdoSize::{Four, One, Two};
@@ -378,7 +378,7 @@ fn refusals_are_abort_codes() {
         network.abort_sdo(2, Some(AbortCode(0x0800_0099)));
         ends_in(read(2, 0x1000, 0), 0x1000_0000, &[AbortCode(0x0800_0099)]);
         network.abort_sdo(2, None);
-        // The slot works on after them, and Data2 of a write comes back as it was sent.
+        // The slot works after aborts, and Data2 of a write comes back as it was sent.
         assert_eq!(host.write_object(2, 0x6098, 0, One, 0x1234_5623), Ok(0x1234_5623));
         assert_eq!(slot(&host), RawSlot { id: 8, parm: 2, data1: 0x6098_0000, data2: 0x1234_5623, ..RawSlot::ZERO });
         assert_eq!(host.read_object(2, 0x6098, 0), Ok(0x23));
@@ -420,7 +420,7 @@ fn the_boards_own_transfers_wait_for_the_hosts() {
     assert_eq!(host.sdo_answer(), done(1, 0x2000, 1, 0xFE));
 }
 
-/// SK-6.1 A bus that is not done with something else yet is asked again.
+/// SK-6.1 The board asks a busy bus again.
 #[test]
 fn a_busy_bus_delays_a_transfer() {
     let Bench { mut host, jobs, .. } = bench();
@@ -447,7 +447,7 @@ fn in_op_a_request_waits_for_its_entry() {
     assert_eq!((host.mark_shown(), jobs.transfers().len()), (102, 1));
     host.until("the answer", |host| host.sdo_answer() == done(1, 0x2000, 1, 0xFE));
 
-    // Behind a threshold that nothing passes it does not start at all, and a clear takes it away.
+    // Behind a threshold that holds all entries back it does not start at all, and a clear drops it.
     let mut frame = frame_of(&host, read(1, 0x2000, 4));
     frame.put_master(host.size, &MasterCommand::SetFifo(FifoAction::Threshold(1)));
     host.drained().arrive(&frame).cycles(1000);
@@ -455,7 +455,7 @@ fn in_op_a_request_waits_for_its_entry() {
     assert_eq!(puppet.strings().uploads.len(), 1);
 }
 
-/// SK-6.3 Requests that are rejected for other reasons leave a transfer under way alone, in every slot.
+/// SK-6.3 Requests that are rejected for other reasons do not affect a transfer under way, in any slot.
 #[test]
 fn nonsense_leaves_a_transfer_alone() {
     let Bench { mut host, network, .. } = bench();
@@ -480,7 +480,7 @@ fn done(slave: u8, index: u16, sub: u8, value: u32) -> SdoResponse {
 }
 
 impl Host {
-    /// The FIFO is empty, if there is one in this state.
+    /// Waits until the FIFO is empty, if this state has one.
     fn drained_in(&mut self, state: MasterState) -> &mut Self {
         if state == MasterState::Op { self.drained() } else { self }
     }

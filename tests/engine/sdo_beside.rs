@@ -10,7 +10,7 @@ use crate::network_rig::set;
 use crate::probe::{Bench, any_slaves};
 use crate::watch::Started;
 
-/// In SafeOP, and on the way to OP, for which slave 2 is waited for.
+/// A board in SafeOP on the way to OP, which waits for slave 2.
 fn waiting() -> Bench {
     let mut bench = Bench::new(EngineConfig::default(), any_slaves(3));
     bench.host.declare_drives(3).go(SafeOp);
@@ -20,8 +20,8 @@ fn waiting() -> Bench {
     bench
 }
 
-/// SK-6.15 A change that waits for a silent slave does not hold up an SDO: a healthy slave answers as ever, the silent one
-/// and an absent one end in abort 0x05040000 within their time (SK-6.7), and the change goes on.
+/// SK-6.15 A change that waits for a silent slave does not hold up an SDO: a healthy slave answers as usual, the silent
+/// one and an absent one end in abort 0x05040000 within their time (SK-6.7), and the change goes on.
 #[test]
 fn beside_a_change_that_waits() {
     let Bench { mut host, network, .. } = waiting();
@@ -40,7 +40,7 @@ fn beside_a_change_that_waits() {
     host.until("OP", |host| host.state().0 == 8);
 }
 
-/// SK-6.8 SK-6.15 So does one to a lost slave, at once, while the change waits for it.
+/// SK-6.8 SK-6.15 A transfer to a lost slave ends so, too, at once, while the change waits for the slave.
 #[test]
 fn beside_a_change_that_waits_for_a_lost_slave() {
     let mut bench = Bench::new(EngineConfig::default(), any_slaves(3));

@@ -1,4 +1,4 @@
-//! What the slots of slaves and the SDO slot say in a response.
+//! The slots of slaves and the SDO slot in a response.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
@@ -46,7 +46,7 @@ fn id_and_index_of_the_command_executed_last() {
         host.go(MasterState::Op).raw(1, with_index(0x12, 0x5A)).cycle();
         assert_eq!((head(&host, 1), head(&host, 2)), ((0x12, 0x5A), (0x00, 0x00)), "{size:?}");
 
-        // Two frames wait in the FIFO: each shows when it is executed, and the last one stays.
+        // Two frames wait in the FIFO: each is shown when it is executed, and the last one stays.
         host.raw(1, with_index(0x11, 1)).raw(1, with_index(0x12, 2));
         assert_eq!(head(&host, 1), (0x12, 0x5A), "{size:?}");
         for expected in [(0x11, 1), (0x12, 2), (0x12, 2), (0x12, 2)] {
@@ -99,8 +99,8 @@ fn profile_1_5_shows_the_mode() {
     }
 }
 
-/// SK-3.32 Outside OP GET_STATUS keeps all of a slave's slot but its id: in PreOP what DRIVE_MODE has left there, below OP what
-/// OP has. In profile 1.5 byte 1 is the mode of the command executed last, whatever is declared later.
+/// SK-3.32 Outside OP GET_STATUS keeps all of a slave's slot but its id: in PreOP the result of DRIVE_MODE, below OP
+/// the last values of OP. In profile 1.5 byte 1 is the mode of the command executed last, whatever is declared later.
 #[test]
 fn get_status_outside_op_keeps_the_last_result() {
     for (firmware, of_drive_mode, in_op) in [(Firmware::V17, 0x21, 0x43), (Firmware::V15, 9, 8)] {
@@ -244,9 +244,9 @@ fn the_sdo_slot_keeps_its_answer() {
     }
 }
 
-/// SK-4.37 After a rejection outside OP the slot's answer stays as it was; in OP it becomes GET_STATUS's.
-/// SK-4.38 The SDO slot keeps its answer, in OP too.
-/// SK-4.40 A rejection harms nothing else in the frame, and in OP the frame takes its entry.
+/// SK-4.37 After a rejection outside OP the slot's answer stays as it was; in OP it becomes GET_STATUS's. SK-4.38 The
+/// SDO slot keeps its answer, in OP too. SK-4.40 A rejection affects no other command of the frame, and in OP the frame
+/// takes its entry.
 #[test]
 fn a_rejection_harms_its_own_answer_alone() {
     for size in SlotSize::ALL {

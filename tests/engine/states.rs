@@ -1,4 +1,4 @@
-//! The state of the network: boot, every way up and down, what a change does to the rest.
+//! The state of the network: boot, every change up and down, and the effects of a change.
 
 use MasterState::{Init, Op, PreOp, SafeOp};
 use ecmsk::cia402::Mode;
@@ -20,7 +20,7 @@ fn board(n: usize) -> Bench {
     bench
 }
 
-/// Asks for a state and says which state bytes the reports show until `wanted` does, and how many reports it took.
+/// Asks for a state; returns the state bytes of the reports until `wanted` is shown, and the number of reports.
 fn walk(host: &mut Host, target: MasterState, wanted: u8) -> (Vec<u8>, usize) {
     host.cycle();
     host.master(MasterCommand::SetState(target));
@@ -45,9 +45,8 @@ fn set_dc(us: u32) -> MasterCommand {
     MasterCommand::SetDc { cycle: CycleTime::from_us(us).unwrap(), shift: DcShift::Auto }
 }
 
-/// SK-4.47 After power-up the ECM looks for slaves and enters PreOP by itself.
-/// SK-4.48 Until then the host interface does not talk: no report comes and no command is taken.
-/// SK-4.67 States 0 and 0x10 are not seen before the first PreOP.
+/// SK-4.47 After power-up the ECM looks for slaves and enters PreOP by itself. SK-4.48 Until then the host interface is
+/// silent: no report comes and no command is taken. SK-4.67 States 0 and 0x10 are not seen before the first PreOP.
 #[test]
 fn boot_ends_in_preop() {
     let mut board = Board::new(EngineConfig::default(), Box::new(SimBus::new(drives(2))));
@@ -67,7 +66,7 @@ fn boot_ends_in_preop() {
     assert_eq!(board.engine().slaves_found(), 2);
 }
 
-/// SK-2.9 SK-4.48 Without a slave the board does not talk, and finds one that is plugged in later.
+/// SK-2.9 SK-4.48 Without a slave the board is silent, and finds one that is plugged in later.
 #[test]
 fn boot_without_a_slave() {
     let bus = SimBus::new(drives(1));
@@ -135,7 +134,7 @@ fn every_way_up_and_down() {
     assert_eq!(host.counters().rejected_total(), 0);
 }
 
-/// SK-4.54 Asking for the state one is in is not an error, and moves nobody.
+/// SK-4.54 Asking for the present state is not an error, and no slave changes its state.
 #[test]
 fn asking_for_the_present_state() {
     let Bench { mut host, jobs, .. } = board(1);
@@ -190,7 +189,7 @@ type Requests = &'static [(u32, MasterState)];
 #[test]
 fn a_target_is_replaced_during_a_change() {
     let ways: [(Requests, &[u8]); 8] = [
-        // A way up is given up before SafeOP, in whichever part of it.
+        // A change up is given up before SafeOP, in any phase of it.
         (&[(4, Op), (1000, PreOp)], &[2]),
         (&[(15, Op), (1000, PreOp)], &[2]),
         (&[(100, Op), (1000, PreOp)], &[2]),
@@ -214,21 +213,21 @@ fn a_target_is_replaced_during_a_change() {
             }
         }
         assert_eq!(seen, states, "{requests:?}");
-        // Nothing is left in between: the way up still works.
+        // No slave is left in between: the way up still works.
         host.go(if host.state().0 == 1 { PreOp } else { Op }).go(PreOp).go(Op);
     }
 }
 
-/// SK-4.64 What the target before still had to do is given up: slaves that cannot be configured do no harm.
+/// SK-4.64 The remaining steps to the replaced target are given up: slaves that cannot be configured do no harm.
 #[test]
 fn a_replaced_target_is_given_up_at_once() {
     let Bench { mut host, jobs, .. } = Bench::new(EngineConfig::default(), drives(2));
-    // They are declared IO, which fails after some 10 ms.
+    // The slaves are declared IO, which fails after some 10 ms.
     host.master(MasterCommand::SetState(Op)).cycles(4);
     host.master(MasterCommand::SetState(PreOp)).cycles(1000);
     assert_eq!(host.state().0, 2);
 
-    // And what was configured for it does not count for the next.
+    // The configuration for the replaced target does not count for the next one.
     host.declare_drives(2).cycle();
     host.master(MasterCommand::SetState(Op)).cycles(100);
     host.master(MasterCommand::SetState(PreOp)).cycles(2);
@@ -236,7 +235,7 @@ fn a_replaced_target_is_given_up_at_once() {
     assert_eq!(jobs.configured().cycle.us(), 2000);
 }
 
-/// SK-4.64 On the way down too.
+/// SK-4.64 The same on the way down.
 #[test]
 fn a_target_is_replaced_on_the_way_down() {
     for (first, second, end) in [(PreOp, Op, 8), (SafeOp, Init, 1), (Init, PreOp, 2), (Init, Op, 8)] {
@@ -273,7 +272,7 @@ fn axes_are_declared_by_nibbles() {
         }
         for group in [3, 0, 4, 2, 1usize] {
             let nibble = |k: usize| match group * 8 + k {
-                // Of no kind: nobody looks at them.
+                // Nibbles of missing slaves: they are not checked.
                 n if n >= slaves => 0x7,
                 n => nibbles[n % nibbles.len()],
             };
@@ -290,7 +289,7 @@ fn axes_are_declared_by_nibbles() {
     }
 }
 
-/// SK-9.9 A report per default cycle before OP, in OP one per EtherCAT cycle: SET_DC's. In SafeOP still the default.
+/// SK-9.9 A report per default cycle before OP, also in SafeOP; in OP one per EtherCAT cycle of SET_DC.
 #[test]
 fn report_period() {
     for us in [250, 500, 1000, 4000, 512_000] {
@@ -307,8 +306,8 @@ fn report_period() {
     }
 }
 
-/// SK-4.65 Axes, DC and modes survive going back from OP, and what is set during a change counts from the next one on:
-/// the slaves were configured with what was set before it.
+/// SK-4.65 Axes, DC and modes survive going back from OP, and a setting during a change counts from the next change on:
+/// the slaves were configured with the earlier one.
 #[test]
 fn settings_during_a_change_count_from_the_next() {
     let Bench { mut host, jobs, .. } = board(2);

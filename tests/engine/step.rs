@@ -1,4 +1,4 @@
-//! STEP slaves: drives that have CSP alone.
+//! STEP slaves: drives with CSP only.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::SdoSize;
@@ -25,7 +25,7 @@ fn declare(host: &mut Host) -> &mut Host {
     host.master(MasterCommand::SetAxis { group: 0, kinds })
 }
 
-/// A board in OP with a stepper on strings, at 1000 counts.
+/// A board in OP with a puppet stepper, at 1000 counts.
 fn board(slot: SlotSize) -> (Host, Puppet) {
     let puppet = Puppet::new();
     puppet.stand(1000);
@@ -65,7 +65,7 @@ fn it_is_switched_as_a_drive() {
 }
 
 /// SK-3.20 CSP is its motion command; targets before Operation enabled are discarded and counted (SK-7.18), and until
-/// then it holds where it is (SK-7.16). Data2 is ignored (SK-4.25).
+/// then it holds its position (SK-7.16). Data2 is ignored (SK-4.25).
 #[test]
 fn it_follows_positions() {
     for size in SlotSize::ALL {
@@ -117,7 +117,7 @@ fn no_other_drive_mode() {
     }
 }
 
-/// SK-3.20 A simulated stepper goes where CSP says, and its alarm shows and is cleared.
+/// SK-3.20 A simulated stepper follows CSP, and its alarm is shown and cleared.
 #[test]
 fn a_stepper_moves() {
     for size in SlotSize::ALL {

@@ -32,7 +32,7 @@ fn board(how: Option<Ahead>, n: usize) -> (Host, Vec<Puppet>, SimHandle) {
     (host, puppets, network)
 }
 
-/// Outputs of every slave, in cycles of 1 ms, repetitions counted: how long each pattern was there.
+/// The output patterns of every slave, and how many cycles of 1 ms each was there.
 fn patterns(puppets: &[Puppet]) -> Vec<(Vec<u16>, u64)> {
     let sent: Vec<Vec<u16>> =
         puppets.iter().map(|puppet| puppet.strings().sent.iter().map(|out| out.outputs).collect()).collect();
@@ -51,7 +51,7 @@ fn last(puppets: &[Puppet]) -> Vec<u16> {
     puppets.iter().map(|puppet| puppet.last().outputs).collect()
 }
 
-/// SK-4.70 SK-10.12 It goes to OP by itself, with the defaults: all slaves IO, 1000 us. Nobody sends a frame.
+/// SK-4.70 SK-10.12 The board goes to OP by itself, with the defaults: all slaves IO, 1000 us. No frame is sent.
 /// SK-4.71 All outputs are on for 2 s, then one after another, slave by slave, and all over again.
 #[test]
 fn the_walk() {
@@ -78,7 +78,7 @@ fn the_walk() {
     }
 }
 
-/// SK-10.12 CONFIG1 low or floating: nothing of it happens. SK-4.71
+/// SK-10.12 CONFIG1 low or floating: there is no test mode. SK-4.71
 #[test]
 fn the_normal_mode() {
     assert!(!EngineConfig::default().test);
@@ -90,14 +90,14 @@ fn the_normal_mode() {
     assert!(puppet.strings().sent.iter().all(|out| out.outputs == 0));
 }
 
-/// SK-4.72 A host that writes outputs ends the walk for good: what it wrote holds, and the walk's own outputs are off.
+/// SK-4.72 A host that writes outputs ends the walk for good: its outputs hold, and the walk's own outputs are off.
 #[test]
 fn a_host_ends_the_walk() {
     for how in two_buses() {
         for wait in [10, 2100, 4100] {
             let (mut host, puppets, _) = board(how, 3);
             host.until("OP", |host| host.state().0 == 8).cycles(wait);
-            // Nothing but IO_WR ends it.
+            // Only IO_WR ends it.
             let before = last(&puppets);
             host.slave(1, SlaveCommand::IoRead).idle().raw(2, RawSlot { id: 0x15, ..RawSlot::ZERO });
             host.master(MasterCommand::LocalWrite(5)).drained().cycles(5);
@@ -119,7 +119,7 @@ fn a_host_ends_the_walk() {
     }
 }
 
-/// SK-4.72 [OURS] A write that SET_FIFO clears before it is sent ends nothing.
+/// SK-4.72 [OURS] A write that SET_FIFO clears before it is sent does not end the walk.
 #[test]
 fn a_write_that_is_cleared() {
     let how = Ahead::kind(64, 1, 1, 0);
@@ -139,7 +139,7 @@ fn a_write_that_is_cleared() {
     assert_eq!(last(&puppets)[0].count_ones(), 1, "the walk goes on");
 }
 
-/// SK-4.70 [OURS] A host that leads the board elsewhere is followed; back in OP the walk begins anew.
+/// SK-4.70 [OURS] The board follows a host's SET_STATE; back in OP the walk restarts.
 #[test]
 fn a_host_changes_the_state() {
     let (mut host, puppets, _) = board(None, 1);
@@ -148,14 +148,14 @@ fn a_host_changes_the_state() {
     puppets[0].forget();
     host.go(MasterState::Op).cycles(1500);
     assert_eq!(last(&puppets), [0xFFFF]);
-    // SK-4.33 After SW_RESET all begins anew.
+    // SK-4.33 After SW_RESET everything restarts.
     host.slave(1, SlaveCommand::IoWrite(0)).cycles(5).soft_reset();
     puppets[0].forget();
     host.until("OP", |host| host.state().0 == 8).cycles(100);
     assert_eq!(last(&puppets), [0xFFFF]);
 }
 
-/// SK-4.71 Slaves of other kinds are passed over. SK-4.58 With the defaults all are IO, so a servo drive keeps the board
+/// SK-4.71 Slaves of other kinds are skipped. SK-4.58 With the defaults all are IO, so a servo drive keeps the board
 /// from OP, and it stays at 0x10 | 2 without a retry.
 #[test]
 fn other_slaves() {

@@ -1,4 +1,4 @@
-//! A bus that says when its jobs begin and end.
+//! A bus that records when its jobs begin and end.
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -9,7 +9,7 @@ use ecmsk::fieldbus::{
 
 use support::hand_on;
 
-/// What a bus has started.
+/// A job or SDO that a bus has started.
 #[derive(Clone, Copy, Debug)]
 pub enum Started {
     Job(Job),
@@ -24,17 +24,17 @@ pub struct Span {
     pub ended: Option<Ns>,
 }
 
-/// Every job a bus was given, in order; clones see the same ones.
+/// Every job of a bus, in order; clones share the record.
 #[derive(Clone, Default)]
 pub struct Spans(Arc<Mutex<Vec<Span>>>, Arc<AtomicU32>, Arc<AtomicU64>, Arc<Mutex<Outputs>>);
 
 impl Spans {
-    /// The bus is busy that often when it is to start something.
+    /// Makes the bus busy for that many starts of jobs.
     pub fn be_busy(&self, times: u32) {
         self.1.store(times, Ordering::Relaxed);
     }
 
-    /// Sets of outputs that it took.
+    /// The number of sets of outputs that it took.
     pub fn pushes(&self) -> u64 {
         self.2.load(Ordering::Relaxed)
     }
@@ -54,12 +54,12 @@ impl Spans {
         transfers.collect()
     }
 
-    /// How many there were.
+    /// The number of jobs.
     pub fn len(&self) -> usize {
         self.0.lock().unwrap().len()
     }
 
-    /// What the last change from PreOP to SafeOP configured.
+    /// The configuration of the last change from PreOP to SafeOP.
     pub fn configured(&self) -> BusConfig {
         let spans = self.0.lock().unwrap();
         let newest = spans.iter().rev().find_map(|span| match span.job {
@@ -85,7 +85,7 @@ impl Spans {
     }
 }
 
-/// Another bus, watched.
+/// A wrapper that watches another bus.
 pub struct Watch<B> {
     inner: B,
     spans: Spans,
@@ -97,12 +97,12 @@ impl<B: Fieldbus> Watch<B> {
         (Self { inner, spans: spans.clone() }, spans)
     }
 
-    /// The same watch on a bus that stands in the place of that one.
+    /// The same watch on a bus that replaces that one.
     pub fn over<C: Fieldbus>(self, change: impl FnOnce(B) -> C) -> Watch<C> {
         Watch { inner: change(self.inner), spans: self.spans }
     }
 
-    /// What is to be started, unless the bus is made busy.
+    /// Records a start, unless the test makes the bus busy.
     fn started(&mut self, job: Started, now: Ns) -> Result<(), Busy> {
         if self.spans.1.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |n| n.checked_sub(1)).is_ok() {
             return Err(Busy);
@@ -115,7 +115,7 @@ impl<B: Fieldbus> Watch<B> {
         Ok(())
     }
 
-    /// The SDO under way, or the other job, ends; `None`: it is cancelled.
+    /// Records the end of the SDO under way, or of the other job; `None`: it is cancelled.
     fn end(&mut self, is_sdo: bool, now: Option<Ns>) {
         let mut spans = self.spans.0.lock().unwrap();
         let newest = spans.iter_mut().rev().find(|span| matches!(span.job, Started::Sdo(_)) == is_sdo);

@@ -1,10 +1,10 @@
-//! A PC that stands still again and again, with the board over an ECM-XF in it: what lies in the chip bridges that, and what
-//! it does not bridge is counted.
+//! A PC that stalls again and again, with the board over an ECM-XF in it: the chip's FIFO bridges the stalls, and
+//! cycles that it does not bridge are counted.
 
 use ecmsk::sk::CycleTime;
 use support::late_host::{LateHost, Outcome, Stalls};
 
-/// Stalls of so many cycles, one every 100 ms, begun at all times of a cycle, for 3 s.
+/// Stalls of that many cycles, one every 100 ms, begun at all times of a cycle, for 3 s.
 fn lead(drives: usize, ahead: u16, cycles: u64) -> Outcome {
     let outcome = LateHost::new(drives, ahead).lead(3000, Stalls { cycles, every: 100 });
     assert!(outcome.targets > 2500 && outcome.stalls >= 28, "{drives} drives, ahead {ahead}: {outcome:?}");
@@ -25,14 +25,14 @@ fn stalls_that_the_chip_bridges_cost_no_cycle() {
     }
 }
 
-/// XF-19.14 A longer stall loses no target either. The drives get the newest one again until the next one comes, once for
-/// each cycle that is not bridged, and the board counts no fewer idle cycles.
+/// XF-19.14 A longer stall loses no target, either. The drives get the newest one again until the next one comes, once
+/// for each cycle that is not bridged, and the board counts no fewer idle cycles.
 #[test]
 fn what_a_longer_stall_costs_is_counted() {
     let repeated = [9, 14, 20].map(|cycles| {
         let outcome = lead(40, 4, cycles);
         let Outcome { repeated, idle_cycles, stalls, .. } = outcome;
-        // Of a cycle whose answer is late the board says that it carried nothing, until it knows better.
+        // A cycle whose answer is late counts as one without outputs until the answer comes.
         assert!((repeated..=repeated + 3 * stalls).contains(&idle_cycles), "{outcome:?}");
         (repeated, stalls)
     });
@@ -41,8 +41,8 @@ fn what_a_longer_stall_costs_is_counted() {
     assert!((of_20 - of_14).abs_diff(6 * stalls) <= 1, "{repeated:?}");
 }
 
-/// XF-19.15 With a cycle of 4 ms, and a program that has hardly more in the board than the chip takes, the board is at the present time
-/// again at once: a stall costs no more cycles than the chip did not bridge.
+/// XF-19.15 With a cycle of 4 ms, and a program that has hardly more in the board than the chip takes, the board
+/// catches up at once: a stall costs no more cycles than the chip did not bridge.
 #[test]
 fn a_long_cycle_is_caught_up_with_at_once() {
     const AHEAD: u64 = 8;

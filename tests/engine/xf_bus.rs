@@ -41,7 +41,7 @@ fn a_program_ends_in_the_same_place() {
     assert_eq!(host.state(), StateByte::reached(MasterState::Op));
 }
 
-/// XF-19.3 What a drive gets first in OP is the position where it is, with its motor off.
+/// XF-19.3 The first target of a drive in OP is its actual position, with its motor off.
 #[test]
 fn op_begins_where_the_axis_is() {
     let puppet = Puppet::new();
@@ -84,8 +84,8 @@ fn forty_drives_are_led_in_every_cycle() {
     }
 }
 
-/// XF-19.5 A cycle that the packets of 40 drives are too slow for is refused, with the time that they take; a longer one
-/// is held then.
+/// XF-19.5 A cycle that the packets of 40 drives are too slow for is refused, with the time that they take; a longer
+/// cycle works then.
 #[test]
 fn a_cycle_that_cannot_be_held_is_refused() {
     let mut host = over_xf(drives(40));
@@ -103,7 +103,7 @@ fn a_cycle_that_cannot_be_held_is_refused() {
     host.master(set_dc(1000)).go(MasterState::Op);
 }
 
-/// XF-19.6 A program that sends more than the chip is to hold has at most that many sets in it, and 6 for the transport.
+/// XF-19.6 A program that sends more sets than the chip's limit has at most that many in it, and 6 for the transport.
 #[test]
 fn no_more_than_ahead_lie_in_the_chip() {
     for ahead in [1, 4, 8, 20] {
@@ -116,7 +116,7 @@ fn no_more_than_ahead_lie_in_the_chip() {
         }
         host.cycles(40);
         puppet.forget();
-        // The board is held, so that it hands over nothing more: what comes now lies in the chip.
+        // The board's FIFO is held, so that it passes no more outputs: later cycles execute those in the chip.
         host.board.handle().hold_fifo(true);
         host.cycles(60);
         let first = puppet.strings().sent[0].target;
@@ -142,7 +142,7 @@ fn what_was_taken_is_sent_before_slaves_leave_op() {
 }
 
 /// XF-19.10 A program that sends a frame with each report while it waits for SV_ON finds hardly any of them in the FIFO
-/// afterwards: what it sends then is not late for ever.
+/// afterwards: later frames do not stay late for ever.
 #[test]
 fn waiting_for_servo_on_fills_no_fifo() {
     let mut host = over_xf(drives(2));
@@ -178,8 +178,8 @@ fn more_ahead_than_the_chip_has_entries() {
     assert_eq!((host.counters().full, host.counters().outputs_lost), (0, 0));
 }
 
-/// XF-19.2 SK-12.1 SK-12.2 A clear stops the chip's FIFO while cycles go on: what lay in it then counts as cleared, and not as executed by
-/// those cycles.
+/// XF-19.2 SK-12.1 SK-12.2 A clear stops the chip's FIFO while cycles go on: outputs in it then count as cleared, and
+/// not as executed by those cycles.
 #[test]
 fn what_a_clear_has_stopped_counts_as_cleared() {
     for (ahead, cycles) in [(8, 5), (20, 12), (60, 40), (60, 63)] {
@@ -193,7 +193,7 @@ fn what_a_clear_has_stopped_counts_as_cleared() {
             host.csp(1, n);
         }
         host.cycles(cycles).master(MasterCommand::SetFifo(FifoAction::Clear)).drained().cycles(80);
-        // The frame that clears is one of those that are executed.
+        // The frame with the clear is itself executed.
         let executed = (host.counters().executed - before.executed) as i32 - 1;
         let newest = puppet.last().target;
         assert_eq!(newest, executed, "ahead {ahead}, cleared after {cycles} cycles");
@@ -201,8 +201,9 @@ fn what_a_clear_has_stopped_counts_as_cleared() {
     }
 }
 
-/// SK-12.11 Whenever an SV_OFF and an SV_ON come while an SV_ON is under way beside an axis in motion, so that sets with older
-/// steps lie in the chip: the drive is enabled at most once by each SV_ON, and off again at most once by the SV_OFF.
+/// SK-12.11 Whenever an SV_OFF and an SV_ON come while an SV_ON is under way beside an axis in motion, so that the chip
+/// has sets with older steps: the drive is enabled at most once by each SV_ON, and off again at most once by the
+/// SV_OFF.
 #[test]
 fn an_enabled_drive_stays_enabled() {
     let puppets = [Puppet::obedient(), Puppet::obedient()];

@@ -1,4 +1,4 @@
-//! Working counters that are wrong behind an ECM-XF, which counts them and says neither in which cycles nor whose fault it was.
+//! Wrong working counters behind an ECM-XF, which counts them, but reports neither the cycles nor the slave.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -20,7 +20,7 @@ use crate::host::Host;
 use crate::probe::drives;
 use crate::puppet::{Puppet, SWITCHED_ON};
 
-/// Slaves one of which does not send its inputs in cycles, though it answers otherwise.
+/// Slaves, one of which does not send its inputs in cycles, though it answers otherwise.
 struct Lacking {
     slaves: SlaveModels,
     /// Which one, from 1; 0: all send them.
@@ -81,7 +81,7 @@ impl ImmediateNetwork for Lacking {
         if place.commanded < AlState::SafeOp {
             return counter;
         }
-        // What lies there is not from the slave.
+        // These bytes are not from the slave.
         inputs[place.inputs()].fill(0x7D);
         let [low, high] = SWITCHED_ON.to_le_bytes();
         inputs[place.inputs()][..2].copy_from_slice(&[low, high]);
@@ -109,8 +109,9 @@ fn in_op(slaves: Vec<Box<dyn Slave>>, mode: Mode) -> (Host, Arc<AtomicU8>, SimHa
     (host, mute, network)
 }
 
-/// The working counter of each cycle is too low for good, and nobody is lost: the chip does not say whose inputs are missing. All slaves are
-/// lost as soon as their states have shown that it is no lost slave, 20 cycles later at the earliest, and stand.
+/// The working counter of each cycle stays too low, and no slave is lost: the chip does not report whose inputs are
+/// missing. All slaves are lost as soon as their states have shown that it is no lost slave, 20 cycles later at the
+/// earliest, and stand.
 #[test]
 fn axes_in_csv_whose_inputs_never_arrive_are_stopped() {
     let (mut host, mute, network) = in_op(drives(2), Mode::Csv);
@@ -148,7 +149,7 @@ fn axes_in_csv_whose_inputs_never_arrive_are_stopped() {
     assert_eq!(host.drive(2).position.abs_diff(network.shaft(2, 0).expect("a shaft") as i32), 0);
 }
 
-/// What the slaves are sent whose inputs are stale is a quick stop, on whose ramp they brake, and not the loss of their torque.
+/// Slaves whose inputs are stale get a quick stop, on whose ramp they brake, and do not lose their torque.
 #[test]
 fn axes_whose_inputs_are_stale_are_sent_a_quick_stop() {
     let puppets = [Puppet::obedient(), Puppet::obedient()];
@@ -167,7 +168,8 @@ fn axes_whose_inputs_are_stale_are_sent_a_quick_stop() {
     }
 }
 
-/// While the working counter is wrong no servo is enabled by what comes beside it; when it is right again, the servo is enabled where it is.
+/// While the working counter is wrong, its inputs enable no servo; when it is right again, the servo is enabled at its
+/// position.
 #[test]
 fn a_counter_that_is_too_low_enables_no_servo() {
     let puppets = [Puppet::obedient(), Puppet::obedient()];

@@ -1,4 +1,5 @@
-//! The board over an ECM-XF that nobody hears for a while, so that nobody knows whether it has taken the newest set of outputs.
+//! The board over an ECM-XF that is silent for a while, so that it is not known whether it has taken the newest set of
+//! outputs.
 
 use std::convert::Infallible;
 use std::ops::Range;
@@ -28,12 +29,12 @@ const MS: Ns = 1_000_000;
 /// Longer than the driver waits for an answer, and shorter than a slave stays in OP without outputs.
 const SILENT_NS: Ns = 150 * MS;
 
-/// What the host of a silent chip has.
+/// What the host of a silent chip sees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Silence {
-    /// What it sends arrives, and nothing comes back.
+    /// Its packets arrive, and no answer comes back.
     NoAnswer,
-    /// Nothing that it sends arrives, and what comes back says that the chip is not ready.
+    /// Its packets do not arrive, and the answer is "not ready".
     NotReady,
 }
 
@@ -59,7 +60,7 @@ impl Wires for Silent {
             from_chip.fill(0);
         }
         if is_silent && self.silence == Silence::NotReady {
-            // What searches a packet has other lengths.
+            // Exchanges that search for a packet have other lengths.
             let _ = write_not_ready(from_chip, Profile::NEW.size, AnswerHeader::default());
         }
         Ok(())
@@ -87,7 +88,7 @@ fn bus(
     (XfBus::new(wires, config, XfBusOptions { size_is_fixed: true, ..XfBusOptions::DEFAULT }), clock, during)
 }
 
-/// So much later nothing comes back any more.
+/// Makes the chip silent from that delay on.
 fn fall_silent(clock: &AtomicU64, during: &Mutex<Range<Ns>>, later_ns: Ns) {
     let from = clock.load(Ordering::Relaxed) + later_ns;
     *during.lock().unwrap() = from..from + SILENT_NS;
@@ -113,8 +114,8 @@ impl Rig {
     }
 }
 
-/// Runs `episode` in boards whose chip falls silent at any moment of the way of a set. Some of the moments are such that nobody
-/// knows whether it was written.
+/// Runs `episode` in boards whose chip falls silent at every phase of writing a set. In some phases it is not known
+/// whether the set was written.
 fn at_any_moment(mut episode: impl FnMut(&mut Rig, i32)) {
     for silence in [Silence::NoAnswer, Silence::NotReady] {
         let mut rig = Rig::new(silence);
@@ -130,14 +131,14 @@ fn at_any_moment(mut episode: impl FnMut(&mut Rig, i32)) {
     }
 }
 
-/// The wires are heard again, and nothing waits in the FIFO.
+/// Waits until the chip answers again, and the FIFO is empty.
 fn at_rest(host: &mut Host) {
     host.cycles(400);
     assert_eq!(host.board.engine().fifo_free(), FIFO_ENTRIES);
 }
 
-/// XF-20.17 Where nobody knows whether the newest outputs have reached the chip, they are written once more: the axis goes to
-/// its newest target, an SV_OFF switches off, and no frame stays in the FIFO, though no command follows.
+/// XF-20.17 If it is not known whether the newest outputs have reached the chip, they are written once more: the axis
+/// goes to its newest target, an SV_OFF switches off, and no frame stays in the FIFO, though no command follows.
 #[test]
 fn the_newest_outputs_come() {
     at_any_moment(|Rig { host, puppets, .. }, target| {
@@ -151,7 +152,8 @@ fn the_newest_outputs_come() {
     });
 }
 
-/// XF-20.18 A slave that is lost meanwhile is told to hold, and none of the others goes back to the outputs before the newest.
+/// XF-20.18 A slave that is lost meanwhile is commanded to hold, and none of the others returns to outputs before the
+/// newest.
 #[test]
 fn nobody_goes_back_beside_a_lost_slave() {
     at_any_moment(|Rig { host, puppets, handle, .. }, target| {
@@ -165,7 +167,7 @@ fn nobody_goes_back_beside_a_lost_slave() {
     });
 }
 
-/// XF-20.18 What the board's clear takes back is not written once more.
+/// XF-20.18 Outputs that the board's clear takes back are not written once more.
 #[test]
 fn a_clear_decides_what_comes() {
     at_any_moment(|Rig { host, puppets, .. }, target| {
@@ -194,7 +196,7 @@ fn outputs(id: u64) -> Outputs {
     outputs
 }
 
-/// XF-20.17 XF-20.18 A clear says which outputs were sent, whatever becomes of those in doubt, and the slave has those.
+/// XF-20.17 XF-20.18 A clear returns the outputs that were sent, also with outputs in doubt, and the slave has those.
 #[test]
 fn a_clear_tells_what_a_slave_has() {
     let mut doubts = 0;

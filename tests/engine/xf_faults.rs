@@ -1,4 +1,4 @@
-//! The board over an ECM-XF where something fails: wires, the chip, slaves behind it, and jobs that are given up.
+//! The board over an ECM-XF with faults: wires, the chip, slaves behind it, and jobs that are given up.
 
 use std::sync::atomic::Ordering;
 
@@ -45,7 +45,7 @@ fn who_comes_back_disturbs_nobody() {
     assert!(puppets[0].strings().al_state() == AlState::Op && puppets[1].strings().al_state() == AlState::Op);
 }
 
-/// XF-19.8 Wires that are cut are told once, with what to do. When they are whole again all slaves are taken out of OP at
+/// XF-19.8 Cut wires are reported once, with what to do. When they are whole again all slaves are taken out of OP at
 /// once, since the chip still repeats its newest outputs, and count as lost; the next SET_STATE brings them back.
 #[test]
 fn cut_wires_are_told_and_heal() {
@@ -122,12 +122,12 @@ fn the_tenth_loss_is_named_as_soon_as_the_first() {
     }
 }
 
-/// XF-19.11 A slave that is lost while another one is being brought back is named all the same, and what it has not got is
-/// counted.
+/// XF-19.11 A slave that is lost while another one is being brought back is named all the same, and the outputs that it
+/// missed are counted.
 #[test]
 fn who_is_lost_meanwhile_is_named() {
     let (mut host, puppets, handle) = two_of_which_one_is_lost();
-    // It does not answer, so that the change lasts.
+    // The slave does not answer, so that the change lasts.
     host.master(MasterCommand::SetState(MasterState::Op)).cycles(200);
     let mut targets = 0;
     for cycle in 0..400 {
@@ -140,7 +140,7 @@ fn who_is_lost_meanwhile_is_named() {
     assert!(host.board.engine().lost().contains(1), "{:?}", host.board.engine().lost());
     host.drained().cycles(100);
     let got = puppets[0].targets().last().copied().expect("some have come");
-    // What was sent since the states were read last, and may have come, counts as well.
+    // Outputs sent since the states were read last, which may have arrived, count as well.
     let (missing, counted) = (targets - got, host.counters().for_lost as i32);
     assert!((missing..missing + 20).contains(&counted), "{got} of {targets} have come, {counted} counted");
 }
@@ -164,8 +164,8 @@ fn one_of_two_back(puppets: &[Puppet; 2], handle: &SimHandle) -> Host {
     host
 }
 
-/// XF-19.11 What lies in the chip when the last slave leaves OP for the configuration of another one is lost, and counted:
-/// the FIFO runs empty without another command. SK-12.7 It comes back by the same SET_STATE.
+/// XF-19.11 Outputs in the chip when the last slave leaves OP for the configuration of another one are lost, and
+/// counted: the FIFO runs empty without another command. SK-12.7 It comes back by the same SET_STATE.
 #[test]
 fn what_nobody_gets_any_more_is_counted() {
     let (puppets, handle) = ([Puppet::obedient(), Puppet::obedient()], SimHandle::default());
@@ -215,7 +215,8 @@ fn a_network_that_was_found_in_part_is_found_whole() {
     }
 }
 
-/// XF-19.11 A slave that misses some cycles and is there again before its state is read is not lost, and the cycles count.
+/// XF-19.11 A slave that misses some cycles and answers again before its state is read is not lost, and the cycles are
+/// counted.
 #[test]
 fn cycles_that_somebody_has_missed_are_counted() {
     let (puppet, handle) = (Puppet::obedient(), SimHandle::default());
@@ -253,18 +254,18 @@ fn who_was_lost_before_a_change_is_counted() {
     assert!(counters.for_lost + counters.cleared >= 200 - got, "{got} have come, {counters:?}");
 }
 
-/// The only slave goes to that state.
+/// The job that brings the only slave to that state.
 fn state(target: AlState) -> Job {
     Job::State { target, slaves: SlaveSet::first(1), timeout_ns: 10_000_000_000 }
 }
 
-/// The only slave is a drive in CSP.
+/// The job that configures the only slave as a drive in CSP.
 fn configure(cycle: CycleTime) -> Job {
     let drive = SlaveConfig { role: Role::Drive(Mode::Csp), sync: DriveSync::DcSync };
     Job::Configure(BusConfig { cycle, selected: SlaveSet::first(1), slaves: [drive; MAX_SLAVES] })
 }
 
-/// XF-19.13 A job that is given up when it has brought the last slave out of OP leaves a bus whose cycles are told on: the chip
+/// XF-19.13 After a job that is given up when the last slave has left OP, the bus still reports its cycles: the chip
 /// has none in that state.
 #[test]
 fn cycles_are_told_behind_a_job_that_was_given_up() {
@@ -281,7 +282,7 @@ fn cycles_are_told_behind_a_job_that_was_given_up() {
     bus.start(state(AlState::PreOp), 0).unwrap();
     let mut inputs = Inputs::default();
     times.find(|now| bus.poll_job(*now).is_none() && puppet.strings().al_state() < AlState::Op).expect("it leaves OP");
-    // The answer to that command, and no step behind it.
+    // The answer to that command, without a further step.
     times.next().map(|now| bus.poll_job(now));
     bus.cancel_job();
     let told = times.take(100).filter(|now| bus.poll(*now, &mut inputs).is_some()).count();
@@ -292,7 +293,7 @@ fn cycles_are_told_behind_a_job_that_was_given_up() {
 /// then: the next change of state fails, and the one behind it starts the network.
 #[test]
 fn a_reset_during_a_resize_is_seen() {
-    // The packets of a chip's start do not hold the process data of so many.
+    // The packets of a chip's start are too short for the process data of that many slaves.
     const DRIVES: u8 = 12;
     let puppets: Vec<Puppet> = (0..DRIVES).map(|_| Puppet::obedient()).collect();
     let mut bus = xf_bus(puppets.iter().map(Puppet::boxed).collect(), XfBusOptions::DEFAULT);

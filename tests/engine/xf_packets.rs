@@ -16,7 +16,7 @@ use crate::puppet::Puppet;
 /// Targets of the motion.
 const TARGETS: i32 = 300;
 
-/// So many drives in a cycle of so many us, and what they need with a clock in Hz.
+/// The requirements of that many drives, with the cycle in us and the clock in Hz.
 fn needs(drives: usize, cycle_us: u32, clock_hz: u32) -> Needs {
     let mut network = Network { cycle: CycleTime::from_us(cycle_us).expect("a cycle"), ..Network::default() };
     network.kinds[..drives].fill(Some(SlaveKind::Drive));
@@ -24,12 +24,12 @@ fn needs(drives: usize, cycle_us: u32, clock_hz: u32) -> Needs {
 }
 
 /// Cycles in the middle of a motion in which the first drive got the target of the cycle before once more. The program
-/// keeps 60 targets in the board's FIFO; beside what the transport takes one set lies in the chip.
+/// keeps 60 targets in the board's FIFO; beside the sets for the transport, the chip has one set.
 fn repeats(needs: &Needs, drives: usize, size: DataSize, idle_ns: u64) -> usize {
     repeats_at(needs.clock_hz, needs, drives, size, idle_ns)
 }
 
-/// The same with another clock of the wires, of which the bus does not know.
+/// The same with another clock of the wires, which the bus does not know.
 fn repeats_at(clock_hz: u32, needs: &Needs, drives: usize, size: DataSize, idle_ns: u64) -> usize {
     let puppet = Puppet::obedient();
     let others = (1..drives).map(|_| Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>);
@@ -55,7 +55,7 @@ fn repeats_at(clock_hz: u32, needs: &Needs, drives: usize, size: DataSize, idle_
     motion.windows(2).filter(|pair| pair[0] == pair[1]).count()
 }
 
-/// XF-19.5 With INT0 and without, in small and large networks, at the clock that there is and at the least one.
+/// XF-19.5 With INT0 and without, in small and large networks, at the present clock and at the least one.
 #[test]
 fn what_migrate_names_holds() {
     assert_eq!(INT0_IDLE_NS, ChipTiming::default().packet_ns);
@@ -75,8 +75,7 @@ fn what_migrate_names_holds() {
     }
 }
 
-/// With half of the least clock, of which the bus does not know, outputs are repeated: what is named is no figure that
-/// anything would pass.
+/// With half of the least clock, which the bus does not know, outputs are repeated: so the named clock is a real limit.
 #[test]
 fn half_of_the_least_clock_repeats_outputs() {
     let needs = needs(20, 500, 24_000_000);

@@ -1,5 +1,5 @@
-//! How long the start of a program takes over an ECM-XF, beside the same on the simulated bus, in the board's time. What is done
-//! ahead of it, and that nobody sees that.
+//! The duration of a program's start over an ECM-XF, compared with the simulated bus, in the board's time. The work
+//! that is done ahead of SET_STATE is invisible to programs.
 
 use std::sync::{Arc, Mutex};
 
@@ -20,16 +20,16 @@ use support::start::{Program, Start, Took, times};
 
 use crate::host::Host;
 
-/// What went over the wires of a chip.
+/// The packets on the wires of a chip.
 #[derive(Clone, Copy, Debug, Default)]
 struct Traffic {
-    /// SDO_REQ, STATE_SET and RECONFIG, each packet that is none of its repetitions.
+    /// The numbers of SDO_REQ, STATE_SET and RECONFIG packets, without repetitions.
     sdos: u64,
     states: u64,
     layouts: u64,
 }
 
-/// Wires that count.
+/// Wires that count packets.
 struct Counted<W> {
     wires: W,
     traffic: Arc<Mutex<Traffic>>,
@@ -100,7 +100,7 @@ fn starts() -> [(&'static str, Start); 5] {
     ]
 }
 
-/// XF-20.9 A program that rests between what it declares and SET_STATE has SafeOP as soon as on a board, but for a fifth.
+/// XF-20.9 A program that rests between its declarations and SET_STATE reaches SafeOP within 1.2 times a board's time.
 #[test]
 fn behind_a_rest_safeop_comes_as_soon_as_on_a_board() {
     for (name, start) in starts() {
@@ -109,9 +109,9 @@ fn behind_a_rest_safeop_comes_as_soon_as_on_a_board() {
     }
 }
 
-/// XF-20.9 With exactly the pauses of the vendor's samples, 2 ms between two frames and none before SET_STATE, nothing can be done
-/// ahead: the SDOs of the configuration, each a command of the chip, and the layout are all still to come. How much longer than on a
-/// board SafeOP takes then, and the rest behind which it comes as soon as there, but for a fifth.
+/// XF-20.9 With exactly the pauses of the vendor's samples, 2 ms between two frames and none before SET_STATE, nothing can be
+/// done ahead: the SDOs of the configuration, each a command of the chip, and the layout are all still to come. The test shows
+/// how much longer than on a board SafeOP takes then, and the rest after which it comes within 1.2 times a board's time.
 #[test]
 fn how_long_safeop_takes_by_the_pauses_of_a_program() {
     for (name, start, per_cent_at_once, enough_ms) in [
@@ -127,8 +127,9 @@ fn how_long_safeop_takes_by_the_pauses_of_a_program() {
     }
 }
 
-/// XF-20.9 Drives whose mode has a PDO of its own, of which the entries are right, are written its assignment alone. The layout is
-/// made ahead if it is as long as what is assigned so far, as for velocities; a torque is shorter, and is laid out behind that.
+/// XF-20.9 For drives whose mode has its own PDO with the right entries, only its assignment is written. The layout is
+/// made ahead if it is as long as the present assignment, as for velocities; a torque is shorter, and is laid out after
+/// it.
 #[test]
 fn drives_in_csv_are_written_the_assignment_alone() {
     let drives = |mode, drives| Start { mode, ..Start::of_drives(drives) }.resting(2500);
@@ -143,15 +144,15 @@ fn drives_in_csv_are_written_the_assignment_alone() {
         // The mode, the assignment: its count away, its entry, its count.
         assert_eq!((after.sdos - before.sdos, [before.layouts, after.layouts - before.layouts]), (4 * 9, layouts));
     }
-    // Each of these SDOs takes 3.5 ms, which no rest hides: written ahead they would be seen by SDO.
+    // Each of these SDOs takes 3.5 ms, which no rest hides: a program would see an earlier write by SDO.
     for (count, per_cent) in [(9, 120), (40, 165)] {
         let [[board, _], [chip, _]] = both(&drives(Mode::Csv, count));
         assert!(chip.ns * 100 <= board.ns * per_cent, "{count}: {} and {} ms", board.ms(), chip.ms());
     }
 }
 
-/// XF-20.9 A program that gives up after 1000 reports, as those of the vendor's samples do, has 9 drives in SafeOP by then, with
-/// any firmware, though it rests nowhere.
+/// XF-20.9 A program that gives up after 1000 reports, as those of the vendor's samples do, has 9 drives in SafeOP by then,
+/// with any firmware, even without a rest.
 #[test]
 fn nine_drives_are_there_before_a_program_gives_up() {
     let start = Start::of_drives(9);
@@ -179,8 +180,8 @@ fn forty_of_any_kinds_are_in_op_within_6_s() {
     }
 }
 
-/// XF-20.9 What is done ahead is not done again: behind a rest one SDO goes to each drive, that of its mode, the process data are
-/// laid out already, and all go to SafeOP by one command.
+/// XF-20.9 Work done ahead is not repeated: after a rest one SDO goes to each drive, that of its mode, the process data
+/// are laid out already, and all go to SafeOP by one command.
 #[test]
 fn what_was_done_ahead_is_not_done_again() {
     let start = Start::of_drives(9).resting(1000);
@@ -204,7 +205,7 @@ fn drives(n: usize) -> Vec<Box<dyn Slave>> {
     Start::of_drives(n).slaves()
 }
 
-/// The same program on a board and over a chip: what it has seen, and what its objects are in the end.
+/// Runs the same program on a board and over a chip, and compares what it has seen, and its objects in the end.
 fn same(slaves: usize, program: impl Fn(&mut Host, &SimHandle) -> Vec<String>) {
     let sim = SimBus::new(drives(slaves));
     let network = sim.handle();
@@ -229,15 +230,15 @@ const WRITTEN: [(u16, u8); 9] = [
 fn objects(host: &mut Host, slave: u8) -> String {
     let values = WRITTEN.map(|(index, sub)| {
         let value = host.read_object(slave, index, sub);
-        // The slot is not to show the next object already.
+        // Another answer first, so that the slot does not show the next object already.
         let _ = host.read_object(slave, 0x1000, 0);
         value
     });
     format!("{values:X?}")
 }
 
-/// SK-7.34 XF-19.1 A program that reads the objects of its drives between SET_AXIS and SET_STATE reads what it reads on a board,
-/// whenever it does, and in whatever mode the drives are to be; so it does in SafeOP, and in PreOP again.
+/// SK-7.34 XF-19.1 A program that reads the objects of its drives between SET_AXIS and SET_STATE reads the same values
+/// as on a board, at any time, and for every mode of the drives. So it does in SafeOP, and in PreOP again.
 #[test]
 fn no_sdo_shows_what_is_done_ahead() {
     for mode in [Mode::Csp, Mode::Csv] {
@@ -258,8 +259,8 @@ fn no_sdo_shows_what_is_done_ahead() {
     }
 }
 
-/// SK-7.34 XF-19.1 What a program writes by SDO while its network is prepared counts as on a board: the board's own mode and its
-/// own mapping come behind it.
+/// SK-7.34 XF-19.1 A program's SDO writes while its network is prepared count as on a board: the board's own mode and
+/// its own mapping come behind it.
 #[test]
 fn a_write_that_comes_meanwhile_is_written_over() {
     use ecmsk::coe::SdoSize::{One, Two};
@@ -277,8 +278,8 @@ fn a_write_that_comes_meanwhile_is_written_over() {
     }
 }
 
-/// XF-19.1 SET_AXIS that declares something else while the network is prepared for what was declared before: what counts is what is
-/// declared when SET_STATE comes.
+/// XF-19.1 SET_AXIS changes the declaration while the network is prepared for the old one: the declaration at SET_STATE
+/// counts.
 #[test]
 fn declarations_that_change_meanwhile_count() {
     for rest in [3, 12, 25, 60, 100, 150, 200, 300] {
@@ -318,7 +319,7 @@ fn a_slave_that_vanishes_meanwhile_is_missed() {
     }
 }
 
-/// XF-19.1 A slave that refuses SafeOP is told as on a board, whether its network was prepared or not.
+/// XF-19.1 A slave that refuses SafeOP is reported as on a board, whether its network was prepared or not.
 #[test]
 fn a_slave_that_refuses_is_told_as_on_a_board() {
     for rest in [0, 300] {
@@ -334,8 +335,8 @@ fn a_slave_that_refuses_is_told_as_on_a_board() {
     }
 }
 
-/// XF-19.1 A slave that aborts the SDOs of a configuration is told with the first one that matters, whether its network was prepared
-/// or not.
+/// XF-19.1 A slave that aborts the SDOs of a configuration is reported with the first one that matters, whether its
+/// network was prepared or not.
 #[test]
 fn a_slave_that_aborts_is_told_all_the_same() {
     let failure = |rest| {
@@ -364,7 +365,7 @@ fn a_reset_meanwhile_is_one_like_any_other() {
     }
 }
 
-/// XF-19.1 A PC that stands still while its network is prepared goes on with it.
+/// XF-19.1 After a stall of the PC the preparation of the network goes on.
 #[test]
 fn a_stall_meanwhile_costs_nothing_but_time() {
     for rest in [12, 25, 60, 100, 200] {
@@ -377,7 +378,7 @@ fn a_stall_meanwhile_costs_nothing_but_time() {
     }
 }
 
-/// XF-19.1 An SDO that comes while the network is prepared is answered soon: at most the layout is waited for.
+/// XF-19.1 An SDO that comes while the network is prepared is answered soon: it waits for the layout at most.
 #[test]
 fn an_sdo_meanwhile_does_not_wait_long() {
     for rest in 1..40 {
@@ -390,7 +391,7 @@ fn an_sdo_meanwhile_does_not_wait_long() {
     }
 }
 
-/// A drive, and the highest state that it was in.
+/// A drive, and the highest state that it reached.
 struct Highest(Box<dyn Slave>, Arc<Mutex<AlState>>);
 
 impl Slave for Highest {
@@ -440,13 +441,14 @@ fn slaves_declared_none_come_back_to_preop() {
         }
         host.go(MasterState::PreOp);
     }
-    // One that refuses SafeOP keeps nobody back, and one that stays there does not either.
+    // A slave that refuses SafeOP holds up no other one, and neither does one that stays there.
     network.refuse(3, Some((AlState::SafeOp, AlStatus(0x001E))));
     network.refuse(6, Some((AlState::PreOp, AlStatus(0x0011))));
     host.go(MasterState::Op).drained().servo_on(8);
 }
 
-/// XF-20.9 A change of state that is taken back while slaves declared none are in SafeOP with the others leaves them in PreOP.
+/// XF-20.9 A change of state that is reversed while slaves declared none are in SafeOP with the others leaves them in
+/// PreOP.
 #[test]
 fn a_change_taken_back_leaves_nobody_behind() {
     for cycles in (200..800).step_by(40) {
@@ -461,7 +463,7 @@ fn a_change_taken_back_leaves_nobody_behind() {
     }
 }
 
-/// XF-19.5 A chip that cannot be set to other packets, of which the link does not know, is used with those that it has.
+/// XF-19.5 A chip whose packets cannot be changed, which the link does not know, is used with its packets.
 #[test]
 fn a_chip_that_keeps_its_packets_is_used_as_it_is() {
     let profile = Profile { size_is_fixed: true, ..Profile::NEW };
@@ -471,7 +473,7 @@ fn a_chip_that_keeps_its_packets_is_used_as_it_is() {
     host.op(2).servo_on(2);
 }
 
-/// XF-19.1 With real frames behind the chip, too.
+/// XF-19.1 The same with real frames behind the chip.
 #[test]
 fn with_frames_behind_the_chip() {
     for (rest_ms, most) in [(0, 900), (1500, 500)] {

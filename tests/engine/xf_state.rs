@@ -1,5 +1,5 @@
-//! What SET_STATE finds otherwise over an ECM-XF: slaves that are silent or refuse, many slaves of two channels, long cycles.
-//! Each is said in a row of the table in docs/MIGRATION.md.
+//! Differences of SET_STATE over an ECM-XF: slaves that are silent or refuse, many slaves of two channels, long cycles.
+//! Each has a row in the table of docs/MIGRATION.md.
 
 use ecmsk::engine::{EngineConfig, StateFailure};
 use ecmsk::fieldbus::xf::XfBusOptions;
@@ -57,9 +57,9 @@ fn a_silent_slave_declared_none_is_missed() {
     host.go(Op);
 }
 
-/// XF-20.9 SK-4.57 Slaves that are declared none do not keep the others from SafeOP, to which all go by one command: of 40 with six
-/// such ones it takes hardly longer than without. To OP the others go one by one, and are there long before the time of SET_STATE is
-/// over.
+/// XF-20.9 SK-4.57 Slaves that are declared none do not prevent the others from reaching SafeOP, to which all go by one
+/// command: with six of 40 it takes hardly longer than without. The others go to OP one by one, and are there long
+/// before SET_STATE times out.
 #[test]
 fn slaves_declared_none_keep_nobody_back() {
     let way = |none: &[usize]| {
@@ -95,7 +95,8 @@ fn one_that_refuses_keeps_the_others_back() {
     host.go(Op);
 }
 
-/// XF-20.1 SK-4.11 A cycle of 128 ms is accepted, and ends OP: the watchdog of a slave is over before the next outputs come.
+/// XF-20.1 SK-4.11 A cycle of 128 ms is accepted, and ends OP: the watchdog of a slave expires before the next outputs
+/// come.
 #[test]
 fn a_cycle_longer_than_the_watchdog_ends_op() {
     for (us, state) in [(64_000, 0x08), (128_000, 0x18)] {

@@ -10,7 +10,7 @@ use proptest::prelude::*;
 
 const STATUSWORD: ObjectAddress = ObjectAddress::new(0x6041, 0);
 
-/// The message is encoded into the bytes, and they are decoded to it.
+/// Checks that the message is encoded to the bytes, and that these are decoded to it.
 #[track_caller]
 fn check(message: CoeMessage<'_>, bytes: &[u8]) {
     let mut room = [0xA5; 64];
@@ -101,7 +101,7 @@ fn aborts() {
     }
 }
 
-/// ECAT-5.5 Commands and services that the standard does not have survive.
+/// ECAT-5.5 Commands and services that the standard does not have survive decoding.
 #[test]
 fn what_is_unknown_survives() {
     check(CoeMessage::SdoRequest(SdoRequest::Unknown(0xA0, &[1, 2])), &[0, 0x20, 0xA0, 1, 2]);
@@ -166,7 +166,7 @@ fn descriptions() {
     }
 }
 
-/// Bytes of a message, often of a service and a command that there are.
+/// Bytes of a message, often with a valid service and command.
 fn message() -> impl Strategy<Value = Vec<u8>> {
     let service = prop_oneof![Just(1u8), 2u8..=3, Just(8), 0u8..16];
     (service, proptest::collection::vec(any::<u8>(), 0..40)).prop_map(|(service, mut body)| {

@@ -92,7 +92,7 @@ fn datagrams_follow_each_other() {
     let mut buffer = [0xA5; 1514];
     let mut frame = FrameWriter::new(&mut buffer, FrameHeader::datagrams(SOURCE)).expect("room");
     for n in 0..15 {
-        // What the caller says about others is not believed.
+        // The caller's `more` bit is ignored.
         let header = DatagramHeader { more: n % 2 == 0, ..DatagramHeader::new(Command::Lrw, n, u32::from(n) * 100) };
         frame.push(header, &[n; 20][..usize::from(n)]).expect("room");
     }
@@ -121,7 +121,8 @@ fn the_length_of_a_frame_is_that_of_its_header() {
     assert_eq!(short.to_string(), "headers of a frame has 16 bytes, and only 15 are there");
 }
 
-/// ECAT-1.5 A datagram that is longer than what is left of its frame is an error, and so is one that is announced only.
+/// ECAT-1.5 A datagram that is longer than the rest of its frame is an error, and so is one that is announced but
+/// missing.
 #[test]
 fn datagrams_that_claim_too_much_are_errors() {
     let mut bytes = brd_frame();
@@ -159,7 +160,8 @@ fn other_frames_have_no_datagrams() {
     }
 }
 
-/// ECAT-1.7 One datagram has 1486 bytes at most; what does not fit into a frame is an error, and the frame stays as it was.
+/// ECAT-1.7 One datagram has 1486 bytes at most; a datagram that does not fit into a frame is an error, and the frame
+/// does not change.
 #[test]
 fn a_frame_takes_what_ethernet_takes() {
     let mut buffer = [0xA5; 4000];
@@ -225,7 +227,7 @@ proptest! {
         prop_assert_eq!(FrameHeader::decode(&bytes).expect("the EtherType is right").encode(), bytes);
     }
 
-    /// ECAT-1.4 Datagrams that were written are read.
+    /// ECAT-1.4 Written datagrams are read back.
     #[test]
     fn datagrams_come_back(wanted in proptest::collection::vec((header(), proptest::collection::vec(any::<u8>(), 0..60)), 1..15)) {
         let mut buffer = [0xA5; 1514];

@@ -59,7 +59,7 @@ fn the_counter_of_messages() {
     assert!(!MailboxCounter::NONE.repeats(MailboxCounter::NONE));
 }
 
-/// ECAT-4.4 A message of type 0 says what was wrong with another one: the number 1 and a code.
+/// ECAT-4.4 A message of type 0 reports an error of another one: the number 1 and a code.
 #[test]
 fn what_was_wrong_with_a_message() {
     assert_eq!(MailboxFault::UNSUPPORTED_PROTOCOL.encode(), [1, 0, 2, 0]);
@@ -95,7 +95,7 @@ fn files_byte_by_byte() {
 }
 
 proptest! {
-    /// ECAT-4.1 What a box holds comes back, whatever it holds.
+    /// ECAT-4.1 The content of a mailbox survives decoding and encoding, whatever it is.
     #[test]
     fn messages_come_back(mut mailbox in proptest::collection::vec(any::<u8>(), 0..60)) {
         if let [len, high, ..] = &mut mailbox[..] {

@@ -1,4 +1,4 @@
-//! EtherCAT itself: its wire format, and slaves as it sees them.
+//! EtherCAT itself: its wire format, and slaves as the wire sees them.
 //!
 //! - `frames.rs`: frames and datagrams
 //! - `registers.rs`: the registers of a slave controller

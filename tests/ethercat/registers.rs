@@ -8,7 +8,7 @@ use ecmsk::ethercat::registers::{
 use ecmsk::ethercat::{AlState, AlStatus};
 use proptest::prelude::*;
 
-/// ECAT-2.1 Registers are where the data sheets have them, and a write clears, changes or leaves them.
+/// ECAT-2.1 Registers have the addresses of the data sheets, and a write clears, changes or leaves them.
 #[test]
 fn registers_are_where_the_data_sheets_have_them() {
     use RegisterAccess::*;

@@ -156,7 +156,7 @@ fn categories_that_end_early_are_errors() {
     assert!(SiiGeneral::decode(&[0; 18]).is_ok());
 }
 
-/// ECAT-3.5 What does not fit into an EEPROM is an error, and the EEPROM still ends well.
+/// ECAT-3.5 Content that does not fit into an EEPROM is an error, and the EEPROM still has a valid end.
 #[test]
 fn an_eeprom_that_is_too_small() {
     let mut eeprom = [0; 140];

@@ -1,14 +1,14 @@
-//! The Nth system call of the tool, of a program on the library and of a server fails, with each error that it may give, or
-//! the process is killed there. Whatever fails: no axis moves without a living writer, no frame is lost uncounted, every run
-//! ends, and what has lost something does not end with exit status 0.
+//! The Nth system call of the tool, of a program on the library and of a server fails, with each possible error, or the
+//! process is killed there. Whatever fails: no axis moves without a living writer, no frame is lost uncounted, every
+//! run ends, and a run that has lost something does not end with exit status 0.
 //!
-//! A share of all blows is dealt here, chosen by a seed, and all of them by `cargo xtask soak`. One again: `ECMSK_BLOW=CALL.ERROR`,
-//! as the failure names it.
+//! A part of all failures is tested here, chosen by a seed, and all of them by `cargo xtask soak`. To repeat one:
+//! `ECMSK_BLOW=CALL.ERROR`, as named by the test's message.
 //!
 //! - `verbs.rs`: `ecmsk move`, in this process and on a served board, recorded or not
 //! - `programs.rs`: a C program on the library, by itself and below `ecmsk exec`
 //! - `server.rs`: `ecmsk serve tcp`
-//! - `served.rs`: a served board whose writer is struck
+//! - `served.rs`: a served board whose writer fails
 #![cfg(all(target_os = "linux", target_arch = "x86_64"))]
 
 mod programs;
@@ -20,11 +20,11 @@ use std::time::Duration;
 
 use support::failing_calls::{self, Blow, Run};
 
-/// A run takes a fraction of a second. The limit is there so that one that hangs ends.
+/// A run takes a fraction of a second. The limit ends one that hangs.
 const LIMIT: Duration = Duration::from_secs(60);
-/// Without being asked for, each error of each call is dealt once, at any of the places where the call is made.
+/// By default each error of each call is injected once, at any of the places where the call is made.
 const EACH_ONCE: usize = usize::MAX;
-/// So many blows are dealt where a run takes a good part of a second.
+/// The number of failures injected where a run takes much of a second.
 const FEW: usize = 24;
 
 fn strike(test: &str, usual: usize, run: impl Fn(Option<Blow>) -> Run) {

@@ -21,7 +21,7 @@ mod needs_cxx {
         failing_calls::run(command, whose, blow, LIMIT, None)
     }
 
-    /// The frames that the program says were accepted.
+    /// The accepted frames according to the program.
     fn accepted(struck: &Struck) -> Result<u64, String> {
         let said = struck.ended.stdout.strip_prefix("ok ").and_then(|number| number.trim_end().parse().ok());
         said.ok_or_else(|| format!("it says `{}`", struck.ended.stdout))
@@ -60,7 +60,7 @@ mod needs_cxx {
         });
     }
 
-    /// `ecmsk exec --record` itself is struck, or the program below it.
+    /// A call of `ecmsk exec --record` itself fails, or one of the program below it.
     fn recorded(test: &str, whose: Whose) {
         let program = program();
         let file = support::out_dir().join(format!("{test}.pcapng"));

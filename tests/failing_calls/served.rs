@@ -1,5 +1,5 @@
-//! A board that this process serves, whose writer is struck: after the writer's end its axis stands, and nothing of what the
-//! board has taken is unaccounted for.
+//! A board that this process serves, whose writer fails: after the writer's end its axis is at rest, and every frame
+//! that the board has taken is accounted for.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -10,11 +10,11 @@ use ecmsk::port::tcp::Server;
 use ecmsk::sk::{Frame, MasterState};
 use support::tcp::{self, Told};
 
-/// Cycles in which a drive whose targets have come to a standstill comes to rest.
+/// Cycles in which a drive comes to rest after its targets have stopped.
 const REST: usize = 50;
-/// Cycles that are looked on at an axis that has to stand.
+/// Cycles in which an axis that has to be at rest is observed.
 const LOOKED_ON: usize = 50;
-/// A standing drive may be off by this much.
+/// Allowed deviation of a drive at rest.
 const NOISE_COUNTS: u32 = 2;
 
 /// Counts the frames that reach the board.
@@ -61,7 +61,7 @@ impl Served {
         self.written.load(Ordering::Relaxed)
     }
 
-    /// The axis stands, between where it began and the target; at the target if the writer `has_arrived`.
+    /// The axis is at rest, between its start and the target; at the target if the writer `has_arrived`.
     pub fn stands_within(&self, target: i32, has_arrived: bool) -> Result<(), String> {
         let options = Options { close: Close::Leave, ..Options::default() };
         let look = || Ecm::open_with(&self.uri(), options).ok();

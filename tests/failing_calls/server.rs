@@ -1,5 +1,5 @@
-//! `ecmsk serve tcp`, between a writer here and a board that this process serves: whatever fails in it, the axis stands once
-//! the writer or the server is gone.
+//! `ecmsk serve tcp`, between a writer here and a board that this process serves: whatever fails in it, the axis is at
+//! rest after the end of the writer or the server.
 
 use std::sync::Arc;
 use std::thread;
@@ -19,10 +19,10 @@ const END: i32 = 1000;
 const STEPS: i32 = 50;
 /// Cycles in which the axis comes to rest.
 const REST: i32 = 20;
-/// The writer gives up a server that does not serve.
+/// The time after which the writer gives up a server that does not answer.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// Moves the axis to its end, and closes the board, or vanishes without a word.
+/// Moves the axis to its end, and closes the board, or vanishes without closing it.
 fn write(uri: &str, closes: bool) -> Result<(), EcmError> {
     let limit = Duration::from_secs(5);
     let options = Options { state_limit: limit, servo_limit: limit, ..Options::default() };
@@ -45,14 +45,14 @@ fn write(uri: &str, closes: bool) -> Result<(), EcmError> {
     ecm.close(Close::Hold)
 }
 
-/// The address in what the server says first.
+/// The address in the server's first line.
 fn address(watched: &Watched) -> Option<String> {
     let said = watched.stdout();
     let (_, rest) = said.split_once("listening on ")?;
     Some(rest.split_once(';')?.0.to_owned())
 }
 
-/// Waits until the server listens; `None`: it has ended, or does not.
+/// Waits until the server listens; `None`: it has ended, or does not listen.
 fn listening(watched: &Watched, has_ended: impl Fn() -> bool) -> Option<String> {
     let began = Instant::now();
     loop {
@@ -89,7 +89,7 @@ fn serve(test: &str, closes: bool) {
             (None, Some(Err(error))) => Err(format!("the writer: {error}")),
             (None, None) => Err("it does not listen".to_owned()),
             _ if struck.ended.stdout.starts_with("listening on ") => Ok(()),
-            // Who closes the pipe wants to hear no more, and that is no failure.
+            // Closing the pipe is the reader's choice, and no failure.
             _ if struck.dealt.is_some_and(|dealt| dealt.is_write_to(1) && dealt.errno == Some(libc::EPIPE)) => Ok(()),
             _ => Err("it does not say where it listens".to_owned()),
         });

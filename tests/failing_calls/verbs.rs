@@ -18,14 +18,14 @@ fn moves(link: &str, blow: Option<Blow>) -> Struck {
     failing_calls::run(&mut tool_without_link(&words), Whose::Program, blow, LIMIT, None)
 }
 
-/// With exit status 0 the axis is said to be there; whoever reads it may have gone.
+/// With exit status 0 the output reports the axis at its target, unless the output's reader has closed it.
 fn arrived(struck: &Struck) -> Result<(), String> {
     let is_closed = struck.dealt.is_some_and(|dealt| dealt.is_write_to(1) && dealt.errno == Some(libc::EPIPE));
     let said = &struck.ended.stdout;
     if is_closed || *said == format!("axis 1: at {TARGET}\n") { Ok(()) } else { Err(format!("it says `{said}`")) }
 }
 
-/// How many frames of a recording there are, if it has lost none.
+/// The number of frames in a recording, if it has lost none.
 pub fn whole(file: &Path) -> Result<usize, String> {
     let mut recording = Recording::open(file).map_err(|error| error.to_string())?;
     let frames: Result<Vec<Recorded>, _> = recording.by_ref().collect();
@@ -42,7 +42,7 @@ fn a_move() {
     strike("a_move", EACH_ONCE, |blow| Run::judge(moves("sim:?slaves=drive&clock=virtual", blow), arrived));
 }
 
-/// Of a shell and a monitor each thread, and what they read and write, may fail.
+/// Each thread of a shell and a monitor, and their reads and writes, may fail.
 #[test]
 fn a_shell_and_a_monitor() {
     for words in [&["shell"][..], &["monitor", "--once"]] {

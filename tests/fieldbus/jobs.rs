@@ -11,7 +11,7 @@ use support::fieldbus_rig::{Bench, MS, SECOND, configure, refused, sdo, set, sta
 
 use AlState::*;
 
-/// A scan counts the slaves the cable reaches, 40 at most, and leaves them in Init.
+/// A scan counts the slaves that the cable reaches, at most 40, and leaves them in Init.
 #[test]
 fn scan() {
     for (drives, found) in [(0, 0), (1, 1), (3, 3), (40, 40), (41, 40)] {
@@ -67,7 +67,7 @@ fn a_change_of_several_states() {
     assert_eq!((done.working_counter, done.expected_working_counter), (2, 2));
 }
 
-/// A slave that is further up than the others does not go down to wait for them.
+/// A slave in a higher state than the others does not go down to wait for them.
 #[test]
 fn nobody_goes_down_on_the_way_up() {
     let mut bench = Bench::in_state(2, SafeOp);
@@ -82,7 +82,8 @@ fn nobody_goes_down_on_the_way_up() {
     assert_eq!(done, JobDone::State(refused(2, 0x001D)), "Init took its configuration");
 }
 
-/// SK-6.15 An SDO runs beside a change of state, and beside nothing else; each of the two is given up by itself.
+/// SK-6.15 An SDO runs in parallel with a change of state, and with no other job; each of the two is aborted
+/// separately.
 #[test]
 fn an_sdo_beside_a_change_of_state() {
     let mut bench = Bench::in_state(2, PreOp);
@@ -108,7 +109,7 @@ fn an_sdo_beside_a_change_of_state() {
     assert_eq!((bench.bus.poll_sdo(bench.now), bench.bus.poll_job(bench.now)), (None, None));
 }
 
-/// A bus does one job at a time; a job that is given up never ends.
+/// A bus does one job at a time; an aborted job never ends.
 #[test]
 fn one_job_at_a_time() {
     let mut bench = Bench::in_state(1, PreOp);
@@ -120,7 +121,7 @@ fn one_job_at_a_time() {
     assert_eq!(bench.transferred(sdo(1, 0x1000, None)), Ok(0x0002_0192));
 }
 
-/// Durations are the caller's to choose.
+/// The caller can choose the durations.
 #[test]
 fn timing_can_be_chosen() {
     let drive = || Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>;
@@ -131,7 +132,7 @@ fn timing_can_be_chosen() {
     assert_eq!(bench.transfer(sdo(1, 0x1000, None)).1, 12 * MS);
 }
 
-/// SK-4.58 A slave that cannot be what it is declared as is named with its AL status.
+/// SK-4.58 A slave that does not match its declared kind is named with its AL status.
 #[test]
 fn configure_names_the_slave_that_refuses() {
     let mut bench = Bench::in_state(3, PreOp);
@@ -145,12 +146,12 @@ fn configure_names_the_slave_that_refuses() {
     assert_eq!(bench.done(Job::Configure(config)), JobDone::Configure(refused(2, 0)), "it said nothing");
 }
 
-/// A Configure that has ended well, with these as modules of two channels.
+/// A successful Configure, with these slaves as modules of two channels.
 fn configured(second_axes: &[u8]) -> JobDone {
     JobDone::Configure(Ok(Configured { second_axes: set(second_axes), ..Configured::default() }))
 }
 
-/// SK-3.22 Configuring tells which pulse modules have a second axis, and of which role they are it is no question.
+/// SK-3.22 Configure reports which pulse modules have a second axis, whatever their role.
 #[test]
 fn configure_tells_modules_of_two_channels() {
     let hsp = |channels| Box::new(Hsp::new(HspConfig::with(channels))) as Box<dyn Slave>;
@@ -165,7 +166,7 @@ fn configure_tells_modules_of_two_channels() {
     assert_eq!(bench.done(Job::Configure(config)), configured(&[1]));
 }
 
-/// SK-4.56 SK-4.57 Slaves that are not there are no error, and one that is not in the set stays where it is.
+/// SK-4.56 SK-4.57 Missing slaves are no error, and a slave outside the set keeps its state.
 #[test]
 fn only_the_slaves_asked_for_change() {
     let mut bench = Bench::in_state(3, PreOp);
@@ -204,7 +205,7 @@ fn changes_that_fail() {
     assert_eq!(bench.bus.poll_job(bench.now), Some(JobDone::State(Ok(()))));
 }
 
-/// SDO transfers take some 3 ms and end with the value, or with the slave's abort code.
+/// SDO transfers take about 3 ms and end with the value, or with the slave's abort code.
 #[test]
 fn sdo_transfers() {
     let mut bench = Bench::in_state(2, PreOp);
@@ -237,7 +238,7 @@ fn sdo_timeouts() {
     assert_eq!(bench.transfer(sdo(1, 0x1000, None)), timeout, "in Init");
 }
 
-/// What comes after its time is late, also if nobody asked in between.
+/// An answer after its time is late, even without a poll in between.
 #[test]
 fn late_is_late() {
     let mut bench = Bench::in_state(1, PreOp);
@@ -271,7 +272,7 @@ fn sdo_faults() {
     bench.handle.delay_sdo(41, MS);
 }
 
-/// SK-7.54 What the board writes to map process data and to set the mode, in its order.
+/// SK-7.54 The board's writes that map process data and set the mode, in their order.
 #[test]
 fn downloads_of_each_role() {
     let written = |role, second| -> Vec<(u16, u8, u8, u32)> {
@@ -325,7 +326,7 @@ fn downloads_of_each_role() {
     assert!(!io.iter().any(|(index, ..)| *index == 0x6060), "no mode");
 }
 
-/// SK-7.1 SK-7.3 SK-7.4 SK-7.5 SK-7.7 Words come out of an image as they went in, byte by byte where the tables say.
+/// SK-7.1 SK-7.3 SK-7.4 SK-7.5 SK-7.7 Words are read from an image as they were written, at the bytes of the tables.
 #[test]
 fn images_of_each_role() {
     let out =
@@ -363,7 +364,7 @@ fn images_of_each_role() {
     }
 }
 
-/// DP3CL-10.3 A DP3CL that has lost its power begins anew: what was not saved is gone, its mapping is that of power-on.
+/// DP3CL-10.3 A DP3CL that has lost its power restarts: unsaved values are lost, its mapping is that of power-on.
 #[test]
 fn a_slave_that_was_switched_off_begins_anew() {
     let mut bench = Bench::of(vec![Box::<Dp3cl>::default()]);
@@ -382,7 +383,7 @@ fn a_slave_that_was_switched_off_begins_anew() {
     assert_eq!((value(&mut bench, 0x2005), value(&mut bench, 0x1600), value(&mut bench, 0x3200)), (100, 3, 2));
 }
 
-/// DP3CL-10.2 The cycle of the bus is that of SYNC0; in free run any cycle is good.
+/// DP3CL-10.2 The cycle of the bus is that of SYNC0; in free run any cycle is valid.
 #[test]
 fn a_dp3cl_has_four_cycles() {
     for (cycle_us, sync, answer) in [

@@ -11,7 +11,7 @@ use support::fieldbus_rig::{Bench, MS, SECOND, configure, sdo, set, state};
 
 use AlState::*;
 
-/// The working counter: 3 for a slave in OP, 1 in SafeOP, nothing below.
+/// The working counter: 3 for a slave in OP, 1 in SafeOP, 0 below.
 #[test]
 fn working_counter() {
     for (state, each) in [(Init, 0), (PreOp, 0), (SafeOp, 1), (Op, 3)] {
@@ -22,7 +22,7 @@ fn working_counter() {
     }
 }
 
-/// Inputs come in SafeOP and OP, outputs are taken in OP alone.
+/// Inputs are valid in SafeOP and OP, outputs are taken only in OP.
 #[test]
 fn process_data_by_state() {
     let mut bench = Bench::in_state(1, PreOp);
@@ -55,7 +55,7 @@ fn outputs_are_taken_one_at_a_time() {
     assert_eq!((bench.position(1), bench.drive_state(1)), (1010, DriveState::OperationEnabled));
 }
 
-/// A cycle is a poll at a later time; its inputs were measured at the end of the one before.
+/// A cycle is a poll at a later time; its inputs were measured at the end of the previous one.
 #[test]
 fn a_cycle_is_a_poll_at_a_later_time() {
     let mut bench = Bench::enabled(1);
@@ -74,7 +74,7 @@ fn a_cycle_is_a_poll_at_a_later_time() {
     assert_eq!(i64::from(bench.position(1)), moved);
 }
 
-/// Forty drives follow forty targets of their own.
+/// Forty drives each follow their own target.
 #[test]
 fn forty_drives_move() {
     let mut bench = Bench::enabled(40);
@@ -95,8 +95,8 @@ fn forty_drives_move() {
     assert_eq!((bench.handle.shaft(0, 0), bench.handle.shaft(41, 0), bench.handle.shaft(1, 2)), (None, None, None));
 }
 
-/// A cable cut after a slave: those behind are lost and keep their values, the others go on. Healed, the lost stay lost
-/// until a change of state brings them back.
+/// A cable cut after a slave: the slaves behind it are lost and keep their values, the others go on. After repair the
+/// lost ones stay lost until a change of state brings them back.
 #[test]
 fn a_cut_cable() {
     let mut bench = Bench::enabled(4);
@@ -121,7 +121,7 @@ fn a_cut_cable() {
     assert_eq!(bench.position(3), 3000);
 }
 
-/// A cut that heals before a slave's watchdog ends OP loses it all the same, and it comes back without a detour.
+/// A slave behind a cut that is repaired before its watchdog ends OP is lost too, and returns directly to OP.
 #[test]
 fn a_short_cut() {
     let mut bench = Bench::enabled(2);
@@ -135,7 +135,8 @@ fn a_short_cut() {
     assert_eq!(bench.cycle().working_counter, 6);
 }
 
-/// Cut before the first slave the bus is silent, while time goes on in the slaves; plugged again, all of them are lost.
+/// With a cut before the first slave the bus is silent, while time goes on in the slaves; after plugging in again, all
+/// of them are lost.
 #[test]
 fn a_silent_bus() {
     let mut bench = Bench::enabled(2);
@@ -160,7 +161,7 @@ fn a_silent_bus() {
     assert_eq!(bench.drive_state(1), DriveState::SwitchOnDisabled);
 }
 
-/// A silent slave is lost, and time goes on in it: it coasts or brakes, and its watchdog ends OP.
+/// A silent slave is lost, while its time goes on: it coasts or brakes, and its watchdog ends OP.
 #[test]
 fn a_silent_slave() {
     let mut bench = Bench::enabled(3);
@@ -240,7 +241,7 @@ fn a_slave_that_falls_is_lost() {
     assert_eq!([1, 2].map(|slave| bench.position(slave)), [-1, 77]);
 }
 
-/// A slave below SafeOP is lost while it does not answer, and no longer.
+/// A slave below SafeOP is lost only while it does not answer.
 #[test]
 fn a_slave_in_preop_is_lost_while_it_does_not_answer() {
     let mut bench = Bench::in_state(3, PreOp);
@@ -252,7 +253,7 @@ fn a_slave_in_preop_is_lost_while_it_does_not_answer() {
     assert_eq!(bench.inputs.lost, SlaveSet::EMPTY);
 }
 
-/// Back in OP a drive does not act on what was sent before it left.
+/// Back in OP a drive does not act on outputs sent before it left.
 #[test]
 fn old_outputs_do_not_come_back() {
     let mut bench = Bench::enabled(1);
@@ -283,7 +284,7 @@ fn faults_from_outside() {
     assert_eq!(bench.drive_state(2), DriveState::SwitchOnDisabled);
 }
 
-/// After a long pause one poll makes up for all of it.
+/// After a long pause one poll catches up completely.
 #[test]
 fn a_long_pause() {
     let mut bench = Bench::enabled(2);
@@ -294,7 +295,7 @@ fn a_long_pause() {
     assert_eq!((bench.position(2), bench.drive_state(2)), (102_000, DriveState::OperationEnabled));
 }
 
-/// A cycle allocates nothing: 40 drives in OP, all moving, with a lost slave and a fault on the way.
+/// A cycle allocates nothing: 40 drives in OP, all moving, with a lost slave and a fault meanwhile.
 #[test]
 fn a_cycle_allocates_nothing() {
     let mut bench = Bench::enabled(40);
@@ -312,8 +313,8 @@ fn a_cycle_allocates_nothing() {
     assert_eq!((bench.drive_state(7), bench.inputs.lost), (DriveState::Fault, set(&[9])));
 }
 
-/// A slave that loses its power falls to Init and is lost, those behind it stay; when it has power again it stays lost
-/// until it is configured and brought back, while the others go on.
+/// A slave that loses its power falls to Init and is lost, the slaves behind it stay. After its power returns it stays
+/// lost until it is configured and brought back, while the others go on.
 #[test]
 fn a_slave_without_power() {
     let mut bench = Bench::enabled(3);

@@ -1,5 +1,5 @@
-//! The frames of a schedule, kept from outside: which of them the FIFO holds, what each of them carries, and what became
-//! of it.
+//! An independent account of a schedule's frames: which frames are in the FIFO, the commands of each, and their
+//! outcome.
 
 use std::collections::VecDeque;
 
@@ -19,12 +19,12 @@ struct Entry {
     commands: u64,
 }
 
-/// The books.
+/// The account.
 #[derive(Default)]
 pub struct Books {
     queue: VecDeque<Entry>,
     sent: u64,
-    /// Motion commands executed so far, and those found in a counter instead.
+    /// Motion commands executed so far, and motion commands found in a counter instead.
     pub followed: u64,
     pub discarded: u64,
 }
@@ -102,13 +102,13 @@ impl Books {
         }
     }
 
-    /// Every motion command that was not rejected drives its axes, or stands in a counter.
+    /// Checks that every motion command that was not rejected drives its axes, or is in a counter.
     fn motion(&mut self, entry: &Entry, machine: &Machine, report: &Frame, before: &Counters, after: &Counters) {
         let (mut accepted, mut followed, mut rejected) = (0, 0, 0);
         for &(slave, targets) in &entry.targets {
             let unit = machine.units.iter().find(|unit| unit.slave == slave).expect("a slave with axes");
             let id = CommandId::from_code(report.slot(machine.size, slave).id);
-            // SK-4: the slot of a lost slave keeps what it shows, and so does not tell of a rejection.
+            // SK-4: the slot of a lost slave keeps its values, and so does not show a rejection.
             let lost = !machine.is_heard(slave);
             if lost {
                 rejected = after.rejected_total() - before.rejected_total();
@@ -132,7 +132,7 @@ impl Books {
     }
 }
 
-/// Commands that were taken out and not executed, but for those rejected.
+/// Commands that were taken out and not executed, except rejected ones.
 fn not_executed(counters: &Counters) -> u64 {
     counters.discarded_before_enabled + counters.ignored_homing + counters.for_lost
 }

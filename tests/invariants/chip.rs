@@ -1,6 +1,6 @@
-//! Random programs on a board behind an ECM-XF while anything goes wrong that can: on the wires between driver and chip, with
-//! the chip itself, with slaves and cable, with the host. Which chip, which packets, how many sets ahead and which cycle is
-//! another with every seed. What must hold says `followed`.
+//! Random programs on a board behind an ECM-XF with random faults: of the wires between driver and chip, of the chip
+//! itself, of slaves and cable, of the host. The seed chooses the chip, the packets, the number of sets ahead and the
+//! cycle. `followed` has the invariants.
 
 mod how;
 mod line;

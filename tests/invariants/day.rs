@@ -1,5 +1,5 @@
-//! A long day: two axes go to and fro without an end, an SDO is read every second, and nothing grows. On a simulated network, and
-//! over slave controllers and our own master, as on a network card.
+//! A long day: two axes go to and fro without an end, an SDO is read every second, and memory does not grow. On a
+//! simulated network, and over slave controllers and the software master, as on a network card.
 
 use std::time::{Duration, Instant};
 
@@ -73,7 +73,7 @@ impl Day {
         DriveResponse::decode(&self.report.slot(SIZE, slave))
     }
 
-    /// One minute, one target a cycle.
+    /// Runs one minute, one target a cycle.
     fn minute(&mut self) {
         for cycle in 0..MINUTE {
             self.target = self.target.wrapping_add(if cycle % 2000 < 1000 { 200 } else { -200 });
@@ -95,7 +95,8 @@ impl Day {
     }
 }
 
-/// So many minutes of one target a cycle are so many entries executed, and none lost. `look` is told what a minute has allocated.
+/// Runs that many minutes of one target per cycle, and checks that each entry was executed and none lost. `look` gets
+/// the allocations of each minute.
 fn live(mut day: Day, usual: u64, look: impl Fn(u64, &allocation_counter::AllocationInfo)) {
     let asked = asked("ECMSK_SOAK_MINUTES");
     let minutes = asked.unwrap_or(usual);
@@ -122,7 +123,7 @@ fn live(mut day: Day, usual: u64, look: impl Fn(u64, &allocation_counter::Alloca
     println!("{minutes} virtual minutes, {cycles} cycles: nothing lost, nothing grown");
 }
 
-/// SK-4.44 SK-5.4: hours of one target a cycle are so many entries executed, none lost; and memory stays as it is.
+/// SK-4.44 SK-5.4: in hours of one target a cycle each entry is executed and none lost, and memory does not grow.
 #[test]
 fn a_long_day() {
     live(Day::new(|drives| Box::new(SimBus::new(drives))), MINUTES, |minute, allocated| {
@@ -130,7 +131,7 @@ fn a_long_day() {
     });
 }
 
-/// The same over slave controllers and our master. What an SDO has allocated is given back.
+/// The same over slave controllers and the software master. Memory that an SDO has allocated is freed.
 #[test]
 fn a_long_day_on_a_network_card() {
     let over_wires = |drives| -> Box<dyn Fieldbus> {

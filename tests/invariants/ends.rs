@@ -1,8 +1,8 @@
-//! A writer's end at a server: whatever ends it, at whatever message, every axis that it moved stands within the documented
-//! time, and nothing that it left in the FIFO moves an axis later; so it is if the server's process stands still meanwhile. The server has no sockets and nobody who takes what it
-//! tells people, as one whose log stalls; time is the board's.
+//! A writer's end at a server: for every cause, at every message, each axis that it moved stands within the documented
+//! time, and no entry that it left in the FIFO moves an axis later. The same holds if the server's process stalls
+//! meanwhile. The server has no sockets and no reader of its messages, as one whose log stalls; time is the board's.
 //!
-//! `cargo xtask soak` runs 10,000 of them. One again: `ECMSK_SOAK_FIRST=<seed> ECMSK_SOAK_SCHEDULES=1`.
+//! `cargo xtask soak` runs 10,000 of them. To repeat one: `ECMSK_SOAK_FIRST=<seed> ECMSK_SOAK_SCHEDULES=1`.
 
 mod eyes;
 mod standstill;
@@ -28,10 +28,10 @@ use writer::{Bounds, Writer};
 
 /// Schedules of the test; `cargo xtask soak` asks for more.
 const SCHEDULES: u64 = 150;
-/// A drive that was just told to stand comes to rest, and no longer than that.
+/// The longest time in which a drive that was commanded to stop comes to rest.
 const COMES_TO_REST: Duration = Duration::from_millis(50);
 
-/// What schedules did, so that none passes for lack of it.
+/// Totals of the schedules, so that none passes without events.
 #[derive(Debug, Default)]
 struct Done {
     moving: u64,
@@ -67,8 +67,8 @@ impl AddAssign for Done {
     }
 }
 
-/// One schedule: a writer lives, dies, and another one comes. Some boards check CRCs, and some
-/// networks break while the server stops the axes, if that may be.
+/// One schedule: a writer runs, dies, and another one comes. Some boards check CRCs, and if `may_break` some networks
+/// break while the server stops the axes.
 fn schedule(seed: u64, may_break: bool) -> Done {
     let mut dice = Dice(seed ^ 0x656E_6473_2121);
     let mut machine = Machine::new(seed);
@@ -100,7 +100,7 @@ fn schedule(seed: u64, may_break: bool) -> Done {
     writer.live(&set_up);
     let (caller, bounds, life) = writer.dies();
 
-    // What the server does must be no more than what the writer did.
+    // The server's steps must not exceed the writer's.
     let moving = eyes.is_moving();
     let waiting = FIFO_ENTRIES - eyes.newest_free();
     let mut breaks = Dice(seed ^ 0x4361_626C_6521);
@@ -128,7 +128,7 @@ fn schedule(seed: u64, may_break: bool) -> Done {
         "cycle of {cycle} us, {waiting} waiting, {life:?}, {bounds:?}: {:?}",
         end.told
     );
-    // docs/SAFETY.md: what waits is executed where it can be within 2 s: 160 cycles of 8 ms can.
+    // docs/SAFETY.md: waiting entries are executed if that is possible within 2 s: 160 cycles of 8 ms are.
     assert!(
         cycle > 8000
             || life.has_threshold
@@ -163,9 +163,10 @@ fn check_bounds(bounds: &Bounds, eyes: &Eyes) {
     }
 }
 
-/// TCP-24: schedules that once found an axis that moves, or the server waiting in vain. A threshold in the very moment of the
-/// newest report; a target in CSP that is seconds away; axes that fail on their way; a homing whose begin was in a lost report; an
-/// axis that begins to move a cycle of 8 ms after the last entry; a reset that was refused, of a writer that never looks.
+/// TCP-24: schedules that once found a moving axis, or a server that waited in vain. A threshold at the very moment of
+/// the newest report; a target in CSP that is seconds away; axes that fail in their motion; a homing whose begin was in
+/// a lost report; an axis that begins to move a cycle of 8 ms after the last entry; a refused reset by a writer that
+/// never reads.
 #[test]
 fn writers_that_died_badly() {
     for seed in [2555, 6392, 6876, 8525, 3028, 4626, 7907, 4275, 3158, 4537, 7226, 8327, 3500, 47306] {
@@ -176,8 +177,8 @@ fn writers_that_died_badly() {
     schedule(4378, true);
 }
 
-/// TCP-24 TCP-9 TCP-23: writers that die at any message or in the middle of one, with any threshold and level of the FIFO, in
-/// CSP, CSV, CST and homing, one channel and two, slots of both sizes, with readers.
+/// TCP-24 TCP-9 TCP-23: writers that die at any message or in the middle of a message, with any threshold and level of
+/// the FIFO, in CSP, CSV, CST and homing, one channel and two, slots of both sizes, with readers.
 #[test]
 fn writers_that_die() {
     let (schedules, all) = run_all("writers_that_die", SCHEDULES, |seed| schedule(seed, true));

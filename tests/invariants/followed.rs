@@ -1,25 +1,27 @@
-//! Random programs whose slaves obey within a cycle, on any bus, while anything goes wrong that can: on the way to the slaves
-//! ([`Ends`]), with slaves and cable, with the host.
+//! Random programs whose slaves obey within a cycle, on any bus, with random faults: of the path to the slaves ([`Ends`]),
+//! of slaves and cable, of the host.
 //!
-//! Every target and every mark in a module's outputs is one of its own, and rises, so that each that comes is known. Slaves
-//! obey within a cycle (`follower`). Of each slave, in the order in which things happen at its end (`books`):
+//! Every target and every mark in a module's outputs is unique and rises, so that each one is recognised. Slaves obey within
+//! a cycle (`follower`). Invariants of each slave, in the order of events at its end (`books`):
 //!
-//! - **order**: an enabled axis is sent where it is, or a target that was accepted, has not come yet and is newer than all that
-//!   have come. The same holds for marks. So nothing comes twice but in a row, late, or without a command.
-//! - **no jump**: an axis that becomes enabled is sent where it is. It may have been pushed 300 cycles before, not later.
-//! - **nothing by itself**: what switches an axis on is an SV_ON that was accepted, and if the axis was off or its slave below
-//!   OP since then, one that may still have been held then. A module's outputs that were off come on by a newer mark alone.
+//! - **order**: the target of an enabled axis is its position, or an accepted target that has not come yet and is newer than
+//!   all that have come. The same holds for marks. So no value comes late, without a command, or again after another one.
+//! - **no jump**: the target of an axis that becomes enabled is its position. It may have been pushed 300 cycles before, not
+//!   later.
+//! - **nothing by itself**: only an accepted SV_ON switches an axis on; if the axis was off or its slave below OP since
+//!   then, only one that may still have been held then. A module's outputs that were off come on only by a newer mark.
 //!
-//! And whenever all is at rest, since the last time:
+//! And at each rest, since the last one:
 //!
 //! - frames queued = executed + cleared, exactly;
-//! - commands accepted and not got are in the frames cleared (`cleared`), in the sets lost (`outputs_lost`, each with one frame
-//!   at most), or counted one by one (`for_lost`, `discarded_before_enabled`, `rejected`). What is counted may be more: the sets
-//!   of an exchange whose end nobody knows are counted as lost and may have arrived, and sets without a command count as well;
-//! - no frame counts as cleared that has come, but for as many as sets were lost;
-//! - if nothing went wrong no set was lost.
+//! - commands that were accepted and did not arrive are in the frames cleared (`cleared`), in the sets lost (`outputs_lost`,
+//!   each with one frame at most), or counted one by one (`for_lost`, `discarded_before_enabled`, `rejected`). The counters
+//!   may be higher: the sets of an exchange with an unknown end are counted as lost and may have arrived, and sets without a
+//!   command count as well;
+//! - no frame that has arrived counts as cleared, except as many as sets were lost;
+//! - without a fault no set was lost.
 //!
-//! In the end everything is mended: a SET_STATE brings the board back to OP, and 200 targets arrive without a loss.
+//! In the end everything is healed: a SET_STATE brings the board back to OP, and 200 targets arrive without a loss.
 
 mod books;
 mod follower;
@@ -44,7 +46,7 @@ const RESTS: usize = 3;
 
 /// The bus of a schedule and how it is used.
 pub trait Setting {
-    /// What is told of it while it runs.
+    /// The faults of the bus while it runs.
     type Ends: Ends;
 
     /// Drives behind the module of digital outputs.
@@ -54,36 +56,36 @@ pub trait Setting {
 
     fn state_timeout_ns(&self) -> Ns;
 
-    /// Whether its slaves say who they are, as those behind slave controllers have to.
+    /// Whether its slaves have an identity, as those behind slave controllers must.
     fn have_identity(&self) -> bool;
 
     /// The bus to these slaves, which `network` reaches.
     fn bus(&self, seed: u64, slaves: Vec<Box<dyn Slave>>, network: SimHandle) -> (Box<dyn Fieldbus>, Self::Ends);
 }
 
-/// What goes wrong between the board and its slaves, as a schedule says it at any time.
+/// Faults between the board and its slaves, which a schedule sets at any time.
 pub trait Ends {
-    /// Something of 16 goes wrong; 7 to 12 are those of slaves and cable, which are not asked for here.
+    /// Makes one of 16 faults; 7 to 12 are those of slaves and cable, which are not used here.
     fn fault(&mut self, what: u64, cycle_us: u32, dice: &mut Dice);
 
-    /// Whether slaves are silent now and then that pass what others answer.
+    /// Whether slaves are silent now and then that pass the others' frames.
     fn has_silent_slaves(&self) -> bool {
         true
     }
 
-    /// Nothing goes wrong any more.
+    /// Ends all faults.
     fn mend(&mut self);
 
-    /// What went wrong so far.
+    /// The number of faults so far.
     fn faults(&self) -> u64;
 
-    /// A cycle of the board passes.
+    /// Runs a cycle of the board.
     fn cycle(&mut self, board: &mut Board, report: &mut dyn FnMut(&Frame, Ns)) {
         board.cycle(report);
     }
 }
 
-/// Says how a schedule's board is used, if it fails there.
+/// Prints the setting of a schedule if the schedule fails.
 struct ToldOnPanic<'a, S: Debug>(&'a S);
 
 impl<S: Debug> Drop for ToldOnPanic<'_, S> {
@@ -106,7 +108,7 @@ pub fn schedule<S: Setting + Debug>(seed: u64, setting: &S) -> Done {
     program.done()
 }
 
-/// What schedules did, so that none passes for lack of it.
+/// Totals of the schedules, so that none passes without events.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Done {
     pub cycles: u64,
@@ -135,7 +137,7 @@ impl Done {
         *self = Self { accepted, got, cleared, sets_lost, single, enabled, ..*self };
     }
 
-    /// Schedules that do little prove little.
+    /// Asserts that the schedules had enough events.
     pub fn assert_enough(&self, schedules: u64) {
         let least = [
             ("cycles in OP", self.in_op, 1000),

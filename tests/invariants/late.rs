@@ -1,32 +1,33 @@
-//! The random programs and faults of [`crate::program`] over a bus that takes outputs ahead, answers late, tells losses late
-//! and loses answers, as other hardware does ([`Ahead::honest`]): other properties of the bus with every seed.
+//! The random programs and faults of [`crate::program`] over a bus that takes outputs ahead, answers late, reports losses
+//! late and loses answers, as other hardware does ([`Ahead::honest`]). The seed chooses the properties of the bus.
 //!
-//! What is watched is not what the board says of itself. One wrapper stands in front of that bus and one behind it (`log`), so
-//! that a schedule knows which outputs were handed over, when they were sent, who got them, and which answer was taken when.
-//! Of the invariants on a bus that our runner paces these hold as they are:
+//! The checks do not rely on the board's own reports. One wrapper is in front of that bus and one behind it (`log`), so that
+//! a schedule knows which outputs were passed to it, when they were sent, which slaves got them, and when an answer was
+//! taken. These invariants of a bus that the runner paces hold unchanged:
 //!
 //! - every frame that arrives in OP is executed, cleared, full or held, at any time; free and held entries are 160;
 //! - entries are sent in order, each once, one in a cycle at most;
-//! - states change by legal ways, and so do drives, from one answer to the next; 0x6064 steps at a home event alone;
+//! - states change by legal transitions, and so do drives, from one answer to the next; 0x6064 steps at a home event alone;
 //! - no shaft is faster than the program's paths, in any cycle of the bus.
 //!
 //! These hold with another meaning or bound, because the board knows of a cycle only by its answer:
 //!
-//! - an entry is executed when its outputs are sent. At any time no more entries count as executed than were sent, and when all
-//!   is answered exactly those do: an entry that a clear has taken back was never sent;
-//! - a report shows the command behind the outputs of the cycle that it answers, however late it comes;
+//! - an entry is executed when its outputs are sent. At any time no more entries count as executed than were sent, and when
+//!   all is answered the numbers are equal: an entry that a clear has taken back was never sent;
+//! - a report shows the command of the outputs of the cycle that it answers, however late it comes;
 //! - a motion command is in the outputs that carry its entry, or counted in the same cycle of the board. Outputs that a slave
-//!   did not get count as for a lost slave when the bus has named it, to the command: neither fewer nor more;
-//! - a target that no command asks for is where the newest answer has seen the axis (0 in CSV and CST), when it is handed
-//!   over. It may be sent as many cycles later as lie ahead: an axis that is off may be held where it was depth + delay cycles
-//!   ago. Not so one that is being enabled: what holds it then did not lie ahead for more than [`ENABLING_AHEAD`] cycles;
-//! - a motor is on by an SV_ON that was handed over and neither cleared nor followed by a loss, and leaves Operation enabled
-//!   within [`STOPS_WITHIN`] cycles after its SV_OFF was sent. The board can do nothing sooner: the steps down go behind what
-//!   lies ahead, and follow answers.
+//!   did not get count as for a lost slave when the bus has named it, exactly to the command;
+//! - a target without a command is the axis's position in the newest answer (0 in CSV and CST), when it is passed to the bus.
+//!   It may be sent as many cycles later as the bus has outputs ahead: an axis that is off may be held at its position of
+//!   depth + delay cycles ago. For an axis that is being enabled, the holding target was ahead for at most [`ENABLING_AHEAD`]
+//!   cycles;
+//! - a motor is on by an SV_ON that was passed to the bus and neither cleared nor followed by a loss, and leaves Operation
+//!   enabled within [`STOPS_WITHIN`] cycles after its SV_OFF was sent. The board cannot do that sooner: the steps down come
+//!   after the outputs that the bus has ahead, and depend on answers.
 //!
-//! Not watched here: which counter of several a command that was not executed stands in, and the order of what happens to the
-//! marker's entries while it is itself lost; the ledger then begins anew when all is at rest. What outputs carry in that time
-//! no mark shows: an SV_ON or a target counts as handed over when it may have been, by its place among the frames that wait.
+//! Not checked here: which of several counters has a command that was not executed, and the order of events of the marker's
+//! entries while the marker itself is lost; then the ledger begins anew at rest. In that time no mark shows the commands of
+//! outputs: an SV_ON or a target counts as passed to the bus when it may have been, by its place among the waiting frames.
 
 mod answers;
 mod axes;
@@ -56,14 +57,14 @@ const CYCLES: u64 = 2500;
 /// Cycles after which all is at rest.
 const REST: u64 = 500;
 
-/// The 4 sets of outputs that may lie ahead while an axis is being switched on and others move (SK-12.3), and two cycles by
-/// which the board may be wrong about how many do: its clock is not the bus's.
+/// The 4 sets of outputs that the bus may have ahead while an axis is being switched on and others move (SK-12.3), and
+/// two cycles of error of the board's estimate: its clock is not the bus's.
 const ENABLING_AHEAD: usize = 6;
-/// 64 sets lie ahead at most and answers are 64 cycles late at most; a clear, looks that find nothing, and the drive's own
-/// steps take the rest.
+/// The bus has at most 64 sets ahead and answers are at most 64 cycles late; a clear, polls that find no cycle, and the
+/// drive's own steps take the rest.
 const STOPS_WITHIN: usize = 64 + 64 + 40;
 
-/// What was the case before a cycle of the board, and after it.
+/// The state before a cycle of the board, and after it.
 pub struct Around {
     lost_before: SlaveSet,
     lost_after: SlaveSet,
@@ -79,7 +80,7 @@ impl Around {
         self.lost_before.union(self.lost_after)
     }
 
-    /// Whether the board knows a slave to follow targets, for sure.
+    /// Whether the board surely knows that a slave follows targets.
     fn follows(&self, trace: &Trace, unit: Option<&Unit>, outputs: &[SlaveOut; SLAVES]) -> bool {
         let (Some(unit), Some(answer)) = (unit, trace.answer()) else { return false };
         let is_on = |axis: usize| {
@@ -112,7 +113,7 @@ fn is_motion_of(unit: &Unit, command: SlaveCommand) -> bool {
     targets(unit, command).is_some()
 }
 
-/// The watch over a schedule.
+/// The checks of a schedule.
 struct Late {
     log: Log,
     trace: Trace,
@@ -191,7 +192,7 @@ impl Checks for Late {
     }
 }
 
-/// Says on which bus a schedule runs, if it fails there.
+/// Prints the bus of a schedule if the schedule fails.
 struct ToldOnPanic(Ahead);
 
 impl Drop for ToldOnPanic {

@@ -19,7 +19,7 @@ pub const MARKER: usize = 1;
 /// Speed of the programs, counts/s: two turns.
 pub const SPEED: i32 = 2 << 17;
 
-/// A travel that is short, so that homing on it ends within a schedule.
+/// A travel so short that homing on it ends within a schedule.
 fn short_travel(turn: i64) -> Travel {
     Travel {
         negative_limit: Some(-turn / 4),
@@ -79,7 +79,7 @@ impl Unit {
     /// Statusword and the positions of the axes.
     pub fn answer(&self, report: &Frame, size: SlotSize) -> (Statusword, [i32; 2]) {
         let slot = report.slot(size, self.slave);
-        // Statusword and first position stand at the same place for every kind.
+        // Statusword and first position are at the same place for every kind.
         let answer = HspResponse::decode(&slot, size);
         (answer.statusword, [answer.first.position, answer.second.position])
     }
@@ -93,7 +93,7 @@ impl Unit {
         match self.mode {
             Mode::Csp => SlaveCommand::Csp(both(at)),
             Mode::Csv => SlaveCommand::Csv(both(speed)),
-            // Less than friction holds: how fast a torque makes an axis is the program's affair.
+            // Less than friction: the speed that a torque gives an axis is not checked.
             Mode::Cst => SlaveCommand::Cst((speed[0] % 25) as i16),
             Mode::Homing => unreachable!("no DRIVE_MODE"),
         }
@@ -107,7 +107,7 @@ pub struct Machine {
     pub size: SlotSize,
     pub cycle: CycleTime,
     pub units: Vec<Unit>,
-    /// Cycles more than one after which an answer comes.
+    /// The delay of an answer beyond one cycle.
     pub late: u64,
     marker: Seen,
 }
@@ -166,12 +166,12 @@ impl Machine {
         frames
     }
 
-    /// Byte 2 of slot 0 as it is now.
+    /// Whether byte 2 of slot 0 shows OP now.
     pub fn in_op(&self) -> bool {
         self.board.engine().state().state() == Some(MasterState::Op)
     }
 
-    /// Whether outputs reach a slave, and its answers are new.
+    /// Whether outputs reach a slave, and its answers are up to date.
     pub fn is_heard(&self, slave: usize) -> bool {
         let unit = self.units.iter().find(|unit| unit.slave == slave);
         let seen = unit.map_or(&self.marker, |unit| &unit.seen);

@@ -1,16 +1,18 @@
-//! What must hold whatever a program does and whatever goes wrong: random programs on random machines with random faults, on a
-//! bus that our runner paces and on late ones, writers of a served board that die, and a long day.
+//! Invariants for every program and every fault: random programs on random machines with random faults, on a bus that
+//! the runner paces and on late ones, writers of a served board that die, and a long day.
 //!
-//! - `program.rs`, `path.rs`, `machine.rs`: a random program with its faults, what it wants of a slave, the board it runs on
-//! - `paced.rs` with `books.rs`, `watch.rs`, `tap.rs`: what must hold on a bus that our runner paces, and how it is seen
+//! - `program.rs`, `path.rs`, `machine.rs`: a random program with its faults, its wishes for a slave, the board on
+//!   which it runs
+//! - `paced.rs` with `books.rs`, `watch.rs`, `tap.rs`: the invariants on a bus that the runner paces, and their
+//!   observation
 //! - `late.rs`, `late/`: the same over a bus that takes outputs ahead and answers late
-//! - `followed.rs`, `followed/`: programs whose slaves obey within a cycle, and what must hold on any bus: it is used by
+//! - `followed.rs`, `followed/`: programs whose slaves obey within a cycle, and the invariants on any bus; used by
 //!   - `chip.rs`, `chip/`: a board behind an ECM-XF, with every fault of that chip and its wires
 //!   - `wires.rs`, `wires/`: a board on a network card, with every fault of the cable
 //! - `ends.rs`, `day.rs`: writers that die, and the long day
-//! - `stalls.rs`, `stalls/`: programs and boards whose process stands still
+//! - `stalls.rs`, `stalls/`: programs and boards whose process stalls
 //!
-//! `cargo xtask soak` runs many more of them. One schedule again: `ECMSK_SOAK_FIRST=<seed> ECMSK_SOAK_SCHEDULES=1`.
+//! `cargo xtask soak` runs many more of them. To repeat one schedule: `ECMSK_SOAK_FIRST=<seed> ECMSK_SOAK_SCHEDULES=1`.
 
 mod books;
 mod chip;
@@ -53,8 +55,8 @@ fn run_all<D: AddAssign + Debug + Default>(test: &str, usual: u64, schedule: imp
     schedules::run_all("invariants", test, usual, schedule)
 }
 
-/// SK-4.44 SK-5.4 SK-5.7 SK-7.16 SK-7.17 SK-7.18: every CSP, CSV and CST accepted is executed once and in order or
-/// stands in a counter; no shaft jumps; states change by legal ways; free and held entries are 160.
+/// SK-4.44 SK-5.4 SK-5.7 SK-7.16 SK-7.17 SK-7.18: every CSP, CSV and CST accepted is executed once and in order or is
+/// in a counter; no shaft jumps; states change by legal transitions; free and held entries are 160.
 #[test]
 fn random_schedules() {
     let (schedules, all) = run_all("random_schedules", SCHEDULES, schedule);

@@ -1,5 +1,5 @@
-//! The watch over a schedule on a bus that our runner paces: each cycle of the board is one of the bus, and its report answers
-//! it.
+//! The checks of a schedule on a bus that the runner paces: each cycle of the board is one of the bus, and its report
+//! answers it.
 
 use ecmsk::engine::Counters;
 use ecmsk::fieldbus::Ns;

@@ -1,4 +1,4 @@
-//! What a program wants of one slave: a smooth path from where its axes stand, or to home it.
+//! A program's plan for one slave: a smooth path from the position of its axes, or homing.
 
 use ecmsk::cia402::{Mode, Statusword};
 use ecmsk::coe::{ObjectAddress, SdoSize};
@@ -8,10 +8,10 @@ use ecmsk::sk::{Frame, SdoCommand, SlaveCommand};
 use crate::machine::{Machine, SPEED, Unit};
 use support::dice::Dice;
 
-/// Reports in a row without an accepted target, after which a path begins anew.
+/// Successive reports without an accepted target after which a path restarts.
 const MISSES: u32 = 100;
 
-/// Where a program has the axes of a slave.
+/// The program's plan for the axes of a slave.
 #[derive(Clone, Copy, Default)]
 pub enum Path {
     /// No targets are sent.
@@ -19,7 +19,7 @@ pub enum Path {
     Rest,
     /// Each frame carries the next targets.
     Run { at: [i32; 2], speed: [i32; 2], goal: [i32; 2], misses: u32 },
-    /// It is to be homed: the next step, and the cycles before it.
+    /// The slave is being homed: the next step, and the cycles before it.
     Home { step: Step, wait: u64, method: i8 },
 }
 
@@ -29,13 +29,13 @@ pub enum Step {
     Mode,
     Method,
     Go,
-    /// Until it has ended, or the program has no patience any more.
+    /// Waits until homing has ended, or the program gives up.
     Wait,
-    /// Firmware 1.7 writes the mode back; programs do it too.
+    /// Firmware 1.7 writes the mode back; programs do it, too.
     Back,
 }
 
-/// What a path asks to be sent.
+/// A command that a path needs.
 pub enum Wish {
     Nothing,
     /// In the frame of this cycle.
@@ -45,23 +45,23 @@ pub enum Wish {
     Abort,
 }
 
-/// What a program knows when it makes a frame.
+/// The program's knowledge when it makes a frame.
 pub struct Now<'a> {
     pub machine: &'a Machine,
     pub report: &'a Frame,
-    /// Nothing that was sent is still in the FIFO.
+    /// Whether no sent frame is still in the FIFO.
     pub empty: bool,
 }
 
 impl Path {
-    /// The next wish for a slave. A path begins where the axis is, once nothing is in the FIFO any more that it might be
-    /// ahead of, goes on while its targets are accepted, and ends when the axis is no longer on.
+    /// The next command for a slave. A path begins at the axis's position once the FIFO has no older entry, goes on
+    /// while its targets are accepted, and ends when the axis is not on any more.
     pub fn next(&mut self, unit: &Unit, now: &Now, dice: &mut Dice) -> Wish {
         let (statusword, positions) = unit.answer(now.report, now.machine.size);
         let on = statusword.is_enabled() && !now.machine.state().is_failed();
         let homing = now.machine.board.engine().homing_phase(unit.slave as u8) != HomingPhase::Idle;
         match *self {
-            // A plan that was given up: nothing until its end.
+            // The plan was given up: no command until homing has ended.
             Self::Rest | Self::Run { .. } if homing => self.rest(),
             Self::Rest if on && now.empty && unit.can_home() && dice.one_in(3) => {
                 let method = dice.pick(&[35, 37, 35, 17, 18, 19, 21, 24, 28, 33, 1, 7, 15, -3]);
@@ -73,7 +73,7 @@ impl Path {
                 Wish::Nothing
             }
             Self::Rest if on || !now.empty || !dice.one_in(3) => Wish::Nothing,
-            // Their turn comes while the axis is off: they are discarded.
+            // These targets are executed while the axis is off: they are discarded.
             Self::Rest => Wish::Slave(unit.motion(positions, [0; 2])),
             Self::Run { .. } if !on => self.rest(),
             Self::Run { misses: MISSES.., .. } => self.rest(),
@@ -81,8 +81,8 @@ impl Path {
             Self::Home { .. } if !on => self.rest(),
             Self::Home { ref mut wait, step, .. } if *wait > 0 => {
                 *wait -= 1;
-                // Programs do send targets meanwhile: they count as ignored, or are rejected in mode 6. One whose turn comes
-                // when homing has ended would be a place of before.
+                // Programs do send targets meanwhile: they count as ignored, or are rejected in mode 6. A target that
+                // is executed after homing would be an old position.
                 if step == Step::Wait && now.empty && dice.one_in(4) {
                     Wish::Slave(unit.motion(positions, [0; 2]))
                 } else {

@@ -1,4 +1,4 @@
-//! A random program: it moves its axes on smooth paths from where they stand, and does everything else at random. And
+//! A random program: it moves its axes on smooth paths from their positions, and does everything else at random. With
 //! random faults.
 
 use std::ops::AddAssign;
@@ -16,7 +16,7 @@ use crate::machine::{MARKER, Machine};
 use crate::path::{Now, Path, Wish};
 use support::dice::Dice;
 
-/// What schedules did, so that none passes for lack of it.
+/// Totals of the schedules, so that none passes without events.
 #[derive(Debug, Default)]
 pub struct Done {
     pub cycles: u64,
@@ -59,7 +59,7 @@ impl AddAssign for Done {
 }
 
 impl Done {
-    /// Schedules that do little prove little.
+    /// Asserts that the schedules had enough events.
     pub fn assert_enough(&self, schedules: u64) {
         let least = [
             ("cycles in OP", self.in_op, 500),
@@ -96,25 +96,25 @@ impl Done {
     }
 }
 
-/// What watches a schedule.
+/// The checks of a schedule.
 pub trait Checks {
-    /// What the next frame carries for the marker.
+    /// The marker's command in the next frame.
     fn next_mark(&mut self) -> SlotCommand;
     /// A frame has arrived in OP.
     fn arrived(&mut self, frame: &Frame, size: SlotSize, before: &Counters, after: &Counters);
     /// SW_RESET.
     fn forget(&mut self);
-    /// The shafts of unit `n` are jammed, or free again.
+    /// The shafts of unit `n` were jammed, or freed.
     fn jam(&mut self, machine: &Machine, n: usize, jammed: bool);
-    /// A cycle of the board has passed, so long after the one before, with its reports and the time that each belongs to.
+    /// A cycle of the board has passed: the time since the previous one, its reports and the time of each.
     fn cycle(&mut self, machine: &Machine, reports: &[(Frame, Ns)], dt_ns: Ns, before: &Counters, after: &Counters);
-    /// What was seen.
+    /// Adds what was seen to the totals.
     fn tell(&self, done: &mut Done);
     /// All is at rest.
     fn close(&self, machine: &Machine);
 }
 
-/// The program, its machine, and what is watched.
+/// The program, its machine, and the checks.
 pub struct Program<C> {
     dice: Dice,
     machine: Machine,
@@ -129,7 +129,7 @@ pub struct Program<C> {
     broken: u64,
     /// Cycles until another slave is lost, and which one.
     next_loss: Option<(u64, u8)>,
-    /// Cycles until a jam, and what it leaves behind, is over.
+    /// Cycles until a jam and its consequences are over.
     jam: u64,
     done: Done,
 }
@@ -152,7 +152,7 @@ impl<C: Checks> Program<C> {
         }
     }
 
-    /// Runs until so many cycles have passed, most of them in OP.
+    /// Runs until that many cycles have passed, most of them in OP.
     pub fn run(&mut self, cycles: u64) {
         while self.done.cycles < cycles {
             let state = self.machine.state();
@@ -174,7 +174,7 @@ impl<C: Checks> Program<C> {
         }
     }
 
-    /// Everything is mended, the FIFO is cleared, and so many cycles pass.
+    /// Ends all faults, clears the FIFO, and lets that many cycles pass.
     pub fn come_to_rest(&mut self, cycles: u64) {
         (self.broken, self.next_loss, self.jam) = (0, None, self.jam.min(301));
         self.master(&MasterCommand::SetFifo(FifoAction::Clear));
@@ -199,7 +199,7 @@ impl<C: Checks> Program<C> {
         done
     }
 
-    /// A cycle passes.
+    /// Runs a cycle.
     fn cycle(&mut self) {
         let Self { machine, checks, report, .. } = self;
         let (before, then) = (*machine.board.engine().counters(), machine.board.now());
@@ -259,14 +259,14 @@ impl<C: Checks> Program<C> {
             if let Some(command) = extra {
                 frame.put_sdo(machine.size, &command);
             }
-            // A frame that asks for nothing would keep the FIFO from running empty.
+            // A frame without commands would prevent the FIFO from running empty.
             if asks {
                 self.send(frame);
             }
         }
     }
 
-    /// Something that programs do besides moving.
+    /// Another random action of programs.
     fn something(&mut self) {
         let size = self.machine.size;
         let n = self.dice.below(self.paths.len() as u64) as usize;
@@ -299,7 +299,7 @@ impl<C: Checks> Program<C> {
             18 => {
                 let mode = self.machine.units[n].mode.code();
                 let value = if self.dice.one_in(3) { self.dice.pick(&[8, 9, 10, 3]) } else { mode };
-                // What runs in one mode is not what runs in another.
+                // A path in one mode does not continue in another.
                 self.rest();
                 self.sdo(SdoCommand::Write {
                     slave: slave as u8,
@@ -310,7 +310,7 @@ impl<C: Checks> Program<C> {
             }
             19 | 20 => self.pause = self.dice.below(200),
             21 => {
-                // A command that has no business there.
+                // A command that does not belong there.
                 let id = self.dice.pick(&[0x13, 0x14, 0x06, 0x21, 0x77, 0xBF]);
                 let mut frame = Frame::new();
                 frame.put(size, slave, &RawSlot { id, data1: self.dice.roll() as u32, ..RawSlot::ZERO });
@@ -327,7 +327,7 @@ impl<C: Checks> Program<C> {
         }
     }
 
-    /// Something goes wrong.
+    /// Makes a random fault.
     fn fault(&mut self) {
         let n = self.dice.below(self.paths.len() as u64) as usize;
         let (slave, axes) = (self.machine.units[n].slave as u8, self.machine.units[n].axes);
@@ -338,7 +338,7 @@ impl<C: Checks> Program<C> {
                 self.done.faults += 1;
                 let code = self.dice.pick(&[0x7500, 0x8611, 0x2310, 0x3210]);
                 let fault = DeviceFault { code, resettable: !self.dice.one_in(10) };
-                // Both axes of a module: its statusword is that of one, and a program sees no more.
+                // The fault is of both axes of a module: a program sees only one statusword.
                 (0..2).for_each(|axis| network.apply_fault(slave, Fault::Alarm { axis, fault }));
             }
             4 | 5 => {
@@ -352,7 +352,7 @@ impl<C: Checks> Program<C> {
                     network.silence(slave, true);
                 }
                 self.broken = 1 + self.dice.below(100);
-                // Where losses are known late, two that are close together are told apart by when they were.
+                // If losses are known late, two losses close together are distinguished by their times.
                 if self.machine.late > 0 && self.dice.one_in(2) {
                     let other = self.machine.units[self.dice.below(units) as usize].slave as u8;
                     self.next_loss = Some((self.dice.below(30), other));
@@ -382,7 +382,7 @@ impl<C: Checks> Program<C> {
         }
     }
 
-    /// What is broken is mended when its time is over.
+    /// Heals faults when their time is over.
     fn repair(&mut self) {
         let network = &self.machine.network;
         if let Some((wait, slave)) = &mut self.next_loss {
@@ -412,7 +412,7 @@ impl<C: Checks> Program<C> {
         }
     }
 
-    /// All paths end: what was sent of them may not be executed.
+    /// Ends all paths: their sent targets may not be executed.
     fn rest(&mut self) {
         self.paths.fill(Path::Rest);
     }

@@ -1,15 +1,13 @@
-//! A process that stands still at any moment, for up to 5 s: stopped, swapped out, on a machine that was suspended. It may be the
-//! program that moves axes, or the runner of its board. Whatever the program does about it, and wherever its brake is when the
-//! process stands still again:
+//! A process that stalls at any moment, for up to 5 s: stopped, swapped out, on a suspended machine. It may be the program that
+//! moves axes, or the runner of its board. Whatever the program does, and in whatever phase of its brake another stall comes:
 //!
-//! - an axis in CSP is told the targets that the program has given, in their order, and nothing else: no brake goes beyond the last
-//!   one, or back;
-//! - a velocity and a torque that a brake writes are of the sign of the last one, and smaller each time;
+//! - an axis in CSP gets the program's targets, in their order, and no others: no brake goes beyond the last one, or back;
+//! - the velocities and torques of a brake have the sign of the last one, and decrease;
 //! - in the end all axes stand, by their shafts, and a velocity is 0;
-//! - a board that answers every cycle is never silent for the program, however long that did not listen.
+//! - a board that answers every cycle is never reported as silent, however long the program did not read.
 //!
-//! So it is on simulated slaves, behind an ECM-XF, and over slave controllers at a network card, of which those leave OP by themselves
-//! whose watchdog expires meanwhile. `cargo xtask soak` runs 10,000 of them. One again: `ECMSK_SOAK_FIRST=<seed>
+//! This holds on simulated slaves, behind an ECM-XF, and over slave controllers at a network card, which leave OP by themselves
+//! if their watchdog expires meanwhile. `cargo xtask soak` runs 10,000 of them. To repeat one: `ECMSK_SOAK_FIRST=<seed>
 //! ECMSK_SOAK_SCHEDULES=1`.
 
 mod bus;
@@ -35,10 +33,10 @@ use link::Stalling;
 const SCHEDULES: u64 = 80;
 const SIZE: SlotSize = SlotSize::Bytes12;
 const MS: Duration = Duration::from_millis(1);
-/// Noise and friction may move a shaft that stands by so much, counts.
+/// How far noise and friction may move a standing shaft, counts.
 const STANDS: i64 = 60;
 
-/// What schedules did, so that none passes for lack of it.
+/// Totals of the schedules, so that none passes without events.
 #[derive(Debug, Default)]
 struct Done {
     stalls: u64,
@@ -58,10 +56,10 @@ impl AddAssign for Done {
     }
 }
 
-/// An axis as the program leads it.
+/// The program's view of an axis.
 struct Led {
     mode: Mode,
-    /// Where it stood when it was switched on.
+    /// The position when it was switched on.
     start: i32,
     position: i32,
     speed: i32,
@@ -74,7 +72,7 @@ impl Led {
         self.speed = (self.speed + dice.below(21) as i32 - 10).clamp(-300, 300);
         match self.mode {
             Mode::Csv => stream.csv(slave, self.speed * 500),
-            // Less than friction holds: how fast a torque makes an axis is the program's affair.
+            // Less than friction: the speed that a torque gives an axis is not checked.
             Mode::Cst => stream.cst(slave, (self.speed % 25) as i16),
             _ => {
                 self.position += self.speed;
@@ -92,7 +90,7 @@ fn value(command: SlaveCommand) -> Option<i32> {
     }
 }
 
-/// Moves the axes, until the program has had enough or a call has failed.
+/// Moves the axes until the program ends its motion or a call has failed.
 fn lead(ecm: &Ecm, axes: &mut [Led], depth: u16, dice: &mut Dice) -> Result<(), EcmError> {
     let mut stream = ecm.stream(depth)?;
     let mut steps = || {
@@ -108,7 +106,7 @@ fn lead(ecm: &Ecm, axes: &mut [Led], depth: u16, dice: &mut Dice) -> Result<(), 
     if dice.one_in(2) {
         return led.and(stream.finish().map(drop));
     }
-    // It is dropped, or forgotten by a program whose board is dropped next.
+    // The stream is dropped, or leaked by a program whose board is dropped next.
     if dice.one_in(2) {
         std::mem::forget(stream);
     }
@@ -183,7 +181,7 @@ fn drop_it(ecm: Ecm) -> Result<(), EcmError> {
     Ok(())
 }
 
-/// What an axis was told, by what the program had written and what its brake wrote.
+/// Checks the commands of an axis against those that the program and its brake have written.
 fn check(axis: &Led, accepted: &[SlaveCommand], braked: &[SlaveCommand], at: &str) {
     let accepted: Vec<i32> = accepted.iter().copied().filter_map(value).collect();
     let braked: Vec<i32> = braked.iter().copied().filter_map(value).collect();
@@ -215,7 +213,7 @@ fn check(axis: &Led, accepted: &[SlaveCommand], braked: &[SlaveCommand], at: &st
     }
 }
 
-/// API-10: brakes of programs that stand still at any moment, and boards whose runner does.
+/// API-10: brakes of programs that stall at any moment, and boards whose runner does.
 #[test]
 fn a_process_that_stands_still() {
     let (schedules, all) = run_all("a_process_that_stands_still", SCHEDULES, schedule);

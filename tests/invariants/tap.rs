@@ -8,7 +8,7 @@ use ecmsk::slave::{AlStatus, Slave};
 
 use support::images::{Images, number};
 
-/// What went into a slave in the last cycle; `None`: it took nothing.
+/// The outputs of a slave in the last cycle; `None`: it took none.
 pub type Seen = Arc<Mutex<Option<SlaveOut>>>;
 
 /// The slave.

@@ -1,4 +1,4 @@
-//! What every report and every shaft must show.
+//! Invariants of every report and every shaft.
 
 use ecmsk::cia402::{DriveState, Mode};
 use ecmsk::engine::HomingPhase;
@@ -7,25 +7,25 @@ use ecmsk::sk::{Frame, MasterResponse, MasterState, StateByte};
 
 use crate::machine::{Machine, SPEED};
 
-/// How an axis was last.
+/// The last state of an axis.
 #[derive(Clone, Copy, Default)]
 struct Last {
     shaft: Option<i64>,
     state: Option<DriveState>,
-    /// Shaft less position actual.
+    /// Shaft position minus position actual.
     offset: Option<i32>,
-    /// It was homing in the cycle before.
+    /// Whether it was homing in the previous cycle.
     homing: bool,
-    /// Its shaft was jammed, or the jam has just gone.
+    /// Whether its shaft was jammed, or has just been freed.
     jammed: bool,
 }
 
-/// The watch.
+/// The checks.
 pub struct Watch {
     state: StateByte,
     boots: u64,
     axes: Vec<[Last; 2]>,
-    /// Fastest that a shaft was, as a part of what it may be.
+    /// The greatest speed of a shaft, as a share of its limit.
     pub fastest: f64,
     /// Steps of 0x6064 at a home event.
     pub homed: u64,
@@ -42,7 +42,7 @@ impl Watch {
         }
     }
 
-    /// The shafts of a slave are jammed, or free again.
+    /// The shafts of a slave were jammed, or freed.
     pub fn jam(&mut self, n: usize, jammed: bool) {
         self.axes[n].iter_mut().for_each(|last| last.jammed = jammed);
     }
@@ -76,13 +76,13 @@ impl Watch {
         }
     }
 
-    /// A slave's slot.
+    /// Checks a slave's slot.
     fn answer(&mut self, n: usize, machine: &Machine, report: &Frame) {
         let unit = &machine.units[n];
         let slave = unit.slave;
         let homing = machine.board.engine().homing_phase(slave as u8) != HomingPhase::Idle;
         if !machine.is_heard(slave) {
-            // SK-4: lost slots keep their values, and those of a board that is not in OP.
+            // SK-4: lost slots keep their values, and so do the slots of a board that is not in OP.
             self.axes[n].iter_mut().for_each(|last| (last.state, last.homing) = (None, homing || last.homing));
             return;
         }
@@ -94,7 +94,7 @@ impl Watch {
         }
         self.axes[n][0].state = state;
         for (last, position) in self.axes[n].iter_mut().zip(positions).take(unit.axes) {
-            // Inputs are those that the slave had when the frame passed it, at the end of the cycle before.
+            // Inputs are those of the slave when the frame passed it, at the end of the previous cycle.
             let Some(shaft) = last.shaft else { continue };
             let offset = (shaft as i32).wrapping_sub(position);
             let steps = last.offset.is_some_and(|last| last != offset);
@@ -106,18 +106,18 @@ impl Watch {
     }
 }
 
-/// Nothing that the board adds makes a shaft faster than the program's paths are. Gives how fast it is, as a part of what
-/// it may be; in CST 0.
+/// Asserts that the board makes no shaft faster than the program's paths. Returns the speed as a share of the limit; in
+/// CST 0.
 pub fn speed_share(moved: i64, mode: Mode, dt_ns: Ns, slave: usize) -> f64 {
     let speed = moved.abs() as f64 * 1e9 / dt_ns as f64;
-    // A count more or less is half a count of rounding at either end.
+    // The tolerance of a count is half a count of rounding at either end.
     let rounding = 1e9 / dt_ns as f64;
     let limit = 2.0 * f64::from(SPEED) + rounding;
     assert!(speed <= limit, "slave {slave} ({mode}) turns at {speed} counts/s, no path at more than {SPEED}");
     if mode == Mode::Cst { 0.0 } else { speed / limit }
 }
 
-/// SK-4: from each state those below it and the next above it; and failures.
+/// SK-4: from each state to those below it and the next one above it; and failures.
 pub fn assert_legal_state(was: StateByte, is: StateByte) {
     if was == is {
         return;
@@ -125,7 +125,7 @@ pub fn assert_legal_state(was: StateByte, is: StateByte) {
     let (Some(from), Some(to)) = (was.state(), is.state()) else { panic!("state {was} to {is}") };
     let legal = match (was.is_failed(), is.is_failed()) {
         (false, true) => from == to,
-        // Down the slaves that are there go first.
+        // On the way down the present slaves go first.
         (true, true) => to < from,
         (true, false) => to <= from,
         (false, false) => to < from || to.code() == from.code() * 2,

@@ -1,10 +1,10 @@
-//! Random programs on a board at the end of a network card, over slave controllers and our own master, while anything goes wrong
-//! that can: frames that are lost, late or doubled on their way out or back, or come back in another order, frames of other
-//! protocols and of another master, a card that is down, a runner that is late, and what happens to slaves and cable. Whether a
-//! runner waits for the time of each cycle, how many drives there are and which cycle is another with every seed. What must hold
-//! says `followed`.
+//! Random programs on a board at the end of a network card, over slave controllers and the software master, with random
+//! faults: frames that are lost, late or doubled on their way out or back, or come back in another order, frames of
+//! other protocols and of another master, a card that is down, a late runner, and faults of slaves and cable. The seed
+//! chooses whether a runner waits for the time of each cycle, the number of drives and the cycle. `followed` has the
+//! invariants.
 //!
-//! On their way out frames keep their order, as on a cable: one that is late delays those behind it.
+//! On their way out frames keep their order, as on a cable: a late frame delays those behind it.
 
 mod how;
 mod line;

@@ -1,4 +1,4 @@
-//! The link `xf-usb:`: a chip ECM-XFU, over packets in the hands of a test, in virtual time.
+//! The link `xf-usb:`: a chip ECM-XFU, with packets controlled by the test, in virtual time.
 #![cfg(unix)]
 
 use std::time::Duration;
@@ -21,9 +21,9 @@ const PACKET: usize = 1024;
 struct Packets {
     port: ChipPort<SlaveModels>,
     now: Ns,
-    /// So many of the next exchanges fail.
+    /// Number of the next exchanges that fail.
     failures: u32,
-    /// So many of the next answers are damaged.
+    /// Number of the next answers that are damaged.
     damaged: u32,
     exchanges: u32,
 }
@@ -68,7 +68,7 @@ impl PacketWires for Packets {
     }
 }
 
-/// XF-16.10 An axis moves over USB, by packets of 1024 bytes alone.
+/// XF-16.10 An axis moves over USB, with packets of 1024 bytes only.
 #[test]
 fn an_axis_moves_over_usb() {
     let mut xf = Packets::new().open().unwrap();
@@ -79,8 +79,8 @@ fn an_axis_moves_over_usb() {
     assert_eq!(xf.link_mut().int1().unwrap(), None);
 }
 
-/// XF-16.10 After answers that are none, packets are found again, though the driver looks for them by fewer bytes than a
-/// packet of USB has.
+/// XF-16.10 After invalid answers the driver finds the packets again, although it searches in steps smaller than a
+/// packet of USB.
 #[test]
 fn packets_are_found_again() {
     let mut xf = Packets::new().open().unwrap();
@@ -92,7 +92,7 @@ fn packets_are_found_again() {
     move_axis(&mut xf).unwrap();
 }
 
-/// XF-16.11 An exchange that fails is the caller's error; afterwards the driver goes on.
+/// XF-16.11 A failed exchange returns an error to the caller; afterwards the driver goes on.
 #[test]
 fn an_exchange_that_fails_is_an_error() {
     let mut xf = Packets::new().open().unwrap();
@@ -103,7 +103,7 @@ fn an_exchange_that_fails_is_an_error() {
     move_axis(&mut xf).unwrap();
 }
 
-/// XF-16.10 Ids and endpoints have to be given, since nobody knows them; the error says so.
+/// XF-16.10 Ids and endpoints have to be given, since they are not documented; the error says so.
 #[test]
 fn ids_and_endpoints_have_to_be_given() {
     let refused = |uri: &str| chip::open(uri).err().expect("it does not open").to_string();
@@ -124,6 +124,6 @@ fn ids_and_endpoints_have_to_be_given() {
         let error = LinkUri::parse(&format!("xf-usb:?{key}={bad}")).unwrap_err();
         assert!(matches!(&error, UriError::BadValue { key: named, .. } if named == key), "{key}={bad}: {error}");
     }
-    // An ECM-XFU has packets of one size alone.
+    // An ECM-XFU has packets of one size only.
     assert!(matches!(LinkUri::parse("xf-usb:?use_n=112"), Err(UriError::UnknownKey { .. })));
 }

@@ -1,4 +1,4 @@
-//! Where a link comes from when the program does not name one.
+//! The places that name a link if the program does not.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use ecmsk::link::config::{ConfigError, Configured, Environment, Platform, Source
 use ecmsk::link::uri::LinkUri;
 use tempfile::TempDir;
 
-/// A machine of its own: every folder the search knows, none with a file in it.
+/// A test's machine: every folder of the search, without files.
 struct Machine {
     root: TempDir,
     environment: Environment,
@@ -67,7 +67,7 @@ fn nothing_configured_means_usb() {
 #[test]
 fn the_first_place_that_names_a_link_wins() {
     let mut machine = Machine::unix();
-    // From the last to the first: each one wins over all before it.
+    // From the last to the first: each one overrides all before it.
     for place in ["etc/ecmsk.toml", "xdg/ecmsk/ecmsk.toml", "library/ecmsk.toml", "program/ecmsk.toml"] {
         let link = format!("sim:?name={}", place.replace('/', "-"));
         let path = machine.write(place, format!("link = \"{link}\"\n"));
@@ -140,7 +140,7 @@ fn a_wrong_file_is_an_error_that_names_file_line_and_what_is_allowed() {
     ] {
         let machine = Machine::unix();
         let path = machine.write("program/ecmsk.toml", text);
-        // Not passed over for a place that would do.
+        // It is not skipped for a valid file in a later place.
         machine.write("etc/ecmsk.toml", "link = 'usb:'");
         let error = find(&machine.environment).expect_err(text);
         let ConfigError::Content { path: named, line: at, message } = &error else { panic!("{text}: {error:?}") };
@@ -156,7 +156,7 @@ fn a_wrong_file_is_an_error_that_names_file_line_and_what_is_allowed() {
     }
 }
 
-/// What the error tells the reader to write is a file that works.
+/// The example file in the error's text is valid.
 #[test]
 fn the_example_in_the_error_works() {
     let machine = Machine::unix();
@@ -208,7 +208,8 @@ fn the_process_knows_its_program_and_the_callers_library() {
     assert_eq!(first, program.parent().map(|dir| dir.join("ecmsk.toml")));
 }
 
-/// TOOL-136 What is no small file is refused by what it is. Opening a pipe that nobody writes to would wait for ever.
+/// TOOL-136 Anything but a small regular file is refused with its kind. Opening a pipe without a writer would wait
+/// forever.
 #[cfg(target_os = "linux")]
 #[test]
 fn pipes_devices_and_huge_files_are_refused_as_configuration() {

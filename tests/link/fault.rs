@@ -1,4 +1,4 @@
-//! Faults on the way between a program and its board, `fault.*`.
+//! Faults between a program and its board, `fault.*`.
 
 use std::sync::Arc;
 use std::thread;
@@ -27,7 +27,7 @@ fn frame(command: MasterCommand) -> Frame {
     frame
 }
 
-/// A frame that nothing rejects.
+/// A valid frame.
 fn status() -> Frame {
     frame(MasterCommand::GetStatus)
 }
@@ -86,7 +86,7 @@ fn a_share_of_writes_is_dropped_by_the_seed() {
     assert_ne!(run(2), first);
 }
 
-/// Dropped reports leave gaps, and the same ones every time.
+/// Dropped reports leave gaps, the same ones in each run.
 #[test]
 fn dropped_reports_leave_gaps_and_the_same_ones_every_time() {
     let run = |options: &str| sequences(&*open(options), 500);
@@ -118,7 +118,7 @@ fn a_read_of_which_every_report_is_dropped_ends_at_its_limit_or_says_why() {
     assert_eq!(link.stats().read_errors, 3);
 }
 
-/// One bit of a corrupt report is turned over.
+/// One bit of a corrupt report is flipped.
 #[test]
 fn one_bit_of_a_corrupt_report_is_flipped() {
     let (good, bad) = (open("fault.seed=1"), open("fault.corrupt.read=1"));
@@ -178,7 +178,7 @@ fn a_delayed_write_takes_longer_or_reaches_its_limit() {
     assert_eq!(link.stats().faults.write.delayed, 3);
 }
 
-/// A delayed report comes later, in its turn.
+/// A delayed report comes later, in order.
 #[test]
 fn a_delayed_report_comes_later_and_in_its_turn() {
     let link = open("fault.delay.read=1&fault.delay_ms=100");
@@ -204,7 +204,7 @@ fn a_delayed_report_comes_to_a_program_that_polls() {
     assert!(polls.is_some_and(|polls| polls > 5), "{polls:?}");
 }
 
-/// After so many frames the board is lost until it is opened again.
+/// After that many frames the board is lost until it is opened again.
 #[test]
 fn after_disconnect_after_frames_the_board_is_lost_until_it_is_opened_again() {
     let uri = "name=lost-after&fault.disconnect_after=5";
@@ -248,7 +248,7 @@ fn after_disconnect_ms_the_board_is_lost() {
     assert!(reads > 90, "one a cycle: {reads}");
 }
 
-/// On the real clock the wait of another thread ends with the board, with a report or without.
+/// On the real clock another thread's wait ends with the board's loss, with a report or without.
 #[test]
 fn a_wait_ends_when_the_board_is_taken_away() {
     let link = real("fault.disconnect_ms=100&fault.drop.read=1");
@@ -268,7 +268,7 @@ fn a_wait_ends_when_the_board_is_taken_away() {
     assert!(matches!(error, LinkError::Lost { .. }), "{error}");
 }
 
-/// What is held up is so no longer than the board is there.
+/// A delay ends with the board's loss.
 #[test]
 fn a_delay_ends_when_the_board_is_taken_away() {
     let hour = "fault.delay=1&fault.delay_ms=3600000";
@@ -295,7 +295,7 @@ fn a_delay_ends_when_the_board_is_taken_away() {
 
 #[test]
 fn cancel_and_close_end_a_delay_at_once() {
-    // An hour, of which nothing is waited for.
+    // An hour, which does not pass.
     let link = real("fault.delay=1&fault.delay_ms=3600000");
     for (dir, end) in [(Dir::Write, false), (Dir::Read, false), (Dir::Write, true)] {
         let waiting = thread::spawn({
@@ -371,7 +371,7 @@ fn a_call_allocates_nothing() {
     }
 }
 
-/// What a program without a word about faults sees: the read that fails, and a board that is there again.
+/// A program that does not handle faults: its read fails, and the board is available again.
 mod needs_cxx {
     use support::{Language, compile, root};
 
@@ -390,7 +390,7 @@ mod needs_cxx {
     }
 }
 
-/// Nothing of a fault reaches the model itself.
+/// Faults of the link do not affect the model.
 #[test]
 fn faults_of_the_link_do_not_change_the_board() {
     let link = open("fault.drop.read=0.5");

@@ -1,10 +1,10 @@
-//! Which links a build opens.
+//! The links that a build opens.
 
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::{self, LinkError, Share};
 
-/// Of every scheme: a link whose feature this build has is tried, and any other is refused with the text of the table
-/// (`src/address/scheme.rs`). None of these names hardware that is there.
+/// For every scheme: a link whose feature this build has is tried, any other is refused with the table's text
+/// (`src/address/scheme.rs`). None of these links names existing hardware.
 #[test]
 fn what_a_build_opens_is_what_its_table_says() {
     for scheme in Scheme::ALL {

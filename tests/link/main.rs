@@ -1,4 +1,4 @@
-//! Links: what names one, the boards in the process, scripts, faults, and recordings as they are written and read.
+//! Links: their URIs and configuration, boards in the process, scripts, faults, and writing and reading of recordings.
 //!
 //! Files:
 //!
@@ -9,8 +9,8 @@
 //! - `rate.rs`: `rate=`
 //! - `fault.rs`: `fault.*`
 //! - `script.rs`, `script_slaves.rs`, `script_text.rs`: `script=`: events of the board, of slaves, and the syntax
-//! - `record.rs`, `record_board.rs`, `record_order.rs`, `record_disk.rs`, `record_pipe.rs`, `record_end.rs`:
-//!   `record=`: the file, a board that is opened again, the order of frames, full disks, pipes, how a recording ends
+//! - `record.rs`, `record_board.rs`, `record_order.rs`, `record_disk.rs`, `record_pipe.rs`, `record_end.rs`: `record=`:
+//!   the file, a board that is opened again, the order of frames, full disks, pipes, the end of a recording
 //! - `record_reader.rs`: reading recordings and captures
 
 mod chip_usb;

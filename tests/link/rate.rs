@@ -25,7 +25,7 @@ fn read(link: &dyn Link) -> u64 {
     meta.at.0 - link.info().opened_at.0
 }
 
-/// No machine is too fast: in that much real time no more board time has passed than the rate lets pass.
+/// On any machine: in a span of real time no more board time has passed than the rate allows.
 #[test]
 fn board_time_passes_at_the_rate() {
     for (rate, share) in [("0.1", 10), ("0.5", 2)] {
@@ -44,7 +44,7 @@ fn board_time_passes_at_the_rate() {
     }
 }
 
-/// The stamp of a write is board time too, and a write takes its `host_us` of it.
+/// The time stamp of a write is board time too, and a write takes `host_us` of it.
 #[test]
 fn writes_take_board_time() {
     let link = open("rate=0.1&host_us=1000&queue=1024");
@@ -56,7 +56,7 @@ fn writes_take_board_time() {
     let last = stamps[4];
     while link.info().opened_at.0 + read(&*link) < last + 2 * MS {}
     assert_eq!(board(&*link).frames, 5);
-    // Two writes in a row are no failure, however slow the board is.
+    // Two consecutive writes do not fail, however slow the board is.
     for _ in 0..3 {
         let link = open("rate=0.1");
         link.write(&Frame::new(), Wait::Now).expect("written");
@@ -64,7 +64,7 @@ fn writes_take_board_time() {
     }
 }
 
-/// However slow the board: limits of calls are the machine's time, and close and cancel end a wait at once.
+/// However slow the board is: limits of calls are in the machine's time, and close and cancel end a wait at once.
 #[test]
 fn a_very_slow_board_keeps_nobody_waiting() {
     let link = open("rate=0.001");
@@ -89,7 +89,7 @@ fn a_very_slow_board_keeps_nobody_waiting() {
     }
 }
 
-/// A board that was away catches up with its own time, not with the machine's.
+/// A board that was closed catches up with its own time, not with the machine's.
 #[test]
 fn a_parked_board_ages_at_its_rate() {
     let begin = Instant::now();

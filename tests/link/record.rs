@@ -1,4 +1,4 @@
-//! The wrapper that records a link: what is in the file, when, and what it costs.
+//! The wrapper that records a link: the file's content, its times, and the cost.
 
 use std::io;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use support::recording::{
     Echo, Memory, URI, blocks, frame, frames, meta, options, read_file, record_to, recording_of, u16_at, u32_at, u64_at,
 };
 
-/// Pcapng: section header, interface, one enhanced packet a frame, interface statistics.
+/// Pcapng: section header, interface, one enhanced packet per frame, interface statistics.
 #[test]
 fn the_file_is_pcapng_of_usbmon_in_nanoseconds() {
     let memory = Memory::default();
@@ -76,7 +76,7 @@ fn the_file_is_pcapng_of_usbmon_in_nanoseconds() {
     assert_eq!((u64_at(&counts[&4], 0), u64_at(&counts[&5], 0)), (2, 0), "frames there were, frames missing");
 }
 
-/// What is recorded is read back: frames, directions, times, what the link was.
+/// A recording is read back: frames, directions, times, the link.
 #[test]
 fn a_recording_is_read_back() {
     let bytes = recording_of(300);
@@ -109,7 +109,7 @@ fn the_metadata_of_a_recording_is_read_back() {
     }
 }
 
-/// Virtual time begins at 0; real time is the calendar's when the link's clock shows what it showed at the opening.
+/// Virtual time begins at 0; real time begins at the calendar's time of the opening.
 #[test]
 fn recorded_times_are_calendar_times_on_the_real_clock() {
     let info = |virtual_time| Echo::new(virtual_time).info();
@@ -218,8 +218,8 @@ fn a_recorded_call_allocates_nothing() {
             link.write(&sent, Wait::Now).unwrap();
             link.read(&mut out, Wait::Now).unwrap();
         };
-        // On the real clock all of it has room in the queue, so that no call finds it full. In virtual time calls wait
-        // for the writer, and the first one that does makes what it waits with.
+        // On the real clock everything fits the queue, so that no call finds it full. In virtual time calls wait for
+        // the writer, and the first wait allocates.
         let (warm_up, pairs) = match clock {
             Clock::Real => (1, QUEUE / 2 - 1),
             Clock::Virtual => (QUEUE, QUEUE),

@@ -17,7 +17,7 @@ fn exchange(board: &dyn Link, command: &MasterCommand, seen: &mut Vec<(Dir, Fram
     Ok(())
 }
 
-/// SK-4.34 SW_RESET drops the connection: what led to it stays in the recording when the board is opened again
+/// SK-4.34 SW_RESET drops the connection: the frames before it stay in the recording when the board is opened again
 #[test]
 fn the_recording_of_a_board_goes_on_after_sw_reset() {
     let dir = tempfile::tempdir().unwrap();

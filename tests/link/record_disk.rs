@@ -1,4 +1,4 @@
-//! Recordings and the disk: slow, full, not there, used before.
+//! Recordings on disks that are slow, full or missing, and in files that exist.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -13,7 +13,7 @@ use ecmsk::link::{Link, LinkError, Wait};
 use ecmsk::recording::Recording;
 use support::recording::{Echo, Memory, blocks, frame, frames, meta, options, read_file, record_to};
 
-/// Nothing is written before it is told to go on.
+/// Blocks each write until the test lets it go on.
 struct Gate {
     open: Receiver<()>,
     memory: Memory,
@@ -30,7 +30,7 @@ impl Gate {
 
 impl Write for Gate {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        // Once the sender is gone the gate stays open.
+        // Once the sender is dropped the gate stays open.
         let _ = self.open.recv();
         self.memory.write(bytes)
     }
@@ -93,7 +93,7 @@ fn on_a_virtual_clock_nothing_is_lost_however_slow_the_disk_is() {
     assert_eq!(link.stats().record_dropped, 2, "none but the two of the link inside");
 }
 
-/// Tells of every write.
+/// Reports every write.
 struct Telling(Sender<usize>);
 
 impl Write for Telling {
@@ -114,11 +114,11 @@ fn an_idle_recording_is_on_disk_without_a_close() {
     let link = RecordLink::to_sink(Arc::new(Echo::new(false)), "m", sink, &meta(Clock::Real, 0), 4).unwrap();
     assert!(written.recv().unwrap() > 0, "the headers");
     link.write(&frame(1), Wait::Now).unwrap();
-    // The limit is there only so that a failure ends.
+    // The limit only ends a failing test.
     assert!(written.recv_timeout(Duration::from_secs(60)).expect("the frame") > 512);
 }
 
-/// Takes so many bytes, in part at the end, and no more.
+/// Accepts that many bytes, the last write in part, and no more.
 struct Limited {
     left: usize,
     memory: Memory,
@@ -153,11 +153,11 @@ fn frames_that_a_full_disk_refuses_are_counted_and_the_link_goes_on() {
     let bytes = memory.bytes();
     let on_disk = Recording::new(&bytes[..], "bytes").unwrap().filter_map(Result::ok).count() as u64;
     let dropped = link.stats().record_dropped - 2;
-    // What the failed write has brought to this disk by half counts as missing.
+    // Frames that the failed write has written in part count as missing.
     assert!(on_disk + dropped >= 1000 && dropped < 1000, "{on_disk} on disk, {dropped} dropped");
 }
 
-/// A real file on a real full disk: the process may write no longer file.
+/// A real file with a full disk: the process' limit of file sizes.
 #[cfg(unix)]
 #[test]
 fn a_frame_that_a_full_disk_has_cut_is_removed() {
@@ -175,7 +175,7 @@ fn a_frame_that_a_full_disk_has_cut_is_removed() {
     }
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("recording");
-    // An ignored signal stays so across exec: the write then fails instead.
+    // An ignored signal stays ignored across exec: the write then fails instead.
     let child = std::process::Command::new("sh")
         .args([
             "-c",
@@ -215,12 +215,12 @@ fn a_file_that_cannot_be_written_is_named() {
     }
 }
 
-/// A board must be opened again after SW_RESET: what led to it stays in the recording.
+/// A board must be opened again after SW_RESET: the frames before it stay in the recording.
 #[test]
 fn the_first_recording_replaces_a_file_and_later_ones_append() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("recording");
-    // An older recording of another process, longer than what comes now.
+    // An older recording of another process, longer than the new one.
     let older = dir.path().join("older");
     let link = record_to(&older, Clock::Virtual);
     for number in 0..100 {
@@ -239,7 +239,7 @@ fn the_first_recording_replaces_a_file_and_later_ones_append() {
     }
 }
 
-/// A file that holds something else is left alone, and the message says so; an empty one is taken.
+/// A file with other content is left unchanged, and the message says so; an empty one is used.
 #[test]
 fn other_files_are_not_replaced() {
     let dir = tempfile::tempdir().unwrap();

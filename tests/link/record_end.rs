@@ -1,4 +1,4 @@
-//! Recordings that were not ended, or could not take all: they say so, and so does the recorder.
+//! Recordings that were not ended, or lack frames: the file records it, and the recorder reports it.
 
 use std::sync::Arc;
 
@@ -8,14 +8,14 @@ use ecmsk::link::{Link, Wait};
 use ecmsk::recording::{Lacks, Recording, lacks_at_end};
 use support::recording::{Echo, Memory, blocks, frame, meta, record_to, recording_of, u32_at};
 
-/// What the recording lacks, by all of it.
+/// What the recording lacks, according to the whole file.
 fn lacks(bytes: &[u8]) -> Lacks {
     let mut recording = Recording::new(bytes, "bytes").unwrap();
     assert!(recording.by_ref().all(|frame| frame.is_ok()));
     recording.lacks()
 }
 
-/// The same by its end alone.
+/// The same according to its end only.
 fn by_its_end(bytes: &[u8]) -> Lacks {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("file");
@@ -23,14 +23,14 @@ fn by_its_end(bytes: &[u8]) -> Lacks {
     lacks_at_end(&path).unwrap()
 }
 
-/// The file up to block `n`, without what comes behind.
+/// The file up to block `n`.
 fn up_to(bytes: &[u8], n: usize) -> &[u8] {
     let length = (0..n).fold(0, |at, _| at + u32_at(bytes, at + 4) as usize);
     &bytes[..length]
 }
 
-/// A recording without its end was not ended, wherever it was cut; one with it was. A file of several openings says
-/// how many of them were not.
+/// A recording without an end block was not ended, wherever it was cut; one with it was. For a file of several openings
+/// the number of those that were not ended is known.
 #[test]
 fn a_recording_without_its_end_says_so() {
     let whole = recording_of(3);
@@ -49,14 +49,14 @@ fn a_recording_without_its_end_says_so() {
     assert_eq!(lacks(&twice).not_ended, 1);
     let thrice = [up_to(&whole, 4), &whole, up_to(&whole, 5)].concat();
     assert_eq!(lacks(&thrice).not_ended, 2);
-    // In the middle of a block, and of no block at all.
+    // Within a block, and before the first block.
     for length in [whole.len() - 1, whole.len() - 100, 10, 0] {
         assert_eq!(by_its_end(&whole[..length]).not_ended, 1, "{length}");
     }
 }
 
-/// Of what others have written nothing is concluded: a recording that another program has written anew has another
-/// application in its header, a capture has its own.
+/// Files of other programs are not judged: a recording rewritten by another program has another application in its
+/// header, and so has a capture.
 #[test]
 fn recordings_of_other_programs_are_not_called_incomplete() {
     let whole = recording_of(3);
@@ -82,8 +82,8 @@ fn a_recording_that_grows_is_not_ended() {
     assert!(lacks(&memory.bytes()).is_nothing());
 }
 
-/// A real file on a real full disk: the process may write no longer file. The recorder says so on standard error
-/// when it begins and at the end, and the file says how many frames are missing and why.
+/// A real file with a full disk: the process' limit of file sizes. The recorder reports it on standard error when it
+/// begins and at the end, and the file has the number of missing frames and the reason.
 #[cfg(unix)]
 #[test]
 fn a_full_disk_is_told_at_once_and_at_the_end() {
@@ -128,7 +128,7 @@ fn a_full_disk_is_told_at_once_and_at_the_end() {
         let found = recording.lacks();
         let stopped = said.lines().filter(|line| line.contains("has stopped: File too large")).count();
         assert!((1..=2).contains(&stopped), "{limit}: {said}");
-        // What was begun is ended.
+        // Every section that was begun is ended.
         assert_eq!(found.not_ended, 0, "{limit}: {found}");
         assert_eq!(found.why.as_deref(), Some("File too large (os error 27)"), "{limit}: {said}");
         let begun = said.lines().filter(|line| *line == "begun").count() as u64;
@@ -142,15 +142,15 @@ fn a_full_disk_is_told_at_once_and_at_the_end() {
     }
 }
 
-/// A recording that was there is kept beside a new one, as `FILE.1`; the one that was kept before goes. A file in
-/// that place that is no recording stays, and then nothing is recorded.
+/// An existing recording is kept beside a new one, as `FILE.1`, which replaces an older one of that name. A `FILE.1`
+/// that is no recording stays, and then nothing is recorded.
 #[test]
 fn a_recording_that_was_there_is_kept() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("run.pcapng");
     let kept = dir.path().join("run.pcapng.1");
     for number in 1..=3 {
-        // Another process's: this one would append to its own.
+        // A recording of another process: this process would append to its own.
         let other = dir.path().join(format!("other {number}"));
         let link = record_to(&other, Clock::Virtual);
         (0..number).for_each(|n| {
@@ -159,7 +159,7 @@ fn a_recording_that_was_there_is_kept() {
         link.close();
         std::fs::copy(other, &path).unwrap();
         let before = std::fs::read(&path).unwrap();
-        // A path of its own for the process each time.
+        // Each time another spelling of the path, which the process takes for a new file.
         let spelled = dir.path().join("x/../".repeat(number as usize)).join("run.pcapng");
         std::fs::create_dir_all(dir.path().join("x")).unwrap();
         record_to(&spelled, Clock::Virtual).close();
@@ -177,7 +177,7 @@ fn a_recording_that_was_there_is_kept() {
     assert_eq!(std::fs::read(&kept).unwrap(), b"a letter");
 }
 
-/// Room for a recording is there, or is made of a recording if that is wanted, and of nothing else.
+/// The path of a recording is free, or is freed by removing a recording if requested, and no other file.
 #[test]
 fn only_a_recording_is_removed_for_a_new_one() {
     let dir = tempfile::tempdir().unwrap();

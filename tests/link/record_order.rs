@@ -1,4 +1,4 @@
-//! The order and the times of a recording's frames: threads that come late, boards that are opened again.
+//! The order and the times of a recording's frames: threads that are late, boards that are opened again.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -10,7 +10,7 @@ use ecmsk::recording::{Recorded, Recording};
 use ecmsk::sk::Frame;
 use support::recording::{Echo, frame, meta, read_file};
 
-/// A link on the real clock whose calls return when the test calls them, whenever their frames have passed.
+/// A link on the real clock whose calls return when the test makes them, with any times of their frames.
 struct Late {
     echo: Echo,
     times: Mutex<std::vec::IntoIter<u64>>,
@@ -40,7 +40,8 @@ impl Layer for Late {
     }
 }
 
-/// Records calls (`true`: a write) whose frames have passed at these times; waits for the disk after each call if told to.
+/// Records calls (`true`: a write) whose frames have passed at these times; waits for the disk after each call if
+/// `one_by_one`.
 fn recorded(path: &Path, clock: Clock, calls: &[(bool, u64)], one_by_one: bool) -> Vec<(Dir, u64)> {
     let times: Vec<u64> = calls.iter().map(|(_, at)| *at).collect();
     let link = RecordLink::new(Arc::new(Late::at(times)), path, &meta(clock, 0)).unwrap();
@@ -53,7 +54,7 @@ fn recorded(path: &Path, clock: Clock, calls: &[(bool, u64)], one_by_one: bool) 
         } else {
             link.read(&mut out, Wait::Now).unwrap();
         }
-        // The recorder's thread takes it sooner or later: a frame of its own is the harder case.
+        // The recorder's thread may take several frames at once; one frame at a time is the harder case.
         while one_by_one && std::fs::metadata(path).unwrap().len() == length {
             std::thread::yield_now();
         }
@@ -63,9 +64,9 @@ fn recorded(path: &Path, clock: Clock, calls: &[(bool, u64)], one_by_one: bool) 
     read_file(path).into_iter().map(|recorded: Recorded| (recorded.dir, recorded.at_ns)).collect()
 }
 
-/// On the real clock a recording has its frames in the order of their times, however late the thread that moved one
-/// comes with it: a command stands before its answer, a report before the commands that were sent after it was made. Two of
-/// the same moment: the report first. On a virtual clock it has them in the order of the calls.
+/// On the real clock a recording has its frames in the order of their times, however late a frame's thread records it:
+/// a command comes before its answer, a report before the commands that were sent after it was made. Of two frames with
+/// the same time the report comes first. On a virtual clock they have the order of the calls.
 #[test]
 fn frames_are_in_the_order_of_their_times() {
     let folder = tempfile::tempdir().unwrap();
@@ -99,7 +100,7 @@ fn frames_are_in_the_order_of_their_times() {
     }
     let in_order = calls.map(|(writes, at)| (if writes { Dir::Write } else { Dir::Read }, at));
     assert_eq!(recorded(&folder.path().join("virtual"), Clock::Virtual, &calls, true), in_order);
-    // What comes later than the recorder looks back stays behind, and the file is whole.
+    // A frame that comes later than the recorder sorts stays at the end, and the file is valid.
     let mut many: Vec<_> = (0..1000).map(|n| (true, 1000 + n)).collect();
     many.push((true, 5));
     many.push((true, 1900));
@@ -108,7 +109,7 @@ fn frames_are_in_the_order_of_their_times() {
     assert!(got.contains(&(Dir::Write, 5)) && got[..850].is_sorted_by_key(|(_, at)| *at), "{got:?}");
 }
 
-/// The sections of a file: what each says of its times, and the times of its frames.
+/// The sections of a file: the base of its times, and the times of its frames.
 fn sections(path: &Path) -> Vec<(u64, Vec<u64>)> {
     let mut recording = Recording::open(path).unwrap();
     let mut sections: Vec<(u64, Vec<u64>)> = Vec::new();
@@ -122,8 +123,8 @@ fn sections(path: &Path) -> Vec<(u64, Vec<u64>)> {
     sections
 }
 
-/// A board that a program opens again goes on in its recording where it was, by its own clock: `rate=` makes no gap
-/// of the time that the wall's clock was ahead.
+/// The recording of a board that is opened again continues by the board's own clock: with `rate=` there is no gap by
+/// which the wall clock was ahead.
 #[test]
 fn times_continue_by_the_boards_clock_when_it_is_opened_again() {
     let folder = tempfile::tempdir().unwrap();
@@ -137,13 +138,13 @@ fn times_continue_by_the_boards_clock_when_it_is_opened_again() {
         });
         link.close();
     }
-    // One base, and times that go on: the board's own.
+    // One base, and continuous times: the board's own.
     let sections = sections(&path);
     assert_eq!(sections.len(), 1, "{sections:?}");
     assert_eq!(sections[0].1.len(), 15);
 }
 
-/// A board that began anew, as one without a name does, follows in the recording too: no time is there twice.
+/// A new board, as one without a name is, continues in the recording too: no time occurs twice.
 #[test]
 fn times_of_a_new_board_follow_those_recorded_before() {
     let folder = tempfile::tempdir().unwrap();

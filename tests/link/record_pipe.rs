@@ -1,4 +1,4 @@
-//! Recordings to a pipe: they are looked at live, and a reader that takes nothing holds nobody up.
+//! Recordings to a pipe: they can be read live, and a reader that stops reading delays no call.
 #![cfg(unix)]
 
 use std::fs::{self, File};
@@ -21,7 +21,7 @@ fn uri(clock: &str, pipe: &Path) -> String {
     format!("sim:?clock={clock}&record={}", pipe.display())
 }
 
-/// A pipe that nobody reads is refused with the next step.
+/// A pipe without a reader is refused with the next step.
 #[test]
 fn a_pipe_that_nobody_reads_is_refused() {
     let pipe = pipe("no-reader");
@@ -40,7 +40,7 @@ fn the_reader_of_a_pipe_gets_every_frame_while_the_board_is_open() {
             let pipe = pipe.clone();
             move || Recording::new(File::open(pipe).unwrap(), "pipe").unwrap().map(Result::unwrap).count()
         });
-        // Until the reader is there.
+        // Until the reader has opened the pipe.
         let link = loop {
             match link::open(&uri(clock, &pipe), Share::ByName) {
                 Ok(link) => break link,
@@ -57,7 +57,7 @@ fn the_reader_of_a_pipe_gets_every_frame_while_the_board_is_open() {
     }
 }
 
-/// A reader that takes nothing: calls go on, closing ends, and every frame that is not recorded is counted.
+/// A reader that stops reading: calls go on, closing ends, and every frame that is not recorded is counted.
 #[test]
 fn a_reader_of_a_pipe_that_stops_reading_holds_up_no_call() {
     for clock in ["virtual", "real"] {
@@ -70,7 +70,7 @@ fn a_reader_of_a_pipe_that_stops_reading_holds_up_no_call() {
         });
         link.close();
         if clock == "virtual" {
-            // A pipe and the queue before it have room for some.
+            // The pipe and the queue before it hold some.
             assert!(link.stats().record_dropped > 100, "{:?}", link.stats());
         }
         drop(held);

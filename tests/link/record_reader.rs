@@ -1,4 +1,4 @@
-//! Reading recordings and captures: other writers' files, damaged files, any bytes at all.
+//! Reading recordings and captures: other writers' files, damaged files, arbitrary bytes.
 
 use ecmsk::link::Dir;
 use ecmsk::recording::{RecordError, Recorded, Recording};
@@ -118,7 +118,7 @@ fn brief(recorded: &[Recorded]) -> Vec<(u64, Dir, u16, u8)> {
     recorded.iter().map(|r| (r.at_ns, r.dir, r.bus, r.device)).collect()
 }
 
-/// What usbmon captures of a real board, in every container, byte order, header and unit of time
+/// Captures by usbmon of a real board, in every container, byte order, header and unit of time
 #[test]
 fn captures_of_a_real_board_are_read() {
     let expected = [(1_600_000_000_123_456_000, Dir::Write, 3, 7), (1_600_000_000_123_457_000, Dir::Read, 3, 7)];
@@ -195,7 +195,7 @@ fn frames_are_transfers_of_504_512_or_513_bytes() {
     for other in &others {
         file.extend(packet(order, 1, 0, &other.bytes(order, 64)));
     }
-    // A packet of another interface that looks like one of ours, one too short for a header, and other blocks.
+    // A packet of another interface that looks like a board's, one too short for a header, and other blocks.
     file.extend(packet(order, 0, 0, &out(whole.bytes()).bytes(order, 64)));
     file.extend(packet(order, 1, 0, &[b'S'; 63]));
     file.extend(block(order, 4, &[1, 0, 1, 0]));
@@ -257,7 +257,7 @@ fn an_error_says_where_and_what_to_do() {
     assert!(matches!(missing, RecordError::Io { .. }) && missing.to_string().contains("no such folder"), "{missing}");
 }
 
-/// The frames before a cut are given out, then the error says in which block it is.
+/// The frames before a cut are returned, then the error names the block of the cut.
 #[test]
 fn a_truncated_file_gives_what_is_whole() {
     let whole = recording_of(3);
@@ -296,7 +296,7 @@ fn a_truncated_file_gives_what_is_whole() {
     }
 }
 
-/// A source that gives a few bytes at a time, as a pipe does.
+/// A source that returns a few bytes at a time, as a pipe does.
 struct Trickle<'a>(&'a [u8]);
 
 impl std::io::Read for Trickle<'_> {
@@ -315,7 +315,7 @@ fn a_pipe_is_read_as_a_file() {
     assert_eq!(recorded, frames(&whole));
 }
 
-/// Reads to the end, whatever there is.
+/// Reads to the end, whatever the content.
 fn exhaust(bytes: &[u8]) {
     if let Ok(recording) = Recording::new(bytes, "any") {
         let errors = recording.filter(Result::is_err).count();
@@ -323,7 +323,7 @@ fn exhaust(bytes: &[u8]) {
     }
 }
 
-/// Beginnings of files that get a reader to read on.
+/// Beginnings of files that a reader accepts.
 fn any_start() -> impl Strategy<Value = Vec<u8>> {
     let order = prop_oneof![Just(Order::Little), Just(Order::Big)];
     (order, 0..6_u8).prop_map(|(order, kind)| match kind {
@@ -336,7 +336,7 @@ fn any_start() -> impl Strategy<Value = Vec<u8>> {
     })
 }
 
-/// Blocks of every kind a reader may know, with any content.
+/// Blocks of every known kind, with any content.
 fn any_block() -> impl Strategy<Value = Vec<u8>> {
     let kind = prop_oneof![0..12_u32, Just(0x0A0D_0D0A), any::<u32>()];
     (any::<bool>(), kind, proptest::collection::vec(prop_oneof![0..8_u8, any::<u8>()], 0..96))

@@ -1,4 +1,4 @@
-//! Scripts of what happens to a simulated board, `script=`.
+//! Scripts of a simulated board's events, `script=`.
 
 use std::fs;
 use std::time::Duration;
@@ -29,7 +29,7 @@ fn an_alarm_comes_in_the_cycle_after_its_time() {
     assert_eq!(error_code(&client.slot(2)), 0);
 }
 
-/// The same script gives the same bytes.
+/// The same script produces the same bytes.
 #[test]
 fn the_same_script_gives_the_same_bytes() {
     let run = |name| {
@@ -144,7 +144,7 @@ fn a_slave_refuses_a_state_for_a_while() {
     client.until("SafeOP", |c| c.answer().state == StateByte::reached(MasterState::SafeOp));
 }
 
-/// Reads an object of slave 1; gives the answer and how many milliseconds it took.
+/// Reads an object of slave 1; returns the answer and its duration in milliseconds.
 fn read_sdo(client: &mut Client, index: u16) -> (Result<u32, AbortCode>, u64) {
     let wanted = ObjectAddress::new(index, 0);
     let begin = client.read();
@@ -177,7 +177,7 @@ fn sdo_transfers_are_slow_or_aborted() {
     assert!(read_sdo(&mut client, 0x1018).0.is_ok(), "the end takes back what held");
 }
 
-/// The same lines at the same board times on the real clock.
+/// On the real clock the lines take effect at the same board times.
 #[test]
 fn on_the_real_clock_lines_come_at_their_board_time() {
     let mut client = Client::open("real", "queue=1024", "at 40ms silent for 7ms\nat 20ms silent for 3ms");
@@ -193,7 +193,7 @@ fn on_the_real_clock_lines_come_at_their_board_time() {
     assert_eq!(gaps, [(19 * MS, 23 * MS), (39 * MS, 47 * MS)]);
 }
 
-/// Every opening starts the script over, on a network that is whole.
+/// Every opening restarts the script, on a network without faults.
 #[test]
 fn opening_again_starts_the_script_over() {
     let text = "at 10ms silent\nat 10ms full";
@@ -210,7 +210,7 @@ fn opening_again_starts_the_script_over() {
     (0..100).for_each(|_| assert!(third.try_read().is_ok()));
 }
 
-/// The same from Rust: a test holds the handles itself, and starts a script on them.
+/// The same from Rust: a test has the handles, and starts a script on them.
 #[test]
 fn a_script_in_rust_does_what_the_handles_do() {
     let bus = SimBus::new(vec![Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>]);
@@ -261,8 +261,8 @@ fn a_script_in_rust_does_what_the_handles_do() {
     assert_eq!(alarm.to_string(), "script, line 1: `alarm 2 0x7500` at 0.001 s");
 }
 
-/// ECAT-15.24 On a board a line that waits for a master is refused.
-/// A wrong script is found before anything moves: the board is not opened, and its name stays free.
+/// ECAT-15.24 On a board a line that waits for a master is refused. An invalid script is found before the board is
+/// opened, and its name stays free.
 #[test]
 fn a_wrong_file_opens_nothing() {
     let open = |path: &std::path::Path| {
@@ -290,7 +290,7 @@ fn a_wrong_file_opens_nothing() {
     open(&file("right", &"#".repeat(1 << 20))).expect("the longest");
 }
 
-/// The scripts of `examples/` are right.
+/// The scripts of `examples/` are valid.
 #[test]
 fn every_example_script_is_valid() {
     let mut found = 0;
@@ -300,7 +300,7 @@ fn every_example_script_is_valid() {
             continue;
         }
         let slaves = slaves("drive*2");
-        // Those for slaves without a board may wait for them.
+        // Scripts for slaves without a board may wait for a master.
         let script = match path.to_string_lossy().ends_with("_on_a_wire.ecmscript") {
             true => simulated_slaves::script(&path, &slaves).map_err(|error| error.to_string()),
             false => Script::load(&path, &slaves).map_err(|error| error.to_string()),
@@ -315,7 +315,7 @@ mod needs_cxx {
     use super::*;
     use support::{Language, compile, root};
 
-    /// An unmodified program meets the alarm of a script file.
+    /// An unmodified program gets the alarm of a script file.
     #[test]
     fn an_unmodified_program_meets_an_alarm() {
         let program = compile(&root().join("examples/cpp/two_axes_12b.cpp"), Language::Cpp("c++17"));

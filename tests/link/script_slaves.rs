@@ -1,4 +1,4 @@
-//! What a script does to slaves, `script=`: power lost, a jam, an input that sticks, inputs that are forced.
+//! Effects of a script on slaves, `script=`: loss of power, a jam, a sticking input, forced inputs.
 
 use ecmsk::cia402::DriveState;
 use ecmsk::coe::{ObjectAddress, SdoSize};
@@ -33,7 +33,7 @@ fn inputs(client: &Client, slave: usize) -> u16 {
     IoResponse::decode(&client.slot(slave)).bits
 }
 
-/// Inputs as they change until that time: when, and to what.
+/// Changes of the inputs until that time: time and new value.
 fn changes(client: &mut Client, slave: usize, until_ms: u64) -> Vec<(u64, u16)> {
     let mut changes = vec![];
     loop {
@@ -65,7 +65,7 @@ fn inputs_are_forced_and_wired_again() {
     client.until("the outputs are as they were written", |c| inputs(c, 2) == 7);
 }
 
-/// `io .. walk`: one input after the other, from the first, round and round; the end takes it back.
+/// `io .. walk`: one input after the other, from the first, cyclically; the end undoes it.
 #[test]
 fn io_walk_sets_one_input_after_the_other() {
     let mut client = Client::with("io", "io-walk", "clock=virtual", "at 2s io 1 walk 20ms for 400ms");
@@ -95,7 +95,7 @@ fn inputs_of_a_channel_are_forced() {
     assert_eq!(seen, [[0, 0], [0, 0x0F0F], [0, 0], [3, 0]]);
 }
 
-/// SK-4.61 SK-4.62 `lose`: the slave is lost, those behind it stay; after the end SET_STATE brings it back.
+/// SK-4.61 SK-4.62 `lose`: the slave is lost, the slaves behind it stay; after the end SET_STATE brings it back.
 #[test]
 fn power_is_lost_and_comes_back() {
     let mut client =
@@ -119,7 +119,8 @@ fn power_is_lost_and_comes_back() {
     client.until("OP", |c| c.answer().state == StateByte::reached(MasterState::Op));
 }
 
-/// `jam`: the shaft stands, and a following error comes when targets move on; free again, the drive moves.
+/// `jam`: the shaft is blocked, and a following error occurs when targets move on; when the shaft is free again, the
+/// drive moves.
 #[test]
 fn a_jam_brings_a_following_error() {
     let mut client = Client::stepped("jam", "at 3s jam 1 for 1s");
@@ -144,7 +145,7 @@ fn a_jam_brings_a_following_error() {
     client.until("it moves", |c| (drive(c, 1).position - stands - 500).abs() <= 5);
 }
 
-/// Homes slave 1; whether it was attained.
+/// Homes slave 1; whether homing was attained.
 fn home(client: &mut Client, method: u32) -> bool {
     write(client, 1, 0x6060, 6);
     write(client, 1, 0x6098, method);
@@ -160,7 +161,7 @@ fn home(client: &mut Client, method: u32) -> bool {
     attained
 }
 
-/// `stick`: homing meets the input as it sticks, and works when it does again.
+/// `stick`: homing fails while the input sticks, and succeeds when the input works again.
 #[test]
 fn an_input_that_sticks_ends_homing_in_an_error() {
     let text = "at 1s stick 1 negative-limit on\nat 1s stick 1 positive-limit on for 3s\nat 4s end stick 1\n\
@@ -178,7 +179,7 @@ fn an_input_that_sticks_ends_homing_in_an_error() {
     assert!(!home(&mut client, 34), "no index pulse comes");
 }
 
-/// Opening again takes all of it back, whatever the new script says.
+/// Opening again undoes all effects, whatever the new script is.
 #[test]
 fn opening_again_undoes_everything_a_script_did() {
     let options = "clock=virtual&name=script-slaves";
@@ -189,7 +190,7 @@ fn opening_again_undoes_everything_a_script_did() {
     });
     first.link.close();
     let mut second = Client::with("drive*2,io", "slaves-again", options, "");
-    // Slave 2 is in Init: all of them go there before they go up.
+    // Slave 2 is in Init: all slaves go to Init first.
     for state in [MasterState::Init, MasterState::PreOp] {
         second.request(state);
         second.until("the state", |c| c.answer().state == StateByte::reached(state));
@@ -211,8 +212,8 @@ mod needs_cxx {
     use support::script_client::file;
     use support::{Language, compile, root};
 
-    /// An unmodified C program meets them all: it sees inputs change, a following error, a homing error and a lost slave,
-    /// and comes out of each as the guides say.
+    /// An unmodified C program handles all of them: it sees inputs change, a following error, a homing error and a lost
+    /// slave, and recovers from each as the guides describe.
     #[test]
     fn an_unmodified_program_recovers_from_every_scripted_fault_of_a_slave() {
         let text = "at 3s io 3 inputs 0x5A5A for 500ms\nat 4s jam 1 for 2s\nat 9s stick 2 negative-limit on\n\

@@ -1,4 +1,4 @@
-//! The text of a script: what it may say, what is wrong and where.
+//! The text of a script: its syntax, and errors with their position.
 
 use ecmsk::link::keys::help;
 use ecmsk::link::options::SimOptions;
@@ -41,8 +41,8 @@ fn valid_scripts_are_read() {
     assert_eq!(script.map(|script| script.len()), Ok(2), "the second channel of a module");
 }
 
-/// What editors on Windows make of a file: a byte order mark in front is no part of it, UTF-16 is named as what it is; what
-/// nobody can see in a message is shown by its code.
+/// Files of editors on Windows: a leading byte order mark is ignored, UTF-16 is reported as such; invisible characters
+/// are shown by their code in a message.
 #[test]
 fn a_byte_order_mark_is_accepted_and_utf_16_is_refused_by_name() {
     let dir = tempfile::tempdir().expect("a folder");
@@ -63,7 +63,7 @@ fn a_byte_order_mark_is_accepted_and_utf_16_is_refused_by_name() {
     }
 }
 
-/// What is wrong is told with its place and what is allowed.
+/// An error is reported with its position and the allowed values.
 #[test]
 fn an_invalid_line_is_reported_with_its_position_and_what_is_allowed() {
     const VERBS: &str = "alarm, cut, heal, noise, mute, refuse, sdo-delay, sdo-abort, lose, find, stick, jam, \

@@ -42,7 +42,7 @@ fn valid_travels_are_read() {
     }
 }
 
-/// The normal form has the parts in one order and leaves out what says nothing; it parses back to the same.
+/// The normal form has the parts in a fixed order and omits defaults; it parses back to the same value.
 #[test]
 fn the_normal_form_of_a_travel() {
     for (list, normal) in [
@@ -57,7 +57,7 @@ fn the_normal_form_of_a_travel() {
     }
 }
 
-/// What is wrong is told with what is allowed.
+/// An error is reported with the allowed values.
 #[test]
 fn an_invalid_travel_is_reported_with_what_is_allowed() {
     const PARTS: &str = "allowed: start@N, limits@N..P|N..|..P|none, home@A..B|A..|..B|none, index@N|none, stops@A..B, \
@@ -108,8 +108,8 @@ fn write(client: &mut Client, slave: u8, index: u16, sub: u8, size: SdoSize, val
     });
 }
 
-/// Homes a slave. The position of its shaft at power-on less the one that it has now in the coordinate of home says
-/// where home is; `None`: a homing error.
+/// Homes a slave. The home position is the shaft's position at power-on minus its present position in the coordinate of
+/// home; `None`: a homing error.
 fn home(client: &mut Client, slave: usize, method: u32) -> Option<i32> {
     write(client, slave as u8, 0x6060, 0, SdoSize::One, 6);
     write(client, slave as u8, 0x6098, 0, SdoSize::One, method);
@@ -117,12 +117,12 @@ fn home(client: &mut Client, slave: usize, method: u32) -> Option<i32> {
     let drive = |c: &Client| DriveResponse::decode(&c.slot(slave));
     let before = drive(client).position;
     let mut last = before;
-    // In the cycle of the home event the position steps by what home is, less the way of that cycle.
+    // In the cycle of the home event the position steps by the home position, less the motion of that cycle.
     for _ in 0..60_000 {
         client.read();
         let word = drive(client).statusword.0;
         if word & 0x2000 != 0 {
-            // The board believes an error that was there at once only when it has stood (SK-7.39).
+            // The board accepts an immediate error only after it has persisted (SK-7.39).
             (0..200).for_each(|_| {
                 client.read();
             });
@@ -141,7 +141,7 @@ fn home(client: &mut Client, slave: usize, method: u32) -> Option<i32> {
     panic!("slave {slave}, method {method}: no end; {:?}", drive(client));
 }
 
-/// The axes have the travel that the link says: where they stand, where home is, what is not there.
+/// The axes have the link's travel: position, home, and missing limits.
 #[test]
 fn axes_have_the_travel_that_the_link_says() {
     let list = "drive:start@-30000:limits@-60000..70000:home@-20000..20000:index@5000,drive:limits@none:home@none:\
@@ -179,8 +179,8 @@ fn axes_have_the_travel_that_the_link_says() {
     }
 }
 
-/// The limits that a link says are kept in CSP, with bit 11, and let the axis come back; those that every axis has, without
-/// being said, are for homing.
+/// Limits given in a link are enforced in CSP, with bit 11, and the axis can move back. The default limits of every
+/// axis are for homing only.
 #[test]
 fn limits_that_are_said_stop_a_motion() {
     let said = "drive:limits@-1000..1000,step:limits@..1000,hsp:limits@-1000..1000,dp3cl:limits@-1000..1000";

@@ -26,7 +26,7 @@ fn common(text: &str) -> CommonOptions {
     CommonOptions::from_uri(&uri(text)).unwrap_or_else(|error| panic!("{text}: {error}"))
 }
 
-/// The error's words, which must name all of `parts` and where to look.
+/// The error's text, which must contain all of `parts` and where to look.
 fn refused(text: &str, parts: &[&str]) -> UriError {
     let error = LinkUri::parse(text).expect_err(text);
     let words = error.to_string();
@@ -96,7 +96,7 @@ fn every_key_reaches_its_option() {
     assert_eq!(sim.script.as_deref(), Some(Path::new("/tmp/a.ecmscript")));
 }
 
-/// A key for both directions and one for each; what is said for one direction holds there.
+/// A key for both directions and one for each; the key of one direction overrides the common one.
 #[test]
 fn fault_keys_reach_their_options() {
     let share = Fraction::from_billionths;
@@ -131,7 +131,7 @@ fn fault_keys_reach_their_options() {
     refused("usb:?fault.break=1", &["`fault.break`", "fault.disconnect_ms"]);
 }
 
-/// What would be without effect on a virtual clock is refused there; its default is not.
+/// A key without effect on a virtual clock is refused there; its default is not.
 #[test]
 fn keys_of_the_real_clock_are_refused_on_a_virtual_one() {
     for (key, value, why) in [
@@ -159,7 +159,7 @@ fn keys_of_the_real_clock_are_refused_on_a_virtual_one() {
     }
 }
 
-/// What the help says is what the parser takes.
+/// The help's text agrees with the parser.
 #[test]
 fn the_table_the_parser_and_the_help_agree() {
     let help = help();
@@ -240,7 +240,7 @@ fn scheme_path_and_keys_are_given_out_decoded() {
     assert_eq!("sim:".parse::<LinkUri>(), LinkUri::parse("sim:"));
 }
 
-/// Slaves of two kinds stand in their order.
+/// Slaves of two kinds keep their order.
 #[test]
 fn slaves_of_two_kinds_stand_in_order() {
     use SlaveModel::{Drive, Hsp, Hsp2, Io, Step};
@@ -346,7 +346,7 @@ fn the_options_of_sim_are_not_read_from_another_scheme() {
     assert_eq!(common("usb:?slot=16").slot, Some(SlotSize::Bytes16));
 }
 
-/// A key of that scheme with a value it takes.
+/// A key of that scheme with a valid value.
 fn any_key(scheme: Scheme) -> impl Strategy<Value = (&'static str, String)> {
     let rows: Vec<_> = KEYS.iter().filter(|key| key.schemes.contains(&scheme)).collect();
     (proptest::sample::select(rows), any::<u64>(), "\\PC{1,12}").prop_map(|(row, number, text)| {
@@ -416,7 +416,7 @@ proptest! {
     }
 }
 
-/// What nobody can see in a value is shown by its code.
+/// Invisible characters in a value are shown by their code.
 #[test]
 fn control_characters_in_a_value_are_shown_by_their_codes() {
     for (uri, shown) in
@@ -427,7 +427,7 @@ fn control_characters_in_a_value_are_shown_by_their_codes() {
     }
 }
 
-/// The help and the page of simulated slaves say what each kind is, and name no other.
+/// The help and the page of simulated slaves describe each kind, and no other.
 #[test]
 fn the_help_and_the_page_of_slaves_have_each_kind() {
     let help = help();
@@ -448,8 +448,8 @@ fn the_help_and_the_page_of_slaves_have_each_kind() {
     assert_eq!(said, kinds);
 }
 
-/// What a program declares is a list of the same form: upper case, blanks and the place of the number do not matter, `none` is a
-/// slave that is not used. What stands behind a kind is up to who reads the list.
+/// A program's declaration is a list of the same form: upper case, blanks and the position of the number do not matter,
+/// `none` is an unused slave. The reader of the list interprets the text after a kind.
 #[test]
 fn a_list_of_declared_slaves_has_the_same_form() {
     use SlaveKind::{Drive, Hsp, Io, None, Step};
@@ -478,7 +478,7 @@ fn a_list_of_declared_slaves_has_the_same_form() {
     }
 }
 
-/// A kind that is nearly one is guessed.
+/// For a misspelt kind the nearest one is suggested.
 #[test]
 fn a_misspelt_kind_of_slave_gets_a_suggestion() {
     for (list, near) in [("Drive*2", "did you mean `drive`?"), ("drve", "did you mean `drive`?"), ("hps2", "`hsp2`?")] {

@@ -1,4 +1,4 @@
-//! What a running program causes allocates nothing, once slaves were found.
+//! A running program causes no allocation, once slaves were found.
 
 use allocation_counter::measure;
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
@@ -36,7 +36,7 @@ fn changes_of_state_allocate_nothing() {
         let mut rig = Rig::scanned(&kinds);
         let all = rig.all();
         allocates_nothing("Init to PreOP", || rig.reach(AlState::PreOp));
-        // Longer than what is mapped.
+        // This is longer than the mapping.
         rig.master.configure(1, 40, 2).expect("it has sync managers");
         allocates_nothing("a refusal", || {
             let error = rig.request(set(&[1]), AlState::SafeOp).expect_err("it refuses");
@@ -76,8 +76,9 @@ fn changes_of_state_allocate_nothing() {
     }
 }
 
-/// Neither does the transfer of up to 4 bytes, nor an upload of which so many are told, however long it is; nor if it is aborted, has
-/// no answer, loses frames or is given up; nor do several beside each other and beside cycles.
+/// A transfer of up to 4 bytes allocates nothing, and neither does an upload of any length for a buffer of that size;
+/// also if it is aborted, times out, loses frames or is given up, and if several run beside each other and beside
+/// cycles.
 #[test]
 fn transfers_allocate_nothing() {
     let kinds = ["drive"; 8];
@@ -133,7 +134,7 @@ fn transfers_allocate_nothing() {
         rig.net.faults = Faults { lost_out: 10, lost_back: 10, ..Faults::all(7, 0) };
         for _ in 0..50 {
             let id = write(&mut rig, 4, 0x6065, &[1, 0, 0, 0]);
-            // It has ended, however it did.
+            // It has ended in one way or another.
             let _ = rig.wait(id);
         }
         rig.net.faults = Faults::NONE;

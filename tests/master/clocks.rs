@@ -27,7 +27,7 @@ fn delays(rig: &Rig) -> Vec<Ns> {
     (0..rig.net.chain.len()).map(delay).collect()
 }
 
-/// By how much the greatest system time is ahead of the least one, ns.
+/// The difference of the greatest and the least system time, ns.
 fn spread(rig: &mut Rig) -> u64 {
     let now = rig.net.now;
     rig.net.chain.advance(now);
@@ -38,8 +38,8 @@ fn spread(rig: &mut Rig) -> u64 {
     times.iter().max().expect("some") - times.iter().min().expect("some")
 }
 
-/// MASTER-6.1 MASTER-6.2 On a line each slave is given the way to it, across slaves without a clock, and all clocks show the
-/// same time then.
+/// MASTER-6.1 MASTER-6.2 On a line each slave gets its propagation delay, across slaves without a clock, and all clocks
+/// show the same time then.
 #[test]
 fn delays_on_a_line() {
     let locals = [7_000_000_000, 1, 0xFFFF_FF00, u64::MAX - 1_000];
@@ -130,7 +130,7 @@ fn sync0_comes_to_all_slaves_at_once() {
     assert_eq!(register::<1>(&rig, 0, registers::SYNC_ACTIVATION), [0]);
 }
 
-/// MASTER-6.4 A clock that has missed the frame by which it was set would not come near for minutes: it is set anew.
+/// MASTER-6.4 A clock that has missed the frame that sets it would take minutes to converge: it is set anew.
 #[test]
 fn a_clock_that_is_far_away_is_set_anew() {
     let kinds = ["drive", "drive", "drive"];
@@ -150,7 +150,7 @@ fn a_clock_that_is_far_away_is_set_anew() {
     assert!(spread(&mut rig) < 10 * US, "{}", spread(&mut rig));
 }
 
-/// The next deadline keeps the frames at their phase of the reference clock, however that drifts.
+/// The next deadline keeps the frames at their phase of the reference clock, whatever its drift.
 #[test]
 fn cycles_keep_step_with_the_reference() {
     for (drift, local, phase_ns) in [(100_000, 123_456_789, 0), (-80_000, 5, 400 * US), (0, u64::MAX - 9, 999 * US)] {

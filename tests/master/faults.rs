@@ -34,7 +34,7 @@ fn slaves_reach_op_though_frames_are_lost() {
     }
 }
 
-/// MASTER-1.3 Whatever is lost, late or doubled, each value is read whole, and written once and no second time.
+/// MASTER-1.3 With lost, late and doubled frames each value is read whole, and written exactly once.
 #[test]
 fn nothing_is_written_twice() {
     for seed in 0..30 {
@@ -66,7 +66,7 @@ fn nothing_is_written_twice() {
     }
 }
 
-/// Frames of another master are counted and told of, and disturb nothing; neither do others that are none of ours.
+/// Frames of another master are counted and reported, and do no harm; other foreign frames do no harm, either.
 #[test]
 fn another_master_is_noticed() {
     let mut rig = Rig::in_op(&["drive"]);
@@ -86,7 +86,7 @@ fn another_master_is_noticed() {
     assert!(rig.last.all_in_op);
 }
 
-/// A cycle whose frames are lost says so, and names no slave; the inputs stay as they were.
+/// A cycle whose frames are lost is reported without naming a slave; the inputs do not change.
 #[test]
 fn a_lost_cycle_is_no_lost_slave() {
     let mut rig = Rig::in_op(&["drive", "io"]);
@@ -102,8 +102,9 @@ fn a_lost_cycle_is_no_lost_slave() {
     assert_eq!(rig.master.take_event(), None);
 }
 
-/// Answers with a working counter above what slaves can add are none, whatever they carry: of a register of one slave, of the states of all,
-/// of the reference clock, and of process data. Nobody is lost for them, and no input, state or time is taken from them.
+/// Answers with a working counter above the sum of all slaves are discarded: of a register of one slave, of the states
+/// of all, of the reference clock, and of process data. No slave is lost for them, and no input, state or time is taken
+/// from them.
 #[test]
 fn what_comes_with_a_counter_that_is_too_high_is_not_believed() {
     let mut rig = Rig::in_op(&["drive", "io"]);
@@ -130,8 +131,8 @@ fn what_comes_with_a_counter_that_is_too_high_is_not_believed() {
     assert!(rig.last.all_in_op && rig.last.doubtful.is_empty() && rig.last.fresh.len() == 2, "{:?}", rig.last);
 }
 
-/// The same below OP, where the master brings the time of the reference clock to the others without cycles: a time beside a counter that
-/// slaves cannot add is not sent on, and would be as soon as the reference is silent.
+/// The same below OP, where the master brings the time of the reference clock to the others without cycles: a time with
+/// an impossible counter is not sent on.
 #[test]
 fn a_time_with_a_counter_that_is_too_high_is_not_sent_on() {
     let mut rig = Rig::scanned(&["drive", "drive"]);
@@ -157,8 +158,9 @@ fn a_time_with_a_counter_that_is_too_high_is_not_sent_on() {
     assert!(!sent.borrow().windows(8).any(|bytes| bytes == [0x7D; 8]));
 }
 
-/// A working counter that is too low, while the states of all slaves show nobody who is missing, has the inputs of each slave read alone: who does
-/// not answer is known as mute, and the inputs of others in its datagram come again. When its own come again they are taken at once.
+/// A working counter that is too low, while the states show no missing slave, makes the master read the inputs of each
+/// slave alone. A slave that does not answer counts as one without inputs, and the inputs of others in its datagram are
+/// used again. When its own come again they are used at once.
 #[test]
 fn a_slave_whose_inputs_do_not_come_is_found() {
     for lrw in [true, false] {

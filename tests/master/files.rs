@@ -1,4 +1,4 @@
-//! Files by FoE, with a slave that this test plays in front of the mailboxes of a simulated one.
+//! Files by FoE, with a file server of this test at the mailboxes of a simulated slave.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -80,7 +80,7 @@ impl Server {
         }
     }
 
-    /// What it does with a frame that has passed the simulated slave.
+    /// Processes a frame that has passed the simulated slave.
     fn pass(&mut self, frame: &mut [u8]) {
         let passed = each_datagram(frame, |mut datagram| {
             let header = datagram.header();

@@ -1,4 +1,4 @@
-//! Slaves that answer anything: nothing panics, and everything ends.
+//! Slaves with random answers: nothing panics, and every job ends.
 
 use ecmsk::coe::{ObjectAddress, ObjectListType, SdoScope};
 use ecmsk::ethercat::{AlState, FRAME_HEADER_LEN, SlaveSet, each_datagram};
@@ -7,7 +7,7 @@ use support::dice::Dice;
 
 use super::rig::{CYCLE, Faults, Hostile, MS, Rig, SECOND, kinds};
 
-/// Changes data and working counters, one byte in so many; the master takes such frames for answers.
+/// Changes data and working counters, one byte in that many; the master accepts such frames as answers.
 fn liar(seed: u64, one_in: u64) -> Hostile {
     let mut dice = Dice(seed);
     Box::new(move |frame| {
@@ -40,7 +40,7 @@ fn vandal(seed: u64, one_in: u64) -> Hostile {
     })
 }
 
-/// Does everything that a user can start, whatever comes of it; each thing has to end.
+/// Starts everything that a user can start, whatever the result; each job has to end.
 fn use_everything(rig: &mut Rig, dice: &mut Dice) {
     let scan = rig.master.scan();
     let _ = rig.wait(scan);
@@ -77,7 +77,7 @@ fn use_everything(rig: &mut Rig, dice: &mut Dice) {
     }
 }
 
-/// Slaves that answer anything, with right and with wrong headers, cause no panic, and everything ends.
+/// Slaves with random answers, with right and with wrong headers, cause no panic, and every job ends.
 #[test]
 fn nothing_panics_and_everything_ends() {
     for seed in 0..60 {
@@ -89,7 +89,7 @@ fn nothing_panics_and_everything_ends() {
             rig.net.faults = Faults::all(seed, 10);
         }
         use_everything(&mut rig, &mut dice);
-        // Honest again, they are brought to OP as ever.
+        // With honest answers again they are brought to OP as usual.
         (rig.net.hostile, rig.net.faults) = (None, Faults::NONE);
         rig.next_cycle = None;
         rig.run_for(20 * MS);

@@ -8,7 +8,7 @@ use ecmsk::slave::esc::Chain;
 
 use super::rig::{CYCLE, MS, Rig, SECOND, kinds, slave};
 
-/// What was told, but emergencies, by slaves.
+/// The reported events except emergencies, by slave.
 fn events(rig: &mut Rig) -> Vec<Event> {
     let mut events: Vec<Event> = std::iter::from_fn(|| rig.master.take_event()).collect();
     events.retain(|event| !matches!(event, Event::Emergency { .. }));

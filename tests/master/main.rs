@@ -5,8 +5,8 @@
 //! - `objects.rs`: SDO
 //! - `clocks.rs`: distributed clocks
 //! - `files.rs`: FoE
-//! - `makers.rs`: EEPROMs, controllers and answers as makers have them
-//! - `odd_line.rs`: slaves of another descent than our models
+//! - `makers.rs`: EEPROMs, controllers and answers of manufacturers' slaves
+//! - `odd_line.rs`: slaves with an implementation of their own, independent of the models
 //! - `registers.rs`: registers, EEPROM words, single datagrams
 //! - `hostile.rs`: slaves that answer anything
 //! - `faults.rs`: frames that are lost, late, doubled

@@ -161,8 +161,8 @@ fn a_slave_without_described_sync_managers_is_used() {
     assert!(rig.master.assume_managers(1, &[Unused; 4]).is_err(), "its EEPROM says what they are");
 }
 
-/// MASTER-2.9 What stands in several categories of a kind counts as if it stood in one: texts go on with their numbers, sync managers with
-/// theirs, and PDOs add up.
+/// MASTER-2.9 The content of several categories of a kind counts as if it were in one: texts go on with their numbers,
+/// sync managers with theirs, and PDOs add up.
 #[test]
 fn every_category_of_a_kind_counts() {
     let entry = |bits| [SiiPdoEntry { index: 0x6041, sub: 0, name: 0, data_type: 6, bits, flags: 0 }];
@@ -216,8 +216,8 @@ fn texts_are_read_in_their_encoding() {
     }
 }
 
-/// MASTER-2.10 What is wrong with an EEPROM is named: that nobody has written it, a wrong checksum, and categories without an end; what
-/// stands before such a one counts.
+/// MASTER-2.10 Errors of an EEPROM are named: an unwritten one, a wrong checksum, and categories without an end; the
+/// categories before such a one count.
 #[test]
 fn what_is_wrong_with_an_eeprom_is_named() {
     let info = |eeprom| drive_with(eeprom).master.slave(1).expect("one").clone();
@@ -245,7 +245,7 @@ fn what_is_wrong_with_an_eeprom_is_named() {
     assert_eq!(slave.eeprom_fault(), Some(SiiError::NoEnd { word: (end / 2) as u16 }));
 }
 
-/// MASTER-2.10 An EEPROM that ends with its last category, and behind which it begins anew, has what it has once.
+/// MASTER-2.10 The categories of an EEPROM without an end mark, whose content repeats behind its end, count once.
 #[test]
 fn an_eeprom_that_begins_anew_is_read_once() {
     let entry = [SiiPdoEntry { index: 0x6041, sub: 0, name: 0, data_type: 6, bits: 16, flags: 0 }];
@@ -263,7 +263,7 @@ fn an_eeprom_that_begins_anew_is_read_once() {
     assert_eq!(slave.described_bytes(), [None, Some(2)]);
 }
 
-/// At which word the categories end.
+/// The word at which the categories end.
 fn categories_len(eeprom: &[u8]) -> usize {
     let sii = Sii::new(eeprom).expect("an EEPROM");
     64 + sii.categories().map_while(Result::ok).map(|one| 2 + one.data.len() / 2).sum::<usize>()

@@ -37,8 +37,8 @@ fn values_of_any_length_are_read_and_written() {
     assert_eq!(rig.upload(1, BLOB.index, BLOB.sub), Ok(Vec::new()));
 }
 
-/// MASTER-2.8 The answer to the first request to a mailbox, which asks for an object that this slave has not, is none to the second one
-/// when it comes late.
+/// MASTER-2.8 The answer to the first request to a mailbox, which reads an object that this slave does not have, is not
+/// taken for the second one's if it comes late.
 #[test]
 fn a_late_first_answer_is_none_to_another_request() {
     let mut rig = blob(3);
@@ -47,8 +47,8 @@ fn a_late_first_answer_is_none_to_another_request() {
     assert_eq!(rig.upload(1, 0x1000, 0), Err(SdoError::Abort(AbortCode::NO_OBJECT)));
 }
 
-/// MASTER-5.1 An upload of a number reads the whole value, however it comes, and tells its first 4 bytes; those that it lacks
-/// are 0. A download of up to 4 bytes brings just these.
+/// MASTER-5.1 An upload of a number reads the whole value in any kind of transfer, and returns its first 4 bytes;
+/// missing ones are 0. A download of up to 4 bytes transfers exactly these.
 #[test]
 fn a_number_is_the_beginning_of_a_value() {
     for len in (0..=20).chain([113, 120, 121, 1_000]) {
@@ -81,7 +81,7 @@ fn an_abort_has_its_code() {
     assert_eq!(rig.download(1, BLOB.index, BLOB.sub, &far[1..]), Ok(()));
 }
 
-/// A slave that gives no answer, has no mailbox or is not there is not waited for longer than was said.
+/// A slave that gives no answer, has no mailbox or is not there is not waited for longer than the given time.
 #[test]
 fn every_transfer_ends() {
     let mut rig = Rig::scanned(&["drive"]);
@@ -147,7 +147,7 @@ fn emergencies_are_events() {
     assert_eq!(rig.master.take_event(), None);
 }
 
-/// MASTER-5.7 A slave tells which objects it has and what they are, in fragments if its mailbox is short.
+/// MASTER-5.7 A slave's dictionary is read, in fragments if its mailbox is short.
 #[test]
 fn objects_are_listed_and_described() {
     let mut rig = Rig::scanned(&["dp3cl"]);

@@ -121,7 +121,7 @@ fn device_emulation_beside_a_drive() {
     for slave in [2, 3] {
         rig.master.configure_as_described(slave).expect("it is described");
     }
-    // A drive says by its objects, and not by its EEPROM, how many bytes it maps.
+    // A drive's objects, and not its EEPROM, define how many bytes it maps.
     rig.master.configure(2, 6, 10).expect("so many");
     rig.reach(AlState::SafeOp);
     rig.next_cycle = Some(rig.line.now());
@@ -188,8 +188,8 @@ fn a_name_in_iso_8859_1() {
     assert_eq!(Rig::scanned([drive_of(content)]).master.slave(1).expect("one").name, "Größe 25°");
 }
 
-/// MASTER-2.10 EEPROMs that nobody has written, whose checksum is wrong, and whose last category has no end, whatever lies behind them;
-/// what stands before is known.
+/// MASTER-2.10 Unwritten EEPROMs, EEPROMs with a wrong checksum, and those whose last category has no end, with any
+/// bytes behind them; the categories before are used.
 #[test]
 fn eeproms_with_something_wrong() {
     let found = |slave: OddSlave| {
@@ -361,7 +361,7 @@ fn counters_and_services_of_answers() {
     }
 }
 
-/// A slave that takes requests and answers none is not said to be gone: the time is up.
+/// A slave that takes requests and answers none is not reported as lost: the error is a timeout.
 #[test]
 fn a_mute_mailbox_is_no_lost_slave() {
     let mut rig = Rig::in_preop(drive().with(|slave| slave.mailbox.is_mute = true));
@@ -370,8 +370,8 @@ fn a_mute_mailbox_is_no_lost_slave() {
     assert_eq!(rig.upload(0x1018, 1), Ok(number(4, 0x1234)));
 }
 
-/// MASTER-5.10 A packet with a wrong number ends the transfer of a file at once, which the slave is told; other files are read and written,
-/// of lengths around that of a packet.
+/// MASTER-5.10 A packet with a wrong number ends the transfer of a file at once, with an error to the slave; other
+/// files are read and written, of lengths around that of a packet.
 #[test]
 fn files_and_packets_with_a_wrong_number() {
     use ecmsk::ethercat::foe::FoeError;
@@ -407,8 +407,8 @@ fn files_and_packets_with_a_wrong_number() {
     assert_eq!(rig.read_file("table").map(|content| content.len()), Ok(1000));
 }
 
-/// MASTER-3.2 A refusal has its AL status code, after which the slave is brought there when it no longer refuses. One that falls to SafeOP is
-/// told with the code, as the watchdog's is when outputs no longer come.
+/// MASTER-3.2 A refusal has its AL status code, after which the slave reaches the state when it no longer refuses. A
+/// slave that falls to SafeOP is reported with the code, such as the watchdog's when outputs no longer come.
 #[test]
 fn refusals_and_the_watchdog() {
     for code in [0x001A, 0x002C, 0x002D, 0x0032, 0x0070, 0x8123] {

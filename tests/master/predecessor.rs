@@ -1,4 +1,4 @@
-//! Slaves as another master has left them: every register that can be written has anything in it, by a seed.
+//! Slaves as another master has left them: every writable register has a random value, by a seed.
 
 use ecmsk::cia402::Controlword;
 use ecmsk::ethercat::registers::{AL_STATUS, AlStatusRegister, RequestedState, SII_CONTROL};
@@ -15,9 +15,9 @@ use super::watchdog::killed;
 
 /// Seeds of the test; `cargo xtask soak` asks for more.
 const SEEDS: u64 = 200;
-/// After so long without a frame a slave leaves OP, as docs/SAFETY.md says.
+/// After that time without a frame a slave leaves OP, as docs/SAFETY.md says.
 const WATCHDOG: Ns = 100 * MS;
-/// For how many cycles axes move, and how far in each.
+/// The number of cycles in which axes move, and the distance in each.
 const MOVES: i32 = 40;
 const COUNTS: i32 = 5;
 
@@ -31,7 +31,7 @@ fn left(kinds: &[&str], dice: &mut Dice, seed: u64) -> Rig {
         let slave = slave(kind, EscSettings { ports: [3; 4], eeprom_ns, state_change_ns, ..EscSettings::default() });
         match n.checked_sub(1) {
             None => chain = Chain::line([slave]),
-            // A branch of one slave at the first one, which frames come to before the others.
+            // A branch of one slave at the first one, which frames pass before the others.
             Some(0) if has_branch => {
                 chain.add(slave, 0, 3);
             }
@@ -47,7 +47,7 @@ fn left(kinds: &[&str], dice: &mut Dice, seed: u64) -> Rig {
     rig.net.now = SECOND;
     rig.net.chain.advance(rig.net.now);
     rig.net.chain.leave(&mut Predecessor::seeded(seed), rig.net.now);
-    // As long as it takes to start another program.
+    // The time to start another program.
     for _ in 0..dice.below(4) {
         rig.net.now += dice.below(600 * MS);
         rig.net.chain.advance(rig.net.now);
@@ -55,7 +55,7 @@ fn left(kinds: &[&str], dice: &mut Dice, seed: u64) -> Rig {
     rig
 }
 
-/// Enables all axes and moves each by the same way; where they are then.
+/// Enables all axes and moves each by the same distance; returns their positions.
 fn travel(rig: &mut Rig, kinds: &[&str]) {
     let (mut outputs, mut inputs) = ([SlaveOut::default(); 8], [SlaveIn::default(); 8]);
     let mut begin = [[0; 2]; 8];
@@ -64,7 +64,7 @@ fn travel(rig: &mut Rig, kinds: &[&str]) {
             let (data, slave) = (process_data(kind), n as u8 + 1);
             data.take_inputs(rig.master.inputs(slave).expect("inputs"), &mut inputs[n]);
             for (axis, (output, input)) in outputs[n].iter_mut().zip(&inputs[n]).enumerate() {
-                // Its loss was an alarm to some.
+                // The loss of the master was an alarm for some devices.
                 let has_fault = input.statusword.0 & 0x4F == 0x08;
                 let step = [0x06, 0x07, 0x0F][(turn as usize / 20).min(2)];
                 output.controlword = Controlword(if has_fault && turn % 2 == 0 { 0x80 } else { step });
@@ -94,8 +94,8 @@ fn travel(rig: &mut Rig, kinds: &[&str]) {
     }
 }
 
-/// MASTER-2.8, MASTER-3.6 Whatever another master has left in slaves that kept their power, all of them are found where they are, come to
-/// OP, follow their targets, and leave OP 100 ms after the last frame.
+/// MASTER-2.8, MASTER-3.6 Whatever another master has left in slaves that kept their power, all of them are found at
+/// their places, come to OP, follow their targets, and leave OP 100 ms after the last frame.
 #[test]
 fn what_another_master_has_left_does_not_matter() {
     run_all("master", "what_another_master_has_left_does_not_matter", SEEDS, |seed| {
@@ -129,7 +129,8 @@ fn what_another_master_has_left_does_not_matter() {
     });
 }
 
-/// MASTER-2.8 A command for its EEPROM that another master has begun is not taken for ours: a slave is who it is.
+/// MASTER-2.8 A command for its EEPROM that another master has begun is not mistaken for the master's own: the slave's
+/// identity is right.
 #[test]
 fn the_eeprom_answers_us_and_not_another_master() {
     for passed_ms in [0, 1, 2, 3, 4, 5] {
@@ -143,11 +144,11 @@ fn the_eeprom_answers_us_and_not_another_master() {
     }
 }
 
-/// MASTER-2.8 A slave whose own controller keeps its EEPROM is not taken for what the registers still show.
+/// MASTER-2.8 For a slave whose own controller keeps its EEPROM, the old content of the registers is not used.
 #[test]
 fn an_eeprom_that_is_kept_is_none() {
     let mut rig = Rig::line(&["drive"]);
-    // It is taken back, and taken again at once.
+    // The master takes the EEPROM back, and the slave's controller takes it again at once.
     rig.net.hostile = None;
     let scan = rig.master.scan();
     let keep = |rig: &mut Rig| rig.net.chain.slave_mut(0).controller_mut().take_eeprom(true);

@@ -40,7 +40,7 @@ const fn register(adp: u16, ado: u16) -> u32 {
     adp as u32 | (ado as u32) << 16
 }
 
-/// MASTER-9.1 Registers of a slave are read and written; who is not there, and what no slave lets be written, is an error.
+/// MASTER-9.1 Registers of a slave are read and written; a missing slave, and a read-only register, are errors.
 #[test]
 fn registers_are_read_and_written() {
     let mut rig = Rig::scanned(&["drive", "io"]);
@@ -71,7 +71,7 @@ fn error_counters_are_read_and_cleared() {
     assert_eq!(rig.last.working_counter, rig.last.expected_working_counter);
 }
 
-/// A datagram of any command goes out once, and what came back is its answer, with its working counter.
+/// A datagram of any command is sent once, and returns its answer with the working counter.
 #[test]
 fn datagrams_of_any_command_go_out() {
     let mut rig = Rig::scanned(&["drive", "io", "drive"]);
@@ -152,7 +152,7 @@ fn eeprom_words_are_written() {
     assert_eq!(write_words(&mut rig, 0, 0, &[7]), Err(SiiError::NoSlave(0)));
 }
 
-/// An EEPROM is one sequence's at a time, and a change of state and an access to it exclude each other.
+/// Only one sequence uses an EEPROM at a time, and a change of state and an access to it exclude each other.
 #[test]
 fn an_eeprom_is_one_sequences_at_a_time() {
     let settings = EscSettings { eeprom_ns: 10 * MS, state_change_ns: 50 * MS, ..EscSettings::default() };
@@ -164,7 +164,7 @@ fn an_eeprom_is_one_sequences_at_a_time() {
     let up = rig.master.request_state(SlaveSet::first(1), AlState::PreOp, SECOND);
     let error = rig.wait(up).expect_err("the EEPROM is in use");
     assert_eq!((error.slave, error.reason), (1, StateReason::Busy));
-    // Another slave's is free, and one that was given up is free again.
+    // Another slave's EEPROM is free, and so is this one after its sequence was given up.
     rig.master.cancel(first);
     assert!(read_words(&mut rig, 2, 0, 1).is_ok());
     assert!(read_words(&mut rig, 1, 0, 1).is_ok());
@@ -174,7 +174,7 @@ fn an_eeprom_is_one_sequences_at_a_time() {
     assert_eq!(rig.wait(up), Ok(()));
 }
 
-/// An EEPROM that the slave's own controller was left with is taken from it.
+/// An EEPROM that was left to the slave's own controller is taken back.
 #[test]
 fn an_eeprom_that_was_offered_is_taken() {
     let mut rig = Rig::scanned(&["io"]);
@@ -185,8 +185,8 @@ fn an_eeprom_that_was_offered_is_taken() {
 
 const ALARM: Fault = Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x3210, resettable: true } };
 
-/// Mail that is kept stays in the mailbox, is seen there, and is read with its header; the emergency in it is an event
-/// then. Another request takes it, too.
+/// Mail that a user keeps stays in the mailbox, is seen there, and is read with its header; an emergency in it is an
+/// event then. Another request reads it, too.
 #[test]
 fn mail_is_kept_for_a_user() {
     let mut rig = Rig::in_op(&["drive", "drive"]);
@@ -224,7 +224,7 @@ fn states_are_read_when_they_are_wanted() {
     assert_eq!(present, [true, false]);
 }
 
-/// Process data and mailboxes lie where a user says, and work there.
+/// Process data and mailboxes work at addresses that a user chooses.
 #[test]
 fn sync_managers_lie_where_a_user_says() {
     let mut rig = Rig::scanned(&["io", "io"]);
@@ -243,7 +243,7 @@ fn sync_managers_lie_where_a_user_says() {
     assert_eq!(rig.last.working_counter, rig.last.expected_working_counter);
 }
 
-/// MASTER-4.7 The same process data travel in LWR and LRD while LRW is off, in any cycle.
+/// MASTER-4.7 While LRW is off, the same process data go in LWR and LRD, in any cycle.
 #[test]
 fn lrw_is_switched_off_and_on() {
     let mut rig = Rig::in_op(&["io", "drive"]);

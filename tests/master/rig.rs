@@ -23,31 +23,31 @@ pub const CYCLE: Ns = MS;
 /// How often the master is polled.
 pub const STEP: Ns = 50 * US;
 
-/// How many frames there are buffers for from the start: as many as the master has on the way.
+/// The number of preallocated frame buffers: as many as the master has under way.
 const FRAMES: usize = 32;
 
 /// A wire to a chain of slaves.
 pub struct Net {
     pub chain: Chain,
     pub now: Ns,
-    /// Frames on their way back, with when they arrive, in that order.
+    /// Frames on their way back, with their times of arrival, in that order.
     back: Vec<(Ns, Vec<u8>)>,
     pub faults: Faults,
-    /// Slaves that answer anything: it is called with each frame on its way back.
+    /// A function that changes each frame on its way back, for hostile slaves.
     pub hostile: Option<Hostile>,
-    /// It is called with each frame as the master has sent it.
+    /// A function that is called with each frame as the master has sent it.
     pub heard: Option<Heard>,
     /// Buffers of frames that have come back, to be used again.
     spare: Vec<Vec<u8>>,
 }
 
-/// What changes frames on their way back.
+/// A function that changes frames on their way back.
 pub type Hostile = Box<dyn FnMut(&mut Vec<u8>)>;
 
-/// What listens at the first slave.
+/// A listener at the first slave.
 pub type Heard = Box<dyn FnMut(&[u8])>;
 
-/// What goes wrong with frames: one in so many, 0: none.
+/// The faults of frames: one in that many, 0: none.
 pub struct Faults {
     pub dice: Dice,
     /// A frame reaches no slave.
@@ -63,7 +63,7 @@ pub struct Faults {
 impl Faults {
     pub const NONE: Self = Self { dice: Dice(0), lost_out: 0, lost_back: 0, doubled: 0, late: 0 };
 
-    /// Each kind, one in so many.
+    /// Each kind, one in that many.
     pub fn all(seed: u64, one_in: u64) -> Self {
         Self { dice: Dice(seed), lost_out: one_in, lost_back: one_in, doubled: one_in, late: one_in }
     }
@@ -93,7 +93,7 @@ impl Wire for Net {
             self.spare.push(frame);
             return Ok(());
         }
-        // Whether slaves allocate is another question than whether the master does.
+        // Allocations of the slaves do not count as the master's.
         let mut fate = FrameFate::Lost;
         opt_out(|| fate = self.chain.process(&mut frame, self.now));
         let FrameFate::Returned(mut at) = fate else {
@@ -149,7 +149,7 @@ pub fn device(kind: &str) -> Box<dyn Slave> {
     }
 }
 
-/// What the board maps for a kind.
+/// The board's mapping for a kind.
 pub fn process_data(kind: &str) -> ProcessData {
     let role = match kind {
         "drive" => Role::Drive(Mode::Csp),
@@ -189,7 +189,7 @@ impl Rig {
         rig
     }
 
-    /// Time passes by one step.
+    /// Lets time pass by one step.
     pub fn step(&mut self) {
         self.net.now += STEP;
         let now = self.net.now;
@@ -211,14 +211,14 @@ impl Rig {
         }
     }
 
-    /// Waits for what was started.
+    /// Waits for a job.
     #[track_caller]
     pub fn wait<T: Ending>(&mut self, job: Job<T>) -> T {
         self.wait_until_ended(job.id());
         self.master.take(job).expect("it has ended")
     }
 
-    /// Waits for what was started, however it ends.
+    /// Waits for a job, however it ends.
     #[track_caller]
     pub fn wait_for_end(&mut self, id: JobId) {
         self.wait_until_ended(id);
@@ -271,7 +271,7 @@ impl Rig {
         self.wait(id)
     }
 
-    /// Maps in a slave in PreOP what the board maps for its kind.
+    /// Maps a slave in PreOP as the board maps its kind.
     #[track_caller]
     pub fn map(&mut self, slave: u8, kind: &str, sync: DriveSync) {
         let data = process_data(kind);
@@ -290,7 +290,7 @@ impl Rig {
         configured.expect("its process data can be configured");
     }
 
-    /// Slaves of these kinds in OP, with what the board maps for them.
+    /// Slaves of these kinds in OP, with the board's mapping.
     #[track_caller]
     pub fn in_op(kinds: &[&str]) -> Self {
         let mut rig = Self::scanned(kinds);
@@ -316,7 +316,7 @@ impl Rig {
     }
 }
 
-/// As many kinds as that, in turns.
+/// So many kinds, in turns.
 pub fn kinds(count: usize) -> Vec<&'static str> {
     assert!(count <= MAX_SLAVES);
     ["drive", "io", "step", "dp3cl", "hsp", "hsp2"].into_iter().cycle().take(count).collect()

@@ -13,7 +13,7 @@ fn drives(n: usize) -> Vec<Box<dyn Slave>> {
     (0..n).map(|_| Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>).collect()
 }
 
-/// Scans; how many slaves are found.
+/// Scans; returns the number of slaves.
 fn scan(master: &mut Master, wires: &mut impl NicWires) -> u8 {
     let scan = master.scan();
     let end = NicWires::now(wires) + 10 * SECOND;
@@ -28,7 +28,7 @@ fn scan(master: &mut Master, wires: &mut impl NicWires) -> u8 {
     panic!("the scan does not end");
 }
 
-/// What the clocks were told of their delays, and how the ports are controlled.
+/// The delays in the clocks' registers, and the control of the ports.
 fn registers(chain: &Chain) -> Vec<(Vec<u8>, Vec<u8>)> {
     let of = |n| {
         let controller = chain.slave(n).controller();
@@ -37,8 +37,8 @@ fn registers(chain: &Chain) -> Vec<(Vec<u8>, Vec<u8>)> {
     (0..chain.len()).map(of).collect()
 }
 
-/// The delays in a ring are those of the same slaves in a line, and every port is as it was. If a cable is cut no port is closed:
-/// the slaves behind the gap would be gone.
+/// The delays in a ring are those of the same slaves in a line, and no port has changed. If a cable is cut no port is
+/// closed: the slaves behind the gap would be gone.
 #[test]
 fn delays_in_a_ring_are_those_of_a_line() {
     let mut line = ChainWires::new(drives(5), SimHandle::default()).expect("they have an EEPROM");

@@ -1,4 +1,4 @@
-//! From the scan to OP, and what slaves refuse.
+//! From the scan to OP, and refusals of slaves.
 
 use ecmsk::cia402::Controlword;
 use ecmsk::coe::{ObjectAddress, SdoScope};
@@ -12,7 +12,7 @@ use support::blob::Blob;
 
 use super::rig::{CYCLE, MS, Rig, SECOND, device, kinds, process_data, slave};
 
-/// MASTER-2.1 The scan finds all slaves, gives them station addresses and reads who they are.
+/// MASTER-2.1 The scan finds all slaves, gives them station addresses and reads their identity.
 #[test]
 fn the_scan_reads_who_slaves_are() {
     let kinds = ["drive", "io", "dp3cl", "hsp2"];
@@ -41,7 +41,7 @@ fn no_slaves_are_found_where_there_are_none() {
     assert_eq!(rig.scan(), 1);
 }
 
-/// A second master that has joined sends nothing by itself, and whatever the two read in turns they read.
+/// A second master that has joined sends nothing by itself, and both read correctly in turns.
 #[test]
 fn a_network_is_joined() {
     let mut rig = Rig::scanned(&["drive", "io"]);
@@ -64,7 +64,7 @@ fn a_network_is_joined() {
     assert_eq!(rig.master.status(1).and_then(|status| status.state()), Some(AlState::PreOp));
 }
 
-/// MASTER-2.3 Slaves whose EEPROM gives 4 bytes a read, or takes its time, are read as others.
+/// MASTER-2.3 Slaves whose EEPROM gives 4 bytes a read, or takes its time, are read like others.
 #[test]
 fn slow_eeproms_are_read() {
     let quick = Rig::scanned(&["drive"]);
@@ -126,7 +126,7 @@ fn axes_follow_their_targets() {
     }
 }
 
-/// MASTER-3.2 A slave that refuses a state is named with its AL status code, and the others get there.
+/// MASTER-3.2 A slave that refuses a state is named with its AL status code, and the others reach it.
 #[test]
 fn a_slave_that_refuses_is_named() {
     let mut rig = Rig::scanned(&["drive", "io", "drive"]);
@@ -134,7 +134,7 @@ fn a_slave_that_refuses_is_named() {
     for slave in [1, 3] {
         rig.master.configure_as_described(slave).expect("it is described");
     }
-    // Longer than what is mapped.
+    // This is longer than the mapping.
     rig.master.configure(2, 4, 2).expect("it has sync managers");
     let state = RequestedState::State(AlState::PreOp);
     let reason = StateReason::Refused { state, code: AlStatus::INVALID_OUTPUTS };
@@ -164,7 +164,7 @@ fn single_slaves_change_their_state_beside_others_in_op() {
     assert_eq!(rig.master.take_event(), None);
 }
 
-/// A change of state ends when its time is up: a slave that gets no outputs does not enter OP.
+/// A change of state ends at its timeout: a slave that gets no outputs does not enter OP.
 #[test]
 fn a_change_of_state_ends_when_its_time_is_up() {
     let mut rig = Rig::scanned(&["drive"]);
@@ -178,7 +178,7 @@ fn a_change_of_state_ends_when_its_time_is_up() {
     assert!((100 * MS..110 * MS).contains(&(rig.net.now - begin)));
 }
 
-/// A slave that leaves its state is told of with its AL status code: here its outputs have stopped.
+/// A slave that leaves its state is reported with its AL status code: here its outputs have stopped.
 #[test]
 fn a_slave_that_leaves_its_state_is_told_of() {
     let mut rig = Rig::in_op(&["drive", "drive"]);
@@ -189,12 +189,12 @@ fn a_slave_that_leaves_its_state_is_told_of() {
     told.sort_by_key(|event| matches!(event, Event::Status { slave: 2, .. }));
     let event = |slave| Event::Status { slave, status, code: AlStatus::WATCHDOG };
     assert_eq!(told, [event(1), event(2)]);
-    // It is acknowledged on the way back.
+    // The error is acknowledged on the way back.
     rig.next_cycle = Some(rig.net.now);
     rig.reach(AlState::Op);
 }
 
-/// Process data that no slave can have are refused before anything is sent.
+/// Impossible process data are refused before anything is sent.
 #[test]
 fn process_data_that_cannot_be_are_refused() {
     let mut rig = Rig::scanned(&["drive"]);
@@ -231,7 +231,7 @@ fn slaves_without_lrw_share_lrd_and_lwr() {
     }
 }
 
-/// A cycle allocates nothing, with 40 slaves, and neither does an object that is written beside it once that has begun.
+/// A cycle allocates nothing, with 40 slaves, and neither does a running write of an object beside it.
 #[test]
 fn a_cycle_allocates_nothing() {
     let kinds = kinds(40);

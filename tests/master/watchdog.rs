@@ -20,7 +20,7 @@ fn write_all(rig: &mut Rig, ado: u16, value: u16) {
     rig.net.chain.process(&mut buffer, now);
 }
 
-/// What the registers of a slave, from 0, say.
+/// The watchdog registers of a slave, counted from 0.
 fn registers(rig: &Rig, slave: usize) -> [u16; 2] {
     [WATCHDOG_DIVIDER, WATCHDOG_PROCESS_DATA].map(|register| {
         let bytes = rig.net.chain.slave(slave).controller().peek(register, 2);
@@ -28,7 +28,7 @@ fn registers(rig: &Rig, slave: usize) -> [u16; 2] {
     })
 }
 
-/// The program is killed: no frame comes any more. How long each slave stays in OP, from the last frame on.
+/// Kills the program: no frame comes any more. Returns how long each slave stays in OP after the last frame.
 pub fn killed(rig: &mut Rig) -> Vec<Ns> {
     let last_frame = rig.next_cycle.expect("there are cycles") - CYCLE;
     let mut left = vec![None; rig.net.chain.len()];
@@ -69,7 +69,7 @@ fn a_killed_master_is_missed_in_time() {
     }
 }
 
-/// MASTER-3.6 The scan sets watchdogs as controllers come; where no pace is set, what a user writes then stays.
+/// MASTER-3.6 The scan sets the default watchdogs; if no cycle time is set, later values of a user stay.
 #[test]
 fn without_a_pace_watchdogs_are_those_of_the_scan() {
     let mut rig = Rig::line(&KINDS);
@@ -83,8 +83,8 @@ fn without_a_pace_watchdogs_are_those_of_the_scan() {
     assert!(killed(&mut rig).iter().all(|after| (250 * MS..=250 * MS + STEP).contains(after)));
 }
 
-/// MASTER-3.6 Where the divider is fixed, the time is the nearest that it allows and not longer; one that is shorter than three cycles is
-/// refused with what it is, and no other reason.
+/// MASTER-3.6 With a fixed divider, the time is the nearest possible one that is not longer; a time shorter than three
+/// cycles is refused with the value as the only reason.
 #[test]
 fn a_divider_that_is_fixed_is_reckoned_with() {
     let fixed = |divider, cycle_ms| {
@@ -118,7 +118,8 @@ fn a_divider_that_is_fixed_is_reckoned_with() {
     assert!(!told.contains("cable"), "{told}");
 }
 
-/// MASTER-3.6 A slave whose controller has no such registers is taken as it is; one that does not answer has no answer.
+/// MASTER-3.6 A slave whose controller has no such registers is used as it is; one that does not answer is reported as
+/// silent.
 #[test]
 fn a_slave_without_a_watchdog_is_taken() {
     for is_gone in [false, true] {

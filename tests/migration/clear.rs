@@ -5,8 +5,8 @@ use ecmsk::sk::{FifoAction, MasterCommand};
 use crate::drives;
 use crate::machine::{Behind, Machine};
 
-/// How many targets are sent behind a clear in the middle of a motion, and how many reports pass until a target that
-/// follows it at once is: the most of some moments.
+/// Targets sent behind a clear in the middle of a motion, and reports until a target that follows the clear at once is
+/// executed: the maximum over several moments.
 fn clear(behind: Behind, drives: usize) -> (i32, usize) {
     let all: Vec<_> = (0..6).map(|moment| clear_at(behind, drives, moment)).collect();
     let most = |of: fn(&(i32, usize)) -> usize| all.iter().map(of).max().unwrap_or_default();
@@ -30,8 +30,8 @@ fn clear_at(behind: Behind, drives: usize, moment: usize) -> (i32, usize) {
     (last - at, reports)
 }
 
-/// XF-20.5 What was cleared never comes, whatever the bus; behind a chip it takes some cycles, and what was sent until then
-/// counts as executed.
+/// XF-20.5 Cleared targets are never sent, on either bus. Behind a chip the clear takes some cycles, and targets sent
+/// until then count as executed.
 #[test]
 fn a_clear_takes_some_cycles() {
     for (drives, most) in [(2, (6, 12)), (40, (6, 12))] {

@@ -16,7 +16,7 @@ pub fn in_op(behind: Behind, drives: usize) -> Machine {
     machine
 }
 
-/// The same, and all are on.
+/// The same, all switched on.
 pub fn on(behind: Behind, drives: usize) -> Machine {
     let mut machine = in_op(behind, drives);
     switch_on(&mut machine, drives);
@@ -35,7 +35,7 @@ pub fn targets(machine: &mut Machine, slaves: std::ops::RangeInclusive<usize>, t
     });
 }
 
-/// Fills the FIFO with that many targets of these drives, one further than the other from this one on, so that they begin
+/// Fills the FIFO with that many targets of these drives, each one count further, starting at this one. All begin
 /// together with the last one.
 pub fn fill(machine: &mut Machine, slaves: std::ops::RangeInclusive<usize>, from: i32, frames: i32) {
     let free = 160 - frames as u32 + 1;
@@ -45,7 +45,7 @@ pub fn fill(machine: &mut Machine, slaves: std::ops::RangeInclusive<usize>, from
     }
 }
 
-/// The most cycles that pass the test, where fewer do if some do: of 0 to `most`.
+/// The largest number of cycles from 0 to `most` that passes the test; all smaller numbers pass, too.
 pub fn most(most: u64, passes: impl Fn(u64) -> bool) -> u64 {
     assert!(passes(0), "it does not hold without any");
     let (mut good, mut bad) = (0, most + 1);

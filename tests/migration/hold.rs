@@ -1,4 +1,4 @@
-//! The row `hold`: what lies in the chip while an axis is switched on.
+//! The row `hold`: outputs in the chip's FIFO while an axis is switched on.
 
 use std::sync::atomic::Ordering;
 
@@ -10,7 +10,7 @@ use crate::judge;
 use crate::machine::Machine;
 use crate::stall;
 
-/// Cycles in which axis 1, which moves, gets a target once more, with a stall of so many cycles while axis 2 is being
+/// Cycles in which the moving axis 1 gets a repeated target, with a stall of that many cycles while axis 2 is being
 /// switched on; `ahead=20`.
 fn repeats(size: Option<DataSize>, cycles: u64) -> Vec<usize> {
     let (mut machine, stood) = stall::machine(20, 2, size);
@@ -33,15 +33,16 @@ fn repeats(size: Option<DataSize>, cycles: u64) -> Vec<usize> {
     judge::repeats(&machine.log.take(), 1, 0)
 }
 
-/// XF-20.4 SK-12.3 While an axis is switched on beside a motion hardly anything lies in the chip, so that it is held where it is: a
-/// stall of 2 cycles is bridged then, and none of more than 4, whatever `ahead=` says. Without one the motion goes on.
+/// XF-20.4 SK-12.3 While an axis is switched on during a motion, the chip's FIFO is nearly empty, so that the axis is
+/// held at its position. A stall of 2 cycles is bridged then, and none of more than 4, for any `ahead=`. Without a
+/// stall the motion goes on.
 #[test]
 fn hardly_anything_lies_in_the_chip_while_an_axis_is_switched_on() {
     let bridged = drives::most(19, |cycles| repeats(stall::SMALL, cycles).is_empty());
     assert!((2..=4).contains(&bridged), "{bridged}");
 }
 
-/// XF-20.4 Packets of 1024 bytes take longer than those few sets: an axis that moves then repeats a target in each sixth
+/// XF-20.4 Packets of 1024 bytes take longer than those few sets last: a moving axis then repeats a target every sixth
 /// cycle or less often, until the other one is on.
 #[test]
 fn large_packets_are_too_slow_for_so_few() {

@@ -1,22 +1,22 @@
-//! Whether the slaves of two machines were sent the same, but for what the table of differences allows.
+//! Whether the slaves of two machines were sent the same outputs, except for the differences that the table allows.
 //!
-//! Held against each other is, slave by slave, what it was sent, without repeats: latency and idle cycles are no difference
-//! then. A target counts if its axis acts on it: one that is off or homes is shown where it is, and how old that is depends
-//! on the bus (the rows `latency` and `hold`).
+//! Compared, slave by slave, are the outputs it was sent, without repeats, so that latency and idle cycles make no
+//! difference. A target counts if its axis acts on it: an axis that is off or homes gets its actual position, whose age
+//! depends on the bus (the rows `latency` and `hold`).
 
 use ecmsk::fieldbus::MAX_AXES;
 
 use crate::tap::{Row, Took};
 
-/// What has to be the same of a slave's outputs.
+/// Which of a slave's outputs have to be equal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rule {
     /// All of them.
     Same,
-    /// All but so many in a row: something ended a motion when the program saw or said it, and until then so many cycles
-    /// passed that the other machine did not have (the rows `clear`, `loss` and `latency`).
+    /// All but that many in a row: a motion was ended by the program or by an event that the program saw, and until
+    /// then that many more cycles passed than on the other machine (the rows `clear`, `loss` and `latency`).
     CutBy(usize),
-    /// The last ones: the axis comes from where such an end has left it.
+    /// The last ones: the axis starts at the position where such an end has left it.
     EndsAlike,
 }
 
@@ -30,14 +30,14 @@ fn said(took: &Took) -> Said {
     })
 }
 
-/// What the slave at that place was sent, without repeats.
+/// Outputs the slave at that place was sent, without repeats.
 fn spoken(rows: &[Row], place: usize) -> Vec<Said> {
     let mut spoken: Vec<Said> = rows.iter().filter_map(|row| row[place].as_ref()).map(said).collect();
     spoken.dedup();
     spoken
 }
 
-/// Holds what a slave was sent on two machines against each other.
+/// Compares the outputs that a slave was sent on two machines.
 ///
 /// # Errors
 /// How they differ.
@@ -100,7 +100,7 @@ pub fn together(a: &[Row], b: &[Row], axes: &[(usize, usize)]) -> Result<(), Str
     ))
 }
 
-/// Cycles of a motion, from 0, in which an axis got the target of the cycle before once more.
+/// Cycles of a motion, from 0, in which an axis got the previous cycle's target again.
 pub fn repeats(rows: &[Row], slave: usize, axis: usize) -> Vec<usize> {
     let targets: Vec<i32> = rows
         .iter()
@@ -136,7 +136,7 @@ mod tests {
         targets.iter().map(row).collect()
     }
 
-    /// A judge that lets pass what is wrong would show nothing.
+    /// Without this test a comparison that accepts every difference would pass unnoticed.
     #[test]
     fn the_judge_sees_what_differs() {
         let way = rows(&[1, 2, 3, 4, 5, 6]);

@@ -16,7 +16,7 @@ fn reports(machine: &mut Machine, index: u8) -> usize {
     machine.until("the answer", |machine| machine.slot(1).index == index)
 }
 
-/// The most of a number of times, at different times within a cycle.
+/// The maximum of several measurements, at different times within a cycle.
 fn latency(mut machine: Machine, drives: usize) -> usize {
     drives::switch_on(&mut machine, drives);
     let once = |index: u8| {

@@ -1,4 +1,4 @@
-//! The row `clear`, of SET_STATE: what waits in the FIFO when it asks for a lower state.
+//! The row `clear`, of SET_STATE: entries in the FIFO when it requests a lower state.
 
 use ecmsk::cia402::Controlword;
 use ecmsk::fieldbus::nic::{ChainWires, NicBus};
@@ -35,8 +35,8 @@ fn leave(machine: &mut Machine, waiting: i32) -> (i32, Controlword, usize) {
     (last, off.next_back().map_or(Controlword::default(), |axis| axis.controlword), left_out)
 }
 
-/// XF-20.16 SV_OFF behind the end of a motion, and SET_STATE to a lower state at once: on every bus the targets are sent and the
-/// axis is switched off before OP is left, as far as the time goes that a board takes for the change.
+/// XF-20.16 SV_OFF behind the end of a motion, and SET_STATE to a lower state at once: on every bus the targets are
+/// sent and the axis is switched off before OP is left, within the time that a board takes for the change.
 #[test]
 fn what_waits_is_sent_before_op_is_left() {
     for ahead in [1, 4, 20] {
@@ -49,8 +49,9 @@ fn what_waits_is_sent_before_op_is_left() {
     }
 }
 
-/// XF-20.16 What waits longer than that is cleared, and counted: a FIFO that is full does not keep the network in OP. Behind a
-/// chip it is not known what still reaches slaves on their way out of OP: that is executed, and counts as lost for them.
+/// XF-20.16 Entries that wait longer are cleared, and counted: a full FIFO does not keep the network in OP. Behind a
+/// chip it is unknown which outputs still reach slaves that leave OP: they are executed, and count as lost for these
+/// slaves.
 #[test]
 fn what_waits_for_too_long_is_counted() {
     for (mut machine, most, may_reach) in

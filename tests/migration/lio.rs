@@ -5,7 +5,7 @@ use std::time::Duration;
 use ecmsk::link::{self, Share, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterResponse, SlotSize};
 
-/// What LIO_RD shows behind that link when LIO_WR has set outputs.
+/// The value of LIO_RD over that link after LIO_WR has set outputs.
 fn shown(link: &str) -> u32 {
     let link = link::open(link, Share::ByName).expect("a board");
     let mut report = Frame::new();
@@ -22,8 +22,8 @@ fn shown(link: &str) -> u32 {
     answer(MasterCommand::LocalRead)
 }
 
-/// XF-20.10 SK-12.8 Without pins the local inputs read 0 and the outputs go nowhere; with an input at the pin of an output it reads
-/// what was written.
+/// XF-20.10 SK-12.8 Without pins the local inputs read 0 and the outputs have no effect; an input on the pin of an
+/// output reads the written value.
 #[test]
 fn local_lines_are_where_the_link_has_them() {
     assert_eq!(shown("xf-sim:?slaves=io&clock=virtual"), 0);

@@ -1,4 +1,4 @@
-//! The row `loss`: when a slave that is lost is named.
+//! The row `loss`: time until a lost slave is reported.
 
 use std::time::Duration;
 
@@ -7,7 +7,8 @@ use ecmsk::sk::{MasterState, StateByte};
 use crate::drives;
 use crate::machine::Behind;
 
-/// Milliseconds until a lost slave is named: the most of some moments. The last one is lost, whose state is read last.
+/// Milliseconds until a lost slave is reported: the maximum over several moments. The lost slave is the last one, whose
+/// state is read last.
 fn named_after(behind: Behind, drives: usize) -> usize {
     let mut machine = drives::on(behind, drives);
     let mut most = 0;
@@ -21,7 +22,8 @@ fn named_after(behind: Behind, drives: usize) -> usize {
     most
 }
 
-/// XF-20.6 A board names a lost slave in the next cycle; behind a chip the states of all slaves are read first, one by one.
+/// XF-20.6 A board reports a lost slave in the next cycle; behind a chip the states of all slaves are read first, one
+/// by one.
 #[test]
 fn a_lost_slave_is_named_later() {
     for (drives, most) in [(2, 12), (8, 25), (40, 80)] {
@@ -32,8 +34,8 @@ fn a_lost_slave_is_named_later() {
     }
 }
 
-/// XF-20.6 A board says nothing while the cable is cut before its first slave in OP; behind a chip reports go on, with all slaves
-/// lost, and both come back when it is plugged again.
+/// XF-20.6 A board sends no reports while the cable is cut before its first slave in OP. Behind a chip reports go on,
+/// with all slaves lost. Both recover when the cable is plugged in again.
 #[test]
 fn a_cut_before_the_first_slave_is_no_silence() {
     let mut board = drives::on(Behind::Board, 2);

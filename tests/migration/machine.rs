@@ -1,5 +1,5 @@
-//! The same machine twice: its slaves are on the simulated network of a board, or behind the model of an ECM-XF. All else,
-//! the engine and the link with it, is the same code.
+//! The same machine twice: its slaves are on the simulated network of a board, or behind the model of an ECM-XF.
+//! Everything else, including the engine and the link, is the same code.
 
 use std::time::Duration;
 
@@ -22,9 +22,9 @@ use crate::tap::Log;
 
 /// The longest boot.
 const BOOT_NS: u64 = 60_000_000_000;
-/// Reports after which something never comes. 40 slaves take some seconds to OP.
+/// Reports after which a wait fails. 40 slaves take some seconds to OP.
 const PATIENCE: usize = 60_000;
-/// Reports after the last entry was sent until a chip has sent it and answered: more than the row `latency` allows.
+/// Reports until a chip has sent the last entry and answered: more than the row `latency` allows.
 const SETTLED: usize = 40;
 
 /// Where the slaves are.
@@ -32,18 +32,18 @@ const SETTLED: usize = 40;
 pub enum Behind {
     /// On the board's own network.
     Board,
-    /// Behind a chip in which that many sets of outputs may lie.
+    /// Behind a chip whose FIFO may hold that many sets of outputs.
     Chip { ahead: u16 },
 }
 
 impl Behind {
-    /// The chip as its link has it by default.
+    /// The chip with its link's defaults.
     pub const CHIP: Self = Self::Chip { ahead: XfBusOptions::DEFAULT.ahead };
     /// Both.
     pub const BOTH: [Self; 2] = [Self::Board, Self::CHIP];
 }
 
-/// A program beside its board.
+/// A program and its board.
 pub struct Machine {
     link: EngineLink,
     pub log: Log,
@@ -85,7 +85,7 @@ impl Machine {
         machine
     }
 
-    /// Sends a frame that was put together by `build`.
+    /// Sends a frame filled by `build`.
     pub fn send(&mut self, build: impl FnOnce(&mut Frame, SlotSize)) -> &mut Self {
         let mut frame = Frame::new();
         build(&mut frame, self.size);
@@ -108,7 +108,7 @@ impl Machine {
         self
     }
 
-    /// Whether no report comes for so long.
+    /// Whether no report comes for that time.
     pub fn says_nothing(&mut self, limit: Duration) -> bool {
         self.link.read(&mut self.report, Wait::For(limit)).is_err()
     }
@@ -120,12 +120,12 @@ impl Machine {
         self
     }
 
-    /// Reads for so many milliseconds of cycles.
+    /// Reads for that many milliseconds of cycles.
     pub fn rest(&mut self, ms: u32) -> &mut Self {
         self.read_some((1000 * ms / self.cycle_us).max(1) as usize)
     }
 
-    /// Reads until it is so; how many reports that took.
+    /// Reads until `done`; the number of reports that took.
     pub fn until(&mut self, what: &str, done: impl Fn(&Self) -> bool) -> usize {
         for n in 0..PATIENCE {
             if done(self) {
@@ -136,7 +136,7 @@ impl Machine {
         panic!("never: {what}; {:?}, {:?}", self.answer(), self.failure());
     }
 
-    /// Nothing that is read is from before now.
+    /// Discards everything from before now, so that the next read is newer.
     pub fn fresh(&mut self) -> &mut Self {
         while self.link.read(&mut self.report, Wait::Now).is_ok() {
             self.reports += 1;
@@ -144,7 +144,7 @@ impl Machine {
         self.read()
     }
 
-    /// The program does something else for so long.
+    /// The program does not call the library for that time.
     pub fn sleep(&mut self, time: Duration) -> &mut Self {
         self.link.pass(time).expect("it passes");
         self
@@ -163,7 +163,7 @@ impl Machine {
         self.report.slot(self.size, slave)
     }
 
-    /// A drive's slot; of a pulse module statusword and position of its first axis stand at the same places.
+    /// A drive's slot; a pulse module has statusword and position of its first axis at the same bytes.
     pub fn drive(&self, slave: usize) -> DriveResponse {
         DriveResponse::decode(&self.slot(slave))
     }
@@ -197,10 +197,10 @@ impl Machine {
         self
     }
 
-    /// Asks for a state; whether it is reached, or the change has failed.
+    /// Requests a state; whether it is reached, or the change has failed.
     pub fn asks_for(&mut self, state: MasterState) -> bool {
         self.fresh().master(MasterCommand::SetState(state));
-        // What is reported at first is how it was before.
+        // The first reports still have the state from before.
         self.read_some(2);
         let ended = |machine: &Self| {
             let shown = machine.answer().state;
@@ -210,7 +210,7 @@ impl Machine {
         self.answer().state == StateByte::reached(state)
     }
 
-    /// Asks for a state and waits until it is there.
+    /// Requests a state and waits until it is reached.
     pub fn go(&mut self, state: MasterState) -> &mut Self {
         self.master(MasterCommand::SetState(state));
         self.until(&format!("state {state}"), |machine| machine.answer().state == StateByte::reached(state));
@@ -223,7 +223,7 @@ impl Machine {
         self.go(MasterState::Op).settle()
     }
 
-    /// Waits until all that was sent is executed, and answered whatever the bus.
+    /// Waits until everything sent is executed and answered, on either bus.
     pub fn settle(&mut self) -> &mut Self {
         self.fresh();
         self.until("an empty FIFO", |machine| machine.answer().fifo_free == FIFO_ENTRIES);

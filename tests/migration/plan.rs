@@ -53,7 +53,7 @@ impl Unit {
         }
     }
 
-    /// It goes to positions.
+    /// It is moved by positions.
     pub fn is_csp(&self) -> bool {
         self.mode == Some(Mode::Csp)
     }
@@ -70,17 +70,17 @@ impl Unit {
 /// How a program paces its frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pace {
-    /// So many wait in the board's FIFO.
+    /// Keeps that many in the board's FIFO.
     Ahead(u16),
     /// One for each report.
     EachReport,
-    /// As [`Self::Ahead`] 140; now and then the program does something else for so many milliseconds.
+    /// As [`Self::Ahead`] 140; now and then the program pauses for that many milliseconds.
     WithStalls(u64),
-    /// The FIFO is told to begin when fewer than that many places are free.
+    /// The FIFO's threshold: it begins when fewer than that many places are free.
     Threshold(u32),
 }
 
-/// What else happens in the middle of a motion.
+/// An event in the middle of a motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Meanwhile {
     Nothing,
@@ -89,11 +89,11 @@ pub enum Meanwhile {
     /// A slave that takes no part is switched on, or off.
     On(usize),
     Off(usize),
-    /// One that takes part has an alarm.
+    /// A slave of the motion has an alarm.
     Alarm(usize),
-    /// One that takes no part loses its power, and comes back when the motion is over.
+    /// A slave outside the motion loses its power, and returns when the motion has ended.
     Lost(usize),
-    /// The same, and it comes back while the others go on.
+    /// The same, and it returns while the others go on.
     LostAndBack(usize),
     /// SET_FIFO clear.
     Clear,
@@ -104,13 +104,13 @@ pub enum Meanwhile {
 pub struct Motion {
     pub slaves: Vec<usize>,
     pub frames: u32,
-    /// Counts in a cycle at most; counts a second in CSV a hundred times that.
+    /// At most that many counts per cycle; in CSV a hundred times as many per second.
     pub speed: i32,
     pub pace: Pace,
     pub meanwhile: Meanwhile,
 }
 
-/// A part of the program. Behind each the machine stands, and nothing is under way.
+/// A part of the program. After each the machine is at rest, and no command is pending.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Step {
     Op,
@@ -161,7 +161,7 @@ impl Plan {
     }
 }
 
-/// Slaves for which it is so.
+/// Slaves that satisfy `of`.
 fn those(units: &[Unit], of: impl Fn(usize, &Unit) -> bool) -> Vec<usize> {
     (1..).zip(units).filter(|(slave, unit)| of(*slave, unit)).map(|(slave, _)| slave).collect()
 }

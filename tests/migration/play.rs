@@ -1,4 +1,4 @@
-//! Plays a program to a machine and keeps what it saw, part by part.
+//! Runs a program on a machine and keeps its results, part by part.
 
 mod motion;
 
@@ -18,28 +18,29 @@ use crate::machine::{Behind, Machine};
 use crate::plan::{Meanwhile, Motion, Pace, Plan, Step, Unit};
 use crate::tap::Row;
 
-/// The bits of a statusword that say the state (CiA 402-2), and whether there is a warning.
+/// The bits of a statusword that encode the state (CiA 402-2), and the warning bit.
 const STATE_BITS: u16 = 0x006F;
-/// The most cycles by which a motion ends sooner or later, when the program ends it by what it sees or says: latency and
-/// SET_FIFO clear together, with 5 slaves (the rows `latency` and `clear`).
+/// The maximum difference in cycles between the ends of a motion that the program ends by a command or by a report:
+/// latency and SET_FIFO clear together, with 5 slaves (the rows `latency` and `clear`).
 const CUT_BY: usize = 24;
-/// The most cycles by which an answer comes later, beside what lies in the chip for a stall and for the transport.
+/// The maximum delay of an answer in cycles, in addition to the sets in the chip's FIFO for a stall and for the
+/// transport.
 const LATENCY: u64 = 8;
-/// For so long the transport lies in the chip, with any packets (the row `latency`).
+/// Time of the transport in the chip's FIFO, for any packet size (the row `latency`).
 const TRANSPORT_US: u64 = 5000;
-/// By so many times the way of a cycle an alarm stops an axis elsewhere, where idle cycles came in between.
+/// An alarm stops an axis up to that many cycles' distance away, if idle cycles came in between.
 const STOP: u32 = 20;
 const ALARM: DeviceFault = DeviceFault { code: 0x7500, resettable: true };
 
-/// What a program saw at the end of a part.
+/// The program's view at the end of a part.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Saw {
     pub state: StateByte,
     pub failure: Option<StateFailure>,
-    /// Of each slave: the state in its statusword, error code, positions if it stands, inputs.
+    /// Of each slave: the state in its statusword, error code, positions if it is at rest, inputs.
     pub slaves: Vec<(u16, u16, [i32; MAX_AXES], u16)>,
     pub sdos: Vec<SdoResponse>,
-    /// What the board has counted since the part before: entries executed, commands rejected, discarded, ignored, lost.
+    /// The board's counters since the previous part: entries executed, commands rejected, discarded, ignored, lost.
     pub counted: [u64; 5],
 }
 
@@ -53,12 +54,12 @@ pub struct Part {
     pub rules: Vec<Rule>,
     /// Axes that move together.
     pub together: Vec<(usize, usize)>,
-    /// The program keeps the FIFO filled: nobody repeats a target.
+    /// The program keeps the FIFO filled: no target is repeated.
     pub is_steady: bool,
-    /// By how many commands what the board counts as discarded may differ: it knows an alarm as late as its answers are,
-    /// and until then targets are executed (the row `latency`).
+    /// Allowed difference of the board's count of discarded commands: it sees an alarm only with the answers, and until
+    /// then targets are executed (the row `latency`).
     pub counts_apart: u64,
-    /// An axis whose position may differ by that many counts: its motion was paced by reports, and an alarm has stopped it.
+    /// An axis whose position may differ by that many counts: its motion was paced by reports and stopped by an alarm.
     pub position_apart: Option<(usize, u32)>,
 }
 
@@ -68,7 +69,7 @@ pub struct Run {
     pub refused: bool,
 }
 
-/// Plays a program.
+/// Runs a program.
 pub fn play(plan: &Plan, behind: Behind) -> Run {
     let machine = Machine::new(behind, plan.size, plan.slaves());
     let mut player = Player {
@@ -91,7 +92,7 @@ pub fn play(plan: &Plan, behind: Behind) -> Run {
 struct Player<'a> {
     machine: Machine,
     plan: &'a Plan,
-    /// Where each axis in CSP is, as the program has it.
+    /// The program's position of each axis in CSP.
     goals: Vec<[i32; MAX_AXES]>,
     sdos: Vec<SdoResponse>,
     counters: Counters,
@@ -101,7 +102,7 @@ struct Player<'a> {
 }
 
 impl Player<'_> {
-    /// Whether it can go on.
+    /// Whether the program can go on.
     fn step(&mut self, step: &Step) -> bool {
         let what = format!("{step:?}");
         let mut rules = vec![Rule::Same; self.plan.units.len()];
@@ -155,7 +156,7 @@ impl Player<'_> {
         true
     }
 
-    /// The end of a part: all comes to rest, and what was seen is kept.
+    /// The end of a part: waits until all axes are at rest, and keeps the results.
     fn end(&mut self, what: &str, rules: &[Rule]) {
         self.machine.fresh();
         if self.machine.answer().state == StateByte::reached(MasterState::Op) {
@@ -176,7 +177,7 @@ impl Player<'_> {
         });
     }
 
-    /// Waits until axes in CSP stand.
+    /// Waits until axes in CSP are at rest.
     fn stand(&mut self) {
         for _ in 0..100 {
             let before = self.positions();
@@ -227,7 +228,7 @@ impl Player<'_> {
         Saw { state, failure, slaves, sdos: std::mem::take(&mut self.sdos), counted }
     }
 
-    /// To OP; whether the hardware can.
+    /// Goes to OP; whether the hardware supports it.
     fn up(&mut self) -> bool {
         let kinds: Vec<SlaveKind> = self.plan.units.iter().map(|unit| unit.kind).collect();
         let modes: Vec<_> = self.plan.units.iter().map(|unit| unit.mode).collect();

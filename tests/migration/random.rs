@@ -9,12 +9,13 @@ use crate::machine::Behind;
 use crate::plan::Plan;
 use crate::play::{Part, play};
 
-/// Programs of the test; `cargo xtask soak` asks for more.
+/// Programs of the test; `cargo xtask soak` runs more.
 const PROGRAMS: u64 = 30;
-/// In so many cycles from the first target of a motion on one may be late where a cycle is shorter than an exchange (the row `cycle`).
+/// In that many cycles from the first target of a motion, one target may be late if a cycle is shorter than an exchange
+/// (the row `cycle`).
 const BEGIN: usize = 16;
 
-/// What programs did, so that none passes for lack of it.
+/// Counts of the programs' events, so that the test fails if one never occurred.
 #[derive(Debug, Default)]
 struct Done {
     parts: u64,
@@ -33,7 +34,7 @@ impl AddAssign for Done {
     }
 }
 
-/// How a part differs on the two machines, beyond what it may.
+/// Differences of a part on the two machines beyond the allowed ones.
 fn differences(board: &Part, chip: &Part) -> Vec<String> {
     let mut found = Vec::new();
     for (slave, rule) in (1..).zip(&board.rules) {
@@ -63,7 +64,7 @@ fn differences(board: &Part, chip: &Part) -> Vec<String> {
     found
 }
 
-/// These cycles without those of the begin, as if the others had come so much sooner.
+/// These cycles without those at the begin, with the others moved forward accordingly.
 fn behind(begin: usize, repeats: &[usize]) -> Vec<usize> {
     let early = repeats.iter().take_while(|cycle| **cycle < begin).count();
     repeats.iter().skip(early).map(|cycle| cycle - early).collect()
@@ -88,7 +89,7 @@ fn program(seed: u64) -> Done {
             let begin = if plan.cycle_us < 1000 { BEGIN } else { 0 };
             let repeats = [a, b].map(|part| judge::repeats(&part.rows, *slave, *axis));
             if repeats[0].first().is_some_and(|cycle| *cycle < begin) {
-                // An axis that soon goes on with one speed does not show how late that came.
+                // An axis that soon goes on at constant speed does not show the delay.
                 continue;
             }
             let repeats = repeats.map(|repeats| behind(begin, &repeats));
@@ -99,8 +100,8 @@ fn program(seed: u64) -> Done {
     done
 }
 
-/// XF-20.1 Whatever a program does, each slave is sent the same on both machines, and the program sees the same at the end of
-/// each part, but for the rows of the table.
+/// XF-20.1 For any program each slave is sent the same outputs on both machines, and the program sees the same at the
+/// end of each part, except for the table's rows.
 #[test]
 fn generated_programs() {
     let (programs, all) = schedules::run_all("migration", "generated_programs", PROGRAMS, program);

@@ -1,5 +1,5 @@
-//! Recordings of programs on a board, played to a board with slaves of its own and to one whose slaves are behind a chip: what
-//! these answer is held against what was recorded by the same `compare`, and what is different is a row of the table.
+//! Recordings of programs on a board, replayed on a board with its own slaves and on one whose slaves are behind a
+//! chip. The same `compare` compares the answers with the recording, and each difference is a row of the table.
 
 use std::path::PathBuf;
 
@@ -22,17 +22,18 @@ struct Recording {
     keys: &'static str,
 }
 
-/// Packets as newer chips start with.
+/// The packet size newer chips start with.
 const LARGE: &str = "&use_n=1024";
 
 const ROWS: &[Row] = &[Row::Latency, Row::Start];
 
-/// The captures that are kept with the project, and the recordings that docs/RECORDINGS.md shows, with others like them.
+/// The project's captures, the recordings of docs/RECORDINGS.md, and similar ones.
 fn recordings(folder: &TempDir) -> Vec<Recording> {
     let capture = |name| root().join("tests/recordings").join(name);
     let mut all = vec![
-        // Looks at the board every 2 to 5 ms only: the latency does not show. With shorter packets an input that its own output
-        // switches comes within the answer to the last command, where the recording has it behind that.
+        // The program reads the board only every 2 to 5 ms, so that the latency does not show. With shorter packets an
+        // input switched by the slave's own output arrives within the answer to the last command, in the recording
+        // after it.
         Recording {
             name: "usbmon_12",
             file: capture("usbmon_12.pcap"),
@@ -64,7 +65,7 @@ fn recordings(folder: &TempDir) -> Vec<Recording> {
     all
 }
 
-/// A recording played to a model: the result, and how many milliseconds longer the model took.
+/// Replays a recording on a model: the result, and by how many milliseconds the model took longer.
 fn played(file: &std::path::Path, link: &str) -> (Comparison, i64) {
     let link = LinkUri::parse(link).expect("a link");
     let options = CompareOptions::default();
@@ -75,8 +76,8 @@ fn played(file: &std::path::Path, link: &str) -> (Comparison, i64) {
     (found, model.waited_ns() / 1_000_000)
 }
 
-/// XF-20.14 A recording played to a board is what was recorded, and takes no longer. Behind a chip it is the same but for the rows
-/// of the table: answers come later (`latency`), and so does OP (`start`).
+/// XF-20.14 A recording replayed on a board gives the recorded answers, and takes no longer. Behind a chip it differs
+/// only by rows of the table: answers come later (`latency`), and so does OP (`start`).
 #[test]
 fn recordings_on_both_models() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -93,7 +94,7 @@ fn recordings_on_both_models() {
             shown.push(Row::Latency);
         }
         if waited_ms > 0 {
-            // 0.5 s of two drives, where the board takes 0.4; 0.8 s with another cycle than the chip has at first.
+            // 0.5 s of two drives, where the board takes 0.4; 0.8 s with a cycle other than the chip's default.
             assert!((40..=900).contains(&waited_ms), "{name}: {waited_ms} ms");
             shown.push(Row::Start);
         }
@@ -101,8 +102,8 @@ fn recordings_on_both_models() {
     }
 }
 
-/// XF-20.14 What was otherwise on the recorded board is found on both models: a drive that had an alarm there. The model does
-/// not show it, and is not waited for for ever.
+/// XF-20.14 A difference of the recorded board is found on both models: a drive that had an alarm there. The model does
+/// not show it, and the wait for it is bounded.
 #[test]
 fn what_was_otherwise_is_found_on_both_models() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -1,11 +1,11 @@
-//! The row `remap`: slaves that come back beside others in OP.
+//! The row `remap`: slaves that return while others are in OP.
 
 use ecmsk::sk::MasterState;
 
 use crate::drives;
 use crate::machine::Behind;
 
-/// Milliseconds in which that many lost slaves come back.
+/// Milliseconds until that many lost slaves have returned.
 fn back_ms(behind: Behind, drives: usize, lost: usize) -> u64 {
     let mut machine = drives::on(behind, drives);
     (1..=lost as u8).for_each(|slave| machine.network.lose(slave));
@@ -18,7 +18,7 @@ fn back_ms(behind: Behind, drives: usize, lost: usize) -> u64 {
     (machine.now_ns() - from) / 1_000_000
 }
 
-/// XF-20.7 Slaves that come back do so one by one behind a chip, and together on a board; the others stay in OP.
+/// XF-20.7 Slaves return one by one behind a chip, and together on a board; the others stay in OP.
 #[test]
 fn slaves_come_back_one_by_one() {
     for (drives, lost, most) in [(2, 1, 550), (8, 3, 1520), (40, 1, 950)] {

@@ -1,4 +1,4 @@
-//! The table of differences: what the code names is what the document has, and each row has the test that it names.
+//! The table of differences: the rows in the code are the document's, and each row's test exists.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -15,7 +15,7 @@ fn rows() -> Vec<Vec<String>> {
     rows.map(|row| row.split(" | ").map(|cell| cell.replace('`', "")).collect()).collect()
 }
 
-/// XF-20.1 The rows in the code are those of the document, in their order, and each names files of tests that there are.
+/// XF-20.1 The rows in the code are the document's, in the same order, and the files of tests that each names exist.
 #[test]
 fn the_table_is_that_of_the_document() {
     let rows = rows();
@@ -30,7 +30,7 @@ fn the_table_is_that_of_the_document() {
             here.extend(test.strip_prefix("tests/migration/").map(str::to_owned));
         }
     }
-    // A file of this group that pins a row says so in its first line.
+    // A file of this group that tests a row names it in its first line.
     for entry in fs::read_dir(root().join("tests/migration")).expect("the folder") {
         let file = entry.expect("readable");
         let text = fs::read_to_string(file.path()).unwrap_or_default();

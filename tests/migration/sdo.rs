@@ -11,8 +11,8 @@ fn is_done(machine: &Machine) -> bool {
     matches!(shown, SdoResponse::Done { value: 0x4543_4D53, .. })
 }
 
-/// XF-20.8 SK-12.10 An SDO that is asked for during a change of state is answered during it on a board, and behind it with slaves
-/// behind a chip; with the same answer.
+/// XF-20.8 SK-12.10 An SDO requested during a change of state is answered during it on a board, and after it with
+/// slaves behind a chip; the answer is the same.
 #[test]
 fn an_sdo_waits_for_the_change_of_state() {
     for behind in Behind::BOTH {

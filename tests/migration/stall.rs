@@ -1,4 +1,4 @@
-//! The row `stall`: a PC that stands still while axes move.
+//! The row `stall`: a PC that stalls while axes move.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -20,22 +20,22 @@ use crate::judge;
 use crate::machine::{Behind, Machine};
 use crate::tap::Log;
 
-/// Small packets, as the manuals have them.
+/// Small packets, as in the manuals.
 pub const SMALL: Option<DataSize> = Some(DataSize::MANUAL);
-/// Those that newer chips start with, where a link asks for them.
+/// The packet size newer chips start with, if a link requests it.
 pub const LARGE: Option<DataSize> = Some(DataSize::NEWER);
 
-/// A bus whose chip goes on while the PC, with the board's model in it, stands still.
+/// A bus whose chip goes on while the PC, including the board's model, stalls.
 pub struct Stalling {
     inner: XfBus<ChipLine<SlaveModels>>,
-    /// So much time has passed beside that of the board, or is to.
+    /// Time of stalls, which the board's own time does not include.
     stood: Arc<AtomicU64>,
     seen: Ns,
     told_at: Ns,
 }
 
 impl Stalling {
-    /// The time of the bus. A stall that has come since is over now.
+    /// The time of the bus. A stall since the last call has ended now.
     fn time(&mut self, now: Ns) -> Ns {
         let stood = self.stood.load(Ordering::Relaxed);
         let stall = stood - std::mem::replace(&mut self.seen, stood);
@@ -108,8 +108,8 @@ impl Fieldbus for Stalling {
     }
 }
 
-/// A machine behind a chip with packets of that size, or as they are, and what makes its PC stand still for so many
-/// nanoseconds more.
+/// A machine behind a chip with packets of that size, or of the default size, and a counter to which the nanoseconds of
+/// a stall are added.
 pub fn machine(ahead: u16, drives: usize, wanted_size: Option<DataSize>) -> (Machine, Arc<AtomicU64>) {
     let (stood, log, network) = (Arc::new(AtomicU64::new(0)), Log::default(), SimHandle::default());
     let options = XfBusOptions { ahead, ..XfBusOptions::DEFAULT };
@@ -121,7 +121,7 @@ pub fn machine(ahead: u16, drives: usize, wanted_size: Option<DataSize>) -> (Mac
     (machine, stood)
 }
 
-/// The longest stall, in cycles of 1 ms, in which axes that move do not stop.
+/// The longest stall, in cycles of 1 ms, in which moving axes do not stop.
 fn bridged(ahead: u16, drives: usize, size: Option<DataSize>) -> u64 {
     drives::most(63, |cycles| {
         let (mut machine, stood) = machine(ahead, drives, size);
@@ -134,8 +134,8 @@ fn bridged(ahead: u16, drives: usize, size: Option<DataSize>) -> u64 {
     })
 }
 
-/// XF-20.3 On a board the FIFO bridges a PC that stands still; with slaves behind a chip what lies in it does: `ahead=`
-/// cycles, or what its FIFO holds.
+/// XF-20.3 On a board the FIFO bridges a stall of the PC; with slaves behind a chip, the chip's FIFO does: `ahead=`
+/// cycles, or as many as it holds.
 #[test]
 fn what_lies_in_the_chip_bridges_a_stall() {
     let mut board = drives::on(Behind::Board, 2);

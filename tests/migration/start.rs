@@ -1,4 +1,4 @@
-//! The row `start`: how long the way to OP takes.
+//! The row `start`: time from SET_STATE to OP.
 
 use std::time::Duration;
 
@@ -17,7 +17,7 @@ use support::start::{Program, Start};
 
 use crate::machine::Behind;
 
-/// Milliseconds from SET_STATE to OP; the program rests nowhere.
+/// Milliseconds from SET_STATE to OP; the program never pauses.
 fn start_ms(behind: Behind, start: &Start) -> u64 {
     let mut program = match behind {
         Behind::Board => Program::new(SimBus::new(start.slaves())),
@@ -27,14 +27,14 @@ fn start_ms(behind: Behind, start: &Start) -> u64 {
     program.go(MasterState::Op).ms()
 }
 
-/// So many drives, and as many more that are declared none.
+/// That many drives, and `none` more slaves that are declared as none.
 fn drives(drives: usize, none: usize) -> Start {
     let mut kinds = vec![SlaveKind::Drive; drives];
     kinds.resize(drives + none, SlaveKind::None);
     Start::of(kinds)
 }
 
-/// XF-20.9 The way to OP takes longer behind a chip, the more slaves there are.
+/// XF-20.9 The way to OP takes longer behind a chip, increasingly with the number of slaves.
 #[test]
 fn the_way_to_op_takes_longer() {
     for (count, most) in [(2, 700), (8, 1000), (40, 2700)] {
@@ -43,7 +43,7 @@ fn the_way_to_op_takes_longer() {
     }
 }
 
-/// The network that a program with that start declares.
+/// The network that a program declares for that start.
 fn network(start: &Start) -> Network {
     let mut network = Network { found: start.kinds.len(), ..Network::default() };
     let mut modules = 0;
@@ -56,8 +56,8 @@ fn network(start: &Start) -> Network {
     network
 }
 
-/// XF-20.9 What `migrate` tells of the way to OP is what the model of a chip takes, but for 3 %: machines of few and of many servo
-/// drives, of all kinds of slaves, and with slaves that are declared none.
+/// XF-20.9 The time to OP that `migrate` estimates is that of the chip's model within 3 %: for machines with few and
+/// with many servo drives, with all kinds of slaves, and with slaves declared as none.
 #[test]
 fn the_estimate_is_what_the_model_takes() {
     let mixed = |n: usize| Start { kinds: Start::of_forty_mixed().kinds[..n].to_vec(), ..Start::of_forty_mixed() };
@@ -95,8 +95,8 @@ fn the_estimate_is_what_the_model_takes() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
-/// The tries that a program in the manner of the vendor's samples needs for each state, 1000 at most (LIB, habits): it reads, compares
-/// the state byte, and else writes an all-zero frame.
+/// The attempts that a program like the vendor's samples needs for each state, 1000 at most (LIB, habits): it reads,
+/// compares the state byte, and otherwise writes an all-zero frame.
 fn tries(link: &str, drives: usize) -> [usize; 2] {
     const SIZE: SlotSize = SlotSize::Bytes12;
     let board = link::open(link, Share::ByName).expect(link);
@@ -129,8 +129,8 @@ fn tries(link: &str, drives: usize) -> [usize; 2] {
     })
 }
 
-/// XF-20.9 XF-20.11 A program in the manner of the vendor's samples, which gives up after 1000 reads, starts 9 drives on the link to a
-/// chip as it is by default, whatever the firmware of the chip.
+/// XF-20.9 XF-20.11 A program like the vendor's samples, which gives up after 1000 reads, starts 9 drives over the link
+/// to a chip with its defaults, with any firmware of the chip.
 #[test]
 fn a_program_that_gives_up_after_1000_reads_starts() {
     for firmware in ["", "&chip_fw=old", "&chip_fw=xfu", "&int0=yes"] {

@@ -1,4 +1,4 @@
-//! Slaves with taps: what each of them was sent in each cycle of the network, whoever drives it.
+//! Slaves with taps: the outputs that each was sent in each cycle of the network, with any master.
 
 use std::sync::{Arc, Mutex, MutexGuard};
 
@@ -7,15 +7,15 @@ use ecmsk::fieldbus::{AxisOut, MAX_AXES};
 use ecmsk::slave::{Fault, Slave};
 use support::images::{Images, number};
 
-/// What a slave was sent in a cycle.
+/// A slave's outputs in a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Took {
     pub axes: [AxisOut; MAX_AXES],
-    /// Of each axis whether it acts on its target: it is enabled, and not in homing mode.
+    /// Whether each axis acts on its target: it is enabled, and not in homing mode.
     pub follows: [bool; MAX_AXES],
 }
 
-/// What all slaves were sent in a cycle; `None`: the slave took nothing.
+/// All slaves' outputs in a cycle; `None`: the slave took none.
 pub type Row = Vec<Option<Took>>;
 
 /// A fault that an axis has when it takes a target.
@@ -36,7 +36,7 @@ struct Journal {
     trap: Option<Trap>,
 }
 
-/// The account of all taps of a network; clones are the same one.
+/// The log of all taps of a network; clones share it.
 #[derive(Clone, Default)]
 pub struct Log(Arc<Mutex<Journal>>);
 
@@ -52,8 +52,7 @@ impl Log {
         slaves.into_iter().enumerate().map(tap).collect()
     }
 
-    /// All cycles since it was asked last in which a slave took outputs. The first row holds what each slave had taken
-    /// before.
+    /// All cycles since the last call in which a slave took outputs. The first row holds each slave's outputs before.
     pub fn take(&self) -> Vec<Row> {
         let mut journal = self.lock();
         let newest = |place: usize| journal.rows.iter().rev().find_map(|row| row[place]);
@@ -62,7 +61,7 @@ impl Log {
         std::mem::replace(&mut journal.rows, vec![before])
     }
 
-    /// What a slave was sent last.
+    /// A slave's newest outputs.
     pub fn newest(&self, slave: usize) -> Option<Took> {
         self.lock().rows.iter().rev().find_map(|row| row[slave - 1])
     }
@@ -77,7 +76,7 @@ impl Log {
         self.lock().trap.is_some()
     }
 
-    /// The fault that comes with what was taken.
+    /// The fault that these outputs trigger.
     fn note(&self, place: usize, took: Took) -> Option<Fault> {
         let mut journal = self.lock();
         if journal.newest.is_none_or(|newest| place <= newest) {

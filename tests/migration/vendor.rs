@@ -1,13 +1,14 @@
-//! Programs with the vendor's own habits, in C++, C, C#, Python and Rust, on both links: what they print is the same, or the
-//! program is in a table with the row by which it differs; and so is what they sent and saw, by `compare`.
+//! Programs written like the vendor's examples, in C++, C, C#, Python and Rust, on both links. They print the same, or
+//! the program is in a table with the row by which it differs. The same applies to their frames and reports, by
+//! `compare`.
 #![cfg(target_os = "linux")]
 
 use ecmsk::compare::{CompareOptions, Comparison, Deviation, files};
 use ecmsk::migrate::Row;
 use support::root;
 
-/// Programs that print other numbers behind a chip, since they say how many reports something took, where an axis was after
-/// so many, or how many frames a full FIFO has lost: language, program, the row.
+/// Programs that print other numbers behind a chip: how many reports something took, an axis' position after a number
+/// of reports, or how many frames a full FIFO has lost. Language, program, the row.
 const DIFFER: [(&str, &str, Row); 10] = [
     ("cpp", "alarm_recovery", Row::Start),
     ("cpp", "habit_sdo_retry", Row::Latency),
@@ -21,22 +22,22 @@ const DIFFER: [(&str, &str, Row); 10] = [
     ("rust", "hsp", Row::Latency),
 ];
 
-/// What a program may see otherwise behind a chip.
+/// A difference that a program may see behind a chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Otherwise {
-    /// An axis is elsewhere when the program switches it off while it moves, or where it is sent velocities.
+    /// An axis has another position if the program switches it off while it moves, or sends it velocities.
     Position,
     /// A drive is in another state when the program leaves OP without having waited for it.
     State,
-    /// Commands are lost in a full FIFO elsewhere.
+    /// Other commands are lost in a full FIFO.
     Lost,
-    /// An alarm that comes by the clock comes at another place of the way.
+    /// An alarm at a fixed time comes at another position of the motion.
     Alarm,
-    /// The program asks for the next object with another frame of its motion, since the answer before came later.
+    /// The program requests the next object with another frame of its motion, since the previous answer came later.
     Command,
 }
 
-/// Programs of which `compare` says that they are not the same, what it finds first, and the row.
+/// Programs for which `compare` reports a difference, its first finding, and the row.
 const SEEN_OTHERWISE: [(&str, &str, Otherwise, Row); 16] = [
     ("cpp", "alarm_recovery", Otherwise::Alarm, Row::Start),
     ("cpp", "habit_reader_writer_threads", Otherwise::Position, Row::Latency),
@@ -56,10 +57,10 @@ const SEEN_OTHERWISE: [(&str, &str, Otherwise, Row); 16] = [
     ("rust", "two_axes", Otherwise::Position, Row::Latency),
 ];
 
-/// Programs with threads of their own: virtual time passes as these are scheduled, so that they may be the same, too.
+/// Programs with several threads: virtual time depends on their scheduling, so that they may also be the same.
 const THREADS: [&str; 2] = ["habit_reader_writer_threads", "habit_two_writes_fifo_mark"];
 
-/// What is different first in the recordings of a program on a board and behind a chip.
+/// The first difference between the recordings of a program on a board and behind a chip.
 fn otherwise(found: &Comparison) -> Option<Otherwise> {
     let what = &found.first.as_ref()?.what;
     let is = |wanted: fn(&Deviation) -> bool| what.iter().any(wanted);
@@ -73,7 +74,7 @@ fn otherwise(found: &Comparison) -> Option<Otherwise> {
     })
 }
 
-/// Holds what a program sent and saw on a board against the same behind a chip.
+/// Compares a program's frames and reports on a board with those behind a chip.
 fn sees_the_same(language: &str, name: &str, recordings: &[std::path::PathBuf; 2]) {
     let options = CompareOptions { ignore_repeats: true, ..CompareOptions::default() };
     let [board, chip] = recordings;
@@ -100,7 +101,8 @@ fn behind_chip(link: &str) -> String {
     }
 }
 
-/// Holds what a program prints on a link against what it prints behind a chip. One of the table ends well, and differs.
+/// Compares a program's output on a link with its output behind a chip. A program of the table ends successfully, and
+/// differs.
 fn prints_the_same(language: &str, name: &str, link: &str, run: impl Fn(&str) -> support::Ended) {
     let folder = tempfile::tempdir().expect("a folder");
     let recordings = ["board", "chip"].map(|name| folder.path().join(name).with_extension("pcapng"));
@@ -125,8 +127,8 @@ fn scripted(link: &str, script: &str) -> String {
     format!("{link}&script={}/examples/scripts/{script}.ecmscript", root().display())
 }
 
-/// XF-20.11 XF-20.15 Programs on the native API. `homing` is not among them: its homing that the drive refuses is taken for one that has
-/// ended well, since the report in which the drive shows neither result is not seen there.
+/// XF-20.11 XF-20.15 Programs on the native API. `homing` is not among them: behind a chip, its refused homing is taken
+/// for a successful one, since the report in which the drive shows neither result is missed there.
 #[test]
 fn rust_programs() {
     const DRIVES: &str = "sim:?slaves=drive*2&clock=virtual";

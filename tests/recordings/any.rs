@@ -1,4 +1,4 @@
-//! Any bytes at all.
+//! Arbitrary bytes.
 
 use ecmsk::recording::{Address, Recording};
 use proptest::prelude::*;
@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use support::captures::convert::{Parts, USB_LINUX, USB_LINUX_MMAPPED, USBPCAP, pcap, pcapng};
 use support::captures::traffic::{TAKEN_BACK, Traffic, numbered};
 
-/// Reads to the end, whatever there is: one error at most, and counts that fit.
+/// Reads to the end, whatever the content: at most one error, and consistent counts.
 fn exhaust(bytes: &[u8], only: Option<Address>) {
     let Ok(recording) = Recording::new(bytes, "any") else { return };
     let mut recording = match only {
@@ -22,7 +22,7 @@ fn exhaust(bytes: &[u8], only: Option<Address>) {
     assert!(frames.len() as u64 <= seen + recording.skipped().taken_back, "{} of {seen}", frames.len());
 }
 
-/// A bus with some of everything.
+/// A bus with all kinds of traffic.
 fn traffic() -> Traffic {
     let mut traffic = Traffic::default();
     let frame = numbered(1);
@@ -46,7 +46,7 @@ fn any_file() -> impl Strategy<Value = Vec<u8>> {
     })
 }
 
-/// A pcap file of such packets: heads of few values, so that they look like something.
+/// A pcap file of such packets, with few different values in their headers, so that they are often valid.
 fn any_packets() -> impl Strategy<Value = Vec<u8>> {
     let byte = prop_oneof![0..4_u8, Just(b'S'), Just(b'C'), Just(0x81), any::<u8>()];
     let packet = proptest::collection::vec(byte, 0..96);

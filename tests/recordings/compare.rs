@@ -1,4 +1,4 @@
-//! Two runs of a program, compared: what is a difference and what is but timing.
+//! Comparison of two runs of a program: differences, and mere timing.
 
 use ecmsk::cia402::Statusword;
 use ecmsk::coe::ObjectAddress;
@@ -47,7 +47,7 @@ fn timing_is_no_difference() {
     }
 }
 
-/// Answers are found at any cycle: it is what SET_DC says.
+/// Answers are found at any cycle: that of SET_DC.
 #[test]
 fn other_cycles() {
     for cycle_us in [250, 2000] {
@@ -57,7 +57,7 @@ fn other_cycles() {
     }
 }
 
-/// A command that is another one is the difference, named by its number, slave and both targets.
+/// A different command is reported with its number, slave and both targets.
 #[test]
 fn another_target() {
     let a = Program::default().record();
@@ -73,8 +73,8 @@ fn another_target() {
     assert_eq!(found.counts[0].commands, found.counts[1].commands, "what follows is counted");
 }
 
-/// A fault on one board is found at the command in whose cycle it came, with both statuswords; that the program
-/// ended by it is told too.
+/// A fault on one board is found at the command in whose cycle it occurred, with both statuswords; that the program
+/// ended because of it is reported, too.
 #[test]
 fn a_fault_of_one_board() {
     let a = Program::default().record();
@@ -94,7 +94,7 @@ fn a_fault_of_one_board() {
     assert!(found.to_string().ends_with("B ends early: 304 of 308 commands"), "{found}");
 }
 
-/// A board whose frames are made up: one drive, 1 ms a cycle, in OP.
+/// A board with constructed frames: one drive, cycle 1 ms, in OP.
 #[derive(Clone)]
 struct Board {
     frames: Vec<TimedFrame>,
@@ -104,7 +104,7 @@ struct Board {
 }
 
 impl Board {
-    /// A board that has been seen in OP.
+    /// A board that is in OP.
     fn op() -> Self {
         let mut board = Self { frames: Vec::new(), state: MasterState::Op, at_ns: 0, full: 0 };
         board.send(&MasterCommand::SetAxis { group: 0, kinds: [SlaveKind::Drive; 8] });
@@ -166,7 +166,7 @@ fn what(a: &Board, b: &Board, options: &CompareOptions) -> Option<(u64, Vec<Devi
     compare(a.frames.clone(), b.frames.clone(), SIZE, options).first.map(|first| (first.command, first.what))
 }
 
-/// Positions may be as far apart as allowed, and bits of a statusword that are masked out do not count.
+/// Positions may differ by the tolerance, and masked bits of a statusword do not count.
 #[test]
 fn tolerance_and_mask() {
     let run = |position, statusword| {
@@ -188,7 +188,7 @@ fn tolerance_and_mask() {
     assert_eq!((masked(0xFFFF), masked(0x006F)), (Some(2), None));
 }
 
-/// What the board had answered when the program moved on counts, not what it had said on the way there.
+/// The board's last answer before the next command counts, not the answers before it.
 #[test]
 fn the_last_answer_counts() {
     let run = |on_the_way: &[u16]| {
@@ -208,8 +208,8 @@ fn the_last_answer_counts() {
     assert_eq!(late.0, 2);
 }
 
-/// Where an axis stands in the end counts, though both runs have shown both places shortly before: at the end of the run, and
-/// of OP.
+/// The final position of an axis counts, although both runs have shown both positions shortly before: at the end of the
+/// run, and of OP.
 #[test]
 fn the_last_position_counts() {
     let run = |positions: &[(i32, usize)], leaves: bool| {
@@ -236,7 +236,7 @@ fn the_last_position_counts() {
     }
 }
 
-/// Outside OP slaves' slots are what they were (SK-4), and do not count; the state does.
+/// Outside OP slaves' slots keep their content (SK-4), and do not count; the state does.
 #[test]
 fn slaves_count_in_op_alone() {
     let run = |state, position| {
@@ -254,7 +254,7 @@ fn slaves_count_in_op_alone() {
     assert_eq!((command, found), (2, vec![Deviation::State { states }]));
 }
 
-/// A fault that one board had on the way is told though it is gone when the program moves on.
+/// A temporary fault of one board is reported although it has ended before the next command.
 #[test]
 fn a_fault_on_the_way() {
     let run = |on_the_way: &[(u16, u16)]| {
@@ -273,8 +273,8 @@ fn a_fault_on_the_way() {
     assert_eq!(what(&fault, &run(&[(0x0218, 0x7500)]), &CompareOptions::default()), None, "the code may come later");
 }
 
-/// A command is answered when it has been executed and not when it was sent: commands that wait in the FIFO are
-/// not the answer's.
+/// A command is answered when it has been executed, not when it was sent: an answer does not belong to commands that
+/// wait in the FIFO.
 #[test]
 fn answers_belong_to_the_command_executed() {
     let run = |ahead: i32| {
@@ -295,7 +295,7 @@ fn answers_belong_to_the_command_executed() {
     }
 }
 
-/// An SDO has one answer, whichever report brings it; that it never comes is a difference too.
+/// An SDO has one answer, in any report; a missing answer is a difference too.
 #[test]
 fn sdo_answers() {
     let run = |waits: usize, value: Option<u32>| {
@@ -322,7 +322,7 @@ fn sdo_answers() {
     assert!(matches!(none[..], [Deviation::NoSdoAnswer { side: Side::B, .. }]), "{none:?}");
 }
 
-/// That commands were lost in one run is a difference.
+/// Commands lost in one run are a difference.
 #[test]
 fn lost_commands() {
     let run = |lost: u16| {
@@ -338,7 +338,7 @@ fn lost_commands() {
     assert_eq!(found[0], Deviation::Lost { side: Side::B });
 }
 
-/// What is said again and again until it is so counts once, if asked.
+/// Commands repeated until their effect is reached count once, if requested.
 #[test]
 fn repeats() {
     let a = Program::default().record();
@@ -349,7 +349,7 @@ fn repeats() {
     assert!(found.counts[1].repeats >= 6, "{found}");
 }
 
-/// A run that ends is told with the command that it does not have.
+/// A run that ends early is reported with the first missing command.
 #[test]
 fn an_early_end() {
     let a = Program::default().record();
@@ -373,7 +373,7 @@ fn crcs_do_not_count() {
     assert_eq!(what(&a, &b, &CompareOptions::default()), None);
 }
 
-/// What cannot be compared is an error that says what to do.
+/// Runs that cannot be compared are an error that says what to do.
 #[test]
 fn what_cannot_be_compared() {
     let run = Program::default().record();
@@ -397,7 +397,7 @@ mod any_frames {
     use super::*;
 
     prop_compose! {
-        /// A slot, often with a command that there is.
+        /// A slot, often with a valid command.
         fn slots()(code: u8, index in 0_u8..4, parm: u16, data1: u32, data2: u32) -> RawSlot {
             let id = CommandId::ALL.get(usize::from(code)).map_or(code, |known| known.code());
             RawSlot { id, index, parm, data1, data2, data3: 0 }
@@ -405,7 +405,7 @@ mod any_frames {
     }
 
     prop_compose! {
-        /// A frame and the time since the one before: a command of any kind, or a report of any state.
+        /// A frame and the time since the previous one: a command of any kind, or a report of any state.
         fn frames()(
             is_report: bool,
             state in prop::sample::select(vec![0_u8, 1, 2, 4, 8, 8, 8, 0x12, 0x18, 0xFF]),
@@ -436,7 +436,7 @@ mod any_frames {
     }
 
     proptest! {
-        /// Whatever frames there are, a run is equal to itself, and two runs differ the same way from either side.
+        /// For any frames a run is equal to itself, and the differences of two runs are symmetric.
         #[test]
         fn compare_takes_any_frames(
             a in runs(),

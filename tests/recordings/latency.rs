@@ -1,4 +1,4 @@
-//! A run whose board answers later, compared: the latency is told, and hides nothing.
+//! Comparison with a run whose board answers later: the latency is reported, and hides no difference.
 
 use std::sync::LazyLock;
 
@@ -29,7 +29,7 @@ fn with(options: &CompareOptions, a: &Frames, b: &Frames) -> Comparison {
     compare(a.clone(), b.clone(), SIZE, options)
 }
 
-/// The run of the board held against that of the chip after it was changed.
+/// Compares the board's run with the chip's run after a change.
 fn changed(change: impl FnOnce(&mut Frames)) -> Comparison {
     let mut chip = CHIP.clone();
     change(&mut chip);
@@ -41,18 +41,18 @@ fn what(found: &Comparison) -> &[Deviation] {
     &found.first.as_ref().unwrap_or_else(|| panic!("no difference: {found}")).what
 }
 
-/// The places of command frames that do something to slave 1 by that command.
+/// Indexes of the command frames with that command for slave 1.
 fn commands(frames: &Frames, id: CommandId) -> Vec<usize> {
     let is_it = |frame: &Frame| frame.slot(SIZE, 1).id == id.code();
     (0..frames.len()).filter(|i| frames[*i].dir == Dir::Write && is_it(&frames[*i].frame)).collect()
 }
 
-/// The places of all reports.
+/// Indexes of all reports.
 fn all_reports(frames: &Frames) -> Vec<usize> {
     (0..frames.len()).filter(|i| frames[*i].dir == Dir::Read).collect()
 }
 
-/// The places of reports of OP.
+/// Indexes of the reports in OP.
 fn reports(frames: &Frames) -> Vec<usize> {
     let in_op = |frame: &Frame| board(frame).state == StateByte::reached(MasterState::Op);
     (0..frames.len()).filter(|i| frames[*i].dir == Dir::Read && in_op(&frames[*i].frame)).collect()
@@ -71,15 +71,15 @@ fn drive(frame: &Frame, slave: usize) -> DriveResponse {
     DriveResponse::decode(&frame.slot(SIZE, slave))
 }
 
-/// Changes what a report shows of a drive.
+/// Changes a drive's slot in a report.
 fn shows(frame: &mut Frame, slave: usize, change: impl FnOnce(&mut DriveResponse)) {
     let mut shown = drive(frame, slave);
     change(&mut shown);
     put(frame, slave, shown.encode());
 }
 
-/// The same program on a board and behind a chip: equal, with the latency as a number, at any cycle and with any count of
-/// outputs ahead; and so is the other way round, with the sign turned.
+/// The same program on a board and behind a chip: equal, with the latency as a number, at any cycle and with any count
+/// of outputs ahead; compared the other way round, the latency is negative.
 #[test]
 fn a_chip_answers_later_and_that_is_all() {
     for (cycle_us, keys) in [(1000, ""), (1000, "&ahead=20&chip_fw=old"), (500, ""), (2000, "&ahead=4")] {
@@ -101,8 +101,7 @@ fn a_chip_answers_later_and_that_is_all() {
     }
 }
 
-/// Commands that are not the same are a difference whatever the latency: one that is lost, sent twice, another one, or two
-/// in another order.
+/// Different commands are a difference at any latency: a lost, duplicated or changed one, or two in another order.
 #[test]
 fn a_command_lost_doubled_changed_or_in_another_order() {
     let targets = commands(&CHIP, CommandId::Csp);
@@ -126,14 +125,14 @@ fn a_command_lost_doubled_changed_or_in_another_order() {
             let found = changed(change);
             assert!(!found.is_equal(), "{way}, {n}: {found}");
             let first = found.first.expect("a difference");
-            // With a frame less or more in one recording reports before it seem to answer other commands.
+            // With a missing or additional frame in one recording, reports before it seem to answer other commands.
             let is_command = matches!(&first.what[..], [Deviation::Command { .. } | Deviation::Ends { .. }]);
             assert!(is_command || way == "lost" || way == "twice", "{way}, {n}: {first}");
         }
     }
 }
 
-/// That the board has lost commands or refused them is a difference.
+/// Commands that one board has lost or refused are a difference.
 #[test]
 fn commands_that_the_board_has_lost() {
     for of in [0, 1] {
@@ -148,8 +147,8 @@ fn commands_that_the_board_has_lost() {
     }
 }
 
-/// An axis that stands elsewhere is a difference, by one count too: at the end of the run, when OP is left and no answer
-/// shows it any more, and between two motions.
+/// A different rest position of an axis is a difference, even by one count: at the end of the run, when OP is left and
+/// no answer shows it any more, and between two motions.
 #[test]
 fn another_position_where_an_axis_stands() {
     let all = reports(&CHIP);
@@ -166,7 +165,7 @@ fn another_position_where_an_axis_stands() {
     }
 }
 
-/// A wrong value in a motion is a difference, in a single answer too, and by one count.
+/// A wrong value in a motion is a difference, even in a single answer and by one count.
 #[test]
 fn a_wrong_position_on_the_way() {
     let moves = |frame: &Frame| (100..5900).contains(&drive(frame, 2).position);
@@ -181,7 +180,7 @@ fn a_wrong_position_on_the_way() {
     }
 }
 
-/// A fault that only one run has is a difference, in a single report too, standing and on the way.
+/// A fault in only one run is a difference, even in a single report, at rest and in motion.
 #[test]
 fn an_alarm_of_one_run() {
     for at in reports(&CHIP).into_iter().skip(60).step_by(11) {
@@ -201,8 +200,8 @@ fn an_alarm_of_one_run() {
     }
 }
 
-/// Whether an axis that moves has reached the target of a cycle (bit 10) depends on the moment: it may be so at other
-/// places of the way, and is a difference where one run never shows it.
+/// Whether a moving axis has reached a cycle's target (bit 10) depends on timing: the bit may be set at other points of
+/// the motion, and is a difference only if one run never shows it.
 #[test]
 fn a_bit_of_the_moment() {
     let moves = |frame: &Frame| (100..5900).contains(&drive(frame, 2).position);
@@ -225,14 +224,14 @@ fn a_bit_of_the_moment() {
     }
 }
 
-/// A command that is answered much later than others is one that is too late, be it one alone.
+/// A command that is answered much later than the others is reported as late, even if it is the only one.
 #[test]
 fn one_late_command() {
     let allowed =
         |cycles| with(&CompareOptions { latency_cycles: Some(cycles), ..CompareOptions::default() }, &BOARD, &CHIP);
     let latency = allowed(20).latency;
     assert!(allowed(latency.most.unsigned_abs() as u32).is_equal());
-    // Of one that is more by three cycles no report can have been taken for another one.
+    // If the latency is longer by three cycles, no report can be taken for another one.
     let found = allowed((latency.most - 3) as u32);
     let is_it = |what: &Deviation| matches!(what, Deviation::Late { side: Side::B, .. });
     assert!(what(&found).iter().any(is_it), "{found}");
@@ -268,7 +267,7 @@ fn a_state_that_never_comes() {
     assert!(matches!(what(&found)[0], Deviation::Inputs { slave: 3, .. }), "{found}");
 }
 
-/// Another answer to an SDO, or none, is a difference.
+/// A different or missing answer to an SDO is a difference.
 #[test]
 fn another_answer_to_an_sdo() {
     let sdo = SIZE.sdo_slot();
@@ -287,7 +286,7 @@ fn another_answer_to_an_sdo() {
     }
 }
 
-/// Three pauses in the motion, each longer than what waits in the FIFO.
+/// Three pauses in the motion, each longer than the entries in the FIFO last.
 const PAUSES: &[(i32, usize)] = &[(60, 14), (150, 11), (220, 30)];
 
 /// The program with pauses.
@@ -295,14 +294,14 @@ fn with_pauses(scheme: &'static str) -> Frames {
     frames(&Program { scheme, pauses: PAUSES, ..Program::default() })
 }
 
-/// Cycles that one run alone has in a motion are gaps of that run, told as numbers, and no difference: on a board and behind
-/// a chip, in the one run and in the other.
+/// Additional cycles of one run in a motion are gaps of that run, reported as numbers, and no difference: on a board
+/// and behind a chip, in either run.
 #[test]
 fn gaps_are_counted() {
     let (board, chip) = (with_pauses("sim"), with_pauses("xf-sim"));
     let found = with(&CompareOptions::default(), &BOARD, &board);
     assert!(found.is_equal(), "{found}");
-    // In the first one what waits is sent, 8 targets; the program does not write more of them afterwards.
+    // In the first one the 8 waiting targets are sent; the program does not write more of them afterwards.
     assert_eq!(found.gaps, [Gaps::default(), Gaps { count: 3, cycles: 6 + 11 + 30, longest: 30 }], "{found}");
     assert_eq!((found.latency.least, found.latency.most), (0, 0), "{found}");
     assert!(found.to_string().contains("\nB: 3 gaps of 47 cycles together, the longest 30\n"), "{found}");
@@ -315,8 +314,8 @@ fn gaps_are_counted() {
     assert!(found.is_equal(), "{found}");
 }
 
-/// While an axis is behind a gap it may be no further away than it moves in so many cycles, and when it stands
-/// it is where it was in the other run.
+/// After a gap an axis may differ at most by its motion in that many cycles, and at rest its position equals that of
+/// the other run.
 #[test]
 fn a_gap_hides_nothing() {
     let gapped = with_pauses("xf-sim");
@@ -339,8 +338,8 @@ fn a_gap_hides_nothing() {
     assert!(matches!(what(&found)[0], Deviation::Position { slave: 1, .. }), "{found}");
 }
 
-/// A latency that is longer than allowed is a difference, where it begins, and one that is not is none; with 0 cycles
-/// answers count as they were when the program moved on.
+/// A latency longer than allowed is a difference, at its begin; a shorter one is none. With 0 cycles the answers before
+/// the next command count.
 #[test]
 fn a_latency_that_is_too_long() {
     let allowed =
@@ -352,7 +351,7 @@ fn a_latency_that_is_too_long() {
     assert!(what(&found).iter().any(is_it), "{found}");
     assert!(found.to_string().contains("cycles later from command"), "{found}");
     assert!(!allowed(0).is_equal());
-    // Without a latency nothing is allowed that the other board had not answered yet.
+    // Without a latency every answer of the other board must have arrived.
     let run = |pauses| frames(&Program { pauses, ..Program::default() });
     let strict = CompareOptions { latency_cycles: Some(0), ..CompareOptions::default() };
     let found = with(&strict, &BOARD, &run(PAUSES));

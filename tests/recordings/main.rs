@@ -1,11 +1,11 @@
-//! Recordings of this project and captures of real boards: read, compared, and replayed to the model.
+//! Recordings of this project and captures of real boards: read, compared, and replayed on the model.
 //!
 //! Files:
 //!
 //! - `reader.rs`, `any.rs`: reading captures of every format, and any bytes
 //! - `compare.rs`: comparing two runs
-//! - `latency.rs`: comparing two runs of which one answers later
-//! - `replay.rs`: playing a recording to the model
+//! - `latency.rs`: comparing two runs with different latencies
+//! - `replay.rs`: replaying a recording on the model
 //! - `page.rs`: `docs/HARDWARE.md`
 
 mod any;

@@ -15,7 +15,7 @@ fn ids(text: &str) -> BTreeSet<&str> {
     words.map(|word| word.trim_end_matches('.')).filter(is_id).collect()
 }
 
-/// Five steps; and each row of what only a board can show names rules that there are.
+/// The page has five steps, and each row about what only a board can show names existing rules.
 #[test]
 fn every_question_names_its_rule() {
     let hardware = page("HARDWARE.md");
@@ -34,7 +34,7 @@ fn every_question_names_its_rule() {
         asked += 1;
     }
     assert!(asked > 40, "{asked}");
-    // What is not claimed yet of the board's SPI is asked for.
+    // Rules of the board's SPI that are not claimed yet are in a question.
     let later = rules
         .lines()
         .filter(|line| line.starts_with("| SK-10.") && line.contains("OURS") && line.ends_with("| later |"));

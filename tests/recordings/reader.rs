@@ -1,4 +1,4 @@
-//! Captures as frames: of every system and in every container, whatever else passes on the bus.
+//! Captures as frames: of every system and in every container, with other traffic on the bus.
 
 use std::path::PathBuf;
 
@@ -50,8 +50,8 @@ fn frame(n: u8) -> [u8; 512] {
     *numbered(n).bytes()
 }
 
-/// A frame to the board counts when the host hands it over, a report when it has come, whichever system captured
-/// them, and in whichever order transfers that are under way together end.
+/// A frame to the board counts when the host submits it, a report when it has arrived, for every capturing system and
+/// any order in which pending transfers end.
 #[test]
 fn frames_are_read_from_every_kind_of_file() {
     let mut traffic = Traffic::default();
@@ -72,8 +72,8 @@ fn frames_are_read_from_every_kind_of_file() {
     }
 }
 
-/// A frame that the host took back never was at the board. One that was moved all the same was, and so were
-/// those whose end the capture lacks.
+/// A frame that the host cancelled did not reach the board, unless it was transferred all the same. Frames whose end
+/// the capture lacks did reach it.
 #[test]
 fn frames_taken_back_are_none() {
     let mut traffic = Traffic::default();
@@ -95,7 +95,7 @@ fn frames_taken_back_are_none() {
         assert_eq!(numbers, [1, 3, 4, 6, 7, 8], "file {i}");
         assert_eq!(skipped(&file).taken_back, 2, "file {i}");
     }
-    // Only usbmon tells that bytes were moved.
+    // Only usbmon reports that bytes were transferred.
     let mut traffic = Traffic::default();
     let moved = traffic.submitted(7, &frame(1));
     traffic.completed(7, moved, TAKEN_BACK, 512);
@@ -104,8 +104,8 @@ fn frames_taken_back_are_none() {
     }
 }
 
-/// What else passes on a bus is left out and counted: other kinds of transfers, other lengths, reads without a
-/// report, devices that say that they are something else.
+/// Other traffic on a bus is left out and counted: other kinds of transfers, other lengths, reads without a report,
+/// devices with other descriptors.
 #[test]
 fn other_traffic_is_left_out() {
     let mut traffic = Traffic::default();
@@ -140,8 +140,8 @@ fn found(traffic: &Traffic) -> Result<Option<u8>, RecordError> {
     board_in(&kept(&traffic.events).file).map(|address| address.map(|address| address.device))
 }
 
-/// The board is the device with its ids and frames both ways; without descriptors, that with frames both ways;
-/// else that with frames at all.
+/// The board is the device with its ids and frames in both directions; without descriptors, the one with frames in both
+/// directions; else the one with any frames.
 #[test]
 fn the_board_is_found() {
     let mut traffic = Traffic::default();
@@ -177,7 +177,7 @@ fn several_boards_are_listed() {
     assert!(matches!(error, RecordError::NoSuchDevice { .. }) && error.to_string().contains("--device"), "{error}");
 }
 
-/// A capture without a board is an error that says what is in it.
+/// A capture without a board is an error that names its content.
 #[test]
 fn no_board_is_an_error() {
     let mut traffic = Traffic::default();
@@ -193,7 +193,7 @@ fn no_board_is_an_error() {
     assert!(matches!(error(&pcapng(&[], USBPCAP)), RecordError::NoBoard { .. }));
 }
 
-/// Packets that were cut are told, with what to do.
+/// Truncated packets are reported, with the next step.
 #[test]
 fn cut_packets_are_an_error() {
     let mut traffic = Traffic::default();
@@ -209,8 +209,8 @@ fn cut_packets_are_an_error() {
     }
 }
 
-/// Of a pipe that was opened before the capture began USBPcap knows neither device nor endpoint: where the bytes
-/// are shows which way they went.
+/// For a pipe that was opened before the capture began USBPcap knows neither device nor endpoint: the position of the
+/// bytes shows their direction.
 #[test]
 fn usbpcap_may_not_know_the_endpoint() {
     let mut traffic = Traffic::default();
@@ -222,7 +222,7 @@ fn usbpcap_may_not_know_the_endpoint() {
     assert_eq!(brief(&read(&file)), [(Dir::Write, 1), (Dir::Read, 2)]);
 }
 
-/// A frame whose end never comes holds the rest back no longer than the file lasts, and not more than some.
+/// A frame whose end never comes delays only a limited number of other frames, and at most to the end of the file.
 #[test]
 fn a_lost_end_does_not_hold_a_long_capture_back() {
     let mut traffic = Traffic::default();

@@ -1,4 +1,4 @@
-//! The host's half of a recording, played to the model.
+//! The host's half of a recording, replayed on the model.
 
 use std::path::Path;
 
@@ -35,8 +35,8 @@ fn reports(half: impl Iterator<Item = TimedFrame>) -> Vec<(i64, Vec<u8>)> {
     reports.map(|observed| (observed.at_ns, observed.frame.bytes().to_vec())).collect()
 }
 
-/// A recording of the model, replayed: the same reports at the same nanoseconds, with the slaves behind a chip,
-/// too. The model is the recording's own unless another one is named.
+/// A recording of the model, replayed: the same reports at the same nanoseconds, with the slaves behind a chip, too.
+/// The model is that of the recording unless another one is named.
 #[test]
 fn a_recording_of_the_model_is_its_replay() {
     for program in [
@@ -55,13 +55,14 @@ fn a_recording_of_the_model_is_its_replay() {
         let first = board.iter().zip(&model).position(|(board, model)| board != model);
         assert_eq!((first, board.len()), (None, model.len()), "another report");
         let found = compare(&replay);
-        // Behind a chip some cycles tell of two commands at once.
+        // Behind a chip some cycles report two commands at once.
         assert!(found.is_equal() && found.answers > if program.scheme == "sim" { 300 } else { 250 }, "{found}");
     }
 }
 
-/// A model whose slaves are behind an ECM-XF can be recorded, and be the one that is told what was recorded: each axis
-/// ends in the same place. It takes longer to OP than slaves of its own do, so that what was sent to those comes too soon.
+/// A model whose slaves are behind an ECM-XF can be recorded, and a recording can be replayed on it: each axis ends at
+/// the same position. Its way to OP is longer than with its own slaves, so that frames recorded with those come too
+/// early.
 #[test]
 fn a_model_behind_a_chip_is_replayed() {
     let run = Program { scheme: "xf-sim", short: true, ..Program::default() }.record();
@@ -83,7 +84,7 @@ fn a_model_behind_a_chip_is_replayed() {
     assert!(found.answers > 0 && !found.is_equal(), "{found}");
 }
 
-/// Of a capture the computer's clock is put beside the model's: reports come at the same moments of a cycle.
+/// For a capture the computer's clock is aligned with the model's: reports come at the same time within a cycle.
 #[test]
 fn a_capture_is_replayed_cycle_by_cycle() {
     let run = Program { cycle_us: 500, ..Program::default() }.record();
@@ -99,10 +100,10 @@ fn a_capture_is_replayed_cycle_by_cycle() {
     }
 }
 
-/// Reports reach the computer some time after their cycle, one more and the other less: the earliest tell.
+/// Reports reach the computer with a varying delay after their cycle: the earliest ones determine the alignment.
 #[test]
 fn late_reports_are_no_difference() {
-    // No command is on its way while a report is: they come 50 us after the end of a cycle, and later.
+    // No command is in transit at the same time as a report: commands come at least 50 us after the end of a cycle.
     let run = Program { keys: "&host_us=150".into(), ..Program::default() }.record();
     let mut traffic = captured(&run.file);
     let capture = kept(&traffic, USB_LINUX);
@@ -122,7 +123,7 @@ fn late_reports_are_no_difference() {
     assert!(found.is_equal() && found.answers > 250, "{found}");
 }
 
-/// Where the board did otherwise, the first difference says in which slot and what.
+/// If the board acted differently, the first difference names the slot and the values.
 #[test]
 fn what_the_board_does_otherwise_is_found() {
     let run = Program { script: "at 600ms alarm 2 0x7500 stays".into(), ..Program::default() }.record();
@@ -138,7 +139,7 @@ fn what_the_board_does_otherwise_is_found() {
     assert_eq!((first.command, &first.what[0]), (3, &Deviation::State { states }), "{first}");
 }
 
-/// The packets from the first report on whose state is that.
+/// The packets starting with the first report of that state.
 fn from_state(traffic: &Traffic, state: MasterState) -> Traffic {
     let is = |event: &support::captures::convert::Event| {
         event.endpoint == 0x81 && event.data.as_ref().is_some_and(|data| data[2] == state.code())
@@ -147,8 +148,8 @@ fn from_state(traffic: &Traffic, state: MasterState) -> Traffic {
     Traffic { events: traffic.events[at..].to_vec(), ..Traffic::default() }
 }
 
-/// A capture that begins in OP has nothing to bring the model there: an error, or, where the program goes back to
-/// PreOP, a replay from there.
+/// A capture that begins in OP cannot bring the model there: an error, or, if the program returns to PreOP, a replay
+/// from there.
 #[test]
 fn a_capture_that_begins_in_the_middle() {
     let (long, short) = (Program::default().record(), Program { short: true, ..Program::default() }.record());
@@ -160,7 +161,7 @@ fn a_capture_that_begins_in_the_middle() {
         error.to_string().ends_with("begin the capture before the program starts, with the board just switched on")
     );
 
-    // A command, what was left of OP, then the whole program once more.
+    // A command, the rest of OP, then the whole program once more.
     let mut middle = from_state(&captured(&long.file), MasterState::Op);
     let mut command = Traffic::default();
     command.write(7, &[0; 512]);
@@ -188,7 +189,7 @@ fn a_capture_that_begins_in_the_middle() {
     assert!(found.counts[0].commands >= 304, "{found}");
 }
 
-/// What cannot be replayed says why, and what to do.
+/// A recording that cannot be replayed is an error with the reason and the next step.
 #[test]
 fn what_cannot_be_replayed() {
     let run = Program { short: true, ..Program::default() }.record();
@@ -219,7 +220,7 @@ fn what_cannot_be_replayed() {
     assert!(error.to_string().contains("while the program runs"), "{error}");
 }
 
-/// A capture that is cut off is replayed as far as it goes.
+/// A truncated capture is replayed up to its end.
 #[test]
 fn a_capture_that_is_cut_off() {
     let run = Program::default().record();

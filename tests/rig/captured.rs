@@ -1,5 +1,5 @@
-//! What the kernel's own monitor (usbmon) captures of a program on a board. The captures are fixtures of tests that need
-//! no guest, which replay them too: see tests/recordings/README.md.
+//! Captures by the kernel's own monitor (usbmon) of a program on a board. They are fixtures of tests that need no guest
+//! and also replay them: see tests/recordings/README.md.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Write};
@@ -20,17 +20,17 @@ use ecmsk::sk::{
 use super::usbfs::Usbfs;
 use support::served::{Board, PATIENCE, Served, attach, detach_all, recorded, until};
 
-/// All buses. A `read` gives one event: the first 48 bytes of its header and its data (usbmon.rst, "Binary API").
+/// All buses. A `read` returns one event: the first 48 bytes of its header and its data (usbmon.rst, "Binary API").
 const MONITOR: &str = "/dev/usbmon0";
 /// The longest event.
 const EVENT: usize = 64 * 1024;
-/// Link type of what `read` gives: LINKTYPE_USB_LINUX.
+/// Link type of the events of `read`: LINKTYPE_USB_LINUX.
 const USB_LINUX: u32 = 189;
-/// Where an event has its time: seconds, microseconds.
+/// Offset of an event's time: seconds, microseconds.
 const SECONDS_AT: usize = 16;
 const MICROSECONDS_AT: usize = 24;
 
-/// `O_NONBLOCK` of x86-64, which the guest is.
+/// `O_NONBLOCK` of x86-64, the guest's architecture.
 const NONBLOCK: i32 = 0o4000;
 
 /// Captures until it is stopped.
@@ -69,7 +69,7 @@ impl Monitor {
     }
 }
 
-/// The header of a pcap file of microseconds, little endian, nothing cut.
+/// The header of a pcap file with microseconds, little endian, without a length limit.
 fn pcap_header() -> Vec<u8> {
     let words = [0xA1B2_C3D4, 2 | 4 << 16, 0, 0, EVENT as u32, USB_LINUX];
     words.iter().flat_map(|word: &u32| word.to_le_bytes()).collect()
@@ -81,7 +81,7 @@ fn pcap_packet(event: &[u8]) -> Vec<u8> {
     [&words.iter().flat_map(|word| word.to_le_bytes()).collect::<Vec<_>>(), event].concat()
 }
 
-/// A program on the board: one transfer after the other, a look every few milliseconds.
+/// A program on the board: one transfer after the other, one every few milliseconds.
 struct Host {
     board: Usbfs,
     size: SlotSize,
@@ -117,7 +117,7 @@ impl Host {
     }
 }
 
-/// How often the program looks while it waits for the network.
+/// The interval at which the program polls while it waits for the network.
 const LOOK: Duration = Duration::from_millis(5);
 /// Targets of both axes.
 const TARGETS: i32 = 12;
@@ -192,7 +192,7 @@ fn capture(size: SlotSize, file: &str) -> String {
     path
 }
 
-/// Says a file on the console, in hexadecimal digits: `cargo xtask test --rig` takes it from there.
+/// Prints a file to the console, in hexadecimal digits, for `cargo xtask test --rig`.
 fn keep(name: &str, bytes: &[u8]) {
     let mut console = File::options().write(true).open("/dev/console").expect("the guest has it");
     for part in bytes.chunks(2048) {
@@ -208,7 +208,7 @@ fn tool(arguments: &[&str]) -> String {
     said
 }
 
-/// What usbmon captures is read: the board, its slot size, what it was told and what it said.
+/// A capture of usbmon is read: the board, its slot size, commands and answers.
 #[test]
 fn a_capture_of_usbmon_is_read() {
     for (size, file) in [(SlotSize::Bytes12, "usbmon_12.pcap"), (SlotSize::Bytes16, "usbmon_16.pcap")] {
@@ -221,8 +221,8 @@ fn a_capture_of_usbmon_is_read() {
     }
 }
 
-/// The link `usb:` keeps eight reads waiting, and takes them back when it is closed. What usbmon captures of
-/// it are the frames that the link has recorded, none more, none less, and in their order.
+/// The link `usb:` keeps eight reads pending, and cancels them when it is closed. usbmon captures exactly the frames
+/// that the link has recorded, in the same order.
 #[test]
 fn a_capture_has_the_frames_of_the_link() {
     let served = Served::start(&["sim:?slaves=drive*2,io"], &[]);
@@ -249,7 +249,7 @@ fn a_capture_has_the_frames_of_the_link() {
     let [sent, read] = [Dir::Write, Dir::Read].map(|dir| recorded("/tmp/host.pcapng", dir));
     assert_eq!((sent.len(), read.len()), (200, 67));
     assert!(recorded("/tmp/usbmon.pcap", Dir::Write) == sent, "other frames than were sent");
-    // The link has dropped some of those that nobody read.
+    // The link has dropped some of the unread reports.
     let mut captured = recorded("/tmp/usbmon.pcap", Dir::Read).into_iter();
     assert!(read.iter().all(|report| captured.any(|other| other == *report)), "a report that was not captured");
 }

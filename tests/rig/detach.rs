@@ -1,4 +1,4 @@
-//! Boards that go and come.
+//! Boards that are detached and attached again.
 
 use std::time::Duration;
 
@@ -46,7 +46,7 @@ fn a_board_that_is_reset_goes_and_can_be_attached_again() {
     let board = Hidraw::open(&attach("1-1"));
     let mut reset = Frame::new();
     reset.put_master(SlotSize::Bytes12, &MasterCommand::SoftReset);
-    // It may be gone before it has answered.
+    // It may be detached before it has answered.
     let _ = board.put(reset.bytes());
     until_gone(&board);
     let shown = until("it is back", || {

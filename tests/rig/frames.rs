@@ -18,7 +18,7 @@ fn next(board: &Hidraw) -> Vec<u8> {
     board.get(PATIENCE).expect("the board is there").expect("a report")
 }
 
-/// SK-9.5, SK-9.8 513 bytes are written, the first 0, and 512 are read; reports come without a write.
+/// SK-9.5, SK-9.8 513 bytes are written, the first one 0, and 512 are read; reports come without a write.
 #[test]
 fn hidraw_writes_513_bytes_and_reads_512() {
     let _served = Served::start(&["sim:?slaves=io"], &[]);
@@ -35,7 +35,7 @@ fn hidraw_writes_513_bytes_and_reads_512() {
     detach_all();
 }
 
-/// What is written arrives, all of it, once, in order, whole.
+/// Every written frame arrives, once, in order and complete.
 #[test]
 fn no_frame_is_lost_or_doubled() {
     let file = "/tmp/frames.pcapng";
@@ -43,7 +43,7 @@ fn no_frame_is_lost_or_doubled() {
     let board = Hidraw::open(&attach("1-1"));
     let mut sent = Vec::new();
     for number in 0..1000_u32 {
-        // Numbered in the data of a slave's slot that asks for nothing.
+        // Numbered in the data of a slave's slot without a command.
         let mut frame = Frame::new();
         frame.bytes_mut()[16..20].copy_from_slice(&number.to_le_bytes());
         frame.bytes_mut()[504..512].copy_from_slice(&[number as u8; 8]);
@@ -59,7 +59,7 @@ fn no_frame_is_lost_or_doubled() {
     assert!(arrived == sent, "other frames than were sent, or in another order");
 }
 
-/// A reader that comes and goes has the kernel take its transfers back, in the middle of the reports.
+/// A reader that opens and closes repeatedly makes the kernel cancel its transfers, while reports arrive.
 #[test]
 fn readers_come_and_go() {
     let _served = Served::start(&["sim:?slaves=io"], &[]);
@@ -74,15 +74,15 @@ fn readers_come_and_go() {
     detach_all();
 }
 
-/// SK-9.7 A short report hangs the board until it is attached again: no report comes, the kernel gives its next write up
-/// and takes it back.
+/// SK-9.7 A short report hangs the board until it is attached again: no report comes, and the kernel gives up its next
+/// write and cancels it.
 #[test]
 fn a_short_packet_hangs_the_board() {
     let _served = Served::start(&["sim:?slaves=io"], &[]);
     let board = Hidraw::open(&attach("1-1"));
     next(&board);
     assert_eq!(board.put(&[0; 504]).expect("the packet itself is taken"), 505);
-    // What had come before is in the kernel's queue, of 64 reports.
+    // Earlier reports are in the kernel's queue of 64.
     let late = (0..200).take_while(|_| board.get(Duration::from_millis(500)).expect("it is there").is_some()).count();
     assert!(late <= 64 + 2, "reports go on: {late}");
     let error = board.put(&[0; 512]).expect_err("it hangs");

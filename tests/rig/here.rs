@@ -1,4 +1,4 @@
-//! `ecmsk serve usbip --attach`: without `usbip`, and back by itself.
+//! `ecmsk serve usbip --attach`: without `usbip`, and attached again by itself.
 
 use std::time::Duration;
 
@@ -15,7 +15,7 @@ fn a_board_is_attached_at_once_and_again_after_a_reset() {
     assert!(board.get(PATIENCE).expect("it is there").is_some());
     let mut reset = Frame::new();
     reset.put_master(SlotSize::Bytes12, &MasterCommand::SoftReset);
-    // It may be gone before it has answered.
+    // It may be detached before it has answered.
     let _ = board.put(reset.bytes());
     until("reads end with an error", || board.get(Duration::from_millis(100)).err());
     drop(board);

@@ -22,13 +22,13 @@ impl Hidraw {
         Self { file: OpenOptions::new().read(true).write(true).open(&board.node).expect("root may open it") }
     }
 
-    /// Writes an output report; gives how many bytes were written, with the report id.
+    /// Writes an output report; returns how many bytes were written, including the report id.
     pub fn put(&self, data: &[u8]) -> io::Result<usize> {
         let report = [&[REPORT_ID], data].concat();
         (&self.file).write(&report)
     }
 
-    /// Waits for an input report; `None`: there was none.
+    /// Waits for an input report; `None`: none came.
     pub fn get(&self, limit: Duration) -> io::Result<Option<Vec<u8>>> {
         let limit = Timespec { tv_sec: limit.as_secs() as _, tv_nsec: limit.subsec_nanos() as _ };
         let mut fds = [PollFd::new(&self.file, PollFlags::IN)];

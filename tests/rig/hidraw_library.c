@@ -1,5 +1,5 @@
-/* The four functions of NEXTWUSBLib on a hidraw node, moved as the vendor's library moves a board: 513 bytes out, the
-   first of them the report id 0, 512 in. For the wire tests alone.
+/* The four functions of NEXTWUSBLib on a hidraw node, used as by the vendor's library: 513 bytes out, the first of
+   them the report id 0, 512 in. Only for the wire tests.
 
    RIG_NODE names the node; every frame that was written is appended to the file RIG_SENT. */
 #include <fcntl.h>

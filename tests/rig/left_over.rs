@@ -1,4 +1,4 @@
-//! What is left of boards that came and went: nothing, in this process and in libusb.
+//! Boards that were opened and closed leave nothing behind, neither in this process nor in libusb.
 
 use std::fs;
 use std::thread;
@@ -10,11 +10,11 @@ use super::links::open;
 use super::rogue::{Answer, Manners, Rogue};
 use support::served::{PATIENCE, until};
 
-/// Less than a transfer or a report is, for each of the rounds.
+/// Bytes per round; less than a transfer or a report.
 const NOISE: usize = 100;
 const ROUNDS: usize = 10;
 
-/// Bytes that are allocated, by whomever: the guest's environment has all threads on one heap (GLIBC_TUNABLES).
+/// Allocated bytes of all threads: the guest's environment puts all threads on one heap (GLIBC_TUNABLES).
 fn allocated() -> usize {
     // SAFETY: it only reads the allocator's own figures, under its lock.
     let heap = unsafe { libc::mallinfo2() };
@@ -26,7 +26,7 @@ fn open_now() -> (usize, usize) {
     (count("/proc/self/fd"), count("/proc/self/task"))
 }
 
-/// A board that is used, closed and opened again, and pulled while it is read, written and idle.
+/// A board that is used, closed and opened again, and unplugged while it is read, written and idle.
 fn round() {
     for under_way in ["read", "write", "nothing"] {
         let sends = (0..20).map(|_| Answer::Data(vec![0x5A; 512])).collect();
@@ -64,7 +64,7 @@ fn nothing_is_left_of_boards_that_came_and_went() {
     assert!(allocated() >= before + 4096, "what other threads allocate is seen");
     drop(leaked);
 
-    // What is made once is there after this.
+    // After this all one-time allocations are made.
     (0..2).for_each(|_| round());
     let (open_before, before) = (open_now(), allocated());
     (0..ROUNDS).for_each(|_| round());

@@ -7,7 +7,7 @@ use std::time::Duration;
 use ecmsk::link::{self, Dir, Link, LinkError, Share, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterResponse, SlotSize, StateByte};
 
-/// Slots of the boards that are talked to by [`frame`] and [`state`].
+/// Slot size of the boards used by [`frame`] and [`state`].
 const SIZE: SlotSize = SlotSize::Bytes12;
 
 #[track_caller]
@@ -30,7 +30,8 @@ pub fn state(report: &Frame) -> StateByte {
     MasterResponse::decode(&report.slot(SIZE, 0)).state
 }
 
-/// Reads of a board from which no report comes end by their limit, by cancelling and by closing, and leave the frame alone.
+/// Reads of a board that sends no report end by their limit, by cancelling and by closing, and leave the frame
+/// unchanged.
 #[track_caller]
 pub fn reads_end(board: &Arc<dyn Link>) {
     let mut untouched = Frame::from_bytes([0xA5; 512]);

@@ -1,4 +1,4 @@
-//! What `ecmsk list` and `ecmsk doctor` read of a real kernel.
+//! `ecmsk list` and `ecmsk doctor` on a real kernel.
 
 use std::process::Command;
 
@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use support::served::{Board, Served, TOOL, attach, detach_all, until};
 
-/// What the tool prints, one object a line. Root it is here.
+/// The tool's output, one object per line. It runs as root here.
 #[track_caller]
 fn objects(arguments: &[&str]) -> Vec<Value> {
     let output = Command::new(TOOL).args(arguments).output().expect("the tool starts");
@@ -17,8 +17,7 @@ fn objects(arguments: &[&str]) -> Vec<Value> {
     text.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}"))).collect()
 }
 
-/// What sysfs says of a board is what the kernel shows elsewhere, and the link of the list opens
-/// it.
+/// A board's data in sysfs agree with the kernel's other interfaces, and the link in the list opens it.
 #[test]
 fn a_board_is_found_by_sysfs() {
     let _served = Served::start(&["sim:?name=a", "sim:?name=b"], &["--serial", "XYZ"]);
@@ -49,7 +48,7 @@ fn a_board_is_found_by_sysfs() {
     until("none is left", || Machine::here().usb_devices().is_empty().then_some(()));
 }
 
-/// A board that a program has, by libusb or by hidraw, is told with that program.
+/// A board that a program has open, by libusb or by hidraw, is reported with that program.
 #[test]
 fn who_has_a_board_is_named() {
     let _served = Served::start(&["sim:"], &[]);
@@ -74,7 +73,7 @@ fn who_has_a_board_is_named() {
     detach_all();
 }
 
-/// Of a machine with a board nothing of USB is wrong, and limits and timers are known.
+/// On a machine with a board no problem of USB is reported, and limits and timers are known.
 #[test]
 fn the_guest_is_checked() {
     let _served = Served::start(&["sim:"], &[]);

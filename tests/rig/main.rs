@@ -3,10 +3,10 @@
 //!
 //! Files:
 //!
-//! - `usb.rs`, `trouble.rs`, `silence.rs`, `sleep.rs`, `left_over.rs`, `links.rs`: the link `usb:`: in order, with
-//!   boards that misbehave, that answer nothing, after a suspend, what it leaves behind, how waits end
-//! - `frames.rs`, `detach.rs`, `here.rs`, `shown.rs`: `ecmsk serve usbip`: frames, boards that come and go,
-//!   `--attach`, what the kernel sees
+//! - `usb.rs`, `trouble.rs`, `silence.rs`, `sleep.rs`, `left_over.rs`, `links.rs`: the link `usb:`: in normal operation, with
+//!   boards that misbehave or do not answer, after a suspend, what it leaves behind, how waits end
+//! - `frames.rs`, `detach.rs`, `here.rs`, `shown.rs`: `ecmsk serve usbip`: frames, boards that are attached and detached,
+//!   `--attach`, the board as the kernel sees it
 //! - `captured.rs`, `machine.rs`: captures of usbmon; what `list` and `doctor` read of a real kernel
 //! - `program.rs`, `unchanged.rs`: unchanged programs
 //! - `hidraw.rs`, `usbfs.rs`, `rogue.rs`: a board through hidraw and usbfs, and a device that misbehaves

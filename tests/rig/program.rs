@@ -9,7 +9,7 @@ use ecmsk::sk::{CommandId, Frame, SlotSize};
 use support::served::{Served, attach, detach_all, recorded};
 
 const PROGRAM: &str = "/rig/examples/two_axes_12b";
-/// Folders with a library of that name each: this project's, and one that moves a hidraw node.
+/// Folders that each contain a library of that name: this project's, and one that uses a hidraw node.
 const OURS: &str = "/rig/ours";
 const HIDRAW: &str = "/rig/hidraw";
 
@@ -21,7 +21,7 @@ fn run(library: &str, variables: &[(&str, &str)]) -> Output {
     output
 }
 
-/// Targets of both axes, one pair for each step: waiting at one of them is no step.
+/// Targets of both axes, one pair for each step: repeated targets are no step.
 fn path(frames: &[Frame]) -> Vec<[u32; 2]> {
     let targets = frames.iter().filter_map(|frame| {
         let slots = [1, 2].map(|slave| frame.slot(SlotSize::Bytes12, slave));
@@ -32,12 +32,12 @@ fn path(frames: &[Frame]) -> Vec<[u32; 2]> {
     path
 }
 
-/// SK-9.5 An unchanged program behind a real kernel: what it sends arrives, none lost or doubled, in order; the
-/// commands are those that it sends to a simulated board in its own process.
+/// SK-9.5 An unchanged program behind a real kernel: its frames arrive, none lost or duplicated, in order; the commands
+/// equal those to a simulated board in its own process.
 #[test]
 fn an_unchanged_program_moves_two_axes() {
-    // A guest without KVM on a busy machine pauses longer than the program is ahead of the board: a gap at full speed is
-    // more than a drive follows. A slow board gives it the time.
+    // A guest without KVM on a busy machine pauses longer than the program's lead over the board, and a drive cannot
+    // follow a gap at full speed. A slow board allows for that.
     let served = Served::start(&["sim:?slaves=drive*2&rate=0.1&record=%2Ftmp%2Fserved.pcapng"], &[]);
     let board = attach("1-1");
     let node = board.node.to_str().expect("a plain name");

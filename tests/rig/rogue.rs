@@ -17,26 +17,26 @@ use ecmsk::port::usbip::{Identity, VHCI, free_ports};
 
 use support::served::until;
 
-/// What the device does with a transfer.
+/// The device's reaction to a transfer.
 pub enum Answer {
-    /// It sends that, or takes what came.
+    /// It sends these bytes, or accepts the received ones.
     Data(Vec<u8>),
     /// Its endpoint stalls.
     Stall,
-    /// Nothing, as long as it is there.
+    /// No answer, as long as it is plugged in.
     Hold,
 }
 
 /// How it behaves.
 pub struct Manners {
     pub identity: Identity,
-    /// In place of its own configuration descriptor.
+    /// Replaces its configuration descriptor.
     pub configuration: Option<Vec<u8>>,
     /// 3: high speed, 2: full speed.
     pub speed: u32,
-    /// What the next reads get; after them all are held.
+    /// Answers to the next reads; later ones are held.
     pub sends: VecDeque<Answer>,
-    /// What becomes of a frame.
+    /// The reaction to a frame.
     pub takes: fn(&[u8]) -> Answer,
 }
 
@@ -52,10 +52,10 @@ impl Default for Manners {
     }
 }
 
-/// What it was asked for on endpoint 0.
+/// Requests on endpoint 0.
 pub type Requests = Arc<Mutex<Vec<Request>>>;
 
-/// Transfers that it holds: number, and whether to the host. Whoever has the lock may write to the kernel.
+/// Held transfers: number, and whether to the host. The lock's owner may write to the kernel.
 type Held = Arc<Mutex<Vec<(u32, bool)>>>;
 
 /// It is plugged in until it is dropped.
@@ -74,7 +74,7 @@ impl Rogue {
         let status = fs::read_to_string(vhci.join("status")).expect("the guest has the controller");
         let port = free_ports(&status).next().expect("a free port");
         let (ours, theirs) = UnixStream::pair().expect("sockets");
-        // Not the address that a board of the server has.
+        // An address other than that of a board of the server.
         let order = format!("{port} {} {} {}", theirs.as_raw_fd(), wire::device_id(7, 7), manners.speed);
         fs::write(vhci.join("attach"), order).expect("the kernel takes it");
         let (requests, held) = (Requests::default(), Held::default());
@@ -91,13 +91,13 @@ impl Rogue {
         rogue
     }
 
-    /// Sends a report by the oldest read that it holds.
+    /// Answers the oldest held read with a report.
     #[track_caller]
     pub fn send(&self, report: &[u8; 512]) {
         self.end_held(true, report);
     }
 
-    /// Takes the oldest frame that it holds.
+    /// Accepts the oldest held frame.
     #[track_caller]
     pub fn take(&self) {
         self.end_held(false, &[]);
@@ -112,7 +112,7 @@ impl Rogue {
         (&self.stream).write_all(&reply).expect("it is plugged in");
     }
 
-    /// Whether a halt was cleared, and of which endpoint.
+    /// Endpoints whose halt was cleared.
     pub fn halts_cleared(&self) -> Vec<u8> {
         let requests = self.requests.lock().expect("no panic there");
         let cleared = requests.iter().filter_map(|request| match request {
@@ -122,7 +122,7 @@ impl Rogue {
         cleared.collect()
     }
 
-    /// Pulls it, and waits until the kernel has noticed.
+    /// Unplugs it, and waits until the kernel has noticed.
     #[track_caller]
     pub fn pull(self) {
         drop(self);

@@ -1,4 +1,4 @@
-//! How a board shows itself to Debian's `usbip` and to the kernel.
+//! A board as seen by Debian's `usbip` and by the kernel.
 
 use std::fs;
 

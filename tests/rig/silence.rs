@@ -1,4 +1,4 @@
-//! Boards that answer NAK for long: the kernel and libusb set no limit, nor does the link.
+//! Boards that answer NAK for a long time: neither the kernel nor libusb nor the link sets a limit.
 
 use std::thread;
 use std::time::{Duration, Instant};
@@ -11,8 +11,8 @@ use super::rogue::{Answer, Manners, Rogue};
 
 const A_MINUTE: Duration = Duration::from_secs(60);
 
-/// A minute of NAK both ways, of the guest's time: calls without a limit go on waiting and get what comes then, the
-/// first report of all; those with one end by it and have moved nothing; the board is not lost.
+/// A minute of NAK in both directions, in the guest's time. Calls without a limit go on waiting and get the first
+/// report after it. Calls with a limit end by it and have transferred nothing. The board is not lost.
 #[test]
 fn a_board_may_answer_nak_for_a_minute() {
     let rogue = Rogue::plug_in_and_wait(Manners { takes: |_| Answer::Hold, ..Manners::default() });

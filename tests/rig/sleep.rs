@@ -1,4 +1,4 @@
-//! A system that goes to sleep while a program has a board: as far as a guest gets whose USB is virtual.
+//! A system that goes to sleep while a program has a board open, as far as possible in a guest with virtual USB.
 
 use std::fs;
 use std::thread;
@@ -9,14 +9,14 @@ use ecmsk::sk::Frame;
 use super::links::open;
 use support::served::{PATIENCE, Served, attach, detach_all, until};
 
-/// How far going to sleep gets before it is called off (Documentation/power/basic-pm-debugging.rst).
+/// The phase at which going to sleep is aborted (Documentation/power/basic-pm-debugging.rst).
 const TEST: &str = "/sys/power/pm_test";
 const STATE: &str = "/sys/power/state";
-/// How long it stays there, s.
+/// The time it stays in that phase, s.
 const DELAY: &str = "/sys/module/suspend/parameters/pm_test_delay";
 
-/// Programs are frozen, devices put to sleep as far as the virtual controller lets them, and all is woken: the link
-/// goes on. A board that lost its configuration, as one that was without power meanwhile, is lost, and can be opened again.
+/// Programs are frozen, devices put to sleep as far as the virtual controller allows, and everything is woken: the link
+/// goes on. A board that lost its configuration, as after a loss of power, is lost, and can be opened again.
 #[test]
 fn a_system_that_sleeps_wakes_with_its_board() {
     let _served = Served::start(&["sim:?slaves=io"], &[]);

@@ -1,4 +1,4 @@
-//! The link `usb:` on boards and buses that do not behave: what happens, and what it says.
+//! The link `usb:` on boards and buses that misbehave: the effects and the messages.
 
 use std::collections::VecDeque;
 use std::fs;
@@ -63,7 +63,7 @@ fn empty_and_short_reports_are_skipped_and_counted() {
     rogue.pull();
 }
 
-/// From open to the last report nothing is asked for on endpoint 0, and no halt is cleared.
+/// From open to the last report there is no request on endpoint 0, and no halt is cleared.
 #[test]
 fn nothing_but_reports_moves() {
     let rogue = Rogue::plug_in_and_wait(Manners { sends: reports(&[512; 20]), ..Manners::default() });
@@ -81,7 +81,7 @@ fn nothing_but_reports_moves() {
     rogue.pull();
 }
 
-/// STALL on the way to the host: reads and writes end, with what to do; it can be opened again.
+/// STALL on endpoint IN: reads and writes end with an error that names the next step; the board can be opened again.
 #[test]
 fn a_board_that_refuses_to_send_is_lost() {
     let mut sends = reports(&[512]);
@@ -90,7 +90,7 @@ fn a_board_that_refuses_to_send_is_lost() {
     sends.extend(reports(&[512]));
     let rogue = Rogue::plug_in_and_wait(Manners { sends, ..Manners::default() });
     let board = until("it opens", || open("usb:?transfers=1").ok());
-    // LIB-65: a report that nobody has read yet goes with the board.
+    // LIB-65: an unread report is dropped with the board.
     let error = (0..2).find_map(|_| board.read(&mut Frame::new(), Wait::Forever).err()).expect("it is lost");
     assert!(matches!(&error, LinkError::Lost { reason, .. } if reason.contains("stalls")), "{error}");
     assert!(matches!(board.write(&Frame::new(), Wait::Forever), Err(LinkError::Lost { .. })));
@@ -102,7 +102,7 @@ fn a_board_that_refuses_to_send_is_lost() {
     rogue.pull();
 }
 
-/// STALL on the way to the board: that write fails, the next one may pass.
+/// STALL on endpoint OUT: that write fails, the next one may succeed.
 #[test]
 fn a_frame_that_the_board_refuses_is_an_error_of_that_write() {
     let takes = |frame: &[u8]| if frame[0] == 0x66 { Answer::Stall } else { Answer::Data(Vec::new()) };
@@ -117,7 +117,7 @@ fn a_frame_that_the_board_refuses_is_an_error_of_that_write() {
     rogue.pull();
 }
 
-/// Devices whose descriptors lie are no boards, and harm nobody.
+/// Devices with wrong descriptors are no boards, and do no harm.
 #[test]
 fn descriptors_that_lie_are_refused() {
     let good = Descriptors::new(&Identity::default()).expect("it has").get(CONFIGURATION, 0).expect("one").to_vec();
@@ -141,7 +141,7 @@ fn descriptors_that_lie_are_refused() {
     for configuration in lies {
         let shown = format!("{configuration:02x?}");
         let rogue = Rogue::plug_in(Manners { configuration: Some(configuration), ..Manners::default() });
-        // The kernel may give it up before anybody sees it: nothing to wait for.
+        // The kernel may give it up before it becomes visible, so that there is nothing to wait for.
         for _ in 0..10 {
             if !plugged_in().is_empty() {
                 break;
@@ -160,7 +160,7 @@ fn descriptors_that_lie_are_refused() {
     rogue.pull();
 }
 
-/// WIRE-80, SK-9.17 A port that has not the power that a board asks for.
+/// WIRE-80, SK-9.17 A port that cannot supply the current that a board requires.
 #[test]
 fn too_little_power_is_named() {
     let mut configuration =
@@ -173,7 +173,7 @@ fn too_little_power_is_named() {
     rogue.pull();
 }
 
-/// WIRE-80 A bus that is too slow and a board that may be put to sleep are warned of.
+/// WIRE-80 The library warns of a bus that is too slow and of a board that may be put to sleep.
 #[test]
 fn a_slow_bus_and_autosuspend_are_named() {
     warnings();
@@ -190,7 +190,7 @@ fn a_slow_bus_and_autosuspend_are_named() {
     assert!(error.to_string().contains("it did not run at high speed"), "{error}");
 }
 
-/// The cable is pulled at moments of the first 100 ms after open has begun: whatever is under way ends.
+/// The cable is unplugged at several times in the first 100 ms after open has begun: the pending call ends.
 #[test]
 fn a_cable_pulled_early_ends_what_is_under_way() {
     for after in [0, 1, 2, 3, 5, 7, 10, 15, 20, 30, 45, 70, 100] {
@@ -209,7 +209,7 @@ fn a_cable_pulled_early_ends_what_is_under_way() {
     }
 }
 
-/// LIB-46 The second program that opens the board is told who has it.
+/// LIB-46 If a second program opens the board, the error names the first one.
 #[test]
 fn the_program_that_has_the_board_is_named() {
     let _served = Served::start(&["sim:?slaves=io"], &[]);
@@ -232,7 +232,7 @@ fn the_program_that_has_the_board_is_named() {
     detach_all();
 }
 
-/// WIRE-81 A link that was told the wrong slot size: no report is handed out as what it is not, no command goes out.
+/// WIRE-81 A link with the wrong slot size: no report is misinterpreted, and no command is sent.
 #[test]
 fn a_slot_size_that_is_not_the_boards_is_named() {
     for (given, of_board) in [(SlotSize::Bytes12, SlotSize::Bytes16), (SlotSize::Bytes16, SlotSize::Bytes12)] {
@@ -258,7 +258,7 @@ fn a_slot_size_that_is_not_the_boards_is_named() {
     }
 }
 
-/// A board that was reset is waited for; how long it took is told. It is at another address then.
+/// The library waits for a board that was reset, and reports how long that took. The board has another address then.
 #[test]
 fn the_return_of_a_board_is_waited_for() {
     let served = Served::start(&["sim:?slaves=io"], &["--attach"]);

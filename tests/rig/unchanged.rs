@@ -1,5 +1,5 @@
-//! The unchanged programs of `examples/` on this project's library: over `usb:` and over `spi:`, a real kernel's code in
-//! between, a board gets the commands that it gets from them in their own process.
+//! The unchanged programs of `examples/` on this project's library. Over `usb:` and over `spi:`, with a real kernel's
+//! code in between, a board gets the same commands as in their own process.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -23,17 +23,17 @@ struct Program {
     /// Its network.
     board: &'static str,
     size: SlotSize,
-    /// What happens to it.
+    /// Events of the board.
     script: Option<&'static str>,
     same: Same,
 }
 
-/// What does not depend on when a program sees something.
+/// The part of the frames that does not depend on when a program sees a report.
 #[derive(Clone, Copy)]
 enum Same {
     /// Every frame with a command, to the byte.
     Frames,
-    /// The commands; it takes its targets from positions that it has read.
+    /// The commands; its targets depend on the positions it has read.
     Commands,
 }
 
@@ -80,7 +80,7 @@ impl Program {
         assert!(output.status.success(), "{} on {link}: {output:?}", self.name);
     }
 
-    /// Past what tests capture: all of them take a while.
+    /// Prints past the capture of tests, since all programs together take a while.
     fn say(&self) {
         writeln!(io::stdout(), "{}", self.name).expect("the console is there");
     }
@@ -90,7 +90,7 @@ impl Program {
         format!("/tmp/{}-{whose}.pcapng", self.name)
     }
 
-    /// What a recording says, which goes: it is in the guest's memory.
+    /// A recording's content. The file is removed, since it is in the guest's memory.
     #[track_caller]
     fn recorded(&self, whose: &str) -> Recorded {
         let [told, reports] = [Dir::Write, Dir::Read].map(|dir| recorded(&self.file(whose), dir));
@@ -108,7 +108,7 @@ impl Program {
         format!("sim:?{}&slot={}{script}&{}", self.board, self.size.bytes(), recording(&self.file(whose)))
     }
 
-    /// What it tells a board in its own process; it runs there once.
+    /// Its commands to a board in its own process; it runs there once.
     #[track_caller]
     fn at_home(&self) -> Recorded {
         static RUNS: Mutex<BTreeMap<&str, Recorded>> = Mutex::new(BTreeMap::new());
@@ -120,13 +120,13 @@ impl Program {
         run.clone()
     }
 
-    /// Frames with a command. A program asks for the state alone while it waits, and the link `spi:` when the program says
-    /// nothing.
+    /// Frames with a command. While it waits, a program only requests the state, and so does the link `spi:` while the
+    /// program writes nothing.
     fn told(&self, frames: &[Frame]) -> Vec<Frame> {
         frames.iter().filter(|frame| tells(frame, self.size)).cloned().collect()
     }
 
-    /// The steps that it makes: how often it says something again, until an answer is there, depends on when that comes.
+    /// Its steps, without repetitions: how often it repeats a command until the answer arrives depends on timing.
     fn steps(&self, frames: &[Frame]) -> Vec<Vec<u8>> {
         let mut steps: Vec<Vec<u8>> = self.told(frames).into_iter().map(|frame| self.step(frame)).collect();
         steps.dedup();
@@ -146,7 +146,7 @@ impl Program {
         frame.wire(self.size).to_vec()
     }
 
-    /// `sent` by the program, `arrived` at the board, of whose frames it has `lost` so many.
+    /// Compares the frames `sent` by the program with those `arrived` at the board, of which it has `lost` that many.
     #[track_caller]
     fn check(&self, sent: &[Frame], arrived: &[Frame], lost: Option<u16>) {
         let other = arrived.iter().zip(sent).position(|(arrived, sent)| arrived != sent);
@@ -170,19 +170,20 @@ impl Program {
             other.map(|other| &expected[other]),
             other.map(|other| &steps[other]),
         );
-        // One writes faster than any board executes, on purpose: what a wire does not take at once cannot be lost.
+        // One writes faster than any board executes, on purpose: frames that a slow wire delays cannot be lost in a
+        // full FIFO.
         if self.name != "habit_tight_writer" {
             assert_eq!((lost, at_home.lost), (Some(0), Some(0)), "{}", self.name);
         }
     }
 }
 
-/// What a recording says.
+/// A recording's content.
 #[derive(Clone)]
 struct Recorded {
     /// Command frames.
     told: Vec<Frame>,
-    /// Commands that found the FIFO full, as the board counts them; `None`: it has said nothing.
+    /// Commands that found the FIFO full, as counted by the board; `None`: the board has sent no report.
     lost: Option<u16>,
 }
 
@@ -190,10 +191,10 @@ fn recording(file: &str) -> String {
     format!("record={}", file.replace('/', "%2F"))
 }
 
-/// The questions of the link `spi:` at its opening have this in the SDO slot.
+/// Frames of the link `spi:` at its opening have this mark in the SDO slot.
 const OPENING_MARK: u8 = 0x5A;
 
-/// GET_STATUS in every slot is a frame of zeros, but for the CRC.
+/// GET_STATUS in every slot is a frame of zeros, except for the CRC.
 fn tells(frame: &Frame, size: SlotSize) -> bool {
     let (board, sdo) = (frame.slot(size, 0), frame.slot(size, size.sdo_slot()));
     let asks = |slot: &RawSlot| slot.id == CommandId::GetStatus.code() && slot.data1 == 0 && slot.data2 == 0;
@@ -204,7 +205,7 @@ fn tells(frame: &Frame, size: SlotSize) -> bool {
     !asks(&board) || slaves.into_iter().any(|slot| !slot.is_zero())
 }
 
-/// The program there that is none for this board: a host of a chip ECM-XF.
+/// A program in the folder that is not for this board: a host of a chip ECM-XF.
 const OF_ANOTHER_BOARD: &str = "xf_client";
 
 /// No program is left out.
@@ -220,8 +221,8 @@ fn all_programs_are_in_the_list() {
     assert_eq!(there, listed);
 }
 
-/// SK-9.7 Every program on a board on USB: each of its frames arrives whole, none lost or doubled, in order,
-/// and they are the commands that a board in its own process gets.
+/// SK-9.7 Every program on a board on USB: each of its frames arrives complete, none lost or duplicated, in order, and
+/// they are the commands that a board in its own process gets.
 #[test]
 fn every_program_on_usb() {
     for program in &PROGRAMS {
@@ -236,8 +237,8 @@ fn every_program_on_usb() {
     }
 }
 
-/// Every program on a board on SPI: each of its commands arrives whole, none lost or doubled, in order, and they are
-/// those that a board in its own process gets.
+/// Every program on a board on SPI: each of its commands arrives complete, none lost or duplicated, in order, and they
+/// equal the commands that a board in its own process gets.
 #[test]
 fn every_program_on_spi() {
     for program in &PROGRAMS {

@@ -37,7 +37,7 @@ fn a_board_on_usb_is_a_link() {
     detach_all();
 }
 
-/// LIB-57 Threads of a program that are cancelled in calls over a real kernel's USB, which waits where they do, harm nobody.
+/// LIB-57 Threads of a program that are cancelled in calls over a real kernel's USB do no harm.
 #[test]
 fn a_thread_may_be_cancelled() {
     let _served = Served::start(&["sim:?slaves=drive*2"], &[]);
@@ -49,7 +49,7 @@ fn a_thread_may_be_cancelled() {
     detach_all();
 }
 
-/// Frames arrive once, whole and in order, whatever is read meanwhile; 512 bytes always.
+/// Frames arrive once, complete and in order, independently of reads meanwhile; always 512 bytes.
 #[test]
 fn no_frame_is_lost_or_doubled() {
     let served = Served::start(&["sim:?slaves=io&record=%2Ftmp%2Fusb.pcapng"], &[]);
@@ -82,7 +82,7 @@ fn no_frame_is_lost_or_doubled() {
     assert!(arrived == sent, "{} of {}", arrived.len(), sent.len());
 }
 
-/// Nobody reads: the newest reports are kept, the others counted; a program that reads gets them oldest first.
+/// Without a reader the newest reports are kept, the others counted; a program that reads gets the oldest first.
 #[test]
 fn of_reports_nobody_reads_the_newest_are_kept() {
     let _served = Served::start(&["sim:?slaves=io"], &[]);
@@ -98,8 +98,8 @@ fn of_reports_nobody_reads_the_newest_are_kept() {
     detach_all();
 }
 
-/// While it is open the board is the link's alone; the kernel's driver has it before and after. Nothing stays open,
-/// no thread goes on.
+/// While it is open, only the link uses the board; the kernel's driver has it before and after. No file stays open, no
+/// thread goes on.
 #[test]
 fn the_kernels_driver_gets_the_board_back() {
     let _served = Served::start(&["sim:?slaves=io"], &[]);
@@ -124,8 +124,8 @@ fn the_kernels_driver_gets_the_board_back() {
     detach_all();
 }
 
-/// SK-9.2, SK-9.17 Without a board the error says what to look at. Two boards and no choice is an error that lists
-/// both; they are told apart by serial number and place.
+/// SK-9.2, SK-9.17 Without a board the error says what to check. Two boards without a choice is an error that lists
+/// both; they are distinguished by serial number and USB port.
 #[test]
 fn one_of_two_boards_is_chosen() {
     let error = refused("usb:");
@@ -171,7 +171,7 @@ fn every_wait_ends_when_the_board_goes() {
     assert!(matches!(board.read(&mut Frame::new(), Wait::Forever), Err(LinkError::Closed)));
 }
 
-/// SK-9.13 A read waits until a report comes or the link is closed; with a limit no longer than that.
+/// SK-9.13 A read waits until a report comes or the link is closed; with a limit, at most for that time.
 #[test]
 fn a_read_ends_by_its_limit_by_cancel_and_by_close() {
     let _served = Served::start(&["sim:?slaves=io&fault.drop.read=1"], &[]);
@@ -181,7 +181,8 @@ fn a_read_ends_by_its_limit_by_cancel_and_by_close() {
     detach_all();
 }
 
-/// A board that is busy holds the frame; a write that reaches its limit has moved no byte, and the board never sees it.
+/// A board that is busy holds the frame; a write that reaches its limit has transferred no byte, and the board never
+/// gets it.
 #[test]
 fn a_frame_that_the_board_does_not_take_is_taken_back() {
     let file = "/tmp/busy.pcapng";
@@ -200,7 +201,7 @@ fn a_frame_that_the_board_does_not_take_is_taken_back() {
     assert_eq!(recorded(file, Dir::Write).len(), 0);
 }
 
-/// A write that may not wait gives the board the time of the wire: it is taken whole, or not at all.
+/// A write that may not wait allows only the transfer's own time: the frame is taken completely, or not at all.
 #[test]
 fn a_write_that_may_not_wait_is_taken_or_not() {
     let served = Served::start(&["sim:?slaves=io&record=%2Ftmp%2Fnow.pcapng"], &[]);
@@ -224,7 +225,7 @@ fn a_write_that_may_not_wait_is_taken_or_not() {
     assert!(arrived == sent, "{} of {}", arrived.len(), sent.len());
 }
 
-/// SW_RESET takes the board away; it is opened again at its new address.
+/// SW_RESET detaches the board; it can be opened again at its new address.
 #[test]
 fn a_board_that_was_reset_is_opened_again() {
     let served = Served::start(&["sim:?slaves=io"], &["--attach"]);
@@ -241,11 +242,11 @@ fn a_board_that_was_reset_is_opened_again() {
     served.stop();
 }
 
-/// A program that has used a board and closed it may fork, as one does that becomes a daemon: the child opens the board, and
-/// its calls end.
+/// A program that has used a board and closed it may fork, as a daemon does: the child opens the board, and its calls
+/// end.
 #[test]
 fn a_child_that_was_forked_after_close_opens_the_board() {
-    /// The system ends a child whose calls do not.
+    /// The system kills a child whose calls do not end.
     const CHILD_LIMIT_S: u32 = 60;
 
     fn used() -> Result<(), LinkError> {
@@ -260,7 +261,7 @@ fn a_child_that_was_forked_after_close_opens_the_board() {
     let _served = Served::start(&["sim:?slaves=io"], &[]);
     attach("1-1");
     used().expect("the parent has it");
-    // SAFETY: the parent's other threads are in no call that holds what the child needs; the child ends here.
+    // SAFETY: the parent's other threads are in no call that holds a lock the child needs; the child ends here.
     let child = unsafe {
         let child = libc::fork();
         if child == 0 {

@@ -1,4 +1,4 @@
-//! A board through usbfs, one transfer after the other: a host that reads when it likes, and only then.
+//! A board through usbfs, one transfer after the other: a host that reads only on demand.
 
 use std::ffi::c_void;
 use std::fs::{self, File, OpenOptions};
@@ -30,7 +30,7 @@ pub struct Usbfs {
 }
 
 impl Usbfs {
-    /// Takes it from the kernel's driver.
+    /// Detaches it from the kernel's driver.
     pub fn open(board: &Board) -> Self {
         let interface = board.hid.parent().and_then(|path| path.file_name()).expect("the interface's folder");
         fs::write("/sys/bus/usb/drivers/usbhid/unbind", interface.as_encoded_bytes()).expect("the driver lets go");
@@ -44,12 +44,12 @@ impl Usbfs {
         Self { device }
     }
 
-    /// Sends `bytes`; gives how many were moved.
+    /// Sends `bytes`; returns how many were transferred.
     pub fn write(&self, bytes: &[u8; 512], limit: Duration) -> io::Result<usize> {
         self.transfer(0x02, &mut bytes.clone(), limit)
     }
 
-    /// Waits for a report; gives its length.
+    /// Waits for a report; returns its length.
     pub fn read(&self, bytes: &mut [u8; 512], limit: Duration) -> io::Result<usize> {
         self.transfer(0x81, bytes, limit)
     }
@@ -58,8 +58,8 @@ impl Usbfs {
         let timeout_ms = limit.as_millis() as u32;
         let mut transfer =
             BulkTransfer { endpoint, length: bytes.len() as u32, timeout_ms, data: bytes.as_mut_ptr().cast() };
-        // SAFETY: the structure is that of the kernel (its size is checked above), and `data` has `length` bytes that
-        // nobody else holds until the call returns.
+        // SAFETY: the structure is the kernel's (its size is checked above), and `data` has `length` bytes that have no
+        // other user until the call returns.
         let moved = unsafe { libc::ioctl(self.device.as_raw_fd(), BULK, &raw mut transfer) };
         usize::try_from(moved).map_err(|_| io::Error::last_os_error())
     }

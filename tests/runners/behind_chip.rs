@@ -1,4 +1,4 @@
-//! `xf-sim:` as a board: its slaves are behind the model of an ECM-XF, and a program sees what it sees with `sim:`.
+//! `xf-sim:` as a board: its slaves are behind the model of an ECM-XF, and a program sees the same as with `sim:`.
 
 use std::fs::{self, File};
 use std::path::Path;
@@ -40,7 +40,7 @@ fn state(client: &mut Client) -> StateByte {
 const PRE_OP: StateByte = StateByte::reached(MasterState::PreOp);
 const OP: StateByte = StateByte::reached(MasterState::Op);
 
-/// What a program for the board does at its start, with two drives and an IO slave; then the motor of drive 1 is on.
+/// The start of a program for the board, with two drives and an IO slave; then drive 1 is on.
 fn start(client: &mut Client) {
     let mut kinds = [SlaveKind::None; 8];
     kinds[..3].copy_from_slice(&[SlaveKind::Drive, SlaveKind::Drive, SlaveKind::Io]);
@@ -58,7 +58,7 @@ fn start(client: &mut Client) {
     client.until("servo on", |client| drive(client, 1).statusword.is_enabled());
 }
 
-/// A way of 2000 counts, outputs that are wired to inputs, an SDO written and read.
+/// A motion of 2000 counts, outputs that are wired to inputs, an SDO written and read.
 fn use_everything(client: &mut Client) {
     let from = drive(client, 1).position;
     for n in 1..=100 {
@@ -111,7 +111,7 @@ fn a_server_shares_it() {
     use_everything(&mut client);
 }
 
-/// The native API, on either clock: its axis ends where it is told to, and closing switches it off.
+/// The native API, on either clock: its axis ends at its target, and closing switches it off.
 #[test]
 fn the_native_api_runs_on_it() {
     for clock in ["virtual", "real"] {
@@ -135,8 +135,9 @@ fn the_native_api_runs_on_it() {
     }
 }
 
-/// A homing that the drive refuses fails, behind a chip too, where the board shows its effect before the answer to
-/// GO_HOME: as the first one, behind one that was well, and behind one that failed. One that is well is well after each.
+/// A homing that the drive refuses fails, also behind a chip, where the board shows its effect before the answer to
+/// GO_HOME: as the first homing, after a successful one, and after a failed one. A successful homing succeeds after
+/// each of them.
 #[test]
 fn a_homing_that_is_refused_fails_behind_a_chip() {
     for keys in ["", "&use_n=112", "&ahead=1", "&ahead=30"] {
@@ -154,8 +155,8 @@ fn a_homing_that_is_refused_fails_behind_a_chip() {
     }
 }
 
-/// The words of a script are those of `sim:`: an alarm that is cleared, a slave that is gone for a time, a cable
-/// that is cut before the first slave and plugged again.
+/// Scripts have the same events as for `sim:`: an alarm that is cleared, a slave that is lost for a time, a cable that
+/// is cut before the first slave and plugged in again.
 #[test]
 fn scripts_act_behind_the_chip() {
     let file = script_client::file("behind-chip", "at 3s alarm 1 0x7500\nat 4s lose 2 for 1s\nat 10s cut 1 for 1s\n");
@@ -169,7 +170,7 @@ fn scripts_act_behind_the_chip() {
     let failed = StateByte::failed(Some(MasterState::Op));
     for slaves in ["slave 2 is lost", "all are lost"] {
         client.until(slaves, |client| client.answer().state == failed);
-        // Until it is back the change fails.
+        // Until it has returned the change fails.
         while client.answer().state != OP {
             client.master(MasterCommand::SetState(MasterState::Op));
             for _ in 0..500 {
@@ -182,7 +183,7 @@ fn scripts_act_behind_the_chip() {
     use_everything(&mut client);
 }
 
-/// A closed board is found again as it was, with what is in the chip; on the real clock it has gone on meanwhile.
+/// A closed board is found again unchanged, including the chip's state; on the real clock it has gone on meanwhile.
 #[test]
 fn a_closed_board_is_found_again_behind_its_chip() {
     for (clock, passes_ms) in [("virtual", 0), ("real", 50)] {
@@ -214,7 +215,7 @@ fn the_keys_of_the_chip_tell_boards_apart() {
     opened(uri, Share::ByName);
 }
 
-/// SK-4.33 After SW_RESET the link is dead, and the board is there again when it has booted: the chip has gone on.
+/// SK-4.33 After SW_RESET the link is dead, and the board can be opened again when it has booted: the chip has gone on.
 #[test]
 fn a_reset_board_comes_back_behind_its_chip() {
     let uri = "xf-sim:?slaves=drive*2,io&clock=virtual";
@@ -242,8 +243,8 @@ fn a_board_without_slaves_behind_its_chip_does_not_open() {
     assert_eq!(said("xf-sim"), said("sim"));
 }
 
-/// The same link is a board or the chip itself, as it is opened: `record=` has frames of the one and exchanges of the
-/// other, and keys of a board do not disturb a host of the chip.
+/// The same link can be opened as a board or as the chip itself: `record=` records frames or exchanges, respectively,
+/// and keys of a board do not affect a host of the chip.
 #[test]
 fn the_same_link_is_the_chip_itself() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -1,4 +1,4 @@
-//! Boards in this process by their links: found again, shared by name, in use, gone and back.
+//! Boards in this process by their links: found again, shared by name, in use, lost and returned.
 
 use std::sync::{Arc, Barrier};
 use std::thread;
@@ -31,8 +31,8 @@ fn state(client: &mut Client) -> StateByte {
 const PRE_OP: StateByte = StateByte::reached(MasterState::PreOp);
 const OP: StateByte = StateByte::reached(MasterState::Op);
 
-/// A board that was closed is found again as it was: by its options where links share so; what belongs to the link
-/// alone (limits, the length of the queue) may differ.
+/// A closed board is found again unchanged: by its options if links share that way. Options of only the link (limits,
+/// the length of the queue) may differ.
 #[test]
 fn a_closed_board_is_found_again() {
     let uri = "sim:?clock=virtual&slaves=drive*5";
@@ -44,7 +44,7 @@ fn a_closed_board_is_found_again() {
     assert_eq!(state(&mut again), OP);
     let meta = again.read();
     assert_eq!((meta.sequence, meta.at.0), (1, closed_at.0 + 2 * MS), "no virtual time has passed while it was closed");
-    // Dropping the link is closing it.
+    // Dropping the link closes it.
     drop(again);
     assert_eq!(state(&mut opened(uri, Share::ByUri)), OP);
     // Other options are another board.
@@ -65,7 +65,7 @@ fn a_closed_board_goes_on_in_real_time() {
     assert!(again.read().at.0 >= closed_at.0 + 50 * MS);
 }
 
-/// A name is how links share a board, whichever way they share else; without one a board belongs to its link.
+/// Links share a board by its name, however they share otherwise; without a name a board belongs to its link.
 #[test]
 fn a_name_shares_a_board() {
     let uri = "sim:?clock=virtual&name=shared";
@@ -86,7 +86,7 @@ fn a_name_shares_a_board() {
     assert_eq!(state(&mut opened(uri, Share::ByName)), PRE_OP);
 }
 
-/// A board is open once: another link is told that it is in use and what to do, until it is closed.
+/// A board can be open only once: until it is closed, another link gets an error that it is in use, with the next step.
 #[test]
 fn a_second_open_is_in_use() {
     for (uri, share) in [
@@ -106,7 +106,7 @@ fn a_second_open_is_in_use() {
     }
 }
 
-/// Many threads that open one board at once: one of them gets it, the others are told.
+/// Many threads that open one board at once: one of them gets it, the others get an error.
 #[test]
 fn one_of_many_gets_the_board() {
     for round in 0..20 {
@@ -129,7 +129,7 @@ fn one_of_many_gets_the_board() {
     }
 }
 
-/// The same name with other options is a mistake that is told, while the board is open and afterwards.
+/// The same name with other options is an error, while the board is open and afterwards.
 #[test]
 fn a_name_has_one_set_of_options() {
     let client = opened("sim:?clock=virtual&name=fixed&slaves=drive*2", Share::ByName);
@@ -145,7 +145,7 @@ fn a_name_has_one_set_of_options() {
     opened("sim:?clock=virtual&name=fixed&slaves=drive*2", Share::ByUri);
 }
 
-/// SK-9.16 Opening fails if no slave was found; LIB-42 at once, each time, with words that say what to do.
+/// SK-9.16 Opening fails if no slave was found; LIB-42 at once, each time, with a text that says what to do.
 #[test]
 fn a_board_without_slaves_does_not_open() {
     for clock in ["real", "virtual"] {
@@ -161,7 +161,7 @@ fn a_board_without_slaves_does_not_open() {
     }
 }
 
-/// A link that this build does not have is an error that names it and the way to run without a board.
+/// A link that this build does not support is an error that names it and the way to run without a board.
 #[test]
 fn links_that_are_not_in_this_build() {
     for scheme in Scheme::ALL.into_iter().filter(|scheme| !scheme.in_build()) {
@@ -248,7 +248,7 @@ fn an_io_slave_in_a_link() {
     client.until("the inputs", |client| (client.slot(3).id, client.slot(3).data1) == (0x13, 0x5AC3));
 }
 
-/// SK-1.2 What the URI says of the board is what the link says and does.
+/// SK-1.2 The options in the URI are those of the link and of the board.
 #[test]
 fn options_reach_the_board() {
     let client =

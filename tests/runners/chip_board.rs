@@ -1,4 +1,4 @@
-//! A board over a chip on the real clock, as `xf-spi:` has it: the wires are those of the model, whose clock passes by
+//! A board over a chip on the real clock, as `xf-spi:` has it: the wires are those of the model, whose clock runs by
 //! itself.
 
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -21,7 +21,7 @@ use crate::client::Client;
 
 const URI: &str = "xf-sim:?int0=yes";
 
-/// The chip, which is there before the board and after it.
+/// The chip, which exists before the board and after it.
 #[derive(Clone)]
 struct Lasting(Arc<Mutex<SimChip>>);
 
@@ -117,8 +117,8 @@ fn a_stream_arrives() {
     assert_eq!(client.link.stats().board.expect("a model").outputs_lost, 0);
 }
 
-/// LINK-12 Closing a board whose axis turns with a velocity brakes it and takes its network out of OP; the chip goes on, and
-/// the axis stands.
+/// LINK-12 Closing a board whose axis moves with a velocity brakes the axis and takes the network out of OP; the chip
+/// goes on, and the axis is at rest.
 #[test]
 fn closing_stops_the_axes() {
     let handle = SimHandle::default();
@@ -137,12 +137,12 @@ fn closing_stops_the_axes() {
     wires.exchange(&[0; 32], &mut [0; 32]).expect("wires");
     assert_eq!(handle.shaft(1, 0), Some(stands_at));
     assert!(matches!(client.link.check(), Err(LinkError::Closed)));
-    // The next program finds a board that was switched on just now.
+    // The next program finds a board as after power-on.
     let again = chip.open().expect("a board");
     assert_eq!(again.link.stats().board.expect("a model").executed, 0);
 }
 
-/// A chip whose network has no slave is no board; the message says where to look.
+/// A chip whose network has no slave is no board; the message says what to check.
 #[test]
 fn a_network_without_a_slave_is_no_board() {
     let error = Lasting::new(0, SimHandle::default()).open().err().expect("no board").to_string();
@@ -163,8 +163,7 @@ fn a_chip_that_is_reset_comes_back() {
     client.until("servo on", |client| drive(client).statusword.is_enabled());
 }
 
-/// The board's local inputs and outputs are at the pins of the chip that the link names; a line that is not wired
-/// reads 0.
+/// The board's local inputs and outputs are the pins of the chip that the link names; a line that is not wired reads 0.
 #[test]
 fn local_io_is_at_the_chips_pins() {
     let chip = Lasting::new(1, SimHandle::default());

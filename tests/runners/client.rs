@@ -1,4 +1,4 @@
-//! A program beside a link: writes typed commands, reads typed answers.
+//! A program on a link: writes typed commands, reads typed answers.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,7 +16,7 @@ use ecmsk::slave::{Drive, DriveConfig, Slave};
 
 pub const SIZE: SlotSize = SlotSize::Bytes12;
 pub const MS: Ns = 1_000_000;
-/// A wait that ends with an error where the board hangs.
+/// A wait that ends with an error if the board hangs.
 pub const PATIENCE: Wait = Wait::For(Duration::from_secs(60));
 
 /// A board with that many servo drives that has booted, and its network.
@@ -88,7 +88,7 @@ impl Client {
         self.report.slot(SIZE, slot)
     }
 
-    /// Reads until a report says so.
+    /// Reads until a report satisfies `done`.
     pub fn until(&mut self, what: &str, done: impl Fn(&Self) -> bool) {
         for _ in 0..60_000 {
             self.read();

@@ -1,5 +1,4 @@
-//! What the runner of the real clock says of itself, and that it is never early. No test here asserts how long anything
-//! takes.
+//! The counters of the runner of the real clock, and that it is never early. No test here asserts durations.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -11,16 +10,15 @@ use ecmsk::sk::Frame;
 use crate::client::board;
 use crate::slow::Hooked;
 
-/// Longer than anything takes here.
+/// Longer than any call takes here.
 const PATIENCE: Option<Duration> = Some(Duration::from_secs(60));
 
 fn start(board: Board, queue: usize) -> Threaded {
     Threaded::start(board, 0, queue, RealTime::default(), Rate::default()).unwrap()
 }
 
-/// SK-9.8 A report comes when its time has come on the machine's clock, and not before, also where several cycles pass
-/// between two looks at the clock. No cycle is later than the time that has passed, and there are no more cycles than
-/// that time has.
+/// SK-9.8 A report comes at its time on the machine's clock, and not before, even if several cycles pass between two
+/// readings of the clock. No cycle is ahead of the elapsed time, and there are no more cycles than fit that time.
 #[test]
 fn the_runner_is_never_early() {
     let (board, _) = board(1);
@@ -34,7 +32,7 @@ fn the_runner_is_never_early() {
         let passed = began.elapsed();
         assert!(u128::from(at) <= passed.as_nanos(), "a report of {at} ns after {passed:?}");
     }
-    // Cycles that are made up for one after the other are counted when the last of them has ended.
+    // Cycles that are caught up consecutively are counted when the last of them has ended.
     let (late, passed) = loop {
         let late = runner.lateness();
         let passed = began.elapsed();
@@ -47,7 +45,7 @@ fn the_runner_is_never_early() {
     assert!(u128::from(late.cycles) <= passed.as_millis() + 1, "{late:?} after {passed:?}");
 }
 
-/// LIB-55 It says what the board has counted, and what nobody has read.
+/// LIB-55 It reports the board's counters, and the unread reports.
 #[test]
 fn the_runner_reports_the_counters_of_the_board() {
     let (board, _) = board(1);
@@ -65,7 +63,7 @@ fn the_runner_reports_the_counters_of_the_board() {
     }
 }
 
-/// Who drops it has ended its thread: nothing of the board is left.
+/// Dropping it ends its thread: nothing of the board is left.
 #[test]
 fn dropping_the_runner_ends_its_thread() {
     let held = Arc::new(());

@@ -1,4 +1,4 @@
-//! Habits of applications, as their authors wrote them: on virtual time, so that each ends as it would on the board.
+//! Sequences of calls of existing applications, on virtual time, so that each ends as it would on the board.
 
 use ecmsk::coe::ObjectAddress;
 use ecmsk::link::Wait;
@@ -25,7 +25,7 @@ fn a_read_comes_first() {
 /// else write an all-zero frame", 1000 times at most.
 #[test]
 fn configuration_without_reads() {
-    // On virtual time the 2 ms are what a write takes.
+    // On virtual time the 2 ms are the duration of a write.
     let (mut client, _) = open(2, RunOptions { host_ns: 2 * MS, ..RunOptions::default() });
     for group in 0..5 {
         client.master(MasterCommand::SetAxis { group, kinds: [SlaveKind::Drive; 8] });
@@ -47,7 +47,7 @@ fn configuration_without_reads() {
     }
 }
 
-/// LIB-22 In OP write 2 frames, then read until the free space is above a mark (150, or 160 when idle), over and over.
+/// LIB-22 In OP write 2 frames, then read until the free space is above a mark (150, or 160 when idle), repeatedly.
 #[test]
 fn two_writes_then_reads_to_a_mark() {
     let mut client = client();

@@ -1,4 +1,4 @@
-//! What runs a board: virtual time, the real clock, and the links to boards in this process.
+//! Runners of a board: virtual time, the real clock, and the links to boards in this process.
 //!
 //! Files:
 //!

@@ -1,5 +1,5 @@
-//! The runner of the real clock on a machine that is away for a while, or too slow for its cycles. No test here asserts
-//! how long anything takes: what must go on, goes on.
+//! The runner of the real clock on a machine that stalls for a while, or is too slow for its cycles. No test here
+//! asserts durations, only progress.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -18,7 +18,7 @@ use ecmsk::slave::{Drive, DriveConfig};
 use crate::client::{Client, MS, PATIENCE, target};
 use support::hand_on;
 
-/// A bus that does something of the test's at the beginning of every cycle.
+/// A bus that calls the test's hook at the beginning of every cycle.
 pub struct Hooked<F>(pub SimBus, pub F);
 
 impl<F: FnMut() + Send> Fieldbus for Hooked<F> {
@@ -51,8 +51,8 @@ fn open(mut hook: impl FnMut(u64) + Send + 'static) -> (Client, Arc<EngineLink>)
     (Client::on(Arc::clone(&link) as Arc<dyn Link>), link)
 }
 
-/// SK-9.8 A host that was suspended, or stopped in a debugger, for longer than its board catches up on goes on when it
-/// is back: reports come, and frames are executed. The gap is left out and counted.
+/// SK-9.8 A host that was suspended, or stopped in a debugger, for longer than its board catches up goes on afterwards:
+/// reports come, and frames are executed. The gap is left out and counted.
 #[test]
 fn a_host_that_was_away_goes_on() {
     let (mut client, link) = open(|cycle| {
@@ -84,8 +84,8 @@ fn a_host_that_was_away_goes_on() {
     assert_eq!(client.link.stats().board.expect("a simulated board").executed, 1);
 }
 
-/// What is written while the board's thread is away is told a time that the board leaves out when it is back. Writes
-/// after that are told the board's own time again, and not that of the gap.
+/// Writes during a stall of the board's thread get time stamps within the gap that the board then leaves out. Later
+/// writes get the board's own time again, and not that of the gap.
 #[test]
 fn a_write_in_a_gap_does_not_move_the_times_of_later_ones() {
     const GAP: Duration = Duration::from_millis(1500);
@@ -118,23 +118,23 @@ fn a_write_in_a_gap_does_not_move_the_times_of_later_ones() {
     assert!(executed.at >= told, "told {told:?}, executed {:?}", executed.at);
 }
 
-/// The gaps to come.
+/// The future gaps.
 type Gaps = Arc<Mutex<VecDeque<Duration>>>;
 
-/// The machine is away for as long as the test wants it.
+/// The machine stalls for as long as the test requires.
 #[derive(Default)]
 struct Hold {
     wanted: AtomicBool,
     is_away: AtomicBool,
 }
 
-/// A bus whose cycles are not caught up on, on a machine that is away for a while before some of them.
+/// A bus whose cycles are not caught up, on a machine that stalls for a while before some of them.
 struct Away {
     bus: SimBus,
-    /// How long the machine is away before the next cycles, one after the other.
+    /// The stalls of the machine before the next cycles, in order.
     gaps: Gaps,
     hold: Arc<Hold>,
-    /// How many cycles have run since the runner looked at the clock last, and the most that ever have.
+    /// The number of cycles since the runner last read the clock, and its maximum.
     in_a_row: u32,
     most_in_a_row: Arc<AtomicU32>,
 }
@@ -163,7 +163,7 @@ impl Fieldbus for Away {
     }
 }
 
-/// A link to a board with one drive whose cycles are not caught up on, and the gaps to come.
+/// A link to a board with one drive whose cycles are not caught up, and the future gaps.
 fn open_away(hold: &Arc<Hold>) -> (Client, Arc<EngineLink>, Gaps, Arc<AtomicU32>) {
     let gaps = Gaps::default();
     let most_in_a_row = Arc::new(AtomicU32::new(0));
@@ -178,8 +178,8 @@ fn open_away(hold: &Arc<Hold>) -> (Client, Arc<EngineLink>, Gaps, Arc<AtomicU32>
     (Client::on(Arc::clone(&link) as Arc<dyn Link>), link, gaps, most_in_a_row)
 }
 
-/// NIC-2.4 What is written while the machine is away is executed when it is back, and not only after as long again as it was away:
-/// axes would stand, and then run on.
+/// NIC-2.4 Frames written during a stall of the machine are executed right after it, and not delayed by the length of
+/// the stall, in which axes would stop and then move on.
 #[test]
 fn what_is_written_in_a_gap_is_executed_at_its_end() {
     let hold = Arc::new(Hold::default());
@@ -209,8 +209,8 @@ fn what_is_written_in_a_gap_is_executed_at_its_end() {
     link.close();
 }
 
-/// NIC-2.4 A machine that was away leaves out just the cycles that it has missed, however long that was, and then goes on. It never
-/// sends the outputs of several cycles at once, also if it is late again and again.
+/// NIC-2.4 After a stall the machine leaves out exactly the missed cycles, however many, and then goes on. It never
+/// sends the outputs of several cycles at once, even if it is late repeatedly.
 #[test]
 fn what_is_not_caught_up_on_is_left_out_once() {
     let start = Instant::now();
@@ -232,7 +232,7 @@ fn what_is_not_caught_up_on_is_left_out_once() {
     link.close();
 }
 
-/// A board whose thread has ended by a defect is given up: its place is free.
+/// A board whose thread has ended by a defect is given up: its name is free.
 #[test]
 fn a_board_that_broke_is_given_up() {
     let bus = SimBus::new(vec![Box::new(Drive::new(DriveConfig::default()))]);
@@ -254,8 +254,8 @@ fn a_board_that_broke_is_given_up() {
     assert_eq!(tells.try_recv(), Ok(false));
 }
 
-/// SK-4.44 A board whose cycles take the machine longer than they last gets later and later, and leaves gaps out again
-/// and again. It goes on, loses no frame, and can be closed.
+/// SK-4.44 A board whose cycles take longer than the cycle time gets later and later, and leaves out gaps repeatedly.
+/// It goes on, loses no frame, and can be closed.
 #[test]
 fn a_machine_that_is_too_slow_goes_on() {
     let (mut client, link) = open(|_| sleep(Duration::from_millis(4)));
@@ -267,7 +267,7 @@ fn a_machine_that_is_too_slow_goes_on() {
         client.try_read(PATIENCE).expect("a report");
         client.try_read(PATIENCE).expect("a report");
     }
-    // A board that is late has not met its last frames yet when its FIFO is empty.
+    // A late board may not have taken its last frames yet when its FIFO is empty.
     let last = (frames - 1) as u8;
     client.until("the last target", |client| client.slot(1).index == last && client.answer().fifo_free == FIFO_ENTRIES);
     client.link.close();

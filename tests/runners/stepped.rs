@@ -1,4 +1,4 @@
-//! The runner of virtual time: time passes by calls alone, and the same calls give the same bytes.
+//! The runner of virtual time: time passes only by calls, and the same calls produce the same bytes.
 
 use std::time::Duration;
 
@@ -18,7 +18,7 @@ fn options() -> RunOptions {
     RunOptions::default()
 }
 
-/// SK-9.8 One thread that makes the same calls sees the same bytes at the same times, every time.
+/// SK-9.8 One thread that makes the same calls sees the same bytes at the same times in each run.
 #[test]
 fn the_same_calls_give_the_same_bytes() {
     let run = || {
@@ -57,8 +57,8 @@ fn the_same_calls_give_the_same_bytes() {
     assert!(first.0.len() > 1000);
 }
 
-/// SK-9.10 A write takes a microframe of the board's time, so that a tight writer brings 8 frames a cycle and fills the
-/// FIFO. LIB-23 It may go on without one read.
+/// SK-9.10 A write takes a microframe of the board's time, so that a tight writer writes 8 frames per cycle and fills
+/// the FIFO. LIB-23 It may go on without one read.
 #[test]
 fn a_tight_writer_fills_the_fifo() {
     let (mut client, _) = open(1, options());
@@ -71,7 +71,7 @@ fn a_tight_writer_fills_the_fifo() {
         }
     }
     let counters = client.link.stats().board.unwrap();
-    // 125 ms: as many entries out, 160 inside, the others lost.
+    // 125 ms: as many entries executed, 160 in the FIFO, the others lost.
     assert!((124..=126).contains(&counters.executed), "{counters:?}");
     assert_eq!(counters.executed + 160 + counters.full, 1000, "{counters:?}");
     client.until("what was inside", |client| client.answer().fifo_free == FIFO_ENTRIES);
@@ -93,9 +93,8 @@ fn a_write_may_take_no_time() {
     assert_eq!(client.answer().fifo_free, 1, "the first cycle after them");
 }
 
-/// LIB-55 While nobody reads the newest 32 reports are kept and the dropped ones counted, for a minute too.
-/// SK-9.11 Old reports are read first.
-/// SK-9.9 A report a cycle.
+/// LIB-55 Without a reader the newest 32 reports are kept and the dropped ones counted, for a minute too. SK-9.11 Old
+/// reports are read first. SK-9.9 One report per cycle.
 #[test]
 fn a_host_that_stops_reading_finds_the_newest_reports() {
     for (queue, cycle_us) in [(32, 1000), (32, 4000), (1, 1000)] {
@@ -120,14 +119,14 @@ fn a_host_that_stops_reading_finds_the_newest_reports() {
         assert_eq!(passed, (newest.at.0 - before.at.0) / cycle);
         assert_eq!(kept[0].dropped, before.dropped + passed - queue as u64);
         assert_eq!(client.link.stats().reports_dropped, kept[0].dropped);
-        // Then one report a cycle again, none lost.
+        // Then one report per cycle again, none lost.
         let next = client.read();
         assert_eq!((next.sequence, next.dropped), (newest.sequence + 1, kept[0].dropped));
     }
 }
 
-/// LIB-36 A read with a limit ends after that time of the board, and leaves the buffer alone.
-/// SK-9.10 Time passes while one waits, and by looking too.
+/// LIB-36 A read with a limit ends after that time of the board, and leaves the buffer unchanged. SK-9.10 Time passes
+/// during waits, and by polling too.
 #[test]
 fn a_read_with_a_limit_ends_after_that_board_time() {
     let (mut client, _) = open(1, options());
@@ -143,7 +142,7 @@ fn a_read_with_a_limit_ends_after_that_board_time() {
     assert!(ended.to_string().contains("100ms"), "{ended}");
     assert_eq!(client.report, before);
 
-    // What time has passed shows in the stamp of a write.
+    // The elapsed time shows in the time stamp of a write.
     let early = client.link.write(&Frame::new(), Wait::Forever).unwrap();
     for _ in 0..80 {
         client.try_read(Wait::Now).unwrap_err();
@@ -156,8 +155,8 @@ fn a_read_with_a_limit_ends_after_that_board_time() {
 }
 
 /// SK-9.12 In OP no report comes while the cable before the first slave is cut: on virtual time nothing else can happen
-/// while one waits, so a read fails at once, says since when, and works again when the cable does. SK-9.8 Below OP reports
-/// go on.
+/// during a wait, so a read fails at once, with the time of the cut, and works again when the cable does. SK-9.8 Below
+/// OP reports go on.
 #[test]
 fn a_silent_bus_fails_at_once() {
     let (mut client, network) = open(1, options());
@@ -183,8 +182,8 @@ fn a_silent_bus_fails_at_once() {
     }
 }
 
-/// SK-4.34 SW_RESET drops the connection: it is lost for every call that follows.
-/// LIB-49 It stays so although the board is back, until it is opened again.
+/// SK-4.34 SW_RESET drops the connection: it is lost for every call that follows. LIB-49 It stays lost although the
+/// board has booted, until it is opened again.
 #[test]
 fn a_reset_board_is_lost() {
     let (mut client, _) = open(1, options());
@@ -219,8 +218,7 @@ fn a_closed_link_is_closed() {
     assert_eq!((after.read_errors, after.write_errors), (1, 1));
 }
 
-/// SK-9.9 Before OP a report comes each default cycle, in OP each EtherCAT cycle.
-/// SK-9.8 Asked or not.
+/// SK-9.9 Before OP a report comes each default cycle, in OP each EtherCAT cycle. SK-9.8 With or without a command.
 #[test]
 fn a_report_a_cycle_in_every_state() {
     for cycle_us in [250, 1000, 8000] {
@@ -242,8 +240,8 @@ fn a_report_a_cycle_in_every_state() {
     }
 }
 
-/// SK-9.8 Time that is let pass is the board's, and its reports are kept as if nobody had read; a report that is due at
-/// the very end of a limit comes; LIB-49 a board that is reset says so.
+/// SK-9.8 A pass of time advances the board, and its reports are kept as without a reader. A report that is due exactly
+/// at the end of the limit comes. LIB-49 The reset of a board is an error.
 #[test]
 fn passed_time_makes_reports_as_if_nobody_read() {
     let (board, _) = board(1);

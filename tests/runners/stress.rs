@@ -1,4 +1,4 @@
-//! Many threads on one link of the real clock, with a full account in the end.
+//! Many threads on one link of the real clock, with every frame accounted for at the end.
 
 use std::collections::HashSet;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -15,9 +15,10 @@ use crate::client::{Client, SIZE, board, target};
 
 const SPAN: Duration = Duration::from_secs(1);
 
-/// LIB-26 Four writers, two readers, one who cancels and one who looks, for a second: every write that succeeded has
-/// arrived, and its frame was executed, or counted because the FIFO was full, or is still in it. Every report went to one
-/// reader, or was counted as dropped, or is still in the queue; each reader gets them in order and whole.
+/// LIB-26 Four writers, two readers, one thread that cancels and one that polls, for a second. Every write that
+/// succeeded has arrived, and its frame was executed, or counted because the FIFO was full, or is still in it. Every
+/// report went to one reader, or was counted as dropped, or is still in the queue; each reader gets them in order and
+/// complete.
 #[test]
 fn eight_threads_and_a_full_account() {
     for host_ns in [0, 125_000] {

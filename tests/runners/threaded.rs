@@ -1,4 +1,4 @@
-//! The runner of the real clock. No test here asserts how long anything takes: what must end, ends.
+//! The runner of the real clock. No test here asserts durations, only that calls end.
 
 use std::sync::mpsc::channel;
 use std::sync::{Arc, Mutex};
@@ -32,7 +32,7 @@ fn kept() -> (Keeper, Arc<Mutex<Option<Board>>>) {
     (Box::new(move |board| *keep.lock().unwrap() = board), place)
 }
 
-/// Calls `end` until `call` has ended in its own thread, and says with what.
+/// Calls `end` until `call` has ended in its own thread, and returns its result.
 fn ended_by<T: Send>(call: impl FnOnce() -> T + Send, end: impl Fn()) -> T {
     thread::scope(|scope| {
         let call = scope.spawn(call);
@@ -44,7 +44,7 @@ fn ended_by<T: Send>(call: impl FnOnce() -> T + Send, end: impl Fn()) -> T {
     })
 }
 
-/// SK-9.8 Reports arrive by themselves, whole and one a cycle; SK-9.9 in OP one each EtherCAT cycle.
+/// SK-9.8 Reports arrive by themselves, complete and one per cycle; SK-9.9 in OP one each EtherCAT cycle.
 #[test]
 fn one_whole_report_arrives_per_cycle() {
     let (mut client, _) = open(2, options());
@@ -105,7 +105,7 @@ fn closing_loses_no_frame() {
     }
 }
 
-/// LIB-48 Closing from another thread ends a blocked read; LIB-35 and the wait is without end before.
+/// LIB-48 Closing from another thread ends a blocked read; LIB-35 until then it waits without a limit.
 #[test]
 fn close_ends_a_blocked_read() {
     let (mut client, network) = open(1, options());
@@ -151,7 +151,7 @@ fn a_blocked_write_ends() {
     assert_eq!((stats.written, stats.write_errors, stats.board.unwrap().frames), (1, 4, 1));
 }
 
-/// Writes that may not wait at all get through one after the other at the usual pace.
+/// Consecutive writes that may not wait at all succeed at the usual pace.
 #[test]
 fn writes_that_may_not_wait_succeed_at_the_usual_pace() {
     let (client, _) = open(1, options());
@@ -160,7 +160,7 @@ fn writes_that_may_not_wait_succeed_at_the_usual_pace() {
     }
 }
 
-/// Cancelling ends the read that waits; later reads are not touched.
+/// Cancelling ends the waiting read; later reads are not affected.
 #[test]
 fn cancel_ends_a_blocked_read() {
     let (mut client, network) = open(1, options());
@@ -170,7 +170,7 @@ fn cancel_ends_a_blocked_read() {
     let read = || {
         let mut report = Frame::new();
         loop {
-            // What was made before the cut comes first.
+            // Reports made before the cut come first.
             if let Err(ended) = link.read(&mut report, Wait::Forever) {
                 return ended;
             }
@@ -185,8 +185,8 @@ fn cancel_ends_a_blocked_read() {
     client.read();
 }
 
-/// LIB-36 On a silent bus a read ends after its limit, and reports come again when the cable is whole.
-/// It leaves the buffer alone.
+/// LIB-36 On a silent bus a read ends after its limit, and reports come again when the cable is repaired. It leaves the
+/// buffer unchanged.
 #[test]
 fn a_read_ends_after_its_limit() {
     let (mut client, network) = open(1, options());
@@ -207,9 +207,8 @@ fn a_read_ends_after_its_limit() {
     client.link.write(&Frame::new(), Wait::For(Duration::MAX)).unwrap();
 }
 
-/// SK-4.34 SW_RESET drops the connection.
-/// LIB-35 A reader that waits ends then.
-/// LIB-49 It stays dead although the board is back.
+/// SK-4.34 SW_RESET drops the connection. LIB-35 A reader that waits ends then. LIB-49 It stays lost although the board
+/// has booted.
 #[test]
 fn a_reset_board_is_lost() {
     let (keeper, place) = kept();
@@ -243,7 +242,7 @@ fn a_reset_board_is_lost() {
     assert_eq!(again.answer().state, StateByte::reached(MasterState::PreOp));
 }
 
-/// A link that is dropped ends its thread and gives the board back, in the longest cycle and in silence too.
+/// Dropping a link ends its thread and returns the board, also in the longest cycle and on a silent bus.
 #[test]
 fn dropping_gives_the_board_back() {
     let (keeper, place) = kept();
@@ -255,14 +254,14 @@ fn dropping_gives_the_board_back() {
     let reader = thread::spawn(move || {
         let mut report = Frame::new();
         while link.read(&mut report, Wait::For(Duration::from_millis(10))).is_ok() {}
-        // The last one who holds the link drops it.
+        // The last owner of the link drops it.
     });
     drop(client);
     reader.join().unwrap();
     assert!(place.lock().unwrap().is_some());
 }
 
-/// LIB-35 Nobody waits for a board whose thread has died.
+/// LIB-35 No call waits for a board whose thread has ended.
 #[test]
 fn a_dead_runner_ends_the_waits() {
     let mut cycles_left = 2000_u32;
@@ -280,7 +279,7 @@ fn a_dead_runner_ends_the_waits() {
     assert_eq!(client.link.write(&Frame::new(), Wait::Forever), Err(LinkError::Closed));
 }
 
-/// Wishes that the system refuses are warnings: the board runs all the same.
+/// Settings that the system refuses are warnings: the board runs all the same.
 #[test]
 fn a_refused_real_time_priority_is_a_warning() {
     let _turn = listen();

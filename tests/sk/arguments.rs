@@ -1,4 +1,5 @@
-//! The edges of every argument: what a command's decoder takes, what it refuses and with which reason, bit by bit.
+//! The limits of every argument: values that a command's decoder accepts, values that it refuses and the reason, bit by
+//! bit.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
@@ -163,7 +164,7 @@ fn drive_mode_takes_modes_8_to_10_with_0_or_1() {
         let sync = match value {
             0 => Ok(DriveSync::FreeRun),
             1 => Ok(DriveSync::DcSync),
-            // Programs leave there what a command before has put there.
+            // Programs leave the value of an earlier command there.
             _ => Ok(DriveSync::DcSync),
         };
         assert_eq!(decode(8, value), sync.map(|sync| SlaveCommand::DriveMode { mode: Mode::Csp, sync }), "{value}");
@@ -172,8 +173,8 @@ fn drive_mode_takes_modes_8_to_10_with_0_or_1() {
 
 const OBJECT: ObjectAddress = ObjectAddress::new(0x6041, 0);
 
-/// SK-4.17 The low byte of Parm of SDO_RD is a slave 1..=40, in 16-byte mode 1..=30, whatever stands in the high byte:
-/// programs put the object's size there. SK-6.6 Any other slave is refused.
+/// SK-4.17 The low byte of Parm of SDO_RD is a slave 1..=40, in 16-byte mode 1..=30, with any high byte: programs put
+/// the object's size there. SK-6.6 Any other slave is refused.
 #[test]
 fn sdo_rd_takes_a_slave_whatever_the_high_byte_of_parm_is() {
     for (size, last) in [(SlotSize::Bytes12, 40), (SlotSize::Bytes16, 30)] {
@@ -279,7 +280,7 @@ fn a_state_byte_other_than_0_1_2_4_8_means_a_failed_change() {
     }
 }
 
-/// SK-4.36 A known id in the wrong kind of slot is no command there, and neither is an unknown one: both survive.
+/// SK-4.36 A known id in the wrong kind of slot is no command there, and neither is an unknown one: both are kept.
 #[test]
 fn a_command_in_the_wrong_kind_of_slot_is_kept_as_no_command() {
     let masters = [0x00, 0x01, 0x02, 0x03, 0x04, 0x05, 0x21, 0x22, 0xBB];
@@ -297,7 +298,7 @@ fn a_command_in_the_wrong_kind_of_slot_is_kept_as_no_command() {
     }
 }
 
-/// SK-4.4, SK-4.9, SK-4.11, SK-6.6 The reason of a refusal says what was found and what is allowed.
+/// SK-4.4, SK-4.9, SK-4.11, SK-6.6 The reason of a refusal names the value found and the allowed ones.
 #[test]
 fn the_reason_of_a_refusal_says_what_was_found_and_what_is_allowed() {
     for (reason, text) in [

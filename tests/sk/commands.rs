@@ -1,4 +1,4 @@
-//! The 22 commands byte by byte, as tables 2.1 to 2.24 of the guide print them, both ways.
+//! The 22 commands byte by byte, as in tables 2.1 to 2.24 of the guide, encoded and decoded.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
@@ -51,7 +51,7 @@ fn sdo(wire: Bytes, command: SdoCommand) {
     }
 }
 
-/// SK-4.1 There are 22 commands, with these codes and names; every other code survives as unknown.
+/// SK-4.1 There are 22 commands, with these codes and names; every other code is kept as unknown.
 #[test]
 fn the_22_commands_have_their_codes_and_names() {
     let table = guide::TABLE.map(|(code, name, ..)| (code, name));
@@ -202,7 +202,7 @@ fn sw_reset_has_no_argument() {
     master([0xBB, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0], MasterCommand::SoftReset);
 }
 
-/// SK-4.1 SK-4.2 The slots in which a command may stand: the table's column, by codes; and which slot is of which kind.
+/// SK-4.1 SK-4.2 The slots in which a command is allowed: the table's column, by codes; and the kind of each slot.
 #[test]
 fn each_command_belongs_in_one_kind_of_slot() {
     for code in 0..=u8::MAX {
@@ -229,7 +229,7 @@ fn each_command_belongs_in_one_kind_of_slot() {
     }
 }
 
-/// SK-4.1 In each kind of slot the commands that belong there are decoded, and no others: what is missing in `command/` shows.
+/// SK-4.1 In each kind of slot exactly the commands allowed there are decoded: one missing in `command/` fails.
 #[test]
 fn each_command_is_decoded_in_its_slots() {
     for (code, size) in (0..=u8::MAX).flat_map(|code| SlotSize::ALL.map(|size| (code, size))) {
@@ -251,7 +251,7 @@ fn each_command_is_decoded_in_its_slots() {
     }
 }
 
-/// SK-4.1 The kinds of slaves that take a command, and what follows for a slot whose slave is not known.
+/// SK-4.1 The kinds of slaves that accept a command, and the result for a slot with an unknown slave.
 #[test]
 fn each_command_is_for_some_kinds_of_slaves() {
     let kinds = [SlaveKind::Drive, SlaveKind::Hsp, SlaveKind::Step, SlaveKind::Io, SlaveKind::None];

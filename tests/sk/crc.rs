@@ -1,10 +1,10 @@
-//! The CRC-8 of a frame and what a host makes of it.
+//! The CRC-8 of a frame and its check.
 
 use ecmsk::sk::crc::{ALGORITHM, frame_crc};
 use ecmsk::sk::{CrcError, CrcPolicy, CrcStatus, Frame, SlotSize};
 use vectors::{crc_parameters, rubbish, vector_named, vectors};
 
-/// The definition, bit by bit, so that the table in the crate is held against something.
+/// The definition, bit by bit, to verify the table in the crate.
 fn crc8(bytes: impl IntoIterator<Item = u8>) -> u8 {
     bytes.into_iter().fold(0x5A, |crc, byte| {
         (0..8).fold(crc ^ byte, |crc: u8, _| if crc & 0x80 == 0 { crc << 1 } else { crc << 1 ^ 0x07 })
@@ -45,7 +45,7 @@ fn every_byte_counts_but_byte_3_and_the_filler() {
     }
 }
 
-/// SK-1.13 The result stands in byte 3 of slot 0, and filling it changes nothing else.
+/// SK-1.13 The result is in byte 3 of slot 0, and filling it changes nothing else.
 #[test]
 fn fill_writes_byte_3_alone() {
     for size in SlotSize::ALL {
@@ -58,7 +58,7 @@ fn fill_writes_byte_3_alone() {
     }
 }
 
-/// SK-1.20 Anything but 0 must match, SK-1.21 under the strict option too; the error says both values.
+/// SK-1.20 Anything but 0 must match, SK-1.21 under the strict option too; the error contains both values.
 #[test]
 fn wrong_crc_is_refused_under_either_policy() {
     let vector = vector_named("crc-wrong");

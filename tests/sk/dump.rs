@@ -1,4 +1,4 @@
-//! The readable dump: its words, what it keeps back (nothing), and the same as types.
+//! The readable dump: its texts, its completeness, and the same data as types.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
@@ -76,7 +76,7 @@ fn golden_command_frames_have_these_lines() {
     }
 }
 
-/// SK-2.15, SK-3.12, SK-3.22, SK-6.13 The lines of the golden response frames, kinds of slaves said.
+/// SK-2.15, SK-3.12, SK-3.22, SK-6.13 The lines of the golden response frames, with the slaves' kinds given.
 #[test]
 fn golden_response_frames_have_these_lines() {
     use SlaveKind::{Drive, Hsp, Io};
@@ -218,7 +218,7 @@ fn what_has_no_meaning_shows_its_fields() {
     );
 }
 
-/// SK-1.7 Bytes that a meaning does not use are not kept back.
+/// SK-1.7 Bytes that a command does not use are shown, too.
 #[test]
 fn bytes_that_a_command_does_not_use_are_shown() {
     assert_eq!(
@@ -237,7 +237,7 @@ fn bytes_that_a_command_does_not_use_are_shown() {
     assert!(line.starts_with("slave 5  IO_RD IO inputs 0x0001 (more bytes are set: "), "{line}");
 }
 
-/// SK-4.8, SK-4.13, SK-4.16 The words for the other commands.
+/// SK-4.8, SK-4.13, SK-4.16 The texts of the other commands.
 #[test]
 fn the_other_commands_have_these_words() {
     let master = |command: MasterCommand| self::command(WIDE, 0, command.encode());
@@ -273,7 +273,7 @@ fn the_other_commands_have_these_words() {
     }
 }
 
-/// SK-3.13, SK-3.12 Without kinds a slot is read by what can be known, and a guess is marked as one.
+/// SK-3.13, SK-3.12 Without kinds a slot is interpreted as far as its bytes determine it, and a guess is marked as one.
 #[test]
 fn a_guessed_kind_is_marked_as_a_guess() {
     let raw = |id, parm, data1, data2, data3| RawSlot { id, index: 0, parm, data1, data2, data3 };
@@ -309,7 +309,7 @@ fn a_guessed_kind_is_marked_as_a_guess() {
     );
 }
 
-/// Axis 2 of an HSP is shown only if it says something.
+/// Axis 2 of an HSP is shown only if it is not 0.
 #[test]
 fn axis_2_of_an_hsp_is_shown_only_if_it_is_not_0() {
     let slot = |data3| RawSlot { id: 0x15, parm: 0x0250, data1: 5, data2: 1, data3, ..RawSlot::ZERO };
@@ -349,7 +349,7 @@ fn zeros_are_values_in_op_alone() {
     );
 }
 
-/// SK-2.12 Inputs of the chip, and a result of anything else.
+/// SK-2.12 Inputs of the chip, and the result of another command.
 #[test]
 fn the_result_of_slot_0_is_shown_as_inputs_or_as_a_number() {
     let line = |id, data1| response(NARROW, 0, RawSlot { id, index: 255, parm: 0x02, data1, ..RawSlot::ZERO }, None);
@@ -397,7 +397,7 @@ fn idle_slots_are_shown_only_on_demand() {
     );
 }
 
-/// SK-4.17 What programs put above the slave's number of an SDO_RD is shown, and is no mistake.
+/// SK-4.17 The high byte that programs put into Parm of SDO_RD is shown, and is no mistake.
 #[test]
 fn a_read_with_a_size_in_parm() {
     let slot = RawSlot { id: 0x07, parm: 0x0201, data1: 0x6041_0000, ..RawSlot::ZERO };
@@ -408,7 +408,7 @@ fn a_read_with_a_size_in_parm() {
     assert!(more.starts_with(line) && more.contains("more bytes are set"), "{more}");
 }
 
-/// SK-3.12, SK-4.25 The same as types, for tools that write something else than text.
+/// SK-3.12, SK-4.25 The same as types, for tools with other output formats than text.
 #[test]
 fn the_lines_of_a_dump_are_available_as_types() {
     let vector = vector_named("csp-index-7");

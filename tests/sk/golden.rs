@@ -4,8 +4,8 @@ use ecmsk::sk::{Frame, MasterCommand, RawSlot, SdoCommand, SlaveCommand, SlotSiz
 use vectors::golden::{Content, contents};
 use vectors::{Vector, rubbish, vectors};
 
-/// SK-1.14 Every golden frame encodes to the same bytes; SK-1.9 with a command for every slot at once,
-/// SK-1.11 all zero where a slot asks for nothing.
+/// SK-1.14 Every golden frame encodes to the same bytes; SK-1.9 with a command for every slot at once, SK-1.11 all zero
+/// in a slot without a command.
 #[test]
 fn golden_frames_encode_to_their_bytes() {
     for vector in vectors() {

@@ -1,4 +1,4 @@
-//! Where every field of a frame stands, byte by byte, as the guide's tables print it.
+//! The position of every field of a frame, byte by byte, as in the guide's tables.
 
 use ecmsk::cia402::Statusword;
 use ecmsk::coe::{AbortCode, ObjectAddress};
@@ -19,7 +19,7 @@ fn bytes(size: SlotSize, slot: &RawSlot) -> Vec<u8> {
     frame.bytes()[size.bytes()..2 * size.bytes()].to_vec()
 }
 
-/// The slot that those bytes are.
+/// The slot with those bytes.
 fn slot(size: SlotSize, bytes: &[u8]) -> RawSlot {
     let mut frame = rubbish();
     frame.bytes_mut()[size.bytes()..2 * size.bytes()].copy_from_slice(bytes);
@@ -70,7 +70,7 @@ fn the_fields_of_a_slot_are_little_endian_at_their_bytes() {
     assert_eq!((all.data2_low(), all.data2_high()), (0x1918, 0x1B1A));
 }
 
-/// SK-1.7 Data3 has no place in a 12-byte slot: written nowhere, read as 0.
+/// SK-1.7 A 12-byte slot has no Data3: it is not written, and read as 0.
 #[test]
 fn data3_needs_sixteen_bytes() {
     let raw = RawSlot { data3: u32::MAX, ..RawSlot::ZERO };
@@ -97,7 +97,7 @@ fn byte_3_of_slot_0_is_no_argument() {
     assert_eq!(MasterResponse::decode(&RawSlot { parm: 0xE708, ..RawSlot::ZERO }).state, StateByte(8));
 }
 
-/// Of a command that the guides do not know, too, byte 1 is the number given with it, whatever the slot it was made from says.
+/// Byte 1 of a command that is not in the guides is also the index given with it, whatever its original slot had.
 #[test]
 fn index_of_an_unknown_command() {
     let raw = RawSlot { id: 0x77, index: 5, parm: 1, data1: 2, data2: 3, data3: 0 };
@@ -128,7 +128,7 @@ fn slot_0_of_a_response_has_state_crc_result_and_fifo_counts() {
     assert_eq!(bytes(WIDE, &response.encode())[12..], [0; 4]);
 }
 
-/// SK-2.12 After LIO_RD the inputs stand in bytes 4..7, SK-4.31 under its id.
+/// SK-2.12 After LIO_RD the inputs are in bytes 4..7, SK-4.31 under its id.
 #[test]
 fn lio_rd_is_answered_with_the_inputs_in_the_result() {
     let raw = slot(NARROW, &[0x21, 0, 0x02, 0, 0b10_1101, 0, 0, 0, 0, 0, 0, 0]);
@@ -136,7 +136,7 @@ fn lio_rd_is_answered_with_the_inputs_in_the_result() {
     assert_eq!((response.id, response.result), (CommandId::LocalRead.code(), 0b10_1101));
 }
 
-/// SK-2.3 A decoder takes the id of SET_FIFO and LIO in OP as it takes 0xBF.
+/// SK-2.3 A decoder accepts the ids of SET_FIFO and LIO in OP as well as 0xBF.
 #[test]
 fn any_id_is_accepted_in_slot_0_of_a_response() {
     for id in [MASTER_CYCLIC, 0x05, 0x21, 0x22] {
@@ -201,8 +201,8 @@ fn the_slot_of_a_one_channel_hsp_has_inputs_in_bytes_8_and_9() {
     assert_eq!(HspResponse::decode(&slot(NARROW, &odd), NARROW), one);
 }
 
-/// SK-3.22 Two-channel HSP: position 2 is the unaligned field at byte 10, inputs 2 stand in 14..15;
-/// SK-3.25 whatever command is answered, and of commands CSP and CSV alone read bytes 8..15.
+/// SK-3.22 Two-channel HSP: position 2 is the unaligned field at byte 10, inputs 2 are in 14..15; SK-3.25 whatever
+/// command is answered, and of commands CSP and CSV alone read bytes 8..15.
 #[test]
 fn the_slot_of_a_two_channel_hsp_has_position_2_at_byte_10() {
     for id in [0x00, 0x10, 0x11, 0x12, 0x15, 0x16, 0x18, 0x19] {
@@ -266,8 +266,8 @@ fn an_aborted_sdo_has_bit_15_of_parm_and_the_abort_code() {
     }
 }
 
-/// SK-4.17, SK-4.18, SK-6.13 What is not exactly such an answer is none, and survives as it is: any other bit of Parm
-/// or of the sub-index's half, any other id, and an empty slot in which a single bit is set.
+/// SK-4.17, SK-4.18, SK-6.13 A slot that is not exactly such an answer is none, and is kept unchanged: any other bit of
+/// Parm or of the sub-index's half, any other id, and an empty slot in which a single bit is set.
 #[test]
 fn a_slot_that_is_not_exactly_an_sdo_answer_is_kept_as_none() {
     let answer = RawSlot { id: 0x07, index: 0, parm: 3, data1: 0x6041_0000, data2: 5, data3: 0 };
@@ -289,7 +289,7 @@ fn a_slot_that_is_not_exactly_an_sdo_answer_is_kept_as_none() {
     }
 }
 
-/// A frame is built from fewer or more bytes than it has without touching what is not there.
+/// A frame is built from fewer or more bytes than it has; missing bytes are 0.
 #[test]
 fn a_frame_is_made_of_any_number_of_bytes() {
     assert_eq!(Frame::from_prefix(&[]), Frame::new());

@@ -2,7 +2,7 @@
 //!
 //! Files:
 //!
-//! - `layout.rs`, `crc.rs`: where every field of a frame is; the CRC
+//! - `layout.rs`, `crc.rs`: the position of every field of a frame; the CRC
 //! - `commands.rs`, `arguments.rs`: every command byte by byte; which values of its arguments are valid
 //! - `golden.rs`, `roundtrip.rs`: golden frames; encoding and decoding of any value
 //! - `dump.rs`: the readable dump

@@ -10,7 +10,7 @@ use ecmsk::sk::{Frame, RawSlot, SlotSize};
 use exchange::{Refusal, Screen};
 use serde_json::Value;
 
-/// Builds `tests/no_std_consumer`, outside the workspace and of its own features, and returns what Cargo said.
+/// Builds `tests/no_std_consumer`, outside the workspace and with its own features, and returns Cargo's output.
 fn build(more: &[&str]) -> Output {
     let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/no_std_consumer/Cargo.toml");
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).join("no_std_consumer");
@@ -20,7 +20,7 @@ fn build(more: &[&str]) -> Output {
         .arg("--target-dir")
         .arg(target)
         .args(more)
-        // Flags for this test's own build (coverage, a linker) are none of a firmware's.
+        // Flags of this test's own build (coverage, a linker) do not apply to a firmware.
         .env_remove("RUSTFLAGS")
         .env_remove("CARGO_ENCODED_RUSTFLAGS")
         .output()
@@ -31,14 +31,14 @@ fn messages(output: &Output) -> Vec<Value> {
     String::from_utf8_lossy(&output.stdout).lines().filter_map(|line| serde_json::from_str(line).ok()).collect()
 }
 
-/// What the compiler and Cargo said, for people.
+/// The output of the compiler and Cargo, for messages.
 fn said(output: &Output) -> String {
     let compiler = messages(output).into_iter().filter_map(|m| m["message"]["rendered"].as_str().map(str::to_owned));
     compiler.chain([String::from_utf8_lossy(&output.stderr).into_owned()]).collect()
 }
 
-/// A crate with a panic handler of its own builds over ecmsk: nothing in it links std. Nothing in it is a feature of
-/// ecmsk either, and the same crate with std linked does not build, so this test can fail.
+/// A crate with a panic handler of its own builds over ecmsk: nothing in it links std. It uses no feature of ecmsk, and
+/// the same crate with std linked does not build, so this test can fail.
 #[test]
 fn wire_format_builds_without_std() {
     let output = build(&[]);
@@ -61,7 +61,7 @@ fn wire_format_builds_without_std() {
     assert!(said(&with_std).contains("duplicate lang item `panic_impl`"), "{}", said(&with_std));
 }
 
-/// SK-4.25 What the firmware sends is the golden frame.
+/// SK-4.25 The firmware sends the golden frame.
 #[test]
 fn firmware_sends_the_golden_frame() {
     let vector = vectors::vector_named("csp-index-7");
@@ -74,7 +74,7 @@ fn firmware_sends_the_golden_frame() {
     assert_eq!(Screen::<10>::showing(&frame).text(), b"ECM      G");
 }
 
-/// SK-3.12 What the firmware reads is in the golden frame; SK-1.21 it checks the CRC always.
+/// SK-3.12 The firmware reads the golden frame; SK-1.21 it always checks the CRC.
 #[test]
 fn firmware_reads_the_golden_response() {
     let golden = vectors::vector_named("resp-op-fw17").frame();

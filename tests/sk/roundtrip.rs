@@ -1,4 +1,4 @@
-//! Round trips: whatever is said with a type comes back as the same, whatever comes over the wire harms nobody.
+//! Round trips: every value of a type decodes to itself, and any bytes decode without a panic.
 
 use ecmsk::cia402::{Mode, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
@@ -19,7 +19,7 @@ fn kind() -> impl Strategy<Value = SlaveKind> {
     proptest::sample::select(&[Drive, Io, Hsp, Step, None])
 }
 
-/// A slot of an id that does not belong there, byte 3 and Data3 empty so that it fits everywhere.
+/// A slot with an id that is not allowed there; byte 3 and Data3 are 0 so that it fits everywhere.
 fn foreign(kind: SlotKind) -> impl Strategy<Value = RawSlot> {
     let id = any::<u8>().prop_filter("a command of this slot", move |id| !CommandId::from_code(*id).belongs_in(kind));
     (id, any::<(u8, u8, u32, u32)>()).prop_map(|(id, (index, parm, data1, data2))| RawSlot {
@@ -127,7 +127,7 @@ fn frame() -> impl Strategy<Value = Frame> {
     uniform32(any::<[u8; 16]>()).prop_map(|rows| Frame::from_prefix(rows.as_flattened()))
 }
 
-/// A frame of slots that are often something: ids from the list, small numbers.
+/// A frame of slots that are often valid: ids from the list, small numbers.
 fn likely_frame(size: SlotSize) -> impl Strategy<Value = Frame> {
     let id = prop_oneof![proptest::sample::select(&CommandId::ALL).prop_map(CommandId::code), any::<u8>()];
     let small = || prop_oneof![Just(0u32), 0u32..12, any::<u32>()];
@@ -146,7 +146,7 @@ fn any_frame() -> impl Strategy<Value = (SlotSize, Frame)> {
 }
 
 proptest! {
-    /// SK-4.1 Every command of slot 0 comes back, ids that have no business there too; SK-1.8 whatever the CRC.
+    /// SK-4.1 Every command of slot 0 decodes to itself, ids that are not allowed there too; SK-1.8 with any CRC.
     #[test]
     fn every_command_of_slot_0_decodes_to_itself(command in master_command(), size in size(), crc: u8) {
         let mut frame = Frame::from_bytes([0xA5; 512]);
@@ -155,8 +155,8 @@ proptest! {
         prop_assert_eq!(MasterCommand::decode(&frame.slot(size, 0), size), Ok(command));
     }
 
-    /// SK-4.1 Every command of a slave comes back with its index, in every slave's slot, unknown ids too; SK-3.23 in
-    /// 16-byte mode with both axes.
+    /// SK-4.1 Every command of a slave decodes to itself with its index, in every slave's slot, unknown ids too;
+    /// SK-3.23 in 16-byte mode with both axes.
     #[test]
     fn every_command_of_a_slave_decodes_to_itself(
         (size, command) in size().prop_flat_map(|size| (Just(size), slave_command(size))),
@@ -168,7 +168,7 @@ proptest! {
         prop_assert_eq!(SlotCommand::decode(&frame.slot(size, slave), size), Ok(command));
     }
 
-    /// SK-4.17, SK-4.18 Every SDO command comes back, unknown ids too.
+    /// SK-4.17, SK-4.18 Every SDO command decodes to itself, unknown ids too.
     #[test]
     fn every_sdo_command_decodes_to_itself((size, command) in size().prop_flat_map(|size| (Just(size), sdo_command(size)))) {
         let mut frame = Frame::from_bytes([0xA5; 512]);
@@ -176,7 +176,7 @@ proptest! {
         prop_assert_eq!(SdoCommand::decode(&frame.slot(size, size.sdo_slot()), size), Ok(command));
     }
 
-    /// SK-2.11, SK-2.14, SK-2.15 The master slot of a response comes back, whatever it holds.
+    /// SK-2.11, SK-2.14, SK-2.15 The master slot of a response decodes to itself, with any content.
     #[test]
     fn every_response_in_slot_0_decodes_to_itself(
         (id, error, state) in any::<(u8, u8, u8)>(),
@@ -191,7 +191,8 @@ proptest! {
         prop_assert_eq!(MasterResponse::decode(&frame.slot(size, 0)), response);
     }
 
-    /// SK-3.12 A drive's slot comes back, SK-3.19 a stepper's too; SK-3.13 an IO slave's; SK-3.21, SK-3.22 an HSP's.
+    /// SK-3.12 A drive's slot decodes to itself, SK-3.19 a stepper's too; SK-3.13 an IO slave's; SK-3.21, SK-3.22 an
+    /// HSP's.
     #[test]
     fn every_response_of_a_slave_decodes_to_itself(
         head in head(),
@@ -218,7 +219,8 @@ proptest! {
         prop_assert_eq!(HspResponse::decode(&through(hsp.encode(size)), size), hsp);
     }
 
-    /// SK-4.17, SK-4.18, SK-6.13 Every answer in the SDO slot comes back; SK-3.7 byte 1 is written 0 and not asked for.
+    /// SK-4.17, SK-4.18, SK-6.13 Every answer in the SDO slot decodes to itself; SK-3.7 byte 1 is written as 0 and not
+    /// checked.
     #[test]
     fn every_sdo_answer_decodes_to_itself(response in sdo_response(), index: u8) {
         let slot = response.encode();
@@ -237,8 +239,8 @@ proptest! {
         prop_assert_eq!(again.wire(size), frame.wire(size));
     }
 
-    /// SK-4.36 Any bytes decode without harm: what has a meaning means the same when it is written again, what has
-    /// none has a reason that can be read.
+    /// SK-4.36 Any bytes decode without a panic: a valid slot has the same meaning when it is encoded again, an invalid
+    /// one has a readable reason.
     #[test]
     fn any_command_frame_decodes((size, frame) in any_frame()) {
         for (i, slot) in frame.slots(size).iter().enumerate() {
@@ -256,7 +258,7 @@ proptest! {
         prop_assert_eq!(CommandDump::new(&frame, size).all().to_string().lines().count(), size.slots());
     }
 
-    /// SK-2.9, SK-3.12 Any bytes of a response decode without harm, whatever kinds the slaves are said to be.
+    /// SK-2.9, SK-3.12 Any bytes of a response decode without a panic, with any kinds of the slaves.
     #[test]
     fn any_response_frame_decodes((size, frame) in any_frame(), kinds in uniform8(kind()), mode_in_byte_1: bool) {
         for slot in frame.slots(size).iter() {

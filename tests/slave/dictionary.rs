@@ -85,7 +85,7 @@ const fn value(size: u8, bits: u32) -> Result<SdoValue, AbortCode> {
     Ok(SdoValue { size, bits })
 }
 
-/// What a table tells of its rows, for whoever lists them.
+/// A table describes its rows for SDO information.
 #[test]
 fn rows_tell_what_they_are() {
     let row = |index, sub| OBJECTS.iter().find(|row| row.address() == ObjectAddress::new(index, sub)).expect("a row");
@@ -98,7 +98,7 @@ fn rows_tell_what_they_are() {
     assert_eq!(row(0x2006, 0).access(), Access::ReadWriteUpTo(AlState::PreOp));
 }
 
-/// A device's own program may change what is stored.
+/// A device's own program may change stored values.
 #[test]
 fn stored_values_are_set() {
     let mut bench = bench();
@@ -140,7 +140,7 @@ fn abort_codes() {
     assert_eq!(write(&mut late, 0x2006, 0, SdoSize::Two, 1), Ok(()));
 }
 
-/// SK-6.11 What is read has the object's size and is zero-extended; text is cut to 4 bytes.
+/// SK-6.11 A read value has the object's size and is zero-extended; text is cut to 4 bytes.
 #[test]
 fn uploads() {
     let mut bench = bench();
@@ -171,7 +171,7 @@ fn downloads() {
     assert_eq!(bench.written, 0xDEAD_BEEF);
 }
 
-/// SK-7.53 SK-6.11 Numbers of 64 bits are moved whole by whom can; a board reads the first 4 bytes and writes none.
+/// SK-7.53 SK-6.11 A mailbox moves numbers of 64 bits whole; a board reads the first 4 bytes and writes none.
 #[test]
 fn numbers_of_64_bits() {
     let mut bench = bench();
@@ -196,7 +196,7 @@ fn numbers_of_64_bits() {
     }
 }
 
-/// SK-7.53 Complete access of a record with gaps, and with values that go one way alone.
+/// SK-7.53 Complete access of a record with gaps, and with values that are read-only or write-only.
 #[test]
 fn complete_access_of_a_record() {
     let mut bench = Bench { written: 0x0403_0201, ..bench() };
@@ -215,7 +215,7 @@ fn complete_access_of_a_record() {
     assert_eq!((bench.written, read(&bench, 0x200B, 5), read(&bench, 0x200B, 1)), (1, value(1, 7), value(2, 0)));
 }
 
-/// A row says whether it may be mapped, and where.
+/// A row has the directions in which it may be mapped.
 #[test]
 fn pdo_mappability() {
     let directions: Vec<_> = OBJECTS.iter().filter_map(|row| Some((row.address().index, row.pdo()?))).collect();
@@ -240,7 +240,7 @@ fn tables_are_checked() {
     assert!(!rejected(OBJECTS));
 }
 
-/// A device whose objects come in parts; it may have the last one or not.
+/// A device whose table has several parts; it may have the last one or not.
 struct Parts {
     values: Values,
     full: bool,
@@ -279,8 +279,8 @@ impl Device for Parts {
     }
 }
 
-/// A table of several parts is one; objects that a device of the table does not have are not there for SDOs, and take no
-/// other object's place.
+/// A table of several parts acts as one; objects that a device of the table does not have are missing for SDOs, and do
+/// not shift other objects.
 #[test]
 fn tables_of_parts_that_not_every_device_has() {
     let objects = [(0x2000, 0, 1), (0x2001, 1, 2), (0x2001, 2, 3), (0x2002, 0, 4), (0x2003, 0, 0)];

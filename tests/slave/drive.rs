@@ -62,7 +62,7 @@ fn safeop_needs_a_configuration() {
     assert_eq!(drive.enter(SafeOp), Err(AlStatus(0x001D)), "not used");
 }
 
-/// SK-4.58 The drive refuses to be configured as what it is not, and does so in PreOP alone.
+/// SK-4.58 The drive refuses a configuration for another kind of slave, and takes one in PreOP alone.
 #[test]
 fn roles() {
     for mode in [Mode::Csp, Mode::Csv, Mode::Cst] {
@@ -72,7 +72,7 @@ fn roles() {
     let mut drive = drive_in(PreOp, CSP);
     let refused = |al_status, abort| Err(Refusal { slave: 0, al_status, abort });
     assert_eq!(configure(&mut drive, &config(Role::Io)), refused(0x001D, None));
-    // It has digital inputs and outputs as a pulse module does, and its modes.
+    // It has digital inputs and outputs like a pulse module, and the module's modes.
     for role in [Role::Hsp(Mode::Csp), Role::Hsp(Mode::Csv)] {
         assert_eq!(configure(&mut drive, &config(role)), Ok(()), "{role:?}");
     }
@@ -93,7 +93,7 @@ fn no_mailbox_in_init() {
     assert_eq!(read(&mut drive, 0x1000, 0), Ok(0x0002_0192));
 }
 
-/// SK-6.12 The values at power-on of what programs read of a drive; the sizes of its objects are in `maps.rs`.
+/// SK-6.12 The power-on values of objects that programs read; the sizes of its objects are in `maps.rs`.
 #[test]
 fn objects() {
     let mut drive = drive_in(PreOp, CSP);
@@ -118,7 +118,7 @@ fn objects() {
     }
 }
 
-/// SK-6.12 What the drive's own objects refuse.
+/// SK-6.12 Writes that the drive's own objects refuse.
 #[test]
 fn refused_downloads() {
     let mut drive = drive_in(PreOp, CSP);
@@ -186,7 +186,7 @@ fn synchronization_type() {
     }
 }
 
-/// Outputs go to the object that the role maps, in OP alone; inputs are what the last step ended with.
+/// Outputs go to the object that the role maps, in OP alone; inputs are the values at the end of the last step.
 #[test]
 fn exchange() {
     let out = [AxisOut { controlword: Controlword(0x06), outputs: 0xFFFF, target: -70_003 }, AxisOut::default()];
@@ -218,7 +218,7 @@ fn exchange() {
     }
 }
 
-/// SK-7.13 SK-7.15 Switched on by its controlword the drive needs a time that is its own, and then reads 1637h.
+/// SK-7.13 SK-7.15 After its controlword the drive takes its own time to switch on, and then shows 1637h.
 #[test]
 fn the_time_to_turn_on_is_the_drives_own() {
     for (enable_ms, config) in [
@@ -246,7 +246,7 @@ fn the_time_to_turn_on_is_the_drives_own() {
     }
 }
 
-/// Object 0x605A as it is written: after a quick stop the drive is off with 2 and stays in Quick stop active with 6.
+/// Object 0x605A has an effect: after a quick stop the drive is off with 2 and stays in Quick stop active with 6.
 #[test]
 fn the_quick_stop_option_is_an_object() {
     for (option, end) in [(2, DriveState::SwitchOnDisabled), (6, DriveState::QuickStopActive)] {
@@ -259,7 +259,7 @@ fn the_quick_stop_option_is_an_object() {
 }
 
 /// [OURS] Leaving OP in motion is a quick stop: the shaft brakes on 0x6085 and the drive is off, without a fault, and
-/// stays so when OP is back until its controlword walks it up.
+/// stays off in the next OP until its controlword walks it up.
 #[test]
 fn leaving_op_in_motion() {
     for target in [SafeOp, PreOp, Init] {
@@ -271,7 +271,7 @@ fn leaving_op_in_motion() {
             rig.drive.step(MS);
             steps += 1;
         }
-        // 5 turns/s, braked with 1000 turns/s²: 5 ms, and some more until it stands.
+        // 5 turns/s, braked with 1000 turns/s²: 5 ms, and some more until it is at rest.
         assert!((5..30).contains(&steps), "{steps} ms");
         let way = (rig.position() - start) as f64 / TURN as f64;
         assert!((0.0125..0.02).contains(&way), "{way} turns");
@@ -286,7 +286,7 @@ fn leaving_op_in_motion() {
     rig.enable();
 }
 
-/// [OURS] Outputs that stay away for 100 ms end OP; a cycle longer than that does not.
+/// [OURS] Missing outputs for 100 ms end OP; a cycle longer than that does not.
 #[test]
 fn watchdog_of_the_outputs() {
     let mut rig = moving();
@@ -327,7 +327,7 @@ fn injected_faults() {
     }
 }
 
-/// A mode written to 0x6060 shows in 0x6061, and the axis holds where it is until a target of that mode comes.
+/// A mode written to 0x6060 shows in 0x6061, and the axis holds its position until a target of that mode comes.
 #[test]
 fn a_change_of_mode_does_not_jump() {
     for mode in [Mode::Csv, Mode::Cst] {
@@ -349,7 +349,7 @@ fn a_change_of_mode_does_not_jump() {
     assert_eq!((rig.position(), rig.velocity()), (position, 0.0));
 }
 
-/// Where no process data come the controlword and the targets can be written by SDO.
+/// Without process data the controlword and the targets can be written by SDO.
 #[test]
 fn driven_by_sdo_in_preop() {
     let mut drive = drive_in(PreOp, CSP);
@@ -365,8 +365,7 @@ fn driven_by_sdo_in_preop() {
     assert_eq!(read(&mut drive, 0x6064, 0), Ok(-4000_i32 as u32));
 }
 
-/// The speeds and the ramp of homing that a drive has before somebody writes others go by its motor: 2 turns/s, a fifth
-/// of a turn/s, 100 turns/s².
+/// The default speeds and ramp of homing depend on the motor: 2 turns/s, a fifth of a turn/s, 100 turns/s².
 #[test]
 fn homing_goes_by_the_motor() {
     let mut drive = drive_in(PreOp, CSP);

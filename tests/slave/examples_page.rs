@@ -1,6 +1,6 @@
-//! What docs/SLAVES.md says of the examples of other masters is no more than what is known of them.
+//! docs/SLAVES.md claims no more about the examples of other masters than is known.
 
-/// The last column of each row says how it is known; a row that a test is said to show has its maps in `maps.rs`.
+/// The last column of each row has its evidence; a row with a test as evidence has its maps in `maps.rs`.
 #[test]
 fn each_row_says_how_it_is_known() {
     let page = std::fs::read_to_string(support::root().join("docs/SLAVES.md")).expect("the page");

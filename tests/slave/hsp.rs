@@ -52,7 +52,7 @@ impl Master {
         master
     }
 
-    /// The same with both axes (or the one) in Operation enabled, where they stand.
+    /// The same with both axes (or the only one) in Operation enabled, at their positions.
     pub fn enabled(config: HspConfig, mode: Mode, cycle_ns: Ns) -> Self {
         let mut master = Self::op(config, mode, cycle_ns);
         for axis in 0..2 {
@@ -99,14 +99,14 @@ fn it_is_switched_on_in_no_time() {
         (Controlword::ENABLE_OPERATION, DriveState::OperationEnabled),
     ] {
         master.out[0].controlword = word;
-        // What it measured goes in with the next exchange.
+        // Its inputs come with the next exchange.
         master.cycles(3);
         assert_eq!(master.state(0), Some(state));
     }
 }
 
-/// SK-4.58 The module refuses to be configured as what it is not, and is configured in PreOP alone.
-/// SK-7.35 It has no CST.
+/// SK-4.58 The module refuses a configuration for another kind of slave, and is configured in PreOP alone. SK-7.35 It
+/// has no CST.
 #[test]
 fn roles() {
     for channels in BOTH {
@@ -139,8 +139,8 @@ fn roles() {
     }
 }
 
-/// SK-7.5 In CSP the RxPDOs are 6040 607A 60FE and 6840 687A 68FE, the TxPDOs 6041 6064 60FD and 6841 6864 68FD.
-/// SK-7.6 In CSV the targets are 60FF and 68FF. Of a module of one channel the first half.
+/// SK-7.5 In CSP the RxPDOs are 6040 607A 60FE and 6840 687A 68FE, the TxPDOs 6041 6064 60FD and 6841 6864 68FD. SK-7.6
+/// In CSV the targets are 60FF and 68FF. A module of one channel has the first half.
 #[test]
 fn process_data_are_what_the_mode_fixes() {
     for channels in BOTH {
@@ -168,8 +168,7 @@ fn process_data_are_what_the_mode_fixes() {
     }
 }
 
-/// The speeds and the ramp of homing that an axis has before somebody writes others go by its turn: 2 turns/s, a fifth of
-/// a turn/s, 100 turns/s².
+/// The default speeds and ramp of homing depend on the counts of a turn: 2 turns/s, a fifth of a turn/s, 100 turns/s².
 #[test]
 fn homing_goes_by_the_turn() {
     let config = HspConfig { pulses_per_turn: 4000, ..two() };
@@ -181,8 +180,8 @@ fn homing_goes_by_the_turn() {
     }
 }
 
-/// Pulses that follow positions are as fast as the positions say: switched off on a ramp they brake from there. From
-/// 200,000 pulses/s with 4,000,000 pulses/s² that takes 5000 pulses.
+/// Pulses that follow positions have the positions' rate: when switched off they brake from it on a ramp. From 200,000
+/// pulses/s with 4,000,000 pulses/s² that takes 5000 pulses.
 #[test]
 fn pulses_that_follow_positions_brake_from_their_rate() {
     let mut master = Master::enabled(HspConfig::with(Channels::One), Mode::Csp, MS);
@@ -199,8 +198,8 @@ fn pulses_that_follow_positions_brake_from_their_rate() {
     assert_eq!(master.state(0), Some(DriveState::SwitchedOn));
 }
 
-/// SK-3.29 Axis 2 has the objects of axis 1, 0x800 higher, and a value of its own in each. A module of one channel has
-/// none of them.
+/// SK-3.29 Axis 2 has the objects of axis 1, 0x800 higher, with separate values. A module of one channel has none of
+/// them.
 #[test]
 fn axis_2_has_the_objects_of_axis_1_plus_0x800() {
     let mut two = hsp_in(PreOp, two(), Mode::Csp);
@@ -228,7 +227,7 @@ fn axis_2_has_the_objects_of_axis_1_plus_0x800() {
     assert_eq!(write(&mut two, 0x6860, 0, SdoSize::One, 10), Err(AbortCode::VALUE_RANGE), "it has no CST");
 }
 
-/// SK-6.12 The objects that programs look for in any slave are there, and tell modules apart.
+/// SK-6.12 The objects that programs look for in any slave are there, and distinguish modules.
 #[test]
 fn identity() {
     for (channels, name, product) in [(Channels::One, b"HSP1", 0x4853_5031), (Channels::Two, b"HSP2", 0x4853_5032)] {
@@ -274,7 +273,7 @@ fn pulses_follow_their_targets_exactly() {
 }
 
 /// A target farther than the greatest rate reaches is caught up with at that rate, and reached to the pulse; meanwhile
-/// bit 11 says so. 0x607F lowers the rate.
+/// bit 11 is set. 0x607F lowers the rate.
 #[test]
 fn pulses_are_no_faster_than_the_greatest_rate() {
     for (limit, per_ms) in [(None, 1000), (Some(250_000), 250), (Some(9_000_000), 1000)] {
@@ -302,7 +301,7 @@ fn pulses_are_no_faster_than_the_greatest_rate() {
     }
 }
 
-/// In CSV a velocity is pulses in a second, exactly, until another comes; a change is even over a cycle.
+/// In CSV a velocity is exactly the pulses in a second, until another comes; a change is linear over a cycle.
 #[test]
 fn velocities_are_pulses_in_a_second() {
     let mut master = Master::enabled(two(), Mode::Csv, MS);
@@ -325,7 +324,8 @@ fn velocities_are_pulses_in_a_second() {
     assert_eq!(master.seen.map(|axis| axis.position), stopped);
 }
 
-/// A velocity above the greatest rate is cut to it, which bit 11 says; one below it is not, nor is the way to it.
+/// A velocity above the greatest rate is cut to it, which bit 11 shows; a lower velocity is not, and neither is the
+/// change to it.
 #[test]
 fn velocities_are_no_higher_than_the_greatest_rate() {
     let train = PulseTrain { max_rate: 100_000 };
@@ -336,7 +336,7 @@ fn velocities_are_no_higher_than_the_greatest_rate() {
         for n in 0..20 {
             master.cycle();
             let limited = master.seen[0].statusword.0 & Statusword::INTERNAL_LIMIT != 0;
-            // The cycle that leaves a velocity that was cut begins above the limit.
+            // The cycle after a cut velocity begins above the limit.
             if n > 0 || [60_000, 100_000].contains(&target) {
                 assert_eq!(limited, rate != target, "{target} cycle {n}");
             }
@@ -347,7 +347,7 @@ fn velocities_are_no_higher_than_the_greatest_rate() {
     }
 }
 
-/// No torque bounds how pulses end: a quick stop at the limit of torque (0x605A = 3) ends them at once.
+/// No torque limits the stop of pulses: a quick stop at the limit of torque (0x605A = 3) ends them at once.
 #[test]
 fn a_quick_stop_without_a_ramp_ends_pulses_at_once() {
     let mut master = Master::enabled(two(), Mode::Csv, MS);
@@ -358,14 +358,14 @@ fn a_quick_stop_without_a_ramp_ends_pulses_at_once() {
     master.out[0].controlword = Controlword(0x02);
     master.cycles(3);
     let way = master.seen[0].position - before;
-    // The cycles that were under way, and at most the half of the one that ends it.
+    // The cycles that were under way, and at most half of the last one.
     assert!((400..=800).contains(&way), "{way}");
     let at = master.seen[0].position;
     master.cycles(100);
     assert_eq!((master.seen[0].position, master.state(0)), (at, Some(DriveState::SwitchOnDisabled)));
 }
 
-/// Axes are on their own: one walks up, moves and faults while the other one stays.
+/// Axes are independent: one walks up, moves and faults while the other one stays.
 #[test]
 fn axes_are_independent() {
     for (axis, other) in [(0, 1), (1, 0)] {
@@ -450,7 +450,8 @@ fn lines_of_each_channel() {
     }
 }
 
-/// Outside OP the outputs are off and the axes fall: when it ends, and when outputs stay away for 100 ms, which ends it.
+/// Outside OP the outputs are off and the axes leave Operation enabled: when OP is left, and when outputs are missing
+/// for 100 ms, which ends OP.
 #[test]
 fn outside_op_outputs_are_off_and_pulses_end() {
     let running = || {

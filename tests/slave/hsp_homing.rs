@@ -1,4 +1,4 @@
-//! Homing of the simulated pulse module: every method on both channels, each on its own, and what is not homing.
+//! Homing of the simulated pulse module: every method on both channels, independently, and everything besides homing.
 
 use ecmsk::cia402::{Controlword, Mode, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
@@ -15,7 +15,7 @@ const NEGATIVE_LIMIT: i64 = -15_000;
 const POSITIVE_LIMIT: i64 = 22_000;
 /// Pulses at ..., -18 766, -8766, 1234, 11 234, ...
 const INDEX: i64 = 1234;
-/// Where the channels stand at power-on: outside the cam, on its right and on its left.
+/// The channels' positions at power-on: outside the cam, on its right and on its left.
 const STARTS: [i64; 2] = [9000, -8000];
 const SECOND: u16 = 0x800;
 
@@ -54,7 +54,7 @@ impl Master {
         self.write(0x6060 + offset, 0, SdoSize::One, 6).unwrap();
     }
 
-    /// Cycles in which it sends what it saw, and so never asks for a jump.
+    /// Runs cycles in which the master sends the actual positions, and so never commands a jump.
     fn hold(&mut self, cycles: u64) {
         for _ in 0..cycles {
             for (out, seen) in self.out.iter_mut().zip(&self.seen) {

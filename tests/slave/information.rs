@@ -1,4 +1,4 @@
-//! What every kind of slave tells a master of its objects, and what masters ask of every slave.
+//! The dictionary of every kind of slave, and the objects that masters read of every slave.
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::coe::{ObjectAccess, ObjectCode, ObjectListType};
@@ -150,7 +150,7 @@ fn descriptions_of_entries() {
     assert_eq!(DataTypeCode::of(ecmsk::slave::dictionary::DataType::U64), DataTypeCode(0x1B));
 }
 
-/// DP3CL-11.5 What is in a list of mappable objects can be mapped, and nothing else; parameters of a DP3CL are kept.
+/// DP3CL-11.5 Objects in a list of mappable objects can be mapped, and no others; parameters of a DP3CL are kept.
 #[test]
 fn lists() {
     for mut slave in kinds() {
@@ -175,8 +175,7 @@ fn lists() {
     }
 }
 
-/// DP3CL-11.6 Abort codes of what is not there.
-/// DP3CL-11.7 What is described can be read, and nothing else.
+/// DP3CL-11.6 Abort codes of missing objects. DP3CL-11.7 Objects in the dictionary can be read, and no others.
 #[test]
 fn entries_can_be_read() {
     for mut slave in kinds() {
@@ -205,7 +204,7 @@ fn entries_can_be_read() {
     }
 }
 
-/// DP3CL-11.8 The objects that stacks read of every slave; the identity is told in any state.
+/// DP3CL-11.8 The objects that masters read of every slave; the identity is readable in any state.
 #[test]
 fn usual_objects() {
     for mut slave in kinds() {

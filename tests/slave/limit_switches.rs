@@ -1,4 +1,4 @@
-//! Limit switches that act in CSP, CSV and CST: the axis stops at one, says so, and the way back is free, without a jump.
+//! Limit switches that act in CSP, CSV and CST: the axis stops at one, reports it, and can move back, without a jump.
 
 use ecmsk::cia402::{DriveState, Mode, Statusword};
 use ecmsk::slave::{DriveConfig, Input, Slave, Travel};
@@ -23,8 +23,8 @@ fn says_limited(rig: &Rig) -> bool {
     rig.status().0 & Statusword::INTERNAL_LIMIT != 0
 }
 
-/// A motion into a switch stops there on 0x6085, the quick-stop ramp. The demand passes no target, is never faster than the
-/// targets are, and the way back begins where the axis stands: the first count of it is one count.
+/// A motion into a switch stops there on 0x6085, the quick-stop ramp. The demand passes no target, is never faster than
+/// the targets, and the way back begins at the axis' position: its first count is one count.
 #[test]
 fn csp_stops_at_a_switch() {
     for config in [DriveConfig::default(), DriveConfig::stepper()] {
@@ -88,7 +88,8 @@ fn a_target_just_beyond_a_switch_is_not_passed() {
     assert_eq!(furthest, rig.drive.axis().demand());
 }
 
-/// In CSV and CST, too. What turns the axis back is free, and a switch that is wired but does not act lets it pass.
+/// In CSV and CST, too. Outputs that move the axis back are effective, and a switch that is wired but does not act lets
+/// it pass.
 #[test]
 fn velocities_and_torques_stop_at_a_switch() {
     for (mode, target) in [(Mode::Csv, 2 * TURN as i32), (Mode::Cst, 100)] {

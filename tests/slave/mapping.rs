@@ -1,5 +1,5 @@
-//! Process data of a slave as a master maps them: the rules of the mapping objects, and images that carry what is mapped and
-//! nothing else.
+//! Process data of a slave as a master maps them: the rules of the mapping objects, and images that carry exactly the
+//! mapped objects.
 
 use ecmsk::cia402::{Controlword, DriveState, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
@@ -41,7 +41,7 @@ fn list(slave: &mut impl Slave, index: u16, items: &[u32]) -> Result<(), AbortCo
     write(slave, index, 0, items.len() as u32)
 }
 
-/// Maps these objects, and nothing else; the lengths of the images in bytes.
+/// Maps exactly these objects; returns the lengths of the images in bytes.
 fn map(slave: &mut impl Slave, outputs: &[u32], inputs: &[u32]) -> (usize, usize) {
     for (assignment, pdo, entries) in [(RX, 0x1600, outputs), (TX, 0x1A00, inputs)] {
         list(slave, pdo, entries).expect("they may be mapped");
@@ -92,7 +92,7 @@ fn lists_are_written_in_the_usual_order() {
     assert_eq!(write(&mut drive, 0x1600, 0, 0), Err(AbortCode::TIMEOUT), "no mailbox");
 }
 
-/// SK-7.50 What may not stand in a PDO is refused when it is written, and what is not whole when it is counted.
+/// SK-7.50 An invalid entry is refused when it is written, an incomplete PDO when its count is written.
 #[test]
 fn only_what_may_be_mapped_is() {
     let mut drive = drive();
@@ -209,7 +209,7 @@ fn a_bad_mapping_is_refused() {
     assert_eq!((drive_of_36_objects.enter(SafeOp), MAPPED_MAX), (Err(AlStatus(0x0025)), 32), "36 objects");
 }
 
-/// SK-7.51 A direction without a PDO has no image, and who has no outputs misses none.
+/// SK-7.51 A direction without a PDO has no image, and a slave without outputs misses none.
 #[test]
 fn a_direction_may_be_empty() {
     let mut drive = drive();
@@ -225,7 +225,7 @@ fn a_direction_may_be_empty() {
     assert_eq!((&image[..2], &image[10..]), (&0x0250_u16.to_le_bytes()[..], &[0xA5; 2][..]), "10 bytes and no more");
 }
 
-/// SK-7.52 Whatever a slave shows as mapped at power-on is a mapping that it takes.
+/// SK-7.52 A slave accepts the mapping that it shows at power-on.
 #[test]
 fn what_is_mapped_at_power_on_is_good() {
     fn goes(mut slave: impl Slave, lengths: (u16, u16)) {
@@ -300,7 +300,7 @@ fn a_text_comes_whole() {
     );
 }
 
-/// Objects of a drive that may be mapped into an RxPDO, and that an SDO reads as it was written whatever the value.
+/// Objects of a drive that may be mapped into an RxPDO, and that an SDO reads back unchanged for every value.
 const OUTPUTS: [u32; 9] = [
     0x6040_0010,
     0x6065_0020,
@@ -312,7 +312,7 @@ const OUTPUTS: [u32; 9] = [
     0x6099_0120,
     0x60FF_0020,
 ];
-/// And into a TxPDO.
+/// Objects that may be mapped into a TxPDO.
 const INPUTS: [u32; 8] =
     [0x603F_0010, 0x6041_0010, 0x6061_0008, 0x6062_0020, 0x6064_0020, 0x606C_0020, 0x6077_0010, 0x60FD_0020];
 
@@ -348,7 +348,7 @@ fn mapping_write() -> impl Strategy<Value = (u16, u8, Vec<u8>, bool)> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
-    /// SK-7.51 Whatever mapping is accepted moves exactly what is mapped: each object takes its bits of the outputs, and
+    /// SK-7.51 Every accepted mapping moves exactly the mapped objects: each object takes its bits of the outputs, and
     /// shows its bits among the inputs; padding is 0.
     #[test]
     fn what_is_mapped_moves(
@@ -381,8 +381,8 @@ proptest! {
         prop_assert!(answer[answer_bytes..].iter().all(|byte| *byte == 0xA5), "and no byte behind them");
     }
 
-    /// SK-7.49 SK-7.50 Whatever is written to the mapping objects nothing panics; what is there then is either refused by
-    /// SafeOP or moved.
+    /// SK-7.49 SK-7.50 Whatever is written to the mapping objects nothing panics; the resulting mapping is either
+    /// refused at SafeOP or moved.
     #[test]
     fn any_writes(writes in prop::collection::vec(mapping_write(), 0..60), lengths in (0..70_u16, 0..70_u16)) {
         let mut drive = drive();

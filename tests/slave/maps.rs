@@ -1,8 +1,8 @@
 //! The process data that the examples and packages of other masters map on a CiA 402 drive, each written as that master writes it,
 //! up to OP; and the objects of CiA 402 that they read and write beside them.
 //!
-//! Facts of the examples of ethercrab (`ec400`, `c5-e`, `akd`), of programs for IgH's master as `ethercat cstruct` prints them, of the
-//! configurations of ROS 2's generic CiA 402 driver, and of what SOEM does by itself.
+//! Facts of the examples of ethercrab (`ec400`, `c5-e`, `akd`), of programs for IgH's master as `ethercat cstruct` prints them,
+//! of the configurations of ROS 2's generic CiA 402 driver, and of SOEM's own mapping.
 
 use ecmsk::cia402::{Controlword, DriveState, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
@@ -16,7 +16,7 @@ struct Map {
     name: &'static str,
     rx: &'static [(u16, &'static [u32])],
     tx: &'static [(u16, &'static [u32])],
-    /// The maker's objects among the entries, as a file has them.
+    /// The maker's objects among the entries, as in a file of objects.
     makers: &'static str,
 }
 
@@ -211,7 +211,8 @@ fn read(slave: &mut dyn Slave, index: u16, sub: u8) -> Result<u32, AbortCode> {
     slave.upload(ObjectAddress::new(index, sub)).map(|value| value.bits)
 }
 
-/// Writes a map as masters do: both assignments 0, each PDO, then the assignments. How long the images are, bytes.
+/// Writes a map as masters do: both assignments 0, each PDO, then the assignments. Returns the lengths of the images,
+/// bytes.
 fn map(slave: &mut dyn Slave, map: &Map) -> [usize; 2] {
     let mut lens = [0; 2];
     for (assignment, pdos, len) in [(0x1C12, map.rx, 0), (0x1C13, map.tx, 1)] {
@@ -243,7 +244,7 @@ fn drive_with(makers: &str) -> Drive {
     drive
 }
 
-/// Puts a value to where an entry of a map lies in its image.
+/// Writes a value at the position of a map's entry in its image.
 fn put(image: &mut [u8], pdos: &[(u16, &[u32])], object: u32, value: u64) {
     let mut bit = 0;
     for entry in pdos.iter().flat_map(|(_, entries)| *entries) {
@@ -274,7 +275,7 @@ fn get(image: &[u8], pdos: &[(u16, &[u32])], object: u32) -> Option<u64> {
     None
 }
 
-/// SK-7.57 Each map is taken, and the drive is enabled with it and shows where it is.
+/// SK-7.57 Each map is accepted, and the drive is enabled with it and shows its position.
 #[test]
 fn maps_of_other_masters_are_taken() {
     for wanted in MAPS {
@@ -392,7 +393,7 @@ fn objects_of_the_profile() {
     }
 }
 
-/// SK-7.58 What a drive does not do it does not take: a polarity, a gear, a touch probe.
+/// SK-7.58 A drive refuses functions that it does not have: a polarity, a gear, a touch probe.
 #[test]
 fn what_would_change_the_motion_is_refused() {
     let mut drive = drive_with("");
@@ -439,8 +440,8 @@ fn run(drive: &mut Drive, controlword: u16, target: i32, cycles: u32) {
     }
 }
 
-/// SK-7.58 0x60B0 is added to the target of CSP, 0x60B1 to that of CSV, 0x60B2 to that of CST; 0x606B and 0x6074 show what the
-/// loops follow.
+/// SK-7.58 0x60B0 is added to the target of CSP, 0x60B1 to that of CSV, 0x60B2 to that of CST; 0x606B and 0x6074 show
+/// the demands of the loops.
 #[test]
 fn offsets_are_added_and_demands_shown() {
     let mut drive = enabled(8, 0x607A_0020);
@@ -454,7 +455,7 @@ fn offsets_are_added_and_demands_shown() {
     assert_eq!(read(&mut drive, 0x606B, 0), Ok(100_000), "100 counts in each millisecond");
     run(&mut drive, 0x0F, 21_000, 500);
     assert_eq!(read(&mut drive, 0x606B, 0), Ok(0), "it stands");
-    // In another mode, and back, the axis holds where it is, whatever the offset.
+    // In another mode, and back, the axis holds its position, whatever the offset.
     for mode in [9, 8] {
         write(&mut drive, 0x6060, 0, &[mode]).unwrap();
         drive.step(1_000_000);

@@ -1,4 +1,4 @@
-//! What the simulated modules and drives have alike: names, clocks, forced inputs, the error register.
+//! Common properties of the simulated modules and drives: names, clocks, forced inputs, the error register.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::ObjectAddress;
@@ -37,7 +37,7 @@ fn distributed_clocks() {
     assert!(!Io::new(IoConfig::default()).has_dc());
 }
 
-/// What 0x6000:1 of an IO module says after a millisecond.
+/// 0x6000:1 of an IO module after a millisecond.
 fn inputs(io: &mut Io) -> u32 {
     io.step(MS);
     read(io, 0x6000, 1)
@@ -74,7 +74,7 @@ fn inputs_of_a_module_are_forced() {
     assert_eq!(inputs(&mut io), 0);
 }
 
-/// A channel of a pulse module is forced by itself; a drive has no channel.
+/// A channel of a pulse module is forced independently; a drive has no channel.
 #[test]
 fn inputs_of_channels() {
     for (channels, count) in [(Channels::One, 1), (Channels::Two, 2)] {

@@ -1,4 +1,4 @@
-//! Motion of a simulated axis: what its loops, its limits and its friction do to the shaft.
+//! Motion of a simulated axis: the effects of its loops, its limits and its friction on the shaft.
 
 use crate::rig::{MS, Rig};
 use ecmsk::cia402::{Controlword, DriveState, Mode, Statusword};
@@ -40,9 +40,9 @@ fn following_error(rig: &Rig) -> i64 {
     rig.drive.axis().following_error()
 }
 
-/// At constant speed the feed-forward leaves next to no following error. While the axis speeds up evenly it is what
-/// makes the loops ask for that acceleration, with gains of 100/s and 800/s and a torque that acts for 250 us at a time:
-/// 50 * 2^17 * (1 / 800 - 250e-6) / 100 = 65.5 counts.
+/// At constant speed the feed-forward leaves next to no following error. During constant acceleration the following
+/// error is what makes the loops command that acceleration, with gains of 100/s and 800/s and a torque that acts for
+/// 250 us at a time: 50 * 2^17 * (1 / 800 - 250e-6) / 100 = 65.5 counts.
 #[test]
 fn it_follows_a_ramp() {
     let mut rig = csp();
@@ -59,7 +59,7 @@ fn it_follows_a_ramp() {
     }
 }
 
-/// At its target it settles to the count, stays there, and says so by bit 10; torque is what friction holds.
+/// At its target it settles to the count, stays there, and shows that by bit 10; friction carries the remaining torque.
 #[test]
 fn it_settles() {
     let mut rig = csp();
@@ -75,8 +75,8 @@ fn it_settles() {
     }
 }
 
-/// Torque has the sign of the acceleration it makes and stays in 0x6072; the shaft takes up no more speed than that
-/// torque, less friction, gives its inertia.
+/// Torque has the sign of the acceleration it makes and stays in 0x6072; the shaft accelerates no more than that
+/// torque, less friction, allows.
 #[test]
 fn torque_sign_and_limit() {
     for limit in [3000_i16, 700] {
@@ -139,7 +139,7 @@ fn it_is_stable_at_every_cycle_time() {
         rig.run_for(500 * MS);
         assert_eq!(rig.position(), i64::from(rig.out.target), "cycle {cycle_ns} ns");
         assert_eq!(rig.state(), DriveState::OperationEnabled, "cycle {cycle_ns} ns");
-        // The jump in speed by the gain of the position loop is all that is ever missing.
+        // The greatest error is the jump in speed divided by the gain of the position loop.
         assert!(worst <= 2 * TURN / 100, "cycle {cycle_ns} ns: {worst} counts behind");
         assert!(fastest <= 1.2 * 2.0 * TURN as f64, "cycle {cycle_ns} ns: {fastest} counts/s");
     }
@@ -162,7 +162,7 @@ fn switching_on_and_off_does_not_move_the_shaft() {
     }
 }
 
-/// While it is off the shaft holds by friction, without torque, whatever the target says.
+/// While it is off the shaft holds by friction, without torque, whatever the target is.
 #[test]
 fn off_it_holds_its_position_without_torque() {
     let mut rig = Rig::in_op(DriveConfig { position: 4711, ..DriveConfig::default() }, Mode::Csp, MS);
@@ -274,7 +274,7 @@ fn software_position_limits() {
     assert_eq!(rig.position(), -5000);
 }
 
-/// Positions wrap on the wire and nowhere else: a target means the nearest position with its 32 bits.
+/// Positions wrap only on the wire: a target means the nearest position with its 32 bits.
 #[test]
 fn an_axis_turns_for_ever() {
     for (start, step) in [(i64::from(i32::MAX) - 20_000, 100), (i64::from(i32::MIN) + 20_000, -100)] {
@@ -311,8 +311,8 @@ fn csv_follows_a_velocity() {
     }
 }
 
-/// CST: the target is a torque; speed grows by what friction leaves of it, up to the limit of speed, where the torque
-/// falls to what friction takes.
+/// CST: the target is a torque; speed grows by the torque less friction, up to the limit of speed, where the torque
+/// falls to that of friction.
 #[test]
 fn cst_gives_a_torque() {
     for direction in [1, -1] {
@@ -335,7 +335,7 @@ fn cst_gives_a_torque() {
     }
 }
 
-/// Quick stop brakes on 0x6085, disable operation on 0x6084, both to a standstill without a way back: the way is
+/// Quick stop brakes on 0x6085, disable operation on 0x6084, both to a standstill without moving back: the distance is
 /// v² / 2a.
 #[test]
 fn ramps() {
@@ -379,12 +379,12 @@ fn a_quick_stop_with_all_the_torque() {
     let way = (rig.position() - start) as f64;
     let expected = (SPEED as f64) * (SPEED as f64) / (2.0 * 3.0 * 165e6);
     assert_eq!(rig.velocity(), 0.0);
-    // The word acts a cycle later.
+    // The controlword takes effect a cycle later.
     let most = 1.2 * expected + SPEED as f64 / 1000.0;
     assert!((expected..most).contains(&way), "{way}, ideal is {expected}");
 }
 
-/// An end stop holds the shaft and lets it go again: on the way back it is where its target is, however slowly that goes.
+/// An end stop holds the shaft and lets it go again: on the way back it is at its target, however slow that is.
 #[test]
 fn end_stops_let_go() {
     for direction in [-1, 1] {

@@ -1,4 +1,4 @@
-//! A simulated drive without a network, and a master that takes it through the states of CiA 402 cycle by cycle.
+//! A simulated drive without a network, and a master that brings it through the states of CiA 402 cycle by cycle.
 
 use ecmsk::cia402::{Controlword, DriveState, Mode, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};

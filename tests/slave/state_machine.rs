@@ -78,7 +78,7 @@ fn every_command_in_every_state() {
     }
 }
 
-/// Bits of the controlword that a command does not look at change nothing.
+/// Bits of the controlword that a command ignores have no effect.
 #[test]
 fn other_bits_of_the_controlword_do_not_matter() {
     for (state, word, expected) in [
@@ -271,7 +271,7 @@ fn some_faults_stay() {
 }
 
 /// [OURS] Without a master a moving drive brakes as by a quick stop and ends in Switch on disabled, whatever 0x605A
-/// says; one without torque goes there at once.
+/// says; a drive without torque goes there at once.
 #[test]
 fn a_drive_that_loses_its_master() {
     for code in [2, 6] {

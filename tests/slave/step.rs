@@ -1,4 +1,4 @@
-//! The simulated stepper as a slave: a drive that has CSP alone.
+//! The simulated stepper as a slave: a drive with CSP only.
 
 use crate::rig::{MS, Rig, read, write};
 use crate::wired::{config, configure, in_preop};
@@ -7,9 +7,8 @@ use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::fieldbus::{Refusal, Role};
 use ecmsk::slave::{Drive, DriveConfig};
 
-/// SK-4.58 A stepper refuses to be configured as what it is not. A drive in CSP it is: it has those process data (SK-7.1,
-/// SK-7.2); and a servo drive has those of a stepper.
-/// SK-7.36 It has no other mode than CSP.
+/// SK-4.58 A stepper refuses a configuration for another kind of slave. It counts as a drive in CSP, since it has those
+/// process data (SK-7.1, SK-7.2); and a servo drive has those of a stepper. SK-7.36 It has no other mode than CSP.
 #[test]
 fn roles() {
     let refused = |al_status, abort| Err(Refusal { slave: 0, al_status, abort });
@@ -31,7 +30,7 @@ fn roles() {
     }
 }
 
-/// SK-3.20 Its process data are those of a drive in CSP, and it has a drive's objects but those of other modes.
+/// SK-3.20 Its process data are those of a drive in CSP, and it has a drive's objects except those of other modes.
 #[test]
 fn objects() {
     let mut step = in_preop(Drive::new(DriveConfig::stepper()));
@@ -65,7 +64,7 @@ fn it_follows_positions() {
         let way = turns * 10_000;
         let cycles = 500 * MS / cycle_ns;
         for n in 1..=cycles {
-            // A raised cosine's cheap sister: a parabola up, a parabola down.
+            // An approximation of a raised cosine: a parabola up, a parabola down.
             let x = n as f64 / cycles as f64;
             let s = if x < 0.5 { 2.0 * x * x } else { 1.0 - 2.0 * (1.0 - x) * (1.0 - x) };
             rig.out.target = (s * f64::from(way)) as i32;
@@ -80,7 +79,7 @@ fn it_follows_positions() {
     }
 }
 
-/// A load that it cannot hold makes it lose its target, which it says as a drive does: 0x8611.
+/// A load that it cannot hold makes it lose its target, which it reports as a drive does: 0x8611.
 #[test]
 fn it_has_a_following_error() {
     let mut rig = Rig::enabled(DriveConfig::stepper(), Mode::Csp, MS);

@@ -1,5 +1,5 @@
-//! A slave as the simulated bus has it: configured by the SDOs of the board, with process data as fields instead of
-//! images; and what goes wrong in it.
+//! A slave as the simulated bus uses it: configured by the SDOs of the board, with process data as fields instead of
+//! images; and its faults.
 
 use ecmsk::fieldbus::pdo::{IMAGE_BYTES_MAX, ProcessData};
 use ecmsk::fieldbus::sim;
@@ -17,7 +17,7 @@ pub fn configure(slave: &mut impl Slave, config: &SlaveConfig) -> Result<(), Ref
     sim::configure(slave, config).map(|_| ())
 }
 
-/// Configures a slave for that role. The process data that are mapped then.
+/// Configures a slave for that role; returns the mapped process data.
 pub fn map(slave: &mut impl Slave, role: Role) -> ProcessData {
     sim::configure(slave, &config(role)).expect("it has the role").expect("it is used")
 }

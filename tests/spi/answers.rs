@@ -1,4 +1,4 @@
-//! What a slot says to the program's last command stays, as on USB, though the link asks for the state in between.
+//! A slot's answer to the program's last command stays, as on USB, although the link requests the state in between.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -17,8 +17,8 @@ fn head(report: &Frame, slot: usize) -> (u8, u8) {
     (slot.id, slot.index)
 }
 
-/// SK-3.1 The id and the index of a command stay in every report from its first one on, and with them the whole
-/// FIFO is free: a program may wait for both.
+/// SK-3.1 The id and the index of a command stay in every report from its first one on, and the whole FIFO is free
+/// then: a program may wait for both.
 #[test]
 fn the_id_and_index_of_a_command_stay_in_every_report() {
     for answers in BOTH {
@@ -30,7 +30,7 @@ fn the_id_and_index_of_a_command_stay_in_every_report() {
                 bench.exchange(u64::MAX);
                 assert_eq!(bench.free, 160);
                 assert_eq!([1, 2].map(|slot| head(&bench.report, slot)), [(command.code(), index); 2], "{answers:?}");
-                // Nobody has asked the others anything.
+                // The other slots have had no command.
                 assert_eq!(head(&bench.report, 3), (0, 0));
             }
         }
@@ -38,7 +38,7 @@ fn the_id_and_index_of_a_command_stay_in_every_report() {
     }
 }
 
-/// Positions and statuswords are those of the cycle, whatever command is shown.
+/// Positions and statuswords are those of the current cycle, whatever command is shown.
 #[test]
 fn values_are_those_of_the_cycle() {
     let mut bench = Bench::on(Setup::default());
@@ -48,7 +48,7 @@ fn values_are_those_of_the_cycle() {
     assert_eq!(head(&bench.report, 1).0, CommandId::Csp.code());
 }
 
-/// A GET_STATUS of the program's own is executed too: then the slot shows it, six reports later at the most.
+/// A GET_STATUS written by the program is executed too: the slot shows it at most six reports later.
 #[test]
 fn the_programs_own_get_status_is_shown() {
     for answers in BOTH {
@@ -63,7 +63,7 @@ fn the_programs_own_get_status_is_shown() {
     }
 }
 
-/// SK-4.23 A command that the board rejects leaves no id of an earlier one, and is counted.
+/// SK-4.23 After a command that the board rejects, the slot shows no earlier id, and the command is counted.
 #[test]
 fn a_rejected_command_is_not_shown_as_answered() {
     for answers in BOTH {
@@ -81,7 +81,7 @@ fn a_rejected_command_is_not_shown_as_answered() {
     }
 }
 
-/// What a clear has dropped was not executed: the id of what was stays, and nothing is counted.
+/// Commands dropped by a clear were not executed: the id of the last executed command stays, and nothing is counted.
 #[test]
 fn a_command_dropped_by_a_clear_is_not_shown_as_answered() {
     let mut bench = Bench::on(Setup::default());
@@ -97,7 +97,7 @@ fn a_command_dropped_by_a_clear_is_not_shown_as_answered() {
     assert_eq!(bench.pacer.counts().unanswered, 0);
 }
 
-/// SK-2.1 Outside OP slot 0 shows the program's last command in the same way, and in OP what OP has.
+/// SK-2.1 Outside OP slot 0 shows the program's last command in the same way, and in OP the values of OP.
 #[test]
 fn the_boards_own_slot_outside_op() {
     let mut bench = Bench::new(Setup::default());
@@ -115,8 +115,8 @@ fn the_boards_own_slot_outside_op() {
     assert_eq!(head(&bench.report, 0).0, ecmsk::sk::MASTER_CYCLIC);
 }
 
-/// Outputs that nobody asked for yet, written until a report shows them: a host that is late by a cycle may miss the only
-/// answer with them, and until the board has answered once the link does not know that it takes them there.
+/// The first outputs, written until a report shows them. A host that is late by a cycle may miss the only answer with
+/// them, and until the first answer the link does not know that the board accepts outputs in this slot.
 fn first_outputs(link: &dyn Link, slots: usize, report: &mut Frame) {
     for _ in 0..100 {
         link.write(&all(slots, CommandId::IoWrite, 0, 0x7070), Wait::Forever).unwrap();
@@ -172,7 +172,7 @@ fn an_io_slave_is_read_and_written_over_the_whole_link() {
     }
 }
 
-/// So many answers to come are none.
+/// Number of the next answers that are invalid.
 fn garble(held: &Held) -> Arc<AtomicU32> {
     let left = Arc::new(AtomicU32::new(0));
     let garbles = left.clone();
@@ -184,8 +184,8 @@ fn garble(held: &Held) -> Arc<AtomicU32> {
     left
 }
 
-/// Outputs that were written in a cycle without a report are shown as written, with their index; IO_WR to a slave
-/// that is not there never is.
+/// Outputs that were written in a cycle without a report are shown as written, with their index; IO_WR to a missing
+/// slave is never shown.
 #[test]
 fn outputs_that_no_report_has_shown() {
     let held = Held::board("sim:?queue=1&slaves=io");
@@ -210,7 +210,7 @@ fn outputs_that_no_report_has_shown() {
     until(&|report| state(report) == Some(MasterState::Op));
     first_outputs(&link, 2, &mut Frame::new());
     for (index, outputs) in [(1, 0x0F0F), (2, 0x1111), (3, 0x2222)] {
-        // Fewer than would lose the board, more than its entry stays in the FIFO.
+        // Fewer than would lose the board, and longer than the entry stays in the FIFO.
         invalid_answers.store(12, Relaxed);
         write(&all(2, CommandId::IoWrite, index, outputs));
         until(&|report| master(report).fifo_free == 160 && shows(report, index, outputs as u32));

@@ -1,4 +1,4 @@
-//! A pacer and a modelled board in virtual time, each on a clock of its own.
+//! A pacer and a modelled board in virtual time, each with its own clock.
 
 use std::collections::VecDeque;
 
@@ -12,18 +12,18 @@ use super::frames::{SIZE, all, all_on, axes, cycle, master, state, to};
 
 type Ns = u64;
 
-/// A frame of 504 bytes at 24 MHz, and what the board needs for it.
+/// A frame of 504 bytes at 24 MHz, and the board's processing time.
 const ON_THE_WIRES: Ns = 168_000;
 const PROCESSING: Ns = 50_000;
-/// Any change takes less.
+/// The limit of any change of state.
 const LIMIT: Ns = 60_000_000_000;
 
-/// What the answer of an exchange is.
+/// The report that an exchange answers with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Answers {
-    /// The report that is the newest when the exchange begins.
+    /// The newest report when the exchange begins.
     Newest,
-    /// The one that was the newest when the exchange before had ended.
+    /// The newest report at the end of the previous exchange.
     Older,
 }
 
@@ -35,7 +35,7 @@ pub struct Setup {
     /// Between the begins of two exchanges.
     pub period: Ns,
     pub answers: Answers,
-    /// How much faster the host's clock is, millionths.
+    /// By how much the host's clock is faster, in ppm.
     pub host_is_faster: i64,
 }
 
@@ -45,7 +45,7 @@ impl Default for Setup {
     }
 }
 
-/// What the board has executed in a cycle.
+/// The board's executed command in a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Executed {
     pub id: u8,
@@ -60,11 +60,11 @@ pub struct Bench {
     pub held: VecDeque<Frame>,
     /// The newest report that the program was given.
     pub report: Frame,
-    /// What it was shown to be free.
+    /// The free count that it was given.
     pub free: u16,
-    /// Each cycle of OP, as slave 1 says; all slaves say the same.
+    /// Each cycle of OP, as reported by slave 1; all slaves report the same.
     pub executed: Vec<Executed>,
-    /// When each exchange began, and what it carried.
+    /// When each exchange began, and its content.
     pub begins: Vec<(Ns, ExchangeContent)>,
     /// The highest level the FIFO had.
     pub highest: u16,
@@ -127,7 +127,7 @@ impl Bench {
         }
     }
 
-    /// The next exchange, if it is due by then; else that time comes. Whether there was one.
+    /// Makes the next exchange if it is due by then, otherwise advances the time; whether there was one.
     pub fn exchange(&mut self, by: Ns) -> bool {
         loop {
             let motion = self.held.front().is_some_and(|frame| frame.slot(SIZE, 1).id == CommandId::Csp.code());

@@ -35,7 +35,7 @@ fn an_answer_belongs_to_an_earlier_exchange() {
     assert_eq!(spi_board.counters().frames, 3);
 }
 
-/// A board in OP whose cycles are the test's: a frame is an entry of its FIFO until a cycle executes it.
+/// A board in OP whose cycles the test controls: a frame is an entry of its FIFO until a cycle executes it.
 #[derive(Default)]
 struct Cycles(Mutex<Inside>);
 
@@ -43,7 +43,7 @@ struct Cycles(Mutex<Inside>);
 struct Inside {
     now: u64,
     cycles: u64,
-    /// Frames that were written and come after the next report, though their time is before it.
+    /// Written frames that arrive after the next report, although their time is before it.
     late: u16,
     entries: u16,
     full: u16,
@@ -51,7 +51,7 @@ struct Inside {
 }
 
 impl Cycles {
-    /// One cycle: an entry is executed, and there is a report of what is left.
+    /// One cycle: an entry is executed, and there is a report of the remaining ones.
     fn pass(&self, fills_crc: bool) {
         let mut inside = self.0.lock();
         inside.now += 1;
@@ -68,7 +68,7 @@ impl Cycles {
         inside.entries += std::mem::take(&mut inside.late);
     }
 
-    /// The frame that was written last comes after the next report.
+    /// Lets the newest frame arrive after the next report.
     fn hold_one(&self) {
         let mut inside = self.0.lock();
         inside.entries -= 1;
@@ -125,8 +125,8 @@ impl Link for Cycles {
     }
 }
 
-/// The free count in OP is that after the exchange before, whether a cycle has passed or not: who writes as much as it
-/// allows loses no frame, however many exchanges a cycle has.
+/// The free count in OP is that after the previous exchange, whether a cycle has passed or not: a host that writes as
+/// many frames as it allows loses none, with any number of exchanges per cycle.
 #[test]
 fn the_free_count_is_that_after_the_exchange_before() {
     for fills_crc in [true, false] {
@@ -151,14 +151,14 @@ fn the_free_count_is_that_after_the_exchange_before() {
                 board.pass(fills_crc);
             }
         }
-        // A host that does not look at the count is told of the frames that the board did not keep, and two cycles later the
-        // count is the board's again.
+        // To a host that ignores the count, the frames that the board did not keep are reported, and two cycles later
+        // the count is the board's again.
         (0..200).for_each(|_| {
             exchange(&mut spi_board, &target(1, 1));
         });
         assert_eq!(master(&exchange(&mut spi_board, &target(1, 1))).fifo_free, 0);
         let look = |spi_board: &mut SpiBoard| {
-            // A chip select of no frame.
+            // A chip select without a frame.
             let mut answer = Frame::new();
             spi_board.exchange(&[], &mut answer.bytes_mut()[..504]);
             master(&answer)
@@ -171,8 +171,8 @@ fn the_free_count_is_that_after_the_exchange_before() {
     }
 }
 
-/// A frame that is on its way in the machine while a report is made is counted all the same: the count that the host is
-/// told never leaves room for more than there is.
+/// A frame that is still in transit while a report is made is counted too: the host's count never exceeds the free
+/// entries.
 #[test]
 fn a_frame_that_comes_late_is_counted() {
     let board = Arc::new(Cycles::default());
@@ -195,7 +195,7 @@ fn a_frame_that_comes_late_is_counted() {
     assert!(free < 5 && told.full_count == 0, "{told:?}");
 }
 
-/// SK-10.3 Fewer bytes than a frame are none; more are answered by zeros.
+/// SK-10.3 Fewer bytes than a frame are ignored; more are answered by zeros.
 #[test]
 fn an_exchange_is_a_whole_frame() {
     let mut spi_board = spi_board("slaves=drive");
@@ -212,8 +212,8 @@ fn an_exchange_is_a_whole_frame() {
     assert_eq!(answer.check_crc(SlotSize::Bytes16, CrcPolicy::Strict), Ok(()));
 }
 
-/// SK-10.5 While the board starts up BUSY is high; a host that does not look at it gets zeros and is not heard.
-/// SK-10.9 RESETN does what SW_RESET does.
+/// SK-10.5 While the board starts up BUSY is high; a host that ignores it gets zeros, and its frame is dropped. SK-10.9
+/// RESETN acts as SW_RESET.
 #[test]
 fn busy_is_high_while_the_board_starts_up() {
     for by_line in [false, true] {
@@ -224,7 +224,7 @@ fn busy_is_high_while_the_board_starts_up() {
             spi_board.reset();
         } else {
             exchange(&mut spi_board, &board(&MasterCommand::SoftReset));
-            // The board's time passes by calls alone.
+            // The board's time passes only by calls.
             let _ = link.read(&mut Frame::new(), Wait::For(Duration::from_millis(5)));
             let _ = link.read(&mut Frame::new(), Wait::For(Duration::from_millis(5)));
         }

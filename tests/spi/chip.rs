@@ -62,8 +62,8 @@ fn fails(uri: &str, parts: &[&str]) -> ChipError {
     error
 }
 
-/// XF-16.1 XF-16.6 What is wrong with a link is named, with the next step: keys that do not fit, a device that is not
-/// there, is another, or is in use.
+/// XF-16.1 XF-16.6 An error in a link is named, with the next step: keys that exclude each other, a device that is
+/// missing, of another kind, or in use.
 #[test]
 fn what_is_wrong_with_a_link_is_named() {
     fails("xf-spi:", &["as its place", "xf-spi:/dev/spidev0.0"]);
@@ -77,14 +77,14 @@ fn what_is_wrong_with_a_link_is_named() {
     rustix::fs::flock(&file, rustix::fs::FlockOperation::NonBlockingLockExclusive).unwrap();
     fails(&format!("xf-spi:{}", file.path().display()), &["is in use by another program", "end what uses it"]);
     assert!(matches!(fails("spi:/dev/spidev0.0", &["xf-sim:"]), ChipError::NotAChip { .. }));
-    // Where a board is opened over them, too.
+    // The same if a board is opened over them.
     let board = ecmsk::link::open("xf-spi:/dev/spidev999.7", ecmsk::link::Share::ByName).err().expect("no board");
     for part in ["no board at `xf-spi:/dev/spidev999.7`", "is not there", "switch SPI on"] {
         assert!(board.to_string().contains(part), "{board}: no {part}");
     }
 }
 
-/// XF-16.2 What the link says of itself.
+/// XF-16.2 The link's description.
 #[test]
 fn a_link_says_what_it_is() {
     let link = |int0| SpiChip::over("xf-spi:test", ChipWires::new(Profile::NEW, 1, int0), SPEED_HZ).info();
@@ -94,8 +94,8 @@ fn a_link_says_what_it_is() {
     assert!(!link(Int0::None).has_int0);
 }
 
-/// XF-16.2 XF-16.3 An axis moves over SPI, with INT0 and by idle time. Each exchange is one whole packet once its
-/// beginning is known; with INT0 no packet comes before the chip is ready.
+/// XF-16.2 XF-16.3 An axis moves over SPI, with INT0 and by idle time. Each exchange is one whole packet once the begin
+/// of packets is known; with INT0 no packet is sent before the chip is ready.
 #[test]
 fn an_axis_moves() {
     for (profile, int0) in [(Profile::NEW, HIGH), (Profile::NEW, Int0::None), (Profile::OLD, HIGH)] {
@@ -106,13 +106,13 @@ fn an_axis_moves() {
         let counters = xf.host().counters();
         assert_eq!((counters.damaged, counters.int0_missed), (before.damaged, before.int0_missed));
         assert_eq!(counters.not_ready, before.not_ready);
-        // Process data have set the size that their cycle has time for.
+        // Process data have set the largest size that fits their cycle.
         let packets = [profile.size, xf.host().size()].map(DataSize::packet_len);
         assert!(xf.link_mut().wires_mut().lengths.iter().all(|length| packets.contains(length)));
     }
 }
 
-/// XF-16.3 INT0 is faster than idle time: the same commands take less time by it.
+/// XF-16.3 INT0 is faster than idle time: the same commands take less time with it.
 #[test]
 fn int0_saves_time() {
     let took = |int0| {
@@ -126,7 +126,7 @@ fn int0_saves_time() {
     assert!(by_int0 * 4 < by_time * 3, "{by_int0} and {by_time} ns");
 }
 
-/// XF-16.3 An edge from before an exchange is none of it: INT0 is waited for until the edge that comes after it began.
+/// XF-16.3 An edge from before an exchange does not count: the driver waits for the edge after the exchange began.
 #[test]
 fn an_older_edge_does_not_count() {
     let mut link = SpiChip::over("xf-spi:test", ChipWires::new(Profile::OLD, 1, HIGH), SPEED_HZ);
@@ -156,8 +156,8 @@ fn interrupts(polarity: Polarity, sources: Interrupts) -> InterruptEnable {
     InterruptEnable { polarity, sources, gpio: 0, peripherals: PeripheralInterrupts::NONE }
 }
 
-/// XF-16.4 The polarity of INT0 is that of INT_SET_ENABLE: with `int0_active=low` the chip starts, though slowly, and
-/// once it was told so every edge is that of a chip that is ready.
+/// XF-16.4 The polarity of INT0 is that of INT_SET_ENABLE: with `int0_active=low` the chip starts, but slowly; once the
+/// polarity is set, every edge means that the chip is ready.
 #[test]
 fn int0_may_be_active_low() {
     let mut xf = ChipWires::new(Profile::NEW, 1, LOW).open().unwrap();
@@ -170,7 +170,7 @@ fn int0_may_be_active_low() {
     assert_eq!((counters.not_ready, counters.int0_missed), (before.not_ready, before.int0_missed));
 }
 
-/// XF-16.5 An edge of INT0 that is lost costs its deadline, and nothing else.
+/// XF-16.5 A lost edge of INT0 costs its deadline, and nothing else.
 #[test]
 fn lost_edges_are_survived() {
     let mut wires = ChipWires::new(Profile::NEW, 1, HIGH);
@@ -192,8 +192,8 @@ fn int0_on_another_line_is_an_error() {
     assert!(error.to_string().contains("INT0"), "{error}");
 }
 
-/// XF-16.6 An exchange that fails is the caller's error, with what to do; when the wires are back the driver goes on, and
-/// what was on its way is done once.
+/// XF-16.6 A failed exchange returns an error to the caller, with the next step; when the wires work again the driver
+/// goes on, and a pending command is executed once.
 #[test]
 fn an_exchange_that_fails_is_an_error() {
     let mut xf = ChipWires::new(Profile::NEW, 1, HIGH).open().unwrap();
@@ -205,8 +205,8 @@ fn an_exchange_that_fails_is_an_error() {
     move_axis(&mut xf).unwrap();
 }
 
-/// XF-16.7 A chip that was reset ends what waits with that error, after it has started; the driver starts it anew, and it
-/// works as before.
+/// XF-16.7 After a reset of the chip, pending commands end with that error once it has started; the driver starts it
+/// again, and it works as before.
 #[test]
 fn a_chip_that_was_reset_starts_again() {
     for int0 in [HIGH, Int0::None] {
@@ -229,14 +229,14 @@ fn a_chip_that_was_reset_starts_again() {
     }
 }
 
-/// XF-16.12 XF-11.74 The reset line is low for 100 ms when the link is opened, closed, or both; the chip starts as after power-on, in
-/// the midst of a packet, too.
+/// XF-16.12 XF-11.74 The reset line is low for 100 ms when the link is opened, closed, or both; the chip starts as
+/// after power-on, also in the middle of a packet.
 #[test]
 fn the_reset_line() {
     for (at_open, at_close) in [(false, false), (true, false), (false, true), (true, true)] {
         let mut wires = ChipWires::new(Profile::NEW, 1, HIGH);
         let resets = wires.resets.clone();
-        // A host before has left the chip in the midst of a packet, with another n.
+        // An earlier host has left the chip in the middle of a packet, with another n.
         ecmsk::io::spi::EdgeWires::sleep(&mut wires, std::time::Duration::from_secs(1));
         ecmsk::io::spi::EdgeWires::exchange(&mut wires, &[0; 700], &mut [0; 700]).unwrap();
         let count = || resets.lock().unwrap().clone();
@@ -266,7 +266,7 @@ fn the_size_of_packets_is_set_at_the_start() {
     }
 }
 
-/// XF-16.8 INT1 is read as the chip drives it: low while a flag that is enabled is set, and high otherwise.
+/// XF-16.8 The level of INT1 is the chip's: low while an enabled flag is set, and high otherwise.
 #[test]
 fn int1_has_its_level() {
     let mut xf = ChipWires::new(Profile::NEW, 1, HIGH).open().unwrap();

@@ -1,4 +1,4 @@
-//! Wires in the hands of a test, in virtual time, with the model of an ECM-XF at their other end.
+//! Wires controlled by a test, in virtual time, with the model of an ECM-XF at the other end.
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -30,24 +30,24 @@ pub struct ChipWires {
     pub port: ChipPort<SlaveModels>,
     pub now: Ns,
     pub int0: Int0,
-    /// Edges to the level of `int0` that were neither waited for nor forgotten.
+    /// Edges to the level of `int0` that were neither waited for nor discarded.
     pub edges: u32,
-    /// Of so many edges the last one is lost; 0: none.
+    /// Every n-th edge is lost; 0: none.
     pub loses_every: u32,
-    /// All edges so far, those that were lost too.
+    /// All edges so far, including lost ones.
     pub all_edges: u32,
     /// The level of INT0.
     level: bool,
     /// Bytes of each exchange.
     pub lengths: Vec<usize>,
-    /// So many of the next exchanges fail.
+    /// Number of the next exchanges that fail.
     pub failures: u32,
-    /// How long the reset line was low, each time; others have it, too.
+    /// The time of each reset pulse; shared with the test.
     pub resets: Arc<Mutex<Vec<Duration>>>,
 }
 
 impl ChipWires {
-    /// A chip of that firmware with so many drives, which gets its power now.
+    /// A chip of that firmware with that many drives, powered on now.
     pub fn new(profile: Profile, drives: usize, int0: Int0) -> Self {
         let drive = |_| Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>;
         let slaves = SlaveModels::new((0..drives).map(drive).collect());
@@ -73,13 +73,13 @@ impl ChipWires {
         self.open_with(HostConfig::DEFAULT)
     }
 
-    /// As [`Self::open`], with more than the pacing.
+    /// As [`Self::open`], with the whole configuration.
     pub fn open_with(self, config: HostConfig) -> Result<Xf<SpiChip<Self>>, XfError> {
         let pacing = if self.int0 == Int0::None { HostPacing::Idle } else { HostPacing::Int0 };
         Xf::over(SpiChip::over("xf-spi:test", self, SPEED_HZ), HostConfig { pacing, ..config })
     }
 
-    /// Somebody else resets the chip, which checks by CRC-32.
+    /// Resets the chip from outside; it then checks by CRC-32.
     pub fn reset_chip(&mut self) {
         let mut packet = [0; MAX_PACKET];
         let size = self.port.chip().size();
@@ -91,7 +91,7 @@ impl ChipWires {
         self.look();
     }
 
-    /// Looks at INT0, whose edges are queued.
+    /// Reads INT0 and queues its edges.
     fn look(&mut self) {
         let level = self.port.chip_mut().int0(self.now);
         let is_new = std::mem::replace(&mut self.level, level) != level;
@@ -102,7 +102,7 @@ impl ChipWires {
         }
     }
 
-    /// Lets time pass up to then. INT0 changes at one time alone while nothing is exchanged.
+    /// Lets time pass up to then. INT0 changes at only one time while nothing is exchanged.
     fn advance(&mut self, to: Ns) {
         let ready_at = self.port.chip().ready_at();
         if self.now < ready_at && ready_at <= to {

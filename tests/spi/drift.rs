@@ -1,4 +1,4 @@
-//! Two clocks that differ never fill the FIFO nor lose a frame.
+//! Different clocks never fill the FIFO nor lose a frame.
 
 use super::bench::{Answers, Bench, Setup};
 use super::frames::target;
@@ -16,8 +16,8 @@ fn stream(bench: &mut Bench, count: u32) {
     bench.until(|bench| bench.held.is_empty() && bench.free == 160);
 }
 
-/// SK-5.4, SK-5.6 A host whose clock is faster passes exchanges over, one whose clock is slower makes some more;
-/// the FIFO stays nearly empty, each frame is executed once and in order, and the axes never stand still between two.
+/// SK-5.4, SK-5.6 A host with a faster clock skips exchanges, one with a slower clock makes some more. The FIFO stays
+/// nearly empty, each frame is executed once and in order, and the axes never stop between two.
 #[test]
 fn clocks_that_differ_never_fill_the_fifo_nor_lose_a_frame() {
     for answers in [Answers::Newest, Answers::Older] {
@@ -37,8 +37,8 @@ fn clocks_that_differ_never_fill_the_fifo_nor_lose_a_frame() {
     }
 }
 
-/// A machine that is late at times, while the program is ahead: after the first time the frames that it needs are in
-/// the board before, and the axes do not stand still again. A program that is not ahead waits no longer for its answers.
+/// A machine that is late at times, while the program is ahead: after the first time the board has the needed frames in
+/// advance, and the axes do not stop again. For a program that is not ahead, answers do not take longer.
 #[test]
 fn a_machine_that_is_late_at_times_keeps_more_entries_in_the_fifo() {
     for answers in [Answers::Newest, Answers::Older] {
@@ -64,8 +64,8 @@ fn a_machine_that_is_late_at_times_keeps_more_entries_in_the_fifo() {
     }
 }
 
-/// A network that is silent, so that the board takes nothing out, stops the host's frames before the FIFO is full:
-/// they wait in the link.
+/// With a silent network, when the board executes no entry, the host's frames stop before the FIFO is full: they wait
+/// in the link.
 #[test]
 fn a_board_that_takes_nothing_out_gets_no_frame_that_it_cannot_keep() {
     let mut bench = Bench::on(Setup::default());

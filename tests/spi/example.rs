@@ -1,4 +1,4 @@
-//! `examples/rust/spi_board.rs`, fed as a microcontroller's program feeds it.
+//! `examples/rust/spi_board.rs`, driven as by a microcontroller's program.
 
 use std::io::{Read, Write};
 use std::process::{Child, Command, Stdio};
@@ -9,7 +9,7 @@ use ecmsk::sk::{CommandId, CrcPolicy, Frame, MasterCommand, MasterState};
 
 use super::frames::{SIZE, all, all_on, axes, drive, master, state, to};
 
-/// The example, until its standard input ends; ended after five minutes, should it hang.
+/// The example, until its standard input ends; killed after five minutes if it hangs.
 struct Example(Child);
 
 impl Example {
@@ -38,8 +38,7 @@ impl Example {
         answer
     }
 
-    /// Exchanges that frame until the answer is what is waited for, no faster than a cycle: in OP each takes an entry of the
-    /// FIFO.
+    /// Exchanges that frame until `reached`, no faster than once a cycle: in OP each takes an entry of the FIFO.
     #[track_caller]
     fn until(&mut self, frame: &Frame, reached: impl Fn(&Frame) -> bool) -> Frame {
         let mut answers = (0..20_000).map(|_| {
@@ -57,7 +56,7 @@ impl Example {
     }
 }
 
-/// A program moves an axis by a path, paced by the free count alone, and not one of its frames is lost.
+/// A program moves an axis by a path, paced only by the free count, and none of its frames is lost.
 #[test]
 fn a_program_feeds_the_board_through_two_pipes() {
     const TARGETS: i32 = 2000;
@@ -72,7 +71,7 @@ fn a_program_feeds_the_board_through_two_pipes() {
     example.until(&silence, |answer| state(answer) == Some(MasterState::Op));
     example.exchange(&all(1, CommandId::ServoOn, 1, 0));
     example.until(&silence, |answer| all_on(answer, 1));
-    // From an empty FIFO on, as fast as the count allows: far more than one frame a cycle.
+    // From an empty FIFO, as fast as the count allows: far more than one frame per cycle.
     let mut answer = example.until(&silence, |answer| master(answer).fifo_free > 100);
     let mut sent = 0;
     for _ in 0..1_000_000 {
@@ -83,7 +82,7 @@ fn a_program_feeds_the_board_through_two_pipes() {
             sent += 1;
             answer = example.exchange(&all(1, CommandId::Csp, (sent % 250 + 1) as u8, sent));
         } else {
-            // The count of an exchange that finds no room does not change; a cycle makes some.
+            // After an exchange without a free entry the count does not change; a cycle frees one.
             sleep(Duration::from_millis(5));
             answer = example.exchange(&silence);
         }
@@ -98,7 +97,7 @@ fn a_program_feeds_the_board_through_two_pipes() {
     assert!(said.ends_with("while BUSY was high\n"), "{said}");
 }
 
-/// SK-10.5 After SW_RESET the same wires answer zeros until the board has started up, and it is in PreOP then.
+/// SK-10.5 After SW_RESET the board answers zeros on the same wires until it has started up, and it is in PreOP then.
 #[test]
 fn the_example_finds_its_board_again_after_a_reset() {
     let mut example = Example::start("sim:?slaves=drive&queue=1&name=spi-example-reset");

@@ -28,7 +28,7 @@ pub fn cycle(us: u32) -> Frame {
     board(&MasterCommand::SetDc { cycle: CycleTime::from_us(us).unwrap(), shift: DcShift::Auto })
 }
 
-/// The same command for slaves 1 to `slaves`, with an index.
+/// The same command for slaves 1 to `slaves`, with that index.
 pub fn all(slaves: usize, id: CommandId, index: u8, data: i32) -> Frame {
     let mut frame = Frame::new();
     for slave in 1..=slaves {
@@ -39,7 +39,7 @@ pub fn all(slaves: usize, id: CommandId, index: u8, data: i32) -> Frame {
     frame
 }
 
-/// Target number `n` of a path, whose index says which it is.
+/// Target number `n` of a path, identified by its index.
 pub fn target(slaves: usize, n: u32) -> Frame {
     all(slaves, CommandId::Csp, index(n), n as i32 * 10)
 }

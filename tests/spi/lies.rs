@@ -1,4 +1,4 @@
-//! Wires that fault are named.
+//! Faulty wires are named.
 
 use std::time::Duration;
 
@@ -56,7 +56,7 @@ fn a_stuck_miso_is_named() {
     }
 }
 
-/// MISO joined to MOSI.
+/// MISO connected to MOSI.
 #[test]
 fn miso_joined_to_mosi_is_named() {
     let held = Held::board(BOARD).tamper(|question, answer| answer.copy_from_slice(question));
@@ -93,7 +93,7 @@ fn noise_is_named() {
     says(&refused(&held, LINK), &["neither a right CRC nor the form of a frame", "slower speed=", "slot= and mode="]);
 }
 
-/// SK-10.13 A slot size that is not the board's is found out, and the right one proposed, both ways round.
+/// SK-10.13 A slot size other than the board's is detected, and the right one suggested, for either size.
 #[test]
 fn another_slot_size_is_found_and_the_right_one_proposed() {
     let held = Held::board("sim:?queue=1&slot=16");
@@ -103,7 +103,7 @@ fn another_slot_size_is_found_and_the_right_one_proposed() {
     assert!(held.open(LINK).is_ok());
 }
 
-/// The same without a CRC in the answers: the form tells.
+/// The same without a CRC in the answers: the format of the slots shows it.
 #[test]
 fn without_a_crc_faults_are_found_by_the_form_of_slots() {
     fn no_crc(answer: &mut [u8]) {
@@ -133,8 +133,8 @@ fn a_stuck_busy_is_named() {
     says(&refused(&held, LINK), &["BUSY does not go high", "busy=", "leave busy= out"]);
 }
 
-/// A wire that comes off later ends every call with the same words; answers that are none are not handed
-/// on, and a few of them end nothing.
+/// A wire that comes off later ends every call with the same text; invalid answers are not passed on, and a few of them
+/// do not end the link.
 #[test]
 fn a_wire_that_comes_off_ends_every_call_with_its_name() {
     type Break = fn(&Held);
@@ -163,7 +163,7 @@ fn a_wire_that_comes_off_ends_every_call_with_its_name() {
     }
 }
 
-/// A bad answer now and then is left out and counted; its number is missing.
+/// An occasional invalid answer is left out and counted; its number is missing.
 #[test]
 fn an_occasional_bad_answer_is_left_out_and_counted() {
     let held = Held::board(BOARD);
@@ -184,7 +184,8 @@ fn an_occasional_bad_answer_is_left_out_and_counted() {
         last = Some(meta.sequence);
         assert_eq!(report.bytes()[100], 0);
     }
-    // From now on none is bad; once all that may wait in the queue has been read, every bad one is before the last.
+    // From now on none is invalid; once everything in the queue has been read, every invalid one precedes the last
+    // report.
     held.tamper(|_, _| {});
     for _ in 0..100 {
         last = Some(link.read(&mut report, Wait::For(Duration::from_secs(20))).unwrap().sequence);
@@ -194,8 +195,9 @@ fn an_occasional_bad_answer_is_left_out_and_counted() {
     assert!(last.unwrap() + 1 >= link.stats().read + invalid_answers);
 }
 
-/// What is none has a right CRC once in 256 times: a board without a CRC is not taken for one that fills it because of
-/// that, and its next answers are answers. With a CRC in each, each another one, it counts as one that does.
+/// An invalid answer has a right CRC once in 256 times: a board without a CRC is not taken for one that fills it
+/// because of that, and its next answers are accepted. A board with a different, right CRC in each answer is taken for
+/// one that fills it.
 #[test]
 fn a_crc_that_is_right_by_chance_does_not_make_a_board_with_crcs() {
     let answer = |inputs: u32| {

@@ -1,4 +1,4 @@
-//! The link over wires that a test holds, on the real clock.
+//! The link over wires controlled by a test, on the real clock.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,7 +13,7 @@ use super::frames::{SIZE, all, all_on, axes, board, cycle, drive, master, state,
 use super::wires::{Busy, Held};
 
 const LINK: &str = "spi:/dev/spidev0.0";
-/// Longer than anything takes.
+/// Longer than any call takes.
 const PATIENCE: Wait = Wait::For(Duration::from_secs(60));
 
 #[track_caller]
@@ -41,8 +41,8 @@ fn on(link: &dyn Link, slaves: usize) {
     until(link, |report| all_on(report, slaves) && master(report).fifo_free == 160);
 }
 
-/// SK-10.3, SK-10.4 The examples' loop over a link with BUSY and over one without: every frame that was
-/// written went out once and in order, untouched, and every entry was executed; a report a cycle, each with a right CRC.
+/// SK-10.3, SK-10.4 The examples' loop over a link with BUSY and over one without: every written frame was sent once
+/// and in order, unchanged, and every entry was executed; one report per cycle, each with a right CRC.
 #[test]
 fn every_frame_written_goes_out_once_and_in_order() {
     for busy in [Busy::True, Busy::None] {
@@ -72,7 +72,7 @@ fn every_frame_written_goes_out_once_and_in_order() {
         if busy == Busy::None {
             let begins: Vec<_> = held.with(|state| state.exchanges.iter().map(|(at, _)| *at).collect());
             let least = begins.windows(2).map(|pair| pair[1] - pair[0]).min().unwrap();
-            // On the wires an exchange begins when the test's does.
+            // The test's wires take no time for an exchange; the link assumes 168 us.
             assert!(least >= Duration::from_micros(800 - 168), "SK-10.6: {least:?}");
         }
         assert_eq!(link.spi_stats().unsent, 0);
@@ -86,14 +86,14 @@ fn the_native_api_streams() {
         let sim = link::open("sim:?queue=1&slaves=drive*2", Share::ByName).unwrap();
         let link = Arc::new(Held::over(sim.clone()).open(&format!("{LINK}{keys}")).unwrap());
         let ecm = Ecm::over(link, Options::default()).unwrap();
-        // What closing takes is bounded, and this machine may be slow.
+        // Closing has a time limit, and the machine may be slow.
         ecm.configure(&Config { cycle_us: 4000, ..Config::drives(2) }).unwrap();
         ecm.set_state(MasterState::Op).unwrap();
         ecm.servo_on(&[1, 2]).unwrap();
         let start = ecm.snapshot().unwrap().position(1).unwrap();
         let mut stream = ecm.stream(20).unwrap();
         for n in 0..150 {
-            // At rest in the end, so that finishing has nothing to brake.
+            // At rest at the end, so that finishing has nothing to brake.
             let far = n.min(80) * 10;
             stream.csp(1, start + far).unwrap();
             stream.csp(2, start - far).unwrap();
@@ -109,8 +109,8 @@ fn the_native_api_streams() {
     }
 }
 
-/// Frames of the host go out untouched, those of the link's own with a right CRC: a board that checks takes both.
-/// SK-1.16 The switch of SET_EX holds after the next boot.
+/// The host's frames are sent unchanged, the link's own with a right CRC: a board that checks CRCs accepts both.
+/// SK-1.16 The setting of SET_EX remains after the next boot.
 #[test]
 fn a_board_that_checks_crcs_takes_the_links_own_frames() {
     let opened = || link::open("sim:?queue=1&slaves=drive&name=checks", Share::ByName);
@@ -153,7 +153,7 @@ fn come_back(held: &Held, open: impl Fn() -> Result<Arc<dyn Link>, LinkError>) -
     held.open(LINK).unwrap()
 }
 
-/// SK-4.33 SW_RESET takes the board away, as on USB; it can be opened again when it has started up.
+/// SK-4.33 After SW_RESET the board is lost, as on USB; it can be opened again when it has started up.
 #[test]
 fn sw_reset_takes_the_board_away() {
     let opened = || link::open("sim:?queue=1&slaves=drive&name=resets", Share::ByName);
@@ -229,8 +229,8 @@ fn is_reset(link: &dyn Link) -> bool {
     }
 }
 
-/// What was written goes out before the link is closed, however much it is; what a program wrote with a prefill that
-/// was never reached is executed all the same.
+/// Written frames are sent before the link is closed, however many there are; frames below a prefill that was never
+/// reached are executed too.
 #[test]
 fn closing_sends_what_was_written() {
     for keys in ["", "?prefill=100"] {
@@ -253,7 +253,7 @@ fn closing_sends_what_was_written() {
     }
 }
 
-/// Wires that are held until it is dropped.
+/// Blocks the wires until it is dropped.
 struct Hold(Arc<AtomicBool>);
 
 impl Drop for Hold {
@@ -262,13 +262,13 @@ impl Drop for Hold {
     }
 }
 
-/// Waits end at once by closing and by cancelling, and by their limit; the frame of a read is left alone.
+/// Waits end at once by closing and by cancelling, and by their limit; the frame of a read is left unchanged.
 #[test]
 fn waits_end_by_closing_cancelling_and_their_limit() {
     let sim = link::open("sim:?queue=1&slaves=drive", Share::ByName).unwrap();
     let held = Held::over(sim);
     let link = Arc::new(held.open(LINK).unwrap());
-    // From here on no exchange ends: the wires are held.
+    // From here on no exchange ends: the wires are blocked.
     let hold = Hold(Arc::new(AtomicBool::new(true)));
     let (holds, is_held) = (hold.0.clone(), Arc::new(AtomicBool::new(false)));
     let held_now = is_held.clone();
@@ -306,7 +306,7 @@ fn waits_end_by_closing_cancelling_and_their_limit() {
                 ended
             }
         });
-        // It may not wait yet.
+        // It may not be waiting yet.
         while waiting.load(Ordering::Relaxed) {
             link.cancel(dir);
             thread::sleep(Duration::from_millis(1));
@@ -349,8 +349,8 @@ fn the_newest_reports_are_kept() {
     assert_eq!(link.stats().read, 12);
 }
 
-/// SET_FIFO clear and leaving OP act at once, ahead of the frames that the link still holds: they are dropped with
-/// those in the board, and counted.
+/// SET_FIFO clear and leaving OP take effect at once, before the frames that the link still holds: these are dropped
+/// with those in the board, and counted.
 #[test]
 fn a_clear_overtakes_what_is_held() {
     let sim = link::open("sim:?queue=1&slaves=drive", Share::ByName).unwrap();
@@ -366,7 +366,7 @@ fn a_clear_overtakes_what_is_held() {
     until(&link, |report| state(report) == Some(MasterState::PreOp));
 }
 
-/// SK-10.6, SK-10.7 A cycle that the wires are too slow for is refused before its frame is sent.
+/// SK-10.6, SK-10.7 A cycle too short for the wires is refused before its frame is sent.
 #[test]
 fn a_cycle_that_the_wires_are_too_slow_for_is_refused() {
     let held = Held::board("sim:?queue=1&slaves=drive").busy(Busy::None);

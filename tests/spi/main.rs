@@ -1,14 +1,14 @@
-//! The links `spi:` and `xf-spi:` without a kernel: the pacer of `spi:` in virtual time against the modelled board, links over
-//! wires that a test holds, and the board's side of the wires.
+//! The links `spi:` and `xf-spi:` without a kernel: the pacer of `spi:` in virtual time with the modelled board, links
+//! over wires controlled by a test, and the board's side of the wires.
 //!
 //! Files:
 //!
-//! - `bench.rs`, `frames.rs`, `wires.rs`: the pacer with a modelled board, frames, and wires held by a test
-//! - `drift.rs`, `motion.rs`, `prefill.rs`, `period.rs`, `answers.rs`: the pacer: two clocks, what a program sees,
+//! - `bench.rs`, `frames.rs`, `wires.rs`: the pacer with a modelled board, frames, and wires controlled by a test
+//! - `drift.rs`, `motion.rs`, `prefill.rs`, `period.rs`, `answers.rs`: the pacer: two clocks, the program's view,
 //!   `prefill=`, without BUSY, answers of slots
 //! - `link.rs`, `open.rs`, `lies.rs`: the link, opening it, and faulty wires
 //! - `board.rs`, `example.rs`: the board's end of the wires
-//! - `chip.rs`, `chip_wires.rs`: `xf-spi:`, and wires held by a test with the model of a chip
+//! - `chip.rs`, `chip_wires.rs`: `xf-spi:`, and wires controlled by a test with the model of a chip
 #![cfg(target_os = "linux")]
 
 mod answers;

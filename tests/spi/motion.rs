@@ -1,4 +1,4 @@
-//! What programs see: one report a cycle, a free count to go by, every frame once and in order.
+//! The program's view: one report per cycle, a reliable free count, every frame executed once and in order.
 
 use ecmsk::link::spi::ExchangeContent;
 use ecmsk::sk::{CommandId, FifoAction, MasterCommand, MasterState};
@@ -27,13 +27,13 @@ fn two_writes_then_reads_until_the_mark() {
     }
 }
 
-/// The free count is 160 less the program's own entries, in the board or in the link: the link's are not seen, and
-/// what is shown as free was free.
+/// The free count is 160 minus the program's own entries, in the board or in the link: the link's entries are not
+/// included, and entries shown as free were free.
 #[test]
 fn the_free_count_is_the_programs() {
     for answers in [Answers::Newest, Answers::Older] {
         let mut bench = Bench::on(Setup { answers, ..Setup::default() });
-        // Nothing but the link's own exchanges: always 160.
+        // Only the link's own exchanges: always 160.
         for _ in 0..50 {
             bench.exchange(u64::MAX);
             assert_eq!(bench.free, 160);
@@ -71,7 +71,7 @@ fn there_is_one_report_and_one_exchange_per_cycle() {
         let expected = 200_000 / cycle_us as usize;
         let in_op = count(&mut bench);
         assert!(in_op.abs_diff(expected) <= 2, "{cycle_us}: {in_op}");
-        // Back to PreOP the default cycle holds.
+        // Back in PreOP the default cycle applies.
         bench.held.push_back(super::frames::to(MasterState::PreOp));
         bench.until(|bench| state(&bench.report) == Some(MasterState::PreOp));
         let after = count(&mut bench);
@@ -79,12 +79,13 @@ fn there_is_one_report_and_one_exchange_per_cycle() {
     }
 }
 
-/// A host that starves puts one cycle without a target between two, each time; nothing is lost or doubled.
+/// With a starving host there is one cycle without a target between two targets each time; nothing is lost or
+/// duplicated.
 #[test]
 fn a_host_that_starves_makes_gaps_and_loses_nothing() {
     for answers in [Answers::Newest, Answers::Older] {
         let mut bench = Bench::on(Setup { answers, ..Setup::default() });
-        // Far enough ahead first, so that what follows is steady.
+        // Far enough ahead first, so that the rest is steady.
         for n in 0..600 {
             bench.held.push_back(target(1, n));
             let _ = bench.exchange(u64::MAX);
@@ -129,7 +130,7 @@ fn a_program_that_prefills_by_itself_keeps_its_level() {
     }
 }
 
-/// SK-5.8 SET_FIFO clear drops what is in the board; the pacer begins anew.
+/// SK-5.8 SET_FIFO clear drops the board's entries; the pacer restarts.
 #[test]
 fn after_a_clear_the_level_is_low_again() {
     let mut bench = Bench::on(Setup::default());

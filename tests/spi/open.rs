@@ -1,4 +1,4 @@
-//! Opening by URI: what is wrong is named, with the next step.
+//! Opening by URI: errors are named, with the next step.
 
 use ecmsk::link::uri::{LinkUri, UriError};
 use ecmsk::link::{self, LinkError, Share};
@@ -52,7 +52,7 @@ fn keys_have_these_defaults_and_normal_forms() {
     fails("spi:/dev/spidev0.0?slaves=drive", &["`slaves`", "speed", "prefill"]);
 }
 
-/// What cannot go together is refused before anything is opened.
+/// Keys that exclude each other are refused before anything is opened.
 #[test]
 fn keys_that_exclude_each_other_are_refused() {
     fails("spi:", &["as its place", "spi:/dev/spidev0.0"]);
@@ -65,18 +65,18 @@ fn keys_that_exclude_each_other_are_refused() {
     );
 }
 
-/// A device that is not there, and one that is another, are named.
+/// A missing device, and one of another kind, are named.
 #[test]
 fn a_missing_or_wrong_device_is_named() {
     let missing =
         fails("spi:/dev/spidev999.7", &["/dev/spidev999.7 is not there", "switch SPI on", "correct the link"]);
     assert!(matches!(missing, LinkError::NoBoard { .. }), "{missing:?}");
-    // No spidev: the first call on it is refused.
+    // It is no spidev: the first call on it is refused.
     let another = fails("spi:/dev/null", &["/dev/null is no device of that kind", "correct the link"]);
     assert!(matches!(another, LinkError::NoBoard { .. }), "{another:?}");
 }
 
-/// Who has the device open is told to a second one.
+/// The error for a second opener names the process that has the device open.
 #[test]
 fn a_device_in_use_is_named_with_its_user() {
     let file = tempfile::NamedTempFile::new().unwrap();

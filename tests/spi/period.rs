@@ -1,10 +1,10 @@
-//! Without BUSY: how far apart exchanges begin.
+//! Without BUSY: the time between the begins of exchanges.
 
 use super::bench::{Answers, Bench, Setup};
 use super::frames::target;
 
-/// SK-10.6 Without BUSY no exchange begins sooner than 800 us after the one before, not even those that are made
-/// beyond one a cycle; motion is whole all the same.
+/// SK-10.6 Without BUSY no exchange begins sooner than 800 us after the one before, not even those beyond one per
+/// cycle; motion is complete all the same.
 #[test]
 fn exchanges_are_800_us_apart() {
     for answers in [Answers::Newest, Answers::Older] {

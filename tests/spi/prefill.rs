@@ -1,12 +1,12 @@
-//! The key `prefill=`: entries in the board's FIFO against a host that is late at times.
+//! The key `prefill=`: entries in the board's FIFO for a host that is late at times.
 
 use super::bench::{Answers, Bench, Setup};
 use super::frames::target;
 
 const COUNT: u32 = 3000;
 
-/// A program that writes a frame for each cycle by its own clock, and is away for `away` cycles at times; then it catches
-/// up at once.
+/// A program that writes a frame for each cycle by its own clock, and pauses for `away` cycles at times; then it
+/// catches up at once.
 fn late_at_times(setup: Setup, away: u64) -> usize {
     let mut bench = Bench::on(setup);
     let cycle = u64::from(setup.cycle_us) * 1000;
@@ -15,7 +15,7 @@ fn late_at_times(setup: Setup, away: u64) -> usize {
     while written < COUNT {
         let due = (bench.now - begin) / cycle + 1;
         let is_away = (due % 150) < away && due > 150;
-        // Never more than it needs: a frame a cycle.
+        // Never more than it needs: one frame per cycle.
         while !is_away && u64::from(written) < due.min(u64::from(COUNT)) {
             bench.held.push_back(target(1, written));
             written += 1;
@@ -31,8 +31,8 @@ fn late_at_times(setup: Setup, away: u64) -> usize {
     bench.check(COUNT)
 }
 
-/// With a prefill a host may be away for nearly so many cycles and the axes never stand still; without one they do.
-/// SK-5.9 The prefill is the FIFO's threshold.
+/// With a prefill a host may pause for nearly that many cycles and the axes never stop; without one they do. SK-5.9 The
+/// prefill is the FIFO's threshold.
 #[test]
 fn a_prefill_bridges_what_the_host_misses() {
     for answers in [Answers::Newest, Answers::Older] {
@@ -57,7 +57,7 @@ fn a_program_that_writes_less_than_the_prefill_goes_on() {
     }
 }
 
-/// The first motion waits for the prefill; what is no motion does not.
+/// The first motion waits for the prefill; other commands do not.
 #[test]
 fn the_first_motion_waits_for_the_prefill() {
     let mut bench = Bench::on(Setup { prefill: 30, ..Setup::default() });

@@ -1,4 +1,4 @@
-//! Wires in the hands of a test, with a board's spi_board at their other end.
+//! Wires controlled by a test, with a board's spi_board at the other end.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -12,16 +12,16 @@ use ecmsk::port::spi::SpiBoard;
 use ecmsk::sk::Frame;
 use parking_lot::Mutex;
 
-/// What a wire does to the answers.
+/// A wire's change of the answers.
 pub type Tamper = Box<dyn FnMut(&[u8], &mut [u8]) + Send>;
 
-/// BUSY as a wire shows it.
+/// The level of BUSY on its wire.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Busy {
-    /// As the board says.
+    /// As driven by the board.
     #[default]
     True,
-    /// It is not connected to anything.
+    /// Not connected.
     None,
     /// Tied high.
     High,
@@ -41,12 +41,12 @@ pub struct State {
     fallen: bool,
 }
 
-/// The test's end of the wires; copies are the same ones.
+/// The test's end of the wires; clones share them.
 #[derive(Clone)]
 pub struct Held(Arc<Mutex<State>>);
 
 impl Held {
-    /// With the board of that URI at their other end.
+    /// With the board of that URI at the other end.
     pub fn board(uri: &str) -> Self {
         Self::over(link::open(uri, Share::ByName).unwrap())
     }

@@ -1,5 +1,5 @@
-//! Virtual time over the network: however much of it a client asks for, the others, the end of that client and the end of the
-//! server do not wait for it.
+//! Virtual time over the network: however much of it a client requests, neither the others nor the end of that client
+//! nor the end of the server wait for it.
 #![cfg(unix)]
 
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -26,7 +26,7 @@ fn read(request: u64, limit_ns: u64) -> Vec<u8> {
     message(0x03, &[request.to_le_bytes(), limit_ns.to_le_bytes()].concat())
 }
 
-/// A writer that may be silent for an hour, and what it asks for.
+/// A writer that may be silent for an hour, and its request.
 fn asks(server: &Server, message: &[u8]) -> Raw {
     let mut raw = until("place for a writer", || {
         let mut raw = Raw::connect(server);
@@ -49,7 +49,7 @@ fn stops(server: Server) {
     stopped.recv_timeout(LIMIT).expect("the server stops");
 }
 
-/// More than a day is refused, with the bound; the client may go on.
+/// More than a day is refused, with the limit; the client may go on.
 #[test]
 fn more_than_a_day_of_virtual_time_is_refused() {
     let (server, _) = serve("sim:?slaves=drive&clock=virtual");
@@ -70,7 +70,7 @@ fn more_than_a_day_of_virtual_time_is_refused() {
     }
 }
 
-/// While a day passes for the writer others come, it may cancel, it is gone when it goes, and the server can be stopped.
+/// While a day passes for the writer, others can connect, it can cancel or disconnect, and the server can be stopped.
 #[test]
 fn while_a_day_passes_others_connect_and_the_call_can_be_cancelled() {
     let (server, _) = serve("sim:?slaves=drive&clock=virtual");
@@ -99,7 +99,7 @@ fn closing_the_link_ends_a_day_that_passes() {
     assert_eq!(passing.join().unwrap(), Err(LinkError::Closed));
 }
 
-/// A link of virtual time whose calls end when the test says so, and that makes no report.
+/// A link of virtual time whose calls end when the test allows it, and that makes no report.
 struct Stuck {
     inner: Arc<dyn Link>,
     is_stuck: AtomicBool,
@@ -132,8 +132,8 @@ fn stuck() -> (Arc<Stuck>, Server) {
     (Arc::clone(&stuck), serve_link(stuck, options().0))
 }
 
-/// While a call of one client is stuck in the link others are taken in: no call into a link is made under a lock that they
-/// need.
+/// While a call of one client is stuck in the link others can connect: no call into a link is made under a lock that
+/// they need.
 #[test]
 fn a_stuck_call_keeps_nobody_out() {
     let (link, server) = stuck();

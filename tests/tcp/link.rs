@@ -1,4 +1,4 @@
-//! The link `tcp:`: what it moves, who may write, what calls end with.
+//! The link `tcp:`: frames and reports, the one writer, results of calls.
 #![cfg(unix)]
 
 use std::sync::Arc;
@@ -12,8 +12,8 @@ use ecmsk::link::{self, Dir, Link, LinkError, ReadMeta, Share, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterState};
 use support::tcp::{LIMIT, Puppet, SIZE, connect, frame, options, own, refused, serve, serve_link, until, uri};
 
-/// Frames move whole and untouched, a write is done when the board has the frame, reports are numbered from
-/// where the client came, and what the link says of the board is the board's.
+/// Frames are transferred complete and unchanged, a write ends when the board has the frame, reports are numbered from
+/// the client's connection, and the link's data about the board are the board's.
 #[test]
 fn frames_move_untouched() {
     let puppet = Puppet::new();
@@ -43,7 +43,7 @@ fn frames_move_untouched() {
     assert_eq!((link.stats().written, link.stats().read), (1, 2));
 }
 
-/// On virtual time a served board gives the same bytes at the same times as one in the process.
+/// On virtual time a served board produces the same bytes at the same times as one in the process.
 #[test]
 fn virtual_time_is_the_same_over_the_network() {
     let board = "sim:?slaves=drive*2&clock=virtual";
@@ -75,13 +75,13 @@ fn virtual_time_is_the_same_over_the_network() {
     for (there, here) in run(Arc::clone(&there)).into_iter().zip(run(Arc::clone(&here))) {
         assert_eq!(there, here);
     }
-    // The board here has made a report before it was opened; what the client sees counts since it came.
+    // The board here has made a report before it was opened; the client's counters start at its connection.
     let mut expected = here.stats();
     let counted = expected.board.as_mut().expect("the board's counters");
     assert_eq!((before.frames, before.reports), (0, 1), "the report of the boot");
     counted.reports -= before.reports;
     assert_eq!(there.stats(), expected);
-    // Whoever comes later has counted nothing yet, of the board's counters either.
+    // A later client's counters are 0, including the board's.
     let later = connect(&server, "role=reader");
     let counted = later.stats().board.expect("the board's counters");
     assert_eq!(counted, Counters::default(), "time stands still while nobody lets it pass");
@@ -90,7 +90,7 @@ fn virtual_time_is_the_same_over_the_network() {
     assert!(mine.frames == 1 && all.frames > 1, "{mine:?} {all:?}");
 }
 
-/// Readers of a board on virtual time see what its writer reads, and cannot let time pass.
+/// Readers of a board on virtual time get the same reports as its writer, and cannot let time pass.
 #[test]
 fn readers_cannot_let_virtual_time_pass() {
     let (server, _) = serve("sim:?slaves=drive*2&clock=virtual");
@@ -107,7 +107,8 @@ fn readers_cannot_let_virtual_time_pass() {
     }
 }
 
-/// Several clients read, one writes; a second writer is told who that is, and may come when it is gone.
+/// Several clients read, one writes; a second writer's error names the first one, and it can connect when that one has
+/// ended.
 #[test]
 fn one_writer_and_several_readers() {
     let (server, told) = serve("sim:?slaves=drive*2");
@@ -136,7 +137,7 @@ fn one_writer_and_several_readers() {
     next.write(&Frame::new(), Wait::For(LIMIT)).unwrap();
 }
 
-/// The limit of a write, and cancelling it, hold on the server's link: the board does not get the frame then.
+/// The limit of a write, and its cancellation, apply to the server's link: the board does not get the frame then.
 #[test]
 fn a_write_that_is_not_taken_ends() {
     let puppet = Puppet::new();
@@ -193,7 +194,7 @@ fn closing_ends_every_wait() {
     assert_eq!(puppet.taken(), []);
 }
 
-/// A server that is stopped says so, and gives the board back.
+/// A server that is stopped tells its clients, and closes the board.
 #[test]
 fn a_stopped_server_says_so() {
     let puppet = Puppet::new();
@@ -223,7 +224,7 @@ fn a_reset_board_comes_back() {
         let says_reset = |lost: &LinkError| {
             assert!(matches!(lost, LinkError::Lost { reason, .. } if reason.contains("SW_RESET")), "{lost:?}")
         };
-        // The board may be gone before the server has said that it took the frame.
+        // The board may be lost before the server has confirmed the frame.
         let _ = writer.write(&reset, Wait::For(LIMIT)).inspect_err(says_reset);
         for link in [writer, reader] {
             says_reset(&until("loss", || link.read(&mut Frame::new(), Wait::For(LIMIT)).err()));
@@ -236,7 +237,7 @@ fn a_reset_board_comes_back() {
     }
 }
 
-/// The native API does on a served board what it does on one of its own, on either clock.
+/// The native API works on a served board as on its own one, on either clock.
 #[test]
 fn a_program_moves_an_axis() {
     for clock in ["real", "virtual"] {
@@ -263,7 +264,7 @@ fn a_program_moves_an_axis() {
     }
 }
 
-/// A reader that does not read loses the oldest reports, which are counted, and slows nobody.
+/// A reader that does not read loses the oldest reports, which are counted, and slows no other client.
 #[test]
 fn a_slow_reader_loses_the_oldest_reports() {
     let puppet = Puppet::new();
@@ -288,7 +289,8 @@ fn a_slow_reader_loses_the_oldest_reports() {
     assert_eq!(last.sequence, 199, "the newest are kept");
 }
 
-/// A reader with `reconnect_ms` goes on when its server is back, and its numbers do, too; a writer has no such key.
+/// A reader with `reconnect_ms` goes on when its server is available again, and its report numbers continue; a writer
+/// has no such key.
 #[test]
 fn a_reader_connects_again() {
     let puppet = Puppet::new();
@@ -325,7 +327,7 @@ fn a_reader_connects_again() {
     assert!(matches!(&writer, LinkError::Uri(_)) && writer.to_string().contains("role=reader"), "{writer}");
 }
 
-/// Alarms, and changes of state that failed, are in the server's log in words and with their times.
+/// Alarms, and failed changes of state, are in the server's log as texts with their times.
 #[test]
 fn alarms_are_in_the_log() {
     let folder = tempfile::tempdir().unwrap();
@@ -344,7 +346,7 @@ fn alarms_are_in_the_log() {
     }
 }
 
-/// A client's reads and writes allocate nothing once the link is open, in either time.
+/// A client's reads and writes allocate nothing once the link is open, on either clock.
 #[test]
 fn a_clients_calls_allocate_nothing() {
     for clock in ["real", "virtual"] {

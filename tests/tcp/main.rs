@@ -1,13 +1,13 @@
-//! A board on the network: the server, its links, and what strangers and bad lines do to them.
+//! A board on the network: the server, its links, and the effects of strangers and bad connections.
 //!
 //! Files:
 //!
-//! - `link.rs`: what the link moves, who may write, how calls end
+//! - `link.rs`: frames and reports, the one writer, results of calls
 //! - `peers.rs`: servers and clients that misbehave
 //! - `strangers.rs`: connections that are not clients
 //! - `secret.rs`: TLS and the shared secret
 //! - `bounded.rs`: long virtual times
-//! - `vanish.rs`: moving axes whose writer is gone
+//! - `vanish.rs`: moving axes whose writer has vanished
 
 mod bounded;
 mod link;

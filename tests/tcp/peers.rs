@@ -1,5 +1,5 @@
-//! A server and a client whose other end misbehaves: nonsense, half a frame, nothing, too many, too late. Whoever does it
-//! is told and let go; nobody else notices, and no call hangs.
+//! A server and a client whose other end misbehaves: nonsense, half a frame, nothing, too many, too late. The
+//! misbehaving end gets the reason and is disconnected; no other client is affected, and no call hangs.
 #![cfg(unix)]
 
 use std::io::{Read as _, Write as _};
@@ -36,7 +36,7 @@ fn works(link: &Arc<dyn Link>) {
     link.write(&frame(9), Wait::For(LIMIT)).unwrap();
 }
 
-/// TCP-12 What is no hello is refused, with the reason, and the connection ends.
+/// TCP-12 A first message other than hello is refused, with the reason, and the connection ends.
 #[test]
 fn a_first_message_other_than_hello_is_refused() {
     let (_puppet, server, told, link) = served();
@@ -66,7 +66,7 @@ fn a_first_message_other_than_hello_is_refused() {
     works(&link);
 }
 
-/// TCP-12 What comes out of turn ends the connection, with the reason; nothing of it reaches the board.
+/// TCP-12 A message out of turn ends the connection, with the reason; nothing of it reaches the board.
 #[test]
 fn nonsense_from_a_client_ends_it() {
     let (puppet, server, _told, link) = served();
@@ -91,7 +91,7 @@ fn nonsense_from_a_client_ends_it() {
     assert_eq!(puppet.taken(), [frame(9)]);
 }
 
-/// TCP-12 Two requests at once are one too many: the first may have been done, the second is not.
+/// TCP-12 A second request before the first has ended is refused: the first may have been executed, the second is not.
 #[test]
 fn a_second_request_under_way_ends_it() {
     let (puppet, server, _told, link) = served();
@@ -106,7 +106,7 @@ fn a_second_request_under_way_ends_it() {
     assert_eq!(puppet.taken(), [frame(9)]);
 }
 
-/// TCP-12 Half a frame is none: the board gets nothing of it.
+/// TCP-12 Half a frame is dropped: the board gets nothing of it.
 #[test]
 fn a_frame_received_in_part_does_not_reach_the_board() {
     let (puppet, server, _told, link) = served();
@@ -123,7 +123,7 @@ fn a_frame_received_in_part_does_not_reach_the_board() {
     }
     let (kind, payload) = raw.answer().unwrap();
     assert_eq!((kind, &payload[..8]), (WRITTEN, &7_u64.to_le_bytes()[..]), "one that comes in pieces is one");
-    // The server's own word after a writer that is gone: what that one left in the FIFO is cleared.
+    // The server's own frame after a writer that has vanished: it clears that writer's entries in the FIFO.
     let mut clear = Frame::new();
     clear.put_master(SIZE, &MasterCommand::SetFifo(FifoAction::Clear));
     clear.fill_crc(SIZE);
@@ -131,7 +131,8 @@ fn a_frame_received_in_part_does_not_reach_the_board() {
     assert_eq!(taken, [frame(1)]);
 }
 
-/// TCP-12 Whoever says nothing is let go: before its hello after the server's limit, later after four keep-alive times.
+/// TCP-12 A silent client is disconnected: before its hello after the server's limit, later after four keep-alive
+/// times.
 #[test]
 fn a_client_that_says_nothing_is_disconnected() {
     let puppet = Puppet::new();
@@ -142,14 +143,14 @@ fn a_client_that_says_nothing_is_disconnected() {
     told.wait("said nothing for 1s");
     let mut raw = Raw::connect(&server);
     assert_eq!(raw.hello(true, 50).unwrap().0, WELCOME);
-    // TCP-5 The server says that it is there, and waits for as much.
+    // TCP-5 The server sends a ping, and waits for one.
     assert_eq!(raw.message().unwrap().0, PING);
     while raw.message().is_some() {}
     told.wait("no word for");
 }
 
-/// TCP-5 Clients that say that they are there stay, however little happens; and a client whose server says nothing any
-/// more loses its link after four keep-alive times.
+/// TCP-5 Clients that send pings stay connected without other traffic; a client whose server has become silent loses
+/// its link after four keep-alive times.
 #[test]
 fn keep_alive_on_both_sides() {
     let (_puppet, server, told, link) = served();
@@ -170,8 +171,8 @@ fn keep_alive_on_both_sides() {
     assert!(matches!(&lost, LinkError::Lost { reason, .. } if reason.contains("no word")), "{lost:?}");
 }
 
-/// A connection that ends in the middle of a write leaves it open whether the board has the frame, and says so; no
-/// frame is sent twice. A server that says good-bye first has not taken it.
+/// If a connection ends during a write, the error says that it is unknown whether the board has the frame; no frame is
+/// sent twice. A server that sends a good-bye first has not taken it.
 #[test]
 fn a_connection_that_ends_during_a_write_is_unsure() {
     for says_bye in [false, true] {
@@ -205,7 +206,7 @@ fn a_connection_that_ends_during_a_write_is_unsure() {
     }
 }
 
-/// TCP-12 A server that sends nonsense is an error of the client's calls, which says what was wrong.
+/// TCP-12 An invalid message of the server is an error of the client's calls, with the reason.
 #[test]
 fn an_invalid_message_of_the_server_is_an_error_of_the_calls() {
     for (nonsense, part) in [
@@ -226,7 +227,7 @@ fn an_invalid_message_of_the_server_is_an_error_of_the_calls() {
     }
 }
 
-/// TCP-12 What answers is no server, or one of another version: connecting says so.
+/// TCP-12 If the other end is no server, or one of another version, connecting reports it.
 #[test]
 fn another_server_or_another_version_is_refused() {
     let mut version = *GREETING;
@@ -253,8 +254,8 @@ fn another_server_or_another_version_is_refused() {
     assert!(error.contains("no answer within 50ms"), "{error}");
 }
 
-/// TCP-13 A thousand connections that say nothing are all greeted, and the server keeps the newest 256 of them; whoever says what
-/// it wants gets in meanwhile, and the clients there go on.
+/// TCP-13 A thousand silent connections are all greeted, and the server keeps the newest 256 of them; meanwhile a
+/// client that sends its hello is accepted, and existing clients go on.
 #[test]
 fn a_thousand_silent_connections_keep_nobody_out() {
     let (_puppet, server, told, link) = served();
@@ -265,7 +266,7 @@ fn a_thousand_silent_connections_keep_nobody_out() {
     let reader = connect(&server, "role=reader");
     assert_eq!(reader.check(), Ok(()));
     told.wait("made room for others");
-    // Those that were let go of have ended, and the newest are there or have used up their time.
+    // The disconnected ones have ended, and the newest are still connected or have reached their time limit.
     for raw in &mut silent[..744] {
         assert_eq!(raw.take::<1>(), None, "it has ended");
     }
@@ -286,7 +287,8 @@ fn the_limit_of_clients_is_kept() {
     assert_eq!(links[0].check(), Ok(()));
 }
 
-/// A client that never reads is no burden: the board's reports go to the others, and its answers end it.
+/// A client that never reads delays no other client: the board's reports go to the others, and its own unread answers
+/// end its connection.
 #[test]
 fn a_client_that_never_reads_delays_nobody() {
     let (puppet, server, told, link) = served();
@@ -299,7 +301,7 @@ fn a_client_that_never_reads_delays_nobody() {
         assert_eq!(quick.read(&mut report, Wait::For(LIMIT)).unwrap().sequence, n);
     }
     works(&link);
-    // Counters asked for, never read: it asks and does not listen.
+    // It requests counters, and never reads the answers.
     let mut number = 0_u64;
     let count = |number: u64| message(0x05, &number.to_le_bytes());
     deaf.0.set_write_timeout(Some(LIMIT)).unwrap();
@@ -311,7 +313,7 @@ fn a_client_that_never_reads_delays_nobody() {
     works(&link);
 }
 
-/// Without a secret nobody from outside is served.
+/// Without a secret no client from outside is served.
 #[test]
 fn a_place_others_can_reach_needs_a_secret() {
     for listen in ["0.0.0.0:0", "[::]:0"] {
@@ -326,7 +328,7 @@ fn a_place_others_can_reach_needs_a_secret() {
     assert!(matches!(error, ServeError::Listen { .. }) && error.to_string().contains("--listen"), "{error}");
 }
 
-/// Places that are none.
+/// Invalid addresses.
 #[test]
 fn invalid_addresses_are_refused() {
     for place in ["", "host:1", "//host:", "//:1", "//host:0", "//host:65536", "//host:+1", "//::1:4711", "//[::1:5"] {
@@ -341,20 +343,20 @@ fn invalid_addresses_are_refused() {
     }
 }
 
-/// What a server says first, and that it takes the client.
+/// A server's first message, and its acceptance of the client.
 fn welcome() -> Vec<u8> {
     let mut payload = vec![0; 32];
     payload.extend([12, 0]);
     payload.extend([0; 16]);
     payload.extend(1_u16.to_le_bytes());
     payload.push(b'x');
-    // Nothing of slaves and units.
+    // No slaves and units are known.
     payload.extend([0; 4]);
     [&GREETING[..], &message(WELCOME, &payload)].concat()
 }
 
-/// A server that greets by itself: gives every connection to `serve` and keeps open what
-/// comes back. Gives where it listens; its thread ends with the first that is not kept, and says how many came.
+/// A fake server: passes every connection to `serve` and keeps the returned ones open. Returns its address; its thread
+/// ends with the first connection that is not kept, and returns their number.
 fn fake_server(
     serve: impl Fn(TcpStream) -> Option<TcpStream> + Send + 'static,
 ) -> (std::net::SocketAddr, thread::JoinHandle<usize>) {

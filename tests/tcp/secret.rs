@@ -1,4 +1,4 @@
-//! A server with a secret: who is let in, and what can be seen on the cable.
+//! A server with a secret: which clients are accepted, and what is visible on the cable.
 #![cfg(unix)]
 
 use std::fs;
@@ -24,7 +24,7 @@ fn file(folder: &TempDir, name: &str, text: &str, mode: u32) -> PathBuf {
     path
 }
 
-/// A pipe that nobody writes to.
+/// A pipe without a writer.
 fn fifo(folder: &TempDir) -> PathBuf {
     let path = folder.path().join("fifo");
     let made = std::process::Command::new("mkfifo").args(["-m", "600"]).arg(&path).status().unwrap();
@@ -43,7 +43,7 @@ fn key(path: &Path) -> String {
     format!("secret_file={}", path.display())
 }
 
-/// With the secret a client is let in, from outside too, and frames move both ways.
+/// With the secret a client is accepted, from outside too, and frames are transferred in both directions.
 #[test]
 fn a_client_with_the_secret_is_let_in() {
     let folder = tempfile::tempdir().unwrap();
@@ -72,7 +72,7 @@ fn a_client_with_the_secret_is_let_in() {
     assert_eq!((last.sequence, report), (199, frame(99)));
 }
 
-/// Another secret, none, or one too many: each end says what is wrong, and nothing of the board is shown.
+/// Another secret, none, or one too many: each end reports the error, and nothing of the board is disclosed.
 #[test]
 fn a_client_with_another_secret_or_none_is_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -96,7 +96,7 @@ fn a_client_with_another_secret_or_none_is_refused() {
     link::open(&uri(&server, &key(&good)), Share::ByName).unwrap();
 }
 
-/// TCP-12 What is no TLS where there should be, and TLS that never ends.
+/// TCP-12 A client without TLS where it is required, and a TLS handshake that never ends.
 #[test]
 fn a_client_without_valid_tls_is_disconnected() {
     let folder = tempfile::tempdir().unwrap();
@@ -109,13 +109,13 @@ fn a_client_without_valid_tls_is_disconnected() {
         let greeting = raw.take::<16>().unwrap();
         assert_eq!(greeting[10], 1, "it says that TLS follows");
         raw.send(&nonsense);
-        // An alert perhaps, then the end.
+        // Possibly an alert, then the end.
         while raw.take::<1>().is_some() {}
     }
     told.wait("said nothing for 200ms");
 }
 
-/// On the cable there is neither the secret nor a frame to be seen.
+/// Neither the secret nor a frame is visible on the cable.
 #[test]
 fn neither_the_secret_nor_a_frame_is_visible_on_the_cable() {
     let folder = tempfile::tempdir().unwrap();
@@ -139,8 +139,8 @@ fn neither_the_secret_nor_a_frame_is_visible_on_the_cable() {
     }
 }
 
-/// TOOL-136 A secret that others may read, one that is too short or can be guessed, what is no file and one that is not
-/// there: each says what to do.
+/// TOOL-136 A secret that others may read, one that is too short or can be guessed, one that is no file and a missing
+/// one: each error says what to do.
 #[test]
 fn invalid_secrets_are_refused_with_what_to_do() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,5 @@
-//! Connections that do not say what they want: they make room for those that do, whoever opens them again and again, and fill
-//! no log.
+//! Connections that do not send a hello: they are closed in favour of those that do, even if they are reopened
+//! repeatedly, and do not fill the log.
 #![cfg(unix)]
 
 use std::io::{ErrorKind, Read as _, Write as _};
@@ -18,7 +18,7 @@ use support::tcp::{LIMIT, Puppet, Raw, connect, frame, options, serve_link, unti
 /// More connections than a server keeps.
 const CROWD: usize = 300;
 
-/// Keeps a crowd of connections that say `words` and no more, and opens each again as soon as the server has closed it.
+/// Keeps a crowd of connections that send `words` and no more, and reopens each as soon as the server has closed it.
 struct Attacker {
     stop: Arc<AtomicBool>,
     renewed: Arc<AtomicUsize>,
@@ -73,7 +73,7 @@ fn is_closed(socket: &mut TcpStream) -> bool {
 /// Opens `count` times, as a writer, and writes a frame each time.
 fn all_get_in(server: &Server, keys: &str, count: u8) {
     for n in 0..count {
-        // A machine that is busy may be slow.
+        // A busy machine may be slow.
         let uri = format!("tcp://{}?{keys}&connect_timeout_ms={}", server.address(), LIMIT.as_millis());
         let link = link::open(&uri, Share::ByName).unwrap_or_else(|error| panic!("number {n}: {error}"));
         link.write(&frame(n), Wait::For(LIMIT)).unwrap();
@@ -81,13 +81,14 @@ fn all_get_in(server: &Server, keys: &str, count: u8) {
     }
 }
 
-/// A server that leaves strangers their time for longer than any client waits: only those who make room are let go of.
+/// A server with a limit for strangers longer than any client waits: it closes strangers only to make room.
 fn patient() -> ServeOptions {
     ServeOptions { hello_limit: 10 * LIMIT, ..options().0 }
 }
 
-/// TCP-13 While somebody holds more half-open connections than the server keeps, and renews each that is closed, all who say what
-/// they want get in, plain and with the secret; whether the crowd is silent or begins to speak.
+/// TCP-13 While an attacker holds more half-open connections than the server keeps, and renews each that is closed, all
+/// clients that send a hello are accepted, plain and with the secret; whether the crowd is silent or sends the begin of
+/// a message.
 #[test]
 fn a_crowd_locks_nobody_out() {
     for words in [b"" as &[u8], b"\x2c"] {
@@ -113,7 +114,7 @@ fn a_crowd_locks_nobody_out() {
     }
 }
 
-/// TCP-13 Readers leave a place to the one who writes.
+/// TCP-13 Readers leave a place for the writer.
 #[test]
 fn readers_leave_a_place_to_a_writer() {
     let server = serve_link(Puppet::new(), ServeOptions { max_clients: 3, ..options().0 });
@@ -126,7 +127,8 @@ fn readers_leave_a_place_to_a_writer() {
     connect(&server, "role=reader");
 }
 
-/// TCP-13 Two thousand strangers that are refused are some lines and a number in the log: none is missing, none repeats for ever.
+/// TCP-13 Two thousand refused strangers are summed up in a few lines with a count in the log: none is missing, and the
+/// number of lines is limited.
 #[test]
 fn refused_connections_are_summed_up_in_the_log() {
     const COUNT: usize = 2000;

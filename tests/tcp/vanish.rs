@@ -1,4 +1,4 @@
-//! What a server does with moving axes when their writer is gone without having closed its link.
+//! A server's handling of moving axes when their writer vanishes without closing its link.
 #![cfg(unix)]
 
 use std::sync::Arc;
@@ -30,16 +30,16 @@ fn served(clock: &str, on_vanish: OnVanish) -> (Server, Told) {
     (server, told)
 }
 
-/// A writer with axes 1 in CSP, 2 in CSV, 3 in CST, that are on.
+/// A writer with axes 1 in CSP, 2 in CSV, 3 in CST, switched on.
 fn config() -> Config {
     let slaves = vec![Slave::Drive(Axis::CSP), Slave::Drive(Axis::CSV), Slave::Drive(Axis::CST)];
     Config { slaves, ..Config::default() }
 }
 
-/// Frames that are ahead of the board.
+/// The lead over the board, in frames.
 const AHEAD: i32 = 100;
 
-/// Moves axes 1 and 2 through a link, by frames of its own, until `frames` were taken.
+/// Moves axes 1 and 2 through a link until `frames` were taken.
 fn drive(link: &dyn Link, frames: i32) {
     for n in 1..=frames {
         let mut frame = Frame::new();
@@ -47,14 +47,15 @@ fn drive(link: &dyn Link, frames: i32) {
         frame.put_slave(SIZE, 2, &SlaveCommand::Csv(Motion::to(100_000)).into());
         frame.fill_crc(SIZE);
         link.write(&frame, Wait::For(LIMIT)).unwrap();
-        // Some are ahead of the board: it does not run dry before the server takes over.
+        // Some are ahead of the board, so that its FIFO does not run empty before the server takes over.
         if n > AHEAD {
             link.read(&mut Frame::new(), Wait::For(LIMIT)).unwrap();
         }
     }
 }
 
-/// Brings the network to OP with every axis on, leaves it so, and gives a link that has seen nothing of it.
+/// Brings the network to OP with every axis on, leaves it in that state, and returns a link that has seen nothing of
+/// it.
 fn prepared(server: &Server, told: &Told) -> Wired {
     let options = Options { close: Close::Leave, ..Options::default() };
     let ecm = Ecm::open_with(&uri(server, ""), options).unwrap();
@@ -94,8 +95,8 @@ fn after(server: &Server) -> (Axes, Axes) {
     (first, look(server))
 }
 
-/// TCP-9 Axes of a writer that is gone are ramped to a standstill and stay on, on either clock; with `servo-off` they are
-/// switched off, and with `leave` a velocity goes on.
+/// TCP-9 Axes of a writer that has vanished are ramped to a standstill and stay on, on either clock; with `servo-off`
+/// they are switched off, and with `leave` a velocity goes on.
 #[test]
 fn axes_of_a_writer_that_is_gone_are_ramped_to_a_standstill() {
     for (clock, on_vanish, moves, on) in [
@@ -111,7 +112,7 @@ fn axes_of_a_writer_that_is_gone_are_ramped_to_a_standstill() {
         told.wait("is gone");
         told.wait(if on_vanish == OnVanish::Leave { "left as they are" } else { "stand still" });
         let (first, later) = after(&server);
-        // Left alone, axis 1 comes to the end of the FIFO; a velocity has no end.
+        // With `leave`, axis 1 moves to the last target in the FIFO; a velocity goes on.
         for axis in if moves { 1..2 } else { 0..2 } {
             let moved = later[axis].0 - first[axis].0;
             let holds = if moves { moved > 1000 } else { moved.abs() < 20 };
@@ -119,22 +120,22 @@ fn axes_of_a_writer_that_is_gone_are_ramped_to_a_standstill() {
         }
         assert!(later.iter().all(|axis| axis.1 == on), "{clock} {on_vanish:?}: {later:?}");
         if on_vanish == OnVanish::Ramp && clock == "virtual" {
-            // 200 frames of 100 counts: the last target is the furthest point that the writer has asked for.
+            // 200 frames of 100 counts: the last target is the furthest one of the writer.
             let end = later[0].0;
             assert!((end - 20_000).abs() < 20, "it holds the last target: {end}");
         }
     }
 }
 
-/// TCP-9 TCP-24 A drive in CSP that goes after a target which it would reach only minutes after the limit, without an alarm for it,
-/// is ramped from where it is, and does not go on.
+/// TCP-9 TCP-24 A drive in CSP that follows a target which it would reach only minutes after the limit, without an
+/// alarm, is ramped from its actual position, and does not go on.
 #[test]
 fn an_axis_on_its_way_to_a_far_target_is_ramped_from_where_it_is() {
     const FAR: i32 = 2_000_000_000;
     let (server, told) = served("virtual", OnVanish::Ramp);
     let ecm = Ecm::open_with(&uri(&server, ""), Options { close: Close::Leave, ..Options::default() }).unwrap();
     ecm.configure(&config()).unwrap();
-    // No following error is one.
+    // No following error causes an alarm.
     ecm.sdo_write(1, ObjectAddress::new(0x6065, 0), u32::MAX).unwrap();
     ecm.set_state(MasterState::Op).unwrap();
     ecm.servo_on(&[1]).unwrap();
@@ -160,7 +161,7 @@ fn an_axis_on_its_way_to_a_far_target_is_ramped_from_where_it_is() {
     assert!(!told.lines().iter().any(|line| line.contains("may still move")), "{:?}", told.lines());
 }
 
-/// TCP-10 A writer that closes its link is trusted: a velocity that it leaves goes on, and the server sends nothing.
+/// TCP-10 After a writer that closes its link the server sends nothing: a velocity that it leaves goes on.
 #[test]
 fn a_writer_that_closes() {
     let (server, told) = served("virtual", OnVanish::Ramp);
@@ -172,7 +173,7 @@ fn a_writer_that_closes() {
     assert!(!told.lines().iter().any(|line| line.contains("stand still")), "{:?}", told.lines());
 }
 
-/// A link that gives no report any more once it is deaf.
+/// A link that returns no report any more once it is deaf.
 struct Deaf {
     inner: Arc<dyn Link>,
     is_deaf: AtomicBool,
@@ -192,8 +193,8 @@ impl Layer for Deaf {
     }
 }
 
-/// TCP-21 A native program that closes its board and could not bring its axes to rest says no good-bye for them: the server
-/// does it.
+/// TCP-21 A native program that closes its board but could not bring its axes to rest sends no good-bye: the server
+/// stops them.
 #[test]
 fn a_close_that_could_not_stop_its_axes() {
     let (server, told) = served("real", OnVanish::Ramp);
@@ -215,7 +216,7 @@ fn a_close_that_could_not_stop_its_axes() {
     assert!((later[1].0 - first[1].0).abs() < 20, "the velocity has ended: {first:?} {later:?}");
 }
 
-/// TCP-9 While the server brings axes to a standstill it is the writer, and readers see how.
+/// TCP-9 While the server brings axes to a standstill it is the writer, and readers see the ramp.
 #[test]
 fn readers_see_the_ramp() {
     let (server, told) = served("virtual", OnVanish::Ramp);
@@ -250,12 +251,12 @@ fn readers_see_the_ramp() {
     });
     let fast = steps.iter().rposition(|step| *step > 80).expect("it moved");
     let slow = steps[fast..].iter().filter(|step| (10..80).contains(*step)).count();
-    // 100 to 0 counts/ms, of which 80 to 10 are looked at.
+    // 100 to 0 counts/ms, of which 80 to 10 are checked.
     assert!((150..=200).contains(&slow), "docs/SAFETY.md: 250 ms, {slow}: {:?}", &steps[fast..]);
 }
 
-/// TCP-9 TCP-5 So do those of a writer whose cable is pulled, once it has said nothing for four keep-alive times; its own
-/// link is lost then, and it is known of a write under way that nobody knows.
+/// TCP-9 TCP-5 The same for a writer whose cable is unplugged, once it has been silent for four keep-alive times; its
+/// own link is lost then, and the result of a pending write is reported as unknown.
 #[test]
 fn a_pulled_cable() {
     let (server, told) = served("real", OnVanish::Ramp);
@@ -324,7 +325,7 @@ fn a_server_that_is_stopped() {
     }
 }
 
-/// TCP-9 A server that has not seen how the network was configured says that it cannot help.
+/// TCP-9 A server that has not seen the configuration of the network reports that it cannot stop the axes.
 #[test]
 fn a_network_that_is_not_known() {
     let uri = own("sim:?slaves=drive*3&clock=virtual");
@@ -343,8 +344,8 @@ fn a_network_that_is_not_known() {
     connect_next(&server, "");
 }
 
-/// TCP-9 SK-4.8 SK-4.42 A program may declare all 40 slaves on a board of 16-byte slots, which has room for 30, and may say how
-/// its axes are run before it declares them: they are stopped as any others.
+/// TCP-9 SK-4.8 SK-4.42 A program may declare all 40 slaves on a board of 16-byte slots, which has room for 30, and may
+/// set the modes of its axes before it declares them: they are stopped like any others.
 #[test]
 fn axes_are_stopped_however_the_program_declared_them() {
     declared(false);
@@ -404,7 +405,7 @@ fn threshold(free: u32) -> Frame {
     frame
 }
 
-/// The next writer looks on for so many cycles, with frames of GET_STATUS alone; how far the axes move.
+/// The motion of the axes while the next writer writes only frames of GET_STATUS for that many cycles.
 fn moved_by_status_frames(server: &Server, frames: u32) -> Vec<i32> {
     let before = look(server);
     let link = connect_next(server, "");
@@ -417,8 +418,8 @@ fn moved_by_status_frames(server: &Server, frames: u32) -> Vec<i32> {
     before.iter().zip(after).map(|(before, after)| after.0 - before.0).collect()
 }
 
-/// TCP-23 SK-5.12 A threshold that the writer has left, above the depth of the ramp or below it, does not hold the ramp
-/// back: the FIFO is empty and the axis turns by its last velocity.
+/// TCP-23 SK-5.12 A threshold left by the writer, above the depth of the ramp or below it, does not delay the ramp: the
+/// FIFO is empty and the axis turns by its last velocity.
 #[test]
 fn a_threshold_does_not_hold_the_ramp() {
     for free in [1, 10, 100, 159, 160] {
@@ -436,8 +437,8 @@ fn a_threshold_does_not_hold_the_ramp() {
     }
 }
 
-/// TCP-23 Targets that wait behind a threshold while the axes stand begin no motion: they are dropped, which is said, and the
-/// next writer's frames do not execute them. So it is with those of a native stream and its prefill.
+/// TCP-23 Targets that wait behind a threshold while the axes are at rest begin no motion: they are dropped, which is
+/// logged, and the next writer's frames do not execute them. The same applies to a native stream and its prefill.
 #[test]
 fn what_waits_behind_a_threshold_is_dropped() {
     for is_stream in [false, true] {
@@ -469,8 +470,8 @@ fn what_waits_behind_a_threshold_is_dropped() {
     }
 }
 
-/// TCP-23 A writer that never reads and writes faster than the board executes: most of its frames have found the FIFO full. The
-/// ramp does not jump to where they led.
+/// TCP-23 A writer that never reads and writes faster than the board executes: most of its frames have found the FIFO
+/// full. The ramp does not jump to their targets.
 #[test]
 fn the_ramp_begins_at_what_was_executed() {
     let (server, told) = served("virtual&host_us=1", OnVanish::Ramp);
@@ -489,7 +490,7 @@ fn the_ramp_begins_at_what_was_executed() {
     cable.cut();
     told.wait("stand still");
     let (first, later) = after(&server);
-    // 900 frames between two cycles: 160 were taken. The way of a ramp is not ten times as long.
+    // 900 frames between two cycles: 160 were taken. The ramp adds less than 4000 counts.
     assert!((16_000..20_000).contains(&first[0].0), "{first:?}");
     for axis in 0..2 {
         assert!((later[axis].0 - first[axis].0).abs() < 20, "axis {axis}: {first:?} {later:?}");

@@ -1,4 +1,4 @@
-//! A report and a frame cost no memory once their buffers are there.
+//! A report and a frame allocate nothing once their buffers exist.
 
 use ecmsk::sk::Frame;
 

@@ -1,4 +1,5 @@
-//! `--attach`: a board handed to a virtual host controller; here a folder stands for it, and the test for the kernel.
+//! `--attach`: a board passed to a virtual host controller; here a folder replaces the controller, and the test
+//! replaces the kernel.
 
 use std::fs;
 use std::path::Path;
@@ -8,7 +9,7 @@ use ecmsk::port::usbip::{Event, Options, ServeError, Server, free_ports};
 use super::puppet::{Heard, Puppet, options, serve, spec};
 use support::usbip_client::{Client, Reply};
 
-/// As a 6.1 kernel shows it.
+/// As in a 6.1 kernel.
 const STATUS: &str = "\
 hub port sta spd dev      sockfd local_busid
 hs  0000 006 003 00010001 000003 1-1
@@ -59,7 +60,8 @@ fn the_controller_gets_a_free_port_the_device_and_its_speed() {
     assert_eq!((fields[0], fields[2], fields[3], fields.len()), ("1", "65537", "3", 4), "{order}");
 }
 
-/// The folder lets go of the board at once: nobody holds the socket's other end. Who detaches by hand wants it so.
+/// The folder releases the board at once, since the socket's other end is closed. A user who detaches it manually wants
+/// it to stay detached.
 #[test]
 fn the_controller_gets_the_board_again_when_its_link_is_back() {
     let vhci = controller(STATUS);

@@ -17,7 +17,7 @@ pub fn transfer(sequence: u32, direction: u32, endpoint: u32, length: u32, setup
     }
 }
 
-/// A device, and the way to talk to it.
+/// A device, and functions to submit transfers.
 pub struct Board {
     pub device: Device,
     replies: Vec<u8>,
@@ -61,7 +61,7 @@ impl Board {
         bytes.chunks(48).map(Reply::parse).collect()
     }
 
-    /// All answers since the last call, with their data: they are to the host.
+    /// All answers since the last call, with their data: those of transfers to the host.
     pub fn reports(&mut self) -> Vec<(Reply, Vec<u8>)> {
         let bytes = self.bytes();
         let mut rest = &bytes[..];
@@ -80,7 +80,7 @@ impl Board {
         self.replies.clone()
     }
 
-    /// A control transfer: what came, or the status.
+    /// A control transfer: its data, or the status.
     pub fn control(&mut self, setup: [u8; 8], out: &[u8]) -> Result<Vec<u8>, i32> {
         let length = u16::from_le_bytes([setup[6], setup[7]]);
         let direction = if setup[0] & 0x80 != 0 && length > 0 { IN } else { OUT };

@@ -1,4 +1,4 @@
-//! Endpoint 0: what a HID device answers, and what it refuses (USB 2.0 9.4, HID 1.11 7.2).
+//! Endpoint 0: answered and refused requests of a HID device (USB 2.0 9.4, HID 1.11 7.2).
 
 use super::board::{Board, SET_CONFIGURATION};
 use support::usbip_client::{IN, OUT, Reply};
@@ -21,12 +21,12 @@ fn descriptors_come_as_long_as_the_host_wants_them() {
     assert_eq!(board.control(get(2, 0, 9), &[]).unwrap().len(), 9);
     assert_eq!(board.control(get(2, 0, 0xFFFF), &[]).unwrap().len(), 41);
     assert_eq!(board.control(get(3, 0, 255), &[]).unwrap(), [4, 3, 9, 4]);
-    // Of a high-speed device that is no full-speed one there is no qualifier, nor what Microsoft asks for.
+    // A high-speed device without a full-speed mode has no qualifier, and no descriptor of Microsoft's.
     for kind in [6, 7, 0x0F] {
         assert_eq!(board.control(get(kind, 0, 10), &[]), STALL, "{kind:#x}");
     }
     assert_eq!(board.control(get(3, 0xEE, 18), &[]), STALL);
-    // The host's buffer may be smaller than what it asks for.
+    // The host's buffer may be smaller than the requested length.
     assert_eq!(board.control_as(IN, 4, get(1, 0, 64), &[]).unwrap(), [18, 1, 0, 2]);
 }
 
@@ -88,7 +88,7 @@ fn the_newest_report_can_be_asked_for() {
     assert_eq!(board.control(get(3, 0, 512), &[]), STALL, "nor a feature report");
 }
 
-/// SK-9.7 A whole report by SET_REPORT is a command frame; a shorter one is refused and hangs nothing.
+/// SK-9.7 A whole report by SET_REPORT is a command frame; a shorter one is refused and does not hang the board.
 #[test]
 fn a_report_may_come_by_endpoint_0() {
     let mut board = Board::new();
@@ -131,7 +131,7 @@ fn an_endpoint_is_halted_and_freed() {
     board.read(3, 512);
     board.write(4, &[7; 512]);
     assert_eq!((board.replies(), board.next_frame()), (vec![], Some(7)));
-    // To choose the configuration anew frees them too (USB 2.0 9.4.5).
+    // Setting the configuration again clears them too (USB 2.0 9.4.5).
     for endpoint in [0x81, 0x02] {
         assert_eq!(board.control(set(3, endpoint), &[]), ok(&[]));
     }
@@ -139,7 +139,7 @@ fn an_endpoint_is_halted_and_freed() {
     for endpoint in [0x81, 0x02] {
         assert_eq!(board.control(status(endpoint), &[]), ok(&[0, 0]));
     }
-    // There are no others, and no other feature.
+    // There are no other endpoints, and no other feature.
     for endpoint in [0x01, 0x82, 0x83] {
         assert_eq!(board.control(set(3, endpoint), &[]), STALL);
         assert_eq!(board.control(status(endpoint), &[]), STALL);

@@ -8,7 +8,7 @@ use ecmsk::port::usbip::{Event, Options};
 use super::puppet::{options, serve};
 use support::usbip_client::{Client, IN, OUT, Reply, submit, unlink};
 
-/// Whoever comes after nonsense gets the board, and it works.
+/// A client after nonsense gets the board, and it works.
 fn works(server: &ecmsk::port::usbip::Server) {
     let mut client = Client::attached_in_time(server.address());
     let given = client.give(&[7; 512]);
@@ -51,7 +51,7 @@ fn nonsense_in_the_traffic_ends_it() {
         [with(0, 0), with(0, 3), with(8, 2), with(12, 5), with(16, 99), with(24, u32::MAX), with(32, 3), stranger];
     for header in nonsense {
         let mut client = Client::attached_in_time(server.address());
-        // The server may have closed before it has all.
+        // The server may have closed the connection before it has received everything.
         let _ = client.stream.write_all(&header);
         assert!(client.is_cut(), "{header:x?}");
     }
@@ -92,7 +92,7 @@ fn a_thousand_connections_one_after_the_other() {
     works(&server);
 }
 
-/// The oldest of those who ask for nothing makes room.
+/// The oldest client without a request is closed to make room.
 #[test]
 fn clients_that_ask_for_nothing_do_not_keep_others_away() {
     let (_, server, _) = serve(Options { clients: 4, request_timeout: Duration::from_secs(3600), ..options() });
@@ -111,7 +111,7 @@ fn a_client_that_asks_for_nothing_is_sent_away_after_a_while() {
     heard.until("it says so", |event| matches!(event, Event::ClientRejected { .. }));
 }
 
-/// What such a client asks for is not piled up: the server reads no more until it has sent what it owes.
+/// The requests of such a client are not queued: the server reads no more until it has sent the pending answers.
 #[test]
 fn a_host_that_never_reads_loses_the_board() {
     let (_, server, heard) = serve(Options {

@@ -1,4 +1,4 @@
-//! What the board says of itself, byte by byte as USB 2.0 (9.6) and HID 1.11 (6) have it.
+//! The board's descriptors, byte by byte as in USB 2.0 (9.6) and HID 1.11 (6).
 
 use ecmsk::port::usbip::descriptors::Descriptors;
 use ecmsk::port::usbip::{Identity, IdentityError};

@@ -40,7 +40,7 @@ fn a_read_waits_for_a_report() {
     assert_eq!(board.device.counters().reports, 2);
 }
 
-/// One at a time asks the board for a report, or they would overtake each other.
+/// Only one read at a time requests a report of the board; otherwise reports could overtake each other.
 #[test]
 fn the_board_is_asked_once_at_a_time() {
     let mut board = Board::new();
@@ -84,7 +84,7 @@ fn a_large_read_gets_several_reports_and_a_small_one_none() {
     let both = [[1; 512], [2; 512]].concat();
     assert_eq!(board.reports(), [(Reply::done(1, 1024), both)]);
 
-    // A packet of 512 bytes does not fit the rest: the controller of a host calls that babble.
+    // A packet of 512 bytes does not fit the rest: a host's controller reports that as babble.
     let overflow = |sequence, actual| Reply { status: -75, ..Reply::done(sequence, actual) };
     for (sequence, length) in [(2, 511), (3, 64), (4, 0)] {
         board.read(sequence, length);
@@ -152,7 +152,7 @@ fn a_short_packet_hangs_the_board() {
         assert_eq!(board.replies(), [], "both are held");
         let status = board.control([0x80, 0, 0, 0, 0, 0, 2, 0], &[]);
         assert_eq!(status, Ok(vec![0, 0]));
-        // The host's timeouts take them back.
+        // The host's timeouts cancel them.
         assert!(!board.device.unlink(10, 3));
         assert!(!board.device.unlink(11, 1));
         assert_eq!(board.replies(), [Reply::unlinked(10), Reply::unlinked(11)]);

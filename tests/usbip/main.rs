@@ -3,10 +3,10 @@
 //! Files:
 //!
 //! - `wire.rs`, `descriptors.rs`: the messages and the descriptors, byte by byte
-//! - `device.rs`, `control.rs`, `unlink.rs`: the endpoints, endpoint 0, and transfers that the host takes back
+//! - `device.rs`, `control.rs`, `unlink.rs`: the endpoints, endpoint 0, and transfers that the host cancels
 //! - `server.rs`, `crowd.rs`, `attach.rs`: the server, clients that misbehave, and `--attach`
 //! - `allocation.rs`: no allocation per report
-//! - `board.rs`, `puppet.rs`: a device without a server, and a link whose board the test moves
+//! - `board.rs`, `puppet.rs`: a device without a server, and a link whose board the test controls
 #![cfg(target_os = "linux")]
 
 mod allocation;

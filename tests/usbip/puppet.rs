@@ -1,4 +1,4 @@
-//! A link whose board is moved by the test, and a server on it.
+//! A link whose board is controlled by the test, and a server on it.
 
 use std::collections::VecDeque;
 use std::net::SocketAddr;
@@ -9,7 +9,7 @@ use ecmsk::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wa
 use ecmsk::port::usbip::{BoardSpec, Event, Identity, Options, Server};
 use ecmsk::sk::Frame;
 
-/// Longer than anything takes here.
+/// Longer than any call takes here.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 #[derive(Default)]
@@ -20,7 +20,7 @@ struct State {
     endless: Option<u64>,
     /// Whether the board takes no frame.
     busy: bool,
-    /// Calls of `write` under way.
+    /// Pending calls of `write`.
     writing: usize,
     lost: bool,
     closed: bool,
@@ -29,7 +29,7 @@ struct State {
     opened: u64,
 }
 
-/// A board in the hands of a test. Copies are the same board.
+/// A board controlled by a test. Clones share the board.
 #[derive(Clone, Default)]
 pub struct Puppet(Arc<(Mutex<State>, Condvar)>);
 
@@ -40,7 +40,7 @@ impl Puppet {
         done
     }
 
-    /// Waits until `done` says so.
+    /// Waits until `done`.
     #[track_caller]
     fn until(&self, what: &str, mut done: impl FnMut(&State) -> bool) {
         let (lock, changed) = &*self.0;
@@ -55,7 +55,7 @@ impl Puppet {
         self.with(|state| state.reports = VecDeque::from([Frame::from_bytes([fill; 512])]));
     }
 
-    /// From now on the board always has a report: number n of them is full of n modulo 256.
+    /// From now on the board always has a report: number n of them is filled with n modulo 256.
     pub fn make_reports_without_end(&self) {
         self.with(|state| state.endless = Some(0));
     }
@@ -77,7 +77,7 @@ impl Puppet {
         self.until("a frame is being given", |state| state.writing > 0);
     }
 
-    /// Gives whoever reads that long to take the report.
+    /// Waits that long for a reader to take the report.
     pub fn let_report_be_taken(&self, limit: Duration) {
         let (lock, changed) = &*self.0;
         let there = |state: &mut State| !state.reports.is_empty();
@@ -201,7 +201,7 @@ impl Link for Puppet {
     }
 }
 
-/// What a server has told.
+/// The events of a server.
 #[derive(Clone, Default)]
 pub struct Heard(Arc<(Mutex<Vec<Event>>, Condvar)>);
 
@@ -220,7 +220,7 @@ impl Heard {
         self.until_times(1, what, is_it)
     }
 
-    /// Waits for so many events of that kind; gives the last of them.
+    /// Waits for that many events of that kind; returns the last of them.
     #[track_caller]
     pub fn until_times(&self, times: usize, what: &str, is_it: impl Fn(&Event) -> bool) -> Event {
         let (lock, changed) = &*self.0;
@@ -230,14 +230,14 @@ impl Heard {
         found.unwrap_or_else(|| panic!("{what}: {events:?}")).clone()
     }
 
-    /// Waits until a host's time with the board ended; says why.
+    /// Waits until a host's use of the board has ended; returns the reason.
     #[track_caller]
     pub fn end(&self) -> String {
         self.until("the end", |event| matches!(event, Event::Ended { .. })).to_string()
     }
 }
 
-/// Options for a test: a port that is free, and little request_timeout with a lost board.
+/// Options for a test: a free port, and a short `request_timeout` for a lost board.
 pub fn options() -> Options {
     Options { listen: SocketAddr::from(([127, 0, 0, 1], 0)), retry: Duration::from_millis(5), ..Options::default() }
 }

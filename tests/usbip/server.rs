@@ -1,4 +1,4 @@
-//! The server over TCP: a board for one host at a time, moved as its link moves.
+//! The server over TCP: a board for one host at a time, controlled through its link.
 
 use std::collections::VecDeque;
 use std::net::TcpListener;
@@ -43,7 +43,7 @@ fn boards_are_listed_and_given_away() {
     for device in devices.chunks(316) {
         assert_eq!((be32(device, 296), be16(device, 300), be16(device, 302)), (3, 0x16C0, 0x05DF));
     }
-    // Each is for one host; the other board is free all the same.
+    // Each is for one host; the other board stays free.
     let mut first = Client::connect(server.address());
     let device = first.import("1-2").expect("free");
     assert_eq!((be32(&device, 288), be32(&device, 292)), (1, 2));
@@ -60,8 +60,8 @@ fn without_a_serial_number_a_board_has_its_bus_id() {
     assert_eq!((status, &serial[..]), (0, &[8, 3, b'1', 0, b'-', 0, b'1', 0][..]));
 }
 
-/// A listener that never returns is called by a thread of its own: hosts get their board and move frames, a lost board
-/// leaves its host and comes back, and the server stops.
+/// A listener that never returns is called by a separate thread: hosts get their board and transfer frames, a lost
+/// board is detached from its host and returns, and the server stops.
 #[test]
 fn a_stuck_listener_stops_nothing() {
     let (goes_on, stuck) = std::sync::mpsc::channel::<()>();
@@ -103,7 +103,7 @@ fn frames_and_reports_move_in_order() {
     assert!(puppet.frames().iter().all(|frame| frame.bytes()[511] == frame.bytes()[0]), "whole");
 }
 
-/// A report that is there already may be handed on by another thread than one that was waited for: none overtakes
+/// A report that is already available may be passed on by another thread than one that was waited for: none overtakes
 /// another.
 #[test]
 fn reports_keep_their_order_whoever_moves_them() {
@@ -153,8 +153,8 @@ fn a_frame_that_is_held_can_be_taken_back() {
     assert_eq!(puppet.written(), [2]);
 }
 
-/// However the race between the board and the host's wish ends, the host's view is the board's: a frame is either taken
-/// and answered, or taken back and never seen by the board.
+/// However the race between the board and the host's cancellation ends, both agree: a frame is either taken and
+/// answered, or cancelled and never seen by the board.
 #[test]
 fn a_frame_is_taken_or_taken_back_and_never_both() {
     let (puppet, server, _) = serve(options());
@@ -192,7 +192,7 @@ fn a_read_that_waits_can_be_taken_back_and_no_report_is_lost_by_it() {
         assert_eq!(client.reply(), Reply::unlinked(wish));
         puppet.make_report(fill);
         if fill % 2 == 0 {
-            // It was read for the transfer that is gone.
+            // It was read for the cancelled transfer.
             puppet.let_report_be_taken(Duration::from_millis(1));
         }
         let wanted = client.want_report();
@@ -206,7 +206,7 @@ fn a_host_that_goes_leaves_the_board_to_the_next() {
     let (puppet, server, heard) = serve(options());
     for fill in 1..=5 {
         let mut client = Client::attached_in_time(server.address());
-        // It goes with a read and a frame held.
+        // It disconnects with a read and a frame pending.
         puppet.set_busy(true);
         client.want_report();
         client.give(&[fill; 512]);
@@ -220,7 +220,7 @@ fn a_host_that_goes_leaves_the_board_to_the_next() {
     assert_eq!(puppet.opened(), 1, "the board stays on");
 }
 
-/// SK-9.7 Detached and attached again is this board's way of being powered off.
+/// SK-9.7 Detaching and attaching again is this board's power cycle.
 #[test]
 fn a_board_that_hangs_runs_again_when_it_is_attached_again() {
     let (puppet, server, heard) = serve(options());
@@ -313,8 +313,8 @@ fn what_cannot_be_served_is_said_at_the_start() {
     assert!(error.to_string().ends_with("name another place with `--listen`"), "{error}");
 }
 
-/// SK-9.8, SK-9.9, SK-9.15 A simulated board: a report every cycle, asked or not, in every state; a cycle of 250 us is
-/// accepted.
+/// SK-9.8, SK-9.9, SK-9.15 A simulated board: a report every cycle, with or without a command, in every state; a cycle
+/// of 250 us is accepted.
 #[test]
 fn a_simulated_board_runs_behind_it() {
     let (server, _) = sim("sim:?slaves=io&queue=1&name=usbip-runs");
@@ -341,7 +341,7 @@ fn a_simulated_board_runs_behind_it() {
     assert!(in_op.take(50).all(|report| state(&report) == StateByte::reached(MasterState::Op)));
 }
 
-/// SW_RESET takes the board from the host; it can be attached again.
+/// SW_RESET detaches the board from the host; it can be attached again.
 #[test]
 fn after_a_reset_the_board_is_attached_again() {
     let (server, heard) = sim("sim:?slaves=io&queue=1&name=usbip-reset");

@@ -1,5 +1,5 @@
-//! The host takes a transfer back: either the transfer gets its own answer, before that to the unlink, or the answer to
-//! the unlink says that it was taken back; never both, never neither.
+//! The host cancels a transfer (unlink): either the transfer gets its own answer, before that to the unlink, or the
+//! answer to the unlink says that it was cancelled; never both, never neither.
 
 use super::board::Board;
 use support::usbip_client::Reply;
@@ -75,7 +75,7 @@ fn a_frame_that_the_board_took_after_all_was_not_taken_back() {
     assert_eq!((counters.frames, counters.writes_unlinked), (1, 0));
 }
 
-/// Another wish for it while nobody knows yet takes nothing back.
+/// A second unlink of it while the result is open cancels nothing.
 #[test]
 fn a_frame_under_way_is_not_taken_from_the_board() {
     let mut board = Board::new();
@@ -102,7 +102,7 @@ fn of_a_transfer_of_several_frames_the_rest_is_taken_back() {
     assert_eq!(board.next_frame(), Some(3));
 }
 
-/// SK-9.7 A short packet behind a frame that is taken back gets its turn.
+/// SK-9.7 A short packet behind a cancelled frame is processed.
 #[test]
 fn what_comes_after_a_frame_that_was_taken_back_goes_on() {
     let mut board = Board::new();

@@ -48,7 +48,7 @@ fn a_submission_says_what_and_where_to() {
         setup,
     };
     assert_eq!(Command::parse(&header), Ok(Command::Submit(expected)));
-    // Linux says 0 where the document says all ones.
+    // Linux sends 0 where the document has all ones.
     let mut header = header;
     header[32..36].fill(0);
     assert_eq!(Command::parse(&header), Ok(Command::Submit(expected)));
@@ -91,7 +91,7 @@ fn an_answer_has_its_place_for_each_number() {
     assert!(unlink[8..20].iter().chain(&unlink[24..48]).all(|byte| *byte == 0));
 }
 
-/// SK-9.1 High speed, and the pair.
+/// SK-9.1 High speed, and the pair of ids.
 #[test]
 fn a_list_shows_each_device_with_its_interface() {
     let mut bytes = Vec::new();

@@ -22,12 +22,13 @@ const fn pair(width: Width) -> Pair {
     }
 }
 
-/// A link to a board with slots as an assembly has them.
+/// A link to a board with the assembly's slot size.
 fn link_for(assembly: &str) -> String {
     format!("{VIRTUAL}&slot={}", if assembly.ends_with("16B") { 16 } else { 12 })
 }
 
-/// Runs a program that was compiled against the vendor's assembly on the stand-in for that, and with ours in its place.
+/// Runs a program that was compiled against the vendor's assembly on the stand-in for it, and on this project's
+/// assembly.
 fn swap(width: Width, test: &str, assembly: &str, program: &Program) {
     for file in [pair(width).stand_in(assembly), pair(width).ours(assembly), Pair::X86.ours(assembly)] {
         let folder = Folder::with_dll(width, &format!("dotnet-{test}"));
@@ -38,7 +39,7 @@ fn swap(width: Width, test: &str, assembly: &str, program: &Program) {
     }
 }
 
-/// Copies a program into the folder, with the assemblies beside it and what tells .NET Core how to run it.
+/// Copies a program into the folder, with the assemblies and the configuration by which .NET Core runs it.
 fn place(folder: &Folder, program: &Program) -> String {
     let name = program.exe.file_name().expect("a name").to_str().expect("UTF-8").to_owned();
     let copy = |name: &str| {
@@ -63,7 +64,7 @@ fn run(folder: &Folder, program: &str, link: &str, arguments: &[&str]) -> Ended 
     ended
 }
 
-/// It must end well, without a word to standard error.
+/// It must end successfully, with nothing on standard error.
 fn said(folder: &Folder, program: &str, link: &str, arguments: &[&str]) -> String {
     let ended = run(folder, program, link, arguments);
     assert_eq!(ended.stderr, "", "{program} {arguments:?} on {link}");
@@ -75,14 +76,14 @@ fn with_program(width: Width, test: &str, name: &str) -> (Folder, String) {
     on_assembly(width, test, name, "NEXTWUSB_dotNET")
 }
 
-/// The same for one that is compiled against that assembly.
+/// The same for a program that is compiled against that assembly.
 fn on_assembly(width: Width, test: &str, name: &str, assembly: &str) -> (Folder, String) {
     let folder = Folder::with_dll(width, &format!("dotnet-{test}"));
     let program = place(&folder, &test_program(name, assembly));
     (folder, program)
 }
 
-/// The keys of a link with the script that they name beside the program.
+/// The keys of a link, with the script that they name copied beside the program.
 fn scripted(folder: &Folder, keys: &str) -> String {
     for name in keys.split("SCRIPTS/").skip(1).map(|rest| rest.split('&').next().expect("a name")) {
         fs::copy(root().join("examples/scripts").join(name), folder.path().join(name)).expect("the script");
@@ -90,7 +91,7 @@ fn scripted(folder: &Folder, keys: &str) -> String {
     keys.replace("SCRIPTS/", "")
 }
 
-/// The head of a DLL says another machine than that of its code: a file that Windows does not take.
+/// Sets another machine in a DLL's header than that of its code, so that Windows refuses the file.
 fn of_another_width(mut dll: Vec<u8>) -> Vec<u8> {
     let header = u32::from_le_bytes(dll[0x3C..0x40].try_into().expect("four bytes")) as usize;
     let machine = &mut dll[header + 4..header + 6];
@@ -100,7 +101,7 @@ fn of_another_width(mut dll: Vec<u8>) -> Vec<u8> {
 }
 
 crate::for_each_width! {
-    /// LIB-29, LIB-30, NET-4, NET-11 The programs of `examples/csharp/` print what they print on Linux.
+    /// LIB-29, LIB-30, NET-4, NET-11 The programs of `examples/csharp/` print the same as on Linux.
     #[test]
     fn examples_in_csharp(width: Width) {
         let folder = Folder::with_dll(width, "dotnet-examples");
@@ -111,7 +112,7 @@ crate::for_each_width! {
         }
     }
 
-    /// NET-4, NET-11 A program that fails says why, and its axes are off.
+    /// NET-4, NET-11 A program that fails prints the reason, and its axes are off.
     #[test]
     fn an_end_by_an_alarm(width: Width) {
         let folder = Folder::with_dll(width, "dotnet-alarm");
@@ -123,7 +124,7 @@ crate::for_each_width! {
         both_axes_are_off_in_preop(&folder.path().join("alarm.pcapng"));
     }
 
-    /// LIB-33, NET-11, NET-20, NET-21 A program signs its frames, and asks for the CRC-8 of responses.
+    /// LIB-33, NET-11, NET-20, NET-21 A program signs its frames, and requests the CRC-8 of responses.
     #[test]
     fn the_crc(width: Width) {
         for (assembly, slot) in [("NEXTWUSB_dotNET_12B", 12), ("NEXTWUSB_dotNET_16B", 16)] {
@@ -140,8 +141,8 @@ crate::for_each_width! {
         }
     }
 
-    /// LIB-29, NET-11, NET-14, NET-15, NET-16, NET-17, NET-18, NET-19, NET-24 A program in C# that was compiled against the vendor's
-    /// assembly runs on that with this DLL, and on ours in its place.
+    /// LIB-29, NET-11, NET-14, NET-15, NET-16, NET-17, NET-18, NET-19, NET-24 A program in C# that was compiled against
+    /// the vendor's assembly runs on it with this DLL, and on this project's assembly.
     #[test]
     fn swapped(width: Width) {
         for assembly in VENDOR_ASSEMBLIES {
@@ -157,7 +158,7 @@ crate::for_each_width! {
         }
     }
 
-    /// NET-5, NET-6, NET-7, NET-11, NET-22 Other arrays, calls while nothing is open, calls of finalisers.
+    /// NET-5, NET-6, NET-7, NET-11, NET-22 Arrays of other lengths, calls while nothing is open, calls of finalisers.
     #[test]
     fn misuse(width: Width) {
         let (folder, program) = with_program(width, "misuse", "Misuse");
@@ -166,7 +167,7 @@ crate::for_each_width! {
         }
     }
 
-    /// NET-8, NET-11, NET-12, LIB-48, WIN-12 Programs end without Close, whatever their threads are at.
+    /// NET-8, NET-11, NET-12, LIB-48, WIN-12 Programs end without Close, whatever their threads are doing.
     #[test]
     fn endings(width: Width) {
         let (folder, program) = with_program(width, "endings", "Endings");
@@ -182,7 +183,7 @@ crate::for_each_width! {
                 assert_eq!((ended.status.code(), ended.stdout.as_str()), (Some(code), "reading\n"), "{more:?}: {ended:?}");
             }
         }
-        // How it ends after that is up to Wine's debugger.
+        // How it ends after that depends on Wine's debugger.
         let ended = run(&folder, &program, REAL, &["throw"]);
         assert!(ended.stdout.starts_with("reading\n") && ended.stderr.contains("on purpose"), "{ended:?}");
     }
@@ -207,7 +208,7 @@ crate::for_each_width! {
         }
     }
 
-    /// NET-3, NET-6, WIN-7 What is wrong with the configuration is said, with file, line and key.
+    /// NET-3, NET-6, WIN-7 An error in the configuration is reported with file, line and key.
     #[test]
     fn configuration(width: Width) {
         let (folder, program) = with_program(width, "configuration", "LookUp");
@@ -228,8 +229,8 @@ crate::for_each_width! {
         assert!(good.starts_with("True ") && good.ends_with("\n\nTrue True\n"), "{good}");
     }
 
-    /// NET-2, NET-3, NET-6 The DLL is found beside the assembly and in the folder for the width; one of the other width is passed
-    /// over; what was looked at is said when there is none.
+    /// NET-2, NET-3, NET-6 The DLL is found beside the assembly and in the folder for the width; a DLL of the other
+    /// width is skipped; without a DLL the error lists the places that were tried.
     #[test]
     fn search(width: Width) {
         let (folder, program) = with_program(width, "search", "LookUp");
@@ -260,12 +261,12 @@ crate::for_each_width! {
     }
 }
 
-/// What is tried once, for one width.
+/// Tests that run once, for one width.
 mod on_linux {
     mod x64 {
         use super::super::*;
 
-        /// Runs a program by Mono and by .NET Core on Linux; what each said.
+        /// Runs a program by Mono and by .NET Core on Linux; the output of each.
         fn by_each(program: &Program, link: &str, tell: impl Fn(&str)) {
             let core = given("ECMSK_DOTNET");
             let config = program.exe.with_file_name("core.json");
@@ -297,8 +298,8 @@ mod on_linux {
             }
         }
 
-        /// LIB-29, NET-14, NET-15, NET-16, NET-17, NET-18, NET-19, NET-24 A program in VB.NET that was compiled against the vendor's
-        /// assembly runs on ours, of either pair, by Mono and by .NET Core on Linux.
+        /// LIB-29, NET-14, NET-15, NET-16, NET-17, NET-18, NET-19, NET-24 A program in VB.NET that was compiled against
+        /// the vendor's assembly runs on this project's, of either pair, by Mono and by .NET Core on Linux.
         #[test]
         fn swapped_in_vb_on_linux() {
             for assembly in VENDOR_ASSEMBLIES {

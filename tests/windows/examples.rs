@@ -1,5 +1,5 @@
-//! The programs of `examples/cpp/` and `examples/c/`, unchanged: on virtual time they print here, under Wine, what they print
-//! on Linux, to the byte.
+//! The programs of `examples/cpp/` and `examples/c/`, unchanged: on virtual time their output under Wine equals that on
+//! Linux, to the byte.
 
 use crate::fixture::{Folder, Toolchain, Width, lines};
 use support::examples::{C, CPP, SCRIPTS};

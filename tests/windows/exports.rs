@@ -1,4 +1,4 @@
-//! What is in the files.
+//! The contents of the files.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use object::read::pe::{ExportTarget, ImageNtHeaders, ImageOptionalHeader as _, P
 use crate::fixture::Width;
 use support::root;
 
-/// What the DLL exports: name and ordinal.
+/// Exports of the DLL: name and ordinal.
 fn exports_of<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> Vec<(String, u16)> {
     let table = file.export_table().expect("readable").expect("a table of exports");
     let exports = table.exports().expect("readable");
@@ -33,7 +33,7 @@ fn imports_of<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> Vec<String> {
     names
 }
 
-/// Base relocations by kind, and how many of 32 bits move what is no address in the DLL.
+/// Base relocations by kind, and how many of 32 bits relocate a value that is no address in the DLL.
 fn relocations_of<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> (BTreeMap<u16, usize>, usize) {
     let sections = file.section_table();
     let base = file.relative_address_base();
@@ -54,7 +54,7 @@ fn relocations_of<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> (BTreeMap<u16, usi
     (kinds, wrong)
 }
 
-/// Where the parts of the DLL begin in the file.
+/// Offsets of the DLL's sections in the file.
 fn places_of<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> Vec<u32> {
     let sections = file.section_table();
     sections.iter().map(|section| section.pointer_to_raw_data.get(object::LittleEndian)).collect()
@@ -70,7 +70,7 @@ macro_rules! of_dll {
     };
 }
 
-/// The address that it is loaded at unless something else is there.
+/// The preferred base address.
 fn base_of<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> u64 {
     file.relative_address_base()
 }
@@ -81,8 +81,8 @@ pub fn base(width: Width) -> u64 {
 }
 
 crate::for_each_width! {
-    /// LIB-2, LIB-3, WIN-1 The DLL exports the vendor's four functions by names without decoration, with the ordinals 1 to 4, and after them
-    /// the other ones of the list, and nothing else.
+    /// LIB-2, LIB-3, WIN-1 The DLL exports the vendor's four functions by names without decoration, with the ordinals 1
+    /// to 4, then the others of the list, and nothing else.
     #[test]
     fn every_export_is_of_the_list(width: Width) {
         let list = std::fs::read_to_string(root().join("capi/exports.txt")).expect("capi/exports.txt");
@@ -98,7 +98,7 @@ crate::for_each_width! {
         assert_eq!(of_dll!(width, &*bytes, exports_of), expected);
     }
 
-    /// WIN-2 It needs nothing but what every Windows since 7 has.
+    /// WIN-2 It imports only DLLs that every Windows since 7 has.
     #[test]
     fn only_system_dlls_are_imported(width: Width) {
         let system = [
@@ -111,7 +111,7 @@ crate::for_each_width! {
         }
     }
 
-    /// WIN-14 Loaded at another base, nothing moves that is no address: what is each thread's own keeps its offset.
+    /// WIN-14 Loaded at another base, only addresses are relocated: thread-local data keep their offset.
     #[test]
     fn addresses_alone_are_relocated(width: Width) {
         let bytes = width.dll();
@@ -124,7 +124,7 @@ crate::for_each_width! {
         assert!(kinds.get(&addresses.0).is_some_and(|count| *count > 1000), "{kinds:?}");
     }
 
-    /// WIN-15 Each part begins at a page of the file, so that it can be mapped as it is.
+    /// WIN-15 Each section begins at a page of the file, so that it can be mapped without copying.
     #[test]
     fn the_file_is_as_it_is_in_memory(width: Width) {
         let bytes = width.dll();
@@ -132,7 +132,7 @@ crate::for_each_width! {
         assert!(places.len() > 5 && places.iter().all(|place| place % 4096 == 0), "{places:x?}");
     }
 
-    /// WIN-3 Windows shows whose the files are, and their version.
+    /// WIN-3 Windows shows the files' vendor and version.
     #[test]
     fn the_files_have_a_version(width: Width) {
         let wide = |text: &str| text.encode_utf16().flat_map(u16::to_le_bytes).collect::<Vec<u8>>();

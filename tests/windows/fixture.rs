@@ -1,4 +1,4 @@
-//! DLLs, compilers and Wine, as `cargo xtask test --windows` hands them over, and programs on them.
+//! DLLs, compilers and Wine, as set up by `cargo xtask test --windows`, and programs on them.
 
 use std::ffi::OsStr;
 use std::os::unix::process::ExitStatusExt;
@@ -11,19 +11,21 @@ use support::{self, Ended, root};
 /// The DLL's file.
 pub const DLL: &str = "NEXTWUSBLib.dll";
 
-/// What Wine 8 says when its own connection between a program and its server fails. That happens to a thread which creates
-/// another one while its process ends: of 1000 programs without any DLL of ours whose last act was CreateThread, 6 said it.
+/// Message of Wine 8 when its own connection between a program and its server fails. That happens to a thread which
+/// creates another one while its process ends: of 1000 programs without this project's DLL whose last call was
+/// CreateThread, 6 printed it.
 const WINE_FAILED: &str = "wine client error:";
-/// The signal by which 32-bit Wine 8 ends a program if the process ends while a new thread has not begun to run: Wine ends
-/// the thread by a signal before it has kept the thread's segment register %gs, and the handler of that signal then reads
-/// through %gs = 0. So ended 28 of 400 programs without any DLL of ours whose last act was CreateThread, and 5 of 1500
-/// programs of .NET that closed the board during a read and returned; no 64-bit one did.
+/// The signal by which 32-bit Wine 8 ends a program if the process ends while a new thread has not begun to run: Wine
+/// ends the thread by a signal before it has saved the thread's segment register %gs, and that signal's handler then
+/// reads through %gs = 0. 28 of 400 programs without this project's DLL whose last call was CreateThread ended so. So
+/// did 5 of 1500 programs of .NET that closed the board during a read and returned; no 64-bit one did.
 ///
-/// A fault in a DLL ends otherwise: a page fault, a jump to nowhere, a full stack and an illegal instruction give an exit
-/// code and a text of Wine's on standard error, abort an exit code. One fault ends alike: a stack pointer that points
-/// nowhere. So a program is run again at most as often as [`WINE_RUNS`] says, and what happens each time still fails.
+/// A fault in a DLL ends differently: a page fault, a jump to an invalid address, a full stack and an illegal
+/// instruction cause an exit code and a text of Wine's on standard error, abort an exit code. One fault ends the same
+/// way: an invalid stack pointer. A program is therefore run at most [`WINE_RUNS`] times, and a fault that happens each
+/// time still fails.
 const SIGSEGV: i32 = 11;
-/// How often a program is run at most if Wine itself fails.
+/// The maximum number of runs of a program if Wine itself fails.
 const WINE_RUNS: usize = 4;
 
 /// A width of programs.
@@ -33,7 +35,7 @@ pub enum Width {
     X86,
 }
 
-/// Who compiles and links, and so by which conventions.
+/// The compiler and linker, which define the conventions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Toolchain {
     /// gcc and GNU ld.
@@ -43,7 +45,7 @@ pub enum Toolchain {
 }
 
 impl Width {
-    /// As xtask names it.
+    /// The name that xtask uses.
     pub const fn name(self) -> &'static str {
         match self {
             Self::X64 => "x64",
@@ -51,7 +53,7 @@ impl Width {
         }
     }
 
-    /// As the triples of compilers begin.
+    /// The begin of compilers' target triples.
     pub const fn machine(self) -> &'static str {
         match self {
             Self::X64 => "x86_64",
@@ -59,7 +61,7 @@ impl Width {
         }
     }
 
-    /// What xtask has built for this width.
+    /// The folder with the files that xtask has built for this width.
     pub fn stage(self) -> PathBuf {
         given("ECMSK_WINDOWS_STAGE").join(self.name())
     }
@@ -70,7 +72,7 @@ impl Width {
     }
 }
 
-/// What xtask says.
+/// A path that xtask passes in this variable.
 pub fn given(variable: &str) -> PathBuf {
     match env::var_os(variable) {
         Some(value) => value.into(),
@@ -78,9 +80,9 @@ pub fn given(variable: &str) -> PathBuf {
     }
 }
 
-/// A folder for programs, which Wine sees too.
+/// A folder for programs, which is visible to Wine, too.
 pub struct Folder {
-    /// Of which width.
+    /// The width of its programs.
     pub width: Width,
     /// Its name below the folder of all programs.
     name: String,
@@ -102,7 +104,7 @@ impl Folder {
         folder
     }
 
-    /// Where it lies for this system.
+    /// Its path on this system.
     pub fn path(&self) -> PathBuf {
         given("ECMSK_WINE_PROGRAMS").join(&self.name)
     }
@@ -118,7 +120,7 @@ impl Folder {
             Toolchain::MinGw => {
                 let mut gcc = self.gcc(source);
                 gcc.args(options).arg(source).arg("-o").arg(self.path().join(program));
-                // In the program, so that it needs no DLL of the compiler's.
+                // Linked statically, so that the program needs no DLL of the compiler's.
                 gcc.args(["-static", "-L"]).arg(self.width.stage()).arg("-lNEXTWUSBLib");
                 support::succeed(&mut gcc);
             }
@@ -127,7 +129,7 @@ impl Folder {
                 let object = self.object(source, program, options);
                 let mut link = self.lld_link(program);
                 link.arg(object).arg(start).arg("/entry:mainCRTStartup");
-                // What MinGW links with has no table of exception handlers, which Microsoft's linker asks for on x86.
+                // MinGW's libraries have no table of exception handlers, which Microsoft's linker requires on x86.
                 link.arg("/safeseh:no").args(["msvcrt", "kernel32"].map(|name| self.mingw_library(name)));
                 support::succeed(&mut link);
             }
@@ -159,7 +161,7 @@ impl Folder {
         object
     }
 
-    /// Microsoft's linker's like, with the import library for it.
+    /// lld-link, which is compatible with Microsoft's linker, with the import library for it.
     pub fn lld_link(&self, program: &str) -> Command {
         let mut link = Command::new("lld-link-14");
         link.args(["/nologo", "/nodefaultlib", "/subsystem:console"]);
@@ -172,7 +174,7 @@ impl Folder {
         Path::new("/usr").join(format!("{}-w64-mingw32/lib/lib{name}.a", self.width.machine()))
     }
 
-    /// A program of it, with that link.
+    /// The command that runs a program of the folder with that link.
     pub fn command(&self, program: &str, link: &str) -> Command {
         let mut command = Command::new(given("ECMSK_WINE"));
         command.arg(&self.name).arg(program);
@@ -187,8 +189,8 @@ impl Folder {
         self.run_command(&mut command)
     }
 
-    /// Runs a command of [`Self::command`] to its end. A run in which Wine itself failed ([`WINE_FAILED`], [`SIGSEGV`]) says
-    /// nothing about the program and is repeated.
+    /// Runs a command of [`Self::command`] to its end. A run in which Wine itself failed ([`WINE_FAILED`], [`SIGSEGV`])
+    /// is repeated, since it proves nothing about the program.
     pub fn run_command(&self, command: &mut Command) -> Ended {
         for _ in 1..WINE_RUNS {
             let ended = support::run(command);
@@ -200,7 +202,7 @@ impl Folder {
         support::run(command)
     }
 
-    /// Runs a program that checks itself and says `ok`.
+    /// Runs a program that checks itself and prints `ok`.
     pub fn passes(&self, program: &str, link: &str, arguments: &[&str]) {
         let ended = self.run(program, link, arguments);
         assert_eq!(ended.stderr, "", "{program} {arguments:?} on {link}");
@@ -208,7 +210,7 @@ impl Folder {
     }
 }
 
-/// What Wine itself failed with, if it did.
+/// Wine's own fault in this run, if any.
 fn fault_of_wine(width: Width, ended: &Ended) -> Option<String> {
     if ended.stderr.contains(WINE_FAILED) {
         return Some(ended.stderr.trim_end().to_owned());
@@ -243,7 +245,7 @@ pub fn source(name: &str) -> PathBuf {
     root().join("tests/windows/programs").join(name)
 }
 
-/// What Windows' C library has written to a text, with the ends of lines as they are here.
+/// A text written by Windows' C library, with this system's line ends.
 pub fn lines(text: &str) -> String {
     text.replace("\r\n", "\n")
 }

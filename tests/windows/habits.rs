@@ -1,4 +1,4 @@
-//! What the functions do call by call: the programs of `tests/c/` that are not of Unix, each of which checks itself.
+//! The functions call by call: the programs of `tests/c/` that do not need Unix, each of which checks itself.
 
 use ecmsk::link::Dir;
 use ecmsk::recording::Recording;
@@ -25,20 +25,20 @@ fn passes(width: Width, name: &str, links: &[&str]) {
 }
 
 crate::for_each_width! {
-    /// LIB-41, LIB-47, LIB-20 Calls before Open and after Close are false and harm nothing.
+    /// LIB-41, LIB-47, LIB-20 Calls before Open and after Close return false and have no effect.
     #[test]
     fn calls_while_nothing_is_open(width: Width) {
         passes(width, "not_open", &CLOCKS);
     }
 
-    /// LIB-54 A read that fails leaves the frame that was moved last.
+    /// LIB-54 A read that fails returns the last transferred frame.
     #[test]
     fn a_read_that_fails(width: Width) {
         passes(width, "last_frame", &CLOCKS);
     }
 
-    /// LIB-70 A thread that is ended by TerminateThread in a read: all goes on, in a board that makes reports and in one that
-    /// makes none, in one that is recorded and in one that another machine serves.
+    /// LIB-70 After a thread is ended by TerminateThread in a read, all other calls work: with a board that sends
+    /// reports and one that sends none, with one that is recorded and one that another machine serves.
     #[test]
     fn a_thread_that_is_terminated(width: Width) {
         let folder = Folder::with_dll(width, "habit-terminated");
@@ -55,7 +55,7 @@ crate::for_each_width! {
         }
     }
 
-    /// LIB-27, LIB-28, LIB-51, LIB-52, LIB-53 Lengths and addresses; not a byte beyond is touched.
+    /// LIB-27, LIB-28, LIB-51, LIB-52, LIB-53 Lengths and addresses; no byte outside is accessed.
     #[test]
     fn lengths_and_addresses(width: Width) {
         passes(width, "lengths", &CLOCKS);
@@ -67,13 +67,13 @@ crate::for_each_width! {
         passes(width, "open_close", &CLOCKS);
     }
 
-    /// SK-4.34, LIB-43, LIB-49 A board that was reset is dead until Open.
+    /// SK-4.34, LIB-43, LIB-49 A board that was reset is unusable until Open.
     #[test]
     fn a_reset_board(width: Width) {
         passes(width, "reset", &CLOCKS);
     }
 
-    /// LIB-40, LIB-64 What GetLastError gives after each call.
+    /// LIB-40, LIB-64 GetLastError after each call.
     #[test]
     fn windows_last_error(width: Width) {
         let folder = Folder::with_dll(width, "habit-last-error");
@@ -103,7 +103,7 @@ crate::for_each_width! {
         passes(width, "boards", &[VIRTUAL]);
     }
 
-    /// SK-1.23 The caller's bytes go to the board as they are, and a recording has them.
+    /// SK-1.23 The caller's bytes go to the board and to a recording unchanged.
     #[test]
     fn bytes_as_they_are(width: Width) {
         let (folder, program) = with_program(width, "untouched");
@@ -120,7 +120,7 @@ crate::for_each_width! {
         assert_eq!(count, 2);
     }
 
-    /// LIB-42, WIN-7 What cannot be opened gives false, and a text that says why and what to do.
+    /// LIB-42, WIN-7 An Open that fails returns false, with a text that says why and what to do.
     #[test]
     fn an_open_that_fails(width: Width) {
         let folder = Folder::with_dll(width, "habit-fails");
@@ -139,7 +139,7 @@ crate::for_each_width! {
         }
     }
 
-    /// WIN-8 A caller's floating-point state harms nothing and is left to it.
+    /// WIN-8 A caller's floating-point state does no harm and is preserved.
     #[test]
     fn floating_point_of_the_caller(width: Width) {
         let folder = Folder::with_dll(width, "habit-floats");
@@ -150,7 +150,8 @@ crate::for_each_width! {
             lines(&ended.success())
         };
         let usual = sum(["1F80", "037F"]);
-        // Invalid, divide by zero and overflow raise exceptions; down, denormals as 0, single precision; towards zero.
+        // Invalid, divide by zero and overflow raise exceptions; rounding down, denormals as 0, single precision;
+        // rounding towards zero.
         for other in [["1900", "0372"], ["BFC0", "047F"], ["7F80", "0C7F"]] {
             assert_eq!(sum(other), usual, "{other:?}");
         }

@@ -1,4 +1,5 @@
-//! What links with the import libraries, by every name that programs know the functions by, from declarations of its own.
+//! Linking with the import libraries, by every name that programs use for the functions, with declarations of the
+//! test's own.
 
 use std::process::Command;
 
@@ -12,7 +13,7 @@ const LINK: &str = "sim:?slaves=drive*2&clock=virtual";
 /// Sources and how they declare the functions.
 const SPELLINGS: [(&str, &[&str]); 3] = [("declared.c", &[]), ("declared.cpp", &["-DEXTERN_C"]), ("declared.cpp", &[])];
 
-/// What a program imports of our DLL.
+/// A program's imports from the DLL.
 fn imports_of<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> Vec<String> {
     let table = file.import_table().expect("readable").expect("a table of imports");
     let mut descriptors = table.descriptors().expect("readable");
@@ -66,7 +67,7 @@ crate::for_each_width! {
         for (number, (input, options)) in SPELLINGS.into_iter().enumerate() {
             let program = format!("spelling{number}.exe");
             let object = folder.object(&source(input), &program, options);
-            // Without `/safeseh:no`: the library stands in no program's way.
+            // Without `/safeseh:no`: the library allows it.
             succeed(folder.lld_link(&program).arg(object).arg("/entry:start"));
             assert_eq!(imports(&folder, &program), ["CloseECMUSB", "ECMUSBRead", "ECMUSBWrite", "OpenECMUSB"]);
             works(&folder, &program);
@@ -119,7 +120,7 @@ crate::for_each_width! {
         folder.passes("by_name.exe", LINK, &["ordinals"]);
     }
 
-    /// WIN-5 Both import libraries have the functions beside the vendor's.
+    /// WIN-5 Both import libraries also have this project's functions.
     #[test]
     fn libraries_have_the_other_functions(width: Width) {
         let list = std::fs::read_to_string(support::root().join("capi/exports.txt")).expect("capi/exports.txt");
@@ -136,7 +137,7 @@ crate::for_each_width! {
             assert!(symbols.contains(&format!(" T {symbol}\n")), "{symbol}");
             assert!(known.contains(&symbol) && known.contains(&format!("__imp_{symbol}")), "{symbol}: {known:?}");
         }
-        // What Microsoft's linker asks for by itself, once for a DLL.
+        // Symbols that Microsoft's linker requires itself, once per DLL.
         for part in ["__IMPORT_DESCRIPTOR_NEXTWUSBLib", "__NULL_IMPORT_DESCRIPTOR", "\u{7F}NEXTWUSBLib_NULL_THUNK_DATA"] {
             assert!(known.iter().any(|symbol| symbol == part), "{part}: {known:?}");
         }

@@ -1,4 +1,4 @@
-//! Which link is opened, and the network from Windows.
+//! The choice of the link, and links over the network from Windows.
 
 use std::fs;
 use std::path::Path;
@@ -8,7 +8,7 @@ use support::tcp::serve;
 
 crate::for_each_width! {
     /// LIB-42, WIN-7 The link comes from ECMSK_LINK, then from ecmsk.toml beside the program, beside the DLL, in the user's
-    /// folder, in ProgramData; none: `usb:`. What is wrong in the file is named with the file, the line and the key.
+    /// folder, in ProgramData; none: `usb:`. An error in the file is reported with the file, the line and the key.
     #[test]
     fn the_link_is_looked_for_in_five_places(width: Width) {
         let folder = Folder::empty(width, "places");
@@ -21,7 +21,7 @@ crate::for_each_width! {
         fs::copy(width.stage().join(DLL), library.join(DLL)).expect("the DLL");
         folder.build(Toolchain::MinGw, &source("which_link.c"), "program/which_link.exe");
         let says = |link: &str| {
-            // Wine's drive Z is the root; what is not absolute is seen from the folder of all of them.
+            // Wine's drive Z is the root; relative paths start at the folder of all programs.
             let arguments = ["library\\NEXTWUSBLib.dll", "APPDATA=user", "ProgramData=system"];
             let ended = folder.run("program/which_link.exe", link, arguments);
             assert_eq!(ended.stderr, "", "{link}");
@@ -29,7 +29,7 @@ crate::for_each_width! {
         };
         let write = |dir: &Path, text: &str| fs::write(dir.join("ecmsk.toml"), text).expect("a file of the folder");
 
-        // Another machine's board, which is not there: nothing that this one has is touched.
+        // A board of another machine that does not exist: no device of this machine is opened.
         let none = says("");
         assert!(none.contains("by default") && none.contains("usb:"), "{none}");
         for (number, dir) in (3..).zip([&system, &user, &library, &program]) {
@@ -51,7 +51,7 @@ crate::for_each_width! {
         }
     }
 
-    /// WIN-13 A board that a machine in the network serves: its threads and sockets go with the link.
+    /// WIN-13 A board that a machine in the network serves: its threads and sockets end with the link.
     #[test]
     fn a_board_in_the_network(width: Width) {
         let (server, _) = serve("sim:?slaves=drive*2");
@@ -59,7 +59,7 @@ crate::for_each_width! {
         let link = format!("tcp://{}", server.address());
         folder.build(Toolchain::MinGw, &support::root().join("tests/c/two_axes.c"), "two_axes.exe");
         folder.passes("two_axes.exe", &link, &[]);
-        // Its threads and sockets are gone with the link.
+        // Its threads and sockets have ended with the link.
         folder.build(Toolchain::MinGw, &source("cycles.c"), "cycles.exe");
         let ended = folder.run("cycles.exe", &link, ["20"]);
         assert_eq!(ended.stderr, "");

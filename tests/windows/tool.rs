@@ -1,5 +1,5 @@
-//! The tool for Windows, `ecmsk.exe`: it prints what the tool of this system prints, to the byte, on virtual time; ends of
-//! lines are those of Linux. [OURS]
+//! The tool for Windows, `ecmsk.exe`: on virtual time its output equals that of this system's tool, to the byte,
+//! including line ends. [OURS]
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
@@ -16,7 +16,7 @@ use support::{self, Ended, root};
 const TOOL: &str = "ecmsk.exe";
 const BOARD: &str = "sim:?slaves=drive*2,io&clock=virtual";
 
-/// A folder with the tool and the DLL, as a package has them.
+/// A folder with the tool and the DLL, as in a package.
 fn folder(width: Width, name: &str) -> Folder {
     let folder = Folder::with_dll(width, name);
     fs::copy(width.stage().join(TOOL), folder.path().join(TOOL)).expect("the tool");
@@ -34,7 +34,7 @@ fn there(folder: &Folder, words: &[&str]) -> Ended {
     folder.run(TOOL, "", words)
 }
 
-/// Both print the same, to the byte, and end by the same code.
+/// Both print the same, to the byte, and exit with the same code.
 fn same(folder: &Folder, words: &[&str]) -> String {
     let (expected, found) = (here(folder, words), there(folder, words));
     assert_eq!(
@@ -46,7 +46,7 @@ fn same(folder: &Folder, words: &[&str]) -> String {
 }
 
 crate::for_each_width! {
-    /// WIN-60 The tool says its version, moves axes of a simulated board, and prints what the one of Linux prints.
+    /// WIN-60 The tool prints its version, moves axes of a simulated board, and prints the same as on Linux.
     #[test]
     fn steps_print_what_they_print_on_linux(width: Width) {
         let folder = folder(width, "tool-steps");
@@ -61,13 +61,13 @@ crate::for_each_width! {
         assert!(there(&folder, &["man", "dump"]).success().contains(".TH ecmsk-dump"));
     }
 
-    /// WIN-61 A program that is run by `exec` gets the DLL beside the tool and the board that is named, and prints what it
-    /// prints on Linux; what it records is read, compared and plotted alike on both.
+    /// WIN-61 A program that is run by `exec` gets the DLL beside the tool and the given board, and prints the same as
+    /// on Linux; its recording is read, compared and plotted equally on both.
     #[test]
     fn exec_and_recordings(width: Width) {
         let folder = folder(width, "tool-exec");
         let csv = root().join("examples/c/csv_cst.c");
-        // Not beside the tool: Windows would find the DLL without any help.
+        // Not beside the tool, where Windows would find the DLL anyway.
         fs::create_dir(folder.path().join("program")).expect("a folder");
         folder.build(Toolchain::MinGw, &csv, "program/csv_cst.exe");
         let link = "sim:?slaves=drive*2&clock=virtual";
@@ -106,7 +106,7 @@ crate::for_each_width! {
         assert!(!there(&folder, &words).success().is_empty());
     }
 
-    /// WIN-63 What Windows does not have says so: links `spi:`, and boards attached by the kernel.
+    /// WIN-63 Unsupported on Windows is reported as such: links `spi:`, and boards attached by the kernel.
     #[test]
     fn what_windows_does_not_have(width: Width) {
         let folder = folder(width, "tool-errors");
@@ -119,8 +119,8 @@ crate::for_each_width! {
         assert!(attach.stderr.contains("kernel of Linux alone") && attach.stderr.contains("usbip-win2"), "{}", attach.stderr);
     }
 
-    /// WIN-64 `list` and `doctor` look at what Windows' HID driver knows, and say what to do; `doctor DIR` at real programs
-    /// and DLLs.
+    /// WIN-64 `list` and `doctor` check the devices of Windows' HID driver, and say what to do; `doctor DIR` checks
+    /// real programs and DLLs.
     #[test]
     fn list_and_doctor(width: Width) {
         let folder = folder(width, "tool-doctor");
@@ -154,7 +154,7 @@ crate::for_each_width! {
         assert!(said.contains(&takes), "{said}");
     }
 
-    /// WIN-65 A board that the tool serves under Windows is one for the tool of this system; Ctrl-C ends it in order.
+    /// WIN-65 The tool of this system uses a board that the tool serves under Windows; Ctrl-C ends the server properly.
     #[test]
     fn a_served_board_and_its_end(width: Width) {
         let folder = folder(width, "tool-serve");
@@ -170,8 +170,8 @@ crate::for_each_width! {
         assert!(code == Some(0) && err.contains("stopped by Ctrl-C"), "{code:?} {err}");
     }
 
-    /// WIN-66 Ctrl-C in a move brakes the axis before the tool ends by 130: it has not gone where it was sent, and
-    /// its last targets come to rest.
+    /// WIN-66 Ctrl-C in a move brakes the axis before the tool exits with 130: it has not reached its target position,
+    /// and its last targets slow down to rest.
     #[test]
     fn ctrl_c_brakes_a_move(width: Width) {
         let folder = folder(width, "tool-stop");
@@ -196,7 +196,7 @@ crate::for_each_width! {
     }
 }
 
-/// The tool at work.
+/// A running tool.
 struct Running {
     child: Child,
     out: BufReader<ChildStdout>,
@@ -214,7 +214,7 @@ impl Running {
         Self { child, out, said, err: String::new() }
     }
 
-    /// Waits until it says a line with this on standard error.
+    /// Waits until it prints a line with this text on standard error.
     fn until(&mut self, words: &str) {
         while !self.err.contains(words) {
             let read = self.said.read_line(&mut self.err).expect("UTF-8");
@@ -222,12 +222,12 @@ impl Running {
         }
     }
 
-    /// Wine hands SIGINT on as Windows does Ctrl-C. What Wine is started by becomes the program.
+    /// Wine passes SIGINT on as Windows does Ctrl-C. The process that starts Wine becomes the program.
     fn press_ctrl_c(&self) {
         kill_process(Pid::from_child(&self.child), Signal::INT).expect("it runs");
     }
 
-    /// Its exit code, and all it has said on standard error.
+    /// Its exit code, and everything it has printed on standard error.
     fn end(mut self) -> (Option<i32>, String) {
         self.said.read_to_string(&mut self.err).expect("UTF-8");
         (self.child.wait().expect("it ends").code(), self.err)

@@ -1,13 +1,13 @@
-//! Loading and unloading: again and again, at another place, while a board is open, and the end of a process.
+//! Loading and unloading: repeatedly, at another base, while a board is open, and the end of a process.
 
 use crate::fixture::{Folder, Toolchain, Width, source};
 
 const VIRTUAL: &str = "sim:?slaves=drive&clock=virtual";
-/// With a thread of the library's.
+/// With a thread of the library.
 const REAL: &str = "sim:?slaves=drive&clock=real";
-/// More rounds than a process has TLS indexes, so that none may be lost in each.
+/// More rounds than a process has TLS indexes, so that a lost one per round would fail.
 const ROUNDS: &str = "1200";
-/// With threads to start and to end it takes longer.
+/// Fewer, since starting and ending threads takes longer.
 const ROUNDS_WITH_THREADS: &str = "100";
 
 /// A folder of a test's own with the DLL and a program.
@@ -18,7 +18,7 @@ fn with_program(width: Width, test: &str, name: &str) -> (Folder, String) {
     (folder, program)
 }
 
-/// The program's own count of what is left.
+/// The program counts the remaining threads, handles and TLS indexes itself.
 fn cycles((folder, program): &(Folder, String), arguments: &[&str], link: &str) {
     let ended = folder.run(program, link, arguments);
     assert_eq!(ended.stderr, "", "{arguments:?} on {link}");
@@ -27,7 +27,7 @@ fn cycles((folder, program): &(Folder, String), arguments: &[&str], link: &str) 
 }
 
 crate::for_each_width! {
-    /// WIN-9 Loaded, opened, closed and unloaded again and again, the DLL leaves no thread, handle or TLS index behind.
+    /// WIN-9 Loaded, opened, closed and unloaded repeatedly, the DLL leaves no thread, handle or TLS index behind.
     #[test]
     fn nothing_is_left_after_unloading(width: Width) {
         let program = with_program(width, "again", "cycles");
@@ -36,13 +36,13 @@ crate::for_each_width! {
         cycles(&program, &[ROUNDS_WITH_THREADS], &format!("{REAL}&record=cycles.pcapng"));
     }
 
-    /// WIN-9 A board of ecmsk_open is no other.
+    /// WIN-9 The same for a board of ecmsk_open.
     #[test]
     fn nothing_is_left_of_boards_by_uri(width: Width) {
         cycles(&with_program(width, "uri", "cycles"), &[ROUNDS_WITH_THREADS, "uri"], REAL);
     }
 
-    /// WIN-11 While a board is open FreeLibrary does not take the DLL away; Close does then, called by its address alone.
+    /// WIN-11 While a board is open FreeLibrary does not unload the DLL; Close does then, called by its address alone.
     #[test]
     fn the_dll_stays_while_a_board_is_open(width: Width) {
         let (folder, program) = with_program(width, "stays", "pinned");
@@ -52,8 +52,8 @@ crate::for_each_width! {
         }
     }
 
-    /// LIB-48, WIN-11 FreeLibrary and Close during a blocked read: the read is false, and says why to who has the
-    /// DLL still; then the DLL goes.
+    /// LIB-48, WIN-11 FreeLibrary and Close during a blocked read: the read returns false, with the reason for a caller
+    /// that still has the DLL loaded; then the DLL is unloaded.
     #[test]
     fn unloaded_during_a_read(width: Width) {
         let (folder, program) = with_program(width, "read", "pinned");
@@ -61,7 +61,7 @@ crate::for_each_width! {
         folder.passes(&program, REAL, &["close"]);
     }
 
-    /// WIN-14 The DLL works wherever Windows puts it.
+    /// WIN-14 The DLL works at any base address.
     #[test]
     fn loaded_at_another_base(width: Width) {
         let (folder, program) = with_program(width, "moved", "moved");
@@ -71,7 +71,7 @@ crate::for_each_width! {
         }
     }
 
-    /// LIB-41, WIN-12 A program may end without Close, whatever its threads are at.
+    /// LIB-41, WIN-12 A program may end without Close, whatever its threads are doing.
     #[test]
     fn programs_may_end_without_close(width: Width) {
         let (folder, program) = with_program(width, "ends", "ends");

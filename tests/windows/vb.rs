@@ -25,7 +25,7 @@ const MONO: &str = "/usr/lib/mono/4.5";
 /// Compiles a program against an assembly.
 pub fn compile(source: &Path, assembly: &Path) -> Program {
     let name = assembly.file_stem().expect("a name").to_str().expect("UTF-8");
-    // A folder of its own: tests run beside each other.
+    // A separate folder, since tests run in parallel.
     let folder = out_dir().join(format!("vb-{name}-{:?}", std::thread::current().id()));
     fs::create_dir_all(&folder).expect("a folder in the target folder");
     let exe = folder.join(source.file_stem().expect("a name")).with_extension("exe");
@@ -39,7 +39,7 @@ pub fn compile(source: &Path, assembly: &Path) -> Program {
         vbc.arg(format!("-reference:{}", drive_z(&reference)));
     }
     let output = vbc.arg(format!("-out:{}", drive_z(&exe))).arg(drive_z(source)).output().expect("the compiler runs");
-    // The compiler tells its errors to standard output.
+    // The compiler writes its errors to standard output.
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&[output.stdout, output.stderr].concat()));
     Program { exe }
 }
@@ -49,7 +49,7 @@ pub fn vendor_program(name: &str, assembly: &str) -> Program {
     compile(&sources().join(name).with_extension("vb"), &Pair::X86.stand_in(assembly))
 }
 
-/// A path of this system as a path of Wine.
+/// A path of this system converted to Wine's.
 fn drive_z(path: &Path) -> String {
     format!("Z:{}", path.display())
 }

@@ -18,7 +18,7 @@ use crate::{bytes, crc32, motor, slave};
 
 const SIZE: DataSize = DataSize::NEWER;
 
-/// An answer packet as the manual prints it, its check word a CRC-32 made here.
+/// An answer packet as in the manual, with a CRC-32 computed here as its check word.
 fn packet(code: u8, ret: u8, len: u16, data: &[u8]) -> Vec<u8> {
     let mut bytes = vec![0xA4, 0xA3, 0xA2, 0xA1, 0, 0, 0, 0, 0, 0, 3, 9, code, ret];
     bytes.extend(len.to_le_bytes());
@@ -30,7 +30,7 @@ fn packet(code: u8, ret: u8, len: u16, data: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// What the library reads in an answer to `call`.
+/// Decodes an answer to `call` with the library.
 fn read<'d, 'a, C: Call<'d>>(call: &C, bytes: &'a [u8]) -> Result<C::Answer<'a>, AnswerError> {
     match AnswerPacket::parse(bytes, SIZE, CrcCoverage::All) {
         Ok(Received::Answer(packet)) => packet.answer_to(call),
@@ -38,7 +38,7 @@ fn read<'d, 'a, C: Call<'d>>(call: &C, bytes: &'a [u8]) -> Result<C::Answer<'a>,
     }
 }
 
-/// The answer to `call` is encoded into the bytes as printed, and they are decoded to it.
+/// Checks that the answer to `call` is encoded to the printed bytes, and that these are decoded to it.
 fn case<'d, 'a, C: Call<'d>>(call: C, answer: C::Answer<'a>, ret: u8, data: &'a [u8]) {
     let code = C::CODE.code();
     let wanted = packet(code, ret, data.len() as u16, data);
@@ -51,7 +51,7 @@ fn case<'d, 'a, C: Call<'d>>(call: C, answer: C::Answer<'a>, ret: u8, data: &'a 
     note_checked(code, C::FUNCTION);
 }
 
-/// What is wrong with an answer, in words.
+/// The error text for a wrong answer.
 fn refused<'d, C: Call<'d>>(call: C, len: u16, data: &[u8]) -> String {
     match read(&call, &packet(C::CODE.code(), 0, len, data)) {
         Err(error) => error.to_string(),
@@ -67,7 +67,7 @@ fn raw_answer() -> RawAnswer<'static> {
     RawAnswer { operation: 5, adp, ado, logical, timeout_us: 100, working_counter: -1, data: &[8, 9] }
 }
 
-/// XF-4.1 The answer to every function of the manuals is among those whose bytes these tests know.
+/// XF-4.1 These tests check the bytes of the answer to every function of the manuals.
 #[test]
 fn the_answer_to_every_function_is_checked_byte_by_byte() {
     check_all(&[
@@ -264,7 +264,7 @@ fn answers_of_the_chip() {
     assert_eq!(refused(SpiPackSizeGet, 2, &[31, 0]), "SPI_PACK_SIZE_GET size is 31 (0x1F), allowed is 32 to 1408");
 }
 
-/// XF-9.4 What can be read of an axis; XF-9.3 bit 5 does not matter where CiA 402 ignores it.
+/// XF-9.4 The readable values of an axis; XF-9.3 bit 5 does not matter where CiA 402 ignores it.
 #[test]
 fn answers_of_the_helper() {
     let (motor, slave) = (motor(0), slave(0));

@@ -1,10 +1,10 @@
-//! The model of the chip, as the manuals have the chip: every command with its effect and its errors.
+//! The model of the chip, against the manuals: every command with its effect and its errors.
 //!
 //! - `exchanges.rs`: packets, answers, errors, check words, sizes, resets, the stream of bytes
-//! - `fifos.rs`, `units.rs`: what single packets say of process data and GPIOs
-//! - `application.rs`: what an exchange costs, any bytes
+//! - `fifos.rs`, `units.rs`: process data and GPIOs in single packets
+//! - `application.rs`: allocations of an exchange, random bytes
 //!
-//! What commands do is shown with the driver in `pair/`; here stands what a driver does not show.
+//! `pair/` shows the effects of commands with the driver; these files show what a driver does not show.
 
 mod application;
 mod exchanges;
@@ -24,7 +24,7 @@ use ecmsk::xf::{
 use crate::network::{INIT, drives_and_io, to_all};
 
 const MS: Ns = 1_000_000;
-/// From one exchange to the next: more than the chip needs for a packet, and less than its cycle of 1 ms.
+/// The time between two exchanges: more than the chip needs for a packet, and less than its cycle of 1 ms.
 const PACE: Ns = 250_000;
 
 /// A host with its chip.
@@ -62,7 +62,7 @@ impl Got {
         self.header.status.contains(status)
     }
 
-    /// Errors alone, without the levels beside them.
+    /// The error bits, without the levels beside them.
     fn errors(&self) -> Errors {
         Errors(self.header.errors.0 & Errors::ALL.0)
     }
@@ -88,7 +88,7 @@ impl Host {
         host
     }
 
-    /// The network is initialised and brought to a state, its process data are laid out.
+    /// Initialises the network, brings it to a state, and lays out its process data.
     fn bring_to(&mut self, state: EtherCatState) {
         self.run(&INIT);
         if state == EtherCatState::Init {
@@ -108,7 +108,7 @@ impl Host {
         write_request(&mut buffer, self.chip.size(), self.rule, header, request).expect("it fits").to_vec()
     }
 
-    /// Bytes are exchanged, a while after the last ones.
+    /// Exchanges bytes, a while after the last ones.
     fn exchange_bytes(&mut self, bytes: &[u8]) -> Vec<u8> {
         self.now += self.pace;
         let mut answer = vec![0xA5; self.chip.size().packet_len()];
@@ -116,7 +116,7 @@ impl Host {
         answer
     }
 
-    /// Sends a request with that header, and gives the answer to the packet before.
+    /// Sends a request with that header, and returns the answer to the packet before.
     fn send_with(&mut self, header: CommandHeader, request: &impl Encode) -> Got {
         let bytes = self.packet(header, request);
         let size = self.chip.size();
@@ -127,13 +127,13 @@ impl Host {
         }
     }
 
-    /// Sends a request under a new index, and gives the answer to the packet before.
+    /// Sends a request with a new index, and returns the answer to the packet before.
     fn send(&mut self, request: &impl Encode) -> Got {
         self.index = self.index.wrapping_add(1);
         self.send_with(CommandHeader::with_index(self.index), request)
     }
 
-    /// Sends a request, and gives the answer to it.
+    /// Sends a request, and returns the answer to it.
     fn call(&mut self, request: &impl Encode) -> Got {
         self.send(request);
         let index = self.index;
@@ -142,13 +142,13 @@ impl Host {
         got
     }
 
-    /// Check words are CRC-32 from the next packet on.
+    /// Sets the check words to CRC-32 from the next packet on.
     fn use_crc(&mut self) {
         self.send(&CrcTypeSet { kind: CheckType::Crc32 });
         self.rule = CheckRule::CRC32;
     }
 
-    /// Asks until no command runs any more.
+    /// Polls until no command runs any more.
     fn wait(&mut self) -> Got {
         for _ in 0..100_000 {
             let got = self.call(&InfoUpdate);
@@ -159,7 +159,7 @@ impl Host {
         panic!("the command does not end");
     }
 
-    /// A request that may take time is run to its end. The last answer then.
+    /// Runs a request that may take time to its end; returns the last answer.
     fn end(&mut self, request: &impl Encode) -> Got {
         let got = self.call(request);
         if got.has(Status::BUSY) { self.wait() } else { got }
@@ -171,7 +171,7 @@ impl Host {
         assert_eq!(got.errors(), Errors::NONE);
     }
 
-    /// Time passes without a packet.
+    /// Lets time pass without a packet.
     fn pass(&mut self, ns: Ns) {
         self.now += ns;
         self.chip.run_until(self.now);

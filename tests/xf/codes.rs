@@ -52,8 +52,8 @@ pub const MANUAL: &[Row] = &[
     (144, "MBX_STAT", &[]),
 ];
 
-/// The functions with data in their answer, and those with a result in the return byte: the blocks of the manual with a
-/// response packet that says so.
+/// The functions with data in their answer, and those with a result in the return byte, by the response packets of the
+/// manual.
 #[rustfmt::skip]
 const DATA: [(u8, Option<u8>); 26] = [
     (4, None), (5, None), (6, None), (9, None), (11, None), (15, None), (19, None), (20, None), (32, Some(1)),
@@ -130,7 +130,8 @@ fn every_function_has_a_type_and_others_survive() {
     }
 }
 
-/// XF-4.1 A code comes back, with a name or without; those that the vendor's header alone names have none.
+/// XF-4.1 A code survives decoding, with a name or without; codes that only the vendor's header names have no name
+/// here.
 #[test]
 fn codes_come_back() {
     for code in 0..=255 {
@@ -173,7 +174,7 @@ fn functions_say_since_when_and_where_their_result_is() {
             }
         };
         let data = DATA.contains(&(code, parameter));
-        // PDO_DATA_OP says nothing of its return byte; the vendor's driver reads in it what was done.
+        // The manual does not describe the return byte of PDO_DATA_OP; the vendor's driver reads the outcome from it.
         let value = parameter.is_none() && (VALUE.contains(&code) || code == 6);
         let wanted = match (data, value) {
             (false, false) => AnswerForm::Nothing,

@@ -1,5 +1,5 @@
-//! Hosts in the spirit of drivers that others have written for the chip, against its model. They are made from what is known of
-//! those drivers, with a packet format of their own, and use nothing of this project's encoders.
+//! Hosts like other drivers for the chip, on its model. They are written from what is known of those drivers, with their own
+//! packet code, and use none of this project's encoders.
 //!
 //! | host | what is its own |
 //! | --- | --- |
@@ -23,7 +23,7 @@ const DRIVES: u8 = 3;
 /// Codes of driver 1.60 that the manuals leave out: EMAC_RESET, RTA, EMAC_INIT, extra PDO data, SPI_PACK_SIZE_SET.
 const LEFT_OUT: [u8; 13] = [40, 60, 61, 62, 63, 64, 65, 128, 133, 134, 135, 136, 141];
 
-/// What a CRC-32 covers, as a driver counts it.
+/// The bytes that a CRC-32 covers in a driver.
 type Cover = fn(n: usize, valid: usize) -> usize;
 
 fn all(n: usize, _: usize) -> usize {
@@ -70,22 +70,22 @@ struct Peer {
     now: Ns,
     n: usize,
     index: u8,
-    /// CRC-32 was set.
+    /// Whether CRC-32 was set.
     crc: bool,
     of_commands: Cover,
     of_answers: Cover,
     control: u8,
     takes_nops: bool,
-    /// Of the answer that was read last: the bits of 0x09, the status of 0x0A, the return byte.
+    /// Fields of the last answer: the bits of 0x09, the status of 0x0A, the return byte.
     errors: u8,
     status: u8,
     ret: u8,
 }
 
-/// What came back.
+/// The kind of answer.
 enum Back {
     Answer(Vec<u8>),
-    /// Not ready, or not to be understood.
+    /// Not ready, or unreadable.
     Bad,
 }
 
@@ -163,7 +163,7 @@ impl Peer {
         if u32_at(&back, end) == expected { Back::Answer(back) } else { Back::Bad }
     }
 
-    /// Sends a command until its answer is there: index and code are those that were sent. The valid data.
+    /// Sends a command until its answer comes, with the same index and code; returns the valid data.
     fn call(&mut self, command: &Command) -> Vec<u8> {
         self.index = self.index.wrapping_add(1);
         let packet = self.packet(command);
@@ -184,7 +184,7 @@ impl Peer {
         panic!("no answer to {command:?}");
     }
 
-    /// The same, and waits until the chip is not busy any more. The errors that were shown meanwhile.
+    /// The same, and waits until the chip is not busy any more; returns the errors shown meanwhile.
     fn run(&mut self, command: &Command) -> u8 {
         self.call(command);
         let mut errors = self.errors;
@@ -207,7 +207,7 @@ impl Peer {
         self.crc = true;
     }
 
-    /// ECAT_INIT_OP as the drivers send it, and how many slaves there are.
+    /// Sends ECAT_INIT_OP as the drivers do, and checks the number of slaves.
     fn init(&mut self, shift_ns: u32) {
         let mut data = vec![0xFF, 0x81, 0x00, 0x03];
         for word in [1_000_000_u32, 0, shift_ns] {
@@ -257,7 +257,7 @@ impl Peer {
         self.well(&command(2, 0, [0; 4]));
     }
 
-    /// PDO_DATA_OP that reads; whether the bits of the return byte are all there.
+    /// Reads by PDO_DATA_OP; `None` if a needed bit of the return byte is missing.
     fn inputs(&mut self, needed: u8) -> Option<Vec<u8>> {
         let inputs = self.call(&command(6, 0, [6, 0, 0, 0]));
         (self.ret & needed == needed).then_some(inputs)
@@ -271,7 +271,7 @@ impl Peer {
         positions.iter().flat_map(|position| [&[0, 0][..], &position.to_le_bytes()].concat()).collect()
     }
 
-    /// From SafeOP on: the drives are switched on and follow 200 targets.
+    /// From SafeOP on: switches the drives on, which follow 200 targets.
     fn switch_on_and_move(&mut self, needed: u8) {
         self.now += 10 * MS;
         let inputs = self.inputs(needed).expect("inputs");
@@ -328,8 +328,8 @@ fn over(coverage: CrcCoverage, profile: Profile) -> Profile {
     Profile { coverages: CrcCoverages::from(coverage), ..profile }
 }
 
-/// XF-13.6 Driver 0.1 (2020): CRC-32 up to the next multiple of 4, inputs by bit 1 of the return byte, and the helper led by
-/// 402_CTL_SET alone.
+/// XF-13.6 Driver 0.1 (2020): CRC-32 up to the next multiple of 4, inputs by bit 1 of the return byte, and the helper
+/// controlled by 402_CTL_SET alone.
 #[test]
 fn driver_0_1() {
     let mut peer = Peer::new(over(CrcCoverage::Valid4, Profile::OLD), valid4, valid4);

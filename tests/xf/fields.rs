@@ -57,7 +57,7 @@ fn functions_are_found_by_their_names() {
     assert_eq!(found("ECM_CMD_CYCTIME_SET"), [""; 0]);
 }
 
-/// What is written into a field that is no number.
+/// The bytes to write into a field that is no number.
 fn bytes_for(kind: FieldKind) -> &'static [u8] {
     match kind {
         FieldKind::Text => b"name",
@@ -66,8 +66,8 @@ fn bytes_for(kind: FieldKind) -> &'static [u8] {
     }
 }
 
-/// XF-18.12 A number that is too large for its field, and data that are too long, are errors that name the field; what the
-/// manuals do not allow is one of the type.
+/// XF-18.12 A number that is too large for its field, and data that are too long, are errors that name the field; a
+/// value that the manuals do not allow is an error of the type.
 #[test]
 fn wrong_values_are_errors() {
     let mut data = [0; 32];
@@ -114,7 +114,7 @@ fn fields(name: &str, returned: Returned, data: &[u8]) -> Vec<(&'static str, Str
     form.fields.iter().filter_map(|field| Some((field.name, text(field.get(returned, data, 0)?)))).collect()
 }
 
-/// XF-18.12 The fields of answers are where their types have them; what an answer does not have is left out.
+/// XF-18.12 The fields of answers are where their types have them; fields that an answer does not have are left out.
 #[test]
 fn answers_are_read_by_fields() {
     let number = |name, number: u32| (name, number.to_string());
@@ -162,12 +162,12 @@ fn pdo_configurations_are_read_by_fields() {
     assert_eq!(Request::FUNCTIONS, FUNCTIONS.len());
 }
 
-/// Fields that share a place, each with operations of its own.
+/// Fields that share a place, each for other operations.
 const SHARED: [(&str, &str, &str); 3] =
     [("DirectAssign", "on", "direction"), ("ReceiveMailbox", "slave", "start"), ("FoeRequest", "name", "data")];
 
-/// XF-18.12 No field stands where another one does, but for those that come with other operations: a field at a wrong place would
-/// be one of the type, too, under another name.
+/// XF-18.12 No two fields share a place, except fields of different operations: a field at a wrong place would also be
+/// decoded by the type, under another name.
 #[test]
 fn fields_have_places_of_their_own() {
     for row in &FUNCTIONS {

@@ -57,7 +57,7 @@ fn sdo(n: u8, index: u16, operation: SdoOperation<'_>) -> SdoRequest<'_> {
     SdoRequest { slave: slave(n), object, scope: SdoScope::Entry, timeout_us: 100_000, operation }
 }
 
-/// The fields of a golden command's header that are none of the request's.
+/// The fields of a golden command's header that do not belong to the request.
 fn beside(packet: &Packet) -> CommandHeader {
     CommandHeader {
         control: Control(packet.field("control") as u8),
@@ -159,7 +159,8 @@ fn version(name: &str) -> FirmwareVersion {
     FirmwareVersion { version: 0x22, identity: Some(identity) }
 }
 
-/// XF-1.4 Every golden answer is decoded to the fields it was made from; XF-2.5 one is none: the chip was not ready.
+/// XF-1.4 Every golden answer is decoded to the fields it was made from; XF-2.5 one of them is no answer: the chip was
+/// not ready.
 #[test]
 fn golden_answers_decode_to_their_fields() {
     for vector in packets().iter().filter(|packet| packet.is_answer) {

@@ -1,4 +1,4 @@
-//! Where every field of the two headers is, and what its bits mean.
+//! The place of every field in the two headers, and the meaning of its bits.
 
 use ecmsk::xf::header::swap_gpio_12_and_13;
 use ecmsk::xf::{
@@ -128,7 +128,7 @@ fn errors_are_cleared_and_outputs_swapped() {
     assert_eq!(swap_gpio_12_and_13(0xFFFF), 0xFFFF);
 }
 
-/// XF-1.10 The state with and without the error bit, and what is none.
+/// XF-1.10 The state with and without the error bit, and invalid states.
 #[test]
 fn states_may_have_an_error_beside_them() {
     use EtherCatState::{Boot, Init, Op, PreOp, SafeOp};
@@ -146,7 +146,7 @@ fn states_may_have_an_error_beside_them() {
 }
 
 proptest! {
-    /// XF-1.9 Every header comes back byte by byte: no bit is lost, with a meaning or without.
+    /// XF-1.9 Every header survives decoding and encoding byte by byte: no bit is lost, with a meaning or without.
     #[test]
     fn headers_keep_every_bit(bytes: [u8; HEADER_LEN]) {
         let mut wanted = bytes;

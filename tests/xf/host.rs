@@ -1,6 +1,6 @@
 //! The driver of a host, against a chip that is scripted here.
 //!
-//! - `chip.rs`: that chip, and what goes wrong
+//! - `chip.rs`: that chip, and its faults
 //! - `start.rs`: from unknown packets to a chip that runs; timeouts
 //! - `commands.rs`: queues, results, errors, repetitions
 //! - `process.rs`: process data
@@ -30,7 +30,7 @@ use ecmsk::xf::DataSize;
 use ecmsk::xf::host::{Host, HostConfig, HostError, HostState, Next, Ticket};
 use ecmsk::xf::request::Call;
 
-/// How long a packet is on its way.
+/// The time that a packet is under way.
 const TRANSFER_NS: u64 = 40_000;
 
 /// A host and a chip with a clock.
@@ -38,7 +38,7 @@ struct Rig {
     host: Host,
     chip: Chip,
     now: u64,
-    /// INT0 comes so long after an exchange.
+    /// The time from an exchange to INT0.
     int0_ns: Option<u64>,
     /// Faults of the next exchanges.
     faults: Vec<Fault>,
@@ -51,12 +51,12 @@ impl Rig {
         Self { host: Host::new(0, config), chip, now: 0, int0_ns: None, faults: Vec::new(), sent: Vec::new() }
     }
 
-    /// A host that knows n.
+    /// A host that starts with a known n.
     fn starting(config: HostConfig) -> Self {
         Self::new(HostConfig { size: Some(DataSize::MANUAL), ..config }, Chip::new(DataSize::MANUAL))
     }
 
-    /// A host that runs, with nothing of the start left in the lists.
+    /// A running host, with the records of the start cleared.
     fn running(config: HostConfig) -> Self {
         let mut rig = Self::starting(config);
         rig.until_running();
@@ -66,7 +66,7 @@ impl Rig {
         rig
     }
 
-    /// One turn: an exchange, or a wait.
+    /// Runs one turn: an exchange, or a wait.
     fn turn(&mut self) -> Result<bool, HostError> {
         match self.host.next(self.now)? {
             Next::Exchange(packet) => {
@@ -96,7 +96,7 @@ impl Rig {
         Ok(false)
     }
 
-    /// Turns until something holds.
+    /// Runs turns until something holds.
     fn until(&mut self, what: &str, holds: impl Fn(&mut Self) -> bool) {
         for _ in 0..20_000 {
             if holds(self) {
@@ -111,7 +111,7 @@ impl Rig {
         self.until("running", |rig| rig.host.state() == HostState::Running);
     }
 
-    /// So many exchanges.
+    /// Runs that many exchanges.
     fn exchanges(&mut self, n: usize) {
         let mut done = 0;
         while done < n {
@@ -123,19 +123,19 @@ impl Rig {
         self.host.submit(self.now, call).expect("there is room")
     }
 
-    /// Turns until the command is done.
+    /// Runs turns until the command is done.
     fn done(&mut self, ticket: Ticket) {
         self.until("the end of a command", |rig| rig.host.is_done(ticket));
     }
 
-    /// A command, once it is done.
+    /// Runs a command to its end.
     fn ended<'d>(&mut self, call: &impl Call<'d>) -> Ticket {
         let ticket = self.submit(call);
         self.done(ticket);
         ticket
     }
 
-    /// Turns until the driver stops.
+    /// Runs turns until the driver stops.
     fn stops(&mut self) -> HostError {
         for _ in 0..1_000_000 {
             if let Err(error) = self.turn() {

@@ -3,8 +3,8 @@
 //!
 //! Files:
 //!
-//! - `golden.rs`, `packets.rs`: golden packets; what is no packet, and the check word
-//! - `header.rs`: where every field of the headers is, and what its bits mean
+//! - `golden.rs`, `packets.rs`: golden packets; invalid packets, and the check word
+//! - `header.rs`: the place of every field in the headers, and the meaning of its bits
 //! - `codes.rs`: the 67 codes and 91 functions, against a list of its own
 //! - `fields.rs`: the table of fields that goes with them
 //! - `requests.rs`, `answers.rs`: every request and every answer byte by byte, as the manuals print them; which of them
@@ -15,7 +15,7 @@
 //! - `questions.rs`: `docs/HARDWARE.md` asks about every decision of this project
 //! - `host.rs`, `host/`: the driver of a host, against a chip that is scripted there
 //! - `pair.rs`, `pair/`: the driver and the model together, every function of them, with the feature `sim`
-//! - `schedules.rs`, `schedules/`: the same two while anything goes wrong, by seeds, with the feature `sim`
+//! - `schedules.rs`, `schedules/`: the same two with random faults, by seeds, with the feature `sim`
 //! - `chip.rs`, `chip/`: the model of the chip, with the feature `sim`; `network.rs`: its network
 //! - `drivers.rs`: hosts in the spirit of others' drivers against it, which share no line with this project's
 
@@ -56,7 +56,7 @@ fn motor(n: u8) -> MotorNumber {
     MotorNumber::new(n).expect("0 to 127")
 }
 
-/// A command as the manuals print it. What is not named is 0.
+/// A command as the manuals print it. Fields that are not named are 0.
 #[derive(Clone, Debug, Default)]
 struct Printed {
     code: u8,
@@ -64,7 +64,7 @@ struct Printed {
     info: [u8; 4],
     reserve: u16,
     len: u16,
-    /// What the data segment begins with; the rest of it is 0.
+    /// The beginning of the data segment; the rest of it is 0.
     data: Vec<u8>,
 }
 
@@ -85,7 +85,7 @@ impl Printed {
         bytes
     }
 
-    /// What the library reads in the packet.
+    /// Decodes the packet with the library.
     fn read<T>(&self, use_it: impl FnOnce(Result<Request<'_>, Malformed>) -> T) -> T {
         let bytes = self.packet(DataSize::NEWER);
         let packet = CommandPacket::parse(&bytes, DataSize::NEWER, CheckRule::CRC32).expect("a right packet");
@@ -95,7 +95,7 @@ impl Printed {
     }
 }
 
-/// The request is encoded into the bytes as printed, and they are decoded to it.
+/// Checks that the request is encoded to the printed bytes, and that these are decoded to it.
 fn check<'d>(request: impl Into<Request<'d>>, printed: &Printed) {
     let request = request.into();
     let mut buffer = [0xA5; MAX_PACKET];

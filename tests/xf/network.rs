@@ -1,4 +1,4 @@
-//! The network of these tests: two servo drives and an IO module, and what brings it up.
+//! The network of these tests: two servo drives and an IO module, and the requests that bring it up.
 
 use ecmsk::coe::{ObjectAddress, SdoScope};
 use ecmsk::slave::{Drive, DriveConfig, Io, Slave};

@@ -1,4 +1,4 @@
-//! What is no packet, what does not become one, and the check word.
+//! Invalid packets, data that do not fit into a packet, and the check word.
 
 use ecmsk::xf::packet::{AnswerError, PacketError, WriteError};
 use ecmsk::xf::request::{InfoUpdate, PdoConfigGet, SdoGet, SpiPackSizeGet, UnknownCommand};
@@ -29,7 +29,7 @@ fn parse(bytes: &[u8]) -> Result<CommandPacket<'_>, PacketError> {
     CommandPacket::parse(bytes, SIZE, CheckRule::CRC32)
 }
 
-/// Puts the check word in that belongs to the bytes.
+/// Inserts the check word of the bytes.
 fn with_crc(mut bytes: Vec<u8>) -> Vec<u8> {
     let at = bytes.len() - 8;
     let crc = crc32(&bytes[..at]);
@@ -62,7 +62,7 @@ fn start_word_and_end_word() {
     assert_eq!(packet[packet.len() - 8..packet.len() - 4], [0x78, 0x56, 0x34, 0x12]);
 }
 
-/// XF-1.6 What is wrong with bytes that are no packet is said with what was expected and what is there.
+/// XF-1.6 The error for bytes that are no packet has what was expected and what was found.
 #[test]
 fn no_packet_says_why() {
     let right = command(CheckRule::CRC32);
@@ -225,7 +225,7 @@ fn what_does_not_fit_is_an_error() {
     let shown = WriteError::Malformed(malformed).to_string();
     assert_eq!(shown, "bytes of the data segment is 112 (0x70), allowed is at least 113");
 
-    // A length that says more than there is.
+    // A length that is greater than the data.
     let mut bytes = answer(CheckRule::FIXED, Status::NONE, &[]);
     bytes[0x0E..0x10].copy_from_slice(&113_u16.to_le_bytes());
     match AnswerPacket::parse(&bytes, SIZE, CrcCoverage::All) {

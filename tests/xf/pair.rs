@@ -1,8 +1,8 @@
 //! The driver and the model of the chip, byte by byte: they were written from the same manuals, and each has to do what
-//! the other one expects. Each function is sent by the driver, and its effect is looked for at the other end: in the
-//! chip, in its slaves, at its pins, or in the answer.
+//! the other one expects. Each function is sent by the driver, and its effect is checked at the other end: in the chip,
+//! in its slaves, at its pins, or in the answer.
 //!
-//! - `start.rs`: from a chip of which nothing is known to one that runs; sizes, check words, resets
+//! - `start.rs`: from an unknown chip to a running one; sizes, check words, resets
 //! - `network.rs`: initialisation, states, clocks, process data laid out, working counter
 //! - `transfers.rs`: SDOs, mappings, flash memory
 //! - `fifos.rs`: process data through the FIFOs and past them
@@ -11,10 +11,10 @@
 //! - `units.rs`: GPIO, encoder, DAC, ADC, PHY
 //! - `registers.rs`: slaves behind controllers: registers, EEPROMs, files, mailboxes
 //! - `wire.rs`: slaves behind controllers as the wire shows them
-//! - `refused.rs`: what slave models have not
+//! - `refused.rs`: functions that slave models do not have
 //! - `application.rs`: the usual start of an application, and drives along a path
 //! - `saboteur.rs`: a wire on which one function has no effect
-//! - `coverage.rs`: that each of the 91 functions is among them, and that its test fails where it has no effect
+//! - `coverage.rs`: each of the 91 functions has a test, which fails if the function has no effect
 
 #[path = "pair/application.rs"]
 mod application;
@@ -61,11 +61,11 @@ use saboteur::Saboteur;
 const BYTE: Ns = 333;
 const MS: Ns = 1_000_000;
 const S: Ns = 1000 * MS;
-/// How long anything is waited for.
+/// The longest wait.
 const WAIT_MAX: Ns = 20 * S;
 
 thread_local! {
-    /// Pairs of this thread have slaves behind controllers, not slave models.
+    /// Whether pairs of this thread have slaves behind controllers, not slave models.
     static OVER_CONTROLLERS: Cell<bool> = const { Cell::new(false) };
 }
 
@@ -76,7 +76,7 @@ struct Pair {
     now: Ns,
     /// The level of INT0 that the driver is wired to take for "ready".
     int0_active: bool,
-    /// Flips a bit of the next packet to the chip.
+    /// Whether a bit of the next packet to the chip is inverted.
     damages_next: bool,
     saboteur: Saboteur,
 }
@@ -97,7 +97,7 @@ impl Pair {
         Self { host, port, now: 0, int0_active: true, damages_next: false, saboteur: Saboteur::of_the_start() }
     }
 
-    /// The same, until commands are taken.
+    /// The same; returns when it takes commands.
     fn running_with(profile: Profile, config: HostConfig, slaves: Vec<Box<dyn Slave>>) -> Self {
         let mut pair = Self::new(profile, config, slaves, 7);
         pair.until_running();
@@ -132,7 +132,7 @@ impl Pair {
         self.until("a start", |host| host.state() == HostState::Running);
     }
 
-    /// An exchange, or time that passes: not beyond `limit` if there is nothing to do until then.
+    /// Runs an exchange, or lets time pass: not beyond `limit` if there is nothing to do until then.
     fn turn(&mut self, limit: Ns) {
         let (mut sent, mut back) = ([0; MAX_PACKET], [0; MAX_PACKET]);
         match self.host.next(self.now).unwrap_or_else(|error| panic!("the driver has stopped: {error}")) {
@@ -160,7 +160,7 @@ impl Pair {
         }
     }
 
-    /// Goes on until `done`.
+    /// Runs until `done`.
     fn until(&mut self, what: &str, mut done: impl FnMut(&mut Host) -> bool) {
         let end = self.now + WAIT_MAX;
         while !done(&mut self.host) {
@@ -169,7 +169,7 @@ impl Pair {
         }
     }
 
-    /// Goes on for a while.
+    /// Runs for a while.
     fn pass(&mut self, ns: Ns) {
         let end = self.now + ns;
         while self.now < end {
@@ -182,7 +182,7 @@ impl Pair {
         self.host.submit(self.now, call).expect("there is room")
     }
 
-    /// The result of a command, with what `look` makes of its answer.
+    /// Runs a command; returns its result, mapped by `look`.
     fn result<'d, C: Call<'d>, T>(
         &mut self,
         ticket: Ticket,
@@ -198,7 +198,7 @@ impl Pair {
         self.get(call, |_| ());
     }
 
-    /// Runs a command, and gives what `look` makes of its answer.
+    /// Runs a command, and returns its answer, mapped by `look`.
     fn get<'d, C: Call<'d>, T>(&mut self, call: &C, look: impl FnOnce(C::Answer<'_>) -> T) -> T {
         let ticket = self.submit(call);
         self.result(ticket, call, look).unwrap_or_else(|error| panic!("{error}"))
@@ -237,7 +237,7 @@ impl Pair {
         self.result(ticket, read, look)
     }
 
-    /// Process data, and what became of them.
+    /// Exchanges process data; returns their outcome.
     fn process(&mut self, data: ProcessRequest<'_>) -> ProcessOutcome {
         let sequence = self.host.process(data).expect("there is room");
         let mut report = None;
@@ -250,13 +250,13 @@ impl Pair {
         report.outcome
     }
 
-    /// The header of an answer to a packet that is sent from now on, when counts lag no more.
+    /// The header of an answer to a packet that is sent from now on, when counts do not lag any more.
     fn header(&mut self) -> AnswerHeader {
         self.pass(35 * MS);
         *self.host.header().expect("it runs")
     }
 
-    /// The header of the answer to a packet of now.
+    /// The header of the answer to a packet that is sent now.
     fn header_now(&mut self) -> AnswerHeader {
         self.run(&InfoUpdate);
         *self.host.header().expect("it runs")
@@ -288,7 +288,7 @@ impl Pair {
         }
     }
 
-    /// The device of a slave, to cause something in it.
+    /// The device of a slave, to change it.
     fn device(&mut self, slave: u8) -> &mut dyn Slave {
         self.chip().network_mut().slave_mut(slave).expect("the slave")
     }

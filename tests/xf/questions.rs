@@ -40,13 +40,13 @@ fn defined(line: &str) -> &str {
     if is_definition { &rest[..end] } else { "" }
 }
 
-/// Every decision as file and name: what the comments with the tag stand at.
+/// Every decision as file and name: the items whose comments have the tag.
 fn decisions() -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     for (file, source) in sources() {
         let lines: Vec<&str> = source.lines().collect();
         for (n, line) in lines.iter().enumerate().filter(|(_, line)| line.contains("[OURS]")) {
-            // What the tag means is explained where it stands before a colon.
+            // A tag before a colon is an explanation of the tag.
             if line.contains("`[OURS]`:") {
                 continue;
             }
@@ -70,8 +70,9 @@ fn rows(page: &str) -> Vec<&str> {
         .collect()
 }
 
-/// XF-13.5 Every decision in `src/xf`, and what the bus over a chip takes for granted, has its question in `docs/HARDWARE.md`, with what is assumed and how to find out,
-/// and the rule; every question names decisions that there are.
+/// XF-13.5 Every decision in `src/xf`, and every assumption of the bus over a chip, has its question in
+/// `docs/HARDWARE.md`, with the assumption, the test that answers it, and the rule; every question names existing
+/// decisions.
 #[test]
 fn every_decision_has_its_question() {
     let page = fs::read_to_string(root().join("docs/HARDWARE.md")).expect("the page");
@@ -89,7 +90,7 @@ fn every_decision_has_its_question() {
             assert!(asked.insert(name.to_owned()), "asked twice: {name}");
         }
     }
-    // What the bus over a chip takes for granted of it.
+    // The assumptions of the bus over a chip.
     let of_bus: Vec<String> = asked.extract_if(.., |place| place.starts_with("fieldbus/")).collect();
     for place in &of_bus {
         let (file, name) = place.split_once(": ").expect("a file and a name");

@@ -9,18 +9,18 @@ mod transfers;
 use crate::codes::{check_all, note_checked};
 use crate::{Printed, check};
 
-/// Checks a request against what the manual prints for it.
+/// Checks a request against the bytes that the manual prints.
 fn case<'d>(request: impl Into<ecmsk::xf::Request<'d>>, printed: Printed) {
     check(request, &printed);
     note_checked(printed.code, (31..=35).contains(&printed.code).then_some(printed.par));
 }
 
-/// A command that has `par` and information bytes alone.
+/// A command with only `par` and information bytes.
 fn short(code: u8, par: u8, info: [u8; 4]) -> Printed {
     Printed { code, par, info, ..Printed::default() }
 }
 
-/// A command that has data alone, all of which the length counts.
+/// A command with only data, all of which the length counts.
 fn long(code: u8, par: u8, data: Vec<u8>) -> Printed {
     Printed { code, par, len: data.len() as u16, data, ..Printed::default() }
 }

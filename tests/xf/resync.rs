@@ -7,7 +7,7 @@ use ecmsk::xf::{
 };
 use proptest::prelude::*;
 
-/// What a reader gave for a stream: the packets, how many bytes it dropped, n.
+/// A reader's result for a stream: the packets, the number of dropped bytes, n.
 #[derive(Debug, Default, PartialEq)]
 struct Found {
     packets: Vec<Vec<u8>>,
@@ -15,7 +15,7 @@ struct Found {
     size: Option<usize>,
 }
 
-/// Reads the stream in pieces whose lengths go round.
+/// Reads the stream in pieces whose lengths repeat.
 fn read_with(mut reader: Resync, stream: &[u8], pieces: &[usize]) -> Found {
     let mut found = Found::default();
     let (mut rest, mut turn) = (stream, pieces.iter().cycle());
@@ -61,8 +61,7 @@ fn answers(size: DataSize, rule: CheckRule, n: u8) -> Vec<Vec<u8>> {
     (0..n).map(|index| answer(size, rule, index)).collect()
 }
 
-/// XF-3.1, XF-3.2 From every offset of a stream: what is left of the packet that was cut is dropped, all others are
-/// found.
+/// XF-3.1, XF-3.2 From every offset of a stream: the rest of the first packet is dropped, all others are found.
 #[test]
 fn from_every_offset() {
     let packets = answers(DataSize::MANUAL, CheckRule::CRC32, 5);
@@ -103,7 +102,7 @@ fn of_a_chip_that_is_not_ready() {
     assert_eq!(parsed, Ok(Received::NotReady));
 }
 
-/// XF-3.1 Borders in the data of packets are no borders between packets: the check word tells.
+/// XF-3.1 Borders in the data of packets are recognised by the check word, and are no borders between packets.
 #[test]
 fn borders_in_the_data_are_not_believed() {
     let border = [0x59, 0x58, 0x57, 0x56, 0xA4, 0xA3, 0xA2, 0xA1];
@@ -123,7 +122,7 @@ fn borders_in_the_data_are_not_believed() {
     }
 }
 
-/// XF-3.3 A packet with a wrong check word is given once n is known, and does not show n.
+/// XF-3.3 A packet with a wrong check word is returned once n is known, and does not show n.
 #[test]
 fn damaged_packets_are_given() {
     let mut packets = answers(DataSize::MANUAL, CheckRule::CRC32, 6);
@@ -135,12 +134,12 @@ fn damaged_packets_are_given() {
 }
 
 /// XF-3.6 With the fixed check word two packets between which the border was damaged look like one of twice the length,
-/// but not for long.
+/// but only for a short time.
 #[test]
 fn a_size_that_was_two_packets_is_found_again() {
     let mut packets = answers(DataSize::MANUAL, CheckRule::FIXED, 8);
     packets[2][0] ^= 1;
-    // The first packet is cut, so that n is looked for where the border is damaged.
+    // The first packet is cut, so that n is sought at the damaged border.
     for pieces in [&[1][..], &[288], &[1440]] {
         let found = read(&packets.concat()[50..], pieces);
         let joined = [&packets[1][..], &packets[2]].concat();
@@ -148,17 +147,17 @@ fn a_size_that_was_two_packets_is_found_again() {
         assert_eq!((found.size, found.dropped), (Some(112), 144 - 50));
         assert_eq!(found.packets, wanted);
     }
-    // With a CRC they are not taken for one.
+    // With a CRC they do not look like one.
     let mut packets = answers(DataSize::MANUAL, CheckRule::CRC32, 8);
     packets[2][0] ^= 1;
     let found = read(&packets.concat()[50..], &[100]);
     assert_eq!((found.size, &found.packets[..]), (Some(112), &packets[3..]));
 }
 
-/// XF-3.7 A size that the reader has found and with which nothing is found any more is looked for again. One that it was told stays.
+/// XF-3.7 If a size that the reader has found does not fit any more, it is sought again. A size that was set stays.
 #[test]
 fn a_size_without_packets_is_found_again() {
-    // What looks like a packet of another size, as damaged ones may.
+    // Bytes that look like a packet of another size, as damaged ones may.
     let other = answer(size(1024), CheckRule::FIXED, 0);
     let packets = answers(DataSize::MANUAL, CheckRule::CRC32, 60);
     let stream = [&other[other.len() - 4..], &other[..], &packets.concat()[..]].concat();
@@ -173,8 +172,8 @@ fn a_size_without_packets_is_found_again() {
     }
 }
 
-/// XF-3.4, XF-3.5 A packet that lost its start word, its end word or other bytes is dropped, and bytes between packets
-/// are; those behind are found.
+/// XF-3.4, XF-3.5 A packet that lost its start word, its end word or other bytes is dropped, and so are bytes between
+/// packets; the packets behind are found.
 #[test]
 fn after_bytes_were_lost_or_added() {
     let packets = answers(DataSize::MANUAL, CheckRule::CRC32, 6);
@@ -193,8 +192,7 @@ fn after_bytes_were_lost_or_added() {
     }
 }
 
-/// XF-3.2 With a size that is known the first packet is found without a border; XF-3.5 another size is taken when it is
-/// set.
+/// XF-3.2 With a known size the first packet is found without a border; XF-3.5 another size is used when it is set.
 #[test]
 fn of_a_size_that_is_known() {
     let packet = answer(DataSize::MANUAL, CheckRule::CRC32, 1);

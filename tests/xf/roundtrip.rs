@@ -1,4 +1,4 @@
-//! Round trips: whatever is said with a type comes back as the same, whatever comes over the wire harms nobody.
+//! Round trips: every value of a type survives encoding and decoding, and any bytes are decoded without harm.
 
 use std::collections::BTreeSet;
 
@@ -54,7 +54,7 @@ fn data(n: usize) -> impl Strategy<Value = Vec<u8>> {
     prop_oneof![3 => small, 2 => pdo, 3 => fixed, 1 => foe, 1 => zeros, 1 => proptest::collection::vec(any::<u8>(), n)]
 }
 
-/// A function of the manuals, its code and the fields, which have its parameter if it has one.
+/// A function of the manuals: its code and fields, including its parameter if it has one.
 fn known() -> impl Strategy<Value = (CommandCode, Arguments)> {
     (select(functions()), arguments()).prop_map(|((code, function), arguments)| {
         let parameter = function.unwrap_or(arguments.parameter);
@@ -77,7 +77,7 @@ fn encoded(request: &Request<'_>, n: usize) -> Option<(CommandCode, Arguments, V
     Some((code, arguments, data))
 }
 
-/// Reads an answer for the request's type, and writes and reads it again. Says whether it could be read.
+/// Decodes an answer for the request's type, and encodes and decodes it again. Returns whether it could be decoded.
 fn through_answer<'d, C: Call<'d>>(call: &C, returned: Returned, data: &[u8]) -> bool {
     use ecmsk::xf::response::Answer as _;
     let Ok(answer) = call.answer(returned, data) else { return false };
@@ -88,7 +88,7 @@ fn through_answer<'d, C: Call<'d>>(call: &C, returned: Returned, data: &[u8]) ->
     true
 }
 
-/// Reads an answer to whatever the request is.
+/// Decodes an answer for the type of any request.
 macro_rules! through_any_answer {
     ($request:expr, $returned:expr, $data:expr; $($variant:ident)*) => {
         match $request {
@@ -114,13 +114,12 @@ fn any_answer(request: &Request<'_>, returned: Returned, data: &[u8]) -> bool {
         EnableLrw ReceiveMailbox MailboxStatus)
 }
 
-/// The lengths of answers, those that some answers need among them.
+/// Lengths of answers, including those that some answers need.
 fn answer_len() -> impl Strategy<Value = u16> {
     prop_oneof![Just(0u16), 0u16..24, Just(112), Just(148), 0u16..400]
 }
 
-/// XF-4.5 What the properties below are tried with has requests of every function, and answers to each that can be
-/// read.
+/// XF-4.5 The inputs of the properties below have requests of every function, and valid answers to each.
 #[test]
 fn every_function_is_tried() {
     let mut runner = TestRunner::deterministic();
@@ -147,8 +146,8 @@ fn every_function_is_tried() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(1024))]
 
-    /// XF-4.5 What was decoded from any fields and any data is encoded and decoded to the same; XF-4.4 what is not
-    /// allowed is an error that can be read.
+    /// XF-4.5 A request decoded from any fields and data is encoded and decoded to the same; XF-4.4 a forbidden value
+    /// is a readable error.
     #[test]
     fn every_request_comes_back((code, arguments) in known(), data in data(300)) {
         match Request::decode(code, &arguments, &data) {
@@ -162,7 +161,7 @@ proptest! {
         }
     }
 
-    /// XF-4.5 An answer to any request is read or refused, and what was read is written and read as the same.
+    /// XF-4.5 An answer to any request is decoded or refused, and a decoded one survives encoding and decoding.
     #[test]
     fn every_answer_comes_back(
         (code, arguments) in known(),
@@ -176,7 +175,7 @@ proptest! {
         }
     }
 
-    /// XF-4.1 A command that nobody knows comes back with every field and every byte.
+    /// XF-4.1 An unknown command survives with every field and every byte.
     #[test]
     fn unknown_commands_come_back((code, parameter) in select(unknown()), arguments in arguments(), data in data(112)) {
         let (code, arguments) = (CommandCode::from_code(code), Arguments { parameter, ..arguments });
@@ -185,7 +184,7 @@ proptest! {
         prop_assert_eq!(encoded(&unknown, 112), Some((code, arguments, data.clone())));
     }
 
-    /// XF-1.1, XF-2.3, XF-4.5 A packet of any size with any check word comes back, header and all.
+    /// XF-1.1, XF-2.3, XF-4.5 A packet of any size with any check word survives, including its header.
     #[test]
     fn every_packet_comes_back(
         (code, arguments) in known(),
@@ -211,7 +210,7 @@ proptest! {
         let beside = (received.header.index, received.header.control.0, received.header.gpio_outputs);
         prop_assert_eq!(beside, (index, control, gpio));
         prop_assert_eq!(received.request(), Ok(request));
-        // Nothing of the buffer is left over: the packet is the same in any other.
+        // No old bytes of the buffer remain: the packet is the same in any other.
         let mut other = [0x5A; MAX_PACKET];
         prop_assert_eq!(write_request(&mut other, size, rule, header, &request), Ok(packet));
     }

@@ -1,7 +1,7 @@
-//! The driver and the model over a wire on which anything goes wrong, by seeds: no command runs twice, each ends once and
-//! as it is told, no RxPDO and no TxPDO is lost uncounted, and the driver goes on.
+//! The driver and the model over a wire with random faults, by seeds: no command runs twice, each ends once with its
+//! true outcome, no RxPDO and no TxPDO is lost uncounted, and the driver goes on.
 //!
-//! - `support::faulty_wire`: what goes wrong; `network.rs`: what reached the slaves
+//! - `support::faulty_wire`: the faults; `network.rs`: what reached the slaves
 //! - `rig.rs`: driver and chip with a clock; `books.rs`: what must hold
 //!
 //! `cargo xtask soak` runs many more of them. One schedule again: `ECMSK_SOAK_FIRST=<seed> ECMSK_SOAK_SCHEDULES=1`.
@@ -25,7 +25,7 @@ const SCHEDULES: u64 = 200;
 /// Turns of the driver between two rests.
 const TURNS: u64 = 900;
 
-/// What schedules did, to see that they did enough.
+/// Totals of the schedules, to check that they did enough.
 #[derive(Default, Debug)]
 struct Done {
     faults: BTreeMap<Fault, u64>,
@@ -60,7 +60,7 @@ impl Done {
         *self.ends.entry(format!("{end:?}")).or_default() += 1;
     }
 
-    /// Everything that may happen did, and more than a few times.
+    /// Checks that every possible event happened, and often enough.
     fn assert_enough(&mut self, schedules: u64) {
         assert_eq!(self.faults.len(), 11, "{self:?}");
         assert_eq!(self.ends.len(), 4, "{self:?}");
@@ -102,8 +102,8 @@ fn schedule(seed: u64) -> Done {
     rig.close()
 }
 
-/// RxPDOs are written while the FIFO is kept, and everything goes wrong: those that are there then are as many as were
-/// said to be, and each is put out in one cycle.
+/// Writes RxPDOs with random faults while the FIFO is stopped: the chip then has as many as were reported, and sends
+/// each in one cycle.
 fn burst(rig: &mut Rig) {
     let life = rig.bring_up();
     if !rig.run_quietly(&FifoEnable { on: false }) {

@@ -1,4 +1,4 @@
-//! Values that the manuals do not allow: what the error says about each.
+//! Values that the manuals do not allow, and the error text for each.
 
 use ecmsk::xf::packet::WriteError;
 use ecmsk::xf::request::{
@@ -10,7 +10,7 @@ use ecmsk::xf::{CheckRule, CommandCode, CommandHeader, DataSize, EtherCatState, 
 
 use crate::{Printed, bytes, slave};
 
-/// What the error says.
+/// The error text.
 fn said(printed: Printed) -> String {
     printed.read(|read| read.expect_err("not allowed").to_string())
 }
@@ -156,7 +156,7 @@ fn values_in_the_data() {
     }
 }
 
-/// XF-4.4 Types that hold numbers in a range have none beyond it.
+/// XF-4.4 Types for numbers in a range do not accept others.
 #[test]
 fn numbers_stay_in_their_range() {
     assert_eq!((SlaveNumber::new(128), SlaveNumber::MAX.get()), (None, 127));

@@ -1,4 +1,4 @@
-//! What a program leaves behind when it ends.
+//! Axes and network after the end of a program.
 
 use ecmsk::cia402::{DriveState, Statusword};
 use ecmsk::coe::ObjectAddress;
@@ -16,7 +16,7 @@ pub fn drive_state(chip: &Kept, slave: u8) -> Option<DriveState> {
     Statusword(chip.object(slave, ObjectAddress::new(0x6041, 0)) as u16).state()
 }
 
-/// Two axes that move at 10 counts a cycle.
+/// Two axes that move at 10 counts per cycle.
 pub fn moving() -> (ecmsk::Xf<Kept>, Kept, ecmsk::xf_api::ProcessData) {
     let (mut xf, chip) = started("drive*2");
     let mut data = enabled(&mut xf).unwrap();
@@ -40,8 +40,8 @@ pub fn stands_and_is_off(chip: &Kept) {
     }
 }
 
-/// XF-17.10 A program that ends, by `close`, by dropping or by a panic, leaves axes that stand and are off, and a
-/// network in SafeOP.
+/// XF-17.10 A program that ends, by `close`, by dropping or by a panic, leaves axes at rest and off, and a network in
+/// SafeOP.
 #[test]
 fn an_end_stops_the_axes() {
     let (xf, chip, _) = moving();
@@ -61,11 +61,11 @@ fn an_end_stops_the_axes() {
     stands_and_is_off(&chip);
 }
 
-/// XF-17.10 In CSV, where the chip's repeating of the last outputs would let an axis go on for ever, too.
+/// XF-17.10 The same in CSV, where an axis would go on forever, since the chip repeats the last outputs.
 #[test]
 fn an_end_stops_an_axis_in_csv() {
     let (mut xf, chip) = started("drive*2");
-    // 0x60FF in the place of 0x607A.
+    // 0x60FF in place of 0x607A.
     let mut data = {
         xf.start_network(&ecmsk::xf_api::NetworkConfig::default()).unwrap();
         xf.set_state(Slaves::All, EtherCatState::PreOp).unwrap();
@@ -110,7 +110,7 @@ fn safe_op_in(xf: &mut ecmsk::Xf<Kept>, mode: i8) -> Result<ecmsk::xf_api::Proce
     Ok(data)
 }
 
-/// XF-17.10 An axis that was asked to come up and of which nothing more was heard is stopped like one that came up.
+/// XF-17.10 An axis that was commanded on, without an answer yet, is stopped like one that is on.
 #[test]
 fn an_axis_on_its_way_up_is_stopped() {
     let (mut xf, chip) = started("drive*2");
@@ -128,7 +128,7 @@ fn an_axis_on_its_way_up_is_stopped() {
     assert_eq!(chip.state(0), Some(AlState::SafeOp));
 }
 
-/// XF-17.10 A program that has moved nothing, or says that it comes back, leaves the network as it is.
+/// XF-17.10 A program that has moved nothing, or announces that it returns, leaves the network unchanged.
 #[test]
 fn what_was_not_moved_is_left_alone() {
     let (mut xf, chip) = started("drive*2");
@@ -144,7 +144,7 @@ fn what_was_not_moved_is_left_alone() {
     assert_eq!((chip.state(0), drive_state(&chip, 0)), (Some(AlState::Op), Some(DriveState::OperationEnabled)));
 }
 
-/// XF-17.10 Without wires `close` says that it could stop nothing.
+/// XF-17.10 With cut wires `close` reports that it could not stop the axes.
 #[test]
 fn without_wires_close_is_an_error() {
     let (xf, chip, _) = moving();

@@ -1,4 +1,4 @@
-//! The example prints what it promises.
+//! The example's output.
 
 use support::{Ended, root};
 
@@ -6,7 +6,7 @@ fn run(arguments: &[&str]) -> Ended {
     support::run(support::example("xf_two_axes").args(arguments).current_dir(root()))
 }
 
-/// XF-17.7 Two axes go round a square and end where they were sent, on every chip.
+/// XF-17.7 Two axes move around a square and end at their targets, on every chip.
 #[test]
 fn two_axes_go_round_a_square() {
     let expected = "2 slaves\naxis 0: 0 counts from its target\naxis 1: 0 counts from its target\n\
@@ -17,14 +17,14 @@ fn two_axes_go_round_a_square() {
     }
 }
 
-/// XF-17.7 The picture of README is what the example does.
+/// XF-17.7 The picture of README shows the example's motion.
 #[test]
 fn the_picture_is_what_the_example_does() {
     let csv = run(&["xf-sim:?slaves=drive*2&clock=virtual", "--csv"]).success();
     support::kept(&root().join("docs/xf_two_axes.svg"), &super::picture::draw(&csv));
 }
 
-/// XF-17.2 What goes wrong is said with what to do.
+/// XF-17.2 Errors are printed with the next step.
 #[test]
 fn what_goes_wrong_is_said() {
     let ended = run(&["xf-sim:?slaves=drive&clock=virtual"]);

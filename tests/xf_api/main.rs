@@ -1,4 +1,4 @@
-//! `ecmsk::Xf`: a chip behind its link as a program uses it, on the model.
+//! `ecmsk::Xf`: a chip over its link as used by a program, on the model.
 #![cfg(feature = "sim")]
 
 mod ends;
@@ -23,19 +23,19 @@ const MODE: ObjectAddress = ObjectAddress::new(0x6060, 0);
 const TARGET: ObjectAddress = ObjectAddress::new(0x607A, 0);
 const POSITION: ObjectAddress = ObjectAddress::new(0x6064, 0);
 
-/// A model that the test still has when the program is gone, as a chip outlives its host.
+/// A model that the test keeps after the program's end, as a chip outlives its host.
 #[derive(Clone)]
 struct Kept(Arc<Mutex<SimChip>>, Arc<Mutex<Behaviour>>);
 
-/// What becomes of an exchange that begins at this time, of the bytes that go to the chip.
+/// The effect on an exchange that begins at this time with these bytes to the chip.
 type Behaviour = Box<dyn FnMut(Ns, &[u8]) -> Exchange + Send>;
 
 #[derive(Clone, Copy)]
 enum Exchange {
     Passes,
-    /// It fails, and the chip sees nothing of it.
+    /// It fails, and the chip receives nothing.
     Fails,
-    /// The chip sees nothing of it, and what comes back is zeros.
+    /// The chip receives nothing, and the answer is zeros.
     Silent,
 }
 
@@ -49,7 +49,7 @@ impl Kept {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// After so many exchanges the wires are cut.
+    /// Cuts the wires after that many exchanges.
     fn cut_after(&self, exchanges: u32) {
         let mut left = exchanges;
         self.behaves(move |_, _| match left.checked_sub(1) {
@@ -61,7 +61,7 @@ impl Kept {
         });
     }
 
-    /// What becomes of exchanges from now on.
+    /// Sets the effect on exchanges from now on.
     fn behaves(&self, behaviour: impl FnMut(Ns, &[u8]) -> Exchange + Send + 'static) {
         *self.1.lock().unwrap() = Box::new(behaviour);
     }
@@ -139,7 +139,7 @@ fn opened(uri: &str) -> (Xf<Kept>, Kept) {
     (Xf::over(chip.clone(), config).expect("it starts"), chip)
 }
 
-/// Brings the drives of a chip to SafeOP in a mode, with every slave an axis of its own number.
+/// Brings the drives of a chip to SafeOP in a mode; each slave is the axis with its number.
 fn safe_op(xf: &mut Xf<Kept>, mode: i8) -> Result<ProcessData, XfError> {
     let slaves = xf.start_network(&NetworkConfig::default())?;
     xf.set_state(Slaves::All, EtherCatState::PreOp)?;

@@ -14,7 +14,7 @@ use ecmsk::xf_api::{NetworkConfig, Xf, XfError};
 
 use super::{MODE, opened, safe_op, started};
 
-/// XF-17.1 Every chip starts, whatever its n, with INT0 and without, in virtual and in real time.
+/// XF-17.1 Every chip starts, with any n, with INT0 and without, in virtual and in real time.
 #[test]
 fn every_chip_starts() {
     for (keys, n, version) in [
@@ -40,7 +40,8 @@ fn every_chip_starts() {
     }
 }
 
-/// XF-17.12 A program reaches what is behind the slaves' objects: registers by datagrams, EEPROMs, files; not over `network=models`.
+/// XF-17.12 A program accesses more than the slaves' objects: registers by datagrams, EEPROMs, files; not over
+/// `network=models`.
 #[test]
 fn a_program_reaches_registers_eeproms_and_files() {
     let (mut xf, chip) = opened("xf-sim:?clock=virtual&slaves=drive,io");
@@ -86,7 +87,7 @@ fn a_program_reaches_registers_eeproms_and_files() {
 #[test]
 fn a_wrong_link_is_an_error() {
     for (link, parts) in [
-        ("sim:", &["is a board and no ECM-XF", "xf-sim:?slaves=drive*2"][..]),
+        ("sim:", &["is a board and not an ECM-XF", "xf-sim:?slaves=drive*2"][..]),
         ("xf-sim:?slave=io", &["no key `slave`", "did you mean `slaves`", "chip_fw"]),
         ("xf-sim:?n=31", &["key `n`", "32 to 1408"]),
         ("xf-sim:?chip_fw=9", &["new, old, xfu"]),
@@ -99,7 +100,7 @@ fn a_wrong_link_is_an_error() {
     }
 }
 
-/// XF-17.3 The start of a network counts its slaves, whose descriptions are there, and can be repeated in any state.
+/// XF-17.3 The start of a network counts its slaves, reads their descriptions, and can be repeated in any state.
 #[test]
 fn a_network_is_started_again_and_again() {
     let (mut xf, _) = started("drive*2,io,step");
@@ -120,7 +121,7 @@ fn a_network_is_started_again_and_again() {
     assert_ne!(drive.product, io.product);
 }
 
-/// XF-17.3 Which slave did not reach a state is said, with its AL status code.
+/// XF-17.3 The slave that did not reach a state is named, with its AL status code.
 #[test]
 fn the_slave_that_refuses_is_named() {
     let (mut xf, chip) = started("drive*3");
@@ -133,12 +134,12 @@ fn the_slave_that_refuses_is_named() {
     assert!(error.to_string().contains("slave 1 does not answer"), "{error}");
     // The others can still be used.
     assert_eq!(xf.sdo_read::<i8>(2, MODE).unwrap(), xf.sdo_read::<i8>(0, MODE).unwrap());
-    // One slave alone.
+    // One slave only.
     chip.chip().chip().network().handle().silence(2, false);
     xf.set_state(Slaves::One(SlaveNumber::new(1).unwrap()), EtherCatState::PreOp).unwrap();
 }
 
-/// XF-17.4 Objects are read and written with the type that they have; what is wrong is said.
+/// XF-17.4 Objects are read and written with their types; errors are reported.
 #[test]
 fn objects_have_types() {
     let (mut xf, _) = started("drive,io");
@@ -160,7 +161,7 @@ fn objects_have_types() {
     assert!(error.to_string().contains("256"), "{error}");
 }
 
-/// XF-17.5 A chip that loses its power is an error for what was under way, and can be used again.
+/// XF-17.5 A chip that loses its power is an error for pending commands, and can be used again.
 #[test]
 fn wires_that_fail_are_an_error_and_no_command_is_left_in_the_queue() {
     let (mut xf, chip) = started("drive");
@@ -174,21 +175,21 @@ fn wires_that_fail_are_an_error_and_no_command_is_left_in_the_queue() {
     assert_eq!(xf.start_network(&NetworkConfig::default()).unwrap(), 1);
 }
 
-/// XF-12.5 A chip that was reset has its n of before, with INT0 as by idle time: it is found again.
+/// XF-12.5 A chip that was reset has its earlier n, with INT0 as with idle time: it is found again.
 #[test]
 fn a_chip_that_was_reset_to_another_n_is_found() {
     for keys in ["", "&int0=yes"] {
         let (mut xf, _) = opened(&format!("xf-sim:?clock=virtual&slaves=drive{keys}"));
         safe_op(&mut xf, 8).unwrap();
         assert_eq!(xf.host().size(), DataSize::MANUAL);
-        // Whether its one answer comes before the reset is not said.
+        // Whether its only answer comes before the reset is undefined.
         let _ = xf.run(&WarmReset);
         let again = (0..50).find_map(|_| xf.start_network(&NetworkConfig::default()).ok());
         assert_eq!((again, xf.host().counters().chip_resets), (Some(1), 1), "{keys}: {:?}", xf.host().state());
     }
 }
 
-/// XF-12.12 A cycle in which the process data do not get to the chip is refused with the sum.
+/// XF-12.12 A cycle too short to transfer the process data to the chip is refused with the calculation.
 #[test]
 fn a_cycle_that_cannot_be_held_is_refused() {
     let (mut xf, _) = opened("xf-sim:?clock=virtual&slaves=drive*40");
@@ -200,8 +201,8 @@ fn a_cycle_that_cannot_be_held_is_refused() {
     assert!(error.contains("a cycle of 250 us cannot be held: 2 exchange(s) of"), "{error}");
 }
 
-/// DP3CL-10.2 A DP3CL behind a chip is told the cycle of SYNC0: one that it does not have is refused with 0x0035, without the
-/// clocks any is good.
+/// DP3CL-10.2 A DP3CL behind a chip gets the cycle of SYNC0: an unsupported one is refused with 0x0035; without
+/// distributed clocks any is valid.
 #[test]
 fn a_dp3cl_knows_the_cycle_of_sync0() {
     for (assign_activate, sync0_ns, is_good) in

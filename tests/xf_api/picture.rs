@@ -1,8 +1,8 @@
-//! The picture of what the example did: both positions over time, and the path in the plane.
+//! The picture of the example's motion: both positions over time, and the path in the plane.
 
 use std::fmt::Write as _;
 
-/// Every so many cycles are a point.
+/// Cycles per point.
 const STEP: usize = 15;
 const AXES: [&str; 2] = ["#1F77B4", "#E66A00"];
 /// The diagram over time and that of the plane: left, top, width, height in pixels.

@@ -10,7 +10,7 @@ use ecmsk::xf_api::{NetworkConfig, XfError};
 
 use super::{MODE, POSITION, TARGET, enabled, opened, safe_op, started};
 
-/// XF-17.6 The layout is what the slaves map, one after the other.
+/// XF-17.6 The layout is the slaves' mappings, one after the other.
 #[test]
 fn the_layout_is_what_slaves_map() {
     let (mut xf, _) = started("drive,io,drive");
@@ -26,7 +26,7 @@ fn the_layout_is_what_slaves_map() {
     assert_eq!(layout.inputs[1].at, layout.inputs[0].bytes);
 }
 
-/// XF-17.6 What a slave maps anew without a RECONFIG is no layout to write by.
+/// XF-17.6 A mapping changed without a RECONFIG is no valid layout.
 #[test]
 fn a_changed_mapping_is_an_error_until_reconfig() {
     let (mut xf, _) = started("drive");
@@ -41,7 +41,7 @@ fn a_changed_mapping_is_an_error_until_reconfig() {
     assert!(matches!(error, XfError::OtherLayout { slave: 0, mapped: 2, laid_out: 6, .. }), "{error}");
     xf.run(&Reconfig).unwrap();
     assert_eq!(xf.layout().unwrap().outputs[0].bytes, 2);
-    // Without a target there is none to be written.
+    // Without a target in the mapping none can be written.
     xf.set_state(Slaves::All, EtherCatState::SafeOp).unwrap();
     let data = xf.process_data().unwrap();
     let error = data.output::<i32>(0, TARGET).unwrap_err();
@@ -70,7 +70,7 @@ fn axes_follow_their_targets() {
             seen += i32::from(position != last);
             last = position;
         }
-        // Inputs are those of the cycle, not of long ago: at most the targets ahead and what waits to be read.
+        // Inputs are those of the cycle, not old ones: delayed at most by the targets ahead and the unread inputs.
         assert!(starts[0] + 10_000 - last < 10 * 40, "{keys}: {last}");
         assert!(seen > 800, "{keys}: the position was seen in {seen} cycles");
         xf.finish(&mut data).unwrap();
@@ -85,7 +85,7 @@ fn axes_follow_their_targets() {
     }
 }
 
-/// XF-17.7 n is made to fit the process data, so that a cycle is held.
+/// XF-17.7 n is adapted to the process data, so that the cycle is kept.
 #[test]
 fn n_follows_the_process_data() {
     let (mut xf, _) = started("drive*2");
@@ -97,7 +97,7 @@ fn n_follows_the_process_data() {
     assert_eq!(xf.host().size().bytes(), data.inputs().len());
 }
 
-/// XF-17.8 Process data that nobody takes are told before the program waits for ever.
+/// XF-17.8 Process data that the chip does not take are reported, instead of an endless wait.
 #[test]
 fn a_fifo_that_stands_is_told() {
     let (mut xf, _) = started("drive");
@@ -110,7 +110,7 @@ fn a_fifo_that_stands_is_told() {
     xf.cycle(&mut data).unwrap();
 }
 
-/// XF-17.9 An axis that does not come up is told with its state; its fault is reset, and it comes up.
+/// XF-17.9 An axis that does not switch on is reported with its state; its fault is reset, and it switches on.
 #[test]
 fn a_fault_is_told_and_reset() {
     let (mut xf, chip) = started("drive*2");

@@ -1,4 +1,4 @@
-//! The stop at the end of a program, while much goes wrong.
+//! The stop at the end of a program, with many kinds of failures.
 
 use std::sync::{Arc, Mutex};
 
@@ -12,14 +12,14 @@ use ecmsk::xf_api::{NetworkConfig, XfError};
 use super::ends::{S, drive_state, moving, stands_and_is_off};
 use super::{Exchange, POSITION, enabled, safe_op, started};
 
-/// What a quick stop does, and its deceleration in counts/s\u{b2}.
+/// A quick stop's deceleration in counts/s\u{b2}.
 const QUICK_STOP_DECELERATION: ObjectAddress = ObjectAddress::new(0x6085, 0);
 
 fn motor(number: u8) -> MotorNumber {
     MotorNumber::decode(number).expect("a motor")
 }
 
-/// XF-17.11 A stop that is refused for one axis keeps no other axis from its own; the refusal is what `close` tells.
+/// XF-17.11 A refused stop of one axis does not prevent the stop of the others; `close` returns the refusal.
 #[test]
 fn an_axis_that_cannot_be_stopped() {
     let (mut xf, chip) = started("drive*2");
@@ -37,7 +37,7 @@ fn an_axis_that_cannot_be_stopped() {
     xf.set_state(Slaves::All, EtherCatState::Op).unwrap();
     xf.run(&FifoEnable { on: true }).unwrap();
     xf.cycle(&mut data).unwrap();
-    // The helper leads no axis 0, which is stopped before the others.
+    // The helper has no axis 0, which is stopped before the others.
     let refused = xf.run(&HelperStateSet { motor: motor(0), state: DriveState::OperationEnabled });
     assert!(matches!(refused, Err(XfError::Chip(HostError::Refused { .. }))), "{refused:?}");
     for number in 1..3 {
@@ -73,7 +73,7 @@ fn exchanges_that_fail_are_tried_again() {
     stands_and_is_off(&chip);
 }
 
-/// XF-17.11 A link that is cut for good ends the stop after 2 s, with what the wires said.
+/// XF-17.11 A link that is cut permanently ends the stop after 2 s, with the wires' error.
 #[test]
 fn a_cut_link_ends_the_stop() {
     let (xf, chip, _) = moving();
@@ -106,7 +106,7 @@ fn a_driver_that_has_stopped() {
     assert!(waited < 30 * S, "{waited}");
 }
 
-/// XF-17.11 All axes share the time to come to rest; those that do not are told and switched off.
+/// XF-17.11 All axes share the time to come to rest; axes that do not are reported and switched off.
 #[test]
 fn axes_that_do_not_come_to_rest() {
     let (mut xf, chip) = started("drive*3");
@@ -133,8 +133,8 @@ fn axes_that_do_not_come_to_rest() {
     }
 }
 
-/// XF-17.11 An axis counts as on until it was seen off: after a reset of a fault and a switching off of which nothing
-/// was heard too.
+/// XF-17.11 An axis counts as on until a report shows it off: also after a reset of a fault, and after switching off
+/// without an answer.
 #[test]
 fn an_axis_that_was_not_seen_off_is_on() {
     for exchanges in [0, 1, 4] {
@@ -165,7 +165,7 @@ fn an_axis_that_was_switched_on_raw() {
     }
     xf.pass(std::time::Duration::from_secs(1)).unwrap();
     assert_eq!(drive_state(&chip, 0), Some(DriveState::OperationEnabled));
-    // SafeOP alone would leave them where they are.
+    // SafeOP alone would leave them in their state.
     let mut states = Vec::new();
     let seen = chip.clone();
     xf.run(&FifoEnable { on: true }).unwrap();
@@ -174,7 +174,7 @@ fn an_axis_that_was_switched_on_raw() {
     stands_and_is_off(&chip);
 }
 
-/// XF-17.11 Commands that wait, and results that nobody has taken, do not keep the stop waiting.
+/// XF-17.11 Waiting commands, and results that were not fetched, do not delay the stop.
 #[test]
 fn the_stop_goes_before_what_waits() {
     let (mut xf, chip, _) = moving();
@@ -192,7 +192,7 @@ fn the_stop_goes_before_what_waits() {
     stands_and_is_off(&chip);
 }
 
-/// XF-17.11 A network that is started anew has its axes stopped before.
+/// XF-17.11 Axes are stopped before their network is started again.
 #[test]
 fn a_network_that_is_started_anew() {
     let (mut xf, chip, _) = moving();
@@ -222,7 +222,8 @@ fn a_slave_has_one_axis() {
     xf.add_axis(1, 1, &data).unwrap();
 }
 
-/// XF-17.5 After calls that the wires have ended the next one goes on, and what they had submitted goes first.
+/// XF-17.5 After calls that ended with an error of the wires the next one goes on, and the process data submitted
+/// before are sent first.
 #[test]
 fn process_data_behind_those_that_the_wires_have_ended() {
     for exchanges in 0..3 {

@@ -1,4 +1,4 @@
-//! A host, from the page docs/XF-PORT.md, and a link to a chip made of it.
+//! A host, written from the page docs/XF-PORT.md, and a link to a chip based on it.
 
 use std::io::{Read, Write};
 use std::net::{Shutdown, TcpStream};
@@ -11,7 +11,7 @@ use ecmsk::link::chip::{self, ChipError, ChipInfo, ChipLink};
 use ecmsk::port::xf::{Listen, Options, Server};
 use ecmsk::xf::host::Wires;
 
-/// No server takes longer to notice anything.
+/// No server takes longer to react.
 const PATIENCE: Duration = Duration::from_secs(60);
 pub const EXCHANGE: u8 = 1;
 pub const WAIT_INT0: u8 = 2;
@@ -40,7 +40,7 @@ pub fn any_port() -> Listen {
     "127.0.0.1:0".parse().expect("an address")
 }
 
-/// Serves the chip of a link with these options, but for the place and the log, which are returned.
+/// Serves the chip of a link with these options, except for the address and the log, which are returned.
 pub fn serve_with(uri: &str, options: Options) -> (Server, Log) {
     let (uri, log) = (uri.to_owned(), Log::default());
     let options = Options { tell: log.teller(), ..options };
@@ -79,7 +79,7 @@ impl Socket {
 #[derive(Debug)]
 pub struct Client {
     pub socket: Socket,
-    /// What the server said first.
+    /// The server's first message.
     pub greeting: (u8, u8, Vec<u8>),
 }
 
@@ -94,7 +94,7 @@ impl Client {
         client
     }
 
-    /// As [`Client::connect`], once the server has noticed that the host before has gone.
+    /// As [`Client::connect`], once the server has noticed the end of the previous host.
     pub fn connect_when_free(to: &Listen) -> Self {
         let began = Instant::now();
         loop {
@@ -141,7 +141,7 @@ impl Client {
         body
     }
 
-    /// Ends the connection without a word, as the system does for a process that is killed.
+    /// Ends the connection without a message, as the system does for a killed process.
     pub fn hang_up(&self) {
         match &self.socket {
             Socket::Tcp(stream) => stream.shutdown(Shutdown::Both),

@@ -1,4 +1,4 @@
-//! One host at a time, hosts that stop to read or to write, links that fail.
+//! One host at a time, hosts that stop reading or writing, links that fail.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -13,8 +13,8 @@ use crate::client::{CLOSE, Client, EXCHANGE, any_port, serve, serve_with};
 
 const URI: &str = "xf-sim:?slaves=drive&clock=virtual&chip_fw=old";
 
-/// XF-14.5 A second host is told who has the chip, and the first one does not notice; when that one has closed, the next
-/// one gets it.
+/// XF-14.5 A second host gets an error that names the first one, which is not affected; when the first one has closed,
+/// the next one gets the chip.
 #[test]
 fn one_host_at_a_time() {
     let (server, _) = serve(URI);
@@ -50,7 +50,8 @@ fn half_a_message() {
     }
 }
 
-/// XF-14.13 A connection that says nothing loses the chip, and the next host gets it; one that has asked once may be silent.
+/// XF-14.13 A silent connection loses the chip, and the next host gets it; a host that has sent a request may be
+/// silent.
 #[test]
 fn a_silent_stranger() {
     let options = Options { listen: any_port(), message_limit: Duration::from_millis(50), ..Options::default() };
@@ -68,20 +69,20 @@ fn a_silent_stranger() {
     assert!(log.lines().iter().any(|line| line.contains("no request has come")), "{:?}", log.lines());
 }
 
-/// XF-14.6 A host that sends requests and reads no answer loses the chip; the server keeps one answer for it and no more.
+/// XF-14.6 A host that sends requests and reads no answer loses the chip; the server keeps only one answer for it.
 #[test]
 fn a_host_that_never_reads() {
     let options = Options { listen: any_port(), message_limit: Duration::from_millis(50), ..Options::default() };
     let (server, log) = serve_with(URI, options);
     let mut client = Client::connect(server.listen());
-    // Until the server closes: what it takes is limited by the answers that wait.
+    // Until the server closes: the waiting answers limit the requests it takes.
     while client.send_request(EXCHANGE, &[0; 4096]).is_ok() {}
     Client::connect_when_free(server.listen());
     server.stop();
     assert!(log.lines().iter().any(|line| line.contains("it does not read the answers")), "{:?}", log.lines());
 }
 
-/// XF-14.6 A connection that ends within a message, or before the first one, is no trouble for the next host.
+/// XF-14.6 A connection that ends within a message, or before the first one, does not affect the next host.
 #[test]
 fn connections_that_end() {
     let (server, _) = serve(URI);
@@ -93,7 +94,7 @@ fn connections_that_end() {
     Client::connect(server.listen()).exchange(&[0; 144]);
 }
 
-/// A link that fails while it is told to.
+/// A link that fails while `fails` is set.
 struct Failing {
     inner: Box<dyn ChipLink>,
     fails: Arc<AtomicBool>,
@@ -132,8 +133,8 @@ impl ChipLink for Failing {
     }
 }
 
-/// XF-14.7 A link that fails is told to the host, who may go on; for the next host it is opened again, and if that fails the
-/// host is told why.
+/// XF-14.7 A link's failure is reported to the host, which may go on; for the next host the link is opened again, and
+/// if that fails the host gets the reason.
 #[test]
 fn a_link_that_fails() {
     let (fails, opened) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU32::new(0)));

@@ -1,4 +1,4 @@
-//! Where a chip is served.
+//! The addresses at which a chip is served.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -19,7 +19,7 @@ fn unix(path: &std::path::Path) -> Listen {
     Listen::Unix(path.to_owned())
 }
 
-/// XF-14.10 A Unix socket is its owner's alone, carries what TCP does, and its path is gone at the end.
+/// XF-14.10 A Unix socket is accessible only to its owner, works like TCP, and its path is removed at the end.
 #[test]
 fn a_unix_socket() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -34,8 +34,7 @@ fn a_unix_socket() {
     assert!(!path.exists());
 }
 
-/// XF-14.10 A socket that a killed server has left is replaced; one at which somebody listens and a file of any other kind
-/// are not.
+/// XF-14.10 A socket left by a killed server is replaced; one with a listener and a file of any other kind are not.
 #[test]
 fn what_stands_at_the_path() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -55,7 +54,7 @@ fn what_stands_at_the_path() {
     assert!(error.contains("in a folder that this user may write to"), "{error}");
 }
 
-/// XF-14.10 An address that other machines reach is refused with the next step.
+/// XF-14.10 An address that is reachable from other machines is refused with the next step.
 #[test]
 fn other_machines() {
     for listen in ["0.0.0.0:0", "192.0.2.1:4712", "[::]:0"] {

@@ -1,4 +1,4 @@
-//! Exchanges, lines and waits; what is no request.
+//! Exchanges, lines and waits; invalid requests.
 
 use ecmsk::link::chip::{ChipLink, SimChip};
 use ecmsk::link::uri::LinkUri;
@@ -17,8 +17,8 @@ fn the_greeting() {
     assert_eq!(client.greeting, (0, 0, b"ECMXF\x01\x00\x10".to_vec()));
 }
 
-/// XF-14.2 Bytes pass in both directions as on the chip's own link, however an exchange is cut: a few bytes, a packet
-/// of the old chip (144), several.
+/// XF-14.2 Bytes pass in both directions as on the chip's own link, however they are divided into exchanges: a few
+/// bytes, a packet of the old chip (144), several.
 #[test]
 fn bytes_pass_unchanged() {
     let (server, _) = serve(OLD);
@@ -42,7 +42,7 @@ fn bytes_pass_unchanged() {
     }
 }
 
-/// XF-14.3 INT0 is waited for as on the link: it becomes active once after an exchange, and not again; INT1 is read.
+/// XF-14.3 A host waits for INT0 as on the link: it becomes active once after an exchange, and not again; INT1 is read.
 #[test]
 fn lines() {
     let (server, _) = serve(OLD);
@@ -56,8 +56,8 @@ fn lines() {
     assert_eq!(client.ask(INT1, &[]), (0, vec![u8::from(level)]));
 }
 
-/// XF-14.14 XF-11.74 A host resets the chip, in the midst of a packet: it starts as after power-on, with the first byte of a packet
-/// and fixed check words. A link without the line says so.
+/// XF-14.14 XF-11.74 A host resets the chip in the middle of a packet: it starts as after power-on, with the first byte
+/// of a packet and fixed check words. A link without the line reports that.
 #[test]
 fn the_chip_is_reset() {
     let (server, _) = serve(OLD);
@@ -76,7 +76,7 @@ fn the_chip_is_reset() {
     assert_eq!(client.exchange(&[0; 144]), first);
     assert_eq!(client.ask(CLOSE, &[]), (0, Vec::new()));
 
-    // A link of this test, which knows no reset line.
+    // A link of this test, without a reset line.
     let listen = server.listen().clone();
     let open = move || Ok((Box::new(Remote::connect(&listen)) as Box<dyn ChipLink>, HostConfig::DEFAULT));
     let options = Options { listen: any_port(), ..Options::default() };
@@ -86,7 +86,7 @@ fn the_chip_is_reset() {
     assert_eq!((status, String::from_utf8(text).expect("text").contains("reset line is not wired")), (3, true));
 }
 
-/// XF-14.3 A line that is not wired is said to be none.
+/// XF-14.3 A line that is not wired is reported as missing.
 #[test]
 fn a_line_that_is_not_wired() {
     let (server, _) = serve("xf-sim:?clock=virtual");
@@ -95,7 +95,7 @@ fn a_line_that_is_not_wired() {
     assert_eq!((status, String::from_utf8(text).expect("text").contains("INT0 is not wired")), (3, true));
 }
 
-/// XF-14.4 What is no request is answered with the reason, and the connection goes on.
+/// XF-14.4 An invalid request is answered with the reason, and the connection goes on.
 #[test]
 fn what_is_no_request() {
     let (server, _) = serve(OLD);
@@ -121,7 +121,8 @@ fn what_is_no_request() {
     }
 }
 
-/// XF-14.4 A length beyond that of any request ends the connection with the reason: where the next one begins is not known.
+/// XF-14.4 A length beyond that of any request ends the connection with the reason: the begin of the next one is
+/// unknown.
 #[test]
 fn a_request_that_is_too_long() {
     let (server, log) = serve(OLD);

@@ -22,7 +22,7 @@ fn read(file: &Path) -> (Vec<RecordedBytes>, bool) {
     (found, exchanges.lacks().is_nothing())
 }
 
-/// XF-15.1, XF-15.2 Every exchange is in the file: its bytes both ways, with the times of its begin and its end.
+/// XF-15.1, XF-15.2 Every exchange is in the file: its bytes in both directions, with the times of its begin and end.
 #[test]
 fn every_exchange_is_recorded() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -42,7 +42,7 @@ fn every_exchange_is_recorded() {
     assert_eq!(read(&file), (expected, true));
 }
 
-/// XF-15.2 An exchange of more bytes than a packet of a chip has is recorded in parts, in order.
+/// XF-15.2 An exchange longer than a packet of a chip is recorded in parts, in order.
 #[test]
 fn a_long_exchange() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -97,7 +97,7 @@ fn files() {
     assert_eq!(fs::read_to_string(&text).expect("the file"), "mine");
 }
 
-/// XF-15.4 A recording that was not ended is known to be that, and is read as far as it goes; a damaged one is an error.
+/// XF-15.4 A recording that was not ended is recognised, and is read up to its end; a damaged one is an error.
 #[test]
 fn a_recording_that_was_not_ended() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -119,7 +119,7 @@ fn a_recording_that_was_not_ended() {
     ));
 }
 
-/// XF-15.5 Who reads recordings of boards is told what such a file is.
+/// XF-15.5 Reading such a file as a board's recording is an error that says what it is.
 #[test]
 fn no_recording_of_a_board() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -15,8 +15,8 @@ fn link(script: &Path, keys: &str) -> String {
     format!("xf-sim:?slaves=drive*2&clock=virtual&script={}{keys}", script.display())
 }
 
-/// XF-11.75 A slave that refuses SafeOP for 20 s does so behind a chip that a program opens, that is served, and with either network;
-/// then it does not any more.
+/// XF-11.75 A script's refusal of SafeOP for 20 s works behind a chip that a program opens, behind one that is served,
+/// and with either network; then the slave accepts it.
 #[test]
 fn a_script_happens_to_the_slaves_of_a_chip() {
     fn safe_op<L: chip::ChipLink>(xf: &mut Xf<L>) -> bool {
@@ -42,7 +42,8 @@ fn a_script_happens_to_the_slaves_of_a_chip() {
     }
 }
 
-/// XF-11.75 A script that is not there, or says what cannot happen there, refuses the link with the line and what to do.
+/// XF-11.75 With a missing script, or one with an unsupported event, opening the link fails with the line and the next
+/// step.
 #[test]
 fn a_script_that_cannot_be_carried_out_refuses_the_link() {
     let folder = tempfile::tempdir().expect("a folder");

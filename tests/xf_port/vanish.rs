@@ -14,7 +14,7 @@ use crate::client::{CLOSE, Remote, any_port, serve, serve_with};
 const URI: &str = "xf-sim:?slaves=drive*2,io&clock=virtual";
 const DRIVES: u8 = 2;
 
-/// Our own driver over the server, with two axes that move in CSP.
+/// This project's driver over the server, with two axes that move in CSP.
 fn moving(to: &Listen) -> Xf<Remote> {
     let mut xf = Xf::over(Remote::connect(to), Default::default()).expect("it starts");
     assert_eq!(xf.start_network(&NetworkConfig::default()).expect("a network"), 3);
@@ -48,7 +48,7 @@ fn moving(to: &Listen) -> Xf<Remote> {
     xf
 }
 
-/// What the next host finds: the state of the network, and which drives are on.
+/// The state of the network and the drives that are on, as the next host finds them.
 fn found(to: &Listen) -> (Option<EtherCatState>, Vec<bool>) {
     let mut xf = Xf::over(Remote::connect(to), Default::default()).expect("it starts");
     xf.count_slaves().expect("a network");
@@ -67,8 +67,8 @@ fn found(to: &Listen) -> (Option<EtherCatState>, Vec<bool>) {
 const STOPPED: (Option<EtherCatState>, [bool; 2]) = (Some(EtherCatState::SafeOp), [false, false]);
 const AS_IT_WAS: (Option<EtherCatState>, [bool; 2]) = (Some(EtherCatState::Op), [true, true]);
 
-/// XF-14.8 A host whose connection ends without a close has vanished: slaves in OP go to SafeOP, drives are off, and it is
-/// said.
+/// XF-14.8 A host whose connection ends without a close has vanished: slaves in OP go to SafeOP, drives are off, and
+/// this is logged.
 #[test]
 fn a_host_that_vanishes() {
     let (server, log) = serve(URI);
@@ -82,8 +82,8 @@ fn a_host_that_vanishes() {
     assert!(said.iter().any(|line| line.contains("3 slaves that were in OP are in SafeOP")), "{said:?}");
 }
 
-/// XF-14.8 The same if it goes in the middle of a packet, so that packets begin elsewhere than a host expects, and in the
-/// middle of a message, and with nonsense.
+/// XF-14.8 The same if it vanishes in the middle of a packet, so that packets begin at another byte than a host
+/// expects, in the middle of a message, and after nonsense.
 #[test]
 fn a_host_that_vanishes_within_a_packet() {
     for sent in [&[1, 0, 7, 0, 1, 2, 3, 4, 5, 6, 7][..], &[1, 0, 144, 0, 9], &[1, 0, 0xFF, 0xFF]] {
@@ -98,7 +98,7 @@ fn a_host_that_vanishes_within_a_packet() {
     }
 }
 
-/// XF-14.8 A host that has said that it ends leaves everything as it is.
+/// XF-14.8 A host that closes the connection properly leaves everything unchanged.
 #[test]
 fn a_host_that_closes() {
     let (server, _) = serve(URI);
@@ -123,7 +123,7 @@ fn a_chip_that_is_left() {
     assert!(log.lines().iter().any(|line| line.contains("on-vanish=leave")), "{:?}", log.lines());
 }
 
-/// XF-14.8 A server that is stopped while there is a host stops the axes, and says to the host that it ends.
+/// XF-14.8 A server that is stopped while there is a host stops the axes, and tells the host that it ends.
 #[test]
 fn a_server_that_is_stopped() {
     let (server, log) = serve(URI);
@@ -135,8 +135,8 @@ fn a_server_that_is_stopped() {
     assert!(said.iter().any(|line| line.contains("3 slaves that were in OP are in SafeOP")), "{said:?}");
 }
 
-/// XF-14.9 A host that has sent nothing has moved nothing: the chip gets no byte after it, and so is found as it was after
-/// power-on, with its first answer.
+/// XF-14.9 A host that has sent nothing has moved nothing: the chip gets no byte after it, and so is still in its state
+/// after power-on, with its first answer.
 #[test]
 fn a_host_that_has_sent_nothing() {
     let (server, _) = serve("xf-sim:?clock=virtual&chip_fw=old");
@@ -149,7 +149,7 @@ fn a_host_that_has_sent_nothing() {
     assert_eq!((header.index, header.code.code()), (0, 0));
 }
 
-/// XF-14.9 After a host that has vanished the chip has the n of before and fixed check words.
+/// XF-14.9 After a host that has vanished the chip has its earlier n and fixed check words.
 #[test]
 fn the_chip_after_it() {
     let (server, log) = serve("xf-sim:?slaves=drive&clock=virtual&chip_fw=old");

@@ -64,7 +64,7 @@ pub struct Args {
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse, global = true, help_heading = HEADING)]
     slot_size: Option<SlotSize>,
 
-    /// The slot size as it was called before
+    /// Former name of --slot-size
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse, global = true, hide = true, conflicts_with = "slot_size")]
     slot: Option<SlotSize>,
 
@@ -72,29 +72,29 @@ pub struct Args {
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, global = true, help_heading = HEADING)]
     record: Option<PathBuf>,
 
-    /// Replace a recording that is there already; without it a file that is there stays, and nothing is done
+    /// Replace an existing recording; without this option an existing file is an error, and nothing is done
     #[arg(long, requires = "record", global = true, help_heading = HEADING)]
     overwrite: bool,
 
-    /// How long anything may take, e.g. 10s or 500ms [default: SDOs 3s, servo and IO 5s, states 30s, homing 60s]
+    /// Timeout of every step, e.g. 10s or 500ms [default: SDOs 3s, servo and IO 5s, states 30s, homing 60s]
     #[arg(long, value_name = "TIME", value_parser = duration, global = true, help_heading = HEADING)]
     timeout: Option<Duration>,
 
-    /// Refuse a move, before it begins, whose target is further than this from where the axis is: counts, or off
+    /// Refuse a move, before it begins, if its target is further than this from the axis's position: counts, or off
     /// [default: off]
     #[arg(long, value_name = "COUNTS|off", value_parser = network::guard, global = true, help_heading = HEADING)]
     guard: Option<Guard>,
 
-    /// End a move if the target of a cycle is further than this ahead of the actual position, as when the axis does not
+    /// End a move if the target of a cycle is further than this ahead of the actual position, because the axis does not
     /// follow: counts, or off [default: 131072]
     #[arg(long, value_name = "COUNTS|off", value_parser = network::guard, global = true, help_heading = HEADING)]
     lead_limit: Option<Guard>,
 
-    /// Counts of one unit, for positions and speeds in mm or degrees: one number for all axes, or e.g. 1=5000,2=131072/360
+    /// Counts per unit, for positions and speeds in mm or degrees: one number for all axes, or e.g. 1=5000,2=131072/360
     #[arg(long, value_name = "N", value_parser = Scales::parse, allow_hyphen_values = true, global = true, help_heading = HEADING)]
     counts_per_unit: Option<Scales>,
 
-    /// What becomes of the axes at the end: hold (come to a standstill, stay on), servo-off (then switch off), leave
+    /// What the axes do at the end: hold (stop and stay on), servo-off (stop and switch off), leave (change nothing)
     /// [default: hold; leave for a verb that moves nothing]
     #[arg(long, value_name = "HOW", value_parser = close, global = true, help_heading = HEADING)]
     close: Option<Close>,

@@ -25,12 +25,12 @@ pub use error::BusVerbError;
 use file::read_file;
 use session::{NetworkArgs, Session, SlaveArgs};
 
-/// Look at a network: its slaves, their objects, EEPROMs and files, clocks, and which cable is bad
+/// Inspect a network: its slaves, their objects, EEPROMs and files, the clocks, and bad cables
 ///
-/// The link is a network card with the slaves at its end (nic:eth1), simulated slaves in virtual time (sim:), which are
-/// switched on anew for each verb, or a chip ECM-XF (xf-spi:, xf-usb:, xf-sim:). Nothing is moved: all slaves go to Init, those
-/// whose mailbox is needed to PreOP, and stay there. A network that another program runs is left alone; one that a chip
-/// runs goes on.
+/// The link is a network card with the slaves at its end (nic:eth1), simulated slaves in virtual time (sim:), or a chip
+/// ECM-XF (xf-spi:, xf-usb:, xf-sim:). Simulated slaves are switched on anew for each verb. No axis is moved: all
+/// slaves go to Init, those whose mailbox is needed to PreOP, and stay there. A network that another program runs is
+/// not touched; a network that a chip runs keeps running.
 #[derive(clap::Args)]
 #[command(
     disable_help_subcommand = true,

@@ -24,11 +24,11 @@ const DIFFERENT: u8 = 1;
 /// Exit code if nothing could be compared, or the command line is wrong.
 pub const TROUBLE: u8 = 2;
 
-/// Compare two recordings of the same program, command by command: does the other board answer the same?
+/// Compare two recordings of the same program, command by command: do both boards answer the same?
 ///
-/// Commands are held against each other by their numbers and not by time: frames of nothing but GET_STATUS, the number of
-/// reports and when they came do not count. Of a command's answers the last one does, with what the program moved on: the
-/// states, statuswords, error codes, positions, inputs and SDO results of all slaves, and faults that came and went.
+/// Commands are compared by their numbers and not by time. Frames with only GET_STATUS, the number of reports and their
+/// times do not count. Of the answers to a command the last one counts, after which the program went on: states,
+/// statuswords, error codes, positions, inputs and SDO results of all slaves, and faults that came and went.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Exit codes, as those of diff: 0 the recordings are equal, 1 they differ, 2 they could not be compared, or are equal only as
@@ -50,33 +50,33 @@ pub struct Args {
     #[command(flatten)]
     how: How,
 
-    /// Of captures these devices alone, by bus and address, as 1.5: of A, and of B if it is another one
+    /// In captures, use only these devices, by bus and address, e.g. 1.5: the one of A, and the one of B if it differs
     #[arg(long, value_name = "BUS.ADDRESS", value_delimiter = ',', value_parser = recording::parse_device)]
     device: Vec<Address>,
 }
 
-/// What counts as equal, and how it is told.
+/// What counts as equal, and the form of the output.
 #[derive(clap::Args)]
 pub struct How {
-    /// Positions may be so many counts apart
+    /// Positions may differ by so many counts
     #[arg(long, value_name = "COUNTS", default_value_t = 0)]
     tolerance: u32,
 
-    /// Bits of a statusword that count, e.g. 0x006F for the CiA 402 state alone
+    /// Bits of a statusword that are compared, e.g. 0x006F for the CiA 402 state alone
     #[arg(long, value_name = "MASK", default_value = "0xFFFF", value_parser = parse_mask)]
     statusword_mask: u16,
 
-    /// A frame that is sent again and again counts as one: for programs that repeat it until it is carried out
+    /// Count repetitions of a frame as one: for programs that repeat a command until it is carried out
     #[arg(long)]
     ignore_repeats: bool,
 
-    /// Answers may come at most so many cycles later in one recording than in the other. 0: what one board had answered when the
-    /// program moved on, the other has to have answered, too [default: any number, and what they show may be 24 cycles apart]
+    /// Answers may come at most so many cycles later in one recording than in the other. With 0, both boards must have
+    /// answered when the program went on [default: any number, and the values shown may be 24 cycles apart]
     #[arg(long, value_name = "CYCLES")]
     latency: Option<u32>,
 
-    /// Take a recording for the whole run that is cut off, was not ended or lacks frames: if no difference is found as far
-    /// as it goes, that is equal
+    /// Accept recordings that are cut off, were not ended or lack frames: they are equal if they do not differ up to
+    /// their end
     #[arg(long)]
     allow_incomplete: bool,
 
@@ -84,15 +84,15 @@ pub struct How {
     #[arg(long)]
     pub json: bool,
 
-    /// Make a picture of the positions in both, with the first difference marked
+    /// Write a picture of the positions in both recordings, with the first difference marked, to this file
     #[arg(long, value_name = "PICTURE", value_hint = ValueHint::FilePath)]
     pub plot: Option<PathBuf>,
 
-    /// Bytes of a slot in both, 12 or 16 [default: what the recordings say, else what CRCs and slots fit, else 12]
+    /// Bytes of a slot in both, 12 or 16 [default: from the recordings, else from their CRCs and slots, else 12]
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
     slot_size: Option<SlotSize>,
 
-    /// The slot size as it was called before
+    /// Former name of --slot-size
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse, hide = true, conflicts_with = "slot_size")]
     slot: Option<SlotSize>,
 }

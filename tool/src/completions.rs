@@ -14,7 +14,7 @@ Where it goes:
   fish  ecmsk completions fish > ~/.config/fish/completions/ecmsk.fish
   PowerShell  ecmsk completions powershell >> $PROFILE")]
 pub struct Args {
-    /// Shell to print it for
+    /// Shell of the script
     shell: Shell,
 }
 

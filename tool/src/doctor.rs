@@ -32,13 +32,13 @@ pub use linux::RuleError;
 #[cfg(windows)]
 use windows as system;
 
-/// Check this machine for what keeps a board from working, and say what to do
+/// Check whether this machine is set up for a board, and say what to do
 ///
-/// Looks at the link that would be used, boards on USB (rights, who has them, speed, power), SPI and GPIO, for a link nic: the
-/// network card, real-time rights, timers and processors, and measures for a second how late threads are woken up. Nothing is
-/// changed, and no right is needed; root sees more. Nothing is opened, but for the card of a link nic:, if nobody uses it: how
-/// long frames take to its slaves and back is measured. `ok` is as it should be, `advice` would work better, `wrong` has to be
-/// put right.
+/// Checks the link that would be used, boards on USB (rights, who has them open, speed, power), SPI and GPIO, the
+/// network card of a link nic:, real-time rights, timers and processors. Measures for a second how late threads are
+/// woken up. Nothing is changed, and no special rights are needed; root sees more. Nothing is opened except the card of
+/// a link nic: if nobody uses it, to measure how long frames take to its slaves and back. `ok`: as it should be,
+/// `advice`: could be better, `wrong`: has to be corrected.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -48,7 +48,7 @@ Examples:
   ecmsk doctor /mnt/share/press
   sudo ecmsk doctor --write-udev-rule")]
 pub struct Args {
-    /// Leave out what takes a second: how late threads are woken up, and how long frames take
+    /// Skip the measurements, which take a second: wake-up latency, and how long frames take
     #[arg(long)]
     quick: bool,
 
@@ -56,15 +56,15 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 
-    /// Link to look at instead of the one that would be used, see `ecmsk link help`
+    /// Link to check instead of the one that would be used, see `ecmsk link help`
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse, conflicts_with = "folder")]
     link: Option<LinkUri>,
 
     #[command(flatten)]
     system: system::SystemArgs,
 
-    /// Look at a Windows program's folder instead, also from Linux: which of its programs have which width, and whether the
-    /// NEXTWUSBLib.dll and the ecmsk.toml there fit
+    /// Check a Windows program's folder instead, also from Linux: the width (32 or 64 bits) of its programs, and
+    /// whether the NEXTWUSBLib.dll and the ecmsk.toml there fit
     #[arg(value_name = "DIR", value_hint = ValueHint::DirPath)]
     folder: Option<PathBuf>,
 }

@@ -42,9 +42,10 @@ use text::Numbering;
 
 /// Show the frames of a recording, or frames given as hexadecimal digits, in words or as JSON
 ///
-/// Of a frame the slots that say something are shown. What a slave is, responses do not say: it is taken from --kinds,
-/// else from the SET_AXIS commands that were shown before, else guessed from the fields (`DRIVE?`). Of the recording of a chip
-/// ECM-XF the packets are shown; --slots, --commands and what else is about slots do not apply to them.
+/// Only the slots of a frame that are not empty are shown. Responses do not contain the kind of a slave: it is taken
+/// from --kinds, else from the SET_AXIS commands that were shown before, else guessed from the fields (`DRIVE?`). For
+/// the recording of a chip ECM-XF the packets are shown; --slots, --commands and other options for slots do not apply
+/// to them.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Hexadecimal input: one frame a line, 504 to 512 bytes, or one packet of a chip ECM-XF, from a4a3a2a1 to 59585756; blanks do
@@ -62,8 +63,8 @@ pub struct Args {
     #[arg(value_name = "FILE", required_unless_present = "hex", value_hint = ValueHint::FilePath)]
     file: Option<PathBuf>,
 
-    /// Read frames as hexadecimal digits from standard input, one a line; with the recording of a chip: show the bytes of
-    /// packets, too
+    /// Read frames as hexadecimal digits from standard input, one per line; with the recording of a chip, show the
+    /// bytes of packets, too
     #[arg(long)]
     hex: bool,
 
@@ -79,11 +80,11 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 
-    /// Show these slots alone, whatever they hold: 0 or ecm, N for slave N, sdo for the last; comma list with ranges
+    /// Show only these slots, even if they are empty: 0 or ecm, N for slave N, sdo for the last; comma list with ranges
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = Slots::parse)]
     slots: Vec<Slots>,
 
-    /// The slots as that was called before
+    /// Former name of --slots
     #[arg(long, value_name = "LIST", value_parser = OldSlots::parse, hide = true, conflicts_with = "slots")]
     slot: Vec<OldSlots>,
 
@@ -91,8 +92,8 @@ pub struct Args {
     #[arg(long, conflicts_with_all = ["slots", "slot"])]
     all: bool,
 
-    /// Show only what asks for or answers one of these commands, by their names as CSP or SET_STATE; comma list. Frames
-    /// without any of them are left out
+    /// Show only slots with these commands or answers to them, by name, e.g. CSP or SET_STATE; comma list. Frames
+    /// without such a slot are left out
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = Command::parse)]
     commands: Vec<Command>,
 
@@ -100,19 +101,19 @@ pub struct Args {
     #[arg(long, value_name = "command|response", value_parser = direction::parse)]
     direction: Option<Dir>,
 
-    /// Leave out what is before this time, as 1.5, 1.5s or 1500ms since the recording's first frame
+    /// Leave out frames before this time, e.g. 1.5, 1.5s or 1500ms, counted from the recording's first frame
     #[arg(long, value_name = "TIME", allow_negative_numbers = true, conflicts_with = "hex", value_parser = parse_seconds)]
     from: Option<f64>,
 
-    /// Leave out what is after this time
+    /// Leave out frames after this time
     #[arg(long, value_name = "TIME", allow_negative_numbers = true, conflicts_with = "hex", value_parser = parse_seconds)]
     to: Option<f64>,
 
-    /// Bytes of a slot, 12 or 16 [default: what the recording says, else what the CRCs fit, else 12]
+    /// Bytes of a slot, 12 or 16 [default: from the recording, else from its CRCs, else 12]
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
     slot_size: Option<SlotSize>,
 
-    /// Of a capture this device alone, by its bus and address, as 1.5
+    /// In a capture, use only this device, by its bus and address, e.g. 1.5
     #[arg(long, value_name = "BUS.ADDRESS", conflicts_with = "hex", value_parser = recording::parse_device)]
     device: Option<Address>,
 
@@ -122,8 +123,8 @@ pub struct Args {
     ))]
     kinds: Option<KindList>,
 
-    /// Firmware of the board, 1.7 or 1.5: with 1.5, byte 1 of a slave's response is its mode [default: what
-    /// the recording says, else 1.7]
+    /// Firmware of the board, 1.7 or 1.5: with 1.5, byte 1 of a slave's response is its mode [default: from the
+    /// recording, else 1.7]
     #[arg(long, value_name = "1.7|1.5", value_parser = firmware)]
     fw: Option<Firmware>,
 }
@@ -143,7 +144,7 @@ pub enum DumpError {
         name: String,
     },
     /// A line is no frame.
-    #[error("line {line}: {problem}; put `#` before what is no frame")]
+    #[error("line {line}: {problem}; put `#` before lines that are not frames")]
     Line {
         /// The number of the line, from 1.
         line: u64,
@@ -151,7 +152,7 @@ pub enum DumpError {
         problem: HexError,
     },
     /// A line is too long.
-    #[error("line {line} is longer than {LINE_BYTES_MAX} bytes; give one frame a line, as hexadecimal digits")]
+    #[error("line {line} is longer than {LINE_BYTES_MAX} bytes; give one frame per line, as hexadecimal digits")]
     LongLine {
         /// The number of the line, from 1.
         line: u64,

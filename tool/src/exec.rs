@@ -28,10 +28,10 @@ use reasons::{ReasonReader, ReportMode};
 
 /// Run an existing program on the library of this build
 ///
-/// The program is one that links NEXTWUSBLib; it is not changed. It sees this build's library first and, with --link, the
-/// board named there. Ctrl-C reaches the program alone. Why the board did not do what the program wanted is said on standard
-/// error, each reason once while it runs, and summed up at its end. On Windows a NEXTWUSBLib.dll beside the program comes before all
-/// others: it has to be this build's.
+/// The program links NEXTWUSBLib; it is not changed. It gets this build's library and, with --link, the board named
+/// there. Ctrl-C reaches the program alone. If the board did not do what the program wanted, standard error gives each
+/// reason once while the program runs, and a summary at its end. On Windows a NEXTWUSBLib.dll beside the program comes
+/// before all others: it has to be this build's.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -41,32 +41,32 @@ Examples:
 Exit code: the program's, 128 + n if signal n ended it; 124 if it ended with 0 and its recording is not whole; 125 if it could not be started because of something else than
 PROGRAM, 126 if PROGRAM cannot be executed, 127 if it is not found; 2 if the command line is wrong.")]
 pub struct Args {
-    /// Board to give the program, see `ecmsk link help`; without it the library looks for its link as it always does
+    /// Board for the program, see `ecmsk link help`; without it the library looks for its link as usual
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
 
-    /// Write every frame to this file, for `ecmsk dump`, `ecmsk plot` and Wireshark; without --link the recording is of
-    /// the link that the library would look for
+    /// Write every frame to this file, for `ecmsk dump`, `ecmsk plot` and Wireshark; without --link the link that the
+    /// library finds is recorded
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     record: Option<PathBuf>,
 
-    /// Replace a recording that is there already; without it a file that is there stays, and the program is not started
+    /// Replace an existing recording; without this option an existing file is an error, and the program is not started
     #[arg(long, requires = "record")]
     overwrite: bool,
 
-    /// The library, or the folder it is in [default: beside this tool, then ../lib, then Debian's folder there]
+    /// The library, or its folder [default: beside this tool, then ../lib, then Debian's folder there]
     #[arg(long, value_name = "DIR|FILE", value_hint = ValueHint::AnyPath)]
     library: Option<PathBuf>,
 
-    /// Say on standard error what is set for the program
+    /// Print on standard error which variables are set for the program
     #[arg(short, long)]
     verbose: bool,
 
-    /// Do not say what goes wrong, neither while the program runs nor at its end
+    /// Do not report what goes wrong, neither while the program runs nor at its end
     #[arg(short, long, conflicts_with = "json")]
     quiet: bool,
 
-    /// Say the summary as one JSON object on standard error, and nothing while the program runs
+    /// Print the summary as one JSON object on standard error, and nothing while the program runs
     #[arg(long)]
     json: bool,
 
@@ -105,7 +105,8 @@ pub enum ExecError {
     /// Another library with the same name is in the program's folder, where Windows looks first.
     #[cfg(windows)]
     #[error(
-        "{} is not of this build, and Windows takes it before any other; keep it under another name, and copy {} to its place",
+        "{} is not of this build, and Windows loads it before any other; keep it under another name, and copy {} to \
+         its place",
         .beside.display(), .ours.display()
     )]
     Beside {

@@ -15,7 +15,7 @@ pub struct Args {
 
 #[derive(Subcommand)]
 enum Verb {
-    /// Print what a link looks like: every scheme, every key with its default
+    /// Print the form of links: every scheme, and every key with its default
     Help,
 }
 

@@ -18,11 +18,11 @@ use linux as system;
 #[cfg(windows)]
 use windows as system;
 
-/// List the boards of this machine, those that cannot be opened, too, with the reason and what to do
+/// List the boards of this machine; for a board that cannot be opened, say why and what to do
 ///
-/// Nothing is opened, and no right is needed. Boards on USB are known by what they say of themselves; whether there is a
-/// board behind an SPI device shows only when it is opened. Network cards can have slaves at their end, without a board;
-/// on Linux --scan looks for them. What stands first is the link to give to --link.
+/// Nothing is opened, and no special rights are needed. Boards on USB are recognised by their descriptors; an SPI
+/// device shows only when it is opened whether a board is behind it. Network cards can have slaves at their end,
+/// without a board; on Linux --scan looks for them. Each line begins with the link to give to --link.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:

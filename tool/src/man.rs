@@ -17,11 +17,11 @@ Examples:
   ecmsk man dump | man -l -
   ecmsk man --out ~/.local/share/man/man1 && man ecmsk-dump")]
 pub struct Args {
-    /// Verb to print the page of, e.g. dump, or link help [default: the tool's own page]
+    /// Verb whose page is printed, e.g. dump, or link help [default: the tool's own page]
     #[arg(value_name = "VERB")]
     verb: Vec<String>,
 
-    /// Write the pages of the tool and all its verbs to this folder, which is made if it is not there
+    /// Write the pages of the tool and all its verbs to this folder, which is created if it does not exist
     #[arg(long, value_name = "DIR", conflicts_with = "verb", value_hint = ValueHint::DirPath)]
     out: Option<PathBuf>,
 }

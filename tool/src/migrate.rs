@@ -28,11 +28,12 @@ const DIFFERENT: u8 = 1;
 /// The clocks of SPI that `speed=` of `xf-spi:` takes, in Hz.
 const SPEEDS: std::ops::RangeInclusive<u32> = 100_000..=96_000_000;
 
-/// Say whether a recorded program runs on an ECM-XF, the board's successor, before anybody buys one
+/// Check from a recording whether a program runs on an ECM-XF, the board's successor
 ///
-/// From a recording of the program on its board of today, or on `sim:`: which commands, modes, cycles, kinds of slaves and
-/// objects it uses and whether they run on the chip, how long its PC stood still, which packets and which clock hold its
-/// cycle, and the line of ecmsk.toml that results. What the differences are, docs/MIGRATION.md says, row by row.
+/// The recording is one of the program on its present board, or on `sim:`. The report says which commands, modes,
+/// cycles, kinds of slaves and objects the program uses and whether the chip has them, how long the PC stalled, and
+/// which packets and clock the cycle needs. It ends with the line for ecmsk.toml. docs/MIGRATION.md explains the
+/// differences row by row.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Exit codes, as those of diff: 0 the program runs as it is, 1 it runs with differences or not, 2 it could not be said, or it
@@ -47,12 +48,12 @@ pub struct Args {
     #[arg(value_name = "RECORDING", value_hint = ValueHint::FilePath)]
     file: PathBuf,
 
-    /// The clock of SPI that the machine is to have, as in `xf-spi:`; jumper wires carry less than 10M
+    /// SPI clock of the machine, as in `xf-spi:`; jumper wires carry less than 10M
     #[arg(long, value_name = "HZ", default_value = "24M", value_parser = parse_speed)]
     speed: u32,
 
-    /// Take a recording for the whole run that is cut off, was not ended, lacks frames or never reaches OP: if all runs as far
-    /// as it goes, that is 0
+    /// Accept a recording that is cut off, was not ended, lacks frames or never reaches OP: the exit code is 0 if
+    /// everything in it runs
     #[arg(long)]
     allow_incomplete: bool,
 
@@ -60,15 +61,15 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 
-    /// Make a picture of the FIFO's level and the host's pauses, with what `ahead=` bridges
+    /// Write a picture of the FIFO level and the host's pauses, with the time that `ahead=` bridges, to this file
     #[arg(long, value_name = "PICTURE", value_hint = ValueHint::FilePath)]
     plot: Option<PathBuf>,
 
-    /// Bytes of a slot, 12 or 16 [default: what the recording says, else what CRCs and slots fit, else 12]
+    /// Bytes of a slot, 12 or 16 [default: from the recording, else from its CRCs and slots, else 12]
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
     slot_size: Option<SlotSize>,
 
-    /// Of a capture this device alone, by its bus and address, as 1.5
+    /// In a capture, use only this device, by its bus and address, e.g. 1.5
     #[arg(long, value_name = "BUS.ADDRESS", value_parser = recording::parse_device)]
     device: Option<Address>,
 }

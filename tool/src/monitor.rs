@@ -39,10 +39,10 @@ use super::{output, recording_end, slot_size};
 use source::Feed;
 use watched::{View, Watched};
 
-/// Show what a board and all its slaves say, live: states, positions, inputs, alarms, FIFO and counters
+/// Show a board and all its slaves live: states, positions, inputs, alarms, FIFO and counters
 ///
-/// Nothing is ever sent to the board: on `tcp:` the monitor is one of the readers, beside the program that moves. A
-/// simulated board is one of this process alone, which nobody moves.
+/// Nothing is ever sent to the board: on `tcp:` the monitor is one of the readers, beside the program that moves the
+/// axes. A simulated board (`sim:`) belongs to this process alone, so that nothing moves on it.
 ///
 /// Keys: arrows, page up and down, home and end scroll; q or Ctrl-C ends.
 #[derive(clap::Args)]
@@ -53,11 +53,11 @@ Examples:
   ecmsk monitor --recording run.pcapng
   ecmsk monitor --json --interval 1s | jq '.slots[0].fifo_free_entries'")]
 pub struct Args {
-    /// Board to look at, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml, else usb:]
+    /// Board to show, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml, else usb:]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
 
-    /// Show a recording instead, as fast as it was
+    /// Show a recording instead, at its original speed
     #[arg(long, value_name = "FILE", conflicts_with = "link", value_hint = ValueHint::FilePath)]
     recording: Option<PathBuf>,
 
@@ -67,15 +67,15 @@ pub struct Args {
     ))]
     slaves: Option<KindList>,
 
-    /// Bytes of a slot, 12 or 16 [default: what the link says, else what the CRCs fit]
+    /// Bytes of a slot, 12 or 16 [default: from the link, else from the CRCs]
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
     slot_size: Option<SlotSize>,
 
-    /// The slot size as it was called before
+    /// Former name of --slot-size
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse, hide = true, conflicts_with = "slot_size")]
     slot: Option<SlotSize>,
 
-    /// Print the table once and end; of a recording as it is at its end
+    /// Print the table once and end; for a recording, the table at its end
     #[arg(long)]
     once: bool,
 
@@ -83,7 +83,7 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 
-    /// How often to look, e.g. 100ms
+    /// Interval of updates, e.g. 100ms
     #[arg(long, value_name = "TIME", default_value = "100ms", value_parser = interval)]
     interval: Duration,
 

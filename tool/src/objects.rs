@@ -22,11 +22,11 @@ use super::board::Reporter;
 
 pub use drive::read_from as read_drive;
 
-/// Make a file of the objects of a drive's maker, for simulated drives: slaves=drive:objects@FILE
+/// Make a file of a drive's manufacturer-specific objects, for simulated drives: slaves=drive:objects@FILE
 ///
-/// Programs write 0x2000, 0x2101 and others of their drives before they go on. A simulated drive does not have them; with
-/// such a file it has them, and stores what is written. A line of it is INDEX:SUB TYPE ACCESS VALUE NAME, with rx, tx or rxtx before the value of an object
-/// that may be mapped as process data.
+/// Many programs write objects as 0x2000 or 0x2101 to their drives first. A simulated drive lacks these objects; with
+/// such a file it has them, and stores written values. A line of the file is INDEX:SUB TYPE ACCESS VALUE NAME, with rx,
+/// tx or rxtx before the value of an object that may be mapped as process data.
 #[derive(clap::Args)]
 #[command(
     disable_help_subcommand = true,
@@ -48,13 +48,14 @@ enum Verb {
     FromEsi {
         /// The ESI file
         file: PathBuf,
-        /// Which device of it: its type, its name or its product code, e.g. SV2-750 or 0x1234 [default: the only one]
+        /// Device in the file: its type, name or product code, e.g. SV2-750 or 0x1234 [default: the only one]
         #[arg(long, value_name = "DEVICE")]
         device: Option<String>,
     },
-    /// Print what can be read of a real drive's objects, by SDO; nothing is written to it
+    /// Print the readable objects of a real drive, by SDO; nothing is written to it
     ///
-    /// The wire says no types: a write of 1, 2 and 4 bytes is taken by what comes of it. An ESI file says more.
+    /// SDO answers show neither types nor access rights, so every object accepts writes of 1, 2 and 4 bytes. An ESI
+    /// file has both.
     FromDrive {
         /// The board, see `ecmsk link help`
         #[arg(value_parser = LinkUri::parse)]

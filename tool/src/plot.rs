@@ -64,10 +64,10 @@ pub const COLUMNS: u32 = style::WIDTH - style::LEFT - style::RIGHT;
 
 /// Plot a recording as SVG or PNG: target and actual position, states, torque, IO and FIFO level over time
 ///
-/// The plot shows the time in OP; it is shaded where a drive is homing, has a fault or is not enabled, and where the FIFO was
-/// empty while an axis was moving: the board repeats the last target then. Targets stand in the cycle in which the board
-/// executed them: after they were sent they waited in the FIFO.
-/// Prints where the plot lies.
+/// The plot shows the time in OP. It is shaded where a drive is homing, has a fault or is not enabled, and where the
+/// FIFO was empty while an axis was moving, so that the board repeated the last target. Targets are drawn at the cycle
+/// in which the board executed them, later than they were sent, since they wait in the FIFO. Prints the path of the
+/// plot.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Times are seconds since the recording's first frame, as in `ecmsk dump`.
@@ -83,29 +83,29 @@ pub struct Args {
     #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
     file: PathBuf,
 
-    /// Where the plot goes, as SVG or by the ending .png as PNG; `-` is standard output, as SVG [default: FILE with the ending
-    /// .svg]
+    /// File of the plot: SVG, or PNG with the ending .png; `-` is standard output, as SVG [default: FILE with the
+    /// ending .svg]
     #[arg(short, long, value_name = "PICTURE", value_hint = ValueHint::FilePath)]
     output: Option<PathBuf>,
 
-    /// What stands above the plot [default: the link that was recorded]
+    /// Title of the plot [default: the link that was recorded]
     #[arg(long, value_name = "TEXT")]
     title: Option<String>,
 
-    /// Slaves to show, at most 8; comma list with ranges [default: those that were moved, else all drives; and the IO slaves of
-    /// which anything was ever 1]
+    /// Slaves to show, at most 8; comma list with ranges [default: axes that were moved, else all drives; and the IO
+    /// slaves with an input or output that was ever 1]
     #[arg(long, visible_alias = "slots", value_name = "LIST", value_delimiter = ',', value_parser = Slaves::parse)]
     axes: Vec<Slaves>,
 
-    /// Show an axis only where its slot asks for or answers one of these commands, as CSP or GO_HOME; comma list
+    /// Show an axis only where its slot has one of these commands or an answer to it, e.g. CSP or GO_HOME; comma list
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = Command::parse)]
     commands: Vec<Command>,
 
-    /// Leave out what is before this time, as 1.5, 1.5s or 1500ms
+    /// Leave out the time before this, e.g. 1.5, 1.5s or 1500ms
     #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = parse_seconds)]
     from: Option<f64>,
 
-    /// Leave out what is after this time
+    /// Leave out the time after this
     #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = parse_seconds)]
     to: Option<f64>,
 
@@ -113,21 +113,21 @@ pub struct Args {
     #[arg(long)]
     difference: bool,
 
-    /// Draw the positions of another recording too: of the same program on another board, with its OP beginning where that of
-    /// FILE does
+    /// Draw the positions of another recording, too, of the same program on another board; both OP phases begin at the
+    /// same point
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     beside: Option<PathBuf>,
 
-    /// Show the way of two axes in their plane too, the first from left to right, as 1,2
+    /// Show the path of two axes in their plane, too, e.g. 1,2: the first one is the horizontal axis
     #[arg(long, value_name = "X,Y", value_parser = chosen::plane)]
     xy: Option<[u8; 2]>,
 
-    /// Show these diagrams alone; comma list [default: those that the recording has something for, but for difference, xy, and
-    /// velocity of axes that go by CSP]
+    /// Show only these diagrams; comma list [default: all for which the recording has data, except difference, xy, and
+    /// velocity of axes in CSP]
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_enum)]
     panels: Vec<Diagram>,
 
-    /// Counts of one unit, for positions and speeds in mm or degrees: one number for all axes, or e.g. 1=5000,2=131072/360
+    /// Counts per unit, for positions and speeds in mm or degrees: one number for all axes, or e.g. 1=5000,2=131072/360
     #[arg(long, value_name = "N", value_parser = Scales::parse, allow_hyphen_values = true)]
     counts_per_unit: Option<Scales>,
 
@@ -135,11 +135,11 @@ pub struct Args {
     #[arg(long, value_name = "NAME", requires = "counts_per_unit")]
     unit: Option<String>,
 
-    /// Bytes of a slot, 12 or 16 [default: what the recording says, else what the CRCs fit, else 12]
+    /// Bytes of a slot, 12 or 16 [default: from the recording, else from its CRCs, else 12]
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
     slot_size: Option<SlotSize>,
 
-    /// Of a capture this device alone, by its bus and address, as 1.5
+    /// In a capture, use only this device, by its bus and address, e.g. 1.5
     #[arg(long, value_name = "BUS.ADDRESS", value_parser = recording::parse_device)]
     device: Option<Address>,
 }

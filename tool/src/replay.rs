@@ -14,12 +14,12 @@ use super::compare::{self, CompareVerbError, How, Names};
 use super::stderr::say;
 use super::{plot, recording};
 
-/// Play the host's half of a capture to the model: does the model answer as the board did?
+/// Replay the host's frames of a capture on the model: does the model answer as the board did?
 ///
-/// Every command frame of the capture goes to the model at its time, or, where the model takes longer, when it has shown what the
-/// board had shown before (--pace). What the model answers is held against what the board
-/// answered, command by command as `ecmsk compare` does it: A is the capture, B the model. A recording of our own can be
-/// replayed too. The capture has to begin with a board that was just switched on (Init or PreOP).
+/// Every command frame of the capture goes to the model at its original time. If the model takes longer, the frame
+/// waits until the model has shown what the board had shown before it (--pace). The answers of the model are compared
+/// with those of the board, command by command as in `ecmsk compare`: A is the capture, B the model. A recording made
+/// by a link can be replayed, too. The capture has to begin with a board that was just switched on (Init or PreOP).
 #[derive(clap::Args)]
 #[command(after_help = "\
 Exit codes, as those of diff: 0 the model answers as the board did, 1 otherwise, 2 it could not be replayed, or
@@ -35,21 +35,22 @@ pub struct Args {
     #[arg(value_name = "CAPTURE", value_hint = ValueHint::FilePath)]
     capture: PathBuf,
 
-    /// The model, with the slaves that the board had, see `ecmsk link help`; its slot size is that of the capture
-    /// [default: of a recording of a model, that link]
+    /// The model, with the slaves that the board had, see `ecmsk link help`; it has the slot size of the capture
+    /// [default: the recorded link, if it is one of a model]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
 
-    /// When the model gets a command: at its time in the capture, or when it has also shown what the board had shown before, as
-    /// states, SDO answers and axes that stand [default: answers, if one of both is behind an ECM-XF, else times]
+    /// When the model gets a command: at its time in the capture, or when it has also shown what the board had shown
+    /// before, such as states, SDO answers and axes at standstill [default: answers, if one of both is behind an
+    /// ECM-XF, else times]
     #[arg(long, value_name = "times|answers", value_enum)]
     pace: Option<Pace>,
 
-    /// Of a capture this device alone, by its bus and address, as 1.5
+    /// In a capture, use only this device, by its bus and address, e.g. 1.5
     #[arg(long, value_name = "BUS.ADDRESS", value_parser = recording::parse_device)]
     device: Option<Address>,
 
-    /// Open the files that the link in a recording names, such as its script=: only for a recording of your own
+    /// Open the files that the link in the recording names, such as script=; only for recordings that you made yourself
     #[arg(long, conflicts_with = "link")]
     allow_files: bool,
 

@@ -41,9 +41,9 @@ enum Port {
 
 /// Serve a board on TCP, for links tcp://HOST:PORT
 ///
-/// Every client gets every report; one of them, the writer, sends commands. Standard output says where it listens and
-/// what it serves, standard error who comes and goes. Ctrl-C and SIGTERM tell the clients, bring axes to a standstill
-/// if there is a writer, and end it.
+/// Every client gets every report; one of them, the writer, sends commands. Standard output gives the address and what
+/// is served, standard error each client that comes or goes. Ctrl-C and SIGTERM inform the clients, bring axes to a
+/// standstill if there is a writer, and end the server.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -56,30 +56,30 @@ struct Tcp {
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
 
-    /// Where to listen; anything but this machine itself takes a secret
+    /// Address to listen on; any but this machine's own (127.0.0.1) needs a secret
     #[arg(long, value_name = "ADDR:PORT", default_value_t = ServeOptions::default().listen, value_parser = listen_at::<DEFAULT_PORT>)]
     listen: SocketAddr,
 
-    /// Serve those alone who have the secret in this file too, encrypted (TLS 1.3); only its owner may read it (mode 600)
-    /// [default: that of the variable ECMSK_TCP_SECRET, which stays in the process: its children and a core dump of it have
-    /// that, too]
+    /// Serve only clients that have the secret in this file, too, encrypted (TLS 1.3); only the file's owner may read
+    /// it (mode 600) [default: the variable ECMSK_TCP_SECRET, which stays in the process: its children and a core dump
+    /// of it have that, too]
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     secret_file: Option<PathBuf>,
 
-    /// What happens to moving axes when the writer is gone without having closed its link
+    /// What moving axes do when the writer ends without closing its link
     #[arg(long, value_enum, default_value_t = Vanish::Ramp)]
     on_vanish: Vanish,
 
-    /// The slaves in the order of the cable, e.g. drive*2,io, for clients that are told nothing of them [default: those of a
-    /// sim: link, and what a client configures]
+    /// The slaves in the order of the cable, e.g. drive*2,io, announced to clients [default: those of a sim: link, and
+    /// those that a client configures]
     #[arg(long, value_name = "LIST", value_parser = slaves_words)]
     slaves: Option<String>,
 
-    /// Counts of one unit, for clients that are told nothing of it: one number for all axes, or e.g. 1=5000,2=131072/360
+    /// Counts per unit, announced to clients: one number for all axes, or e.g. 1=5000,2=131072/360
     #[arg(long, value_name = "N", value_parser = units_words, allow_hyphen_values = true)]
     counts_per_unit: Option<String>,
 
-    /// Clients at the same time, one of which is a place for a writer
+    /// Clients at the same time; one place is kept for a writer
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(1..=1000))]
     max_clients: u16,
 }
@@ -88,7 +88,7 @@ struct Tcp {
 enum Vanish {
     /// Ramp them to a standstill; they stay enabled
     Ramp,
-    /// Leave them: what is in the board's FIFO runs on, a velocity or torque stays
+    /// Leave them: the board executes the rest of its FIFO, a velocity or torque stays
     Leave,
     /// Ramp them to a standstill and switch them off
     ServoOff,

@@ -15,10 +15,9 @@ use input::Input;
 
 /// Type steps on one open board
 ///
-/// The same words as in a script (see `ecmsk run --help`), and help [VERB] and quit. Tab completes, arrow up brings back
-/// what was typed. Ctrl-C ends the step that runs; Ctrl-D or quit closes the board, as --close says.
-/// Without a terminal lines are read as they come, and the first one that fails ends it: it is told with its number, and
-/// the exit code is 1.
+/// The steps are those of a script (see `ecmsk run --help`), and help [VERB] and quit. Tab completes, arrow up brings
+/// back earlier lines. Ctrl-C ends the running step; Ctrl-D or quit closes the board, as --close says. Without a
+/// terminal, the first line that fails ends the shell: its number is printed, and the exit code is 1.
 #[derive(Debug, clap::Args)]
 #[allow(rustdoc::broken_intra_doc_links, reason = "the text is what --help prints, in which [VERB] is no link")]
 pub struct Args {

@@ -13,7 +13,8 @@ use super::CliError;
 
 /// Write the EEPROM or the ESI file of a kind of simulated slave
 ///
-/// They say what `ecmsk serve ethercat` shows to masters: identity, sync managers, process data, distributed clocks.
+/// These files describe what `ecmsk serve ethercat` shows to masters: identity, sync managers, process data,
+/// distributed clocks.
 #[derive(clap::Args)]
 #[command(
     disable_help_subcommand = true,
@@ -42,7 +43,7 @@ struct Of {
     #[arg(value_parser = kind)]
     kind: SlaveSpec,
 
-    /// Where to write it [default: standard output]
+    /// File to write it to [default: standard output]
     #[arg(short, long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     output: Option<PathBuf>,
 }

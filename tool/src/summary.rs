@@ -27,13 +27,13 @@ use super::recording::{Framed, Frames, board, parse_device};
 use super::stderr::say;
 use super::{output, slot_size};
 
-/// Say what went wrong in a recorded run: alarms, changes of state that failed, gaps, a full FIFO, wrong CRCs; and how far each
-/// axis went
+/// Show what went wrong in a recorded run: alarms, failed changes of state, gaps, a full FIFO, wrong CRCs; and the extremes of
+/// each axis
 ///
-/// What went wrong is the same as `ecmsk exec` says at the end of a program, as far as frames show it. Which commands the board has
-/// rejected they do not: a simulated board counts them, and `ecmsk exec` tells. Then comes a line for each axis that was moved: the
-/// largest following error (the target in force minus the position), step of the target from one cycle to the next, velocity and
-/// torque, each with its time since the first frame.
+/// Prints the summary of `ecmsk exec`, as far as frames show it. Frames do not show which commands the board has
+/// rejected: a simulated board counts those, and `ecmsk exec` prints them. A line for each axis that was moved follows: the
+/// largest following error (the target in force minus the position), step of the target from one cycle to the next, velocity
+/// and torque, each with its time since the first frame.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -47,11 +47,11 @@ pub struct Args {
     #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
     file: PathBuf,
 
-    /// Bytes of a slot, 12 or 16 [default: what the recording says, else what the CRCs fit]
+    /// Bytes of a slot, 12 or 16 [default: from the recording, else from its CRCs]
     #[arg(long, visible_alias = "slot", value_name = "12|16", value_parser = slot_size::parse)]
     slot_size: Option<SlotSize>,
 
-    /// Of a capture with several boards the one at BUS.DEVICE
+    /// In a capture with several boards, use the one at BUS.DEVICE
     #[arg(long, value_name = "BUS.DEVICE", value_parser = parse_device)]
     device: Option<Address>,
 
@@ -59,11 +59,11 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 
-    /// End with 1 if something went wrong, or the recording is not whole
+    /// End with exit code 1 if something went wrong, or the recording is not whole
     #[arg(long)]
     exit_code: bool,
 
-    /// End with 1 if one of these happened, and say which: any (as --exit-code), alarm, state, gap, or an axis went beyond a limit:
+    /// End with exit code 1 if one of these happened, and print which: any (as --exit-code), alarm, state, gap, or an axis went beyond a limit:
     /// following-error>COUNTS, target-step>COUNTS, velocity>COUNTS_PER_S, torque>PERCENT
     #[arg(long, value_name = "REASON,..", value_delimiter = ',', value_parser = FailOn::parse)]
     fail_on: Vec<FailOn>,

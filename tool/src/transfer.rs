@@ -14,7 +14,7 @@ pub struct Transfer {
     /// 0x6064, 0x6099:1, or a name: statusword, position_actual, homing_method ..
     #[arg(value_name = "OBJECT[:SUB]", value_parser = Object::parse)]
     pub object: Object,
-    /// u8, i8, u16, i16, u32, i32 [default: the object's own, where that is known]
+    /// u8, i8, u16, i16, u32, i32 [default: the object's type, where it is known]
     #[arg(long = "type", value_name = "TYPE", value_parser = Type::parse)]
     pub of: Option<Type>,
     /// All sub-indices at once (complete access), as bytes

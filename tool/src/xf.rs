@@ -34,9 +34,9 @@ use session::{ChipArgs, Session};
 
 /// Talk to a chip ECM-XF, an EtherCAT master behind SPI or USB, or to a simulated one
 ///
-/// A chip has no default link: name it with --link, or with ECMSK_LINK. Slaves are numbered as the chip does, from 0.
-/// Each verb finds the chip as it is and leaves it so, but for what its name says: the FIFO goes on and keeps what it
-/// holds, and a network that is up stays up. Errors that the chip has kept are shown by `info`, and cleared.
+/// A chip has no default link: name it with --link, or with ECMSK_LINK. Slaves are numbered as the chip does, from 0. A
+/// verb changes nothing but what its name says: the FIFO keeps running with its content, and a network that is up stays
+/// up. `info` shows the errors that the chip has stored, and clears them.
 #[derive(clap::Args)]
 #[command(
     disable_help_subcommand = true,

@@ -18,7 +18,7 @@ const NEEDS: &[Need] = &[MCS, MONO, IP, NETWORK_NAMESPACE, PIP, SOEM_SOURCES];
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The bench to run, a file of benches/ without its extension; `*` stands for any letters
+    /// Bench to run, a file of benches/ without its extension; `*` matches any letters
     #[arg(default_value = "*")]
     bench: String,
     /// Measure the links usb: and spi: alone: against bare loops on a real kernel's USB, SPI and GPIO code, in a guest

@@ -10,8 +10,8 @@ use crate::test::{self, GATES, PARTS, PARTS_OF_ALL, Part, Site, part};
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// What a person waits for: format, lints, rules, tests of units and the quick groups; nothing is installed, and what was left
-    /// out is named at the end
+    /// Quick checks: format, lints, rules, unit tests and the quick groups; nothing is installed, and skipped checks
+    /// are listed at the end
     #[arg(long)]
     fast: bool,
 }

@@ -13,10 +13,10 @@ use crate::{command, needs};
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Folder for what is compiled; it is made if it is not there
+    /// Folder for the compiled files, created if it does not exist
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Fetch the runtime of .NET Core, too, and print where its program `dotnet` is
+    /// Fetch the runtime of .NET Core, too, and print the path of its program `dotnet`
     #[arg(long)]
     runtime: bool,
 }

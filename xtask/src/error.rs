@@ -12,7 +12,9 @@ pub enum Error {
     Failed { command: String, status: String },
     #[error("cannot {doing} {}: {source}", path.display())]
     File { doing: &'static str, path: PathBuf, source: io::Error },
-    #[error("`{command}` printed what cannot be read ({source}); is this cargo older than the project's rust-version?")]
+    #[error(
+        "the output of `{command}` cannot be read ({source}); is this cargo older than the project's rust-version?"
+    )]
     Output { command: String, source: serde_json::Error },
     #[error("{missing} not found; install it with:\n    {install}")]
     Missing { missing: String, install: String },
@@ -30,9 +32,9 @@ pub enum Error {
     NotSimulated { link: String, instead: String },
     #[error("there is no fuzz target {name}; there are: {known}")]
     NoFuzzTarget { name: String, known: String },
-    #[error("fuzz target {target} found a failure; its last words are above. Look at it again with:\n    {again}")]
+    #[error("fuzz target {target} found a failure; the end of its output is above. Repeat it with:\n    {again}")]
     Fuzz { target: String, again: String },
-    #[error("fuzz target {target} stopped without a figure; everything it said: {}", log.display())]
+    #[error("fuzz target {target} stopped without a figure; its whole output: {}", log.display())]
     FuzzSilent { target: String, log: PathBuf },
     #[error(
         "{rooms}: mutants survive without a reason, are not tried yet, or too many survive. Write a test for each, or \
@@ -42,35 +44,34 @@ pub enum Error {
     #[error("{} cannot be read ({source}); begin anew with --again", path.display())]
     Known { path: PathBuf, source: serde_json::Error },
     #[error(
-        "{} is not the file that is known: its SHA-256 is {found} instead of {expected}; fetch it again, and if it stays so look \
-         what has changed before xtask/src/ is told", file.display()
+        "{} is not the file that is known: its SHA-256 is {found} instead of {expected}; fetch it again, and if it \
+         stays so, find out what has changed before you change the sum in xtask/src/", file.display()
     )]
     Fetched { file: PathBuf, expected: &'static str, found: String },
     #[error("{0}")]
     Rig(&'static str),
     #[error("the kernel has no module {name}; name another one in xtask/src/rig/guest.rs")]
     NoModule { name: String },
-    #[error("{why}; its last words are above, all of them: {}", log.display())]
+    #[error("{why}; the end of its output is above, the whole output: {}", log.display())]
     Guest { why: &'static str, log: PathBuf },
     #[error("a line of a bench is no figure: {line}\n    ({source}); print figures by benches/common")]
     Figure { line: String, source: serde_json::Error },
-    #[error("{} is not a DLL as the linker makes them: {what}", path.display())]
+    #[error("{} is not a DLL of the expected form: {what}", path.display())]
     Dll { path: PathBuf, what: String },
-    #[error(
-        "nothing says what time the files are to have: set {variable} (seconds since 1970), or build from a git clone"
-    )]
+    #[error("the files' time is not known: set {variable} (seconds since 1970), or build from a git clone")]
     NoTime { variable: &'static str },
     #[error("{0}")]
     Package(String),
     #[error(
-        "what is shipped cannot be listed: {0}; is Cargo.lock that of this tree? `cargo metadata --locked` says more"
+        "the shipped packages cannot be listed: {0}; does Cargo.lock belong to this tree? `cargo metadata --locked` \
+         says more"
     )]
     Sbom(String),
     #[error("cannot keep the bench on one processor ({0}); start it by `taskset --cpu-list 0`")]
     Processor(io::Error),
     #[error(
         "there is no release to compare with; the first one is made by a tag with the version of Cargo.toml:\n    \
-         git tag v{}\nFrom then on this says what a change would break",
+         git tag v{}\nFrom then on this command lists breaking changes",
         env!("CARGO_PKG_VERSION")
     )]
     NoRelease,

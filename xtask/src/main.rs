@@ -61,11 +61,11 @@ struct Arguments {
 enum Verb {
     /// The tests; with --all everything that a change has to pass
     Test(test::Arguments),
-    /// What is run for each commit (--fast), or for each change that is to be taken in
+    /// The checks for each commit (--fast), or for each change to be merged
     Ci(ci::Arguments),
-    /// Look at spelling, licences and sources of dependencies, and dependencies that nothing uses
+    /// Check spelling, licences and sources of dependencies, and unused dependencies
     Tidy,
-    /// Run the C++ program of README on a simulated board and plot what it did
+    /// Run the C++ program of README on a simulated board and plot its recording
     Demo(demo::Arguments),
     /// Install the library, its headers and the tool into a folder
     Stage(stage::Arguments),
@@ -73,17 +73,18 @@ enum Verb {
     Dotnet(dotnet::Arguments),
     /// Build the DLLs for Windows, x86 and x64, and their import libraries
     Windows(windows::Arguments),
-    /// Make what is given to others: packages for Windows and Linux, their sums and what they are made of
+    /// Make the release: packages for Windows and Linux, with checksums and lists of their parts
     Dist(dist::Arguments),
     /// Write docs/FEATURES.md from docs/rules/ and the tests that name its rules, or print the tests of a rule
     Features(features::Arguments),
-    /// Compare what the library offers with the last release: what would break programs that use it
+    /// Compare the library's interface with the last release, and list changes that break programs
     Semver,
     /// Feed the decoders random bytes
     Fuzz(fuzz::Arguments),
     /// Run random programs on random machines with random faults, and a virtual day, and look for a broken invariant
     Soak(soak::Arguments),
-    /// Break the model line by line and see which tests notice; takes hours, and goes on where it was stopped
+    /// Test mutants: break the model line by line, and list changes that no test finds; takes hours, and continues
+    /// where it was stopped
     Mutants(mutants::Arguments),
     /// Measure against the baselines; figures go to target/bench.json
     Bench(bench::Arguments),

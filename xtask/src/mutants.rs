@@ -26,10 +26,10 @@ pub struct Arguments {
     /// Mutants tried at the same time
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=16))]
     jobs: u8,
-    /// Forget what earlier runs have found
+    /// Discard the results of earlier runs
     #[arg(long)]
     again: bool,
-    /// Try nothing: say what is known
+    /// Try nothing, and print the known results
     #[arg(long)]
     report: bool,
 }

@@ -28,7 +28,7 @@ pub struct Arguments {
     /// How many random schedules of each kind
     #[arg(long, default_value_t = 10_000, value_parser = clap::value_parser!(u64).range(1..))]
     schedules: u64,
-    /// Seed of the first one, and of the frames against the first network
+    /// Seed of the first schedule, and of the frames against the first network
     #[arg(long, default_value_t = 0)]
     first: u64,
     /// Virtual hours of the long day

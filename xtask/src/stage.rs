@@ -13,7 +13,7 @@ use crate::system::symlink;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Folder that gets bin/, include/, lib/ and share/; it is made if it is not there
+    /// Folder for bin/, include/, lib/ and share/, created if it does not exist
     #[arg(long, value_name = "DIR")]
     prefix: PathBuf,
     /// Build profile of cargo

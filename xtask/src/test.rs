@@ -19,22 +19,22 @@ pub struct Arguments {
     /// tests in a guest system, Windows programs under Wine, and packages
     #[arg(long)]
     all: bool,
-    /// Run the groups of tests on the machine's clock alone
+    /// Run only the groups of tests on the machine's clock
     #[arg(long, conflicts_with_all = ["all", "alone"])]
     real_clock: bool,
-    /// How often
+    /// How often the groups are run
     #[arg(long, requires = "real_clock", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     times: u32,
-    /// With a busy loop on each processor beside every second run
+    /// Run a busy loop on each processor beside every second run
     #[arg(long, requires = "real_clock")]
     busy: bool,
-    /// Run the wire tests alone: the tool and a real kernel's USB, SPI and GPIO code, in a guest system (QEMU)
+    /// Run only the wire tests: the tool and a real kernel's USB, SPI and GPIO code, in a guest system (QEMU)
     #[arg(long, conflicts_with = "all", group = "alone")]
     rig: bool,
-    /// Run the tests of the DLLs for Windows alone: programs of both widths under Wine
+    /// Run only the tests of the DLLs for Windows: programs of both widths under Wine
     #[arg(long, conflicts_with = "all", group = "alone")]
     windows: bool,
-    /// Of the wire tests, or those for Windows, those alone whose names contain one of these
+    /// Run only wire tests, or tests for Windows, whose names contain one of these words
     #[arg(requires = "alone", value_name = "NAME")]
     names: Vec<String>,
 }

@@ -1,4 +1,4 @@
-//! The board of OpenECMUSB over a link that can be made to block, to fail and to vanish.
+//! The board of OpenECMUSB over a link that can be made to block, to fail and to be lost.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Condvar, mpsc};
@@ -149,7 +149,7 @@ fn calls_without_an_open_board_fail() {
     assert_eq!(board.write(&Frame::new(), FRAME_LEN), Err(CallError::NotOpen.into()));
 }
 
-/// LIB-44 Open while open gives true and goes on working.
+/// LIB-44 Open while open returns true, and the board goes on working.
 #[test]
 fn opening_twice_keeps_the_board() {
     let link = FakeLink::new();
@@ -159,7 +159,7 @@ fn opening_twice_keeps_the_board() {
     assert!(!link.state().closed);
 }
 
-/// LIB-42 A failed Open says so, leaves nothing open, and the next one may succeed.
+/// LIB-42 A failed Open returns false, leaves nothing open, and the next one may succeed.
 #[test]
 fn a_failed_open_can_be_repeated() {
     let board = VendorBoard::new();
@@ -182,7 +182,7 @@ fn closing_twice_is_harmless() {
     assert!(link.state().closed);
 }
 
-/// LIB-35, LIB-38 A read has no limit and a write the link's, unless the link says otherwise.
+/// LIB-35, LIB-38 A read has no limit and a write the link's, unless the link sets others.
 #[test]
 fn waits_are_those_of_the_link() {
     let limits = (Wait::For(Duration::from_millis(7)), Wait::For(Duration::from_millis(9)));
@@ -197,7 +197,7 @@ fn waits_are_those_of_the_link() {
     }
 }
 
-/// LIB-44 Open while a read waits is true, and the read goes on and ends true.
+/// LIB-44 Open while a read waits returns true, and the read goes on and returns true.
 #[test]
 fn a_read_goes_on_while_the_board_is_opened_again() {
     let link = FakeLink::new();
@@ -211,7 +211,7 @@ fn a_read_goes_on_while_the_board_is_opened_again() {
     });
 }
 
-/// LIB-48 Close ends a read that is blocked; LIB-26 a write passes by it.
+/// LIB-48 Close ends a blocked read; LIB-26 a write does not wait for it.
 #[test]
 fn close_ends_a_blocked_read_and_a_write_passes_by() {
     let link = FakeLink::new();
@@ -226,7 +226,7 @@ fn close_ends_a_blocked_read_and_a_write_passes_by() {
     });
 }
 
-/// LIB-49 A lost board stays dead until Open is called; Close is not needed.
+/// LIB-49 A lost board stays unusable until Open is called; Close is not needed.
 #[test]
 fn a_lost_board_is_dead_until_it_is_opened_again() {
     let link = FakeLink::new();
@@ -248,7 +248,7 @@ fn a_lost_board_is_dead_until_it_is_opened_again() {
     assert!(again.state().write_waits[0].is_some(), "the write went to the new link");
 }
 
-/// LIB-49 A loss that no call has met yet is seen by Open: a program may write SW_RESET and then call Open alone.
+/// LIB-49 Open detects a loss that no call has noticed yet: a program may write SW_RESET and then call only Open.
 #[test]
 fn open_sees_a_loss_that_no_call_has_met() {
     let link = FakeLink::new();
@@ -302,7 +302,7 @@ fn calls_do_not_wait_for_an_open_under_way() {
     assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
 }
 
-/// LIB-71 Close beside an Open that is under way does not wait for it, however often; the board is open then. LIB-47
+/// LIB-71 Close during a pending Open does not wait for it, however often; the board is open afterwards. LIB-47
 #[test]
 fn close_does_not_wait_for_an_open_under_way() {
     let (board, link) = (VendorBoard::new(), FakeLink::new());
@@ -325,7 +325,7 @@ fn close_does_not_wait_for_an_open_under_way() {
     assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
 }
 
-/// LIB-71 An Open beside a Close that is under way waits for it: the link that is just being closed is not in use any more.
+/// LIB-71 An Open during a pending Close waits for it, so that the link being closed is not in use any more.
 #[test]
 fn open_waits_for_a_close_under_way() {
     let link = FakeLink::new();
@@ -341,7 +341,7 @@ fn open_waits_for_a_close_under_way() {
                 Ok(FakeLink::new())
             })
         });
-        // It is in Open by then, or comes later.
+        // It is in Open by then, or calls it later.
         thread::sleep(Duration::from_millis(20));
         assert!(!opener.is_finished());
         link.change(|state| state.stays_in_close = false);
@@ -362,7 +362,7 @@ mod gone {
         unreachable!("the thread has ended");
     }
 
-    /// LIB-70 A thread that is ended while it opens or closes the board: the next one opens it.
+    /// LIB-70 If a thread is ended while it opens or closes the board, the next one opens it.
     #[test]
     fn in_open_and_in_close() {
         let board: &'static VendorBoard = Box::leak(Box::new(VendorBoard::new()));

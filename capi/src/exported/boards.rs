@@ -26,7 +26,7 @@ pub const ECMSK_ERROR_ARGUMENT: i32 = -1;
 pub const ECMSK_ERROR_HANDLE: i32 = -2;
 /// The call has reached its timeout.
 pub const ECMSK_ERROR_TIMEOUT: i32 = -3;
-/// On a link with virtual time: no report will come however long the program waits.
+/// The link has virtual time, and no report will come however long the program waits.
 pub const ECMSK_ERROR_SILENT: i32 = -4;
 /// The board was unplugged or does not answer any more. Close it and open it again.
 pub const ECMSK_ERROR_LOST: i32 = -5;
@@ -43,30 +43,30 @@ pub const ECMSK_ERROR_IO: i32 = -10;
 /// A defect of this library.
 pub const ECMSK_ERROR_INTERNAL: i32 = -11;
 
-/// A handle of an open board. It is no address: a handle that was closed or made up gives `ECMSK_ERROR_HANDLE`.
+/// A handle of an open board. It is not an address: a handle that was closed or made up gives `ECMSK_ERROR_HANDLE`.
 pub struct EcmskBoard {
     _private: [u8; 0],
 }
 
 /// As a timeout: wait until the call is done or the board is lost or closed.
 pub const ECMSK_WAIT_FOREVER: i64 = -1;
-/// As a timeout: that of the link's URI, `read_timeout_ms` or `write_timeout_ms`.
+/// As a timeout: the timeout of the link's URI, `read_timeout_ms` or `write_timeout_ms`.
 pub const ECMSK_WAIT_LINK: i64 = -2;
 
 /// The handle that `ecmsk_vendor_board` returns.
 const VENDOR: usize = 1;
 const _: () = assert!(VENDOR < crate::handles::FIRST);
 
-/// Opens the board that a link's URI names, such as `sim:?slaves=drive*2` or `usb:`, and writes its handle to `*board`, or
-/// NULL if it fails. Two links to simulated boards lead to the same board only if they have the same `name=`. A board that is
-/// open already gives `ECMSK_ERROR_IN_USE`.
+/// Opens the board that a link's URI names, such as `sim:?slaves=drive*2` or `usb:`. Writes the handle of the board to
+/// `*board`, or NULL if the call fails. Two links to simulated boards lead to the same board only if they have the same
+/// `name=`. A board that is open already gives `ECMSK_ERROR_IN_USE`.
 ///
 /// # Safety
 /// `uri` is NULL or a text that ends with 0. `board` is NULL or points to room for a pointer.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecmsk_open(uri: *const c_char, board: *mut *mut EcmskBoard) -> EcmskResult {
     if !board.is_null() {
-        // Here, since without memory the call does not come to what is below.
+        // NULL is written first: without memory the call returns before the code below.
         // SAFETY: not NULL, and the caller vouches for room; nothing is read from it.
         unsafe { board.write(std::ptr::null_mut()) };
     }
@@ -110,8 +110,8 @@ extern "C" fn close(board: *mut EcmskBoard) -> CloseResult {
     module::close(|| code(guard(format_args!("ecmsk_close(handle={handle})"), call)))
 }
 
-/// A handle of the board of `OpenECMUSB`, for the functions below. It always has the same value; while that board is not open
-/// they return `ECMSK_ERROR_CLOSED`.
+/// A handle of the board of `OpenECMUSB`, for the functions below. It always has the same value. While that board is not
+/// open, the functions return `ECMSK_ERROR_CLOSED`.
 ///
 /// # Safety
 /// None.
@@ -120,8 +120,9 @@ pub extern "C" fn ecmsk_vendor_board() -> *mut EcmskBoard {
     std::ptr::without_provenance_mut(VENDOR)
 }
 
-/// Writes a command frame of `length` bytes. Of more than 512 the first 512 are written; fewer are filled up with 0.
-/// `timeout_ms` is the longest wait in milliseconds, where 0 does not wait, or `ECMSK_WAIT_FOREVER` or `ECMSK_WAIT_LINK`.
+/// Writes a command frame of `length` bytes. If `length` is over 512, only the first 512 bytes are written; a shorter frame is
+/// filled up with 0. `timeout_ms` is the longest wait in milliseconds, `ECMSK_WAIT_FOREVER` or `ECMSK_WAIT_LINK`; with 0 the
+/// call does not wait.
 ///
 /// # Safety
 /// `data` is NULL or points to `length` readable bytes (512 if it is more). `board` may be any value.
@@ -190,7 +191,7 @@ fn wait(timeout_ms: i64, link: Wait) -> Result<Wait, Box<CallError>> {
     }
 }
 
-/// The result code of a call, whose error is kept for `ecmsk_last_error` already.
+/// The result code of a call. Its error is already kept for `ecmsk_last_error`.
 pub fn code<T>(result: Result<T, Box<CallError>>) -> EcmskResult {
     match result {
         Ok(_) => ECMSK_OK,

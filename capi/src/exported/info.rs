@@ -33,8 +33,8 @@ impl From<FaultCounts> for EcmskFaults {
     }
 }
 
-/// The statistics of a link since it was opened. Set `size` to the sizeof of the structure before the call; afterwards it is
-/// the number of bytes that were filled in.
+/// The statistics of a link since it was opened. Set `size` to the sizeof of the structure before the call. After the call,
+/// `size` is the number of bytes that were filled in.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(C)]
 pub struct EcmskStats {
@@ -62,7 +62,7 @@ pub struct EcmskStats {
     pub disconnected: u64,
 }
 
-/// What the board has done with commands since it booted. `size` is used as in `ecmsk_stats`.
+/// The counters of the board since it booted. `size` is used as in `ecmsk_stats`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(C)]
 pub struct EcmskCounters {
@@ -102,17 +102,17 @@ pub struct EcmskCounters {
     pub sdo_repeated: u64,
     /// SDO transfers that the slave has aborted, or that were not answered in time.
     pub sdo_aborted: u64,
-    /// Cycles without a report, since a chip or a network card lost their answers.
+    /// Cycles without a report because a chip or a network card lost their answers.
     pub answers_lost: u64,
-    /// FIFO entries that a chip or a network card had taken and that some slave has missed, or may have.
+    /// FIFO entries that a chip or a network card had accepted and that a slave has missed, or may have missed.
     pub outputs_lost: u64,
-    /// Cycles that were left out on a network card since the machine was too late for them: what moves has stood still for so long.
+    /// Cycles that were skipped on a network card because the machine was too late for them. Moving axes stood still meanwhile.
     pub cycles_left_out: u64,
-    /// Cycles in OP with a broken ring of cables between two network cards. Nothing is lost by them.
+    /// Cycles in OP in which the ring of cables between two network cards was broken. No data are lost by that.
     pub ring_broken: u64,
-    /// Cycles in OP in which a slave kept its inputs of before, since the working counter beside the new ones was wrong.
+    /// Cycles in OP in which a slave kept its previous inputs because the working counter of the new ones was wrong.
     pub inputs_held: u64,
-    /// How often the inputs of a slave have not come for so long that it counts as lost.
+    /// How often the inputs of a slave were missing for so long that the slave counts as lost.
     pub inputs_stale: u64,
 }
 
@@ -122,12 +122,12 @@ pub struct EcmskCounters {
 /// The type is `repr(C)` and consists of integers without padding. Its first four bytes are `size`, which holds the size of
 /// the type.
 unsafe trait Versioned: Copy {}
-// SAFETY: see the declarations: u32, u32, then u64 and structures of u64 only; `size` is set where they are made.
+// SAFETY: both are declared as u32, u32, then only u64 and structures of u64. `size` is set where a value is made.
 unsafe impl Versioned for EcmskStats {}
 // SAFETY: as above.
 unsafe impl Versioned for EcmskCounters {}
 
-/// The bytes of `size` and `reserved`, the least that a caller has to have room for.
+/// The bytes of `size` and `reserved`: the smallest structure that a caller may pass.
 const HEAD: usize = 8;
 
 /// The version of this library, such as `0.1.0`.
@@ -144,8 +144,8 @@ pub extern "C" fn ecmsk_version() -> *const c_char {
 }
 
 /// The error text of the last call of this thread that failed, including calls of the vendor's functions. If no call of this
-/// thread has failed it is the text of the last OpenECMUSB that failed in any thread, or else an empty text. A call that
-/// succeeds does not change it.
+/// thread has failed, it is the text of the last OpenECMUSB that failed in any thread. If none has failed, it is an empty
+/// text. A call that succeeds does not change the text.
 ///
 /// # Safety
 /// None. The text has at most 2047 bytes and stays at the same address as long as the thread lives; the next call of this
@@ -241,7 +241,7 @@ pub extern "C" fn ecmsk_reject_name(kind: u32) -> *const c_char {
 }
 
 /// Copies the URI of a board's link, in its normal form and with a terminating 0, to the `length` bytes at `buffer`; a longer
-/// URI is cut. The number of bytes that the whole URI needs, the 0 included, is written to `*needed` unless that is NULL.
+/// URI is cut. The number of bytes that the whole URI needs, including the 0, is written to `*needed` unless `needed` is NULL.
 ///
 /// # Safety
 /// `buffer` is NULL (then `length` must be 0) or points to `length` writable bytes. `needed` is NULL or points to room

@@ -5,7 +5,7 @@
 //! | `vendor.rs` | `OpenECMUSB`, `CloseECMUSB`, `ECMUSBWrite`, `ECMUSBRead` |
 //! | `boards.rs` | `ecmsk_open`, `ecmsk_write` and others: several boards, named by URIs; the result codes |
 //! | `info.rs` | `ecmsk_last_error`, counters and other information |
-//! | `entry.rs` | what every exported function runs in: no panic leaves it, calls are traced for `ECMSK_LOG` |
+//! | `entry.rs` | the wrapper of every exported function: no panic leaves it, calls are traced for `ECMSK_LOG` |
 
 pub(crate) mod boards;
 pub(crate) mod entry;

@@ -17,9 +17,9 @@ use crate::module::{self, CloseResult, close_and_unload};
 use crate::open_boards::VENDOR_BOARD;
 use crate::{connect, forked, last_error, memory, shutdown};
 
-/// Opens the board that `ECMSK_LINK` or an `ecmsk.toml` names, or else `usb:`. Returns 1 if it is open, also if it was open
-/// before, and 0 if not (`ecmsk_last_error` says why). A board that was lost is opened again without CloseECMUSB. On Windows
-/// GetLastError returns 0 then, after success and after failure.
+/// Opens the board that `ECMSK_LINK` or an `ecmsk.toml` names, or else `usb:`. Returns 1 if the board is open, also if it was
+/// open before, and 0 if not (`ecmsk_last_error` says why). A board that was lost is opened again without CloseECMUSB. On
+/// Windows GetLastError returns 0 after this call, whether it succeeds or fails.
 ///
 /// Source: UG17 4.2.1.
 #[unsafe(no_mangle)]
@@ -38,8 +38,8 @@ pub extern "system" fn OpenECMUSB() -> u32 {
     as_bool(&result)
 }
 
-/// Closes the board. Reads and writes under way in other threads return 0 at once. Does nothing if no board is open; a board
-/// that another thread is just opening is open afterwards.
+/// Closes the board. Reads and writes under way in other threads return 0 at once. Does nothing if no board is open. A board
+/// that another thread is just opening is open after the call.
 ///
 /// Source: UG17 4.2.2.
 #[unsafe(no_mangle)]
@@ -59,10 +59,11 @@ extern "C" fn close_board() -> CloseResult {
     })
 }
 
-/// Writes a command frame of `dwlength` bytes. Of more than 512 the first 512 are written; fewer are filled up with 0.
-/// Returns 1 if the board took the frame, and 0 if `data` is NULL, `dwlength` is 0, no board is open, the board is lost, or
-/// it did not take the frame within the link's `write_timeout_ms`. On Windows GetLastError then returns 6 if no board is
-/// open, 5 if the board is lost, 31 if it did not take the frame, 87 for `data` and `dwlength`; success does not change it.
+/// Writes a command frame of `dwlength` bytes. If `dwlength` is over 512, only the first 512 bytes are written; a shorter frame
+/// is filled up with 0. Returns 1 if the board took the frame, and 0 if `data` is NULL, `dwlength` is 0, no board is open, the
+/// board is lost, or it did not take the frame within the link's `write_timeout_ms`. On Windows GetLastError then returns 6 if
+/// no board is open, 5 if the board is lost, 31 if it did not take the frame, 87 for `data` and `dwlength`; success does not
+/// change it.
 ///
 /// Source: UG17 4.2.3.
 ///
@@ -74,7 +75,8 @@ pub unsafe extern "system" fn ECMUSBWrite(data: *const c_uchar, dwlength: c_ulon
         with_frame(|frame| {
             // SAFETY: the caller's promise for `data`.
             unsafe { fill_frame(frame, data, length(dwlength)) }?;
-            // \[OURS] Whatever becomes of it: once the board is gone a program that writes and reads is to find its own command.
+            // \[OURS] The frame is kept even if the write fails: after the board is lost, a program that writes and then reads
+            // gets its own command back.
             LAST_FRAME.keep(frame);
             VENDOR_BOARD.write(frame, length(dwlength))
         })
@@ -85,10 +87,10 @@ pub unsafe extern "system" fn ECMUSBWrite(data: *const c_uchar, dwlength: c_ulon
 
 /// Waits for a report and copies its first `dwlength` bytes, at most 512, to `data`. Returns 1 if there was one, and 0 if
 /// `data` is NULL, `dwlength` is 0, no board is open, the board is lost or closed meanwhile, or the link's `read_timeout_ms`
-/// has passed (by default there is no limit). After 0, `data` has as many bytes of the frame that was moved last, by
-/// ECMUSBWrite or by ECMUSBRead, as it has with the vendor's library; all 0 before the first frame. On Windows GetLastError
-/// then returns 6 if no board is open, 5 if the board is lost or closed meanwhile, 31 after the limit, 87 for `data` and
-/// `dwlength`; success does not change it.
+/// has passed (by default there is no limit). If the result is 0, `data` gets the first `dwlength` bytes of the frame that was
+/// moved last, by ECMUSBWrite or by ECMUSBRead, as with the vendor's library; before the first frame these are 0. On Windows
+/// GetLastError then returns 6 if no board is open, 5 if the board is lost or closed meanwhile, 31 after the limit, 87 for
+/// `data` and `dwlength`; success does not change it.
 ///
 /// Source: UG17 4.2.4.
 ///

@@ -76,7 +76,7 @@ impl Machine {
         let bus = Bus::open().map_err(|error| error.to_string())?;
         let (vendor, product) = BOARD_IDS;
         let found = hid::find(&bus, vendor, product)
-            .map_err(|error| format!("Windows does not list its HID devices ({error}); start it anew"))?;
+            .map_err(|error| format!("Windows does not list its HID devices ({error}); restart Windows"))?;
         let system = Sysfs::of_this_machine();
         Ok(found
             .into_iter()

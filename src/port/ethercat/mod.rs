@@ -90,8 +90,8 @@ pub enum ServeError {
     SameInterface { interface: String },
     /// A network interface disappeared while it was served.
     #[error(
-        "the network interface {interface} is gone, and so the slaves are reached no more; make it again, then start the server \
-         again"
+        "the network interface {interface} is gone, so the slaves cannot be reached any more; create it again, then \
+         restart the server"
     )]
     Gone { interface: String },
     /// The system did not provide a thread or another resource.

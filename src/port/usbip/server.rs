@@ -82,9 +82,10 @@ pub struct BoardSpec {
 pub enum ServeError {
     /// Other machines could connect, and USB/IP does not authenticate them.
     #[error(
-        "{listen} can be reached from other machines, and USB/IP knows no password and no encryption: whoever reaches it moves \
-         the axes; listen on 127.0.0.1 and lead the port through a tunnel, `ssh -N -L {}:127.0.0.1:{} HOST` on the other machine \
-         (docs/VIRTUAL-BOARD.md), or say --insecure-anyone if everybody there may do that",
+        "{listen} can be reached from other machines, and USB/IP knows no password and no encryption: anybody who \
+         reaches it can move the axes; listen on 127.0.0.1 and lead the port through a tunnel, `ssh -N -L \
+         {}:127.0.0.1:{} HOST` on the other machine (docs/VIRTUAL-BOARD.md), or add --insecure-anyone if everybody \
+         there may do that",
         listen.port(), listen.port()
     )]
     NeedsTunnel { listen: SocketAddr },
@@ -113,7 +114,7 @@ pub enum ServeError {
     #[error("cannot catch signals: {0}; start it from a shell")]
     Signals(io::Error),
     /// The system did not provide a thread.
-    #[error("cannot start a thread: {0}; how many may this user have (ulimit -u)?")]
+    #[error("cannot start a thread: {0}; raise this user's limit (ulimit -u)")]
     Thread(io::Error),
 }
 
@@ -411,6 +412,6 @@ enum RequestError {
     Io(#[from] io::Error),
     #[error(transparent)]
     Wire(#[from] WireError),
-    #[error("there is no device `{0}`; `usbip list -r` shows which there are")]
+    #[error("there is no device `{0}`; `usbip list -r` shows the devices")]
     NoBoard(String),
 }

@@ -89,9 +89,10 @@ impl Default for Options {
 pub enum ServeError {
     /// Other machines could connect, and the server does not authenticate them.
     #[error(
-        "{listen} can be reached from other machines, and a served chip knows no password and no encryption: whoever reaches it \
-         moves the axes; listen on 127.0.0.1 and lead the port through a tunnel, `ssh -N -L {}:127.0.0.1:{} HOST` on the other \
-         machine (docs/XF-PORT.md), or say --insecure-anyone if everybody there may do that",
+        "{listen} can be reached from other machines, and a served chip knows no password and no encryption: anybody \
+         who reaches it can move the axes; listen on 127.0.0.1 and lead the port through a tunnel, `ssh -N -L \
+         {}:127.0.0.1:{} HOST` on the other machine (docs/XF-PORT.md), or add --insecure-anyone if everybody there may \
+         do that",
         listen.port(), listen.port()
     )]
     NeedsTunnel { listen: SocketAddr },

@@ -69,7 +69,7 @@ pub enum HomingError {
     #[error("both limit switches are active; check their wiring")]
     BothLimits,
     /// Home was not found within this distance, counts \[OURS].
-    #[error("nothing was found on a way of {0} counts; check the switches")]
+    #[error("home was not found within {0} counts; check the switches")]
     TooFar(u64),
     /// The shaft was moving when the run was started.
     #[error("the shaft was moving when homing was started; wait for statusword bit 10 first")]

@@ -3,26 +3,27 @@
 use crate::dotnet::programs;
 use crate::dotnet::runtime::Runtime::Core;
 
-/// LIB-29, LIB-30, NET-4 The programs of `examples/csharp/` print what those in C++ print.
+/// LIB-29, LIB-30, NET-4 The programs of `examples/csharp/` print the same as those in C++.
 #[test]
 fn examples() {
     programs::examples(Core);
 }
 
-/// NET-4 A program that fails says why, and its axes are off.
+/// NET-4 A program that fails prints the reason, and its axes are off.
 #[test]
 fn an_end_by_an_alarm() {
     programs::an_end_by_an_alarm(Core);
 }
 
-/// LIB-33, NET-20, NET-21 CRC-8 of commands and responses: a program signs its frames, and asks for that of responses.
+/// LIB-33, NET-20, NET-21 CRC-8 of commands and responses: a program writes the CRC of its frames, and checks that of
+/// responses.
 #[test]
 fn the_crc() {
     programs::the_crc(Core);
 }
 
-/// LIB-29, NET-14, NET-15, NET-16, NET-17, NET-18, NET-19, NET-24 A program that was compiled against the vendor's assembly and uses
-/// each member as its type allows runs on ours, of either pair.
+/// LIB-29, NET-14, NET-15, NET-16, NET-17, NET-18, NET-19, NET-24 A program that was compiled against the vendor's assembly and
+/// uses each member as its type allows runs on this project's assemblies, of either pair.
 #[test]
 fn swapped() {
     programs::swapped(Core);
@@ -40,13 +41,13 @@ fn misuse() {
     programs::misuse(Core);
 }
 
-/// NET-23 A write beside a read that waits.
+/// NET-23 A write during a waiting read.
 #[test]
 fn together() {
     programs::together(Core);
 }
 
-/// NET-8, NET-12, LIB-48 Programs end without Close, whatever their threads are at.
+/// NET-8, NET-12, LIB-48 Programs end without Close, whatever their threads are doing.
 #[test]
 fn endings() {
     programs::endings(Core);
@@ -58,13 +59,13 @@ fn declared() {
     programs::declared(Core);
 }
 
-/// NET-3, NET-6 What is wrong with the configuration is said.
+/// NET-3, NET-6 Errors of the configuration are reported.
 #[test]
 fn configuration() {
     programs::configuration(Core);
 }
 
-/// NET-2 Where the library is looked for.
+/// NET-2 The search path of the library.
 #[test]
 fn search() {
     programs::search(Core);
@@ -73,13 +74,15 @@ fn search() {
 mod needs_cxx {
     use super::*;
 
-    /// LIB-32, LIB-33, NET-5, NET-18, NET-20, NET-21, NET-22 What the vendor's class does, row by row, on ours.
+    /// LIB-32, LIB-33, NET-5, NET-18, NET-20, NET-21, NET-22 The behaviour of the vendor's class, row by row, on this
+    /// project's.
     #[test]
     fn behaviour() {
         programs::behaviour(Core);
     }
 
-    /// LIB-29, LIB-4 A library as the vendor's, whose bool is one byte and which gives no reasons, is as good.
+    /// LIB-29, LIB-4 A library like the vendor's, whose bool is one byte and which has no function for the reason,
+    /// works as well.
     #[test]
     fn a_library_as_the_vendors() {
         programs::a_library_as_the_vendors(Core);

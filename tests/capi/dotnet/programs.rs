@@ -1,5 +1,5 @@
-//! What every runtime has to show: the programs of `examples/csharp/`, programs that were compiled against the vendor's assemblies,
-//! and programs that misuse them.
+//! Tests for every runtime: the programs of `examples/csharp/`, programs that were compiled against the vendor's
+//! assemblies, and programs that misuse them.
 
 use std::fs;
 use std::path::Path;
@@ -18,7 +18,7 @@ fn scripted(keys: &str) -> String {
     keys.replace("SCRIPTS", root().join("examples/scripts").to_str().expect("UTF-8"))
 }
 
-/// The examples print what their snapshots hold, on both firmwares.
+/// The examples print their snapshots, on both firmwares.
 pub fn examples(runtime: Runtime) {
     for (name, snapshot, keys) in EXAMPLES {
         let link = format!("{VIRTUAL}{}", scripted(keys));
@@ -27,7 +27,7 @@ pub fn examples(runtime: Runtime) {
     }
 }
 
-/// A program whose axis has an alarm says so, ends with 1, and leaves the axes off and the network in PreOP.
+/// A program whose axis has an alarm reports it, exits with 1, and leaves the axes off and the network in PreOP.
 pub fn an_end_by_an_alarm(runtime: Runtime) {
     let file = out_dir().join(format!("alarm-{runtime:?}.pcapng"));
     let link = format!("{VIRTUAL}{}&record={}", scripted("&script=SCRIPTS/alarm.ecmscript"), file.display());
@@ -36,8 +36,8 @@ pub fn an_end_by_an_alarm(runtime: Runtime) {
     support::both_axes_are_off_in_preop(&file);
 }
 
-/// A program signs its frames itself, and one that signs wrongly is refused by the board; a response with a wrong CRC is read, and
-/// the program is told when it asks.
+/// A program writes the CRC of its frames itself, and the board refuses a wrong one; a response with a wrong CRC is
+/// read, and the program sees that when it checks.
 pub fn the_crc(runtime: Runtime) {
     for (assembly, size) in [("NEXTWUSB_dotNET_12B", SlotSize::Bytes12), ("NEXTWUSB_dotNET_16B", SlotSize::Bytes16)] {
         let slot = size.bytes();
@@ -65,7 +65,8 @@ pub fn the_crc(runtime: Runtime) {
     }
 }
 
-/// A program that was compiled against the vendor's assembly, byte for byte the same, runs on ours in its place.
+/// A program that was compiled against the vendor's assembly, byte for byte the same, runs on this project's assembly
+/// in its place.
 pub fn swapped(runtime: Runtime) {
     for assembly in VENDOR_ASSEMBLIES {
         let program = vendor_program("Types", assembly);
@@ -80,7 +81,7 @@ pub fn swapped(runtime: Runtime) {
     }
 }
 
-/// What `Rows` prints on a library that gives back what was written.
+/// The output of `Rows` on a library that returns the written frame.
 const ROWS: &str = "\
 before any read: CRC right False
 open True
@@ -148,7 +149,7 @@ pub fn behaviour(runtime: Runtime) {
     }
 }
 
-/// What `Rows` prints without a library.
+/// The output of `Rows` without a library.
 const MISSING: &str = "before any read: CRC right False\nopen DllNotFoundException\nwrite DllNotFoundException\nread False\n\
                        close DllNotFoundException\n";
 
@@ -171,7 +172,7 @@ fn with_stand_in(program: &str, assembly: &str, folder: &Path) -> Program {
     beside(&vendor_program(program, assembly), &Pair::X86.stand_in(assembly), folder)
 }
 
-/// The stand-in for the vendor's assembly behaves as the rows say, so that what is tested on it is what is tested on ours.
+/// The stand-in for the vendor's assembly behaves as the rows say, so that it is tested like this project's.
 pub fn behaviour_of_the_stand_in() {
     for assembly in VENDOR_ASSEMBLIES {
         let folder = with_loopback();
@@ -195,7 +196,7 @@ pub fn mapped() {
         let program = with_stand_in("Types", assembly, folder.path());
         let link = format!("{VIRTUAL}&slot={}", if assembly.ends_with("16B") { 16 } else { 12 });
         assert_eq!(Runtime::Mono.run(&program, &link, &[]).success(), told_types(assembly), "{assembly}");
-        // It is the map that does it.
+        // Without the map it does not work.
         fs::remove_file(folder.path().join(format!("{assembly}.dll.config"))).expect("a file");
         let ended = Runtime::Mono.run(&program, &link, &[]);
         assert!(!ended.status.success() && ended.stderr.contains("EntryPointNotFoundException"), "{ended:?}");
@@ -214,7 +215,7 @@ pub fn together(runtime: Runtime) {
     runtime.passes("Together", &format!("{REAL}&fault.drop.read=1"));
 }
 
-/// Programs end, whatever their threads are at, with the code that they gave.
+/// Programs end, whatever their threads are doing, with their own exit code.
 pub fn endings(runtime: Runtime) {
     let program = test_program("Endings", "NEXTWUSB_dotNET");
     for link in [VIRTUAL, REAL] {
@@ -228,7 +229,7 @@ pub fn endings(runtime: Runtime) {
     let silent = format!("{REAL}&fault.drop.read=1");
     for (how, code) in [("return", 0), ("exit", 7), ("closed", 0)] {
         for more in [&[how, "silent"][..], &[how, "silent", "handler"]] {
-            // It waits for a read that has no end, unless the program closes the board.
+            // Mono waits for a read without end, unless the program closes the board.
             if runtime == Runtime::Mono && how != "closed" && more.len() == 2 {
                 continue;
             }
@@ -242,14 +243,14 @@ pub fn endings(runtime: Runtime) {
 pub fn declared(runtime: Runtime) {
     let folder = tempfile::tempdir().expect("a folder");
     let program = alone(&test_program("Declared", "NEXTWUSB_dotNET"), folder.path());
-    // .NET Core looks for a file of the very name that the declaration has, and takes no symbolic link for one.
+    // .NET Core looks for a file of the declaration's exact name, and accepts no symbolic link.
     fs::copy(&support::library().shared, folder.path().join("NEXTWUSBLib.dll")).expect("a copy");
     let expected = "not open: False False 0\nI1: True True True\nstate 2\nnumbers: 1 1\nnull: False False\n\
                     BOOL: True True True\nstate 2\nclosed: False 0\n";
     assert_eq!(runtime.run(&program, VIRTUAL, &[]).success(), expected);
 }
 
-/// What is wrong with the configuration is said with file, line and key.
+/// Errors of the configuration are reported with file, line and key.
 pub fn configuration(runtime: Runtime) {
     let look_up = test_program("LookUp", "NEXTWUSB_dotNET");
     let folder = tempfile::tempdir().expect("a folder");
@@ -261,7 +262,7 @@ pub fn configuration(runtime: Runtime) {
         }
         let mut command = runtime.command(&program, "");
         command.env_remove("ECMSK_LINK").env_remove("LD_LIBRARY_PATH");
-        // A machine with libusb has no board either, but for one on which this test should not be run.
+        // A machine with libusb has no board, either, except one on which this test should not be run.
         support::without_libusb(&mut command);
         support::run(&mut command).success()
     };
@@ -279,8 +280,8 @@ pub fn configuration(runtime: Runtime) {
     assert!(good.starts_with("True ") && good.ends_with("\n\nTrue True\n"), "{good}");
 }
 
-/// The library is found beside the assembly, in the folder for its width, beside the program, by its name; and what was looked at
-/// is said when there is none.
+/// The library is found beside the assembly, in the folder for its width, beside the program, by its name; and the
+/// searched places are listed when there is none.
 pub fn search(runtime: Runtime) {
     let look_up = test_program("LookUp", "NEXTWUSB_dotNET");
     let folder = tempfile::tempdir().expect("a folder");
@@ -305,7 +306,7 @@ pub fn search(runtime: Runtime) {
 
     assert_eq!(run(true)[0], "True libNEXTWUSBLib.so", "by its name, on the search path");
 
-    // The file of a 32-bit process: the head of one is enough for the loader.
+    // The file of a 32-bit process: its header is enough for the loader.
     let mut head = fs::read(library).expect("the library")[..64].to_vec();
     head[4] = 1;
     fs::write(at("libNEXTWUSBLib.so"), &head).expect("a file");
@@ -316,7 +317,7 @@ pub fn search(runtime: Runtime) {
     fs::copy(library, at("x64/libNEXTWUSBLib.so")).expect("a copy");
     assert_eq!(run(false), found(&at("x64/libNEXTWUSBLib.so")));
 
-    // Another name, then its own, beside: nearer than the folder.
+    // Another name, then its own name, beside the assembly: both come before the folder.
     fs::copy(library, at("libNEXTWUSBLib.so.0")).expect("a copy");
     assert_eq!(run(true), found(&at("libNEXTWUSBLib.so.0")));
     fs::remove_file(at("libNEXTWUSBLib.so")).expect("a file");

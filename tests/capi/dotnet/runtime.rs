@@ -1,4 +1,4 @@
-//! What runs what is compiled.
+//! The runtimes that run compiled programs.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 use support::dotnet::{compile_into, example, test_program};
 use support::{self, Ended, Program, out_dir};
 
-/// What runs a program of .NET.
+/// A runtime of .NET.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Runtime {
     /// Mono, of Debian.
@@ -44,14 +44,14 @@ impl Runtime {
         support::run(self.command(program, link).args(arguments))
     }
 
-    /// Runs a program that checks itself and says `ok`.
+    /// Runs a program that checks itself and prints `ok`.
     pub fn passes(self, name: &str, link: &str) {
         let ended = self.run(&test_program(name, "NEXTWUSB_dotNET"), link, &[]);
         assert_eq!(ended.stderr, "", "{name} on {link} by {self:?}");
         assert_eq!(ended.success(), "ok\n", "{name} on {link} by {self:?}");
     }
 
-    /// Runs an example; it must print what the snapshot holds, and nothing to standard error.
+    /// Runs an example; it must print the snapshot, and nothing to standard error.
     pub fn prints(self, name: &str, snapshot: &str, link: &str) {
         let ended = self.run(&example(name), link, &[]);
         assert_eq!(ended.stderr, "", "{name} on {link} by {self:?}");

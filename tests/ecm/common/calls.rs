@@ -96,7 +96,7 @@ pub const CALLS: &[Call] = &[
     }),
 ];
 
-/// The first word of what an error says to do.
+/// The first word of an error's next step.
 const DEEDS: &[&str] = &[
     "abort",
     "call",
@@ -122,7 +122,7 @@ const DEEDS: &[&str] = &[
     "widen",
 ];
 
-/// Whether an error says what happened, and then what to do: a part of it begins with a deed.
+/// Whether an error says what happened, and then what to do: a part of it begins with an action.
 pub fn has_next_step(error: &EcmError) -> bool {
     let text = error.to_string();
     let parts = text.split("; ").flat_map(|part| part.split(": ")).skip(1);

@@ -52,14 +52,14 @@ pub fn cycles(ecm: &Ecm, count: u32) {
     }
 }
 
-/// A stream goes on with what was told last.
+/// A stream goes on with the last values.
 pub fn steps(stream: &mut Stream<'_>, count: u32) {
     for _ in 0..count {
         stream.step().unwrap();
     }
 }
 
-/// A stream moves an axis by so many steps, with targets that are that many counts apart.
+/// A stream moves an axis by that many steps, with that distance between targets in counts.
 pub fn follow(stream: &mut Stream<'_>, slave: u8, from: i32, counts: i32, steps: i32) {
     for n in 0..steps {
         stream.csp(slave, from + n * counts).unwrap();
@@ -147,7 +147,7 @@ impl Tap {
         Duration::from_nanos(self.inner.pass(Duration::ZERO).unwrap().unwrap().0)
     }
 
-    /// Frames that are lost on the way, as nobody notices.
+    /// Frames that are lost without notice.
     pub fn lose(&self, pick: impl FnMut(&Frame) -> bool + Send + 'static) {
         *self.lose.lock().unwrap() = Some(Box::new(pick));
     }

@@ -1,4 +1,4 @@
-//! Frames that nobody should send: whatever comes, slaves go on, in a state of the diagram, and nothing is allocated for a frame.
+//! Invalid frames: whatever comes, slaves go on, in a valid state, and a frame allocates nothing.
 
 use ecmsk::coe::{ObjectAddress, SdoRequest, SdoScope};
 use ecmsk::ethercat::registers::{self, RequestedState};
@@ -10,13 +10,13 @@ use support::schedules::asked;
 
 use super::rig::{FIRST, Rig, US, frame_of};
 
-/// Places that matter, so that random frames often hit one.
+/// Important addresses, so that random frames often hit one.
 const ADDRESSES: [u16; 24] = [
     0x0010, 0x0040, 0x0100, 0x0120, 0x0130, 0x0200, 0x0300, 0x0400, 0x0420, 0x0500, 0x0502, 0x0600, 0x0610, 0x0800,
     0x0806, 0x0808, 0x080E, 0x0810, 0x0818, 0x0900, 0x0910, 0x0980, 0x0990, 0x1000,
 ];
 
-/// A datagram: command, where to, data. Numbers are often small, and places often some that matter.
+/// A datagram: command, address, data. Numbers are often small, and addresses often important ones.
 fn datagram(dice: &mut Dice) -> (DatagramHeader, Vec<u8>) {
     let command = Command::from_code(dice.below(17) as u8);
     let any = dice.below(0x1_0000) as u16;
@@ -48,7 +48,7 @@ fn frame(dice: &mut Dice) -> Vec<u8> {
     frame_of(&datagrams)
 }
 
-/// Whether each slave is in a state that there is, and shows the one that its device is in.
+/// Checks that each slave is in a valid state, and shows the state of its device.
 #[track_caller]
 pub fn check(rig: &Rig) {
     for n in 0..rig.chain.len() {
@@ -56,7 +56,7 @@ pub fn check(rig: &Rig) {
         let shown = slave.controller().peek(registers::AL_STATUS, 2);
         let state = RequestedState::from_code(shown[0]);
         assert_eq!(state, slave.shown_state(), "{shown:X?}");
-        // In bootstrap the device stands as in Init.
+        // In bootstrap the device is in Init.
         let of_device = if state == RequestedState::Boot { AlState::Init } else { slave.state() };
         assert_eq!((slave.state(), slave.device().state()), (of_device, of_device));
         assert!(shown[0] & 0xC0 == 0 && shown[1] == 0, "{shown:X?}");
@@ -65,11 +65,11 @@ pub fn check(rig: &Rig) {
 
 /// Frames in each state. `cargo xtask soak` sends more: `ECMSK_SOAK_FRAMES=<frames>`, `ECMSK_SOAK_FIRST=<seed>`.
 const FRAMES: u64 = 20_000;
-/// How many frames slaves get that have left the state, and how many at most, before others come.
+/// The most frames that slaves get after they have left the state, before the state is set up again.
 const ELSEWHERE_MAX: u64 = 50;
 const RIG_MAX: u64 = 500;
 
-/// ECAT-14.1 Whatever frames come, in whatever state, each slave is in a state that there is and shows it.
+/// ECAT-14.1 Whatever frames come, in whatever state, each slave is in a valid state and shows it.
 #[test]
 fn random_frames_leave_slaves_in_states_that_there_are() {
     let frames = asked("ECMSK_SOAK_FRAMES").unwrap_or(FRAMES);
@@ -99,7 +99,7 @@ fn random_frames_leave_slaves_in_states_that_there_are() {
     }
 }
 
-/// ECAT-14.1 Bytes that are no frames, and frames that are cut or changed, harm nobody.
+/// ECAT-14.1 Bytes that are no frames, and frames that are cut or changed, do no harm.
 #[test]
 fn torn_frames_harm_nobody() {
     let mut rig = Rig::in_state(AlState::Op);

@@ -37,7 +37,7 @@ fn s37_receive_times_tell_delays() {
         port1.wrapping_sub(port0)
     });
     assert_eq!(around.map(u64::from), [2 * (HOP_NS + 450), 2 * 450]);
-    // As masters compute it: half of what is around minus what is behind.
+    // As masters compute the delay: half of the round trip minus the time behind the slave.
     assert_eq!((around[0] - around[1]) / 2, HOP_NS as u32);
     assert_eq!(rig.one(Command::Fprd, FIRST, registers::RECEIVE_TIMES, &[0; 16]).wkc, 1);
     // Reading and other writes leave the times.
@@ -62,7 +62,7 @@ fn s37_receive_times_of_branches() {
     assert_eq!([3, 1, 2].map(|port| times[port] - times[0]), [600, 800, 1200]);
 }
 
-/// Offsets and delays as masters set them: all clocks show the time of the master.
+/// Sets offsets and delays as masters do: all clocks show the time of the master.
 fn synchronize(rig: &mut Rig, master: u64) {
     rig.one(Command::Bwr, 0, registers::RECEIVE_TIMES, &[0; 4]);
     for n in 0..rig.chain.len() as u16 {
@@ -131,11 +131,11 @@ fn s38_one_wrong_time_moves_a_clock_by_the_limit() {
     }
 }
 
-/// ECAT-13.2 The difference is averaged as the filter says, and a write to the speed counter begins it anew.
+/// ECAT-13.2 The difference is averaged according to the filter, and a write to the speed counter restarts it.
 #[test]
 fn the_difference_is_filtered() {
     let mut rig = Rig::drives(2);
-    // 16 us ahead, of which each time takes back at most 1 us.
+    // 16 us ahead; each received time corrects at most 1 us.
     rig.write(FIRST, registers::SYSTEM_TIME_OFFSET, &16_000u64.to_le_bytes());
     rig.write(FIRST, registers::SYSTEM_TIME_DELAY, &(HOP_NS as u32).to_le_bytes());
     rig.write(FIRST, registers::SYSTEM_TIME_DELAY, &0u32.to_le_bytes());
@@ -219,8 +219,8 @@ fn s39_one_pulse_and_sync1() {
     assert_eq!(rig.read_u8(FIRST, registers::SYNC1_STATUS), 1);
 }
 
-/// ECAT-13.9 The start time is judged: bit 2 of 0x0984 tells one that is not in the near future, which bit 6 of the activation makes 2.1 s;
-/// with bit 5 SYNC0 comes at once then.
+/// ECAT-13.9 The start time is checked: bit 2 of 0x0984 shows one that is not in the near future, which bit 6 of the
+/// activation sets to 2.1 s; with bit 5 SYNC0 comes at once then.
 #[test]
 fn the_start_time_is_judged() {
     for (after, activation, out_of_range, comes_at_once) in [
@@ -245,8 +245,8 @@ fn the_start_time_is_judged() {
     }
 }
 
-/// ECAT-13.9 Bit 3: the unit runs once the last byte of the start time was written. Bit 4: that is the fourth one, and the upper four come
-/// from the clock. Bit 7: one pulse at once, and the bit reads 0.
+/// ECAT-13.9 Bit 3: the unit starts when the last byte of the start time was written. Bit 4: that is the fourth one,
+/// and the upper four come from the clock. Bit 7: one pulse at once, and the bit reads 0.
 #[test]
 fn further_bits_of_the_activation() {
     let mut rig = Rig::with_stations([drive(EscSettings { local_time_ns: 7 << 32, ..EscSettings::default() })]);
@@ -280,7 +280,7 @@ fn further_bits_of_the_activation() {
     assert_eq!(rig.read(FIRST, registers::SYNC0_STATUS, 2), [0, 0]);
 }
 
-/// ECAT-13.9 With bit 0 of 0x0980 the unit belongs to the slave's own controller: what sets it is not written by the master.
+/// ECAT-13.9 With bit 0 of 0x0980 the unit belongs to the slave's own controller: the master cannot write its settings.
 #[test]
 fn a_unit_of_the_slaves_own_controller() {
     let mut rig = Rig::drives(1);
@@ -295,7 +295,7 @@ fn a_unit_of_the_slaves_own_controller() {
     }
 }
 
-/// An IO module behind a controller with clocks, which it does not have by itself.
+/// An IO module behind a controller with clocks, which the module itself does not use.
 fn io_with_clocks() -> Rig {
     let (mut io, settings) = (Io::new(IoConfig::default()), EscSettings::default());
     let eeprom = eeprom_of(&mut io, &settings).expect("it can be described");
@@ -323,7 +323,7 @@ fn synchronized_io() -> (Rig, usize, u64) {
     (rig, len, start)
 }
 
-/// ECAT-13.4 With SYNC0 a device takes its outputs at the pulses and not when they come.
+/// ECAT-13.4 With SYNC0 a device takes its outputs at the pulses and not on arrival.
 #[test]
 fn outputs_are_taken_at_pulses() {
     let (mut rig, len, start) = synchronized_io();
@@ -342,8 +342,8 @@ fn outputs_are_taken_at_pulses() {
     assert_eq!(inputs(&mut rig, &data), 0x5A, "after it");
 }
 
-/// ECAT-13.5 A slave with SYNC0 that is switched off in OP leaves OP with 0x2C; one whose SYNC0 does not come does not reach
-/// OP, with 0x2D; a unit that is set up wrong is refused with 0x30 or 0x36.
+/// ECAT-13.5 A slave with SYNC0 that is switched off in OP leaves OP with 0x2C; a slave whose SYNC0 does not come does
+/// not reach OP, with 0x2D; a wrong setting of the unit is refused with 0x30 or 0x36.
 #[test]
 fn sync_that_is_missing_or_wrong() {
     let (mut rig, len, start) = synchronized_io();

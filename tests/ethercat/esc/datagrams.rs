@@ -1,4 +1,4 @@
-//! Datagrams through slaves: addressing, working counters, what a frame has when it comes back.
+//! Datagrams through slaves: addressing, working counters, and returned frames.
 
 use ecmsk::ethercat::registers::{self, DlControl, Features};
 use ecmsk::ethercat::{Command, DatagramHeader, Frame};
@@ -83,7 +83,7 @@ fn s04_writes_and_swaps() {
 
     let combined = rig.one(Command::Brw, 0, 0x1F00, &[0x01, 0x00]);
     assert_eq!((combined.wkc, combined.data, combined.header.adp()), (9, vec![0x9B, 0xBC], 3));
-    // Each slave has got what came to it.
+    // Each slave has its own bytes.
     assert_eq!([0, 1, 2].map(|n| rig.read(FIRST + n, 0x1F00, 1)[0]), [0x01, 0x9B, 0x9B]);
 
     // The physical offset moves what is written.
@@ -103,7 +103,7 @@ fn s04_what_is_refused_is_not_counted() {
         assert_eq!(rig.one(Command::Fprd, FIRST, ado, &[0]).wkc, 0, "0x{ado:04X}");
         assert_eq!(rig.one(Command::Fpwr, FIRST, ado, &[0]).wkc, 0, "0x{ado:04X}");
     }
-    // A longer access over registers and holes counts, and what is not there reads 0.
+    // A longer access over registers and gaps counts, and gaps read 0.
     let answer = rig.one(Command::Fprd, FIRST, registers::STATION_ADDRESS, &[0xEE; 8]);
     assert_eq!((answer.wkc, &answer.data[4..]), (1, &[0; 4][..]));
     // The end of the RAM.
@@ -126,7 +126,7 @@ fn s05_one_is_read_and_the_others_are_written() {
     assert_eq!(rig.one(Command::Fprd, FIRST + 1, registers::SYSTEM_TIME, &[0; 8]).wkc, 0, "no clock, no register");
 }
 
-/// ECAT-8.6 ARMW reads one slave; those before it write what the master has sent, those behind it what was read.
+/// ECAT-8.6 ARMW reads one slave; those before it write the master's data, those behind it the data read.
 #[test]
 fn s06_slaves_before_the_reader_write_the_masters_data() {
     let mut rig = Rig::drives(3);
@@ -213,8 +213,8 @@ fn s10_events_come_with_every_datagram() {
     assert_eq!(irq(&mut rig), 0x000C, "AL status of the first slave, DL status of the second one");
 }
 
-/// ECAT-8.12 The bit "circulating" of a datagram comes back as it was, and such a datagram is worked on as any other: the port by
-/// which a frame comes to a slave has a link.
+/// ECAT-8.12 The bit "circulating" of a datagram comes back as it was, and such a datagram is processed as any other:
+/// the port by which a frame comes to a slave has a link.
 #[test]
 fn a_circulating_datagram_passes() {
     let mut rig = Rig::drives(2);
@@ -253,8 +253,8 @@ fn frames_that_are_wrong() {
     assert_eq!(arp, before);
 }
 
-/// ECAT-8.14 With bit 0 of 0x0021 no register is written, and with that of 0x0031 nothing, process data and RAM neither, but in a frame
-/// that has written 0x0020, or 0x0030, before. What is refused counts nothing.
+/// ECAT-8.14 With bit 0 of 0x0021 no register is written, and with bit 0 of 0x0031 nothing at all, including process
+/// data and RAM, except in a frame that has written 0x0020, or 0x0030, before. A refused write does not count.
 #[test]
 fn what_is_protected_is_written_with_leave_alone() {
     const RAM: u16 = 0x1F00;
@@ -267,7 +267,7 @@ fn what_is_protected_is_written_with_leave_alone() {
         assert_eq!(counts(&mut rig, enable + 1), 1, "it is on");
         assert_eq!([counts(&mut rig, register), counts(&mut rig, RAM)], [0, u16::from(!protects_ram)]);
         assert_eq!(counts(&mut rig, enable + 1), 0, "and is no more taken back than anything else");
-        // Whatever is written there.
+        // For every written value.
         let allowed = rig.frame(&[(bwr(register), &[1]), (bwr(enable), &[0]), (bwr(register), &[2]), (bwr(RAM), &[3])]);
         assert_eq!(allowed.iter().map(|answer| answer.wkc).collect::<Vec<_>>(), [0, 1, 1, 1]);
         assert_eq!((rig.read_u8(FIRST, register), rig.read_u8(FIRST, RAM)), (2, 3));

@@ -1,5 +1,5 @@
-//! Networks that are disturbed, and what must hold all the same: two masters at once, a master that stops in the middle, EEPROMs
-//! that are written in part, FMMUs over everything, sync managers that are too small or lie over others.
+//! Invariants of disturbed networks: two masters at once, a master that stops in the middle, partly written EEPROMs,
+//! FMMUs over everything, sync managers that are too small or overlap.
 
 use ecmsk::coe::{ObjectAddress, SdoRequest, SdoScope, SdoValuePart};
 use ecmsk::ethercat::mailbox::{MailboxCounter, MailboxHeader, MailboxMessage, MailboxProtocol};
@@ -22,7 +22,7 @@ fn start_up() -> Vec<Vec<u8>> {
 }
 
 impl Rig {
-    /// What a master does that finds two drives in any state: it has them in OP.
+    /// Brings two drives from any state to OP, as a master does.
     fn start(&mut self) {
         self.one(Command::Bwr, 0, registers::AL_CONTROL, &[0x11, 0]);
         self.one(Command::Bwr, 0, registers::SYNC_MANAGER, &[0; 32]);
@@ -42,8 +42,8 @@ impl Rig {
     }
 }
 
-/// ECAT-14.4 A master that stops at any place of its start, in the middle of a transfer too, leaves slaves in states that there
-/// are, which show why they have left OP; another master brings them to OP.
+/// ECAT-14.4 A master that stops at any place of its start, also in the middle of a transfer, leaves slaves in valid
+/// states, with the reason why they have left OP; another master brings them to OP.
 #[test]
 fn a_master_stops_in_the_middle() {
     let frames = start_up();
@@ -78,8 +78,8 @@ fn a_master_stops_in_the_middle() {
     assert!(fallen > 2, "{fallen}");
 }
 
-/// ECAT-14.4 Frames of two masters that both start, in any order: each is answered, slaves are in states that there are, and once
-/// one of them is alone it has them in OP.
+/// ECAT-14.4 Frames of two masters that both start, in any order: each is answered, slaves are in valid states, and
+/// once one master is alone it brings them to OP.
 #[test]
 fn two_masters_start_at_once() {
     let frames = start_up();
@@ -105,8 +105,8 @@ fn two_masters_start_at_once() {
     }
 }
 
-/// ECAT-14.4 Two masters use one mailbox: a request is worked on once, in the order in which they came; who reads gets the answer
-/// that stands there; a request with the counter of the other master's last one is dropped.
+/// ECAT-14.4 Two masters use one mailbox: a request is processed once, in the order of arrival; each reader gets the
+/// waiting answer; a request with the counter of the other master's last one is dropped.
 #[test]
 fn two_masters_share_a_mailbox() {
     let mut rig = Rig::in_preop();
@@ -122,7 +122,7 @@ fn two_masters_share_a_mailbox() {
     let same_counter = request(&rig, 2, 0x1018, 3);
     assert_eq!((rig.post(FIRST, &same_counter), rig.collect(FIRST)), (1, None));
 
-    // A transfer in segments that the other one disturbs is over: the next segment is refused, and nothing is written.
+    // A segmented transfer that the other master disturbs is over: the next segment is refused, and nothing is written.
     let part = SdoValuePart::First { size: 150, data: &[7; 100] };
     let object = ObjectAddress::new(0x4FFF, 0);
     rig.sdo(FIRST, SdoRequest::Download { object, scope: SdoScope::Entry, value: part });
@@ -133,8 +133,9 @@ fn two_masters_share_a_mailbox() {
     assert_eq!(rig.sdo(FIRST, upload)[2..10], [0x41, 0xFF, 0x4F, 0, 0, 0, 0, 0], "it is empty");
 }
 
-/// ECAT-9.12 An EEPROM of which a master writes some words and stops keeps those: with the old checksum nothing is loaded at
-/// power-on, PreOP is refused, and writing the rest mends it. A command that the power loss meets has no effect.
+/// ECAT-9.12 An EEPROM keeps the words that a master has written before it stops: with the old checksum nothing is
+/// loaded at power-on, PreOP is refused, and writing the rest repairs it. A command that runs at the loss of power has
+/// no effect.
 #[test]
 fn an_eeprom_is_written_in_part() {
     const TAKES: u64 = 5 * MS;
@@ -176,7 +177,7 @@ fn an_eeprom_is_written_in_part() {
     assert_eq!(rig.read_u16(FIRST, registers::STATION_ALIAS), 0x1234);
     rig.bring_to_preop(FIRST);
 
-    // Each way to write less than a command: nothing of the EEPROM changes, and the next command runs.
+    // For each incomplete write the EEPROM does not change, and the next command runs.
     let kept = rig.chain.slave(0).controller().eeprom().to_vec();
     for (ado, data) in [
         (registers::SII_CONTROL, &[1][..]),
@@ -196,8 +197,8 @@ fn an_eeprom_is_written_in_part() {
     assert_eq!(rig.chain.slave(0).controller().eeprom()[0x40..0x42], [0xCD, 0xAB]);
 }
 
-/// ECAT-10.9 FMMUs over all addresses, over each other, and with bits that make no sense: a datagram gets what registers and sync
-/// managers give to any other, bytes that nothing is mapped to pass, and slaves go on.
+/// ECAT-10.9 FMMUs over all addresses, over each other, and with bits that make no sense: a datagram gets what registers and
+/// sync managers give to any other, bytes without a mapping pass, and slaves go on.
 #[test]
 fn fmmus_over_everything() {
     let both = FmmuDirections(FmmuDirections::READ.0 | FmmuDirections::WRITE.0);
@@ -210,7 +211,7 @@ fn fmmus_over_everything() {
         }
         let read = rig.logical(Command::Lrd, 0, &[0; 4]);
         assert_eq!((read.wkc, &read.data[..2]), (1, &[0x11, 0][..]), "type and revision, through eight FMMUs");
-        // All of registers and RAM, and beyond its end.
+        // All registers and RAM, and beyond their end.
         for at in (0..0x4000).step_by(1486) {
             rig.logical(Command::Lrd, at, &[0; 1486]);
             check(&rig);
@@ -227,7 +228,7 @@ fn fmmus_over_everything() {
             }
         }
     }
-    // At the end of logical addresses, with no bit, with bits the wrong way round, with no bytes.
+    // At the end of logical addresses, without bits, with bits in the wrong order, without bytes.
     let mut rig = Rig::in_state(AlState::Op);
     let odd = [
         Fmmu { logical: u32::MAX - 3, ..Fmmu::bytes(0, 16, 0x0000, both) },
@@ -253,15 +254,15 @@ fn fmmus_over_everything() {
     assert_eq!((nothing.wkc, nothing.data), (0, vec![0xA5; 3]), "an FMMU of no length");
 }
 
-/// ECAT-11.1 Mailboxes of each length below the least one are refused in PreOP with 0x16.
-/// ECAT-10.10 An area that belongs to two sync managers is that of the one with the lower number.
+/// ECAT-11.1 Mailboxes of each length below the least one are refused in PreOP with 0x16. ECAT-10.10 An area of two
+/// sync managers belongs to the one with the lower number.
 #[test]
 fn sync_managers_too_small_or_over_each_other() {
     for len in 0..=MAILBOX_BYTES_MIN {
         let mut rig = Rig::drives(1);
         rig.set_manager(FIRST, 0, SyncManager::enabled(0x1000, len, SmControl::MAILBOX_OUT));
         rig.set_manager(FIRST, 1, SyncManager::enabled(0x1080, len, SmControl::MAILBOX_IN));
-        // Whatever is written into a box that is no mailbox yet.
+        // A write to an area that is no mailbox yet.
         rig.post(FIRST, &vec![0xFF; len.max(1).into()]);
         let expected = if len < MAILBOX_BYTES_MIN { (0x11, AlStatus::INVALID_MAILBOX) } else { (0x02, AlStatus::NONE) };
         assert_eq!(rig.request(FIRST, 0x02), expected, "{len}");
@@ -279,7 +280,7 @@ fn sync_managers_too_small_or_over_each_other() {
     let answer = rig.one(Command::Fprd, FIRST, 0x1080, &[0; MAILBOX_BYTES_MIN as usize]);
     assert_eq!((answer.wkc, answer.data[8]), (1, 0x41));
 
-    // Process data over the mailbox, over each other, over registers, at the end of the RAM.
+    // Process data that overlap the mailbox, each other, registers, or the end of the RAM.
     for (outputs, inputs) in [
         (0x1000, INPUTS),
         (OUTPUTS, OUTPUTS),

@@ -20,7 +20,7 @@ fn rig_of(config: Dp3clConfig) -> Rig {
     Rig::with_stations([slave(device, settings)])
 }
 
-/// One in PreOP, with its process data and SYNC0 of 1 ms that begins that much later.
+/// A drive in PreOP, with its process data and SYNC0 of 1 ms that begins that much later.
 fn with_sync0(begins_ms: i64, activation: u8) -> Rig {
     let mut rig = rig();
     rig.bring_to_preop(FIRST);
@@ -77,8 +77,8 @@ fn the_shortest_mailboxes() {
     }
 }
 
-/// DP3CL-5.5 E-803: SYNC0 that has not come 1 s after SafeOP, and is not to come, leads to PreOP with 0x002D; one that is still to
-/// come is waited for.
+/// DP3CL-5.5 E-803: SYNC0 that has not come 1 s after SafeOP, and is not due later, leads to PreOP with 0x002D; the
+/// drive waits for a pulse that is still due.
 #[test]
 fn sync0_that_does_not_come() {
     let mut rig = with_sync0(-5, 0x03);
@@ -204,7 +204,7 @@ fn download(rig: &mut Rig, index: u16, sub: u8, value: &[u8]) {
     assert_eq!(rig.coe(FIRST, &data)[2], 0x60, "{index:04X}:{sub}");
 }
 
-/// DP3CL-5.22 Its mailbox knows CoE alone; it has no identification to ask for, and no bootstrap.
+/// DP3CL-5.22 Its mailbox has only CoE; it has no identification, and no bootstrap.
 #[test]
 fn what_it_does_not_have() {
     let mut rig = rig();
@@ -223,8 +223,8 @@ fn what_it_does_not_have() {
     }
 }
 
-/// DP3CL-1.12 Its EEPROM has the sync managers, FMMUs and mailbox of the maker's slave description, and its ESI file says what that
-/// says of the mailbox.
+/// DP3CL-1.12 Its EEPROM has the sync managers, FMMUs and mailbox of the maker's slave description, and its ESI file
+/// agrees with that description about the mailbox.
 #[test]
 fn eeprom_and_esi_of_the_maker() {
     let rig = rig();
@@ -250,8 +250,8 @@ fn eeprom_and_esi_of_the_maker() {
     assert!(esi_of(&mut drive, &settings).expect("it can be described").contains("SegmentedSdo=\"1\""));
 }
 
-/// DP3CL-2.12 P7-00 that was saved is the alias of the controller after the next power-on, and one that a master has written into the
-/// EEPROM stays until P7-00 is another one.
+/// DP3CL-2.12 A saved P7-00 is the alias of the controller after the next power-on, and an alias that a master has
+/// written to the EEPROM stays until P7-00 changes.
 #[test]
 fn the_alias_is_that_of_the_eeprom() {
     let mut rig = rig();
@@ -284,8 +284,8 @@ fn the_alias_is_that_of_the_eeprom() {
     assert_eq!(alias(&mut rig), 5);
 }
 
-/// DP3CL-5.16 An alarm of the bus has two ends: AL control acknowledges the error of the AL status, and F0-00 clears the alarm; neither
-/// does the other one's part.
+/// DP3CL-5.16 An alarm of the bus is cleared in two places: AL control acknowledges the error of the AL status, and
+/// F0-00 clears the alarm; neither replaces the other.
 #[test]
 fn two_things_to_acknowledge() {
     for acknowledge_first in [true, false] {
@@ -309,7 +309,7 @@ fn two_things_to_acknowledge() {
     }
 }
 
-/// DP3CL-2.10 U3 behind a controller: outputs 300 us before each SYNC0 of 1 ms, but once.
+/// DP3CL-2.10 U3 behind a controller: outputs 300 us before each SYNC0 of 1 ms, except once.
 #[test]
 fn monitors_of_the_cycle() {
     let mut rig = with_sync0(20, 0x03);
@@ -331,7 +331,7 @@ fn monitors_of_the_cycle() {
     assert_eq!([4, 6, 7].map(|n| u3[n]), [1000; 3], "Sync0 period");
     assert_eq!([9, 10, 11].map(|n| u3[n]), [300, 500, 300], "PDI to Sync0");
     assert_eq!(u3[8], 1000, "ECAT timer period");
-    // The reads take time, in which SYNC0 goes on: both times are taken of one moment.
+    // The reads take time, in which SYNC0 goes on: both times are computed for one moment.
     let since = (u3[5] as u16).wrapping_sub(u3[1] as u16);
     assert_eq!((since % 1000, u3[5] / 1000 >= 39), (300, true), "{u3:?}");
 }

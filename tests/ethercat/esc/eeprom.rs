@@ -18,14 +18,14 @@ fn read_words(rig: &mut Rig, word: u32) -> Vec<u8> {
     rig.read(FIRST, registers::SII_DATA, 8)
 }
 
-/// Writes a word of the EEPROM; the control word after it.
+/// Writes a word of the EEPROM; returns the control word after it.
 fn write_word(rig: &mut Rig, control: u8, word: u16, value: u16) -> SiiControl {
     let ([a, b], [low, high]) = (word.to_le_bytes(), value.to_le_bytes());
     rig.write(FIRST, registers::SII_CONTROL, &[control, 2, a, b, 0, 0, low, high]);
     SiiControl(rig.read_u16(FIRST, registers::SII_CONTROL))
 }
 
-/// ECAT-9.3 A read command gives the words at an address, odd ones too; behind the end there is 0xFF.
+/// ECAT-9.3 A read command returns the words at an address, odd ones too; behind the end it reads 0xFF.
 #[test]
 fn s13_words_are_read() {
     let mut rig = Rig::drives(1);
@@ -42,7 +42,7 @@ fn s13_words_are_read() {
     assert_eq!(rig.read(FIRST, registers::SII_DATA, 4), VENDOR_ID.to_le_bytes());
 }
 
-/// ECAT-9.4 Bit 6 says whether a read gives 8 bytes or 4.
+/// ECAT-9.4 Bit 6 selects whether a read returns 8 bytes or 4.
 #[test]
 fn s14_a_read_gives_8_bytes_or_4() {
     for (reads_8_bytes, bit) in [(true, 0x40), (false, 0)] {
@@ -74,7 +74,8 @@ fn s15_the_eeprom_has_one_owner() {
     assert_eq!(read_words(&mut rig, 8)[..4], VENDOR_ID.to_le_bytes());
 }
 
-/// ECAT-9.6 A write needs its bit in the same datagram; without, the word stays and bit 14 says so until the next command.
+/// ECAT-9.6 A write needs its bit in the same datagram; without it the word stays and bit 14 is set until the next
+/// command.
 #[test]
 fn s16_words_are_written() {
     let mut rig = Rig::drives(1);
@@ -90,8 +91,8 @@ fn s16_words_are_written() {
     assert_eq!(rig.read_u16(FIRST, registers::SII_CONTROL), 0x2040, "no such command");
 }
 
-/// ECAT-9.7 The checksum is that of the first 14 bytes; a wrong one is told by bits 11 and 12, nothing is loaded, and the
-/// slave refuses PreOP.
+/// ECAT-9.7 The checksum is that of the first 14 bytes; a wrong one is shown by bits 11 and 12, nothing is loaded, and
+/// the slave refuses PreOP.
 #[test]
 fn s17_a_wrong_checksum_is_told() {
     let mut rig = Rig::drives(1);
@@ -117,7 +118,7 @@ fn eeprom_checksum(rig: &Rig) -> u8 {
     rig.chain.slave(0).controller().eeprom()[14]
 }
 
-/// ECAT-9.3 An EEPROM that takes its time is busy, and takes nothing else meanwhile.
+/// ECAT-9.3 A slow EEPROM is busy, and takes no other command meanwhile.
 #[test]
 fn a_slow_eeprom_is_busy() {
     let mut rig = Rig::with_stations([drive(EscSettings { eeprom_ns: MS, ..EscSettings::default() })]);
@@ -177,7 +178,7 @@ fn devices_describe_themselves() {
         let mut named = [0; 64];
         let len = device.read(ObjectAddress::new(0x1008, 0), SdoScope::Entry, &mut named).expect("it has a name");
         assert_eq!((order.as_bytes(), shown.as_bytes()), (&named[..len], name.as_bytes()), "{name}");
-        // With what the EEPROM says the slave goes to OP.
+        // With the settings of the EEPROM the slave goes to OP.
         let mut rig = Rig::with_stations([slave(kind(), EscSettings::default())]);
         rig.bring_to_op(FIRST, 0x1000);
     }
@@ -186,7 +187,7 @@ fn devices_describe_themselves() {
     assert_eq!(slave.controller().peek(registers::SII_CONTROL, 2), [0x40, 0x18], "without an EEPROM nothing is loaded");
 }
 
-/// The objects of a cell of the page on slaves, each with its bytes: `controlword 0x6040 (2), ..`.
+/// The objects in a cell of the page on slaves, each with its bytes: `controlword 0x6040 (2), ..`.
 fn objects(cell: &str) -> Vec<(u16, u8)> {
     let words = cell.split("0x").skip(1);
     let number = |word: &str| {

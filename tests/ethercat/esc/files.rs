@@ -34,14 +34,14 @@ impl Files {
         Self { rig: Rig::in_preop(), boxes: [0x1000, 0x1080].map(|start| MailboxArea { start, len: MAILBOX }) }
     }
 
-    /// From Init to bootstrap, with the mailboxes of the EEPROM's words 0x14 to 0x17.
+    /// Goes from Init to bootstrap, with the mailboxes of the EEPROM's words 0x14 to 0x17.
     fn enter(&mut self) {
         self.boxes = boot_boxes(&self.rig);
         set_boxes(&mut self.rig, self.boxes);
         assert_eq!(self.rig.request(FIRST, BOOT), (BOOT, AlStatus::NONE));
     }
 
-    /// Sends a message of any protocol; the answer's protocol and data, if there is one.
+    /// Sends a message of any protocol; returns the answer's protocol and data, if there is one.
     fn send(&mut self, protocol: MailboxProtocol, data: &[u8]) -> Option<(MailboxProtocol, Vec<u8>)> {
         let [out, back] = self.boxes;
         let mut mailbox = vec![0; out.len.into()];
@@ -53,7 +53,7 @@ impl Files {
         (answer.wkc == 1).then(|| (message.header.protocol, message.data.to_vec()))
     }
 
-    /// Sends an FoE message; the data of the answer.
+    /// Sends an FoE message; returns the data of the answer.
     fn foe(&mut self, message: &FoeMessage<'_>) -> Option<Vec<u8>> {
         let mut room = [0; 300];
         let len = message.encode(&mut room).expect("room");
@@ -75,7 +75,7 @@ impl Files {
         }
     }
 
-    /// Writes a file; what it is refused with.
+    /// Writes a file; returns the error if it is refused.
     fn write(&mut self, name: &str, bytes: &[u8]) -> Result<(), FoeError> {
         let packet = usize::from(self.boxes[0].len) - 12;
         let mut message = FoeMessage::Write { password: 0, name: name.as_bytes() };
@@ -96,7 +96,7 @@ impl Files {
         Ok(())
     }
 
-    /// Reads a file; what it is refused with.
+    /// Reads a file; returns the error if it is refused.
     fn read(&mut self, name: &str) -> Result<Vec<u8>, FoeError> {
         let room = usize::from(self.boxes[1].len) - 12;
         let mut bytes = Vec::new();
@@ -138,8 +138,8 @@ fn bytes(len: usize) -> Vec<u8> {
     (0..len).map(|n| (n * 11 + 5) as u8).collect()
 }
 
-/// ECAT-11.11 Bootstrap is entered from Init with the mailboxes of words 0x14 to 0x17 alone, and left to Init alone; the device
-/// stands in Init meanwhile.
+/// ECAT-11.11 Bootstrap is entered from Init with the mailboxes of words 0x14 to 0x17 alone, and left to Init alone;
+/// the device is in Init meanwhile.
 #[test]
 fn bootstrap_is_entered_from_init() {
     let mut rig = Rig::drives(1);
@@ -172,7 +172,7 @@ fn bootstrap_is_entered_from_init() {
     }
     assert_eq!(rig.request(FIRST, 0x10 | BOOT), (BOOT, AlStatus::NONE));
     assert_eq!(rig.request(FIRST, 1), (1, AlStatus::NONE));
-    // A mailbox that is changed: back to Init.
+    // A changed mailbox: back to Init.
     assert_eq!(rig.request(FIRST, BOOT), (BOOT, AlStatus::NONE));
     rig.write(FIRST, registers::sync_manager_activate(1), &[0]);
     assert_eq!(rig.al_status(FIRST), (0x11, AlStatus::INVALID_BOOT_MAILBOX));
@@ -241,7 +241,7 @@ fn bootstrap_has_files_alone() {
         let (answered, data) = files.send(protocol, data).expect("an answer");
         assert_eq!((answered, MailboxFault::decode(&data)), (MailboxProtocol::Error, Ok(fault)));
     }
-    // Nothing of it is left in PreOP.
+    // Nothing of bootstrap is left in PreOP.
     files.rig.reach(FIRST, AlState::Init);
     for n in 0..2 {
         files.rig.write(FIRST, registers::sync_manager_activate(n), &[0]);
@@ -250,7 +250,7 @@ fn bootstrap_has_files_alone() {
     assert_eq!(files.rig.coe(FIRST, &[0, 0x20, 0x40, 0x18, 0x10, 1, 0, 0, 0, 0])[2], 0x43);
 }
 
-/// ECAT-12.9 What is not allowed has the code that fits, and ends a transfer.
+/// ECAT-12.9 A forbidden message is answered with the right code, and ends a transfer.
 #[test]
 fn what_is_wrong_with_files_has_its_code() {
     let data = |packet, data| FoeMessage::Data { packet, data };

@@ -8,7 +8,7 @@ use super::rig::{FIRST, MS, Rig, US, drive};
 
 use LatchEdge::{Negative, Positive};
 
-/// The input goes on or off at that time.
+/// Switches the input on or off at that time.
 fn set(rig: &mut Rig, input: usize, is_on: bool, at: Ns) {
     rig.chain.slave_mut(0).controller_mut().set_latch_input(input, is_on, at);
 }
@@ -93,7 +93,7 @@ fn the_first_edge_waits_until_it_is_read() {
     }
 }
 
-/// ECAT-13.7 The mode is changed to continuous: an edge that waits is no event any more.
+/// ECAT-13.7 The mode is changed to continuous: a waiting edge is no event any more.
 #[test]
 fn back_to_the_continuous_mode() {
     let mut rig = Rig::drives(1);
@@ -105,8 +105,8 @@ fn back_to_the_continuous_mode() {
     assert_eq!((status(&mut rig), events(&mut rig)), ([4, 0], (false, false)));
 }
 
-/// ECAT-13.8 An input that the slave's own controller has tells its edges to that, and the master neither sets nor acknowledges them;
-/// times and status can be read, and never written.
+/// ECAT-13.8 An input of the slave's own controller reports its edges to that, and the master neither sets nor
+/// acknowledges them; times and status can be read, and never written.
 #[test]
 fn an_input_of_the_slaves_own_controller() {
     let mut rig = Rig::drives(1);
@@ -128,7 +128,7 @@ fn an_input_of_the_slaves_own_controller() {
     assert_eq!(rig.read(FIRST, registers::EVENT_TIMES, 16), [0; 16]);
 }
 
-/// ECAT-13.6 A controller without distributed clocks, and an input that there is not, have none.
+/// ECAT-13.6 A controller without distributed clocks, and a missing input, have none.
 #[test]
 fn no_such_input() {
     let mut rig = Rig::drives(1);

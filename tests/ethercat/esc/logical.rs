@@ -48,7 +48,7 @@ fn logical_addresses_end() {
     assert_eq!(rig.logical(Command::Lrw, 0, &all).wkc, 3);
 }
 
-/// ECAT-10.1, ECAT-10.8 Areas that one datagram exchanges whole are exchanged as those that come in parts: the same data,
+/// ECAT-10.1, ECAT-10.8 Areas that one datagram exchanges whole behave like those that come in parts: the same data,
 /// registers of sync managers and watchdog, and the drive moves alike.
 #[test]
 fn whole_areas_are_exchanged_as_parts_are() {
@@ -75,7 +75,7 @@ fn whole_areas_are_exchanged_as_parts_are() {
             // Outputs and some inputs; the rest of the inputs.
             assert_eq!((whole.wkc, first.wkc, last.wkc), (3, 3, 1));
             if n % 50 == 7 {
-                // A buffer that is begun and not ended.
+                // A buffer that was begun and not completed.
                 rigs.iter_mut().for_each(|rig| rig.write(FIRST, OUTPUTS, &[0x0F]));
             }
             let shown = |rig: &mut Rig| {
@@ -163,7 +163,7 @@ fn s20_outputs_and_inputs_in_one_datagram() {
     assert_eq!(rig.chain.slave(1).state(), AlState::Op);
 }
 
-/// What an FMMU maps, bit by bit, for reading.
+/// The bits that an FMMU maps, one by one, for reading.
 fn read_by_bits(fmmu: &Fmmu, ram: &[u8], address: u32, data: &mut [u8]) {
     for bit in 0..u64::from(fmmu.bits()) {
         let logical = u64::from(fmmu.logical) * 8 + u64::from(fmmu.first_bit) + bit;
@@ -198,7 +198,7 @@ proptest! {
         read_by_bits(&fmmu, &ram, address, &mut expected);
         prop_assert_eq!(rig.logical(Command::Lrd, address, &sent).data, expected);
 
-        // What is written is read again, and what is beside it stays.
+        // Written bits are read back, and their neighbours stay.
         rig.logical(Command::Lwr, address, &sent);
         let after = rig.read(FIRST, 0x1000, 64);
         let mut back = vec![0; data_len];

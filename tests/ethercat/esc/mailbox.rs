@@ -20,7 +20,7 @@ fn blob(value: Vec<u8>) -> Rig {
     rig
 }
 
-/// Reads the blob as a master does, in segments if need be; the commands of the answers.
+/// Reads the blob as a master does, in segments if need be; returns the value and the commands of the answers.
 fn upload(rig: &mut Rig) -> (Vec<u8>, Vec<u8>) {
     let answer = rig.sdo(FIRST, SdoRequest::Upload { object: BLOB, scope: SdoScope::Entry });
     let mut commands = vec![answer[2]];
@@ -48,7 +48,7 @@ fn upload(rig: &mut Rig) -> (Vec<u8>, Vec<u8>) {
     (read, commands)
 }
 
-/// Writes the blob as a master does; the commands of the answers.
+/// Writes the blob as a master does; returns the commands of the answers.
 fn download(rig: &mut Rig, value: &[u8]) -> Vec<u8> {
     let first = value.len().min(128 - 16);
     let part = SdoValuePart::First { size: value.len() as u32, data: &value[..first] };
@@ -82,7 +82,7 @@ fn s31_short_values() {
         let answer = rig.sdo(FIRST, SdoRequest::Download { object: BLOB, scope: SdoScope::Entry, value });
         assert_eq!(answer[1..4], [0x30, 0x60, 0x00]);
         assert_eq!(upload(&mut rig).0, [9, 8, 7, 6][..len]);
-        // Without a length as many bytes count as the object has.
+        // Without a length the object's own number of bytes counts.
         let value = SdoValuePart::Unsized(&[1, 2, 3, 4]);
         let answer = rig.sdo(FIRST, SdoRequest::Download { object: BLOB, scope: SdoScope::Entry, value });
         assert_eq!((answer[2], upload(&mut rig).0), (0x60, vec![1, 2, 3, 4][..len].to_vec()));
@@ -90,7 +90,7 @@ fn s31_short_values() {
     assert_eq!(upload(&mut blob(Vec::new())), (Vec::new(), vec![0x41]));
 }
 
-/// ECAT-12.1 Aborts come with the code that fits, as service 2.
+/// ECAT-12.1 Aborts have the right code, as service 2.
 #[test]
 fn s31_aborts_have_their_codes() {
     let mut rig = Rig::in_preop();
@@ -129,7 +129,7 @@ fn s32_long_values_in_segments() {
     }
 }
 
-/// ECAT-12.2 A wrong toggle bit, a length that is not kept, and an abort end a transfer; nothing is written then.
+/// ECAT-12.2 A wrong toggle bit, a wrong length, and an abort end a transfer without a write.
 #[test]
 fn s32_a_transfer_that_goes_wrong_is_over() {
     let mut rig = blob(bytes(400));
@@ -165,7 +165,7 @@ fn s32_a_transfer_that_goes_wrong_is_over() {
     assert_eq!(self::upload(&mut rig).0, bytes(400));
 }
 
-/// ECAT-12.3 A request with the counter of the last one is not worked on again; with 0 each is.
+/// ECAT-12.3 A request with the counter of the last one is not processed again; with 0 every request is.
 #[test]
 fn s33_a_request_is_worked_on_once() {
     let mut rig = blob(bytes(2));
@@ -190,7 +190,8 @@ fn s33_a_request_is_worked_on_once() {
     assert!(counters.windows(2).all(|pair| pair[1] == pair[0] % 7 + 1), "{counters:?}");
 }
 
-/// ECAT-12.7 A request that waits in its box is worked on once there is a mailbox, also if the change of state takes its time.
+/// ECAT-12.7 A request that waits in its mailbox area is processed once the mailbox is enabled, also if the change of
+/// state takes its time.
 #[test]
 fn a_request_waits_for_preop() {
     let mut rig = Rig::with_stations([drive(EscSettings { state_change_ns: 5 * MS, ..EscSettings::default() })]);
@@ -221,8 +222,8 @@ fn fault(answer: Option<Vec<u8>>) -> MailboxFault {
     MailboxFault::decode(message.data).expect("a fault")
 }
 
-/// ECAT-12.4 A protocol that the slave does not speak, a message that is too long or too short, and a service that it does not
-/// have are answered by what was wrong.
+/// ECAT-12.4 A protocol that the slave does not speak, a message that is too long or too short, and a service that it
+/// does not have are answered with the error.
 #[test]
 fn s34_wrong_messages_are_answered() {
     let mut rig = Rig::in_preop();
@@ -271,7 +272,7 @@ fn ask(rig: &mut Rig, kind: InformationKind, data: &[u8]) -> (InformationKind, V
     }
 }
 
-/// ECAT-12.5 The list of objects comes in fragments that count down; its length is told beforehand.
+/// ECAT-12.5 The list of objects comes in fragments that count down; its length can be read beforehand.
 #[test]
 fn s35_objects_are_listed() {
     let mut rig = Rig::in_preop();
@@ -366,7 +367,8 @@ fn emergency(mailbox: &[u8]) -> Option<Emergency> {
     }
 }
 
-/// ECAT-12.6 An error of the device comes as an emergency, in front of the answer to an SDO; the end of the error comes too.
+/// ECAT-12.6 An error of the device comes as an emergency, in front of the answer to an SDO; and so does the end of the
+/// error.
 #[test]
 fn s36_errors_come_as_emergencies() {
     let mut rig = Rig::in_preop();
@@ -393,7 +395,7 @@ fn s36_a_slave_without_emergencies() {
     assert_eq!(emergency(&sent).map(|emergency| emergency.code), Some(0x1000));
 }
 
-/// ECAT-12.7 In Init there is no mailbox, and one that was left begins anew.
+/// ECAT-12.7 In Init there is no mailbox, and it restarts afterwards.
 #[test]
 fn a_mailbox_begins_anew() {
     let mut rig = Rig::drives(1);

@@ -35,7 +35,7 @@ fn s21_an_enabled_sync_manager_keeps_its_area() {
     assert_eq!(rig.read(FIRST, registers::sync_manager(0), 8), [0, 0x18, 9, 0, 0x26, 0, 0, 0]);
 }
 
-/// ECAT-10.5 A full mailbox takes nothing and keeps what it has; it is full once its last byte was written.
+/// ECAT-10.5 A full mailbox takes nothing and keeps its content; it is full once its last byte was written.
 #[test]
 fn s22_a_full_mailbox_takes_nothing() {
     let mut rig = Rig::drives(1);
@@ -55,7 +55,7 @@ fn s22_a_full_mailbox_takes_nothing() {
     assert_eq!(rig.one(Command::Fpwr, FIRST, 0x1408, &[8]).wkc, 1);
 }
 
-/// ECAT-10.6 An empty mailbox gives nothing. The last byte that is read empties it, and the next message appears.
+/// ECAT-10.6 An empty mailbox returns nothing. Reading its last byte empties it, and the next message appears.
 #[test]
 fn s23_an_empty_mailbox_gives_nothing() {
     let mut rig = Rig::in_preop();
@@ -94,7 +94,7 @@ fn s24_a_lost_answer_is_repeated() {
     assert_eq!(rig.read_u16(FIRST, registers::AL_STATUS), 2, "the state stays");
 }
 
-/// ECAT-10.7 A repeat before anything was read is acknowledged, and gives nothing.
+/// ECAT-10.7 A repeat before anything was read is acknowledged, and returns nothing.
 #[test]
 fn s24_nothing_to_repeat() {
     let mut rig = Rig::in_preop();
@@ -119,7 +119,7 @@ fn s25_three_buffers_never_refuse() {
         assert_eq!(rig.logical(Command::Lrd, outputs.into(), &vec![0; inputs.into()]).wkc, 1, "the same ones again");
     }
     assert_eq!(len, usize::from(outputs + inputs));
-    // A buffer that was begun and not ended does not count.
+    // A buffer that was begun and not completed does not count.
     let status = |rig: &mut Rig| rig.read_u8(FIRST, registers::sync_manager_status(2));
     let before = SmStatus(status(&mut rig)).last_buffer();
     rig.write(FIRST, 0x1100, &[0x77]);
@@ -130,8 +130,8 @@ fn s25_three_buffers_never_refuse() {
     assert!(ended.last_buffer() != before && !ended.contains(SmStatus::WRITING));
 }
 
-/// ECAT-10.8 What a reader gets is whole and the newest, also while the next buffer is being written; the outputs of an IO module
-/// come back as its inputs.
+/// ECAT-10.8 A reader gets the newest whole buffer, also while the next buffer is being written; the outputs of an IO
+/// module come back as its inputs.
 #[test]
 fn s25_a_reader_gets_the_newest_whole_buffer() {
     let io = super::rig::slave(Box::new(Io::new(IoConfig::default())), EscSettings::default());
@@ -152,7 +152,7 @@ fn s25_a_reader_gets_the_newest_whole_buffer() {
     }
 }
 
-/// ECAT-10.8 Before anything was written a reader gets what the memory has.
+/// ECAT-10.8 Before anything was written a reader gets the content of the memory.
 #[test]
 fn s25_reading_before_writing_is_no_error() {
     let mut rig = Rig::drives(1);

@@ -1,4 +1,4 @@
-//! What masters send at their start, datagram by datagram, with the answers that they insist on.
+//! The datagrams of masters at their start, with the answers that they require.
 
 use ecmsk::coe::{ObjectAddress, SdoRequest, SdoScope};
 use ecmsk::ethercat::Command::{self, Aprd, Apwr, Armw, Brd, Bwr, Fprd, Fpwr, Frmw, Lrw, Nop};
@@ -14,7 +14,7 @@ fn two_drives() -> Rig {
 }
 
 impl Rig {
-    /// A datagram whose working counter has to be `wkc`; what comes back.
+    /// Sends a datagram whose working counter has to be `wkc`; returns its data.
     #[track_caller]
     fn expect(&mut self, command: Command, adp: u16, ado: u16, data: &[u8], wkc: u16) -> Vec<u8> {
         let answer = self.one(command, adp, ado, data);
@@ -202,8 +202,8 @@ fn ethercrab() {
     assert_eq!(last, [[8, 0], [8, 0]]);
 }
 
-/// ECAT-14.3 IgH and TwinCAT: all FMMUs and sync managers in one datagram each, EEPROM commands of their own shape, a mapped
-/// mailbox state, ARMW in the cyclic frame.
+/// ECAT-14.3 IgH and TwinCAT: all FMMUs and sync managers in one datagram each, EEPROM commands of their own form, a
+/// mapped mailbox state, ARMW in the cyclic frame.
 #[test]
 fn igh_and_twincat() {
     let mut rig = two_drives();

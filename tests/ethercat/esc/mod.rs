@@ -1,5 +1,6 @@
-//! Slave controllers around simulated slaves, with a master that sends single datagrams, in virtual time. The statements of the
-//! checklist that these tests show stand in their names, `s07` for number 7; number 40 is also what `tests/masters` and `port/ethercat/network.rs` show.
+//! Slave controllers around simulated slaves, with a master that sends single datagrams, in virtual time. The names of
+//! the tests have the statements of the checklist, `s07` for number 7; `tests/masters` and `port/ethercat/network.rs`
+//! also show number 40.
 //!
 //! - `rig.rs`: the master
 //! - `datagrams.rs`: the commands, and frames as a whole
@@ -11,9 +12,9 @@
 //! - `dp3cl.rs`: a DP3CL as the network sees it
 //! - `clocks.rs`, `latches.rs`: distributed clocks; their latch inputs
 //! - `register_table.rs`: every register, its value at power-on and its access
-//! - `masters.rs`: what known masters send at their start
-//! - `bad_input.rs`: frames that nobody should send
-//! - `disturbed.rs`: two masters, masters that stop, EEPROMs written in part, FMMUs and sync managers that nobody would set
+//! - `masters.rs`: the frames of known masters at their start
+//! - `bad_input.rs`: invalid frames
+//! - `disturbed.rs`: two masters, masters that stop, EEPROMs written in part, absurd FMMUs and sync managers
 
 mod bad_input;
 mod clocks;

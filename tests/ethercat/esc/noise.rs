@@ -1,4 +1,4 @@
-//! A cable that damages frames: who counts what, and what of a damaged frame takes effect.
+//! A cable that damages frames: the error counters of the slaves, and the effects of a damaged frame.
 
 use std::num::NonZeroU16;
 
@@ -25,7 +25,7 @@ impl Line {
         self.slaves.cable().damage_frames(NonZeroU16::new(one_of).map(|one_of| Noise { slave, one_of }));
     }
 
-    /// How many slaves count a datagram; `None`: the frame is lost.
+    /// The working counter of a datagram; `None`: the frame is lost.
     fn send(&mut self, command: Command, address: u32, data: &[u8]) -> Option<u16> {
         let mut frame = frame_of(&[(DatagramHeader::new(command, 0, address), data)]);
         self.now += 10_000;
@@ -50,8 +50,8 @@ impl Line {
     }
 }
 
-/// ECAT-9.14 The slave behind the cable counts the frame on its way out, the one before it that on its way back; all others
-/// count what they get after that as forwarded.
+/// ECAT-9.14 The slave behind the cable counts the frame on its way out, the one before it that on its way back; all
+/// others count the frame as forwarded after that.
 #[test]
 fn who_gets_a_damaged_frame_first_counts_it() {
     let mut line = Line::of(4);
@@ -80,13 +80,13 @@ fn a_damaged_frame_takes_effect_before_the_cable_alone() {
     assert_eq!([0, 1, 2].map(|n| station(&line, n)), [8; 3]);
 }
 
-/// ECAT-9.14 The master's own cable, one behind a cut, and one that there is not.
+/// ECAT-9.14 The master's own cable, a cable behind a cut, and a missing one.
 #[test]
 fn cables_at_the_ends() {
     let mut line = Line::of(2);
     line.noise(1, 1);
     assert_eq!([line.count(), line.count()], [None; 2]);
-    // On its way back the master gets it, and counts it by itself.
+    // On its way back the master gets the damaged frame, and counts it itself.
     assert_eq!(line.counted(), [([1, 0], [0, 1]), ([0, 0], [1, 0])]);
     line.noise(3, 1);
     assert_eq!(line.count(), Some(2));

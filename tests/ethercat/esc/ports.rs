@@ -10,8 +10,8 @@ use ecmsk::slave::{AlStatus, Slave};
 
 use super::rig::{FIRST, MS, Rig, answers, drive, frame_of};
 
-/// ECAT-9.1 DL status tells an inner slave from the last one; a slave that is cut off is not counted any more, and the one
-/// before it has closed its port.
+/// ECAT-9.1 DL status distinguishes an inner slave from the last one; a slave that is cut off is not counted any more,
+/// and the one before it has closed its port.
 #[test]
 fn s11_a_cut_cable_closes_a_port() {
     let mut rig = Rig::drives(3);
@@ -100,8 +100,8 @@ fn loops_are_controlled() {
     assert_eq!(rig.raw(&mut [0; 60]), FrameFate::Lost);
 }
 
-/// ECAT-9.8 A frame that an open port without a link loses has passed the slaves before: one that has the ports open as their links are
-/// mends that.
+/// ECAT-9.8 A frame that an open port without a link loses has passed the slaves before: a frame that sets the ports by
+/// their links repairs that.
 #[test]
 fn slaves_before_a_hole_have_had_the_frame() {
     let mut rig = Rig::drives(3);
@@ -116,8 +116,8 @@ fn slaves_before_a_hole_have_had_the_frame() {
     assert_eq!(rig.one(Command::Brd, 0, registers::TYPE, &[0]).wkc, 3);
 }
 
-/// ECAT-9.15 With bit 1 of DL control the ports are as written for a second, and then as before: one that is closed opens, and one that
-/// is open without a link, so that all frames are lost, closes.
+/// ECAT-9.15 With bit 1 of DL control the ports are as written for a second, and then as before: one that is closed
+/// opens, and a port that is open without a link, so that all frames are lost, closes.
 #[test]
 fn loops_for_a_second() {
     let mut rig = Rig::drives(3);
@@ -130,14 +130,14 @@ fn loops_for_a_second() {
     rig.now += 900 * MS;
     assert_eq!((count(&mut rig), rig.read_u16(FIRST, registers::DL_STATUS)), (1, 0x5631));
     rig.now += 100 * MS;
-    // The frame in which the time is over takes the old way.
+    // The frame in which the time ends still takes the old way.
     count(&mut rig);
     assert_eq!((count(&mut rig), rig.read_u16(FIRST, registers::DL_STATUS)), (3, 0x5A31));
     let control = DlControl::POWER_ON.0 & 0xFFFF_F0FF;
     assert_eq!(rig.read_u32(FIRST, registers::DL_CONTROL) & 0xFFFF_0FFF, control & 0xFFFF_0FFF);
 
     rig.chain.connect(1, false);
-    // Port 1 is open, whatever its link; the frame that says so is back before.
+    // Port 1 is open, whatever its link; the frame that opens it is back before.
     set(&mut rig, 2);
     assert_eq!(rig.raw(&mut [0; 60]), FrameFate::Lost);
     rig.now += 900 * MS;
@@ -250,7 +250,7 @@ fn a_frame_from_the_last_end_turns_where_the_cable_is_cut() {
     assert_eq!(send(&mut rig, Last, false).0, None);
 }
 
-/// A device that remembers which ports have a link.
+/// A device that records which ports have a link.
 struct Linked(Arc<Mutex<[bool; 4]>>);
 
 impl Slave for Linked {
@@ -283,7 +283,7 @@ impl Slave for Linked {
     fn step(&mut self, _: Ns) {}
 }
 
-/// ECAT-9.1 A device is told which ports of its controller have a link, and when that changes.
+/// ECAT-9.1 A device learns which ports of its controller have a link, and each change.
 #[test]
 fn a_device_knows_its_links() {
     let links: [Arc<Mutex<[bool; 4]>>; 2] = [Arc::default(), Arc::default()];

@@ -1,11 +1,11 @@
-//! Every register that a master touches: its length, its value at power-on, and what a write does.
+//! Every register that a master uses: its length, its value at power-on, and the effect of a write.
 
 use ecmsk::ethercat::Command;
 use ecmsk::slave::esc::EscSettings;
 
 use super::rig::{Rig, drive};
 
-/// What a write of 0xFF to a byte of a register does.
+/// The effect of writing 0xFF to a byte of a register.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Write {
     /// Nothing, and it does not count.
@@ -14,13 +14,13 @@ enum Write {
     Kept,
     /// It counts, and is read as 0.
     Zero,
-    /// It counts, and what is read is something else.
+    /// It counts, and another value is read.
     Taken,
 }
 use Write::{Kept, No, Taken, Zero};
 
-/// Address, length, the bytes at power-on (those that are not there are 0; `None`: they are what time or cables make of them), and what
-/// a write does. DL control of two ports of four; words 0 to 3 of the EEPROM of a drive.
+/// Address, length, the bytes at power-on (missing ones are 0; `None`: they depend on time or cables), and the effect
+/// of a write. DL control of two ports of four; words 0 to 3 of the EEPROM of a drive.
 const TABLE: &[(u16, usize, Option<&[u8]>, Write)] = &[
     (0x0000, 1, Some(&[0x11]), No),
     (0x0001, 1, Some(&[0]), No),
@@ -124,7 +124,7 @@ fn values_at_power_on() {
     }
 }
 
-/// ECAT-2.8 A write to any byte of a register does what its access says.
+/// ECAT-2.8 A write to any byte of a register has the effect of its access.
 #[test]
 fn what_a_write_does() {
     for (address, len, _, write) in TABLE {
@@ -133,7 +133,7 @@ fn what_a_write_does() {
             let at = address + byte;
             let before = rig.one(Command::Aprd, 0, at, &[0]).data;
             let wkc = rig.one(Command::Apwr, 0, at, &[0xFF]).wkc;
-            // A byte of DL control opens ports without a link: whatever is asked after it is lost.
+            // A byte of DL control opens ports without a link: every later frame is lost.
             let after = rig.chain.slave(0).controller().peek(at, 1).to_vec();
             match write {
                 No => assert_eq!((wkc, after), (0, before), "0x{at:04X}"),
@@ -145,7 +145,7 @@ fn what_a_write_does() {
     }
 }
 
-/// ECAT-2.8 Between the registers nothing is there; a longer access over a gap counts, and the gap reads 0.
+/// ECAT-2.8 Between the registers there are gaps; a longer access over a gap counts, and the gap reads 0.
 #[test]
 fn gaps() {
     let is_there = |at: u16| TABLE.iter().any(|(address, len, ..)| (*address..*address + *len as u16).contains(&at));

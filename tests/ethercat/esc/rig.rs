@@ -92,7 +92,7 @@ impl Rig {
         rig
     }
 
-    /// A slave loses its power and has it again.
+    /// Switches a slave off and on.
     pub fn power_cycle(&mut self, n: usize) {
         self.chain.power(n, false, self.now);
         self.chain.power(n, true, self.now);
@@ -131,7 +131,7 @@ impl Rig {
         self.frame(&[(DatagramHeader::new(command, self.index, address), data)]).remove(0)
     }
 
-    /// Reads of a station what it has to have.
+    /// Reads a register of a station, which must answer.
     #[track_caller]
     pub fn read(&mut self, station: u16, ado: u16, len: usize) -> Vec<u8> {
         let answer = self.one(Command::Fprd, station, ado, &vec![0; len]);
@@ -155,7 +155,7 @@ impl Rig {
         u64::from_le_bytes(self.read(station, ado, 8).try_into().expect("8 bytes"))
     }
 
-    /// Writes to a station what it has to take.
+    /// Writes a register of a station, which must accept it.
     #[track_caller]
     pub fn write(&mut self, station: u16, ado: u16, data: &[u8]) {
         assert_eq!(self.one(Command::Fpwr, station, ado, data).wkc, 1, "FPWR to 0x{ado:04X}");
@@ -169,7 +169,7 @@ impl Rig {
         self.write(station, registers::fmmu(n), &fmmu.encode());
     }
 
-    /// Writes AL control and reads what comes of it.
+    /// Writes AL control and reads the resulting AL status.
     pub fn request(&mut self, station: u16, control: u16) -> (u16, AlStatus) {
         self.write(station, registers::AL_CONTROL, &control.to_le_bytes());
         self.al_status(station)
@@ -186,7 +186,7 @@ impl Rig {
         assert_eq!(self.request(station, state as u16), (state as u16, AlStatus::NONE));
     }
 
-    /// The mailbox as masters set it.
+    /// Sets the mailbox as masters do.
     pub fn set_mailbox(&mut self, station: u16) {
         self.set_manager(station, 0, SyncManager::enabled(0x1000, MAILBOX, SmControl::MAILBOX_OUT));
         self.set_manager(station, 1, SyncManager::enabled(0x1080, MAILBOX, SmControl::MAILBOX_IN));
@@ -197,7 +197,7 @@ impl Rig {
         self.reach(station, AlState::PreOp);
     }
 
-    /// How long outputs and inputs are by a slave's EEPROM, bytes.
+    /// The lengths of outputs and inputs by a slave's EEPROM, bytes.
     pub fn lens(&self, station: u16) -> (u16, u16) {
         let eeprom = self.chain.slave(usize::from(station - FIRST)).controller().eeprom();
         let sii = Sii::new(eeprom).expect("an EEPROM");
@@ -206,7 +206,7 @@ impl Rig {
         (lens[2], lens[3])
     }
 
-    /// Process data at a logical address: outputs there, inputs behind them. How many bytes both have.
+    /// Maps process data at a logical address: outputs there, inputs behind them. Returns their bytes.
     pub fn set_process_data(&mut self, station: u16, logical: u32) -> usize {
         let (outputs, inputs) = self.lens(station);
         self.set_manager(station, 2, SyncManager::enabled(OUTPUTS, outputs, SmControl::OUTPUTS));
@@ -216,7 +216,7 @@ impl Rig {
         usize::from(outputs + inputs)
     }
 
-    /// A slave from Init to OP, with its process data at a logical address; their length.
+    /// Brings a slave from Init to OP, with its process data at a logical address; returns their length.
     pub fn bring_to_op(&mut self, station: u16, logical: u32) -> usize {
         self.bring_to_preop(station);
         let len = self.set_process_data(station, logical);
@@ -238,7 +238,7 @@ impl Rig {
         mailbox
     }
 
-    /// Puts a message into a slave's mailbox; the working counter.
+    /// Writes a message to a slave's mailbox; returns the working counter.
     pub fn post(&mut self, station: u16, mailbox: &[u8]) -> u16 {
         self.one(Command::Fpwr, station, 0x1000, mailbox).wkc
     }
@@ -249,7 +249,7 @@ impl Rig {
         (answer.wkc == 1).then_some(answer.data)
     }
 
-    /// Sends data of CANopen and gives the data of the answer.
+    /// Sends CoE data and returns the data of the answer.
     #[track_caller]
     pub fn coe(&mut self, station: u16, data: &[u8]) -> Vec<u8> {
         let message = self.message(MailboxProtocol::Coe, data);
@@ -260,7 +260,7 @@ impl Rig {
         answer.data.to_vec()
     }
 
-    /// Sends an SDO request and gives the data of the answer.
+    /// Sends an SDO request and returns the data of the answer.
     #[track_caller]
     pub fn sdo(&mut self, station: u16, request: SdoRequest<'_>) -> Vec<u8> {
         let mut room = [0; 1500];

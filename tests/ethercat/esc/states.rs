@@ -1,4 +1,4 @@
-//! The AL state machine: what it checks and which codes it answers; the watchdog.
+//! The AL state machine: its checks and the codes of its answers; the watchdog.
 
 use ecmsk::coe::{ObjectAddress, SdoRequest, SdoScope, SdoValuePart};
 use ecmsk::ethercat::registers::{self, SmControl, SyncManager};
@@ -8,7 +8,8 @@ use ecmsk::slave::{Dp3cl, Dp3clConfig, Io};
 
 use super::rig::{FIRST, INPUTS, MAILBOX, MS, OUTPUTS, Rig, drive, slave};
 
-/// ECAT-11.1 PreOP without a mailbox is refused with 0x16; then only Init and requests that acknowledge are heard.
+/// ECAT-11.1 PreOP without a mailbox is refused with 0x16; then only Init and requests with the acknowledge bit are
+/// accepted.
 #[test]
 fn s26_an_error_has_to_be_acknowledged() {
     let mut rig = Rig::drives(1);
@@ -19,7 +20,7 @@ fn s26_an_error_has_to_be_acknowledged() {
     assert_eq!(rig.request(FIRST, 0x02), (0x02, AlStatus::NONE));
 }
 
-/// ECAT-11.1 Each thing that is wrong with a mailbox is refused.
+/// ECAT-11.1 Each fault of a mailbox's settings is refused.
 #[test]
 fn s26_a_mailbox_has_to_be_right() {
     let (out, back) = (SmControl::MAILBOX_OUT, SmControl::MAILBOX_IN);
@@ -118,7 +119,7 @@ fn s28_process_data_have_to_fit() {
     assert_eq!(rig.al_status(FIRST), (0x12, AlStatus::INVALID_OUTPUTS));
 }
 
-/// ECAT-11.3 A direction that nothing is mapped for needs no sync manager.
+/// ECAT-11.3 A direction without a mapping needs no sync manager.
 #[test]
 fn s28_a_direction_without_data_is_off() {
     let mut rig = Rig::drives(1);
@@ -247,8 +248,8 @@ fn the_identification_is_told() {
     assert_eq!(rig.request(FIRST, 0x22), (0x02, AlStatus::NONE));
 }
 
-/// ECAT-11.10 A device that judges its registers by itself answers with its own code, and may fall further back: a DP3CL in OP
-/// that is asked for a state that is not known goes to SafeOP, and to Init if it is asked for bootstrap.
+/// ECAT-11.10 A device that checks its registers itself answers with its own code, and may fall further back: a DP3CL
+/// in OP that is asked for a state that is not known goes to SafeOP, and to Init if it is asked for bootstrap.
 #[test]
 fn a_device_has_its_own_reasons() {
     let dp3cl = || slave(Box::new(Dp3cl::new(Dp3clConfig::default())), EscSettings::default());
@@ -268,8 +269,8 @@ fn a_device_has_its_own_reasons() {
     assert_eq!((status, code), (0x11, rig.chain.slave(0).device().al_status()));
 }
 
-/// ECAT-11.14 A drive that a master has told to run by SYNC0 (0x1C32:1 or 0x1C33:1 = 2) refuses OP without SYNC0, with 0x30; with
-/// SYNC0, with another type, or without a word it goes.
+/// ECAT-11.14 A drive that a master has set to SYNC0 (0x1C32:1 or 0x1C33:1 = 2) refuses OP without SYNC0, with 0x30;
+/// with SYNC0, with another type, or without that setting it reaches OP.
 #[test]
 fn a_drive_told_to_run_by_sync0_needs_it() {
     for (object, code, has_sync0, expected) in [
@@ -304,7 +305,7 @@ fn a_drive_told_to_run_by_sync0_needs_it() {
         }
         assert_eq!(rig.al_status(FIRST), expected, "{object:04X?} = {code}, SYNC0: {has_sync0}");
         if expected.0 == 0x14 {
-            // The mistake is mended: the drive goes.
+            // The error is corrected: the drive reaches OP.
             rig.request(FIRST, 0x12);
             let (object, value) = (ObjectAddress::new(object.unwrap_or_default(), 1), SdoValuePart::Expedited(&[1, 0]));
             rig.sdo(FIRST, SdoRequest::Download { object, scope: SdoScope::Entry, value });

@@ -1,4 +1,4 @@
-//! The kind of chip of a schedule, and how it is used: any that can hold its cycle.
+//! The kind of chip of a schedule, and how it is used: any combination that is fast enough for its cycle.
 
 use std::sync::{Arc, Mutex};
 

@@ -1,5 +1,5 @@
-//! The wires of an `XfBus` to the model of the chip, on which anything goes wrong: what [`Fault`] names, wires that are
-//! dead for a while, a host that comes late, edges of INT0 that are lost.
+//! The wires of an `XfBus` to the model of the chip, with random faults: those of [`Fault`], wires that are dead for a
+//! while, a late host, lost edges of INT0.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -14,27 +14,27 @@ use support::faulty_wire::{Fault, Wire};
 use crate::followed::Ends;
 
 const MS: Ns = 1_000_000;
-/// How long one byte takes.
+/// The time of one byte.
 const BYTE_NS: Ns = 333;
-/// INT0 is looked at this often.
+/// The interval at which INT0 is sampled.
 const LOOK_NS: Ns = 10_000;
-/// So many calls in a row in which no time passes are a hang.
+/// So many successive calls without elapsed time count as a hang.
 const STANDSTILL: u32 = 1000;
 
-/// What is to go wrong, as the schedule says it at any time.
+/// The faults to come, which the schedule sets at any time.
 #[derive(Default)]
 pub struct Trouble {
-    /// One in so many exchanges goes wrong; `None`: none does.
+    /// One in this number of exchanges has a fault; `None`: none has.
     pub rarely: Option<u64>,
-    /// The wires carry nothing for so long from now on.
+    /// The wires carry nothing for that time from now on.
     pub dead_ns: Ns,
-    /// They are whole again now.
+    /// The wires are whole again now.
     pub mended: bool,
-    /// The next exchange begins so much later.
+    /// The delay of the next exchange.
     pub late_ns: Ns,
     /// The chip is reset now.
     pub reset: bool,
-    /// What went wrong so far.
+    /// The faults so far.
     pub faults: BTreeMap<Fault, u64>,
 }
 

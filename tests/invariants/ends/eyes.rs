@@ -1,4 +1,4 @@
-//! A link that looks at the shafts with each call, and at what the drives are told.
+//! A link that observes the shafts and the drives' commands at each call.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
@@ -15,28 +15,28 @@ use support::dice::Dice;
 use crate::machine::Unit;
 use crate::tap::Seen as Taken;
 
-/// An axis that does not move for so long stands.
+/// An axis that does not move for that time counts as at rest.
 const HELD_NS: u64 = 100_000_000;
 
-/// An entry that is not executed within so many is held.
+/// An entry that is not executed within that many cycles counts as held.
 const HELD_CYCLES: u32 = 4;
 
 /// The link.
 pub struct Eyes {
     inner: EngineLink,
     network: SimHandle,
-    /// Slaves with axes, how many, how they run and what goes into them.
+    /// Slaves with axes: the number of axes, their mode, and a tap on their outputs.
     axes: Vec<(u8, usize, Mode, Taken)>,
     seen: Mutex<Seen>,
     size: SlotSize,
 }
 
-/// What may break while a server stops axes.
+/// A fault while a server stops axes.
 #[derive(Clone, Copy, Debug)]
 pub enum Break {
-    /// The cable behind so many slaves is cut.
+    /// The cable behind that many slaves is cut.
     Cable(u8),
-    /// A slave says nothing any more.
+    /// A slave falls silent.
     Silence(u8),
     /// A slave loses its power.
     Power(u8),
@@ -49,19 +49,19 @@ struct Seen {
     at: Stamp,
     moving: bool,
     last: Shafts,
-    /// Calls until something breaks, and what.
+    /// Calls until a fault, and the fault.
     breaks_in: Option<(u64, Break)>,
     is_broken: bool,
-    /// By these the server's process stands still, so many times yet.
+    /// The dice for stalls of the server's process, and the number of stalls left.
     stalls: Option<(Dice, u64)>,
-    /// For how long it stood still.
+    /// Time at rest.
     stood: Duration,
-    /// A drive was sent home: it may begin to move by itself.
+    /// Whether a drive was homing: it may begin to move by itself.
     has_homed: bool,
-    /// Entries that the board has executed, and where the shafts were when it was one more.
+    /// Entries that the board has executed, and the positions of the shafts at the last one.
     executed: u64,
     since: Shafts,
-    /// What the drives were told since the writer's end: the last target of each axis, and the greatest step or velocity.
+    /// The drives' commands since the writer's end: the last target of each axis, and the greatest step or velocity.
     told: Option<BTreeMap<(u8, usize), Told>>,
 }
 
@@ -98,7 +98,7 @@ impl Eyes {
         self.seen.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Looks where the shafts are after a call.
+    /// Records the shafts' positions after a call.
     fn look(&self) {
         let shafts = self.network.shafts();
         let executed = self.executed();
@@ -117,8 +117,8 @@ impl Eyes {
                 let Some(outputs) = taken else { continue };
                 for (axis, output) in outputs.iter().enumerate().take(*axes) {
                     let entry = told.entry((*slave, axis)).or_insert(Told { last: output.target, greatest: 0 });
-                    // The drive of an axis that went off is told where the axis is, by the board itself: it has failed
-                    // on the writer's own way, as by a following error, and that is no step of the ramp.
+                    // The board itself sets the target of an axis that went off to its position. The axis has failed by
+                    // itself, as by a following error, so this is no step of the ramp.
                     let is_on = output.controlword == Controlword::ENABLE_OPERATION;
                     let size = match mode {
                         _ if !is_on => 0,
@@ -131,12 +131,12 @@ impl Eyes {
         }
     }
 
-    /// From now on what the drives are told is the server's.
+    /// From now on the drives' commands are the server's.
     pub fn begin_to_compare(&self) {
         self.seen().told = Some(BTreeMap::new());
     }
 
-    /// The greatest steps and velocities that axes were told since, of those in CSP and CSV.
+    /// The greatest steps and velocities since then, of axes in CSP and CSV.
     pub fn greatest(&self) -> Vec<(u8, usize, &'static str, i64)> {
         let told = self.seen().told.clone().unwrap_or_default();
         let name = |slave: u8| match self.axes.iter().find(|axis| axis.0 == slave)?.2 {
@@ -163,8 +163,8 @@ impl Eyes {
         self.seen().moving
     }
 
-    /// Whether the board keeps what is in its FIFO, and no axis has moved for a while. If it may be so some cycles pass, in
-    /// which entries that have only just come would be executed.
+    /// Whether the board holds the entries of its FIFO, and no axis has moved for a while. If that is possible it lets
+    /// some cycles pass, in which fresh entries would be executed.
     pub fn holds_what_waits(&self, cycle: Duration) -> bool {
         let holds = || {
             let seen = self.seen();
@@ -178,7 +178,7 @@ impl Eyes {
         holds()
     }
 
-    /// How far each axis has gone.
+    /// The distance that each axis has moved.
     fn ways(&self, from: &Shafts, to: &Shafts) -> impl Iterator<Item = i64> {
         self.axes().map(|(slave, axis)| {
             let place = usize::from(slave) - 1;
@@ -197,18 +197,18 @@ impl Eyes {
         self.seen().report.clone()
     }
 
-    /// Something breaks after so many calls from now on.
+    /// Sets a fault after that many calls from now on.
     pub fn break_in(&self, calls: u64, what: Break) {
         self.seen().breaks_in = Some((calls, what));
     }
 
-    /// The server's process stands still at some of the calls from now on.
+    /// Makes the server's process stall at some calls from now on.
     pub fn stand_still(&self, mut dice: Dice) {
         let times = 1 + dice.below(3);
         self.seen().stalls = Some((dice, times));
     }
 
-    /// For how long it stood still.
+    /// Time at rest.
     pub fn stood(&self) -> Duration {
         self.seen().stood
     }
@@ -226,7 +226,7 @@ impl Eyes {
             seen.stood += time;
             time
         };
-        // In short parts, so that what drives are told meanwhile is seen.
+        // In short steps, so that the drives' commands meanwhile are seen.
         for _ in 0..time.as_millis() {
             self.inner.pass(Duration::from_millis(1)).expect("it is there");
             self.look();
@@ -259,7 +259,7 @@ impl Eyes {
         self.seen().is_broken
     }
 
-    /// All is whole, and stays so.
+    /// Heals everything for good.
     pub fn heal(&self) {
         self.seen().stalls = None;
         self.network.heal();
@@ -280,7 +280,7 @@ impl Eyes {
         self.inner.stats().board.expect("a model").full
     }
 
-    /// Reads until a report comes that is made from now on.
+    /// Reads until a report comes that was made after this call.
     pub fn drain(&self) {
         let now = self.now();
         let mut report = Frame::new();
@@ -293,7 +293,7 @@ impl Eyes {
         self.network.shafts()
     }
 
-    /// No shaft is further than that from where it was.
+    /// Asserts that no shaft is further than that from its old position.
     pub fn assert_still(&self, from: &Shafts, counts: i64, when: &str) {
         let now = self.network.shafts();
         for (slave, axis) in self.axes() {

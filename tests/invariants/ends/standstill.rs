@@ -1,5 +1,5 @@
-//! What must hold once a writer has ended: its axes stand within the documented time, and nothing that it left in the FIFO moves
-//! one of them later. The fuzz target `settle` looks at the same.
+//! Invariants after a writer's end: its axes stand within the documented time, and no entry that it left in the FIFO
+//! moves one of them later. The fuzz target `settle` checks the same.
 
 use std::time::Duration;
 
@@ -9,28 +9,28 @@ use ecmsk::sk::{FIFO_ENTRIES, Frame};
 
 use super::eyes::Eyes;
 
-/// docs/SAFETY.md: axes stand 2 s after the server has noticed the end, and some cycles.
+/// docs/SAFETY.md: axes are at rest 2 s and some cycles after the server has noticed the end.
 pub const DOCUMENTED: Duration = Duration::from_secs(2);
 const CYCLES: u32 = 8;
-/// How far a shaft that stands may be moved by noise and friction, counts: a two-hundredth of a degree and less.
+/// How far noise and friction may move a standing shaft, counts: a two-hundredth of a degree and less.
 const STANDS: i64 = 60;
-/// How long is looked whether axes stand.
+/// The time over which the standstill of axes is checked.
 const LOOK: Duration = Duration::from_millis(60);
 
 /// Frames with which a server ends a stop that it cannot carry out: they clear the FIFO, and command a standstill.
 const LAST_FRAMES: u64 = 2;
 
-/// What the server did about a writer's end.
+/// The server's reaction to a writer's end.
 pub struct End {
     pub took: Duration,
     pub told: Vec<String>,
-    /// Its last entries waited behind a threshold while the axes stood.
+    /// Whether its last entries waited behind a threshold while the axes stood.
     pub was_held: bool,
 }
 
 impl End {
-    /// The writer ends without a good-bye. What the server does takes no longer than documented, and what waited behind a
-    /// threshold begins no motion.
+    /// Ends the writer without a good-bye, and checks that the server's reaction takes no longer than documented, and
+    /// that entries behind a threshold begin no motion.
     pub fn of(writer: InMemoryClient<'_>, server: &InMemoryServer, eyes: &Eyes, cycle_us: u32) -> Self {
         let was_held = eyes.holds_what_waits(Duration::from_micros(cycle_us.into()));
         let (began, stood) = (eyes.now(), eyes.shafts());
@@ -44,14 +44,14 @@ impl End {
         Self { took, told: server.told(), was_held }
     }
 
-    /// Whether the server says that axes may go on.
+    /// Whether the server reports that axes may go on.
     pub fn has_failed(&self) -> bool {
         self.told.iter().any(|line| line.contains("may still move"))
     }
 }
 
-/// Heals what has broken, if anything has; whether it had. Drives that have lost their master, or have an alarm, stand then as
-/// the others do, and what the writer or the server has left is not executed.
+/// Heals a fault; returns whether there was one. Then drives that have lost their master, or have an alarm, stand as
+/// the others do, and entries that the writer or the server has left are not executed.
 pub fn heal(eyes: &Eyes, cycle_us: u32) -> bool {
     if !eyes.is_broken() {
         eyes.heal();
@@ -69,8 +69,8 @@ pub fn heal(eyes: &Eyes, cycle_us: u32) -> bool {
     true
 }
 
-/// After `rest` axes stand, the FIFO is empty, and so it stays while another writer asks for nothing, long enough to let
-/// everything out that still waits.
+/// Asserts that after `rest` axes stand and the FIFO is empty, and that this lasts while another writer sends no
+/// commands, long enough to execute every waiting entry.
 pub fn assert_lasting(
     server: &InMemoryServer,
     eyes: &Eyes,

@@ -1,5 +1,5 @@
-//! A random writer: it brings the network up, homes, sets thresholds, moves its axes at any pace, and dies at a message that
-//! it does not choose.
+//! A random writer: it brings the network up, homes, sets thresholds, moves its axes at any pace, and dies at a random
+//! message.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -17,12 +17,12 @@ use super::eyes::Eyes;
 use crate::machine::{SPEED, Unit};
 use support::dice::Dice;
 
-/// No writer says more.
+/// The most messages of a writer.
 const MESSAGES: u64 = 2500;
-/// What a target in CSP may differ by from one frame to the next beyond the path: where the axis was when it began, counts.
+/// How far a target in CSP may jump from one frame to the next beyond the path, when a path begins, counts.
 const BEGIN: i64 = 300;
 
-/// It is dead.
+/// The writer is dead.
 struct Dead;
 
 /// What a writer did.
@@ -34,7 +34,7 @@ pub struct Life {
     pub torn: bool,
     /// Frames that the board has refused for their CRC.
     pub spoiled: u64,
-    /// Its targets were cleared, or began where nobody knows: it jumps by itself.
+    /// Whether its targets were cleared, or began at an unknown position, so that it jumps by itself.
     jumps: bool,
 }
 
@@ -46,7 +46,7 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// Of each axis the greatest of the writer and that of the server.
+    /// For each axis, the greatest value of the writer and that of the server.
     pub fn compare<'a>(&'a self, eyes: &'a Eyes) -> impl Iterator<Item = ((u8, usize, &'static str), (i64, i64))> + 'a {
         eyes.greatest().into_iter().filter(|_| !self.jumps).map(|(slave, axis, mode, server)| {
             let key = (slave, axis, mode);
@@ -69,11 +69,11 @@ pub struct Writer<'a> {
     taken: BTreeMap<u8, [i32; 2]>,
     greatest: BTreeMap<(u8, usize, &'static str), i64>,
     full: u64,
-    /// The board checks CRCs, and this says which frames have a wrong one.
+    /// The dice that choose frames with a wrong CRC, if the board checks CRCs.
     spoils: Option<Dice>,
-    /// It has begun to spoil frames.
+    /// Whether it has begun to spoil frames.
     is_spoiling: bool,
-    /// So many in a row are spoiled yet.
+    /// So many more successive frames are spoiled.
     spoiled_run: u64,
 }
 
@@ -113,7 +113,7 @@ impl<'a> Writer<'a> {
         Self { spoils: Some(dice), ..self }
     }
 
-    /// Lives until it dies, or has nothing left to do.
+    /// Runs until it dies, or has nothing left to do.
     pub fn live(&mut self, set_up: &[Frame]) {
         let _: Result<(), Dead> = self.run(set_up);
     }
@@ -128,7 +128,7 @@ impl<'a> Writer<'a> {
         for frame in set_up {
             self.write(frame)?;
         }
-        // Some never look.
+        // Some writers never read.
         let is_blind = self.dice.one_in(8);
         self.life.jumps |= is_blind;
         for _ in 0..1500 {
@@ -144,7 +144,7 @@ impl<'a> Writer<'a> {
         let mut on = Frame::new();
         self.units.iter().for_each(|unit| on.put_slave(self.size, unit.slave, &SlaveCommand::ServoOn.into()));
         self.write(&on)?;
-        // Some do not wait for it.
+        // Some writers do not wait for it.
         let patience = if self.dice.one_in(6) { self.dice.below(10) } else { 600 };
         if is_blind {
             self.say(ClientMessage::Pass(Duration::from_millis(100)))?;
@@ -165,14 +165,14 @@ impl<'a> Writer<'a> {
         self.drive(is_blind)
     }
 
-    /// ClientMessage something; half of it if that is its last.
+    /// Sends a message; only half of it if it is the last one.
     fn say(&mut self, what: ClientMessage<'_>) -> Result<(), Dead> {
         if self.left == 0 {
             if self.dice.one_in(2) {
                 self.life.torn = true;
                 self.caller.say(what, self.dice.below(InMemoryClient::length(what) as u64) as usize);
             } else if self.dice.one_in(2) {
-                // It waits for an answer, and so does the board for time.
+                // It waits for an answer, and the board waits for time.
                 self.caller.begin(ClientMessage::Pass(Duration::from_millis(self.dice.below(500))), usize::MAX);
             }
             return Err(Dead);
@@ -187,7 +187,7 @@ impl<'a> Writer<'a> {
         let Some(spoils) = &mut self.spoils else { return self.write_as_it_is(frame) };
         let mut frame = frame.clone();
         if self.is_spoiling && spoils.one_in(100) {
-            // The board would reset itself, and nothing would be known of it any more.
+            // The board would reset itself, and its state would be unknown.
             frame.put_master(self.size, &MasterCommand::SoftReset);
             return self.write_spoiled(frame);
         }
@@ -237,7 +237,7 @@ impl<'a> Writer<'a> {
             let size = match (mode, before) {
                 ("CSP", Some(before)) => i64::from(targets[axis].wrapping_sub(before[axis])).abs(),
                 ("CSP", None) => 0,
-                // What reports show of a velocity is not quite what was commanded.
+                // Reports show a velocity that is not quite the commanded one.
                 _ => i64::from(targets[axis]).abs() * 5 / 4 + 5000,
             };
             let greatest = self.greatest.entry((slave, axis, mode)).or_default();
@@ -279,7 +279,7 @@ impl<'a> Writer<'a> {
         self.master(&MasterCommand::SetFifo(FifoAction::Threshold(free as u32)))
     }
 
-    /// Sends a drive home, waits for a while, and may go on before it is there.
+    /// Homes a drive, waits for a while, and may go on before it is home.
     fn home(&mut self) -> Result<(), Dead> {
         let Some(unit) = self.units.iter().find(|unit| unit.kind != SlaveKind::Hsp) else { return Ok(()) };
         let write = |index, value: u8| SdoCommand::Write {
@@ -310,7 +310,7 @@ impl<'a> Writer<'a> {
         Ok(())
     }
 
-    /// Moves its axes: paths that begin where they are, in frames at a pace of its own.
+    /// Moves its axes on paths that begin at their positions, in frames at its own pace.
     fn drive(&mut self, is_blind: bool) -> Result<(), Dead> {
         self.is_spoiling = self.spoils.is_some();
         for _ in 0..if is_blind { 0 } else { 40 } {
@@ -319,7 +319,7 @@ impl<'a> Writer<'a> {
         let report = self.report();
         let mut at: Vec<[i32; 2]> = self.units.iter().map(|unit| unit.answer(&report, self.size).1).collect();
         let mut speed = vec![[0_i32; 2]; self.units.len()];
-        // In CSP counts a frame.
+        // Counts per frame in CSP.
         let a_frame = (i64::from(SPEED) * i64::from(self.cycle_us) / 1_000_000) as i32;
         let goal: Vec<[i32; 2]> = self
             .units
@@ -333,7 +333,7 @@ impl<'a> Writer<'a> {
         let ahead = self.dice.pick(&[0, 5, 50, 100, 150]);
         for n in 0..3000_u64 {
             if self.dice.one_in(40) {
-                // A frame that asks for nothing.
+                // A frame without commands.
                 self.write(&Frame::new())?;
             } else {
                 let mut frame = Frame::new();
@@ -361,7 +361,7 @@ impl<'a> Writer<'a> {
                     self.say(ClientMessage::Pass(Duration::from_micros(cycles * u64::from(self.cycle_us))))?;
                 }
                 4 if self.dice.one_in(10) => {
-                    // It would take until the end of all days: the server does a part of it, or nothing, and goes on.
+                    // This wait would never end: the server does a part of it, or nothing, and goes on.
                     self.say(ClientMessage::Pass(Duration::from_nanos(1 << 63)))?;
                 }
                 _ => {}

@@ -1,4 +1,4 @@
-//! What was accepted of a program, what its slaves got of that, and what the board has counted.
+//! The account of a program: its accepted commands, those that its slaves got, and the board's counters.
 
 use std::collections::BTreeMap;
 
@@ -11,31 +11,31 @@ use super::follower::{Follower, Note};
 /// The module of digital outputs; the slaves behind it are drives.
 pub const IO: usize = 1;
 
-/// A frame that the board has taken into its FIFO since all was at rest last.
+/// A frame that the board has taken into its FIFO since the last rest.
 #[derive(Default)]
 struct Taken {
     /// Targets and marks in it.
     commands: u64,
-    /// Those that their slaves have got.
+    /// Of these, how many their slaves have got.
     got: u64,
 }
 
-/// What is known of a slave.
+/// The account of a slave.
 #[derive(Default)]
 struct Known {
     /// Targets, or marks in the outputs of the module, that were accepted and have not come yet, and their frames.
     open: BTreeMap<i32, usize>,
-    /// The newest one that has come.
+    /// The newest value that has come.
     newest: i32,
-    /// Frames with an SV_ON: those that were accepted before that many, and since then none.
+    /// An SV_ON that may still act: only if it was among that many first accepted frames.
     switched_on_by: Option<u64>,
-    /// The frames with an SV_OFF, counted as those.
+    /// The numbers of the frames with an SV_OFF.
     switched_off_by: Vec<u64>,
     was_on: bool,
     state: AlState,
 }
 
-/// What a schedule has come to.
+/// The totals of a schedule.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Account {
     pub accepted: u64,
@@ -46,15 +46,15 @@ pub struct Account {
     pub enabled: u64,
 }
 
-/// The books.
+/// The account.
 pub struct Books {
     slaves: Vec<Known>,
     frames: Vec<Taken>,
     /// Frames that were queued since the board was made.
     queued: u64,
-    /// The frames that are not held any more: of those accepted so many.
+    /// The number of accepted frames that are not held any more.
     done: u64,
-    /// The counters when all was at rest last.
+    /// The counters at the last rest.
     then: Counters,
     pub account: Account,
 }
@@ -118,11 +118,11 @@ impl Books {
                 if mark != 0 && (mark != known.newest || !known.was_on) {
                     self.value(slave, mark, "outputs");
                 }
-                // The outputs are as they were told until they are told to be off.
+                // The outputs hold until they are switched off.
                 self.slaves[slave - 1].was_on = mark != 0;
             }
             Note::Got { out, was_on, is_on, position } => {
-                // An SV_ON behind the SV_OFF waits for its end. What is still held has switched off nothing.
+                // An SV_ON after the SV_OFF waits for its end. An SV_OFF that is still held has switched off nothing.
                 let off = known.switched_off_by.iter().rfind(|frame| **frame <= self.done + 1);
                 let is_asked = known.switched_on_by > off.copied();
                 if !is_on && known.was_on && !is_asked {
@@ -147,7 +147,7 @@ impl Books {
         known.was_on = false;
     }
 
-    /// A slave that follows has got a value that it did not have.
+    /// A slave that follows has got a new value.
     fn value(&mut self, slave: usize, value: i32, what: &str) {
         let known = &mut self.slaves[slave - 1];
         let frame = known.open.remove(&value);
@@ -160,14 +160,14 @@ impl Books {
         self.account.got += 1;
     }
 
-    /// What has not come: slave, value and frame.
+    /// The values that have not come: slave, value and frame.
     fn missing(&self) -> Vec<(usize, i32, usize)> {
         let slaves = self.slaves.iter().zip(1..);
         slaves.flat_map(|(known, slave)| known.open.iter().map(move |(value, frame)| (slave, *value, *frame))).collect()
     }
 
-    /// All is at rest: nothing is held, nothing lies ahead. What was accepted since the last time was got or counted.
-    /// `quiet`: nothing went wrong since then.
+    /// Checks the account at rest, when no entry is held and the bus has none ahead: everything accepted since the last
+    /// rest was received or counted. `quiet`: there was no fault since then.
     pub fn compare(&mut self, counters: &Counters, quiet: bool) {
         let then = std::mem::replace(&mut self.then, *counters);
         let cleared = counters.cleared - then.cleared;
@@ -176,7 +176,7 @@ impl Books {
         let queued = self.frames.len() as u64;
         let executed = counters.executed - then.executed;
         assert_eq!(queued, executed + cleared, "frames queued: executed or cleared");
-        // A set of outputs has one frame at most: those that miss most are taken for cleared or lost with their set.
+        // A set of outputs has one frame at most: the frames that miss most count as cleared or lost with their set.
         let mut missed: Vec<u64> = self.frames.iter().map(|frame| frame.commands - frame.got).collect();
         missed.sort_unstable_by(|a, b| b.cmp(a));
         let singly: u64 = missed.iter().skip((cleared + sets_lost) as usize).sum();

@@ -1,4 +1,4 @@
-//! A slave that obeys within a cycle and writes down what it was sent: a drive in CSP, or a module of digital outputs.
+//! A slave that obeys within a cycle and records its outputs: a drive in CSP, or a module of digital outputs.
 
 use std::sync::{Arc, Mutex, MutexGuard};
 
@@ -14,17 +14,17 @@ const READY: u16 = 0x0231;
 const SWITCHED_ON: u16 = 0x0233;
 const ENABLED: u16 = 0x0237;
 
-/// What has happened to a slave.
+/// An event of a slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Note {
     /// It took outputs in OP; repetitions are left out.
     Got {
         /// The outputs.
         out: AxisOut,
-        /// It was in Operation enabled before, and is now.
+        /// Whether it was in Operation enabled before, and whether it is now.
         was_on: bool,
         is_on: bool,
-        /// Where it was before.
+        /// Its position before.
         position: i32,
     },
     /// It has entered that state, or has fallen to it.
@@ -39,7 +39,7 @@ pub struct Inside {
     images: Images,
     notes: Vec<Note>,
     last: Option<Note>,
-    /// It says who it is.
+    /// Whether it has an identity.
     has_identity: bool,
 }
 
@@ -49,7 +49,7 @@ impl Inside {
         self.shows.statusword.0 == ENABLED
     }
 
-    /// Somebody pushes the axis, whose motor is off.
+    /// Pushes the axis, whose motor is off.
     pub fn shove(&mut self, to: i32) {
         self.shows.position = to;
     }
@@ -58,7 +58,7 @@ impl Inside {
         self.shows.position
     }
 
-    /// What has happened since the last call.
+    /// The events since the last call.
     pub fn take_notes(&mut self) -> Vec<Note> {
         std::mem::take(&mut self.notes)
     }
@@ -92,12 +92,12 @@ impl Inside {
     }
 }
 
-/// The slave; clones are the same one.
+/// The slave; clones share it.
 #[derive(Clone)]
 pub struct Follower(Arc<Mutex<Inside>>);
 
 impl Follower {
-    /// `has_identity`: it says who it is, as slave controllers need it.
+    /// `has_identity`: whether it has an identity, as slave controllers need it.
     pub fn new(has_identity: bool) -> Self {
         let follower = Self(Arc::default());
         follower.inside().has_identity = has_identity;

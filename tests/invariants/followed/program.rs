@@ -1,4 +1,4 @@
-//! A program on a board whose slaves obey within a cycle, and what goes wrong meanwhile.
+//! A program on a board whose slaves obey within a cycle, with faults.
 
 use ecmsk::coe::ObjectAddress;
 use ecmsk::engine::{Board, EngineConfig};
@@ -20,15 +20,14 @@ const US: Ns = 1_000;
 const MS: Ns = 1_000_000;
 const S: Ns = 1_000_000_000;
 const SIZE: SlotSize = SlotSize::Bytes12;
-/// Once nothing goes wrong any more, the board is in OP after so long: a start of a chip that fails for want of an answer, and
-/// the change itself.
+/// After the last fault the board is in OP within this time: a chip's start that times out, and the change itself.
 const BACK_WITHIN: Ns = 120 * S;
-/// A bus reads the states of all slaves every 100 ms at least.
+/// A bus reads the states of all slaves at least every 100 ms.
 const STATES_READ_WITHIN: Ns = 150 * MS;
-/// Nothing is held and nothing lies ahead after so long.
+/// After this time no entry is held and the bus has none ahead.
 const AT_REST_WITHIN: Ns = 20 * S;
 
-/// The axis of a drive as the program leads it.
+/// The program's view of a drive's axis.
 #[derive(Clone, Copy)]
 struct Axis {
     /// The newest target that was sent.
@@ -38,7 +37,7 @@ struct Axis {
     switch_on_in: u64,
 }
 
-/// A frame and what it means for the books.
+/// A frame and its entries in the account.
 #[derive(Default)]
 struct Command {
     frame: Frame,
@@ -62,7 +61,7 @@ pub struct Program<S: Setting> {
     pause: u64,
     /// Cycles until cable and slaves are whole again.
     broken: u64,
-    /// Something went wrong, or the program has asked for what loses commands, since all was at rest last.
+    /// Whether there was no fault since the last rest, and no command of the program that loses others.
     quiet: bool,
     books: Books,
     done: Done,
@@ -150,7 +149,7 @@ impl<S: Setting> Program<S> {
         self.master(&MasterCommand::SetDc { cycle, shift: DcShift::Auto });
     }
 
-    /// Below OP the slaves are declared anew; Init is left for PreOP alone.
+    /// Below OP the slaves are declared again; from Init the program goes to PreOP first.
     fn ask_for_op(&mut self) {
         let state = self.board.engine().state().state();
         if state == Some(MasterState::PreOp) {
@@ -160,7 +159,7 @@ impl<S: Setting> Program<S> {
         self.master(&MasterCommand::SetState(next));
     }
 
-    /// A cycle passes.
+    /// Runs a cycle.
     fn cycle(&mut self) {
         let Self { board, report, ends, .. } = self;
         ends.cycle(board, &mut |frame, _| report.clone_from(frame));
@@ -214,7 +213,7 @@ impl<S: Setting> Program<S> {
         }
     }
 
-    /// Something that programs do besides.
+    /// Another random action of programs.
     fn something(&mut self) {
         let n = self.dice.below(self.axes.len() as u64) as usize;
         match self.dice.below(16) {
@@ -247,7 +246,7 @@ impl<S: Setting> Program<S> {
         }
     }
 
-    /// An axis whose motor is off is pushed by hand, and stays off for a while.
+    /// Pushes an axis whose motor is off by hand; it stays off for a while.
     fn push(&mut self, n: usize) {
         let mut inside = self.followers[n + 1].inside();
         let asked = self.books.may_be_on(n + 2);
@@ -259,7 +258,7 @@ impl<S: Setting> Program<S> {
         }
     }
 
-    /// Something goes wrong.
+    /// Makes a random fault.
     fn fault(&mut self) {
         self.quiet = false;
         let slave = 1 + self.dice.below(self.followers.len() as u64) as u8;
@@ -279,7 +278,7 @@ impl<S: Setting> Program<S> {
                 self.broken = self.broken.max(long);
             }
             9 | 10 => {
-                // Frames come by no controller without power, wherever the cable is cut besides.
+                // No frame passes a controller without power, wherever else the cable is cut.
                 let reach = if self.ends.has_silent_slaves() { u8::MAX } else { network.cable().reach() };
                 network.cut_after(reach.min(slave - 1));
                 self.broken = self.broken.max(long);
@@ -294,8 +293,8 @@ impl<S: Setting> Program<S> {
         }
     }
 
-    /// Cycles for longer than a slave stays in OP without outputs: one that is back sooner has missed cycles, and while
-    /// another one is lost nobody sees that.
+    /// More cycles than a slave stays in OP without outputs: a slave that is back sooner has missed cycles, which is
+    /// not seen while another one is lost.
     fn long(&mut self) -> u64 {
         WATCHDOG_NS / (Ns::from(self.cycle_us) * US) + 10 + self.dice.below(200)
     }
@@ -319,7 +318,7 @@ impl<S: Setting> Program<S> {
         }
     }
 
-    /// So many cycles of the program and of what goes wrong.
+    /// Runs that many cycles of the program with faults.
     pub fn run(&mut self, cycles: u64) {
         let fault_every = self.dice.pick(&[60, 200, 400, 1_000_000]);
         for _ in 0..cycles {
@@ -342,8 +341,8 @@ impl<S: Setting> Program<S> {
         }
     }
 
-    /// Nothing goes wrong on the wires and nothing is sent until nothing is held, nothing lies ahead, and no change of
-    /// state and no SDO is under way, which would keep a loss from being seen.
+    /// Runs without faults and frames until no entry is held, the bus has none ahead, and no change of state and no SDO
+    /// is under way, which would hide a loss.
     pub fn rest(&mut self) {
         self.ends.mend();
         let end = self.board.now() + AT_REST_WITHIN;
@@ -366,16 +365,16 @@ impl<S: Setting> Program<S> {
             }
         }
         self.books.compare(self.board.engine().counters(), self.quiet);
-        // What went wrong may still be there: slaves that no SET_STATE has brought back.
+        // Effects of a fault may still be there: slaves that no SET_STATE has brought back.
         self.quiet = self.is_whole();
     }
 
-    /// What lies ahead is sent, and slaves that are lost are seen to be, within so long.
+    /// Within this time the bus sends the outputs that it has ahead, and lost slaves are noticed.
     fn still_ns(&self) -> Ns {
         (300 * Ns::from(self.cycle_us) * US).max(STATES_READ_WITHIN)
     }
 
-    /// After all that the board is brought back to OP, and leads its axes without a loss.
+    /// Brings the board back to OP after all faults, and checks that it moves its axes without a loss.
     pub fn comes_back(&mut self) {
         let end = self.board.now() + BACK_WITHIN;
         let mut next = 0;

@@ -11,22 +11,22 @@ use super::trace::Trace;
 use crate::machine::{MARKER, Machine};
 use crate::watch::{assert_legal_state, is_legal};
 
-/// How an axis was shown last.
+/// The last values of an axis in a report.
 #[derive(Clone, Copy, Default)]
 struct Last {
     state: Option<DriveState>,
-    /// Shaft less position actual.
+    /// Shaft position minus position actual.
     offset: Option<i32>,
 }
 
-/// The reports.
+/// The checks of reports.
 pub struct Answers {
     state: StateByte,
     boots: u64,
     last: [[Last; 2]; SLAVES],
     /// The cycle that the newest report of OP has answered.
     answered: Option<usize>,
-    /// Slaves that were homing in the cycle of the board before.
+    /// Slaves that were homing in the board's previous cycle.
     homing: SlaveSet,
     /// Steps of 0x6064 at a home event.
     pub homed: u64,
@@ -57,7 +57,8 @@ impl Answers {
         for (report, at) in reports {
             let state = MasterResponse::decode(&report.slot(machine.size, 0)).state;
             if let (Some(to), true, false) = (state.state(), state.is_failed(), self.state.is_failed()) {
-                // The first answer of a state that was reached may come with the report of it, and say that a slave is lost.
+                // The first answer after a change of state may come with the report of the new state, and show a lost
+                // slave.
                 let reached = StateByte::reached(to);
                 assert_legal_state(self.state, reached);
                 self.state = reached;
@@ -86,7 +87,7 @@ impl Answers {
         }
         for (k, unit) in machine.units.iter().enumerate() {
             let slave = unit.slave as u8;
-            // The slot of a slave that was not found shows what no slave has said.
+            // The slot of a slave that was not found has no values of a slave.
             if slave > around.found || unheard.contains(slave) || n < trace.op {
                 self.last[k] = Default::default();
                 continue;
@@ -98,7 +99,7 @@ impl Answers {
                 assert!(from == to || is_legal(from, to), "slave {slave}: {from} to {to}");
             }
             self.last[k][0].state = state;
-            // A drive goes home by what has been sent to it, whatever the board has ended since.
+            // A drive homes by the outputs sent to it, even if the board has ended the homing since.
             let sent = [n.saturating_sub(1).max(trace.oldest()), n].map(|n| trace.cycle(n).outputs.as_ref());
             let bit_4 = |axis: usize| {
                 let words = sent.iter().flatten().map(|(_, outputs)| outputs[unit.slave - 1][axis].controlword.0);

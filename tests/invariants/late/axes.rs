@@ -1,5 +1,5 @@
-//! What axes are sent on a bus that takes outputs ahead: targets that nobody has commanded, motors that nobody has switched
-//! on or that stay on, shafts that are too fast.
+//! Checks of the axes' outputs on a bus that takes outputs ahead: targets without a command, motors that no SV_ON has
+//! switched on or that stay on, shafts that are too fast.
 
 use ecmsk::cia402::{Controlword, DriveState, Mode};
 use ecmsk::fieldbus::{AxisIn, MAX_AXES, SlaveOut, SlaveSet};
@@ -16,30 +16,30 @@ const ENABLE_OPERATION: u16 = Controlword::ENABLE_OPERATION.0;
 /// The axes.
 #[derive(Default)]
 pub struct Axes {
-    /// Slaves whose motors an SV_ON may have on by the outputs handed over last.
+    /// Slaves whose motors an SV_ON may have switched on with the newest outputs passed to the bus.
     on: SlaveSet,
-    /// The same by outputs that were handed over and may yet be cleared.
+    /// The same for outputs that were passed to the bus and may still be cleared.
     on_by: Vec<(u64, SlaveSet)>,
     /// Slaves with an SV_OFF since they were seen to be off last.
     pub falling: SlaveSet,
     /// SV_OFF that were sent to slaves that are on: the slave, and the cycle by which it is off.
     stops: Vec<(usize, usize)>,
-    /// What was handed over last in this OP.
+    /// The last outputs passed to the bus in this OP.
     outputs: Option<Box<[SlaveOut; SLAVES]>>,
     jammed: SlaveSet,
-    /// Fastest that a shaft was, as a part of what it may be.
+    /// The greatest speed of a shaft, as a share of its limit.
     pub fastest: f64,
     /// Axes that were switched on.
     pub risen: u64,
 }
 
 impl Axes {
-    /// The shafts of a slave are jammed, or free again.
+    /// Jams the shafts of a slave, or frees them.
     pub fn jam(&mut self, slave: usize, jammed: bool) {
         if jammed { self.jammed.insert(slave as u8) } else { self.jammed.remove(slave as u8) }
     }
 
-    /// Outputs were handed over that carry these commands; while the marker is lost they may carry them.
+    /// Outputs with these commands were passed to the bus; while the marker is lost they may have them.
     pub fn pushed(&mut self, trace: &Trace, units: &[Unit], around: &Around, carried: &[(usize, SlaveCommand)]) {
         let (pushed, _) = trace.newest_outputs();
         for unit in units {
@@ -53,7 +53,7 @@ impl Axes {
                 self.falling.insert(n);
             }
             if n > around.found {
-                // Where it stands the board does not know, and nothing may come of what it was sent before the boot.
+                // The board does not know the axis's position, and outputs from before the boot must have no effect.
                 let outputs = &pushed.outputs[unit.slave - 1];
                 assert_eq!(*outputs, SlaveOut::default(), "slave {n} was not found");
                 continue;
@@ -72,7 +72,7 @@ impl Axes {
         self.outputs = Some(pushed.outputs.clone());
     }
 
-    /// The target of an axis is what a command has asked for, or holds the axis where the newest answer has seen it.
+    /// Checks that the target of an axis is a commanded one, or the axis's position in the newest answer.
     fn target(&self, trace: &Trace, unit: &Unit, axis: usize, outputs: &[SlaveOut; SLAVES], commands: &[SlaveCommand]) {
         let Some(answer) = trace.answer() else { return };
         let slave = unit.slave;
@@ -82,7 +82,7 @@ impl Axes {
         let before = self.outputs.as_ref().map(|outputs| outputs[slave - 1][axis].target);
         let asked = commands.iter().filter_map(|command| super::targets(unit, *command)).map(|targets| targets[axis]);
         let asked: Vec<i32> = asked.collect();
-        // What a change of mode or a clear means for the target is known with the next answer.
+        // The effect of a change of mode or a clear on the target is known with the next answer.
         let is_between = trace.new_modes.contains(slave as u8) || trace.was_cleared;
         let right = if is_enabled(trace, unit, axis, input) {
             before.is_none_or(|before| target == before) || asked.contains(&target) || is_between && target == holding
@@ -97,7 +97,7 @@ impl Axes {
         );
     }
 
-    /// Something has happened.
+    /// Processes an event.
     pub fn apply(&mut self, trace: &Trace, units: &[Unit], event: &Event, entry: Option<&[(usize, SlaveCommand)]>) {
         match event {
             Event::Passed(_) => {
@@ -134,7 +134,7 @@ impl Axes {
         }
     }
 
-    /// A fault or a loss has ended every SV_ON that was handed over by now: a clear brings none of them back.
+    /// A fault or a loss has ended every SV_ON passed to the bus so far: a clear brings none of them back.
     fn ended(&mut self, slaves: SlaveSet) {
         if slaves.is_empty() {
             return;
@@ -154,7 +154,7 @@ impl Axes {
         }
     }
 
-    /// No shaft is faster than the program's paths.
+    /// Checks that no shaft is faster than the program's paths.
     fn shafts(&mut self, trace: &Trace, units: &[Unit]) {
         let cycle = trace.newest();
         for unit in units.iter().filter(|unit| !self.jammed.contains(unit.slave as u8)) {
@@ -167,11 +167,11 @@ impl Axes {
         }
     }
 
-    /// An SV_OFF that was sent to a slave switches it off within what lies ahead and is answered late.
+    /// Checks that an SV_OFF switches a slave off within the cycles that the bus has ahead and the delay of answers.
     fn stops(&mut self, trace: &Trace, units: &[Unit], entry: Option<&[(usize, SlaveCommand)]>) {
         let (cycle, n) = (trace.newest(), trace.passed() - 1);
         let unreached = cycle.lost.union(cycle.without_outputs);
-        // How long the drive takes to stand is its own affair.
+        // The time until the drive is at rest does not count.
         let is_on = |slave: usize| {
             cycle.outputs.as_ref().is_some_and(|(_, outputs)| {
                 outputs[slave - 1][0].controlword.0 & ENABLE_OPERATION == ENABLE_OPERATION
@@ -191,7 +191,7 @@ impl Axes {
         }
     }
 
-    /// An axis that becomes enabled in CSP is held by outputs that did not lie ahead for long.
+    /// Checks that the outputs that hold an axis when it becomes enabled in CSP were not ahead for long.
     fn enabled(&mut self, trace: &Trace, units: &[Unit]) {
         let n = trace.passed() - 1;
         if n == 0 || trace.oldest() == n {

@@ -1,5 +1,4 @@
-//! The frames of a schedule on a bus that takes outputs ahead: what each of them carries, when it was sent, and what
-//! became of it.
+//! The frames of a schedule on a bus that takes outputs ahead: the commands of each, when it was sent, and its outcome.
 
 use std::collections::VecDeque;
 
@@ -16,7 +15,7 @@ use crate::machine::{MARKER, Machine, Unit};
 #[derive(Clone, Copy, Default)]
 struct Open {
     id: u64,
-    /// Slaves whose command counts as one for a lost slave if the slave does not get it, for sure.
+    /// Slaves whose command surely counts as one for a lost slave if the slave does not get it.
     sure: SlaveSet,
     /// Slaves whose command may count as one.
     may: SlaveSet,
@@ -27,19 +26,19 @@ struct Open {
 pub struct Ledger {
     /// Commands of each frame, by its mark.
     entries: Vec<Vec<(usize, SlaveCommand)>>,
-    /// Marks of the frames that were queued and may not have been handed over.
+    /// Marks of the frames that were queued and may not have been passed to the bus.
     waiting: VecDeque<u16>,
-    /// Outputs that were handed over since then, while no mark could show what they carry.
+    /// Outputs that were passed to the bus since then, while no mark could show their commands.
     unmarked: usize,
     /// Frames that were queued.
     queued: u64,
-    /// Entries that were sent, with those that were executed while the marker was lost, which nobody saw.
+    /// Entries that were sent, including those executed unseen while the marker was lost.
     sent: u64,
     newest_mark: u16,
     open: Vec<Open>,
-    /// The marker is lost, or was since everything was at rest: marks do not show what is executed.
+    /// Whether the marker is lost, or was since the last rest: then marks do not show what is executed.
     is_blurred: bool,
-    /// Commands sent to slaves that did not get them, and the bus has not named those yet: cycle, slave.
+    /// Commands sent to slaves that did not get them, and that the bus has not named yet: cycle, slave.
     unnamed: Vec<(usize, u8)>,
     without_outputs: Vec<usize>,
     /// Commands that their slaves have got and whose answer has not come: cycle, slaves.
@@ -47,7 +46,7 @@ pub struct Ledger {
     /// Commands that must be counted as for lost slaves by now, and that may be.
     lost_at_least: u64,
     lost_at_most: u64,
-    /// Motion commands handed over in this cycle of the board whose targets are not in the outputs.
+    /// Motion commands of this cycle of the board whose targets are not in the outputs.
     ignored: u64,
     /// Motion commands that their slaves have got.
     pub followed: u64,
@@ -64,9 +63,9 @@ impl Ledger {
         &self.entries[usize::from(mark) - 1]
     }
 
-    /// The commands that the newest outputs carry: those of their entry. While the marker is lost nothing shows whether they
-    /// carry one, so that these are the commands that they may carry: entries go in order and one at most with each set of
-    /// outputs, so that the n-th set without a mark carries one of the first n entries that wait, or none.
+    /// The commands of the newest outputs: those of their entry. While the marker is lost, it is unknown whether they
+    /// have one, so these are the possible commands: entries go in order, at most one with each set of outputs, so that
+    /// the n-th set without a mark carries one of the first n waiting entries, or none.
     pub fn carried(&mut self, trace: &Trace, around: &Around) -> Vec<(usize, SlaveCommand)> {
         if let Some(mark) = trace.newest_outputs().0.mark {
             self.waiting.retain(|waits| *waits > mark);
@@ -80,7 +79,7 @@ impl Ledger {
         self.waiting.iter().take(self.unmarked).flat_map(|mark| self.entry(*mark)).copied().collect()
     }
 
-    /// What waits is cleared.
+    /// Clears the waiting frames.
     fn forget_waiting(&mut self) {
         self.waiting.clear();
         self.unmarked = 0;
@@ -111,7 +110,7 @@ impl Ledger {
         }
     }
 
-    /// Outputs were handed over.
+    /// Outputs were passed to the bus.
     pub fn pushed(&mut self, trace: &Trace, units: &[Unit], around: &Around, falling: SlaveSet) {
         let (pushed, _) = trace.newest_outputs();
         let Some(mark) = pushed.mark else { return };
@@ -125,7 +124,7 @@ impl Ledger {
             use SlaveCommand::{AlarmClear, ServoOff, ServoOn};
             let may_follow = !is_motion || follows && Around::may_follow(trace, unit);
             if around.lost().contains(n) {
-                // Passed over, or not.
+                // Skipped, or not.
                 self.lost_at_most += 1;
             } else if may_follow {
                 open.may.insert(n);
@@ -147,7 +146,7 @@ impl Ledger {
         self.open.push(open);
     }
 
-    /// Something has happened.
+    /// Processes an event.
     pub fn apply(&mut self, trace: &Trace, units: &[Unit], event: &Event, sent: Option<u64>) {
         match event {
             Event::Passed(cycle) => {
@@ -177,9 +176,9 @@ impl Ledger {
                 let still = trace.cycle(answered).lost;
                 let named = |(n, slave): &(usize, u8)| *n <= answered && lost.contains(*slave);
                 self.lost_at_least += self.unnamed.iter().filter(|sent| named(sent)).count() as u64;
-                // One that has come back before the bus has named it was never lost for the board.
+                // A slave that has come back before the bus has named it was never lost for the board.
                 self.unnamed.retain(|sent| !named(sent) && (sent.0 >= answered || still.contains(sent.1)));
-                // Of a slave that is not in OP an answer tells no more than its own cycle.
+                // For a slave that is not in OP an answer shows only its own cycle.
                 self.lost_at_least += self.without_outputs.iter().filter(|n| **n == answered).count() as u64;
                 self.without_outputs.retain(|n| *n > answered);
                 // If the answer of a cycle is lost and in the next one a slave is not in OP, the board cannot know whether it
@@ -216,7 +215,7 @@ impl Ledger {
         }
     }
 
-    /// Once the marker answers and all is at rest the ledger begins anew.
+    /// Begins the ledger anew once the marker answers and all is at rest.
     fn end_blur(&mut self, trace: &Trace, machine: &Machine, held: u64, counters: &Counters) {
         let engine = machine.board.engine();
         let whole = engine.lost().is_empty() && trace.newest().lost.is_empty() && machine.in_op();
@@ -227,13 +226,13 @@ impl Ledger {
         }
     }
 
-    /// All is at rest: every frame was executed, cleared or counted as full.
+    /// Checks at rest that every frame was executed, cleared or counted as full.
     pub fn close(&self, machine: &Machine) {
         assert_eq!(machine.board.engine().fifo_free(), FIFO_ENTRIES, "something is left in the FIFO");
     }
 }
 
-/// Whether outputs are those that a motion command asks for.
+/// Whether the outputs are those of a motion command.
 pub fn is_commanded(unit: &Unit, command: SlaveCommand, outputs: &[SlaveOut; SLAVES]) -> bool {
     let Some(targets) = super::targets(unit, command) else { return false };
     (0..unit.axes).all(|axis| outputs[unit.slave - 1][axis].target == targets[axis])

@@ -1,5 +1,5 @@
-//! What passes at the seam between the engine and a bus that takes outputs ahead, and on the wire behind that bus, in the
-//! order in which it happens.
+//! The events at the seam between the engine and a bus that takes outputs ahead, and on the wire behind that bus, in
+//! their order.
 
 use std::sync::{Arc, Mutex};
 
@@ -13,7 +13,7 @@ use ecmsk::fieldbus::{
 
 use support::hand_on;
 
-/// Slaves of a machine at most.
+/// The most slaves of a machine.
 pub const SLAVES: usize = 8;
 
 /// A cycle of the bus on the wire.
@@ -21,35 +21,36 @@ pub const SLAVES: usize = 8;
 pub struct Cycle {
     pub at: Ns,
     pub dt_ns: Ns,
-    /// The outputs that it carried, new ones or those of the cycle before; `None`: nobody was in OP, or the cable was cut.
+    /// The outputs that it carried, new ones or those of the cycle before; `None`: no slave was in OP, or the cable was
+    /// cut.
     pub outputs: Option<(u64, [SlaveOut; SLAVES])>,
-    /// Slaves that have not got them, because they did not answer and because they were not in OP.
+    /// Slaves that have not got them: those that did not answer, and those that were not in OP.
     pub lost: SlaveSet,
     pub without_outputs: SlaveSet,
     pub inputs: [SlaveIn; SLAVES],
-    /// Where the shafts were when the slaves measured these inputs, and where they are after the cycle.
+    /// The positions of the shafts when the slaves measured these inputs, and those after the cycle.
     pub measured: [[Option<i64>; MAX_AXES]; SLAVES],
     pub shafts: [[Option<i64>; MAX_AXES]; SLAVES],
 }
 
-/// Something that has happened.
+/// An event.
 #[derive(Clone, Debug)]
 pub enum Event {
     /// A cycle has passed on the wire.
     Passed(Arc<Cycle>),
-    /// The engine has handed outputs over.
+    /// The engine has passed outputs to the bus.
     Pushed { id: u64, outputs: Box<[SlaveOut; SLAVES]> },
     /// The engine has taken the answer of the cycle at that time; it names these slaves as lost.
     Answered { at: Ns, lost: SlaveSet },
     /// A clear has ended.
     Cleared { newest_sent: Option<u64> },
-    /// 0x6060 of a slave's axis has that value, as the board was told.
+    /// 0x6060 of a slave's axis has that value, as the board knows.
     Mode { slave: u8, axis: usize, mode: u8 },
     /// Slaves are in OP.
     Op,
 }
 
-/// What has happened and was not looked at yet.
+/// The events that were not processed yet.
 pub type Log = Arc<Mutex<Vec<Event>>>;
 
 fn note(log: &Log, event: Event) {
@@ -60,7 +61,7 @@ fn first<T: Copy>(all: &[T]) -> [T; SLAVES] {
     all[..SLAVES].try_into().expect("there are more")
 }
 
-/// The wire: a simulated network, whose cycles are noted.
+/// The wire: a simulated network whose cycles are recorded.
 pub struct Wire<B> {
     bus: B,
     network: SimHandle,

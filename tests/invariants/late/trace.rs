@@ -1,4 +1,5 @@
-//! What a schedule has done so far: cycles on the wire, outputs handed over, the newest answer that the engine has taken.
+//! The history of a schedule: cycles on the wire, outputs passed to the bus, the newest answer that the engine has
+//! taken.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -8,10 +9,10 @@ use ecmsk::fieldbus::{MAX_AXES, Ns, SlaveOut, SlaveSet};
 use super::log::{Cycle, Event, SLAVES};
 use crate::machine::MARKER;
 
-/// Cycles that are remembered: more than lie ahead, are answered late and pass while a slave is silent unnoticed.
+/// Cycles that are kept: more than the bus has ahead, plus the delay of answers, plus the unnoticed silence of a slave.
 const REMEMBERED: usize = 600;
 
-/// Outputs that the engine has handed over.
+/// Outputs that the engine has passed to the bus.
 pub struct Pushed {
     pub id: u64,
     pub outputs: Box<[SlaveOut; SLAVES]>,
@@ -27,14 +28,14 @@ pub struct Pushed {
 #[derive(Default)]
 pub struct Trace {
     cycles: VecDeque<Arc<Cycle>>,
-    /// Number of the oldest cycle that is remembered.
+    /// Number of the oldest stored cycle.
     oldest: usize,
     pushed: VecDeque<Pushed>,
     /// The cycle whose answer the engine has taken last.
     pub answered: Option<usize>,
     /// Cycles that had passed when slaves were brought to OP last.
     pub op: usize,
-    /// 0x6060 of each axis, as the board was told.
+    /// 0x6060 of each axis, as the board knows it.
     modes: [[u8; MAX_AXES]; SLAVES],
     /// Slaves that got another mode since the newest answer.
     pub new_modes: SlaveSet,
@@ -43,7 +44,7 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// Something has happened. Gives the number of outputs that were sent for the first time.
+    /// Processes an event; returns the number of outputs that were sent for the first time.
     pub fn apply(&mut self, event: &Event) -> Option<u64> {
         match event {
             Event::Passed(cycle) => return self.pass(cycle),
@@ -80,7 +81,7 @@ impl Trace {
         }
         let (id, outputs) = cycle.outputs.as_ref()?;
         let pushed = self.pushed.iter_mut().rfind(|pushed| pushed.id == *id && pushed.sent.is_none())?;
-        // What a bus repeats is no new outputs, and before the first ones of an OP it sends none of the engine's.
+        // Repeated outputs are not new, and before the first ones of an OP the bus sends none of the engine's.
         if *pushed.outputs != *outputs {
             return None;
         }
@@ -109,7 +110,7 @@ impl Trace {
         &self.cycles[n - self.oldest]
     }
 
-    /// Number of the oldest cycle that is remembered.
+    /// Number of the oldest stored cycle.
     pub fn oldest(&self) -> usize {
         self.oldest
     }
@@ -127,12 +128,12 @@ impl Trace {
         self.cycles.iter().rposition(|cycle| cycle.at == at).map(|n| n + self.oldest)
     }
 
-    /// Outputs that were handed over and not cleared since.
+    /// Outputs that were passed to the bus and not cleared since.
     pub fn outputs(&self, id: u64) -> Option<&Pushed> {
         self.pushed.iter().rfind(|pushed| pushed.id == id)
     }
 
-    /// The newest outputs that were handed over, and those before them.
+    /// The newest outputs passed to the bus, and those before them.
     pub fn newest_outputs(&self) -> (&Pushed, Option<&Pushed>) {
         let mut newest = self.pushed.iter().rev();
         (newest.next().expect("some were handed over"), newest.next())

@@ -1,4 +1,4 @@
-//! The bus of a schedule, its drives, which note what they are told, and a runner of it that stands still.
+//! The bus of a schedule, its drives, which record their commands, and a runner that stalls.
 
 use std::sync::{Arc, Mutex, MutexGuard};
 
@@ -18,23 +18,23 @@ use support::swift::SWIFT;
 use crate::chip::How;
 use crate::followed::Setting;
 
-/// A runner stands still no more often.
+/// The most stalls of a runner.
 const STALLS: u64 = 4;
 const MS: Ns = 1_000_000;
 
-/// What a drive is told.
+/// The commands of a drive.
 #[derive(Default)]
 pub struct Orders {
     /// Targets, velocities or torques while it was enabled, without repetitions.
     pub values: Vec<i32>,
-    /// It is enabled yet.
+    /// Whether it is still enabled.
     pub is_on: bool,
 }
 
-/// What a drive is told, as the schedule sees it.
+/// The commands of a drive, shared with the schedule.
 pub type Told = Arc<Mutex<Orders>>;
 
-/// A drive that notes what it is told.
+/// A drive that records its commands.
 struct Noting {
     inner: Drive,
     images: Images,
@@ -65,7 +65,7 @@ impl Slave for Noting {
     }
 }
 
-/// The runner of a board on a network card, which may stand still before any cycle; of another bus none.
+/// The runner of a board on a network card, which may stall before any cycle; unused on another bus.
 #[derive(Clone)]
 pub struct Runner(Arc<Mutex<RunnerInside>>);
 
@@ -84,7 +84,7 @@ impl Runner {
         self.0.lock().expect("no panic")
     }
 
-    /// It stands still before one of so many cycles; `None`: before none.
+    /// Makes it stall before one of that many cycles; `None`: before none.
     pub fn stand_still(&self, rarely: Option<u64>) {
         self.inside().rarely = rarely;
     }
@@ -105,7 +105,7 @@ impl Runner {
     }
 }
 
-/// The wires to slave controllers, whose clock goes on while the runner stands still.
+/// The wires to slave controllers, whose clock goes on while the runner stalls.
 #[derive(Clone)]
 struct Shared(Arc<Mutex<ChainWires>>);
 
@@ -139,7 +139,7 @@ impl NicWires for Shared {
     }
 }
 
-/// A bus whose runner stands still before some cycles, and leaves out those that it has missed.
+/// A bus whose runner stalls before some cycles, and skips those that it has missed.
 struct Late {
     bus: NicBus<Shared>,
     wires: Shared,
@@ -171,13 +171,13 @@ impl Fieldbus for Late {
 pub struct Net {
     pub bus: Box<dyn Fieldbus>,
     pub network: SimHandle,
-    /// What each drive is told.
+    /// The commands of each drive.
     pub told: Vec<Told>,
     pub cycle_us: u32,
     pub runner: Runner,
 }
 
-/// A bus to so many drives.
+/// A bus to that many drives.
 pub fn net(seed: u64, count: usize, dice: &mut Dice) -> Net {
     let told: Vec<Told> = (0..count).map(|_| Told::default()).collect();
     let drive = |told: &Told| {

@@ -1,4 +1,4 @@
-//! The link of a program that stands still at any call, before it or after it.
+//! The link of a program that stalls at any call, before it or after it.
 
 use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
@@ -19,14 +19,14 @@ pub struct Stalling {
 
 struct Inside {
     dice: Dice,
-    /// It stands still in one of so many calls; `None`: in none.
+    /// It stalls in one of that many calls; `None`: in none.
     rarely: Option<u64>,
-    /// How often it may do so yet.
+    /// The number of stalls left.
     left: u64,
     stood: u64,
     stood_in_brake: u64,
     is_braking: bool,
-    /// Frames that the board has taken, of the program and of its brake.
+    /// Frames that the board has taken from the program and from its brake.
     accepted: Vec<Frame>,
     braked: Vec<Frame>,
 }
@@ -43,7 +43,8 @@ impl Stalling {
         self.inside.lock().expect("no panic")
     }
 
-    /// From now on it stands still in one of so many calls, some times. What was written before is none of the program's motion.
+    /// From now on it stalls in one of that many calls, several times. Earlier frames do not belong to the program's
+    /// motion.
     pub fn stand_still(&self, rarely: Option<u64>) {
         let mut inside = self.inside();
         if rarely.is_some() {
@@ -52,7 +53,7 @@ impl Stalling {
         (inside.rarely, inside.left) = (rarely, 1 + inside.dice.below(3));
     }
 
-    /// What is written from now on is the brake's.
+    /// Frames from now on belong to the brake.
     pub fn begin_to_brake(&self) {
         let mut inside = self.inside();
         (inside.is_braking, inside.left) = (true, 1 + inside.dice.below(4));
@@ -63,7 +64,7 @@ impl Stalling {
         commands(&self.inside().accepted, slave)
     }
 
-    /// Those of its brake.
+    /// The commands of its brake.
     pub fn braked(&self, slave: usize) -> Vec<SlaveCommand> {
         commands(&self.inside().braked, slave)
     }
@@ -85,12 +86,12 @@ impl Stalling {
         before.into_iter().zip(shafts()).any(moves)
     }
 
-    /// Time passes for the board.
+    /// Lets time pass for the board.
     pub fn let_pass(&self, time: Duration) {
         self.inner.pass(time).expect("it is there");
     }
 
-    /// Stands still, or not. For how long.
+    /// Stalls, or not; returns the time of the stall.
     fn may_stand(&self) -> Option<Duration> {
         let time = {
             let mut inside = self.inside();
@@ -139,7 +140,7 @@ impl Layer for Stalling {
         if let (Some(waited), Wait::For(limit)) = (stood, wait)
             && waited > limit
         {
-            // When it is back its wait is over, and nobody has looked for a report.
+            // After the stall its wait is over, and no report was read.
             return Err(LinkError::Timeout { dir: Dir::Read, waited, what: "it stood still" });
         }
         let done = self.inner.read(out, wait);

@@ -17,7 +17,7 @@ const S: Ns = 1_000_000_000;
 pub struct How {
     cycle_us: u32,
     drives: usize,
-    /// A runner waits for the time of each cycle, as with a real card.
+    /// Whether a runner waits for the time of each cycle, as with a real card.
     has_runner: bool,
     state_timeout_ns: Ns,
 }

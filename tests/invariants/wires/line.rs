@@ -1,4 +1,4 @@
-//! The cable between a network card and its slaves, on which anything goes wrong, and the runner of its board.
+//! The cable between a network card and its slaves, with random faults, and the runner of its board.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -15,13 +15,13 @@ use crate::followed::Ends;
 
 const US: Ns = 1_000;
 const MS: Ns = 1_000_000;
-/// A copy of an answer comes so much later at most: after 256 frames its index has another owner, and nobody can tell it from that
-/// one's answer.
+/// The greatest delay of an answer's copy: after 256 frames its index has another owner, and the copy could not be
+/// distinguished from that one's answer.
 const COPY_LATE_NS: Ns = 5 * MS;
-/// So many calls in a row in which no time passes are a hang.
+/// So many successive calls without elapsed time count as a hang.
 const STANDSTILL: u32 = 10_000;
 
-/// What goes wrong with a frame.
+/// A fault of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Fault {
     LostOut,
@@ -29,9 +29,9 @@ enum Fault {
     DoubledOut,
     DoubledBack,
     LateOut,
-    /// Those behind it overtake it.
+    /// The frame comes back late, and later ones overtake it.
     LateBack,
-    /// The card takes none.
+    /// The card takes no frame.
     Refused,
     /// Another master's frame comes.
     Stranger,
@@ -52,10 +52,10 @@ struct Arriving {
 struct Inside {
     wires: ChainWires,
     dice: Dice,
-    /// One in so many frames goes wrong; `None`: none does.
+    /// One in this number of frames has a fault; `None`: none has.
     rarely: Option<u64>,
     down_until: Ns,
-    /// The next cycle begins so much later.
+    /// The delay of the next cycle.
     late_ns: Ns,
     faults: BTreeMap<Fault, u64>,
     /// Frames on their way out, in their order.
@@ -65,7 +65,7 @@ struct Inside {
 }
 
 impl Inside {
-    /// What goes wrong with a frame, if it is one of these.
+    /// The random fault of a frame, if it is one of these.
     fn fault(&mut self, of: &[Fault]) -> Option<Fault> {
         let is_wrong = self.rarely.is_some_and(|rarely| self.dice.one_in(rarely));
         let fault = is_wrong.then(|| self.dice.pick(of))?;
@@ -92,14 +92,14 @@ impl Inside {
         }
     }
 
-    /// Frames arrive at the slaves whose time has come.
+    /// Delivers the frames that are due to the slaves.
     fn deliver(&mut self) {
         while let Some(Arriving { frame, .. }) = self.outward.pop_front_if(|first| first.at <= self.wires.now()) {
             self.wires.send(&frame).expect("its own wire takes every frame");
         }
     }
 
-    /// Time passes until then, or until a frame is back.
+    /// Lets time pass until then, or until a frame is back.
     fn pass(&mut self, until: Ns) {
         let before = self.wires.now();
         let out = self.outward.front().map(|first| first.at);
@@ -111,11 +111,11 @@ impl Inside {
         assert!(self.calls < STANDSTILL, "the bus stands still");
     }
 
-    /// Time passes until then, whatever comes.
+    /// Lets time pass until then, whatever comes.
     fn pass_all(&mut self, until: Ns) {
         let mut buffer = [0; FRAME_LEN_MAX];
         while self.wires.now() < until {
-            // What is back waits in the card.
+            // Frames that are back wait in the card.
             while let Some(len) = self.wires.receive(&mut buffer) {
                 self.homeward.push(Arriving { at: until, frame: buffer[..len].to_vec() });
             }
@@ -126,7 +126,7 @@ impl Inside {
     }
 }
 
-/// The cable as the bus sees it; clones are the same one.
+/// The cable as the bus sees it; clones share it.
 #[derive(Clone)]
 pub struct Line {
     inside: Arc<Mutex<Inside>>,
@@ -223,7 +223,7 @@ impl Wire for Line {
     }
 }
 
-/// A frame of another master, with an index that ours may have.
+/// A frame of another master, with an index that this master may use, too.
 fn strange(dice: &mut Dice) -> Vec<u8> {
     let mut frame = [0; FRAME_LEN_MAX];
     let header = FrameHeader::datagrams([0x12, 0, 0, 0, 0, 7]);
@@ -250,8 +250,8 @@ impl NicWires for Line {
 /// The cable, and the runner of the board, as the schedule sees them.
 pub struct LineEnds {
     line: Line,
-    /// By how much the cable's clock is ahead of the board's time, which leaves out what the runner has; `None`: the board has no
-    /// runner.
+    /// How much the cable's clock is ahead of the board's time, which skips the cycles that the runner has skipped;
+    /// `None`: the board has no runner.
     runner: Option<Ns>,
 }
 
@@ -272,7 +272,8 @@ impl Ends for LineEnds {
         }
     }
 
-    /// Only a slave that has no controller passes frames on and answers none: who is back cannot be told apart from it.
+    /// Only a slave without a controller passes frames on and answers none; a slave that is back could not be
+    /// distinguished from it.
     fn has_silent_slaves(&self) -> bool {
         false
     }
@@ -290,7 +291,7 @@ impl Ends for LineEnds {
         let due = board.next_cycle();
         let late_ns = std::mem::take(&mut self.line.inside().late_ns);
         if let Some(ahead) = &mut self.runner {
-            // As the runner with real time does it.
+            // This is what the runner in real time does.
             board.work_until(self.line.now().saturating_sub(*ahead), due);
             self.line.inside().pass_all(due + *ahead + late_ns);
             let late = self.line.now() - (due + *ahead);

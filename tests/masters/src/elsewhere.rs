@@ -1,5 +1,5 @@
-//! Another network namespace, in which interfaces go that are taken out of this one: for whoever has it open such an interface is
-//! gone, as an adapter that is pulled is.
+//! Another network namespace, to which interfaces are moved from this one: for a program that has such an interface
+//! open it is gone, like a pulled adapter.
 
 use std::fs;
 use std::process::{Child, Command};
@@ -12,7 +12,7 @@ use nix::unistd::gettid;
 pub struct Elsewhere(Child);
 
 impl Elsewhere {
-    /// Another one than that of the calling thread.
+    /// A namespace that differs from the calling thread's.
     ///
     /// # Panics
     /// The system gives none.
@@ -34,7 +34,7 @@ impl Elsewhere {
         support::succeed(Command::new("ip").args(["link", "set", interface, "netns", &self.0.id().to_string()]));
     }
 
-    /// Gives an interface back, and switches it on.
+    /// Moves an interface back, and switches it on.
     ///
     /// # Panics
     /// It was not taken.
@@ -48,7 +48,7 @@ impl Elsewhere {
 
 impl Drop for Elsewhere {
     fn drop(&mut self) {
-        // What it has goes with it.
+        // Its interfaces are deleted with it.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }

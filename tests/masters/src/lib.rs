@@ -1,5 +1,5 @@
-//! A place where masters that no one here wrote meet simulated slaves: a network namespace with a pair of virtual interfaces, the
-//! slaves at one end of it, the master, a program or a crate, at the other.
+//! Connects masters of other projects with simulated slaves: a network namespace with a pair of virtual interfaces, the
+//! slaves at one end, the master, a program or a crate, at the other.
 #![cfg(target_os = "linux")]
 
 mod elsewhere;
@@ -38,7 +38,7 @@ pub struct Rig {
     server: Server,
     slaves: Vec<SlaveSpec>,
     said: Arc<Mutex<Vec<String>>>,
-    /// Where the frames are recorded.
+    /// The file with the recorded frames.
     pub recording: PathBuf,
 }
 
@@ -62,7 +62,7 @@ impl Rig {
         Self::serve(list, name, drift_ppm, None, None)
     }
 
-    /// The same slaves with a script of what happens to them, as `ecmsk serve ethercat --script` has it.
+    /// The same slaves with a script of faults, as `ecmsk serve ethercat --script` has it.
     ///
     /// # Panics
     /// As [`Self::new`], or they are no lines of a script.
@@ -85,7 +85,7 @@ impl Rig {
         Self::serve(list, name, 0, Some(SECOND_SLAVES), None)
     }
 
-    /// The same with something in the middle of the cable that loses, delays and doubles frames, as it is told.
+    /// The same with a box in the middle of the cable that loses, delays and doubles frames, as the test sets.
     ///
     /// # Panics
     /// As [`Self::new`].
@@ -101,7 +101,7 @@ impl Rig {
     fn serve(list: &str, name: &str, drift_ppm: u16, second: Option<&str>, script: Option<PathBuf>) -> Self {
         let recording = support::target_dir().join("masters").join(format!("{name}.pcapng"));
         std::fs::create_dir_all(recording.parent().expect("a folder")).expect("the target folder");
-        // Otherwise it would be kept as another file.
+        // Otherwise it would be renamed and kept.
         let _ = std::fs::remove_file(&recording);
         let slaves = slaves::parse_for_network(list).expect("a list of slaves");
         let said = Arc::new(Mutex::new(Vec::new()));
@@ -125,7 +125,7 @@ impl Rig {
         Self { server, slaves, said, recording }
     }
 
-    /// Does what lines of a script say, at once.
+    /// Executes lines of a script at once.
     ///
     /// # Panics
     /// They are no lines of a script.
@@ -147,8 +147,8 @@ impl Rig {
         self.run(command.env("PYTHONDONTWRITEBYTECODE", "1"))
     }
 
-    /// Runs a master in the namespace. A line `fault: LINE` of it makes the line of a script happen, and is answered by an empty
-    /// line. What it printed otherwise.
+    /// Runs a master in the namespace. If it prints `fault: LINE`, that line of a script is executed, and the answer is
+    /// an empty line. Returns its other output.
     ///
     /// # Panics
     /// The master fails.
@@ -179,15 +179,15 @@ impl Rig {
         self.said.lock().clone()
     }
 
-    /// Ends the server; the lines that it has said.
+    /// Ends the server; returns its lines.
     pub fn end(self) -> Vec<String> {
         self.server.stop().expect("it has not ended by itself");
         Arc::try_unwrap(self.said).map_or_else(|said| said.lock().clone(), Mutex::into_inner)
     }
 }
 
-/// Has a recording dissected by `tshark`, which finds two packets for each frame that the server has answered, as it has said at
-/// its end, and none that is malformed.
+/// Has a recording dissected by `tshark`, which must find two packets for each frame that the server has answered, by
+/// its last line, and no malformed one.
 ///
 /// # Panics
 /// It finds others.

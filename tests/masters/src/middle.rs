@@ -1,5 +1,5 @@
-//! What is in the middle of a cable: it hands frames on, and loses, delays and doubles some of them. Kernels without
-//! `sch_netem` have it, too, and what it does is the same at every run as long as the frames are.
+//! A box in the middle of a cable: it passes frames on, and loses, delays and doubles some of them. It works on kernels
+//! without `sch_netem`, too, and makes the same faults in every run with the same frames.
 
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -12,19 +12,19 @@ use support::dice::Dice;
 
 /// The ends of the two cables that it connects: the master's, and that of the slaves.
 pub(super) const INTERFACES: [&str; 2] = ["veth2", "veth3"];
-/// It looks for frames this often.
+/// The interval at which it polls for frames.
 const LOOK: Duration = Duration::from_micros(20);
 
-/// What happens to frames: one in so many is lost, doubled or late; 0: none is.
+/// The faults of frames: one in that many is lost, duplicated or late; 0: none is.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Trouble {
     /// Lost, on the way out or back.
     pub lost: u64,
     /// Doubled, on the way out or back.
     pub doubled: u64,
-    /// Late by up to that time. On their way back those behind it overtake it; on their way out, as on a cable, they wait.
+    /// Late by up to that time. On their way back later frames overtake it; on their way out, as on a cable, they wait.
     pub late: u64,
-    /// How late at most.
+    /// The greatest delay.
     pub by: Duration,
 }
 
@@ -55,7 +55,7 @@ impl Middle {
         Self { shared, thread: Some(thread) }
     }
 
-    /// From now on that happens.
+    /// Sets the faults from now on.
     pub fn make(&self, trouble: Trouble) {
         self.shared.lock().trouble = trouble;
     }
@@ -75,7 +75,7 @@ impl Drop for Middle {
     }
 }
 
-/// A frame that is handed on at that time.
+/// A frame that is passed on at that time.
 struct Waiting {
     at: Instant,
     frame: Vec<u8>,
@@ -116,7 +116,7 @@ fn run(sockets: &[EthernetSocket; 2], shared: &Mutex<Shared>) {
         for (queue, to) in waiting.iter_mut().zip([&sockets[1], &sockets[0]]) {
             let now = Instant::now();
             queue.retain(|Waiting { at, frame }| {
-                // What cannot be sent is lost, as on a cable that is pulled.
+                // A frame that cannot be sent is lost, as on a pulled cable.
                 let is_due = *at <= now;
                 is_due.then(|| to.send(frame));
                 !is_due

@@ -1,17 +1,17 @@
-//! Motions on the machine's clock. A machine that has other work may be late for its slaves, which then leave OP: that is told, and
-//! the motion is made again. No axis is ever seen beside its way, and each comes to its end.
+//! Motions on the machine's clock. A busy machine may be late for its slaves, which then leave OP: that is reported,
+//! and the motion is repeated. No axis ever leaves its path, and each reaches its end.
 
 use ecmsk::ecm::{Ecm, EcmError, SlaveView, Snapshot};
 use ecmsk::sk::MasterState;
 
-/// How often a motion that was told to have failed is made again: no machine is late so often.
+/// How often a motion that was reported as failed is repeated: no machine is late so often.
 const TRIES: usize = 20;
 /// How far a simulated drive may be from its target, counts.
 const NEAR: i32 = 4;
-/// So many steps at the end hold the last targets, until what is late has come.
+/// So many steps at the end hold the last targets, until late outputs have arrived.
 const HELD: i32 = 50;
 
-/// Where an axis is, for an HSP its first one.
+/// The position of an axis, for an HSP of its first one.
 fn position(snapshot: &Snapshot, slave: u8) -> i32 {
     match snapshot.slave(slave) {
         Some(SlaveView::Hsp(hsp)) => hsp.first.position,
@@ -19,11 +19,11 @@ fn position(snapshot: &Snapshot, slave: u8) -> i32 {
     }
 }
 
-/// Moves axes, each by so many counts in each of the steps, from where they are; before each step `happens` is called. How many times it
-/// was told to have failed before.
+/// Moves axes, each by that many counts per step, from their positions; calls `happens` before each step. Returns how
+/// many attempts were reported as failed.
 ///
 /// # Panics
-/// An axis is beside its way, or not at its end, or they never come there.
+/// An axis leaves its path, does not end at its target, or the motion never ends.
 pub fn arrive(ecm: &Ecm, axes: &[(u8, i32)], steps: i32, mut happens: impl FnMut(i32)) -> usize {
     let mut told = Vec::new();
     while told.len() < TRIES {

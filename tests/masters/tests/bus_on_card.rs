@@ -1,4 +1,4 @@
-//! The look at a network, over a network card, on simulated slaves that stay what they are between two looks.
+//! Inspection of a network over a network card, on simulated slaves that keep their state between two inspections.
 #![cfg(target_os = "linux")]
 
 mod needs_network_namespace {
@@ -29,7 +29,7 @@ mod needs_network_namespace {
         result.err().expect("it is refused").to_string()
     }
 
-    /// Over a card: who is there, what each look left, objects, files, clocks; no slave is above PreOP.
+    /// Over a card: the slaves, the state after each inspection, objects, files, clocks; no slave is above PreOP.
     #[test]
     fn a_network_at_the_end_of_a_card() {
         let rig = Rig::with_drift("drive*2,io", "bus", 50);
@@ -125,8 +125,8 @@ mod needs_network_namespace {
         assert_eq!(card().as_deref(), Some("it is switched off"));
     }
 
-    /// Frames are measured to the slaves and back, and change nothing; without slaves none comes back. What the
-    /// card's driver says is judged.
+    /// Frames to the slaves and back are measured, and change nothing; without slaves none returns. The data of the
+    /// card's driver are judged.
     #[test]
     fn round_trips_are_measured() {
         let rig = Rig::new("io*2", "bus_trips");

@@ -1,4 +1,4 @@
-//! ESI files of the simulated slaves, read by a parser that no one here wrote, `ethercat-esi` 0.2.0. Its program is
+//! ESI files of the simulated slaves, read by a parser of another project, `ethercat-esi` 0.2.0. Its program is
 //! `tests/masters/esi_reader`, outside the workspace.
 #![cfg(target_os = "linux")]
 
@@ -10,7 +10,7 @@ use ecmsk::link::simulated_slaves;
 use ecmsk::link::slaves::{self, SlaveModel};
 use ecmsk::slave::esc::{eeprom_of, esi_of};
 
-/// What the program has to print of a device with this EEPROM and name, between the lines on vendor and group.
+/// The program's expected output for a device with this EEPROM and name, between the lines on vendor and group.
 fn expected(eeprom: &[u8], name: &str) -> Vec<String> {
     let sii = Sii::new(eeprom).expect("an EEPROM");
     let identity = sii.info().identity;
@@ -43,8 +43,8 @@ fn type_name(code: u8) -> &'static str {
     }
 }
 
-/// ECAT-15.15 The ESI file of each kind of slave is read by another's parser, which finds in it what the EEPROM says: identity,
-/// ports, sync managers, PDOs with each entry.
+/// ECAT-15.15 The ESI file of each kind of slave is read by another project's parser, which finds the content of the
+/// EEPROM in it: identity, ports, sync managers, PDOs with each entry.
 #[test]
 fn another_parser_reads_each_esi_file() {
     let manifest = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("esi_reader/Cargo.toml");
@@ -55,7 +55,7 @@ fn another_parser_reads_each_esi_file() {
         .arg(manifest)
         .arg("--target-dir")
         .arg(target.join("esi_reader"));
-    // Flags for this test's own build (coverage, a linker) are none of the program's.
+    // Flags for this test's own build (coverage, a linker) must not apply to the program.
     support::succeed(cargo.env_remove("RUSTFLAGS").env_remove("CARGO_ENCODED_RUSTFLAGS"));
     let program = target.join("esi_reader/debug/esi_reader");
     create_dir_all(target.join("esi")).expect("the target folder");

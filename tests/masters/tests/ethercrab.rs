@@ -1,5 +1,5 @@
-//! ethercrab, a master as a crate, on simulated slaves. Its programs are `tests/masters/ethercrab`, outside the workspace; what one
-//! checks is in it, and each begins with a network of its own.
+//! ethercrab, a master as a crate, on simulated slaves. Its programs are `tests/masters/ethercrab`, outside the
+//! workspace; each contains its checks, and begins with a network of its own.
 #![cfg(target_os = "linux")]
 
 use std::path::{Path, PathBuf};
@@ -7,19 +7,19 @@ use std::process::Command;
 
 use masters::{MASTER, Rig};
 
-/// Builds the programs; their file.
+/// Builds the programs; returns their file.
 fn programs() -> PathBuf {
     let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join("ethercrab/Cargo.toml");
     let target = support::target_dir().join("masters/ethercrab");
     let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     cargo.args(["build", "--locked", "--manifest-path"]).arg(manifest).arg("--target-dir").arg(&target);
-    // Flags for this test's own build (coverage, a linker) are none of the program's.
+    // Flags for this test's own build (coverage, a linker) must not apply to the programs.
     support::succeed(cargo.env_remove("RUSTFLAGS").env_remove("CARGO_ENCODED_RUSTFLAGS"));
     target.join("debug/ethercrab_master")
 }
 
-/// Runs a program on the slaves of the list and records it by that name: what it printed before it was done, what the server has
-/// said, and the recording.
+/// Runs a program on the slaves of the list and records it by that name; returns its output, the server's lines, and
+/// the recording.
 fn run_as(name: &str, list: &str, program: &str) -> (String, Vec<String>, PathBuf) {
     let programs = programs();
     let rig = Rig::new(list, name);
@@ -32,7 +32,7 @@ fn run_as(name: &str, list: &str, program: &str) -> (String, Vec<String>, PathBu
 mod needs_tshark {
     use super::run_as;
 
-    /// ECAT-15.13 Wireshark finds no packet that is malformed in what ethercrab and its slaves exchange.
+    /// ECAT-15.13 Wireshark finds no malformed packet in the frames of ethercrab and its slaves.
     #[test]
     fn recordings_of_ethercrab_have_no_malformed_packet() {
         for (list, program) in [
@@ -53,7 +53,7 @@ mod needs_tshark {
 mod needs_network_namespace {
     use super::run_as;
 
-    /// Runs a program on the slaves of the list; what it printed before it was done, and what the server has said.
+    /// Runs a program on the slaves of the list; returns its output and the server's lines.
     fn run(list: &str, program: &str) -> (String, Vec<String>) {
         let (printed, said, _) = run_as(&format!("ethercrab_{program}"), list, program);
         (printed, said)
@@ -93,7 +93,7 @@ mod needs_network_namespace {
         assert_eq!(printed.lines().collect::<Vec<_>>(), lines);
     }
 
-    /// ECAT-15.16 Slaves behind a cut are there again as they were; one that has lost its power is found by a new scan.
+    /// ECAT-15.16 Slaves behind a cut come back unchanged; one that has lost its power is found by a new scan.
     #[test]
     fn ethercrab_finds_slaves_again() {
         run("drive*3", "vanish");
@@ -105,13 +105,13 @@ mod needs_network_namespace {
         run("drive*40", "many");
     }
 
-    /// ECAT-15.16 An emergency lies in the mailbox when ethercrab asks for something, and is dropped by it.
+    /// ECAT-15.16 An emergency waits in the mailbox when ethercrab makes a request, and is dropped by it.
     #[test]
     fn ethercrab_goes_on_behind_an_emergency() {
         run("drive*2", "emergency");
     }
 
-    /// ECAT-15.16 What version 0.7.1 cannot do is as the page on slaves says.
+    /// ECAT-15.16 The limits of version 0.7.1 are as on the page on slaves.
     #[test]
     fn ethercrab_has_defects_of_its_own() {
         run("drive", "defects");

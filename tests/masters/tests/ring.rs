@@ -11,7 +11,7 @@ mod needs_network_namespace {
     use ecmsk::io::ethernet::{DefaultRoute, EthernetSocket, check};
     use masters::{MASTER, Rig, SECOND_MASTER, SLAVES};
 
-    /// So long a frame may be on its way, and a change of the cables, on a machine that has other work.
+    /// The longest time of a frame, and of a change of the cables, on a busy machine.
     const LIMIT: Duration = Duration::from_secs(20);
     /// A frame that goes out while a link dies may be lost: after this time another one is sent.
     const PATIENCE: Duration = Duration::from_millis(200);
@@ -31,12 +31,12 @@ mod needs_network_namespace {
             Self { sockets: [MASTER, SECOND_MASTER].map(open), index: 0 }
         }
 
-        /// Sends a broadcast by that end; by which end it comes back, and how many slaves have worked on it.
+        /// Sends a broadcast by that end; returns the end by which it comes back, and its working counter.
         fn send(&mut self, end: usize) -> (usize, u16) {
             self.try_send(end, LIMIT).expect("the frame comes back")
         }
 
-        /// `None`: it cannot be sent, or does not come back within that time.
+        /// The same; `None`: it cannot be sent, or does not come back within that time.
         fn try_send(&mut self, end: usize, limit: Duration) -> Option<(usize, u16)> {
             self.index = self.index.wrapping_add(1);
             let mut frame = [0; FRAME_LEN_MAX];
@@ -47,7 +47,7 @@ mod needs_network_namespace {
             let mut buffer = [0; FRAME_LEN_MAX];
             while begin.elapsed() < limit {
                 for (back, socket) in self.sockets.iter().enumerate() {
-                    // An interface that was switched off says so once.
+                    // An interface that was switched off reports that once.
                     let Ok(Some(len)) = socket.take(&mut buffer) else { continue };
                     let decoded = Frame::decode(&buffer[..len]).expect("a frame");
                     let datagram = decoded.datagrams().expect("datagrams").next().expect("one").expect("whole");
@@ -60,7 +60,7 @@ mod needs_network_namespace {
             None
         }
 
-        /// Sends by that end until frames come back so.
+        /// Sends by that end until frames come back as wanted.
         fn until(&mut self, end: usize, wanted: (usize, u16)) {
             let begin = Instant::now();
             loop {
@@ -78,9 +78,10 @@ mod needs_network_namespace {
         support::succeed(Command::new("ip").args(words));
     }
 
-    /// ECAT-15.25 In a whole ring a frame passes all slaves and comes out at the other end, and one from there passes them untouched.
-    /// Where the cable is cut, frames from both ends turn round, and each slave works on those that reach it. A link that is dead
-    /// is such a cut before the first slave, or behind the last one. ECAT-15.23 An interface that is switched off and on goes on.
+    /// ECAT-15.25 In a whole ring a frame passes all slaves and comes out at the other end, and one from there passes them
+    /// untouched. Where the cable is cut, frames from both ends turn round, and each slave works on those that reach it. A dead
+    /// link is such a cut before the first slave, or behind the last one. ECAT-15.23 An interface that is switched off and on
+    /// works again.
     #[test]
     fn a_second_interface_closes_a_ring() {
         let rig = Rig::ring("drive*3,io*2", "ring");

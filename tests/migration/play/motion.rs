@@ -1,10 +1,10 @@
-//! Motions: how their frames are paced, what happens in the middle, and what that leaves behind.
+//! Motions: pacing of their frames, events in the middle, and recovery from these.
 
 use super::*;
 use crate::judge::Rule;
 
 impl Player<'_> {
-    /// Axes that an end of a motion has left somewhere go where the program thinks they are.
+    /// Moves axes that stopped at the end of a motion to the position that the program has of them.
     pub(super) fn back(&mut self, slaves: &[usize]) {
         const FRAMES: i64 = 150;
         let starts: Vec<_> = slaves.iter().map(|slave| self.position(*slave)).collect();
@@ -33,7 +33,7 @@ impl Player<'_> {
     fn paced(&mut self, pace: Pace, frame: u32) {
         let waiting = |machine: &Machine| FIFO_ENTRIES - machine.answer().fifo_free.min(FIFO_ENTRIES);
         let room = |machine: &mut Machine, most: u16| {
-            // What was sent since the report does not show in it.
+            // Frames sent since the report do not show in it.
             if frame.is_multiple_of(8) {
                 machine.fresh();
                 machine.until("room", |machine| waiting(machine) + 8 <= most);
@@ -98,7 +98,7 @@ impl Player<'_> {
         self.after(motion, what);
     }
 
-    /// In the middle of a motion.
+    /// The event in the middle of a motion.
     fn half_way(&mut self, meanwhile: Meanwhile, frame: &mut Frame) {
         let size = self.plan.size;
         match meanwhile {
@@ -116,7 +116,7 @@ impl Player<'_> {
         }
     }
 
-    /// What the middle of a motion has left behind.
+    /// Recovers from the event in the middle of a motion.
     fn after(&mut self, motion: &Motion, what: &str) {
         let slaves = &motion.slaves;
         let mut rules = vec![Rule::Same; self.plan.units.len()];
@@ -166,7 +166,7 @@ impl Player<'_> {
                 self.machine.slave(slave, SlaveCommand::AlarmClear);
                 self.machine.until("the alarm is cleared", |machine| machine.drive(slave).error_code == 0);
                 let mut rules = vec![Rule::Same; self.plan.units.len()];
-                // Where it is held is where the alarm has stopped it.
+                // It is held at the position where the alarm has stopped it.
                 rules[slave - 1] = if is_filled { Rule::Same } else { Rule::CutBy(1) };
                 self.end("alarm cleared", &rules);
                 self.machine.servo_on(&[slave]);

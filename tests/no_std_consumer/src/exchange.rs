@@ -1,4 +1,4 @@
-//! One cycle's commands and what the answer says, with `core` and the wire format alone.
+//! One cycle's commands and its answer, with only `core` and the wire format.
 
 use core::fmt::{self, Write};
 
@@ -10,7 +10,7 @@ use ecmsk::sk::{
 
 const SIZE: SlotSize = SlotSize::Bytes12;
 
-/// Why a response gives no position.
+/// Why a response has no position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(i32)]
 pub enum Refusal {
@@ -28,7 +28,7 @@ pub fn command(target: i32, index: u8) -> Frame {
     frame
 }
 
-/// Where slave 1 is.
+/// The position of slave 1.
 pub fn position(bytes: &[u8; FRAME_LEN]) -> Result<i32, Refusal> {
     let frame = Frame::from_bytes(*bytes);
     frame.check_crc(SIZE, CrcPolicy::Strict).map_err(|_| Refusal::Crc)?;
@@ -46,7 +46,7 @@ pub fn position(bytes: &[u8; FRAME_LEN]) -> Result<i32, Refusal> {
     }
 }
 
-/// Text without an allocator: what does not fit is left out.
+/// Text without an allocator: text that does not fit is left out.
 pub struct Screen<const N: usize> {
     bytes: [u8; N],
     len: usize,
@@ -61,7 +61,7 @@ impl<const N: usize> Screen<N> {
         screen
     }
 
-    /// What it shows.
+    /// The text shown.
     pub fn text(&self) -> &[u8] {
         &self.bytes[..self.len]
     }

@@ -1,8 +1,8 @@
 //! A controller without an operating system: C code of a firmware calls three functions: fill the frame that goes
 //! out over SPI, read the frame that came in, show a frame on a small screen.
 //!
-//! A program has one panic handler and std brings its own. So that this crate builds with this one means that nothing
-//! in it, ecmsk and what it stands on included, links std.
+//! A program has one panic handler and std brings its own. That this crate builds with its own handler proves that
+//! nothing in it, including ecmsk and its dependencies, links std.
 #![no_std]
 
 #[cfg(feature = "link-std")]
@@ -14,14 +14,15 @@ use core::panic::PanicInfo;
 
 use ecmsk::sk::FRAME_LEN;
 
-/// Fills `frame` with the commands of one cycle: slave 1 goes to `target`, counts.
+/// Fills `frame` with the commands of one cycle: slave 1 moves to `target`, in counts.
 // SAFETY: nothing else that a firmware links has this name.
 #[unsafe(no_mangle)]
 pub extern "C" fn controller_command(frame: &mut [u8; FRAME_LEN], target: i32, index: u8) {
     frame.copy_from_slice(exchange::command(target, index).bytes());
 }
 
-/// Reads slave 1's position, counts, out of `frame` into `position`; 0 if it was done, else a number that says why not.
+/// Reads slave 1's position, counts, out of `frame` into `position`; returns 0, or a number for the reason of a
+/// failure.
 // SAFETY: nothing else that a firmware links has this name.
 #[unsafe(no_mangle)]
 pub extern "C" fn controller_response(frame: &[u8; FRAME_LEN], position: &mut i32) -> i32 {
@@ -34,7 +35,7 @@ pub extern "C" fn controller_response(frame: &[u8; FRAME_LEN], position: &mut i3
     }
 }
 
-/// Writes the dump of `frame` into `screen`, as far as it fits, and says how many bytes that are.
+/// Writes the dump of `frame` into `screen`, as far as it fits, and returns its length in bytes.
 // SAFETY: nothing else that a firmware links has this name.
 #[unsafe(no_mangle)]
 pub extern "C" fn controller_show(frame: &[u8; FRAME_LEN], screen: &mut [u8; 160]) -> usize {

@@ -22,12 +22,12 @@
 #include <linux/spi/spi.h>
 #include <linux/uaccess.h>
 
-/* How long a host waits for the board: a machine that the guest shares may be busy. */
+/* How long a host waits for the board: the guest's host may be busy. */
 enum { EXCHANGE_MAX = 4096, MAX_HZ = 50000000, PATIENCE_S = 60 };
 enum { BUSY, RESET, LINES };
-/* What an event is. */
+/* Kinds of events. */
 enum { EXCHANGE = 1, RESET_LEVEL = 2 };
-/* What is written. */
+/* Kinds of writes. */
 enum { ANSWER = 1, BUSY_LEVEL = 2 };
 
 struct event {
@@ -42,7 +42,7 @@ struct event {
 
 static DEFINE_MUTEX(lock);
 static DECLARE_WAIT_QUEUE_HEAD(changed);
-static bool played; /* a process is the board */
+static bool played; /* a process acts as the board */
 
 /* The exchange: offered by the host, taken by the board, answered by the board. */
 static enum { NONE, OFFERED, TAKEN, ANSWERED } exchange;
@@ -51,13 +51,13 @@ static u8 from_host[EXCHANGE_MAX], to_host[EXCHANGE_MAX];
 
 static bool level[LINES] = {false, true};
 static DEFINE_KFIFO(resets, struct event, 64);
-static unsigned int edges; /* IRQ_TYPE_EDGE_*: those of BUSY that somebody wants */
+static unsigned int edges; /* IRQ_TYPE_EDGE_*: those requested of BUSY */
 static bool masked = true;
 
 /* SPI ------------------------------------------------------------------------------------------------------------- */
 
-/* One exchange under one chip select; `to_host` has the answer. Without a board MISO is pulled up. It takes no less time
-   than on wires. */
+/* One exchange under one chip select; `to_host` has the answer. Without a board MISO is pulled up. It takes at least
+   as long as on wires. */
 static int exchange_with_board(void)
 {
     u32 bits = exchanged.value * 8;
@@ -322,7 +322,7 @@ static ssize_t board_write(struct file *file, const char __user *from, size_t si
     if (kind != ANSWER || size - 1 != exchanged.value)
         done = -EINVAL;
     else if (exchange != TAKEN)
-        done = -EPIPE; /* the host has given up */
+        done = -EPIPE; /* the host has given it up */
     else if (copy_from_user(to_host, from + 1, size - 1))
         done = -EFAULT;
     else
@@ -348,14 +348,14 @@ static const struct file_operations board_operations = {
 };
 static struct miscdevice board = {.minor = MISC_DYNAMIC_MINOR, .name = "ecm-board", .fops = &board_operations};
 
-/* All of it ------------------------------------------------------------------------------------------------------- */
+/* The module ------------------------------------------------------------------------------------------------------ */
 
 static struct platform_device *place;
 static struct spi_controller *controller;
 
 static int register_controller(void)
 {
-    /* spidev takes devices by the names of chips alone; this is one of those. */
+    /* spidev accepts devices only by chip names; this is one of them. */
     struct spi_board_info chip = {.modalias = "dh2228fv", .max_speed_hz = MAX_HZ};
     int error;
 

@@ -1,4 +1,4 @@
-//! Our model behind spidev, without a link of ours: what a host of any other make sees.
+//! The model behind spidev, without this project's link: as any other host sees it.
 
 use std::thread;
 use std::time::Duration;
@@ -20,7 +20,7 @@ fn frame(size: SlotSize, command: MasterCommand) -> Frame {
     frame
 }
 
-/// A host that watches BUSY by its level.
+/// A host that polls the level of BUSY.
 struct Host {
     size: SlotSize,
     device: Spidev,
@@ -37,7 +37,7 @@ impl Host {
         self.busy.value(BUSY).expect("a level") == Value::Active
     }
 
-    /// One exchange; gives the state in the answer.
+    /// One exchange; returns the state in the answer.
     #[track_caller]
     fn exchange(&self, command: MasterCommand) -> StateByte {
         until("BUSY is low", || (!self.is_busy()).then_some(()));
@@ -55,7 +55,7 @@ impl Host {
     }
 }
 
-/// SK-10.3 Frames of 504 and of 512 bytes: every exchange gives the board a command and the host an answer.
+/// SK-10.3 Frames of 504 and of 512 bytes: every exchange transfers a command to the board and an answer to the host.
 #[test]
 fn the_model_answers() {
     for (size, link) in [(SlotSize::Bytes12, "sim:?slaves=io"), (SlotSize::Bytes16, "sim:?slaves=io&slot=16")] {
@@ -72,7 +72,7 @@ fn the_model_answers() {
     }
 }
 
-/// SK-10.4, SK-10.5, SK-10.9 A pulse on RESET of more than 32 us boots the board; BUSY is high until it is back.
+/// SK-10.4, SK-10.5, SK-10.9 A pulse on RESET of more than 32 us boots the board; BUSY is high until it has booted.
 #[test]
 fn a_reset_boots_the_model() {
     let model = Model::start("sim:?slaves=io");

@@ -1,4 +1,4 @@
-//! The link `xf-spi:`, with the kernel's SPI and GPIO code between it and our model of an ECM-XF.
+//! The link `xf-spi:`, with the kernel's SPI and GPIO code between it and the model of an ECM-XF.
 
 use std::fs;
 use std::thread;
@@ -30,13 +30,13 @@ pub struct WiredChip {
 }
 
 impl WiredChip {
-    /// A chip with one drive, which gets its power now.
+    /// A chip with one drive, powered on now.
     #[track_caller]
     fn start(profile: Profile) -> Played {
         Self::start_with(profile, vec![Box::new(Drive::new(DriveConfig::default()))])
     }
 
-    /// A chip with these slaves, which gets its power now.
+    /// A chip with these slaves, powered on now.
     #[track_caller]
     pub fn start_with(profile: Profile, slaves: Vec<Box<dyn Slave>>) -> Played {
         let port = ChipPort::new(Chip::new(profile, SlaveModels::new(slaves)));
@@ -70,8 +70,7 @@ impl Board for WiredChip {
     }
 }
 
-/// A started chip behind that link. A machine that the guest shares may be busy, so the driver waits longer than it has
-/// to elsewhere.
+/// A started chip behind that link. The guest's host may be busy, so that the driver waits longer than elsewhere.
 #[track_caller]
 fn open(uri: &str) -> Xf {
     const S: Ns = 1_000_000_000;
@@ -87,7 +86,7 @@ fn open(uri: &str) -> Xf {
     Xf::over(link, HostConfig { timeouts, ..config }).unwrap_or_else(|error| panic!("{uri}: {error}"))
 }
 
-/// The forms of the exchanges from the last change of their length on.
+/// Length and transfers of the exchanges since the last change of their length.
 fn shapes(seen: &Seen, len: usize) -> Vec<(usize, u32, u8, u8, u16)> {
     let behind = seen.exchanges.iter().rposition(|exchange| exchange.len != len).map_or(0, |last| last + 1);
     let shape = |each: &super::wires::Exchange| (each.len, each.speed_hz, each.mode, each.bits, each.transfers);
@@ -97,8 +96,8 @@ fn shapes(seen: &Seen, len: usize) -> Vec<(usize, u32, u8, u8, u16)> {
 }
 
 /// XF-16.2 XF-16.3 A chip is started, its network brought to OP, objects read and written and an axis moved by process
-/// data, by idle time and by INT0, with packets of its own size and of another one. On the wires it is one transfer of a
-/// whole packet at a time, and by INT0 none before the chip is ready.
+/// data, by idle time and by INT0, with packets of its default size and of another one. On the wires there is one
+/// transfer per packet, and with INT0 none before the chip is ready.
 #[test]
 fn an_axis_moves() {
     let old = Profile::OLD;
@@ -116,7 +115,7 @@ fn an_axis_moves() {
         move_axis(&mut xf).unwrap_or_else(|error| panic!("{uri}: {error}"));
         let counters = xf.host().counters();
         assert_eq!(counters.int0_missed, 0, "{uri}: {counters:?}");
-        // Process data have set the size that their cycle has time for, unless the link says which.
+        // Process data have set the largest size that fits their cycle, unless the link sets it.
         let last_len = xf.host().size().packet_len();
         assert!(last_len == len || !uri.contains("use_n"), "{uri}");
         drop(xf);
@@ -149,7 +148,7 @@ fn the_reset_line_is_pulled() {
     }
 }
 
-/// XF-16.1 As programs open it, with the driver's own timeouts, and the clock of the link.
+/// XF-16.1 The link opened as by programs, with the driver's default timeouts and the link's clock.
 #[test]
 fn a_chip_is_opened_by_its_link() {
     let played = WiredChip::start(Profile::NEW);
@@ -162,7 +161,7 @@ fn a_chip_is_opened_by_its_link() {
     assert!(played.stop().exchanges.iter().all(|each| each.speed_hz == 6_000_000));
 }
 
-/// XF-16.4 INT0 of a chip that was told to make it active low.
+/// XF-16.4 INT0 of a chip that is set to active low.
 #[test]
 fn int0_is_active_low() {
     let played = WiredChip::start(Profile::OLD);
@@ -181,7 +180,7 @@ fn int0_is_active_low() {
     assert_eq!(played.stop().while_busy, before);
 }
 
-/// XF-16.7 A chip that loses its power is started anew, by the same driver.
+/// XF-16.7 A chip that loses its power is started again by the same driver.
 #[test]
 fn a_chip_that_was_reset_starts_again() {
     let played = WiredChip::start(Profile::OLD);
@@ -198,7 +197,7 @@ fn a_chip_that_was_reset_starts_again() {
     move_axis(&mut xf).unwrap();
 }
 
-/// XF-16.6 What is not there and what somebody else has is named, with the next step; afterwards no file is left open.
+/// XF-16.6 A missing device and one that is in use are named, with the next step; afterwards no file is left open.
 #[test]
 fn wires_that_cannot_be_used_are_named() {
     let _played = WiredChip::start(Profile::OLD);
@@ -223,7 +222,7 @@ fn wires_that_cannot_be_used_are_named() {
     assert_eq!(files(), before, "files that stay open");
 }
 
-/// XF-16.5 INT0 that stays away, since another line was named or its wire is off, is an error that names it.
+/// XF-16.5 A missing INT0, because another line was named or its wire is off, is an error that names it.
 #[test]
 fn int0_that_stays_away_is_named() {
     for stuck in [false, true] {

@@ -1,5 +1,5 @@
-//! The link `xf-spi:` opened as a board: unchanged programs and the tool lead drives behind our model of an ECM-XF, with the
-//! kernel's SPI and GPIO code in between. What each drive is sent is held against what the program has sent.
+//! The link `xf-spi:` opened as a board: unchanged programs and the tool control drives behind the model of an ECM-XF,
+//! with the kernel's SPI and GPIO code in between. Each drive's outputs are compared with the frames of the program.
 
 use std::fs;
 use std::process::{Command, Output, Stdio};
@@ -17,9 +17,9 @@ use super::played::Played;
 use support::ears::{Ear, Way};
 use support::served::{TOOL, recorded, until};
 
-/// Small packets: the guest has the time for them.
+/// Small packets, which fit the guest's speed.
 const LINK: &str = "xf-spi:/dev/spidev0.0?int0=gpiochip0/BUSY&use_n=112";
-/// A recording of what the program has sent.
+/// A recording of the program's frames.
 const SENT: &str = "/tmp/chip-board.pcapng";
 const SIZE: SlotSize = SlotSize::Bytes12;
 const PROGRAM: &str = "/rig/examples/two_axes_12b";
@@ -39,7 +39,7 @@ impl Machine {
         Self { played, ears }
     }
 
-    /// What came of the ways of all drives, which are at the end of the program: it has left them off, in PreOP.
+    /// The paths of all drives at the end of the program, which has left them off, in PreOP.
     #[track_caller]
     fn ways(&self) -> Vec<Way> {
         let sent = recorded(SENT, Dir::Write);
@@ -70,8 +70,9 @@ fn succeeded(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
-/// XF-20.12 An unchanged program on the library: it finds the slaves, goes to OP, reads and writes objects, and goes round a
-/// square with two axes, 1 ms a cycle. Each target reaches each drive, once and in order; at the end all is off.
+/// XF-20.12 An unchanged program on the library: it finds the slaves, goes to OP, reads and writes objects, and moves
+/// two axes around a square, with a cycle of 1 ms. Each target reaches each drive, once and in order; at the end all
+/// drives are off.
 #[test]
 fn an_unchanged_program_goes_round_a_square() {
     let machine = Machine::start(2);
@@ -81,8 +82,8 @@ fn an_unchanged_program_goes_round_a_square() {
     assert!(ways.iter().all(|way| way.targets > 400), "{ways:?}");
 }
 
-/// XF-20.12 The tool finds the slaves, reads and writes objects and moves four axes. It leaves them on: the board over the chip
-/// ends with it, and switches them off.
+/// XF-20.12 The tool finds the slaves, reads and writes objects and moves four axes. It leaves them on: the board over
+/// the chip ends with the process, and switches them off.
 #[test]
 fn the_tool_moves_four_axes() {
     let machine = Machine::start(4);
@@ -101,26 +102,26 @@ fn the_tool_moves_four_axes() {
     assert!(ways.iter().all(|way| way.targets > 100 && way.repeated == 0), "{ways:?}");
 }
 
-/// The cycle in which a program is made to stand still: one that the guest holds with time to spare.
+/// The cycle in the tests of stalls: long enough for the guest.
 const CYCLE_NS: u64 = 4_000_000;
-/// The sets for a stall that lie in the chip.
+/// Sets in the chip's FIFO for a stall.
 const AHEAD: u64 = 8;
-/// Sets for the transport: some of them bridge a stall too.
+/// Sets for the transport, some of which also bridge a stall.
 const TRANSPORT: u64 = 3;
-/// Silence of a host that is not late at all is shorter, in cycles.
+/// Gaps of a host that is not late are shorter than that, in cycles.
 const USUAL: u64 = 2;
 const STOPS: usize = 3;
 
-/// What a program got that was stopped again and again.
+/// The result of a program that was stopped repeatedly.
 #[derive(Debug)]
 struct Stopped {
     ways: Vec<Way>,
-    /// Each time for which the chip heard nothing, in cycles, rounded up.
+    /// Each gap without an exchange, in cycles, rounded up.
     silences: Vec<u64>,
 }
 
 impl Stopped {
-    /// `ecmsk move` for some seconds that is stopped once a second for so long.
+    /// `ecmsk move` for some seconds, stopped once a second for that time.
     #[track_caller]
     fn for_some_time(stop: Duration) -> Self {
         let machine = Machine::start(4);
@@ -151,15 +152,15 @@ impl Stopped {
         stopped
     }
 
-    /// So many cycles of silence are left if the chip bridges so many each time.
+    /// Cycles without an exchange that remain if the chip bridges that many each time.
     fn beyond(&self, bridged: u64) -> u64 {
         self.silences.iter().map(|cycles| cycles.saturating_sub(bridged)).sum()
     }
 }
 
-/// XF-20.13 A program that stands still for 7 cycles once a second loses neither a target nor a cycle with `ahead=8`: no drive gets
-/// a target twice. The emulated machine may stand still for longer than it was asked for: what counts is for how long the chip
-/// has heard nothing.
+/// XF-20.13 A program that stalls for 7 cycles once a second loses neither a target nor a cycle with `ahead=8`: no
+/// drive gets a target twice. The emulated machine may stall for longer than requested, so that the gaps at the chip
+/// are counted.
 #[test]
 fn a_program_that_stands_still_for_7_cycles_loses_nothing() {
     const STOP: Duration = Duration::from_nanos(7 * CYCLE_NS - CYCLE_NS / 2);
@@ -168,8 +169,8 @@ fn a_program_that_stands_still_for_7_cycles_loses_nothing() {
     assert!(stopped.ways.iter().all(|way| way.repeated <= most), "{stopped:?}");
 }
 
-/// XF-20.13 One that stands still for longer loses none either: each drive gets the newest target again until the next one
-/// comes, in each cycle that the chip did not bridge.
+/// XF-20.13 A program that stalls for longer loses no target either: each drive gets the newest target again until the
+/// next one comes, in each cycle that the chip did not bridge.
 #[test]
 fn a_program_that_stands_still_for_longer_loses_nothing() {
     let stopped = Stopped::for_some_time(Duration::from_nanos(16 * CYCLE_NS));

@@ -19,8 +19,8 @@ pub fn spidev(mode: SpiModeFlags, speed_hz: u32) -> Spidev {
     device
 }
 
-/// The next edge. `EdgeEventBuffer::wait_event` of gpiocdev 0.8.0 looks at the kernel alone, and not at what the buffer has
-/// read from there already: whoever waits for edges one by one waits by this.
+/// The next edge. `EdgeEventBuffer::wait_event` of gpiocdev 0.8.0 checks only the kernel, and not the edges already in
+/// the buffer: code that waits for edges one by one waits by this function.
 #[track_caller]
 pub fn next_edge(line: &Request, edges: &mut EdgeEventBuffer<'_>) -> EdgeEvent {
     let has_one = edges.has_event().expect("it is asked") || line.wait_edge_event(PATIENCE).expect("it waits");
@@ -28,8 +28,8 @@ pub fn next_edge(line: &Request, edges: &mut EdgeEventBuffer<'_>) -> EdgeEvent {
     edges.read_event().expect("an edge")
 }
 
-/// Bytes of both directions pass the kernel's SPI code whole, 504 and 512 at a time, with the clock and the mode
-/// that were asked for.
+/// Bytes of both directions pass the kernel's SPI code unchanged, 504 and 512 at a time, with the requested clock and
+/// mode.
 #[test]
 fn exchanges_are_full_duplex() {
     let (send, sent) = mpsc::channel();
@@ -76,7 +76,7 @@ fn a_chip_select_is_an_exchange() {
     assert_eq!(rx, [0; 12]);
 }
 
-/// Every edge of BUSY arrives, in its order, and the level with it.
+/// Every edge of BUSY arrives, in order and with its level.
 #[test]
 fn busy_has_edges() {
     let played = Played::start(|_: &[u8], _: &mut [u8]| {}, Busy::True);
@@ -88,7 +88,7 @@ fn busy_has_edges() {
         .with_edge_detection(EdgeDetection::BothEdges)
         .request()
         .expect("nobody else has it");
-    // One that lives on: what it has read and not given yet is not lost.
+    // A buffer that lives on, so that edges already read are not lost.
     let mut edges = line.new_edge_event_buffer(8);
     let mut last = 0;
     for round in 0..1000_u32 {
@@ -104,7 +104,7 @@ fn busy_has_edges() {
     assert!(!edges.has_event().expect("it is asked"), "no edge beyond them");
 }
 
-/// A pulse on RESET arrives with its length; a line that somebody has is nobody else's.
+/// A pulse on RESET arrives with its length; a line in use cannot be opened again.
 #[test]
 fn reset_is_an_output() {
     let played = Played::start(|_: &[u8], _: &mut [u8]| {}, Busy::True);

@@ -1,4 +1,4 @@
-//! Wires that lie, each by its name: at the opening of the link and in the middle of its traffic.
+//! Faulty wires, each named by its error: at the opening of the link and during its traffic.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -26,7 +26,7 @@ fn echo(mosi: &[u8], miso: &mut [u8]) {
     miso.copy_from_slice(mosi);
 }
 
-/// The first bit comes where the second one should.
+/// The first bit comes at the second bit's position.
 fn bit_late(_: &[u8], miso: &mut [u8]) {
     let mut last = 0;
     for byte in miso {
@@ -34,7 +34,7 @@ fn bit_late(_: &[u8], miso: &mut [u8]) {
     }
 }
 
-/// The first bit is gone.
+/// The first bit is missing.
 fn bit_early(_: &[u8], miso: &mut [u8]) {
     let mut last = 0;
     for byte in miso.iter_mut().rev() {
@@ -53,7 +53,7 @@ fn noise(_: &[u8], miso: &mut [u8]) {
     }
 }
 
-/// One answer of four is none.
+/// One answer of four is invalid.
 fn noise_at_times(mosi: &[u8], miso: &mut [u8]) {
     static EXCHANGES: AtomicU32 = AtomicU32::new(0);
     if EXCHANGES.fetch_add(1, Ordering::Relaxed).is_multiple_of(4) {
@@ -61,7 +61,7 @@ fn noise_at_times(mosi: &[u8], miso: &mut [u8]) {
     }
 }
 
-/// Why a board of that link on these wires does not open.
+/// The reason why a board of that link on these wires does not open.
 #[track_caller]
 fn reason(board: &str, busy: Busy, miso: Miso, link: &str) -> String {
     let model = Model::on(board, busy, miso);
@@ -80,13 +80,13 @@ fn busy_is_stuck() {
     assert!(high.starts_with("BUSY has been high for"), "{high}");
     let low = reason(BOARD, Busy::Stuck(false), straight, LINK);
     assert!(low.starts_with("BUSY does not go high in an exchange"), "{low}");
-    // Nothing is asked of a line that the link does not name.
+    // A line that the link does not name is not used.
     let model = Model::on(BOARD, Busy::Stuck(true), straight);
     open(LINK_WITHOUT_BUSY).close();
     model.stop();
 }
 
-/// MISO that says nothing, or what MOSI says.
+/// MISO that is constant, or equal to MOSI.
 #[test]
 fn miso_is_no_answer() {
     for (miso, expected) in [
@@ -102,7 +102,7 @@ fn miso_is_no_answer() {
     assert!(error.contains("MISO is high all the time"), "nothing there: {error}");
 }
 
-/// Answers that have slipped.
+/// Answers that are shifted.
 #[test]
 fn answers_have_slipped() {
     for (miso, expected) in [
@@ -124,7 +124,7 @@ fn the_slot_size_is_proposed() {
     }
 }
 
-/// In the traffic: an answer that is none is left out and its number with it, many of them are the end.
+/// During traffic an invalid answer is left out together with its number; many of them end the link.
 #[test]
 fn wires_begin_to_lie() {
     for (miso, expected) in [
@@ -153,7 +153,7 @@ fn wires_begin_to_lie() {
     assert_eq!(gap.dropped, 0, "nobody was late: {gap:?}");
 }
 
-/// BUSY that stays high in the traffic ends it.
+/// BUSY that stays high during traffic ends the link.
 #[test]
 fn the_board_hangs() {
     let model = Model::start(BOARD);

@@ -1,4 +1,4 @@
-//! The link `spi:`, with the kernel's SPI and GPIO code between it and our model.
+//! The link `spi:`, with the kernel's SPI and GPIO code between it and the model.
 
 use std::fs;
 use std::thread;
@@ -24,8 +24,8 @@ pub fn until_lost(board: &dyn Link) -> LinkError {
     error
 }
 
-/// SK-10.1, SK-10.2, SK-10.3 Reports come unasked; the network is brought to OP, by the native API too. On the
-/// wires it is one exchange of the whole frame at a time, mode 0, 8 bits, 24 MHz, none while BUSY is high.
+/// SK-10.1, SK-10.2, SK-10.3 Reports come unasked; the network is brought to OP, by the native API too. On the wires
+/// each frame is one exchange, mode 0, 8 bits, 24 MHz, and none begins while BUSY is high.
 #[test]
 fn a_board_on_spi_is_a_link() {
     let model = Model::start(BOARD);
@@ -67,7 +67,7 @@ fn speed_and_mode_are_set() {
     }
 }
 
-/// Frames arrive once, whole and in order, whatever is read meanwhile, on both slot sizes.
+/// Frames arrive once, complete and in order, independently of reads meanwhile, with both slot sizes.
 #[test]
 fn no_frame_is_lost_or_doubled() {
     for size in SlotSize::ALL {
@@ -87,14 +87,14 @@ fn no_frame_is_lost_or_doubled() {
         });
         let mut sent = Vec::new();
         for number in 1..=1000_u32 {
-            // Numbered in the data of a slave's slot that asks for nothing.
+            // Numbered in the data of a slave's slot without a command.
             let mut frame = Frame::new();
             frame.bytes_mut()[slot + 4..slot + 8].copy_from_slice(&number.to_le_bytes());
             frame.bytes_mut()[size.frame_len() - 4..size.frame_len()].copy_from_slice(&[number as u8; 4]);
             board.write(&frame, Wait::For(PATIENCE)).expect("it takes it");
             sent.push(frame);
         }
-        // What was written goes out before it closes.
+        // Written frames are sent before it closes.
         board.close();
         assert!(reader.join().expect("it ends").is_some(), "reports came");
         model.stop();
@@ -105,7 +105,7 @@ fn no_frame_is_lost_or_doubled() {
     }
 }
 
-/// SK-10.6 Without BUSY no exchange begins sooner than 800 us after the one before, however much is to be sent.
+/// SK-10.6 Without BUSY no exchange begins sooner than 800 us after the one before, for any number of waiting frames.
 #[test]
 fn without_busy_exchanges_keep_their_distance() {
     let model = Model::on(BOARD, Busy::Stuck(false), model::straight);
@@ -134,7 +134,7 @@ fn a_read_ends_by_its_limit_by_cancel_and_by_close() {
     assert!(matches!(board.write(&Frame::new(), Wait::Forever), Err(LinkError::Closed)));
 }
 
-/// A board that loses its power pulls nothing any more: every wait ends, and every later call.
+/// A board that loses its power drives no line any more: every wait ends, and every later call.
 #[test]
 fn every_wait_ends_when_the_board_goes() {
     let model = Model::start(BOARD);
@@ -152,8 +152,8 @@ fn every_wait_ends_when_the_board_goes() {
     assert!(matches!(board.read(&mut Frame::new(), Wait::Forever), Err(LinkError::Closed)));
 }
 
-/// Whoever opens it meanwhile is told that it is in use, another process too; a line that another program has
-/// is named; afterwards nothing of it is left, no file and no thread.
+/// Opening it a second time, in this or another process, reports that it is in use; a line in use is named. After
+/// closing, neither a file nor a thread is left.
 #[test]
 fn nobody_else_gets_it_and_nothing_is_left() {
     let model = Model::start(BOARD);
@@ -172,7 +172,7 @@ fn nobody_else_gets_it_and_nothing_is_left() {
         board.read(&mut Frame::new(), Wait::For(PATIENCE)).expect("a report");
         assert_eq!(threads(), 1);
         board.close();
-        // It is joined; the kernel takes it out of its list a little later.
+        // It is joined; the kernel removes it from its list a little later.
         until("its thread is gone", || (threads() == 0).then_some(()));
         drop(board);
         assert_eq!(files(), before, "files that stay open");
@@ -191,7 +191,7 @@ fn nobody_else_gets_it_and_nothing_is_left() {
     drop(model);
 }
 
-/// A user who may not use the device or the line is told which, and what to do.
+/// If the user may not use the device or the line, the error names it and the next step.
 #[test]
 fn permission_is_asked_for() {
     let _model = Model::start(BOARD);
@@ -217,7 +217,7 @@ fn permission_is_asked_for() {
     allow(super::CHIP, 0o600);
 }
 
-/// What is not there is named, with what is there instead.
+/// A missing device or line is named, with those that exist.
 #[test]
 fn what_is_missing_is_named() {
     let error = refused("spi:/dev/spidev7.0").to_string();
@@ -230,8 +230,8 @@ fn what_is_missing_is_named() {
     assert!(error.contains("none of its lines has that name"), "{error}");
 }
 
-/// SK-10.9 With a line for RESETN the board is reset when the link is opened: a pulse of more than 32 us, and it
-/// is waited for until it has booted.
+/// SK-10.9 With a line for RESETN the board is reset when the link is opened: a pulse of more than 32 us, after which
+/// the link waits until it has booted.
 #[test]
 fn opening_resets_the_board() {
     let model = Model::start(BOARD);
@@ -254,7 +254,7 @@ fn opening_resets_the_board() {
     assert!(resets[1].at_ns - resets[0].at_ns > 32_000, "{resets:?}");
 }
 
-/// SW_RESET ends the link with that reason; it is opened again when the board has booted.
+/// SW_RESET ends the link with that reason; it can be opened again when the board has booted.
 #[test]
 fn a_board_that_was_reset_is_opened_again() {
     let model = Model::start(BOARD);

@@ -24,7 +24,7 @@ pub use self::model::Model;
 use std::os::unix::process::CommandExt;
 use std::process::{Command, Output};
 
-/// What the kernel makes of the module of `tests/rig/board`.
+/// The device that the module of `tests/rig/board` makes.
 const SPIDEV: &str = "/dev/spidev0.0";
 const CHIP: &str = "/dev/gpiochip0";
 /// Lines of the chip.

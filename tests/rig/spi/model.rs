@@ -1,4 +1,4 @@
-//! Our model as the board on the wires.
+//! The model as the board on the wires.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -10,18 +10,18 @@ use ecmsk::port::spi::{SpiBoard, SpiBoardCounters};
 
 use super::played::{Board, Busy, Played, Seen};
 
-/// SK-10: a shorter pulse on RESET is none.
+/// SK-10: a shorter pulse on RESET has no effect.
 const SHORTEST_RESET: Duration = Duration::from_micros(32);
 
-/// How long BUSY is high after an exchange here.
+/// Time that BUSY is high after an exchange here.
 const PROCESSING: Duration = Duration::from_micros(100);
-/// How long a board boots here.
+/// Time that a board boots here.
 const BOOT: Duration = Duration::from_millis(50);
 
-/// What the wires make of the bytes on MISO; those on MOSI come first.
+/// A change of the bytes on MISO by the wires; the bytes on MOSI come first.
 pub type Miso = fn(&[u8], &mut [u8]);
 
-/// Wires as they should be.
+/// Faultless wires.
 pub fn straight(_: &[u8], _: &mut [u8]) {}
 
 /// What a test can change while the board runs.
@@ -39,7 +39,7 @@ pub struct Model {
 }
 
 impl Model {
-    /// The board of that link on wires as they should be.
+    /// The board of that link on faultless wires.
     #[track_caller]
     pub fn start(uri: &str) -> Self {
         Self::on(uri, Busy::True, straight)
@@ -59,7 +59,7 @@ impl Model {
         locked(&self.spi_board).counters()
     }
 
-    /// From now on the wires do that.
+    /// Sets how the wires change MISO from now on.
     pub fn set_miso(&self, miso: Miso) {
         *locked(&self.control.miso) = miso;
     }
@@ -69,12 +69,12 @@ impl Model {
         self.control.hangs.store(hangs, Ordering::Relaxed);
     }
 
-    /// What the host has done so far.
+    /// The host's exchanges and resets so far.
     pub fn seen(&self) -> Seen {
         self.played.seen()
     }
 
-    /// Takes the board away; its recording is whole then.
+    /// Removes the board; its recording is complete then.
     #[track_caller]
     pub fn stop(self) -> Seen {
         self.played.stop()
@@ -93,7 +93,7 @@ struct Wired {
     spi_board: Arc<Mutex<SpiBoard>>,
     control: Arc<Control>,
     uri: String,
-    /// When it is back.
+    /// The time at which it has booted.
     booted: Option<Instant>,
 }
 

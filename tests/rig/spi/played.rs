@@ -1,4 +1,4 @@
-//! A board on the wires: a thread that answers exchanges and drives BUSY, with our model or a test behind it.
+//! A board on the wires: a thread that answers exchanges and drives BUSY, with the model or a test behind it.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -7,24 +7,24 @@ use std::time::Duration;
 
 use super::wires::{Event, Exchange, Reset, Wires};
 
-/// How often it looks whether it shall end.
+/// The interval at which it checks whether it shall end.
 const LOOK: Duration = Duration::from_millis(5);
 
-/// What answers.
+/// The board's reactions.
 pub trait Board: Send {
-    /// `mosi` has come; `miso` goes back.
+    /// `mosi` was received; `miso` is sent.
     fn exchange(&mut self, mosi: &[u8], miso: &mut [u8]);
 
-    /// What the board does with `mosi` when the exchange is over; BUSY is high until it returns.
+    /// Processes `mosi` after the exchange; BUSY is high until it returns.
     fn process(&mut self) {}
 
-    /// RESET has been low for that long and is high again. A board that boots gives true.
+    /// RESET has been low for that long and is high again. Returns whether the board boots.
     fn reset(&mut self, low: Duration) -> bool {
         let _ = low;
         false
     }
 
-    /// Whether it boots still.
+    /// Whether it is still booting.
     fn is_busy(&mut self) -> bool {
         false
     }
@@ -41,15 +41,15 @@ impl<T: FnMut(&[u8], &mut [u8]) + Send> Board for T {
     }
 }
 
-/// What the line BUSY shows.
+/// The level of the line BUSY.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Busy {
-    /// What it should: high from the start of an exchange until the frame has been processed, and at start-up.
+    /// Correct: high from the start of an exchange until the frame has been processed, and at start-up.
     True,
     Stuck(bool),
 }
 
-/// What the host has done.
+/// The host's exchanges and resets.
 #[derive(Clone, Debug, Default)]
 pub struct Seen {
     pub exchanges: Vec<Exchange>,
@@ -66,7 +66,7 @@ pub struct Played {
 }
 
 impl Played {
-    /// Has the wires from now on.
+    /// Puts the board on the wires.
     #[track_caller]
     pub fn start(board: impl Board + 'static, busy: Busy) -> Self {
         let mut wires = Wires::open();
@@ -82,12 +82,12 @@ impl Played {
         Self { stop, seen, thread: Some(thread) }
     }
 
-    /// What the host has done so far.
+    /// The host's exchanges and resets so far.
     pub fn seen(&self) -> Seen {
         self.seen.lock().expect("nobody panics with it").clone()
     }
 
-    /// Ends it and gives what the host has done.
+    /// Ends it and returns the host's exchanges and resets.
     #[track_caller]
     pub fn stop(mut self) -> Seen {
         self.end().expect("the board has played to its end");
@@ -102,7 +102,7 @@ impl Played {
 
 impl Drop for Played {
     fn drop(&mut self) {
-        // A test that panics has a reason of its own.
+        // A panicking test has already reported its reason.
         let _ = self.end();
     }
 }
@@ -111,7 +111,7 @@ struct Player<B> {
     wires: Wires,
     board: B,
     busy: Busy,
-    /// The level that the line has.
+    /// The line's level.
     shown: bool,
     busy_now: bool,
     low_since: Option<u64>,
@@ -140,10 +140,10 @@ impl<B: Board> Player<B> {
         self.show_busy(true);
         let mut miso = vec![0; mosi.len()];
         self.board.exchange(mosi, &mut miso);
-        // A host that was killed waits for no answer.
+        // A killed host does not wait for an answer.
         let _ = self.wires.answer(&miso);
         self.board.process();
-        // BUSY falls with the next look at the board.
+        // BUSY falls with the next poll of the board.
     }
 
     fn reset(&mut self, reset: Reset) {

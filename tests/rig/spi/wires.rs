@@ -14,17 +14,17 @@ const EXCHANGE: u32 = 1;
 const RESET_LEVEL: u32 = 2;
 const ANSWER: u8 = 1;
 const BUSY_LEVEL: u8 = 2;
-/// The module's own limit, and the kernel's for one message of spidev.
+/// The limit of the module, and of the kernel for one message of spidev.
 const LONGEST: usize = 4096;
 
-/// An exchange under one chip select, as the controller was told to do it.
+/// An exchange under one chip select, with the controller's settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Exchange {
     pub len: usize,
     pub speed_hz: u32,
     pub mode: u8,
     pub bits: u8,
-    /// Parts that the host made it of.
+    /// The host's transfers in this exchange.
     pub transfers: u16,
     /// Nanoseconds of CLOCK_MONOTONIC.
     pub at_ns: u64,
@@ -38,14 +38,14 @@ pub struct Reset {
     pub at_ns: u64,
 }
 
-/// What the host does.
+/// An action of the host.
 pub enum Event {
-    /// It waits for as many bytes as it has sent.
+    /// It expects as many bytes as it has sent.
     Exchange(Exchange, Vec<u8>),
     Reset(Reset),
 }
 
-/// The wires, which one board can have at a time.
+/// The wires, which one board can use at a time.
 pub struct Wires {
     file: File,
     event: Vec<u8>,
@@ -59,7 +59,7 @@ impl Wires {
         Self { file, event: vec![0; HEADER + LONGEST] }
     }
 
-    /// Waits for what the host does next.
+    /// Waits for the host's next action.
     pub fn next(&mut self, limit: Duration) -> io::Result<Option<Event>> {
         let limit = Timespec { tv_sec: limit.as_secs() as _, tv_nsec: limit.subsec_nanos() as _ };
         if poll(&mut [PollFd::new(&self.file, PollFlags::IN)], Some(&limit))? == 0 {

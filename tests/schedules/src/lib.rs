@@ -1,7 +1,7 @@
 //! The hand-over of `src/engine/handover.rs`, the same file, on locks whose schedule a test chooses.
 //!
-//! Shuttle runs each test under many random interleavings and fails on a deadlock; what a hang would be on a machine is
-//! a failure here.
+//! Shuttle runs each test under many random interleavings and fails on a deadlock; a hang on a machine is a failure
+//! here.
 #![cfg(test)]
 
 mod fieldbus {

@@ -29,7 +29,7 @@ const TABLE: [(Dp3clAlarm, u16, u16, u8, u16, bool); 22] = [
     (Dp3clAlarm::OpenMotor, 4, 0, 7, 0x7120, true),
 ];
 
-/// DP3CL-5.1 DP3CL-5.19 All that an alarm says.
+/// DP3CL-5.1 DP3CL-5.19 All codes of an alarm.
 #[test]
 fn codes() {
     for (alarm, number, al_status, bit, error_code, needs_restart) in TABLE {

@@ -90,7 +90,7 @@ impl Bench {
         bench
     }
 
-    /// 06h, 07h, 0Fh, each until the drive is there.
+    /// Sends 06h, 07h, 0Fh, each until the drive has reached its state.
     pub fn enable(&mut self) {
         for (word, state) in
             [(0x06, DriveState::ReadyToSwitchOn), (0x07, DriveState::SwitchedOn), (0x0F, DriveState::OperationEnabled)]
@@ -115,7 +115,7 @@ impl Bench {
         }
     }
 
-    /// Runs cycles until something is so; the number of cycles.
+    /// Runs cycles until a condition holds; returns the number of cycles.
     pub fn run_until(&mut self, most: usize, mut is_so: impl FnMut(&mut Self) -> bool) -> usize {
         for cycle in 0..most {
             if is_so(self) {

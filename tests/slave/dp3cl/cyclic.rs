@@ -126,8 +126,8 @@ fn limit_switches() {
     assert_eq!(bench.shaft(), 0);
 }
 
-/// DP3CL-6.16 So in CSP at any speed, a count in a cycle or a thousand: the demand is never faster than its targets, never
-/// passes the one that it has, and the way back begins where it stands.
+/// DP3CL-6.16 The same in CSP at any speed, one count in a cycle or a thousand: the demand is never faster than its
+/// targets, never passes the present one, and the way back begins at its position.
 #[test]
 fn limit_switches_at_any_speed() {
     const END: i64 = 10_000;
@@ -154,7 +154,7 @@ fn limit_switches_at_any_speed() {
                 assert!(moved.abs() <= step.max(500), "{step}: {moved} in a cycle");
             }
             let stands = bench.shaft() * direction;
-            // v^2 / 2a, with a = 0x6085, and a cycle's way until the switch is seen.
+            // v^2 / 2a, with a = 0x6085, and the distance of a cycle until the switch is seen.
             let ramp = (step * step / 2 + 2 * step + 2).min(last - END);
             assert!((END..=END + ramp).contains(&stands), "{step}: stands at {stands}");
             assert_eq!(bench.bit(11), stands < target, "{step}");
@@ -224,7 +224,7 @@ fn quick_stop() {
     assert!((990..=1020).contains(&way), "{way}");
 }
 
-/// DP3CL-9.4 A sensor that sticks acts as the limit switch that it is.
+/// DP3CL-9.4 A sensor that sticks acts as its limit switch.
 #[test]
 fn a_sensor_that_sticks() {
     let mut bench = Bench::enabled(8);
@@ -237,7 +237,7 @@ fn a_sensor_that_sticks() {
     assert_eq!((bench.shaft(), bench.bit(11), bench.read(0x60FD, 0) & 2), (100, false, 0));
 }
 
-/// DP3CL-10.4 Nothing that happens in a cycle allocates, nor what a master does beside it.
+/// DP3CL-10.4 Neither a cycle nor a master's SDO during it allocates.
 #[test]
 fn nothing_allocates() {
     for mode in [1, 3, 6, 8] {

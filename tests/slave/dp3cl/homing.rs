@@ -1,4 +1,4 @@
-//! Homing of a DP3CL. Where the methods end is said by the tables of CiA 402-2.
+//! Homing of a DP3CL. The tables of CiA 402-2 give the ends of the methods.
 
 use ecmsk::slave::dp3cl::{Dp3clConfig, Dp3clVariants};
 use ecmsk::slave::{HomeSwitch, Travel};
@@ -20,7 +20,7 @@ fn config(start: i64) -> Dp3clConfig {
     Dp3clConfig { position: start, travel, ..Dp3clConfig::default() }
 }
 
-/// An enabled drive in homing mode with a method, at a place of the travel.
+/// An enabled drive in homing mode with a method, at a position of the travel.
 fn bench(config: Dp3clConfig, method: i64) -> Bench {
     let mut bench = Bench::enabled_with(config, 6);
     bench.write(0x6098, 0, method);
@@ -33,7 +33,7 @@ fn bits(bench: &Bench) -> (bool, bool, bool) {
     (bench.bit(13), bench.bit(12), bench.bit(10))
 }
 
-/// Bit 4 rises, and the run goes on until it ends. The shaft count that is home; `None`: a homing error.
+/// Raises bit 4 and runs to the end. Returns the shaft count of home; `None`: a homing error.
 fn home(bench: &mut Bench) -> Option<i64> {
     bench.word = 0x1F;
     bench.cycle();
@@ -48,7 +48,7 @@ fn home(bench: &mut Bench) -> Option<i64> {
 fn methods() {
     for method in METHODS {
         for (start, on_cam) in [(-30_000, false), (20_000, false), (-500, true)] {
-            // On the cam the methods that need a side of it have the right one.
+            // On the cam, methods that need one of its sides start from the right one.
             let side = if on_cam && matches!(method, 5 | 6 | 21 | 22) { 20_000 } else { -30_000 };
             let from = if on_cam && !matches!(method, 33..=37) { side } else { start };
             let expected = PLACES.home(method, from);
@@ -70,7 +70,7 @@ fn methods() {
     }
 }
 
-/// DP3CL-7.2 What the statusword shows during a run, and where the axis stays.
+/// DP3CL-7.2 The statusword during a run, and the position of the axis afterwards.
 #[test]
 fn a_run() {
     let mut bench = bench(config(20_000), 21);
@@ -136,7 +136,7 @@ fn without_index() {
     assert!(home(&mut bench(Dp3clConfig { variants, ..config(0) }, 18)).is_some());
 }
 
-/// DP3CL-7.5 What else ends a run.
+/// DP3CL-7.5 Other ends of a run.
 #[test]
 fn errors() {
     for (index, sub) in [(0x6099, 1), (0x6099, 2), (0x609A, 0)] {

@@ -60,7 +60,7 @@ fn monitors() {
     let (a, b) = (bench.read(0x301A, 0) as u16 as i16, bench.read(0x301B, 0) as u16 as i16);
     let vector = f64::from(a).hypot(f64::from(b));
     assert!((vector - 7000.0).abs() < 50.0, "{a} {b}");
-    // An open loop drive sets what it has.
+    // An open loop drive outputs its set current.
     assert_eq!([0x301D, 0x301E].map(|index| bench.read(index, 0) as u16 as i16), [a, b]);
     for step in (-500..250).rev() {
         bench.target = step * 100;
@@ -101,7 +101,7 @@ fn ratings() {
     }
 }
 
-/// DP3CL-2.9 What was when the alarm occurred stays in U1: currents, voltage, position offset, speed, time.
+/// DP3CL-2.9 U1 keeps the values at the moment of the alarm: currents, voltage, position offset, speed, time.
 #[test]
 fn the_moment_of_an_alarm() {
     let mut drive = usual();

@@ -21,7 +21,7 @@ fn identity() {
     }
 }
 
-/// What an object may be mapped into.
+/// The kind of PDO into which an object may be mapped.
 #[derive(Clone, Copy, PartialEq)]
 enum Pdo {
     No,
@@ -147,8 +147,7 @@ fn table() {
     }
 }
 
-/// DP3CL-3.4 Homing methods that there are.
-/// DP3CL-3.7 The interpolation period is 1 to 20 ms.
+/// DP3CL-3.4 The supported homing methods. DP3CL-3.7 The interpolation period is 1 to 20 ms.
 #[test]
 fn ranges() {
     let mut drive = usual();
@@ -291,8 +290,8 @@ fn types() {
     assert!(objects.iter().filter(|index| **index >= 0x6000).all(known));
 }
 
-/// DP3CL-3.12 The start-up commands of the maker's slave description are taken in PreOP, and another period than that of SYNC0 raises
-/// nothing.
+/// DP3CL-3.12 The start-up commands of the maker's slave description are taken in PreOP, and a period that differs from
+/// SYNC0's raises no alarm.
 #[test]
 fn start_up_commands() {
     let mut drive = usual();
@@ -306,7 +305,7 @@ fn start_up_commands() {
     assert_eq!((drive.alarm(), read(&mut drive, 0x60C2, 1)), (None, Ok(20)));
 }
 
-/// DP3CL-3.13 What is stored only has no effect, and linear ramps are the only profile.
+/// DP3CL-3.13 Objects that are only stored have no effect, and linear ramps are the only profile.
 #[test]
 fn stored_only() {
     let mut bench = Bench::enabled(3);

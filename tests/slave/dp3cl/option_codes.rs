@@ -31,7 +31,7 @@ enum Way {
 use crate::wired::alarm;
 use Way::{Off, Quick, Slow};
 
-/// The drive has stopped in that way, and is in that state then. While it brakes it shows its velocity.
+/// Checks that the drive stops in that way and ends in that state, and that it shows its velocity while it brakes.
 fn stops(bench: &mut Bench, way: Way, state: DriveState, name: &str) {
     let from = bench.shaft();
     bench.cycle();
@@ -66,7 +66,7 @@ fn quick_stop() {
         (0, Off, SwitchOnDisabled),
         (1, Slow, SwitchOnDisabled),
         (2, Quick, SwitchOnDisabled),
-        // As fast as the current or the voltage allows.
+        // The stop is as fast as the current or the voltage allows.
         (3, Off, SwitchOnDisabled),
         (4, Off, SwitchOnDisabled),
         (5, Slow, QuickStopActive),
@@ -126,7 +126,7 @@ fn fault_reaction() {
     }
 }
 
-/// DP3CL-3.2 The codes that there are, and those of power-on.
+/// DP3CL-3.2 The valid codes, and those at power-on.
 #[test]
 fn ranges() {
     let mut drive = usual();

@@ -8,7 +8,7 @@ fn page(name: &str) -> String {
     fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs").join(name)).expect("a page")
 }
 
-/// Each row of the chapter names rules that there are, and each rule of the drive with a decision is asked about; but for
+/// Each row of the chapter names existing rules, and each rule of the drive with a decision has a question, except
 /// forced inputs, which no drive has.
 #[test]
 fn every_decision_has_its_question() {

@@ -85,8 +85,8 @@ fn station_number() {
     assert_eq!(restarted(drive).station_alias(), 40_000);
 }
 
-/// DP3CL-1.6 What the red LED shows.
-/// DP3CL-5.19 No codes without an alarm; those of IEC 61800-7-201 for the alarms of the LED.
+/// DP3CL-1.6 The codes of the red LED. DP3CL-5.19 No codes without an alarm; those of IEC 61800-7-201 for the alarms of
+/// the LED.
 #[test]
 fn red_led() {
     let mut drive = usual();
@@ -128,8 +128,7 @@ fn connection_leds() {
     }
 }
 
-/// DP3CL-1.8 A missing motor is found out at power-on, with P1-00.
-/// DP3CL-1.9 The alarms of the supply.
+/// DP3CL-1.8 A missing motor is detected at power-on, with P1-00. DP3CL-1.9 The alarms of the supply.
 #[test]
 fn motor_and_supply() {
     let mut drive = in_preop(Dp3clConfig { has_motor: false, ..Dp3clConfig::default() });
@@ -268,9 +267,7 @@ fn ranges() {
     }
 }
 
-/// DP3CL-2.4 What is not saved is lost.
-/// DP3CL-2.6 The parameters of the factory.
-/// DP3CL-2.7 How the commands act.
+/// DP3CL-2.4 Values that are not saved are lost. DP3CL-2.6 The factory settings. DP3CL-2.7 The effects of the commands.
 #[test]
 fn saving() {
     let mut drive = usual();

@@ -69,7 +69,7 @@ fn edges() {
     }
 }
 
-/// DP3CL-8.4 The first event, every event, and what disabling leaves.
+/// DP3CL-8.4 The first event, every event, and the state after disabling.
 #[test]
 fn events() {
     let mut bench = bench();
@@ -115,7 +115,7 @@ fn events() {
     assert_eq!(shown(&mut many), (3, [990_033, 0, 0, 0]), "the last index pulse of a cycle with many");
 }
 
-/// DP3CL-8.2 A terminal that is forced has edges, too. DP3CL-8.3 The position is where the axis is then.
+/// DP3CL-8.2 A terminal that is forced has edges, too. DP3CL-8.3 The position is the axis's position then.
 #[test]
 fn forced_terminals() {
     let mut bench = bench();

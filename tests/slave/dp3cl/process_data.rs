@@ -35,9 +35,8 @@ fn tables_at_power_on() {
     assert_eq!([0, 1, 2, 3, 4].map(|sub| read(&mut drive, 0x1C00, sub)), [4, 1, 2, 3, 4].map(Ok));
 }
 
-/// DP3CL-4.2 24 sub-indices, and no more.
-/// DP3CL-4.3 What an entry may be, and when it can be written.
-/// DP3CL-4.5 What may be assigned.
+/// DP3CL-4.2 24 sub-indices, and no more. DP3CL-4.3 Valid entries, and when they can be written. DP3CL-4.5 Valid
+/// assignments.
 #[test]
 fn entries() {
     let mut drive = usual();
@@ -90,7 +89,7 @@ fn the_limit_of_24_bytes() {
     assert_eq!(drive.alarm().map(|alarm| alarm.number()), Some(850));
 }
 
-/// DP3CL-4.6 Mapped tables move what their entries say, in their order.
+/// DP3CL-4.6 Mapped tables move their entries, in their order.
 #[test]
 fn images() {
     let mut drive = usual();
@@ -128,7 +127,7 @@ fn the_example_of_the_manual() {
     drive.exchange(Some(&[6, 0, 1, 0x44, 0x33, 0x22, 0x11, 0x13, 0]), &mut [0; 19]);
     let written = [0x6040, 0x6060, 0x607A, 0x60B8].map(|index| read(&mut drive, index, 0));
     assert_eq!(written, [6, 1, 0x1122_3344, 0x13].map(Ok));
-    // What an SDO writes of it is overwritten by the next process data.
+    // The next process data overwrite a value that an SDO writes.
     write(&mut drive, 0x607A, 0, 77).unwrap();
     assert_eq!(read(&mut drive, 0x607A, 0), Ok(77));
     drive.exchange(Some(&[6, 0, 1, 0x44, 0x33, 0x22, 0x11, 0x13, 0]), &mut [0; 19]);

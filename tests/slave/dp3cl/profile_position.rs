@@ -27,7 +27,7 @@ fn usual_profile(bench: &mut Bench) {
     }
 }
 
-/// Gives a set-point: bit 4 rises, and falls again a cycle later. Whether it was acknowledged.
+/// Gives a set-point: bit 4 rises, and falls again a cycle later. Returns whether it was acknowledged.
 fn set_point(bench: &mut Bench, target: i32, bits: u16) -> bool {
     bench.target = target;
     bench.word = 0x0F | bits;
@@ -126,7 +126,7 @@ fn a_set_point_at_once() {
 #[test]
 fn relative_targets() {
     let mut bench = bench();
-    // The positioning option code, which could say otherwise, is stored only.
+    // The positioning option code, which could change that, is only stored.
     bench.write(0x60F2, 0, 0x0002);
     assert!(set_point(&mut bench, 4000, RELATIVE));
     arrive(&mut bench);
@@ -160,7 +160,7 @@ fn without_speed() {
     assert!((1..20_000).contains(&stands), "{stands}");
 }
 
-/// DP3CL-6.7 Which speed and which ramps are in force, and when they are read.
+/// DP3CL-6.7 The speed and the ramps in force, and when they are read.
 #[test]
 fn limits_of_speed_and_ramps() {
     for (index, value, speed) in [(0x6081, 20_000, 20_000), (0x607F, 7000, 7000), (0x6080, 60, 10_000)] {
@@ -173,8 +173,8 @@ fn limits_of_speed_and_ramps() {
         bench.run_for(200 * MS);
         assert_eq!(bench.velocity(), speed, "a change during the motion is ignored");
     }
-    // The way on which it brakes from 20000 u/s: by 0x6084, or by 0x60C6 if that is less; what is written during a motion is for the next
-    // one, which bit 5 begins at once.
+    // The braking distance from 20000 u/s: by 0x6084, or by 0x60C6 if that is less. A value written during a motion is
+    // for the next one, which bit 5 begins at once.
     for (index, value, at_once, ms) in [
         (0x6084, 100_000, false, 200),
         (0x60C6, 50_000, false, 400),
@@ -257,7 +257,7 @@ fn trapezoid() {
     }
 }
 
-/// DP3CL-6.13 Halt brakes, and the motion goes on after it; a drive that is switched off meanwhile has nothing left to do.
+/// DP3CL-6.13 Halt brakes, and the motion goes on after it; a drive that is switched off meanwhile has no motion left.
 #[test]
 fn halt() {
     let mut bench = bench();

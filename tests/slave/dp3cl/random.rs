@@ -1,4 +1,4 @@
-//! Whatever a master writes and sends, in whatever order, and whatever goes wrong meanwhile.
+//! Random writes and outputs of a master, in any order, with random faults.
 
 use ecmsk::cia402::DriveState;
 use ecmsk::coe::ObjectListType;
@@ -14,7 +14,7 @@ use crate::wired::jam;
 
 #[derive(Clone, Debug)]
 enum Action {
-    /// An SDO to the object with that place in the list.
+    /// An SDO to the object with this index in the list.
     Write(usize, u8, Vec<u8>),
     Mode(i8),
     Word(u16),
@@ -94,7 +94,7 @@ fn has_power(drive: &Dp3cl) -> bool {
     matches!(drive.statusword().state(), Some(OperationEnabled | QuickStopActive | FaultReactionActive))
 }
 
-/// What holds after a step of the drive.
+/// Invariants after a step of the drive.
 fn check(drive: &mut Dp3cl) {
     let state = drive.statusword().state().expect("a state of CiA 402");
     let is_faulty = matches!(state, DriveState::Fault | DriveState::FaultReactionActive);

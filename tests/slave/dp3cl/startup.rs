@@ -1,4 +1,4 @@
-//! What a DP3CL checks of its controller's registers before a change of its AL state.
+//! The checks of a DP3CL on its controller's registers before a change of its AL state.
 
 use ecmsk::ethercat::AlState;
 use ecmsk::slave::dp3cl::{Dp3cl, Dp3clAlarm, Dp3clConfig, Dp3clVariants};
@@ -35,7 +35,7 @@ fn to_preop(config: Dp3clConfig, communication: &Communication) -> Result<(), Al
     answer
 }
 
-/// DP3CL-5.9 E-811, one mistake after the other.
+/// DP3CL-5.9 E-811, each mistake in turn.
 #[test]
 fn mailbox_sync_managers() {
     let refused = Err(AlStatus(0x0016));
@@ -87,8 +87,7 @@ fn to_safeop(communication: &Communication, types: (i64, i64)) -> Result<(), AlS
     answer
 }
 
-/// DP3CL-5.8 E-810: the cycles of SYNC0 that there are.
-/// DP3CL-5.11 E-815: values of 0x0981.
+/// DP3CL-5.8 E-810: the valid cycles of SYNC0. DP3CL-5.11 E-815: values of 0x0981.
 #[test]
 fn distributed_clocks() {
     for (cycle_us, answer) in
@@ -125,8 +124,7 @@ fn watchdog_time() {
     }
 }
 
-/// DP3CL-5.12 E-816, and what the types read with SYNC0.
-/// DP3CL-5.18 The types of power-on.
+/// DP3CL-5.12 E-816, and the types that are read with SYNC0. DP3CL-5.18 The types of power-on.
 #[test]
 fn synchronization_types() {
     let mut drive = usual();
@@ -215,7 +213,7 @@ fn process_data_sync_managers() {
     assert_eq!(drive.enter(AlState::SafeOp), Ok(()), "without outputs it is off");
 }
 
-/// DP3CL-5.17 Of several mistakes the first one in the order of the checks is told.
+/// DP3CL-5.17 With several mistakes, the first one in the order of the checks is reported.
 #[test]
 fn order() {
     let mut wrong = changed(|c| {

@@ -10,7 +10,7 @@ use ecmsk::slave::{AlStatus, AxisFault, Slave, SyncEvent};
 use super::bench::{Bench, MS, read, usual};
 use crate::wired::{alarm, force};
 
-/// The drive has that alarm, with its AL status code, error code and error register, and is in that state.
+/// Checks that the drive has that alarm, with its AL status code, error code and error register, and is in that state.
 fn has_alarm(drive: &mut Dp3cl, alarm: Dp3clAlarm, state: AlState, codes: (u16, i64, i64)) {
     let (status, error_code, register) = codes;
     assert_eq!((drive.alarm(), drive.state()), (Some(alarm), state));
@@ -26,8 +26,7 @@ fn has_alarm(drive: &mut Dp3cl, alarm: Dp3clAlarm, state: AlState, codes: (u16, 
     }
 }
 
-/// DP3CL-5.2 E-800.
-/// DP3CL-5.1 What an alarm shows.
+/// DP3CL-5.2 E-800. DP3CL-5.1 The objects of an alarm.
 #[test]
 fn invalid_changes() {
     for (states, target) in [(&[][..], AlState::SafeOp), (&[], AlState::Op), (&[AlState::PreOp], AlState::Op)] {
@@ -42,7 +41,7 @@ fn invalid_changes() {
     }
 }
 
-/// DP3CL-5.2 Every change there is: IP, PI, PS, SP, SO, OS, SI, OP, OI, and to the same state; the others are E-800.
+/// DP3CL-5.2 All valid changes: IP, PI, PS, SP, SO, OS, SI, OP, OI, and to the same state; the others are E-800.
 #[test]
 fn changes() {
     use AlState::{Init, Op, PreOp, SafeOp};
@@ -86,7 +85,8 @@ fn what_each_state_allows() {
     }
 }
 
-/// DP3CL-6.19 The bits of the statusword that no mode has, in each state on the way to Operation enabled and in Fault.
+/// DP3CL-6.19 The bits of the statusword that do not depend on the mode, in each state on the way to Operation enabled
+/// and in Fault.
 #[test]
 fn statuswords() {
     let mut bench = Bench::in_op(Dp3clConfig::default(), 3, MS);
@@ -99,7 +99,8 @@ fn statuswords() {
     ] {
         bench.word = word;
         bench.run_for(200 * MS);
-        // Bit 4 says whether the power stage has a voltage, bit 5 is 1 but in a quick stop; bits 10, 12 and 13 are those of the mode.
+        // Bit 4 shows whether the power stage has voltage, bit 5 is 1 except in a quick stop; bits 10, 12 and 13 are
+        // those of the mode.
         let status = bench.status().0;
         let own = if bits & 0x40 != 0 { 0x4F } else { 0x6F };
         assert_eq!(status & (0xCB80 | own), bits, "{name}: {status:04X}");
@@ -153,8 +154,7 @@ fn states_that_do_not_exist() {
     assert_eq!((drive.request_state(RequestedState::from_code(2)), drive.state()), (Ok(()), AlState::PreOp));
 }
 
-/// DP3CL-5.5 E-803.
-/// DP3CL-5.7 E-806 and E-807. Bad cycles count one after the other.
+/// DP3CL-5.5 E-803. DP3CL-5.7 E-806 and E-807. Only successive bad cycles count.
 #[test]
 fn synchronization() {
     let in_op = || {
@@ -184,7 +184,7 @@ fn synchronization() {
     assert_eq!(drive.alarm(), None);
     drive.report_sync(SyncEvent::Deviation);
     has_alarm(&mut drive, Dp3clAlarm::SyncDeviation, AlState::SafeOp, (0x002C, 0xFF50, 0x10));
-    // 0x10F1:2 is how many.
+    // 0x10F1:2 is their number.
     let mut drive = in_op();
     drive.write(ecmsk::coe::ObjectAddress::new(0x10F1, 2), ecmsk::coe::SdoScope::Entry, &[2, 0]).unwrap();
     drive.report_sync(SyncEvent::Deviation);
@@ -240,7 +240,8 @@ fn modes() {
     }
 }
 
-/// DP3CL-5.14 Each mode that the drive does not have, torque, cyclic velocity and interpolation among them; those that it has are none.
+/// DP3CL-5.14 Each mode that the drive does not have raises the alarm, including torque, cyclic velocity and
+/// interpolation; its own modes do not.
 #[test]
 fn each_mode() {
     for mode in i8::MIN..=i8::MAX {
@@ -273,7 +274,7 @@ fn changes_while_enabled() {
     assert_eq!((bench.enter(AlState::SafeOp), bench.drive.alarm()), (Ok(()), None), "it is not enabled");
 }
 
-/// ECAT-15.20 Alarms that share an error code are told apart by their words, which name the number of the manual.
+/// ECAT-15.20 Alarms that share an error code are distinguished by their texts, which have the number of the manual.
 #[test]
 fn alarms_have_words() {
     for alarm in Dp3clAlarm::ALL {

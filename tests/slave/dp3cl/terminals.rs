@@ -16,7 +16,8 @@ fn config() -> Dp3clConfig {
     Dp3clConfig { travel, ..Dp3clConfig::default() }
 }
 
-/// 0x60FD with the shaft there. The drive is brought there by homing without a switch in its way, so that no limit holds it.
+/// 0x60FD with the shaft at a position. The drive gets there by homing without a switch in its way, so that no limit
+/// holds it.
 fn inputs_at(position: i64, parameters: &[(u16, i64)]) -> i64 {
     let mut bench = Bench::in_op(Dp3clConfig { position, ..config() }, 8, MS);
     for (index, value) in parameters {

@@ -1,4 +1,4 @@
-//! A drive in homing mode, a master that sends it its actual position as target, and what must hold in every cycle.
+//! A drive in homing mode, a master that sends it its actual position as target, and the invariants of every cycle.
 
 use ecmsk::cia402::{Controlword, Mode, Statusword};
 use ecmsk::coe::SdoSize;
@@ -13,7 +13,7 @@ pub const TURN: i64 = 1 << 17;
 pub const FAST: i64 = 4 * TURN;
 pub const SLOW: i64 = TURN;
 pub const RAMP: i64 = 200 * TURN;
-/// How much faster than its set speed the shaft may be in a cycle, for its overshoot: a 50th.
+/// The allowed overshoot of the shaft's speed in a cycle: a 50th.
 const SPEED_MARGIN: f64 = 1.02;
 
 pub const NEGATIVE_LIMIT: i64 = -200_000;
@@ -136,7 +136,7 @@ impl Bench {
         self.controlword(Controlword::HOMING_START);
     }
 
-    /// Runs homing to its end. The count of the shaft at home, and the direction in which it moved first.
+    /// Runs homing to its end. Returns the count of the shaft at home, and the direction in which it moved first.
     pub fn home(&mut self, method: i8) -> Outcome {
         self.start(method);
         let (start, mut first) = (self.shaft(), '.');

@@ -1,4 +1,4 @@
-//! How a run goes by the statusword: its table in CiA 402-2, start, halt, interruption, and what is left afterwards.
+//! The course of a run by the statusword: its table in CiA 402-2, start, halt, interruption, and the state afterwards.
 
 use ecmsk::cia402::{Controlword, DriveState, Mode, Statusword};
 use ecmsk::coe::SdoSize;
@@ -20,14 +20,14 @@ fn running(method: i8, start: i64, for_ms: u32) -> Bench {
     bench
 }
 
-/// Cycles until the bits are others than these; the bits then.
+/// Runs cycles until the bits change from these; returns the new bits.
 fn after(bench: &mut Bench, bits: Bits) -> Bits {
     (0..20_000).map(|_| bench.cycle()).find(|now| *now != bits).expect("it ends")
 }
 
-/// SK-7.20 Bits 13, 12, 10 of a run that finds home: not started, running, done; and they stay. SK-7.44 It is done when the
-/// axis stands at home, where the switch changed, to the count, and not where its ramp has led it: it runs back, at the
-/// speed of the search for zero.
+/// SK-7.20 Bits 13, 12, 10 of a run that finds home: not started, running, done; and they stay. SK-7.44 It is done when
+/// the axis is at rest at home, to the count, where the switch changed, and not at the end of its ramp: it runs back at
+/// the speed of the search for zero.
 #[test]
 fn bits_of_a_run() {
     let mut bench = Bench::new(travel(CAM), -100_000);
@@ -41,7 +41,7 @@ fn bits_of_a_run() {
         bits
     });
     assert_eq!({ end }.find(|bits| *bits != Bits::Running), Some(Bits::Done));
-    // It goes past the switch by what its ramp needs, v^2 / 2a, and then back.
+    // It passes the switch by the braking distance, v^2 / 2a, and then back.
     assert!((farthest - FIRST - FAST * FAST / (2 * RAMP)).abs() < 1_500, "{farthest}");
     assert!(-fastest_back > 0.9 * SLOW as f64 && -fastest_back < 1.25 * SLOW as f64, "{fastest_back}");
     assert!(bench.rig.velocity().abs() < 1.0);
@@ -56,7 +56,7 @@ fn bits_of_a_run() {
     assert_eq!(bench.rig.status().0 & 0xFF, 0x37);
 }
 
-/// Without a rising edge of bit 4 nothing starts: not by a bit that is set when the mode is entered, nor when the drive
+/// Without a rising edge of bit 4 no run starts: not by a bit that is set when the mode is entered, nor when the drive
 /// is switched on.
 #[test]
 fn the_edge_starts() {
@@ -67,7 +67,7 @@ fn the_edge_starts() {
     bench.set_mode(Mode::Homing);
     bench.run_for_ms(100);
     assert_eq!((bench.bits(), bench.shaft()), (Bits::NotRunning, -100_000));
-    // Nor one that rises while the drive is off.
+    // The same for a bit that rises while the drive is off.
     bench.controlword(0);
     bench.run_for_ms(10);
     bench.rig.out.controlword = Controlword(0);
@@ -83,7 +83,7 @@ fn the_edge_starts() {
     assert_eq!(bench.home(20).end, Ok(FIRST));
 }
 
-/// Bit 4 falls during a run: the axis brakes and stands, interrupted. The next edge begins a new run.
+/// Bit 4 falls during a run: the axis brakes to rest, interrupted. The next edge begins a new run.
 #[test]
 fn interrupted() {
     let mut bench = running(22, 290_000, 300);
@@ -97,7 +97,7 @@ fn interrupted() {
     assert_eq!(bench.home(22).end, Ok(LAST));
 }
 
-/// Whenever bit 4 falls: once bit 10 says that the axis stands it does not move any more, also where it only turned.
+/// Whenever bit 4 falls: once bit 10 shows a standstill the axis does not move any more, also where it only turned.
 #[test]
 fn interrupted_at_any_time() {
     for ms in (2..80).step_by(3) {
@@ -129,7 +129,7 @@ fn halted() {
         bench.controlword(START | HALT);
         assert_eq!(bench.cycle(), Bits::Running);
         assert_eq!(after(&mut bench, Bits::Running), Bits::NotRunning);
-        // What it takes to stop from that speed, and some for the cycle in which the word comes.
+        // The braking distance from that speed, and a margin for the cycle in which the word comes.
         let (way, expected) = ((from - bench.shaft()) as f64, speed * speed / (2.0 * ramp as f64));
         assert!(way > 0.98 * expected && way < expected + 0.004 * speed, "option {option}: {way}, not {expected}");
         let stands = bench.shaft();
@@ -185,7 +185,7 @@ fn offset_and_homing_again() {
     }
 }
 
-/// 0x6098 to 0x609A and 0x607C are read at the start; what is written during a run is for the next one.
+/// 0x6098 to 0x609A and 0x607C are read at the start; values written during a run are for the next one.
 #[test]
 fn a_run_keeps_its_settings() {
     let mut bench = running(20, -190_000, 100);
@@ -249,7 +249,7 @@ fn a_run_allocates_nothing() {
     assert_eq!((allocated.count_total, allocated.bytes_total), (0, 0));
 }
 
-/// Bit 11 stays a word on limits of torque and speed, bit 9 is remote; in Operation enabled the low byte is 37h.
+/// Bit 11 still shows limits of torque and speed, bit 9 is remote; in Operation enabled the low byte is 37h.
 #[test]
 fn the_rest_of_the_statusword() {
     let bench = running(20, -190_000, 100);

@@ -1,4 +1,4 @@
-//! Everything that ends a run in a homing error: bit 13 of the statusword, an axis that brakes and stands.
+//! Everything that ends a run in a homing error: bit 13 of the statusword, an axis that brakes to rest.
 
 use ecmsk::cia402::{Controlword, Mode};
 use ecmsk::coe::SdoSize;
@@ -20,7 +20,7 @@ fn refused(mut bench: Bench, method: i8, error: HomingError) {
     assert_eq!(bench.rig.status().0 & 0xFF, 0x37);
 }
 
-/// A method that there is not.
+/// An unknown method.
 #[test]
 fn unsupported_methods() {
     for method in i8::MIN..=i8::MAX {
@@ -124,11 +124,11 @@ fn stuck_switches() {
         let mut bench = Bench::new(travel(CAM), -100_000);
         assert!(bench.rig.drive.apply_fault(stick(input, Some(value))));
         let end = bench.home(method).end;
-        // Both limits at once is what a run sees that a stuck limit sends to the other one.
+        // A run that a stuck limit sends to the other limit sees both limits at once.
         let both = value && matches!(input, NegativeLimit | PositiveLimit) && end == Err(HomingError::BothLimits);
         assert!(end == Err(error) || both, "method {method}, {input:?} at {value}: {end:?}");
         assert_eq!((bench.bits(), bench.steps), (Bits::Error, 0));
-        // It works again, and so does homing.
+        // The switch works again, and so does homing.
         bench.rig.drive.apply_fault(stick(input, None));
         let nearest = if bench.shaft() < 0 { (17, -199_999) } else { (18, 299_999) };
         assert_eq!(bench.home(nearest.0).end, Ok(nearest.1));
@@ -143,7 +143,7 @@ fn towards_an_active_limit() {
         bench.rig.drive.apply_fault(stick(Input::PositiveLimit, Some(true)));
         bench
     };
-    // Off the cam to the left, to come back to its edge: that is where the switch says that the travel ends.
+    // The run goes off the cam to the left, to come back to its edge: there the switch shows the end of the travel.
     for method in [4, 8, 20, 24] {
         let mut bench = with_stuck_limit();
         let end = bench.home(method).end;
@@ -159,7 +159,7 @@ fn the_same_limit_twice() {
     for (method, start, limit) in [(26, 150_000, Input::PositiveLimit), (30, -100_000, Input::NegativeLimit)] {
         let mut bench = Bench::new(travel(CAM), start);
         bench.start(method);
-        // To the limit switch and back to the cam, which is then said never to end.
+        // To the limit switch and back to the cam, whose switch then sticks.
         while bench.rig.read(0x60FD, 0) != 0b100 {
             assert_eq!(bench.cycle(), Bits::Running, "method {method}");
         }
@@ -185,7 +185,7 @@ fn started_in_motion() {
     assert!(bench.shaft() < FIRST);
 }
 
-/// A start while the shaft is still asked to move is one too, though it is jammed and stands.
+/// A start while the shaft is still commanded to move is an error, too, although it is jammed and at rest.
 #[test]
 fn started_while_it_is_asked_to_move() {
     let mut bench = Bench::new(travel(CAM), -190_000);
@@ -201,7 +201,7 @@ fn started_while_it_is_asked_to_move() {
     assert_eq!((bench.cycle(), bench.error()), (Bits::ErrorMoving, HomingError::Moving));
 }
 
-/// A speed of 0 leads nowhere.
+/// A speed of 0 is an error.
 #[test]
 fn no_speed() {
     for sub in [1, 2] {
@@ -227,8 +227,8 @@ fn too_far() {
     }
 }
 
-/// A limit switch that comes while the axis slows down after having found the home switch is a wrong one for a method
-/// that knows no limits, and none for one that turns there.
+/// A limit switch that comes while the axis slows down after having found the home switch is an error for a method
+/// without limits, and none for a method that turns there.
 #[test]
 fn a_limit_on_the_ramp() {
     let home = HomeSwitch::From(299_000);
@@ -251,7 +251,7 @@ fn what_ends_an_error() {
     assert_eq!(bench.home(35).end, Ok(0));
 }
 
-/// Every error says what to do next.
+/// Every error text has the next step.
 #[test]
 fn messages() {
     let error = HomingError::NotWired { method: 7, input: Input::PositiveLimit };

@@ -1,4 +1,4 @@
-//! 0x60FD, switches and what can be wrong with them, end stops and a jammed shaft.
+//! 0x60FD, switches and their faults, end stops and a jammed shaft.
 
 use ecmsk::cia402::{DriveState, Mode};
 use ecmsk::coe::{ObjectAddress, SdoSize};
@@ -17,7 +17,7 @@ fn digital_inputs(position: i64, travel: Travel) -> u32 {
     drive.upload(ObjectAddress::new(0x60FD, 0)).unwrap().bits
 }
 
-/// 0x60FD: bit 0 negative limit, bit 1 positive limit, bit 2 home, to the count; what is not wired reads 0.
+/// 0x60FD: bit 0 negative limit, bit 1 positive limit, bit 2 home, to the count; an input that is not wired reads 0.
 #[test]
 fn bits_of_0x60fd() {
     for (position, cam, step_up, step_down) in [
@@ -80,8 +80,8 @@ fn next_on_the_way() {
     assert_eq!(switches.next(i64::MIN, i64::MAX, false), Some(NEGATIVE_LIMIT + 1), "at the ends of counting");
 }
 
-/// Whether a switch changes on the way says the same as looking for the first one that does, from and to every place around an
-/// edge and at the ends of counting, also when one sticks.
+/// The check whether a switch changes on the way agrees with the search for the first change, from and to every place
+/// around an edge and at the ends of counting, also with a stuck switch.
 #[test]
 fn changes_on_the_way() {
     for home in [CAM, HomeSwitch::Cam { first: FIRST, last: FIRST }, HomeSwitch::From(FIRST), HomeSwitch::UpTo(LAST)] {
@@ -122,7 +122,8 @@ fn stuck_inputs_in_0x60fd() {
     assert!(!io.apply_fault(stick(Input::Home, None)) && !io.apply_fault(jam(true)), "nor any axis of an IO module");
 }
 
-/// A jammed shaft stands whatever the torque; the following error grows on its own and is a fault, which ends homing.
+/// A jammed shaft does not move whatever the torque is; the following error grows on its own and is a fault, which ends
+/// homing.
 #[test]
 fn jammed() {
     let mut bench = Bench::new(travel(CAM), -190_000);
@@ -147,8 +148,8 @@ fn jammed() {
     assert_eq!(bench.home(20).end, Ok(FIRST));
 }
 
-/// A jammed shaft in the cyclic modes: a position is not reached and that is a fault, a velocity and a torque just are
-/// not there; freed, it follows again.
+/// A jammed shaft in the cyclic modes: a position is not reached and that is a fault, a velocity and a torque are just
+/// not reached; freed, it follows again.
 #[test]
 fn jammed_in_cyclic_modes() {
     for mode in [Mode::Csv, Mode::Cst] {
@@ -186,15 +187,15 @@ fn travel_of_a_motor() {
     assert!(travel.stops.is_none() && FAST > 0);
 }
 
-/// The handle of a simulated bus sticks inputs and jams shafts by slave number, from the next cycle on; a slave or an
-/// axis that there is not is none of its business.
+/// The handle of a simulated bus sticks inputs and jams shafts by slave number, from the next cycle on; a missing slave
+/// or axis is ignored.
 #[test]
 fn by_the_handle_of_the_bus() {
     let mut bus = support::fieldbus_rig::Bench::enabled(3);
     let read = |bus: &mut support::fieldbus_rig::Bench| {
         [1, 2, 3].map(|slave| bus.transferred(support::fieldbus_rig::sdo(slave, 0x60FD, None)).expect("it is read"))
     };
-    // They stand on the cam of the default travel.
+    // The axes are on the cam of the default travel.
     let cam = 0b100;
     assert_eq!(read(&mut bus), [cam; 3]);
     for (slave, axis) in [(2, 0), (0, 0), (1, 1), (40, 0)] {

@@ -1,7 +1,7 @@
 //! Every method, from every place, with every kind of home switch.
 //!
-//! The expectations are those of the tables of CiA 402-2 and nothing else: where each method ends, and for each place
-//! to start from in which direction it sets out and whether it can find its home there.
+//! The expectations come only from the tables of CiA 402-2: where each method ends, and for each start position its
+//! first direction and whether it finds home.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::SdoSize;
@@ -134,7 +134,7 @@ fn by_a_step_down() {
     check(HomeSwitch::UpTo(LAST), &WITH_STEP_DOWN);
 }
 
-/// SK-7.20 Methods 35 and 37 take the place where the shaft stands, at once.
+/// SK-7.20 Methods 35 and 37 take the present position as home, at once.
 #[test]
 fn where_it_stands() {
     for (method, start) in [(35, -210_000), (37, 10_000), (35, 310_000), (37, 12_345)] {
@@ -153,7 +153,7 @@ fn no_pulse_before_the_limit() {
     }
 }
 
-/// A cam narrower than the way on which the axis stops is overrun in either direction, and found all the same.
+/// A cam that is narrower than the braking distance is overrun in either direction, and found all the same.
 #[test]
 fn by_a_narrow_cam() {
     let (first, last) = (-1_000, 300);
@@ -165,8 +165,8 @@ fn by_a_narrow_cam() {
     }
 }
 
-/// A cam that ends where the limit switch begins: an edge that the axis slides over on the ramp of its turn at the
-/// limit is not yet the one that it seeks, and after the turn there is no way to it.
+/// A cam that ends where the limit switch begins: an edge that the axis passes on its ramp at the limit is not yet the
+/// sought one, and after the turn it cannot be reached.
 #[test]
 fn by_a_cam_that_ends_at_the_limit() {
     let home = HomeSwitch::Cam { first: 168_599, last: POSITIVE_LIMIT };
@@ -211,7 +211,7 @@ fn speeds() {
         while bench.cycle() == Bits::Running {
             way.push((bench.shaft(), bench.rig.velocity().abs()));
         }
-        // It comes back to home slowly: what found home is the last time that it crossed it at a speed.
+        // It comes back to home slowly: home was found at its last crossing at a higher speed.
         let home = bench.home_count();
         let crossed = |step: &&[(i64, f64)]| (step[0].0 <= home) != (step[1].0 <= home) && step[1].1 > 0.8 * slow;
         let speed = way.windows(2).rfind(crossed).map_or(0.0, |step| step[1].1);
@@ -242,7 +242,7 @@ fn speeds_off_the_switch() {
     }
 }
 
-/// 0x607F is a limit in homing too, of the demand: nothing lags, however fast 0x6099 says.
+/// 0x607F is a limit in homing too, of the demand: there is no lag, whatever 0x6099 says.
 #[test]
 fn speed_limit_of_the_drive() {
     let mut bench = Bench::new(travel(CAM), -190_000);

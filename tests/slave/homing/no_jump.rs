@@ -1,12 +1,11 @@
-//! Into mode 6 and out of it: the axis holds where it is, and what a target in old coordinates would do does not
-//! happen.
+//! Into mode 6 and out of it: the axis holds its position, and a target in old coordinates has no effect.
 
 use ecmsk::cia402::{Mode, Statusword};
 use ecmsk::coe::SdoSize;
 
 use super::bench::{Bench, Bits, CAM, FIRST, RAMP, TURN, travel};
 
-/// Largest way that the shaft may go meanwhile, counts: what a position loop settles by.
+/// The largest motion of the shaft meanwhile, counts: the settling of the position loop.
 const STILL: i64 = 2;
 
 fn homed(offset: i64) -> Bench {
@@ -17,8 +16,8 @@ fn homed(offset: i64) -> Bench {
     bench
 }
 
-/// SK-7.22 SK-7.24 Back in CSP with the position that the board sends: no count moves, and the axis follows what comes
-/// next.
+/// SK-7.22 SK-7.24 Back in CSP with the position that the board sends: the axis does not move, and follows the next
+/// targets.
 #[test]
 fn back_in_csp() {
     for offset in [0, 900_000, -5] {
@@ -59,8 +58,8 @@ fn a_target_in_old_coordinates() {
     assert_eq!(i64::from(bench.rig.seen.position), 3 * TURN);
 }
 
-/// The mode is left while the axis moves, and then while it stands past home: it brakes, with the ramp of homing, and
-/// holds.
+/// The mode is left while the axis moves, and then while it is at rest past home: it brakes, with the ramp of homing,
+/// and holds.
 #[test]
 fn left_in_motion() {
     for (mode, wait) in [(Mode::Csp, 100), (Mode::Csp, 200), (Mode::Csv, 100), (Mode::Cst, 30)] {
@@ -73,7 +72,7 @@ fn left_in_motion() {
             bench.rig.out.target = if mode == Mode::Csp { bench.rig.seen.position } else { 0 };
             bench.rig.cycle();
             let now = (bench.shaft() - last) as f64;
-            // At the end of the ramp the loop takes back what it lagged: 26 counts in the first millisecond.
+            // At the end of the ramp the loop corrects its lag: 26 counts in the first millisecond.
             assert!(now >= -26.0 && now <= way + 2.0, "{mode}, cycle {cycle}: {now} after {way}");
             (last, way) = (bench.shaft(), now.max(0.0));
         }
@@ -83,8 +82,8 @@ fn left_in_motion() {
     }
 }
 
-/// The mode is changed again while the axis brakes after mode 6: it goes on braking, and what the new mode's target is
-/// counts when it stands.
+/// The mode is changed again while the axis brakes after mode 6: it goes on braking, and the new mode's target counts
+/// when it is at rest.
 #[test]
 fn left_in_motion_for_one_mode_after_the_other() {
     let mut bench = Bench::new(travel(CAM), -190_000);
@@ -103,8 +102,8 @@ fn left_in_motion_for_one_mode_after_the_other() {
     assert!(start > 0.0 && lost <= 2.0 * RAMP as f64 / 1000.0, "from {start} by {lost} in a cycle");
 }
 
-/// What process data hold while the axis brakes after mode 6 is nothing to it, nor what is under way when it stands: a
-/// master that sends positions once it has seen bit 12 moves nothing.
+/// The axis ignores targets while it brakes after mode 6, and targets that are in transit when it is at rest: a master
+/// that sends positions once it has seen bit 12 moves nothing.
 #[test]
 fn targets_while_it_brakes() {
     let mut bench = Bench::new(travel(CAM), -190_000);
@@ -118,7 +117,7 @@ fn targets_while_it_brakes() {
         bench.rig.cycle();
         assert!(bench.rig.velocity() <= 1.05 * 4.0 * TURN as f64);
     }
-    // v^2 / 2a from 4 turns/s with 200 turns/s^2, and the way of a cycle or two.
+    // v^2 / 2a from 4 turns/s with 200 turns/s^2, and the distance of a cycle or two.
     let way = bench.shaft() - from;
     assert!((way - 16 * TURN / 400).abs() < 2_000, "{way}");
     assert_eq!((bench.rig.velocity(), bench.rig.status().0 & 0x3C00), (0.0, 0x1400));

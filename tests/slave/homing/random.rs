@@ -1,4 +1,4 @@
-//! Travels, starts, speeds and defects as they come: every run ends, and a home is the right one.
+//! Random travels, starts, speeds and defects: every run ends, and a found home is the right one.
 
 use ecmsk::coe::SdoSize;
 use ecmsk::slave::homing::HomingError;
@@ -57,7 +57,7 @@ fn cases() -> impl Strategy<Value = Case> {
     )
 }
 
-/// Where a home can be at all.
+/// The only possible place of home.
 fn home_of(case: &Case) -> i64 {
     let (first, last) = match case.travel.home {
         Some(HomeSwitch::Cam { first, last }) => (first, last),
@@ -94,7 +94,7 @@ proptest! {
             let stuck = stick(input, Some(value));
             prop_assert!(bench.rig.drive.apply_fault(stuck));
         }
-        // A 20th for what the loops overshoot when a ramp ends, and the ramp for the while they lag.
+        // A 20th for the overshoot of the loops at the end of a ramp, and the ramp during their lag.
         bench.way_limit = (case.fast.max(case.slow) as f64 * 1.05 + case.ramp as f64 * 4e-3) / 1000.0;
         let end = bench.home(case.method).end;
         match end {

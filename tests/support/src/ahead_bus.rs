@@ -1,5 +1,5 @@
-//! A bus that owns its cycle and takes outputs ahead, as an ECM-XF does: as kind as such a bus can be, or as honest as one
-//! is.
+//! A bus that owns its cycle and takes outputs ahead, as an ECM-XF does: either ideal, or with the delays and losses of
+//! a real one.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -12,16 +12,16 @@ use ecmsk::sk::CycleTime;
 
 use crate::dice::Dice;
 
-/// How a bus differs from another.
+/// The properties of a bus.
 #[derive(Clone, Copy)]
 pub struct Ahead {
-    /// Outputs it takes ahead at most.
+    /// The most sets of outputs that the bus takes ahead.
     pub depth: u16,
-    /// Cycles between outputs being sent and their answer being seen, at least.
+    /// The fewest cycles between sending outputs and seeing their answer.
     pub pipeline: usize,
-    /// When its first cycle is: its clock is its own.
+    /// The time of the bus's first cycle: the bus has its own clock.
     pub phase: Ns,
-    /// How much slower its clock is: so much longer than it was told is a cycle.
+    /// How much slower the bus's clock is: a cycle is that much longer than configured.
     pub slower: Ns,
     pub honesty: Honesty,
 }
@@ -36,39 +36,40 @@ impl fmt::Debug for Ahead {
     }
 }
 
-/// What a real one does besides. Zero everywhere: nothing.
+/// The delays and losses of a real bus. Zero everywhere: none.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Honesty {
     pub seed: u64,
-    /// So many cycles more than `pipeline` an answer may take; it varies.
+    /// An answer may take up to that many cycles more than `pipeline`; the number varies.
     pub jitter: usize,
-    /// Looks that its fill level is old.
+    /// Age of the reported fill level, in polls.
     pub stale_looks: usize,
-    /// Bytes of its FIFO, which holds so many sets of outputs less the more each has; 0: `depth`, whatever is configured.
+    /// Bytes of the FIFO, which holds fewer sets of outputs if each is larger; 0: always `depth` sets.
     pub bytes: u32,
-    /// Looks that a clear takes; after half of them it acts.
+    /// Polls that a clear takes; it acts after half of them.
     pub clear_looks: u32,
-    /// One look in so many finds no cycle, and the next one finds them all; 0: each finds what has passed.
+    /// One poll in that many finds no cycle, and the next one finds them all; 0: every poll finds the cycles that have
+    /// passed.
     pub blind: u64,
-    /// Answers that it keeps until they are polled; the oldest goes first. 0: all.
+    /// Answers that the bus keeps until they are polled; the oldest is dropped first. 0: all.
     pub keeps: usize,
-    /// One answer in so many goes although there is room; 0: none.
+    /// One answer in that many is lost although there is room; 0: none.
     pub loses: u64,
-    /// Takes no SDO beside a change of state.
+    /// The bus takes no SDO during a change of state.
     pub refuses_sdo: bool,
-    /// Cycles that a slave has been silent when it is named as lost.
+    /// Cycles of silence after which a slave is reported as lost.
     pub loss_delay: u64,
-    /// A Configure of some slaves throws the others out of OP.
+    /// A Configure of some slaves makes the others leave OP.
     pub disturbs: bool,
-    /// It tells no working counter.
+    /// The bus reports no working counter.
     pub uncounted: bool,
 }
 
-/// The most by which an answer of an honest bus is late.
+/// The longest delay of an answer of an honest bus, cycles.
 const ANSWER_DELAY: u16 = 64;
 
 impl Ahead {
-    /// A bus that hides nothing and does everything at once.
+    /// An ideal bus: everything is reported and done at once.
     pub const fn kind(depth: u16, pipeline: usize, phase: Ns, slower: Ns) -> Self {
         let honesty = Honesty {
             seed: 0,
@@ -87,7 +88,7 @@ impl Ahead {
         Self { depth, pipeline, phase, slower, honesty }
     }
 
-    /// One that is like a chip at the end of an SPI: all of it, but nothing for long.
+    /// A bus like a chip at the end of an SPI: all delays and losses, each small.
     pub const fn chip() -> Self {
         let honesty = Honesty {
             seed: 1,
@@ -106,7 +107,7 @@ impl Ahead {
         Self { depth: 64, pipeline: 2, phase: 333_333, slower: 100, honesty }
     }
 
-    /// One that is like a chip at the end of an SPI: each of it as little or as much as the seed has it.
+    /// A bus like a chip at the end of an SPI: the seed chooses each delay and loss.
     pub fn honest(seed: u64) -> Self {
         let mut dice = Dice(seed ^ 0x686F_6E65_7374_2121);
         let pipeline = dice.pick(&[0, 1, 2, 2, 3, 5, 20]);
@@ -129,15 +130,15 @@ impl Ahead {
     }
 }
 
-/// A slave that is silent.
+/// A silent slave.
 #[derive(Clone, Copy)]
 struct Silence {
-    /// The cycle in which it began, and the first outputs that the slave has not got.
+    /// The cycle in which the silence began, and the first outputs that the slave missed.
     since: u64,
     outputs: u64,
 }
 
-/// What it does at a clear.
+/// A clear under way.
 struct Clear {
     looks: u32,
     acts_at: u32,
@@ -150,12 +151,12 @@ pub struct AheadBus<B> {
     how: Ahead,
     dice: Dice,
     queue: VecDeque<Outputs>,
-    /// Sets of outputs that it holds with the process data that are configured.
+    /// Sets of outputs that the FIFO holds with the configured process data.
     depth: u16,
     last: Outputs,
     /// The newest outputs sent.
     sent: Option<u64>,
-    /// What the slaves sent in the newest cycle.
+    /// The inputs of the newest cycle.
     newest: Inputs,
     answers: VecDeque<(CycleDone, Inputs)>,
     /// Answers that are held back now.
@@ -164,17 +165,17 @@ pub struct AheadBus<B> {
     cycles: u64,
     silent: [Option<Silence>; MAX_SLAVES],
     next: Ns,
-    /// The time of the newest look, and whether it finds anything.
+    /// The time of the newest poll, and whether it finds a cycle.
     looked: Ns,
     finds: bool,
-    /// Fill levels at the newest looks, and the sets pushed since the newest one.
+    /// Fill levels at the newest polls, and the sets pushed since the newest one.
     levels: VecDeque<usize>,
     pushed: VecDeque<usize>,
     clear: Option<Clear>,
     cycle_in_op: CycleTime,
-    /// Slaves that it brought to OP.
+    /// Slaves that the bus has brought to OP.
     in_op: SlaveSet,
-    /// Its job, if that is no SDO.
+    /// The job under way, if it is no SDO.
     moving: Option<(AlState, SlaveSet)>,
     /// Slaves that leave OP before these are configured.
     before: Option<(SlaveSet, BusConfig)>,
@@ -212,7 +213,7 @@ impl<B: Fieldbus> AheadBus<B> {
         }
     }
 
-    /// The cycles that are due by then pass, and what can be seen of the bus is looked at.
+    /// Runs the cycles that are due at `now`, and updates the visible state of the bus.
     fn look(&mut self, now: Ns) {
         if now <= self.looked {
             return;
@@ -235,7 +236,7 @@ impl<B: Fieldbus> AheadBus<B> {
         self.clear_on();
     }
 
-    /// The next cycle passes; none does while the cable is cut.
+    /// Runs the next cycle; none runs while the cable is cut.
     fn pass(&mut self) {
         let at = self.next;
         self.next += if self.in_op.is_empty() { CycleTime::DEFAULT } else { self.cycle_in_op }.ns() + self.how.slower;
@@ -265,7 +266,7 @@ impl<B: Fieldbus> AheadBus<B> {
         }
     }
 
-    /// The oldest answer that is kept goes.
+    /// Drops the oldest kept answer.
     fn lose_answer(&mut self) {
         let Some((done, _)) = self.answers.pop_front() else { return };
         let lost = done.answers_lost + 1;
@@ -275,11 +276,10 @@ impl<B: Fieldbus> AheadBus<B> {
         }
     }
 
-    /// A slave that does not answer is named as lost when it has been silent for long enough, with the first outputs that
-    /// it has not got.
+    /// Reports a slave as lost when it has been silent for long enough, with the first outputs that it missed.
     fn hide_losses(&mut self, seen: &mut Inputs, carries_news: bool) {
         let delay = self.how.honesty.loss_delay;
-        // A slave that fell silent before any outputs were sent has got none.
+        // A slave that fell silent before any outputs were sent has received none.
         let first = self.sent.map_or(0, |id| if carries_news { id } else { id + 1 });
         for ((slave, silent), lost_from) in (1..).zip(&mut self.silent).zip(&mut seen.lost_from) {
             if !seen.lost.contains(slave) {
@@ -296,7 +296,7 @@ impl<B: Fieldbus> AheadBus<B> {
         }
     }
 
-    /// A clear goes on by a look.
+    /// Advances a clear by one poll.
     fn clear_on(&mut self) {
         let Some(clear) = &mut self.clear else { return };
         if clear.looks == clear.acts_at && clear.done.is_none() {
@@ -320,7 +320,7 @@ impl<B: Fieldbus> AheadBus<B> {
         Ok(())
     }
 
-    /// The process data are mapped: of larger ones it holds fewer.
+    /// Process data are mapped: the FIFO holds fewer sets if they are larger.
     fn configured(&mut self, config: &BusConfig) {
         self.cycle_in_op = config.cycle;
         let bytes: u32 = config.slaves.iter().filter(|slave| slave.role != Role::Unused).map(|_| 6).sum();
@@ -376,11 +376,11 @@ impl<B: Fieldbus> Fieldbus for AheadBus<B> {
             && let Some((target, slaves)) = self.moving.take()
         {
             if ended.is_err() {
-                // Who has moved all the same shows by its answers.
+                // A slave that changed its state all the same is seen by its answers.
             } else if target != AlState::Op {
                 self.in_op = self.in_op.difference(slaves);
             } else if self.in_op.is_empty() {
-                // What was sent before the slaves left OP is not meant for now.
+                // Outputs that were sent before the slaves left OP are not valid any more.
                 self.last = Outputs::default();
                 self.in_op = slaves;
             } else {
@@ -442,7 +442,7 @@ impl<B: Fieldbus> Fieldbus for AheadBus<B> {
     fn poll_clear(&mut self, now: Ns) -> Option<Cleared> {
         self.look(now);
         let clear = self.clear.take_if(|clear| clear.looks == 0)?;
-        // What was pushed before it is known to be gone.
+        // Outputs that were pushed before the clear are known to be dropped.
         self.levels.iter_mut().for_each(|level| *level = 0);
         self.pushed.iter_mut().for_each(|pushed| *pushed = 0);
         clear.done

@@ -21,20 +21,20 @@ pub struct Blob {
 pub const BLOB: ObjectAddress = ObjectAddress::new(0x2000, 0);
 
 impl Blob {
-    /// A slave with it in Init, with the EEPROM of a drive.
+    /// A slave with this device, in Init, with the EEPROM of a drive.
     pub fn slave(self) -> EscSlave {
         let settings = EscSettings::default();
         let eeprom = eeprom_of(&mut Drive::new(DriveConfig::default()), &settings).expect("it can be described");
         EscSlave::new(Box::new(self), settings, eeprom, 0)
     }
 
-    /// A blob with so many bytes.
+    /// A blob with that many bytes.
     pub fn of(len: usize) -> Self {
         Self { value: bytes(len), ..Self::default() }
     }
 }
 
-/// Bytes of which neighbours differ.
+/// Bytes each of which differs from its neighbours.
 pub fn bytes(len: usize) -> Vec<u8> {
     (0..len).map(|n| (n * 7 + 3) as u8).collect()
 }

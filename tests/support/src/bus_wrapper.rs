@@ -1,7 +1,7 @@
-//! For a bus of a test's own around another one.
+//! A macro for a test's bus that wraps another bus.
 
-/// Calls of a [`Fieldbus`](ecmsk::fieldbus::Fieldbus) that go on to the bus inside as they are:
-/// `hand_on!(inner: room, push);` in the `impl`, where `inner` is the field that has it.
+/// Calls of a [`Fieldbus`](ecmsk::fieldbus::Fieldbus) that are passed unchanged to the bus inside: `hand_on!(inner:
+/// room, push);` in the `impl`, where `inner` is the field with that bus.
 #[macro_export]
 macro_rules! hand_on {
     ($bus:tt: $($call:ident),+ $(,)?) => {

@@ -6,11 +6,11 @@ use ecmsk::xf::EtherCatState;
 use ecmsk::xf::request::{FifoEnable, Reconfig, Slaves};
 use ecmsk::xf_api::{NetworkConfig, Xf, XfError};
 
-/// How far the axis goes, in counts.
+/// The distance of the axis' motion, in counts.
 const DISTANCE: i32 = 5000;
 
-/// Brings a network of one drive to OP, enables the axis and moves it by some thousand counts in CSP, along as many
-/// RxPDOs. It is there then, within the few counts of a servo drive at rest.
+/// Brings a network of one drive to OP, enables the axis and moves it by some thousand counts in CSP, with as many
+/// RxPDOs. At the end it is within a few counts of the target, as a servo drive at rest.
 ///
 /// # Errors
 /// The first one.

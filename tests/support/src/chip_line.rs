@@ -17,10 +17,10 @@ const CLOCK_HZ: u32 = 24_000_000;
 /// The wires to a chip, and the chip.
 pub struct ChipLine<N: SlaveNetwork> {
     port: ChipPort<N>,
-    /// The time. Who moves it on beside the host lets the chip go on while the host stands still.
+    /// The time. A test that advances it lets the chip go on while the host is stalled.
     pub clock: Arc<AtomicU64>,
     clock_hz: u32,
-    /// They are cut: no byte reaches the chip, and what comes is zeros.
+    /// The wires are cut: no byte reaches the chip, and the host reads zeros.
     pub cut: Arc<AtomicBool>,
 }
 
@@ -30,7 +30,7 @@ impl<N: SlaveNetwork> ChipLine<N> {
         Self { port: ChipPort::new(chip), clock: Arc::default(), clock_hz: CLOCK_HZ, cut: Arc::default() }
     }
 
-    /// With another clock than 24 MHz.
+    /// The same with another clock than 24 MHz.
     #[must_use]
     pub fn at(self, clock_hz: u32) -> Self {
         Self { clock_hz, ..self }
@@ -89,7 +89,7 @@ pub fn xf_bus_at(
     XfBus::new(ChipLine::new(chip).at(clock_hz), config, options)
 }
 
-/// The same, on the cable of this handle.
+/// The same, with the slaves on the cable of this handle.
 pub fn xf_bus_reached_by(
     slaves: Vec<Box<dyn Slave>>,
     handle: SimHandle,
@@ -98,7 +98,7 @@ pub fn xf_bus_reached_by(
     xf_bus_with(slaves, handle, HostConfig::DEFAULT, options)
 }
 
-/// The same with a driver that is set up so.
+/// The same with a driver of these options.
 pub fn xf_bus_with(
     slaves: Vec<Box<dyn Slave>>,
     handle: SimHandle,

@@ -1,4 +1,4 @@
-//! What is compiled: by `cargo xtask dotnet`, and of programs for the tests alone.
+//! The .NET files: those that `cargo xtask dotnet` compiles, and programs for the tests alone.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -19,8 +19,8 @@ pub const VENDOR_ASSEMBLIES: [&str; 2] = ["NEXTWUSB_dotNET_12B", "NEXTWUSB_dotNE
 /// The assemblies.
 pub const ASSEMBLIES: [&str; 3] = ["NEXTWUSB_dotNET", "NEXTWUSB_dotNET_12B", "NEXTWUSB_dotNET_16B"];
 
-/// Every program of `examples/csharp/` with its snapshot, which a program in C++ shares where there is such a one, and the
-/// keys of its link.
+/// Every program of `examples/csharp/` with its snapshot, which it may share with a program in C++, and the keys of its
+/// link.
 pub const EXAMPLES: [(&str, &str, &str); 4] = [
     ("GuideExample", "dotnet_guide_example", ""),
     ("OperatorPanel", "operator_panel", "&script=SCRIPTS/alarm.ecmscript"),
@@ -28,17 +28,17 @@ pub const EXAMPLES: [(&str, &str, &str); 4] = [
     ("TwoAxes16B", "two_axes_16b", "&slot=16"),
 ];
 
-/// What `cargo xtask dotnet` has compiled, in folders `assemblies`, `assemblies-x64` and `programs`.
+/// The output of `cargo xtask dotnet`, in the folders `assemblies`, `assemblies-x64` and `programs`.
 pub fn compiled() -> &'static Path {
     static COMPILED: OnceLock<PathBuf> = OnceLock::new();
     COMPILED.get_or_init(|| compile_into(&target_dir().join("xtask/dotnet"), &[]).0)
 }
 
-/// Runs `cargo xtask dotnet`; gives the folder, and what it printed.
+/// Runs `cargo xtask dotnet`; returns the folder and its output.
 pub fn compile_into(out: &Path, arguments: &[&str]) -> (PathBuf, String) {
     let mut cargo = crate::cargo();
     cargo.args(["run", "--quiet", "--package", "xtask", "--target-dir"]).arg(target_dir());
-    // It asks cargo where to build to.
+    // The command asks cargo for the target folder.
     cargo.env("CARGO_TARGET_DIR", target_dir());
     let said = crate::succeed(cargo.args(["--", "dotnet", "--out"]).arg(out).args(arguments));
     (out.to_path_buf(), said)
@@ -52,7 +52,7 @@ pub fn example(name: &str) -> Program {
 /// Which of two pairs of assemblies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pair {
-    /// For any processor, as the vendor's for x86 is.
+    /// For any processor, as the vendor's pair for x86.
     X86,
     /// Bound to x86-64.
     X64,
@@ -62,7 +62,7 @@ impl Pair {
     /// Both.
     pub const ALL: [Self; 2] = [Self::X86, Self::X64];
 
-    /// As the folder with `NEXTWUSBLib.dll` is called.
+    /// The name of the folder with `NEXTWUSBLib.dll`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::X86 => "x86",
@@ -70,7 +70,7 @@ impl Pair {
         }
     }
 
-    /// Our assembly of that name.
+    /// This project's assembly of that name.
     pub fn ours(self, assembly: &str) -> PathBuf {
         let folder = match self {
             Self::X86 => "assemblies",
@@ -138,7 +138,8 @@ pub fn beside(program: &Program, assembly: &Path, folder: &Path) -> Program {
     Program { exe }
 }
 
-/// What the programs `Types` print of the constants: name, type and value, of the table `surface.txt` for that assembly.
+/// The constants as the programs `Types` print them: name, type and value, of the table `surface.txt` for that
+/// assembly.
 pub fn told_constants(assembly: &str) -> String {
     let table = fs::read_to_string(root().join("tests/capi/dotnet/surface.txt")).expect("the table");
     let (_, part) = table.split_once(&format!("assembly {assembly} ")).expect("it is in the table");
@@ -152,7 +153,7 @@ pub fn told_constants(assembly: &str) -> String {
         .collect()
 }
 
-/// What the programs `Types` print in all.
+/// The whole output of the programs `Types`.
 pub fn told_types(assembly: &str) -> String {
     let channels = match assembly {
         "NEXTWUSB_dotNET_16B" => "15 7 11223344 5566 CCDDAABB 7788\n15 7 11223344 AABC5566 7788CCDD\n",
@@ -180,7 +181,7 @@ fn mcs(out: &Path, assembly: &str, reference: Option<&Path>, names: &[&str]) -> 
     mcs
 }
 
-/// Runs what makes a file, once for a test program.
+/// Runs the command that makes a file, once per test program.
 fn once(file: &Path, make: impl FnOnce() -> Command) {
     static DONE: Mutex<BTreeMap<PathBuf, Arc<OnceLock<()>>>> = Mutex::new(BTreeMap::new());
     let once = Arc::clone(DONE.lock().unwrap_or_else(PoisonError::into_inner).entry(file.to_owned()).or_default());
@@ -190,7 +191,7 @@ fn once(file: &Path, make: impl FnOnce() -> Command) {
     });
 }
 
-/// A link at `to`, whoever else makes the same one meanwhile.
+/// Makes a link at `to`, even if another process makes the same one meanwhile.
 pub fn place(from: &Path, to: &Path) {
     let own = to.with_extension(format!("{:?}", std::thread::current().id()));
     let _ = fs::remove_file(&own);

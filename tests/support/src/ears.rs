@@ -1,5 +1,4 @@
-//! Drives that write down each target that they are sent, and what that says: targets that are missing, come late or come
-//! twice.
+//! Drives that record each target, and a judge of these records: targets that are missing, late or repeated.
 
 use std::sync::{Arc, Mutex, MutexGuard};
 
@@ -9,49 +8,50 @@ use ecmsk::slave::{AlStatus, Drive, DriveConfig, Slave};
 
 use crate::images::{Images, number};
 
-/// What a drive has written down.
+/// The record of a drive.
 #[derive(Debug, Default)]
 pub struct Notes {
     /// The target of each cycle in which it was on.
     pub targets: Vec<i32>,
-    /// Its motor is on.
+    /// Whether the motor is on.
     pub is_on: bool,
-    /// The state in which it is.
+    /// The drive's AL state.
     pub state: AlState,
 }
 
-/// The notes of a drive; clones are the same ones.
+/// A handle of a drive's record; clones share it.
 #[derive(Clone, Debug, Default)]
 pub struct Ear(Arc<Mutex<Notes>>);
 
 impl Ear {
-    /// A servo drive that writes into these notes.
+    /// A servo drive that writes to this record.
     pub fn drive(&self) -> Box<dyn Slave> {
         Box::new(Listening { drive: Drive::new(DriveConfig::default()), images: Images::default(), ear: self.clone() })
     }
 
-    /// The notes.
+    /// The record.
     pub fn notes(&self) -> MutexGuard<'_, Notes> {
         self.0.lock().expect("nobody panics with it")
     }
 }
 
-/// A way as it was sent, held against the targets of each cycle in which it was gone.
+/// A path as it was sent, compared with the targets that the drive got in each cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Way {
-    /// Targets of the way, without repeats.
+    /// Targets of the path, without repeats.
     pub targets: u64,
-    /// Those that have not come.
+    /// Targets that never came.
     pub lost: u64,
-    /// Those that came behind a later one, and such as were never sent.
+    /// Targets that came after a later one, and targets that were never sent.
     pub out_of_order: u64,
-    /// Cycles between the first and the last target in which the one before came again, less those for which it was sent again.
+    /// Cycles between the first and the last target in which the previous target came again, less those for which it
+    /// was sent again.
     pub repeated: u64,
 }
 
 impl Way {
-    /// Holds what has come in each cycle, with the standstill before and behind, against what was sent. The way may not
-    /// cross itself.
+    /// Compares the targets of each cycle, with the standstill before and after, with those that were sent. The path
+    /// may not cross itself.
     pub fn judge(sent: &[i32], came: &[i32]) -> Self {
         let start = came.first().copied();
         let sent = &sent[sent.iter().take_while(|target| Some(**target) == start).count()..];
@@ -128,7 +128,7 @@ mod tests {
         Way { targets, lost, out_of_order, repeated }
     }
 
-    /// A judge that lets pass what is wrong would show nothing.
+    /// A judge that accepts a wrong path would show nothing.
     #[test]
     fn what_is_wrong_with_a_way_is_seen() {
         let sent = [5, 5, 6, 7, 7, 8, 9, 9];

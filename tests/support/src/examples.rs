@@ -1,4 +1,5 @@
-//! The programs of `examples/cpp/`, `examples/c/` and `examples/python/`, and what their snapshots in `tests/snapshots/` are made with.
+//! The programs of `examples/cpp/`, `examples/c/` and `examples/python/`, and the links of their snapshots in
+//! `tests/snapshots/`.
 
 use std::process::Command;
 
@@ -8,7 +9,7 @@ use crate::{Ended, library, root, run};
 pub const VIRTUAL: &str = "sim:?slaves=drive*2&clock=virtual";
 /// The same with slots of 16 bytes.
 pub const VIRTUAL_16: &str = "sim:?slaves=drive*2&clock=virtual&slot=16";
-/// Every program of `examples/cpp/`, and the link that it is tested on.
+/// Every program of `examples/cpp/`, and the link of its test.
 pub const CPP: [(&str, &str); 12] = [
     ("alarm_recovery", VIRTUAL),
     ("habit_read_after_open", VIRTUAL),
@@ -28,7 +29,7 @@ pub const C: [(&str, &str); 2] = [("csv_cst", VIRTUAL), ("io", "sim:?slaves=io&c
 /// The program of `examples/c/` that uses no library, and no board either.
 pub const C_WITHOUT_LIBRARY: &str = "xf_client";
 
-/// The script of `examples/scripts/` that a program's snapshot is made with, if it is one.
+/// Programs whose snapshot is made with a script of `examples/scripts/`, and that script.
 pub const SCRIPTS: [(&str, &str); 3] =
     [("alarm_recovery", "alarm_on_the_way"), ("io", "local_inputs"), ("operator_panel", "alarm")];
 

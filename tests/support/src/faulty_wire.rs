@@ -1,4 +1,4 @@
-//! The wire between the driver of an ECM-XF and the model of the chip: what goes wrong on it, and with the chip at its end.
+//! The wire between the driver of an ECM-XF and the model of the chip: faults on it, and of the chip at its end.
 
 use ecmsk::ethercat::Ns;
 use ecmsk::xf::chip::{Chip, ChipPort, ChipTiming, SlaveNetwork};
@@ -12,14 +12,15 @@ use crate::dice::Dice;
 
 /// How long a byte takes at 24 MHz.
 const BYTE: Ns = 333;
-/// Longer than a chip here works on a packet.
+/// Longer than the processing time of a packet in a chip of these tests.
 const PACKETS_APART: Ns = 3_000_000;
-/// The PHY and the register whose values are written down.
+/// The PHY and the register whose values are recorded.
 pub const REGISTER: (u8, u8) = (1, 5);
-/// Where in the flash memory a number is written.
+/// The address in the flash memory to which numbers are written.
 pub const FLASH_AT: usize = 0x100;
 
-/// A chip that starts, and moves its slaves, as fast as schedules need it, and works that long on a packet.
+/// Times of a chip that starts, and changes its slaves' states, as fast as schedules need it, and works `packet_ns` on
+/// a packet.
 pub fn quick(packet_ns: Ns) -> ChipTiming {
     const MS: Ns = 1_000_000;
     ChipTiming {
@@ -37,34 +38,34 @@ pub fn quick(packet_ns: Ns) -> ChipTiming {
     }
 }
 
-/// What goes wrong with an exchange.
+/// A fault of an exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Fault {
     /// Bits of the command are flipped.
     FlippedToChip,
     /// Bits of the answer are flipped.
     FlippedToHost,
-    /// The chip misses clocks: from there on it is behind the host.
+    /// The chip misses clock pulses: from there on it is behind the host.
     LostClocks,
-    /// The chip sees clocks that the host has not given.
+    /// The chip sees clock pulses that the host has not sent.
     ExtraClocks,
-    /// The exchange fails before its end, and the host has nothing of it.
+    /// The exchange fails before its end, and the host gets no byte.
     Failed,
-    /// The host has only the beginning of the answer.
+    /// The host gets only the beginning of the answer.
     Truncated,
-    /// The packet goes out twice; the host has the first answer, or the second one.
+    /// The packet is sent twice; the host gets the first answer, or the second one.
     Repeated,
-    /// The host has the answer of the exchange before once more.
+    /// The host gets the answer of the previous exchange once more.
     Late,
-    /// The host has an answer to a command that it has never sent.
+    /// The host gets an answer to a command that it has never sent.
     Stranger,
     /// The chip is reset.
     Reset,
-    /// Its packets have another size from now on.
+    /// The chip's packets have another size from now on.
     Resized,
 }
 
-/// How often each kind goes wrong among all that do.
+/// The weight of each kind among all faults.
 const FAULTS: [(Fault, u64); 11] = [
     (Fault::FlippedToChip, 60),
     (Fault::FlippedToHost, 60),
@@ -80,7 +81,7 @@ const FAULTS: [(Fault, u64); 11] = [
 ];
 
 impl Fault {
-    /// What goes wrong, where one in `rarely` exchanges does.
+    /// A random fault, in one of `rarely` exchanges.
     pub fn random(rarely: u64, dice: &mut Dice) -> Option<Self> {
         if !dice.one_in(rarely) {
             return None;
@@ -97,10 +98,10 @@ impl Fault {
 
 /// The wire and the chip.
 pub struct Wire<N: SlaveNetwork> {
-    /// The chip's end.
+    /// The chip's end of the wire.
     pub port: ChipPort<N>,
     last_answer: Vec<u8>,
-    /// Values of the register and of the flash memory, as they changed.
+    /// The successive values of the register and of the flash memory.
     pub registers: Vec<u16>,
     pub flash: Vec<u32>,
 }
@@ -111,7 +112,7 @@ impl<N: SlaveNetwork> Wire<N> {
         Self { port: ChipPort::new(chip), last_answer: Vec::new(), registers: Vec::new(), flash: Vec::new() }
     }
 
-    /// Clocks a packet out and in. When it ended, and what came back.
+    /// Clocks a packet out and in. Returns the time of its end, and the answer.
     pub fn exchange(&mut self, now: Ns, packet: &[u8], fault: Option<Fault>, dice: &mut Dice) -> (Ns, Vec<u8>) {
         let end = now + BYTE * packet.len() as Ns;
         let answer = self.faulty(end, packet, fault, dice);
@@ -172,15 +173,15 @@ impl<N: SlaveNetwork> Wire<N> {
         reset_chip(self.port.chip_mut(), now);
     }
 
-    /// The chip changes the size of its packets by itself. If it is another one: a packet between two copies of one would
-    /// let that run twice.
+    /// The chip changes the size of its packets by itself, if the size differs. A packet between two copies of another
+    /// one would make that one run twice.
     pub fn resize(&mut self, now: Ns, size: DataSize) {
         if size != self.port.chip().size() {
             give(self.port.chip_mut(), now, &SpiReconfig { size });
         }
     }
 
-    /// Writes down what has changed in the chip.
+    /// Records what has changed in the chip.
     fn look(&mut self) {
         let chip = self.port.chip_mut();
         let register = *chip.phy_register_mut(REGISTER.0, REGISTER.1).expect("there is one");
@@ -199,7 +200,7 @@ pub fn reset_chip<N: SlaveNetwork>(chip: &mut Chip<N>, now: Ns) {
     give(chip, now, &WarmReset);
 }
 
-/// The chip takes a packet past the wire, with one check word or the other.
+/// Gives the chip a packet, bypassing the wire, with one check word or the other.
 fn give<N: SlaveNetwork>(chip: &mut Chip<N>, now: Ns, request: &impl Encode) {
     let mut now = now.max(chip.now());
     for rule in [CheckRule::CRC32, CheckRule::FIXED] {
@@ -211,7 +212,7 @@ fn give<N: SlaveNetwork>(chip: &mut Chip<N>, now: Ns, request: &impl Encode) {
     }
 }
 
-/// A few bits anywhere, or some bytes in a row.
+/// Inverts a few bits anywhere, or some successive bytes.
 fn flip(bytes: &mut [u8], dice: &mut Dice) {
     let len = bytes.len() as u64;
     if dice.one_in(4) {
@@ -233,7 +234,7 @@ fn stranger(answer: Vec<u8>, dice: &mut Dice) -> Vec<u8> {
     let Ok(kind) = parsed.header.status.check_type() else { return answer };
     let mut header = parsed.header;
     if dice.one_in(2) {
-        // None of those that the host has just sent.
+        // An index that the host has not just sent.
         header.index = header.index.wrapping_add(100 + dice.below(50) as u8);
     } else {
         header.code = CommandCode::from_code(200 + dice.below(50) as u8);

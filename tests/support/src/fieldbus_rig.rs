@@ -28,7 +28,7 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// Drives whose shafts stand at 1000, 2000, ...
+    /// Drives whose shafts are at 1000, 2000, ...
     pub fn new(drives: u8) -> Self {
         let slaves = (1..=drives).map(|n| {
             let position = i64::from(n) * 1000;
@@ -37,7 +37,7 @@ impl Bench {
         Self::of(slaves.collect())
     }
 
-    /// These slaves.
+    /// A bus with these slaves.
     pub fn of(slaves: Vec<Box<dyn Slave>>) -> Self {
         let bus = SimBus::new(slaves);
         let handle = bus.handle();
@@ -79,14 +79,14 @@ impl Bench {
         }
     }
 
-    /// Targets are where the shafts are.
+    /// Sets the targets to the shafts' positions.
     pub fn hold(&mut self) {
         for (out, input) in self.outputs.slaves.iter_mut().zip(&self.inputs.slaves) {
             out[0].target = input[0].position;
         }
     }
 
-    /// One cycle with outputs; the bus is up.
+    /// Runs one cycle with outputs; the bus is up.
     pub fn cycle(&mut self) -> CycleDone {
         self.outputs.id += 1;
         self.bus.push(&self.outputs).expect("the bus is up and empty");
@@ -107,7 +107,7 @@ impl Bench {
         self.bus.poll(self.now, &mut self.inputs)
     }
 
-    /// What the bus gives at last, once, and after what time.
+    /// Waits for the only result of the bus, and returns it with the time that it took.
     fn until_ended<T: PartialEq + Debug>(&mut self, poll: impl Fn(&mut SimBus, Ns) -> Option<T>) -> (T, Ns) {
         let start = self.now;
         loop {
@@ -120,7 +120,7 @@ impl Bench {
         }
     }
 
-    /// How a job ends, and after what time.
+    /// Runs a job; returns its end and the time that it took.
     pub fn run(&mut self, job: Job) -> (JobDone, Ns) {
         self.bus.start(job, self.now).expect("no other job is under way");
         self.until_ended(|bus, now| bus.poll_job(now))
@@ -130,7 +130,7 @@ impl Bench {
         self.run(job).0
     }
 
-    /// How an SDO ends, and after what time.
+    /// Runs an SDO; returns its end and the time that it took.
     pub fn transfer(&mut self, request: SdoRequest) -> (SdoDone, Ns) {
         self.bus.start_sdo(request, self.now).expect("no other SDO is under way");
         self.until_ended(|bus, now| bus.poll_sdo(now))

@@ -9,7 +9,7 @@ pub enum Column {
     Any,
     /// The board's slot: E of the guide.
     Board,
-    /// Any slave's slot, whatever is there (DRIVE_MODE).
+    /// Any slave's slot, whatever its kind (DRIVE_MODE).
     AnySlave,
     /// The slots of slaves of these kinds: D and I of the guide.
     Kinds(&'static [SlaveKind]),

@@ -1,8 +1,8 @@
-//! What this process says in its log, for tests of it.
+//! Captures this process's log, for tests of it.
 
 use std::sync::{Mutex, MutexGuard};
 
-/// Lines of this process, warnings and worse, and the test that listens.
+/// Log lines of this process, warnings and worse, and the lock of the test that listens.
 static HEARD: Mutex<Vec<String>> = Mutex::new(Vec::new());
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
@@ -18,10 +18,10 @@ impl log::Log for Listener {
     fn flush(&self) {}
 }
 
-/// Lines are heard from now on, by no other test that listens.
+/// Captures lines from now on. Only one test listens at a time.
 pub fn listen() -> MutexGuard<'static, ()> {
     let turn = ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-    // The first test that listens installs it.
+    // The first test that listens installs the logger.
     let _ = log::set_logger(&Listener);
     log::set_max_level(log::LevelFilter::Warn);
     HEARD.lock().unwrap().clear();

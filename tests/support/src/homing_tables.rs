@@ -1,6 +1,6 @@
-//! Where homing ends: the tables of CiA 402-2 on a travel with both limit switches, a cam and an index pulse.
+//! Where homing ends, by the tables of CiA 402-2, on a travel with both limit switches, a cam and an index pulse.
 
-/// Every method that there is.
+/// All homing methods.
 pub const METHODS: [i8; 32] = [
     1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 33, 34, 35,
     37,
@@ -13,13 +13,14 @@ pub struct Places {
     pub limits: (i64, i64),
     /// The home switch is active from the first to the last.
     pub cam: (i64, i64),
-    /// There is an index pulse, and one every turn.
+    /// The position of an index pulse; there is one every turn.
     pub index: i64,
     pub turn: i64,
 }
 
 impl Places {
-    /// Where a method ends that starts outside the cam; `None`: in an error, on the wrong side of the cam.
+    /// Where a method ends that starts outside the cam; `None`: it ends with an error, since it starts on the wrong
+    /// side of the cam.
     pub fn home(&self, method: i8, start: i64) -> Option<i64> {
         let (first, last) = self.cam;
         let right = start > last;

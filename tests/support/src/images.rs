@@ -1,4 +1,4 @@
-//! What a slave that is no device of ours knows of the images of its process data: what the board has mapped.
+//! The process image of a test's own slave, by the mapping that the board has written to it.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::ObjectAddress;
@@ -9,10 +9,10 @@ use ecmsk::sk::DriveSync;
 /// Objects by which process data are mapped.
 const MAPPING: std::ops::Range<u16> = 0x1600..0x1C14;
 
-/// The object that says who a slave is; all numbers in it are 0.
+/// The identity object; all numbers in it are 0.
 const IDENTITY: u16 = 0x1018;
 
-/// Everything that the board maps.
+/// All roles that the board maps.
 const ROLES: [Role; 6] = [
     Role::Drive(Mode::Csp),
     Role::Drive(Mode::Csv),
@@ -22,12 +22,12 @@ const ROLES: [Role; 6] = [
     Role::Io,
 ];
 
-/// The number of an SDO's bytes.
+/// The number that an SDO's bytes encode.
 pub fn number(value: &[u8]) -> u32 {
     value.iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte))
 }
 
-/// What was mapped.
+/// The objects that were mapped.
 #[derive(Clone, Debug, Default)]
 pub struct Images {
     written: Vec<(ObjectAddress, u32)>,
@@ -35,8 +35,8 @@ pub struct Images {
 }
 
 impl Images {
-    /// An SDO download has come. Whether it is one of those by which a bus configures a slave, modes and synchronisation
-    /// included.
+    /// Takes an SDO download. Returns whether it is one by which a bus configures a slave, including modes and
+    /// synchronisation.
     pub fn take(&mut self, object: ObjectAddress, value: u32) -> bool {
         let is_mapping = MAPPING.contains(&object.index);
         if (object, value) == (ObjectAddress::new(0x1C12, 0), 0) {
@@ -52,7 +52,7 @@ impl Images {
         is_mapping || is_mode || matches!(object.index, 0x1C32 | 0x1C33)
     }
 
-    /// What a read of who the slave is puts into `value`, and its length; `None`: it is another object.
+    /// Writes the answer to a read of the identity to `value`, and returns its length; `None`: it is another object.
     pub fn read_identity(object: ObjectAddress, value: &mut [u8]) -> Option<usize> {
         (object.index == IDENTITY).then(|| {
             value.fill(0);
@@ -60,7 +60,8 @@ impl Images {
         })
     }
 
-    /// What a read of the mapping puts into `value`, and its length; `None`: the object is none of the mapping.
+    /// Writes the answer to a read of the mapping to `value`, and returns its length; `None`: the object does not
+    /// belong to the mapping.
     pub fn read(&self, object: ObjectAddress, value: &mut [u8]) -> Option<usize> {
         if !MAPPING.contains(&object.index) {
             return None;
@@ -76,17 +77,17 @@ impl Images {
         Some(bytes)
     }
 
-    /// What it was configured for.
+    /// The role that the slave was configured for.
     pub fn role(&self) -> Option<Role> {
         self.mapped.map(|(role, _)| role)
     }
 
-    /// What was sent to it.
+    /// The outputs that were sent to the slave.
     pub fn outputs(&self, image: &[u8]) -> SlaveOut {
         self.mapped.map(|(_, data)| data.take_outputs(image)).unwrap_or_default()
     }
 
-    /// What it has sent.
+    /// The inputs that the slave has sent.
     pub fn inputs(&self, image: &[u8]) -> SlaveIn {
         let mut inputs = SlaveIn::default();
         if let Some((_, data)) = &self.mapped {
@@ -95,7 +96,7 @@ impl Images {
         inputs
     }
 
-    /// What it sends.
+    /// Writes the slave's inputs to the image.
     pub fn put_inputs(&self, inputs: &SlaveIn, image: &mut [u8]) {
         if let Some((_, data)) = &self.mapped {
             data.put_inputs(inputs, image);
@@ -103,7 +104,7 @@ impl Images {
     }
 }
 
-/// The role whose mapping that is.
+/// The role with that mapping.
 fn mapped(written: &[(ObjectAddress, u32)]) -> Option<(Role, ProcessData)> {
     let all = ROLES.into_iter().flat_map(|role| [false, true].map(|second| (role, second)));
     all.filter_map(|(role, second)| Some((role, ProcessData::of(role, second)?))).find(|(_, data)| {

@@ -1,8 +1,9 @@
-//! Drives in CSP behind the model of an ECM-XF, led by a PC that stands still again and again, in virtual time: nobody uses
-//! the wires meanwhile, the chip and its slaves go on. Then board and program catch up, as on the real clock.
+//! Drives in CSP behind the model of an ECM-XF, led by a PC that stalls again and again, in virtual time. During a
+//! stall nothing uses the wires, and the chip and its slaves go on. Then board and program catch up, as on the real
+//! clock.
 //!
-//! The program sends each drive a new target with each report, and each target once. What a drive was sent in each cycle of
-//! the network says what a stall has cost.
+//! The program sends each drive a new target with each report, and each target once. The targets that a drive got in
+//! each cycle of the network show what a stall has cost.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -23,45 +24,46 @@ use crate::ears::{Ear, Way};
 const SIZE: SlotSize = SlotSize::Bytes12;
 /// Counts from a target to the next one.
 const STEP: i32 = 20;
-/// How far the program is ahead of the board in cycles of 1 ms: frames in its FIFO, which a board would bridge a stall with.
+/// How far the program is ahead of the board in cycles of 1 ms: frames in its FIFO, by which a board would bridge a
+/// stall.
 const LEAD: u64 = 60;
-/// The runner catches up in parts of so long, and takes frames after each (`engine::Threaded`).
+/// The runner catches up in steps of that length, and takes frames after each step (`engine::Threaded`).
 const PART_NS: Ns = 5_000_000;
-/// After so many cycles without a stall nothing is under way any more.
+/// After that many cycles without a stall no frame is in transit any more.
 const SETTLED: u64 = 200;
 const PATIENCE: u64 = 100_000;
 
-/// How the PC stands still.
+/// The stalls of the PC.
 #[derive(Clone, Copy, Debug)]
 pub struct Stalls {
-    /// So long each time, in cycles.
+    /// Length of a stall, in cycles.
     pub cycles: u64,
-    /// From the begin of one to that of the next, in cycles.
+    /// From the begin of a stall to that of the next, in cycles.
     pub every: u64,
 }
 
-/// What the drives were sent while they moved, and what the board has counted.
+/// The targets that the drives got while they moved, and the board's counters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Outcome {
-    /// Targets that the program has sent each drive.
+    /// Targets that the program has sent to each drive.
     pub targets: u64,
-    /// Targets that a drive has not got, of the drive with the most.
+    /// Targets that a drive missed, for the drive that missed most.
     pub lost: u64,
-    /// Targets that a drive got later than a newer one, of the drive with the most.
+    /// Targets that a drive got after a newer one, for the drive with the most.
     pub out_of_order: u64,
-    /// Cycles in which a drive got the target of the cycle before, of the drive with the most.
+    /// Cycles in which a drive got the target of the previous cycle again, for the drive with the most.
     pub repeated: u64,
-    /// The same of the drive with the fewest.
+    /// The same for the drive with the fewest.
     pub repeated_least: u64,
     /// Cycles without a new frame while they moved, as the board has counted them.
     pub idle_cycles: u64,
     /// Sets and answers that the board has counted as lost, and frames for which its FIFO was full.
     pub counted_lost: u64,
-    /// How often the PC stood still.
+    /// The number of stalls.
     pub stalls: u64,
 }
 
-/// What counts as lost.
+/// The sum of the counters of losses.
 fn lost(counters: &Counters) -> u64 {
     counters.outputs_lost + counters.answers_lost + counters.full + counters.for_lost + counters.cleared
 }
@@ -90,9 +92,9 @@ pub struct LateHost {
     board: Board,
     clock: Arc<AtomicU64>,
     cycle_ns: Ns,
-    /// Frames that the program keeps in the board and on the way to it.
+    /// Frames that the program keeps in the board and under way to it.
     lead: u64,
-    /// The time of the board less that of the wires.
+    /// Offset of the board's clock to the wires'.
     skew: Ns,
     ears: Vec<Ear>,
     report: Frame,
@@ -103,12 +105,13 @@ pub struct LateHost {
 }
 
 impl LateHost {
-    /// So many drives in OP that are on, with a cycle of 1 ms, behind a chip in which so many sets of outputs lie for a stall.
+    /// So many drives in OP that are on, with a cycle of 1 ms, behind a chip that holds `ahead` sets of outputs for a
+    /// stall.
     pub fn new(drives: usize, ahead: u16) -> Self {
         Self::with_cycle(drives, ahead, CycleTime::DEFAULT, LEAD)
     }
 
-    /// The same with this cycle, and a program that is ahead by so many frames.
+    /// The same with this cycle, and a program that is ahead by that many frames.
     pub fn with_cycle(drives: usize, ahead: u16, cycle: CycleTime, lead: u64) -> Self {
         let ears: Vec<Ear> = (0..drives).map(|_| Ear::default()).collect();
         let slaves = ears.iter().map(Ear::drive).collect();
@@ -143,7 +146,7 @@ impl LateHost {
         self.cycles(SETTLED);
     }
 
-    /// All targets of so many cycles, with those stalls.
+    /// Sends the targets of that many cycles, with those stalls.
     pub fn lead(&mut self, cycles: u64, stalls: Stalls) -> Outcome {
         let (before, first) = (*self.board.engine().counters(), self.sent);
         self.ears.iter().for_each(|ear| ear.notes().targets.clear());
@@ -203,7 +206,7 @@ impl LateHost {
         self.inbox.push_back((self.now(), frame));
     }
 
-    /// Sends so many targets that as many as it is ahead by wait in the board and on the way to it.
+    /// Sends targets until `lead` of them wait in the board and on the way to it.
     fn fill_up(&mut self) {
         let waiting = FIFO_ENTRIES - MasterResponse::decode(&self.report.slot(SIZE, 0)).fifo_free;
         (u64::from(waiting) + self.inbox.len() as u64..self.lead).for_each(|_| self.next_target());
@@ -236,7 +239,7 @@ impl LateHost {
         self.clock.fetch_max(until - self.skew, Ordering::Relaxed);
     }
 
-    /// What the runner does until it has slept the next time: one cycle, or all those for which it is late.
+    /// One wake-up of the runner: one cycle, or all cycles for which it is late.
     fn cycle(&mut self) {
         self.work_until(self.board.next_cycle());
         let now = self.now();

@@ -1,14 +1,15 @@
-//! What groups of tests share, here and in `tool/`: boards, programs on the library, recordings, servers.
+//! Code that groups of tests share, here and in `tool/`: boards, programs on the library, recordings, servers.
 //!
 //! - a slave with an object of any length: `blob`
 //! - networks and buses for the engine: `fieldbus_rig`, `bus_wrapper`, `slave_wrapper`, `ahead_bus`, `swift`, `images`
-//! - on a network card: `lying_wire`, which changes working counters; `odd_line`, slaves of their own descent, each as odd as a test wants
-//! - behind an ECM-XF: `chip_line` with the chip, `faulty_wire` with faults, `late_host` with a PC that stands still, `chip_axis` an
-//!   axis, `ears` drives that listen
+//! - on a network card: `lying_wire`, which changes working counters; `odd_line`, slaves written independently of the
+//!   models, each as odd as a test wants
+//! - behind an ECM-XF: `chip_line` with the chip, `faulty_wire` with faults, `late_host` with a PC that stalls, `chip_axis`
+//!   an axis, `ears` drives that record their targets
 //! - the guide's tables: `guide`, `homing_tables`; random numbers: `dice`, `schedules`
 //! - programs and their recordings: `examples`, `script_client`, `recording`, `recorded`, `captures`, `dotnet`, `pe`
 //! - how long a program's start takes: `start`
-//! - servers and what is said: `served`, `tcp`, `usbip_client`, `heard`
+//! - servers and logs: `served`, `tcp`, `usbip_client`, `heard`
 //! - programs whose system calls fail: `failing_calls`
 //!
 //! At the top, C and C++ programs on the library of this build: it is built once, programs are compiled against `include/`,
@@ -65,7 +66,7 @@ use ecmsk::link::Dir;
 use ecmsk::recording::Recording;
 use ecmsk::sk::{DriveResponse, MasterResponse, MasterState, SlotSize, StateByte};
 
-/// No program of the tests takes longer than a fraction of this, valgrind included: one that does hangs.
+/// Every program of the tests takes a fraction of this, also under valgrind: a program that takes longer hangs.
 const HANG: Duration = Duration::from_secs(300);
 
 /// The root of the repository.
@@ -73,7 +74,7 @@ pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).expect("tests/ is in it")
 }
 
-/// Where cargo builds to, as the place of this test program in it says.
+/// Cargo's target folder, found by the path of this test program.
 pub fn target_dir() -> &'static Path {
     static TARGET: OnceLock<PathBuf> = OnceLock::new();
     TARGET.get_or_init(|| {
@@ -88,7 +89,7 @@ pub fn include_dir() -> PathBuf {
     root().join("include")
 }
 
-/// A folder of this test program's own for what it makes.
+/// A folder of this test program's own for the files that it makes.
 pub fn out_dir() -> PathBuf {
     let program = env::current_exe().expect("the test knows its file");
     let name = program.file_stem().expect("it has a name").to_string_lossy().into_owned();
@@ -105,15 +106,15 @@ pub struct Library {
     pub shared: PathBuf,
     /// `libNEXTWUSBLib.a`.
     pub archive: PathBuf,
-    /// A folder with the library by the names that linker and loader look for.
+    /// A folder with the library under the names that linker and loader look for.
     pub dir: PathBuf,
 }
 
-/// cargo, as it is when no other cargo has started it.
+/// cargo, with the environment as if no other cargo had started it.
 pub fn cargo() -> Command {
     let mut cargo = Command::new(env!("CARGO"));
-    // A test is told its package by these. A build script that looks at them (ring's does) would be run again, and all that
-    // stands on it compiled again, here and the next time without a test.
+    // Cargo tells a test its package by these variables. A build script that reads them (ring's does) would be run
+    // again, and all crates above it compiled again, here and the next time without a test.
     let told = env::vars_os().map(|(name, _)| name.to_string_lossy().into_owned());
     for name in told.filter(|name| name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_")) {
         cargo.env_remove(name);
@@ -157,10 +158,10 @@ pub fn example(name: &str) -> Command {
     Command::new(built().join("examples").join(format!("{name}{}", env::consts::EXE_SUFFIX)))
 }
 
-/// Builds the libraries, the tool and the examples, once per test program, with the test's profile into the test's target folder;
-/// where they lie. All of the workspace is chosen, with the examples, so that the library has the features which it has for
-/// `cargo test --workspace`, and is not compiled once more. What is installed is built as it is installed in the other parts of
-/// `cargo xtask test --all`.
+/// Builds the libraries, the tool and the examples, once per test program, with the test's profile into the test's
+/// target folder; returns their folder. All of the workspace is chosen, with the examples, so that the library has the
+/// features which it has for `cargo test --workspace`, and is not compiled once more. The other parts of `cargo xtask
+/// test --all` build what is installed as it is installed.
 fn built() -> &'static Path {
     static BUILT: OnceLock<PathBuf> = OnceLock::new();
     BUILT.get_or_init(|| {
@@ -236,7 +237,7 @@ pub fn compile(source: &Path, language: Language) -> Program {
 /// Runs a command to its end and gives its standard output.
 ///
 /// # Panics
-/// If it cannot be started or ends with an error, with what it said.
+/// If it cannot be started or ends with an error; the message has its output.
 pub fn succeed(command: &mut Command) -> String {
     let output = match command.output() {
         Ok(output) => output,
@@ -268,7 +269,7 @@ impl Ended {
     /// The standard output of a program that ended well.
     ///
     /// # Panics
-    /// If it did not, with all that it said.
+    /// If it did not; the message has all its output.
     pub fn success(self) -> String {
         assert!(self.status.success(), "{}\n--- stdout\n{}\n--- stderr\n{}", self.status, self.stdout, self.stderr);
         self.stdout
@@ -294,7 +295,7 @@ impl Program {
     }
 }
 
-/// What the program finds in place of libusb is none.
+/// Makes the program find a file that is no libusb in its place.
 pub fn without_libusb(command: &mut Command) {
     let folder = out_dir().join("no-libusb");
     fs::create_dir_all(&folder).expect("a folder in the target folder");
@@ -317,11 +318,11 @@ fn on_library(mut command: Command, link: &str) -> Command {
     command
 }
 
-/// Runs a program under valgrind's memcheck. It must end well, use no memory that is not its own or not set, and lose
-/// none.
+/// Runs a program under valgrind's memcheck. It must succeed, use no memory that is not its own or not initialised, and
+/// leak none.
 ///
 /// # Panics
-/// If memcheck finds something, or is not there.
+/// If memcheck finds an error, or is not installed.
 pub fn memcheck(program: &Program, link: &str, arguments: &[&str]) -> String {
     let tool = [
         "--quiet",
@@ -330,8 +331,8 @@ pub fn memcheck(program: &Program, link: &str, arguments: &[&str]) -> String {
         // The stack of a thread that runs when the program ends is "possibly lost".
         "--show-leak-kinds=definite",
         "--errors-for-leak-kinds=definite",
-        // Its threads run one at a time. By default one that never waits, a reader in virtual time, may keep all others
-        // from running.
+        // Its threads run one at a time. By default a thread that never waits, a reader in virtual time, may keep all
+        // others from running.
         "--fair-sched=yes",
     ];
     if Command::new("valgrind").arg("--version").output().is_err() {
@@ -385,7 +386,7 @@ fn wait(child: &mut Child) -> Option<ExitStatus> {
     None
 }
 
-/// A pipe that takes no byte more until somebody reads it. What it holds are points.
+/// A full pipe: it takes no more bytes until somebody reads it. It is filled with dots.
 ///
 /// # Panics
 /// If the system gives no pipe.

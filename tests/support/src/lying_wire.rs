@@ -1,4 +1,4 @@
-//! A wire that lies: what it does to datagrams of process data on their way back, working counters among it.
+//! A wire that changes datagrams of process data on their way back, including working counters.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -14,21 +14,21 @@ pub struct Answer<'a> {
     pub sent: &'a [u8],
     /// Its data now.
     pub data: &'a mut [u8],
-    /// Its working counter as the slaves have left it.
+    /// The working counter as the slaves have left it.
     pub counter: u16,
-    /// Added to its working counter, which wraps.
+    /// The value added to the working counter, which wraps.
     pub count: u16,
 }
 
 impl Answer<'_> {
-    /// Whether it is one of process data that has these bytes of the logical memory; where they are in it.
+    /// Where these bytes of the logical memory are in the datagram, if it is one of process data that has them.
     pub fn at(&self, logical: u32, len: usize) -> Option<usize> {
         let is_logical = matches!(self.command, Command::Lrw | Command::Lrd | Command::Lwr);
         let at = usize::try_from(logical.checked_sub(self.address)?).ok()?;
         (is_logical && at + len <= self.data.len()).then_some(at)
     }
 
-    /// A slave has not answered with these inputs.
+    /// Makes the answer look as if a slave had not sent these inputs.
     pub fn silence(&mut self, logical: u32, len: usize) {
         if let Some(at) = self.at(logical, len).filter(|_| self.command != Command::Lwr && self.counter > 0) {
             self.data[at..at + len].copy_from_slice(&self.sent[at..at + len]);
@@ -37,25 +37,25 @@ impl Answer<'_> {
     }
 }
 
-/// What happens to each datagram.
+/// The change of each datagram.
 type Lie = Box<dyn FnMut(&mut Answer<'_>) + Send>;
 
-/// What a wire does to datagrams, which a test may change at any time; clones are the same.
+/// The changes that a wire makes, which a test may replace at any time; clones share them.
 #[derive(Clone, Default)]
 pub struct Lies(Arc<Mutex<Option<Lie>>>);
 
 impl Lies {
-    /// From now on that happens.
+    /// Applies this change from now on.
     pub fn tell(&self, lie: impl FnMut(&mut Answer<'_>) + Send + 'static) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(lie));
     }
 
-    /// From now on nothing happens.
+    /// Ends all changes.
     pub fn end(&self) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }
 
-    /// Changes a frame that was sent so.
+    /// Changes the answer to the frame `sent`.
     pub fn change(&self, sent: &[u8], frame: &mut [u8]) {
         let mut lie = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let Some(lie) = lie.as_mut() else { return };
@@ -80,7 +80,7 @@ impl Lies {
     }
 }
 
-/// Wires that lie.
+/// Wires with such changes.
 pub struct LyingWires<W> {
     wires: W,
     lies: Lies,
@@ -89,7 +89,7 @@ pub struct LyingWires<W> {
 }
 
 impl<W> LyingWires<W> {
-    /// These wires, which do what `lies` says.
+    /// These wires with the changes of `lies`.
     pub fn new(wires: W, lies: Lies) -> Self {
         Self { wires, lies, sent: vec![Vec::new(); 256] }
     }

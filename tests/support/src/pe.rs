@@ -1,5 +1,5 @@
-//! Programs and libraries of Windows, made byte by byte from the PE format as Windows' documentation has it: as much of one
-//! as tells what it is. Nothing could run them.
+//! Programs and libraries of Windows, made byte by byte from the PE format as Windows' documentation has it: only the
+//! parts that identify a file. They cannot be run.
 
 /// x86.
 pub const X86: u16 = 0x014C;
@@ -13,7 +13,7 @@ pub const IL_ONLY: u32 = 0x1;
 pub const REQUIRES_32: u32 = 0x2;
 pub const PREFERS_32: u32 = 0x2_0000;
 
-/// Where the one section is, in the file and in memory.
+/// The place of the only section, in the file and in memory.
 const FILE_AT: u32 = 0x200;
 const MEMORY_AT: u32 = 0x1000;
 /// Entries of the data directory.
@@ -21,7 +21,7 @@ const EXPORT: usize = 0;
 const RESOURCE: usize = 2;
 const CLR: usize = 14;
 
-/// One that is being made.
+/// A file that is being built.
 pub struct Pe {
     machine: u16,
     is_dll: bool,
@@ -38,19 +38,19 @@ impl Pe {
         Self { is_dll: true, ..Self::program(machine) }
     }
 
-    /// With that text somewhere in it.
+    /// Adds that text.
     pub fn text(mut self, text: &[u8]) -> Self {
         self.put(text);
         self
     }
 
-    /// With that text in UTF-16.
+    /// Adds that text in UTF-16.
     pub fn wide(self, text: &str) -> Self {
         let wide = utf16(text);
         self.text(&wide)
     }
 
-    /// For .NET, with the flags of its CLI header.
+    /// Makes it a .NET file with these flags in its CLI header.
     pub fn managed(mut self, flags: u32) -> Self {
         let mut header = vec![0; 72];
         header[0] = 72;
@@ -62,12 +62,12 @@ impl Pe {
         self
     }
 
-    /// With exported functions.
+    /// Adds exported functions.
     pub fn exports(mut self, names: &[&str]) -> Self {
         let count = names.len() as u32;
         let base = MEMORY_AT + self.next();
         let (functions, pointers, ordinals) = (base + 40, base + 40 + 4 * count, base + 40 + 8 * count);
-        // The names stand behind the tables, the library's own first.
+        // The names come after the tables, the library's own first.
         let mut texts = b"NEXTWUSBLib.dll\0".to_vec();
         let first = ordinals + 2 * count;
         let mut table: Vec<u8> = Vec::new();
@@ -91,12 +91,12 @@ impl Pe {
         self
     }
 
-    /// With a version resource that says these texts.
+    /// Adds a version resource with these texts.
     pub fn version(mut self, texts: &[(&str, &str)]) -> Self {
         let strings: Vec<u8> = texts.iter().flat_map(|(name, text)| padded(string(name, text))).collect();
         let table = part("040904B0", 0, 1, &[], &strings);
         let info = part("StringFileInfo", 0, 1, &[], &padded(table));
-        // VS_FIXEDFILEINFO: its signature and nothing that is looked at.
+        // VS_FIXEDFILEINFO: its signature and no field that is read.
         let mut fixed = vec![0; 52];
         fixed[..4].copy_from_slice(&0xFEEF_04BD_u32.to_le_bytes());
         let whole = part("VS_VERSION_INFO", 52, 0, &fixed, &padded(info));
@@ -158,7 +158,7 @@ impl Pe {
         file
     }
 
-    /// Puts them at the end, and says where that is in memory.
+    /// Appends the bytes, and returns their address in memory.
     fn put(&mut self, bytes: &[u8]) -> u32 {
         let at = self.next();
         self.section.resize(at as usize, 0);
@@ -171,13 +171,13 @@ impl Pe {
     }
 }
 
-/// This project's library, as its version resource and its functions tell it.
+/// This project's library, recognisable by its version resource and its functions.
 pub fn ours(machine: u16) -> Vec<u8> {
     let names = ["CloseECMUSB", "ECMUSBRead", "ECMUSBWrite", "OpenECMUSB", "ecmsk_last_error"];
     Pe::library(machine).exports(&names).version(&[("CompanyName", "ecmsk"), ("FileVersion", "0.1.0")]).bytes()
 }
 
-/// Another maker's.
+/// Another maker's library.
 pub fn vendors(machine: u16) -> Vec<u8> {
     let names = ["CloseECMUSB", "ECMUSBRead", "ECMUSBWrite", "OpenECMUSB"];
     Pe::library(machine)

@@ -1,4 +1,4 @@
-//! A program on a simulated board, recorded, to be held against another run of it.
+//! A recorded program on a simulated board, to be compared with another run of it.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -17,7 +17,7 @@ pub const TARGETS: i32 = 300;
 /// Commands before the first target: SET_AXIS, SET_DC, SET_STATE, SV_ON.
 pub const BEFORE: u64 = 4;
 
-/// A program: two drives go some way, an IO slave gets outputs. Runs of it differ as a test likes.
+/// A program: two drives move, an IO slave gets outputs. A test chooses how its runs differ.
 pub struct Program {
     /// The scheme of the link.
     pub scheme: &'static str,
@@ -27,17 +27,17 @@ pub struct Program {
     pub script: String,
     /// Frames of nothing but GET_STATUS before each report that the program waits for.
     pub polls: usize,
-    /// Times it says the same until it is so.
+    /// How often it repeats a command until it is carried out.
     pub repeats: usize,
-    /// What is added to one target: its number and the counts.
+    /// A change of one target: its number and the counts that are added.
     pub other_target: Option<(i32, i32)>,
-    /// What it writes to an object of drive 1.
+    /// The value that it writes to an object of drive 1.
     pub home_offset: u32,
     /// EtherCAT cycle.
     pub cycle_us: u32,
     /// Whether it stops after the motion.
     pub short: bool,
-    /// Before so many targets were sent it only reads, so many reports.
+    /// Pauses: before the target of this number it only reads that many reports.
     pub pauses: &'static [(i32, usize)],
 }
 
@@ -93,7 +93,7 @@ impl Host {
 
     fn until(&mut self, what: &str, so: impl Fn(&Frame) -> bool) {
         for _ in 0..20_000 {
-            // In OP a poll takes an entry of the FIFO too: only what has room is sent.
+            // In OP a poll takes an entry of the FIFO, too, so it is sent only if there is room.
             let board = board(&self.report);
             if board.state.state() != Some(MasterState::Op) || board.fifo_free == 160 {
                 for _ in 0..self.polls {
@@ -132,7 +132,7 @@ impl Program {
         Run { _folder: folder, file }
     }
 
-    /// The same to files of the caller's: the recording, and the script if it has one.
+    /// The same to files of the caller's: the recording, and the script if there is one.
     pub fn record_to(&self, file: &Path, script: &Path) {
         let Self { scheme, keys, polls, repeats, .. } = self;
         let mut uri = format!("{scheme}:?slaves=drive*2,io&clock=virtual&record={}{keys}", file.display());

@@ -1,4 +1,4 @@
-//! A link that echoes, places to record to, and a second opinion on what pcapng looks like.
+//! A link that echoes, places to record to, and an independent reader of pcapng.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io::{self, Write};
@@ -14,12 +14,12 @@ use ecmsk::sk::{Frame, SlotSize};
 
 pub const URI: &str = "sim:?slaves=drive*3&clock=virtual";
 
-/// Gives back every frame that is written. Its clock moves by 125 us with every call that moves one.
+/// Returns every frame that is written. Its clock moves by 125 us with every call that moves one.
 pub struct Echo {
     pub virtual_time: bool,
     state: Mutex<State>,
     changed: Condvar,
-    /// Told when a read begins to wait.
+    /// Gets a message when a read begins to wait.
     pub waiting: Option<Sender<()>>,
 }
 
@@ -133,7 +133,7 @@ pub fn meta(clock: Clock, base_ns: u64) -> RecordMeta {
     RecordMeta { slot: Some(SlotSize::Bytes12), clock, base_ns, opened_ns: None, link: URI.to_owned() }
 }
 
-/// A frame that can be told from others.
+/// A frame that differs from all others.
 pub fn frame(number: u64) -> Frame {
     let mut frame = Frame::new();
     for (chunk, salt) in frame.bytes_mut().chunks_exact_mut(8).zip(0..) {

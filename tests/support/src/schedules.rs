@@ -1,4 +1,5 @@
-//! Random schedules by their seeds: as many as a test has, or as `cargo xtask soak` asks for in the environment.
+//! Runs random schedules by their seeds: the test's usual number, or the number that `cargo xtask soak` sets in the
+//! environment.
 
 use std::env;
 use std::fmt::Debug;
@@ -9,13 +10,13 @@ use std::time::{Duration, Instant};
 /// A number from the environment.
 ///
 /// # Panics
-/// If what is there is no number.
+/// If the variable is no number.
 pub fn asked(name: &str) -> Option<u64> {
     env::var(name).ok().map(|text| text.parse().unwrap_or_else(|_| panic!("{name} is a number, not `{text}`")))
 }
 
-/// Runs as many schedules of a test of a group as are asked for, or `usual`, and gives how many that were and what they did.
-/// The seed of one that fails is told.
+/// Runs as many schedules of a test of a group as are asked for, or `usual`, and returns their number and the sum of
+/// what they did. The seed of a failing one is printed.
 ///
 /// # Panics
 /// If a schedule does.

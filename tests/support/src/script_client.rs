@@ -40,7 +40,7 @@ impl Client {
         Self::with("drive*2", name, options, script)
     }
 
-    /// On a board of those slaves.
+    /// The same on a board of those slaves.
     pub fn with(list: &str, name: &str, options: &str, script: &str) -> Self {
         let uri = format!("sim:?slaves={list}&{options}&script={}", file(name, script).display());
         let link = link::open(&uri, Share::ByName).unwrap_or_else(|error| panic!("{uri}: {error}"));
@@ -49,7 +49,7 @@ impl Client {
         Self { link, report: Frame::new(), zero, kinds }
     }
 
-    /// On a virtual clock.
+    /// The same on a virtual clock.
     pub fn stepped(name: &str, script: &str) -> Self {
         Self::open(name, "clock=virtual", script)
     }
@@ -58,7 +58,7 @@ impl Client {
         self.link.read(&mut self.report, Wait::Forever)
     }
 
-    /// Reads a report and says when it was made, from the opening of the link.
+    /// Reads a report and returns its time since the opening of the link.
     pub fn read(&mut self) -> u64 {
         self.try_read().expect("a report").at.0 - self.zero
     }
@@ -77,7 +77,7 @@ impl Client {
         self.report.slot(SIZE, slot)
     }
 
-    /// Reads until it is so; says when that was.
+    /// Reads until `so` holds; returns the time of that report.
     pub fn until(&mut self, what: &str, so: impl Fn(&Self) -> bool) -> u64 {
         for _ in 0..100_000 {
             let at = self.read();

@@ -1,4 +1,4 @@
-//! What the wire tests share: the tool as a server, and `usbip` as the one that attaches.
+//! Code that the wire tests share: the tool as a server, and `usbip`, which attaches its boards.
 
 use std::fs::{self, File};
 use std::io::{BufRead, BufReader};
@@ -11,14 +11,14 @@ use ecmsk::link::Dir;
 use ecmsk::recording::Recording;
 use ecmsk::sk::Frame;
 
-/// Where the guest has what is tested.
+/// The path of the tested tool in the guest.
 pub const TOOL: &str = "/rig/ecmsk";
 const USBIP: &str = "/rig/usbip";
 
-/// What the server says of comings and goings, shown if a test fails.
+/// The server's log of clients, shown if a test fails.
 const LOG: &str = "/tmp/serve.log";
 
-/// A slow guest on a busy machine.
+/// The longest wait, for a slow guest on a busy machine.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
 /// `ecmsk serve usbip`, until it is dropped.
@@ -56,7 +56,7 @@ impl Served {
         assert!(self.child.wait().expect("it ends").success());
     }
 
-    /// Ends it in the middle of whatever it does.
+    /// Kills it at any moment.
     pub fn kill(mut self) {
         self.child.kill().expect("it runs");
         self.child.wait().expect("it ends");
@@ -65,7 +65,7 @@ impl Served {
 
 impl Drop for Served {
     fn drop(&mut self) {
-        // It has ended, or a test has failed.
+        // The server has ended, or a test has failed.
         let _ = self.child.kill();
         let _ = self.child.wait();
         if thread::panicking() {
@@ -122,7 +122,7 @@ pub struct Board {
 }
 
 impl Board {
-    /// Those that are there, by their pair.
+    /// The present boards.
     pub fn all() -> Vec<Self> {
         let entries = fs::read_dir("/sys/class/hidraw").into_iter().flatten().flatten();
         let mut boards: Vec<Self> = entries.filter_map(|entry| Self::of(&entry.path())).collect();

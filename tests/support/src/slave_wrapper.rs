@@ -1,7 +1,7 @@
-//! For a slave of a test's own around another one.
+//! A macro for a test's slave that wraps another slave.
 
-/// Calls of a [`Slave`](ecmsk::slave::Slave) that go on to the slave inside as they are:
-/// `hand_on_slave!(inner: name, state);` in the `impl`, where `inner` is the field that has it.
+/// Calls of a [`Slave`](ecmsk::slave::Slave) that are passed unchanged to the slave inside: `hand_on_slave!(inner:
+/// name, state);` in the `impl`, where `inner` is the field with that slave.
 #[macro_export]
 macro_rules! hand_on_slave {
     ($slave:tt: $($call:ident),+ $(,)?) => {
@@ -32,8 +32,8 @@ macro_rules! hand_on_slave {
             self.$slave.read(object, scope, value)
         }
     };
-    // Without complete access to the mapping: a bus then maps by writing each entry, which a wrapper that keeps account of the mapping
-    // has to see.
+    // Without complete access to the mapping: a bus then maps by writing each entry, which a wrapper that tracks the
+    // mapping has to see.
     (@read_entries $slave:tt) => {
         fn read(
             &mut self,

@@ -11,7 +11,7 @@ use ecmsk::sk::{
 use ecmsk::slave::{Channels, Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
 
 const SIZE: SlotSize = SlotSize::Bytes12;
-/// Between two frames of the burst.
+/// The time between two frames of the burst.
 const APART_NS: Ns = 2_000_000;
 /// No boot takes longer.
 const BOOT_NS: Ns = 60_000_000_000;
@@ -58,7 +58,7 @@ impl Start {
         Self { rest_ms, ..self }
     }
 
-    /// The slaves that are declared so; those declared none are drives. Each second pulse module has two channels.
+    /// The slaves of the declared kinds; slaves declared as none are drives. Each second pulse module has two channels.
     pub fn slaves(&self) -> Vec<Box<dyn Slave>> {
         let mut modules = 0;
         let slave = |kind: &SlaveKind| -> Box<dyn Slave> {
@@ -98,7 +98,7 @@ impl Program {
         self.board.host(&frame, at, &mut |_, _| {});
     }
 
-    /// A cycle passes.
+    /// Runs a cycle.
     pub fn cycle(&mut self) {
         let Self { board, report, reports } = self;
         board.cycle(&mut |frame, _| {
@@ -107,7 +107,7 @@ impl Program {
         });
     }
 
-    /// So much time passes.
+    /// Lets that time pass.
     pub fn pass(&mut self, time_ns: Ns) {
         let until = self.board.now() + time_ns;
         while self.board.next_cycle() <= until {
@@ -119,7 +119,7 @@ impl Program {
         MasterResponse::decode(&self.report.slot(SIZE, 0)).state
     }
 
-    /// The burst, and the rest behind it.
+    /// Sends the burst, then rests.
     pub fn declare(&mut self, start: &Start) {
         for group in 0..5u8 {
             let kind = |k: usize| start.kinds.get(usize::from(group) * 8 + k).copied().unwrap_or(SlaveKind::None);
@@ -137,10 +137,10 @@ impl Program {
         self.pass(APART_NS + start.rest_ms * 1_000_000);
     }
 
-    /// Asks for a state: how long it takes, and how many reports came until one shows it.
+    /// Asks for a state; returns the time that it takes, and the number of reports until one shows it.
     ///
     /// # Panics
-    /// If another state comes that is none on the way.
+    /// If a state comes that is not on the way.
     pub fn go(&mut self, state: MasterState) -> Took {
         let (since, reports) = (self.board.now(), self.reports);
         self.send(|frame| frame.put_master(SIZE, &MasterCommand::SetState(state)));
@@ -155,7 +155,7 @@ impl Program {
     }
 }
 
-/// How long a state took.
+/// The duration of a change of state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Took {
     pub ns: Ns,

@@ -1,8 +1,8 @@
-//! A network that is quick about its changes.
+//! A network with fast changes of state.
 
 use ecmsk::fieldbus::sim::Timing;
 
-/// Changes that are swift, so that frames come in every part of them.
+/// Fast changes of state, so that frames come in every phase of them.
 pub const SWIFT: Timing = Timing {
     scan_ns: 2_000_000,
     scan_slave_ns: 100_000,

@@ -4,7 +4,7 @@ use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::time::Duration;
 
-/// Longer than anything takes here: a test that hangs fails.
+/// Longer than any wait here: a test that hangs fails.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// Board 1-1: bus 1, device 1.
@@ -27,7 +27,7 @@ pub fn submit(sequence: u32, direction: u32, endpoint: u32, length: u32, setup: 
     for (at, value) in [(0, 1), (4, sequence), (8, DEVICE_ID), (12, direction), (16, endpoint), (20, 0x200)] {
         header[at..at + 4].copy_from_slice(&u32::to_be_bytes(value));
     }
-    // Start frame and interval hold anything; there are no isochronous packets.
+    // Start frame and interval have any value; there are no isochronous packets.
     header[24..28].copy_from_slice(&length.to_be_bytes());
     header[32..36].copy_from_slice(&u32::MAX.to_be_bytes());
     header[40..48].copy_from_slice(&setup);
@@ -43,7 +43,7 @@ pub fn unlink(sequence: u32, victim: u32) -> [u8; 48] {
     header
 }
 
-/// An answer. Of its bytes only those to the host are counted by the caller, who knows the direction.
+/// An answer. The caller, who knows the direction, counts only bytes to the host.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Reply {
     /// 3: RET_SUBMIT, 4: RET_UNLINK.
@@ -168,14 +168,14 @@ impl Client {
         self.sequence
     }
 
-    /// Hands over a read of a report; gives its sequence.
+    /// Submits a read of a report; returns its sequence number.
     pub fn want_report(&mut self) -> u32 {
         let sequence = self.next_sequence();
         self.send(&submit(sequence, IN, 1, 512, [0; 8]));
         sequence
     }
 
-    /// Hands over a frame; gives its sequence.
+    /// Submits a frame; returns its sequence number.
     pub fn give(&mut self, data: &[u8]) -> u32 {
         let sequence = self.next_sequence();
         let mut message = submit(sequence, OUT, 2, data.len() as u32, [0; 8]).to_vec();
@@ -201,7 +201,7 @@ impl Client {
         (reply, data)
     }
 
-    /// A control transfer: its status, and what came.
+    /// Runs a control transfer; returns its status and data.
     pub fn control(&mut self, setup: [u8; 8], out: &[u8]) -> (i32, Vec<u8>) {
         let length = u16::from_le_bytes([setup[6], setup[7]]);
         let direction = if setup[0] & 0x80 != 0 && length > 0 { IN } else { OUT };

@@ -1,4 +1,4 @@
-//! The golden frames once more, said with the types of the crate: name by name what a slot means.
+//! The golden frames as the crate's types: the meaning of each slot by the frame's name.
 
 use ecmsk::cia402::{Mode, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
@@ -8,7 +8,7 @@ use ecmsk::sk::{
     SlaveKind, SlaveResponse, SlotCommand, SlotSize, StateByte,
 };
 
-/// What a slot holds, as the type that belongs there.
+/// A slot's content, as the type for that slot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Content {
     Master(MasterCommand),
@@ -50,10 +50,10 @@ impl Content {
     }
 }
 
-/// The slots of a golden frame that hold something.
+/// The slots of a golden frame that are not empty.
 ///
 /// # Panics
-/// If the name is new: say here what the frame means.
+/// If the name is new: add the frame's meaning here.
 pub fn contents(name: &str) -> Vec<(usize, Content)> {
     use MasterCommand as M;
     use SlaveCommand as S;

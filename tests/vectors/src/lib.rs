@@ -1,4 +1,4 @@
-//! What the tests of the wire format share: the golden frames as they stand in their file, and a frame full of rubbish.
+//! Shared code of the tests of the wire format: the golden frames as in their file, and a frame full of rubbish.
 
 pub mod golden;
 pub mod xf;
@@ -12,9 +12,9 @@ pub struct Vector {
     pub size: SlotSize,
     /// `filled`, `absent` or `wrong`.
     pub crc: String,
-    /// What the frame's bytes give; nothing where the vector leaves the CRC out.
+    /// The CRC over the frame's bytes; `None` if the vector has no CRC.
     pub crc8: Option<u8>,
-    /// The slots by their number as the vector names them, byte 3 of slot 0 being 0.
+    /// The slots by their number in the vector, byte 3 of slot 0 being 0.
     pub slots: Vec<RawSlot>,
     /// 504 or 512 bytes.
     pub bytes: Vec<u8>,
@@ -53,7 +53,7 @@ pub fn vector_named(name: &str) -> Vector {
     vectors().into_iter().find(|vector| vector.name == name).unwrap_or_else(|| panic!("no vector {name}"))
 }
 
-/// 512 bytes of 0xA5: an encoder that leaves a byte out shows.
+/// 512 bytes of 0xA5: an encoder that leaves out a byte fails.
 pub fn rubbish() -> Frame {
     Frame::from_bytes([0xA5; 512])
 }

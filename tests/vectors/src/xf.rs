@@ -1,4 +1,4 @@
-//! The golden packets of the ECM-XF as they stand in their file.
+//! The golden packets of the ECM-XF as in their file.
 
 use ecmsk::xf::{CheckRule, CheckType, CrcCoverage, DataSize};
 use serde_json::Value;
@@ -31,7 +31,7 @@ impl Packet {
         bytes.try_into().expect("as many bytes")
     }
 
-    /// What the data segment begins with; the rest of it is 0.
+    /// The begin of the data segment; the rest is 0.
     pub fn data(&self) -> Vec<u8> {
         hex(&text(&self.fields, "data"))
     }

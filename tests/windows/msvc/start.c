@@ -1,11 +1,11 @@
-/* Where programs built with Microsoft's conventions begin: its C library's start is not ours to have. The library itself is
- * the system's msvcrt.dll. */
+/* The entry point of programs built with Microsoft's conventions, since the start code of its C library is not
+ * available. The library itself is the system's msvcrt.dll. */
 #include <stdlib.h>
 
 int main(int argc, char **argv);
 void __cdecl __getmainargs(int *argc, char ***argv, char ***environment, int wildcards, int *new_mode);
 
-/* Whoever uses floating point asks for it. */
+/* Referenced by code that uses floating point. */
 int _fltused = 0x9875;
 
 void mainCRTStartup(void)

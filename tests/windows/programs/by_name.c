@@ -1,9 +1,9 @@
-/* LoadLibrary and GetProcAddress, by name or, with the argument `ordinals`, by ordinal; all of the register that bool comes
- * back in is 0 or 1, and the stack is where it was after each call. */
+/* LoadLibrary and GetProcAddress, by name or, with the argument `ordinals`, by ordinal; the whole register of the
+ * returned bool is 0 or 1, and the stack pointer is unchanged after each call. */
 #include "loaded.h"
 
 #ifdef __i386__
-/* How far the stack pointer moves over a call with as many arguments: 0 if the function has taken them off. */
+/* The change of the stack pointer by a call with that many arguments: 0 if the function has removed them. */
 static size_t moved(void *function, int arguments)
 {
     static unsigned char frame[512];
@@ -49,7 +49,7 @@ int main(int count, char **arguments)
     SetLastError(12345);
     CHECK(write_board(frame, 512) == 1);
     CHECK(read_board(frame, 512) == 1);
-    /* Success of a write and a read leaves Windows' last error as it was. */
+    /* A successful write or read leaves Windows' last error unchanged. */
     CHECK(GetLastError() == 12345);
     CHECK(write_board(NULL, 512) == 0);
     CHECK(read_board(NULL, 512) == 0);

@@ -1,5 +1,6 @@
-/* Loads the DLL, opens the board, moves a frame, closes and unloads, again and again: after each round the DLL is gone, and
- * after all no thread, handle or TLS index is left. Arguments: rounds; `uri` (then ECMSK_LINK is opened by ecmsk_open). */
+/* Loads the DLL, opens the board, transfers a frame, closes and unloads, repeatedly: after each round the DLL is
+ * unloaded, and at the end no thread, handle or TLS index is left. Arguments: rounds; `uri` (then ECMSK_LINK is opened
+ * by ecmsk_open). */
 #include "loaded.h"
 
 #include <tlhelp32.h>
@@ -86,10 +87,10 @@ int main(int count, char **arguments)
         } else {
             vendor_round();
         }
-        /* None runs in a DLL that is gone. */
+        /* No thread runs in an unloaded DLL. */
         CHECK(round == 0 || threads() == threads_before);
         if (round == 0) {
-            /* What Windows itself keeps for the process is there now. */
+            /* Windows' own objects of the process exist now. */
             threads_before = threads();
             handles_before = handles();
             tls_before = tls_indexes();

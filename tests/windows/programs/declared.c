@@ -1,4 +1,4 @@
-/* The same in C; one byte is what comes back. */
+/* The same in C; the result is one byte. */
 unsigned char __stdcall OpenECMUSB(void);
 void __stdcall CloseECMUSB(void);
 unsigned char __stdcall ECMUSBWrite(unsigned char *data, unsigned long dwlength);

@@ -1,5 +1,5 @@
-// A C++ program with declarations of its own, as the vendor's headers have them: some copies inside extern "C"
-// (-DEXTERN_C), some not. It needs nothing of a C library: its exit code says which step failed, 0 none.
+// A C++ program with declarations of its own, as in the vendor's headers: some copies inside extern "C" (-DEXTERN_C), some not. It needs
+// no C library: its exit code is the failed step, or 0.
 #ifdef EXTERN_C
 extern "C" {
 #endif

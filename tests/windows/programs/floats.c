@@ -1,6 +1,6 @@
-/* A caller whose floating point is set otherwise: exceptions that are not masked (Delphi, C++Builder), another rounding and
- * precision (graphics libraries). After each call the caller's state is as it was. Prints a sum of all that the board
- * answered. Arguments: the states of SSE and of x87, hexadecimal. */
+/* A caller with other floating-point settings: unmasked exceptions (Delphi, C++Builder), another rounding and
+ * precision (graphics libraries). After each call the caller's state is unchanged. Prints a sum of all answers of the
+ * board. Arguments: the states of SSE and of x87, hexadecimal. */
 #include "loaded.h"
 
 enum { SLOTS = 42, CYCLES = 400 };
@@ -54,7 +54,7 @@ static void go_to(unsigned state)
     CHECK((response[0].parm & 0xFF) == state);
 }
 
-/* A drive is moved on a path; a sum of all that was answered. */
+/* Moves a drive on a path; a sum of all answers. */
 static unsigned move(unsigned sse, unsigned short x87)
 {
     unsigned sum = 17;

@@ -1,10 +1,10 @@
-/* What GetLastError gives after each call, as the vendor's library leaves it. The argument says which end of a board is
- * tried: `reset` (the board goes), `closed` (it is silent, and Close ends a read that waits), `fails` (there is none). */
+/* GetLastError after each call, as with the vendor's library. The argument selects the end of a board: `reset` (the
+ * board is lost), `closed` (it is silent, and Close ends a read that waits), `fails` (there is none). */
 #include "../../c/check.h"
 
 #include <windows.h>
 
-/* The call leaves 12345, which stood there before, or sets another one. */
+/* The call leaves the earlier value 12345, or sets another one. */
 #define LEAVES(call, expected)                                                                                    \
     do {                                                                                                          \
         DWORD left;                                                                                               \
@@ -81,7 +81,7 @@ static void closed(void)
         if (left[0] == ERROR_ACCESS_DENIED && left[1] == ERROR_ACCESS_DENIED) {
             return;
         }
-        /* One came later, when nothing was open any more. */
+        /* One came later, when no board was open any more. */
         CHECK(wait < 60000);
         LEAVES(OpenECMUSB(), 0);
     }

@@ -1,5 +1,5 @@
-/* What the Windows programs of the tests share: the DLL loaded by name, its functions by what is known of the vendor's
- * library and not by a header of ours. `unsigned` is the whole register that bool comes back in. */
+/* Shared by the Windows programs of the tests: the DLL loaded by name, its functions declared from what is known of
+ * the vendor's library, not from this project's header. `unsigned` is the whole register of the returned bool. */
 #ifndef LOADED_H
 #define LOADED_H
 
@@ -38,7 +38,7 @@ static FARPROC function_of(HMODULE dll, const char *name)
     return found;
 }
 
-/* A function's address as the type it has. */
+/* A function's address with its type. */
 #define FUNCTION(type, dll, name) ((type)(void *)function_of(dll, name))
 
 static HMODULE load(const char *path)

@@ -1,5 +1,5 @@
-/* The DLL at another base than its own, which is taken when it is loaded: the argument is that base. Threads of the
- * library's and of this program use what is each thread's own. */
+/* The DLL at another base than its preferred one, which is occupied when it is loaded: the argument is that base.
+ * Threads of the library and of this program use thread-local data. */
 #include "loaded.h"
 
 static DWORD WINAPI reads(void *count)

@@ -1,6 +1,6 @@
 /* FreeLibrary while the board is open: the DLL stays until the board is closed, even if the program closes it by the
- * address alone, and goes then. Argument: `alone`; `read`: while another thread is blocked in a read; `close`: FreeLibrary
- * comes after that thread's end, which says why; `uri`: a board of ecmsk_open. */
+ * address alone, and is unloaded then. Argument: `alone`; `read`: while another thread is blocked in a read; `close`:
+ * FreeLibrary comes after that thread's end, which prints the reason; `uri`: a board of ecmsk_open. */
 #include "loaded.h"
 
 typedef int(__cdecl *open_uri_function)(const char *uri, void **board);
@@ -9,7 +9,7 @@ typedef int(__cdecl *close_uri_function)(void *board);
 static volatile LONG reading;
 static char said[500];
 
-/* Reads until the board is closed. Only who has the DLL still may ask it why. */
+/* Reads until the board is closed. Only a caller that still has the DLL loaded may query the reason. */
 static DWORD WINAPI reader(void *may_ask)
 {
     static unsigned char frame[512];

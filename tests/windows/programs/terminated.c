@@ -1,5 +1,6 @@
-/* Watchdogs of old programs end a thread by TerminateThread that waits in ECMUSBRead. Everything goes on: reads and writes of
- * other threads, Close, and the next Open. The argument says whether the board sends `reports` or is `silent`. */
+/* Watchdogs of old programs end a thread that waits in ECMUSBRead by TerminateThread. Reads and writes of other
+ * threads, Close, and the next Open work all the same. The argument is whether the board sends `reports` or is
+ * `silent`. */
 #include "../../c/check.h"
 
 #include <windows.h>
@@ -45,7 +46,7 @@ static void open_board(void)
     }
 }
 
-/* What a program does next. On a silent board a read ends by Close alone. */
+/* The program's next calls. On a silent board a read ends only by Close. */
 static void goes_on(void)
 {
     CHECK(write_command());

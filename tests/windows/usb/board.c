@@ -1,5 +1,5 @@
-/* The library on a board that Windows' HID driver has. The first argument says what is tried; what a test has to know
- * meanwhile is a line of the output, and what it says is a file that appears in the program's folder. */
+/* The library on a board of Windows' HID driver. The first argument selects the case; the program signals the test
+ * by a line of the output, and the test signals the program by a file in the program's folder. */
 #include "check.h"
 
 #include <windows.h>
@@ -7,7 +7,7 @@
 #define SIZE 512
 
 static unsigned char buffer[SIZE];
-/* The frame that was moved last, which a read that fails leaves. */
+/* The last transferred frame, which a failed read returns. */
 static unsigned char last[SIZE];
 
 static void say(const char *line)
@@ -49,7 +49,7 @@ static unsigned long long dropped(void)
     return stats.reports_dropped;
 }
 
-/* Until the board is there. */
+/* Until the board is available. */
 static void open_board(void)
 {
     while (!OpenECMUSB()) {
@@ -57,8 +57,8 @@ static void open_board(void)
     }
 }
 
-/* A read before any write; then frames with their numbers, each followed by a read. Success of Open sets Windows' last error
- * to 0, that of all others leaves it as it was. */
+/* A read before any write; then frames with their numbers, each followed by a read. A successful Open sets Windows'
+ * last error to 0, other successful calls leave it unchanged. */
 static void moves(unsigned frames)
 {
     unsigned number;
@@ -79,9 +79,9 @@ static void moves(unsigned frames)
     CHECK(GetLastError() == 12345);
 }
 
-/* Nobody reads while the board sends and goes: once a write has said so, none of the reports that came before is read any
- * more. Windows' last error says that the board is gone. A write that is on the wire just then may fail without a word about
- * the board: an error of the wire, and no other one. */
+/* Without reads the board sends reports and is lost: once a write has reported the loss, earlier reports are not
+ * read any more. Windows' last error is that the board is lost. A write on the wire at that time may fail with an error
+ * of the wire instead, and no other one. */
 static void lost_with_reports(void)
 {
     int tries;
@@ -103,7 +103,7 @@ static void lost_with_reports(void)
     CHECK(GetLastError() == ERROR_INVALID_HANDLE);
 }
 
-/* No board: false, and a text that has these parts. */
+/* No board: false, and a text with these parts. */
 static void none(int count, char **parts)
 {
     int i;
@@ -115,7 +115,7 @@ static void none(int count, char **parts)
     CHECK(!write_kept());
 }
 
-/* The board goes while a read waits, and comes back: dead until Open, which needs no Close. */
+/* The board is lost while a read waits, and returns: unusable until Open, which needs no Close. */
 static void lost(void)
 {
     open_board();
@@ -147,7 +147,7 @@ static DWORD WINAPI reader(LPVOID unused)
     return 0;
 }
 
-/* The board is silent: Close ends the read that waits. */
+/* The board is silent: Close ends the waiting read. */
 static void close_ends(void)
 {
     int round;
@@ -179,7 +179,7 @@ static void limits(void)
     CHECK(write_kept());
 }
 
-/* Nobody reads: the newest 32 are kept, what is older is counted. */
+/* Without reads the newest 32 are kept, older ones are counted. */
 static void unread(void)
 {
     int i;
@@ -192,7 +192,7 @@ static void unread(void)
     }
 }
 
-/* Writes alone for a while, so that reports are left to the driver; the newest of them are read then, in their order. */
+/* Only writes for a while, so that reports stay in the driver; then the newest of them are read, in order. */
 static void rests(void)
 {
     DWORD begun;
@@ -214,7 +214,7 @@ static void rests(void)
     CloseECMUSB();
 }
 
-/* Has the board open, with reports, until it is told to end. */
+/* Keeps the board open, with reports, until it is signalled to end. */
 static void shares(const char *end)
 {
     int i;
@@ -222,7 +222,7 @@ static void shares(const char *end)
     CHECK(read_report());
     say("open");
     wait_for(end);
-    /* All that waited, and more. */
+    /* All waiting reports, and more. */
     for (i = 0; i < 100; i++) {
         CHECK(read_report() && buffer[2] == STATE_PRE_OP);
     }
@@ -230,7 +230,7 @@ static void shares(const char *end)
     CloseECMUSB();
 }
 
-/* The board does not take a frame: false, and reports go on. */
+/* The board does not accept a frame: false, and reports go on. */
 static void busy(void)
 {
     open_board();

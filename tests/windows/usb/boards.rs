@@ -1,5 +1,5 @@
-//! What the functions do call by call on a board on USB: the table of the vendor's library, LIB-35 to LIB-55, as far as
-//! Wine can show it.
+//! The functions call by call on a board on USB: the table of the vendor's library, LIB-35 to LIB-55, as far as Wine
+//! can show it.
 
 use ecmsk::link::Dir;
 use serde_json::{Value, json};
@@ -11,7 +11,7 @@ use support::served::{Board, Served, recorded, until};
 pub const BOARD: &str = "sim:?slaves=io";
 const SILENT: &str = "sim:?slaves=io&fault.drop.read=1";
 
-/// A board that is plugged in, and shown by the kernel.
+/// A board that is plugged in and visible to the kernel.
 #[track_caller]
 pub fn plugged(link: &str) -> Served {
     let served = Served::start(&[link], &["--attach"]);
@@ -19,7 +19,7 @@ pub fn plugged(link: &str) -> Served {
     served
 }
 
-/// It is unplugged, and the kernel shows it no more.
+/// Unplugs it, and waits until the kernel has removed it.
 #[track_caller]
 pub fn unplug(served: Served) {
     served.kill();
@@ -27,8 +27,8 @@ pub fn unplug(served: Served) {
 }
 
 crate::for_each_width! {
-    /// LIB-20, LIB-39, LIB-40, WIN-41, WIN-46 A read before any write; frames arrive once, whole and in order, 512 bytes each, and
-    /// success of all but Open leaves Windows' last error alone.
+    /// LIB-20, LIB-39, LIB-40, WIN-41, WIN-46 A read before any write; frames arrive once, complete and in order, 512
+    /// bytes each, and successful calls other than Open leave Windows' last error unchanged.
     #[test]
     fn frames_go_to_the_board_and_reports_come(width: Width) {
         let file = "/tmp/moved.pcapng";
@@ -44,14 +44,14 @@ crate::for_each_width! {
         until("it is gone", || Board::all().is_empty().then_some(()));
     }
 
-    /// LIB-42, WIN-40 Without a board Open is false and says what to do.
+    /// LIB-42, WIN-40 Without a board Open returns false and the text says what to do.
     #[test]
     fn without_a_board_open_is_false(width: Width) {
         passes(width, "board", "usb:", &["none", "set CONFIG0 to USB"]);
     }
 
-    /// LIB-35, LIB-49, LIB-54, LIB-64, WIN-43, WIN-46 A board that is unplugged ends a read that waits; the handle stays dead when the board
-    /// is back, until Open, which needs no Close.
+    /// LIB-35, LIB-49, LIB-54, LIB-64, WIN-43, WIN-46 A board that is unplugged ends a waiting read; the handle stays
+    /// unusable after the board's return, until Open, which needs no Close.
     #[test]
     fn a_board_that_goes_and_comes_back(width: Width) {
         let served = plugged(SILENT);
@@ -65,7 +65,7 @@ crate::for_each_width! {
         unplug(served);
     }
 
-    /// LIB-65, LIB-64, LIB-49 Once it was noticed that the board is gone, no report that was kept is read any more.
+    /// LIB-65, LIB-64, LIB-49 Once the board's loss is noticed, reports that were kept are not read any more.
     #[test]
     fn reports_go_with_the_board(width: Width) {
         let served = plugged(BOARD);
@@ -76,7 +76,7 @@ crate::for_each_width! {
         program.passes();
     }
 
-    /// LIB-35, LIB-47, LIB-48, LIB-54, LIB-64, WIN-44, WIN-46 Close ends a read that waits.
+    /// LIB-35, LIB-47, LIB-48, LIB-54, LIB-64, WIN-44, WIN-46 Close ends a waiting read.
     #[test]
     fn close_ends_a_read(width: Width) {
         let served = plugged(SILENT);
@@ -84,7 +84,7 @@ crate::for_each_width! {
         unplug(served);
     }
 
-    /// LIB-36, LIB-54 A read with a limit is false after it; the link goes on.
+    /// LIB-36, LIB-54 A read with a limit returns false after it; the link goes on.
     #[test]
     fn a_read_with_a_limit_ends(width: Width) {
         let served = plugged(SILENT);
@@ -92,7 +92,7 @@ crate::for_each_width! {
         unplug(served);
     }
 
-    /// LIB-55, WIN-42 The newest 32 reports are kept while nobody reads, older ones are counted.
+    /// LIB-55, WIN-42 The newest 32 reports are kept while no call reads, older ones are counted.
     #[test]
     fn unread_reports(width: Width) {
         let served = plugged(BOARD);
@@ -100,7 +100,7 @@ crate::for_each_width! {
         unplug(served);
     }
 
-    /// WIN-67 A program that writes alone for a while reads the newest reports then, and goes on as before.
+    /// WIN-67 A program that only writes for a while then reads the newest reports, and goes on as before.
     #[test]
     fn reports_pause_while_a_program_only_writes(width: Width) {
         let served = plugged(BOARD);
@@ -108,7 +108,8 @@ crate::for_each_width! {
         unplug(served);
     }
 
-    /// LIB-45, WIN-45 A second process opens the board too; both get its reports, and one that closes leaves it to the other.
+    /// LIB-45, WIN-45 A second process opens the board too; both get its reports, and closing it in one leaves it open
+    /// in the other.
     #[test]
     fn two_processes_share_a_board(width: Width) {
         let served = plugged(BOARD);
@@ -120,7 +121,7 @@ crate::for_each_width! {
         unplug(served);
     }
 
-    /// WIN-40 Of two boards one has to be chosen, by its serial number or by its place, which the error names.
+    /// WIN-40 Of two boards one has to be chosen, by its serial number or by its USB port, which the error names.
     #[test]
     fn one_of_two_boards_is_chosen(width: Width) {
         let served = Served::start(&["sim:?name=a", "sim:?name=b"], &["--attach", "--serial", "A", "--serial", "B"]);
@@ -131,7 +132,7 @@ crate::for_each_width! {
         unplug(served);
     }
 
-    /// SK-4.34, LIB-43, LIB-49, WIN-46 SW_RESET takes the board away: dead until Open.
+    /// SK-4.34, LIB-43, LIB-49, WIN-46 SW_RESET detaches the board: unusable until Open.
     #[test]
     fn a_reset_board(width: Width) {
         let served = plugged("sim:?slaves=drive*2");
@@ -139,7 +140,7 @@ crate::for_each_width! {
         unplug(served);
     }
 
-    /// LIB-38, LIB-64 A board that does not take a frame: the write is false, and reads go on.
+    /// LIB-38, LIB-64 A board that does not accept a frame: the write returns false, and reads go on.
     #[test]
     fn a_board_that_is_busy(width: Width) {
         let served = plugged(&format!("{BOARD}&fault.delay.write=1&fault.delay_ms=3600000"));
@@ -147,8 +148,8 @@ crate::for_each_width! {
         unplug(served);
     }
 
-    /// WIN-64 `list` names the link of a board that is there, by which the tool opens it, and `doctor` says that it can be
-    /// opened.
+    /// WIN-64 `list` prints the link of a board that is plugged in, by which the tool opens it, and `doctor` reports
+    /// that it can be opened.
     #[test]
     fn the_tool_finds_a_board(width: Width) {
         let served = Served::start(&["sim:?slaves=drive*2"], &["--attach", "--serial", "A-7"]);

@@ -1,6 +1,6 @@
-//! Windows programs on a board on USB: our DLL, Wine's HID stack, the USB and HID code of a real kernel, and behind it
-//! `ecmsk serve usbip`. They run in a guest system, as root, one at a time: `cargo xtask test --windows`. Every test stands in a
-//! module of the width of its programs.
+//! Windows programs on a board on USB: the DLL, Wine's HID stack, the USB and HID code of a real kernel, and behind it
+//! `ecmsk serve usbip`. They run in a guest system, as root, one at a time: `cargo xtask test --windows`. Every test is
+//! in a module of the width of its programs.
 #![cfg(target_os = "linux")]
 
 mod boards;

@@ -1,4 +1,4 @@
-//! A Windows program in the guest, with our DLL beside it.
+//! A Windows program in the guest, with the DLL beside it.
 
 use std::fs::{self, File};
 use std::io::{BufRead, BufReader};
@@ -9,7 +9,8 @@ use std::thread;
 
 use support::served::PATIENCE;
 
-/// Where the guest has the programs and the DLL of a width; and a place of its own, for Wine loads from there more surely.
+/// The guest's folder with the programs and the DLL of a width, and a local folder, from which Wine loads more
+/// reliably.
 const GIVEN: &str = "/rig";
 const OWN: &str = "/tmp/programs";
 const STDERR: &str = "/tmp/program.stderr";
@@ -56,7 +57,7 @@ impl Program {
         Self { child, lines, folder, what: format!("{width:?} {program} {arguments:?} on {link}") }
     }
 
-    /// The next line that it says.
+    /// The next line that it prints.
     #[track_caller]
     pub fn says(&mut self, line: &str) {
         match self.lines.recv_timeout(PATIENCE) {
@@ -65,7 +66,7 @@ impl Program {
         }
     }
 
-    /// What it says until it ends well, without a complaint.
+    /// Its lines until it ends successfully, with nothing on standard error.
     #[track_caller]
     pub fn all(mut self) -> Vec<String> {
         let mut all = Vec::new();
@@ -80,12 +81,12 @@ impl Program {
         all
     }
 
-    /// Tells it something.
+    /// Signals it by creating this file.
     pub fn tell(&self, file: &str) {
         fs::write(self.folder.join(file), "").expect("its folder is there");
     }
 
-    /// It says `ok` and ends well, without a complaint.
+    /// It prints `ok` and ends successfully, with nothing on standard error.
     #[track_caller]
     pub fn passes(mut self) {
         self.says("ok");
@@ -111,7 +112,7 @@ impl Drop for Program {
     }
 }
 
-/// Runs a program of the tests that says `ok`.
+/// Runs a program of the tests that prints `ok`.
 #[track_caller]
 pub fn passes(width: Width, program: &str, link: &str, arguments: &[&str]) {
     Program::start(width, program, link, arguments).passes();

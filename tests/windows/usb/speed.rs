@@ -1,4 +1,4 @@
-//! The bench of the library on a board on USB, `cargo xtask bench --windows`: a kernel's USB is there in the guest alone.
+//! The bench of the library on a board on USB, `cargo xtask bench --windows`: only the guest has a kernel's USB for it.
 
 use crate::boards::{BOARD, plugged, unplug};
 use crate::program::{Program, Width};
@@ -12,7 +12,7 @@ crate::for_each_width! {
         let name = format!("windows_usb_{}", width.name());
         let figures = Program::start(width, "usb", "usb:", &[&name]).all();
         assert_eq!(figures.len(), 4, "{figures:?}");
-        // The name of the test stands at the begin of the line.
+        // The name of the test is at the begin of the line.
         println!("\n{}", figures.join("\n"));
         unplug(served);
     }

@@ -1,4 +1,4 @@
-//! What an exchange costs, that runs are the same, and any bytes.
+//! Allocations of an exchange, reproducible runs, and random bytes.
 
 use allocation_counter::measure;
 use ecmsk::cia402::DriveState;
@@ -17,7 +17,7 @@ use super::{Host, MS};
 use crate::network::{INIT, drive, to_all};
 use crate::{motor, slave};
 
-/// Two drives that are led to Operation enabled, the FIFO on.
+/// A host with two drives in Operation enabled, and the FIFO on.
 fn in_op() -> Host {
     let mut host = Host::new(Profile::NEW, vec![drive(), drive()]);
     host.use_crc();
@@ -103,7 +103,7 @@ fn the_port_allocates_nothing() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// XF-11.61 Whatever bytes come, the chip goes on: no panic, and it answers afterwards.
+    /// XF-11.61 Whatever bytes come, the chip does not panic and answers afterwards.
     #[test]
     fn any_commands(
         over_controllers in any::<bool>(),
@@ -119,7 +119,7 @@ proptest! {
         let mut now = 1000 * MS;
         let mut answer = [0; MAX_PACKET];
         let (mut buffer, size, header) = ([0; MAX_PACKET], chip.size(), CommandHeader::with_index);
-        // A network in PreOP, of which commands can want something.
+        // A network in PreOP, so that commands have an effect.
         let init = write_request(&mut buffer, size, CheckRule::FIXED, header(201), &INIT).expect("it fits").to_vec();
         let state = to_all(EtherCatState::PreOp);
         let preop = write_request(&mut buffer, size, CheckRule::FIXED, header(202), &state).expect("it fits");
@@ -145,7 +145,8 @@ proptest! {
         prop_assert!(chip.is_ready());
     }
 
-    /// XF-11.61 Neither do any bytes in a stream, of any length: for each there is one, and the time goes on.
+    /// XF-11.61 The same for a stream of random bytes of any length: each byte is answered by one, and the time goes
+    /// on.
     #[test]
     fn any_bytes(chunks in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..2000), 1..20)) {
         let mut port = ChipPort::new(Chip::new(Profile::OLD, SlaveModels::new(vec![drive()])));
@@ -156,7 +157,7 @@ proptest! {
             prop_assert_eq!(port.transfer(now, chunk, &mut from), chunk.len());
             all.extend(from);
         }
-        // What comes from the chip are packets one after the other, whatever goes to it.
+        // The chip sends complete packets in a row, whatever it gets.
         for packet in all.chunks_exact(144) {
             prop_assert_eq!((&packet[..4], &packet[140..]), (&[0xA4, 0xA3, 0xA2, 0xA1][..], &[0x59, 0x58, 0x57, 0x56][..]));
         }

@@ -1,4 +1,4 @@
-//! Packets: which answer comes when, errors, check words, sizes, resets, the stream of bytes.
+//! Packets: the order of answers, errors, check words, sizes, resets, the stream of bytes.
 
 use ecmsk::xf::chip::{ChipPort, Profile};
 use ecmsk::xf::request::{
@@ -25,13 +25,13 @@ fn answers_come_with_the_next_exchange() {
     assert_eq!((second.header.index, second.to(&SpiPackSizeGet)), (1, DataSize::NEWER));
     let third = host.send(&InfoUpdate);
     assert_eq!((third.header.index, third.to(&FirmwareVersionGet).version), (2, 0x22));
-    // INFO_UPDATE_OP itself is a command as others.
+    // INFO_UPDATE_OP itself is a command like others.
     let fourth = host.send(&InfoUpdate);
     assert_eq!((fourth.header.code, fourth.has(Status::NOP)), (CommandCode::InfoUpdate, false));
 }
 
 /// XF-11.2 A packet with index and code of the one before is not run again: its answer has the NOP flag, both echoed,
-/// length 0 and return value 0. Its header is taken all the same.
+/// length 0 and return value 0. Its header is processed all the same.
 #[test]
 fn repeated_packets_are_not_run() {
     let mut host = Host::with_drives();
@@ -89,8 +89,8 @@ fn damaged_packets_are_counted() {
     assert_eq!(host.send(&InfoUpdate).header.crc_errors, 0);
 }
 
-/// XF-11.73 An error is cleared only when an answer to a command has shown it: a client that clears all of them in every packet
-/// sees a transfer that fails, once, and then not any more.
+/// XF-11.73 An error is cleared only when an answer to a command has shown it: a client that clears all errors in every
+/// packet sees a failed transfer exactly once.
 #[test]
 fn errors_are_shown_before_they_are_cleared() {
     let mut host = Host::in_state(EtherCatState::PreOp);
@@ -104,7 +104,8 @@ fn errors_are_shown_before_they_are_cleared() {
         host.send_with(first, &missing);
         let mut shown = 0;
         for _ in 0..100 {
-            // Each packet is sent more than once; the answers to the copies, which are NOPs, show nothing to this client.
+            // Each packet is sent more than once; the answers to the copies, which are NOPs, show no error to this
+            // client.
             let header = header(&mut host);
             for _ in 0..copies {
                 let got = host.send_with(header, &InfoUpdate);
@@ -192,7 +193,7 @@ fn wrong_commands() {
             .map(|code| (code, 0, 0));
     let parameters =
         [(12, 0x80), (13, 3), (18, 2), (19, 2), (25, 1), (28, 0), (31, 7), (32, 4), (51, 3), (75, 8), (83, 9)];
-    // The vendor's header has items of slaves up to 40, which nobody describes.
+    // The vendor's header has items of slaves up to 40, which no manual describes.
     let items = [14, 40].map(|item| (15, 0, item));
     for (code, parameter, info) in unknown.chain(parameters.map(|(code, parameter)| (code, parameter, 0))).chain(items)
     {
@@ -237,8 +238,8 @@ fn failures() {
     assert_eq!(host.end(&InitDc).errors(), Errors::NON_IMMEDIATE);
 }
 
-/// XF-11.11 ASYNCCMD_RESET ends what runs: 1 clears busy, 4 gives the command up, which has failed then; 2 skips the
-/// wait for the network port; a sum does all of it.
+/// XF-11.11 ASYNCCMD_RESET ends a running command: 1 clears busy, 4 gives the command up, which has failed then; 2
+/// skips the wait for the network port; a sum does all of these.
 #[test]
 fn what_runs_is_ended() {
     let reset = |bits| AsyncReset::new(AsyncResetActions(bits)).expect("known bits");
@@ -273,7 +274,7 @@ fn what_runs_is_ended() {
     assert!(started(Some(7)) < started(Some(2)), "and the command is given up");
 }
 
-/// XF-11.12 WARM_RESET: all is as after power-on, and the next command is taken after the start alone.
+/// XF-11.12 WARM_RESET: the chip is as after power-on, and takes the next command only after its start.
 #[test]
 fn warm_reset() {
     let mut host = Host::in_state(EtherCatState::Op);

@@ -1,5 +1,4 @@
-//! What headers and return bytes say of process data: the counts of the FIFOs, what was done, and whose errors there
-//! are.
+//! Headers and return bytes of process data: the counts of the FIFOs, the outcome, and whose errors there are.
 
 use ecmsk::xf::chip::Profile;
 use ecmsk::xf::request::{
@@ -20,7 +19,7 @@ fn write(pdos: &[u8], count: u8) -> PdoDataFifo<'_> {
     PdoDataFifo { count, operation: PdoOperation::WRITE, data: pdos }
 }
 
-/// What was done, and the errors that there are.
+/// The outcome, and the present errors.
 fn done(got: &Got) -> (PdoOperation, Errors) {
     (PdoOperation(got.header.ret), got.errors())
 }
@@ -41,7 +40,7 @@ fn counts_lag() {
     assert!(host.send(&InfoUpdate).header.tx_fifo >= tx + 10);
 }
 
-/// XF-11.19 A full RxFIFO loses the new RxPDO: a FIFO error, and the answer says failed. XF-11.21 So does one whose
+/// XF-11.19 A full RxFIFO loses the new RxPDO: a FIFO error, and the answer is "failed". XF-11.21 So does one whose
 /// entries FIFO_INIT has set.
 #[test]
 fn rx_full() {
@@ -71,7 +70,7 @@ fn tx_empty() {
 }
 
 /// XF-11.21 Both FIFOs together have 0x4000 bytes: beyond it FIFO_INIT fails with a FIFO error, and a layout of process
-/// data has that error and is none the less one.
+/// data sets that error and is valid none the less.
 #[test]
 fn memory() {
     // The bytes of both directions of 9 drives, 54 + 90 = 144: 128 of them are more than 0x4000, 100 are not.

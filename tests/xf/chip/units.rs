@@ -1,4 +1,4 @@
-//! What only single packets show of GPIOs.
+//! Behaviour of GPIOs that only single packets show.
 
 use ecmsk::xf::chip::Profile;
 use ecmsk::xf::request::{

@@ -6,7 +6,7 @@ use ecmsk::xf::host::{Budget, BudgetError};
 const BUDGET: Budget =
     Budget { process_bytes: 100, clock_hz: 24_000_000, idle_ns: 150_000, cycle_ns: 1_000_000, exchanges: 2 };
 
-/// XF-12.12 1056 bytes take 352 us at 24 MHz; with the idle time and as many exchanges as a cycle has that is its sum.
+/// XF-12.12 1056 bytes take 352 us at 24 MHz; a cycle takes that and the idle time for each of its exchanges.
 #[test]
 fn an_exchange_costs_its_bits_and_the_idle_time() {
     assert_eq!(BUDGET.transfer_ns(DataSize::NEWER), 352_000);
@@ -15,7 +15,7 @@ fn an_exchange_costs_its_bits_and_the_idle_time() {
     assert_eq!(Budget { clock_hz: 7, ..BUDGET }.transfer_ns(DataSize::MIN), 73_142_857_143, "rounded up");
 }
 
-/// XF-12.12 n is what the process data need, but 112 where there is time for it.
+/// XF-12.12 n is the size that the process data need, but at least 112 if there is time for it.
 #[test]
 fn n_is_chosen() {
     let size = |budget: Budget| budget.choose_size().map(DataSize::bytes);
@@ -26,7 +26,7 @@ fn n_is_chosen() {
     assert_eq!(size(Budget { process_bytes: 1408, cycle_ns: 2_000_000, ..BUDGET }), Ok(1408));
 }
 
-/// XF-12.12 A cycle that cannot be held is refused with the sum, in words as well.
+/// XF-12.12 A cycle that is too short is refused with the needed time, in words as well.
 #[test]
 fn a_cycle_that_is_too_short() {
     let refused = Budget { process_bytes: 1024, cycle_ns: 500_000, exchanges: 1, ..BUDGET }.choose_size();

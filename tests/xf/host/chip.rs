@@ -1,5 +1,5 @@
 //! A chip for the tests of the driver: a stream of bytes each way, the rules about packets, busy times and FIFOs, and
-//! no network. What it ran it remembers.
+//! no network. It records the commands that it ran.
 
 use std::collections::VecDeque;
 
@@ -26,26 +26,26 @@ impl<'a> Answer<'a> for Bytes<'a> {
     }
 }
 
-/// What goes wrong in an exchange.
+/// A fault of an exchange.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Fault {
     #[default]
     None,
-    /// A bit of what the host sends.
+    /// A bit of the host's packet is inverted.
     ToChip(usize),
-    /// A bit of what the chip sends.
+    /// A bit of the chip's answer is inverted.
     ToHost(usize),
     /// The chip is not ready: it takes nothing and keeps its answer.
     NotReady,
-    /// The exchange fails at the host; the chip has seen it.
+    /// The exchange fails at the host, although the chip has got it.
     Lost,
-    /// The answer that is due is sent twice, and the others later.
+    /// The due answer is sent twice, and the others later.
     Doubled,
-    /// The answer that is due never comes: that before it is sent again.
+    /// The due answer never comes: the previous one is sent again.
     Replaced,
-    /// The answer that is due comes behind the next one.
+    /// The due answer comes after the next one.
     Late,
-    /// An answer to a command that nobody sent comes in between.
+    /// An answer to a command that was not sent comes in between.
     Stranger,
     /// The chip is reset before the exchange.
     Reset,
@@ -59,14 +59,14 @@ pub struct Chip {
     pub size: DataSize,
     pub kind: CheckType,
     pub coverages: CrcCoverages,
-    /// A CRC-32 of it is none that anybody knows: of its answers, of what it takes.
+    /// Whether its CRC-32 is an unknown one: of its answers, and of the packets that it takes.
     pub strange: [bool; 2],
     /// Packets for which a non-immediate command keeps the chip busy.
     pub busy_for: u32,
     /// Packets between two cycles.
     pub cycle: u32,
     pub rx_entries: usize,
-    /// All commands that were run, with the arguments that tell them apart.
+    /// All commands that were run, with the arguments that distinguish them.
     pub ran: Vec<(CommandCode, u32)>,
     /// The indices of all packets that were taken, with their codes.
     pub taken: Vec<(u8, CommandCode)>,
@@ -78,11 +78,11 @@ pub struct Chip {
     pub resize_resets_kind: bool,
     /// A command that the chip refuses.
     pub refused: Option<CommandCode>,
-    /// What SPI_PACK_SIZE_GET answers if it is not n.
+    /// The answer of SPI_PACK_SIZE_GET, if it is not n.
     pub claims: Option<DataSize>,
     pub crc_errors: u8,
     pub errors: Errors,
-    /// Errors that are there whatever is cleared.
+    /// Errors that cannot be cleared.
     pub stays: Errors,
     busy: u32,
     fails: bool,
@@ -141,7 +141,7 @@ impl Chip {
         self.answer(0, CommandCode::InfoUpdate, Status::NOP, Bytes(0, &[]), 0);
     }
 
-    /// Clocks bytes: whatever is sent is cut into packets.
+    /// Clocks bytes, which are divided into packets.
     pub fn clock(&mut self, bytes: &[u8]) -> Vec<u8> {
         let mut out = Vec::new();
         for byte in bytes {
@@ -197,7 +197,7 @@ impl Chip {
         self.busy > 0
     }
 
-    /// A command runs that does not end.
+    /// Starts a command that does not end.
     pub fn keep_busy(&mut self) {
         self.busy = u32::MAX;
     }
@@ -220,7 +220,7 @@ impl Chip {
         }
     }
 
-    /// Queues an answer; the count of RxPDOs in it is that of before the command.
+    /// Queues an answer; its count of RxPDOs is the one before the command.
     fn answer(&mut self, index: u8, code: CommandCode, status: Status, result: Bytes<'_>, rx_fifo: u8) {
         let mut buffer = [0xA5; MAX_PACKET];
         let header = AnswerHeader { rx_fifo, ..self.header(index, code, status) };
@@ -264,7 +264,7 @@ impl Chip {
             return;
         }
         self.taken.push((index, code));
-        // Under the fixed check word a damaged packet may come through, and be no request of the manuals.
+        // With the fixed check word a damaged packet may pass, and be no request of the manuals.
         let Ok(request) = packet.request() else {
             assert_eq!(self.kind, CheckType::Fixed, "the driver sends valid requests");
             self.errors = self.errors | Errors::COMMAND;
@@ -360,7 +360,7 @@ impl Chip {
     }
 }
 
-/// Flips a bit of one byte, wherever the number falls.
+/// Inverts the bit with this number, modulo the length.
 fn flip(bytes: &mut [u8], bit: usize) {
     let len = bytes.len();
     if len > 0 {

@@ -66,7 +66,8 @@ fn indices_go_round() {
     assert_eq!(tags, (0..600).collect::<Vec<_>>());
 }
 
-/// XF-12.7 Whatever goes wrong with one exchange: what sets something runs once, what reads has the result.
+/// XF-12.7 With any fault in one exchange, a command that sets something runs once, and a command that reads has its
+/// result.
 #[test]
 fn one_exchange_goes_wrong() {
     let faults = [
@@ -101,8 +102,8 @@ fn one_exchange_goes_wrong() {
     }
 }
 
-/// XF-12.7 If the one answer is damaged a read is asked again under another index; what does something has run and says
-/// so.
+/// XF-12.7 If the only answer is damaged, a read is sent again with another index; any other command has run and
+/// reports that.
 #[test]
 fn a_lost_answer() {
     let mut rig = Rig::running(HostConfig::default());
@@ -210,7 +211,7 @@ fn a_command_without_an_answer() {
 }
 
 /// XF-12.7 A chip whose count of CRC errors is at its end shows no more of them: a command of which no copy has arrived
-/// is not taken for one whose answer was lost.
+/// is not treated as one whose answer was lost.
 #[test]
 fn the_count_of_errors_is_at_its_end() {
     let mut rig = Rig::running(HostConfig::default());
@@ -234,7 +235,7 @@ fn a_refused_command() {
     assert_eq!(rig.host.take(fine, &vendor(2)), Some(Ok(SlaveInfo::U32(1002))));
 }
 
-/// XF-12.10 What the driver does itself is not taken, and neither is what does not fit into a packet.
+/// XF-12.10 Commands that are reserved for the driver are refused, and so are commands that do not fit into a packet.
 #[test]
 fn commands_that_are_not_taken() {
     let mut rig = Rig::running(HostConfig::default());
@@ -248,7 +249,7 @@ fn commands_that_are_not_taken() {
     assert!(matches!(malformed, Err(HostError::Malformed(_))), "{malformed:?}");
 }
 
-/// XF-12.7 Nothing to do: the header is asked for every 10 ms.
+/// XF-12.7 An idle driver reads the header every 10 ms.
 #[test]
 fn the_header_is_polled() {
     let mut rig = Rig::running(HostConfig::default());
@@ -298,8 +299,8 @@ fn a_result_that_is_always_lost() {
     assert!(rig.host.counters().asked_again > 10);
 }
 
-/// Turns until the command is done, where the answer to each first copy of a read is damaged, so that the copies behind
-/// it show that it ran.
+/// Runs turns until the command is done; the answer to each first copy of a read is damaged, so that the later copies
+/// show that it ran.
 fn without_answers(rig: &mut Rig, ticket: Ticket) {
     for _ in 0..20_000 {
         let mut last = rig.sent.iter().rev();

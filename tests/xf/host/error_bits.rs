@@ -1,5 +1,5 @@
-//! Error bits in the header that are those of another packet: whatever they say, each command and all process data end
-//! as they ended in the chip.
+//! Error bits in the header that belong to another packet: each command and all process data get their true outcome all
+//! the same.
 
 use ecmsk::xf::host::{HostConfig, HostError, ProcessOutcome, ProcessRequest, Timeouts};
 use ecmsk::xf::request::SdoOperation;
@@ -14,8 +14,8 @@ use super::process::{PIPELINED, pdo, report, write};
 const IMPATIENT: HostConfig =
     HostConfig { timeouts: Timeouts { answer_ns: 2_000_000, ..Timeouts::DEFAULT }, ..HostConfig::DEFAULT };
 
-/// A driver whose RxPDOs were refused without its seeing that: the header that it has is older, and the chip's error bit
-/// is theirs.
+/// A driver that has not seen that its RxPDOs were refused: its newest header is older, and the chip's error bit
+/// belongs to them.
 fn refused_unseen(config: HostConfig) -> Rig {
     let mut rig = Rig::running(config);
     rig.chip.refused = Some(CommandCode::PdoDataFifo);
@@ -30,7 +30,7 @@ fn refused_unseen(config: HostConfig) -> Rig {
     rig
 }
 
-/// How a command ends that sets the DAC.
+/// The end of a command that sets the DAC.
 fn end_of_dac(rig: &mut Rig, n: u32) -> Result<(), HostError> {
     let ticket = rig.ended(&dac(n));
     rig.host.take(ticket, &dac(n)).expect("it is done").map(drop)
@@ -51,8 +51,8 @@ fn a_command_behind_process_data_without_an_answer() {
     assert_eq!(end_of_dac(&mut rig, 8), REFUSED);
 }
 
-/// XF-12.16 The same for process data: past the FIFO their data show that they were exchanged, and into the FIFO, if their
-/// answer is lost, nothing shows it.
+/// XF-12.16 The same for process data: past the FIFO, their data show that they were exchanged; into the FIFO, nothing
+/// shows it if their answer is lost.
 #[test]
 fn process_data_behind_process_data_without_an_answer() {
     let mut rig = refused_unseen(IMPATIENT);
@@ -77,8 +77,8 @@ fn refused_process_data_whose_answer_is_lost() {
     assert_eq!(report(&mut rig).outcome, ProcessOutcome::Refused);
 }
 
-/// XF-12.16 An error bit that three answered packets could not clear is ignored until it goes away; another bit that comes
-/// meanwhile, at any moment, is cleared, and says what it says.
+/// XF-12.16 An error bit that three answered packets could not clear is ignored until it goes away; another bit that
+/// comes meanwhile, at any moment, is cleared, and counts.
 #[test]
 fn an_error_that_stays_hides_no_other() {
     // A download that the scripted chip's slave aborts.
@@ -95,7 +95,7 @@ fn an_error_that_stays_hides_no_other() {
     }
 }
 
-/// XF-12.16 A packet that was to clear an error and had no answer was no attempt.
+/// XF-12.16 A packet that should clear an error but had no answer does not count as an attempt.
 #[test]
 fn only_answers_say_that_an_error_stays() {
     let mut rig = Rig::running(IMPATIENT);
@@ -112,8 +112,8 @@ fn only_answers_say_that_an_error_stays() {
     assert_eq!(rig.host.take(ticket, &dac(2)).expect("it is done").map(drop), REFUSED);
 }
 
-/// XF-12.11 What is sent while packets are searched is rejected and counted by the chip, and says nothing about process
-/// data that were overtaken before.
+/// XF-12.11 The chip rejects and counts bytes that are sent during a search for packets; that count says nothing about
+/// process data that were overtaken before.
 #[test]
 fn a_search_behind_an_overtaken_write() {
     let mut rig = Rig::running(HostConfig { resync_after: 2, ..PIPELINED });
@@ -127,7 +127,7 @@ fn a_search_behind_an_overtaken_write() {
     assert!(rig.host.counters().searches > 0);
 }
 
-/// XF-12.10 A driver that has stopped takes nothing, and says why it has.
+/// XF-12.10 A stopped driver takes no command, and says why it stopped.
 #[test]
 fn a_driver_that_has_stopped_takes_nothing() {
     let mut rig = Rig::running(IMPATIENT);

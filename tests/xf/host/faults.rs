@@ -1,5 +1,5 @@
-//! Any bytes, and any answers, come back to the driver. What goes wrong in any order with a chip at the other end is in
-//! `schedules/`.
+//! Random bytes, and random answers, come back to the driver. `schedules/` has random faults with a chip at the other
+//! end.
 
 use ecmsk::xf::host::{HostConfig, HostState, Next, ProcessRequest};
 use ecmsk::xf::request::{SdoGet, SdoOperation};
@@ -9,7 +9,7 @@ use support::dice::Dice;
 use super::commands::{READ, dac, sdo};
 use super::process::{pdo, with_fifo_on};
 
-/// XF-12.15 Any bytes, and any answers with right check words: nothing panics, no wait is over already, and the driver
+/// XF-12.15 Any bytes, and any answers with right check words: nothing panics, no wait ends in the past, and the driver
 /// goes on with a chip afterwards.
 #[test]
 fn any_bytes_come_back() {

@@ -1,4 +1,4 @@
-//! Process data: outcomes, the room in the FIFO, and what a lost answer leaves.
+//! Process data: outcomes, the room in the FIFO, and lost answers.
 
 use ecmsk::xf::CommandCode;
 use ecmsk::xf::host::{HostConfig, HostError, ProcessKind, ProcessOutcome, ProcessReport, ProcessRequest};
@@ -10,12 +10,12 @@ use super::chip::{Fault, PDO};
 pub const PIPELINED: HostConfig = HostConfig { pipelined_writes: true, ..HostConfig::DEFAULT };
 const DONE: ProcessOutcome = ProcessOutcome::Done { read: false };
 
-/// An RxPDO that says its number.
+/// An RxPDO with its number as data.
 pub fn pdo(n: u32) -> [u8; PDO] {
     u64::from(n).to_le_bytes()
 }
 
-/// A host whose chip puts the FIFO out.
+/// A host whose chip sends the FIFO's entries.
 pub fn with_fifo_on(config: HostConfig) -> Rig {
     let mut rig = Rig::running(config);
     let ticket = rig.ended(&FifoEnable { on: true });
@@ -27,7 +27,7 @@ pub fn write(rig: &mut Rig, n: u32) -> u32 {
     rig.host.process(ProcessRequest::Write { count: 1, outputs: &pdo(n) }).expect("there is room")
 }
 
-/// Turns until there is a report.
+/// Runs turns until there is a report.
 pub fn report(rig: &mut Rig) -> ProcessReport {
     for _ in 0..20_000 {
         if let Some(report) = rig.host.take_report() {
@@ -83,8 +83,8 @@ fn pipelined_writes_take_one_exchange() {
     }
 }
 
-/// XF-12.11 The room in the FIFO is never thought larger than it is, though the counts lag behind; when it is full a
-/// write is not taken.
+/// XF-12.11 The room in the FIFO is never overestimated, though the counts lag behind; when it is full a write is not
+/// taken.
 #[test]
 fn the_fifo_is_never_overfilled() {
     for config in [HostConfig::DEFAULT, PIPELINED] {
@@ -134,7 +134,7 @@ fn all_kinds_of_process_data() {
     assert_eq!(many, Err(HostError::FifoFull { needed: 65, free: 64 }));
 }
 
-/// XF-12.11 Outputs that are written where they go out are what the chip gets; if there is an error, nothing is written.
+/// XF-12.11 Outputs that are written directly into the packet reach the chip; if there is an error, nothing is written.
 #[test]
 fn outputs_are_written_in_place() {
     let mut rig = with_fifo_on(HostConfig::DEFAULT);
@@ -157,7 +157,7 @@ fn outputs_are_written_in_place() {
     assert_eq!(many, Err(HostError::FifoFull { needed: 65, free: 64 }));
 }
 
-/// XF-12.11 A FIFO that has fewer entries than the driver thinks: the write is reported as lost.
+/// XF-12.11 A FIFO with fewer entries than the driver assumes: the write is reported as lost.
 #[test]
 fn a_full_fifo_is_reported() {
     let mut rig = Rig::running(HostConfig::default());
@@ -181,7 +181,7 @@ fn a_lost_answer_to_a_write() {
     assert_eq!((&rig.chip.rx, rig.host.counters().rx_written), (&[5].into(), 1));
 }
 
-/// XF-12.11 With pipelined writes the chip's count of errors tells whether a write without an answer was done.
+/// XF-12.11 With pipelined writes the chip's count of errors shows whether a write without an answer was executed.
 #[test]
 fn overtaken_writes() {
     let cases = [
@@ -206,7 +206,7 @@ fn overtaken_writes() {
     }
 }
 
-/// XF-12.11 Without pipelined writes one that the chip rejected is sent again, in its place.
+/// XF-12.11 Without pipelined writes, a write that the chip rejected is sent again, in its place.
 #[test]
 fn a_rejected_write_is_sent_again() {
     let mut rig = Rig::running(HostConfig::default());
@@ -236,8 +236,8 @@ fn commands_and_process_data_take_turns() {
     }
 }
 
-/// XF-12.11 With pipelined writes one that met a full FIFO, and whose answer is lost, is not taken for written; its report
-/// comes before that of the next one.
+/// XF-12.11 With pipelined writes, a write that met a full FIFO, and whose answer is lost, does not count as written;
+/// its report comes before that of the next one.
 #[test]
 fn an_overtaken_write_that_met_a_full_fifo() {
     let mut rig = Rig::running(PIPELINED);

@@ -1,4 +1,4 @@
-//! From a chip of which nothing is known to one that runs, and what has a deadline.
+//! From an unknown chip to a running one, and the deadlines.
 
 use ecmsk::xf::host::{Host, HostConfig, HostError, HostPacing, HostState, Next, ProcessRequest, StartStep, Timeouts};
 use ecmsk::xf::request::{SdoOperation, SlaveInfoItem};
@@ -27,7 +27,7 @@ fn n_and_the_offset_are_found() {
     }
 }
 
-/// XF-12.1 Chips of every n, with a CRC-32 of any coverage in force from before, and one that is busy.
+/// XF-12.1 Chips of every n, with a CRC-32 of any coverage already in force, and a busy chip.
 #[test]
 fn chips_of_all_kinds_are_started() {
     for n in [32, 33, 112, 992, 1024, 1408] {
@@ -74,8 +74,8 @@ fn what_a_crc_covers_is_found_for_each_direction() {
     }
 }
 
-/// XF-12.17 A chip whose CRC-32 is none that is known is set to the fixed word, and the host says so: whether its answers or what
-/// it takes are not understood.
+/// XF-12.17 A chip with an unknown CRC-32 is set to the fixed word, and the host reports that, whether it is the CRC of
+/// its answers or of the packets that it takes.
 #[test]
 fn a_crc_that_covers_nothing_known_is_given_up() {
     for strange in [[true, false], [false, true], [true, true]] {
@@ -90,7 +90,7 @@ fn a_crc_that_covers_nothing_known_is_given_up() {
     }
 }
 
-/// XF-12.1 A size that is given is believed if it holds, and searched if not.
+/// XF-12.1 A given size is used if packets have it, and searched if not.
 #[test]
 fn a_wrong_size_is_corrected() {
     let config = HostConfig { size: Some(DataSize::NEWER), ..HostConfig::default() };
@@ -102,8 +102,8 @@ fn a_wrong_size_is_corrected() {
     assert_eq!((rig.host.size(), rig.host.counters().searches), (DataSize::MANUAL, 1));
 }
 
-/// XF-12.2 The n that is wanted is set, with 100 ms of silence behind the command; whether the chip keeps CRC-32 then or
-/// not is no reset.
+/// XF-12.2 The wanted n is set, with 100 ms of silence after the command; whether the chip keeps CRC-32 then or not is
+/// no reset.
 #[test]
 fn the_size_is_set() {
     for resize_resets_kind in [false, true] {
@@ -127,7 +127,7 @@ fn one_packet_has_the_fixed_check_word() {
     rig.until_running();
     let fixed = |packet: &&Vec<u8>| packet[packet.len() - 8..][..4] == [0x78, 0x56, 0x34, 0x12];
     let codes: Vec<u8> = rig.sent.iter().filter(fixed).map(|packet| packet[0x0C]).collect();
-    // And what fetches its answer.
+    // And the packet that fetches its answer.
     assert_eq!(codes, [25, 25]);
 }
 
@@ -172,7 +172,7 @@ fn each_exchange_of_the_start_may_fail() {
     }
 }
 
-/// XF-12.3 A line without a chip ends the search with what was seen; after a restart it goes on.
+/// XF-12.3 Without a chip the search ends with what was seen on the line; after a restart it goes on.
 #[test]
 fn a_silent_chip_has_a_deadline() {
     for level in [0, 0xFF] {
@@ -249,7 +249,7 @@ fn int0() {
     assert_eq!(rig.host.counters().int0_missed, 3);
 }
 
-/// XF-12.5 After a reset of the chip all that waits ends with that error, and the chip is started anew, even with
+/// XF-12.5 After a reset of the chip all waiting commands end with that error, and the chip is started anew, even with
 /// another n.
 #[test]
 fn a_reset_is_seen() {
@@ -279,7 +279,7 @@ fn a_shifted_stream_is_found_again() {
     assert_eq!((ran, rig.host.counters().chip_resets), (1, 0));
 }
 
-/// XF-12.3 The timeouts are what the configuration says.
+/// XF-12.3 The timeouts are those of the configuration.
 #[test]
 fn deadlines_are_configured() {
     let timeouts = Timeouts { search_ns: 50_000_000, ..Timeouts::default() };
@@ -303,7 +303,7 @@ fn a_chip_falls_silent() {
     assert_eq!(rig.host.take_report().map(|report| report.sequence), Some(sequence));
 }
 
-/// XF-12.1 A chip that says that n is another one than its packets have is not started.
+/// XF-12.1 A chip that reports another n than its packets have is not started.
 #[test]
 fn a_chip_that_contradicts_itself() {
     let mut rig = Rig::starting(HostConfig::default());

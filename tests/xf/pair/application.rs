@@ -34,7 +34,7 @@ fn positions(tx: &[u8]) -> [i64; 2] {
     [0, 1].map(|n| i32::from_le_bytes(tx[PDO * n + 2..][..4].try_into().expect("4 bytes")).into())
 }
 
-/// Where the shafts are in fact.
+/// The real positions of the shafts.
 fn shafts(pair: &mut Pair) -> [i64; 2] {
     [0, 1].map(|n| pair.chip().network().slave(n).and_then(|slave| slave.shaft(0)).expect("an axis"))
 }
@@ -51,7 +51,7 @@ fn map(pair: &mut Pair, n: u8) {
     }
 }
 
-/// The usual start (OBS), step by step, to two drives that are in Operation enabled where they were found.
+/// The usual start (OBS), step by step, to two drives that are in Operation enabled at their old positions.
 fn start(profile: Profile, config: HostConfig) -> Pair {
     // Data size, CRC-32, version, INFO_UPDATE until not busy, FIFO off and clear are the driver's own start.
     let mut pair = Pair::running_with(profile, config, vec![drive(), drive()]);
@@ -100,7 +100,7 @@ fn start(profile: Profile, config: HostConfig) -> Pair {
     pair
 }
 
-/// A cosine ramp from where the drives are to `[distance, -2 * distance]` counts further, in so many cycles.
+/// A cosine ramp from the drives' positions to `[distance, -2 * distance]` counts further, in that many cycles.
 fn path(from: [i64; 2], distance: i64, cycles: u32) -> impl Iterator<Item = [i64; 2]> {
     (1..=cycles).map(move |n| {
         let part = (1.0 - (std::f64::consts::PI * f64::from(n) / f64::from(cycles)).cos()) / 2.0;
@@ -109,7 +109,7 @@ fn path(from: [i64; 2], distance: i64, cycles: u32) -> impl Iterator<Item = [i64
     })
 }
 
-/// One RxPDO and one TxPDO a cycle along a path. The targets, and the positions that came back.
+/// Exchanges one RxPDO and one TxPDO a cycle along a path; returns the targets and the positions.
 fn run(pair: &mut Pair, targets_of: impl Iterator<Item = [i64; 2]>) -> Vec<([i64; 2], [i64; 2])> {
     let mut seen = Vec::new();
     let mut next = pair.now;
@@ -127,15 +127,16 @@ fn run(pair: &mut Pair, targets_of: impl Iterator<Item = [i64; 2]>) -> Vec<([i64
     seen
 }
 
-/// The drives follow a path within some cycles of its fastest part, end at its end, and tell where they are.
+/// Checks that the drives follow a path within some cycles of its fastest part, stop at its end, and report their
+/// positions.
 fn follows(pair: &mut Pair, distance: i64, cycles: u32) {
-    // TxPDOs from before the path would lag behind by as many cycles as there are.
+    // Old TxPDOs in the FIFO would delay the positions by as many cycles.
     pair.run(&FifoClear { fifos: Fifos::Both });
     let from = shafts(pair);
     let seen = run(pair, path(from, distance, cycles));
     assert!(seen.len() as u32 > cycles * 9 / 10, "{} of {cycles}", seen.len());
-    // A ramp is fastest in its middle, pi / 2 times the mean. What is in both FIFOs and the drive's own loop lag
-    // behind.
+    // A ramp is fastest in its middle, pi / 2 times the mean. The entries of both FIFOs and the drive's own loop add a
+    // delay.
     let fastest = (std::f64::consts::PI / 2.0 * distance as f64 / f64::from(cycles)).abs();
     let lag = (12.0 * fastest) as i64 + 20;
     for (target, position) in &seen {
@@ -188,7 +189,7 @@ fn two_drives_follow_a_path_with_other_chips() {
 }
 
 /// XF-13.4 The RxFIFO runs empty in the middle of a path: the drives go to the newest target and stand there, each
-/// cycle puts it out again, and they go on when the FIFO is filled again, first with it off and then on.
+/// cycle sends it again, and they go on when the FIFO is filled again, first with it off and then on.
 #[test]
 fn the_fifo_runs_empty() {
     let mut pair = start(Profile::NEW, HostConfig::DEFAULT);
@@ -200,7 +201,7 @@ fn the_fifo_runs_empty() {
     assert_eq!(pair.header().rx_fifo, 0);
     let [x, y] = shafts(&mut pair);
     assert!((x - whole[149][0]).abs() < 10 && (y - whole[149][1]).abs() < 10, "{x} {y}");
-    // Outputs were sent all the time: the drives' watchdogs would have noticed else.
+    // Outputs were sent all the time: otherwise the drives' watchdogs would have expired.
     assert_eq!((pair.header().wkc_errors, pair.header().state), (0, EtherCatState::Op.into()));
 
     pair.run(&FifoEnable { on: false });

@@ -1,4 +1,4 @@
-//! That each of the 91 functions is tested with driver and model, and that its test sees what the function does.
+//! Each of the 91 functions is tested with driver and model, and its test depends on the function's effect.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -10,7 +10,7 @@ use ecmsk::xf::request::*;
 use super::saboteur::{Function, ignore};
 use super::{OVER_CONTROLLERS, fifos, helper, interrupts, network, refused, registers, start, transfers, units};
 
-/// A function, and the test that shows what it does.
+/// A function, and the test that shows its effect.
 type Row = (Function, fn());
 
 const fn of<C: Call<'static>>() -> Function {
@@ -113,7 +113,7 @@ const SHOWN: [Row; 91] = [
     (of::<MailboxStatus>(), registers::mailboxes),
 ];
 
-/// XF-13.1 The tests are of all functions of the table, each once.
+/// XF-13.1 There is a test for each function of the table.
 #[test]
 fn every_function_has_a_test() {
     let functions = COMMANDS.iter().flat_map(|row| {
@@ -124,7 +124,7 @@ fn every_function_has_a_test() {
     assert_eq!(functions.collect::<Vec<Function>>(), shown);
 }
 
-/// XF-13.2 XF-11.8 What slave models have not is tested to be refused.
+/// XF-13.2 XF-11.8 Functions that slave models do not have are refused.
 #[test]
 fn what_models_have_not_is_refused() {
     #[rustfmt::skip]
@@ -141,7 +141,7 @@ fn what_models_have_not_is_refused() {
     REFUSED.iter().for_each(|(_, test)| test());
 }
 
-/// XF-11.8 Each of the 67 codes does over controllers what it does over slave models, where those have it.
+/// XF-11.8 Each of the 67 codes has the same effect over controllers as over slave models, if those have it.
 #[test]
 fn every_function_does_the_same_over_controllers() {
     OVER_CONTROLLERS.set(true);

@@ -29,7 +29,7 @@ fn io_inputs(tx: &[u8]) -> u16 {
     u16::from_le_bytes([tx[20], tx[21]])
 }
 
-/// What the IO module puts out, cycle by cycle, without an exchange.
+/// The IO module's outputs, cycle by cycle, without an exchange.
 fn outputs_of(pair: &mut Pair, cycles: usize) -> Vec<u32> {
     (0..cycles)
         .map(|_| {
@@ -64,8 +64,8 @@ pub fn rx_fifo() {
     assert_eq!(pair.io_outputs(), 4);
 }
 
-/// XF-13.1 XF-11.20 PDO_DATA_FIFO_OP (XF EN 436) reads TxPDOs in order, one or several, and says when there is none;
-/// what it reads is of the RxPDOs that went out.
+/// XF-13.1 XF-11.20 PDO_DATA_FIFO_OP (XF EN 436) reads TxPDOs in order, one or several, and reports when there is none;
+/// they answer the RxPDOs that were sent.
 #[test]
 pub fn tx_fifo() {
     let mut pair = Pair::in_state(EtherCatState::Op);
@@ -88,7 +88,7 @@ pub fn tx_fifo() {
     inputs.dedup();
     assert!(inputs.len() >= 39, "{inputs:?}");
 
-    // With short packets it is read faster than cycles fill it.
+    // With short packets the FIFO is read faster than cycles fill it.
     let mut pair = Pair::running_with(Profile::OLD, HostConfig::DEFAULT, vec![super::drive()]);
     pair.bring_to(EtherCatState::Op);
     pair.run(&FifoClear { fifos: Fifos::Tx });
@@ -97,7 +97,8 @@ pub fn tx_fifo() {
 }
 
 /// XF-13.1 XF-11.19 XF-11.20 A full TxFIFO loses the oldest (XF EN 1236), and a full RxFIFO the new one (XF EN 1262).
-/// The driver writes no more than it has room for; a chip that has fewer entries than the driver was told says so.
+/// The driver writes no more than it has room for; a chip with fewer entries than configured in the driver reports
+/// that.
 #[test]
 fn full_fifos() {
     let mut pair = Pair::in_state(EtherCatState::Op);

@@ -30,7 +30,7 @@ fn configured(control: HelperControl) -> Pair {
     pair
 }
 
-/// The state as the drive itself has it, 0x6041.
+/// The drive's own state, 0x6041.
 fn real_state(pair: &mut Pair) -> Option<DriveState> {
     ecmsk::cia402::Statusword(pair.object(1, 0x6041, 0) as u16).state()
 }
@@ -49,7 +49,7 @@ fn outputs(controlword: u16, target: i32) -> [u8; 14] {
 }
 
 /// XF-13.1 XF-11.42 402_CONFIG_SET (XF EN 750) and 402_STATE_SET (XF EN 767) bring a drive to Operation enabled, where
-/// it moves by process data; 402_STATE_GET (XF EN 778) and 402_GET_STATUSWORD (XF EN 1432) tell what the drive says.
+/// it moves by process data; 402_STATE_GET (XF EN 778) and 402_GET_STATUSWORD (XF EN 1432) return the drive's state.
 #[test]
 pub fn a_drive_is_led() {
     use DriveState::{OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled, SwitchedOn};
@@ -93,7 +93,7 @@ fn bits_that_are_overwritten() {
     }
 }
 
-/// XF-11.44 A fault is reset whenever there is one, or once, or not at all; then the drive is led on.
+/// XF-11.44 A fault is reset whenever there is one, or once, or not at all; then the drive is brought up again.
 #[test]
 fn fault_resets() {
     let fault = Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x2310, resettable: true } };
@@ -114,7 +114,7 @@ fn fault_resets() {
 }
 
 /// XF-11.72 Firmware before 0x22 takes its defaults where 402_CTL_SET comes without 402_CONFIG_SET, as the vendor's
-/// driver 0.1 sends it: both words stand first in the slave's PDOs. The drive is led then.
+/// driver 0.1 sends it: both words are first in the slave's PDOs. Then the drive is controlled.
 #[test]
 fn defaults_of_old_firmware() {
     let mut pair = Pair::running_with(Profile::OLD, HostConfig::DEFAULT, vec![drive(), drive()]);
@@ -124,8 +124,8 @@ fn defaults_of_old_firmware() {
     assert_eq!(real_state(&mut pair), Some(DriveState::OperationEnabled));
 }
 
-/// XF-13.1 XF-11.45 402_CTL_SET (XF EN 795) changes the control byte, and 402_CTL_GET (XF EN 813) tells it: without bit
-/// 4 the controlword is the host's own.
+/// XF-13.1 XF-11.45 402_CTL_SET (XF EN 795) changes the control byte, and 402_CTL_GET (XF EN 813) returns it: without
+/// bit 4 the controlword is the host's.
 #[test]
 pub fn control_byte() {
     let mut pair = configured(HelperControl::ON);

@@ -22,7 +22,7 @@ pub fn int1(pair: &mut Pair) -> bool {
 }
 
 /// XF-13.1 XF-11.46 XF-11.47 XF-11.48 INT_SET_ENABLE (XF EN 1310): INT1 is active, low at first, while a flag that is
-/// enabled is set; the header of the next packet clears it. INT_GET_ENABLE (XF EN 1327) tells what was set.
+/// enabled is set; the header of the next packet clears it. INT_GET_ENABLE (XF EN 1327) returns the setting.
 #[test]
 pub fn int1_and_its_flags() {
     let mut pair = Pair::running();
@@ -103,9 +103,9 @@ fn int1_and_gpio() {
     }
 }
 
-/// XF-13.1 XF-11.47 INT0 (XF EN 1706) is high when the chip is ready: a driver that goes by it exchanges faster than
-/// one that leaves 150 us of idle time, and none of its packets meets a chip that is not ready; while the chip starts
-/// it does not come, and the driver waits.
+/// XF-13.1 XF-11.47 INT0 (XF EN 1706) is high when the chip is ready: a driver that uses it exchanges faster than one
+/// with 150 us of idle time, and none of its packets meets a chip that is not ready; while the chip starts it does not
+/// come, and the driver waits.
 #[test]
 fn int0_paces() {
     let exchanges = |pacing, skips_to: EtherCatState| {
@@ -132,7 +132,7 @@ fn int0_of_the_other_polarity() {
     let mut pair = Pair::running_with(Profile::OLD, config, vec![]);
     pair.int0_active = false;
     let ticket = pair.submit(&low);
-    // Until the chip has taken the command, its line is still that of before.
+    // Until the chip has taken the command, its line keeps the old polarity.
     for _ in 0..3 {
         let now = pair.now + MS;
         pair.turn(now);
@@ -145,7 +145,7 @@ fn int0_of_the_other_polarity() {
     }
     assert_eq!(pair.host.counters().int0_missed, counters.int0_missed);
 
-    // Wired for the other polarity the driver takes "busy" for "ready": the chip says that it is not, and nothing is
+    // Wired for the other polarity the driver takes "busy" for "ready": the chip answers "not ready", and nothing is
     // lost.
     pair.int0_active = true;
     let before = pair.host.counters();

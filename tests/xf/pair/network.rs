@@ -20,7 +20,7 @@ fn state(pair: &mut Pair, slaves: Slaves) -> NetworkState {
     pair.get(&StateGet { slaves }, |state| state)
 }
 
-/// The state of a slave as it is.
+/// The real state of a slave.
 fn real_state(pair: &mut Pair, n: u8) -> AlState {
     pair.chip().network().slave(n).expect("the slave").state()
 }
@@ -33,8 +33,8 @@ fn counter(pair: &mut Pair, which: WorkingCounterItem) -> u32 {
     pair.get(&PdoWorkingCounterGet { which }, |number| number)
 }
 
-/// XF-13.1 XF-11.26 ECAT_INIT_OP (XF EN 375) finds the slaves, which are in Init then, and which SLV_CNT_GET (XF EN
-/// 661) counts; @1 says whether the FIFO is on. A cycle that is too short is refused.
+/// XF-13.1 XF-11.26 ECAT_INIT_OP (XF EN 375) finds the slaves, which are in Init then, and SLV_CNT_GET (XF EN 661)
+/// counts them; @1 says whether the FIFO is on. A cycle that is too short is refused.
 #[test]
 pub fn initialisation() {
     let mut pair = Pair::running();
@@ -74,7 +74,7 @@ fn the_cycle_is_sync0() {
 }
 
 /// XF-13.1 XF-11.27 STATE_SET (XF EN 619) brings slaves, all or one, into a state; STATE_GET (XF EN 627) and the header
-/// tell it, of all slaves the lowest one.
+/// return it, for all slaves the lowest one.
 #[test]
 pub fn states() {
     let mut pair = Pair::running();
@@ -118,7 +118,7 @@ fn refused_states() {
     pair.ends_in_failure(&to_all(EtherCatState::SafeOp));
 }
 
-/// XF-13.1 XF-11.29 STATE_GET is from the chip's memory, which STATE_UPDATE (XF EN 1304) renews.
+/// XF-13.1 XF-11.29 STATE_GET reads the chip's memory, which STATE_UPDATE (XF EN 1304) updates.
 #[test]
 pub fn states_are_read_anew() {
     let mut pair = Pair::in_state(EtherCatState::Op);
@@ -129,7 +129,7 @@ pub fn states_are_read_anew() {
     assert_eq!(state(&mut pair, Slaves::All), NetworkState(0x14));
     let items = [SlaveInfoItem::AlStatus, SlaveInfoItem::State];
     assert_eq!(items.map(|what| item(&mut pair, 0, what)), [Some(0x1B), Some(0x14)]);
-    // As a pair the two do the same.
+    // The two as a pair do the same.
     let get = StateGet { slaves: slave(0).into() };
     let read = pair.read(&StateUpdate, &get, |state| state.state());
     assert_eq!(read, Ok(Some(EtherCatState::SafeOp)));
@@ -175,7 +175,7 @@ pub fn clocks() {
     assert!(!pair.header_now().status.contains(Status::DC_STABLE), "they settle again");
 }
 
-/// XF-11.32 No clock is stable where no slave has one.
+/// XF-11.32 Clocks are never stable if no slave has one.
 #[test]
 fn a_network_without_clocks() {
     let mut pair = Pair::running_with(Profile::NEW, HostConfig::DEFAULT, vec![Box::new(Io::default())]);
@@ -184,8 +184,8 @@ fn a_network_without_clocks() {
     assert!(!pair.has(Status::DC_STABLE));
 }
 
-/// XF-13.1 XF-11.31 SLV_INFO_GET (XF EN 643): identity as the slave's own objects have it, name, addresses, state,
-/// bytes of process data, and clocks.
+/// XF-13.1 XF-11.31 SLV_INFO_GET (XF EN 643): identity as in the slave's own objects, name, addresses, state, bytes of
+/// process data, and clocks.
 #[test]
 pub fn slave_info() {
     let mut pair = Pair::in_state(EtherCatState::SafeOp);
@@ -214,7 +214,7 @@ pub fn slave_info() {
     }
     let read = sdo(2, 0x1008, 0, SdoOperation::Read { bytes: 64 });
     let object = pair.read(&read, &SdoGet, <[u8]>::to_vec).expect("it has a name");
-    // An EEPROM has the kind for its name.
+    // In an EEPROM the name is the kind of slave.
     let name = if OVER_CONTROLLERS.get() { pair.device(2).name().as_bytes().to_vec() } else { object };
     let get = SlaveInfoGet { slave: slave(2), item: SlaveInfoItem::Name };
     pair.get(&get, |found| assert_eq!(found, SlaveInfo::Text(&name)));
@@ -226,7 +226,7 @@ fn sizes(pair: &mut Pair) -> [u16; 2] {
 }
 
 /// XF-13.1 XF-11.16 XF-11.30 RECONFIG_OP (XF EN 402) lays out process data, whose sizes FIFO_PACK_SIZE_GET (XF EN 685)
-/// tells; two drives with 6 and 10 bytes and a module with 2 and 2.
+/// returns; two drives with 6 and 10 bytes and a module with 2 and 2.
 #[test]
 pub fn layout() {
     let mut pair = Pair::in_state(EtherCatState::PreOp);
@@ -235,7 +235,7 @@ pub fn layout() {
     assert_eq!((sizes(&mut pair), pair.has(Status::PDO_CONFIGURED)), ([14, 22], true));
 }
 
-/// XF-13.1 XF-11.30 CONFIG_MAP (XF EN 1421) lays them out too.
+/// XF-13.1 XF-11.30 CONFIG_MAP (XF EN 1421) lays them out, too.
 #[test]
 pub fn layout_of_slaves_that_fall_back() {
     let mut pair = Pair::in_state(EtherCatState::PreOp);
@@ -273,7 +273,7 @@ pub fn working_counter() {
     assert_eq!(pair.header().wkc_errors, 0);
 }
 
-/// XF-11.33 ECAT_INIT_OP chooses between them with newer firmware; older firmware does not look at its bit.
+/// XF-11.33 ECAT_INIT_OP chooses between them with newer firmware; older firmware ignores its bit.
 #[test]
 fn lrw_of_the_initialisation() {
     for (profile, uses_lrw) in [(Profile::NEW, false), (Profile::OLD, true)] {
@@ -295,7 +295,7 @@ pub fn working_counter_errors() {
     let mut pair = Pair::in_state(EtherCatState::Op);
     pair.run(&FifoEnable { on: true });
     assert_eq!(pair.get(&WkcErrorMaxGet, |limit| limit), WkcErrorLimit::NONE);
-    // Not for as long as the watchdog of its outputs, which would take it out of OP.
+    // The silence is shorter than the watchdog of its outputs, which would end OP.
     pair.silence(1, true);
     pair.pass(40 * MS);
     assert!(in_a_row(&mut pair) >= 40);
@@ -336,9 +336,9 @@ pub fn emergencies() {
     }
 }
 
-/// XF-13.1 XF-11.13 What older firmware has not ends with the chip's refusal: ENABLE_LRW before 0x22 (XF EN 375),
-/// functions of GPIO 16 to 19 before 9 (XF EN 910, 930, 953). XF-11.31 It tells the clocks of slaves as newer firmware
-/// does.
+/// XF-13.1 XF-11.13 Functions that older firmware does not have end with the chip's refusal: ENABLE_LRW before 0x22 (XF
+/// EN 375), functions of GPIO 16 to 19 before 9 (XF EN 910, 930, 953). XF-11.31 It reports the clocks of slaves as
+/// newer firmware does.
 #[test]
 fn older_firmware() {
     for profile in [Profile::OLD, Profile { version: 8, ..Profile::OLD }] {
@@ -350,7 +350,7 @@ fn older_firmware() {
             pair.is_refused(&GpioExtSetValue { values: AllPins::default() });
             pair.is_refused(&GpioIntClearExt { pins: AllPins::default() });
         }
-        // What it has goes on.
+        // Its other functions work.
         assert_eq!(pair.get(&GpioGetValue, |values| values), 0);
         let clock = [SlaveInfoItem::HasDc, SlaveInfoItem::DcCycle].map(|what| item(&mut pair, 0, what));
         assert_eq!(clock, [Some(1), Some(1_000_000)]);

@@ -1,4 +1,4 @@
-//! What slave models have not: the driver's error says that the chip refused it.
+//! Functions that slave models do not have: the driver's error says that the chip refused the command.
 
 use ecmsk::xf::EtherCatState;
 use ecmsk::xf::request::{

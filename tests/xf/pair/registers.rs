@@ -32,7 +32,7 @@ const fn raw(operation: RawOperation, adp: u16, ado: u16, data: &[u8]) -> RawReq
     RawRequest { operation, adp, ado, logical: 0, timeout_us: 20_000, data }
 }
 
-/// What came back of a datagram: working counter and data.
+/// Sends a datagram; returns the working counter and data of its answer.
 fn sent(pair: &mut Pair, request: &RawRequest<'_>) -> (i32, Vec<u8>) {
     let look = |answer: ecmsk::xf::response::RawAnswer<'_>| {
         assert_eq!((answer.operation(), answer.adp, answer.ado), (Some(request.operation), request.adp, request.ado));
@@ -42,13 +42,13 @@ fn sent(pair: &mut Pair, request: &RawRequest<'_>) -> (i32, Vec<u8>) {
     pair.read(request, &RawGet, look).expect("it came back")
 }
 
-/// What is in the memory of a controller.
+/// Reads the memory of a controller.
 pub fn peek(pair: &mut Pair, n: usize, address: u16, len: usize) -> Vec<u8> {
     pair.controllers().chain().slave(n).controller().peek(address, len).to_vec()
 }
 
-/// XF-11.62 RAW_ECAT_FUNC_REQ sends any datagram, RAW_ECAT_FUNC_GET gives what came back (XF EN 1560, 1580): what is read is
-/// what the controllers have, what is written they have, and the working counter is that of the frame.
+/// XF-11.62 RAW_ECAT_FUNC_REQ sends any datagram, RAW_ECAT_FUNC_GET returns the answer (XF EN 1560, 1580): it reads and
+/// writes the controllers' registers, and the working counter is that of the frame.
 #[test]
 pub fn datagrams() {
     let mut pair = in_state(EtherCatState::PreOp);
@@ -67,7 +67,7 @@ pub fn datagrams() {
     assert_eq!(sent(&mut pair, &raw(RawOperation::Apwr, 0, 0x1F00, &[8])).0, 1);
     assert_eq!(sent(&mut pair, &raw(RawOperation::Frmw, 0x1001, 0x1F00, &[0])), (3, vec![8]));
     assert_eq!([0, 1, 2].map(|n| peek(&mut pair, n, 0x1F00, 1)), [vec![8], vec![8], vec![8]]);
-    // Nobody maps that logical address.
+    // No slave maps that logical address.
     let logical = RawRequest { logical: 0x0700_0000, ..raw(RawOperation::Lrw, 0, 0, &[1, 2]) };
     assert_eq!(sent(&mut pair, &logical), (0, vec![1, 2]));
     pair.silence(1, true);
@@ -110,8 +110,8 @@ fn eeprom(slave_number: u8, position: u16, operation: EepromOperation) -> Eeprom
     EepromRequest { slave: slave(slave_number), position, timeout_us: 100_000, operation }
 }
 
-/// XF-11.63 EEPROM_REQ reads 4 words from a position on, EEPROM_GET gives them (XF ZH 1096, XF EN 1168); what it writes is in
-/// the EEPROM, and the next ECAT_INIT_OP reads it.
+/// XF-11.63 EEPROM_REQ reads 4 words from a position on, EEPROM_GET returns them (XF ZH 1096, XF EN 1168); a written
+/// word is in the EEPROM, and the next ECAT_INIT_OP reads it.
 #[test]
 pub fn eeproms() {
     let mut pair = in_state(EtherCatState::PreOp);
@@ -135,14 +135,14 @@ pub fn eeproms() {
     assert_eq!(pair.get(&revision, |info| info.number()), Some(0x1234_5678));
 }
 
-/// XF-11.63 A slave that does not answer is error code 1, an EEPROM that refuses 3; both fail. Words behind the last one are not
-/// read, and a slave that was not found is refused.
+/// XF-11.63 A slave that does not answer is error code 1, an EEPROM that refuses 3; both fail. Words after the last one
+/// are not read, and a slave that was not found is refused.
 #[test]
 fn eeproms_that_are_not_read() {
     let mut pair = in_state(EtherCatState::Init);
     let read = pair.read(&eeprom(0, 0xFFFE, EepromOperation::Read), &EepromGet, |answer| answer.data.to_vec());
     assert_eq!(read, Ok(vec![0xFF; 4]));
-    // One that acknowledges nothing may be busy for 100 ms.
+    // An EEPROM that does not acknowledge may be busy for 100 ms.
     pair.ends_in_failure(&EepromRequest { timeout_us: 300_000, ..eeprom(0, 0xFFFE, EepromOperation::Write(1)) });
     assert_eq!(pair.get(&EepromGet, |answer| (answer.error, answer.data.len())), (3, 0));
     pair.is_refused(&eeprom(3, 0, EepromOperation::Read));
@@ -176,7 +176,7 @@ pub fn sync_managers() {
 }
 
 /// XF-11.64 A length that does not fit the mapping is laid out and refused by the slave, with AL status 0x1D, until it is right
-/// again; a sync manager that there is not is a failure, and a slave that was not found is refused.
+/// again; a missing sync manager is a failure, and a slave that was not found is refused.
 #[test]
 fn sync_managers_that_do_not_fit() {
     let mut pair = in_state(EtherCatState::PreOp);
@@ -228,7 +228,7 @@ pub fn direct_assign() {
         assert_eq!(sizes(&mut pair), [rx, tx - 10 + 20]);
         pair.run(&assign(Direction::Output, 0));
         assert_eq!(sizes(&mut pair), [rx - 6, tx - 10 + 20]);
-        // The slave maps other lengths, and says so.
+        // The slave maps other lengths, and refuses.
         pair.ends_in_failure(&to_all(EtherCatState::SafeOp));
         pair.run(&DirectAssign::Switch { slave: slave(0), on: false });
         pair.run(&to_all(EtherCatState::PreOp));
@@ -245,8 +245,8 @@ fn polled(pair: &mut Pair, polling: MailboxStatus) -> Vec<bool> {
     pair.get(&polling, |bits| (0..3).map(|n| bits.contains(slave(n))).collect())
 }
 
-/// XF-11.66 An emergency stays in a mailbox that is polled (MBX_STAT, XF EN 1663), from RECONFIG_OP on; its flag tells in OP, and
-/// RECV_MAILBOX fetches it and gives it in parts (XF EN 1646).
+/// XF-11.66 An emergency stays in a mailbox that is polled (MBX_STAT, XF EN 1663), from RECONFIG_OP on; its flag is
+/// valid in OP, and RECV_MAILBOX fetches it and returns it in parts (XF EN 1646).
 #[test]
 pub fn mailboxes() {
     let mut pair = in_state(EtherCatState::PreOp);
@@ -278,7 +278,7 @@ pub fn mailboxes() {
     assert_eq!(behind, mail[8..12]);
     assert_eq!(listed(&mut pair), [(1, 0x3210), (0, 0x3210)], "the newest first");
     assert_eq!(polled(&mut pair, MailboxStatus::ReadFlags), [false; 3]);
-    // It is empty now; what was fetched stays.
+    // The mailbox is empty now; the fetched message stays.
     pair.ends_in_failure(&ReceiveMailbox::Request { slave: slave(1) });
     assert_eq!(pair.get(&part(0, 16), <[u8]>::to_vec), mail);
     let MailboxHeader { protocol, .. } = message.header;
@@ -286,8 +286,8 @@ pub fn mailboxes() {
     pair.is_refused(&ReceiveMailbox::Request { slave: slave(3) });
 }
 
-/// XF-11.66 What a slave answers to a request that the host has written by a datagram waits for the host, who fetches it by
-/// RECV_MAILBOX; a second later the mailbox is the chip's again.
+/// XF-11.66 A slave's answer to a request that the host has written by a datagram waits for the host, which fetches it
+/// by RECV_MAILBOX; a second later the chip uses the mailbox again.
 #[test]
 fn the_answer_to_a_datagram_is_the_hosts() {
     let mut pair = in_state(EtherCatState::PreOp);
@@ -304,7 +304,7 @@ fn the_answer_to_a_datagram_is_the_hosts() {
     pair.ends_in_failure(&ReceiveMailbox::Request { slave: slave(1) });
 }
 
-/// XF-11.66 Without a network there is no mail and no polling, and parts behind a mailbox are refused.
+/// XF-11.66 Without a network there is no mail and no polling, and parts beyond the end of a mailbox are refused.
 #[test]
 fn mailboxes_that_there_are_not() {
     let mut pair = of(vec![drive()]);
@@ -362,8 +362,8 @@ pub fn files() {
     assert_eq!(pair.get(&SdoAbortCodeGet, |code| code), AbortCode(0));
 }
 
-/// XF-11.68 A file that is not there, one that is longer than said or than the flash memory, and a slave that does not answer
-/// fail, with FoE's error code or that of a timeout; what reaches behind the flash memory and a file without a name are refused.
+/// XF-11.68 A missing file, a file that is longer than announced or than the flash memory, and a silent slave fail,
+/// with FoE's error code or that of a timeout; a range beyond the flash memory and a file without a name are refused.
 #[test]
 fn files_that_are_not_moved() {
     let mut pair = of(vec![drive()]);
@@ -386,7 +386,7 @@ fn files_that_are_not_moved() {
     pair.is_refused(&FoeRequest::Upload(file(b"", 0, at(0))));
     pair.silence(0, true);
     assert_eq!(error(&mut pair, FoeRequest::Upload(file(firmware, 0, at(0)))), AbortCode::TIMEOUT.0);
-    // An SDO that succeeds says so.
+    // A successful SDO has no error code.
     pair.silence(0, false);
     pair.run(&sdo(0, 0x1000, 0, SdoOperation::Read { bytes: 4 }));
     assert_eq!(pair.get(&SdoAbortCodeGet, |code| code), AbortCode(0));

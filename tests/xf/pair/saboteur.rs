@@ -1,5 +1,5 @@
 //! A wire on which one function has no effect: its packets come to the chip as INFO_UPDATE, and the answers go back as
-//! if the chip had run it. A test that still passes then does not see what the function does.
+//! if the chip had run it. A test that still passes then does not depend on the function.
 
 use std::cell::Cell;
 
@@ -14,7 +14,7 @@ thread_local! {
     static IGNORED: Cell<Option<Function>> = const { Cell::new(None) };
 }
 
-/// From now on pairs of this thread have no effect of that function.
+/// From now on that function has no effect in pairs of this thread.
 pub fn ignore(function: Option<Function>) {
     IGNORED.set(function);
 }
@@ -29,18 +29,18 @@ pub struct Saboteur {
     function: Option<Function>,
     /// The index of the last packet that was replaced.
     index: Option<u8>,
-    /// The first answer to INFO_UPDATE, whose header all others have then.
+    /// The first answer to INFO_UPDATE, whose header all later ones get.
     stale: Option<[u8; 24]>,
 }
 
 impl Saboteur {
-    /// What acts from power-on: the commands that the driver keeps for itself.
+    /// A saboteur that acts from power-on, for commands that are reserved for the driver.
     pub fn of_the_start() -> Self {
         let is_of_driver = |(code, _): &Function| matches!(code, CommandCode::CrcTypeSet | CommandCode::SpiReconfig);
         Self { function: IGNORED.get().filter(is_of_driver), ..Self::default() }
     }
 
-    /// What acts once the chip is started.
+    /// A saboteur that acts once the chip is started.
     pub fn of_this_thread() -> Self {
         Self { function: IGNORED.get(), ..Self::default() }
     }
@@ -79,7 +79,7 @@ impl Saboteur {
     }
 }
 
-/// Makes the check word anew.
+/// Recomputes the check word.
 fn seal(packet: &mut [u8]) {
     let end = packet.len() - 8;
     if packet[end..end + 4] != FIXED {

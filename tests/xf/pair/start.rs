@@ -1,4 +1,4 @@
-//! From a chip of which nothing is known to one that runs; sizes, check words, resets.
+//! From an unknown chip to a running one; sizes, check words, resets.
 
 use ecmsk::slave::Io;
 use ecmsk::xf::chip::Profile;
@@ -51,7 +51,7 @@ fn a_crc_of_any_coverage() {
     }
 }
 
-/// XF-13.1 INFO_UPDATE (XF EN 369): the header is that of now.
+/// XF-13.1 INFO_UPDATE (XF EN 369): the header is up to date.
 #[test]
 pub fn info_update() {
     let mut pair = Pair::running();
@@ -106,7 +106,7 @@ pub fn check_word() {
     }
 }
 
-/// XF-13.1 CRC_ERR_CNT_CLR (XF EN 730): what has been counted is 0 again, and counts on.
+/// XF-13.1 CRC_ERR_CNT_CLR (XF EN 730): the counter is 0 again, and counts on.
 #[test]
 pub fn crc_errors() {
     let mut pair = Pair::running();
@@ -121,7 +121,7 @@ pub fn crc_errors() {
     assert_eq!(Errors(pair.header().errors.0 & Errors::ALL.0), Errors::NONE, "the driver has cleared them");
 }
 
-/// XF-13.1 ASYNCCMD_RESET (XF EN 1446): 1 clears the busy flag, 4 gives up what runs, which has failed then.
+/// XF-13.1 ASYNCCMD_RESET (XF EN 1446): 1 clears the busy flag, 4 gives up the running command, which has failed then.
 #[test]
 pub fn reset_of_what_runs() {
     for (actions, fails) in [
@@ -179,7 +179,7 @@ pub fn warm_reset() {
     }
 }
 
-/// XF-12.5 A chip that is reset to an n of which some packets fit into one of before: 10 * 144 are 1440 bytes, which
+/// XF-12.5 A chip that is reset to an n with which several packets fit into an old one: 10 * 144 are 1440 bytes, which
 /// begin and end as a packet does that says "not ready".
 #[test]
 fn a_reset_to_packets_that_fit_into_one() {

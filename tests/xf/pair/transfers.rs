@@ -81,7 +81,7 @@ const ABORT_CODES: [u32; 29] = [
     0x0800_0000, 0x0800_0020, 0x0800_0021, 0x0800_0022, 0x0800_0023,
 ];
 
-/// XF-11.37 What a drive refuses ends with its abort code, which is kept until the next transfer.
+/// XF-11.37 A refused access ends with the drive's abort code, which is kept until the next transfer.
 #[test]
 fn refused_transfers() {
     let mut pair = Pair::in_state(EtherCatState::SafeOp);
@@ -104,14 +104,14 @@ fn refused_transfers() {
 #[test]
 pub fn abort_codes() {
     for code in ABORT_CODES.map(AbortCode) {
-        // What aborts everything cannot say what belongs into its EEPROM: behind a controller a script makes it abort.
+        // A device that aborts everything gives no content for its EEPROM: behind a controller a script makes it abort.
         let aborting: Box<dyn Slave> = Box::new(Aborting { state: AlState::Init, code });
         let slave = if OVER_CONTROLLERS.get() { drive() } else { aborting };
         let mut pair = Pair::running_with(Profile::NEW, HostConfig::DEFAULT, vec![slave, drive()]);
         pair.bring_to(EtherCatState::PreOp);
         pair.chip().network().handle().abort_sdo(1, Some(code));
         for operation in [reads(4), SdoOperation::Write(&[1])] {
-            // A slave that says "timeout" is one more that does not answer: both wait for the time limit.
+            // A slave that aborts with "timeout" counts as silent, too: both cases wait for the time limit.
             assert_eq!(pair.ends_in_failure(&sdo(0, 0x2000, 1, operation)), Some(code));
             assert_eq!(pair.get(&SdoAbortCodeGet, |abort| abort), code);
         }
@@ -120,8 +120,8 @@ pub fn abort_codes() {
     }
 }
 
-/// XF-13.1 XF-11.38 A slave that does not answer is waited for until the time limit of SDO_REQ, in microseconds (XF EN
-/// 579), and so is one in Init, where no mailbox answers.
+/// XF-13.1 XF-11.38 The chip waits for a silent slave until the time limit of SDO_REQ, in microseconds (XF EN 579), and
+/// so for a slave in Init, where no mailbox answers.
 #[test]
 fn objects_of_a_slave_that_does_not_answer() {
     for (state, is_silent) in [(EtherCatState::PreOp, true), (EtherCatState::Init, false)] {
@@ -171,8 +171,8 @@ fn refused_mapping() {
     pair.is_refused(&PdoConfigGet);
 }
 
-/// XF-13.1 XF-11.41 FOE_FUNC_REQ (XF EN 1598) writes and reads the flash memory, FOE_FUNC_GET (XF EN 1621) gives what
-/// was read; the memory outlives WARM_RESET. Files of slaves, operations 1 and 2, slave models have not.
+/// XF-13.1 XF-11.41 FOE_FUNC_REQ (XF EN 1598) writes and reads the flash memory, FOE_FUNC_GET (XF EN 1621) returns the
+/// data; the memory keeps its content over WARM_RESET. Slave models do not have files of slaves, operations 1 and 2.
 #[test]
 pub fn flash() {
     let mut pair = Pair::in_state(EtherCatState::PreOp);

@@ -52,7 +52,7 @@ pub fn gpio_modes_of_upper_pins() {
     assert_eq!(inputs(&mut pair), 0b1010 << 16);
 }
 
-/// XF-13.1 XF-11.50 ECM_GpioSetValue and ECM_GpioExtSetValue (XF EN 920, 930) put out levels.
+/// XF-13.1 XF-11.50 ECM_GpioSetValue and ECM_GpioExtSetValue (XF EN 920, 930) set levels.
 #[test]
 pub fn gpio_outputs() {
     let mut pair = Pair::running();
@@ -94,7 +94,7 @@ fn debounced(pin: u8, enable: impl Fn(&mut Pair)) {
         wire(&mut pair, pin, level);
         pair.pass(5 * MS);
         assert_eq!(inputs(&mut pair) & 1 << pin != 0, !level, "not yet");
-        // A bounce begins the time again.
+        // A bounce restarts the time.
         wire(&mut pair, pin, !level);
         wire(&mut pair, pin, level);
         pair.pass(10 * MS);
@@ -203,8 +203,7 @@ fn encoder_interrupts() {
 }
 
 /// XF-13.1 XF-11.55 ECM_DacOpen (XF EN 1034), ECM_DacSetData (XF EN 1058), ECM_DacStartConv (XF EN 1069),
-/// ECM_DacSetDelayTime (XF EN 1050) and ECM_DacClose (XF EN 1042): a value goes out with what triggers it, after the
-/// delay.
+/// ECM_DacSetDelayTime (XF EN 1050) and ECM_DacClose (XF EN 1042): a value is output with its trigger, after the delay.
 #[test]
 pub fn dac() {
     let mut pair = Pair::running();
@@ -223,7 +222,7 @@ pub fn dac() {
     assert_eq!(output(&mut pair, 0), Some(1000));
     pair.run(&DacStartConv);
     assert_eq!(output(&mut pair, 0), Some(2000));
-    // The pin begins it, and 960 / 96 us later it is out.
+    // The pin triggers the output, which comes 960 / 96 us later.
     pair.run(&DacSetDelayTime { delay: DacDelay::new(960).expect("at most 1023") });
     let start_pin = |pair: &mut Pair, level| {
         let now = pair.now;

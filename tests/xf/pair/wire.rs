@@ -1,5 +1,5 @@
-//! Slaves behind controllers, as the wire shows them: slaves that do not answer and come back, clocks, what scripts do, and that
-//! the same calls always give the same bytes.
+//! Slaves behind controllers, as the wire shows them: slaves that do not answer and come back, clocks, scripts, and
+//! reproducible bytes.
 
 use allocation_counter::measure;
 use ecmsk::coe::{AbortCode, ObjectAddress};
@@ -30,8 +30,8 @@ fn errors_in_a_row(pair: &mut Pair) -> u8 {
     pair.get(&WkcErrorCountGet, |count| count)
 }
 
-/// XF-11.69 A slave that does not answer is counted in every cycle and told of, while the others go on; when it is in OP again the
-/// count of errors in a row is 0.
+/// XF-11.69 A slave that does not answer is counted in every cycle and reported, while the others go on; when it is in
+/// OP again the count of errors in a row is 0.
 #[test]
 fn a_silent_slave_is_counted() {
     let mut pair = in_state(EtherCatState::Op);
@@ -40,7 +40,7 @@ fn a_silent_slave_is_counted() {
     pair.pass(50 * MS);
     assert!((30..80).contains(&errors_in_a_row(&mut pair)));
     assert_eq!(states(&mut pair), [8, 0x10, 8]);
-    // 3 of each of two slaves.
+    // 3 for each of two slaves.
     assert_eq!(pair.get(&PdoWorkingCounterGet { which: WorkingCounterItem::Counter }, |counter| counter), 6);
     let read = SdoRequest { timeout_us: 30_000, ..sdo(1, 0x1000, 0, SdoOperation::Read { bytes: 4 }) };
     assert_eq!(pair.ends_in_failure(&read), Some(AbortCode::TIMEOUT));
@@ -74,7 +74,8 @@ fn a_slave_without_power_comes_back() {
     assert_eq!((states(&mut pair), errors_in_a_row(&mut pair)), ([8, 8, 8], 0));
 }
 
-/// XF-11.69 Slaves behind a cut cable are told of; the whole network without its first cable has no link, and none is found.
+/// XF-11.69 Slaves behind a cut cable are reported; the whole network without its first cable has no link, and none is
+/// found.
 #[test]
 fn a_cut_cable_is_told_of() {
     let mut pair = in_state(EtherCatState::Op);
@@ -82,7 +83,7 @@ fn a_cut_cable_is_told_of() {
     pair.pass(100 * MS);
     assert_eq!(states(&mut pair), [8, 0x10, 0x10]);
     pair.chip().network().handle().heal();
-    // Outputs have not come for so long that the watchdogs of the slaves have expired.
+    // Outputs were missing for longer than the slaves' watchdog time.
     pair.pass(500 * MS);
     let [first, second, third] = states(&mut pair);
     assert_eq!((first, second & 0x10, third & 0x10), (8, 0x10, 0x10));
@@ -93,8 +94,8 @@ fn a_cut_cable_is_told_of() {
     pair.ends_in_failure(&INIT);
 }
 
-/// XF-11.69 XF-11.33 Without LRW a slave with outputs adds 1 to an LWR, which the chip counts twice, so that the sum stays; FMMUs map
-/// the process data where they are.
+/// XF-11.69 XF-11.33 Without LRW a slave with outputs adds 1 to an LWR, which the chip counts twice, so that the sum
+/// stays; FMMUs map the process data to their addresses.
 #[test]
 fn working_counters_are_those_of_the_frames() {
     let mut pair = in_state(EtherCatState::Op);
@@ -143,7 +144,7 @@ fn sync_signals_are_on_the_wire() {
     assert_eq!(peek(&mut pair, 2, registers::SYNC_ACTIVATION, 1), [0]);
 }
 
-/// XF-11.70 With the bus shift the time that goes to all clocks is the chip's own.
+/// XF-11.70 With the bus shift the clocks of all slaves get the chip's own time.
 #[test]
 fn the_chip_leads_the_clocks_if_it_is_told_to() {
     for reference_clock in [ReferenceClock::FirstSlave, ReferenceClock::Chip] {

@@ -13,7 +13,7 @@ use ecmsk::xf::request::{
 use super::{case, long, short};
 use crate::{Printed, bytes};
 
-/// XF-10.1 What GPIOs are, and how they are debounced. XF EN 825 to 876.
+/// XF-10.1 Directions and debouncing of GPIOs. XF EN 825 to 876.
 #[test]
 pub fn gpio_configuration() {
     let modes =

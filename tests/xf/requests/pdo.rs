@@ -91,7 +91,7 @@ pub fn configured_pdos() {
         Printed { len, ..long(8, 0, vec![4, 0, 0x12, 0x1C]) }
             .read(|read| assert!(matches!(read, Ok(Request::PdoConfigRequest(_)))));
     }
-    // What stands behind the objects that are counted means nothing.
+    // Bytes behind the counted objects have no meaning.
     let mut data = bytes![1_u8, 1_u8, 0x1C12_u16, 0x1600_u16, 0x1601_u16, 7_u16, 1_u16, 9_u16, 9_u16];
     data.resize(112, 0xEE);
     long(7, 0, data).read(|read| match read {

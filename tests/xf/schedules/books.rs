@@ -1,4 +1,4 @@
-//! What was given to the driver and what it said about it, against what reached the chip and the slaves.
+//! Compares the requests to the driver and its reports with what reached the chip and the slaves.
 
 use std::collections::BTreeMap;
 
@@ -30,7 +30,7 @@ pub enum End {
     AnswerLost,
     /// It was not run.
     NotRun,
-    /// Nobody knows.
+    /// It is not known.
     Unknown,
 }
 
@@ -38,7 +38,7 @@ impl End {
     pub fn of(result: Result<(), HostError>) -> Self {
         match result {
             Ok(()) => Self::Done,
-            // Of a pair, the one that reads was refused: the other one ran.
+            // The reading command of a pair was refused: the other one ran.
             Err(HostError::AnswerLost { .. } | HostError::Refused { code: CommandCode::SdoGet }) => Self::AnswerLost,
             Err(HostError::Refused { .. } | HostError::NotSent { .. } | HostError::Failed { .. }) => Self::NotRun,
             Err(
@@ -63,7 +63,7 @@ struct Targets {
     count: u32,
     /// TxPDOs that are read out of the FIFO, at most.
     reads: u32,
-    /// How often the chip, or the driver, had begun anew.
+    /// How often the chip, or the driver, had restarted.
     life: u32,
     outcome: Option<ProcessOutcome>,
 }
@@ -73,7 +73,7 @@ pub struct Books {
     pub open: Vec<(Ticket, What, u64)>,
     ended: Vec<(What, End)>,
     targets: BTreeMap<u32, Targets>,
-    /// How often the chip, or the driver, has begun anew, by which it forgets what is in its FIFOs.
+    /// How often the chip, or the driver, has restarted, which clears its FIFOs.
     pub life: u32,
     /// The newest TxPDO that was read out of the FIFO, in this life.
     newest_read: Option<(u32, u32)>,
@@ -84,7 +84,7 @@ pub struct Books {
 }
 
 impl Books {
-    /// `may_overrun`: the chip's RxFIFO is smaller than the driver was told.
+    /// `may_overrun`: the chip's RxFIFO is smaller than the driver's setting.
     pub fn new(may_overrun: bool) -> Self {
         Self { may_overrun, ..Self::default() }
     }
@@ -102,7 +102,7 @@ impl Books {
         assert!(self.targets.insert(sequence, targets).is_none(), "sequence numbers are used once");
     }
 
-    /// Takes a report; `inputs` is what was read then, of so many bytes each, and `newest` the newest TxPDO there is.
+    /// Takes a report; `inputs` has the TxPDOs that were read, of `tx_bytes` each, and `newest` is the newest TxPDO.
     pub fn reported(&mut self, report: ProcessReport, inputs: &[u8], tx_bytes: usize, newest: u32) {
         let targets = self.targets.get_mut(&report.sequence).expect("a report is of something that was submitted");
         assert!(targets.outcome.is_none(), "two reports: {targets:?}, {report:?}");
@@ -143,7 +143,7 @@ impl Books {
         self.targets.values().any(|targets| targets.outcome.is_none())
     }
 
-    /// How many RxPDOs of these are in the FIFO for sure, and how many may be.
+    /// How many of these RxPDOs are surely in the FIFO, and how many may be.
     pub fn in_fifo(&self, from: u32) -> (u32, u32) {
         let since = || self.targets.values().filter(|targets| targets.first >= from);
         let sum = |is: fn(ProcessOutcome) -> bool| {
@@ -198,8 +198,8 @@ impl Books {
         assert!(wire.registers.is_sorted(), "commands run in their order: {:?}", wire.registers);
     }
 
-    /// RxPDOs arrive in their order, each once; what is said to be written arrives unless its life ended before, and
-    /// then none behind it does.
+    /// RxPDOs arrive in their order, each once. One that was reported as written arrives unless a restart came before;
+    /// then no later one arrives.
     fn targets_arrived_once(&self, log: &Log) {
         let arrived: Vec<u32> = log.cycles.iter().map(|(serial, _)| *serial).filter(|serial| *serial > 0).collect();
         assert!(arrived.is_sorted(), "RxPDOs arrive in their order: {arrived:?}");
@@ -216,7 +216,7 @@ impl Books {
                 ProcessOutcome::NotWritten | ProcessOutcome::Refused => assert!(came == 0, "{}", what()),
                 ProcessOutcome::Full => {
                     assert!(self.may_overrun, "{}", what());
-                    // Of several there may have been room for the first ones.
+                    // There may have been room for only the first of several.
                     assert!(came < targets.count, "{}", what());
                     continue;
                 }
@@ -243,7 +243,7 @@ impl Books {
         assert_eq!(counters.rx_written, written, "{counters:?}");
         assert_eq!(counters.rx_full, sum(|outcome| outcome == ProcessOutcome::Full), "{counters:?}");
         assert_eq!(counters.rx_unknown, sum(|outcome| outcome == ProcessOutcome::Unknown), "{counters:?}");
-        // Beside those that were overtaken there are those that waited when the driver began anew.
+        // Beside overtaken ones there are those that waited when the driver restarted.
         let not_written = sum(|outcome| outcome == ProcessOutcome::NotWritten);
         assert!(counters.rx_dropped <= not_written, "{counters:?}");
         assert!(not_written - counters.rx_dropped <= MOST_AT_ONCE * begun_anew, "{counters:?}");

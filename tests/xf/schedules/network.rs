@@ -1,4 +1,4 @@
-//! Two drives behind a wrapper that writes down what reached them: SDO writes, SDO reads, and the serial number of each
+//! Two drives behind a wrapper that records what reached them: SDO writes, SDO reads, and the serial number of each
 //! cycle's RxPDO. Each cycle's TxPDO has a serial number of its own.
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
@@ -19,12 +19,12 @@ pub fn read_object(n: u32) -> ObjectAddress {
     ObjectAddress::new(READ + (n / SUBS) as u16, (n % SUBS) as u8)
 }
 
-/// What is read there.
+/// The value of that object.
 pub fn read_value(n: u32) -> u32 {
     n.wrapping_mul(0x9E37_79B1)
 }
 
-/// Process data that say their serial number in each byte; those of 0 are all 0, as outputs are before the first ones.
+/// Process data with their serial number in each byte; number 0 is all 0, as outputs are before the first ones.
 pub fn pdo(serial: u32, bytes: usize) -> Vec<u8> {
     let byte = |at: usize| serial.rotate_left(8 * (at as u32 / 4)).to_le_bytes()[at % 4];
     (0..bytes).map(byte).collect()

@@ -22,11 +22,11 @@ const MS: Ns = 1_000_000;
 const S: Ns = 1_000_000_000;
 /// The EtherCAT cycle.
 const CYCLE: Ns = MS;
-/// The program looks at the driver this often.
+/// The program polls the driver at this interval.
 const LOOK: Ns = 500 * US;
-/// Everything has ended by then: each wait of the driver's for one command and one start.
+/// By then every command has ended: the driver's timeouts for one command and one start.
 const END: Ns = 60 * S;
-/// So long the host is silent at times.
+/// The length of a host's silence.
 const SILENCE: Ns = 60 * S;
 
 pub struct Rig {
@@ -37,7 +37,7 @@ pub struct Rig {
     books: Books,
     done: Done,
     now: Ns,
-    /// One in so many exchanges goes wrong; `None`: none does.
+    /// One in this number of exchanges has a fault; `None`: none has.
     rarely: Option<u64>,
     /// The next edge of INT0 is lost.
     edge_lost: bool,
@@ -103,7 +103,7 @@ impl Rig {
         }
     }
 
-    /// How often the chip or the driver has begun anew.
+    /// How often the chip or the driver has restarted.
     pub fn life(&self) -> u32 {
         self.books.life
     }
@@ -112,7 +112,7 @@ impl Rig {
         self.books.life += 1;
     }
 
-    /// The driver is asked what to do, and it is done.
+    /// Asks the driver for its next action, and carries it out.
     fn turn(&mut self) {
         let mut back = None;
         match self.host.next(self.now) {
@@ -181,7 +181,7 @@ impl Rig {
         self.host.restart(self.now);
     }
 
-    /// Takes what the driver has to say.
+    /// Takes the driver's results and reports.
     fn look(&mut self) {
         let counters = self.host.counters();
         if counters.chip_resets > self.chip_resets {
@@ -250,13 +250,13 @@ impl Rig {
         self.run(call).is_ok_and(|ticket| self.host.take(ticket, call).is_some_and(|result| result.is_ok()))
     }
 
-    /// Runs a command while nothing goes wrong. Whether it was done.
+    /// Runs a command without faults; returns whether it succeeded.
     pub fn run_quietly<'d, C: Call<'d>>(&mut self, call: &C) -> bool {
         self.rarely = None;
         self.runs(call)
     }
 
-    /// Brings the network to OP, with faults at first. The life in which it is.
+    /// Brings the network to OP, with faults at first; returns the number of restarts.
     pub fn bring_up(&mut self) -> u32 {
         for attempt in 0.. {
             self.rarely = if attempt < 2 { self.dice.pick(&[None, Some(200), Some(40)]) } else { None };
@@ -268,7 +268,7 @@ impl Rig {
         unreachable!("it is brought up, or not")
     }
 
-    /// The network begins anew, and with it what is in the FIFOs. The life in which it came up.
+    /// Restarts the network, which clears the FIFOs; returns the number of restarts.
     fn start(&mut self) -> Option<u32> {
         let end = self.now + END;
         while self.host.state() != HostState::Running {
@@ -310,7 +310,7 @@ impl Rig {
         self.rx_bytes > 0 && self.tx_bytes > 0
     }
 
-    /// Commands and process data for so many turns, while anything goes wrong, at times much and at times little.
+    /// Sends commands and process data for that many turns, with random faults, at times many and at times few.
     pub fn stream(&mut self, turns: u64) {
         let busily = self.dice.pick(&[1, 3, 10, 40]);
         let commands = self.dice.pick(&[2, 10]);
@@ -329,7 +329,7 @@ impl Rig {
             if self.dice.one_in(20_000) {
                 self.done.silences += 1;
                 self.now += SILENCE;
-                // A driver that nobody asks cannot end anything.
+                // A driver that is not polled cannot end commands.
                 self.books.open.iter_mut().for_each(|(_, _, since)| *since += SILENCE);
             }
             self.turn();
@@ -396,11 +396,11 @@ impl Rig {
         }
     }
 
-    /// RxPDOs alone, while anything goes wrong. The serial number of the first one.
+    /// Writes RxPDOs alone, with random faults; returns the serial number of the first one.
     pub fn write_with_faults(&mut self) -> u32 {
         let first = self.serial;
         self.rarely = self.dice.pick(&[Some(2), Some(4), Some(10)]);
-        // More than the chip has entries, if the driver was told of more.
+        // More than the chip has entries, if the driver is configured for more.
         let turns = if self.host.config().rx_entries > 64 { 1500 } else { 120 };
         for _ in 0..turns {
             let outputs = pdo(self.serial, self.rx_bytes);
@@ -416,7 +416,7 @@ impl Rig {
         first
     }
 
-    /// A command that changes nothing of the FIFOs.
+    /// Sends a command that does not affect the FIFOs.
     fn command_beside(&mut self) {
         self.number += 1;
         let value = self.number as u16;
@@ -425,7 +425,7 @@ impl Rig {
         }
     }
 
-    /// Nothing goes wrong and nothing is submitted until everything has ended.
+    /// Runs without faults and new commands until all have ended.
     pub fn rest(&mut self) {
         self.rarely = None;
         let end = self.now + END;
@@ -446,7 +446,7 @@ impl Rig {
         self.pass(100);
     }
 
-    /// So many cycles pass quietly.
+    /// Lets that many cycles pass without faults.
     pub fn pass(&mut self, cycles: u64) {
         self.rarely = None;
         let until = self.now + cycles * CYCLE;
@@ -455,19 +455,19 @@ impl Rig {
         }
     }
 
-    /// Entries of the RxFIFO, as the newest answer says.
+    /// Entries of the RxFIFO by the newest answer.
     pub fn entries(&self) -> u32 {
         self.host.header().map_or(0, |header| header.rx_fifo.into())
     }
 
-    /// The chip has as many entries as were said to be written since that one.
+    /// Checks that the chip has as many entries as were reported as written since that one.
     pub fn compare_entries(&mut self, first: u32, entries: u32) {
         let (sure, most) = self.books.in_fifo(first);
         assert!((sure..=most).contains(&entries), "{entries} entries, {sure} to {most} were written");
         self.done.bursts += 1;
     }
 
-    /// Each RxPDO from that one on was put out in one cycle, but for the last one, which is repeated.
+    /// Checks that each RxPDO from that one on was sent in one cycle, except the last one, which is repeated.
     pub fn each_took_one_cycle(&self, first: u32) {
         let cycles = &self.wire.port.chip().network().log.cycles;
         let burst: Vec<_> = cycles.iter().filter(|(serial, _)| *serial >= first).collect();

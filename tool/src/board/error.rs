@@ -116,7 +116,7 @@ pub enum BoardError {
         limit: u32,
     },
     /// The slaves of the network are not known.
-    #[error("{what} needs to know what the network is; say it with --slaves, e.g. --slaves drive*2,io")]
+    #[error("{what} needs the list of slaves; give it with --slaves, e.g. --slaves drive*2,io")]
     UnknownNetwork {
         /// The operation.
         what: String,

@@ -9,17 +9,17 @@ use serde_json::json;
 use super::words::name;
 use super::{BusVerbError, NetworkArgs, Session};
 
-/// Measure how well the distributed clocks keep together: delays, offsets, and by how much each is ahead of the reference
+/// Measure the distributed clocks: propagation delays, offsets, and how far each clock is ahead of the reference
 ///
-/// The clocks are set by the scan, brought together for a second, and looked at each 10 ms. The exit code is 1 if one of them
-/// is ever 1 us away.
+/// The scan sets the clocks; they are synchronised for a second, then read every 10 ms. The exit code is 1 if a clock
+/// is ever off by 1 us or more.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   ecmsk bus dc --link nic:eth1
   ecmsk bus dc --seconds 30 --link nic:eth1 --json | jq .max_ns")]
 pub struct Args {
-    /// How long to look, seconds
+    /// Duration of the measurement, seconds
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     seconds: u64,
 

@@ -76,7 +76,7 @@ pub enum BusVerbError {
         error: ContentError,
     },
     /// The user has not confirmed writing an EEPROM.
-    #[error("nothing was written; a wrong EEPROM makes the slave useless: look at what changes, and say --yes")]
+    #[error("nothing was written; a wrong EEPROM makes the slave useless: check the changes, then add --yes")]
     NotConfirmed,
 }
 

@@ -14,8 +14,8 @@ use crate::board::Reporter;
 
 /// Read the error counters of all ports (registers 0x0300 to 0x0313), and say which cable is bad
 ///
-/// Slaves count from when they were switched on, plugging and unplugging, too: clear the counters, let the machine run, and
-/// look again, or watch them. The exit code is 1 if something is wrong.
+/// Slaves count from when they were switched on. Plugging and unplugging a cable counts, too: clear the counters, let
+/// the machine run, and read them again, or watch them. The exit code is 1 if something is wrong.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -23,11 +23,11 @@ Examples:
   ecmsk bus errors --clear --link nic:eth1
   ecmsk bus errors --watch 60 --link nic:eth1   # and move the cables meanwhile")]
 pub struct Args {
-    /// Send long frames, and tell what is counted from now on, each second for so many seconds
+    /// Send long frames for so many seconds, and show every second what was counted since the start
     #[arg(long, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=86_400))]
     watch: Option<u64>,
 
-    /// Clear all counters, once they were read
+    /// Clear all counters after reading them
     #[arg(long, conflicts_with = "watch")]
     clear: bool,
 

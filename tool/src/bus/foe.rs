@@ -10,7 +10,7 @@ use super::{BusVerbError, SlaveArgs, read_file};
 
 /// Read or write a file of a slave (FoE, in PreOP)
 ///
-/// Firmware that a slave takes in bootstrap alone is refused by it: bootstrap is for its maker's own tool.
+/// A slave that takes firmware only in bootstrap (BOOT) refuses it here: use the tool of its maker for that.
 #[derive(clap::Args)]
 #[command(
     disable_help_subcommand = true,
@@ -31,9 +31,9 @@ enum Verb {
     Read {
         #[command(flatten)]
         whose: Whose,
-        /// The name that the file has in the slave
+        /// Name of the file in the slave
         name: String,
-        /// Where to write it [default: standard output]
+        /// File to write it to [default: standard output]
         #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
         output: Option<PathBuf>,
     },
@@ -44,7 +44,7 @@ enum Verb {
         /// The file
         #[arg(value_hint = ValueHint::FilePath)]
         file: PathBuf,
-        /// The name that it gets in the slave [default: that of FILE, without folders]
+        /// Name of the file in the slave [default: the name of FILE, without folders]
         #[arg(long, value_name = "NAME")]
         name: Option<String>,
     },
@@ -54,7 +54,7 @@ enum Verb {
 struct Whose {
     #[command(flatten)]
     of: SlaveArgs,
-    /// The password that the slave wants to know
+    /// Password that the slave asks for, a number
     #[arg(long, value_name = "N", default_value_t = 0)]
     password: u32,
 }

@@ -11,9 +11,9 @@ use serde_json::{Value, json};
 use super::words::{behind, name, port_kind, ports, state_name, state_text};
 use super::{BusVerbError, NetworkArgs, Session};
 
-/// List the slaves as a tree: who they are, their states, their ports with what is connected and what was counted there
+/// List the slaves as a tree: identity, states, and the ports with their connections and error counters
 ///
-/// All slaves are in Init afterwards. Where each of them was before, with its AL status in words, is shown.
+/// All slaves are in Init afterwards. The list shows the state that each slave had before, with its AL status in words.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:

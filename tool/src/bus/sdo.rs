@@ -35,11 +35,11 @@ enum Verb {
     List {
         #[command(flatten)]
         whose: SlaveArgs,
-        /// List each sub-index, too, with its type and who may read and write it
+        /// List each sub-index, too, with its type and its access rights
         #[arg(long)]
         entries: bool,
     },
-    /// Print all values of a slave that can be read, by its own dictionary
+    /// Print all readable values of a slave, by its own dictionary
     Dump {
         #[command(flatten)]
         whose: SlaveArgs,
@@ -51,13 +51,13 @@ enum Verb {
         #[command(flatten)]
         transfer: Transfer,
     },
-    /// Write an object; what a drive does then is its own matter, in PreOP, too
+    /// Write an object; a drive may act on it, in PreOP, too
     Write {
         #[command(flatten)]
         whose: SlaveArgs,
         #[command(flatten)]
         transfer: Transfer,
-        /// Decimal, or with 0x; or any bytes as hex:0102FF, in the order of the wire
+        /// Decimal, or hexadecimal with 0x; or bytes as hex:0102FF, in the order of the wire
         #[arg(value_name = "VALUE", allow_hyphen_values = true, value_parser = Written::parse)]
         value: Written,
     },

@@ -12,7 +12,8 @@ use crate::link_option::ChosenLink;
 #[derive(Clone, clap::Args)]
 #[group(skip)]
 pub struct NetworkArgs {
-    /// Network to look at: nic:INTERFACE, sim:?slaves=.. or a chip, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml]
+    /// Network to inspect: nic:INTERFACE, sim:?slaves=.. or a chip, see `ecmsk link help` [default: ECMSK_LINK, else
+    /// the one of ecmsk.toml]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
 

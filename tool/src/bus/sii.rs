@@ -30,15 +30,15 @@ pub struct Args {
 
 #[derive(Subcommand)]
 enum Verb {
-    /// Show what an EEPROM says, and write it to a file
+    /// Show the content of an EEPROM, and write it to a file
     Read {
         #[command(flatten)]
         whose: SlaveArgs,
-        /// Write its bytes, up to the end of its categories, to a file
+        /// Write the EEPROM's bytes, up to the end of its categories, to this file
         #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
         output: Option<PathBuf>,
     },
-    /// Write a file into an EEPROM: what changes is shown, written and read back
+    /// Write a file into an EEPROM: changes are shown, written and read back
     ///
     /// The file is checked first: its length, the checksum of its first words, its categories, and whether it is for this device.
     /// A slave takes the new content when it is switched off and on.
@@ -48,10 +48,10 @@ enum Verb {
         /// The file
         #[arg(value_hint = ValueHint::FilePath)]
         file: PathBuf,
-        /// Write it; without this option what would change is shown alone
+        /// Write the EEPROM; without this option the changes are only shown
         #[arg(long)]
         yes: bool,
-        /// Write it even if it is for another vendor or product than the slave has now
+        /// Write the file even if its vendor or product is not the slave's
         #[arg(long)]
         other_device: bool,
     },

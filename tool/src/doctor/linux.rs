@@ -17,8 +17,8 @@ pub use rule::RuleError;
 
 #[derive(clap::Args)]
 pub struct SystemArgs {
-    /// Write the udev rule that lets users open boards to /etc/udev/rules.d, show it, and say how it comes into force; who
-    /// may not write there is told the lines to type
+    /// Write the udev rule that lets users open boards to /etc/udev/rules.d, show it, and say how to activate it;
+    /// without the right to write there, print the lines to type
     #[arg(long, conflicts_with_all = ["quick", "json", "folder"])]
     write_udev_rule: bool,
 

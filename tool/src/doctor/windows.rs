@@ -12,7 +12,7 @@ use super::CliError;
 #[derive(clap::Args)]
 pub struct SystemArgs {}
 
-/// On Windows there is nothing but findings.
+/// Windows has no options beside those of every system.
 pub fn is_done(_: &SystemArgs) -> Result<bool, CliError> {
     Ok(false)
 }

@@ -8,12 +8,12 @@ use encoding_rs::{Encoding, UTF_8, UTF_16BE, UTF_16LE};
 #[derive(Debug, thiserror::Error)]
 pub enum EncodingError {
     /// The declared encoding is not supported.
-    #[error("it declares the encoding `{0}`, which is not known here; save it as UTF-8 and let it declare that")]
+    #[error("it declares the encoding `{0}`, which is not known here; save it as UTF-8 with that declaration")]
     Unknown(String),
     /// The bytes are not valid in the encoding.
     #[error(
-        "it is no text in {encoding}, which {why}; let it declare the encoding that it has, e.g. \
-         <?xml version=\"1.0\" encoding=\"windows-1252\"?>"
+        "it is no text in {encoding}, which {why}; declare its true encoding, e.g. <?xml version=\"1.0\" \
+         encoding=\"windows-1252\"?>"
     )]
     Malformed {
         /// The name of the encoding.
@@ -107,7 +107,10 @@ mod tests {
         assert!(unknown.contains("`klingon`") && unknown.contains("save it as UTF-8"), "{unknown}");
         for bytes in [&b"<?xml version=\"1.0\" encoding=\"UTF-8\"?><a>\xFC</a>"[..], b"<a>\xFC</a>", b"\xFF\xFE<"] {
             let wrong = decoded(bytes).unwrap_err().to_string();
-            assert!(wrong.starts_with("it is no text in UTF-") && wrong.contains("let it declare"), "{wrong}");
+            assert!(
+                wrong.starts_with("it is no text in UTF-") && wrong.contains("declare its true encoding"),
+                "{wrong}"
+            );
         }
     }
 }

@@ -31,14 +31,15 @@ pub enum EsiError {
     Xml(#[from] roxmltree::Error),
     /// The file has no device with an object dictionary.
     #[error(
-        "there is no device with a dictionary of objects in it; some makers ship that as a file of its own beside the ESI"
+        "it has no device with a dictionary of objects; some makers ship the dictionary as a separate file beside the \
+         ESI file"
     )]
     NoDictionary,
     /// The file has several devices.
-    #[error("there are several devices in it; choose one with --device: {}", .0.join(", "))]
+    #[error("it has several devices; choose one with --device: {}", .0.join(", "))]
     Several(Vec<String>),
     /// The file does not have the device that was named.
-    #[error("there is no device `{wanted}` in it; allowed: {}", .devices.join(", "))]
+    #[error("it has no device `{wanted}`; allowed: {}", .devices.join(", "))]
     NoDevice {
         /// The device that was named.
         wanted: String,

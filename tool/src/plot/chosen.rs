@@ -12,17 +12,17 @@ use crate::stderr::say;
 pub enum Diagram {
     /// Target and actual position of each axis
     Position,
-    /// Velocity of the positions, and that of the targets; what CSV asks for
+    /// Velocity of the positions and of the targets; targets of CSV
     Velocity,
     /// Following difference: the target in force minus the actual position
     Difference,
-    /// Torque, and that which CST asks for
+    /// Torque, and targets of CST
     Torque,
     /// Inputs and outputs of IO slaves
     Io,
     /// Free entries of the FIFO
     Fifo,
-    /// The way of two axes in their plane
+    /// Path of two axes in their plane
     Xy,
 }
 

@@ -14,10 +14,11 @@ use crate::{CliError, signals, streams};
 
 /// Serve simulated slaves on a network interface: any EtherCAT master finds them there
 ///
-/// It answers the EtherCAT frames that come to the interface, as slaves at the other end of its cable would: registers,
+/// The server answers EtherCAT frames on the interface as slaves at the other end of the cable would: registers,
 /// EEPROM, states, mailbox, process data, distributed clocks. A pair of virtual interfaces in a network namespace is
-/// enough: docs/SLAVES.md. Standard output says what is served, standard error what happens to the slaves. It needs the
-/// capability CAP_NET_RAW, or root. Ctrl-C and SIGTERM end it, with exit code 0; it fails when its interface is deleted.
+/// enough: docs/SLAVES.md. Standard output lists what is served, standard error the events of the slaves. The server
+/// needs the capability CAP_NET_RAW, or root. Ctrl-C and SIGTERM end it with exit code 0; it fails when its interface
+/// is deleted.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -38,24 +39,25 @@ pub struct Args {
     #[arg(long, value_name = "LIST", value_parser = slave_list)]
     slaves: SlaveList,
 
-    /// Let the crystals of the slaves be up to PPM parts per million too fast (the first one) or too slow (the last one)
+    /// Crystal error of the slaves' clocks: PPM parts per million too fast (the first slave) to too slow (the last one)
     #[arg(long, value_name = "PPM", default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1000))]
     drift: u16,
 
-    /// Events that happen to the slaves at their times, one a line, see `ecmsk link help`; those of a board are refused. Times
+    /// Script of timed faults of the slaves, one per line, see `ecmsk link help`; events of a board are refused. Times
     /// count from the start of the server, or from a master's first frame or OP (`from frame`, `from op`)
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     script: Option<PathBuf>,
 
-    /// Record every frame and its answer, for Wireshark; a recording that is there becomes FILE.1, whose former content is lost
+    /// Record every frame and its answer, for Wireshark; an existing recording becomes FILE.1, and an older FILE.1 is
+    /// lost
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     record: Option<PathBuf>,
 
-    /// Real-time priority (SCHED_FIFO) of the thread that answers, 1 to 99: on a busy machine a master is not kept waiting
+    /// Real-time priority (SCHED_FIFO) of the thread that answers, 1 to 99, for short answers on a busy machine
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=99))]
     priority: Option<u8>,
 
-    /// Take the interface even if it is this machine's default route
+    /// Use the interface even if it is this machine's default route
     #[arg(long)]
     force: bool,
 }

@@ -13,11 +13,12 @@ use ecmsk::port::usbip::{BoardSpec, Identity, Options, ServeError, Server, VHCI,
 use crate::stderr::say;
 use crate::{CliError, signals, streams};
 
-/// Serve boards over USB/IP: the USB stack of any machine then sees an ECM-SK, programs need no change
+/// Serve boards over USB/IP: the USB stack of any machine then sees an ECM-SK, and programs need no change
 ///
-/// Standard output says where it listens and what it serves, standard error who comes and goes. USB/IP knows no
-/// password, so it listens on this machine alone; other machines come through a tunnel (docs/VIRTUAL-BOARD.md). A board that is lost is detached; when it is back it can be
-/// attached again, and with --attach it is. Ctrl-C and SIGTERM detach the boards and end it.
+/// Standard output gives the address and what is served, standard error each client that comes or goes. USB/IP has no
+/// password, so the server listens on this machine alone; other machines use a tunnel (docs/VIRTUAL-BOARD.md). A lost
+/// board is detached; when it is back it can be attached again, and --attach does so. Ctrl-C and SIGTERM detach the
+/// boards and end the server.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -28,17 +29,17 @@ Examples:
 
 From another machine, through a tunnel: ssh -N -L 3240:127.0.0.1:3240 HOST, then usbip attach -r 127.0.0.1 -b 1-1")]
 pub struct Args {
-    /// Board to serve, see `ecmsk link help`; once for each board. They get the bus ids 1-1, 1-2 and so on [default: ECMSK_LINK,
-    /// else the one of ecmsk.toml]
+    /// Board to serve, see `ecmsk link help`; once for each board. The boards get the bus ids 1-1, 1-2 and so on
+    /// [default: ECMSK_LINK, else the one of ecmsk.toml]
     #[arg(long = "link", value_name = "URI", value_parser = given_link, action = ArgAction::Append)]
     links: Vec<LinkUri>,
 
-    /// Where to listen
+    /// Address to listen on
     #[arg(long, value_name = "ADDR:PORT", default_value_t = SocketAddr::from(([127, 0, 0, 1], wire::PORT)), value_parser = super::listen_at::<{ wire::PORT }>)]
     listen: SocketAddr,
 
-    /// Listen where other machines reach it, too: whoever reaches it moves the axes, USB/IP knows no password and no encryption. A
-    /// tunnel is better: docs/VIRTUAL-BOARD.md
+    /// Listen on an address that other machines reach, too: everybody there can move the axes, since USB/IP has no
+    /// password and no encryption. A tunnel is better: docs/VIRTUAL-BOARD.md
     #[arg(long)]
     insecure_anyone: bool,
 
@@ -90,7 +91,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         ..Options::default()
     };
     if !args.listen.ip().is_loopback() && args.insecure_anyone {
-        say("note", &format_args!("whoever reaches {} can use the boards: USB/IP knows no password", args.listen));
+        say("note", &format_args!("anybody who reaches {} can use the boards: USB/IP knows no password", args.listen));
     }
     let server = Server::start(options, boards, Arc::new(|event| say("serve", event)))?;
 

@@ -11,12 +11,12 @@ use ecmsk::port::xf::{Listen, OnVanish, Options, ServeError, Server};
 use crate::stderr::say;
 use crate::{CliError, signals, streams};
 
-/// Serve a chip ECM-XF as a stream of bytes: a C driver for the chip runs on the model, with a shim in the place of SPI
+/// Serve a chip ECM-XF as a stream of bytes: a C driver for the chip runs on the model, with a shim instead of SPI
 ///
 /// The few bytes around each exchange are described in docs/XF-PORT.md; examples/c/xf_client.c is a host of one page.
-/// One host at a time has the chip. Standard output says where it listens and what it serves, standard error who comes
-/// and goes. It knows no password, so it listens on this machine alone. Ctrl-C and SIGTERM end it, and stop axes if
-/// there is a host.
+/// One host at a time has the chip. Standard output gives the address and what is served, standard error each host that
+/// comes or goes. There is no password, so the server listens on this machine alone. Ctrl-C and SIGTERM end it, and
+/// stop axes if there is a host.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -27,25 +27,25 @@ pub struct Args {
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
 
-    /// Where to listen: a port of this machine, or a Unix socket, which this user alone may use
+    /// Address to listen on: a port of this machine, or a Unix socket, which this user alone may use
     #[arg(long, value_name = "ADDR:PORT|unix:PATH", default_value_t = Options::default().listen)]
     listen: Listen,
 
-    /// Listen where other machines reach it, too: whoever reaches it moves the axes, nobody is asked for a password. A tunnel is
-    /// better: docs/XF-PORT.md
+    /// Listen on an address that other machines reach, too: everybody there can move the axes, without a password. A
+    /// tunnel is better: docs/XF-PORT.md
     #[arg(long)]
     insecure_anyone: bool,
 
-    /// What happens when the host is gone without having said that it ends
+    /// What happens when the host ends without closing
     #[arg(long, value_enum, default_value_t = Vanish::SafeOp)]
     on_vanish: Vanish,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
 enum Vanish {
-    /// Bring slaves in OP to SafeOP: drives brake by themselves and are off
+    /// Bring slaves in OP to SafeOP: drives brake by themselves and switch off
     SafeOp,
-    /// Leave the chip: what is in its FIFO goes out, and the last outputs are repeated
+    /// Leave the chip: it sends the rest of its FIFO, then repeats the last outputs
     Leave,
 }
 
@@ -70,7 +70,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         && !address.ip().is_loopback()
         && args.insecure_anyone
     {
-        say("note", &format_args!("whoever reaches {address} can use the chip: nobody is asked for a password"));
+        say("note", &format_args!("anybody who reaches {address} can use the chip: nobody is asked for a password"));
     }
     let server = Server::start(move || chip::open(&uri), options)?;
     super::announce(format!("listening on {}; serving {}\n", server.listen(), described(server.info())))?;

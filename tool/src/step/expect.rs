@@ -21,20 +21,20 @@ pub struct Args {
 
 #[derive(Clone, Debug, Subcommand)]
 enum Verb {
-    /// The network is in that state
+    /// The network must be in this state
     State {
         #[arg(value_name = "init|preop|safeop|op", value_parser = state::parse)]
         state: MasterState,
     },
-    /// Axes are at these positions: counts, or units if --counts-per-unit says so
+    /// Axes must be at these positions: counts, or units with --counts-per-unit
     Position {
         #[arg(value_name = "AXIS=POSITION", required = true, value_parser = Target::parse)]
         positions: Vec<Target>,
-        /// Units that each may be off
+        /// Allowed deviation of each position, in the same units
         #[arg(long, value_name = "N", default_value = "0", value_parser = not_negative, allow_negative_numbers = true)]
         within: f64,
     },
-    /// An IO slave's inputs are these bits
+    /// An IO slave's inputs must be these bits
     Inputs {
         #[arg(value_name = "SLAVE=BITS", value_parser = inputs)]
         inputs: (u8, u16),

@@ -16,9 +16,9 @@ const METHOD: ObjectAddress = ObjectAddress::new(0x6098, 0);
 /// \[OURS] Timeout for the homing of one axis.
 const LIMIT: Duration = Duration::from_secs(60);
 
-/// Find the home of axes, one after the other
+/// Home axes, one after the other
 ///
-/// What is not said stays as the drive has it. Ctrl-C ends homing with ABORT_HOME.
+/// Values that are not given stay as the drive has them. Ctrl-C ends homing with ABORT_HOME.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -29,7 +29,7 @@ pub struct Args {
     #[arg(value_name = "AXES", required = true, value_parser = SlaveList::parse)]
     axes: Vec<SlaveList>,
 
-    /// Homing method, 0x6098, e.g. 35: home is here [default: as the drive has it]
+    /// Homing method, 0x6098, e.g. 35: the present position is home [default: as the drive has it]
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = RangedI64ValueParser::<i8>::new().range(-128..=127))]
     method: Option<i8>,
 
@@ -45,7 +45,7 @@ pub struct Args {
     #[arg(long, value_name = "N")]
     acceleration: Option<u32>,
 
-    /// Home offset, 0x607C: whole counts, or units if --counts-per-unit says so, to the nearest count
+    /// Home offset, 0x607C: whole counts, or units with --counts-per-unit, to the nearest count
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = position)]
     offset: Option<f64>,
 }

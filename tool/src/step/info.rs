@@ -11,13 +11,13 @@ use serde_json::{Value, json};
 
 use crate::board::{Board, BoardError, Needs, list, statusword_text};
 
-/// Show what is known of the board, the link and the network; nothing is sent
+/// Show the board, the link and the network; nothing is sent
 ///
-/// In PreOP, where a board is that nobody has brought up, reports say nothing of slaves: a line for each comes in SafeOP and OP. A real
-/// board that a program has brought there is shown as it is; --up brings one there.
+/// A board that nobody has brought up is in PreOP, where reports do not contain slaves: they get a line each in SafeOP
+/// and OP. A real board that a program has brought there is shown as it is; --up brings the network up first.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// Ask the slaves who they are, by SDOs, from slave 1 to the first that does not answer
+    /// Read the identity of the slaves, by SDOs, from slave 1 to the first that does not answer
     #[arg(long)]
     scan: bool,
 }

@@ -45,12 +45,12 @@ Examples:
   ecmsk move 1=10000 2=-5000 --velocity 20000 --link 'sim:?slaves=drive*2' --up
   ecmsk move 1=12.5 --velocity 5 --counts-per-unit 10000 --link 'sim:?slaves=drive' --up")]
 pub struct Args {
-    /// The axes, by the numbers of their slaves, and where to: whole counts, or units if --counts-per-unit says so, to the
-    /// nearest count
+    /// The axes, by the numbers of their slaves, and their targets: whole counts, or units with --counts-per-unit, to
+    /// the nearest count
     #[arg(value_name = "AXIS=TARGET", required = true, value_parser = Target::parse)]
     targets: Vec<Target>,
 
-    /// The targets are distances from where the axes are
+    /// Targets are distances from the present positions
     #[arg(long)]
     relative: bool,
 
@@ -58,15 +58,15 @@ pub struct Args {
     #[arg(long, value_name = "N", value_parser = positive, allow_negative_numbers = true)]
     velocity: Option<f64>,
 
-    /// Units a second squared [default: what reaches the speed in 0.2 s]
+    /// Acceleration, units a second squared [default: reaches the speed in 0.2 s]
     #[arg(long, value_name = "N", value_parser = positive, allow_negative_numbers = true)]
     acceleration: Option<f64>,
 
-    /// Units a second cubed, or off [default: what reaches the acceleration in 0.1 s]
+    /// Jerk, units a second cubed, or off [default: reaches the acceleration in 0.1 s]
     #[arg(long, value_name = "N|off", value_parser = Jerk::parse, allow_negative_numbers = true)]
     jerk: Option<Jerk>,
 
-    /// Do not ask, at a terminal, before a move that takes more than a minute
+    /// Do not ask, at a terminal, before a move of more than a minute
     #[arg(long)]
     yes: bool,
 }

@@ -28,7 +28,7 @@ enum Verb {
     Write {
         #[command(flatten)]
         which: Which,
-        /// Decimal, or with 0x
+        /// Decimal, or hexadecimal with 0x
         #[arg(value_name = "VALUE", allow_hyphen_values = true, value_parser = Value::parse)]
         value: Value,
     },
@@ -42,7 +42,7 @@ struct Which {
     /// 0x6064, 0x6099:1, or a name: statusword, position_actual, homing_method ..
     #[arg(value_name = "OBJECT[:SUB]", value_parser = Object::parse)]
     object: Object,
-    /// u8, i8, u16, i16, u32, i32 [default: the object's own, where that is known]
+    /// u8, i8, u16, i16, u32, i32 [default: the object's type, where it is known]
     #[arg(long = "type", value_name = "TYPE", value_parser = Type::parse)]
     of: Option<Type>,
 }

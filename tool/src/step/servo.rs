@@ -12,7 +12,7 @@ use crate::board::{Board, BoardError, Needs, SlaveList, statusword_text};
 /// An axis that is switched off without a brake drops if it hangs. All axes of the list change in the same cycle.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// What to do
+    /// The action
     #[arg(value_enum)]
     verb: What,
     /// The axes, by the numbers of their slaves, e.g. 1,2 or all
@@ -22,9 +22,9 @@ pub struct Args {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum What {
-    /// Into Operation enabled: the motor holds its position
+    /// Switch to Operation enabled: the motor holds its position
     On,
-    /// Out of Operation enabled: the motor is free
+    /// Leave Operation enabled: the motor is free
     Off,
     /// Reset alarms; the axes are off then
     Clear,

@@ -7,8 +7,8 @@ use crate::board::{Board, BoardError, numbered, slaves_with_axis};
 
 /// Show or change the network's state
 ///
-/// Going up from PreOP the network is configured first (SET_AXIS, SET_DC, DRIVE_MODE), as --slaves or a sim: link says it
-/// is. No axis is switched on. Leaving OP switches the axes off.
+/// On the way up from PreOP the network is configured first (SET_AXIS, SET_DC, DRIVE_MODE), as --slaves or the sim:
+/// link describes it. No axis is switched on. Leaving OP switches the axes off.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
     /// The state to go to; without it the state is shown

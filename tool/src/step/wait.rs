@@ -6,7 +6,7 @@ use serde_json::json;
 
 use crate::board::{Board, BoardError, duration};
 
-/// Wait, on the board's clock; axes that are on hold their position
+/// Wait, by the board's clock; enabled axes hold their position
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
     /// How long, e.g. 0.5s or 500ms

@@ -18,10 +18,10 @@ const PAUSE: Duration = Duration::from_millis(1);
 
 /// Convert the analog input once
 ///
-/// The ADC is opened for that and closed again.
+/// The ADC is opened for the conversion and closed again.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Measure two inputs against each other
+    /// Measure the difference of two inputs
     #[arg(long)]
     pub differential: bool,
 

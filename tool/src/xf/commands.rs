@@ -9,10 +9,10 @@ use serde_json::{Value, json};
 use super::XfVerbError;
 use crate::output;
 
-/// List the 91 functions of the chip: code, name, whether it is done at once, and what it does
+/// List the 91 functions of the chip: code, name, whether the chip does it at once, and its purpose
 ///
-/// A function of the codes 31 to 35 stands with the parameter that names it, as 31:8. `xf raw` takes each by its name, or by
-/// that of its type, which stands behind it.
+/// Functions of the codes 31 to 35 are listed with the parameter that selects them, e.g. 31:8. `xf raw` takes a
+/// function by its name, or by the name of its Rust type, which is listed after it.
 #[derive(clap::Args)]
 pub struct Args {
     /// Print one JSON object for each function, each on a line of its own

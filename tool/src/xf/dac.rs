@@ -14,9 +14,9 @@ pub enum Output {
     Off,
 }
 
-/// Put out a voltage, or close the analog output
+/// Output a voltage, or close the analog output
 ///
-/// The DAC is opened, so that it puts out each value at once, and stays open.
+/// The DAC is opened so that it outputs each value at once, and stays open.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -24,7 +24,7 @@ Examples:
   ecmsk xf dac 4095
   ecmsk xf dac off")]
 pub struct Args {
-    /// 0 to 4095, 0V to 3.3V, or off
+    /// 0 to 4095 for 0 V to 3.3 V, or off
     #[arg(value_name = "VALUE|off", value_parser = output)]
     pub output: Output,
 
@@ -43,7 +43,7 @@ fn output(text: &str) -> Result<Output, String> {
         }
         None => crate::board::whole(text).and_then(|value| u32::try_from(value).ok()),
     };
-    value.and_then(Analog::new).map(Output::Value).ok_or_else(|| "allowed: 0 to 4095, 0V to 3.3V, or off".into())
+    value.and_then(Analog::new).map(Output::Value).ok_or_else(|| "allowed: 0 to 4095 for 0 V to 3.3 V, or off".into())
 }
 
 /// # Errors

@@ -24,15 +24,15 @@ pub struct Args {
 
 #[derive(Subcommand)]
 enum Verb {
-    /// Open the encoder and start to count
+    /// Open the encoder and start counting
     Start {
-        /// How it counts
+        /// Counting mode
         #[arg(long, value_name = "x4-free|x2-free|x4-compare|x2-compare", default_value = "x4-free", value_parser = mode)]
         mode: EncoderMode,
         #[command(flatten)]
         chip: ChipArgs,
     },
-    /// Stop to count
+    /// Stop counting
     Stop {
         #[command(flatten)]
         chip: ChipArgs,

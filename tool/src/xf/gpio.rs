@@ -15,8 +15,8 @@ use crate::board::whole;
 
 /// Show or set the chip's general inputs and outputs
 ///
-/// Without a verb the levels and the interrupt flags of all pins are shown. All pins are floating inputs at first. The chip
-/// does not tell which pins are outputs; debouncing and interrupts are set by `ecmsk xf raw`.
+/// Without a verb the levels and the interrupt flags of all pins are shown. All pins are floating inputs at first. The
+/// chip cannot report which pins are outputs. Debouncing and interrupts are set with `ecmsk xf raw`.
 #[derive(clap::Args)]
 #[command(
     disable_help_subcommand = true,
@@ -43,10 +43,10 @@ enum Verb {
         /// Pins from 0 to 19: 3, 0,4-7
         #[arg(value_name = "PINS", value_parser = pins)]
         pins: u32,
-        /// What they are
+        /// Mode of the pins
         #[arg(value_name = "input|output|open-drain|quasi-bidirectional", value_parser = mode)]
         mode: GpioMode,
-        /// Their resistor
+        /// Pull resistor of the pins
         #[arg(long, value_name = "none|up|down", default_value = "none", value_parser = pull)]
         pull: GpioPull,
         #[command(flatten)]

@@ -16,10 +16,10 @@ use super::session::{ChipArgs, Session, counted};
 use super::words::{listed, state_name, state_text, word, words};
 use super::{Shown, XfVerbError};
 
-/// Show the chip: firmware, packets, FIFOs, errors, interrupts, and what the driver has counted
+/// Show the chip: firmware, packets, FIFOs, errors, interrupts, and the driver's counters
 ///
-/// Nothing is changed, but for errors that the chip has kept: they are shown, and cleared with that. Looking for packets
-/// on a link that does not know their size makes the chip count one or two wrong ones.
+/// Nothing is changed except errors that the chip has stored: reading clears them. If the link does not give the size
+/// of packets, looking for it makes the chip count one or two wrong packets.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]

@@ -12,13 +12,13 @@ use super::words::slave_number;
 use super::{Shown, XfVerbError};
 use crate::step::object::KNOWN;
 
-/// Show where the objects of each slave are in the process data, and the inputs as they are now
+/// Show the layout of each slave's process data, and the present inputs
 ///
-/// What slaves map is read by SDOs. A network that is not up is initialised and brought to SafeOP, from where on there are
-/// inputs; in PreOP the layout alone is shown. The FIFOs are not used: a program that reads them loses nothing.
+/// The PDO mapping of the slaves is read by SDOs. A network that is not up is initialised and brought to SafeOP, where
+/// inputs begin; in PreOP only the layout is shown. The FIFOs are not used: a program that reads them loses nothing.
 #[derive(clap::Args)]
 pub struct Args {
-    /// One slave alone, from 0
+    /// Only this slave, from 0
     #[arg(value_name = "SLAVE", value_parser = slave_number)]
     pub slave: Option<u8>,
 

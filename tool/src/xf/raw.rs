@@ -27,11 +27,11 @@ const PAUSE: Duration = Duration::from_millis(10);
 /// The length of the longest data segment, bytes.
 const SEGMENT: usize = DataSize::MAX.bytes();
 
-/// Run any function of the chip, and show its answer by fields
+/// Run any function of the chip, and show the fields of its answer
 ///
-/// NAME is the name in the manuals, with or without ECM_CMD_ and ECAT_, or that of the type in Rust; `ecmsk xf commands`
-/// lists both. A name without its fields prints which there are. Nothing is done beside the request: a network that is not up
-/// stays so. CRC_TYPE_SET and SPI_RECONFIG_OP are the driver's own.
+/// NAME is the name in the manuals, with or without ECM_CMD_ and ECAT_, or the name of the Rust type; `ecmsk xf
+/// commands` lists both. A name without fields prints the fields of the function. Only the request is sent: a network
+/// that is not up is not brought up. CRC_TYPE_SET and SPI_RECONFIG_OP are reserved for the driver.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:

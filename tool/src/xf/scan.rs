@@ -11,8 +11,8 @@ use super::{Shown, XfVerbError};
 
 /// List the slaves of the chip's network
 ///
-/// A network that is not up, or in Init, where no slave does anything, is initialised and brought to PreOP. One above
-/// Init is not touched: what is shown is what the chip knows of it.
+/// A network that is not up, or is in Init, is initialised and brought to PreOP. A network above Init is not touched:
+/// the list is what the chip knows of it.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:

@@ -39,7 +39,7 @@ enum Verb {
     Write {
         #[command(flatten)]
         which: Which,
-        /// Decimal, or with 0x; or any bytes as hex:0102FF, in the order of the wire
+        /// Decimal, or hexadecimal with 0x; or bytes as hex:0102FF, in the order of the wire
         #[arg(value_name = "VALUE", allow_hyphen_values = true, value_parser = Written::parse)]
         value: Written,
     },

@@ -10,8 +10,8 @@ use super::{Shown, XfVerbError};
 
 /// Show or change the EtherCAT state of the slaves
 ///
-/// A network that is not up is initialised first. In OP the chip sends the outputs that were written last, which are 0 at
-/// first; no axis is switched on.
+/// A network that is not up is initialised first. In OP the chip sends the outputs that were written last, at first 0;
+/// no axis is switched on.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -23,7 +23,7 @@ pub struct Args {
     #[arg(value_name = "init|preop|boot|safeop|op", value_parser = parse_state)]
     pub to: Option<EtherCatState>,
 
-    /// One slave alone, from 0
+    /// Only this slave, from 0
     #[arg(long, value_name = "SLAVE", value_parser = slave_number)]
     pub slave: Option<u8>,
 

@@ -1,4 +1,4 @@
-//! What verbs that talk to a board say when something is wrong: with the options, the network, the axes or the board.
+//! Errors of verbs that talk to a board: wrong options, and faults of the network, the axes or the board.
 #![cfg(target_os = "linux")]
 
 use crate::common::board::{BOARD, script, text};
@@ -37,7 +37,7 @@ fn a_wrong_option_is_a_wrong_command_line() {
     }
 }
 
-/// A network that is not as said: too many slaves, too few, another kind, none at all, another cycle.
+/// A network that differs from its description: too many slaves, too few, another kind, none at all, another cycle.
 #[test]
 fn a_network_other_than_described_is_refused() {
     let state = |link: &str, slaves: &str| run(["state", "op", "--link", link, "--slaves", slaves]);
@@ -73,7 +73,7 @@ fn a_network_other_than_described_is_refused() {
     ran.expect_failure(1, &["the network has no axis"], "correct --slaves");
 }
 
-/// Slaves that are not there, or of another kind, are told before anything is sent.
+/// Missing slaves, and slaves of another kind, are reported before any frame is sent.
 #[test]
 fn a_slave_that_is_not_there_or_of_another_kind_is_refused_before_anything_is_sent() {
     for (words, why) in [
@@ -92,8 +92,8 @@ fn a_slave_that_is_not_there_or_of_another_kind_is_refused_before_anything_is_se
     }
 }
 
-/// An SDO goes to slaves nobody has said anything of. One that is not there does not answer, and that is what is
-/// told, as far as it is known what the network is; a slave that is there and aborts is told with its code.
+/// An SDO may go to slaves that are not described. A missing slave does not answer, and the error says so, as far as
+/// the network is known; an abort of a present slave is reported with its code.
 #[test]
 fn an_sdo_of_a_slave_that_is_not_there_says_so() {
     for words in [&["sdo", "read", "9", "statusword"][..], &["sdo", "write", "9", "0x6099:1", "5"]] {
@@ -108,7 +108,7 @@ fn an_sdo_of_a_slave_that_is_not_there_says_so() {
     assert!(ran.err.contains("was aborted with 0x06020000"), "{}", ran.err);
 }
 
-/// Where nobody has named a link, the error says where one was looked for, and what keeps the default from opening.
+/// If no link was named, the error says where one was sought, and why the default does not open.
 #[test]
 fn without_a_named_link_the_error_says_where_one_was_looked_for() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -146,7 +146,7 @@ fn in_init_there_are_no_sdos_and_up_goes_to_preop() {
 }
 
 /// An axis with an alarm is not switched on, homed or moved, also not with `--up`; the error says how to go on, and
-/// that is so.
+/// that works.
 #[test]
 fn an_axis_with_an_alarm_is_not_switched_on_homed_or_moved() {
     let events = text("fault.ecmscript", "at 10ms alarm 1 0x7500\n");
@@ -181,7 +181,7 @@ fn a_homing_that_fails_says_why_and_the_axis_takes_targets_again() {
     assert!(ran.err.contains(":3: homing of slave 1 failed: the drive reports a homing error"), "{ran:?}");
 }
 
-/// A change of state that fails says where it ended; SDOs still find out why, and the state stays as it is.
+/// A change of state that fails says where it ended; SDOs still work to find the reason, and the state does not change.
 #[test]
 fn a_change_of_state_that_fails_says_where_it_ended() {
     let events = text("refuse.ecmscript", "refuse 1 op 0x001B\n");

@@ -1,4 +1,4 @@
-//! `ecmsk bus`: the look at a network, one command line at a time on simulated slaves in virtual time: what it prints is kept in
+//! `ecmsk bus` on simulated slaves in virtual time, one command line at a time; the output is kept in
 //! `tests/snapshots/`.
 
 use ecmsk::ethercat::sii::checksum;
@@ -64,7 +64,7 @@ fn sdo_and_foe_show_and_write() {
     assert_eq!(std::fs::read(file("bus_read.csv")).expect("it is written"), b"firmware of a simulated drive\n");
 }
 
-/// BUS-4.1 EEPROMs are read and written; a file that is not fit is refused before anything is opened or written.
+/// BUS-4.1 EEPROMs are read and written; an unsuitable file is refused before anything is opened or written.
 #[test]
 fn sii_reads_checks_and_writes() {
     let good = file("bus_good.bin");
@@ -103,12 +103,12 @@ fn sii_reads_checks_and_writes() {
     let folder = path(good.parent().expect("a folder"));
     let all = all.replace(&folder, "FOLDER").replace(&format!("tool-{}-", std::process::id()), "");
     support::snapshot("tool_bus_sii", &all);
-    // Insisted on, it is the other slave's.
+    // With --other-device the slave gets the other device's EEPROM.
     let insisted = run(["bus", "sii", "write", "3", &path(&good), "--yes", "--other-device", "--link", NETWORK]);
     assert!(insisted.code == Some(0) && insisted.out.contains("words written and read back"), "{insisted:?}");
 }
 
-/// BUS-7.1, BUS-7.2 `errors` names the cable, watched or not; what is right has the exit code 0.
+/// BUS-7.1, BUS-7.2 `errors` names the cable, watched or not; without errors the exit code is 0.
 #[test]
 fn errors_name_the_bad_cable() {
     let noise = text("bus_noise", "noise 3 40\n");
@@ -131,7 +131,7 @@ fn errors_name_the_bad_cable() {
     assert_eq!((&trouble["bad"], &trouble["far"]["slave"]), (&"cable".into(), &3.into()), "{trouble}");
 }
 
-/// Without a link the error shows one and nothing is simulated; a board, a wrong link and a card that there is not are told.
+/// Without a link the error shows one and nothing is simulated; a board, a wrong link and a missing card are reported.
 #[test]
 fn a_network_is_named_or_there_is_none() {
     for verb in [&["scan"][..], &["dc"], &["errors"], &["sdo", "list", "1"], &["sii", "read", "1"]] {
@@ -151,7 +151,7 @@ fn a_network_is_named_or_there_is_none() {
     }
 }
 
-/// What is wrong with a value shows before a network is opened.
+/// A wrong value is reported before a network is opened.
 #[test]
 fn a_wrong_value_opens_no_network() {
     for (words, why) in [
@@ -168,7 +168,7 @@ fn a_wrong_value_opens_no_network() {
     }
 }
 
-/// A cable that is cut in the middle of a dump ends it with the slave, after what was read.
+/// A cable that is cut in the middle of a dump ends it with the slave's error, after the values that were read.
 #[test]
 fn a_cut_cable_ends_a_dump() {
     let cut = text("bus_cut_dump", "at 35ms cut 2\n");

@@ -17,7 +17,7 @@ const TARGETS: u32 = 12;
 /// SET_AXIS, SET_DC, an SDO, SET_STATE, SV_ON; the targets; IO_WR and SET_STATE.
 const COMMANDS: u32 = 5 + TARGETS + 2;
 
-/// What usbmon captured of a program on a board of that slot size.
+/// The capture by usbmon of a program on a board of that slot size.
 fn fixture(slot: u32) -> Vec<u8> {
     let file = support::root().join(format!("tests/recordings/usbmon_{slot}.pcap"));
     fs::read(file).expect("the fixture")
@@ -38,7 +38,7 @@ impl Files {
         file
     }
 
-    /// The fixture as it is, and as files of other kinds.
+    /// The unchanged fixture, and the same as files of other kinds.
     fn all(&self, slot: u32) -> Vec<PathBuf> {
         let captured = fixture(slot);
         let events = events(&captured);
@@ -56,8 +56,8 @@ fn tool(verb: &str, file: &Path, options: &[&str]) -> Ran {
     run([&[verb, file.to_str().expect("UTF-8")], options].concat())
 }
 
-/// A capture of a real kernel, in slots of either size: the board is found by its descriptor, its frames are
-/// shown, and it is the same whichever system the file is of.
+/// A capture of a real kernel, in slots of either size: the board is found by its descriptor, its frames are shown, and
+/// the output is the same for files of all systems.
 #[test]
 fn a_capture_is_dumped() {
     for slot in [12, 16] {
@@ -96,7 +96,7 @@ fn a_capture_is_plotted_and_compared() {
     }
 }
 
-/// The model answers as it answered the program through the kernel's USB code.
+/// The model answers the same as it answered the program through the kernel's USB code.
 #[test]
 fn a_capture_of_the_model_is_its_replay() {
     for slot in [12, 16] {
@@ -111,8 +111,8 @@ fn a_capture_of_the_model_is_its_replay() {
     }
 }
 
-/// A capture of a board is played to one behind a chip as its program would have gone on there: the same, later. At the
-/// recorded times the commands come before OP.
+/// A capture of a board is replayed on a board behind a chip at the pace at which its program would have run there: the
+/// answers are equal, but later. At the recorded times the commands would come before OP.
 #[test]
 fn a_capture_is_played_to_a_model_behind_a_chip() {
     let run = Program::default().record();
@@ -129,7 +129,7 @@ fn a_capture_is_played_to_a_model_behind_a_chip() {
     let ran = tool("replay", &capture.file, &[&model[..], &["--pace", "times"]].concat());
     assert_eq!((ran.code, ran.err.as_str()), (Some(1), ""));
     assert!(ran.out.contains("state OP in A, PreOP in B"), "{}", ran.out);
-    // Boards that are alike need not wait, and may.
+    // Boards of the same kind need no waiting, but allow it.
     for pace in [&[][..], &["--pace", "answers"]] {
         let found =
             tool("replay", &capture.file, &[&["--link", "sim:?slaves=drive*2,io"], pace].concat()).expect_quiet();
@@ -138,7 +138,7 @@ fn a_capture_is_played_to_a_model_behind_a_chip() {
     tool("replay", &capture.file, &["--pace", "soon"]).expect_misuse(&["--pace", "answers"]);
 }
 
-/// Without any CRC the slots tell the size.
+/// Without any CRC the slot size is found by the slots.
 #[test]
 fn without_crc_the_slots_tell_the_size() {
     for slot in [12, 16] {
@@ -169,7 +169,7 @@ fn two_boards() -> Vec<Event> {
     both
 }
 
-/// Of several boards one is chosen; `dump` shows all, one after the other.
+/// With several boards one has to be chosen; `dump` shows all, one after the other.
 #[test]
 fn of_several_boards_in_a_capture_one_is_chosen() {
     let both = two_boards();
@@ -206,7 +206,7 @@ fn of_several_boards_in_a_capture_one_is_chosen() {
     tool("replay", &file, &["--link", MODEL, "--device", "five"]).expect_misuse(&["five", "1.5"]);
 }
 
-/// Exit codes, words, JSON and picture of a board that does otherwise than the model.
+/// Exit codes, words, JSON and picture for a board that differs from the model.
 #[test]
 fn replay_shows_what_a_board_does_otherwise_than_the_model() {
     let run = Program { script: "at 600ms alarm 2 0x7500 stays".into(), ..Program::default() }.record();
@@ -240,13 +240,13 @@ fn replay_shows_what_a_board_does_otherwise_than_the_model() {
         &["would replace"],
         "with --plot",
     );
-    // A recording brings its model, and what that has of files if they may be opened.
+    // A recording names its model, and the model's files if they may be opened.
     tool("replay", &run.file, &[]).expect_failure(2, &["names a file (script=", "--allow-files"], "with --link");
     let found = tool("replay", &run.file, &["--allow-files"]).expect_quiet();
     assert!(found.contains("\nequal: 304 commands"), "{found}");
 }
 
-/// What cannot be replayed is 2, with the next step; what was left out is said.
+/// A capture that cannot be replayed ends with 2 and the next step; skipped frames are reported.
 #[test]
 fn a_capture_that_cannot_be_replayed_is_exit_code_2_with_the_next_step() {
     let files = Files::new();
@@ -262,14 +262,14 @@ fn a_capture_that_cannot_be_replayed_is_exit_code_2_with_the_next_step() {
     );
     tool("replay", &whole, &["--link", "sim:?slaves=lamp"]).expect_misuse(&["lamp"]);
 
-    // In the packet of the fourth command.
+    // The change is in the packet of the fourth command.
     let all = events(&captured);
     let is_command = |event: &Event| (event.what, event.endpoint, event.length) == (b'S', 0x02, 512);
     let commands: Vec<usize> = (0..all.len()).filter(|i| is_command(&all[*i])).collect();
     let whole_packets = pcap(&all[..=commands[3]], USB_LINUX, Parts::Two, 65_535);
     let cut = files.keep("cut.pcap", &whole_packets[..whole_packets.len() - 100]);
     let ran = tool("replay", &cut, &["--link", MODEL]);
-    // Equal as far as it goes is not that the model answers as the board did.
+    // A cut recording that is equal up to its end does not prove that the model answers as the board did.
     assert!(ran.code == Some(2) && ran.err.starts_with("note: A: ") && ran.err.contains("in the middle"), "{ran:?}");
     let ran = tool("replay", &cut, &["--link", MODEL, "--allow-incomplete"]);
     assert!(ran.code == Some(0) && ran.err.starts_with("note: A: ") && ran.err.contains("in the middle"), "{ran:?}");
@@ -292,7 +292,7 @@ fn a_capture_that_cannot_be_replayed_is_exit_code_2_with_the_next_step() {
     }
 }
 
-/// A frame that the board did not take is no frame, and a note says so.
+/// A frame that the board did not take does not count, and a note says so.
 #[test]
 fn a_frame_that_the_board_did_not_take_is_left_out_with_a_note() {
     let mut traffic = captured(&Program { short: true, ..Program::default() }.record().file);

@@ -1,6 +1,6 @@
-//! The picture of docs/NIC.md: the program of README's picture on a simulated board, in virtual time, and beside it on a network card
-//! with slaves at its end. What is in real time differs a little from run to run, so a run of now is held against the kept picture
-//! by what it means, and all else of the picture is what the tool draws now.
+//! The picture of docs/NIC.md: the program of README's picture on a simulated board, in virtual time, and beside it on a
+//! network card with slaves at its end. The real-time run differs a little each time, so a new run is compared with the kept
+//! picture by its meaning. The rest of the picture must be exactly what the tool draws.
 #![cfg(target_os = "linux")]
 
 mod needs_cxx {
@@ -18,7 +18,7 @@ mod needs_cxx {
         use crate::common::ecmsk;
         use crate::common::svg::{Plot, STATES};
 
-        /// As the demo has it: $1 is the tool, $2 the program.
+        /// The script of the demo: $1 is the tool, $2 the program.
         const ON_A_CARD: &str = "
 ip link add veth0 type veth peer name veth1
 ip link set veth0 up
@@ -31,14 +31,15 @@ tries=0
 until grep -q answering slaves.log || [ $tries = 100 ]; do sleep 0.05; tries=$((tries + 1)); done
 $2
 ";
-        /// The colour of what is drawn beside.
+        /// The colour of the second run.
         const BESIDE: &str = "#202020";
         const ALARM: &str = "alarm 0x7500: communication, nic:veth0";
-        /// The picture ends before either run does, so that its scale is not that of a time which passed.
+        /// The picture ends before either run does, so that its scale does not depend on real time.
         const END: &str = "4.3s";
-        /// In the units of the picture, a fourth of a pixel: how far a place is rounded away if a scale differs by some counts.
+        /// Tolerance of a coordinate, in the picture's units of a quarter of a pixel: the rounding if a scale differs
+        /// by some counts.
         const ROUNDED: f64 = 2.0;
-        /// Counts that are less than that.
+        /// Counts that make a smaller difference than that.
         const NEAR: f64 = 12_000.0;
 
         fn draw(folder: &Path) -> String {
@@ -56,20 +57,22 @@ $2
             support::succeed(ecmsk(arguments).current_dir(folder))
         }
 
-        /// When a line of the card's run comes first near a value, after a time.
+        /// The time after `after` at which a line of the card's run first comes near a value.
         fn comes(plot: &Plot, axis: u8, value: f64, after: f64) -> f64 {
             let samples = plot.panel(&format!("Axis {axis}")).samples(BESIDE, false);
             let first = samples.iter().find(|(at, is)| *at > after && (is - value).abs() < NEAR);
             first.unwrap_or_else(|| panic!("axis {axis} never comes to {value}")).0
         }
 
-        /// On the card both axes look for their home and go round the square, and the alarm of drive 2 comes on the second side.
+        /// Checks that on the card both axes home and move along the square, and that drive 2 has its alarm on the
+        /// second side.
         fn assert_way(svg: &str) {
             let plot = Plot::parse(svg);
             for axis in [1, 2] {
                 let samples = plot.panel(&format!("Axis {axis}")).samples(BESIDE, false);
                 let lowest = samples.iter().map(|(_, value)| *value).fold(0.0, f64::min);
-                // The picture is that of what follows home: the way to the negative limit switch leaves it.
+                // The picture's scale is that of the motion after homing: the way to the negative limit switch is
+                // outside.
                 assert!((-200_000.0..-50_000.0).contains(&lowest), "its negative limit switch: {lowest}");
             }
             let home = [1, 2].map(|axis| comes(&plot, axis, 0.0, 1.5));
@@ -81,7 +84,7 @@ $2
             assert!(second < alarm && alarm < third, "at {second}, {alarm} and {third} s");
         }
 
-        /// An element of a picture: its name with its text, how it looks, and where it is.
+        /// An element of a picture: its name with its text, its style, and its place.
         #[derive(Clone, Debug, PartialEq)]
         struct Element {
             name: String,
@@ -90,7 +93,7 @@ $2
         }
 
         impl Element {
-            /// All of a picture, those of the card's run apart.
+            /// All elements of a picture; those of the card's run separately.
             fn all(svg: &str) -> (Vec<Self>, Vec<Self>) {
                 let document = roxmltree::Document::parse(svg).expect("well-formed XML");
                 let elements = document.descendants().filter(|node| node.is_element()).map(|node| {
@@ -126,7 +129,7 @@ $2
                 return Some("there is none".to_owned());
             }
             let ((kept_card, kept), (now_card, now)) = (Element::all(kept), Element::all(now));
-            // Its lines have gaps where the program was late. How they look is the same.
+            // Its lines have gaps where the program was late, but the same style.
             let looks = |card: &[Element]| {
                 let looks = card.iter().map(|one| format!("{} {:?}", one.name, one.look));
                 looks.collect::<BTreeSet<String>>()
@@ -143,15 +146,15 @@ $2
             ["x", "y", "x1", "y1", "x2", "y2", "width", "height", "points"].contains(&attribute)
         }
 
-        /// Whether as many places lie near each other.
+        /// Whether both have equally many places, which are near each other.
         fn are_near(kept: &str, now: &str) -> bool {
             let places = |text: &str| text.split([' ', ',']).flat_map(str::parse).collect::<Vec<f64>>();
             let (kept, now) = (places(kept), places(now));
             kept.len() == now.len() && kept.iter().zip(&now).all(|(kept, now)| (kept - now).abs() <= ROUNDED)
         }
 
-        /// The picture of docs/NIC.md is what the tool draws of that program now, but for what is in real time: the
-        /// kept run is homed, goes round the square and has its alarm on the second side.
+        /// The picture of docs/NIC.md is what the tool draws for that program, except the real-time run. That one
+        /// homes, moves along the square and has its alarm on the second side.
         #[test]
         fn the_picture_of_nic_is_what_the_demo_draws() {
             let folder = tempfile::tempdir().expect("a folder");

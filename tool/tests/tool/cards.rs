@@ -8,7 +8,7 @@ use crate::common::machine::FakeMachine;
 
 const ROUTES: &str = "Iface\tDestination\tGateway\tFlags\tRefCnt\tUse\tMetric\tMask\tMTU\tWindow\tIRTT\n";
 
-/// Cards of every kind: one that is fit, and one for each reason why one is not.
+/// Cards of every kind: one that is usable, and one for each reason why a card is not.
 fn several() -> FakeMachine {
     let tree = FakeMachine::bare();
     tree.allow_raw_frames();
@@ -46,7 +46,8 @@ fn rows(tree: &FakeMachine) -> Vec<Value> {
     json_lines(&tree.run(&["list", "--json"]).out)
 }
 
-/// Each card of Ethernet with its link and why it is not fit; in words and as JSON. The exit code is that of the boards.
+/// Each Ethernet card is listed with its link and the reason why it is not usable; in words and as JSON. The exit code
+/// depends on the boards.
 #[test]
 fn cards_are_listed_with_what_they_lack() {
     let tree = several();
@@ -61,14 +62,14 @@ fn cards_are_listed_with_what_they_lack() {
     let eth1 = denied.iter().find(|row| row["path"] == "eth1").expect("it is there");
     assert!(eth1["reason"].as_str().expect("a reason").contains("CAP_NET_RAW"), "{eth1}");
     assert!(eth1["next"][0].as_str().expect("a step").contains("setcap cap_net_raw+ep"), "{eth1}");
-    // A board makes the exit code.
+    // A board decides the exit code.
     let tree = FakeMachine::good();
     tree.card("eth2", 4, "igb");
     tree.file("/sys/class/net/eth2/flags", "0x1002\n");
     assert_eq!(tree.run(&["list"]).code, Some(0));
 }
 
-/// A card on which slaves are looked for is refused as by `nic:`, behind the list.
+/// A card for --scan is refused as by `nic:`, after the list.
 #[test]
 fn slaves_are_looked_for_on_request() {
     let ran = several().run(&["list", "--scan", "no_card"]);
@@ -76,7 +77,7 @@ fn slaves_are_looked_for_on_request() {
     assert!(ran.out.contains("nic:eth1") && ran.err.contains("no network interface no_card"), "{ran:?}");
 }
 
-/// `doctor` on a link `nic:` says what stands between the card and the cycle; on other links it says nothing of it.
+/// `doctor` on a link `nic:` reports what delays the card's cycle; on other links it does not mention the card.
 #[test]
 fn doctor_judges_a_card_and_the_machine() {
     let tree = several();
@@ -110,7 +111,7 @@ fn doctor_judges_a_card_and_the_machine() {
         assert_eq!(finding["state"], "wrong", "{link}: {finding}");
         assert!(words("found").contains(found) && words("next").contains(next), "{link}: {finding}");
     }
-    // What is as it should be.
+    // A card that is as it should be.
     tree.file("/run/NetworkManager/devices/3", "[device]\nmanaged=false\n");
     tree.file("/sys/kernel/realtime", "1\n");
     tree.file("/sys/devices/system/cpu/isolated", "2-3\n");

@@ -1,4 +1,4 @@
-//! What all verbs of the tool share: help, version, completions, and outputs that end early.
+//! Properties of all verbs: help, version, completions, and outputs that end early.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
@@ -49,8 +49,8 @@ fn the_version_is_that_of_the_package() {
     assert_eq!(run(["--version"]).expect_quiet(), format!("ecmsk {}\n", env!("CARGO_PKG_VERSION")));
 }
 
-/// What people look for under a name that it does not have here is answered with what there is, a word that is no verb
-/// with those that there are.
+/// A word that is another tool's name for a verb is answered with the right verb, an unknown word with the list of
+/// verbs.
 #[test]
 fn what_is_looked_for_elsewhere_is_shown() {
     for (words, told) in [
@@ -69,7 +69,7 @@ fn what_is_looked_for_elsewhere_is_shown() {
     assert!(named.out.contains("sim:?slaves=io, from --link"), "{named:?}");
 }
 
-/// A place to listen without a port is answered with one.
+/// An address without a port is answered with an example that has one.
 #[test]
 fn a_port_that_is_missing_is_named() {
     for (verb, port) in [("tcp", 4711), ("usbip", 3240)] {
@@ -79,7 +79,8 @@ fn a_port_that_is_missing_is_named() {
     }
 }
 
-/// A missing recording is told before a standard output that is no terminal; the help of the shell shows what a line is.
+/// A missing recording is reported before a standard output that is no terminal; the help of the shell shows the form
+/// of a line.
 #[test]
 fn a_recording_that_is_missing_is_told_first() {
     run(["monitor", "--recording", "nofile"]).expect_failure(1, &["nofile"], "check the path");
@@ -90,7 +91,7 @@ fn a_recording_that_is_missing_is_told_first() {
     );
 }
 
-/// A wrong command line is told with the next step, and is 2.
+/// A wrong command line is reported with the next step, and ends with 2.
 #[test]
 fn a_wrong_command_line_is_exit_code_2_with_the_next_step() {
     run(["frobnicate"]).expect_misuse(&["frobnicate"]);
@@ -101,7 +102,7 @@ fn a_wrong_command_line_is_exit_code_2_with_the_next_step() {
     assert_eq!(run(["link"]).code, Some(2));
 }
 
-/// `ecmsk link help` is the library's own table: every key that an error may name stands in it.
+/// `ecmsk link help` is the library's own table: it has every key that an error may name.
 #[test]
 fn link_help_lists_every_key_that_an_error_may_name() {
     let help = run(["link", "help"]).expect_quiet();
@@ -139,7 +140,7 @@ fn every_shell_gets_completions_of_verbs_and_options() {
     run(["completions", "abacus"]).expect_misuse(&["abacus", "bash"]);
 }
 
-/// bash itself takes the script and completes a verb and an option.
+/// bash itself accepts the script and completes a verb and an option.
 #[test]
 #[cfg(target_os = "linux")]
 fn completions_work_in_bash() {
@@ -152,7 +153,7 @@ fn completions_work_in_bash() {
     assert_eq!(Ran::from(bash.expect("bash starts")).expect_quiet(), "dump\n--kinds\n");
 }
 
-/// Whoever reads the output may stop: no panic, no message, no failure.
+/// A reader of the output may stop: no panic, no message, no failure.
 #[test]
 fn a_reader_of_the_output_may_stop_without_any_failure() {
     let zeros = format!("{}\n", "00".repeat(504)).repeat(2000);
@@ -180,7 +181,7 @@ fn a_reader_of_the_output_may_stop_without_any_failure() {
     }
 }
 
-/// A disk that is full is an error with the next step.
+/// A full disk is an error with the next step.
 #[test]
 #[cfg(target_os = "linux")]
 fn a_full_disk_is_an_error_with_the_next_step() {
@@ -192,7 +193,7 @@ fn a_full_disk_is_an_error_with_the_next_step() {
     }
 }
 
-/// Nobody may be listening at standard error either.
+/// Standard error may be closed, too.
 #[test]
 fn a_closed_standard_error_changes_nothing() {
     let mut command = ecmsk(["dump", "/no/such/file"]);

@@ -14,7 +14,7 @@ fn compare(a: &Run, b: &Run, options: &[&str]) -> Ran {
     run([&["compare", a.path(), b.path()], options].concat())
 }
 
-/// Exit codes are those of diff: 0 equal, 1 different, 2 not compared, and a wrong command line is 2 too.
+/// Exit codes are those of diff: 0 equal, 1 different, 2 not compared, and 2 for a wrong command line, too.
 #[test]
 fn exit_codes_are_those_of_diff() {
     let a = Program::default().record();
@@ -39,7 +39,7 @@ fn exit_codes_are_those_of_diff() {
     assert!(help.contains("0 the recordings are equal, 1 they differ, 2 they could not be compared"), "{help}");
 }
 
-/// The words: both files and what is in them, the commands before, the difference, what comes after.
+/// The text names both files and their content, the commands before, the difference, and the commands after it.
 #[test]
 fn the_output_names_both_files_the_commands_before_and_the_difference() {
     let a = Program::default().record();
@@ -99,8 +99,8 @@ fn json_has_the_comparison_as_one_object() {
     assert_eq!((&equal["equal"], &equal["first"], &equal["ends_early"]), (&true.into(), &Value::Null, &Value::Null));
 }
 
-/// A board whose slaves are behind a chip answers later: said in words and as numbers, and the exit code is 0,
-/// unless it is later than allowed.
+/// A board whose slaves are behind a chip answers later. The output has the latency in words and as numbers, and the
+/// exit code is 0 unless it is more than allowed.
 #[test]
 fn the_latency_of_a_chip_is_told() {
     let a = Program::default().record();
@@ -127,7 +127,7 @@ fn the_latency_of_a_chip_is_told() {
     compare(&a, &b, &["--latency", "soon"]).expect_misuse(&["--latency"]);
 }
 
-/// Where one command alone tells the latency it counts as well: one more than allowed is a difference, whose message says
+/// A latency that only one command shows counts as well: a cycle more than allowed is a difference, whose message says
 /// where.
 #[test]
 fn one_command_tells_a_latency_that_is_too_long() {
@@ -142,7 +142,7 @@ fn one_command_tells_a_latency_that_is_too_long() {
     compare(&a, &b, &["--latency", &usual.to_string()]).expect_quiet();
 }
 
-/// Gaps are told with their cycles.
+/// Gaps are reported with their cycles.
 #[test]
 fn gaps_are_told() {
     let a = Program::default().record();
@@ -176,7 +176,7 @@ fn the_picture_shows_both_positions_and_marks_where_they_differ() {
         let upright: Vec<_> = marks.iter().filter(|(at, _)| (at - command).abs() < 0.5).collect();
         assert_eq!(upright.len(), 2, "{name}: {marks:?}");
     }
-    // What was commanded is what is shown, in both.
+    // The picture shows the commanded positions, in both.
     let end = BEFORE as f64 + f64::from(TARGETS);
     for pale in [true, false] {
         let position = plot.panel("Axis 2").at(COLOURS[1], pale, end);
@@ -192,7 +192,7 @@ fn the_picture_shows_both_positions_and_marks_where_they_differ() {
     assert!(Path::new(a.path()).exists());
 }
 
-/// A recording that is cut off is compared as far as it goes, and a note says so.
+/// A recording that is cut off is compared up to its end, and a note says so.
 #[test]
 fn a_recording_that_is_cut_off_is_compared_as_far_as_it_goes() {
     let a = Program::default().record();
@@ -205,8 +205,8 @@ fn a_recording_that_is_cut_off_is_compared_as_far_as_it_goes() {
     assert!(ran.out.contains("B ends early: "), "{}", ran.out);
 }
 
-/// Where positions alone differ, and by no more than noise, the tolerance is named with which the recordings are equal; where
-/// something else differs, or more, none is.
+/// If only positions differ, and by no more than noise, the message names the tolerance with which the recordings are
+/// equal; otherwise it names none.
 #[test]
 fn the_tolerance_that_would_settle_it_is_named() {
     let folder = tempfile::tempdir().expect("a folder");

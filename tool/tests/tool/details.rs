@@ -1,5 +1,5 @@
-//! Details of the command line that people meet first: units, numbers, what is allowed, errors as JSON, which file names the
-//! link.
+//! Details of the command line that people meet first: units, numbers, allowed values, errors as JSON, and the file
+//! that names the link.
 
 use std::fs;
 
@@ -12,7 +12,7 @@ fn object(ran: &Ran) -> Value {
     serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {ran:?}"))
 }
 
-/// `home`, `move` and `info` speak the units that --counts-per-unit says.
+/// `home`, `move` and `info` use the units of --counts-per-unit.
 #[test]
 fn home_move_and_info_use_the_units_of_counts_per_unit() {
     let units = ["--counts-per-unit", "1=1000,2=-500", "--link", BOARD, "--up"];
@@ -39,7 +39,7 @@ fn half_a_count_is_refused() {
     assert_eq!(run(["move", "1=3.0", "--link", BOARD, "--up"]).out, "axis 1: at 3\n");
 }
 
-/// `info --json` has the slaves in every state: what they are, and in OP what they say.
+/// `info --json` has the slaves in every state: their kinds, and in OP their values.
 #[test]
 fn info_as_json_has_the_slaves_in_every_state() {
     let slaves = |ran: &Ran| object(ran)["slaves"].as_array().expect("a list").clone();
@@ -56,7 +56,7 @@ fn info_as_json_has_the_slaves_in_every_state() {
     assert_eq!(told[0]["position_counts"], 0);
 }
 
-/// An index without 0x is no decimal number by mistake: what was meant is asked.
+/// An index without 0x is not read as a decimal number by mistake: the error asks what was meant.
 #[test]
 fn an_index_without_0x_is_questioned() {
     for (written, meant) in [("6041", "`0x6041`"), ("609A:1", "`0x609A:1`"), ("1018:4", "`0x1018:4`")] {
@@ -66,7 +66,7 @@ fn an_index_without_0x_is_questioned() {
     assert_eq!(run(["sdo", "read", "1", "0x6098", "--link", BOARD]).out, "35 (0x23)\n");
 }
 
-/// What may stand behind `expect` and the other verbs of verbs is told.
+/// The error lists the words that may follow `expect` and other verbs with sub-verbs.
 #[test]
 fn an_unknown_word_behind_a_verb_lists_the_allowed_ones() {
     for (line, wrong) in [("expect", "a word is missing"), ("expect foo 1", "`foo 1` is unknown")] {
@@ -86,7 +86,7 @@ fn an_unknown_word_behind_a_verb_lists_the_allowed_ones() {
 }
 
 /// With --json the last line on standard error is an object of the error and the exit code, also for a command line
-/// that is wrong; standard output has results alone.
+/// that is wrong; standard output has only results.
 #[test]
 fn with_json_an_error_is_an_object_on_standard_error() {
     for (words, code, part) in [
@@ -103,7 +103,7 @@ fn with_json_an_error_is_an_object_on_standard_error() {
         assert!(error["error"].as_str().is_some_and(|text| text.contains(part)), "{ran:?}");
         assert_eq!((error["exit_code"].as_i64(), ran.code, ran.out.as_str()), (Some(code.into()), Some(code), ""));
     }
-    // What stands behind -- is the program's.
+    // Words behind -- belong to the program.
     let ran = run(["exec", "--library", "nowhere", "--", "true", "--json"]);
     assert!(ran.err.starts_with("error: no "), "{ran:?}");
 }

@@ -14,7 +14,7 @@ const SPI: &str = "spi:/dev/spidev0.0";
 const XF_SPI: &str = "xf-spi:/dev/spidev0.0";
 const SIM: &str = "sim:";
 
-/// The report, without what is of this build and of the machine that the test runs on.
+/// The report, without the parts that depend on this build and on the machine of the test.
 fn report(tree: &FakeMachine, link: &str, arguments: &[&str]) -> Ran {
     let mut command = tree.tool(&[&["doctor", "--quick"], arguments].concat());
     let mut ran = Ran::from(command.env("ECMSK_LINK", link).output().expect("the tool starts"));
@@ -40,8 +40,7 @@ fn wrongs(tree: &FakeMachine, link: &str) -> Vec<String> {
     findings.iter().map(|finding| finding["check"].as_str().expect("a text").to_owned()).collect()
 }
 
-/// A machine where nothing is wrong, and one where everything is; in words and as JSON. The exit code says
-/// which.
+/// A machine without faults, and one with all faults; in words and as JSON. The exit code distinguishes them.
 #[test]
 fn the_exit_code_says_whether_anything_is_wrong_with_the_machine() {
     let good = FakeMachine::good();
@@ -60,7 +59,7 @@ fn the_exit_code_says_whether_anything_is_wrong_with_the_machine() {
     support::snapshot("tool_doctor_bad", &format!("{text}\n{}", json.out));
 }
 
-/// A machine where everything is wrong.
+/// A machine with all faults.
 fn bad() -> FakeMachine {
     let bad = FakeMachine::bare();
     bad.hub("1-2", "80");
@@ -85,7 +84,7 @@ fn bad() -> FakeMachine {
     bad
 }
 
-/// What docs/TOOL-NETWORK.md shows of it is what it prints.
+/// `doctor` prints what docs/TOOL-NETWORK.md shows.
 #[test]
 fn doctor_prints_what_tool_md_shows() {
     let printed = report(&bad(), USB, &[]).out;
@@ -96,7 +95,7 @@ fn doctor_prints_what_tool_md_shows() {
     }
 }
 
-/// The last line counts: what is wrong, and what could be better.
+/// The last line has the numbers of wrong findings and of advice.
 #[test]
 fn the_last_line_counts_what_is_wrong_and_what_could_be_better() {
     let tree = FakeMachine::good();
@@ -113,8 +112,7 @@ fn the_last_line_counts_what_is_wrong_and_what_could_be_better() {
     assert_eq!(last(&tree), (Some(1), Some("2 to put right, 1 could be better".into())));
 }
 
-/// One thing that is changed on a good machine: the finding that sees it,
-/// what is found and what to do. Everything else stays right.
+/// One change on a good machine: the finding that reports it, its text and what to do. All other findings stay right.
 #[test]
 fn each_thing_that_is_wrong_is_found_by_its_own_check() {
     type Change = fn(&FakeMachine);
@@ -227,7 +225,7 @@ fn each_thing_that_is_wrong_is_found_by_its_own_check() {
     }
 }
 
-/// XF-16.9 What looks wrong and is not.
+/// XF-16.9 Cases that look wrong and are not.
 #[test]
 fn what_only_looks_wrong_is_not_reported() {
     type Change = fn(&FakeMachine);
@@ -257,7 +255,7 @@ fn what_only_looks_wrong_is_not_reported() {
         assert_eq!(state(&finding), "ok", "{check}: {finding}");
         assert!(finding["found"].as_str().is_some_and(|text| text.contains(found)), "{check}: `{found}`: {finding}");
     }
-    // What SPI there is says nothing of a machine without.
+    // A machine without SPI has no finding about it.
     let bare = FakeMachine::bare();
     assert_eq!(state(&bare.finding(SIM, "spi")), "ok");
     let named = bare.finding(SPI, "spi");
@@ -280,7 +278,7 @@ fn a_board_behind_a_hub_without_power_supply_could_be_better() {
     }
 }
 
-/// Without a board the link usb: has something wrong, another link has not; devices with its ids are named.
+/// Without a board the link usb: has a wrong finding, another link has none; devices with the board's ids are named.
 #[test]
 fn without_a_board_only_a_usb_link_is_wrong() {
     let tree = FakeMachine::bare();
@@ -292,7 +290,7 @@ fn without_a_board_only_a_usb_link_is_wrong() {
     assert!(finding["next"].as_str().is_some_and(|next| next.starts_with("plug it in, set CONFIG0 to USB")));
 }
 
-/// A board that is off is told, and is no second one to choose from: the link passes over it.
+/// A board that is not configured is reported, and does not count as a second board: the link skips it.
 #[test]
 fn a_board_that_is_not_switched_on_is_passed_over() {
     let tree = FakeMachine::good();
@@ -302,7 +300,7 @@ fn a_board_that_is_not_switched_on_is_passed_over() {
     assert_eq!(wrongs(&tree, USB), ["usb-configuration"]);
 }
 
-/// Processes that this user may not look into are counted, so that nobody takes silence for an answer.
+/// Processes that this user may not inspect are counted, so that a missing name is not mistaken for a free board.
 #[test]
 fn processes_that_this_user_may_not_inspect_are_counted() {
     let tree = FakeMachine::good();
@@ -315,7 +313,7 @@ fn processes_that_this_user_may_not_inspect_are_counted() {
     fs::set_permissions(tree.path("/proc/9/fd"), fs::Permissions::from_mode(0o755)).expect("our own folder");
 }
 
-/// What a capability allows is allowed whatever the limit says.
+/// A capability allows real-time priority whatever the limit is.
 #[test]
 fn a_capability_allows_what_a_limit_forbids() {
     let tree = FakeMachine::good();
@@ -330,7 +328,7 @@ fn a_capability_allows_what_a_limit_forbids() {
     assert_eq!(both(&tree), ["advice", "ok"]);
 }
 
-/// The link that would be used, who named it, and where else was looked.
+/// The link that would be used, the source of its name, and the other places that were searched.
 #[test]
 fn the_link_that_would_be_used_is_shown_with_its_source() {
     let tree = FakeMachine::good();
@@ -363,7 +361,7 @@ fn the_link_that_would_be_used_is_shown_with_its_source() {
     assert!(wrong["found"].as_str().is_some_and(|text| text.contains("unknown scheme `simm`")), "{wrong}");
 }
 
-/// A link that this build cannot open is wrong, and how to build one that can is said; versions are told.
+/// A link that this build cannot open is wrong, and the finding says how to build one that can; versions are shown.
 #[test]
 fn a_link_that_this_build_cannot_open_is_wrong() {
     let tree = FakeMachine::good();
@@ -385,7 +383,7 @@ fn a_link_that_this_build_cannot_open_is_wrong() {
     assert!(found.ends_with("; Linux 6.1.0-test"), "{found}");
 }
 
-/// How late threads are woken up is measured, and told in figures; `--quick` leaves it out.
+/// The wake-up latency of threads is measured, and shown in figures; `--quick` skips it.
 #[test]
 fn the_lateness_of_threads_is_measured_unless_quick() {
     let tree = FakeMachine::good();
@@ -398,7 +396,7 @@ fn the_lateness_of_threads_is_measured_unless_quick() {
     assert!(tree.doctor(SIM).iter().all(|finding| finding["check"] != "wake-up"));
 }
 
-/// On the machine that it runs on there is a report, too.
+/// There is a report on the machine of the test, too.
 #[test]
 fn doctor_reports_on_the_machine_it_runs_on() {
     let ran = run(["doctor", "--quick", "--json"]);

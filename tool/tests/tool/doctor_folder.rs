@@ -1,4 +1,4 @@
-//! `ecmsk doctor DIR`: a Windows program's folder, looked at from here.
+//! `ecmsk doctor DIR`: a Windows program's folder, checked from Linux.
 #![cfg(any(target_os = "linux", windows))]
 
 use std::fs;
@@ -28,7 +28,7 @@ fn doctor(folder: &Path) -> (Ran, Vec<Value>) {
     (text, findings)
 }
 
-/// State, what was found and what to do of one.
+/// State, text and next step of one finding.
 fn told<'a>(findings: &'a [Value], check: &str, subject: &str) -> (&'a str, &'a str, &'a str) {
     let mut fitting = findings.iter().filter(|finding| finding["check"] == check && finding["subject"] == subject);
     let finding = fitting.next().unwrap_or_else(|| panic!("no {check} {subject} in {findings:?}"));
@@ -42,8 +42,8 @@ fn program(machine: u16) -> Vec<u8> {
     Pe::program(machine).text(b"NEXTWUSBLib.dll\0").bytes()
 }
 
-/// Where all fits nothing is wrong, and it says which library the program takes, whose that is, its width and its
-/// version.
+/// If everything fits there is no wrong finding, and the output names the library that the program loads, its maker,
+/// its width and its version.
 #[test]
 fn a_folder_in_which_everything_fits_has_nothing_wrong() {
     let there = folder(&[
@@ -64,8 +64,8 @@ fn a_folder_in_which_everything_fits_has_nothing_wrong() {
     assert!(ran.out.ends_with("nothing is wrong, 0 could be better\n"), "{}", ran.out);
 }
 
-/// A library of the wrong width is wrong, with Windows' words for it and the one to put there; a missing one and a
-/// broken one are, too. What does not use the library is let be.
+/// A library of the wrong width is wrong, with Windows' error text and the library to put there; so is a missing one
+/// and a broken one. Programs that do not use the library are ignored.
 #[test]
 fn a_library_of_the_wrong_width_missing_or_broken_is_wrong() {
     for (machine, other, width, others, name) in
@@ -82,7 +82,7 @@ fn a_library_of_the_wrong_width_missing_or_broken_is_wrong() {
         assert_eq!(told(&findings, "program", "press.exe"), ("wrong", &found[..], &next[..]));
         assert!(ran.out.contains(&format!("do: {next}\n")), "{}", ran.out);
 
-        // The right one is in the folder that the package has.
+        // The right library is in the folder of the package.
         fs::create_dir(there.path().join(name)).expect("a folder");
         fs::write(there.path().join(name).join("NEXTWUSBLib.dll"), ours(machine)).expect("a file");
         let (_, findings) = doctor(there.path());
@@ -113,8 +113,8 @@ fn a_library_of_the_wrong_width_missing_or_broken_is_wrong() {
     assert_eq!((arm.0.code, told(&arm.1, "program", "press.exe").0), (Some(1), "wrong"));
 }
 
-/// A .NET program has the width that its CLI header says, on a 64-bit Windows; this project's assemblies look into
-/// the folders for the widths, a DllImport of the program's own does not.
+/// A .NET program has the width of its CLI header, on a 64-bit Windows; this project's assemblies search the folders
+/// for the widths, the program's own DllImport does not.
 #[test]
 fn a_dotnet_program_has_the_width_of_its_cli_header() {
     let managed = |machine, flags| Pe::program(machine).managed(flags).text(b"NEXTWUSBLib.dll\0");
@@ -158,7 +158,7 @@ fn a_dotnet_program_has_the_width_of_its_cli_header() {
     assert_eq!(ran.code, Some(1), "another assembly looks beside itself: {ran:?}");
     assert_eq!(told(&findings, "program", "press.exe").2, "copy x64\\NEXTWUSBLib.dll beside it");
 
-    // .NET 5 and later: the program is a small one of Windows, what it does is in a library of the same name.
+    // .NET 5 and later: the program is a small Windows host, and its code is in a library of the same name.
     let parts = [("Press.exe", Pe::program(X64).bytes()), ("press.dll", managed(X86, IL_ONLY).bytes())];
     let (ran, findings) = doctor(folder(&parts).path());
     assert_eq!((ran.code, told(&findings, "program", "Press.exe").0), (Some(1), "wrong"), "it uses the library");
@@ -168,8 +168,8 @@ fn a_dotnet_program_has_the_width_of_its_cli_header() {
     assert!(told(&findings, "library", "x86\\NEXTWUSBLib.dll").1.contains("in a folder for the other width"));
 }
 
-/// An `ecmsk.toml` that is wrong is told with file, line and key; so are links that are none, and those that
-/// Windows does not have.
+/// A wrong `ecmsk.toml` is reported with file, line and key; so are invalid links, and links that Windows does not
+/// have.
 #[test]
 fn a_wrong_ecmsk_toml_is_named_with_file_line_and_key() {
     let with = |text: &str| {
@@ -200,7 +200,7 @@ fn a_wrong_ecmsk_toml_is_named_with_file_line_and_key() {
     assert!(state == "ok" && found.contains("usb:"), "{found}");
 }
 
-/// No folder, a file, and a folder without a program are failures with a next step.
+/// A missing folder, a file, and a folder without a program are failures with a next step.
 #[test]
 fn a_folder_without_a_program_is_a_failure_with_a_next_step() {
     let there = folder(&[("readme.txt", b"text".to_vec())]);
@@ -214,8 +214,7 @@ fn a_folder_without_a_program_is_a_failure_with_a_next_step() {
     }
 }
 
-/// Files that are cut off, or that lie about themselves, are told as broken or for what they say; nothing ends
-/// the tool.
+/// Files that are cut off, or have false headers, are reported as broken or by their headers; none ends the tool.
 #[test]
 fn files_that_lie_about_themselves_do_not_end_the_tool() {
     let whole = Pe::program(X64)

@@ -18,7 +18,7 @@ fn dump(arguments: &[&str], input: impl AsRef<[u8]>) -> Ran {
     run_with_input(&[&["dump", "--hex"], arguments].concat(), input)
 }
 
-/// Every golden frame in words, as it has been read through by hand.
+/// Every golden frame in words, in a snapshot that was checked by hand.
 #[test]
 fn every_golden_frame_is_dumped_as_the_snapshot_says() {
     let input: String = vectors().iter().map(|vector| format!("# {}\n{}", vector.name, line(vector))).collect();
@@ -26,7 +26,7 @@ fn every_golden_frame_is_dumped_as_the_snapshot_says() {
     support::snapshot("dump_hex_json", &dump(&["--json"], &input).expect_quiet());
 }
 
-/// SK-1.1, SK-1.2, SK-1.4 All slots of every golden frame carry the numbers of its vector, the slot size is found.
+/// SK-1.1, SK-1.2, SK-1.4 All slots of every golden frame have the numbers of its vector, and the slot size is found.
 #[test]
 fn json_has_the_numbers_of_the_golden_frames() {
     for vector in vectors() {
@@ -88,7 +88,7 @@ fn golden_packets_are_dumped() {
     assert!(text.contains("damaged: the check word"), "{text}");
 }
 
-/// What byte 3 says: right, absent, wrong, and right although 0.
+/// The CRC in byte 3: right, absent, wrong, and right although 0.
 #[test]
 fn json_says_whether_the_crc_is_right_absent_or_wrong() {
     for (name, status) in
@@ -135,7 +135,7 @@ fn json_fields_have_names_with_units() {
     assert_eq!(slot("io-wr", "2", &[])["outputs"], 0xA5C3);
 }
 
-/// What a line without a prefix is, is a guess, and the output says so; a flag or a prefix settles it.
+/// The direction of a line without a prefix is guessed, and the output says so; a flag or a prefix decides it.
 #[test]
 fn a_guessed_direction_is_marked_and_a_prefix_or_flag_settles_it() {
     for vector in vectors() {
@@ -168,7 +168,8 @@ fn blanks_comments_and_upper_case_do_not_matter() {
     assert_eq!(out, expected);
 }
 
-/// SK-9.6 A 12-byte frame in 512 bytes: the first 504 count, the rest is filler. Its CRC tells the slot size, here as for 16-byte slots.
+/// SK-9.6 A 12-byte frame in 512 bytes: the first 504 count, the rest is filler. Its CRC shows the slot size, here as
+/// for 16-byte slots.
 #[test]
 fn slot_size_is_found_by_the_crc() {
     let padded = |mut bytes: Vec<u8>| {
@@ -183,11 +184,11 @@ fn slot_size_is_found_by_the_crc() {
     assert_eq!(sizes(&format!("{narrow}\n{wide}\n{narrow}")), [Some(12), Some(16), Some(12)]);
     let all = |digits: &str| dump(&["--json", "--all"], digits).expect_quiet();
     assert_eq!(all(&narrow), all(&hex(&vector_named("csp-all-40").bytes)));
-    // A frame without a CRC is taken for one of its neighbours' board.
+    // A frame without a CRC counts as one of its neighbours' board.
     assert_eq!(sizes(&format!("{wide}\n{}", "00".repeat(512))), [Some(16), Some(16)]);
 }
 
-/// Nothing tells the slot size: the default is taken, and a note says so, once.
+/// If nothing shows the slot size, the default is used, and a note says so, once.
 #[test]
 fn an_assumed_slot_size_is_noted_once() {
     let zeros = "00".repeat(512);
@@ -202,7 +203,7 @@ fn an_assumed_slot_size_is_noted_once() {
     assert!(out.contains("\"slot_bytes\":16"), "{out}");
 }
 
-/// The kinds of slaves are those of the last SET_AXIS, where no list is given.
+/// Without a list the kinds of slaves are those of the last SET_AXIS.
 #[test]
 fn set_axis_tells_the_kinds() {
     let (axes, response) = (line(&vector_named("set-axis-group0")), line(&vector_named("resp-hsp-12")));
@@ -217,7 +218,7 @@ fn set_axis_tells_the_kinds() {
     assert!(forgotten.contains("CSP #2 DRIVE? statusword"), "{forgotten}");
 }
 
-/// A wrong line ends the dump with its number and what is wrong; what came before it is out.
+/// A wrong line ends the dump with its number and the error; the lines before it are printed.
 #[test]
 fn a_wrong_line_ends_the_dump_with_its_number() {
     let good = line(&vector_named("set-state-preop"));
@@ -232,24 +233,24 @@ fn a_wrong_line_ends_the_dump_with_its_number() {
         (format!("{good}\u{e4}{digits}"), ["`\u{e4}` is no", ""]),
     ] {
         let ran = dump(&[], &input);
-        ran.expect_failure(1, &words, "put `#` before what is no frame");
+        ran.expect_failure(1, &words, "put `#` before lines that are not frames");
         assert_eq!(ran.out, "line 1    command\n  ECM      SET_STATE PreOP, CRC 0xE7 ok\n", "{input}");
     }
     dump(&[], b"\xff\xfe\n").expect_failure(1, &["line 1", "is no hexadecimal digit"], "put `#` before");
-    dump(&[], vec![0; 1 << 20]).expect_failure(1, &["line 1 is longer than 65536 bytes"], "one frame a line");
+    dump(&[], vec![0; 1 << 20]).expect_failure(1, &["line 1 is longer than 65536 bytes"], "one frame per line");
     dump(&["--slot-size", "16"], &digits).expect_failure(1, &["504 bytes", "512"], "leave out --slot-size 16");
     let wide = hex(&vector_named("all-zero-16").bytes);
     dump(&["--slots", "32"], &wide).expect_failure(1, &["16-byte slots has no slot 32"], "name slots from 0 to 31");
 }
 
-/// No input, or nothing but comments, is nothing to show and no failure.
+/// Without input, or with only comments, nothing is printed and there is no failure.
 #[test]
 fn empty_input_shows_nothing_and_is_no_failure() {
     assert_eq!(dump(&[], "").expect_quiet(), "");
     assert_eq!(dump(&["--json"], "# nothing\n\n").expect_quiet(), "");
 }
 
-/// What contradicts itself on the command line is refused by name.
+/// Contradicting options are refused by name.
 #[test]
 fn contradicting_options_are_refused_by_name() {
     run(["dump"]).expect_misuse(&["<FILE>"]);

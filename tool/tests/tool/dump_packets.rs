@@ -1,4 +1,4 @@
-//! `ecmsk dump` of the recording of a chip ECM-XF, and what other verbs say of such a file.
+//! `ecmsk dump` of the recording of a chip ECM-XF, and the errors of other verbs for such a file.
 
 use std::path::Path;
 
@@ -65,8 +65,8 @@ fn packets_are_shown_in_words() {
     assert!(objects.last().expect("some")["text"][0] == "10 bytes, as no packet has");
 }
 
-/// XF-15.7 A driver that clocks single bytes while it looks for n gives a few lines: its bytes are joined, and packets in them are
-/// shown. So is a packet that passes in parts.
+/// XF-15.7 A driver that clocks single bytes while it searches n gives a few lines: its bytes are joined, and packets
+/// in them are shown. So is a packet that passes in parts.
 #[test]
 fn pieces_are_joined() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -105,7 +105,8 @@ fn pieces_are_joined() {
     assert!(hex.out.contains("\n  00 00 00 00 ") && hex.out.lines().count() < 120, "{hex:?}");
 }
 
-/// XF-15.5 Other verbs say what the file is and which verb shows it; `--hex` with the recording of a board is refused.
+/// XF-15.5 Other verbs name the kind of file and the verb that shows it; `--hex` with the recording of a board is
+/// refused.
 #[test]
 fn other_verbs_say_what_it_is() {
     let folder = tempfile::tempdir().expect("a folder");

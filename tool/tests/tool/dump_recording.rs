@@ -59,7 +59,7 @@ fn dump(file: &Path, options: &[&str]) -> Ran {
     run([&["dump", file], options].concat())
 }
 
-/// Some of everything.
+/// Some of each kind of frame.
 const MIXED: [&str; 7] = [
     "set-axis-group0",
     "resp-preop-nocrc",
@@ -90,14 +90,14 @@ fn a_recording_is_dumped_as_json_lines_with_both_times() {
         let direction = if vector_named(name).is_response() { "response" } else { "command" };
         assert_eq!((&frame["direction"], &frame["direction_guessed"]), (&direction.into(), &false.into()), "{name}");
     }
-    // SET_AXIS went by, so it is known what slave 1 is.
+    // A SET_AXIS came before, so the kind of slave 1 is known.
     assert_eq!(
         (&frames[5]["slots"][1]["kind"], &frames[5]["slots"][1]["kind_from"]),
         (&"drive".into(), &"given".into())
     );
 }
 
-/// A report that waited to be read was made before commands that stand before it: its time says so.
+/// A report that was read late was made before commands that precede it in the file: its time shows that.
 #[test]
 fn a_report_that_was_read_late_has_the_time_at_which_it_was_made() {
     let mut script = golden(&["csp-index-7"]);
@@ -108,7 +108,7 @@ fn a_report_that_was_read_late_has_the_time_at_which_it_was_made() {
     assert!(text.contains("frame 2        -0.003000000 s  response\n"), "{text}");
 }
 
-/// The slot size: what the recording says, or the user; else what the CRCs fit, those of later frames too.
+/// The slot size comes from the recording or the user, else from the CRCs, also of later frames.
 #[test]
 fn the_slot_size_is_that_of_the_recording_the_user_or_the_crcs() {
     let sizes = |recorded: &Recorded, options: &[&str]| -> Vec<_> {
@@ -134,7 +134,7 @@ fn the_slot_size_is_that_of_the_recording_the_user_or_the_crcs() {
     assert_eq!(ran.err.matches("no CRC tells the slot size, taken as 12 bytes").count(), 1, "{}", ran.err);
 }
 
-/// Byte 1 of a slave's slot is its mode in firmware 1.5: the link of the recording says so, or the user.
+/// Byte 1 of a slave's slot is its mode in firmware 1.5: the recording's link or the user gives the firmware.
 #[test]
 fn firmware_1_5_shows_the_mode_in_byte_1() {
     let script = golden(&["resp-op-fw15"]);
@@ -146,7 +146,7 @@ fn firmware_1_5_shows_the_mode_in_byte_1() {
     assert_eq!(new.json(&["--slots", "1", "--fw", "1.5"])[0]["slots"][0]["mode"], 8);
 }
 
-/// SET_AXIS in OP is rejected: it tells nothing of the slaves.
+/// SET_AXIS in OP is rejected: it does not change the kinds of the slaves.
 #[test]
 fn a_set_axis_in_op_does_not_change_the_kinds_of_slaves() {
     let recorded =
@@ -169,7 +169,7 @@ fn only_the_slots_asked_for_are_shown() {
     recorded.dump(&["--slots", "42"]).expect_failure(1, &["12-byte slots has no slot 42"], "name slots from 0 to 41");
 }
 
-/// A recording that was cut off, at any place: what is whole is shown, then an error says what to do.
+/// A recording that was cut off, at any place: the whole frames are shown, then an error says what to do.
 #[test]
 fn a_truncated_recording_is_shown_up_to_the_error() {
     let recorded = Recorded::new(&golden(&MIXED), LINK, Some(SlotSize::Bytes12));
@@ -212,7 +212,7 @@ fn a_damaged_recording_never_ends_in_a_panic() {
     }
 }
 
-/// What cannot be read, or is no recording.
+/// Unreadable files, and files that are no recording.
 #[test]
 fn a_file_that_is_no_recording_is_an_error() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -241,8 +241,8 @@ fn a_recording_without_frames_has_nothing_to_show() {
     assert_eq!(recorded.dump(&[]).expect_quiet(), "");
 }
 
-/// A process that opens a board again goes on in the same file: one dump, each opening shows its link, and no time is
-/// there twice.
+/// A process that opens a board again goes on in the same file: one dump, each opening shows its link, and no time
+/// occurs twice.
 #[test]
 fn a_recording_of_several_openings_is_one_dump_with_each_link() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -265,7 +265,7 @@ fn a_recording_of_several_openings_is_one_dump_with_each_link() {
 fn frames_missing_from_a_recording_are_noted() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("run.pcapng");
-    // More than one batch of the disk and the queue hold.
+    // More frames than one batch of the disk and the queue hold.
     let lost = record_to_a_slow_disk(&file, 1000);
     assert!(lost > 0, "nothing was lost");
     let ran = dump(&file, &["--slots", "0"]);
@@ -279,7 +279,7 @@ fn frames_missing_from_a_recording_are_noted() {
     );
 }
 
-/// A capture of two real boards: each has its own slaves, and the text says which is which.
+/// A capture of two real boards: each has its own slaves, and the text distinguishes them.
 #[test]
 fn in_a_capture_of_two_boards_each_has_its_own_slaves() {
     let script = golden(&["set-axis-group0", "resp-hsp-12", "resp-hsp-12"]);

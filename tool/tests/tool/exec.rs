@@ -1,5 +1,5 @@
-//! `ecmsk exec`: what a program is given, and how its end comes back. Shell scripts stand for programs here; programs on
-//! the real library are in the module `needs_cxx`. Which library they get: `cli_exec_library.rs`.
+//! `ecmsk exec`: the environment of a program, and the result of its end. Shell scripts take the place of programs
+//! here; programs on the real library are in the module `needs_cxx`. `exec_library.rs` tests which library they get.
 #![cfg(target_os = "linux")]
 
 use std::fs;
@@ -14,7 +14,7 @@ use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
 use support::pe::{IL_ONLY, Pe, X64};
 
-/// The program gets the link in normal form, and nothing is said.
+/// The program gets the link in normal form, and nothing is printed.
 #[test]
 fn the_link_reaches_the_program() {
     let place = ExecFolder::new();
@@ -25,7 +25,7 @@ fn the_link_reaches_the_program() {
     assert_eq!(out, "xf-sim:?slaves=io&ahead=5\n");
 }
 
-/// Without --link the library looks for its link as always: the variable is neither set nor taken away.
+/// Without --link the library searches its link as usual: the variable is neither set nor removed.
 #[test]
 fn without_a_link_the_environment_stays() {
     let place = ExecFolder::new();
@@ -36,7 +36,7 @@ fn without_a_link_the_environment_stays() {
     assert_eq!(ran.expect_quiet(), "anything\n");
 }
 
-/// A program that never came to the library is named, with or without a link; the exit code is its own.
+/// A program that never used the library is reported, with or without a link; the exit code is its own.
 #[test]
 fn a_program_that_opens_no_board_is_named() {
     let place = ExecFolder::new();
@@ -48,7 +48,7 @@ fn a_program_that_opens_no_board_is_named() {
     }
 }
 
-/// --record stands in the link, encoded, with the whole path.
+/// --record becomes a key of the link, encoded, with the whole path.
 #[test]
 fn record_is_part_of_the_link() {
     let place = ExecFolder::new();
@@ -75,8 +75,8 @@ fn a_recording_that_cannot_be_made_is_an_error_before_the_program_starts() {
     twice.expect_failure(2, &["`record` is given twice"], "ecmsk link help");
 }
 
-/// Without --link a recording is of the link that the library would choose: ECMSK_LINK, then the files beside the program
-/// and beside the library; none: a board on USB.
+/// Without --link the recorded link is the one that the library would choose: ECMSK_LINK, then the files beside the
+/// program and beside the library; none: a board on USB.
 #[test]
 fn without_a_link_the_recording_is_of_the_link_that_the_library_chooses() {
     let place = ExecFolder::new();
@@ -120,7 +120,7 @@ fn a_wrong_link_does_not_start_the_program() {
     }
 }
 
-/// The program's exit code is the tool's; 128 + n if signal n ended it.
+/// The tool ends with the program's exit code; 128 + n if signal n ended it.
 #[test]
 fn the_exit_code_is_that_of_the_program_or_128_plus_the_signal() {
     let place = ExecFolder::new();
@@ -134,7 +134,7 @@ fn the_exit_code_is_that_of_the_program_or_128_plus_the_signal() {
     }
 }
 
-/// 127 for what is not there, 126 for what cannot be executed, each with what to do.
+/// 127 for a missing program, 126 for one that cannot be executed, each with what to do.
 #[test]
 fn programs_that_do_not_start() {
     let place = ExecFolder::new();
@@ -163,7 +163,7 @@ fn programs_that_do_not_start() {
     run("./rubbish").expect_failure(126, &["./rubbish: Exec format error"], "build it here");
 }
 
-/// Options behind the program are the program's, with or without `--`.
+/// Options behind the program belong to the program, with or without `--`.
 #[test]
 fn arguments_are_passed_on() {
     let place = ExecFolder::new();
@@ -177,7 +177,7 @@ fn arguments_are_passed_on() {
     nothing.expect_misuse(&["<PROGRAM>"]);
 }
 
-/// -v says what was set and how the program ended, on standard error alone.
+/// -v prints the variables that were set and how the program ended, on standard error alone.
 #[test]
 fn verbose_says_what_was_set_and_how_the_program_ended() {
     let place = ExecFolder::new();
@@ -216,8 +216,8 @@ fn signals_are_inherited_as_they_were() {
         let mask = status.lines().find_map(|line| line.strip_prefix(name)).expect("a line");
         u64::from_str_radix(mask.trim(), 16).expect("a mask") & 0x7FFF_FFFF
     };
-    // What the environment of this test ignores is ignored by all; SIGPIPE only by programs in Rust, not by what they
-    // start.
+    // Signals that this test's environment ignores are ignored by all processes; SIGPIPE only by programs in Rust, not
+    // by programs that they start.
     let own = fs::read_to_string("/proc/self/status").expect("a file");
     let ignored = mask(&own, "SigIgn:") & !(1 << 12);
     let out = Ran::from(place.exec(&script).output().expect("the tool starts")).expect_quiet();
@@ -230,7 +230,7 @@ fn signals_are_inherited_as_they_were() {
     assert_eq!(mask(&ran.expect_quiet(), "SigIgn:"), ignored | 0b11);
 }
 
-/// Starts a script that says when it is ready, in a process group of its own, as a shell does.
+/// Starts a script that reports when it is ready, in its own process group, as a shell does.
 fn start(place: &ExecFolder, script: &str) -> Child {
     let mut command = with_default_signals(&place.exec(&["--", "sh", "-c", script]));
     let mut tool = command.stdout(Stdio::piped()).process_group(0).spawn().expect("the tool starts");
@@ -246,7 +246,7 @@ fn kill(signal: &str, whom: &str) {
     assert!(sent.success(), "kill {signal} {whom}");
 }
 
-/// Ctrl-C goes to the whole group: the program decides, and its end is the tool's.
+/// Ctrl-C goes to the whole group: the program decides, and the tool ends with it.
 #[test]
 fn ctrl_c_is_handled_by_the_program_alone() {
     let place = ExecFolder::new();
@@ -262,7 +262,7 @@ fn ctrl_c_is_handled_by_the_program_alone() {
     }
 }
 
-/// SIGTERM and SIGHUP that come to the tool alone are handed on.
+/// SIGTERM and SIGHUP that come to the tool alone are passed on.
 #[test]
 fn sigterm_and_sighup_are_passed_on_to_the_program() {
     let place = ExecFolder::new();
@@ -307,11 +307,11 @@ mod needs_cxx {
         assert_eq!(out, "sim:?slaves=drive*3&clock=virtual\n");
     }
 
-    /// Without --link the library says what it would open by itself: a board on USB.
+    /// Without --link the library opens its default: a board on USB.
     #[test]
     fn without_a_link_the_library_decides() {
         let mut command = exec_command(&[], &program("which_link.c"));
-        // A board that is plugged in here is none of this test's.
+        // The test must not use a board that is plugged in here.
         support::without_libusb(&mut command);
         let ran = Ran::from(command.output().expect("the tool starts"));
         assert_eq!(ran.code, Some(1));
@@ -331,7 +331,7 @@ mod needs_cxx {
         assert_eq!(ran.expect_quiet(), "sim:?slaves=drive*7&clock=virtual\n");
     }
 
-    /// What a program did can be read and plotted afterwards.
+    /// A program's recording can be read and plotted afterwards.
     #[test]
     fn a_program_is_recorded() {
         let folder = tempfile::tempdir().expect("a folder");

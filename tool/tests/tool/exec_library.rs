@@ -10,7 +10,7 @@ use std::process::Command;
 use crate::common::exec::{ExecFolder, install};
 use crate::common::{Ran, ecmsk};
 
-/// The first folder of the search path is private and has the library under both its names, nothing else.
+/// The first folder of the search path is private and has only the library, under both its names.
 #[test]
 fn the_library_is_found_first() {
     let place = ExecFolder::new();
@@ -90,7 +90,7 @@ fn the_library_is_looked_for_beside_the_tool() {
     }
 }
 
-/// What is no library is an error of the tool: the dynamic linker would take another one without a word.
+/// A file that is no library is an error of the tool: the dynamic linker would silently load another one.
 #[test]
 fn what_is_no_library_is_refused() {
     let place = ExecFolder::new();

@@ -3,8 +3,8 @@
 
 use crate::common::exec::ExecFolder;
 
-/// Each reason once, what was counted at the end, of all processes of the program; what is not understood is
-/// passed over. The exit code is the program's.
+/// Each reason is printed once, and the counters at the end, for all processes of the program; unknown lines are
+/// skipped. The exit code is the program's.
 #[test]
 fn what_the_library_tells_is_said_once() {
     let tell =
@@ -44,7 +44,7 @@ fn what_the_library_tells_is_said_once() {
     assert_eq!((&told["said"][0]["text"], &told["said"][0]["times"]), (&"no board at usb:".into(), &5.into()));
 }
 
-/// TOOL-138 A recording that is not whole is an exit code of its own, unless the program has failed anyway.
+/// TOOL-138 An incomplete recording has its own exit code, unless the program has failed anyway.
 #[test]
 fn a_recording_that_lacks_frames_is_an_exit_code() {
     let place = ExecFolder::new();
@@ -55,7 +55,7 @@ fn a_recording_that_lacks_frames_is_an_exit_code() {
     assert_eq!(place.run(&[], &format!("{lacks} exit 6")).code, Some(6));
 }
 
-/// Somebody who does not read standard error keeps neither the program nor the tool.
+/// An unread standard error delays neither the program nor the tool.
 #[test]
 fn a_standard_error_that_nobody_reads_delays_neither_program_nor_tool() {
     use std::io::Write;
@@ -102,14 +102,14 @@ mod needs_cxx {
         }
     }
 
-    /// Nothing is said of a program whose commands are all executed.
+    /// Nothing is printed for a program whose commands are all executed.
     #[test]
     fn a_program_without_trouble_is_quiet() {
         assert_eq!(exec(&[], TWO, &["2", "300"]).expect_quiet(), "done\n");
     }
 
-    /// Two axes on a network of one: thousands of commands are rejected, which the program does not see. The reason
-    /// is said once, the count at the end; the exit code stays the program's.
+    /// Two axes on a network of one: thousands of commands are rejected, which the program does not see. The reason is
+    /// printed once, the count at the end; the exit code stays the program's.
     #[test]
     fn rejected_commands_are_told_once_and_counted_at_the_end() {
         let ran = exec(&[], ONE, &["2", "1500"]);
@@ -119,7 +119,7 @@ mod needs_cxx {
         assert_eq!(ran.err.lines().count(), 3, "{}", ran.err);
     }
 
-    /// A program for slots of another size than the board's is told so.
+    /// A program for slots of another size than the board's gets a message.
     #[test]
     fn a_program_for_another_slot_size_is_told_so() {
         let ran = exec(&[], &format!("{TWO}&slot=16"), &["2", "3"]);
@@ -127,7 +127,7 @@ mod needs_cxx {
         has(&ran, &["warning: the program writes frames of 504 bytes, the board's are 512 (16-byte slots); "]);
     }
 
-    /// Why there is no board: without one, and with one that another program has.
+    /// The reason why there is no board: none is plugged in, or another program has it.
     #[test]
     fn why_a_program_got_no_board_is_told() {
         let ran = exec(&[], "tcp://127.0.0.1:9", &["1"]);
@@ -138,7 +138,7 @@ mod needs_cxx {
         assert_eq!(ran.code, Some(2), "a wrong link is a wrong command line: {}", ran.err);
     }
 
-    /// TOOL-158 State 0x12 is explained: nothing was declared, or a slave refuses.
+    /// TOOL-158 State 0x12 is explained: no axes were declared, or a slave refuses.
     #[test]
     fn why_a_change_of_state_failed_is_told() {
         let ran = exec(&[], TWO, &["2", "10", "undeclared"]);
@@ -152,7 +152,7 @@ mod needs_cxx {
         has(&ran, &[&format!("{failed}see whether SET_AXIS declares each slave")]);
     }
 
-    /// A FIFO that is full and one that runs empty on the way; reports that nobody reads.
+    /// A full FIFO, a FIFO that runs empty in a motion, and unread reports.
     #[test]
     fn a_full_fifo_an_empty_fifo_and_unread_reports_are_told() {
         let ran = exec(&[], TWO, &["2", "500", "flood"]);
@@ -162,7 +162,7 @@ mod needs_cxx {
         assert_eq!(ran.err.lines().count(), 1, "{}", ran.err);
     }
 
-    /// A program that is killed has a summary too.
+    /// A program that is killed has a summary, too.
     #[test]
     fn a_program_that_is_killed() {
         let ran = exec(&[], ONE, &["2", "200", "killed"]);
@@ -176,7 +176,7 @@ mod needs_cxx {
         (ran, file)
     }
 
-    /// `summary` says of a recording what `exec` said of the program, as far as frames show it.
+    /// `summary` prints for a recording what `exec` printed for the program, as far as frames show it.
     #[test]
     fn the_summary_of_a_recording() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -231,7 +231,7 @@ mod needs_cxx {
         }
     }
 
-    /// TOOL-138 A disk that is full while a program is recorded: said, and an exit code.
+    /// TOOL-138 A disk that is full while a program is recorded gives a message and an exit code.
     #[test]
     fn a_full_disk_while_recording_is_told_and_is_an_exit_code() {
         let ran = exec(&["--record", "/dev/full"], TWO, &["2", "500"]);

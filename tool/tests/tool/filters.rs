@@ -7,7 +7,7 @@ use crate::common::{Ran, json_lines, run};
 use ecmsk::sk::{MasterCommand, MasterState, SdoCommand, SlaveCommand, SlotSize};
 use serde_json::Value;
 
-/// Two drives that are moved, one of them sent home in between, and an SDO.
+/// Two drives that are moved, one of them homed in between, and an SDO.
 fn mixed(size: SlotSize) -> Recorded {
     let mut board = FakeBoard::new(size, 2);
     for i in 0..10 {
@@ -59,7 +59,7 @@ fn dump_by_slot() {
     }
 }
 
-/// Commands by name: the frames that ask for them, the reports that answer them, and of those only these slots.
+/// Commands by name: the frames with these commands, the reports that answer them, and only these slots of them.
 #[test]
 fn dump_by_command() {
     let recorded = mixed(SlotSize::Bytes12);
@@ -70,7 +70,7 @@ fn dump_by_command() {
     let states = json(&recorded, &["--commands", "set_state,0x07"]);
     let ids: Vec<_> = states.iter().map(|frame| frame["slots"][0]["id"].as_str().expect("a word")).collect();
     assert_eq!(ids, ["SET_STATE", "SET_STATE", "SDO_RD"]);
-    // Slot 0 of a report of OP says CYCLIC; with --slots both must fit.
+    // Slot 0 of a report in OP has the name CYCLIC; with --slots both filters must match.
     let cyclic = json(&recorded, &["--commands", "CYCLIC"]);
     assert!(cyclic.len() == 22 && cyclic.iter().all(|frame| slots(frame) == [0]), "{}", cyclic.len());
     let second = json(&recorded, &["--commands", "CSP", "--slots", "2"]);
@@ -83,11 +83,11 @@ fn dump_by_command() {
     assert_eq!((sent, sent + answered), (20, json(&recorded, &["--commands", "CSP"]).len()));
     dump(&recorded, &["--direction", "up"]).expect_misuse(&["--direction", "allowed: command, response"]);
     dump(&recorded, &["--commands", "CPS"]).expect_misuse(&["--commands", "CSP", "SET_STATE", "CYCLIC"]);
-    // What SET_AXIS said counts, though it is not shown.
+    // SET_AXIS gives the kinds, though it is not shown.
     assert_eq!(second.last().expect("frames")["slots"][0]["kind_from"], "given");
 }
 
-/// Times of the recording with their unit, both ends included; an empty output is told.
+/// Times of the recording with their unit, both ends included; an empty output is reported.
 #[test]
 fn dump_by_time() {
     let recorded = mixed(SlotSize::Bytes12);
@@ -101,7 +101,7 @@ fn dump_by_time() {
         let some = json(&recorded, &["--from", &from_text, "--to", &to_text]);
         assert_eq!(some, all[10..=20], "{from_text} {to_text}");
     }
-    // Slaves are known from before.
+    // The kinds of slaves are known from earlier frames.
     let late = json(&recorded, &["--from", "5ms", "--slots", "1"]);
     assert_eq!(late.last().map(|frame| &frame["slots"][0]["slot"]), Some(&1.into()));
     let none = dump(&recorded, &["--from", "1h"]);
@@ -112,7 +112,7 @@ fn dump_by_time() {
     run(["dump", "--hex", "--from", "1"]).expect_misuse(&["--from", "--hex"]);
 }
 
-/// A plot of ranges of axes and of commands; where nothing is left there is an error and no plot.
+/// A plot of ranges of axes and of commands; if nothing is left there is an error and no plot.
 #[test]
 fn plot_by_axis_and_command() {
     let (run, _) = two_axes();

@@ -1,4 +1,4 @@
-//! Recordings of others' making: what is written in them does nothing to a terminal, opens no file, and ends.
+//! Recordings of unknown origin: their texts do not control a terminal, open no file, and every verb ends.
 #![cfg(unix)]
 
 use std::fs;
@@ -14,7 +14,7 @@ use ecmsk::recording::{RecordMeta, Recording};
 use support::recorded::Program;
 use support::recording::{Echo, Memory};
 
-/// What would change a terminal's title, clear it, colour it, and go back over what stands there.
+/// Control sequences that change a terminal's title, clear it, colour it, and overwrite text.
 const CONTROLS: &str = "\u{1b}]0;owned\u{7}\u{1b}[2J\u{9b}31m\rover\u{8}\u{7f}\u{202e}";
 
 #[track_caller]
@@ -32,7 +32,7 @@ fn renamed(recording: &Path, link: &str, file: &Path) {
     let meta = RecordMeta { slot: None, clock: Clock::Virtual, base_ns: 0, opened_ns: None, link: link.to_owned() };
     RecordLink::to_sink(Arc::new(Echo::new(true)), "m", Box::new(memory.clone()), &meta, 1).expect("memory").close();
     let mut bytes = memory.bytes();
-    // Header and interface of the one, frames and end of the other.
+    // Header and interface of one recording, frames and end of the other.
     let second = |bytes: &[u8]| (0..2).fold(0, |at, _| at + support::recording::u32_at(bytes, at + 4) as usize);
     bytes.truncate(second(&bytes));
     let whole = fs::read(recording).expect("a recording");
@@ -40,8 +40,8 @@ fn renamed(recording: &Path, link: &str, file: &Path) {
     fs::write(file, bytes).expect("a file");
 }
 
-/// Text of a recording, and the name of its file, are shown and do nothing: in words, in errors and notes, in
-/// pictures. JSON has them as they are.
+/// Texts of a recording, and the name of its file, are shown without effect: in words, in errors and notes, in
+/// pictures. JSON has them unchanged.
 #[test]
 fn text_of_a_recording_is_shown() {
     let program = Program::default().record();
@@ -105,7 +105,7 @@ fn with_times(recording: &Path, name: &str, change: impl Fn(usize, u64) -> u64) 
     file
 }
 
-/// A bit that has flipped in the time of a frame, and a clock that was set, are said and are no time that passes:
+/// An inverted bit in the time of a frame, and a clock that was set, are reported and do not count as elapsed time:
 /// `replay` ends, and the model answers as before.
 #[test]
 fn replay_ends_whatever_the_times_are() {
@@ -117,7 +117,7 @@ fn replay_ends_whatever_the_times_are() {
         assert!(ran.err.contains("its times jump once"), "{frame} {bit}: {}", ran.err);
         assert!(ran.code == Some(0) && ran.out.contains("\nequal: "), "{frame} {bit}: {}", ran.out);
     }
-    // Set back by an hour in the middle of the motion: there is no moment in between in which nothing happened.
+    // The clock is set back by an hour in the middle of the motion: there is no idle time in between.
     let back =
         with_times(&program.file, "back.pcapng", |n, at| at + if n < frames / 2 { 3_600_000_000_000 } else { 0 });
     let ran = run(["replay", back.to_str().expect("UTF-8")]);
@@ -132,8 +132,8 @@ fn replay_ends_whatever_the_times_are() {
     assert!(about.contains("0.") && !about.contains("600"), "{about}");
 }
 
-/// What a recording's link names is not opened unasked: a pipe that nobody writes to would wait, a file of the
-/// system would be shown.
+/// Files that a recording's link names are not opened unasked: a pipe without a writer would wait, a file of the system
+/// would be shown.
 #[test]
 fn replay_opens_no_file_unasked() {
     let program = Program { short: true, ..Program::default() }.record();
@@ -154,7 +154,7 @@ fn replay_opens_no_file_unasked() {
             ran.expect_failure(2, &["names a file (script=", "--allow-files"], "with --link");
         }
     }
-    // A model that the user names has what the user says.
+    // A model that the user names uses the user's files.
     renamed(&program.file, &format!("sim:?clock=virtual&script={}", pipe.display()), &file);
     let ran = run(["replay", file.to_str().expect("UTF-8"), "--link", "sim:?slaves=drive*2,io"]);
     assert!(ran.code == Some(0) && ran.out.contains("\nequal: "), "{ran:?}");

@@ -7,7 +7,7 @@ use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
 use serde_json::Value;
 
-/// What stands on standard error, without what is said of this build.
+/// Standard error, without the lines about this build.
 fn notes(ran: &Ran) -> String {
     ran.err
         .lines()
@@ -16,7 +16,7 @@ fn notes(ran: &Ran) -> String {
         .collect()
 }
 
-/// The exit code is 0 in builds that can open the links.
+/// Checks the exit code: 0 in builds that can open the links.
 fn opens(ran: &Ran, scheme: Scheme) {
     let missing = ran.err.contains(&format!("note: this build has no {scheme}: links; {}", scheme.instead()));
     assert_eq!((ran.code, missing), (Some(i32::from(!scheme.in_build())), !scheme.in_build()), "{ran:?}");
@@ -47,8 +47,8 @@ fn several() -> FakeMachine {
     tree
 }
 
-/// Every board with its link, what keeps it from being opened, and what to do; other devices with
-/// the reason why they are none. In words and as JSON.
+/// Every board with its link, the reason why it cannot be opened, and what to do; other devices with the reason why
+/// they are no boards. In words and as JSON.
 #[test]
 fn boards_of_every_kind() {
     let tree = several();
@@ -61,7 +61,7 @@ fn boards_of_every_kind() {
     support::snapshot("tool_list", &format!("{}\n{json}", text.out));
 }
 
-/// What docs/TOOL-NETWORK.md shows of it is what it prints.
+/// `list` prints what docs/TOOL-NETWORK.md shows.
 #[test]
 fn list_prints_what_tool_md_shows() {
     let printed = several().run(&["list"]).out;
@@ -72,7 +72,7 @@ fn list_prints_what_tool_md_shows() {
     }
 }
 
-/// What it prints as a link is one.
+/// Every printed link is valid.
 #[test]
 fn every_link_that_is_listed_can_be_parsed() {
     let links: Vec<String> = json_lines(&several().run(&["list", "--json"]).out)
@@ -93,7 +93,7 @@ fn every_link_that_is_listed_can_be_parsed() {
     }
 }
 
-/// The exit code is 0 when each board that is there can be opened; an SPI device counts if there is no board on USB.
+/// The exit code is 0 if each present board can be opened; an SPI device counts if there is no board on USB.
 #[test]
 fn the_exit_code_is_0_if_every_board_can_be_opened() {
     let tree = FakeMachine::bare();
@@ -121,7 +121,7 @@ fn the_exit_code_is_0_if_every_board_can_be_opened() {
     assert_eq!(tree.run(&["list"]).code, Some(1));
 }
 
-/// Each thing that keeps a board from being opened, with what to do.
+/// Each reason why a board cannot be opened, with what to do.
 #[test]
 fn each_thing_that_keeps_a_board_from_being_opened_is_named() {
     type Change = fn(&FakeMachine);
@@ -163,7 +163,7 @@ fn each_thing_that_keeps_a_board_from_being_opened_is_named() {
     }
 }
 
-/// A device whose files are missing or nonsense is shown as far as it is known; what it says controls no terminal.
+/// A device whose files are missing or nonsense is shown with its known data; its texts do not control the terminal.
 #[test]
 fn a_device_with_nonsense_in_its_files_is_shown_as_far_as_it_is_known() {
     let tree = FakeMachine::bare();
@@ -178,7 +178,7 @@ fn a_device_with_nonsense_in_its_files_is_shown_as_far_as_it_is_known() {
     assert_eq!(tree.run(&["list", "--json"]).out, "");
 }
 
-/// On the machine that it runs on the list can be read, too, whatever is there.
+/// `list` works on the machine of the test, too, whatever devices it has.
 #[test]
 fn list_works_on_the_machine_it_runs_on() {
     let ran = crate::common::run(["list", "--json"]);

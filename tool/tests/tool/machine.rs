@@ -1,5 +1,5 @@
-//! Files of a machine that `ecmsk list` and `ecmsk doctor` read, however bad they are, and the one that doctor writes: the udev
-//! rule.
+//! Files of a machine that `ecmsk list` and `ecmsk doctor` read, even if they are broken, and the file that doctor
+//! writes: the udev rule.
 #![cfg(target_os = "linux")]
 
 use std::fs;
@@ -8,7 +8,7 @@ use std::os::unix::fs::PermissionsExt;
 use crate::common::machine::FakeMachine;
 use crate::common::{Ran, json_lines, run};
 
-/// The rule is written where udev looks, once; what is there already is left.
+/// The rule is written to udev's folder, once; an existing file is not changed.
 #[test]
 fn the_udev_rule_is_written_once_where_udev_looks() {
     let kept = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");
@@ -23,15 +23,15 @@ fn the_udev_rule_is_written_once_where_udev_looks() {
     assert!(again.starts_with("/etc/udev/rules.d/60-ecmsk.rules is there already"), "{again}");
     tree.file("/etc/udev/rules.d/60-ecmsk.rules", "# mine\n");
     let ran = tree.run(&["doctor", "--write-udev-rule"]);
-    ran.expect_failure(1, &["says something else, it was left as it is", "sudo rm "], "look at it");
+    ran.expect_failure(1, &["exists with another content and was not changed", "sudo rm "], "check it");
     assert_eq!(fs::read_to_string(&written).expect("it is there"), "# mine\n");
     tree.remove("/etc/udev");
     let ran = tree.run(&["doctor", "--write-udev-rule"]);
-    ran.expect_failure(1, &["was not written"], "is there udev on this machine");
+    ran.expect_failure(1, &["was not written"], "does this machine have udev");
     run(["doctor", "--write-udev-rule", "--json"]).expect_misuse(&["--json"]);
 }
 
-/// Who may not write it gets lines to type, which do.
+/// Without the right to write it, the tool prints commands for the user, which work.
 #[test]
 fn a_user_who_may_not_write_the_rule_gets_working_commands() {
     let kept = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");
@@ -107,7 +107,7 @@ fn files_of_any_kind_in_sysfs_never_cause_a_panic() {
     }
 }
 
-/// A pipe that nobody writes to is not waited for.
+/// The tool does not wait for a pipe without a writer.
 #[test]
 fn a_pipe_in_place_of_a_file_is_not_waited_for() {
     let tree = FakeMachine::good();

@@ -2,13 +2,13 @@
 //!
 //! Files:
 //!
-//! - `command_line.rs`, `details.rs`, `words.rs`, `bad_input.rs`: help, options, units, and what is wrong on a
-//!   command line
-//! - `page.rs`, `recordings_page.rs`, `readme_picture.rs`, `card_picture.rs`: the pages of `docs/` and README show what the tool prints
-//! - `exec.rs`, `exec_library.rs`, `exec_reasons.rs`: `ecmsk exec`: the program, its library, what went wrong
+//! - `command_line.rs`, `details.rs`, `words.rs`, `bad_input.rs`: help, options, units, and errors of the command line
+//! - `page.rs`, `recordings_page.rs`, `readme_picture.rs`, `card_picture.rs`: the pages of `docs/` and README show the tool's
+//!   output
+//! - `exec.rs`, `exec_library.rs`, `exec_reasons.rs`: `ecmsk exec`: the program, its library, and reports of what went wrong
 //! - `dump_*.rs`, `plot*.rs`, `compare.rs`, `captures.rs`, `filters.rs`, `migrate.rs`: recordings and
 //!   captures, shown, drawn, compared, replayed, and judged
-//! - `recording_end.rs`, `foreign_recording.rs`: recordings that were not ended, and those of others
+//! - `recording_end.rs`, `foreign_recording.rs`: recordings that were not ended, and recordings of unknown origin
 //! - `verbs.rs`, `moves.rs`, `stop.rs`, `stalled.rs`, `scripts.rs`, `terminal.rs`, `state_failed.rs`, `objects.rs`: verbs that talk
 //!   to a board,
 //!   signals, scripts, the shell

@@ -44,7 +44,7 @@ fn a_page_for_each_verb() {
     }
 }
 
-/// What is no verb, and where nothing can be written.
+/// An unknown verb, and a folder that cannot be written.
 #[test]
 fn an_unknown_verb_or_an_unwritable_folder_is_an_error() {
     run(["man", "frobnicate"]).expect_failure(1, &["no verb `frobnicate`"], "`ecmsk --help` lists");

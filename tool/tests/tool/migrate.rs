@@ -1,4 +1,4 @@
-//! `ecmsk migrate`: what it says of recordings, in words, as JSON and as a picture, and of files that are none.
+//! `ecmsk migrate`: its report on recordings, in words, as JSON and as a picture, and its errors for other files.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -46,7 +46,7 @@ fn migrate(file: &Path, options: &[&str]) -> Ran {
     run([&["migrate", file.to_str().expect("UTF-8")], options].concat())
 }
 
-/// A program of one axis that is 30 targets ahead, and stands still for so many cycles on its way.
+/// A program of one axis that is 30 targets ahead, and stalls for that many cycles in the motion.
 fn stalled(cycles: i32) -> FakeBoard {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
     let mut sent = 0;
@@ -60,7 +60,7 @@ fn stalled(cycles: i32) -> FakeBoard {
     board
 }
 
-/// The verdict on something that is used.
+/// The verdict on an item that is used.
 #[track_caller]
 fn verdict<'a>(found: &'a Value, name: &str) -> &'a Value {
     let uses = found["uses"].as_array().expect("a list");
@@ -83,7 +83,7 @@ fn a_program_in_words_and_as_json() {
     support::snapshot("tool_migrate", &format!("{}\n{pretty}\n", shown(&[])));
 }
 
-/// What runs, what differs and what does not: the program's circumstances decide, and each row has its sentence.
+/// Items that run, that differ and that do not run: the program's circumstances decide, and each row has its sentence.
 #[test]
 fn what_differs_is_named_with_its_row() {
     let files = Files::new();
@@ -121,11 +121,12 @@ fn what_differs_is_named_with_its_row() {
     }
 }
 
-/// Exit codes are those of diff: 0 it runs as it is, 1 with differences or not, 2 it could not be said.
+/// Exit codes are those of diff: 0 it runs unchanged, 1 with differences or not at all, 2 it could not be judged.
 #[test]
 fn exit_codes_are_those_of_diff() {
     let files = Files::new();
-    // A program that goes to OP does not show for how long it would wait; behind a chip it has waited long enough.
+    // A program that goes to OP does not show how long it would wait; a recording behind a chip shows that it waits
+    // long enough.
     let text = migrate(&files.recorded("ahead.pcapng", &stalled(0)), &[]);
     assert_eq!((text.code, text.err.as_str()), (Some(1), ""), "{}", text.out);
     assert!(!text.out.contains("as it is"), "{}", text.out);
@@ -149,7 +150,7 @@ fn exit_codes_are_those_of_diff() {
     assert!(help.contains("0 the program runs on an ECM-XF as it is, 1 it runs with differences or not, 2"), "{help}");
 }
 
-/// A program that never reached OP was not seen to do what it is for: what it used is told, and the code is 2.
+/// A program that never reached OP did not show its purpose: the report has the items that it used, and the code is 2.
 #[test]
 fn a_program_that_was_never_in_op() {
     let files = Files::new();
@@ -167,7 +168,7 @@ fn a_program_that_was_never_in_op() {
     assert!(!plot.exists());
 }
 
-/// What is no recording of a board, and what cannot be written, is an error with the next step.
+/// A file that is no recording of a board, and an output that cannot be written, are errors with the next step.
 #[test]
 fn bad_input() {
     let files = Files::new();
@@ -200,8 +201,7 @@ fn bad_input() {
     }
 }
 
-/// A host that stood still while its targets waited wants as many sets in the chip; in virtual time nothing is
-/// concluded.
+/// A host that stalled while its targets waited needs as many sets in the chip; virtual time allows no conclusion.
 #[test]
 fn a_stall_wants_sets_ahead() {
     let files = Files::new();
@@ -266,7 +266,8 @@ fn captures_are_read() {
     }
 }
 
-/// A cycle that the chip cannot hold is told with the sum and what would do; a slower clock wants larger packets.
+/// A cycle that is too short for the chip is reported with the needed time and a remedy; a slower clock needs larger
+/// packets.
 #[test]
 fn a_cycle_and_a_clock() {
     let files = Files::new();
@@ -289,7 +290,7 @@ fn a_cycle_and_a_clock() {
     }
 }
 
-/// Who looks for INT0 on a line that has it gets no advice to wire it; where it is missing it is one.
+/// There is no advice to wire INT0 if the link has it; without it there is.
 #[test]
 fn int0_is_advised_where_it_is_not_wired() {
     let program = Program::default().record();
@@ -301,8 +302,8 @@ fn int0_is_advised_where_it_is_not_wired() {
     assert!(line("no INT0 ").contains("INT0 (int0=)"), "{}", ran.out);
 }
 
-/// A program that gives up by the clock fails behind a chip: the time to OP is told beside that of the board, with its row, and
-/// never `as it is`.
+/// A program that gives up by the clock fails behind a chip: the report has the time to OP beside that of the board,
+/// with its row, and never says `as it is`.
 #[test]
 fn the_way_to_op_is_told() {
     let run = Program::default().record();
@@ -335,7 +336,7 @@ fn commands_are_counted_as_compare_does() {
     assert_eq!(counts(migrate(&run.file, &[]).out), counts(compared));
 }
 
-/// What of a pause counts as a stall is told with the pause, the usual one and the sets that waited.
+/// The part of a pause that counts as a stall is reported with the pause, the usual pause and the sets that waited.
 #[test]
 fn a_stall_is_told_with_what_it_is_of() {
     let files = Files::new();
@@ -350,7 +351,7 @@ fn a_stall_is_told_with_what_it_is_of() {
     assert!(text.contains(&words) && text.contains(" in a motion, less the usual one of "), "{text}");
 }
 
-/// The links of the result are ones.
+/// The links of the result are valid.
 #[test]
 fn the_links_can_be_opened() {
     let program = Program::default().record();
@@ -361,8 +362,8 @@ fn the_links_can_be_opened() {
     }
 }
 
-/// Each row that `migrate` names is one of the table in docs/MIGRATION.md, and each of the table is named there, with
-/// what differs, how much, why, and a test.
+/// Each row that `migrate` names is in the table of docs/MIGRATION.md, and each row of the table has its difference,
+/// the amount, the reason, and a test.
 #[test]
 fn every_row_is_in_the_page() {
     let page = fs::read_to_string(support::root().join("docs/MIGRATION.md")).expect("the page");
@@ -381,7 +382,7 @@ fn every_row_is_in_the_page() {
     }
 }
 
-/// The lines to replay and to run the program have the slaves of the recording's link, with all that it says of them.
+/// The lines to replay and to run the program have the slaves of the recording's link, with all their options.
 #[test]
 fn the_links_have_the_slaves_of_the_recording() {
     let files = Files::new();

@@ -17,8 +17,8 @@ use tempfile::TempDir;
 const SIZE: SlotSize = SlotSize::Bytes16;
 const MS: u64 = 1_000_000;
 
-/// A recording of one of everything: a drive that is on, one with an alarm, one that is off, IO, a pulse module of two
-/// channels; 100 reports, 1 ms apart, in which the first drive goes 5 counts each.
+/// A recording with each kind of slave: a drive that is on, one with an alarm, one that is off, IO, a pulse module of
+/// two channels; 100 reports, 1 ms apart, in which the first drive goes 5 counts each.
 fn everything(declared: bool) -> (TempDir, PathBuf) {
     let mut script = Script::default();
     let mut command = Frame::new();
@@ -64,7 +64,7 @@ fn monitor(file: &std::path::Path, options: &[&str]) -> Ran {
     run([&["monitor", "--recording", path], options].concat())
 }
 
-/// The table: board, FIFO, SDO, and every slave as what it is.
+/// The table: board, FIFO, SDO, and every slave by its kind.
 #[test]
 fn the_table_shows_board_fifo_sdo_and_every_slave() {
     let (folder, file) = everything(true);
@@ -73,7 +73,7 @@ fn the_table_shows_board_fifo_sdo_and_every_slave() {
     support::snapshot("monitor_once", &text);
 }
 
-/// Without SET_AXIS kinds are guessed and say so; --slaves tells what they are.
+/// Without SET_AXIS kinds are guessed and marked; --slaves gives them.
 #[test]
 fn without_set_axis_kinds_are_guessed_and_marked() {
     let (_folder, file) = everything(false);
@@ -85,7 +85,7 @@ fn without_set_axis_kinds_are_guessed_and_marked() {
     assert!(!told.contains("\n    2 "), "{told}");
 }
 
-/// One object each interval of the recording's time: rates, speeds, and slots as `dump --json` has them.
+/// One object for each interval of the recording's time: rates, speeds, and slots as in `dump --json`.
 #[test]
 fn json_has_one_object_for_each_interval() {
     let (_folder, file) = everything(true);
@@ -106,7 +106,7 @@ fn json_has_one_object_for_each_interval() {
     );
 }
 
-/// A board is looked at and nothing is sent: it counts no frame, and stays in the state it was in.
+/// The monitor sends nothing to a board: the board counts no frame, and keeps its state.
 #[test]
 fn nothing_is_sent() {
     for clock in ["real", "virtual"] {
@@ -117,7 +117,7 @@ fn nothing_is_sent() {
         assert_eq!((&last["counters"]["frames"], &last["slots"][0]["state"]), (&0.into(), &"PreOP".into()), "{clock}");
         assert!(last["reports"].as_u64().is_some_and(|reports| reports > 0), "{clock}");
         assert_eq!(last["reports_lost"], 0, "{clock}");
-        // The link knows what the slaves are.
+        // The link knows the kinds of slaves.
         assert_eq!(last["slots"][3]["kind"], "io", "{clock}");
     }
     let text = run(["monitor", "--link", "sim:?slaves=drive*2", "--once"]).expect_quiet();
@@ -129,7 +129,7 @@ fn nothing_is_sent() {
     );
 }
 
-/// A board that falls silent is told, and one that is gone ends it.
+/// A board that falls silent is reported, and one that is gone ends the monitor.
 #[test]
 fn a_silent_board_is_shown_and_a_lost_one_ends_the_monitor() {
     let link = "sim:?slaves=drive&fault.disconnect_ms=300";
@@ -138,7 +138,7 @@ fn a_silent_board_is_shown_and_a_lost_one_ends_the_monitor() {
     assert!(json_lines(&ran.out).iter().all(|view| view["slots"][0]["state"] == "PreOP"), "{}", ran.out);
 }
 
-/// What there is nothing to see of, and what to do.
+/// Sources that cannot be watched, and what to do.
 #[test]
 fn a_source_that_cannot_be_watched_is_an_error_with_the_next_step() {
     let board = FakeBoard::new(SlotSize::Bytes12, 1);

@@ -1,4 +1,4 @@
-//! `ecmsk monitor` of a board on the network: it is one of the readers, and whoever moves the board goes on.
+//! `ecmsk monitor` of a board on the network: it is one of the readers, and the writer goes on.
 #![cfg(unix)]
 
 use std::io::{BufRead, BufReader, Read};
@@ -10,7 +10,8 @@ use ecmsk::sk::{Frame, MasterCommand, SlotSize};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
-/// So are the verbs that only show something. Beside a writer the monitor reads, whatever role its link names, and sends nothing.
+/// Beside a writer the monitor is a reader, whatever role its link names, and sends nothing. So are other verbs that
+/// only show something.
 #[test]
 fn a_monitor_is_a_reader() {
     let mut command = ecmsk(["serve", "tcp", "--link", "sim:?slaves=drive*2", "--listen", "127.0.0.1:0"]);

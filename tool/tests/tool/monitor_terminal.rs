@@ -23,22 +23,22 @@ const COLUMNS: NonZero<u16> = NonZero::new(90).expect("not 0");
 /// A terminal with the tool on it.
 struct Terminal {
     keyboard: File,
-    /// Keeps the terminal alive, and is asked for its settings.
+    /// Keeps the terminal open, and gives its settings.
     line: File,
     screen: Arc<Mutex<vt100::Parser>>,
     before: Termios,
     tool: Child,
-    /// Ends the thread that reads what is drawn, which keeps the terminal open too.
+    /// Ends the thread that reads the terminal's output, which keeps the terminal open, too.
     end: Arc<AtomicBool>,
     reader: thread::JoinHandle<()>,
 }
 
-/// Whose terminal it is.
+/// The owner of the terminal.
 #[derive(Clone, Copy, PartialEq)]
 enum Owner {
-    /// The tool's: when it is closed the tool gets SIGHUP.
+    /// The tool: it gets SIGHUP when the terminal is closed.
     Tool,
-    /// Nobody's: the tool is not told.
+    /// None: the tool gets no signal.
     Nobody,
 }
 
@@ -57,7 +57,7 @@ impl Terminal {
         tcsetwinsize(&line, size).expect("a terminal has a size");
         let before = tcgetattr(&line).expect("settings");
         let inner = ecmsk(arguments);
-        // The terminal has to be the tool's own, whatever these tests run on.
+        // The terminal has to be the tool's own, independent of the tests' terminal.
         let mut command = Command::new("setsid");
         if owner == Owner::Tool {
             command.arg("--ctty");
@@ -86,7 +86,7 @@ impl Terminal {
         Self { keyboard, line, screen, before, tool, end, reader }
     }
 
-    /// Closes the terminal, as its window does; gives the tool.
+    /// Closes the terminal, as its window does; returns the tool.
     fn hang_up(self) -> Child {
         self.end.store(true, Ordering::Relaxed);
         self.reader.join().expect("no panic");
@@ -97,7 +97,7 @@ impl Terminal {
         self.screen.lock().expect("no panic").screen().contents()
     }
 
-    /// Waits until the screen is so.
+    /// Waits until `so` holds for the screen.
     #[track_caller]
     fn until(&self, what: &str, so: impl Fn(&vt100::Screen) -> bool) {
         for _ in 0..12_000 {
@@ -123,7 +123,7 @@ impl Terminal {
         kill_process(pid, signal).expect("a signal is sent");
     }
 
-    /// The tool has ended, and the terminal is as it was before it.
+    /// Waits for the tool's end, and checks that the terminal is as before.
     #[track_caller]
     fn ended(mut self) -> Option<i32> {
         let code = ends(&mut self.tool);
@@ -132,7 +132,7 @@ impl Terminal {
         assert_eq!(after.local_modes, self.before.local_modes);
         assert_eq!(after.input_modes, self.before.input_modes);
         assert_eq!(after.output_modes, self.before.output_modes);
-        // All but the speeds, which a terminal of this kind does not have.
+        // All modes except the speeds, which a pseudo-terminal does not have.
         let modes = ControlModes::CSIZE | ControlModes::CSTOPB | ControlModes::CREAD | ControlModes::PARENB;
         assert_eq!(after.control_modes & modes, self.before.control_modes & modes);
         code
@@ -165,7 +165,7 @@ fn q_and_ctrl_c_end_the_monitor_and_restore_the_terminal() {
     }
 }
 
-/// After SIGTERM, SIGINT and SIGHUP the terminal is as it was, and the exit code tells the signal.
+/// After SIGTERM, SIGINT and SIGHUP the terminal is as it was, and the exit code shows the signal.
 #[test]
 fn signals_end_the_monitor_and_restore_the_terminal() {
     for (signal, code) in [(Signal::TERM, 143), (Signal::INT, 130), (Signal::HUP, 129)] {
@@ -175,7 +175,7 @@ fn signals_end_the_monitor_and_restore_the_terminal() {
     }
 }
 
-/// The exit code of a process that has to end by itself; one that does not is ended, and that is a failure.
+/// The exit code of a process that has to end by itself; a process that does not is killed, and the test fails.
 #[track_caller]
 fn ends(tool: &mut Child) -> Option<i32> {
     for _ in 0..12_000 {
@@ -189,7 +189,7 @@ fn ends(tool: &mut Child) -> Option<i32> {
     panic!("it goes on");
 }
 
-/// It ends when its terminal is closed, also where no signal tells it so: nobody is there any more.
+/// The monitor ends when its terminal is closed, even without a signal.
 #[test]
 fn a_closed_terminal_ends_the_monitor() {
     for owner in [Owner::Tool, Owner::Nobody] {
@@ -203,7 +203,7 @@ fn a_closed_terminal_ends_the_monitor() {
 fn sigterm_ends_the_monitor_on_a_terminal_that_takes_no_output() {
     let mut terminal = started();
     tcflow(&terminal.line, Action::OOff).expect("output stops");
-    // What is drawn in the meantime waits in the terminal, and nobody takes it.
+    // The terminal's output is not read meanwhile.
     terminal.type_keys(b"jjjj");
     terminal.signal(Signal::TERM);
     assert_eq!(ends(&mut terminal.tool), Some(143));

@@ -1,4 +1,4 @@
-//! `move`: what it refuses before anything moves, how long it takes, and a drive that holds an axis back.
+//! `move`: moves that are refused before they begin, their duration, and a drive that holds an axis back.
 
 use std::path::PathBuf;
 
@@ -49,11 +49,11 @@ fn the_guard_refuses_a_target_that_is_too_far() {
     ] {
         assert_eq!(moved(words).out, at);
     }
-    // Further than a target may be ahead in one cycle, which is no limit of the way.
+    // The distance is more than a target may be ahead in one cycle, which does not limit a move.
     assert_eq!(moved(&["move", "1=200000", "--velocity", "400000"]).code, Some(0));
 }
 
-/// TOOL-20 In a script it holds for each move, from where the last one has ended.
+/// TOOL-20 In a script the guard holds for each move, from the end of the last one.
 #[test]
 fn the_guard_holds_for_each_move_of_a_script() {
     let lines = "state op\nservo on 1\nmove 1=900\nmove 1=1800\nmove 1=1000 --relative\nmove 1=4000\n";
@@ -68,7 +68,7 @@ fn the_guard_holds_for_each_move_of_a_script() {
 /// and without `--yes`, and shorter ones say nothing.
 #[test]
 fn a_long_move_says_its_time_first() {
-    // Long cycles, so that there are few.
+    // The cycles are long, so that there are few.
     let options = ["--velocity", "100", "--up", "--cycle-us", "4000", "--link", BOARD];
     let moved = |words: &[&'static str]| run(words.iter().chain(&options));
     let ran = moved(&["move", "1=50000"]);
@@ -84,8 +84,8 @@ fn a_long_move_says_its_time_first() {
     assert!(ran.code == Some(0) && ran.err.contains("note: this move takes 1 min 10 s, "), "{ran:?}");
 }
 
-/// Units that are given axis by axis are given for each axis of a move: one that would move in counts unasked is
-/// refused before anything is sent, and so is a unit for an axis that one move alone does not name.
+/// Units that are given axis by axis must cover each axis of a move: an axis that would move in counts unasked is
+/// refused before anything is sent, and so is a unit for an axis that a single move does not name.
 #[test]
 fn units_are_for_the_axes_of_the_move() {
     let moved = |words: &[&str]| run(words.iter().copied().chain(["--up", "--link", BOARD]));
@@ -118,7 +118,7 @@ fn units_are_for_the_axes_of_the_move() {
         "axis 1: at 5 (500 counts)\naxis 2: at 30\n"
     );
     assert_eq!(moved(&["move", "1=5", "--counts-per-unit", "100"]).out, "axis 1: at 5 (500 counts)\n");
-    // In a script the units are those of the machine.
+    // In a script the units are for all axes of the machine.
     let in_script = |lines| run_with_input(&["run", "-", "--counts-per-unit", "1=100", "--up", "--link", BOARD], lines);
     assert_eq!(in_script("move 1=5\n").out, "axis 1: at 5 (500 counts)\n");
     let ran = in_script("move 1=5\nmove 1=6 2=7\n");
@@ -150,7 +150,7 @@ fn a_drive_that_holds_an_axis_back_ends_the_move() {
             assert!((5000..40_000).contains(&second.parse::<i32>().expect(&what)), "{what}");
         }
     }
-    // A move that ends before that is noticed has not arrived either.
+    // A move that ends before the limit is noticed has not arrived, either.
     let board = "sim:?slaves=drive:limits@-1000..1000&clock=virtual";
     let ran = run(["move", "1=1200", "--up", "--link", board]);
     let ending = "off its target: its drive holds it back (internal limit active, statusword bit 11)";

@@ -31,7 +31,7 @@ fn at(index: u16, sub: u8) -> ObjectAddress {
     ObjectAddress::new(index, sub)
 }
 
-/// SK-7.47 The objects of a file are read and written by the rules of CoE: size, access, what is not there.
+/// SK-7.47 The objects of a file are read and written by the rules of CoE: size, access, missing objects.
 #[test]
 fn objects_of_a_file_follow_the_rules_of_coe() {
     let mut drive = drive(ManufacturerObjects::parse(OBJECTS).unwrap());
@@ -55,13 +55,13 @@ fn objects_of_a_file_follow_the_rules_of_coe() {
         assert_eq!(drive.download(at(index, sub), size, 0x77), answer, "0x{index:04X}:{sub} {size:?}");
     }
     assert_eq!(read(&mut drive, 0x2000, 0), Ok(0x77));
-    // What the simulated drive has itself stays as it is: nothing of a file can change how it moves.
+    // The simulated drive's own objects are unchanged: a file cannot change its motion.
     assert_eq!(drive.download(at(0x6041, 0), SdoSize::Two, 1), Err(AbortCode::READ_ONLY));
     drive.enter(AlState::Init).expect("down is open");
     assert_eq!(read(&mut drive, 0x2000, 0), Err(AbortCode::TIMEOUT), "no mailbox in Init");
 }
 
-/// SK-7.48 `any`: what is written is read back, of any size; what was never written is 0; what lies elsewhere aborts.
+/// SK-7.48 `any`: a written value of any size is read back; a value that was never written is 0; other addresses abort.
 #[test]
 fn objects_any_stores_whatever_is_written() {
     let mut drive = drive(ManufacturerObjects::any());
@@ -78,7 +78,7 @@ fn objects_any_stores_whatever_is_written() {
     assert_eq!(full, Some(AbortCode::OUT_OF_MEMORY), "it does not grow for ever");
 }
 
-/// SK-7.48 A transfer that makes an object allocates nothing: it runs in the board's cycle.
+/// SK-7.48 A transfer that creates an object allocates nothing, since it runs in the board's cycle.
 #[test]
 fn making_an_object_allocates_nothing() {
     let mut drive = drive(ManufacturerObjects::any());
@@ -90,7 +90,8 @@ fn making_an_object_allocates_nothing() {
     assert_eq!(allocated.count_total, 0);
 }
 
-/// SK-7.47 In a link: behind any kind, with a count and beside its travel, in one normal form; wrong ones say what is allowed.
+/// SK-7.47 In a link the objects follow any kind, with a count and beside its travel, in one normal form; errors say
+/// what is allowed.
 #[test]
 fn a_link_names_objects_behind_any_kind_in_one_normal_form() {
     let of = |list: &str| {
@@ -114,7 +115,7 @@ fn a_link_names_objects_behind_any_kind_in_one_normal_form() {
     assert!(of("drive:objekts@a").unwrap_err().to_string().contains("objects@FILE|any"));
 }
 
-/// SK-7.47 A file that is none is refused when the board is switched on, with its line; so is what is no regular file.
+/// SK-7.47 An invalid file is refused when the board is switched on, with its line; so is a file that is not regular.
 #[test]
 fn an_invalid_objects_file_is_refused_with_its_line() {
     let open = |file: &str| Ecm::open(&format!("sim:?slaves=drive:objects@{file}&clock=virtual")).err().expect("wrong");
@@ -140,7 +141,7 @@ fn a_program_writes_manufacturer_objects_of_a_drive() {
     );
 }
 
-/// `objects from-drive` prints what can be read of a drive, and a simulated drive with that file answers the same.
+/// `objects from-drive` prints the readable objects of a drive, and a simulated drive with that file answers the same.
 #[test]
 fn a_simulated_drive_with_the_objects_of_a_drive_answers_the_same() {
     let file = text("original.objects", OBJECTS);
@@ -220,7 +221,7 @@ fn from_an_esi_file() {
     }
 }
 
-/// A sub-index that a type names again is one object, as it was named first: a small file makes no large list.
+/// A sub-index that a type repeats is one object, by its first entry: a small file makes no large list.
 #[test]
 fn a_sub_index_counts_once() {
     let elements = ESI.lines().find(|line| line.contains("<Name>Elements</Name>")).unwrap();
@@ -234,7 +235,7 @@ fn a_sub_index_counts_once() {
     assert_eq!((first, second), ("0x2200:1 u16 rw 0x64 Gains: Elements 1", "0x2200:2 u16 rw 0xC8 Gains: Elements 2"));
 }
 
-/// What is no ESI file, has no dictionary or another device says so, with the next step.
+/// A file that is no ESI file, has no dictionary or another device is refused with the next step.
 #[test]
 fn a_file_that_is_no_esi_file_is_refused_with_the_next_step() {
     for (name, content, device, words) in [
@@ -287,8 +288,8 @@ fn encoded(encoding: &str) -> String {
     .replace("\\u{B5}", "\u{B5}")
 }
 
-/// ESI files are read in the encoding that they have or declare; texts are whole; what the dictionary or the PDOs of the
-/// device say can be mapped is marked.
+/// ESI files are read in the encoding that they have or declare; texts are whole; objects that can be mapped by the
+/// dictionary or the device's PDOs are marked.
 #[test]
 fn esi_files_in_other_encodings_with_long_texts() {
     let latin = |text: String| text.chars().map(|letter| u8::try_from(letter).expect("latin")).collect::<Vec<u8>>();
@@ -329,7 +330,7 @@ fn esi_files_in_other_encodings_with_long_texts() {
     );
 }
 
-/// An element with very many attributes is read as any other; one that stands twice among them is refused with its line.
+/// An element with very many attributes is read as any other; a repeated attribute is refused with its line.
 #[test]
 fn very_many_attributes_are_read() {
     let many: String = (0..80_000).map(|n| format!(" a{n}=\"{n}\"")).collect();

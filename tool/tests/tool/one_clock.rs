@@ -1,4 +1,4 @@
-//! Times of one run: of its script, of what it was told, and of what `dump` and `plot` show of its recording.
+//! Times of one run: in its script, in its warnings, and in `dump` and `plot` of its recording.
 
 use std::time::Duration;
 
@@ -6,8 +6,8 @@ use crate::common::{json_lines, run};
 use ecmsk::sk::DriveResponse;
 use support::script_client::Client;
 
-/// `dump` and `plot` count from the same frame. Where the program has waited after Open they say by how much that is later than the
-/// zero of scripts and warnings, so that an alarm of the script is found at its time; a program that begins at once is not told.
+/// `dump` and `plot` count from the same frame. If the program has waited after Open, they print the offset to the zero
+/// of scripts and warnings, so that an alarm of the script is found at its time; without a wait they print none.
 #[test]
 fn times_of_a_recording_and_of_a_script_have_one_zero_or_a_told_offset() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -38,7 +38,7 @@ fn times_of_a_recording_and_of_a_script_have_one_zero_or_a_told_offset() {
         let picture = folder.path().join("run.svg");
         let plot = run(["plot", file, "-o", picture.to_str().expect("UTF-8")]);
         assert_eq!((plot.code, plot.err.as_str()), (Some(0), dump.err.as_str()));
-        // Outside of OP it says when that is.
+        // A time outside OP is an error that names the time of OP.
         let outside = run(["plot", file, "--to", "-1", "-o", picture.to_str().expect("UTF-8")]);
         let op = format!("{:.3} s to ", first("state OP") as f64 / 1e9);
         assert!(outside.code == Some(1) && outside.err.contains(&op), "{op}: {}", outside.err);

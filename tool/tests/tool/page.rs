@@ -1,11 +1,11 @@
-//! The tool's pages, and what README shows of them: the commands of a page run in one shell and print what stands below them.
+//! The tool's pages, and README: the commands of a page run in one shell and print the output below them.
 #![cfg(target_os = "linux")]
 
 use std::net::{Ipv4Addr, TcpListener};
 use std::path::Path;
 use std::process::Command;
 
-/// The pages, and how many commands they have at least.
+/// The pages, and the least number of their commands.
 const PAGES: [(&str, usize); 4] =
     [("docs/TOOL.md", 20), ("docs/TOOL-NETWORK.md", 10), ("docs/TOOL-RECORDINGS.md", 5), ("README.md", 3)];
 
@@ -40,7 +40,7 @@ fn page(file: &str) -> Vec<Shown> {
     commands(&std::fs::read_to_string(support::root().join(file)).expect("the page"))
 }
 
-/// Runs them in one shell, in an empty folder, and gives what each prints.
+/// Runs them in one shell, in an empty folder, and returns the output of each.
 fn run(shown: &[Shown], keys: &str) -> Vec<String> {
     const MARK: &str = "-- end of a command --";
     let folder = tempfile::tempdir().expect("a folder");
@@ -55,7 +55,7 @@ fn run(shown: &[Shown], keys: &str) -> Vec<String> {
     bash.args(["-c", &format!("exec 2>&1\n{script}")]).current_dir(folder.path()).env("PATH", path);
     let output = bash.env_remove("ECMSK_LOG").output().expect("bash starts");
     let text = String::from_utf8(output.stdout).expect("UTF-8").replace(keys, "").replace(&port, "4711");
-    // How often it is said how far something is goes by the machine.
+    // The number of progress lines depends on the machine.
     let text: String = text.split_inclusive('\n').filter(|line| !line.starts_with("progress: ")).collect();
     let mut said: Vec<String> = text.split(&format!("{MARK}\n")).map(str::to_owned).collect();
     assert_eq!(said.pop().as_deref(), Some(""), "the shell ended early: {text}");
@@ -68,7 +68,7 @@ fn free_port() -> u16 {
     listener.local_addr().expect("it has one").port()
 }
 
-/// Every command of the pages prints what they say, on virtual time to the byte.
+/// Every command of the pages prints the shown output, in virtual time to the byte.
 #[test]
 fn every_command_of_the_pages_prints_what_they_show() {
     for (file, least) in PAGES {
@@ -80,8 +80,8 @@ fn every_command_of_the_pages_prints_what_they_show() {
     }
 }
 
-/// As they stand there, on the real clock, the commands that should succeed do. On a machine that is late for a chip one may say that
-/// it was not answered: then the page is gone through again.
+/// On the real clock the commands that should succeed do. If the machine is late for a chip, a command may report a
+/// missing answer: then the page is run again.
 #[test]
 fn every_command_of_the_pages_succeeds_on_the_real_clock() {
     const TRIES: usize = 5;

@@ -10,8 +10,8 @@ use crate::common::run;
 use crate::common::svg::{ALARM, COLOURS, FIFO, Plot};
 use ecmsk::sk::{FifoAction, MasterCommand, MasterState, SlaveKind, SlotSize};
 
-/// Positions stand where the reports have them, targets in the cycle in which the board executed them, eight cycles
-/// after they were sent; the legend says so.
+/// Positions are drawn at their reports, targets at the cycle in which the board executed them, eight cycles after they
+/// were sent; the legend says so.
 #[test]
 fn targets_and_positions() {
     let (run, cycles) = two_axes();
@@ -25,7 +25,7 @@ fn targets_and_positions() {
         let whole = f64::from(10_000 * (axis as i32 + 1));
         for cycle in cycles.iter().skip(1).step_by(50) {
             near(panel.at(colour, false, cycle.seconds), cycle.position[axis].into(), whole);
-            // What was sent by then is eight cycles further, 0.8 % of the whole: what is near has to be nearer.
+            // The target sent at that time is eight cycles further, 0.8 % of the whole: the tolerance is smaller.
             near(panel.at(colour, true, cycle.seconds), cycle.target[axis].into(), whole / 4.0);
         }
     }
@@ -95,7 +95,7 @@ fn the_fifo_level_and_lost_commands_are_shown() {
     assert!(plot.texts().iter().any(|text| text.starts_with("commands lost: the full count went up in ")));
 }
 
-/// No loss, no word of one.
+/// Without losses the plot does not mention any.
 #[test]
 fn without_lost_commands_the_plot_does_not_mention_any() {
     let plot = Recorded::new(&two_axes().0).plot(&[]);
@@ -145,7 +145,7 @@ fn long_recordings_are_thinned_without_loss() {
     near(at, board.seconds() - 17.654, 30.0);
 }
 
-/// The axes and the time that were asked for.
+/// The plot has the requested axes and time.
 #[test]
 fn axes_and_time_can_be_chosen() {
     let (run, cycles) = two_axes();
@@ -189,7 +189,7 @@ fn eight_axes_have_colours_and_further_ones_are_left_out_by_name() {
     ten.try_plot(&["--axes", "1,2,3,4,5,6,7,8,9"]).expect_failure(1, &["9 axes", "at most 8"], "--axes");
 }
 
-/// No text lies on another one or beyond the picture, whatever the numbers are.
+/// No text overlaps another one or leaves the picture, whatever the numbers are.
 #[test]
 fn labels_neither_overlap_nor_leave_the_picture() {
     for (axes, scale, options) in
@@ -235,7 +235,7 @@ fn a_report_that_was_read_late_is_plotted_when_it_was_made() {
     assert_eq!(late, in_time);
 }
 
-/// Of a capture of two boards the one that is in OP is plotted.
+/// In a capture of two boards the one that is in OP is plotted.
 #[test]
 fn of_two_boards_the_one_in_op_is_plotted() {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
@@ -262,7 +262,7 @@ fn of_two_boards_the_one_in_op_is_plotted() {
 fn each_note_is_printed_once() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("run.pcapng");
-    // Without an axis and without CRCs nothing tells the slot size.
+    // Without an axis and without CRCs the slot size is unknown.
     let mut board = FakeBoard::new(SlotSize::Bytes12, 0);
     board.cycle();
     board.script.leave_crc_out();
@@ -291,7 +291,7 @@ fn outside_op_there_is_a_gap() {
     assert_eq!(plot.panel("FIFO").lines(FIFO, false).len(), 2);
 }
 
-/// Without -o the plot lies beside the recording; its name is printed.
+/// Without -o the plot is written beside the recording; its name is printed.
 #[test]
 fn without_an_output_the_plot_lies_beside_the_recording() {
     let recorded = Recorded::new(&two_axes().0);
@@ -305,7 +305,7 @@ fn without_an_output_the_plot_lies_beside_the_recording() {
     assert_eq!(read(&beside), recorded.try_plot(&["-o", "-"]).expect_quiet());
 }
 
-/// Whatever stands in a link or a file's name, the SVG stays one.
+/// Whatever a link or a file's name contains, the SVG stays well-formed.
 #[test]
 fn names_with_markup_do_not_break_the_svg() {
     let (board, _) = two_axes();
@@ -316,7 +316,7 @@ fn names_with_markup_do_not_break_the_svg() {
     assert!(plot.texts().iter().any(|text| text.contains("<a & \"b\">\u{fffd}\u{fffd}'.pcapng")), "{:?}", plot.texts());
 }
 
-/// What cannot be plotted, and what to do.
+/// Recordings that cannot be plotted, and what to do.
 #[test]
 fn what_cannot_be_plotted_is_an_error_with_the_next_step() {
     let (board, _) = two_axes();
@@ -359,7 +359,7 @@ fn a_recording_without_op_has_nothing_to_plot() {
     recorded.try_plot(&[]).expect_failure(1, &["no response in OP (22 frames)"], "look at this one with `ecmsk dump`");
 }
 
-/// A recording that was cut off is plotted as far as it goes, and a note says so.
+/// A recording that was cut off is plotted up to its end, and a note says so.
 #[test]
 fn a_truncated_recording_is_plotted_as_far_as_it_goes() {
     let (board, cycles) = two_axes();
@@ -387,8 +387,8 @@ fn a_fifo_clear_is_found_whatever_else_the_frame_holds() {
     assert_eq!(Recorded::new(&board).plot(&[]).panel_names().len(), 3);
 }
 
-/// An axis that the network does not have is an error, and the text names those that there are, whether they were
-/// moved or not: also in a recording of the native API, whose frames count in all slots.
+/// An axis that the network does not have is an error, and the text names the present axes, whether they were moved or
+/// not: also in a recording of the native API, whose frames count in all slots.
 #[test]
 fn an_axis_that_the_network_lacks_is_an_error_with_those_it_has() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -408,7 +408,7 @@ fn an_axis_that_the_network_lacks_is_an_error_with_those_it_has() {
     plot("1-3").expect_quiet();
 }
 
-/// An axis that the recording says nothing of is an error, and the text names those that there are.
+/// An axis without data in the recording is an error, and the text names the axes with data.
 #[test]
 fn an_axis_without_data_is_an_error_with_those_that_have_some() {
     let (board, _) = two_axes();

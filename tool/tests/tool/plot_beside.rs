@@ -12,8 +12,8 @@ const BLACK: &str = "#202020";
 /// Fault, as CiA 402 shows it.
 const FAULTED: u16 = 0x0218;
 
-/// One axis goes 10 counts a cycle, for so many cycles; in cycles `faulted` its drive has an alarm. Gives the run and when the
-/// alarm began and ended.
+/// One axis moves 10 counts per cycle, for that many cycles; in cycles `faulted` its drive has an alarm. Returns the
+/// run and the begin and end of the alarm.
 fn run(cycles: i32, faulted: std::ops::Range<i32>) -> (Recorded, (f64, f64)) {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
     let fine = run.drives[0];
@@ -36,8 +36,8 @@ fn run(cycles: i32, faulted: std::ops::Range<i32>) -> (Recorded, (f64, f64)) {
     (Recorded::of_link(&run, "xf-sim:?slaves=drive"), times)
 }
 
-/// The longer of both runs is seen to its end, whichever is the first one, and an alarm of the other run is marked as one of
-/// the first is, with the name of the run beside it.
+/// The longer run is shown to its end, whichever is the first one, and an alarm of the other run is marked like one of
+/// the first, with the name of the run beside it.
 #[test]
 fn both_runs_are_seen_to_their_ends_with_their_alarms() {
     let (short, _) = run(300, 0..0);

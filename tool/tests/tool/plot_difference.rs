@@ -5,7 +5,8 @@ use crate::common::plots::{Recorded, near, two_axes};
 use crate::common::svg::COLOURS;
 use ecmsk::sk::{MasterState, SlotSize};
 
-/// The following difference compares a position with the target executed then, not with the one sent then.
+/// The following difference compares a position with the target executed at that time, not with the one sent at that
+/// time.
 #[test]
 fn the_difference_is_to_the_target_that_was_executed_then() {
     let (run, cycles) = two_axes();
@@ -73,7 +74,7 @@ fn after_a_loss_no_difference_is_shown_until_it_is_known_again() {
     assert!(samples.iter().any(|(seconds, _)| *seconds > lost.1 + 0.1), "never known again");
 }
 
-/// After a clear of the FIFO the targets in force are those sent with it and later.
+/// After a clear of the FIFO the targets in force are those sent with the clear and later.
 #[test]
 fn after_a_clear_the_difference_is_to_the_targets_sent_later() {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
@@ -81,7 +82,7 @@ fn after_a_clear_the_difference_is_to_the_targets_sent_later() {
         board.send(&[1000 + i]);
     }
     board.clear();
-    // The frame that clears waits itself: what was sent before it must not count as executed.
+    // The frame with the clear waits itself: earlier targets must not count as executed.
     board.report(MasterState::Op);
     for i in 0..100 {
         board.send(&[i]);

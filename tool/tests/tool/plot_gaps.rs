@@ -5,7 +5,7 @@ use crate::common::plots::Recorded;
 use crate::common::svg::{GAP, Panel};
 use ecmsk::sk::SlotSize;
 
-/// The gaps are these, to a part of a cycle.
+/// Asserts that the gaps are these, to a part of a cycle.
 #[track_caller]
 fn are(panel: &Panel<'_>, expected: &[(f64, f64)]) {
     let found = panel.spans(GAP);
@@ -15,8 +15,8 @@ fn are(panel: &Panel<'_>, expected: &[(f64, f64)]) {
     assert!(same, "{found:?} instead of {expected:?}");
 }
 
-/// Axis 1 goes 10 counts a cycle, axis 2 stands. The host is `ahead` commands ahead, and sends nothing in the cycles `away`.
-/// Gives the run and the time in which the board had nothing to execute.
+/// Axis 1 goes 10 counts a cycle, axis 2 stands. The host is `ahead` commands ahead, and sends nothing in the cycles
+/// `away`. Returns the run and the time in which the board had no entry to execute.
 fn late(ahead: i32, away: std::ops::Range<i32>) -> (FakeBoard, (f64, f64)) {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 2);
     let (mut sent, mut idle) = (0, Vec::new());
@@ -62,7 +62,7 @@ fn ends_and_pauses_of_motion_are_no_gaps() {
     let (run, _) = {
         let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
         for start in [0, 2000] {
-            // Slowly off and slowly to the end, as a planned motion goes.
+            // The motion begins and ends slowly, as a planned one.
             for i in 0..=100_i32 {
                 run.send(&[start + i * i * (300 - 2 * i) / 500]);
                 run.cycle();

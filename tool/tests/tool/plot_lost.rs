@@ -1,4 +1,4 @@
-//! `ecmsk plot`: a slave that is lost, targets that never left, homing's change of coordinates, and many axes.
+//! `ecmsk plot`: a lost slave, targets that were never executed, homing's change of coordinates, and many axes.
 
 use crate::common::motion::{DriveSlot, FakeBoard};
 use crate::common::plots::Recorded;
@@ -14,7 +14,7 @@ const GO_HOME: u8 = 0x18;
 const UNDER_WAY: u16 = 0x0237;
 const ATTAINED: u16 = 0x1637;
 
-/// Both axes go on by 10 and 20 counts in each cycle.
+/// Moves both axes by 10 and 20 counts in each cycle.
 fn go(run: &mut FakeBoard, cycles: std::ops::Range<i32>) {
     for n in cycles {
         run.send(&[10 * n, 20 * n]);
@@ -38,8 +38,8 @@ fn has_points(panel: &Panel<'_>, colour: &str, pale: bool, from: f64, to: f64) -
     panel.samples(colour, pale).iter().any(|(at, _)| from + 0.01 < *at && *at < to - 0.01)
 }
 
-/// SK-4.61 TOOL-197 A slave that is lost in state 0x18 is shaded and named, nothing is drawn of what its slot keeps or of targets
-/// that never left; the others go on; the state has a mark in all panels over time.
+/// SK-4.61 TOOL-197 A slave that is lost in state 0x18 is shaded and named; neither the old values of its slot nor
+/// targets that were never executed are drawn; the others go on; the state has a mark in all panels over time.
 #[test]
 fn a_lost_slave_is_shown() {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 2);
@@ -73,7 +73,7 @@ fn a_lost_slave_is_shown() {
     assert!(texts.contains(&"lost: slot without news in state 0x18") && texts.contains(&"state 0x18"), "{texts:?}");
 }
 
-/// TOOL-197 A slave that stands still in state 0x18 may be lost or not: that is a question, until it moves.
+/// TOOL-197 A slave at rest in state 0x18 may or may not be lost: it is marked "lost?" until it moves.
 #[test]
 fn a_slave_that_stands_still_may_be_lost() {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 2);
@@ -82,7 +82,7 @@ fn a_slave_that_stands_still_may_be_lost() {
     run.cycle();
     let from = run.seconds();
     (0..300).for_each(|_| run.cycle());
-    // Axis 1 is there, as it moves after all.
+    // Axis 1 is not lost, since it moves later.
     for n in 0..300 {
         run.send(&[10 * n, 0]);
         run.cycle();
@@ -136,7 +136,7 @@ fn targets_that_are_ignored_are_not_drawn() {
     assert!(greatest < 2_500.0, "{greatest}: 5000 was never executed");
 }
 
-/// Homing gives positions another zero: the line is broken there, and the vertical axis is that of what follows.
+/// Homing changes the zero of positions: the line is broken there, and the vertical axis fits the later positions.
 #[test]
 fn another_zero_breaks_the_line_and_sets_the_scale() {
     let mut run = FakeBoard::starting(SlotSize::Bytes12, 1, SlaveKind::Drive);
@@ -164,7 +164,7 @@ fn another_zero_breaks_the_line_and_sets_the_scale() {
     assert!(points.iter().all(|(at, _)| *at > zeroed - 0.004), "what was before is far away");
     let (low, high) = points.iter().fold((f64::MAX, f64::MIN), |(low, high), (_, v)| (low.min(*v), high.max(*v)));
     assert!(low < 10.0 && high > 2_500.0, "{low} to {high}");
-    // Where the line before is within the range, nothing leads from it to the line behind.
+    // If the earlier line is within the range, it is not connected with the later one.
     let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
     run.send_to(1, &SlaveCommand::GoHome);
     answer(&mut run, GO_HOME, UNDER_WAY);
@@ -185,8 +185,8 @@ fn another_zero_breaks_the_line_and_sets_the_scale() {
     assert_eq!(lines.len(), 2, "in one column of pixels, and yet two");
 }
 
-/// Of more than four axes every second line is dashed, and the common diagrams have the numbers of the axes at the ends of
-/// the lines.
+/// With more than four axes every second line is dashed, and the common diagrams have the numbers of the axes at the
+/// ends of the lines.
 #[test]
 fn many_axes_are_told_apart() {
     let of = |axes: usize| {

@@ -1,4 +1,4 @@
-//! `ecmsk plot`: IO, velocity, the plane of two axes, units, the title, and which diagrams there are.
+//! `ecmsk plot`: IO, velocity, the plane of two axes, units, the title, and the choice of diagrams.
 
 use crate::common::motion::FakeBoard;
 use crate::common::plots::{Recorded, near, two_axes};
@@ -12,7 +12,8 @@ fn io(id: u8, bits: u16) -> ecmsk::sk::RawSlot {
     IoResponse { head: SlaveResponse { id, index: 0 }, bits }.encode()
 }
 
-/// A drive that moves, and an IO slave whose input 3 goes up and whose output 15 goes up and down. Gives also when.
+/// A drive that moves, and an IO slave whose input 3 goes up and whose output 15 goes up and down. Also returns these
+/// times.
 fn with_io() -> (FakeBoard, [f64; 3]) {
     let mut run = FakeBoard::of_kinds(SlotSize::Bytes12, &[SlaveKind::Drive, SlaveKind::Io]);
     let mut times = [0.0; 3];
@@ -38,8 +39,8 @@ fn with_io() -> (FakeBoard, [f64; 3]) {
 }
 
 /// An IO slave has no position: its inputs and outputs are shown, inputs when they were reported, outputs when their
-/// command was executed, and bits that are always 0 are left out. It is shown by itself if anything was ever 1, and if it is
-/// asked for.
+/// command was executed, and bits that are always 0 are left out. The slave is shown by default if a bit was ever 1,
+/// and if it is asked for.
 #[test]
 fn an_io_slave_shows_inputs_when_reported_and_outputs_when_executed() {
     let (run, [up, down, input]) = with_io();
@@ -61,7 +62,7 @@ fn an_io_slave_shows_inputs_when_reported_and_outputs_when_executed() {
     }
 }
 
-/// A silent IO slave has no panel by itself, and a list of commands leaves its axis as it is.
+/// An IO slave without changes has no panel by default, and a list of commands does not affect its panel.
 #[test]
 fn an_io_slave_without_changes_has_no_panel() {
     let mut run = FakeBoard::of_kinds(SlotSize::Bytes12, &[SlaveKind::Drive, SlaveKind::Io]);
@@ -82,7 +83,8 @@ fn an_io_slave_without_changes_has_no_panel() {
     recorded.try_plot(&["--xy", "1,2"]).expect_failure(1, &["slave 2 is IO and has no position"], "as in --xy 1,2");
 }
 
-/// The velocity is that of the positions, a second, and behind it that of the targets; it is shown if it is asked for.
+/// The diagram has the velocity of the positions, per second, and behind it that of the targets; it is shown on
+/// request.
 #[test]
 fn the_velocity_of_positions_and_targets_is_shown_if_asked_for() {
     let (run, cycles) = two_axes();
@@ -99,7 +101,7 @@ fn the_velocity_of_positions_and_targets_is_shown_if_asked_for() {
     assert!(!recorded.plot(&[]).panel_names().iter().any(|name| name.starts_with("Velocity")));
 }
 
-/// A drive that goes by CSV shows its velocity by itself, and what was asked for in the cycle in which it was executed.
+/// A drive in CSV shows its velocity by default, and the target at the cycle in which it was executed.
 #[test]
 fn a_drive_in_csv_shows_its_velocity() {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
@@ -122,7 +124,7 @@ fn a_drive_in_csv_shows_its_velocity() {
     assert!(plot.panel_names().contains(&"Velocity (counts/s; pale: of the targets)"));
 }
 
-/// The plane: what was commanded and what was gone, the first axis from left to right, both to the same scale.
+/// The plane: the commanded and the actual path, the first axis horizontal, both to the same scale.
 #[test]
 fn the_plane_shows_two_axes_to_the_same_scale() {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 3);
@@ -152,7 +154,7 @@ fn the_plane_shows_two_axes_to_the_same_scale() {
     };
     near(span(|point| point.0), 2.0 * span(|point| point.1), 100.0 * 8.0);
     assert!(plot.texts().contains(&"position of axis 3 (counts)") && plot.texts().contains(&"time (s)"));
-    // By themselves the first two axes.
+    // By default the first two axes.
     assert_eq!(
         recorded.plot(&["--panels", "xy"]).panel_names(),
         ["Plane of axes 1 and 2: position of axis 2 (counts)"]
@@ -168,7 +170,7 @@ fn the_plane_shows_two_axes_to_the_same_scale() {
     }
 }
 
-/// Positions, differences and velocities are in units if the counts of one are said, of all axes or of some.
+/// Positions, differences and velocities are in units if the counts per unit are given, for all axes or for some.
 #[test]
 fn values_are_in_units_if_counts_per_unit_are_given() {
     let (run, cycles) = two_axes();
@@ -189,7 +191,7 @@ fn values_are_in_units_if_counts_per_unit_are_given() {
     recorded.try_plot(&["--counts-per-unit", "0"]).expect_misuse(&["--counts-per-unit"]);
 }
 
-/// A title stands in the place of the link, whatever is in it.
+/// A title replaces the link, whatever it contains.
 #[test]
 fn a_title_replaces_the_link() {
     let (run, _) = two_axes();
@@ -198,7 +200,7 @@ fn a_title_replaces_the_link() {
     assert!(!plot.texts().iter().any(|text| text.starts_with("sim:")));
 }
 
-/// The diagrams asked for are shown and no others.
+/// Only the requested diagrams are shown.
 #[test]
 fn only_the_panels_asked_for_are_shown() {
     let (run, _) = two_axes();

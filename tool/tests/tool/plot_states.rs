@@ -23,8 +23,8 @@ const CSP: u8 = 0x15;
 const GO_HOME: u8 = 0x18;
 const ABORT_HOME: u8 = 0x19;
 
-/// That many cycles in which the drive of a slave says this; when they began and when they were over, in seconds: the
-/// report after them is the first that says something else.
+/// Runs that many cycles in which a slave's drive has this slot; returns their begin and end in seconds: the report
+/// after them is the first one with another value.
 fn say(run: &mut FakeBoard, slave: usize, id: u8, statusword: u16, cycles: u32) -> (f64, f64) {
     run.drives[slave - 1] = DriveSlot { id, statusword, ..run.drives[slave - 1] };
     run.cycle();
@@ -35,7 +35,7 @@ fn say(run: &mut FakeBoard, slave: usize, id: u8, statusword: u16, cycles: u32) 
     (from, run.seconds() + 0.001)
 }
 
-/// The spans are these, to a pixel of some milliseconds.
+/// Asserts that the spans are these, to a pixel of some milliseconds.
 #[track_caller]
 fn are(panel: &Panel<'_>, colour: &str, expected: &[(f64, f64)]) {
     let found = panel.spans(colour);
@@ -45,8 +45,8 @@ fn are(panel: &Panel<'_>, colour: &str, expected: &[(f64, f64)]) {
     assert!(same, "{found:?} instead of {expected:?}");
 }
 
-/// SK-7.20 A drive is homing from the answer to GO_HOME until bits 10 and 12 are both 1; the other drive is not. Bits 10
-/// and 12 of an earlier homing, which still stand at first, end nothing.
+/// SK-7.20 A drive is homing from the answer to GO_HOME until bits 10 and 12 are both 1; the other drive is not. Bits
+/// 10 and 12 of an earlier homing, which are still set at first, do not end it.
 #[test]
 fn homing_lasts_from_go_home_until_bits_10_and_12_are_set() {
     for first in [STANDS, ATTAINED, UNDER_WAY] {
@@ -55,7 +55,7 @@ fn homing_lasts_from_go_home_until_bits_10_and_12_are_set() {
         run.send_to(2, &SlaveCommand::GoHome);
         let (from, _) = say(&mut run, 2, GO_HOME, first, 3);
         say(&mut run, 2, GO_HOME, UNDER_WAY, 100);
-        // A host that asks for nothing meanwhile.
+        // The host sends no command meanwhile.
         let (_, to) = say(&mut run, 2, 0, UNDER_WAY, 100);
         say(&mut run, 2, 0, ATTAINED, 100);
         say(&mut run, 2, CSP, ENABLED, 100);
@@ -68,7 +68,7 @@ fn homing_lasts_from_go_home_until_bits_10_and_12_are_set() {
 }
 
 /// SK-7.39 A drive that is home at once shows bits 10 and 12 from the first report on: they count when they have stood
-/// for 20 ms. And the next GO_HOME is seen although the host has sent nothing else meanwhile.
+/// for 20 ms. The next GO_HOME is seen although the host has sent no other command meanwhile.
 #[test]
 fn a_drive_that_is_home_at_once_is_seen_and_so_is_its_next_homing() {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
@@ -82,7 +82,8 @@ fn a_drive_that_is_home_at_once_is_seen_and_so_is_its_next_homing() {
     are(&plot.panel("Axis 1"), HOMING, &[(first, first + 0.020), (second, to)]);
 }
 
-/// SK-7.21 Bit 13 ends homing and is told; ABORT_HOME in another slave's slot, a fault, SV_OFF and leaving OP end it too.
+/// SK-7.21 Bit 13 ends homing and is marked; ABORT_HOME in another slave's slot, a fault, SV_OFF and leaving OP end it,
+/// too.
 #[test]
 fn an_error_an_abort_a_fault_and_leaving_op_end_homing() {
     let ends: [fn(&mut FakeBoard); 5] = [
@@ -119,7 +120,7 @@ fn a_rejected_go_home_begins_no_homing() {
 }
 
 /// LIB-25 A fault is shown from the reaction to it until it is cleared, with its error code, which may come later; from
-/// there on the drive is not enabled until it is on again. Targets sent before are in force no more.
+/// there on the drive is not enabled until it is on again. Earlier targets are not in force any more.
 #[test]
 fn a_fault_is_shown_with_its_code_until_it_is_cleared() {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
@@ -147,7 +148,7 @@ fn a_fault_is_shown_with_its_code_until_it_is_cleared() {
     }
 }
 
-/// SK-3.21 An HSP has no error code in its slot: what stands in its place is none.
+/// SK-3.21 An HSP has no error code in its slot: the value in its place is none.
 #[test]
 fn a_fault_of_an_hsp_has_no_error_code() {
     let mut run = FakeBoard::of_kind(SlotSize::Bytes12, 1, SlaveKind::Hsp);
@@ -160,7 +161,7 @@ fn a_fault_of_an_hsp_has_no_error_code() {
     assert_eq!(notes, ["fault"]);
 }
 
-/// A drive that was on all the time has no shade and no word of one.
+/// A drive that was on all the time has no shading and no note about it.
 #[test]
 fn a_drive_that_was_on_all_the_time_has_no_shading() {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
@@ -172,8 +173,8 @@ fn a_drive_that_was_on_all_the_time_has_no_shading() {
     assert!(!plot.texts().iter().any(|text| ["fault", "homing", "not enabled"].contains(text)));
 }
 
-/// The part of a state that was asked for is shown; a state of one cycle is still seen; notes lie on nothing and are not
-/// cut, and thousands of faults do not make a picture of thousands of areas.
+/// Within the requested time a state is shown in part; a state of one cycle is still seen; notes overlap nothing and
+/// are not cut, and thousands of faults do not make a picture of thousands of areas.
 #[test]
 fn short_states_are_seen_and_thousands_of_faults_stay_readable() {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 1);

@@ -11,7 +11,7 @@ mod needs_cxx {
 
     use crate::common::ecmsk;
 
-    /// Records that program as the demo runs it, on virtual time, on a board with that link.
+    /// Records that program as the demo runs it, in virtual time, on a board with that link.
     fn record(folder: &Path, link: &str, script: &str, recording: &str) {
         let link = format!("{link}&script=examples/scripts/{script}.ecmscript&record={recording}");
         let program = support::compile(&root().join("examples/cpp/alarm_recovery.cpp"), Language::Cpp("c++17"));
@@ -36,8 +36,8 @@ mod needs_cxx {
         support::kept(&root().join("docs/two_axes.svg"), &plot(folder.path(), &["two_axes.pcapng"]));
     }
 
-    /// XF-19.1 So is the one of the same program on a board behind an ECM-XF, drawn beside it, with both to the same
-    /// OP.
+    /// XF-19.1 So is the picture with the same program on a board behind an ECM-XF beside it, with both OP phases
+    /// aligned.
     #[test]
     fn the_picture_of_both_boards_is_what_the_demo_draws() {
         let folder = folder();

@@ -1,4 +1,4 @@
-//! Recordings that were not ended, in every verb that reads one; and what `exec` says of the one it made.
+//! Recordings that were not ended, in every verb that reads one; and the message of `exec` about its own.
 #![cfg(unix)]
 
 use std::fs;
@@ -10,7 +10,7 @@ use crate::common::{Ran, run};
 use serde_json::Value;
 use support::recorded::{Program, Run};
 
-/// A run's recording up to a block, as a killed program leaves it: so many frames.
+/// A run's recording up to a block, as a killed program leaves it: that many frames.
 fn cut_after(run: &Run, frames: usize) -> PathBuf {
     let bytes = fs::read(&run.file).expect("a recording");
     let length = (0..2 + frames)
@@ -20,8 +20,8 @@ fn cut_after(run: &Run, frames: usize) -> PathBuf {
     cut
 }
 
-/// A recording that was not ended says so in `dump`, `plot`, `compare`, `replay` and `monitor`, and in what they
-/// print as JSON; that it is equal as far as it goes is no success, unless that was asked for.
+/// A recording that was not ended says so in `dump`, `plot`, `compare`, `replay` and `monitor`, and in their JSON;
+/// being equal up to its end is no success, unless that was asked for.
 #[test]
 fn every_verb_says_that_a_recording_was_not_ended() {
     const SAID: &str = "was not ended";
@@ -59,12 +59,12 @@ fn every_verb_says_that_a_recording_was_not_ended() {
         let allowed = run([arguments, &["--allow-incomplete"]].concat());
         assert!(allowed.code == Some(0) && allowed.err.contains(SAID), "{allowed:?}");
     }
-    // A difference is one, whatever is missing behind it.
+    // A difference counts, whatever is missing after it.
     let ran = run(["compare", whole.path(), cut]);
     assert!(ran.code == Some(1) && ran.err.starts_with("note: B: ") && ran.out.contains("B ends early"), "{ran:?}");
 }
 
-/// A file that was cut after its first command is no run that the model answers as the board did.
+/// A file that was cut after its first command does not show that the model answers as the board did.
 #[test]
 fn a_recording_cut_after_its_first_command_is_not_replayed_as_equal() {
     let whole = Program::default().record();
@@ -76,8 +76,8 @@ fn a_recording_cut_after_its_first_command_is_not_replayed_as_equal() {
     }
 }
 
-/// TOOL-138 `exec` with a program whose recording is not whole: killed, without its end, or on a disk that is full.
-/// It says what is missing; where the program itself ended with 0 the code is 124. A recording that is there is not
+/// TOOL-138 `exec` with a program whose recording is not whole: killed, without its end, or on a disk that is full. The
+/// message says what is missing; if the program itself ended with 0 the code is 124. An existing recording is not
 /// replaced unasked.
 #[test]
 fn exec_tells_of_its_recording() {
@@ -95,7 +95,7 @@ fn exec_tells_of_its_recording() {
     assert!(refused.out.is_empty() && fs::read(&file).expect("a recording") == whole);
     let again = [&options[..], &["--overwrite"]].concat();
 
-    // The disk is full after 64 KiB: the program ends well, and its recording is ended too.
+    // The disk is full after 64 KiB: the program succeeds, and its recording is ended, too.
     let full = place.run(&again, &format!("trap '' XFSZ; ulimit -f 128; {moves}; cat moved >&2"));
     assert_eq!(full.code, Some(124), "{full:?}");
     assert!(full.err.contains("has stopped: File too large"), "{}", full.err);
@@ -104,18 +104,18 @@ fn exec_tells_of_its_recording() {
     let dumped = run(["dump", file.to_str().expect("UTF-8"), "--slots", "ecm"]);
     assert!(dumped.code == Some(0) && dumped.err.contains("frames are missing: File too large"), "{}", dumped.err);
 
-    // As a program that was killed leaves it; the code of one that failed is its own.
+    // The recording of a killed program; a failed program keeps its code.
     let killed = place.run(&again, &format!("{moves}; truncate -s -60 run.pcapng; exit 3"));
     assert!(killed.code == Some(3) && killed.err.contains("was not ended"), "{killed:?}");
     let cut = place.run(&again, &format!("{moves}; truncate -s -52 run.pcapng"));
     assert!(cut.code == Some(124) && cut.err.contains("was not ended"), "{cut:?}");
-    // Nothing was recorded, and nothing is left of what was there.
+    // Nothing was recorded, and the old recording is gone.
     place.run(&again, ":").expect_quiet();
     assert!(!file.exists());
 }
 
-/// A verb, of a board, a chip or a network, and a server, that have done what they were to do and whose disk was full say what the
-/// recording lacks, and end with 124.
+/// A verb for a board, a chip or a network, and a server, that succeed on a full disk say what the recording lacks, and
+/// end with 124.
 #[test]
 fn a_verb_and_a_server_tell_of_their_recording() {
     let place = ExecFolder::new();

@@ -1,4 +1,4 @@
-//! `docs/RECORDINGS.md`: every command in it is run, and what stands below it is what the tool prints.
+//! `docs/RECORDINGS.md`: every command in it is run, and the output below it is what the tool prints.
 
 use std::fs;
 use std::path::Path;
@@ -8,7 +8,7 @@ use support::recorded::Program;
 
 const BLOCK: &str = "```console\n";
 
-/// The recordings that the page speaks of.
+/// Makes the recordings of the page.
 fn record(folder: &Path) {
     for (name, program) in [
         ("a", Program::default()),
@@ -21,7 +21,7 @@ fn record(folder: &Path) {
     }
 }
 
-/// The page with every output as it is now.
+/// The page with the present outputs.
 fn run_again(page: &str, folder: &Path) -> String {
     let mut blocks = page.split(BLOCK);
     let mut again = blocks.next().unwrap_or_default().to_owned();

@@ -1,4 +1,4 @@
-//! `ecmsk run` and `ecmsk shell`: the same words on one open board, on virtual time.
+//! `ecmsk run` and `ecmsk shell`: the same steps on one open board, in virtual time.
 #![cfg(target_os = "linux")]
 
 use crate::common::board::{BOARD, RecordedTraffic, file, script, text, transcript_entry};
@@ -25,7 +25,7 @@ servo off all
 state preop
 ";
 
-/// A script does its steps in order; the same as JSON says of which line each object is.
+/// A script does its steps in order; as JSON each object has the number of its line.
 #[test]
 fn a_script_does_its_steps_in_order() {
     let file = text("day.ecm", DAY);
@@ -36,7 +36,7 @@ fn a_script_does_its_steps_in_order() {
     support::snapshot("tool_run", &all);
 }
 
-/// Every wrong line is told, with file and line and what may be written, and nothing at all is sent.
+/// Every wrong line is reported, with file, line and what is allowed, and nothing at all is sent.
 #[test]
 fn every_wrong_line_is_told_and_nothing_is_sent() {
     let wrong = "\
@@ -75,7 +75,7 @@ quit
     support::snapshot("tool_run_wrong", &transcript_entry(&["run", "-", "--link", BOARD], &ran));
 }
 
-/// The first step that fails ends the script: it is told with its line, and what came before holds.
+/// The first step that fails ends the script: it is reported with its line, and earlier steps stay in effect.
 #[test]
 fn a_step_that_fails_ends_a_script() {
     let file = file("fails");
@@ -99,7 +99,7 @@ fn a_step_that_fails_ends_a_script() {
     }
 }
 
-/// A script that cannot be read is told.
+/// A script that cannot be read is reported.
 #[test]
 fn a_script_that_cannot_be_read_is_an_error() {
     run(["run", "/no/such/script", "--link", BOARD]).expect_failure(
@@ -115,7 +115,7 @@ fn a_script_that_cannot_be_read_is_an_error() {
     run(["run", "--link", BOARD]).expect_misuse(&["<SCRIPT>"]);
 }
 
-/// Moves of one session follow each other without drift: each begins where the last one was told to end.
+/// Moves of one session follow each other without drift: each begins at the target of the last one.
 #[test]
 fn relative_moves_do_not_drift() {
     let file = file("drift");
@@ -129,7 +129,7 @@ fn relative_moves_do_not_drift() {
     assert_eq!(RecordedTraffic::read(&file).targets(1).last(), Some(&50_040));
 }
 
-/// TOOL-20 In units; a relative target that leaves the 32 bits is refused before a frame of it is sent.
+/// TOOL-20 Targets in units; a relative target beyond 32 bits is refused before a frame of it is sent.
 #[test]
 fn targets_are_in_units_and_stay_within_32_bits() {
     let board = "sim:?slaves=drive:start@2147483000&clock=virtual";
@@ -169,8 +169,8 @@ fn shell(lines: &str) -> Ran {
     run_with_input(&["shell", "--link", BOARD], lines)
 }
 
-/// Without a terminal the first line that fails ends the shell: it is told with its number, nothing behind it is
-/// done, and the exit code is 1.
+/// Without a terminal the first line that fails ends the shell: it is reported with its number, no later line is run,
+/// and the exit code is 1.
 #[test]
 fn a_shell_without_a_terminal_ends_at_an_error() {
     for (lines, error) in [
@@ -185,8 +185,8 @@ fn a_shell_without_a_terminal_ends_at_an_error() {
     }
 }
 
-/// The shell reads lines without a terminal, too: results only; with `--keep-going` errors do not end it, each is
-/// told with its line, and the exit code says whether there were any.
+/// The shell reads lines without a terminal, too, and prints only results; with `--keep-going` errors do not end it,
+/// each is reported with its line, and the exit code says whether there were any.
 #[test]
 fn a_shell_without_a_terminal_prints_results_only() {
     let lines =

@@ -1,4 +1,4 @@
-//! `ecmsk serve ethercat`: what it refuses, what it says, and a master at the other end of a pair of interfaces.
+//! `ecmsk serve ethercat`: its errors, its output, and a master at the other end of a pair of interfaces.
 #![cfg(target_os = "linux")]
 
 use crate::common::{Ran, ecmsk};
@@ -7,8 +7,8 @@ fn run(arguments: &[&str]) -> Ran {
     ecmsk([&["serve", "ethercat"][..], arguments].concat()).output().expect("the tool starts").into()
 }
 
-/// A list of slaves that is wrong is a wrong command line; no slave, a script that happens to a board, and an interface
-/// that is missing or no Ethernet are failures with the next step.
+/// A wrong list of slaves is a wrong command line; an empty list, a script for a board, and an interface that is
+/// missing or no Ethernet are failures with the next step.
 #[test]
 fn what_serve_ethercat_refuses() {
     let wrong = run(&["--on", "lo", "--slaves", "drive*2,lathe"]);
@@ -50,7 +50,7 @@ fn what_serve_ethercat_refuses() {
     }
 }
 
-/// The page has the whole program, so that whoever has the page alone can run it.
+/// The page has the whole program, so that a reader of the page alone can run it.
 #[test]
 fn the_page_has_the_master_of_the_example() {
     let read = |file| std::fs::read_to_string(support::root().join(file)).expect("a file");
@@ -58,7 +58,7 @@ fn the_page_has_the_master_of_the_example() {
     assert!(read("docs/SLAVES.md").ends_with(&program));
 }
 
-/// A pair of interfaces is made, then the words are run.
+/// Makes a pair of interfaces, then runs the command.
 const IN_NAMESPACE: &str =
     "ip link add veth0 type veth peer name veth1 && ip link set veth0 up && ip link set veth1 up && exec \"$@\"";
 
@@ -76,8 +76,9 @@ mod needs_network_namespace {
         command
     }
 
-    /// ECAT-15.21 A second server on an interface is refused, as a master of ours is. ECAT-15.23 A server whose interface is deleted
-    /// ends with exit code 1 and says so. The recording is one of Ethernet frames, which verbs for those of boards say.
+    /// ECAT-15.21 A second server on an interface is refused, and so is this project's master. ECAT-15.23 A server
+    /// whose interface is deleted ends with exit code 1 and says so. The recording has Ethernet frames, and verbs for
+    /// recordings of boards say so.
     #[test]
     fn an_interface_has_one_server_which_ends_with_it() {
         let recording = support::out_dir().join("served_alone.pcapng");
@@ -124,8 +125,8 @@ mod needs_pysoem {
     use super::IN_NAMESPACE;
     use crate::common::ecmsk;
 
-    /// What is served on standard output, what happens to slaves on standard error; a signal ends it, and the recording is
-    /// whole then. examples/python/own_master.py moves two DP3CL.
+    /// Standard output lists what is served, standard error the events of slaves; a signal ends the server, and the
+    /// recording is whole then. examples/python/own_master.py moves two DP3CL.
     #[test]
     fn a_master_of_40_lines_moves_two_dp3cl() {
         let recording = support::out_dir().join("own_master.pcapng");
@@ -169,7 +170,7 @@ mod needs_pysoem {
         );
     }
 
-    /// A program that may not use raw frames is told which capability it lacks, and how it gets it.
+    /// Without the right to raw frames the error names the missing capability, and how to get it.
     #[test]
     fn the_capability_is_asked_for_by_name() {
         let tool = ecmsk([] as [&str; 0]);

@@ -1,4 +1,4 @@
-//! `ecmsk serve usbip`: what it says, what it refuses, how it ends.
+//! `ecmsk serve usbip`: its output, its errors, its end.
 #![cfg(target_os = "linux")]
 
 use std::io::{BufRead, BufReader, Read};
@@ -37,7 +37,7 @@ impl Serving {
         line
     }
 
-    /// Sends a signal and gives what it said on standard error.
+    /// Sends a signal and returns standard error.
     fn end_by(mut self, signal: Signal) -> String {
         kill_process(Pid::from_child(&self.child), signal).expect("it runs");
         let mut said = String::new();
@@ -51,7 +51,8 @@ fn run(arguments: &[&str]) -> Ran {
     ecmsk([&["serve", "usbip"][..], arguments].concat()).output().expect("the tool starts").into()
 }
 
-/// Where, what, who comes and goes, and an end in order; the link keeps one report.
+/// The output has the address, what is served, and the clients that come and go; the server ends in order; the link
+/// keeps one report.
 #[test]
 fn serve_usbip_says_what_it_serves_and_who_attaches() {
     for (signal, name) in [(Signal::INT, "SIGINT"), (Signal::TERM, "SIGTERM")] {
@@ -72,7 +73,7 @@ fn serve_usbip_says_what_it_serves_and_who_attaches() {
     }
 }
 
-/// What is set is shown.
+/// The options are shown in the device's descriptors.
 #[test]
 fn the_device_has_the_serial_number_and_names_that_were_set() {
     let options = "--vendor 1234 --product 0xabcd --release 0203 --serial S1 --name N --interval 4";
@@ -106,8 +107,8 @@ fn what_a_host_sends_is_recorded() {
     assert_eq!(frames.count(), 20);
 }
 
-/// Whoever reaches it can use the boards: without a word that everybody may, such an address is refused with the next
-/// step, and nothing listens.
+/// Any client that reaches the server can use the boards: without the option for that, such an address is refused with
+/// the next step, and nothing listens.
 #[test]
 fn listening_to_others_is_refused() {
     for listen in ["0.0.0.0:0", "192.0.2.1:3240", "[::]:0"] {
@@ -120,7 +121,7 @@ fn listening_to_others_is_refused() {
     run(&["--link", "sim:", "--listen", "127.0.0.2:0", "--link", "sim:"]).expect_failure(1, &["in use"], "name=");
 }
 
-/// Whoever reaches it can use the boards: that is said.
+/// Any client that reaches the server can use the boards: a note says so.
 #[test]
 fn listening_to_others_is_warned_of() {
     let mut child = ecmsk(["serve", "usbip", "--link", "sim:", "--listen", "0.0.0.0:0", "--insecure-anyone"])
@@ -135,11 +136,11 @@ fn listening_to_others_is_warned_of() {
     child.wait().expect("it ends");
 }
 
-/// What cannot be is said with the next step.
+/// Boards that cannot be served are errors with the next step.
 #[test]
 fn a_board_that_cannot_be_served_is_an_error_with_the_next_step() {
     let listen = ["--listen", "127.0.0.1:0"];
-    // An address of nobody (RFC 5737); the note before is that it is not this machine alone.
+    // An address that is in use nowhere (RFC 5737); the note before says that other machines reach it.
     let elsewhere = run(&["--listen", "192.0.2.1:3240", "--insecure-anyone", "--link", "sim:"]);
     assert_eq!((elsewhere.code, elsewhere.err.lines().count()), (Some(1), 2), "{elsewhere:?}");
     assert!(elsewhere.err.contains("cannot listen on 192.0.2.1:3240: "), "{elsewhere:?}");

@@ -1,4 +1,4 @@
-//! `ecmsk serve xf`: what it says, what it refuses, how it ends, and a host in C.
+//! `ecmsk serve xf`: its output, its errors, its end, and a host in C.
 #![cfg(target_os = "linux")]
 
 use std::io::{BufRead, BufReader, Read, Write};
@@ -11,7 +11,7 @@ use rustix::process::{Pid, Signal, kill_process};
 /// The tool at work.
 struct Serving {
     child: Child,
-    /// What it said first.
+    /// The first line of its output.
     line: String,
 }
 
@@ -30,7 +30,7 @@ impl Serving {
         rest.split(';').next().expect("a port").to_owned()
     }
 
-    /// Sends a signal and gives what it said on standard error.
+    /// Sends a signal and returns standard error.
     fn end_by(mut self, signal: Signal) -> String {
         kill_process(Pid::from_child(&self.child), signal).expect("it runs");
         let mut said = String::new();
@@ -44,7 +44,8 @@ fn run(arguments: &[&str]) -> Ran {
     ecmsk([&["serve", "xf"][..], arguments].concat()).output().expect("the tool starts").into()
 }
 
-/// XF-14.11 Where and what it serves on standard output, who comes and goes on standard error, and an end in order.
+/// XF-14.11 Standard output has the address and what is served, standard error the hosts that come and go; the server
+/// ends in order.
 #[test]
 fn serve_xf_says_what_it_serves_and_who_comes() {
     for (signal, name) in [(Signal::INT, "SIGINT"), (Signal::TERM, "SIGTERM")] {
@@ -62,15 +63,15 @@ fn serve_xf_says_what_it_serves_and_who_comes() {
         assert_eq!(host.read_to_end(&mut Vec::new()).expect("the end"), 4);
         let said = serving.end_by(signal);
         let mut said: Vec<&str> = said.lines().collect();
-        // The signal may come before the server has said that the host has closed.
+        // The signal may come before the server has reported that the host has closed.
         said.sort_unstable();
         let expected = [&format!("{from} has closed"), &format!("{from} has the chip"), &format!("stopped by {name}")];
         assert_eq!(said, expected.map(|line| format!("serve: {line}")));
     }
 }
 
-/// XF-14.10, XF-14.11 What cannot be is refused with the next step, and an address that other machines reach with exit code 2,
-/// unless it is said that everybody there may use the chip, which is warned of.
+/// XF-14.10, XF-14.11 Impossible options are refused with the next step. An address that other machines reach is
+/// refused with exit code 2, unless an option allows everybody there to use the chip; then there is a warning.
 #[test]
 fn what_serve_xf_refuses() {
     let link = ["--link", "xf-sim:"];
@@ -79,13 +80,13 @@ fn what_serve_xf_refuses() {
     for part in ["no password", "127.0.0.1", "ssh -N -L", "docs/XF-PORT.md", "--insecure-anyone"] {
         assert!(refused.err.contains(part), "no {part}: {refused:?}");
     }
-    run(&["--link", "sim:"]).expect_failure(1, &["is a board and no ECM-XF"], "ecmsk link help");
+    run(&["--link", "sim:"]).expect_failure(1, &["is a board and not an ECM-XF"], "ecmsk link help");
     run(&[]).expect_failure(2, &["no --link"], "--link");
     let nowhere = run(&[&link[..], &["--listen", "here"]].concat());
     assert!(nowhere.code == Some(2) && nowhere.err.contains("nor unix:PATH"), "{nowhere:?}");
     let elsewhere = run(&[&link[..], &["--listen", "192.0.2.1:4712", "--insecure-anyone"]].concat());
     assert_eq!(elsewhere.code, Some(1), "{elsewhere:?}");
-    assert!(elsewhere.err.starts_with("note: whoever reaches 192.0.2.1:4712"), "{elsewhere:?}");
+    assert!(elsewhere.err.starts_with("note: anybody who reaches 192.0.2.1:4712"), "{elsewhere:?}");
     assert!(elsewhere.err.contains("; name an address of this machine with `--listen`"), "{elsewhere:?}");
 }
 
@@ -103,7 +104,7 @@ mod needs_cxx {
         for (firmware, printed) in [("new", "n 1024, firmware 0x22\n"), ("old", "n 112, firmware 0x0E\n")] {
             let link = format!("xf-sim:?chip_fw={firmware}&clock=virtual");
             let serving = Serving::start(&["--link", &link, "--listen", "127.0.0.1:0"]);
-            // The second one begins where the first one has ended.
+            // The second host begins where the first one has ended.
             for _ in 0..2 {
                 assert_eq!(support::succeed(Command::new(&program).arg(serving.port())), printed);
             }

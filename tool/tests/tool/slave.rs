@@ -4,7 +4,7 @@ use ecmsk::link::slaves::SlaveModel;
 
 use crate::common::ecmsk;
 
-/// ECAT-15.15 The ESI file of each kind says what its EEPROM says: identity, process data, sync managers.
+/// ECAT-15.15 The ESI file of each kind agrees with its EEPROM: identity, process data, sync managers.
 #[test]
 fn the_esi_file_says_what_the_eeprom_says() {
     for kind in SlaveModel::ALL.map(SlaveModel::name) {
@@ -40,7 +40,7 @@ fn the_esi_file_says_what_the_eeprom_says() {
     }
 }
 
-/// A list is no kind; a file that cannot be written is a failure with the next step.
+/// A list is not a kind; a file that cannot be written is a failure with the next step.
 #[test]
 fn what_slave_refuses() {
     let run = |arguments: &[&str]| ecmsk([&["slave"][..], arguments].concat()).output().expect("the tool starts");

@@ -1,5 +1,5 @@
-//! Verbs that move axes while nobody takes what they say: a pipe that is full, a terminal that is full or held. They move, obey
-//! Ctrl-C, brake and end.
+//! Verbs that move axes while their output is not read: a full pipe, a terminal that is full or stopped. They move,
+//! obey Ctrl-C, brake and end.
 #![cfg(target_os = "linux")]
 
 use std::fs::File;
@@ -19,7 +19,7 @@ use std::sync::Arc;
 use support::full_pipe;
 use support::tcp::{LIMIT, SIZE, serve, until, uri};
 
-/// What takes nothing.
+/// An output that takes nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stalled {
     OutPipe,
@@ -29,7 +29,7 @@ enum Stalled {
     HeldTerminal,
 }
 
-/// The tool at work with that. What keeps it stalled lives as long as this does.
+/// The running tool with such an output, which stays stalled as long as this value lives.
 struct Work {
     child: Child,
     _unread: Vec<File>,
@@ -90,7 +90,7 @@ fn terminal() -> (File, String) {
     (File::from(master), name)
 }
 
-/// Somebody who looks at axis 1 of a board that is served.
+/// A reader of axis 1 of a served board.
 struct Look(Arc<dyn Link>);
 
 impl Look {
@@ -104,7 +104,7 @@ impl Look {
         report.slot(SIZE, 1).data1 as i32
     }
 
-    /// Where the axis is, and where it is some cycles later.
+    /// The axis's position, and that some cycles later.
     fn twice(&self) -> [i32; 2] {
         [0; 2].map(|_| (0..50).fold(0, |_, _| self.position()))
     }
@@ -123,8 +123,8 @@ fn at_once<T: Send>(cases: impl IntoIterator<Item = T>, run: impl Fn(T) + Sync) 
     thread::scope(|scope| cases.into_iter().for_each(|case| _ = scope.spawn(move || run(case))));
 }
 
-/// A move whose words nobody takes goes on, brakes when Ctrl-C comes, and the tool has closed the board and ends by
-/// itself: with lines and with JSON, on a pipe and on a terminal.
+/// A move whose output is not read goes on and brakes at Ctrl-C, and the tool closes the board and ends by itself: with
+/// lines and with JSON, on a pipe and on a terminal.
 #[test]
 fn a_move_obeys_ctrl_c() {
     at_once(ALL.into_iter().flat_map(|stalled| [false, true].map(|json| (stalled, json))), |(stalled, json)| {
@@ -134,7 +134,7 @@ fn a_move_obeys_ctrl_c() {
         let mut words = vec!["move", "1=9000000", "--velocity", "100000", "--up", "--link", &link];
         words.extend(json.then_some("--json"));
         let work = Work::start(&words, stalled);
-        // By then it has told how far it is.
+        // By then it has printed progress.
         look.until_beyond(150_000);
         work.signal(Signal::INT);
         assert_eq!(work.ends(), Some(130), "{stalled:?}, JSON: {json}");
@@ -144,7 +144,7 @@ fn a_move_obeys_ctrl_c() {
     });
 }
 
-/// The same with an axis that looks for its home.
+/// The same with an axis that is homing.
 #[test]
 fn homing_obeys_ctrl_c() {
     at_once(ALL, |stalled| {
@@ -162,7 +162,7 @@ fn homing_obeys_ctrl_c() {
     });
 }
 
-/// A result waits for its reader, with the axes at a standstill: a reader that is slow gets it whole, and the tool ends well.
+/// A result waits for its reader, with the axes at a standstill: a slow reader gets it whole, and the tool succeeds.
 #[test]
 fn a_result_waits_for_its_reader() {
     let (server, _told) = serve("sim:?slaves=drive");
@@ -173,7 +173,7 @@ fn a_result_waits_for_its_reader() {
     let mut child = command.stdout(writer).stderr(Stdio::null()).spawn().unwrap();
     drop(command);
     look.until_beyond(1_998);
-    // It has arrived, and nobody has read.
+    // The axis has arrived, and the output has not been read.
     for _ in 0..1000 {
         look.position();
     }

@@ -1,9 +1,9 @@
-//! A state that has failed is explained wherever the tool shows it.
+//! A failed state is explained wherever the tool shows it.
 
 use crate::common::board::{script, text};
 use crate::common::run;
 
-/// TOOL-158 A change of state that fails says which slave refused and why; on the wire nobody could see it.
+/// TOOL-158 A change of state that fails says which slave refused and why; frames do not show that.
 #[test]
 fn a_failed_change_of_state_says_which_slave_refused_and_why() {
     let ran = run(["state", "op", "--link", "sim:?slaves=drive*2&clock=virtual", "--slaves", "drive,io"]);
@@ -13,7 +13,7 @@ fn a_failed_change_of_state_says_which_slave_refused_and_why() {
     }
 }
 
-/// TOOL-158 `state` and `info` say why beside the state, and `--json` in a field of its own.
+/// TOOL-158 `state` and `info` print the reason beside the state, `--json` in its own field.
 #[test]
 fn state_and_info_say_why_a_state_has_failed() {
     let falls = text("falls.ecmscript", "at 2s mute 2\n");

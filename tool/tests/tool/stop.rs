@@ -1,4 +1,4 @@
-//! Ctrl-C and other signals, on the real clock: what moves is braked on its line and stays on, and nothing hangs.
+//! Ctrl-C and other signals, on the real clock: moving axes are braked on their line and stay on, and nothing hangs.
 #![cfg(target_os = "linux")]
 
 use std::io::{BufRead, BufReader, Read};
@@ -14,7 +14,7 @@ use rustix::process::{Pid, Signal, kill_process};
 struct Work {
     child: Child,
     said: BufReader<ChildStderr>,
-    /// What it has said on standard error.
+    /// Its standard error so far.
     err: String,
 }
 
@@ -26,7 +26,7 @@ impl Work {
         Self { child, said, err: String::new() }
     }
 
-    /// Waits until it says a line with this.
+    /// Waits for a line with these words.
     fn until(&mut self, words: &str) {
         let before = self.err.len();
         while !self.err[before..].contains(words) {
@@ -39,7 +39,7 @@ impl Work {
         kill_process(Pid::from_child(&self.child), signal).expect("it runs");
     }
 
-    /// Waits until no signal is on its way: two of a kind on their way are one.
+    /// Waits until no signal is pending: two pending ones of a kind are one.
     fn until_delivered(&self) {
         let status = format!("/proc/{}/status", self.child.id());
         let pending =
@@ -49,7 +49,7 @@ impl Work {
         }
     }
 
-    /// Its exit code; `err` then has all it has said.
+    /// Its exit code; `err` then has all of its standard error.
     fn end(mut self) -> (Option<i32>, String) {
         self.said.read_to_string(&mut self.err).expect("UTF-8");
         (self.child.wait().expect("it ends").code(), self.err)
@@ -61,7 +61,7 @@ fn recorded(name: &str, keys: &str) -> (String, PathBuf) {
     (format!("sim:?{keys}&record={}", file.display()), file)
 }
 
-/// How fast targets change, and how fast that does.
+/// The first and second differences of the targets.
 fn steps(targets: &[i32]) -> (Vec<i32>, Vec<i32>) {
     let differences = |of: &[i32]| of.windows(2).map(|pair| pair[1] - pair[0]).collect::<Vec<_>>();
     let steps = differences(targets);
@@ -91,12 +91,12 @@ fn ctrl_c_brakes_a_move() {
         let tape = RecordedTraffic::read(&file);
         let (first, second) = (tape.targets(1), tape.targets(2));
         let (speed, change) = steps(&first);
-        // 100 counts a cycle; 0.2 more or less in the next one, and a count for rounding.
+        // 100 counts a cycle; it may change by 0.2 in a cycle, and by a count for rounding.
         assert!(speed.contains(&100) && speed.iter().all(|step| (0..=101).contains(step)), "it moved, and never back");
         assert!(change.iter().all(|change| change.abs() <= 2), "{change:?}");
         assert!(speed.ends_with(&[0]) || speed.ends_with(&[1]), "it came to rest: {:?}", &speed[speed.len() - 5..]);
         let full = speed.iter().rposition(|step| *step >= 99).expect("it was fast");
-        // 0.5 s at full acceleration, 0.1 s to get there and 0.1 s back.
+        // 0.5 s at full acceleration, 0.1 s to reach it and 0.1 s back.
         let brake: Vec<i32> = speed[full..].windows(101).map(|window| window[0] - window[100]).collect();
         assert!(brake.iter().all(|change| *change <= 22) && brake.iter().any(|change| *change >= 18), "{brake:?}");
         assert!(speed.len() - full <= 800, "{} frames to rest", speed.len() - full);
@@ -110,7 +110,7 @@ fn ctrl_c_brakes_a_move() {
     }
 }
 
-/// A move that would brake for longer than that brakes harder: it is at rest within 1.5 s.
+/// A move whose own brake would take longer brakes harder: it is at rest within 1.5 s.
 #[test]
 fn a_slow_brake_is_cut_short() {
     let (board, file) = recorded("slow", "slaves=drive");
@@ -128,8 +128,8 @@ fn a_slow_brake_is_cut_short() {
     assert!(tape.is_on(1) && *speed.last().unwrap() <= 1);
 }
 
-/// A move whose process stands still (SIGSTOP) until the board has run dry goes on from rest, with the move's own acceleration, to its
-/// end and no further.
+/// A move whose process is stopped (SIGSTOP) until the FIFO is empty goes on from rest, with the move's own
+/// acceleration, to its end and no further.
 #[test]
 fn a_move_that_stands_still_goes_on_from_rest() {
     const END: i32 = 200_000;
@@ -138,7 +138,7 @@ fn a_move_that_stands_still_goes_on_from_rest() {
     let mut work = Work::start(&[&line[..], &["--up", "--link", &board]].concat());
     work.until("progress: moving");
     work.signal(Signal::STOP);
-    // Longer than what lies ahead of the board.
+    // Longer than the entries in the board's FIFO last.
     std::thread::sleep(std::time::Duration::from_millis(600));
     work.signal(Signal::CONT);
     let (ended, said) = work.end();
@@ -165,7 +165,7 @@ fn a_second_ctrl_c_leaves() {
     work.until("progress: moving");
     work.signal(Signal::INT);
     work.until_delivered();
-    // It brakes now, for 1.5 s.
+    // The axis brakes now, for 1.5 s.
     work.signal(Signal::INT);
     let (code, said) = work.end();
     assert_eq!(code, Some(130));
@@ -190,7 +190,7 @@ fn ctrl_c_aborts_homing() {
     assert!(tape.is_on(2) && !tape.is_on(1));
 }
 
-/// Ctrl-C ends what waits: a change of state that hangs, an SDO without answer, `wait`.
+/// Ctrl-C ends every wait: a change of state that hangs, an SDO without answer, `wait`.
 #[test]
 fn ctrl_c_ends_every_wait() {
     let events = text("hangs.ecmscript", "sdo-delay 1 1000s\nmute 1\n");
@@ -218,7 +218,7 @@ fn waiting_script(line: &[&str]) -> Work {
     Work::start(&["run", &script, line[2], line[3]])
 }
 
-/// A board that is gone silent ends a move by itself, with what to do.
+/// A board that falls silent ends a move, with what to do.
 #[test]
 fn a_silent_board_ends_a_move_with_the_next_step() {
     let events = text("silent.ecmscript", "at 900ms silent\n");

@@ -1,4 +1,4 @@
-//! What a server knows of the slaves and their units, its clients know too; and where both have their secret from.
+//! Clients know the slaves and units that the server knows; and the sources of both sides' secret.
 #![cfg(unix)]
 
 use std::io::{BufRead as _, BufReader};
@@ -15,8 +15,9 @@ fn known(slaves: &str, counts_per_unit: &str) -> Option<KnownNetwork> {
     Some(KnownNetwork { slaves: slaves.to_owned(), counts_per_unit: counts_per_unit.to_owned() })
 }
 
-/// Clients are told the slaves: those of a simulated board, those that a client has configured with their modes, and what
-/// the server was told, which counts more; a server of a server hands it on. Of a board that nobody knows nothing is said.
+/// Clients get the list of slaves: those of a simulated board, those that a client has configured with their modes, and
+/// those of the server's options, which count more; a server of a server passes them on. For an unknown board the list
+/// is empty.
 #[test]
 fn clients_know_what_the_server_knows() {
     let (server, _) = serve("sim:?slaves=drive*2,io");
@@ -44,7 +45,7 @@ fn clients_know_what_the_server_knows() {
 /// The variable with a secret.
 const SECRET: &str = "ECMSK_TCP_SECRET";
 
-/// The tool serving, and where; it ends when it is dropped.
+/// The serving tool and its address; it ends when it is dropped.
 struct Serving(Child, String);
 
 impl Serving {
@@ -70,7 +71,7 @@ impl Drop for Serving {
     }
 }
 
-/// The tool shows kinds over the network without being told them, and moves in the units that the server was told.
+/// The tool shows kinds over the network without options, and moves in the server's units.
 #[test]
 fn the_tool_shows_kinds_and_units() {
     let mut command = ecmsk(["serve", "tcp", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive*2,io"]);
@@ -105,8 +106,8 @@ fn the_board_of_the_environment_is_served() {
     }
 }
 
-/// A secret in a file wins over the variable, at both ends. What is in the variable stays readable in the process for its user,
-/// as its help and `ecmsk link help` say; what is in the file is not.
+/// A secret in a file wins over the variable, at both ends. The variable stays readable in the process for its user, as
+/// its help and `ecmsk link help` say; the file's secret does not.
 #[cfg(target_os = "linux")]
 #[test]
 fn the_secret_of_a_file_counts_more_than_that_of_the_variable() {

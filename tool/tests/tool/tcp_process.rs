@@ -55,8 +55,8 @@ impl Drop for Serving {
     }
 }
 
-/// The tool says where it listens and what it serves, who comes and goes, and ends by SIGINT and SIGTERM: clients
-/// are told.
+/// The tool prints its address, what it serves, and the clients that come and go; it ends by SIGINT and SIGTERM, and
+/// informs its clients.
 #[test]
 fn the_tool_serves_until_it_is_stopped() {
     for (signal, name) in [(Signal::INT, "SIGINT"), (Signal::TERM, "SIGTERM")] {
@@ -75,7 +75,7 @@ fn the_tool_serves_until_it_is_stopped() {
     }
 }
 
-/// What cannot be served ends with 1 and says what to do.
+/// A link or address that cannot be served ends with 1 and says what to do.
 #[test]
 fn a_link_or_address_that_cannot_be_served_is_an_error() {
     let serve = |arguments: &[&str]| -> Ran {
@@ -129,7 +129,7 @@ fn killing_the_server_ends_every_call_of_its_clients() {
     assert!(matches!(ecm.close(Close::Hold), Err(EcmError::Link(LinkError::Lost { .. }))));
 }
 
-/// The variable that makes this program the writer that is killed.
+/// The variable that turns this program into the writer that is killed.
 const WRITER: &str = "ECMSK_TEST_WRITER";
 
 /// TCP-9 A writer that is killed while axes move: the server brings them to a standstill.

@@ -1,5 +1,5 @@
-//! Servers whose log nobody reads: a pipe that is full, a function that does not return. Axes, clients and the end of the server
-//! wait for none of it.
+//! Servers whose log is not read: a full pipe, a function that does not return. Axes, clients and the end of the server
+//! do not wait for it.
 #![cfg(target_os = "linux")]
 
 use std::io::{BufRead as _, BufReader, PipeReader, Read as _};
@@ -18,7 +18,7 @@ use support::full_pipe;
 use support::tcp::proxy::Cable;
 use support::tcp::{LIMIT, Raw, SIZE, options, serve_with, until};
 
-/// The tool at work, with a standard error that nobody reads.
+/// The running tool, with an unread standard error.
 fn serving(arguments: &[&str], keys: &[(&str, &str)]) -> (Child, BufReader<ChildStdout>, String, PipeReader) {
     let (reader, writer) = full_pipe();
     let mut command = ecmsk(arguments);
@@ -38,8 +38,8 @@ fn ends(child: &mut Child) {
     assert_eq!(status.code(), Some(0));
 }
 
-/// Strangers come and are refused; a writer whose axes move is cut off: the axes stand, one in CSP and one in CSV, and new
-/// clients get in, a writer too.
+/// Foreign clients are refused; a writer whose axes move is cut off. Then the axes stand, one in CSP and one in CSV,
+/// and new clients are accepted, also a writer.
 fn a_writer_vanishes(server: SocketAddr) {
     for _ in 0..50 {
         Raw::dial_to(server).send(b"GET / HTTP/1.1\r\n\r\n");
@@ -73,7 +73,7 @@ fn a_writer_vanishes(server: SocketAddr) {
 }
 
 /// TCP-25 TCP-9 With a standard error that takes nothing, `ecmsk serve tcp` brakes the axes of a writer that is cut off, takes
-/// clients in and ends by SIGTERM; the same with its log at its most talkative.
+/// clients in and ends by SIGTERM; the same with the most verbose log.
 #[test]
 fn a_full_pipe_stops_nothing() {
     for level in ["off", "trace"] {
@@ -84,13 +84,13 @@ fn a_full_pipe_stops_nothing() {
     }
 }
 
-/// TCP-25 A pipe that is read again gets the newest lines, and how many are missing.
+/// TCP-25 A pipe that is read again gets the newest lines, and the number of missing ones.
 #[test]
 fn a_pipe_that_is_read_again_gets_the_newest_lines_and_the_number_of_missing_ones() {
     let arguments = ["serve", "tcp", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive*2"];
     let (mut child, _out, address, mut unread) = serving(&arguments, &[("ECMSK_LOG", "off")]);
     let uri = format!("tcp://{address}");
-    // Each writer is two lines at least.
+    // Each writer makes two lines at least.
     for _ in 0..700 {
         link::open(&uri, Share::ByName).unwrap().close();
     }
@@ -106,7 +106,7 @@ fn a_pipe_that_is_read_again_gets_the_newest_lines_and_the_number_of_missing_one
     assert!(text.contains("axes stand still after") && text.contains("stopped by SIGTERM"), "{text}");
 }
 
-/// TCP-25 Standard output too may take nothing: the server serves, and ends by SIGTERM.
+/// TCP-25 Standard output may be full, too: the server serves, and ends by SIGTERM.
 #[test]
 fn a_standard_output_that_nobody_reads_stops_nothing() {
     for port in ["tcp", "usbip"] {
@@ -122,7 +122,7 @@ fn a_standard_output_that_nobody_reads_stops_nothing() {
     }
 }
 
-/// `ecmsk serve usbip` too ends by SIGTERM when nobody reads what it says.
+/// `ecmsk serve usbip` ends by SIGTERM, too, while its output is not read.
 #[test]
 fn usbip_ends_with_a_full_pipe() {
     let arguments = ["serve", "usbip", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive*2"];

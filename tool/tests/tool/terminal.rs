@@ -13,27 +13,27 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, Signal, kill_process};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
-/// Nothing that is waited for takes a fraction of this.
+/// Every wait takes only a fraction of this.
 const HANG: Duration = Duration::from_secs(60);
 
-/// Whose terminal it is.
+/// The owner of the terminal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Owner {
-    /// The tool's: when it is closed the tool gets SIGHUP.
+    /// The tool: it gets SIGHUP when the terminal is closed.
     Tool,
-    /// Nobody's: the tool is not told.
+    /// None: the tool gets no signal.
     Nobody,
 }
 
 /// A terminal with the tool in it.
 struct Terminal {
     keys: File,
-    /// What it has shown, and whether it has ended.
+    /// The output so far, and whether it has ended.
     screen: Arc<(Mutex<(String, bool)>, Condvar)>,
-    /// How much of it was waited for.
+    /// The length of the output that earlier waits have consumed.
     seen: usize,
     child: Child,
-    /// Ends the thread that reads, which keeps the terminal open too.
+    /// Ends the reading thread, which keeps the terminal open, too.
     hung_up: Arc<AtomicBool>,
     reader: std::thread::JoinHandle<()>,
 }
@@ -67,7 +67,7 @@ impl Terminal {
             .stderr(tty())
             .spawn()
             .expect("it starts");
-        // The command holds the other end too.
+        // The command holds the other end, too.
         drop(command);
         let keys = File::from(master);
         let mut output = keys.try_clone().expect("a second handle");
@@ -87,7 +87,7 @@ impl Terminal {
                 if nothing {
                     continue;
                 }
-                // At the end a terminal gives an error.
+                // At the end a terminal returns an error.
                 let read = output.read(&mut bytes).unwrap_or(0);
                 let mut screen: std::sync::MutexGuard<'_, (String, bool)> = shared.0.lock().unwrap();
                 screen.0.push_str(&String::from_utf8_lossy(&bytes[..read]));
@@ -101,7 +101,7 @@ impl Terminal {
         Self { keys, screen, seen: 0, child, hung_up, reader }
     }
 
-    /// Closes the terminal, as its window does; gives the tool's exit code.
+    /// Closes the terminal, as its window does; returns the tool's exit code.
     #[track_caller]
     fn hang_up(mut self) -> Option<i32> {
         self.hung_up.store(true, Ordering::Relaxed);
@@ -118,7 +118,7 @@ impl Terminal {
         panic!("it goes on");
     }
 
-    /// Waits until it shows that, after what was waited for before.
+    /// Waits until the output has these words, after those of earlier waits.
     fn until(&mut self, words: &str) {
         let mut screen = self.screen.0.lock().unwrap();
         loop {
@@ -150,7 +150,7 @@ impl Terminal {
         kill_process(Pid::from_child(&self.child), signal).expect("it runs");
     }
 
-    /// Its exit code, and all it has shown.
+    /// Its exit code, and all of its output.
     fn end(mut self) -> (Option<i32>, String) {
         let code = self.child.wait().expect("it ends").code();
         let mut screen = self.screen.0.lock().unwrap();
@@ -161,7 +161,7 @@ impl Terminal {
     }
 }
 
-/// Tab completes, arrow up brings back, Ctrl-C while nothing runs says how to leave, quit leaves.
+/// Tab completes, arrow up recalls lines, Ctrl-C without a running step explains how to leave, quit leaves.
 #[test]
 fn the_shell_completes_recalls_lines_and_quits() {
     let mut terminal = Terminal::start(&["shell", "--link", "sim:?slaves=drive&clock=virtual"]);
@@ -178,7 +178,7 @@ fn the_shell_completes_recalls_lines_and_quits() {
     terminal.keys("\x03");
     terminal.until("note: nothing runs; type quit to leave");
     terminal.until("ecmsk> ");
-    // The move, the servo, the state.
+    // The order of recalled lines: the move, the servo, the state.
     terminal.keys("\x1b[A\x1b[A\r");
     terminal.until("Operation enabled");
     terminal.until("ecmsk> ");
@@ -214,8 +214,8 @@ fn signals_end_a_step_or_the_shell_and_restore_the_terminal() {
     assert_eq!(on, off, "bracketed paste is off again");
 }
 
-/// At a terminal a move that takes more than a minute is asked for: no, the end of the input and Ctrl-C let nothing
-/// move, `--yes` does not ask, and in the shell the next line is the next line.
+/// At a terminal a move of more than a minute needs a confirmation: "no", the end of the input and Ctrl-C prevent it,
+/// `--yes` skips the question, and in the shell the answer is not read as a step.
 #[test]
 fn a_long_move_is_asked_for_at_a_terminal() {
     const QUESTION: &str = "move for 16 min 42 s? [y/N] ";
@@ -261,7 +261,7 @@ fn a_long_move_is_asked_for_at_a_terminal() {
     assert!(code == Some(0) && screen.matches("[y/N]").count() == 1, "{screen}");
 }
 
-/// The shell ends when its terminal is closed: at the prompt, and while a step runs; also where no signal tells it.
+/// The shell ends when its terminal is closed: at the prompt, and while a step runs; also without a signal.
 #[test]
 fn a_closed_terminal_ends_the_shell() {
     for owner in [Owner::Tool, Owner::Nobody] {
@@ -279,7 +279,7 @@ fn a_closed_terminal_ends_the_shell() {
     }
 }
 
-/// `doctor` colours its states on a terminal, and not where nobody wants that.
+/// `doctor` colours its states on a terminal, unless NO_COLOR or TERM=dumb disables colours.
 #[test]
 fn doctor_uses_colours_on_a_terminal_only() {
     let green = "\x1b[32mok    \x1b[0m  versions ";

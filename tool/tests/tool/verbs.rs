@@ -1,4 +1,4 @@
-//! The verbs that talk to a board, one command line at a time, on virtual time: what they print is kept in
+//! The verbs that talk to a board, one command line at a time, in virtual time; their output is kept in
 //! `tests/snapshots/`.
 #![cfg(target_os = "linux")]
 
@@ -11,7 +11,7 @@ fn recorded(name: &str, slaves: &str) -> (String, std::path::PathBuf) {
     (format!("sim:?slaves={slaves}&clock=virtual&record={}", file.display()), file)
 }
 
-/// `info` and `state`, in words and as JSON; info asks the slaves who they are if told to.
+/// `info` and `state`, in words and as JSON; with --scan, info reads the identity of the slaves.
 #[test]
 fn info_and_state_show_board_and_slaves() {
     let step = "sim:?slaves=step,hsp2&clock=virtual&slot=16&fw=1.5";
@@ -32,7 +32,7 @@ fn info_and_state_show_board_and_slaves() {
     );
 }
 
-/// One slave is told as one.
+/// A network of one slave is described in the singular.
 #[test]
 fn a_network_of_one_slave_is_told_in_the_singular() {
     let one = run(["info", "--scan", "--link", "sim:?slaves=drive&clock=virtual"]).expect_quiet();
@@ -67,8 +67,8 @@ fn sdo_and_io_read_and_write() {
     );
 }
 
-/// Axes go on, home and move in one command each with `--up`; without it nothing is
-/// sent and the error is the line to type.
+/// With `--up` axes are switched on, homed and moved in one command each; without it nothing is sent and the error has
+/// the line to type.
 #[test]
 fn servo_home_and_move_bring_the_network_up_only_with_up() {
     support::snapshot(
@@ -102,14 +102,14 @@ fn servo_home_and_move_bring_the_network_up_only_with_up() {
     );
 }
 
-/// Without `--link` the board is the one that the library would take.
+/// Without `--link` the board is the one that the library would open.
 #[test]
 fn without_a_link_the_board_is_the_one_of_the_library() {
     let ran = crate::common::ecmsk(["state"]).env("ECMSK_LINK", BOARD).output().expect("it starts");
     assert_eq!(crate::common::Ran::from(ran).expect_quiet(), "PreOP\n");
     let ran = crate::common::ecmsk(["state"]).env("ECMSK_LINK", "nonsense").output().expect("it starts");
     crate::common::Ran::from(ran).expect_failure(1, &["`nonsense` has no scheme"], "ecmsk link help");
-    // A board that is plugged in here is none of this test's: the library that would find it cannot be loaded.
+    // The test must not use a board that is plugged in here: the library that would find it cannot be loaded.
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("libusb-1.0.so.0"), "no library").expect("a file");
     let mut nowhere = crate::common::ecmsk(["state"]);
@@ -119,7 +119,7 @@ fn without_a_link_the_board_is_the_one_of_the_library() {
     ran.expect_failure(1, &words, "`ecmsk link help`");
 }
 
-/// `--up` switches on the axes that a verb names, and no other; a verb that has none switches on none.
+/// `--up` switches on the axes that a verb names, and no others; a verb without axes switches on none.
 #[test]
 fn up_switches_on_what_is_named() {
     let (board, file) = recorded("up-move", "drive*3,io");
@@ -178,7 +178,7 @@ fn axes_move_on_a_straight_line() {
     assert!(steps.contains(&50), "it reaches its speed");
 }
 
-/// Speed, acceleration and jerk of what is sent are those that were asked for.
+/// Speed, acceleration and jerk of the targets are the requested ones.
 #[test]
 fn a_move_keeps_its_limits() {
     let (board, file) = recorded("limits", "drive");
@@ -191,7 +191,7 @@ fn a_move_keeps_its_limits() {
     let changes: Vec<i32> = steps.windows(101).map(|window| window[100] - window[0]).collect();
     assert!(changes.iter().all(|change| change.abs() <= 22), "{changes:?}");
     assert!(changes.iter().any(|change| *change >= 18), "it uses its acceleration");
-    // 0.3 + 0.5 + 0.2 s are the ramps' with that jerk, the rest at full speed.
+    // The ramps with that jerk take 0.3 + 0.5 + 0.2 s, the rest is at full speed.
     let seconds = targets.len() as f64 / 1000.0;
     assert!((2.19..=2.21).contains(&seconds), "{seconds}");
     run(["move", "1=150000", "--up", "--link", &board]
@@ -233,7 +233,7 @@ fn an_alarm_during_a_move_stops_the_other_axis() {
     assert!(tape.is_on(1) && !tape.is_on(2));
 }
 
-/// Progress is told once a second after the first one, on standard error; as JSON on standard output.
+/// Progress is printed once a second after the first second, on standard error; as JSON on standard output.
 #[test]
 fn progress_is_told_once_a_second() {
     let line = ["move", "1=35000", "--up", "--link", BOARD];
@@ -248,7 +248,7 @@ fn progress_is_told_once_a_second() {
     assert!(!ran.err.contains("progress"), "{}", ran.err);
 }
 
-/// However hard a move ends, it ends at its target and is commanded to go no further.
+/// However hard a move brakes, it ends at its target, and no command goes beyond it.
 #[test]
 fn a_hard_move_ends_at_its_target() {
     for (velocity, acceleration, jerk) in

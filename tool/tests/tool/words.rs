@@ -1,4 +1,4 @@
-//! Options that mean the same in every verb: the slot size, slots, the recording; and how much is told on the way.
+//! Options that mean the same in every verb: the slot size, slots, the recording; and the amount of progress.
 
 use std::fs;
 
@@ -12,7 +12,7 @@ const LINK: &str = "sim:?slaves=drive&clock=virtual";
 fn slot_size_and_slots_mean_the_same_in_every_verb() {
     let program = Program { short: true, ..Program::default() }.record();
     let file = program.path();
-    // Where it has waited for the way to OP already, so that it runs as it is.
+    // Behind a chip it has already waited for OP, so that it runs unchanged.
     let behind_chip = Program { scheme: "xf-sim", short: true, ..Program::default() }.record();
     for arguments in [
         &["dump", file, "--slot-size", "12"][..],
@@ -27,8 +27,8 @@ fn slot_size_and_slots_mean_the_same_in_every_verb() {
     }
 }
 
-/// `--slot` is understood where it can be but one of them, and the hint says how it is written; where it may be either it
-/// is an error that names both.
+/// `--slot` is accepted where its meaning is clear, with a hint about the right name; where it may mean either it is an
+/// error that names both.
 #[test]
 fn the_former_option_slot_is_accepted_where_it_is_unambiguous() {
     let program = Program { short: true, ..Program::default() }.record();
@@ -58,8 +58,8 @@ fn the_former_option_slot_is_accepted_where_it_is_unambiguous() {
     run(["monitor", "--recording", file, "--once", "--slot", "3"]).expect_misuse(&["allowed: 12, 16"]);
 }
 
-/// Verbs that talk to a board record it as `exec` does, scripts and the shell too; a recording that is there is replaced
-/// only if that is asked for, and a file that is none in no case.
+/// Verbs that talk to a board record it as `exec` does, scripts and the shell too; an existing recording is replaced
+/// only on request, and another file never.
 #[test]
 fn every_verb_records() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -99,8 +99,8 @@ fn every_verb_records() {
     );
 }
 
-/// A minute on the virtual clock, with nobody at a terminal, is some twelve lines of progress, ten minutes were fifteen, the same at every
-/// run.
+/// Without a terminal, a minute of virtual time gives some twelve lines of progress, ten minutes would give fifteen,
+/// the same in every run.
 #[test]
 fn progress_on_a_virtual_clock_has_few_lines() {
     let ran = run(["move", "1=6400", "--velocity", "100", "--up", "--link", LINK]);

@@ -1,5 +1,5 @@
-//! `ecmsk xf`: the verbs that talk to a chip, one command line at a time, on virtual time: what they print is kept in
-//! `tests/snapshots/`. A simulated chip is a new one for each; verbs on one that goes on are tested in `tool/src/xf/tests.rs`.
+//! `ecmsk xf`: the verbs that talk to a chip, one command line at a time, in virtual time; their output is kept in
+//! `tests/snapshots/`. Each gets a new simulated chip; `tool/src/xf/tests.rs` tests verbs on a chip that keeps running.
 
 use std::collections::BTreeSet;
 
@@ -29,13 +29,17 @@ fn scan_info_and_state_show_chip_and_slaves() {
     );
 }
 
-/// XF-18.1 Without a link the error shows one and nothing is simulated; a board's link and a wrong one are told.
+/// XF-18.1 Without a link the error shows one and nothing is simulated; a board's link and a wrong one are errors.
 #[test]
 fn a_chip_is_named_or_there_is_none() {
     for verb in ["scan", "info", "state"] {
         let none = run(["xf", verb]);
         none.expect_failure(2, &["no chip was named", "xf-sim:?slaves=drive*2"], "xf-sim:");
-        run(["xf", verb, "--link", "sim:?slaves=drive"]).expect_failure(1, &["is a board and no ECM-XF"], "link help");
+        run(["xf", verb, "--link", "sim:?slaves=drive"]).expect_failure(
+            1,
+            &["is a board and not an ECM-XF"],
+            "link help",
+        );
         run(["xf", verb, "--link", "xf-sim:?slave=drive"]).expect_misuse(&["slave"]);
     }
     let mut by_variable = ecmsk(["xf", "scan", "--json"]);
@@ -43,7 +47,7 @@ fn a_chip_is_named_or_there_is_none() {
     assert_eq!((ran.code, json_lines(&ran.out).len()), (Some(0), 3), "{ran:?}");
 }
 
-/// XF-11.75 `script=` happens behind `xf` and `serve xf`, or the link is refused; `use_n=` of an ECM-XFU is, too.
+/// XF-11.75 `script=` works behind `xf` and `serve xf`, or the link is refused; `use_n=` of an ECM-XFU is refused, too.
 #[test]
 fn what_a_link_says_happens_or_it_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -61,7 +65,8 @@ fn what_a_link_says_happens_or_it_is_refused() {
     }
 }
 
-/// XF-18.7, XF-18.9 A word that is no verb is answered with the verbs that there are, a slave that is no number with what is allowed.
+/// XF-18.7, XF-18.9 An unknown verb is answered with the list of verbs, a slave that is no number with the allowed
+/// values.
 #[test]
 fn what_there_is_is_named() {
     for (words, verbs) in [
@@ -107,8 +112,8 @@ fn commands_are_listed() {
     assert_eq!((&clear["parameter"], &clear["since_firmware"]), (&6.into(), &9.into()));
 }
 
-/// XF-18.7 Objects are read and written by number or name, with the types of the tool's other verbs; all sub-indices at once; abort
-/// codes are told in words. A network that is not up is started, and that is said.
+/// XF-18.7 Objects are read and written by number or name, with the types of the tool's other verbs; all sub-indices at
+/// once; abort codes are shown in words. A network that is not up is started, with a note.
 #[test]
 fn sdo_reads_and_writes_objects() {
     support::snapshot(
@@ -130,7 +135,7 @@ fn sdo_reads_and_writes_objects() {
     );
 }
 
-/// XF-18.7 What is wrong with a value shows before a chip is opened.
+/// XF-18.7 A wrong value is reported before a chip is opened.
 #[test]
 fn a_wrong_value_opens_no_chip() {
     for (words, why) in [
@@ -143,13 +148,13 @@ fn a_wrong_value_opens_no_chip() {
         (&["read", "0", "0x1000", "--complete", "--type", "u8"], "--complete"),
         (&["read", "0", "6041"], "did you mean `0x6041`?"),
     ] {
-        // A link that does not open would be told if it were tried.
+        // This link does not open, and an attempt would be reported.
         let ran = run([&["xf", "sdo"], words, &["--link", "sim:"]].concat());
         ran.expect_misuse(&[why]);
     }
 }
 
-/// XF-18.8 The layout of the process data by slave and object, with the inputs as they are.
+/// XF-18.8 The layout of the process data by slave and object, with the present inputs.
 #[test]
 fn pdo_shows_objects_and_inputs() {
     support::snapshot(
@@ -186,14 +191,14 @@ fn units_are_read_and_set() {
         (&["gpio", "mode", "20", "output"][..], "pins from 0 to 19"),
         (&["gpio", "mode", "0", "out"], "allowed: input, output, open-drain, quasi-bidirectional"),
         (&["gpio", "set", "0x100000"], "allowed: 0 to 0xFFFFF"),
-        (&["dac", "5V"], "allowed: 0 to 4095, 0V to 3.3V, or off"),
+        (&["dac", "5V"], "allowed: 0 to 4095 for 0 V to 3.3 V, or off"),
         (&["encoder", "start", "--mode", "x3"], "allowed: x4-free, x2-free"),
     ] {
         run([&["xf"], words, &["--link", CHIP]].concat()).expect_misuse(&[why]);
     }
 }
 
-/// XF-18.10 Any function by its name, its answer by fields.
+/// XF-18.10 Any function is run by its name, and its answer is shown by fields.
 #[test]
 fn raw_runs_functions_and_shows_answers_by_fields() {
     let raw = |words: &'static [&'static str]| [&["xf", "raw"], words, &["--link", CHIP]].concat();
@@ -219,15 +224,15 @@ fn raw_runs_functions_and_shows_answers_by_fields() {
     support::snapshot("tool_xf_raw", &transcript(&lines));
 }
 
-/// XF-18.10 Each function of `commands` is one that `raw` knows, by either name; the manuals' names of two functions are told with
-/// the types to choose from.
+/// XF-18.10 Each function of `commands` is one that `raw` knows, by either name; for a name that the manuals give to
+/// two functions, the error lists the types to choose from.
 #[test]
 fn raw_knows_each_function_of_the_list() {
     let commands = json_lines(&run(["xf", "commands", "--json"]).expect_quiet());
     let name = |n: usize, key: &str| commands[n][key].as_str().expect("a name").to_owned();
     for n in 0..commands.len() {
         for key in ["type", "name"] {
-            // A wrong field shows those there are, whatever the function; a wrong name does not come so far.
+            // The error for a wrong field lists the fields of the function; a wrong name fails earlier.
             let ran = run(["xf", "raw", &name(n, key), "wrong=1"]);
             let several = commands.iter().filter(|row| row["name"] == commands[n]["name"]).count() > 1;
             if key == "name" && several {

@@ -53,7 +53,7 @@ const SUMS: &str = "SHA256SUMS";
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Folder for the packages; it is made if it is not there [default: dist]
+    /// Folder for the packages, created if it does not exist [default: dist]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Install the Debian packages in a fresh system, too, and make everything a second time in another folder: the bytes have

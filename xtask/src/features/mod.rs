@@ -31,11 +31,11 @@ use rules::Rules;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Write nothing; fail if a rule claimed has no test, a test names a rule that is not there, or nothing says what a rule of
-    /// the board is on an ECM-XF
+    /// Write nothing; fail if a claimed rule has no test, a test names an unknown rule, or nothing says how a rule of
+    /// the board holds on an ECM-XF
     #[arg(long)]
     check: bool,
-    /// Write nothing; print these rules with their tests: ids as SK-5.6, or what ids begin with, as SK-5 or WIN
+    /// Write nothing; print these rules with their tests: ids such as SK-5.6, or beginnings of ids such as SK-5 or WIN
     #[arg(value_name = "ID", conflicts_with = "check")]
     ids: Vec<String>,
 }

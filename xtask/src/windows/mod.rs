@@ -125,7 +125,7 @@ impl Width {
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Folder that gets x86/ and x64/, each with the DLL and its import libraries, and include/
+    /// Folder for x86/ and x64/, each with the DLL and its import libraries, and include/
     #[arg(long, value_name = "DIR")]
     prefix: Option<PathBuf>,
 }

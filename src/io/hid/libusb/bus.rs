@@ -24,7 +24,7 @@ pub enum UsbBusError {
     #[error(transparent)]
     LibusbMissing(#[from] LibusbMissing),
     /// libusb cannot access USB.
-    #[error("the USB of this machine cannot be used ({0}); is there one, and /dev/bus/usb?")]
+    #[error("USB cannot be used on this machine ({0}); does it have USB, and /dev/bus/usb?")]
     Usb(#[from] UsbError),
 }
 

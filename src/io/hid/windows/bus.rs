@@ -9,7 +9,7 @@ use super::api::Api;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UsbBusError {
     /// Windows cannot list the devices.
-    #[error("Windows does not list its HID devices ({0}); start it anew")]
+    #[error("Windows does not list its HID devices ({0}); restart Windows")]
     Usb(#[from] super::UsbError),
 }
 

@@ -1,4 +1,4 @@
-//! The compiled files: what they show to programs, their documentation, their bytes.
+//! The compiled files: their public members, their documentation, their bytes.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -14,14 +14,14 @@ fn assembly(name: &str) -> PathBuf {
     Pair::X86.ours(name)
 }
 
-/// Whose lines of the table count.
+/// Which lines of the table count.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Whose {
     Vendors,
     Ours,
 }
 
-/// What the table of facts says of an assembly.
+/// The lines of the table for an assembly.
 fn facts(assembly: &str, pair: Pair, whose: Whose) -> String {
     let table = fs::read_to_string(root().join("tests/capi/dotnet/surface.txt")).expect("the table");
     // The assembly of the guides' samples is the one with slots of 12 bytes.
@@ -47,14 +47,14 @@ fn facts(assembly: &str, pair: Pair, whose: Whose) -> String {
     text.replace(listed, assembly)
 }
 
-/// What the metadata of a file say.
+/// The metadata of a file.
 fn metadata(file: &Path) -> String {
     let program = test_program("Surface", "NEXTWUSB_dotNET");
     support::run(Mono.command(&program, VIRTUAL).arg(file)).success()
 }
 
-/// LIB-29, LIB-30, LIB-31, LIB-32, LIB-34, NET-1, NET-14, NET-15, NET-16, NET-17, NET-18, NET-19 The metadata of our assemblies,
-/// of either pair, are those of the table: file, versions, references, members, types, values.
+/// LIB-29, LIB-30, LIB-31, LIB-32, LIB-34, NET-1, NET-14, NET-15, NET-16, NET-17, NET-18, NET-19 The metadata of this
+/// project's assemblies, of either pair, are those of the table: file, versions, references, members, types, values.
 #[test]
 fn our_metadata_are_those_of_the_table() {
     for name in ASSEMBLIES {
@@ -65,8 +65,8 @@ fn our_metadata_are_those_of_the_table() {
     }
 }
 
-/// The stand-in for the vendor's assemblies has what the table says, too, and nothing else: by ordinals 1 to 4 it imports the
-/// library. So what is compiled against it is what is compiled against the vendor's.
+/// The stand-in for the vendor's assemblies has exactly the members of the table, too: it imports the library by
+/// ordinals 1 to 4. So a program compiled against it equals one compiled against the vendor's.
 #[test]
 fn the_stand_ins_metadata_are_those_of_the_table() {
     for name in VENDOR_ASSEMBLIES {
@@ -130,7 +130,7 @@ fn the_program_of_types_needs_them() {
     vendor_program("Types", "NEXTWUSB_dotNET_12B");
 }
 
-/// NET-1 Everything that programs see is documented, and nothing else is.
+/// NET-1 All public members are documented, and no others are.
 #[test]
 fn documentation() {
     for name in ASSEMBLIES {
@@ -179,7 +179,7 @@ fn compiled_twice_the_bytes_are_the_same() {
     assert!(compared > 10, "{compared}");
 }
 
-/// NET-4 Every program of the folder is one of those that are run.
+/// NET-4 Every program of the folder is run by a test.
 #[test]
 fn no_program_is_left_out() {
     let entries = fs::read_dir(root().join("examples/csharp")).expect("the folder");

@@ -1,30 +1,31 @@
-//! Under Mono, and what the compiled files themselves show.
+//! Under Mono, and checks of the compiled files themselves.
 
 mod files;
 
 use crate::dotnet::programs;
 use crate::dotnet::runtime::Runtime::Mono;
 
-/// LIB-29, LIB-30, NET-4 The programs of `examples/csharp/` print what those in C++ print.
+/// LIB-29, LIB-30, NET-4 The programs of `examples/csharp/` print the same as those in C++.
 #[test]
 fn examples() {
     programs::examples(Mono);
 }
 
-/// NET-4 A program that fails says why, and its axes are off.
+/// NET-4 A program that fails prints the reason, and its axes are off.
 #[test]
 fn an_end_by_an_alarm() {
     programs::an_end_by_an_alarm(Mono);
 }
 
-/// LIB-33, NET-20, NET-21 CRC-8 of commands and responses: a program signs its frames, and asks for that of responses.
+/// LIB-33, NET-20, NET-21 CRC-8 of commands and responses: a program writes the CRC of its frames, and checks that of
+/// responses.
 #[test]
 fn the_crc() {
     programs::the_crc(Mono);
 }
 
-/// LIB-29, NET-14, NET-15, NET-16, NET-17, NET-18, NET-19, NET-24 A program that was compiled against the vendor's assembly and uses
-/// each member as its type allows runs on ours, of either pair.
+/// LIB-29, NET-14, NET-15, NET-16, NET-17, NET-18, NET-19, NET-24 A program that was compiled against the vendor's assembly and
+/// uses each member as its type allows runs on this project's assemblies, of either pair.
 #[test]
 fn swapped() {
     programs::swapped(Mono);
@@ -42,13 +43,13 @@ fn misuse() {
     programs::misuse(Mono);
 }
 
-/// NET-23 A write beside a read that waits.
+/// NET-23 A write during a waiting read.
 #[test]
 fn together() {
     programs::together(Mono);
 }
 
-/// NET-8, NET-12, LIB-48 Programs end without Close, whatever their threads are at.
+/// NET-8, NET-12, LIB-48 Programs end without Close, whatever their threads are doing.
 #[test]
 fn endings() {
     programs::endings(Mono);
@@ -60,13 +61,13 @@ fn declared() {
     programs::declared(Mono);
 }
 
-/// NET-3, NET-6 What is wrong with the configuration is said.
+/// NET-3, NET-6 Errors of the configuration are reported.
 #[test]
 fn configuration() {
     programs::configuration(Mono);
 }
 
-/// NET-2 Where the library is looked for.
+/// NET-2 The search path of the library.
 #[test]
 fn search() {
     programs::search(Mono);
@@ -81,19 +82,21 @@ fn mapped() {
 mod needs_cxx {
     use super::*;
 
-    /// LIB-32, LIB-33, NET-5, NET-18, NET-20, NET-21, NET-22 What the vendor's class does, row by row, on ours.
+    /// LIB-32, LIB-33, NET-5, NET-18, NET-20, NET-21, NET-22 The behaviour of the vendor's class, row by row, on this
+    /// project's.
     #[test]
     fn behaviour() {
         programs::behaviour(Mono);
     }
 
-    /// NET-5, NET-6, NET-20, NET-21, NET-22 The stand-in for the vendor's assemblies behaves so, too.
+    /// NET-5, NET-6, NET-20, NET-21, NET-22 The stand-in for the vendor's assemblies behaves the same.
     #[test]
     fn behaviour_of_the_stand_in() {
         programs::behaviour_of_the_stand_in();
     }
 
-    /// LIB-29, LIB-4 A library as the vendor's, whose bool is one byte and which gives no reasons, is as good.
+    /// LIB-29, LIB-4 A library like the vendor's, whose bool is one byte and which has no function for the reason,
+    /// works as well.
     #[test]
     fn a_library_as_the_vendors() {
         programs::a_library_as_the_vendors(Mono);

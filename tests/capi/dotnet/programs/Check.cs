@@ -1,4 +1,4 @@
-// What the test programs share: a condition that does not hold ends the program with its text.
+// Shared by the test programs: a false condition ends the program with its text.
 using System;
 
 static class Check

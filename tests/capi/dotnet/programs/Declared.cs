@@ -1,5 +1,5 @@
-// A program with declarations of its own for NEXTWUSBLib, as they are found in the field: bool as I1, and as .NET takes it
-// unless told otherwise, a BOOL of four bytes. With the argument `ordinals` by their numbers, on Windows alone.
+// A program with declarations of its own for NEXTWUSBLib, as used in the field: bool as I1, and by .NET's default as a BOOL of four
+// bytes. With the argument `ordinals` by ordinals, only on Windows.
 using System;
 using System.Runtime.InteropServices;
 
@@ -28,14 +28,14 @@ static class FourBytes
     public static extern bool ECMUSBWrite(IntPtr data, uint dwlength);
     [DllImport("NEXTWUSBLib.dll")]
     public static extern bool ECMUSBRead(IntPtr data, uint dwlength);
-    // The number as it is, all four bytes of it.
+    // The number, all four bytes of it.
     [DllImport("NEXTWUSBLib.dll", EntryPoint = "OpenECMUSB")]
     public static extern int Open();
     [DllImport("NEXTWUSBLib.dll", EntryPoint = "ECMUSBRead")]
     public static extern int Read(byte[] data, uint dwlength);
 }
 
-// As Windows knows them without their names.
+// By their ordinals on Windows.
 static class ByOrdinal
 {
     [DllImport("NEXTWUSBLib.dll", EntryPoint = "#1")]

@@ -1,5 +1,4 @@
-// A program with the CRC-8 on: it signs its frames itself and looks at the CRC-8 of responses itself. Argument: `once`, no more than
-// one response.
+// A program with the CRC-8 on: it signs its frames itself and checks the CRC-8 of responses itself. Argument: `once`, only one response.
 using System;
 using System.Runtime.InteropServices;
 #if SLOTS_OF_16_BYTES
@@ -25,7 +24,7 @@ static class Frames
         NEXTWUSB.cmdData[0].Parm |= (ushort)(CRC8.CRC(Bytes(NEXTWUSB.cmdData)) << 8);
     }
 
-    // The board's count of frames with a wrong CRC, when it has answered what was written.
+    // The board's count of frames with a wrong CRC, after it has answered the written frames.
     static int Errors()
     {
         for (int i = 0; i < 3; i++)
@@ -33,7 +32,7 @@ static class Frames
         return NEXTWUSB.respData[0].CMD >> 8;
     }
 
-    // Checks of commands, bit 0, and CRC of responses, bit 4, count after the board's next boot.
+    // The check of commands, bit 0, and the CRC of responses, bit 4, take effect after the board's next boot.
     static void Switch(uint switches, bool signed)
     {
         foreach (ushort command in new[] { NEXTWUSB.SDO_EX, NEXTWUSB.SW_RESET })

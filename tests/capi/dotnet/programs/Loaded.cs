@@ -1,5 +1,5 @@
-// A program that loads NEXTWUSBLib itself, by LoadLibrary and GetProcAddress, and lets it go by FreeLibrary while a thread
-// reads. Argument: `gone`, the only reference to it; `kept`, one of two, so that it can be asked why the read ended.
+// A program that loads NEXTWUSBLib itself, by LoadLibrary and GetProcAddress, and releases it by FreeLibrary while a thread reads.
+// Argument: `gone`, the only reference to it; `kept`, one of two, so that the reason of the read's end can be queried.
 using System;
 using System.Runtime.InteropServices;
 using System.Threading;
@@ -58,7 +58,7 @@ static class Loaded
         {
             while (read(response, LENGTH))
                 reads++;
-            // Who has let it go may not ask it any more.
+            // After releasing it no function may be called.
             if (kept)
                 why = Marshal.PtrToStringAnsi(lastError());
         });
@@ -80,7 +80,7 @@ static class Loaded
         Console.WriteLine("ok");
     }
 
-    // For so many reads more.
+    // For that many more reads.
     static void Wait(int more)
     {
         int before = Volatile.Read(ref reads);

@@ -1,5 +1,5 @@
-// Opens the board and says by which library, or why not. (A program by the name of one of Windows' own, where.exe, Wine would
-// not run.)
+// Opens the board and prints by which library, or why not. (Wine would not run a program with the name of one of Windows' own,
+// where.exe.)
 using System;
 using NEXTWUSB_dotNET;
 

@@ -1,4 +1,4 @@
-// Calls at wrong moments and with other arrays: nothing is harmed, and what is false has a reason.
+// Calls at wrong times and with other arrays: they do no harm, and a call that returns false has a reason.
 using System;
 using System.Threading;
 using NEXTWUSB_dotNET;
@@ -7,7 +7,7 @@ static class Misuse
 {
     static readonly string[] RESULTS = new string[2];
 
-    // What a program forgets to do is sometimes left to its objects' finalisers.
+    // Sometimes objects' finalisers make the calls that a program has forgotten.
     class Forgotten
     {
         ~Forgotten()
@@ -80,7 +80,7 @@ static class Misuse
         Check.That(NEXTWUSB.OpenECMUSB(), "the board opens");
         OtherArrays();
         Works();
-        // Another thread has its own errors; this one's stays.
+        // Another thread has its own error; this thread's error stays.
         Check.That(!Write(null), "null is refused");
         string other = null;
         var thread = new Thread(() => other = NEXTWUSBDiagnostics.LastError);
@@ -88,7 +88,7 @@ static class Misuse
         thread.Join();
         Check.That(!other.Contains("cmdData"), "a thread has its own errors");
         Check.Says("cmdData is null");
-        // An array of the program's own, of the right length, is as good.
+        // An array of the program's own, of the right length, is valid.
         NEXTWUSB.respData = new NEXTWUSB.transData[NEXTWUSB.DEF_MA_MAX];
         Works();
         Check.That((NEXTWUSB.respData[0].Parm & 0xFF) == NEXTWUSB.STATE_PRE_OP, "the response is in it");
@@ -120,7 +120,7 @@ static class Misuse
         return written;
     }
 
-    // In frames of their own, which are gone when the collector looks.
+    // In separate stack frames, which have ended when the collector runs.
     static void Forget()
     {
         var thread = new Thread(() => new Forgotten());

@@ -1,5 +1,5 @@
-// The behaviour of the vendor's class, row by row, on a library that gives back what was written (loopback.c). With the argument
-// `missing` on no library at all.
+// The behaviour of the vendor's class, row by row, on a library that returns the written frame (loopback.c). With the argument
+// `missing`, without a library.
 using System;
 using System.Runtime.InteropServices;
 #if SLOTS_OF_16_BYTES
@@ -42,8 +42,8 @@ static class Rows
         return bytes;
     }
 
-    // A frame without a bit that is 0 everywhere. Byte 2 says what the library will answer: 1 true, 0 false, 9
-    // false with the buffer left alone.
+    // A frame in which no bit is 0 in all bytes. Byte 2 selects the library's answer: 1 true, 0 false, 9 false with the buffer
+    // unchanged.
     static void Fill(ushort answer)
     {
         NEXTWUSB.cmdData = new NEXTWUSB.transData[NEXTWUSB.DEF_MA_MAX];
@@ -89,7 +89,7 @@ static class Rows
             NEXTWUSB.ECMUSBWrite();
             Console.WriteLine("signed, read {0}, CRC right {1}, again {2}", NEXTWUSB.ECMUSBRead(), NEXTWUSB.checkCRCValue(),
                 NEXTWUSB.checkCRCValue());
-            // It is about the frame, whatever the program does with the array.
+            // The frame counts, whatever the program does with the array.
             NEXTWUSB.respData[3].Data1 ^= 1;
             Console.WriteLine("after a change {0}", NEXTWUSB.checkCRCValue());
         }
@@ -129,7 +129,7 @@ static class Rows
     {
         byte[] bytes = { 0, 1, 2, 3, 4, 5, 6, 7 };
         Console.WriteLine("{0:X2} {1:X2} {2:X2}", CRC8.CRC(new byte[0]), CRC8.CRC(bytes), CRC8.CRC(bytes, 0, 4));
-        // `len` is where it ends.
+        // `len` is its length.
         Console.WriteLine("{0:X2} {1:X2} {2:X2}", CRC8.CRC(bytes, 2, 4), CRC8.CRC(new byte[] { 2, 3 }), CRC8.CRC(bytes, 5, 3));
         Console.WriteLine(Try(() => CRC8.CRC(null)));
         Console.WriteLine(Try(() => CRC8.CRC(null, 0, 0)));

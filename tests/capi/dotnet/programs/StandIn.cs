@@ -1,5 +1,6 @@
-// A stand-in for the vendor's assemblies of November 2019, written from the table (surface.txt) and not from ours: the same
-// surface, and the same behaviour as far as the rules have it. Programs are compiled against it, and run on ours in its place.
+// A stand-in for the vendor's assemblies of November 2019, written from the table (surface.txt), independently of this project's: the
+// same surface, and the same behaviour as far as the rules define it. Programs are compiled against it, and run on this project's
+// assembly.
 using System;
 using System.Reflection;
 using System.Runtime.InteropServices;

@@ -1,4 +1,4 @@
-// Prints what each of the assemblies named shows to programs, one member a line, and what its file is.
+// Prints the public members of each named assembly, one per line, and its file's properties.
 using System;
 using System.Collections.Generic;
 using System.Diagnostics;
@@ -17,7 +17,7 @@ static class Surface
     {
         foreach (string file in files)
         {
-            // Of the bytes: by its name or path an assembly that has the same name may come instead.
+            // Loaded from its bytes: by name or path another assembly of the same name might be loaded.
             byte[] bytes = File.ReadAllBytes(file);
             Assembly assembly = Assembly.Load(bytes);
             AssemblyName name = assembly.GetName();
@@ -46,7 +46,7 @@ static class Surface
         }
     }
 
-    // Mono does not tell: the number with which the optional header of the file begins.
+    // Mono has no property for it: the magic number of the file's optional header.
     static string Format(byte[] bytes)
     {
         return BitConverter.ToUInt16(bytes, BitConverter.ToInt32(bytes, 0x3C) + 24) == 0x20B ? "PE32+" : "PE32";
@@ -69,7 +69,7 @@ static class Surface
         return (DllImportAttribute)Attribute.GetCustomAttribute(method, typeof(DllImportAttribute));
     }
 
-    // In the order in which they were written.
+    // In the order of the source.
     static IEnumerable<string> Members(Type type)
     {
         foreach (MemberInfo member in type.GetMembers(PUBLIC).OrderBy(member => member.MetadataToken & 0xFFFFFF)

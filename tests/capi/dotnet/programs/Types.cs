@@ -1,5 +1,5 @@
-// Each member of the vendor's class in the ways that only its true type allows: what compiles is half of the test. Types.vb is
-// the same in VB.NET.
+// Each member of the vendor's class, used in ways that only its exact type allows: that it compiles is half of the test. Types.vb is the
+// same in VB.NET.
 using System;
 using System.Collections.Generic;
 #if SLOTS_OF_16_BYTES

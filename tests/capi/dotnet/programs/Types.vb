@@ -1,5 +1,5 @@
-' Each member of the vendor's class in the ways that only its true type allows, with Option Strict On: what compiles is half of
-' the test. Types.cs is the same in C#.
+' Each member of the vendor's class, used in ways that only its exact type allows, with Option Strict On: that it compiles is half of the
+' test. Types.cs is the same in C#.
 Option Strict On
 Option Explicit On
 Option Infer On
@@ -170,7 +170,7 @@ Module Types
         NEXTWUSB.cmdData(0).CMD = NEXTWUSB.GET_STATUS
         Dim written As Boolean = write()
         Dim isRead As Boolean = read()
-        ' Console.WriteLine of four values is one that .NET Core has not.
+        ' .NET Core has no Console.WriteLine of four values.
         Console.WriteLine(String.Format("write {0}, read {1}, state {2}, CRC {3}", written, isRead,
             NEXTWUSB.respData(0).Parm And &HFFUS, check()))
         Swap(NEXTWUSB.cmdData, NEXTWUSB.respData)

@@ -1,5 +1,5 @@
-/* A library that gives back the frame which was written last. Its byte 2 says what a read answers: 1 true, 0 false, 9 false with
-   the buffer left alone. */
+/* A library that returns the last written frame. Its byte 2 selects the result of a read: 1 true, 0 false, 9 false
+ * with the buffer unchanged. */
 #include <string.h>
 
 int OpenECMUSB(void);
@@ -14,7 +14,7 @@ void CloseECMUSB(void) {}
 
 int ECMUSBWrite(unsigned char *data, unsigned long length)
 {
-    /* A caller who declares 32 bits says nothing of the others. */
+    /* A caller that declares 32 bits leaves the others undefined. */
     unsigned bytes = (unsigned)length;
     if (bytes != 504 && bytes != 512) {
         return 0;

@@ -1,4 +1,5 @@
-/* A library as the vendor's: four functions alone, bool in the lowest byte of the register and anything in the others. */
+/* A library like the vendor's: only four functions, bool in the lowest byte of the register and any values in the
+ * others. */
 unsigned OpenECMUSB(void);
 void CloseECMUSB(void);
 unsigned ECMUSBWrite(unsigned char *data, unsigned long length);

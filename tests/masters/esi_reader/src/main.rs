@@ -1,4 +1,4 @@
-//! What the parser `ethercat-esi` 0.2.0, which is that of the bindings to IgH's master, finds in an ESI file.
+//! Prints what the parser `ethercat-esi` 0.2.0, of the bindings to IgH's master, finds in an ESI file.
 
 use ethercat_esi::{EtherCatInfo, Pdo};
 

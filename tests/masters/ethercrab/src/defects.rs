@@ -1,4 +1,5 @@
-//! What ethercrab 0.7.1 cannot do, whatever the slave. A newer version that can makes this fail, and the page on slaves wrong.
+//! Functions that ethercrab 0.7.1 lacks, whatever the slave. With a newer version that has them this fails, and the
+//! page on slaves is wrong.
 
 use ethercrab::error::Error;
 

@@ -1,5 +1,5 @@
-//! A DP3CL is homed and moved by profiles and in CSP, with distributed clocks and the process data that it has at power-on; another
-//! one stands meanwhile.
+//! A DP3CL is homed and moved by profiles and in CSP, with distributed clocks and the process data of power-on; another
+//! one is at rest meanwhile.
 
 use ethercrab::subdevice_group::HasDc;
 
@@ -15,7 +15,7 @@ const REACHED: u16 = 1 << 10;
 const ATTAINED: u16 = 1 << 12;
 const HOMING_ERROR: u16 = 1 << 13;
 
-/// What a DP3CL sends.
+/// The inputs of a DP3CL.
 struct Seen {
     status: u16,
     mode: i8,
@@ -50,7 +50,7 @@ pub async fn run(master: &Master) {
     let group = to_op_with_clocks(master, group).await;
     let slave = group.subdevice(master, 0).expect("a slave");
 
-    // On the negative limit switch, and then where the axis stands.
+    // Home on the negative limit switch, then at the present position.
     for method in [17_i8, 37] {
         put(master, &group, 0, 0x00, 0);
         choose(master, &group, HOMING).await;
@@ -63,7 +63,7 @@ pub async fn run(master: &Master) {
             until(master, &group, "Operation enabled", |seen| seen.status & STATE == state).await;
         }
         put(master, &group, 0, 0x1F, 0);
-        // What is there of the homing before goes first.
+        // The result of the previous homing clears first.
         cycles(master, &group, 10).await;
         until(master, &group, "homing", |seen| seen.status & ATTAINED != 0).await;
         assert_eq!(seen(master, &group, 0).status & HOMING_ERROR, 0, "homing error with method {method}");

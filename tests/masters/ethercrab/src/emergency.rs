@@ -1,4 +1,4 @@
-//! A drive with a fault sends an emergency: ethercrab reads and drops what lies in a mailbox before it asks for something.
+//! A drive with a fault sends an emergency: ethercrab reads and drops waiting mail before a request.
 
 use crate::rig::{
     FAULT, InPreOp, Master, OPERATION_ENABLED, STATE, cycle, cycles, drive, enable, fault, scan, to_op, wait_for,
@@ -19,7 +19,7 @@ pub async fn run(master: &Master) {
         drive(master, &group, 1).0 & FAULT != 0
     };
     wait_for("the fault", is_in_fault).await;
-    // It lies in the mailbox by then; one that came as the answer would be a panic of ethercrab 0.7.1.
+    // The emergency waits in the mailbox by then; if it came as the answer, ethercrab 0.7.1 would panic.
     cycles(master, &group, 50).await;
     let slave = group.subdevice(master, 1).expect("a slave");
     assert_eq!(slave.register_read::<u8>(0x080D_u16).await.map(|status| status & 0x08), Ok(0x08), "a full mailbox");

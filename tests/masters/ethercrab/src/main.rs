@@ -1,4 +1,4 @@
-//! Masters with ethercrab on simulated slaves, one program each. Each step that is not as it has to be ends it with a panic.
+//! Masters with ethercrab on simulated slaves, one program each. A wrong step ends the program with a panic.
 //!
 //! ethercrab 0.7.1 has defects of its own, whatever the slave: values of more than 4 bytes are not written, an emergency that comes
 //! as the answer to an SDO is a panic, no single slave that lost its power can be configured again, and a change of state that is

@@ -13,8 +13,8 @@ const INPUTS: [u32; 12] = {
     [0x6041_0010, a, b, c, d, e, a, b, c, d, e, a]
 };
 const INPUT_BYTES: usize = 46;
-/// What the first LRW carries, in front of which goes the time. ethercrab cuts the image where a frame is full, in the middle of a
-/// slave, which counts in both.
+/// The data of the first LRW, which comes after the time. ethercrab divides the image where a frame is full, in the
+/// middle of a slave, which counts in both.
 const FIRST_LRW: usize = DATA_MAX - 20;
 
 pub async fn run(master: &Master) {

@@ -1,5 +1,5 @@
-//! 40 drives, switched on, that get a target in each cycle of 1 ms, for `benches/nic`. It says `begin` before the cycles that
-//! are measured, and `end` behind them.
+//! 40 drives, switched on, that get a target in each cycle of 1 ms, for `benches/nic`. It prints `begin` before the
+//! measured cycles, and `end` after them.
 
 use std::time::Duration;
 
@@ -17,7 +17,7 @@ const WARM_UP: usize = 500;
 const MEASURED: usize = 2000;
 /// Cycles for each step of switching on: the brake takes its time.
 const SWITCHING: usize = 300;
-/// How far a target is from the one before, and the cycles after which the axes turn back.
+/// The distance between two targets, and the cycles after which the axes turn back.
 const STEP: i32 = 20;
 const STROKE: usize = 1000;
 

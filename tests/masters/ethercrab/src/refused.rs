@@ -9,7 +9,7 @@ use crate::rig::{CYCLE, InPreOp, Master, PRE_OP, al_status, fault, scan};
 pub async fn run(master: &Master) {
     let group: InPreOp = scan(master, 2).await;
     fault("refuse 2 safeop 0x8001");
-    // OP is not reached from PreOP; a state that there is not; no sync managers for the process data; what a script has chosen.
+    // OP from PreOP; an unknown state; no sync managers for the process data; a code from a script.
     for (n, control, code) in [
         (0, 0x08_u16, AlStatusCode::InvalidRequestedStateChange),
         (0, 0x17, AlStatusCode::UnknownRequestedState),
@@ -27,8 +27,8 @@ pub async fn run(master: &Master) {
         println!("AL control {control:#04x}: {}", refused.expect_err("an error"));
         assert_eq!(ask(0x12).await, Ok((PRE_OP, AlStatusCode::NoError)), "acknowledged");
     }
-    // ethercrab 0.7.1 looks for the error of a change of all slaves in what it has written itself, so that a refusal is a timeout.
-    // The frame under way is dropped then, whose answer ends the task of the frames: nothing can be asked behind it.
+    // ethercrab 0.7.1 looks for the error of a change of all slaves in its own written value, so that a refusal is a
+    // timeout. Then it drops the frame under way, whose answer ends the task of the frames: no later request works.
     let refused = group.into_safe_op(master).await.map(drop);
     assert_eq!(refused, Err(Error::Timeout(TimeoutError::StateTransition)), "the change of all");
 }

@@ -1,5 +1,5 @@
-//! What the programs share: the master, changes of state, cycles of process data, drives by CiA 402, and faults that are made to
-//! happen.
+//! Code that the programs share: the master, changes of state, cycles of process data, drives by CiA 402, and injected
+//! faults.
 
 use std::io::stdin;
 use std::thread::spawn;
@@ -18,7 +18,7 @@ use ethercrab::{
 pub const SLAVES_MAX: usize = 4;
 pub const IMAGE_MAX: usize = 256;
 pub const CYCLE: Duration = Duration::from_millis(2);
-/// How long something may take.
+/// The longest wait.
 const LIMIT: Duration = Duration::from_secs(30);
 /// The most data that a frame carries. ethercrab 0.7.1 reads 1500 bytes of a frame, of which Ethernet has up to 1514.
 pub const DATA_MAX: usize = 1472;
@@ -31,7 +31,7 @@ pub const OPERATION_ENABLED: u16 = 0x27;
 pub const FAULT: u16 = 0x08;
 pub const STATE: u16 = 0x6F;
 
-/// States of the AL status, and the bit that says that it was refused or left.
+/// States of the AL status, and the error bit, for a state that was refused or left.
 pub const PRE_OP: u16 = 0x02;
 pub const OP: u16 = 0x08;
 const AL_ERROR: u16 = 0x10;
@@ -49,12 +49,12 @@ pub type InOp<D = NoDc, const N: usize = SLAVES_MAX, const I: usize = IMAGE_MAX>
 /// A master on an interface, whose frames go out in a thread of their own.
 pub fn master(interface: &str) -> Master {
     let (tx, rx, pdus) = PDUS.try_split().expect("once");
-    // An answer behind the limit ends the task for good, and a busy machine answers late.
+    // An answer after the limit ends the task for good, and a busy machine answers late.
     let long = Duration::from_millis(1000);
     let timeouts = Timeouts { pdu: long, eeprom: long, mailbox_echo: long, ..Timeouts::default() };
     let config = MainDeviceConfig { dc_static_sync_iterations: 1000, ..MainDeviceConfig::default() };
     let task = tx_rx_task(interface, tx, rx).expect("the interface");
-    // Whatever ends it, each exchange behind that is a timeout.
+    // Whatever ends the task, each later exchange is a timeout.
     spawn(move || {
         if let Err(error) = block_on(task) {
             eprintln!("no frames go out any more: {error}");
@@ -74,15 +74,15 @@ pub async fn scan<const N: usize, const I: usize>(master: &Master, count: usize)
     group
 }
 
-/// The AL status of a slave and its code, as `SubDeviceRef::status` gives them, but one behind the other: that one asks for the code
-/// twice at once and drops what is still under way, whose answer ends the task of the frames.
+/// The AL status of a slave and its code, as `SubDeviceRef::status` returns them, but read one after the other: that
+/// function asks for the code twice at once and drops the request under way, whose answer ends the task of the frames.
 pub async fn al_status<S>(slave: &SubDeviceRef<'_, S>) -> Result<(u16, AlStatusCode), Error> {
     let status = slave.register_read::<u16>(RegisterAddress::AlStatus).await?;
     let code = slave.register_read::<AlStatusCode>(RegisterAddress::AlStatusCode).await?;
     if status & AL_ERROR == 0 { Ok((status, code)) } else { Err(Error::SubDevice(code)) }
 }
 
-/// From PreOP to OP.
+/// Goes from PreOP to OP.
 pub async fn to_op<const N: usize, const I: usize>(master: &Master, group: InPreOp<N, I>) -> InOp<NoDc, N, I> {
     let group = group.into_pre_op_pdi(master).await.expect("process data");
     let group = group.into_safe_op(master).await.expect("SafeOP");
@@ -91,7 +91,7 @@ pub async fn to_op<const N: usize, const I: usize>(master: &Master, group: InPre
     group
 }
 
-/// From PreOP to OP with SYNC0.
+/// Goes from PreOP to OP with SYNC0.
 pub async fn to_op_with_clocks(master: &Master, mut group: InPreOp) -> InOp<HasDc> {
     group.iter_mut(master).for_each(|mut slave| slave.set_dc_sync(DcSync::Sync0));
     let group = group.into_pre_op_pdi(master).await.expect("process data");
@@ -108,7 +108,7 @@ pub async fn to_op_with_clocks(master: &Master, mut group: InPreOp) -> InOp<HasD
     group
 }
 
-/// Process data go and come once.
+/// Exchanges process data once.
 pub async fn cycle<D, const N: usize, const I: usize>(
     master: &Master,
     group: &InOp<D, N, I>,
@@ -124,7 +124,7 @@ pub async fn cycles<D, const N: usize, const I: usize>(master: &Master, group: &
     }
 }
 
-/// Asks until something is so.
+/// Polls until a condition holds.
 pub async fn wait_for(what: &str, mut is_so: impl AsyncFnMut() -> bool) {
     let begin = Instant::now();
     while !is_so().await {
@@ -143,7 +143,7 @@ pub fn inputs<D, const N: usize, const I: usize>(master: &Master, group: &InOp<D
     group.subdevice(master, n).expect("a slave").inputs_raw().to_vec()
 }
 
-/// Puts the first outputs of a slave: controlword and target.
+/// Sets the first outputs of a slave: controlword and target.
 pub fn put<D, const N: usize, const I: usize>(
     master: &Master,
     group: &InOp<D, N, I>,
@@ -164,7 +164,7 @@ pub fn drive<D, const N: usize, const I: usize>(master: &Master, group: &InOp<D,
     (u16::from_le_bytes([inputs[0], inputs[1]]), i32::from_le_bytes([inputs[2], inputs[3], inputs[4], inputs[5]]))
 }
 
-/// A servo drive up to Operation enabled where it stands, out of Fault too; its position.
+/// Brings a servo drive to Operation enabled at its position, also out of Fault; returns its position.
 pub async fn enable<D>(master: &Master, group: &InOp<D>, n: usize) -> i32 {
     let stand = drive(master, group, n).1;
     put(master, group, n, 0x80, stand);

@@ -23,7 +23,7 @@ pub async fn run(master: &Master) {
     let states = cycle(master, &group).await.subdevice_states;
     assert_eq!(states[..], [SubDeviceState::Op, SubDeviceState::Op, SubDeviceState::None], "states behind the cut");
     fault("heal");
-    // It is in OP if the watchdog has not expired: its time is long.
+    // It is in OP, since its watchdog time is long and has not expired.
     counts(master, &group, 9).await;
     assert_eq!(cycle(master, &group).await.subdevice_states[..], ALL);
 

@@ -1,4 +1,4 @@
-//! A master that stops finds its slaves in SafeOP, reads why, acknowledges that and goes on.
+//! A master that pauses finds its slaves in SafeOP, reads the reason, acknowledges it and goes on.
 
 use async_io::Timer;
 use ethercrab::error::Error;

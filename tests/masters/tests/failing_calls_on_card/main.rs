@@ -1,6 +1,6 @@
 //! The Nth system call of `ecmsk move` on a network card fails, with each error that it may give, or the process is killed
-//! there: the run ends, it ends with status 0 only at its target, and afterwards the axis stands. A share of all blows is dealt
-//! here, and all of them by `cargo xtask soak`.
+//! there: the run ends, it ends with status 0 only at its target, and afterwards the axis stands. The test makes a share
+//! of all failures, `cargo xtask soak` all of them.
 #![cfg(all(target_os = "linux", target_arch = "x86_64"))]
 
 mod needs_network_namespace {
@@ -12,19 +12,19 @@ mod needs_network_namespace {
     use masters::{MASTER, Rig};
     use support::failing_calls::{self, Blow, Run, Struck, Whose};
 
-    /// A run takes a second. The limit is there so that one that hangs ends.
+    /// A run takes a second. The limit ends a run that hangs.
     const LIMIT: Duration = Duration::from_secs(120);
-    /// How many blows are dealt without being asked for.
+    /// The default number of failures.
     const SHARE: usize = 8;
     const TARGET: i32 = 500;
-    /// The watchdog of a slave and the ramp of a drive are over by then.
+    /// By then the watchdog of a slave has expired and the ramp of a drive has ended.
     const AT_REST: Duration = Duration::from_secs(1);
-    /// What is looked at twice is so far apart.
+    /// The time between two looks.
     const APART: Duration = Duration::from_millis(100);
     /// Sync manager 3, which has the inputs: address and length.
     const INPUTS: u16 = 0x0818;
 
-    /// A look at the slave's memory that changes nothing in it.
+    /// Reads the slave's memory without changing it.
     struct Eye(EthernetSocket);
 
     impl Eye {
@@ -33,7 +33,7 @@ mod needs_network_namespace {
             Self(EthernetSocket::open(&interface, ETHERTYPE).expect("root"))
         }
 
-        /// Bytes of the first slave; `None`: it does not let them be read, as inputs below SafeOP.
+        /// Bytes of the first slave; `None`: they cannot be read, as inputs below SafeOP.
         fn read(&self, address: u16, len: usize) -> Option<Vec<u8>> {
             let mut frame = [0; 128];
             let mut writer = FrameWriter::new(&mut frame, FrameHeader::datagrams([2, 0, 0, 0, 0, 1])).expect("room");
@@ -62,7 +62,7 @@ mod needs_network_namespace {
             (len > 0).then(|| self.read(address, len.into()))?
         }
 
-        /// The inputs of the slave, of which its position is a part, stay as they are.
+        /// Checks that the inputs of the slave, which include its position, do not change.
         fn stands(&self) -> Result<(), String> {
             thread::sleep(AT_REST);
             let before = self.inputs();

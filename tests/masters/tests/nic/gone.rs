@@ -21,7 +21,7 @@ mod needs_network_namespace {
         (link, ecm)
     }
 
-    /// The text of a board that is gone names the interface and what to do.
+    /// Checks that the error names the interface and what to do.
     fn is_lost(error: &LinkError) {
         let said = error.to_string();
         assert!(matches!(error, LinkError::Lost { .. }), "{said}");
@@ -102,7 +102,7 @@ mod needs_network_namespace {
             let counters = link.stats().board.expect("a board of this process");
             assert!(counters.ring_broken > 50, "{counters:?}");
             match ended {
-                // A machine that is busy may be late, and then loses slaves, which is counted.
+                // A busy machine may be late, and then loses slaves, which is counted.
                 Err(failed) => assert!(counters.for_lost > 0 || counters.answers_lost > 0, "{failed} {counters:?}"),
                 Ok(()) => {
                     let snapshot = ecm.snapshot().expect("a report");

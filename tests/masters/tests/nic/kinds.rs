@@ -10,10 +10,10 @@ mod needs_network_namespace {
     use masters::motion::{arrive, switch_on};
 
     const LIST: &str = "drive*10,io*4,step*6,hsp*5,dp3cl*5,io*4,hsp2*2,drive*4";
-    /// How long every axis goes.
+    /// The steps of every axis.
     const STEPS: i32 = 100;
 
-    /// 40 slaves of every kind come to OP: each axis goes its way, and each module's inputs are its outputs.
+    /// 40 slaves of every kind come to OP: each axis follows its path, and each module's inputs are its outputs.
     #[test]
     fn forty_slaves_of_every_kind_move() {
         let specs = parse(LIST).expect("a list of slaves");
@@ -22,7 +22,7 @@ mod needs_network_namespace {
         let _rig = Rig::new(LIST, "nic_forty");
         let ecm = Ecm::open("nic:veth0?priority=20").expect("it opens");
         let slaves: Vec<Slave> = specs.iter().map(|spec| Slave::of_kind(spec.model.kind())).collect();
-        // The machine that runs tests may be busy with others.
+        // The machine may be busy with other tests.
         ecm.configure(&Config { slaves: slaves.clone(), cycle_us: 4000 }).expect("it is configured");
         let numbered = || (1..).zip(&slaves);
         let axes: Vec<u8> =

@@ -1,8 +1,9 @@
-//! Our own master, as the link `nic:` has it, on simulated slaves: the board's program drives them without a board.
+//! The software master, behind the link `nic:`, on simulated slaves: the board's program drives them without a board.
 //!
-//! - `start.rs`: which card is opened, from nothing to a motion, and the end
+//! - `start.rs`: the choice of the card, from the start to a motion, and the end
 //! - `kinds.rs`: 40 slaves of every kind
-//! - `trouble.rs`: frames that are lost, late, doubled or strange, a card that is down, slaves that go and come
+//! - `trouble.rs`: frames that are lost, late, doubled or strange, a card that is down, slaves that are lost and come
+//!   back
 //! - `ring.rs`: two cards
 //! - `gone.rs`: cards that are pulled
 //! - `programs.rs`: example programs, unchanged

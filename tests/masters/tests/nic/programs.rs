@@ -1,4 +1,4 @@
-//! Example programs, as they are, on a network card: they print what they print on a simulated board.
+//! Unchanged example programs on a network card: they print the same as on a simulated board.
 
 mod needs_network_namespace {
     use std::fs;
@@ -34,11 +34,12 @@ mod needs_network_namespace {
         "inputs that follow outputs come a frame later: a frame takes those that lie in the module when it passes";
     const ALARM: &str = "it says where an alarm has stopped the axes, and the alarm comes by the real clock";
 
-    /// An alarm on the way of a program. On a simulated board it comes at that time; to slaves on a card, whose time is not the
-    /// board's, at the same place of the program: so long after it has printed a line, or after OP if it prints none before.
+    /// An alarm in a program's motion. On a simulated board it comes at that time. For slaves on a card, whose time is
+    /// not the board's, it comes at the same point of the program: that time after it has printed a line, or after OP
+    /// if it prints none before.
     struct Alarm {
         simulated_ms: u64,
-        /// How the line begins; "": OP.
+        /// The beginning of the line; "": OP.
         after: &'static str,
         ms: u64,
         what: &'static str,
@@ -48,7 +49,7 @@ mod needs_network_namespace {
         Alarm { simulated_ms, after, ms, what }
     }
 
-    /// A machine that is late for its slaves, or whose alarm comes late, runs the program again, so often at most.
+    /// The most repetitions if the machine is late for its slaves, or its alarm comes late.
     const TRIES: usize = 5;
 
     const NONE: &[Alarm] = &[];
@@ -58,8 +59,8 @@ mod needs_network_namespace {
     /// While both axes of an operator's panel jog.
     const JOGGING: Alarm = alarm(1000, "  24  jog +, axis 2", 140, ONE);
 
-    /// What a program prints on a simulated board it prints on slaves at the end of a network card, with the same keys of the
-    /// board; the words alone, if it is in the table. Its exit code is the same, too.
+    /// Checks that a program prints the same on slaves at the end of a network card as on a simulated board, with the
+    /// same keys of the board; only the words if it is in the table. Its exit code is the same, too.
     fn prints_the_same(language: &str, name: &str, link: &str, alarms: &[Alarm], of: impl Fn(&str) -> Command + Sync) {
         let may_fail = alarms.iter().any(|alarm| alarm.what == STAYS);
         let recording = format!("nic_{language}_{name}{}", if may_fail { "_stays" } else { "" });
@@ -81,13 +82,13 @@ mod needs_network_namespace {
             let script: String = from_op.into_iter().map(line).collect();
             let rig = Rig::with_script(slaves, &recording, &script);
             let ended = run(&rig, &mut of(&card), &behind_lines);
-            // Slaves that have waited for their outputs for too long say so.
+            // Slaves that have missed their outputs for too long are reported.
             (ended, rig.end().iter().any(|line| line.contains("AL status 0x001B")))
         };
         let on_card = || std::thread::scope(|scope| scope.spawn(on_card).join().expect("no panic"));
         assert!(board.status.success() || may_fail, "{language}, {name}: {board:?}");
         let other = OTHER_NUMBERS.iter().find(|(of, program, ..)| (*of, *program) == (language, name));
-        // Who fails says why.
+        // A program that fails prints the reason.
         let said = |ended: &Ended| {
             let said = without_underruns(&ended.stdout) + if may_fail { &ended.stderr } else { "" };
             (ended.status.code(), other.map_or_else(|| said.clone(), |(.., of, _)| words(&said, of)))
@@ -125,8 +126,8 @@ mod needs_network_namespace {
         Ended { status: ended.status, stdout, stderr: String::from_utf8_lossy(&ended.stderr).into_owned() }
     }
 
-    /// What was printed, without the numbers of cycles that found the FIFO empty: they say how late the program itself was, on a
-    /// machine that has other things to do.
+    /// What was printed, without the numbers of cycles that found the FIFO empty: they depend on the lateness of the
+    /// program itself on a busy machine.
     fn without_underruns(printed: &str) -> String {
         let line = |line: &str| {
             let words: Vec<&str> = line.split(' ').collect();
@@ -138,7 +139,7 @@ mod needs_network_namespace {
         printed.lines().map(line).collect()
     }
 
-    /// What was printed; in lines with that word there is one sign for each number. If that may be any line, codes stay.
+    /// The output, with a sign for each number in lines with that word. If the word matches any line, codes stay.
     fn words(printed: &str, of: &str) -> String {
         let word = |word: &str| {
             let bare = word.trim_start_matches('[').trim_end_matches([',', ';', ':', ']']);
@@ -154,7 +155,7 @@ mod needs_network_namespace {
         printed.lines().map(|printed| line(printed) + "\n").collect()
     }
 
-    /// The list of slaves of a link, and its keys that are those of the board, as the end of another link.
+    /// The list of slaves of a link, and its board keys, as the end of another link.
     fn slaves_and_keys(link: &str) -> (&str, String) {
         let keys = link.strip_prefix("sim:?").expect("a simulated board").split('&');
         let slaves = keys.clone().find_map(|key| key.strip_prefix("slaves=")).expect("slaves");
@@ -165,7 +166,7 @@ mod needs_network_namespace {
     /// Programs in Rust.
     #[test]
     fn rust_programs_run_on_a_network_card() {
-        // Each in the middle of a side of the square.
+        // Each event at the middle of a side of the square.
         const ON_THE_WAY: [Alarm; 2] =
             [alarm(3200, "corner [1000000, 0]", 450, TWO), alarm(4900, "corner [1000000, 1000000]", 450, STAYS)];
         for (name, link, alarms) in [
@@ -205,7 +206,7 @@ mod needs_network_namespace {
         use support::Language;
         use support::examples::{C, CPP, SCRIPTS};
 
-        /// What a program compiled with the headers and the library alone prints.
+        /// Checks the output of a program that is compiled only with the headers and the library.
         fn same(folder: &str, name: &str, language: Language, link: &str, alarms: &[Alarm]) {
             let file = if folder == "c" { format!("c/{name}.c") } else { format!("{folder}/{name}.cpp") };
             let Program { exe } = support::compile(&root().join("examples").join(file), language);
@@ -216,7 +217,7 @@ mod needs_network_namespace {
             });
         }
 
-        /// Programs in C++ and C, compiled with the headers and the library alone.
+        /// Programs in C++ and C, compiled only with the headers and the library.
         #[test]
         fn programs_in_cpp_and_c_run_on_a_network_card() {
             for (name, link) in without_alarms().step_by(2) {
@@ -235,7 +236,7 @@ mod needs_network_namespace {
             }
         }
 
-        /// Those with an alarm on their way have it in a test of their own.
+        /// Programs without an alarm; those with one have their own test.
         fn without_alarms() -> impl Iterator<Item = (&'static str, &'static str)> {
             let has_alarm = |name| SCRIPTS.iter().any(|(with, script)| *with == name && script.starts_with("alarm"));
             CPP.into_iter().filter(move |(name, _)| !has_alarm(*name))
@@ -244,7 +245,7 @@ mod needs_network_namespace {
         /// Programs in C++ that clear alarms on their way, and one that an alarm ends.
         #[test]
         fn programs_in_cpp_overcome_alarms_on_a_network_card() {
-            // Each in the middle of a side of the square.
+            // Each event at the middle of a side of the square.
             let on_the_way =
                 [alarm(2750, "corner 2 of the square", 250, TWO), alarm(3650, "corner 3 of the square", 250, STAYS)];
             for (folder, name, alarms) in [

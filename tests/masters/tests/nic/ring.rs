@@ -9,8 +9,8 @@ mod needs_network_namespace {
     use masters::motion::{arrive, switch_on};
     use masters::{MASTER, Rig, SECOND_MASTER};
 
-    /// NIC-3.2 A cable is cut in the middle of a motion, and healed: no axis leaves its way, each comes to its end, and the broken ring
-    /// is counted. That it costs no cycle is shown in virtual time.
+    /// NIC-3.2 A cable is cut in the middle of a motion, and healed: no axis leaves its path, each reaches its end, and
+    /// the broken ring is counted. A test in virtual time shows that it costs no cycle.
     #[test]
     fn a_cable_is_cut_in_a_ring() {
         let rig = Rig::ring("drive*4", "nic_ring");

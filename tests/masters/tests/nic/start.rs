@@ -1,4 +1,4 @@
-//! Which card is opened, from nothing to a motion, and the end.
+//! The choice of the card, from the start to a motion, and the end.
 
 mod needs_network_namespace {
     use std::process::Command;
@@ -40,12 +40,12 @@ mod needs_network_namespace {
         let said = rig.end();
         assert!(said.iter().any(|line| line.ends_with("in OP")), "{said:?}");
         let last = said.iter().rfind(|line| line.starts_with("slaves")).expect("a line");
-        // Slaves that a late machine has let wait for too long have left OP by themselves.
+        // Slaves may have left OP by themselves because the machine was late.
         assert!(last == "slaves 1 to 3 are in PreOP" || last.contains("AL status 0x001B"), "{said:?}");
     }
 
-    /// What is no place for frames of EtherCAT is refused with the next step.
-    /// A card that another board has is in use.
+    /// An interface that is not for EtherCAT frames is refused with the next step. A card that another board uses is in
+    /// use.
     #[test]
     fn a_card_is_for_one_program_alone_and_for_nothing_else() {
         let _rig = Rig::new("io", "nic_refused");
@@ -69,11 +69,11 @@ mod needs_network_namespace {
         assert!(said.contains("192.0.2.7") && said.contains("ip address flush dev veth0"), "{said}");
     }
 
-    /// Frames of another master are seen before anything is sent.
+    /// Frames of another master are noticed before anything is sent.
     #[test]
     fn another_master_is_named_before_anything_is_sent() {
         let rig = Rig::new("io", "nic_other");
-        // What another master sends on the same cable arrives at both ends.
+        // Another master's frames on the same cable arrive at both ends.
         let other = EthernetSocket::open(&check("veth1", DefaultRoute::Allowed).expect("the other end"), ETHERTYPE)
             .expect("root");
         let mut frame = [0; 60];
@@ -96,7 +96,7 @@ mod needs_network_namespace {
         assert!(!said.iter().any(|line| line.contains("a master is there")), "{said:?}");
     }
 
-    /// A card hears no frames of other cards while it is opened, however many come there.
+    /// A card takes no frames of other cards while it is opened, however many there are.
     #[test]
     fn a_card_is_opened_deaf() {
         const OPENED: usize = 400;
@@ -113,7 +113,7 @@ mod needs_network_namespace {
                 let mut frame = [0x33; 60];
                 frame[12..14].copy_from_slice(&ETHERTYPE.to_be_bytes());
                 while !over.load(Ordering::Relaxed) {
-                    // Without room it is lost.
+                    // Without room the frame is lost.
                     let _ = elsewhere.send(&frame);
                 }
             });

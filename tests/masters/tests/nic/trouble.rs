@@ -1,5 +1,5 @@
-//! What happens on a cable while a program drives its machine: frames are lost, late, doubled or strange, the card is down,
-//! slaves go and come.
+//! Faults of a cable while a program drives its machine: frames are lost, late, doubled or foreign, the card is down,
+//! slaves are lost and come back.
 
 mod needs_network_namespace {
     use std::process::Command;
@@ -16,13 +16,13 @@ mod needs_network_namespace {
     use masters::motion::{arrive, switch_on};
     use masters::{MASTER, Rig, SLAVES, Trouble};
 
-    /// Two drives that are switched on, and what is known of their board.
+    /// Two drives that are switched on, and the handles of their board.
     struct Machine {
         link: Arc<dyn Link>,
         ecm: Ecm,
     }
 
-    /// Says when it is dropped that something is over.
+    /// Sets a flag when it is dropped.
     struct Ends<'a>(&'a AtomicBool);
 
     impl Drop for Ends<'_> {
@@ -44,7 +44,8 @@ mod needs_network_namespace {
             self.link.stats().board.expect("a board of this process")
         }
 
-        /// Both axes go their way in so many steps, and arrive. How often they were told to have failed before.
+        /// Moves both axes along their paths in that many steps to their ends. Returns how many attempts were reported
+        /// as failed.
         fn moves(&self, steps: i32) -> usize {
             arrive(&self.ecm, &[(1, 10), (2, -20)], steps, |_| ())
         }
@@ -66,8 +67,8 @@ mod needs_network_namespace {
         }
     }
 
-    /// NIC-2.3 Frames that are lost, late, doubled and out of order on their way back: no axis leaves its way, both
-    /// arrive, no target is lost without a word, and the cycles are counted.
+    /// NIC-2.3 Frames that are lost, late, doubled and out of order on their way back: no axis leaves its path, both
+    /// arrive, no target is lost unreported, and the cycles are counted.
     #[test]
     fn axes_arrive_whatever_the_cable_does_to_frames() {
         let (_rig, middle) = Rig::with_middle("drive*2", "nic_cable");
@@ -96,7 +97,7 @@ mod needs_network_namespace {
         }
     }
 
-    /// The network is found and brought to OP although frames are lost and doubled.
+    /// The network is found and brought to OP although frames are lost and doubled by the cable.
     #[test]
     fn a_bad_cable_does_not_keep_a_network_from_op() {
         let (_rig, middle) = Rig::with_middle("drive*2", "nic_bad_cable");
@@ -107,8 +108,8 @@ mod needs_network_namespace {
         machine.moves(100);
     }
 
-    /// NIC-2.8 A card that goes down is a cable that is cut: the board is silent, and SET_STATE brings its slaves back when the card
-    /// is up again.
+    /// NIC-2.8 A card that goes down acts as a cut cable: the board is silent, and SET_STATE brings its slaves back
+    /// when the card is up again.
     #[test]
     fn a_card_goes_down_and_comes_up() {
         let _rig = Rig::new("drive*2", "nic_down");
@@ -132,7 +133,7 @@ mod needs_network_namespace {
         let before = machine.counters();
         let over = AtomicBool::new(false);
         std::thread::scope(|scope| {
-            // Also when this thread panics: else the other one would be waited for.
+            // Also when this thread panics: otherwise it would wait for the other one.
             let ends = Ends(&over);
             scope.spawn(|| {
                 let interface = check(SLAVES, DefaultRoute::Allowed).expect("the other end");
@@ -148,7 +149,7 @@ mod needs_network_namespace {
                     writer.push(header, &[2, 0]).expect("room");
                     writer.finish();
                     other.send(&frame).expect("it is sent");
-                    // ARP, and what says that it is EtherCAT and is nothing.
+                    // ARP, and an empty frame with EtherCAT's EtherType.
                     for kind in [[0x08, 0x06], [0x88, 0xA4]] {
                         let mut frame = [n; 60];
                         frame[12..14].copy_from_slice(&kind);

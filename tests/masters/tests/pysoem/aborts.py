@@ -1,4 +1,4 @@
-"""Each abort code that a slave can have: by what really causes it where a master can, and each by a script."""
+"""Each abort code of a slave: by its real cause if a master can produce it, and each by a script."""
 
 from rig import *
 
@@ -53,8 +53,8 @@ aborted(0x06090032, stepper, "sdo_write", 0x2001, 0, struct.pack("<H", 199))
 network.map(with_dc=False)
 aborted(0x08000022, drive, "sdo_write", 0x1C12, 0, bytes(1))
 
-# Those that a master causes with messages that SOEM does not send (a wrong toggle bit, an unknown command; a slave in Init answers
-# nothing), and those that no device here has a reason for.
+# Codes caused by messages that SOEM does not send (a wrong toggle bit, an unknown command; a slave in Init does not answer), and codes
+# that no device here returns.
 others = [
     0x05030000, 0x05040000, 0x05040001, 0x06010005, 0x06010006, 0x06040047, 0x06060000, 0x06090033, 0x06090036, 0x08000000,
     0x08000020, 0x08000021, 0x08000023, 0x08000024,
@@ -65,7 +65,7 @@ for code in sorted(found) + others:
         fault(f"sdo-abort {number} 0x{code:08X}")
         expect(code_of(slave, "sdo_read", 0x1018, 1), code, "abort code of a read")
         expect(code_of(slave, "sdo_write", 0x6065, 0, bytes(4)), code, "abort code of a write")
-        # Longer than a mailbox: the whole value is refused at its end.
+        # Longer than a mailbox: the value is refused after its last segment.
         if slave is drive:
             expect(code_of(slave, "sdo_write", TEST_MEMORY, 0, bytes(200)), code, "abort code of segments")
         fault(f"end sdo-abort {number}")

@@ -1,4 +1,4 @@
-"""A drive is moved along a path in CSP with distributed clocks; another one stands meanwhile."""
+"""A drive is moved along a path in CSP with distributed clocks; another one is at rest meanwhile."""
 
 from rig import *
 

@@ -1,4 +1,4 @@
-"""A DP3CL is homed and moved by profiles, with the process data that it has at power-on."""
+"""A DP3CL is homed and moved by profiles, with its process data at power-on."""
 
 from rig import *
 
@@ -24,7 +24,7 @@ def settle(bit, what):
     wait_for(lambda: axis.get("status") & bit, what, seconds=30.0, step=network.cycle)
 
 
-# Homing on the negative limit switch, and then where it stands.
+# Homing on the negative limit switch, and then at the present position.
 for method, speed in ((17, 20_000), (37, 20_000)):
     use(HOMING)
     axis.slave.sdo_write(HOMING_METHOD, 0, struct.pack("b", method))
@@ -33,7 +33,7 @@ for method, speed in ((17, 20_000), (37, 20_000)):
     axis.put(control=0, target=0)
     axis.enable()
     axis.put(control=0x1F)
-    # What is there of the homing before goes first.
+    # First the status of the previous homing must disappear.
     network.cycles()
     settle(ATTAINED, f"homing by method {method}")
     expect(axis.get("status") & 0x2000, 0, "homing error")

@@ -1,4 +1,5 @@
-"""Crystals that drift by up to 100 ppm: the reference clock's time, sent in each cycle, holds all clocks together."""
+"""Crystals that drift by up to 100 ppm: the reference clock's time, sent in each cycle, keeps all clocks
+synchronous."""
 
 from rig import *
 
@@ -20,7 +21,7 @@ def are_together():
 
 wait_for(are_together, "the clocks are together", seconds=30.0)
 expect(network.states(), [pysoem.OP_STATE] * 3, "states")
-# Without it they part: by 100 ppm from one to the next.
+# Without it they diverge: by 100 ppm from one to the next.
 for slave in network.slaves:
     slave.set_watchdog("processdata", 0)
 time.sleep(1.0)

@@ -1,4 +1,4 @@
-"""A drive with a fault sends an emergency, the axis is in Fault, and a fault reset brings it back."""
+"""A drive with a fault sends an emergency, the axis is in Fault, and a fault reset ends it."""
 
 from rig import *
 

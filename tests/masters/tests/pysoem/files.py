@@ -1,4 +1,4 @@
-"""Firmware by FoE in bootstrap, another file in PreOP, and what both are refused with."""
+"""Firmware by FoE in bootstrap, another file in PreOP, and the errors of both."""
 
 from rig import *
 
@@ -23,7 +23,7 @@ def refused(call, *arguments):
         return f"{type(error).__name__} {error}"
 
 
-# In PreOP a file of parameters is written and read; firmware is read alone.
+# In PreOP a file of parameters is written and read; firmware is only read.
 for length in (0, 1, 115, 116, 117, 5000):
     data = bytes((3 * n + length) & 0xFF for n in range(length))
     slave.foe_write("parameters", 0, data, TIMEOUT_US)

@@ -1,12 +1,12 @@
-//! pysoem, which is SOEM in a Python wheel, on simulated slaves. What a program of this folder checks is in it; each begins with a
-//! network of its own.
+//! pysoem, which is SOEM in a Python wheel, on simulated slaves. Each program of this folder contains its checks, and
+//! begins with a network of its own.
 #![cfg(target_os = "linux")]
 
 use std::path::{Path, PathBuf};
 
 use masters::Rig;
 
-/// Runs a program of this folder on the slaves of the list: what the server has said, and the recording `name`.
+/// Runs a program of this folder on the slaves of the list; returns the server's lines and the recording `name`.
 fn run_as(name: &str, list: &str, program: &str) -> (Vec<String>, PathBuf) {
     let rig = Rig::new(list, name);
     run_on(&rig, program);
@@ -14,7 +14,7 @@ fn run_as(name: &str, list: &str, program: &str) -> (Vec<String>, PathBuf) {
     (rig.end(), recording)
 }
 
-/// Runs a program of this folder on these slaves; what it printed.
+/// Runs a program of this folder on these slaves; returns its output.
 fn run_on(rig: &Rig, program: &str) -> String {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/pysoem");
     rig.python(&folder.join(format!("{program}.py")))
@@ -41,7 +41,8 @@ fn texts() -> String {
 mod needs_tshark {
     use super::{aborts, run_as};
 
-    /// ECAT-15.13 Wireshark dissects the recordings, and finds no packet in them that is malformed: there are two of each frame.
+    /// ECAT-15.13 Wireshark dissects the recordings, and finds no malformed packet in them: there are two for each
+    /// frame.
     #[test]
     fn recordings_have_no_malformed_packet() {
         let programs = [
@@ -89,7 +90,7 @@ mod needs_pysoem {
         assert!(said.last().is_some_and(|line| line.ends_with("were answered, 0 were lost")), "{said:?}");
     }
 
-    /// ECAT-15.5 A drive follows a path in CSP, and stands at its end.
+    /// ECAT-15.5 A drive follows a path in CSP, and is at rest at its end.
     #[test]
     fn a_drive_moves_in_csp() {
         run("drive*2", "csp");
@@ -113,7 +114,7 @@ mod needs_pysoem {
         run("drive,dp3cl", "sdo");
     }
 
-    /// ECAT-15.7 An alarm sends an emergency, and a fault reset another one. ECAT-15.20 The server tells both.
+    /// ECAT-15.7 An alarm sends an emergency, and a fault reset another one. ECAT-15.20 The server reports both.
     #[test]
     fn an_alarm_sends_an_emergency() {
         let said = run("drive*2", "emergency");
@@ -129,13 +130,14 @@ mod needs_pysoem {
         assert!(said.iter().any(|line| line.contains("in SafeOP with AL status 0x001B")), "{said:?}");
     }
 
-    /// ECAT-15.9 States that are refused have the code that says why; also that of a script.
+    /// ECAT-15.9 Refused states have the code of the reason; also that of a script.
     #[test]
     fn refused_states_have_their_codes() {
         run("drive*2", "refused");
     }
 
-    /// ECAT-15.10 Slaves behind a cut vanish and come back as they were; one that has lost its power is configured again.
+    /// ECAT-15.10 Slaves behind a cut are lost and come back unchanged; one that has lost its power is configured
+    /// again.
     #[test]
     fn slaves_vanish_and_come_back() {
         run("drive*3", "vanish");
@@ -146,21 +148,22 @@ mod needs_pysoem {
     fn firmware_is_written_in_bootstrap() {
         let rig = Rig::new("drive", "files");
         let printed = run_on(&rig, "files");
-        // SOEM 1.1.13 gives a negative count, nothing, and the fault of the mailbox.
+        // SOEM 1.1.13 returns a negative count, nothing, and the fault of the mailbox.
         let found: Vec<&str> = printed.lines().map(|line| line.split(',').next().unwrap_or_default()).collect();
         assert_eq!(found, ["-5", "b''", "MailboxError (1"], "{printed}");
         let said = rig.end();
         assert!(said.iter().any(|line| line == "slave 1 is in BOOT"), "{said:?}");
     }
 
-    /// ECAT-15.18 Crystals that drift by up to 100 ppm are held together by the time that pysoem sends in each cycle.
+    /// ECAT-15.18 Clocks whose crystals drift by up to 100 ppm are synchronised by the time that pysoem sends in each
+    /// cycle.
     #[test]
     fn clocks_that_drift_are_held_together() {
         run_on(&Rig::with_drift("drive*3", "drift", 100), "drift");
     }
 
-    /// ECAT-15.19 Another master on the same wire that reads disturbs nobody; when it takes the slaves to Init pysoem sees that and
-    /// brings them back. ECAT-15.22 The server says once that there are two.
+    /// ECAT-15.19 Another master on the same wire that only reads does no harm; when it takes the slaves to Init pysoem
+    /// notices that and brings them back. ECAT-15.22 The server reports once that there are two.
     #[test]
     fn two_masters_on_one_wire() {
         let said = run("drive*2", "two");
@@ -170,7 +173,7 @@ mod needs_pysoem {
         assert!(said.last().is_some_and(|line| line.ends_with("were answered, 0 were lost")), "{said:?}");
     }
 
-    /// ECAT-11.14 A drive that was told to run by SYNC0 refuses OP without it.
+    /// ECAT-11.14 A drive that is set to SYNC0 refuses OP without it.
     #[test]
     fn sync0_that_was_told_is_needed() {
         let said = run("drive", "sync0");
@@ -183,7 +186,8 @@ mod needs_pysoem {
         run(&texts(), "texts");
     }
 
-    /// ECAT-15.27 A hundred slaves. ECAT-11.13 They reach OP without outputs. ECAT-15.26 Each of their states is told.
+    /// ECAT-15.27 A hundred slaves. ECAT-11.13 They reach OP without outputs. ECAT-15.26 Each of their states is
+    /// reported.
     #[test]
     fn a_hundred_terminals() {
         let said = run("io*100", "crowd");
@@ -196,7 +200,7 @@ mod needs_pysoem {
             };
             said.iter().filter_map(of).sum()
         };
-        // SafeOP may be over before it is looked at.
+        // SafeOP may have ended before it is reported.
         assert_eq!(["PreOP", "OP"].map(told), [100; 2], "{said:?}");
     }
 

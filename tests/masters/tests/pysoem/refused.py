@@ -1,4 +1,4 @@
-"""States that slaves refuse, with the code that says why."""
+"""States that slaves refuse, with the AL status code."""
 
 from rig import *
 

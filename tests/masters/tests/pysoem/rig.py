@@ -1,4 +1,4 @@
-"""What the programs of this folder share: a master on veth0, process data in cycles, and CiA 402."""
+"""Shared by the programs of this folder: a master on veth0, cyclic process data, and CiA 402."""
 
 import struct
 import time
@@ -7,10 +7,10 @@ import pysoem
 
 CYCLE_S = 0.002
 DC_CYCLE_NS = 2_000_000
-# The machine that runs tests may be busy with others.
+# The machine may be busy with other tests.
 WATCHDOG_MS = 2000
 
-# What SOEM says of a frame that has not come back in time, as on a machine that is busy.
+# SOEM's result for a frame that has not returned in time, as on a busy machine.
 LATE = -1
 
 CONTROLWORD, STATUSWORD, MODE, MODE_SHOWN = 0x6040, 0x6041, 0x6060, 0x6061
@@ -19,13 +19,13 @@ MASK = 0x6F
 
 
 def expect(found, wanted, what):
-    """Ends the program if something is not as it has to be."""
+    """Ends the program if a condition is false."""
     if found != wanted:
         raise AssertionError(f"{what}: {found!r}, and not {wanted!r}")
 
 
 def fault(line):
-    """Makes a line of a script happen to the slaves."""
+    """Executes a line of a script on the slaves."""
     print(f"fault: {line}", flush=True)
     input()
 
@@ -67,7 +67,7 @@ class Network:
         expect(self.states(), [pysoem.SAFEOP_STATE] * len(self.slaves), "states after config_map")
 
     def start(self, count, with_dc=True, watchdog_ms=WATCHDOG_MS):
-        """From nothing to OP."""
+        """From Init to OP."""
         self.scan(count)
         self.map(with_dc, watchdog_ms)
         self.to_op()

@@ -1,4 +1,4 @@
-"""SDOs of 1 to 300 bytes, by complete access, and what they are refused with."""
+"""SDOs of 1 to 300 bytes, by complete access, and their aborts."""
 
 from rig import *
 
@@ -8,7 +8,7 @@ network = Network()
 network.scan(2)
 drive, stepper = network.slaves
 
-# Expedited up to 4 bytes, normal up to 112, segments beyond, for which 119 bytes have room.
+# Expedited up to 4 bytes, normal up to 112, beyond that segments of up to 119 bytes.
 for length in range(1, 301):
     data = bytes((length + 7 * n) & 0xFF for n in range(length))
     drive.sdo_write(TEST_MEMORY, 0, data)

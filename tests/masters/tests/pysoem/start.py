@@ -1,4 +1,4 @@
-"""Two drives from nothing to OP with distributed clocks."""
+"""Two drives from Init to OP with distributed clocks."""
 
 from rig import *
 
@@ -7,7 +7,7 @@ ECMS = 0x45434D53
 network = Network()
 network.scan(2)
 for slave in network.slaves:
-    # The words of the EEPROM, as SOEM has read them, and object 0x1018 say the same.
+    # The words of the EEPROM, as read by SOEM, agree with object 0x1018.
     expect((slave.man, slave.id, slave.rev), (ECMS, 0x53455256, 0x10000), "identity by the EEPROM")
     expect(slave.name, slave.sdo_read(0x1008, 0).decode(), "name")
     identity = [struct.unpack("<I", slave.sdo_read(0x1018, sub))[0] for sub in (1, 2, 3)]

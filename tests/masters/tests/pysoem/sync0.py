@@ -1,4 +1,4 @@
-"""A drive that is told to run by SYNC0 refuses OP without it, with 0x30, and goes to OP with it."""
+"""A drive that is set to SYNC0 refuses OP without it, with 0x30, and goes to OP with it."""
 
 from rig import *
 

@@ -1,4 +1,5 @@
-"""A text of the maker's objects is read and written whole, whatever its length; its output and its input are mapped."""
+"""A text in a manufacturer's object is read and written completely at any length; its output and its input are
+mapped."""
 
 from rig import *
 

@@ -1,4 +1,4 @@
-"""Another master on the same wire, which sends frames of its own: it reads, and later it takes the slaves to Init."""
+"""Another master on the same wire, which sends its own frames: it reads, and later it takes the slaves to Init."""
 
 import socket
 import threading
@@ -7,7 +7,7 @@ from rig import *
 
 ETHERTYPE = 0x88A4
 OTHER = bytes([0x10, 0x20, 0x30, 0x40, 0x50, 0x60])
-# Beyond those that SOEM has.
+# Beyond the indexes that SOEM uses.
 FIRST_INDEX = 100
 BRD, APRD, FPRD, BWR = 7, 1, 4, 8
 
@@ -62,11 +62,11 @@ stop.set()
 reader.join()
 expect(wrong, [], "answers to the other master")
 expect(asked > 100, True, "it has asked")
-# SOEM takes a frame for lost now and then while it looks at those of others.
+# SOEM occasionally takes a frame for lost while it receives those of others.
 network.expect_counters(6, "working counters meanwhile")
 expect(network.states(), [pysoem.OP_STATE] * 2, "states")
 
-# The other one takes the slaves away, and this one finds out and brings them back.
+# The other master takes the slaves to Init, and this one notices and brings them back.
 data, found = other.ask(BWR, 0, 0x0120, bytes([1, 0]))
 expect(found, 2, "working counter")
 expect(network.states(), [pysoem.INIT_STATE] * 2, "states")

@@ -1,4 +1,4 @@
-"""Slaves that vanish and come back: a cut cable, and a slave that loses its power."""
+"""Slaves that are lost and return: a cut cable, and a slave that loses its power."""
 
 from rig import *
 
@@ -25,7 +25,7 @@ def back():
 
 wait_for(lambda: network.states() == [pysoem.OP_STATE] * 3 and network.cycle() == 9, "all in OP", step=back)
 
-# Without power it forgets its address and its state.
+# Without power it loses its address and its state.
 fault("lose 2")
 wait_for(lambda: network.cycle() == 6, "the working counter without slave 2")
 expect([network.states()[n] for n in (0, 2)], [pysoem.OP_STATE] * 2, "the others are in OP")

@@ -1,4 +1,4 @@
-"""A master that stops: the slaves leave OP with the code of the watchdog, and come back when they are told to."""
+"""A master that stops: the slaves leave OP with the watchdog's code, and return on request."""
 
 from rig import *
 

@@ -1,4 +1,4 @@
-//! Running the tool on a network card, and what a machine says of the card.
+//! Running the tool on a network card, and its reports about the card.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::PathBuf;
@@ -12,7 +12,7 @@ use serde_json::Value;
 pub const CARD: &str = "nic:veth0";
 pub const LIST: &str = "drive*2,io";
 
-/// How a run of the tool has ended.
+/// The result of a run of the tool.
 #[derive(Debug)]
 pub struct Ran {
     pub code: Option<i32>,
@@ -21,7 +21,7 @@ pub struct Ran {
 }
 
 impl Ran {
-    /// The output of a run that went well.
+    /// The output of a successful run.
     #[track_caller]
     pub fn good(self) -> String {
         assert_eq!(self.code, Some(0), "{self:?}");
@@ -34,7 +34,7 @@ impl Ran {
         self.out.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|_| panic!("{self:?}"))).collect()
     }
 
-    /// It failed with that code, printed no result, and its last word contains that.
+    /// Asserts that it failed with that code, printed no result, and that its last line contains these parts.
     #[track_caller]
     pub fn fails(&self, code: i32, parts: &[&str]) {
         assert_eq!((self.code, self.out.as_str()), (Some(code), ""), "{self:?}");
@@ -67,14 +67,14 @@ pub fn file(name: &str) -> PathBuf {
     support::out_dir().join(name)
 }
 
-/// What the library finds on the card, between two runs of the tool.
+/// Uses the library on the card, between two runs of the tool.
 pub fn by_library<T>(ask: impl FnOnce(&mut dyn Network) -> Result<T, bus::BusError>) -> T {
     let mut network = bus::open(CARD).expect("it opens");
     network.scan().expect("slaves");
     ask(&mut *network).expect("an answer")
 }
 
-/// What `list` says of the card, in words and as JSON.
+/// The card in the output of `list`, in words and as JSON.
 pub fn listed() -> (String, Value) {
     let (text, lines) = (run(&["list"]), run(&["list", "--json"]));
     assert_eq!(text.code, lines.code);
@@ -82,7 +82,7 @@ pub fn listed() -> (String, Value) {
     (text.out, row)
 }
 
-/// The findings of `doctor` for a link. Its exit code says whether one of them is wrong.
+/// The findings of `doctor` for a link. Checks that the exit code shows whether one of them is wrong.
 pub fn doctor(link: &str) -> Vec<Value> {
     let ran = ended(tool(&["doctor", "--json"]).env("ECMSK_LINK", link));
     let findings = ran.lines();
@@ -95,7 +95,7 @@ pub fn finding<'a>(findings: &'a [Value], check: &str) -> Option<&'a Value> {
     findings.iter().find(|finding| finding["check"] == check)
 }
 
-/// A shell of the tool on the card, with a drive that is switched on.
+/// A shell of the tool on the card, with an enabled drive.
 pub struct InOp(Child);
 
 impl InOp {
@@ -115,7 +115,7 @@ impl InOp {
     }
 }
 
-/// Waits until the server has said that.
+/// Waits for a line of the server.
 pub fn wait_for(rig: &Rig, what: &str) {
     let begin = Instant::now();
     while !rig.said().iter().any(|line| line.contains(what)) {

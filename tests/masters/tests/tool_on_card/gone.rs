@@ -57,7 +57,8 @@ mod needs_network_namespace {
         Ran { code, out: String::new(), err: text }
     }
 
-    /// A move, a look that goes on, the live table and a program under `exec`: each ends, and says which card is gone and what to do.
+    /// A move, a running `bus` verb, the live table and a program under `exec`: each ends, and reports which card is
+    /// gone and what to do.
     #[test]
     fn each_verb_ends_and_says_so() {
         let _rig = Rig::new("drive*2", "tool_gone");
@@ -112,7 +113,7 @@ mod needs_network_namespace {
         assert!(GONE.iter().all(|part| ran.err.contains(part)), "{ran:?}");
     }
 
-    /// A server tells its clients that the board is lost, and serves it again when the card is back.
+    /// A server reports the loss of the board to its clients, and serves it again when the card is back.
     #[test]
     fn a_server_serves_again_when_the_card_is_back() {
         let _rig = Rig::new("drive*2", "tool_gone_served");

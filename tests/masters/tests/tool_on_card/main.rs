@@ -1,10 +1,10 @@
-//! The tool as a user runs it on a network card with slaves at its end, the library aside: what it says of the network is so, what one
-//! run writes the next one finds, and what cannot be done is told.
+//! The tool as a user runs it on a network card with slaves at its end, checked by the library: its reports on the
+//! network are true, the next run finds what one run has written, and failures are reported.
 //!
 //! - `card.rs`: running the tool there
-//! - `shown.rs`: what there is, how well clocks keep together, which cable is bad
+//! - `shown.rs`: the slaves, the synchronisation of clocks, bad cables
 //! - `written.rs`: objects, files and EEPROMs
-//! - `told.rs`: whether the card is fit, and what goes wrong
+//! - `told.rs`: whether the card is usable, and its faults
 //! - `ring.rs`: two cards
 //! - `gone.rs`: cards that are pulled
 #![cfg(target_os = "linux")]

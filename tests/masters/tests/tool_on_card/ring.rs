@@ -8,8 +8,8 @@ mod needs_network_namespace {
 
     const RING: &str = "nic:veth0?second=veth2";
 
-    /// In a ring the verbs find all slaves, read what they have written, and `doctor` measures how long frames take from one
-    /// card to the other; so they do where a cable is cut. While they look both cards are theirs.
+    /// In a ring the verbs find all slaves, read back what they have written, and `doctor` measures how long frames
+    /// take from one card to the other; the same holds with a cut cable. Meanwhile both cards are in use.
     #[test]
     fn a_ring_is_looked_at_by_both_cards() {
         let rig = Rig::ring(LIST, "tool_ring");

@@ -1,4 +1,4 @@
-//! What there is, how well clocks keep together, and which cable is bad.
+//! The slaves, the synchronisation of clocks, and bad cables.
 
 mod needs_network_namespace {
     use std::io::{BufRead, BufReader};
@@ -10,8 +10,8 @@ mod needs_network_namespace {
 
     use crate::card::{CARD, LIST, look, run, tool};
 
-    /// BUS-3.1, BUS-4.1, BUS-7.1 On a card the verbs say of slaves what they say of the same ones in
-    /// virtual time, which snapshots keep, in words and as JSON. `list --scan` shows them behind the list.
+    /// BUS-3.1, BUS-4.1, BUS-7.1 On a card the verbs print the same about slaves as in virtual time, which snapshots
+    /// keep, in words and as JSON. `list --scan` shows the slaves after the list.
     #[test]
     fn a_card_shows_what_its_slaves_are() {
         let _rig = Rig::new(LIST, "tool_shows");
@@ -39,7 +39,7 @@ mod needs_network_namespace {
             let lines =
                 |out: &str| out.lines().filter(|line| !line.starts_with("0x6041:0 ")).collect::<Vec<_>>().join("\n");
             assert_eq!((card.code, lines(&card.out)), (simulated.code, lines(&simulated.out)), "{words:?}");
-            // The run before has left a slave in PreOP, which is told.
+            // The previous run has left a slave in PreOP, which is shown.
             let others = |line: &&str| !(line.starts_with("note: slave ") && line.contains("was found in PreOP"));
             assert_eq!(card.err.lines().filter(others).collect::<Vec<_>>(), simulated.err.lines().collect::<Vec<_>>());
         }
@@ -52,8 +52,8 @@ mod needs_network_namespace {
         assert_eq!((with_slaves.code, names), (list.code, vec!["drive", "drive", "io"]));
     }
 
-    /// The clocks of crystals that are alike keep together, and those that drift are measured; the exit code is what each
-    /// clock is said to be.
+    /// Clocks with equal crystals stay synchronised, and drifting ones are measured; the exit code agrees with the
+    /// report on each clock.
     #[test]
     fn clocks_are_measured() {
         for drift_ppm in [0, 50] {
@@ -83,7 +83,7 @@ mod needs_network_namespace {
         }
     }
 
-    /// BUS-7.1, BUS-7.2 A bad cable is named while it is watched and by what was counted, until the counters are cleared.
+    /// BUS-7.1, BUS-7.2 A bad cable is named while it is watched, and by its counters until they are cleared.
     #[test]
     fn a_bad_cable_is_named() {
         let rig = Rig::new("io*3", "tool_noise");
@@ -113,12 +113,12 @@ mod needs_network_namespace {
         assert!(after.err.contains("no cable is bad"), "{after:?}");
     }
 
-    /// BUS-7.2 A slave that goes while cables are watched is told, the others go on, and what it has counted is told when
-    /// it is back.
+    /// BUS-7.2 A slave that is lost while cables are watched is reported, the others go on, and its counters are shown
+    /// when it is back.
     #[test]
     fn a_slave_that_goes_while_cables_are_watched_is_told() {
         let rig = Rig::new("io*3", "tool_watch");
-        // What the watch finds of it shows when it has scanned.
+        // The watch shows its counters after a scan.
         look(&["sdo", "read", "3", "0x1000"]).good();
         let mut watch = tool(&["bus", "errors", "--watch", "5", "--link", CARD]);
         let mut watch = watch.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it starts");

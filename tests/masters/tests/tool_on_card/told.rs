@@ -1,4 +1,4 @@
-//! Whether the card is fit, and what goes wrong on it.
+//! Whether the card is usable, and its faults.
 
 mod needs_network_namespace {
     use std::io::{BufRead, BufReader};
@@ -10,9 +10,9 @@ mod needs_network_namespace {
 
     use crate::card::{CARD, InOp, LIST, doctor, ended, finding, listed, look, run, tool, wait_for};
 
-    /// A card is free, taken, switched off or of another network, as it is now, with the link and what to do.
-    /// `doctor` says the same of it, and measures how long frames take where nothing keeps it from that.
-    /// While a program has the card no verb sends anything there.
+    /// `list` shows whether a card is free, in use, switched off or of another network, with the link and what to do.
+    /// `doctor` reports the same, and measures how long frames take if nothing prevents that. While a program has the
+    /// card no verb sends anything there.
     #[test]
     fn list_and_doctor_say_what_the_card_is() {
         let rig = Rig::new("io*2", "tool_card");
@@ -75,8 +75,8 @@ mod needs_network_namespace {
         assert_eq!((&fit["state"], &fit["next"]), (&json!("wrong"), &json!("sudo ip link set veth0 up")), "{fit}");
     }
 
-    /// BUS-5.1, BUS-7.1 A slave that there is not, an object and a value that it does not take, a file that it has
-    /// not, and a cable that is cut are told with exit code and next step. So is a cable by which no frame comes back.
+    /// BUS-5.1, BUS-7.1 A missing slave, a refused object or value, a missing file, and a cut cable are reported with
+    /// exit code and next step. So is a cable by which no frame comes back.
     #[test]
     fn what_cannot_be_is_told() {
         let rig = Rig::new(LIST, "tool_wrong");
@@ -114,7 +114,7 @@ mod needs_network_namespace {
         assert_eq!((&trips["state"], &trips["found"]), (&json!("wrong"), &json!("no frame comes back")), "{trips}");
     }
 
-    /// A cable that is cut in the middle of a dump ends it, after what was read.
+    /// A cable that is cut in the middle of a dump ends it, after the values that were read.
     #[test]
     fn a_cable_that_is_cut_ends_what_is_going_on() {
         let rig = Rig::new("drive", "tool_cut");
@@ -130,8 +130,8 @@ mod needs_network_namespace {
         assert!(said.contains("error: slave 1") && said.contains("check its cable and its power"), "{said}");
     }
 
-    /// Behind a program that was killed in OP the next look finds each slave where its watchdog has brought it, and says
-    /// why; one more finds them in Init.
+    /// After a program was killed in OP, the next scan finds each slave in the state to which its watchdog has brought
+    /// it, with the reason; another scan finds them in Init.
     #[test]
     fn slaves_of_a_program_that_was_killed_are_found() {
         let rig = Rig::new(LIST, "tool_killed");

@@ -11,8 +11,8 @@ mod needs_network_namespace {
 
     use crate::card::{LIST, by_library, file, look};
 
-    /// BUS-5.1 What one run writes is what the next one reads, in words and as JSON, and what the library finds; nobody else
-    /// has it. Where slaves were is told.
+    /// BUS-5.1 The next run reads what one run has written, in words and as JSON, and so does the library; no other
+    /// slave has changed. The earlier states of slaves are reported.
     #[test]
     fn what_is_written_is_what_the_next_run_reads() {
         let rig = Rig::new(LIST, "tool_writes");
@@ -56,8 +56,8 @@ mod needs_network_namespace {
         assert!(!said.iter().any(|line| line.ends_with("SafeOP") || line.ends_with(" OP")), "{said:?}");
     }
 
-    /// An EEPROM is written with `--yes` alone, and what it says then is what the next run finds, once the slave
-    /// was switched off and on.
+    /// An EEPROM is written only with `--yes`, and the next run finds the new content once the slave was switched off
+    /// and on.
     #[test]
     fn an_eeprom_is_written_when_it_is_confirmed() {
         let rig = Rig::new("io*2", "tool_sii");

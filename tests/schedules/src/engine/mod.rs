@@ -1,6 +1,6 @@
 //! The files of the hand-over, and the tests.
 
-// What the runner alone calls is not called here.
+// Functions called only by the runner are not called here.
 #[allow(dead_code)]
 #[path = "../../../../src/engine/handover.rs"]
 mod handover;
@@ -41,8 +41,8 @@ fn numbered(writer: u8, n: u8) -> Frame {
     Frame::from_prefix(&[writer, n])
 }
 
-/// Two writers through an inbox of two: every frame accepted comes out once, each writer's in its order, and a
-/// writer that waits for room is woken.
+/// Two writers through an inbox of two: every accepted frame comes out once, each writer's in order, and a writer that
+/// waits for room is woken.
 #[test]
 fn every_accepted_frame_arrives_once_and_in_order() {
     shuttle::check_random(
@@ -76,8 +76,8 @@ fn every_accepted_frame_arrives_once_and_in_order() {
     );
 }
 
-/// Closing while a writer waits for room and a reader for a report: both end, and what was accepted before is
-/// still there for the runner.
+/// Closing while a writer waits for room and a reader for a report: both end, and frames accepted before are still
+/// there for the runner.
 #[test]
 fn closing_ends_every_wait_and_loses_nothing_accepted() {
     shuttle::check_random(
@@ -121,7 +121,7 @@ fn closing_ends_every_wait_and_loses_nothing_accepted() {
     );
 }
 
-/// A reader with a report to come gets it, however publish and wait interleave.
+/// A waiting reader gets a report, however publish and wait interleave.
 #[test]
 fn a_report_wakes_the_reader() {
     shuttle::check_random(
@@ -143,7 +143,8 @@ fn a_report_wakes_the_reader() {
     );
 }
 
-/// Cancelling ends the waits of one direction and leaves later calls alone; the loss of the board is told to both.
+/// Cancelling ends the waits of one direction and does not affect later calls; the loss of the board ends the waits of
+/// both.
 #[test]
 fn cancel_and_loss_end_the_waits() {
     shuttle::check_random(

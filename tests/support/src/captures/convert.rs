@@ -1,10 +1,10 @@
-//! Captures as files of every kind: what usbmon saw, in its own two headers and in that of USBPcap.
+//! Captures as files of every kind: packets of usbmon with its two headers and with that of USBPcap.
 //!
 //! There is no Windows among the machines of the tests: a USBPcap capture here is a capture of Linux' usbmon with other
-//! headers, laid out as USBPcap's description of its format has them (desowin.org/usbpcap/captureformat.html). What
-//! Windows' own drivers do otherwise (other transfers while the device is set up, other timing) is not in it.
+//! headers, laid out as USBPcap's description of its format has them (desowin.org/usbpcap/captureformat.html). The
+//! differences of Windows' own drivers (other transfers while the device is set up, other timing) are not in it.
 
-/// A packet of usbmon: what has happened to a transfer (Documentation/usb/usbmon.rst of Linux).
+/// A packet of usbmon: an event of a transfer (Documentation/usb/usbmon.rst of Linux).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Event {
     pub id: u64,
@@ -18,7 +18,7 @@ pub struct Event {
     pub setup: Option<[u8; 8]>,
     pub status: i32,
     pub length: u32,
-    /// `None`: the packet has none to show, as the submission of a read.
+    /// `None`: the packet has no data, as the submission of a read.
     pub data: Option<Vec<u8>>,
     pub at_us: u64,
 }
@@ -89,12 +89,12 @@ fn usbmon(event: &Event, header_len: usize) -> Vec<u8> {
     packet
 }
 
-/// How the parts of a control transfer stand in a file of USBPcap.
+/// How a file of USBPcap divides a control transfer into packets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Parts {
     /// Since 1.5: the setup packet with the bytes of an OUT transfer, then an answer with those of an IN transfer.
     Two,
-    /// Before: the setup packet, the bytes, and an empty answer, each for itself.
+    /// Before: the setup packet, the bytes, and an empty answer, in a packet each.
     Three,
 }
 

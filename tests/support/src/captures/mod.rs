@@ -1,4 +1,4 @@
-//! Captures of USB as other programs write them, made from what a program and a board have said.
+//! Captures of USB as other programs write them, made from the frames of a program and a board.
 
 pub mod convert;
 pub mod traffic;
@@ -12,8 +12,8 @@ use tempfile::TempDir;
 use convert::{Parts, pcap};
 use traffic::Traffic;
 
-/// What a capture of a recorded run would be: the frames in the order of their times, late by a part of a cycle as a
-/// computer's clock has it.
+/// A capture of a recorded run: the frames in the order of their times, each late by a part of a cycle, as on a
+/// computer's clock.
 pub fn captured(recording: &Path) -> Traffic {
     const ZERO_US: u64 = 1_600_000_000_000_037;
     let mut frames: Vec<_> = Recording::open(recording).expect("a recording").map(Result::unwrap).collect();

@@ -1,4 +1,4 @@
-//! Traffic on a bus, packet by packet, as a test likes it.
+//! Traffic on a bus, which a test makes packet by packet.
 
 use ecmsk::sk::Frame;
 
@@ -30,14 +30,14 @@ impl Traffic {
         self.events.push(Event { id, what, transfer, endpoint, device, bus: 3, setup, status, length, data, at_us });
     }
 
-    /// The host hands a frame over, and the device has not answered yet; gives the transfer's id.
+    /// The host submits a frame that the device has not answered yet; returns the transfer's id.
     pub fn submitted(&mut self, device: u8, bytes: &[u8]) -> u64 {
         self.transfers += 1;
         self.push(b'S', (1, 0x02), device, -115, bytes.len() as u32, Some(bytes.to_vec()));
         self.events[self.events.len() - 1].id
     }
 
-    /// That transfer ends.
+    /// The end of that transfer.
     pub fn completed(&mut self, device: u8, id: u64, status: i32, moved: u32) -> &mut Self {
         self.push(b'C', (1, 0x02), device, status, moved, None);
         let last = self.events.len() - 1;
@@ -45,7 +45,7 @@ impl Traffic {
         self
     }
 
-    /// A frame to the device, taken.
+    /// A frame to the device, which takes it.
     pub fn write(&mut self, device: u8, bytes: &[u8]) -> &mut Self {
         let id = self.submitted(device, bytes);
         self.completed(device, id, 0, bytes.len() as u32)
@@ -56,7 +56,7 @@ impl Traffic {
         self.read_ended(device, 0, Some(bytes.to_vec()))
     }
 
-    /// A read that ends like that.
+    /// A read that ends with that status.
     pub fn read_ended(&mut self, device: u8, status: i32, data: Option<Vec<u8>>) -> &mut Self {
         self.transfers += 1;
         self.push(b'S', (1, 0x81), device, -115, 512, None);
@@ -86,7 +86,7 @@ impl Traffic {
         self
     }
 
-    /// GET_DESCRIPTOR of the device, and what it says.
+    /// GET_DESCRIPTOR of the device, and its answer.
     pub fn descriptor(&mut self, device: u8, (vendor, product): (u16, u16)) -> &mut Self {
         let ids = [vendor.to_le_bytes(), product.to_le_bytes()].concat();
         let descriptor = [&[18, 1, 0, 2, 0, 0, 0, 64][..], &ids, &[0, 1, 1, 2, 3, 1]].concat();

@@ -1,4 +1,4 @@
-//! Dealing blows to runs of a kind, and what holds after each.
+//! Makes system calls of test runs fail, one per run, and checks what must hold afterwards.
 
 use std::collections::BTreeMap;
 use std::os::unix::process::ExitStatusExt;
@@ -7,14 +7,15 @@ use super::{Blow, Call, Struck};
 use crate::dice::Dice;
 use crate::schedules::asked;
 
-/// A run that was struck, and what was found wrong about it.
+/// A run with a failed call, and what was wrong with it.
 pub struct Run {
     struck: Struck,
     wrong: Option<String>,
 }
 
 impl Run {
-    /// The rules for every program: it has ended by itself; with status 0 only if `is_done`; with another one it says why.
+    /// The rules for every program: it ends by itself; with status 0 only if `is_done`; with another status it prints
+    /// the reason.
     pub fn judge(struck: Struck, is_done: impl FnOnce(&Struck) -> Result<(), String>) -> Self {
         let wrong = wrong(&struck).or_else(|| {
             struck
@@ -27,7 +28,7 @@ impl Run {
         Self { struck, wrong }
     }
 
-    /// Looks at what it has left behind, if nothing was wrong before.
+    /// Checks what the run has left behind, if nothing was wrong before.
     pub fn and(mut self, look: impl FnOnce(&Struck) -> Result<(), String>) -> Self {
         if self.wrong.is_none() {
             self.wrong = look(&self.struck).err();
@@ -45,11 +46,12 @@ fn wrong(struck: &Struck) -> Option<String> {
     let without_memory = dealt.errno == Some(libc::ENOMEM);
     match ended.status.signal() {
         Some(libc::SIGKILL) if dealt.errno.is_none() => None,
-        // The loader has no word for it; the allocator, and a thread that cannot begin, end the process.
+        // The loader has no message for it. The allocator, and a thread that cannot begin, end the process.
         Some(libc::SIGSEGV) if dealt.is_loading && without_memory => None,
         Some(libc::SIGABRT) if without_memory => None,
         Some(signal) => Some(format!("signal {signal}")),
-        // The standard library's: a thread without memory for the guard page of its signal stack ends before its work begins.
+        // A message of the standard library: a thread without memory for the guard page of its signal stack ends before
+        // its work begins.
         None if without_memory && ended.stderr.contains("/sys/pal/unix/stack_overflow.rs") => None,
         None if ended.stderr.contains("panicked at") => Some("a panic".into()),
         None if !ended.status.success() && ended.stderr.is_empty() => {
@@ -60,10 +62,11 @@ fn wrong(struck: &Struck) -> Option<String> {
     }
 }
 
-/// Deals blows to runs of one kind: first none, which tells what calls there are, then as many as `usual` or as are asked for. One again: `ECMSK_BLOW=CALL.ERROR`.
+/// Makes calls fail in runs of one kind. The first run has no failure and lists the calls. Then come `usual` runs, or
+/// as many as are asked for. `ECMSK_BLOW=CALL.ERROR` repeats one.
 ///
 /// # Panics
-/// A blow does harm. `again` is the command that runs the test again.
+/// If a failure does harm. `again` is the command that runs the test again.
 pub fn strike(again: &str, test: &str, usual: usize, run: impl Fn(Option<Blow>) -> Run) {
     if let Ok(blow) = std::env::var("ECMSK_BLOW") {
         let (call, error) = blow.split_once('.').expect("CALL.ERROR");
@@ -109,7 +112,7 @@ fn story(run: &Run) -> String {
     )
 }
 
-/// Every error of every call, and the end at each.
+/// Every error of every call, and the end of the process at each call.
 fn every(calls: &[Call]) -> Vec<Blow> {
     let blows =
         |(call, at): (usize, &Call)| (0..at.errors.len()).chain([Blow::KILL]).map(move |error| Blow { call, error });

@@ -1,9 +1,9 @@
-//! A program whose Nth system call fails, or that is killed there. The test traces it (ptrace), so that calls of the C
-//! library, of the dynamic loader and of every thread count, in the order in which the threads make them. After the blow the
-//! program runs on at full speed.
+//! Runs a program whose Nth system call fails, or that is killed there. The test traces it (ptrace), so that calls of
+//! the C library, of the dynamic loader and of every thread count, in the order in which the threads make them. After
+//! the failure the program runs on at full speed.
 //!
-//! - `mod.rs`: what is struck and how that ended
-//! - `deal.rs`: which blows a test deals, and what holds after each
+//! - `mod.rs`: which call fails, and how the run ended
+//! - `deal.rs`: which calls a test makes fail, and what must hold afterwards
 //! - `table.rs`: which errors a call may give
 //! - `tracer.rs`: the tracing itself
 
@@ -19,27 +19,27 @@ pub use deal::{Run, strike};
 pub use table::Of;
 pub use tracer::run;
 
-/// Whose calls count.
+/// Whose calls are counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Whose {
-    /// Those of the program that is started; a program that this one starts runs untraced from its `execve` on.
+    /// Calls of the started program; a program that it starts runs untraced from its `execve` on.
     Program,
-    /// Those of the programs that it starts.
+    /// Calls of the programs that it starts.
     ItsPrograms,
 }
 
-/// A blow: the call of that number, counted from 0 among those that may fail, fails with the error of that number among those
-/// that it may give. A number behind the last error kills the process.
+/// A failure: the call with this number, counted from 0 among the calls that may fail, fails with the error of this
+/// number among its possible errors. A number after the last error kills the process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Blow {
     /// Which call.
     pub call: usize,
-    /// Which error; [`Blow::KILL`]: none, the process ends.
+    /// Which error; with [`Blow::KILL`] the process is killed instead.
     pub error: usize,
 }
 
 impl Blow {
-    /// The process is killed at that call.
+    /// Kills the process at that call.
     pub const KILL: usize = usize::MAX;
 }
 
@@ -48,13 +48,13 @@ impl Blow {
 pub struct Call {
     /// Its name.
     pub name: &'static str,
-    /// What its file descriptor is of.
+    /// The kind of its file descriptor.
     pub of: Of,
-    /// What it may give.
+    /// The errors that it may give.
     pub errors: &'static [i32],
 }
 
-/// A blow as it was dealt.
+/// A failure as it happened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Dealt {
     /// The call.
@@ -63,12 +63,12 @@ pub struct Dealt {
     pub argument: u64,
     /// Its error; `None`: the process was killed.
     pub errno: Option<i32>,
-    /// It was a call of the dynamic loader, which runs before the program.
+    /// Whether the dynamic loader made the call, before the program ran.
     pub is_loading: bool,
 }
 
 impl Dealt {
-    /// Whether that error came of a write to that descriptor.
+    /// Whether the failed call was a write to that descriptor.
     pub fn is_write_to(&self, descriptor: u64) -> bool {
         self.call.name.starts_with("write") && self.argument == descriptor && self.errno.is_some()
     }
@@ -85,20 +85,20 @@ impl fmt::Display for Dealt {
     }
 }
 
-/// How a struck program has ended.
+/// The end of a program with a failed call.
 #[derive(Debug)]
 pub struct Struck {
-    /// Its end.
+    /// Exit status and output.
     pub ended: Ended,
-    /// The calls that may fail, up to the blow.
+    /// The calls that may fail, up to the failure.
     pub calls: Vec<Call>,
-    /// The blow; `None` if the program made no such call.
+    /// The failure; `None` if the program made no such call.
     pub dealt: Option<Dealt>,
-    /// If it did not end in the given time and was killed: what its threads were at.
+    /// What its threads were doing, if it did not end in time and was killed.
     pub hung: Option<String>,
 }
 
-/// What a program that runs has said so far, for a test that has to do with it meanwhile.
+/// The output of a running program so far, for a test that talks to it meanwhile.
 #[derive(Default)]
 pub struct Watched {
     pub(crate) id: Mutex<Option<i32>>,
@@ -109,7 +109,7 @@ impl Watched {
     /// Its process id, once it was started.
     ///
     /// # Panics
-    /// Another thread has.
+    /// If another thread has panicked.
     pub fn id(&self) -> Option<i32> {
         *self.id.lock().expect("no panic")
     }
@@ -117,7 +117,7 @@ impl Watched {
     /// Its standard output.
     ///
     /// # Panics
-    /// Another thread has.
+    /// If another thread has panicked.
     pub fn stdout(&self) -> String {
         self.stdout.lock().expect("no panic").clone()
     }

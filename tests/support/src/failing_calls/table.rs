@@ -1,15 +1,15 @@
-//! Which errors each system call may give, by what it is called for. What cannot fail, or only by a defect of the caller, is
-//! not in the table.
+//! Which errors each system call may give, by the kind of its descriptor. Calls that cannot fail, or only by a defect
+//! of the caller, are not in the table.
 
 use libc::{
     EACCES, EAGAIN, ECONNABORTED, ECONNREFUSED, ECONNRESET, EDQUOT, EINTR, EINVAL, EIO, EMFILE, ENETDOWN, ENETUNREACH,
     ENFILE, ENOBUFS, ENODEV, ENOENT, ENOLCK, ENOMEM, ENOPROTOOPT, ENOSPC, ENOSYS, ENXIO, EPERM, EPIPE, ETIMEDOUT,
 };
 
-/// What a file descriptor is of.
+/// The kind of a file descriptor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Of {
-    /// None: the call takes no descriptor.
+    /// The call takes no descriptor.
     Nothing,
     File,
     Folder,
@@ -30,7 +30,8 @@ const CHANGES_FOLDER: &[i32] = &[ENOSPC, EIO, EACCES, EPERM];
 /// Names and numbers of the calls that may fail.
 macro_rules! calls {
     ($($name:ident $errors:expr;)*) => {
-        /// The name of a call and the errors that it may give for such a descriptor; `None`: none that this table knows.
+        /// The name of a call and the errors that it may give for such a descriptor; `None`: the table has no such
+        /// call.
         pub fn errors(number: i64, arguments: [u64; 6], of: Of) -> Option<(&'static str, &'static [i32])> {
             let found: (&'static str, fn([u64; 6], Of) -> &'static [i32]) = match number {
                 $(libc::$name => (stringify!($name), $errors),)*
@@ -143,7 +144,7 @@ fn reads(of: Of) -> &'static [i32] {
 
 fn writes([descriptor, ..]: [u64; 6], of: Of) -> &'static [i32] {
     match of {
-        // What is a pipe in the test may be a file or a terminal elsewhere.
+        // A pipe in the test may be a file or a terminal elsewhere.
         _ if descriptor == 1 || descriptor == 2 => &[EPIPE, ENOSPC, EIO, EINTR],
         Of::Socket => &[EPIPE, ECONNRESET, EINTR, ENOBUFS, ENXIO],
         Of::LocalSocket => &[ENOBUFS],
@@ -157,7 +158,7 @@ fn duplicates([_, command, ..]: [u64; 6]) -> bool {
     [libc::F_DUPFD, libc::F_DUPFD_CLOEXEC].iter().any(|&duplicate| command == duplicate as u64)
 }
 
-/// Only a wait on a futex is interrupted, or finds another value.
+/// Whether a futex call waits: only a wait is interrupted, or finds another value.
 fn waits([_, operation, ..]: [u64; 6]) -> bool {
     let operation = operation as i32 & libc::FUTEX_CMD_MASK;
     operation == libc::FUTEX_WAIT || operation == libc::FUTEX_WAIT_BITSET
@@ -182,13 +183,13 @@ pub const fn is_of_descriptor(number: i64) -> bool {
     )
 }
 
-/// Whether a call says that it has failed by having done nothing: `brk` gives the end of the memory as it is.
+/// Whether a call reports failure by its unchanged result: `brk` returns the present end of the memory.
 pub const fn fails_by_doing_nothing(number: i64) -> bool {
     number == libc::SYS_brk
 }
 
-/// Whether the system does what was asked for although it gives this error: a descriptor is closed, a connection is made
-/// behind the back of a caller that was interrupted.
+/// Whether the system carries out the call although it gives this error: a descriptor is closed, or a connection is
+/// made after the caller was interrupted.
 pub const fn is_done_all_the_same(number: i64, errno: i32) -> bool {
     number == libc::SYS_close || (number == libc::SYS_connect && errno == EINTR)
 }

@@ -25,8 +25,8 @@ const OPTIONS: c_int = libc::PTRACE_O_TRACESYSGOOD
     | libc::PTRACE_O_TRACEEXEC
     | libc::PTRACE_O_EXITKILL;
 
-/// Runs a program to its end, struck by that blow if there is one. If it takes longer than `limit` it is killed, with all that
-/// it has started.
+/// Runs a program to its end, with that failure if there is one. If it takes longer than `limit` it is killed, with all
+/// processes that it has started.
 ///
 /// # Panics
 /// It cannot be started or traced.
@@ -75,7 +75,7 @@ pub fn run(
     struck
 }
 
-/// What the threads of a process are at: name, state, and the number of its call with the arguments.
+/// What the threads of a process are doing: name, state, and the number of the system call with its arguments.
 fn threads(process: pid_t) -> String {
     let tasks = fs::read_dir(format!("/proc/{process}/task")).into_iter().flatten().flatten();
     let file = |folder: &Path, name: &str| fs::read_to_string(folder.join(name)).unwrap_or_default().trim().to_owned();
@@ -112,20 +112,20 @@ fn drain(from: &mut impl Read, watched: Option<&Watched>) -> String {
 
 /// A thread of a traced process.
 struct Task {
-    /// Its process.
+    /// The thread's process.
     process: pid_t,
     /// How many programs were started on the way to this one: 0 is the first one.
     generation: u32,
-    /// What is to be changed at the end of its present call.
+    /// The change to make at the end of its present call.
     at_end: Option<AtEnd>,
 }
 
-/// What is changed at the end of a call.
+/// A change at the end of a call.
 #[derive(Clone, Copy)]
 enum AtEnd {
-    /// Its result is that error.
+    /// The result becomes that error.
     Fail(i32),
-    /// Its first argument, which it was not carried out with, is back in its register.
+    /// The original first argument is restored in its register.
     Restore(u64),
 }
 
@@ -197,15 +197,15 @@ impl Tracer {
                 }
             }
             (libc::SIGTRAP, 1..) => self.go_on(id, 0),
-            // With this a traced thread or process begins; nobody else sends it.
+            // A traced thread or process begins with this signal; nothing else sends it.
             (libc::SIGSTOP, _) => self.go_on(id, 0),
             (signal, _) => self.go_on(id, signal),
         }
     }
 
-    /// A task may be gone by now: an error has no effect.
+    /// Continues a task. It may have ended by now: an error has no effect.
     fn go_on(&self, id: pid_t, signal: c_int) {
-        // After the blow each task still has to come to the end of its present call.
+        // After the failure each task still has to finish its present call.
         let owes = self.tasks.get(&id).is_some_and(|task| task.at_end.is_some());
         let request = if self.dealt.is_none() || owes { libc::PTRACE_SYSCALL } else { libc::PTRACE_CONT };
         // SAFETY: the task is stopped; the signal is a number.
@@ -284,7 +284,7 @@ fn change_registers(id: pid_t, change: impl FnOnce(&mut libc::user_regs_struct))
     }
 }
 
-/// Whether that code is of the dynamic loader.
+/// Whether the code at that address belongs to the dynamic loader.
 fn is_loader(process: pid_t, address: u64) -> bool {
     let maps = fs::read_to_string(format!("/proc/{process}/maps")).unwrap_or_default();
     let has = |range: &str| {

@@ -1,25 +1,26 @@
-//! Distributed clocks: receive times, and a clock that is led to the time of the reference.
+//! Distributed clocks: receive times, and a clock that is synchronised to the reference.
 
 use super::{Ns, OddSlave};
 
-/// Of the difference to the reference so much is taken away each time that its time comes, at most that of [`LIMIT_NS`].
+/// Phase gain: the share of the phase error that each received reference time corrects. The error counts at most as
+/// [`LIMIT_NS`].
 const PHASE: f64 = 1.0 / 16.0;
-/// And so much of it, of which the speed is wrong, with each.
+/// Frequency gain: the share of the phase error that corrects the speed.
 const SPEED: f64 = 1.0 / 1024.0;
-/// A greater difference counts as this, ns: a clock never jumps.
+/// A greater phase error counts as this, ns: a clock never jumps.
 const LIMIT_NS: f64 = 1_000.0;
-/// By how much a clock is made faster or slower at most.
+/// The greatest correction of a clock's speed.
 const SPEED_MAX: f64 = 60e-6;
 
 /// A clock.
 pub struct Clock {
-    /// By how much its crystal is too fast, parts per million.
+    /// Error of the crystal, parts per million; positive if it is too fast.
     pub ppm: f64,
-    /// What it shows when everything begins, ns.
+    /// The local time at the start, ns.
     pub base: u64,
-    /// The port times that a frame leaves are swapped, although the frame takes its usual way.
+    /// The receive times of the ports are swapped, although the frame takes its usual way.
     pub swaps_times: bool,
-    /// What was added to it to follow the reference, ns, up to `at`, and how fast that grows.
+    /// The correction up to `at`, ns, and its rate of change.
     slewed: f64,
     speed: f64,
     at: Ns,
@@ -50,13 +51,13 @@ impl Clock {
         self.base.wrapping_add(now).wrapping_add_signed(own.round() as i64)
     }
 
-    /// The speed counter was written: what was averaged is forgotten.
+    /// The speed counter was written: the average starts anew.
     pub(super) const fn forget(&mut self) {
         self.mean = 0.0;
         self.is_told = false;
     }
 
-    /// It is behind the reference by so much: `ahead` is negative then.
+    /// Corrects the clock by its phase error; `ahead` is negative if the clock is behind the reference.
     fn follow(&mut self, now: Ns, ahead: i32) {
         let since = now.saturating_sub(self.at);
         self.slewed += since as f64 * self.speed;
@@ -83,7 +84,7 @@ impl OddSlave {
         }
     }
 
-    /// A write to 0x0900: the times at which this frame passes.
+    /// A write to 0x0900 latches the times at which this frame passes.
     pub(super) fn latch(&mut self) {
         let Some(clock) = &self.clock else { return };
         let mut times = self.passed.map(|at| clock.local(at));
@@ -93,7 +94,7 @@ impl OddSlave {
         }
         let status = self.word(0x0110);
         for (n, time) in times.into_iter().enumerate() {
-            // A port that is closed keeps what it had.
+            // A closed port keeps its old time.
             if status & 1 << (8 + 2 * n) == 0 {
                 self.put(0x0900 + 4 * n, &(time as u32).to_le_bytes());
             }
@@ -101,7 +102,7 @@ impl OddSlave {
         self.put(0x0918, &unit.to_le_bytes());
     }
 
-    /// The time of the reference comes.
+    /// Takes the time of the reference.
     pub(super) fn take_time(&mut self, data: &[u8]) {
         let Some(sent) = data.first_chunk().map(|four| u32::from_le_bytes(*four)) else { return };
         let Some(own) = self.system_time(self.now) else { return };
@@ -109,7 +110,7 @@ impl OddSlave {
         let Some(clock) = &mut self.clock else { return };
         clock.follow(self.now, ahead);
         let mean = clock.mean.round() as i64;
-        // Bit 31: the local time is less than the one that came.
+        // Bit 31: the local time is less than the received one.
         let shown = (mean.unsigned_abs() as u32).min(0x7FFF_FFFF) | if mean < 0 { 1 << 31 } else { 0 };
         self.put(0x092C, &shown.to_le_bytes());
     }

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Another value is being read or written than fits into one message.
+/// The transfer of a value that does not fit into one message.
 enum Transfer {
     Upload { rest: Vec<u8>, toggle: u8 },
     Download { at: (u16, u8), value: Vec<u8>, len: usize, toggle: u8 },
@@ -13,16 +13,16 @@ enum Transfer {
 pub struct Coe {
     /// All values, by index and sub-index.
     pub objects: BTreeMap<(u16, u8), Vec<u8>>,
-    /// Objects that are not written.
+    /// Read-only objects.
     pub read_only: BTreeSet<u16>,
-    /// Assignment and mapping are fixed, and writing them is aborted with that code.
+    /// The abort code for writes of assignment and mapping, if these are fixed.
     pub fixed: Option<u32>,
-    /// It has no complete access.
+    /// The slave has no complete access.
     pub lacks_complete: bool,
-    /// It aborts by the service of answers.
+    /// The slave aborts with the service of answers.
     pub aborts_as_answer: bool,
     transfer: Option<Transfer>,
-    /// What was written so far.
+    /// All writes so far.
     pub written: Vec<(u16, u8, Vec<u8>)>,
 }
 
@@ -46,7 +46,7 @@ impl Coe {
         self.objects.get(&(index, sub)).map(Vec::as_slice)
     }
 
-    /// A number of up to 4 bytes; 0: there is none.
+    /// A number of up to 4 bytes; 0 if the object is missing.
     pub fn get(&self, index: u16, sub: u8) -> u32 {
         let mut bytes = [0; 4];
         bytes.iter_mut().zip(self.value(index, sub).unwrap_or_default()).for_each(|(to, from)| *to = *from);
@@ -234,7 +234,7 @@ impl Coe {
         self.taken(at)
     }
 
-    /// Complete access: sub-index 0 with a byte behind it, then the others.
+    /// Complete access: sub-index 0 with a padding byte, then the others.
     fn store_whole(&mut self, at: (u16, u8), value: &[u8], state: u8) -> Option<Vec<u8>> {
         let Some(count) = value.first() else { return self.abort(at, LENGTH) };
         let mut rest = value.get(2..).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! What is behind a controller.
+//! The device behind a slave controller.
 
 use super::coe::{Coe, number};
 use super::{Foe, OddSlave, sii};
@@ -7,18 +7,18 @@ use super::{Foe, OddSlave, sii};
 pub enum Device {
     /// Nothing: a coupler.
     None,
-    /// Terminals: the byte at the second address shows that at the first.
+    /// A terminal: the byte at the second address copies that at the first.
     Echo(usize, usize),
     /// A drive.
     Drive(Drive),
 }
 
-/// A drive by CiA 402 that is at each target at once.
+/// A CiA 402 drive that reaches each target at once.
 #[derive(Default)]
 pub struct Drive {
-    /// Where it is.
+    /// The actual position.
     pub position: i32,
-    /// All targets that it has gone to.
+    /// All targets that it has reached.
     pub targets: Vec<i32>,
     stage: Stage,
 }
@@ -94,7 +94,7 @@ pub fn drive_objects() -> Coe {
     coe
 }
 
-/// A drive with nothing odd about it.
+/// A drive without oddities.
 pub fn drive() -> OddSlave {
     drive_of(sii::drive(Some(&sii::MANAGERS)))
 }
@@ -132,12 +132,12 @@ pub fn terminal() -> OddSlave {
 }
 
 impl OddSlave {
-    /// Where a drive is.
+    /// The position of a drive.
     pub fn position(&self) -> i32 {
         if let Device::Drive(drive) = &self.device { drive.position } else { 0 }
     }
 
-    /// Outputs have come, or inputs were read: the device does its work.
+    /// Runs the device after outputs have come, or inputs were read.
     pub(super) fn run_device(&mut self) {
         if let Device::Echo(from, to) = self.device {
             self.memory[to] = self.memory[from] & 0x0F;
@@ -190,7 +190,7 @@ impl Drive {
         }
     }
 
-    /// Shows in its objects where it is.
+    /// Writes the position to its objects.
     pub(super) fn look(&self, coe: &mut Coe) {
         let word = match self.stage {
             Stage::Disabled => 0x0250,

@@ -3,14 +3,14 @@
 use super::sii::checksum;
 use super::{Ns, OddSlave};
 
-/// What lies behind the end of an EEPROM.
+/// What a read behind the end of an EEPROM returns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Beyond {
     /// This byte, over and over.
     Byte(u8),
-    /// Nobody who acknowledges.
+    /// No acknowledge.
     Nobody,
-    /// Its beginning once more.
+    /// The beginning of the EEPROM again.
     Again,
 }
 
@@ -18,15 +18,15 @@ pub enum Beyond {
 pub struct Eeprom {
     /// Its content.
     pub bytes: Vec<u8>,
-    /// How long each command takes, ns.
+    /// Duration of each command, ns.
     pub busy_ns: Ns,
-    /// For how long it acknowledges nothing after a word was written, ns.
+    /// Time without an acknowledge after a word was written, ns.
     pub silent_ns: Ns,
-    /// 8 bytes come with each read, and not 4.
+    /// A read returns 8 bytes instead of 4.
     pub reads_8: bool,
-    /// What lies behind its end.
+    /// What reads behind its end return.
     pub beyond: Beyond,
-    /// The slave's own controller takes it when it is offered.
+    /// The slave's own controller takes the EEPROM when it is offered.
     pub is_taken: bool,
     /// Commands so far, with their words.
     pub commands: Vec<(u8, u16)>,
@@ -62,7 +62,7 @@ impl Eeprom {
         u16::from_le_bytes([byte(2 * word), byte(2 * word + 1)])
     }
 
-    /// The bytes from a word on; `None`: nobody acknowledges.
+    /// The bytes from a word on; `None`: no acknowledge.
     fn bytes_from(&self, word: usize, count: usize) -> Option<Vec<u8>> {
         let byte = |at: usize| match (self.bytes.get(at), self.beyond) {
             (Some(byte), _) => Some(*byte),
@@ -75,7 +75,7 @@ impl Eeprom {
 }
 
 impl OddSlave {
-    /// What a controller loads at power-on: nothing, if the checksum is wrong.
+    /// Loads the EEPROM at power-on; nothing if the checksum is wrong.
     pub(super) fn load_eeprom(&mut self) {
         let word = |n| self.eeprom.word(n);
         let [kind, configuration, alias] = [word(0), word(1), word(4)];
@@ -89,12 +89,12 @@ impl OddSlave {
         }
     }
 
-    /// The slave's own controller has it, or it is at work.
+    /// Whether the slave's own controller has the EEPROM, or a command runs.
     pub(super) fn is_eeprom_kept(&self) -> bool {
         self.memory[0x0501] & 1 != 0 || self.now < self.eeprom.busy_until
     }
 
-    /// The master has offered it, or has taken it.
+    /// The master has offered the EEPROM, or has taken it.
     pub(super) fn pass_eeprom(&mut self) {
         match self.memory[0x0500] {
             byte if byte & 2 != 0 => self.memory[0x0501] = 0,

@@ -7,9 +7,9 @@ const MEMORY: usize = 0x3000;
 /// FMMUs and sync managers.
 pub(super) const UNITS: usize = 8;
 
-/// A slave. Its fields are what a test may make odd about it.
+/// A slave. Its fields are the oddities that a test may choose.
 pub struct OddSlave {
-    /// All registers and the RAM, as they lie there.
+    /// All registers and the RAM.
     pub memory: Vec<u8>,
     /// The EEPROM.
     pub eeprom: Eeprom,
@@ -17,25 +17,25 @@ pub struct OddSlave {
     pub states: States,
     /// The mailbox.
     pub mailbox: Mailbox,
-    /// The clock; `None`: it has none.
+    /// The distributed clock; `None`: the slave has none.
     pub clock: Option<Clock>,
-    /// What is behind the controller.
+    /// The device behind the controller.
     pub device: Device,
     /// The cables at IN and OUT are swapped.
     pub is_swapped: bool,
-    /// A master has closed a port, whether this line loses frames by that or not.
+    /// Whether a master has closed a port, also if this line loses no frames by that.
     pub has_closed_ports: bool,
     pub(super) now: Ns,
-    /// When the frame has passed ports 0 and 1.
+    /// The times at which the frame passed ports 0 and 1.
     pub(super) passed: [Ns; 2],
-    /// When the last outputs have come; `None`: none since SafeOP.
+    /// The time of the last outputs; `None`: none since SafeOP.
     pub(super) outputs_at: Option<Ns>,
-    /// The frame has had process data for this slave.
+    /// Whether the frame has had process data for this slave.
     pub(super) is_exchanged: bool,
 }
 
 impl OddSlave {
-    /// A slave with that EEPROM and nothing odd about it, just switched on.
+    /// A slave with that EEPROM and no oddities, just switched on.
     pub fn new(eeprom: Vec<u8>, device: Device) -> Self {
         let mut slave = Self {
             memory: vec![0; MEMORY],
@@ -55,14 +55,14 @@ impl OddSlave {
         slave
     }
 
-    /// The same with something odd about it; it is switched on then.
+    /// The same with an oddity; it is switched on afterwards.
     pub fn with(mut self, change: impl FnOnce(&mut Self)) -> Self {
         change(&mut self);
         self.switch_on();
         self
     }
 
-    /// Registers as they are at power-on.
+    /// Sets the registers to their values at power-on.
     fn switch_on(&mut self) {
         self.memory.fill(0);
         self.memory[..8].copy_from_slice(&[0x11, 0, 2, 0, UNITS as u8, UNITS as u8, 8, 0x0F]);
@@ -107,7 +107,7 @@ impl OddSlave {
         self.advance_mailbox();
     }
 
-    /// A datagram passes: what it adds to the working counter.
+    /// Processes a datagram; returns what it adds to the working counter.
     pub(super) fn datagram(&mut self, command: u8, address: &mut [u8; 4], data: &mut [u8]) -> u16 {
         let adp = u16::from_le_bytes([address[0], address[1]]);
         let at = u16::from_le_bytes([address[2], address[3]]);

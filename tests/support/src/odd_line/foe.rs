@@ -2,16 +2,16 @@
 
 use std::collections::BTreeMap;
 
-/// The files of a slave, and what is odd about them.
+/// The files of a slave, and the oddities of its FoE.
 #[derive(Default)]
 pub struct Foe {
     /// Contents by name.
     pub files: BTreeMap<String, Vec<u8>>,
     /// The packet that is numbered one too high.
     pub wrong_packet: Option<u32>,
-    /// What is being read, and which packet was sent last.
+    /// The file that is being read, and the packet that was sent last.
     reading: Option<(Vec<u8>, u32)>,
-    /// What is being written.
+    /// The file that is being written.
     writing: Option<(String, Vec<u8>)>,
     /// The code of the error by which the master has ended a transfer.
     pub ended_with: Option<u32>,
@@ -61,7 +61,7 @@ impl Foe {
         }
     }
 
-    /// The next packet, or nothing behind the last one.
+    /// The next packet, or nothing after the last one.
     fn packet(&mut self, room: usize) -> Vec<Vec<u8>> {
         let Some((content, packet)) = &mut self.reading else { return Vec::new() };
         let begin = *packet as usize * room;

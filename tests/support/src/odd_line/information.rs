@@ -1,4 +1,4 @@
-//! SDO information: which objects there are.
+//! SDO information: the list of objects.
 
 use super::Coe;
 

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use super::{Coe, Device, Foe, Ns, OddSlave};
 
-/// What changes each message on its way out.
+/// A function that changes each message on its way out.
 pub type Change = Box<dyn FnMut(&mut Vec<u8>) + Send>;
 
 /// A mailbox.
@@ -14,24 +14,24 @@ pub struct Mailbox {
     pub coe: Option<Coe>,
     /// Files; `None`: no FoE.
     pub foe: Option<Foe>,
-    /// How long an answer takes, ns.
+    /// Duration of an answer, ns.
     pub takes_ns: Ns,
-    /// It remembers the counter of the last request over Init.
+    /// The slave keeps the counter of the last request in Init.
     pub keeps_counter: bool,
-    /// The counter of all its own messages; `None`: they are counted.
+    /// A fixed counter of all its own messages; `None`: they are counted.
     pub counts: Option<u8>,
-    /// It takes requests and answers none.
+    /// The slave takes requests and answers none.
     pub is_mute: bool,
     /// Changes each message on its way out: header and body, as they are sent.
     pub change: Option<Change>,
-    /// Messages that wait for the box, and when they may go into it.
+    /// Messages that wait for the mailbox, and the times from which they may go into it.
     waiting: VecDeque<(Ns, Vec<u8>)>,
-    /// What was in the box last.
+    /// The last message in the mailbox.
     last: Vec<u8>,
     /// The counter of the last request.
     pub heard: u8,
     said: u8,
-    /// Requests that were taken for one once more.
+    /// Requests that were dropped as repeats.
     pub dropped: usize,
 }
 
@@ -50,7 +50,7 @@ impl Mailbox {
 }
 
 impl OddSlave {
-    /// The slave is in Init.
+    /// The slave has gone to Init: its mail is dropped.
     pub(super) fn forget_mail(&mut self) {
         self.mailbox.waiting.clear();
         if !self.mailbox.keeps_counter {
@@ -83,7 +83,7 @@ impl OddSlave {
         self.set_full(1, true);
     }
 
-    /// The master asks for the last message once more; one that waits in the box comes behind it.
+    /// The master asks for the last message once more; a message that waits in the mailbox comes after it.
     pub(super) fn repeat_message(&mut self, n: usize) {
         if n != 1 || self.mailbox.last.is_empty() {
             return;

@@ -26,7 +26,7 @@ impl Manager {
         self.control & 3 == 2
     }
 
-    /// The master writes what it manages.
+    /// Whether the master writes the buffer.
     pub(super) const fn is_written(self) -> bool {
         self.control & 0x0C == 4
     }
@@ -54,7 +54,7 @@ impl OddSlave {
         *status = if is_full { *status | FULL } else { *status & !FULL };
     }
 
-    /// A byte of a sync manager is written: its place is fixed while it is on, and its status is nobody's to write.
+    /// Writes a byte of a sync manager: address and length are fixed while it is on, and the status is read-only.
     pub(super) fn write_manager(&mut self, register: usize, byte: u8) {
         let n = (register - 0x0800) / 8;
         let before = self.memory[register];
@@ -87,7 +87,7 @@ impl OddSlave {
         })
     }
 
-    /// A box is empty when its last byte has been read.
+    /// A mailbox is empty when its last byte has been read.
     pub(super) fn was_read(&mut self, at: usize, len: usize) {
         if let Some((n, manager)) = self.manager_at(at, len).filter(|(_, manager)| manager.is_mailbox())
             && at + len >= manager.start + manager.len
@@ -116,7 +116,7 @@ impl OddSlave {
         true
     }
 
-    /// A logical datagram, bit by bit: what it adds to the working counter.
+    /// Processes a logical datagram, bit by bit; returns what it adds to the working counter.
     pub(super) fn logical(&mut self, command: u8, address: u32, data: &mut [u8]) -> u16 {
         let (first, end) = (u64::from(address) * 8, (u64::from(address) + data.len() as u64) * 8);
         let came = data.to_vec();

@@ -1,6 +1,6 @@
-//! A line of EtherCAT slaves of its own descent, in virtual time: from the register layout and the protocols alone (ETG.1000.4 and .6), with
-//! plain bytes and numbers, and without a word of `ecmsk` but the traits by which a master is given its wire. Nothing here is
-//! shared with the models in `src/slave/`, which the hand has written that has written the master. Each oddity is a field.
+//! An independent line of EtherCAT slaves, in virtual time. It is written from the register layout and the protocols alone
+//! (ETG.1000.4 and .6), with plain bytes and numbers, and uses nothing of `ecmsk` but the traits by which a master gets its
+//! wire. It shares nothing with the models in `src/slave/`, which have the same author as the master. Each oddity is a field.
 //!
 //! - `esc.rs`: datagrams and registers; `managers.rs`: sync managers and FMMUs; `states.rs`: the AL state machine and its refusals
 //! - `eeprom.rs`, `sii.rs`: access to an EEPROM, with its times and errors; its content
@@ -38,24 +38,24 @@ pub use states::States;
 /// Nanoseconds.
 pub type Ns = u64;
 
-/// How long a frame takes from one slave to the next one, ns.
+/// Delay of a frame from one slave to the next one, ns.
 pub const HOP_NS: Ns = 300;
-/// How long a card takes for a frame and its answer, ns.
+/// Time that a card takes for a frame and its answer, ns.
 const CARD_NS: Ns = 15_000;
-/// Slaves that get no frame live on in such steps, ns.
+/// Slaves that get no frame run on in such steps, ns.
 const STEP_NS: Ns = 1_000_000;
 
 struct Line {
     slaves: Vec<OddSlave>,
     now: Ns,
-    /// Frames on their way back, with when they are there.
+    /// Frames on their way back, with their times of arrival.
     returning: VecDeque<(Ns, Vec<u8>)>,
     keeps_source: bool,
-    /// So many slaves are reached.
+    /// The number of slaves that frames reach.
     reached: usize,
 }
 
-/// Slaves in a line, and the wire to them. A copy reaches the same ones.
+/// Slaves in a line, and the wire to them. Clones share the slaves.
 #[derive(Clone)]
 pub struct OddLine(Arc<Mutex<Line>>);
 
@@ -79,7 +79,7 @@ impl OddLine {
         action(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// A slave, from 1.
+    /// Runs `action` on a slave, counted from 1.
     pub fn slave<R>(&self, slave: usize, action: impl FnOnce(&mut OddSlave) -> R) -> R {
         self.line(|line| action(&mut line.slaves[slave - 1]))
     }
@@ -94,7 +94,7 @@ impl OddLine {
 }
 
 impl Line {
-    /// Register 0x0110 of all slaves: which ports have a link, and which are open.
+    /// Sets register 0x0110 of all slaves: which ports have a link, and which are open.
     fn show_ports(&mut self) {
         let last = self.reached.wrapping_sub(1);
         for (n, slave) in self.slaves.iter_mut().enumerate() {
@@ -108,8 +108,8 @@ impl Line {
         }
     }
 
-    /// In which order the slaves work on a frame, and how much later each of them does: one whose IN and OUT are swapped gets it by port
-    /// 1, passes it on by port 0, and works on it when it comes back there.
+    /// In which order the slaves work on a frame, and the delay of each. A slave whose IN and OUT are swapped gets the
+    /// frame by port 1, passes it on by port 0, and works on it when it comes back there.
     fn visits(&self) -> Vec<(usize, Ns, [Ns; 2])> {
         let hop = |n: usize| HOP_NS * (n as Ns + 1);
         let back = |n: usize| hop(n) + 2 * HOP_NS * (self.reached - 1 - n) as Ns;

@@ -1,4 +1,4 @@
-//! What stands in an EEPROM.
+//! The content of an EEPROM.
 
 /// A PDO: its index, its sync manager, and its entries with their lengths in bits.
 pub type Pdo<'a> = (u16, u8, &'a [(u16, u8, u8)]);
@@ -13,11 +13,11 @@ pub fn checksum(bytes: &[u8]) -> u8 {
     })
 }
 
-/// An EEPROM that grows category by category.
+/// A builder of an EEPROM's content, category by category.
 pub struct Content(Vec<u8>);
 
 impl Content {
-    /// The fixed words of vendor 0x1234, product 0x5678: mailboxes of 128 bytes, these protocols (0: no mailbox).
+    /// The fixed words, with vendor 0x1234, product 0x5678: mailboxes of 128 bytes, these protocols (0: no mailbox).
     pub fn new(protocols: u16) -> Self {
         let mut bytes = vec![0; 128];
         let mut put = |word: usize, value: u16| bytes[2 * word..2 * word + 2].copy_from_slice(&value.to_le_bytes());
@@ -36,7 +36,7 @@ impl Content {
         Self(bytes).summed()
     }
 
-    /// Another word, with the checksum that goes with it.
+    /// Sets a word, and the checksum to match.
     pub fn word(mut self, word: usize, value: u16) -> Self {
         self.0[2 * word..2 * word + 2].copy_from_slice(&value.to_le_bytes());
         self.summed()
@@ -57,7 +57,7 @@ impl Content {
         self
     }
 
-    /// Bytes as they are.
+    /// Appends raw bytes.
     pub fn raw(mut self, bytes: &[u8]) -> Self {
         self.0.extend(bytes);
         self
@@ -72,7 +72,7 @@ impl Content {
         self.category(10, &data)
     }
 
-    /// The name is that string.
+    /// A general category with the number of the name's string.
     pub fn general(self, name: u8) -> Self {
         let mut data = [0; 32];
         data[2] = 1;
@@ -111,14 +111,14 @@ impl Content {
         self.category(kind, &data)
     }
 
-    /// Its bytes, with the end of the categories behind them, in an EEPROM of 2 KiB.
+    /// The bytes, with the end of the categories, in an EEPROM of 2 KiB.
     pub fn end(self) -> Vec<u8> {
         let mut bytes = self.raw(&[0xFF; 4]).0;
         bytes.resize(2048, 0xFF);
         bytes
     }
 
-    /// Its bytes as they are.
+    /// The bytes without an end.
     pub fn bytes(self) -> Vec<u8> {
         self.0
     }

@@ -10,16 +10,16 @@ const OP: u8 = 8;
 /// In AL control: acknowledge; in AL status: error.
 const BIT_4: u8 = 1 << 4;
 
-/// What is odd about the AL state machine.
+/// The AL state machine and its oddities.
 #[derive(Default)]
 pub struct States {
     /// Device emulation: AL status copies AL control, bit 4 too, and there is no state machine.
     pub copies_control: bool,
-    /// How long a step takes, ns.
+    /// Duration of a step, ns.
     pub takes_ns: Ns,
     /// States that are refused, with their AL status codes.
     pub refuses: Vec<(u8, u16)>,
-    /// The step that is under way: to which state, and when it is done.
+    /// The step under way: its target state, and the time of its end.
     step: Option<(u8, Ns)>,
     /// All requests so far.
     pub requests: Vec<u8>,
@@ -75,7 +75,7 @@ impl OddSlave {
             && self.now >= at
         {
             match self.check(to) {
-                // Outputs have to come first.
+                // The slave waits for outputs first.
                 Ok(false) => {}
                 Ok(true) => {
                     self.states.step = None;
@@ -101,7 +101,7 @@ impl OddSlave {
         }
     }
 
-    /// Whether the step can be made now.
+    /// Whether the step is possible now.
     fn check(&self, to: u8) -> Result<bool, u16> {
         let from = self.state();
         if let Some((_, code)) = self.states.refuses.iter().find(|(state, _)| *state == to) {

@@ -1,5 +1,5 @@
-//! What the tests of a board on the network share: servers, links to them, clients that speak bytes, and a board whose
-//! writes and reports the test decides on.
+//! Code that the tests of a board on the network share: servers, links to them, clients that speak bytes, and a board
+//! whose writes and reports the test controls.
 
 pub mod proxy;
 
@@ -15,10 +15,10 @@ use ecmsk::port::tcp::{ServeOptions, Server};
 use ecmsk::sk::{Frame, SlotSize};
 
 pub const SIZE: SlotSize = SlotSize::Bytes12;
-/// No test waits longer for what has to come.
+/// The longest wait for something that has to come.
 pub const LIMIT: Duration = Duration::from_secs(60);
 
-/// What a server has told, line by line.
+/// The messages of a server, line by line.
 #[derive(Clone, Default)]
 pub struct Told(Arc<Mutex<Vec<String>>>);
 
@@ -27,19 +27,19 @@ impl Told {
         self.0.lock().unwrap().clone()
     }
 
-    /// Waits for a line with that in it.
+    /// Waits for a line that contains `part`.
     pub fn wait(&self, part: &str) -> String {
         let what = || format!("line with `{part}`: {:?}", self.lines());
         until_told(what, || self.lines().into_iter().find(|line| line.contains(part)))
     }
 }
 
-/// Waits until `look` has something.
+/// Waits until `look` returns a value.
 pub fn until<T>(what: &str, look: impl FnMut() -> Option<T>) -> T {
     until_told(|| what.to_owned(), look)
 }
 
-/// The same; what it waits for is asked for when it does not come.
+/// The same; `what` is called only if the value does not come.
 fn until_told<T>(what: impl Fn() -> String, mut look: impl FnMut() -> Option<T>) -> T {
     let began = Instant::now();
     loop {
@@ -51,7 +51,7 @@ fn until_told<T>(what: impl Fn() -> String, mut look: impl FnMut() -> Option<T>)
     }
 }
 
-/// Options of a server on any free port, and what it tells.
+/// Options of a server on any free port, and its messages.
 pub fn options() -> (ServeOptions, Told) {
     let told = Told::default();
     let lines = told.clone();
@@ -65,7 +65,7 @@ pub fn own(uri: &str) -> String {
     format!("{uri}&name=board-{}", NEXT.fetch_add(1, Ordering::Relaxed))
 }
 
-/// Serves the board of a URI, one of its own.
+/// Serves a new board with this URI.
 pub fn serve(uri: &str) -> (Server, Told) {
     let (options, told) = options();
     (serve_with(uri, options), told)
@@ -89,7 +89,7 @@ pub fn connect(server: &Server, keys: &str) -> Arc<dyn Link> {
     link::open(&uri(server, keys), Share::ByName).unwrap()
 }
 
-/// The writer's link, once the writer before is out of the way.
+/// The writer's link, once the previous writer is gone.
 pub fn connect_next(server: &Server, keys: &str) -> Arc<dyn Link> {
     until("place for a writer", || match link::open(&uri(server, keys), Share::ByName) {
         Err(LinkError::InUse { .. }) => None,
@@ -101,7 +101,7 @@ pub fn refused(server: &Server, keys: &str) -> LinkError {
     link::open(&uri(server, keys), Share::ByName).err().expect("the server refuses")
 }
 
-/// A board that a test plays: it takes frames as it is told to, and makes the reports it is given.
+/// A board that a test plays: the test decides whether it takes frames, and which reports it makes.
 pub struct Puppet {
     state: Mutex<Played>,
     changed: Condvar,
@@ -144,7 +144,7 @@ impl Puppet {
         self.changed.notify_all();
     }
 
-    /// The frames it took.
+    /// The frames that it took.
     pub fn taken(&self) -> Vec<Frame> {
         self.state.lock().unwrap().taken.clone()
     }
@@ -154,7 +154,7 @@ impl Puppet {
         self.changed.notify_all();
     }
 
-    /// The link behind drops so many more reports than the 3 before.
+    /// The link behind it drops that many reports in addition to the 3 before.
     pub fn drop_reports(&self, count: u64) {
         self.state.lock().unwrap().dropped += count;
     }
@@ -243,7 +243,7 @@ pub fn frame(byte: u8) -> Frame {
 /// A client that speaks bytes.
 pub struct Raw(pub TcpStream);
 
-/// What a server says first: nine bytes that name it and its version, whether TLS follows, whether there is room.
+/// A server's greeting: nine bytes with its name and version, whether TLS follows, whether there is room.
 pub const GREETING: &[u8; 16] = b"ecmsktcp\x03\x00\x00\x01\x00\x00\x00\x00";
 
 impl Raw {
@@ -291,7 +291,7 @@ impl Raw {
         }
     }
 
-    /// A client that is the writer, once the one before is out of the way.
+    /// A client that is the writer, once the previous one is gone.
     pub fn writer(server: &Server) -> Self {
         until("place for a writer", || {
             let mut raw = Self::connect(server);

@@ -37,19 +37,19 @@ impl Cable {
         Self { address, ends, silent, carried }
     }
 
-    /// What went through so far, both ways.
+    /// The bytes carried so far, both ways.
     pub fn carried(&self) -> Vec<u8> {
         self.carried.lock().unwrap().clone()
     }
 
-    /// The connection ends, as it does when a process dies: nobody says good-bye.
+    /// Ends the connection, as when a process dies: without a good-bye.
     pub fn cut(self) {
         for end in self.ends.join().unwrap() {
             let _ = end.shutdown(Shutdown::Both);
         }
     }
 
-    /// Nothing gets through any more, and nobody is told: a cable that is pulled.
+    /// Stops all bytes without a notice to either side: a pulled cable.
     pub fn pull(&self) {
         self.silent.store(true, Ordering::Release);
     }

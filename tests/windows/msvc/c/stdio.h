@@ -5,7 +5,7 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
-/* Only its size is of interest: three of them stand in a row. */
+/* Only its size matters: there is an array of three. */
 typedef struct {
     char *at;
     int left;

@@ -16,12 +16,10 @@ pub enum RuleError {
     #[error("{PLACE} was not written: {0}; type the lines above")]
     Refused(io::Error),
     /// The file exists with other content.
-    #[error(
-        "{PLACE} is there and says something else, it was left as it is; look at it, sudo rm {PLACE}, then try again"
-    )]
+    #[error("{PLACE} exists with another content and was not changed; check it, sudo rm {PLACE}, then try again")]
     Different,
     /// The file cannot be written.
-    #[error("{PLACE} was not written: {0}; is there udev on this machine, and room on its disk?")]
+    #[error("{PLACE} was not written: {0}; does this machine have udev, and room on its disk?")]
     Failed(io::Error),
 }
 

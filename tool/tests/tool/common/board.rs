@@ -1,4 +1,4 @@
-//! What the tests of the verbs that talk to a board share: transcripts, and what a recording of a run shows.
+//! Code shared by tests of the verbs that talk to a board: transcripts, and reading a recording of a run.
 
 use std::path::{Path, PathBuf};
 

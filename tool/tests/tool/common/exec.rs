@@ -9,7 +9,7 @@ use tempfile::TempDir;
 
 use crate::common::{Ran, ecmsk};
 
-/// The shell command for what the library does when a program opens a board.
+/// The shell command that reports an opened board, as the library does.
 pub const OPEN_BOARD: &str = ": > \"$ECMSK_OPENED\";";
 
 /// A folder with a file in place of the library, and one for temporary files.

@@ -61,7 +61,7 @@ impl FakeMachine {
         tree
     }
 
-    /// A machine on which nothing is wrong: a board at 1-1, an SPI device with its lines, and rights for all of it.
+    /// A machine without faults: a board at 1-1, an SPI device with its lines, and rights for all of it.
     pub fn good() -> Self {
         let tree = Self::bare();
         tree.board("1-1", 4, "7");
@@ -78,7 +78,7 @@ impl FakeMachine {
         tree
     }
 
-    /// Adds a network card that is switched on, with somebody at its other end.
+    /// Adds a network card that is up, with a link.
     pub fn card(&self, name: &str, index: u8, driver: &str) {
         let folder = format!("/sys/class/net/{name}");
         for (file, value) in [
@@ -197,7 +197,7 @@ impl FakeMachine {
         self.link(&format!("/proc/{pid}/fd/5"), file);
     }
 
-    /// The tool on this machine, as a user without rights who has named no link.
+    /// The tool on this machine, as a user without rights, with no link named.
     pub fn tool(&self, arguments: &[&str]) -> Command {
         let mut command = self.tool_of_us(arguments);
         if rustix::process::geteuid().is_root() {

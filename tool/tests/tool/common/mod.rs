@@ -1,9 +1,9 @@
-//! What the tests of the tool share: running it, and recordings to run it on.
+//! Code that the tests of the tool share: running it, and recordings to run it on.
 //!
 //! Files:
 //!
-//! - `mod.rs`: running the tool and looking at what it printed
-//! - `board.rs`: transcripts of verbs, and what a recording of a run shows
+//! - `mod.rs`: running the tool and checking its output
+//! - `board.rs`: transcripts of verbs, and reading a recording of a run
 //! - `exec.rs`: a program and a library for `ecmsk exec`
 //! - `machine.rs`: a machine made of files, for `list` and `doctor`
 //! - `motion.rs`, `recordings.rs`: a board in motion without the model, and recordings of its frames
@@ -70,7 +70,7 @@ impl From<Output> for Ran {
 }
 
 impl Ran {
-    /// Standard error without the lines of progress: a machine that is late has more of them.
+    /// Standard error without the lines of progress: a late machine has more of them.
     pub fn said(&self) -> String {
         self.err.split_inclusive('\n').filter(|line| !line.starts_with("progress: ")).collect()
     }

@@ -62,7 +62,7 @@ impl FakeBoard {
         run
     }
 
-    /// A board with that many slaves that has been asked to go to OP.
+    /// A board with that many slaves that was asked to go to OP.
     pub fn starting(size: SlotSize, axes: usize, kind: SlaveKind) -> Self {
         Self::starting_with(size, &vec![kind; axes])
     }
@@ -112,7 +112,7 @@ impl FakeBoard {
         self.waiting.len() as u16
     }
 
-    /// The host clears the FIFO; the frame itself is its first entry then.
+    /// The host clears the FIFO; then the frame itself is its first entry.
     pub fn clear(&mut self) {
         self.master(&MasterCommand::SetFifo(FifoAction::Clear));
         self.waiting.clear();
@@ -164,7 +164,8 @@ impl FakeBoard {
         self.waiting.push_back(self.targets.clone());
     }
 
-    /// The host sends targets in the moment of a cycle: the board takes them after it, though they were sent before.
+    /// The host sends targets at the moment of a cycle: the board takes them after the cycle, though they were sent
+    /// before.
     pub fn send_across_a_cycle(&mut self, targets: &[i32]) {
         let waiting = self.waiting.clone();
         self.send(targets);
@@ -173,7 +174,7 @@ impl FakeBoard {
         self.waiting.push_back(targets.to_vec());
     }
 
-    /// A cycle: the next targets are executed, the drives go a tenth of the way, the host reads the report.
+    /// Runs a cycle: the next targets are executed, the drives go a tenth of the way, the host reads the report.
     pub fn cycle(&mut self) {
         if let Some(next) = self.waiting.pop_front() {
             self.targets = next;

@@ -58,14 +58,14 @@ pub fn two_axes() -> (FakeBoard, Vec<Cycle>) {
     (run, cycles)
 }
 
-/// What the board knows of a cycle.
+/// The board's state in a cycle.
 pub struct Cycle {
     pub seconds: f64,
     pub position: Vec<i32>,
     pub target: Vec<i32>,
 }
 
-/// Equal, but for a part of the whole that no eye sees.
+/// Asserts equality, up to an invisible part of the whole.
 #[track_caller]
 pub fn near(found: f64, expected: f64, whole: f64) {
     assert!((found - expected).abs() <= whole / 100.0, "{found} instead of {expected}");

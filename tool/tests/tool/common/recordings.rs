@@ -1,4 +1,4 @@
-//! Recordings for the tests of the tool: frames of one's own, recorded as any link's are.
+//! Recordings for the tests of the tool: frames made by a test, recorded as those of any link.
 
 use std::collections::VecDeque;
 use std::fs::File;
@@ -29,7 +29,8 @@ impl Script {
         self
     }
 
-    /// Has every report read only after the next so many commands were written: those stand before it in the recording.
+    /// Delays the read of every report until that many further commands were written: they come before it in the
+    /// recording.
     pub fn read_late(&mut self, commands: usize) -> &mut Self {
         let mut late = VecDeque::new();
         let mut order = Vec::new();
@@ -49,18 +50,18 @@ impl Script {
         self
     }
 
-    /// How many frames there are.
+    /// The number of frames.
     pub fn frames(&self) -> usize {
         self.0.len()
     }
 
-    /// Frames without CRC.
+    /// Makes the frames have no CRC.
     pub fn leave_crc_out(&mut self) -> &mut Self {
         self.0.iter_mut().for_each(|(_, _, frame)| frame.bytes_mut()[3] = 0);
         self
     }
 
-    /// Records to `file`. `slot`: what the link knows of it.
+    /// Records to `file`. `slot` is the slot size that the link knows.
     pub fn record(&self, file: &Path, link: &str, slot: Option<SlotSize>) {
         let meta = RecordMeta { slot, clock: Clock::Virtual, base_ns: 0, opened_ns: None, link: link.to_owned() };
         let queue = Mutex::new(self.0.iter().cloned().collect());
@@ -76,7 +77,7 @@ impl Script {
     }
 }
 
-/// Makes a recording what a capture of usbmon is: nothing says that it is a recording, and packet k is of the device
+/// Makes a recording look like a capture of usbmon: without the marks of a recording, and with packet k from the device
 /// `devices[k]`.
 pub fn make_capture(file: &Path, devices: &[u8]) {
     let mut bytes = std::fs::read(file).expect("a recording");
@@ -93,7 +94,7 @@ pub fn make_capture(file: &Path, devices: &[u8]) {
     std::fs::write(file, bytes).expect("a capture");
 }
 
-/// Records `frames` frames to `file` while the disk takes none; gives the number of those that had no room.
+/// Records `frames` frames to `file` while the disk takes none; returns the number of frames without room.
 pub fn record_to_a_slow_disk(file: &Path, frames: u64) -> u64 {
     let gate = Arc::new((Mutex::new(Disk::Headers), Condvar::new()));
     let sink = SlowDisk { file: File::create(file).expect("a file"), gate: Arc::clone(&gate) };
@@ -124,7 +125,7 @@ enum Disk {
     Open,
 }
 
-/// A file that takes nothing while it is shut.
+/// A file that takes no bytes while it is blocked.
 struct SlowDisk {
     file: File,
     gate: Arc<(Mutex<Disk>, Condvar)>,
@@ -142,7 +143,7 @@ impl Write for SlowDisk {
     }
 }
 
-/// A link on which the script passes, whatever the host writes.
+/// A link that plays the script, whatever the host writes.
 struct Scripted(Mutex<VecDeque<(u64, Dir, Frame)>>);
 
 impl Scripted {

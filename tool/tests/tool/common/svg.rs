@@ -1,5 +1,5 @@
-//! Reads a plot as a person does: finds panels by their names and lines by their colours, and converts places to values
-//! with the numbers at the axes.
+//! Reads a plot as a person does: finds panels by their names and lines by their colours, and converts coordinates to
+//! values by the numbers at the axes.
 
 /// Colours of axes 1 to 8, in the plot of all of them.
 pub const COLOURS: [&str; 8] = ["#1F77B4", "#E66A00", "#2C8C2C", "#A04EC4", "#009EA8", "#8C564B", "#E04FA0", "#7A7F1A"];
@@ -22,17 +22,17 @@ pub struct Label {
     pub text: String,
     pub x: f64,
     pub y: f64,
-    /// From `y` down to the line that the letters stand on.
+    /// The distance from `y` down to the baseline of the letters.
     pub baseline: f64,
-    /// `start`, `middle` or `end`: which part of it stands at `x`.
+    /// `start`, `middle` or `end`: which part of the text is at `x`.
     pub anchor: String,
     pub size: f64,
-    /// A dark one is a name, a pale one a number or a caption.
+    /// A dark text is a name, a pale one a number or a caption.
     pub colour: String,
 }
 
 impl Label {
-    /// Left, top, right, bottom, estimated with rather broad letters.
+    /// Left, top, right, bottom, estimated with broad letters.
     fn place(&self) -> (f64, f64, f64, f64) {
         let width = self.text.chars().count() as f64 * self.size * 0.55;
         let baseline = self.y + self.baseline;
@@ -70,7 +70,7 @@ pub struct Area {
 /// A plot.
 pub struct Plot {
     pub size: (f64, f64),
-    /// Width and height of the page it is shown on.
+    /// Width and height of the page.
     pub page: (f64, f64),
     pub labels: Vec<Label>,
     pub lines: Vec<Line>,
@@ -121,7 +121,7 @@ impl Plot {
                     pale: number(node, "opacity") < 1.0,
                     points: vec![(number(node, "x1"), number(node, "y1")), (number(node, "x2"), number(node, "y2"))],
                 }),
-                // A piece of a line that is one sample.
+                // A piece of a line with one sample.
                 "circle" => plot.lines.push(Line {
                     colour: colour("fill"),
                     pale: number(node, "opacity") < 1.0,
@@ -253,14 +253,15 @@ impl Panel<'_> {
         self.plot.labels.iter().filter(ours).map(|label| (seconds(label.x), label.text.as_str())).collect()
     }
 
-    /// What a height stands for.
+    /// Converts a height to a value.
     fn values(&self) -> impl Fn(f64) -> f64 + use<> {
         let numbers =
             self.plot.labels.iter().filter(|label| label.anchor == "end" && (self.top..self.bottom).contains(&label.y));
         scale(numbers.map(|label| (label.y, number(&label.text))).collect())
     }
 
-    /// What a place from left to right stands for: by the numbers in this panel if it has some, else by those of the next one.
+    /// Converts a horizontal coordinate to seconds: by the numbers in this panel if it has some, else by those of the
+    /// next one.
     fn seconds(&self) -> impl Fn(f64) -> f64 + use<> {
         let numbers = self.plot.labels.iter().filter(|label| label.anchor == "middle" && label.colour == SOFT_INK);
         let below: Vec<&Label> = numbers.filter(|label| label.y > self.top).collect();
@@ -269,13 +270,13 @@ impl Panel<'_> {
         scale(numbers.map(|label| (label.x, number(&label.text))).collect())
     }
 
-    /// The texts at its left in the place of numbers, from top to bottom, and what their height is.
+    /// The texts at its left that replace numbers, from top to bottom, with their heights.
     pub fn lanes(&self) -> Vec<(&str, f64)> {
         let ours = |label: &&Label| label.anchor == "end" && (self.top..self.bottom).contains(&label.y);
         self.plot.labels.iter().filter(ours).map(|label| (label.text.as_str(), label.y)).collect()
     }
 
-    /// When the line of a lane goes up and down, seconds and whether it is up then; from its first sample on.
+    /// The edges of a lane's line from its first sample on: the time in seconds, and whether it is up afterwards.
     pub fn edges(&self, lane: &str, colour: &str) -> Vec<(f64, bool)> {
         let lanes = self.lanes();
         let (_, middle) = lanes.iter().find(|(text, _)| *text == lane).unwrap_or_else(|| panic!("{lane} in {lanes:?}"));
@@ -286,7 +287,7 @@ impl Panel<'_> {
         let mut edges: Vec<(f64, bool)> = Vec::new();
         for (x, y) in points {
             let up = y < *middle;
-            // Up and down in one column of pixels: what it ends with counts.
+            // Up and down in one column of pixels: the final level counts.
             if edges.last().is_some_and(|(before, _)| (seconds(x) - before).abs() < 1e-4) {
                 edges.pop();
             }

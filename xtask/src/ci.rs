@@ -38,6 +38,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     test::run_parts(
         &site,
         FAST.iter().map(|part| (part, Vec::new())).collect(),
+        1,
         GATES,
         &[&format!("{groups}, {others}")],
     )

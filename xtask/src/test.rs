@@ -19,6 +19,9 @@ pub struct Arguments {
     /// tests in a guest system, Windows programs under Wine, and packages
     #[arg(long)]
     all: bool,
+    /// Begin with the part of this number, after those before it have passed
+    #[arg(long, value_name = "PART", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]
+    from: u8,
     /// Run only the groups of tests on the machine's clock
     #[arg(long, conflicts_with_all = ["all", "alone"])]
     real_clock: bool,
@@ -41,8 +44,16 @@ pub struct Arguments {
 
 impl Arguments {
     /// The arguments of `cargo xtask test --all`.
-    pub const ALL: Self =
-        Self { all: true, real_clock: false, times: 1, busy: false, rig: false, windows: false, names: Vec::new() };
+    pub const ALL: Self = Self {
+        all: true,
+        from: 1,
+        real_clock: false,
+        times: 1,
+        busy: false,
+        rig: false,
+        windows: false,
+        names: Vec::new(),
+    };
 }
 
 /// A part of the test.
@@ -246,14 +257,15 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         ALL.announce(project);
     }
     let left_out = if arguments.all { LEFT_OUT_OF_ALL } else { &[] };
-    run_parts(&Site::new(project, &missing, arguments.all), parts, &gates, left_out)
+    run_parts(&Site::new(project, &missing, arguments.all), parts, arguments.from, &gates, left_out)
 }
 
-/// Runs the parts in order, each with its names. At the end lists the parts that were skipped because programs are missing,
+/// Runs the parts in order from number `from` (1 or more) on, each with its names. At the end lists the parts that were skipped because programs are missing,
 /// and those that were `left_out` by choice.
 pub fn run_parts(
     site: &Site,
     parts: Vec<(&Part, Vec<String>)>,
+    from: u8,
     gates: &[Gate],
     left_out: &[&str],
 ) -> Result<(), Error> {
@@ -261,7 +273,7 @@ pub fn run_parts(
     let mut skipped = Vec::new();
     let mut without = Without::default();
     let count = parts.len();
-    for (number, (part, names)) in parts.into_iter().enumerate() {
+    for (number, (part, names)) in parts.into_iter().enumerate().skip(usize::from(from) - 1) {
         let site = Site { names, ..*site };
         let title = format!("[{}/{count}] {}", number + 1, part.name);
         let lacking = site.lacks(part.needs);

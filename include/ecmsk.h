@@ -283,8 +283,7 @@ extern "C" {
  * # Safety
  * `uri` is NULL or a text that ends with 0. `board` is NULL or points to room for a pointer.
  */
-ecmsk_result ecmsk_open(const char *uri,
-                        ecmsk_board **board);
+ecmsk_result ecmsk_open(const char *uri, ecmsk_board **board);
 
 /**
  * Closes a board. Calls under way in other threads end with `ECMSK_ERROR_CLOSED`. The handle is invalid afterwards.

@@ -148,7 +148,7 @@ mod tests {
         let off = Facts { why_no_board: Some(NotTheBoard::Unconfigured), ..board("1-3", "7") };
         let relay = Facts { path: "1-1", serial: None, name: None, why_no_board: Some(NotTheBoard::NoHid) };
         let why = index_of_board(&[relay, off], &ANY).unwrap_err();
-        assert!(why.starts_with("1-3 (ECM-SK, serial 7): this machine has not switched it on"), "{why}");
+        assert!(why.starts_with("1-3 (ECM-SK, serial 7): this machine has not configured it"), "{why}");
         assert!(why.ends_with("a hub with a power supply of its own"), "{why}");
     }
 

@@ -5,17 +5,19 @@
 //! - `dump.rs`: options, errors, and the two sources of frames
 //! - `frames.rs`: a frame with what is known of it, and which of its slots are shown
 //! - `hex.rs`, `direction.rs`: frames from hexadecimal digits, and their direction
-//! - `packets.rs`: the packets of a chip ECM-XF; `pieces.rs`: packets that passed in parts
-//! - `text.rs`, `json.rs`, `slot_json.rs`: the output as text and as JSON
+//! - `packets.rs`: the recording of a chip ECM-XF; `packet.rs`: its packets; `pieces.rs`: those that passed in parts
+//! - `place.rs`: where a frame or packet stands in the input
+//! - `format.rs`: the formats of the output, with a file for each in `format/`; `slot_json.rs`: slots as JSON
 
 mod direction;
+mod format;
 mod frames;
 mod hex;
-mod json;
+mod packet;
 mod packets;
 mod pieces;
+mod place;
 pub mod slot_json;
-mod text;
 
 use std::collections::BTreeMap;
 use std::io::{self, BufRead, Read, Write};
@@ -36,9 +38,11 @@ use super::output;
 use super::recording::{self, Framed, Frames};
 use super::slot_size;
 use super::stderr::say;
-use frames::{Shown, Time, View};
+use format::Format;
+use frames::{Shown, View};
 use hex::HexError;
-use text::Numbering;
+use packet::Packet;
+use place::{Place, Time};
 
 /// Show the frames of a recording, or frames given as hexadecimal digits, in words or as JSON
 ///
@@ -219,14 +223,14 @@ fn dump_recording(args: &Args, mut frames: Frames<Box<dyn Read>>, printer: &mut 
         let kinds = kinds.entry(framed.board()).or_insert_with(|| Kinds::new(args.kinds.as_ref().map(KindList::kinds)));
         let Framed { number, time_ns, recorded, size, .. } = framed;
         let time = Some(Time { since_start_ns: time_ns, recorded_ns: recorded.at_ns });
-        let shown = Shown { number, time, direction: recorded.dir, guessed: false, size, frame: recorded.frame };
-        printer.print(&shown, kinds)?;
+        let place = Place { number, time, direction: recorded.dir, guessed: false };
+        printer.frame(&Shown { place, size, frame: recorded.frame }, kinds)?;
     }
     frames.note_opened();
     frames.note_missing();
     match frames.lacks() {
-        Some(lacks) if args.json => Ok(json::write_lacks(&mut printer.out, &lacks)?),
-        _ => Ok(()),
+        Some(lacks) => Ok(printer.format.lacks(&mut printer.out, &lacks)?),
+        None => Ok(()),
     }
 }
 
@@ -254,8 +258,9 @@ fn dump_hex(args: &Args, printer: &mut Printer) -> Result<(), CliError> {
             hex::parse(&String::from_utf8_lossy(&bytes)).map_err(|problem| DumpError::Line { line, problem })?;
         let Some(found) = found else { continue };
         let told = found.direction.or(direction);
-        if found.is_of_bytes() && packets::is_packet(&found.bytes) {
-            printer.packet(line, found.bytes, told)?;
+        if found.is_of_bytes() && packet::is_packet(&found.bytes) {
+            let place = Place::of_line(line, told, || packet::guessed(&found.bytes));
+            printer.packet(&Packet { place, bytes: &found.bytes })?;
             continue;
         }
         let len = found.bytes.len();
@@ -268,9 +273,8 @@ fn dump_hex(args: &Args, printer: &mut Printer) -> Result<(), CliError> {
         if from == SizeFrom::Assumed && !std::mem::replace(&mut noted, true) {
             recording::note_assumed(&format!("line {line}"), size);
         }
-        let direction = told.unwrap_or_else(|| direction::guess(&frame));
-        let shown = Shown { number: line, time: None, direction, guessed: told.is_none(), size, frame };
-        printer.print(&shown, &mut kinds)?;
+        let place = Place::of_line(line, told, || direction::guess(&frame));
+        printer.frame(&Shown { place, size, frame }, &mut kinds)?;
     }
     Ok(())
 }
@@ -286,8 +290,7 @@ struct Section {
 /// Prints frames, with the filters and the format of the options.
 struct Printer {
     out: output::Out,
-    json: bool,
-    numbering: Numbering,
+    format: Box<dyn Format>,
     view: View,
     times: Times,
     direction: Option<Dir>,
@@ -302,8 +305,7 @@ impl Printer {
     fn new(args: &Args) -> Self {
         Self {
             out: output::stdout(),
-            json: args.json,
-            numbering: if args.hex { Numbering::Line } else { Numbering::Frame },
+            format: format::chosen(args),
             view: View {
                 slots: args.slots(),
                 all: args.all,
@@ -321,23 +323,21 @@ impl Printer {
     fn section(&mut self, section: &Section) -> Result<(), CliError> {
         let told = recording::firmware(section.meta.as_deref());
         self.view.firmware = self.firmware.or(told).unwrap_or_default();
-        if !self.json {
-            match &section.meta {
-                Some(meta) => writeln!(self.out, "# {}", recording::link_name(meta))?,
-                None => writeln!(self.out, "# bus {}, device {}", section.board.0, section.board.1)?,
-            }
-        }
-        Ok(())
+        let name = match &section.meta {
+            Some(meta) => recording::link_name(meta),
+            None => format!("bus {}, device {}", section.board.0, section.board.1),
+        };
+        Ok(self.format.heading(&mut self.out, &name)?)
     }
 
-    fn print(&mut self, shown: &Shown, kinds: &mut Kinds) -> Result<(), CliError> {
+    fn frame(&mut self, shown: &Shown, kinds: &mut Kinds) -> Result<(), CliError> {
         if let Some(slot) = self.view.slots.iter().find_map(|slots| slots.missing(shown.size)) {
             return Err(DumpError::NoSlot { slot, size: shown.size }.into());
         }
         self.frames += 1;
         shown.tell(kinds);
-        let other_way = self.direction.is_some_and(|direction| direction != shown.direction);
-        if other_way || shown.time.is_some_and(|time| !self.times.contains(time.since_start_ns)) {
+        let other_way = self.direction.is_some_and(|direction| direction != shown.place.direction);
+        if other_way || shown.place.time.is_some_and(|time| !self.times.contains(time.since_start_ns)) {
             return Ok(());
         }
         let lines = self.view.lines(shown, kinds);
@@ -345,21 +345,15 @@ impl Printer {
             return Ok(());
         }
         self.printed += 1;
-        if self.json {
-            json::write(&mut self.out, shown, &lines)?;
-        } else {
-            text::write(&mut self.out, self.numbering, shown, &lines)?;
-        }
-        Ok(())
+        Ok(self.format.frame(&mut self.out, shown, &lines)?)
     }
 
     /// Prints a packet of an ECM-XF, which has no slots to filter by.
-    fn packet(&mut self, line: u64, bytes: Vec<u8>, told: Option<Dir>) -> Result<(), CliError> {
+    fn packet(&mut self, packet: &Packet) -> io::Result<()> {
         self.frames += 1;
-        let dir = told.unwrap_or_else(|| packets::guessed(&bytes));
-        if self.direction.is_none_or(|direction| direction == dir) {
+        if self.direction.is_none_or(|direction| direction == packet.place.direction) {
             self.printed += 1;
-            packets::write_of_line(&mut self.out, line, bytes, dir, told.is_none(), self.json)?;
+            self.format.packet(&mut self.out, packet)?;
         }
         Ok(())
     }

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use super::XfVerbError;
 use crate::output;
 
-/// List the 91 functions of the chip: code, name, whether it is done at once, and what it does
+/// List the functions of the chip: code, name, whether it is done at once, and what it does
 ///
 /// A function of the codes 31 to 35 stands with the parameter that names it, as 31:8. `xf raw` takes each by its name, or by
 /// that of its type, which stands behind it.

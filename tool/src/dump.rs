@@ -7,12 +7,12 @@
 //! - `hex.rs`, `direction.rs`: frames from hexadecimal digits, and their direction
 //! - `packets.rs`: the recording of a chip ECM-XF; `packet.rs`: its packets; `pieces.rs`: those that passed in parts
 //! - `place.rs`: where a frame or packet stands in the input
-//! - `format.rs`: the formats of the output, with a file for each in `format/`; `slot_json.rs`: slots as JSON
+//! - `output_formats.rs`: the formats of the output, with a file for each in `output_formats/`; `slot_json.rs`: slots as JSON
 
 mod direction;
-mod format;
 mod frames;
 mod hex;
+mod output_formats;
 mod packet;
 mod packets;
 mod pieces;
@@ -38,9 +38,9 @@ use super::output;
 use super::recording::{self, Framed, Frames};
 use super::slot_size;
 use super::stderr::say;
-use format::Format;
 use frames::{Shown, View};
 use hex::HexError;
+use output_formats::Format;
 use packet::Packet;
 use place::{Place, Time};
 
@@ -305,7 +305,7 @@ impl Printer {
     fn new(args: &Args) -> Self {
         Self {
             out: output::stdout(),
-            format: format::chosen(args),
+            format: output_formats::chosen(args),
             view: View {
                 slots: args.slots(),
                 all: args.all,

@@ -7,7 +7,7 @@ use ecmsk::recording::exchanges::{Exchanges, RecordedBytes, is_of_chip};
 use ecmsk::recording::{RecordError, RecordMeta};
 
 use super::Args;
-use super::format::{self, Format};
+use super::output_formats::{self, Format};
 use super::packet::Packet;
 use super::pieces::Pieces;
 use super::place::{Place, Time};
@@ -35,7 +35,7 @@ pub fn look(mut source: Box<dyn Read>, name: &str) -> Result<(Box<dyn Read>, boo
 /// Prints the packets of a recording.
 pub fn dump(args: &Args, source: Box<dyn Read>, name: &str) -> Result<(), CliError> {
     let mut exchanges = Exchanges::new(source, name)?;
-    let mut printer = Printer { out: output::stdout(), format: format::chosen(args), held: Default::default() };
+    let mut printer = Printer { out: output::stdout(), format: output_formats::chosen(args), held: Default::default() };
     let shown = show(args, &mut exchanges, &mut printer);
     // The packets before an error are shown as well.
     printer.write_held()?;

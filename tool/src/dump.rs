@@ -2,7 +2,7 @@
 //!
 //! Files:
 //!
-//! - `dump.rs`: options, errors, and the two sources of frames
+//! - `dump.rs`: options, and the two sources of frames; `error.rs`: why a dump stopped
 //! - `frames.rs`: a frame with what is known of it, and which of its slots are shown
 //! - `hex.rs`, `direction.rs`: frames from hexadecimal digits, and their direction
 //! - `packets.rs`: the recording of a chip ECM-XF; `packet.rs`: its packets; `pieces.rs`: those that passed in parts
@@ -10,6 +10,7 @@
 //! - `output_formats.rs`: the formats of the output, with a file for each in `output_formats/`; `slot_json.rs`: slots as JSON
 
 mod direction;
+mod error;
 mod frames;
 mod hex;
 mod output_formats;
@@ -38,8 +39,8 @@ use super::output;
 use super::recording::{self, Framed, Frames};
 use super::slot_size;
 use super::stderr::say;
+pub use error::DumpError;
 use frames::{Shown, View};
-use hex::HexError;
 use output_formats::Format;
 use packet::Packet;
 use place::{Place, Time};
@@ -130,52 +131,6 @@ pub struct Args {
     /// the recording says, else 1.7]
     #[arg(long, value_name = "1.7|1.5", value_parser = firmware)]
     fw: Option<Firmware>,
-}
-
-/// Why a dump stopped.
-#[derive(Debug, thiserror::Error)]
-pub enum DumpError {
-    /// Standard input cannot be read.
-    #[error("cannot read standard input: {0}; give it lines of hexadecimal digits")]
-    Input(io::Error),
-    /// The bytes of a file that is no recording of an ECM-XF.
-    #[error(
-        "{name} is no recording of a chip, and --hex reads frames from standard input: leave out --hex, or the file"
-    )]
-    HexOfBoard {
-        /// The name of the file.
-        name: String,
-    },
-    /// A line is no frame.
-    #[error("line {line}: {problem}; put `#` before what is no frame")]
-    Line {
-        /// The number of the line, from 1.
-        line: u64,
-        /// What is wrong with the line.
-        problem: HexError,
-    },
-    /// A line is too long.
-    #[error("line {line} is longer than {LINE_BYTES_MAX} bytes; give one frame a line, as hexadecimal digits")]
-    LongLine {
-        /// The number of the line, from 1.
-        line: u64,
-    },
-    /// The frame is too short for the slot size.
-    #[error("line {line}: {len} bytes are no frame of 16-byte slots, which has 512; leave out --slot-size 16")]
-    TooShort {
-        /// The number of the line, from 1.
-        line: u64,
-        /// The bytes on the line.
-        len: usize,
-    },
-    /// The frames have no such slot.
-    #[error("a frame of {}-byte slots has no slot {slot}; name slots from 0 to {}", .size.bytes(), .size.sdo_slot())]
-    NoSlot {
-        /// The requested slot.
-        slot: usize,
-        /// The frames' slot size.
-        size: SlotSize,
-    },
 }
 
 /// The longest line in bytes, so that input that is no text does not fill the memory: the digits of a frame, each

@@ -43,7 +43,7 @@ const SYSTEM: u8 = if cfg!(target_os = "linux") {
     OTHER
 };
 
-/// A Cargo feature of this crate: its name, and whether this build has it.
+/// The name of a Cargo feature of this crate, and whether this build has it.
 macro_rules! feature {
     ($name:tt) => {
         ($name, cfg!(feature = $name))
@@ -56,7 +56,7 @@ const SPI_DEVICE: Option<&str> = Some("/dev/spidevB.C");
 /// The properties of a scheme. The code that opens its links is in `open/`.
 struct Row {
     name: &'static str,
-    /// See [`feature!`].
+    /// Its name, and whether this build has it.
     feature: (&'static str, bool),
     /// The systems that have such links.
     systems: u8,

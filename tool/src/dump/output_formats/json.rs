@@ -12,11 +12,11 @@ use ecmsk::xf::Status;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::super::frames::Shown;
-use super::super::packet::{self, Decoded, Packet};
-use super::super::pieces::Pieces;
-use super::super::slot_json::SlotJson;
 use super::Format;
+use crate::dump::frames::Shown;
+use crate::dump::packet::{self, Decoded, Packet};
+use crate::dump::pieces::Pieces;
+use crate::dump::slot_json::SlotJson;
 
 /// The format of JSON.
 pub struct Json;

@@ -7,11 +7,11 @@ use ecmsk::link::Dir;
 use ecmsk::recording::Lacks;
 use ecmsk::sk::dump::SlotLine;
 
-use super::super::frames::Shown;
-use super::super::packet::{self, Decoded, Packet};
-use super::super::pieces::Pieces;
-use super::super::place::Place;
 use super::Format;
+use crate::dump::frames::Shown;
+use crate::dump::packet::{self, Decoded, Packet};
+use crate::dump::pieces::Pieces;
+use crate::dump::place::Place;
 
 /// The format of text.
 pub struct Text {

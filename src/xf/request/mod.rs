@@ -65,7 +65,7 @@ pub use super::value::{
 };
 
 use super::response::{Answer, Returned};
-use super::{CommandCode, Malformed, Reserve, segment};
+use super::{CommandCode, Malformed, Reserve};
 
 /// The fields of a command header that belong to the request.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

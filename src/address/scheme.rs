@@ -24,120 +24,30 @@ pub enum Scheme {
     Nic,
 }
 
-/// A Cargo feature of this crate that some links need.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Feature {
-    Sim,
-    Usb,
-    Spi,
-    Tcp,
-    Nic,
-}
+/// The operating systems, as far as links differ by them, as bits.
+const LINUX: u8 = 1 << 0;
+const OTHER_UNIX: u8 = 1 << 1;
+const WINDOWS: u8 = 1 << 2;
+const OTHER: u8 = 1 << 3;
+const UNIX: u8 = LINUX | OTHER_UNIX;
+const EVERY: u8 = UNIX | WINDOWS | OTHER;
 
-impl Feature {
-    const COUNT: usize = 5;
+/// The system of this build.
+const SYSTEM: u8 = if cfg!(target_os = "linux") {
+    LINUX
+} else if cfg!(unix) {
+    OTHER_UNIX
+} else if cfg!(windows) {
+    WINDOWS
+} else {
+    OTHER
+};
 
-    const fn name(self) -> &'static str {
-        match self {
-            Self::Sim => "sim",
-            Self::Usb => "usb",
-            Self::Spi => "spi",
-            Self::Tcp => "tcp",
-            Self::Nic => "nic",
-        }
-    }
-}
-
-/// An operating system, as far as links differ by it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum System {
-    Linux,
-    OtherUnix,
-    Windows,
-    Other,
-}
-
-/// The systems that have the links of a scheme.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Systems {
-    Any,
-    UnixAndWindows,
-    Unix,
-    Linux,
-}
-
-impl Systems {
-    const fn has(self, system: System) -> bool {
-        match self {
-            Self::Any => true,
-            Self::UnixAndWindows => !matches!(system, System::Other),
-            Self::Unix => matches!(system, System::Linux | System::OtherUnix),
-            Self::Linux => matches!(system, System::Linux),
-        }
-    }
-}
-
-/// A build of this crate: the schemes that it can open, and the next step for the others. A test makes up builds.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Build {
-    /// Whether each [`Feature`] is on.
-    features: [bool; Feature::COUNT],
-    system: System,
-}
-
-impl Build {
-    /// The build that this code is part of.
-    pub(crate) const THIS: Self = Self {
-        features: [
-            cfg!(feature = "sim"),
-            cfg!(feature = "usb"),
-            cfg!(feature = "spi"),
-            cfg!(feature = "tcp"),
-            cfg!(feature = "nic"),
-        ],
-        system: if cfg!(target_os = "linux") {
-            System::Linux
-        } else if cfg!(unix) {
-            System::OtherUnix
-        } else if cfg!(windows) {
-            System::Windows
-        } else {
-            System::Other
-        },
+/// The name of a Cargo feature of this crate, and whether this build has it.
+macro_rules! feature {
+    ($name:tt) => {
+        ($name, cfg!(feature = $name))
     };
-
-    const fn opens(self, scheme: Scheme) -> bool {
-        self.features[scheme.row().feature as usize] && self.has_system_of(scheme)
-    }
-
-    const fn has_system_of(self, scheme: Scheme) -> bool {
-        scheme.row().systems.has(self.system)
-    }
-
-    /// The next step for a user whose build cannot open links of the scheme.
-    fn instead(self, scheme: Scheme) -> String {
-        let feature = scheme.feature();
-        match scheme {
-            _ if self.has_system_of(scheme) => {
-                format!("it needs the feature `{feature}`: build with `cargo build --release --features {feature}`")
-            }
-            Scheme::XfSpi | Scheme::XfUsb => {
-                "this system has no such links: run the program on a machine with Linux that the chip is wired to".to_owned()
-            }
-            _ => "this system has no such links: serve the board by `ecmsk serve tcp` on a machine with Linux that it is wired to, and \
-                  name it here by tcp://HOST:PORT"
-                .to_owned(),
-        }
-    }
-
-    /// The end of the scheme's line in the text of `ecmsk link help`.
-    pub(crate) fn note(self, scheme: Scheme) -> String {
-        match self.opens(scheme) {
-            true => String::new(),
-            false if self.has_system_of(scheme) => format!(" (not in this build: feature {})", scheme.feature()),
-            false => " (not in this build: this system has none)".to_owned(),
-        }
-    }
 }
 
 /// The path of a link over SPI.
@@ -146,8 +56,10 @@ const SPI_DEVICE: Option<&str> = Some("/dev/spidevB.C");
 /// The properties of a scheme. The code that opens its links is in `open/`.
 struct Row {
     name: &'static str,
-    feature: Feature,
-    systems: Systems,
+    /// Its name, and whether this build has it.
+    feature: (&'static str, bool),
+    /// The systems that have such links.
+    systems: u8,
     path: Option<&'static str>,
     meaning: &'static str,
 }
@@ -161,58 +73,58 @@ impl Scheme {
         match self {
             Self::Sim => Row {
                 name: "sim",
-                feature: Feature::Sim,
-                systems: Systems::Any,
+                feature: feature!("sim"),
+                systems: EVERY,
                 path: None,
                 meaning: "a simulated board in this process",
             },
             Self::Usb => Row {
                 name: "usb",
-                feature: Feature::Usb,
-                systems: Systems::UnixAndWindows,
+                feature: feature!("usb"),
+                systems: UNIX | WINDOWS,
                 path: None,
                 meaning: "a real ECM-SK on USB",
             },
             Self::Spi => Row {
                 name: "spi",
-                feature: Feature::Spi,
-                systems: Systems::Linux,
+                feature: feature!("spi"),
+                systems: LINUX,
                 path: SPI_DEVICE,
                 meaning: "a real ECM-SK on SPI",
             },
             Self::Tcp => Row {
                 name: "tcp",
-                feature: Feature::Tcp,
-                systems: Systems::UnixAndWindows,
+                feature: feature!("tcp"),
+                systems: UNIX | WINDOWS,
                 path: Some("//HOST:PORT"),
                 meaning: "a board that another process or machine serves (`ecmsk serve tcp`)",
             },
             Self::XfSim => Row {
                 name: "xf-sim",
-                feature: Feature::Sim,
-                systems: Systems::Any,
+                feature: feature!("sim"),
+                systems: EVERY,
                 path: None,
                 meaning: "a simulated board whose slaves are behind an ECM-XF; for `ecmsk xf` and `ecmsk::Xf` that chip itself, \
                           without the keys of a board",
             },
             Self::XfSpi => Row {
                 name: "xf-spi",
-                feature: Feature::Spi,
-                systems: Systems::Linux,
+                feature: feature!("spi"),
+                systems: LINUX,
                 path: SPI_DEVICE,
                 meaning: "a board of this process whose slaves are behind a real ECM-XF on SPI; or that chip itself",
             },
             Self::XfUsb => Row {
                 name: "xf-usb",
-                feature: Feature::Usb,
-                systems: Systems::Unix,
+                feature: feature!("usb"),
+                systems: UNIX,
                 path: None,
                 meaning: "the same behind a real ECM-XFU on USB",
             },
             Self::Nic => Row {
                 name: "nic",
-                feature: Feature::Nic,
-                systems: Systems::Linux,
+                feature: feature!("nic"),
+                systems: LINUX,
                 path: Some("INTERFACE"),
                 meaning: "a board of this process whose slaves are at the end of a network card, e.g. nic:eth1: no board is \
                           there at all",
@@ -227,7 +139,7 @@ impl Scheme {
 
     /// The Cargo feature of this crate that links of the scheme need.
     pub const fn feature(self) -> &'static str {
-        self.row().feature.name()
+        self.row().feature.0
     }
 
     /// The scheme with that name; `None` if there is none.
@@ -238,18 +150,51 @@ impl Scheme {
     /// Whether this build can open links of the scheme. It needs [its feature](Self::feature) and an operating system that
     /// [supports such links](Self::is_of_this_system).
     pub const fn in_build(self) -> bool {
-        Build::THIS.opens(self)
+        self.row().feature.1 && self.is_of_this_system()
     }
 
     /// Whether this operating system supports links of the scheme: links over SPI or a network card need Linux, and an
     /// ECM-XFU on USB any system but Windows.
     pub const fn is_of_this_system(self) -> bool {
-        Build::THIS.has_system_of(self)
+        self.is_of(SYSTEM)
+    }
+
+    const fn is_of(self, system: u8) -> bool {
+        self.row().systems & system != 0
     }
 
     /// The next step for a user whose build cannot open links of the scheme, for messages.
     pub fn instead(self) -> String {
-        Build::THIS.instead(self)
+        self.instead_on(SYSTEM)
+    }
+
+    fn instead_on(self, system: u8) -> String {
+        let feature = self.feature();
+        match self {
+            _ if self.is_of(system) => {
+                format!("it needs the feature `{feature}`: build with `cargo build --release --features {feature}`")
+            }
+            Self::XfSpi | Self::XfUsb => {
+                "this system has no such links: run the program on a machine with Linux that the chip is wired to".to_owned()
+            }
+            _ => "this system has no such links: serve the board by `ecmsk serve tcp` on a machine with Linux that it is wired to, and \
+                  name it here by tcp://HOST:PORT"
+                .to_owned(),
+        }
+    }
+
+    /// Why this build cannot open links of the scheme: the end of its line in the text of `ecmsk link help`. Empty if it
+    /// can.
+    pub(crate) fn note(self) -> String {
+        self.note_on(SYSTEM, self.row().feature.1)
+    }
+
+    fn note_on(self, system: u8, has_feature: bool) -> String {
+        match (self.is_of(system), has_feature) {
+            (true, true) => String::new(),
+            (true, false) => format!(" (not in this build: feature {})", self.feature()),
+            (false, _) => " (not in this build: this system has none)".to_owned(),
+        }
     }
 
     /// Whether the network is a model in this process, with simulated slaves and a clock that can be virtual.
@@ -283,44 +228,33 @@ impl fmt::Display for Scheme {
 mod tests {
     use super::*;
 
-    const EVERY: [Feature; Feature::COUNT] = [Feature::Sim, Feature::Usb, Feature::Spi, Feature::Tcp, Feature::Nic];
+    const SYSTEMS: [u8; 4] = [LINUX, OTHER_UNIX, WINDOWS, OTHER];
 
-    fn build(system: System, has: impl Fn(Feature) -> bool) -> Build {
-        Build { features: EVERY.map(has), system }
-    }
-
-    /// The feature of each scheme, and the systems that have its links.
-    const EXPECTED: [(Scheme, &str, &[System]); 8] = {
-        const EVERYWHERE: &[System] = &[System::Linux, System::OtherUnix, System::Windows, System::Other];
-        let [linux, unix, with_windows] =
-            [EVERYWHERE.split_at(1).0, EVERYWHERE.split_at(2).0, EVERYWHERE.split_at(3).0];
-        [
-            (Scheme::Sim, "sim", EVERYWHERE),
-            (Scheme::Usb, "usb", with_windows),
-            (Scheme::Spi, "spi", linux),
-            (Scheme::Tcp, "tcp", with_windows),
-            (Scheme::XfSim, "sim", EVERYWHERE),
-            (Scheme::XfSpi, "spi", linux),
-            (Scheme::XfUsb, "usb", unix),
-            (Scheme::Nic, "nic", linux),
-        ]
-    };
+    /// The feature of each scheme, and how many of the systems above, from the first on, have its links.
+    const EXPECTED: [(Scheme, &str, bool, usize); 8] = [
+        (Scheme::Sim, "sim", cfg!(feature = "sim"), 4),
+        (Scheme::Usb, "usb", cfg!(feature = "usb"), 3),
+        (Scheme::Spi, "spi", cfg!(feature = "spi"), 1),
+        (Scheme::Tcp, "tcp", cfg!(feature = "tcp"), 3),
+        (Scheme::XfSim, "sim", cfg!(feature = "sim"), 4),
+        (Scheme::XfSpi, "spi", cfg!(feature = "spi"), 1),
+        (Scheme::XfUsb, "usb", cfg!(feature = "usb"), 2),
+        (Scheme::Nic, "nic", cfg!(feature = "nic"), 1),
+    ];
 
     /// A link whose feature is not built names the feature, and how to build with it; also in `ecmsk link help`. A build with
     /// that feature alone opens it.
     #[test]
     fn a_link_whose_feature_is_not_built_names_the_feature() {
-        for (scheme, feature, systems) in EXPECTED {
-            for system in systems {
-                let [without, only] =
-                    [build(*system, |f| f.name() != feature), build(*system, |f| f.name() == feature)];
-                assert!(!without.opens(scheme) && only.opens(scheme), "{scheme} {system:?}");
+        for (scheme, feature, has_feature, systems) in EXPECTED {
+            assert_eq!(scheme.row().feature, (feature, has_feature), "{scheme}");
+            for system in &SYSTEMS[..systems] {
                 let build_it = format!(
                     "it needs the feature `{feature}`: build with `cargo build --release --features {feature}`"
                 );
-                assert_eq!(without.instead(scheme), build_it);
-                assert_eq!(without.note(scheme), format!(" (not in this build: feature {feature})"));
-                assert_eq!(only.note(scheme), "");
+                assert_eq!(scheme.instead_on(*system), build_it);
+                assert_eq!(scheme.note_on(*system, false), format!(" (not in this build: feature {feature})"));
+                assert_eq!(scheme.note_on(*system, true), "");
             }
         }
     }
@@ -328,18 +262,23 @@ mod tests {
     /// A system without such links says so, whatever was built, and names a way over another machine.
     #[test]
     fn a_system_without_such_links_names_another_machine() {
-        for (scheme, _, systems) in EXPECTED {
-            for system in [System::Linux, System::OtherUnix, System::Windows, System::Other] {
-                if systems.contains(&system) {
-                    continue;
-                }
-                let every = build(system, |_| true);
-                assert!(!every.opens(scheme), "{scheme} {system:?}");
-                let text = every.instead(scheme);
+        for (scheme, _, _, systems) in EXPECTED {
+            for system in &SYSTEMS[systems..] {
+                let text = scheme.instead_on(*system);
                 assert!(text.starts_with("this system has no such links: ") && text.contains("Linux"), "{text}");
                 assert_eq!(text.contains("tcp://"), !scheme.has_chip(), "{text}");
-                assert_eq!(every.note(scheme), " (not in this build: this system has none)");
+                assert_eq!(scheme.note_on(*system, true), " (not in this build: this system has none)");
             }
+        }
+    }
+
+    /// This build opens the links whose feature it has, where the system has them.
+    #[test]
+    fn this_build_opens_what_it_has() {
+        for (scheme, _, has_feature, systems) in EXPECTED {
+            let is_of_this_system = SYSTEMS[..systems].contains(&SYSTEM);
+            assert_eq!(scheme.in_build(), has_feature && is_of_this_system, "{scheme}");
+            assert_eq!(scheme.note().is_empty(), scheme.in_build(), "{scheme}");
         }
     }
 }

@@ -269,7 +269,7 @@ mod tests {
                 SlaveModel::Dp3cl => vec![Dp3clConfig::default().travel],
                 SlaveModel::Hsp => vec![hsp[0]],
                 SlaveModel::Hsp2 => hsp.to_vec(),
-                SlaveModel::Io => vec![],
+                _ => vec![],
             };
             assert_eq!(travels.len(), model.axes(), "{model:?}");
             assert_eq!(model.usual_travel().is_some(), !travels.is_empty(), "{model:?}");

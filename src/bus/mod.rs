@@ -13,7 +13,7 @@
 //! | `mailboxes.rs` | the mailbox services that our own master handles, also where a chip runs the network |
 //! | `software.rs`, `simulated.rs` | the network of our own master, on a card or on simulated slaves; the simulated slaves |
 //! | `dictionary.rs` | [`dictionary`]: the objects of a slave as it describes them, with their values |
-//! | `errors.rs` | [`errors`]: the error counters of all ports, and which cable is bad |
+//! | `port_errors.rs` | [`port_errors`]: the error counters of all ports, and which cable is bad |
 //! | `clocks.rs` | [`clocks`]: how well the distributed clocks are synchronized |
 //! | `eeprom.rs`, `content_error.rs` | [`eeprom`]: whether new content fits a slave, what it changes, writing it |
 //! | `round_trips.rs` | the round-trip times of frames on a network card |
@@ -36,10 +36,10 @@ mod content_error;
 pub mod dictionary;
 pub mod eeprom;
 mod error;
-pub mod errors;
 mod mailboxes;
 mod network;
 mod open;
+pub mod port_errors;
 #[cfg(all(feature = "nic", target_os = "linux"))]
 mod round_trips;
 #[cfg(feature = "sim")]

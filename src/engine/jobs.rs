@@ -322,9 +322,9 @@ impl Engine {
     }
 
     fn network_job_done(&mut self, NetworkJob { step, until }: NetworkJob, done: JobDone, now: Ns) {
-        let recovers = matches!(step, Step::RecoverToPreOp | Step::RecoverConfigure | Step::RecoverTo(_));
-        match done {
-            JobDone::Scan { found } => {
+        use Step::{RecoverConfigure, RecoverTo, RecoverToPreOp};
+        match (step, done) {
+            (_, JobDone::Scan { found }) => {
                 let found = found.min(self.config.slot.max_slaves() as u8);
                 self.volatile.network.scanned(found);
                 // After SW_RESET fewer slaves may be found. The last outputs of the missing ones must not go to the bus
@@ -333,35 +333,35 @@ impl Engine {
                 let before = self.volatile.failure.filter(|why| *why != StateFailure::NoSlave);
                 self.volatile.failure = if found == 0 { Some(StateFailure::NoSlave) } else { before };
             }
-            JobDone::Configure(Ok(Configured { second_axes, disturbed })) => {
-                let others = match step {
-                    Step::RecoverConfigure => self.volatile.second_axes.difference(self.network().recovering()),
-                    _ => SlaveSet::EMPTY,
-                };
+            (RecoverConfigure, JobDone::Configure(Ok(Configured { second_axes, disturbed }))) => {
+                let others = self.volatile.second_axes.difference(self.network().recovering());
                 self.set_second_axes(others.union(second_axes));
                 self.step_done(step, now);
-                if step == Step::RecoverConfigure {
-                    self.note_disturbed(disturbed, now);
-                }
+                self.note_disturbed(disturbed, now);
             }
-            JobDone::State(Ok(())) => self.step_done(step, now),
-            JobDone::State(Err(refusal)) | JobDone::Configure(Err(refusal)) if recovers => {
+            (_, JobDone::Configure(Ok(Configured { second_axes, .. }))) => {
+                self.set_second_axes(second_axes);
+                self.step_done(step, now);
+            }
+            (_, JobDone::State(Ok(()))) => self.step_done(step, now),
+            (
+                RecoverToPreOp | RecoverConfigure | RecoverTo(_),
+                JobDone::State(Err(refusal)) | JobDone::Configure(Err(refusal)),
+            ) => {
                 let silent = refusal.al_status == 0 && refusal.abort.is_none();
                 self.volatile.network.recovery_failed(refusal.slave, silent);
                 self.volatile.failure = Some(self.failure_of(step, refusal));
             }
-            JobDone::Beyond(limit) if recovers => {
+            (RecoverToPreOp | RecoverConfigure | RecoverTo(_), JobDone::Beyond(limit)) => {
                 let slave = self.network().recovering().iter().next().unwrap_or(1);
                 self.volatile.network.recovery_failed(slave, false);
                 self.volatile.failure = Some(StateFailure::Hardware(limit));
             }
-            JobDone::Beyond(limit) => self.fail_state(StateFailure::Hardware(limit), now),
+            (_, JobDone::Beyond(limit)) => self.fail_state(StateFailure::Hardware(limit), now),
             // A new request has extended the deadline meanwhile: the step starts again.
-            JobDone::State(Err(_))
-                if matches!(step, Step::Move(_))
-                    && now >= until
-                    && self.network().deadline().is_some_and(|deadline| deadline > until) => {}
-            JobDone::State(Err(refusal)) | JobDone::Configure(Err(refusal)) => {
+            (Step::Move(_), JobDone::State(Err(_)))
+                if now >= until && self.network().deadline().is_some_and(|deadline| deadline > until) => {}
+            (_, JobDone::State(Err(refusal)) | JobDone::Configure(Err(refusal))) => {
                 self.fail_state(self.failure_of(step, refusal), now);
             }
         }

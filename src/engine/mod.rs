@@ -6,7 +6,8 @@
 //!
 //! | file | what it has |
 //! | --- | --- |
-//! | `mod.rs`, `config.rs` | the engine: the handling of a command frame and of a cycle; its pins and its firmware |
+//! | `mod.rs`, `config.rs` | the engine: its state, the handling of a command frame; its pins and its firmware |
+//! | `cycle.rs` | what happens in one cycle, and when the next one is due |
 //! | `commands.rs` | the effect of each command of the board, and the reasons for rejecting one |
 //! | `fifo.rs`, `partial_frames.rs` | the FIFO in which frames wait for their cycle; frames that arrive in pieces |
 //! | `sdo.rs` | the SDO slot |
@@ -31,6 +32,7 @@ mod board;
 mod commands;
 mod config;
 mod counters;
+mod cycle;
 mod event;
 mod fault_reset;
 mod fifo;
@@ -79,7 +81,7 @@ pub use test_mode::{ALL_ON_NS, ONE_ON_NS};
 pub use threaded::{Lateness, Threaded};
 pub use unexecuted::Unexecuted;
 
-use crate::fieldbus::{Fieldbus, Inputs, MAX_AXES, MAX_SLAVES, Ns, Outputs, Pacing, RingState, Role, SlaveSet};
+use crate::fieldbus::{Inputs, MAX_AXES, MAX_SLAVES, Ns, Outputs, Pacing, Role, SlaveSet};
 use crate::sk::{CommandId, CycleTime, Frame, SlotSize, StateByte};
 use crate::threads::sync;
 use axis::{AllAxes, Axis};
@@ -370,113 +372,6 @@ impl Engine {
     /// Counts a command frame whose rest is lost because the board has booted meanwhile.
     fn frame_cut_off(&mut self) {
         self.counters.incomplete += 1;
-    }
-
-    /// Runs one cycle at `now`: jobs of the bus, FIFO entries, process data, and the report, which goes to `report`
-    /// with the time of its cycle. Returns whether a cycle of the bus has passed: none does while the cable before the
-    /// first slave is cut. In OP there is no report then; before OP the board makes its reports in its own cycle,
-    /// whatever the bus does (SK-9).
-    pub fn cycle(&mut self, now: Ns, bus: &mut dyn Fieldbus, report: &mut dyn FnMut(&Frame, Ns)) -> bool {
-        if let Some(bits) = bus.local_inputs() {
-            self.set_local_inputs(bits);
-        }
-        self.note_bus_down(bus.is_down(), now);
-        self.note_other_master(bus, now);
-        self.run_jobs(now, bus);
-        self.run_clear(now, bus);
-        if self.config.test {
-            self.run_test(now);
-        }
-        if self.network().in_op() {
-            self.counters.ring_broken += u64::from(bus.ring().is_some_and(RingState::is_broken));
-            self.clear_what_nobody_gets();
-            self.push_outputs(now, bus);
-        }
-        let (in_op, mut passed) = (self.network().in_op(), false);
-        while let Some(done) = bus.poll(now, &mut self.inputs) {
-            passed = true;
-            self.note_confirmed(&done);
-            self.last_passed = done.at;
-            self.next_deadline = done.next_deadline;
-            self.complete(&done);
-            if in_op {
-                self.give_report(done.at, report);
-            }
-            if self.pacing == Pacing::Runner {
-                break;
-            }
-        }
-        if !in_op {
-            if self.is_bus_silent(now) {
-                self.note_silence(now);
-            }
-            // While the board boots no host can read the response, and a boot takes hundreds of cycles.
-            if self.talks() {
-                self.refresh_response();
-            }
-            self.give_report(now, report);
-        }
-        if self.volatile.local_outputs != self.local_outputs_told {
-            self.local_outputs_told = self.volatile.local_outputs;
-            bus.set_local_outputs(self.volatile.local_outputs);
-        }
-        passed
-    }
-
-    /// Counts cycles in OP that a late runner has skipped.
-    const fn note_left_out(&mut self, cycles: u64) {
-        if self.network().in_op() {
-            self.counters.cycles_left_out += cycles;
-        }
-    }
-
-    /// Logs the first frame of another master on the network, once.
-    fn note_other_master(&mut self, bus: &dyn Fieldbus, at: Ns) {
-        if self.has_told_other_master {
-            return;
-        }
-        if let Some(address) = bus.strangers().other_master {
-            self.has_told_other_master = true;
-            self.log.push(Event { at, kind: EventKind::OtherMaster { address } });
-        }
-    }
-
-    fn note_bus_down(&mut self, down: bool, at: Ns) {
-        if down && !self.bus_down {
-            self.log.push(Event { at, kind: EventKind::BusDown });
-        }
-        self.bus_down = down;
-    }
-
-    /// When the cycle after the one at `now` is due: a period later, or at the time that the bus has asked for, at most
-    /// half a period earlier or later \[OURS].
-    pub(super) fn next_cycle(&mut self, now: Ns) -> Ns {
-        let period = self.period_ns();
-        let planned = now + period;
-        let asked = self.next_deadline.take().unwrap_or(planned);
-        asked.clamp(planned - period / 2, planned + period / 2)
-    }
-
-    fn give_report(&mut self, at: Ns, report: &mut dyn FnMut(&Frame, Ns)) {
-        if self.talks() && !self.reports_suppressed {
-            self.counters.reports += 1;
-            report(&self.volatile.response, at);
-        }
-    }
-
-    /// How long the bus may be without a cycle before the cable counts as cut. A bus that owns its cycle has none in
-    /// some of the board's cycles: because of its phase, of jitter, and when the cycle time changes. So two of the
-    /// longest cycles are allowed \[OURS], and the delay of answers on top.
-    pub(crate) fn silence_tolerance_ns(&self) -> Ns {
-        match self.pacing {
-            Pacing::Runner => 0,
-            Pacing::Bus { answer_delay, .. } => (2 + Ns::from(answer_delay)) * self.longest_period_ns(),
-        }
-    }
-
-    /// Whether the bus has been without a cycle for so long that the cable before the first slave seems to be cut.
-    fn is_bus_silent(&self, now: Ns) -> bool {
-        now - self.last_passed > self.silence_tolerance_ns()
     }
 
     /// SW_RESET: resets all variables except the CRC switches of SET_EX, which take effect now. The host interface

@@ -9,6 +9,7 @@
 //! | `pdo/downloads.rs` | the SDO downloads for that mapping, in their order |
 //! | `sim.rs` | the network of simulated slaves: cycles, working counter, lost slaves |
 //! | `sim/jobs.rs`, `sim/timing.rs` | the jobs and SDOs of the simulated network, and their durations |
+//! | `stale.rs` | after which time without new inputs a slave is lost |
 //! | `nic/` | the network at the end of a network card, over the EtherCAT master of this project |
 //! | `xf/` | the network behind an ECM-XF, over the driver of that chip |
 //!
@@ -28,6 +29,7 @@ pub mod nic;
 pub mod pdo;
 #[cfg(feature = "sim")]
 pub mod sim;
+mod stale;
 pub mod xf;
 
 use std::sync::Arc;
@@ -37,6 +39,8 @@ use crate::sk::{CycleTime, DriveSync, SlaveKind};
 
 pub use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 pub use job::{Busy, Configured, HardwareLimit, Job, JobDone, Refusal, SdoDone, SdoRequest};
+pub(crate) use stale::is_stale;
+pub use stale::{STALE_AFTER, STALE_AT_LAST_NS};
 
 /// The maximum number of axes of a slave: a two-channel HSP has two.
 pub const MAX_AXES: usize = 2;
@@ -53,22 +57,6 @@ pub const CHANGE_SLAVE_NS: Ns = 2_000_000;
 /// How long the commands in the FIFO are still executed before `slaves` slaves leave OP, ns.
 pub(crate) const fn leaving_op_ns(slaves: u8) -> Ns {
     LEAVING_OP_NS + CHANGE_SLAVE_NS * slaves as Ns
-}
-
-/// The minimum number of cycles and the minimum time (ns) without new inputs, after both of which the inputs of a slave are
-/// stale and the slave is lost. \[OURS] In this time the bus searches for the missing slave, so that slaves that only share
-/// a datagram with it can continue. Until that search has ended, the time [`STALE_AT_LAST_NS`] applies instead.
-pub const STALE_AFTER: (u32, Ns) = (10, 20_000_000);
-/// The time without new inputs after which they are stale even if the search for the missing slave has not ended, ns. It is
-/// the time for which the watchdogs of slaves wait for outputs. \[OURS]
-pub const STALE_AT_LAST_NS: Ns = 100_000_000;
-
-/// Whether inputs are stale after `cycles` cycles without new ones. `is_searched`: since then a search for missing slaves
-/// has ended.
-pub(crate) const fn is_stale(cycles: u32, cycle_ns: Ns, is_searched: bool) -> bool {
-    let (least_cycles, least_ns) = STALE_AFTER;
-    let time_ns = cycles as Ns * cycle_ns;
-    cycles >= least_cycles && (is_searched && time_ns >= least_ns || time_ns >= STALE_AT_LAST_NS)
 }
 
 /// Who decides when a cycle runs.

@@ -1,6 +1,9 @@
 //! The process data that the board maps for each kind of slave (SK-7, table of process data): the SDOs that a bus writes in
 //! PreOP, and the layout of [`AxisOut`] and [`AxisIn`] in the process image of a slave.
 //!
+//! To map other process data for a kind of slave: its objects, a row of `tables!`, and an arm of [`ProcessData::of`]; if an
+//! object of the slave decides between two, an arm of [`ProcessData::probe`]. No bus knows more of it.
+//!
 //! All buses use the same mapping: they write [`ProcessData::downloads`] by SDO, and convert process images with
 //! [`ProcessData::put_outputs`] and [`ProcessData::take_inputs`]. [`ProcessData::take_outputs`] and
 //! [`ProcessData::put_inputs`] are the slave's side, for models of slaves without an object dictionary.
@@ -15,7 +18,7 @@ use crate::sk::DriveSync;
 pub use downloads::{Download, Downloads, MappedDirection, MappingImage, NO_SUCH_MODE};
 
 /// The maximum length of a slave's process image in one direction, bytes: that of a pulse module with two channels.
-pub const IMAGE_BYTES_MAX: usize = 20;
+pub const IMAGE_BYTES_MAX: usize = MAX_AXES * longest(Table::LENGTHS);
 
 /// The object that shows whether a pulse module has a second axis: only then it can be read \[OURS].
 pub const SECOND_CONTROLWORD: ObjectAddress = ObjectAddress::new(CONTROLWORD + SECOND_AXIS_OFFSET, 0);
@@ -92,40 +95,58 @@ const HSP_IN: [In; 3] = [
 const IO_OUT: [Out; 1] = [mapped(0x7000, 1, 2, OutWord::Outputs)];
 const IO_IN: [In; 1] = [mapped(0x6000, 1, 2, InWord::Inputs)];
 
-/// Selects the tables above for the process data of an axis.
-#[derive(Clone, Copy, Debug)]
-enum Table {
-    DriveCsp,
-    DriveCsv,
-    DriveCst,
-    HspCsp,
-    HspCsv,
-    Io,
-}
+/// Defines `Table`, which selects the outputs and the inputs of an axis. Its functions call those below with constant
+/// tables, so that the compiler generates separate code for each.
+macro_rules! tables {
+    ($($table:ident: $outputs:ident, $inputs:ident;)*) => {
+        /// Selects the tables above for the process data of an axis.
+        #[derive(Clone, Copy, Debug)]
+        enum Table {
+            $($table),*
+        }
 
-/// Calls a function with the constant table of outputs, so that the compiler generates separate code for each table.
-macro_rules! with_outputs {
-    ($table:expr, $call:ident ( $($argument:expr),* )) => {
-        match $table {
-            Table::DriveCsp => $call(&DRIVE_CSP, $($argument),*),
-            Table::DriveCsv => $call(&DRIVE_CSV, $($argument),*),
-            Table::DriveCst => $call(&DRIVE_CST, $($argument),*),
-            Table::HspCsp => $call(&HSP_CSP, $($argument),*),
-            Table::HspCsv => $call(&HSP_CSV, $($argument),*),
-            Table::Io => $call(&IO_OUT, $($argument),*),
+        impl Table {
+            /// The lengths of all process images of one axis, bytes.
+            const LENGTHS: &[usize] = &[$(length(&$outputs), length(&$inputs)),*];
+
+            const fn outputs(self) -> &'static [Out] {
+                match self { $(Self::$table => &$outputs),* }
+            }
+
+            const fn inputs(self) -> &'static [In] {
+                match self { $(Self::$table => &$inputs),* }
+            }
+
+            #[inline]
+            fn put_outputs(self, outputs: &SlaveOut, image: &mut [u8]) {
+                match self { $(Self::$table => put_outputs(&$outputs, outputs, image)),* }
+            }
+
+            #[inline]
+            fn take_outputs(self, image: &[u8], outputs: &mut SlaveOut) {
+                match self { $(Self::$table => take_outputs(&$outputs, image, outputs)),* }
+            }
+
+            #[inline]
+            fn put_inputs(self, inputs: &SlaveIn, image: &mut [u8]) {
+                match self { $(Self::$table => put_inputs(&$inputs, inputs, image)),* }
+            }
+
+            #[inline]
+            fn take_inputs(self, image: &[u8], inputs: &mut SlaveIn) {
+                match self { $(Self::$table => take_inputs(&$inputs, image, inputs)),* }
+            }
         }
     };
 }
 
-/// Like `with_outputs!`, with the table of inputs.
-macro_rules! with_inputs {
-    ($table:expr, $call:ident ( $($argument:expr),* )) => {
-        match $table {
-            Table::DriveCsp | Table::DriveCsv | Table::DriveCst => $call(&DRIVE_IN, $($argument),*),
-            Table::HspCsp | Table::HspCsv => $call(&HSP_IN, $($argument),*),
-            Table::Io => $call(&IO_IN, $($argument),*),
-        }
-    };
+tables! {
+    DriveCsp: DRIVE_CSP, DRIVE_IN;
+    DriveCsv: DRIVE_CSV, DRIVE_IN;
+    DriveCst: DRIVE_CST, DRIVE_IN;
+    HspCsp: HSP_CSP, HSP_IN;
+    HspCsv: HSP_CSV, HSP_IN;
+    Io: IO_OUT, IO_IN;
 }
 
 /// The process data of one slave.
@@ -140,25 +161,39 @@ pub struct ProcessData {
 }
 
 impl ProcessData {
-    /// The process data of a slave that is used as `role`. `has_second_axis` matters for pulse modules only. `None`: the
+    /// The object of a slave that decides which process data it has as `role`: those for [`Self::of`] with `is_there` if it
+    /// can be read. A bus asks for it in PreOP. `None`: the role decides alone.
+    pub const fn probe(role: Role) -> Option<ObjectAddress> {
+        match role {
+            Role::Hsp(_) => Some(SECOND_CONTROLWORD),
+            Role::Drive(_) | Role::Step(_) | Role::Io | Role::Unused => None,
+        }
+    }
+
+    /// Whether a slave that is used as `role` and cannot map the process data of the board keeps those that its EEPROM
+    /// describes, where a bus reads EEPROMs: their first bits are used \[OURS].
+    pub const fn may_keep_its_own(role: Role) -> bool {
+        matches!(role, Role::Io)
+    }
+
+    /// The process data of a slave that is used as `role`. `is_there`: it has the object of [`Self::probe`]. `None`: the
     /// slave is not used, or the role has no process data, see [`Role::has_process_data`].
-    pub fn of(role: Role, has_second_axis: bool) -> Option<Self> {
-        let table = match role {
-            Role::Drive(Mode::Csp) | Role::Step(Mode::Csp) => Table::DriveCsp,
-            Role::Drive(Mode::Csv) => Table::DriveCsv,
-            Role::Drive(Mode::Cst) => Table::DriveCst,
-            Role::Hsp(Mode::Csp) => Table::HspCsp,
-            Role::Hsp(Mode::Csv) => Table::HspCsv,
-            Role::Io => Table::Io,
+    pub fn of(role: Role, is_there: bool) -> Option<Self> {
+        let channels = if is_there { MAX_AXES as u8 } else { 1 };
+        let (table, axes) = match role {
+            Role::Drive(Mode::Csp) | Role::Step(Mode::Csp) => (Table::DriveCsp, 1),
+            Role::Drive(Mode::Csv) => (Table::DriveCsv, 1),
+            Role::Drive(Mode::Cst) => (Table::DriveCst, 1),
+            Role::Hsp(Mode::Csp) => (Table::HspCsp, channels),
+            Role::Hsp(Mode::Csv) => (Table::HspCsv, channels),
+            Role::Io => (Table::Io, 1),
             Role::Unused | Role::Drive(_) | Role::Step(_) | Role::Hsp(_) => return None,
         };
-        let axes = if matches!(role, Role::Hsp(_)) && has_second_axis { MAX_AXES as u8 } else { 1 };
-        let (output_bytes, input_bytes) = (with_outputs!(table, length()), with_inputs!(table, length()));
         Some(Self {
             table,
             axes,
-            output_bytes: axes * output_bytes as u8,
-            input_bytes: axes * input_bytes as u8,
+            output_bytes: axes * length(table.outputs()) as u8,
+            input_bytes: axes * length(table.inputs()) as u8,
             mode: role.mode(),
         })
     }
@@ -185,14 +220,12 @@ impl ProcessData {
 
     /// The mapping entries of the RxPDO of an axis (from 0).
     fn output_entries(&self, axis: usize) -> impl ExactSizeIterator<Item = u32> + use<> {
-        let outputs: &'static [Out] = with_outputs!(self.table, all());
-        outputs.iter().map(move |mapped| mapped.entry(axis))
+        self.table.outputs().iter().map(move |mapped| mapped.entry(axis))
     }
 
     /// The mapping entries of the TxPDO of an axis (from 0).
     fn input_entries(&self, axis: usize) -> impl ExactSizeIterator<Item = u32> + use<> {
-        let inputs: &'static [In] = with_inputs!(self.table, all());
-        inputs.iter().map(move |mapped| mapped.entry(axis))
+        self.table.inputs().iter().map(move |mapped| mapped.entry(axis))
     }
 
     /// Master's side: writes the outputs to the beginning of `image` and returns that part of it.
@@ -202,7 +235,7 @@ impl ProcessData {
     #[inline]
     pub fn put_outputs<'a>(&self, outputs: &SlaveOut, image: &'a mut [u8]) -> &'a [u8] {
         let image = &mut image[..self.output_bytes()];
-        with_outputs!(self.table, put_outputs(outputs, image));
+        self.table.put_outputs(outputs, image);
         image
     }
 
@@ -213,7 +246,7 @@ impl ProcessData {
     /// If `image` is shorter than [`Self::input_bytes`].
     #[inline]
     pub fn take_inputs(&self, image: &[u8], inputs: &mut SlaveIn) {
-        with_inputs!(self.table, take_inputs(&image[..self.input_bytes()], inputs));
+        self.table.take_inputs(&image[..self.input_bytes()], inputs);
     }
 
     /// Outputs with which nothing moves: every motor is off, and in CSP the target is the actual position.
@@ -234,7 +267,7 @@ impl ProcessData {
     /// If `image` is shorter than [`Self::output_bytes`].
     pub fn take_outputs(&self, image: &[u8]) -> SlaveOut {
         let mut outputs = SlaveOut::default();
-        with_outputs!(self.table, take_outputs(&image[..self.output_bytes()], &mut outputs));
+        self.table.take_outputs(&image[..self.output_bytes()], &mut outputs);
         outputs
     }
 
@@ -243,22 +276,29 @@ impl ProcessData {
     /// # Panics
     /// If `image` is shorter than [`Self::input_bytes`].
     pub fn put_inputs(&self, inputs: &SlaveIn, image: &mut [u8]) {
-        with_inputs!(self.table, put_inputs(inputs, &mut image[..self.input_bytes()]));
+        self.table.put_inputs(inputs, &mut image[..self.input_bytes()]);
     }
 }
 
 /// The length of the process image of one axis in one direction, bytes.
-const fn length<W, const N: usize>(mapped: &[Mapped<W>; N]) -> usize {
+const fn length<W>(mapped: &[Mapped<W>]) -> usize {
     let (mut n, mut bytes) = (0, 0);
-    while n < N {
+    while n < mapped.len() {
         bytes += mapped[n].bytes;
         n += 1;
     }
     bytes
 }
 
-const fn all<W, const N: usize>(mapped: &'static [Mapped<W>; N]) -> &'static [Mapped<W>] {
-    mapped
+const fn longest(lengths: &[usize]) -> usize {
+    let (mut n, mut longest) = (0, 0);
+    while n < lengths.len() {
+        if lengths[n] > longest {
+            longest = lengths[n];
+        }
+        n += 1;
+    }
+    longest
 }
 
 /// Writes the outputs of as many axes as the image has room for. The three functions below read outputs, write inputs and

@@ -10,6 +10,7 @@
 //! The inputs of a datagram with any other working counter are ignored, whether it is too low or too high.
 
 mod expected;
+mod segment;
 mod slave;
 
 use std::ops::Range;
@@ -24,6 +25,7 @@ use crate::ethercat::registers::{
 };
 use crate::ethercat::{Command, DATA_LEN_MAX, DATAGRAM_OVERHEAD, Datagram, Ns, SlaveSet};
 use expected::Expected;
+use segment::Segment;
 pub(super) use slave::Registers;
 use slave::{Place, SlaveData, bytes_of};
 
@@ -112,50 +114,6 @@ pub struct CycleDone {
     /// When the next cycle should be sent to keep the pace, ns of the master's clock; `None`: no pace is set, or no
     /// reference clock has answered.
     pub next_deadline: Option<Ns>,
-}
-
-/// A datagram with process data; with LRW off two, an LWR and an LRD.
-#[derive(Debug)]
-struct Segment {
-    command: Command,
-    data: Vec<u8>,
-    slaves: SlaveSet,
-    /// The sum of the working counters that came back in this cycle.
-    counted: u16,
-    /// The working counter of the LWR, which is part of `counted`.
-    written: u16,
-    /// How many datagrams of the segment have not come back in this cycle.
-    missing: u8,
-    /// The right working counters: of the only datagram or the one with the inputs, and, with LRW off, of the LWR.
-    expected: [Expected; 2],
-    /// The inputs have come back with a right working counter.
-    is_fresh: bool,
-    /// The working counter of the inputs shows that all slaves have taken part with all their data.
-    is_of_all: bool,
-    /// A datagram of the segment has come back with a wrong working counter.
-    is_doubtful: bool,
-}
-
-impl Segment {
-    fn new(command: Command, data: Vec<u8>) -> Self {
-        Self {
-            command,
-            data,
-            slaves: SlaveSet::EMPTY,
-            counted: 0,
-            written: 0,
-            missing: 0,
-            expected: [Expected::default(); 2],
-            is_fresh: false,
-            is_of_all: false,
-            is_doubtful: false,
-        }
-    }
-
-    /// The working counter of the segment; `None`: not all of its datagrams have come back.
-    fn answer(&self) -> Option<u16> {
-        (self.missing == 0).then_some(self.counted)
-    }
 }
 
 /// The process data of all slaves, and the state of the present cycle.
@@ -390,11 +348,7 @@ impl ProcessData {
         (self.pending, self.is_open) = (0, true);
         self.expect(standing);
         let is_lrw_off = self.is_lrw_off;
-        for segment in &mut self.segments {
-            let is_split = is_lrw_off && segment.command == Command::Lrw;
-            (segment.counted, segment.written, segment.missing) = (0, 0, 1 + u8::from(is_split));
-            (segment.is_fresh, segment.is_of_all, segment.is_doubtful) = (false, false, false);
-        }
+        self.segments.iter_mut().for_each(|segment| segment.begin(is_lrw_off));
         let Some(mut frame) = exchange.begin_cyclic(now) else { return };
         if let Some(ClockDatagram { command, station, time }) = clock {
             self.sent_time = time;
@@ -408,7 +362,7 @@ impl ProcessData {
             }
             let (address, number) = (n as u32 * SEGMENT_STEP, SEGMENTS + n as u8);
             let split = [(Command::Lwr, number + WRITES), (Command::Lrd, number)];
-            let datagrams = if segment.missing == 2 { &split[..] } else { &[(segment.command, number)][..] };
+            let datagrams = if segment.is_split(is_lrw_off) { &split[..] } else { &[(segment.command, number)][..] };
             for (command, number) in datagrams {
                 if !frame.push(*command, address, &segment.data, *number) {
                     frame.send(wire);
@@ -451,18 +405,9 @@ impl ProcessData {
         let is_written = n >= SEGMENTS_MAX;
         let n = n % SEGMENTS_MAX;
         let Some(segment) = self.segments.get_mut(n) else { return };
-        segment.missing = segment.missing.saturating_sub(1);
-        segment.counted = segment.counted.saturating_add(datagram.working_counter);
-        if is_written || segment.command == Command::Lwr {
-            segment.written = datagram.working_counter;
-        }
-        let expected = &segment.expected[usize::from(is_written)];
-        let is_right = expected.allows(datagram.working_counter);
-        segment.is_doubtful |= !is_right;
-        if is_written || !is_right {
+        if !segment.receive(is_written, datagram.working_counter) {
             return;
         }
-        (segment.is_fresh, segment.is_of_all) = (true, expected.is_of_all(datagram.working_counter));
         for slave in segment.slaves.iter() {
             let Some(SlaveData { input_place: Place { segment: at, range }, .. }) =
                 self.slaves.get(usize::from(slave) - 1)
@@ -488,27 +433,14 @@ impl ProcessData {
         if !std::mem::take(&mut self.is_open) {
             return None;
         }
+        let certain = self.standing.map_or(SlaveSet::EMPTY, |standing| standing.certain());
+        let mut cycle = self.cycle;
         for (n, segment) in self.segments.iter().enumerate().filter(|(_, segment)| !segment.slaves.is_empty()) {
             let taking_part = segment.slaves.intersection(active);
-            let expected: u16 = taking_part.iter().map(|slave| self.counts(slave, n)).sum();
-            let cycle = &mut self.cycle;
-            cycle.expected_working_counter += expected;
-            let answer = segment.answer();
-            cycle.working_counter = cycle.working_counter.saturating_add(answer.unwrap_or(0));
-            cycle.written = cycle.written.saturating_add(answer.map_or(0, |_| segment.written));
-            cycle.lost += u8::from(answer.is_none());
-            if answer.is_none_or(|answer| answer < expected) {
-                cycle.short = cycle.short.union(taking_part);
-            }
-            if segment.is_doubtful {
-                cycle.doubtful = cycle.doubtful.union(taking_part);
-            }
-            if segment.is_fresh && segment.command != Command::Lwr {
-                let certain = self.standing.map_or(SlaveSet::EMPTY, |standing| standing.certain());
-                let came = if segment.is_of_all { segment.slaves } else { segment.slaves.intersection(certain) };
-                cycle.fresh = cycle.fresh.union(came);
-            }
+            let expected = taking_part.iter().map(|slave| self.counts(slave, n)).sum();
+            segment.end(&mut cycle, taking_part, expected, certain);
         }
+        self.cycle = cycle;
         self.done = Some(self.cycle);
         self.done
     }

@@ -113,12 +113,10 @@ impl Transfers {
         let Some(data) = ProcessData::of(role, network.second_channels[slave - 1]) else { return Self::default() };
         let downloads = data.downloads(DriveSync::DcSync);
         let others = downloads.into_iter().filter(|download| !download.is_mapping());
-        // One upload finds out whether a pulse module has a second channel.
-        let asks_for_channel = matches!(role, Role::Hsp(_));
         // A slave without clocks has no synchronization types.
         let without_clock = role == Role::Io;
         Self {
-            reads: downloads.mapping_images().count() as i64 + i64::from(asks_for_channel),
+            reads: downloads.mapping_images().count() as i64 + i64::from(ProcessData::probe(role).is_some()),
             writes: others.clone().count() as i64,
             aborted: if without_clock { others.filter(Download::is_sync_type).count() as i64 } else { 0 },
         }

@@ -3,7 +3,6 @@
 use std::fmt::Write as _;
 
 use crate::address::keys::{KEYS, Scheme};
-use crate::address::scheme::Build;
 use crate::address::{slaves, travel};
 
 /// The text of `ecmsk link help`: the form of a link, every scheme, and every key with its default.
@@ -15,7 +14,7 @@ pub fn help() -> String {
     );
     for scheme in Scheme::ALL {
         let form = format!("{scheme}:{}", scheme.path().unwrap_or_default());
-        let later = Build::THIS.note(scheme);
+        let later = scheme.note();
         // Writing to a String cannot fail.
         let _ = writeln!(text, "  {form:<24} {}{later}", scheme.meaning());
     }

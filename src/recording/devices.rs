@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 
 use super::address::Address;
-use super::formats::transfer::{Stage, TransferKind, UsbEvent};
+use super::file_formats::transfer::{Stage, TransferKind, UsbEvent};
 use super::pending::PendingFrames;
 use super::recorded::Recorded;
 use crate::sk::{BOARD_IDS, Dir, FRAME_LEN, Frame, SlotSize};

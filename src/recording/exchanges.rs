@@ -3,8 +3,8 @@
 use std::io::Read;
 
 use super::error::RecordError;
-use super::formats::container::{Blocks, Item};
-use super::formats::exchange;
+use super::file_formats::container::{Blocks, Item};
+use super::file_formats::exchange;
 use super::lacks::Lacks;
 use super::meta::RecordMeta;
 use crate::sk::Dir;

@@ -3,7 +3,7 @@
 //! [`Recording`] reads a file that a link has written ([`crate::link::record`]), and captures of a real board that
 //! Wireshark or tcpdump made by usbmon on Linux or by USBPcap on Windows. Its parts, from the file to the frame:
 //!
-//! - `formats/`: the file formats, one source file each; new formats go there.
+//! - `file_formats/`: the formats of files, one source file each; new formats go there.
 //! - `meta.rs`: the metadata in the header of a recording.
 //! - `devices.rs`: the USB devices of a capture, and which of them is the board; `address.rs`: its USB address.
 //! - `pending.rs`: frames that wait until the capture shows whether the board has taken them.
@@ -24,7 +24,7 @@ mod ending;
 mod error;
 pub mod exchanges;
 mod executed;
-pub(crate) mod formats;
+pub(crate) mod file_formats;
 mod lacks;
 pub(crate) mod meta;
 mod order;

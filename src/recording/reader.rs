@@ -10,8 +10,8 @@ use pcap_file::DataLink;
 use super::address::Address;
 use super::devices::{self, CapturedDevice, Cut, Devices, Skipped};
 use super::error::RecordError;
-use super::formats;
-use super::formats::container::{Blocks, Item};
+use super::file_formats;
+use super::file_formats::container::{Blocks, Item};
 use super::lacks::Lacks;
 use super::meta::RecordMeta;
 use super::pending::PendingFrames;
@@ -135,7 +135,7 @@ impl<R: Read> Recording<R> {
                 self.is_recording |= meta.is_some();
                 self.next_meta = Some(meta);
             }
-            Item::Interface(link_type) if formats::is_usb(link_type) => self.others = None,
+            Item::Interface(link_type) if file_formats::is_usb(link_type) => self.others = None,
             Item::Interface(link_type) => {
                 if let Some(others) = &mut self.others {
                     others.push(format!("{link_type:?}"));
@@ -144,7 +144,7 @@ impl<R: Read> Recording<R> {
             Item::Packet(packet) => {
                 // A recording does not have the ends of transfers; all its frames were taken by the board.
                 let waits = self.meta.is_none();
-                let taken = match formats::event(&packet) {
+                let taken = match file_formats::event(&packet) {
                     Some(event) => self.devices.take(&event, packet.at_ns, waits, &mut self.pending),
                     None => Ok(()),
                 };
@@ -186,7 +186,7 @@ impl<R: Read> Recording<R> {
     fn check(&mut self) -> Result<(), RecordError> {
         let name = self.name.clone();
         let of_network = format!("{:?}", DataLink::ETHERNET);
-        let of_chip = format!("{:?}", formats::exchange::LINK_TYPE);
+        let of_chip = format!("{:?}", file_formats::exchange::LINK_TYPE);
         match self.others.take() {
             Some(found) if found.contains(&of_chip) => Err(RecordError::OfChip { name }),
             Some(found) if found.is_empty() => Err(RecordError::NoUsb { name, found: "no interface".to_owned() }),

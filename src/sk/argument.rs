@@ -31,6 +31,16 @@ pub struct AxisTarget {
     pub outputs: u16,
 }
 
+/// The actions of SET_FIFO on the command FIFO (UG17 2.1.6).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum FifoAction {
+    /// 1: drop all entries and cancel a threshold.
+    Clear,
+    /// 2: set a threshold of 1 or more. The board executes no entry until fewer than this many entries are free, so
+    /// that the FIFO is filled before motion begins.
+    Threshold(u32),
+}
+
 /// The kind of slave that a slot belongs to. The host declares it with SET_AXIS, one nibble per slave (UG17 2.1.3), and
 /// the board chooses the slave's process data by it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

@@ -23,9 +23,8 @@ mod slave;
 
 use core::fmt::{self, Display, Formatter};
 
-use super::argument::{Argument, CycleTime, DcShift, InvalidArgument, SlaveKind};
+use super::argument::{Argument, CycleTime, DcShift, FifoAction, InvalidArgument, SlaveKind};
 use super::command_table::CommandId;
-use super::fifo::FifoAction;
 use super::slot::{RawSlot, SlotSize};
 use super::state::MasterState;
 

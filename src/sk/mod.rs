@@ -15,7 +15,7 @@
 //! | [`crc`] | the CRC-8 in byte 3 of a frame |
 //! | [`command_table`] | the ids of the 22 commands, and the slots that take each of them |
 //! | [`argument`] | the arguments of commands as types that hold valid values only |
-//! | [`fifo`] | the depth of the command FIFO, and the actions of SET_FIFO |
+//! | [`fifo_depth`] | the depth of the command FIFO |
 //! | [`command`] | commands with their meaning: for the board, for a slave, for the SDO slot |
 //! | [`response`] | responses with their meaning; the state of the network is in `state.rs` |
 //! | [`dump`] | a frame as readable lines |
@@ -41,19 +41,19 @@ pub mod command;
 pub mod command_table;
 pub mod crc;
 pub mod dump;
-pub mod fifo;
+pub mod fifo_depth;
 pub mod find_size;
 pub mod frame;
 pub mod response;
 pub mod slot;
 mod state;
 
-pub use argument::{Argument, AxisTarget, CycleTime, DcShift, DriveSync, InvalidArgument, SlaveKind};
+pub use argument::{Argument, AxisTarget, CycleTime, DcShift, DriveSync, FifoAction, InvalidArgument, SlaveKind};
 pub use command::{MasterCommand, Motion, SdoCommand, SlaveCommand, SlotCommand};
 pub use command_table::{CommandId, SlotKind};
 pub use crc::{CrcError, CrcPolicy, CrcStatus};
 pub use dump::{CommandDump, ResponseDump};
-pub use fifo::{FIFO_ENTRIES, FifoAction};
+pub use fifo_depth::FIFO_ENTRIES;
 pub use find_size::SlotForm;
 pub use frame::{Dir, FRAME_LEN, Frame};
 pub use response::{DriveResponse, HspAxis, HspResponse, IoResponse, MasterResponse, SdoResponse, SlaveResponse};

@@ -1,10 +1,11 @@
-//! The 67 command codes and 91 functions, as one table (XF EN 272, tables 3 and 4, and the block of each command).
+//! All command codes and functions, as one table (XF EN 272, tables 3 and 4, and the block of each command).
 //!
-//! Five codes, 31 to 35, have 29 functions, selected by the parameter byte; the other 62 codes are one function each.
+//! Five codes, 31 to 35, have 29 functions, selected by the parameter byte; the other codes are one function each.
 //! Codes that only the vendor's header names are unknown here, as they are to the chip.
 //!
 //! To add a command, add its row here, then its type in [`request`](super::request) and its row in the table there, its
-//! answer in [`response`](super::response), and its entries in the lists of the tests.
+//! answer in [`response`](super::response), its effect in the model's `chip/commands.rs`, and its entries in the lists of
+//! the tests.
 
 use core::fmt;
 
@@ -74,7 +75,7 @@ macro_rules! commands {
         }
 
         /// All commands in ascending order of their codes.
-        pub static COMMANDS: [CommandInfo; 67] = [$(CommandInfo {
+        pub static COMMANDS: [CommandInfo; [$($code),*].len()] = [$(CommandInfo {
             code: CommandCode::$variant,
             name: $name,
             timing: CommandTiming::$timing,

@@ -17,9 +17,9 @@
 //! | [`check`] | the check word: fixed or CRC-32, and which bytes it covers |
 //! | [`packet`] | building packets in a buffer, and parsing them |
 //! | [`resync`] | finding packets in a stream of bytes with unknown n and offset |
-//! | [`code`] | the table of the 67 command codes and 91 functions |
+//! | [`code`] | the table of all command codes and functions |
 //! | [`value`] | numbers of slaves, motors and pins, limited to their range |
-//! | [`request`] | the 91 functions as requests, one type each, and [`Request`] over all |
+//! | [`request`] | all functions as requests, one type each, and [`Request`] over all |
 //! | [`response`] | the results in the chip's answers |
 //! | [`fields`] | a table of all functions with the fields of their requests and answers |
 //! | `layout` | declarations of the layouts of requests and answers, from which encoding, decoding and fields follow |

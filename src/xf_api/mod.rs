@@ -43,7 +43,7 @@
 //! }
 //! ```
 //!
-//! Each of the 91 functions of the chip has a type in [`request`](crate::xf::request), with which to run it:
+//! Each function of the chip has a type in [`request`](crate::xf::request), with which to run it:
 //!
 //! ```
 //! use ecmsk::xf::request::FirmwareVersionGet;

@@ -24,7 +24,7 @@ impl<L: ChipLink> Visit for Run<'_, '_, L> {
 }
 
 impl<L: ChipLink> Xf<L> {
-    /// Runs any request of the 91 functions to its end, and writes its answer into `data` in the layout of a data
+    /// Runs any request to its end, and writes its answer into `data` in the layout of a data
     /// segment, at most 1408 bytes. [`FunctionFields`](crate::xf::fields::FunctionFields) reads its fields.
     ///
     /// Process data bypass the FIFO or go through it as with [`Self::cycle`]. Only the operations that the driver has

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use ecmsk::bus::errors::{self, CablePort, PortErrors, ProblemPlace, SlaveErrors};
+use ecmsk::bus::port_errors::{self, CablePort, PortErrors, ProblemPlace, SlaveErrors};
 use ecmsk::master::Upstream;
 
 use crate::{network, with_script};
@@ -17,13 +17,13 @@ fn cable(near: Option<(u8, u8)>, far: Option<(u8, u8)>) -> ProblemPlace {
 fn the_bad_cable_of_a_line_is_found() {
     for bad in 1..=4 {
         let (mut network, slaves) = with_script("drive,io*3", &format!("at 1s noise {bad} 20\n"));
-        let before = errors::read(&mut *network, &slaves).expect("counters");
-        assert_eq!(errors::judge(&slaves, &before), []);
+        let before = port_errors::read(&mut *network, &slaves).expect("counters");
+        assert_eq!(port_errors::judge(&slaves, &before), []);
         network.wait(Duration::from_secs(1)).expect("time");
         network.load(Duration::from_millis(200)).expect("time");
-        let counted = errors::read(&mut *network, &slaves).expect("counters");
+        let counted = port_errors::read(&mut *network, &slaves).expect("counters");
         let since: Vec<SlaveErrors> = counted.iter().zip(&before).map(|(now, then)| now.since(then)).collect();
-        let problems = errors::judge(&slaves, &since);
+        let problems = port_errors::judge(&slaves, &since);
         let [problem] = &problems[..] else { panic!("{bad}: {problems:?}") };
         let near = (bad > 1).then(|| (bad - 1, 1));
         assert_eq!(problem.place, cable(near, Some((bad, 0))));
@@ -38,17 +38,17 @@ fn the_bad_cable_of_a_line_is_found() {
 fn a_lost_link_is_counted_and_cleared() {
     let (mut network, slaves) = with_script("io*3", "at 1s cut 3 for 200ms\nat 2s cut 3\n");
     network.wait(Duration::from_millis(1500)).expect("time");
-    let counted = errors::read(&mut *network, &slaves).expect("counters");
+    let counted = port_errors::read(&mut *network, &slaves).expect("counters");
     assert_eq!([counted[1].ports[1].lost_links, counted[2].ports[0].lost_links], [1, 1]);
-    let problems = errors::judge(&slaves, &counted);
+    let problems = port_errors::judge(&slaves, &counted);
     assert_eq!(problems.iter().map(|problem| problem.place).collect::<Vec<_>>(), [cable(Some((2, 1)), Some((3, 0)))]);
-    errors::clear(&mut *network, &slaves).expect("they are cleared");
-    let cleared = errors::read(&mut *network, &slaves).expect("counters");
+    port_errors::clear(&mut *network, &slaves).expect("they are cleared");
+    let cleared = port_errors::read(&mut *network, &slaves).expect("counters");
     assert!(cleared.iter().zip(1..).all(|(of, slave)| *of == SlaveErrors { slave, ..SlaveErrors::default() }));
     network.wait(Duration::from_secs(1)).expect("time");
     let left = network.scan().expect("two slaves");
-    let counted = errors::read(&mut *network, &left).expect("counters");
-    let problems = errors::judge(&left, &counted);
+    let counted = port_errors::read(&mut *network, &left).expect("counters");
+    let problems = port_errors::judge(&left, &counted);
     assert_eq!(problems.iter().map(|problem| problem.place).collect::<Vec<_>>(), [cable(Some((2, 1)), None)]);
 }
 
@@ -64,7 +64,7 @@ fn counters_in_a_tree() {
     let counted = |change: &dyn Fn(&mut [SlaveErrors])| {
         let mut errors: Vec<_> = (1..=4).map(|slave| SlaveErrors { slave, ..SlaveErrors::default() }).collect();
         change(&mut errors);
-        errors::judge(&slaves, &errors).iter().map(|problem| problem.place).collect::<Vec<_>>()
+        port_errors::judge(&slaves, &errors).iter().map(|problem| problem.place).collect::<Vec<_>>()
     };
     let invalid = PortErrors { invalid: 3, ..PortErrors::default() };
     let physical = PortErrors { physical: 255, ..PortErrors::default() };

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use ecmsk::bus::errors::{self, ProblemPlace};
+use ecmsk::bus::port_errors::{self, ProblemPlace};
 use ecmsk::bus::{self, FoundSlave, Network, clocks, dictionary, eeprom};
 use ecmsk::coe::{ObjectAddress, SdoScope};
 use ecmsk::ethercat::registers::{AL_CONTROL, AL_STATUS, STATION_ALIAS};
@@ -132,10 +132,10 @@ fn a_bad_cable_behind_a_chip_is_found() {
     let mut network = scripted("io*3", "at 2s noise 2 20\n");
     let slaves = network.scan().expect("slaves");
     network.load(Duration::from_secs(3)).expect("time");
-    let counted = errors::read(&mut *network, &slaves).expect("counters");
-    let problems = errors::judge(&slaves, &counted);
+    let counted = port_errors::read(&mut *network, &slaves).expect("counters");
+    let problems = port_errors::judge(&slaves, &counted);
     let [problem] = &problems[..] else { panic!("{problems:?} of {counted:?}") };
     let ProblemPlace::Cable { near: Some(near), far: Some(far) } = problem.place else { panic!("{problem:?}") };
     assert_eq!((near.slave, near.port, far.slave, far.port), (1, 1, 2, 0));
-    errors::clear(&mut *network, &slaves).expect("they are cleared");
+    port_errors::clear(&mut *network, &slaves).expect("they are cleared");
 }

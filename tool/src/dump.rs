@@ -2,20 +2,23 @@
 //!
 //! Files:
 //!
-//! - `dump.rs`: options, errors, and the two sources of frames
+//! - `dump.rs`: options, and the two sources of frames; `error.rs`: why a dump stopped
 //! - `frames.rs`: a frame with what is known of it, and which of its slots are shown
 //! - `hex.rs`, `direction.rs`: frames from hexadecimal digits, and their direction
-//! - `packets.rs`: the packets of a chip ECM-XF; `pieces.rs`: packets that passed in parts
-//! - `text.rs`, `json.rs`, `slot_json.rs`: the output as text and as JSON
+//! - `packets.rs`: the recording of a chip ECM-XF; `packet.rs`: its packets; `pieces.rs`: those that passed in parts
+//! - `place.rs`: where a frame or packet stands in the input
+//! - `output_formats.rs`: the formats of the output, with a file for each in `output_formats/`; `slot_json.rs`: slots as JSON
 
 mod direction;
+mod error;
 mod frames;
 mod hex;
-mod json;
+mod output_formats;
+mod packet;
 mod packets;
 mod pieces;
+mod place;
 pub mod slot_json;
-mod text;
 
 use std::collections::BTreeMap;
 use std::io::{self, BufRead, Read, Write};
@@ -36,9 +39,11 @@ use super::output;
 use super::recording::{self, Framed, Frames};
 use super::slot_size;
 use super::stderr::say;
-use frames::{Shown, Time, View};
-use hex::HexError;
-use text::Numbering;
+pub use error::DumpError;
+use frames::{Shown, View};
+use output_formats::Format;
+use packet::Packet;
+use place::{Place, Time};
 
 /// Show the frames of a recording, or frames given as hexadecimal digits, in words or as JSON
 ///
@@ -129,52 +134,6 @@ pub struct Args {
     fw: Option<Firmware>,
 }
 
-/// Why a dump stopped.
-#[derive(Debug, thiserror::Error)]
-pub enum DumpError {
-    /// Standard input cannot be read.
-    #[error("cannot read standard input: {0}; give it lines of hexadecimal digits")]
-    Input(io::Error),
-    /// The bytes of a file that is no recording of an ECM-XF.
-    #[error(
-        "{name} is no recording of a chip, and --hex reads frames from standard input: leave out --hex, or the file"
-    )]
-    HexOfBoard {
-        /// The name of the file.
-        name: String,
-    },
-    /// A line is no frame.
-    #[error("line {line}: {problem}; put `#` before lines that are not frames")]
-    Line {
-        /// The number of the line, from 1.
-        line: u64,
-        /// What is wrong with the line.
-        problem: HexError,
-    },
-    /// A line is too long.
-    #[error("line {line} is longer than {LINE_BYTES_MAX} bytes; give one frame per line, as hexadecimal digits")]
-    LongLine {
-        /// The number of the line, from 1.
-        line: u64,
-    },
-    /// The frame is too short for the slot size.
-    #[error("line {line}: {len} bytes are no frame of 16-byte slots, which has 512; leave out --slot-size 16")]
-    TooShort {
-        /// The number of the line, from 1.
-        line: u64,
-        /// The bytes on the line.
-        len: usize,
-    },
-    /// The frames have no such slot.
-    #[error("a frame of {}-byte slots has no slot {slot}; name slots from 0 to {}", .size.bytes(), .size.sdo_slot())]
-    NoSlot {
-        /// The requested slot.
-        slot: usize,
-        /// The frames' slot size.
-        size: SlotSize,
-    },
-}
-
 /// The longest line in bytes, so that input that is no text does not fill the memory: the digits of a frame, each
 /// between blanks, and a long comment. \[OURS]
 const LINE_BYTES_MAX: u64 = 64 * 1024;
@@ -220,14 +179,14 @@ fn dump_recording(args: &Args, mut frames: Frames<Box<dyn Read>>, printer: &mut 
         let kinds = kinds.entry(framed.board()).or_insert_with(|| Kinds::new(args.kinds.as_ref().map(KindList::kinds)));
         let Framed { number, time_ns, recorded, size, .. } = framed;
         let time = Some(Time { since_start_ns: time_ns, recorded_ns: recorded.at_ns });
-        let shown = Shown { number, time, direction: recorded.dir, guessed: false, size, frame: recorded.frame };
-        printer.print(&shown, kinds)?;
+        let place = Place { number, time, direction: recorded.dir, guessed: false };
+        printer.frame(&Shown { place, size, frame: recorded.frame }, kinds)?;
     }
     frames.note_opened();
     frames.note_missing();
     match frames.lacks() {
-        Some(lacks) if args.json => Ok(json::write_lacks(&mut printer.out, &lacks)?),
-        _ => Ok(()),
+        Some(lacks) => Ok(printer.format.lacks(&mut printer.out, &lacks)?),
+        None => Ok(()),
     }
 }
 
@@ -255,8 +214,9 @@ fn dump_hex(args: &Args, printer: &mut Printer) -> Result<(), CliError> {
             hex::parse(&String::from_utf8_lossy(&bytes)).map_err(|problem| DumpError::Line { line, problem })?;
         let Some(found) = found else { continue };
         let told = found.direction.or(direction);
-        if found.is_of_bytes() && packets::is_packet(&found.bytes) {
-            printer.packet(line, found.bytes, told)?;
+        if found.is_of_bytes() && packet::is_packet(&found.bytes) {
+            let place = Place::of_line(line, told, || packet::guessed(&found.bytes));
+            printer.packet(&Packet { place, bytes: &found.bytes })?;
             continue;
         }
         let len = found.bytes.len();
@@ -269,9 +229,8 @@ fn dump_hex(args: &Args, printer: &mut Printer) -> Result<(), CliError> {
         if from == SizeFrom::Assumed && !std::mem::replace(&mut noted, true) {
             recording::note_assumed(&format!("line {line}"), size);
         }
-        let direction = told.unwrap_or_else(|| direction::guess(&frame));
-        let shown = Shown { number: line, time: None, direction, guessed: told.is_none(), size, frame };
-        printer.print(&shown, &mut kinds)?;
+        let place = Place::of_line(line, told, || direction::guess(&frame));
+        printer.frame(&Shown { place, size, frame }, &mut kinds)?;
     }
     Ok(())
 }
@@ -287,8 +246,7 @@ struct Section {
 /// Prints frames, with the filters and the format of the options.
 struct Printer {
     out: output::Out,
-    json: bool,
-    numbering: Numbering,
+    format: Box<dyn Format>,
     view: View,
     times: Times,
     direction: Option<Dir>,
@@ -303,8 +261,7 @@ impl Printer {
     fn new(args: &Args) -> Self {
         Self {
             out: output::stdout(),
-            json: args.json,
-            numbering: if args.hex { Numbering::Line } else { Numbering::Frame },
+            format: output_formats::chosen(args),
             view: View {
                 slots: args.slots(),
                 all: args.all,
@@ -322,23 +279,21 @@ impl Printer {
     fn section(&mut self, section: &Section) -> Result<(), CliError> {
         let told = recording::firmware(section.meta.as_deref());
         self.view.firmware = self.firmware.or(told).unwrap_or_default();
-        if !self.json {
-            match &section.meta {
-                Some(meta) => writeln!(self.out, "# {}", recording::link_name(meta))?,
-                None => writeln!(self.out, "# bus {}, device {}", section.board.0, section.board.1)?,
-            }
-        }
-        Ok(())
+        let name = match &section.meta {
+            Some(meta) => recording::link_name(meta),
+            None => format!("bus {}, device {}", section.board.0, section.board.1),
+        };
+        Ok(self.format.heading(&mut self.out, &name)?)
     }
 
-    fn print(&mut self, shown: &Shown, kinds: &mut Kinds) -> Result<(), CliError> {
+    fn frame(&mut self, shown: &Shown, kinds: &mut Kinds) -> Result<(), CliError> {
         if let Some(slot) = self.view.slots.iter().find_map(|slots| slots.missing(shown.size)) {
             return Err(DumpError::NoSlot { slot, size: shown.size }.into());
         }
         self.frames += 1;
         shown.tell(kinds);
-        let other_way = self.direction.is_some_and(|direction| direction != shown.direction);
-        if other_way || shown.time.is_some_and(|time| !self.times.contains(time.since_start_ns)) {
+        let other_way = self.direction.is_some_and(|direction| direction != shown.place.direction);
+        if other_way || shown.place.time.is_some_and(|time| !self.times.contains(time.since_start_ns)) {
             return Ok(());
         }
         let lines = self.view.lines(shown, kinds);
@@ -346,21 +301,15 @@ impl Printer {
             return Ok(());
         }
         self.printed += 1;
-        if self.json {
-            json::write(&mut self.out, shown, &lines)?;
-        } else {
-            text::write(&mut self.out, self.numbering, shown, &lines)?;
-        }
-        Ok(())
+        Ok(self.format.frame(&mut self.out, shown, &lines)?)
     }
 
     /// Prints a packet of an ECM-XF, which has no slots to filter by.
-    fn packet(&mut self, line: u64, bytes: Vec<u8>, told: Option<Dir>) -> Result<(), CliError> {
+    fn packet(&mut self, packet: &Packet) -> io::Result<()> {
         self.frames += 1;
-        let dir = told.unwrap_or_else(|| packets::guessed(&bytes));
-        if self.direction.is_none_or(|direction| direction == dir) {
+        if self.direction.is_none_or(|direction| direction == packet.place.direction) {
             self.printed += 1;
-            packets::write_of_line(&mut self.out, line, bytes, dir, told.is_none(), self.json)?;
+            self.format.packet(&mut self.out, packet)?;
         }
         Ok(())
     }

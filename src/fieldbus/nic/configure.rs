@@ -173,15 +173,18 @@ impl OneSlave {
         if self.is(SlaveInfo::assumes_managers) {
             self.ask_for_manager_uses().await?;
         }
-        if role == Role::Io && self.is(|info| info.lacks_coe() && is_described(info)) {
+        let may_keep_its_own = ProcessData::may_keep_its_own(role) && self.is(is_described);
+        if may_keep_its_own && self.is(SlaveInfo::lacks_coe) {
             return self.take_as_described();
         }
-        let has_second_axis = matches!(role, Role::Hsp(_)) && self.read(pdo::SECOND_CONTROLWORD).await?.is_ok();
-        let data = ProcessData::of(role, has_second_axis).ok_or(Refusal { slave, ..pdo::NO_SUCH_MODE })?;
+        let is_there = match ProcessData::probe(role) {
+            Some(object) => self.read(object).await?.is_ok(),
+            None => false,
+        };
+        let data = ProcessData::of(role, is_there).ok_or(Refusal { slave, ..pdo::NO_SUCH_MODE })?;
         for download in data.downloads(sync) {
             let Err(code) = self.write(&download).await? else { continue };
-            // An IO module then keeps its own process data, if its EEPROM describes any.
-            if role == Role::Io && download.is_mapping() && self.is(is_described) {
+            if may_keep_its_own && download.is_mapping() {
                 return self.assign_its_own().await;
             }
             return Err(self.refused(&download, code));
@@ -225,7 +228,7 @@ impl OneSlave {
     fn take_as_described(&self) -> Result<Option<ProcessData>, Refusal> {
         let mut master = self.master.lock();
         match master.configure_as_described(self.slave).and_then(|()| master.set_sync(self.slave, None)) {
-            Ok(()) => Ok(ProcessData::of(Role::Io, false)),
+            Ok(()) => Ok(ProcessData::of(self.config.role, false)),
             Err(_) => Err(Refusal::of(self.slave, AlStatus::INVALID_OUTPUTS)),
         }
     }

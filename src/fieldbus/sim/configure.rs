@@ -19,8 +19,8 @@ pub fn configure(slave: &mut dyn Slave, config: &SlaveConfig) -> Result<Option<P
     if role == Role::Unused {
         return Ok(None);
     }
-    let has_second_axis = matches!(role, Role::Hsp(_)) && slave.upload(pdo::SECOND_CONTROLWORD).is_ok();
-    let data = ProcessData::of(role, has_second_axis).ok_or(pdo::NO_SUCH_MODE)?;
+    let is_there = ProcessData::probe(role).is_some_and(|object| slave.upload(object).is_ok());
+    let data = ProcessData::of(role, is_there).ok_or(pdo::NO_SUCH_MODE)?;
     for download in data.downloads(sync) {
         if let Err(code) = slave.download(download.object, download.size, download.value)
             && !download.may_fail_with(code)

@@ -141,14 +141,14 @@ impl<W: Wires> XfBus<W> {
 
     /// Lets the bus work until the engine's time `now`, and returns the bus.
     fn advance(&mut self, now: Ns) -> MutexGuard<'_, ChipBus<W>> {
-        let until = self.bus.lock().wires_time(now);
-        self.work(until)
+        self.work(|bus| bus.wires_time(now))
     }
 
     /// Makes exchanges and waits until the wires' time `until`, and returns the bus.
-    fn work(&mut self, until: Ns) -> MutexGuard<'_, ChipBus<W>> {
+    fn work(&mut self, until: impl FnOnce(&mut ChipBus<W>) -> Ns) -> MutexGuard<'_, ChipBus<W>> {
         let Self { bus, sequence } = self;
         let mut bus = bus.lock();
+        let until = until(&mut bus);
         while bus.wires.now() < until {
             turn(&mut bus, sequence);
             let ChipBus { host, wires, .. } = &mut *bus;
@@ -288,18 +288,17 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
     }
 
     fn work_until(&mut self, now: Ns, until: Ns) {
-        let mut bus = self.bus.lock();
-        let wires = bus.wires.now();
-        if bus.options.real_time {
-            (bus.skew, bus.has_runner) = (Some(now.wrapping_sub(wires)), true);
-        }
-        // [OURS] With each part that a late runner catches up on, the bus gets the time of a cycle, or that of two
-        // exchanges if it is shorter. So the chip is topped up at once after a stall, and a machine that is too slow for
-        // its cycles still makes exchanges.
-        let behind_ns = bus.network.cycle.ns().min(CATCH_UP_NS);
-        let until = if now < until { bus.wires_time(until) } else { wires.saturating_add(behind_ns) };
-        drop(bus);
-        drop(self.work(until));
+        drop(self.work(|bus| {
+            let wires = bus.wires.now();
+            if bus.options.real_time {
+                (bus.skew, bus.has_runner) = (Some(now.wrapping_sub(wires)), true);
+            }
+            // [OURS] With each part that a late runner catches up on, the bus gets the time of a cycle, or that of two
+            // exchanges if it is shorter. So the chip is topped up at once after a stall, and a machine that is too slow
+            // for its cycles still makes exchanges.
+            let behind_ns = bus.network.cycle.ns().min(CATCH_UP_NS);
+            if now < until { bus.wires_time(until) } else { wires.saturating_add(behind_ns) }
+        }));
     }
 
     fn is_down(&self) -> bool {

@@ -13,7 +13,7 @@ use crate::link::record::recorder::Recorder;
 use crate::link::record::writer::Entry;
 use crate::link::record::{PIPE_STALL_MAX, QUEUE_IN_VIRTUAL_TIME, next_step};
 use crate::link::{Dir, Stamp};
-use crate::recording::formats::exchange;
+use crate::recording::file_formats::exchange;
 use crate::recording::{Clock, RecordMeta};
 use crate::xf::MAX_PACKET;
 use crate::xf::host::Wires;

@@ -18,7 +18,7 @@ use super::file::Sink;
 use super::queue::Queue;
 use super::tell::tell;
 use crate::link::Dir;
-use crate::recording::formats::usbmon;
+use crate::recording::file_formats::usbmon;
 use crate::recording::{Clock, RecordMeta};
 use crate::sk::{FRAME_LEN, Frame};
 

@@ -1,4 +1,4 @@
-//! A table of the 91 functions: their purpose, and the fields of their requests and answers. It is for programs that
+//! A table of all functions: their purpose, and the fields of their requests and answers. It is for programs that
 //! take a request from a user by name, or show an answer field by field.
 //!
 //! A field is a named place in the header or the data segment. [`Draft`] writes fields, and

@@ -64,7 +64,7 @@
 //! | `complete.rs` | the effects of a packet's end on its command or process data |
 //! | `flight.rs` | the packet in flight |
 //! | `receive_buffer.rs` | the received packet, and the TxPDOs |
-//! | `slots.rs` | the queues of commands |
+//! | `commands.rs`, `slots.rs` | commands and their results, as a program queues and takes them; the queues |
 //! | `process.rs` | process data; `fifo.rs`: the free entries of the RxFIFO |
 //! | `search.rs`, `start.rs` | the search for n and the beginning of packets; the steps of the start |
 //! | `coverage.rs` | the bytes that a CRC-32 covers, found by trying |
@@ -73,6 +73,7 @@
 //! | `config.rs`, `error.rs`, `counters.rs` | settings, errors, counters |
 
 mod budget;
+mod commands;
 mod complete;
 mod config;
 mod counters;
@@ -101,7 +102,7 @@ pub use wires::{StepError, Wires};
 
 use super::response::FirmwareVersion;
 use super::{
-    AnswerHeader, Call, CheckRule, CheckType, CommandCode, CrcCoverages, DataSize, Errors, HEADER_LEN, Interrupts,
+    AnswerHeader, CheckRule, CheckType, CommandCode, CrcCoverages, DataSize, Errors, HEADER_LEN, Interrupts,
     MAX_PACKET, PacketError,
 };
 use crate::ethercat::Ns;
@@ -112,7 +113,7 @@ use pace::HostPacer;
 use process::Process;
 use receive_buffer::ReceiveBuffer;
 use search::Search;
-use slots::{CommandSlots, SlotState};
+use slots::CommandSlots;
 
 /// The next action for the owner of the wires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -394,93 +395,6 @@ impl Host {
         }
     }
 
-    /// Queues a command. There is one queue for immediate commands and one for non-immediate commands, of which one
-    /// runs at a time while immediate ones continue.
-    ///
-    /// # Errors
-    /// The queue is full, the command is too long or reserved for the driver, its data are not valid for the chip, or
-    /// the driver has stopped; then the error is the reason of the stop.
-    pub fn submit<'d, C: Call<'d>>(&mut self, now: Ns, call: &C) -> Result<Ticket, HostError> {
-        self.submit_within(now, call, self.config.timeouts.busy_ns)
-    }
-
-    /// Like [`Self::submit`]; `busy_ns` is the time in nanoseconds for which a non-immediate command may run. File
-    /// transfers and the initialisation of the network need a long one.
-    ///
-    /// # Errors
-    /// As with [`Self::submit`].
-    pub fn submit_within<'d, C: Call<'d>>(&mut self, now: Ns, call: &C, busy_ns: Ns) -> Result<Ticket, HostError> {
-        self.running_or_error()?;
-        self.room_for(call)?;
-        self.slots.submit(now, busy_ns, call, None)
-    }
-
-    /// Queues two commands, the second of which reads the result of the first: SDO_REQ and SDO_GET, PDO_CONFIG_REQ and
-    /// _GET, EEPROM_REQ and _GET, RAW_ECAT_FUNC_REQ and _GET, FOE_FUNC_REQ and _GET, STATE_UPDATE and STATE_GET. No
-    /// other command that would change the result runs between them. The ticket belongs to the second command; if the
-    /// first one fails, its error is the result.
-    ///
-    /// # Errors
-    /// As with [`Self::submit`]; or the second command is not a pure read.
-    pub fn submit_pair<'d, 'e, C: Call<'d>, R: Call<'e>>(
-        &mut self,
-        now: Ns,
-        call: &C,
-        read: &R,
-        busy_ns: Ns,
-    ) -> Result<Ticket, HostError> {
-        self.running_or_error()?;
-        let read = slots::read_of(read)?;
-        self.room_for(call)?;
-        self.slots.submit(now, busy_ns, call, Some(read))
-    }
-
-    /// Whether the command of a ticket is done. This is also true if its result was already taken.
-    pub fn is_done(&self, ticket: Ticket) -> bool {
-        let slot = &self.slots.all[ticket.slot];
-        slot.sequence != ticket.sequence || matches!(slot.state, SlotState::Free | SlotState::Done(_))
-    }
-
-    /// Takes the result of a command, which frees its slot in the queue; `None` while the command is not done. `call`
-    /// is the submitted command, or the second one of a pair.
-    pub fn take<'h, 'd, C: Call<'d>>(
-        &'h mut self,
-        ticket: Ticket,
-        call: &C,
-    ) -> Option<Result<C::Answer<'h>, HostError>> {
-        let slot = &mut self.slots.all[ticket.slot];
-        if slot.sequence != ticket.sequence || slot.state == SlotState::Free {
-            return Some(Err(HostError::UnknownTicket));
-        }
-        let expected = slot.answering();
-        let parameter = slot.read.map_or(slot.arguments, |read| read.arguments).parameter;
-        if expected != C::CODE || C::FUNCTION.is_some_and(|function| function != parameter) {
-            return Some(Err(HostError::OtherCommand { expected, found: C::CODE }));
-        }
-        let SlotState::Done(result) = slot.state else { return None };
-        slot.state = SlotState::Free;
-        let slot = &self.slots.all[ticket.slot];
-        let decode = || {
-            slots::whole(slot)?;
-            Ok(call.answer(slot.returned, &slot.bytes[..slot.held])?)
-        };
-        Some(result.and_then(|()| decode()))
-    }
-
-    /// Drops a command whose result is not needed: its slot in the queue is freed when the command is done. A command
-    /// that was not sent yet is not sent any more.
-    pub fn abandon(&mut self, ticket: Ticket) {
-        let slot = &mut self.slots.all[ticket.slot];
-        if slot.sequence == ticket.sequence {
-            slot.abandon();
-        }
-    }
-
-    /// Drops all commands and results as [`Self::abandon`] does, so that a more urgent command need not wait.
-    pub fn abandon_all(&mut self) {
-        self.slots.all.iter_mut().for_each(slots::CommandSlot::abandon);
-    }
-
     /// The number of entries of the RxFIFO, as far as the driver knows.
     pub const fn rx_entries(&self) -> u8 {
         self.rx_estimate.entries
@@ -532,15 +446,5 @@ impl Host {
     /// The TxPDOs of the newest answer that contained any.
     pub fn inputs(&self) -> &[u8] {
         self.receive_buffer.inputs()
-    }
-
-    /// Checks that a command fits into a packet, once the data segment size n is known.
-    fn room_for<'d, C: Call<'d>>(&self, call: &C) -> Result<(), HostError> {
-        let found = usize::from(call.encode(&mut [0; SLOT_BYTES])?.len);
-        let most = self.size.bytes();
-        if self.state == HostState::Running && found > most && C::CODE != CommandCode::SpiReconfig {
-            return Err(HostError::TooLong { code: C::CODE, found, most });
-        }
-        Ok(())
     }
 }

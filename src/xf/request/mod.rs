@@ -1,4 +1,4 @@
-//! The 91 functions as requests: one type each, which holds only values that the manuals allow, and the enum
+//! All functions as requests: one type each, which holds only values that the manuals allow, and the enum
 //! [`Request`] of all.
 //!
 //! A type encodes itself into its fields of the header ([`Arguments`]) and the data segment, and decodes itself from
@@ -18,7 +18,7 @@
 //! | `gpio`, `encoder`, `dac`, `adc` | inputs and outputs of the chip |
 //! | `eeprom`, `raw`, `foe`, `mailbox` | EEPROMs of slaves, datagrams, files, mailboxes and emergencies |
 //!
-//! `table` lists all functions.
+//! `table` lists all functions, each with its file.
 
 mod adc;
 mod chip;
@@ -38,30 +38,34 @@ mod sdo;
 mod slave;
 pub(super) mod table;
 
-pub use adc::*;
-pub use chip::*;
-pub use dac::*;
-pub use eeprom::*;
-pub use encoder::*;
-pub use fifo::*;
-pub use foe::*;
-pub use gpio::*;
-pub use helper::*;
-pub use interrupt::*;
-pub use mailbox::*;
-pub use network::*;
-pub use pdo::*;
-pub use raw::*;
-pub use sdo::*;
-pub use slave::*;
+pub use adc::AdcMode;
+pub(super) use chip::data_size;
+pub use chip::{AsyncResetActions, WkcErrorLimit};
+pub use dac::DacTrigger;
+pub use eeprom::EepromOperation;
+pub use encoder::EncoderMode;
+pub use fifo::{FIFO_ENTRIES, Fifo, Fifos};
+pub use foe::FoeFile;
+pub use gpio::{DebounceClock, DebounceSource, GpioMode, GpioPull, GpioTrigger};
+pub use helper::HelperControl;
+pub use interrupt::{InterruptEnable, PeripheralInterrupts, Polarity};
+pub use mailbox::{EMERGENCIES_MAX, EmergencyCount, MailboxPart, SlaveBits};
+pub use network::{DcTiming, ReferenceClock, SlaveInfoItem, WorkingCounterItem};
+pub use pdo::{MappedObject, PdoAssignment, PdoConfig, PdoConfigForm, PdoMap, PdoOperation};
+pub(crate) use raw::RAW_HEAD;
+pub(super) use raw::raw_data;
+pub use raw::{RAW_DATA_MAX, RawOperation};
+pub use sdo::{SDO_DATA_MAX, SdoOperation};
+pub use slave::Direction;
 pub use table::Request;
+pub use table::types::*;
 
 pub use super::value::{
     AllPins, Analog, DacDelay, FlashAddress, FlashBytes, GpioChannel, MotorNumber, SlaveNumber, Slaves, UpperPins,
 };
 
 use super::response::{Answer, Returned};
-use super::{CommandCode, Malformed, Reserve, segment};
+use super::{CommandCode, Malformed, Reserve};
 
 /// The fields of a command header that belong to the request.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

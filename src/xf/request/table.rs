@@ -1,18 +1,31 @@
-//! The 91 functions by ascending code and parameter: the type of each, its purpose, and its answer.
+//! All functions by ascending code and parameter: the file and the type of each, its purpose, and its answer.
 
-use super::super::response::*;
-use super::*;
+use super::super::response::{
+    DriveStateByte, EepromAnswer, Emergencies, FirmwareVersion, MdioAnswer, PdoExchange, RawAnswer, Returned, SlaveInfo,
+};
+use super::{
+    Analog, Arguments, Call, Encode, HelperControl, InterruptEnable, PdoConfig, SlaveBits, UnknownCommand, Visit,
+    WkcErrorLimit,
+};
 use crate::ethercat::cia402::Statusword;
 use crate::ethercat::coe::AbortCode;
 use crate::xf::fields::{AnswerFields, FunctionFields};
 use crate::xf::layout::{FieldLayout, Forms, field_slice, type_of, value};
-use crate::xf::{DataSize, NetworkState};
+use crate::xf::{CommandCode, DataSize, Malformed, NetworkState, segment};
 
-/// Defines [`Request`], the [`Call`] of each type, and the table of fields. A row has the type, code and parameter if
-/// several functions share one code, the purpose, and after `->` the answer, with a name if it is a single value.
+/// Defines [`Request`], the [`Call`] of each type, and the table of fields. A row has the file and the type, code and
+/// parameter if several functions share one code, the purpose, and after `->` the answer, with a name if it is a single
+/// value.
 macro_rules! requests {
-    ($($name:ident $(<$life:lifetime>)? $(= $code:ident($function:literal))?, $what:literal
+    ($($file:ident::$name:ident $(<$life:lifetime>)? $(= $code:ident($function:literal))?, $what:literal
         $(-> $answer:ty $(= $value:expr)? $(, by $read:path)?)?;)*) => {
+        /// The types of all requests.
+        pub mod types {
+            $(pub use super::super::$file::$name;)*
+        }
+
+        use types::*;
+
         /// Any request to the chip.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum Request<'d> {
@@ -150,95 +163,95 @@ fn is_for<'d, C: Call<'d>>(code: CommandCode, arguments: &Arguments) -> bool {
 }
 
 requests! {
-    InfoUpdate, "asks for a new header and nothing else";
-    EcatInit, "initialises the network";
-    Reconfig, "lays out the chip's memory anew after a change of process data";
-    InitDc, "initialises the distributed clocks";
-    PdoWorkingCounterGet, "reads the working counter, or how many slaves count in it" -> u32 = value("value");
-    PdoDataFifo<'d>, "moves process data through the FIFOs" -> PdoExchange<'a>;
-    PdoData<'d>, "moves process data past the FIFOs" -> PdoExchange<'a>;
-    PdoConfigSet, "sets the PDOs of a slave";
-    PdoConfigRequest, "has the PDOs of a slave read, for PDO_CONFIG_GET";
-    PdoConfigGet, "gives what PDO_CONFIG_REQ has read" -> PdoConfig;
-    SdoRequest<'d>, "reads an object of a slave, for SDO_GET, or writes one";
-    SdoGet, "gives the object that SDO_REQ has read" -> &'a [u8];
-    StateSet, "brings slaves to a state";
-    StateGet, "gives the state of slaves from the chip's memory" -> NetworkState;
-    SlaveInfoGet, "gives an item about a slave" -> SlaveInfo<'a>, by SlaveInfoGet::info;
-    SlaveCountGet, "gives the number of slaves" -> u8 = value("count");
-    FifoEnable, "switches the RxFIFO's cyclic output on or off";
-    FifoPackSizeGet, "gives the bytes of one PDO" -> u16 = value("bytes");
-    SpiPackSizeGet, "gives n, the size of the data segment" -> DataSize;
-    SpiReconfig, "sets n";
-    CrcErrorCountClear, "clears the count of wrong check words" -> u8 = value("returned");
-    CrcTypeSet, "chooses the check word";
-    HelperConfigSet, "tells the CiA 402 helper where an axis has its words";
-    HelperStateSet, "leads an axis to a state";
-    HelperStateGet, "gives the state of an axis" -> DriveStateByte = value("state");
-    HelperControlSet, "changes what the helper does with an axis";
-    HelperControlGet, "gives what the helper does with an axis" -> HelperControl = value("control");
-    GpioSetMode = GpioConfig(0), "makes GPIO 0 to 15 inputs or outputs";
-    GpioIntEnable = GpioConfig(1), "chooses the edges at which a GPIO raises an interrupt";
-    GpioEnableDebounce = GpioConfig(2), "debounces inputs among GPIO 0 to 15";
-    GpioSetDebounceClock = GpioConfig(3), "chooses how often debounced inputs are sampled";
-    GpioIntClear = GpioConfig(4), "clears interrupt flags of GPIO 0 to 15";
-    GpioIntClearExt = GpioConfig(6), "clears interrupt flags of GPIO 0 to 19";
-    GpioSetModeExt = GpioConfig(8), "makes GPIO 16 to 19 inputs or outputs: bit k of pins is GPIO 16 + k";
-    GpioEnableDebounceExt = GpioConfig(9), "debounces inputs among GPIO 16 to 19: bit k of pins is GPIO 16 + k";
-    GpioSetValue = GpioFunction(0), "sets the outputs of GPIO 0 to 15";
-    GpioGetValue = GpioFunction(1), "gives the inputs of GPIO 0 to 15" -> u16 = value("values").hex();
-    GpioExtSetValue = GpioFunction(2), "sets the outputs of GPIO 0 to 19";
-    GpioExtGetValue = GpioFunction(3), "gives the inputs of GPIO 0 to 19" -> u32 = value("values").hex();
-    GpioGetIntFlag = GpioFunction(5), "gives the interrupt flags of GPIO 0 to 15" -> u16 = value("flags").hex();
-    GpioExtGetIntFlag = GpioFunction(7), "gives the interrupt flags of GPIO 0 to 19" -> u32 = value("flags").hex();
-    EncOpen = EncoderFunction(4), "opens the encoder";
-    EncStart = EncoderFunction(5), "starts the encoder";
-    EncStop = EncoderFunction(6), "stops the encoder";
-    EncGetCount = EncoderFunction(21), "gives the encoder's count" -> u32 = value("count");
-    DacStartConv = DacFunction(0), "puts out the DAC's value";
-    DacSetData = DacFunction(11), "sets the DAC's value, 0 to 4095 for 0 V to 3.3 V";
-    DacOpen = DacFunction(20), "opens the DAC";
-    DacClose = DacFunction(21), "closes the DAC";
-    DacSetDelayTime = DacFunction(22), "sets how long a conversion of the DAC takes, in 1/96 us";
-    AdcStartConv = AdcFunction(12), "starts a conversion of the ADC";
-    AdcGetConvData = AdcFunction(15), "gives the ADC's value, 0 to 4095 for 0 V to 3.3 V" -> Analog = value("value");
-    AdcGetDataValidFlag = AdcFunction(17), "tells whether a conversion of the ADC is done" -> u32 = value("valid");
-    AdcOpen = AdcFunction(40), "opens the ADC";
-    AdcClose = AdcFunction(41), "closes the ADC";
-    AdcConfigSampleModule = AdcFunction(42), "has conversions of the ADC started by software";
-    EepromRequest, "reads a slave's EEPROM, for EEPROM_GET, or writes it";
-    EepromGet, "gives what EEPROM_REQ has read" -> EepromAnswer<'a>;
-    StateCheck, "brings slaves to a state and reads it back";
-    DcSync, "sets other times of the distributed clocks for one slave";
-    FifoClear, "empties FIFOs";
-    FifoSetTxCount, "sets the entries of the TxFIFO, which hold from FIFO_INIT on";
-    FifoGetTxCount, "gives the entries of the TxFIFO" -> u8 = value("entries");
-    FifoSetRxCount, "sets the entries of the RxFIFO, which hold from FIFO_INIT on";
-    FifoGetRxCount, "gives the entries of the RxFIFO" -> u8 = value("entries");
-    FirmwareVersionGet, "gives version and series of the chip" -> FirmwareVersion;
-    StateUpdate, "reads the states of the slaves into the chip's memory";
-    InterruptSetEnable, "chooses what raises INT1, and the polarity of INT0 and INT1";
-    InterruptGetEnable, "gives what INT_SET_ENABLE has set" -> InterruptEnable;
-    FifoInit, "builds the FIFOs from their entries and the sizes of the PDOs";
-    SdoAbortCodeGet, "gives the abort code of the last SDO transfer" -> AbortCode = value("abort");
-    FifoThresholdSet, "sets the limits at which FIFOs raise an interrupt";
-    ConfigSyncManager, "sets a sync manager of a slave";
-    ConfigFmmu, "sets the functions of a slave's FMMUs, without effect";
-    ConfigMap, "as RECONFIG, for slaves that fall back to their default process data with that";
-    HelperStatuswordGet, "gives the statusword of an axis" -> Statusword = value("statusword");
-    AsyncReset, "ends what keeps the chip busy";
-    Mdio, "reads or writes a register of a PHY" -> MdioAnswer;
-    DirectAssign, "assigns the length of a slave's process data by hand";
-    CoeEmergency, "lists the newest emergencies of slaves" -> Emergencies;
-    WarmReset, "resets the chip: all is as after power-on";
-    WkcErrorCountGet, "gives how many working counters in a row were wrong" -> u8 = value("count");
-    WkcErrorMaxGet, "gives how many of them are allowed" -> WkcErrorLimit;
-    WkcErrorMaxSet, "sets how many of them are allowed";
-    RawRequest<'d>, "sends an EtherCAT datagram, whose answer is for RAW_ECAT_FUNC_GET";
-    RawGet, "gives what came back of the datagram" -> RawAnswer<'a>;
-    FoeRequest<'d>, "moves a file between a slave and the flash memory, or reads or writes that";
-    FoeGet, "gives the part of the flash memory that FOE_FUNC_REQ has read" -> &'a [u8];
-    EnableLrw, "chooses LRW, or LRD and LWR, for process data";
-    ReceiveMailbox, "fetches a slave's mailbox, or gives a part of it" -> &'a [u8];
-    MailboxStatus, "tells which mailboxes are full, or which are polled, or sets that" -> SlaveBits;
+    network::InfoUpdate, "asks for a new header and nothing else";
+    network::EcatInit, "initialises the network";
+    network::Reconfig, "lays out the chip's memory anew after a change of process data";
+    network::InitDc, "initialises the distributed clocks";
+    network::PdoWorkingCounterGet, "reads the working counter, or how many slaves count in it" -> u32 = value("value");
+    pdo::PdoDataFifo<'d>, "moves process data through the FIFOs" -> PdoExchange<'a>;
+    pdo::PdoData<'d>, "moves process data past the FIFOs" -> PdoExchange<'a>;
+    pdo::PdoConfigSet, "sets the PDOs of a slave";
+    pdo::PdoConfigRequest, "has the PDOs of a slave read, for PDO_CONFIG_GET";
+    pdo::PdoConfigGet, "gives what PDO_CONFIG_REQ has read" -> PdoConfig;
+    sdo::SdoRequest<'d>, "reads an object of a slave, for SDO_GET, or writes one";
+    sdo::SdoGet, "gives the object that SDO_REQ has read" -> &'a [u8];
+    network::StateSet, "brings slaves to a state";
+    network::StateGet, "gives the state of slaves from the chip's memory" -> NetworkState;
+    network::SlaveInfoGet, "gives an item about a slave" -> SlaveInfo<'a>, by SlaveInfoGet::info;
+    network::SlaveCountGet, "gives the number of slaves" -> u8 = value("count");
+    fifo::FifoEnable, "switches the RxFIFO's cyclic output on or off";
+    fifo::FifoPackSizeGet, "gives the bytes of one PDO" -> u16 = value("bytes");
+    chip::SpiPackSizeGet, "gives n, the size of the data segment" -> DataSize;
+    chip::SpiReconfig, "sets n";
+    chip::CrcErrorCountClear, "clears the count of wrong check words" -> u8 = value("returned");
+    chip::CrcTypeSet, "chooses the check word";
+    helper::HelperConfigSet, "tells the CiA 402 helper where an axis has its words";
+    helper::HelperStateSet, "leads an axis to a state";
+    helper::HelperStateGet, "gives the state of an axis" -> DriveStateByte = value("state");
+    helper::HelperControlSet, "changes what the helper does with an axis";
+    helper::HelperControlGet, "gives what the helper does with an axis" -> HelperControl = value("control");
+    gpio::GpioSetMode = GpioConfig(0), "makes GPIO 0 to 15 inputs or outputs";
+    gpio::GpioIntEnable = GpioConfig(1), "chooses the edges at which a GPIO raises an interrupt";
+    gpio::GpioEnableDebounce = GpioConfig(2), "debounces inputs among GPIO 0 to 15";
+    gpio::GpioSetDebounceClock = GpioConfig(3), "chooses how often debounced inputs are sampled";
+    gpio::GpioIntClear = GpioConfig(4), "clears interrupt flags of GPIO 0 to 15";
+    gpio::GpioIntClearExt = GpioConfig(6), "clears interrupt flags of GPIO 0 to 19";
+    gpio::GpioSetModeExt = GpioConfig(8), "makes GPIO 16 to 19 inputs or outputs: bit k of pins is GPIO 16 + k";
+    gpio::GpioEnableDebounceExt = GpioConfig(9), "debounces inputs among GPIO 16 to 19: bit k of pins is GPIO 16 + k";
+    gpio::GpioSetValue = GpioFunction(0), "sets the outputs of GPIO 0 to 15";
+    gpio::GpioGetValue = GpioFunction(1), "gives the inputs of GPIO 0 to 15" -> u16 = value("values").hex();
+    gpio::GpioExtSetValue = GpioFunction(2), "sets the outputs of GPIO 0 to 19";
+    gpio::GpioExtGetValue = GpioFunction(3), "gives the inputs of GPIO 0 to 19" -> u32 = value("values").hex();
+    gpio::GpioGetIntFlag = GpioFunction(5), "gives the interrupt flags of GPIO 0 to 15" -> u16 = value("flags").hex();
+    gpio::GpioExtGetIntFlag = GpioFunction(7), "gives the interrupt flags of GPIO 0 to 19" -> u32 = value("flags").hex();
+    encoder::EncOpen = EncoderFunction(4), "opens the encoder";
+    encoder::EncStart = EncoderFunction(5), "starts the encoder";
+    encoder::EncStop = EncoderFunction(6), "stops the encoder";
+    encoder::EncGetCount = EncoderFunction(21), "gives the encoder's count" -> u32 = value("count");
+    dac::DacStartConv = DacFunction(0), "puts out the DAC's value";
+    dac::DacSetData = DacFunction(11), "sets the DAC's value, 0 to 4095 for 0 V to 3.3 V";
+    dac::DacOpen = DacFunction(20), "opens the DAC";
+    dac::DacClose = DacFunction(21), "closes the DAC";
+    dac::DacSetDelayTime = DacFunction(22), "sets how long a conversion of the DAC takes, in 1/96 us";
+    adc::AdcStartConv = AdcFunction(12), "starts a conversion of the ADC";
+    adc::AdcGetConvData = AdcFunction(15), "gives the ADC's value, 0 to 4095 for 0 V to 3.3 V" -> Analog = value("value");
+    adc::AdcGetDataValidFlag = AdcFunction(17), "tells whether a conversion of the ADC is done" -> u32 = value("valid");
+    adc::AdcOpen = AdcFunction(40), "opens the ADC";
+    adc::AdcClose = AdcFunction(41), "closes the ADC";
+    adc::AdcConfigSampleModule = AdcFunction(42), "has conversions of the ADC started by software";
+    eeprom::EepromRequest, "reads a slave's EEPROM, for EEPROM_GET, or writes it";
+    eeprom::EepromGet, "gives what EEPROM_REQ has read" -> EepromAnswer<'a>;
+    network::StateCheck, "brings slaves to a state and reads it back";
+    network::DcSync, "sets other times of the distributed clocks for one slave";
+    fifo::FifoClear, "empties FIFOs";
+    fifo::FifoSetTxCount, "sets the entries of the TxFIFO, which hold from FIFO_INIT on";
+    fifo::FifoGetTxCount, "gives the entries of the TxFIFO" -> u8 = value("entries");
+    fifo::FifoSetRxCount, "sets the entries of the RxFIFO, which hold from FIFO_INIT on";
+    fifo::FifoGetRxCount, "gives the entries of the RxFIFO" -> u8 = value("entries");
+    chip::FirmwareVersionGet, "gives version and series of the chip" -> FirmwareVersion;
+    network::StateUpdate, "reads the states of the slaves into the chip's memory";
+    interrupt::InterruptSetEnable, "chooses what raises INT1, and the polarity of INT0 and INT1";
+    interrupt::InterruptGetEnable, "gives what INT_SET_ENABLE has set" -> InterruptEnable;
+    fifo::FifoInit, "builds the FIFOs from their entries and the sizes of the PDOs";
+    sdo::SdoAbortCodeGet, "gives the abort code of the last SDO transfer" -> AbortCode = value("abort");
+    fifo::FifoThresholdSet, "sets the limits at which FIFOs raise an interrupt";
+    slave::ConfigSyncManager, "sets a sync manager of a slave";
+    slave::ConfigFmmu, "sets the functions of a slave's FMMUs, without effect";
+    network::ConfigMap, "as RECONFIG, for slaves that fall back to their default process data with that";
+    helper::HelperStatuswordGet, "gives the statusword of an axis" -> Statusword = value("statusword");
+    chip::AsyncReset, "ends what keeps the chip busy";
+    chip::Mdio, "reads or writes a register of a PHY" -> MdioAnswer;
+    slave::DirectAssign, "assigns the length of a slave's process data by hand";
+    mailbox::CoeEmergency, "lists the newest emergencies of slaves" -> Emergencies;
+    chip::WarmReset, "resets the chip: all is as after power-on";
+    chip::WkcErrorCountGet, "gives how many working counters in a row were wrong" -> u8 = value("count");
+    chip::WkcErrorMaxGet, "gives how many of them are allowed" -> WkcErrorLimit;
+    chip::WkcErrorMaxSet, "sets how many of them are allowed";
+    raw::RawRequest<'d>, "sends an EtherCAT datagram, whose answer is for RAW_ECAT_FUNC_GET";
+    raw::RawGet, "gives what came back of the datagram" -> RawAnswer<'a>;
+    foe::FoeRequest<'d>, "moves a file between a slave and the flash memory, or reads or writes that";
+    foe::FoeGet, "gives the part of the flash memory that FOE_FUNC_REQ has read" -> &'a [u8];
+    network::EnableLrw, "chooses LRW, or LRD and LWR, for process data";
+    mailbox::ReceiveMailbox, "fetches a slave's mailbox, or gives a part of it" -> &'a [u8];
+    mailbox::MailboxStatus, "tells which mailboxes are full, or which are polled, or sets that" -> SlaveBits;
 }

@@ -5,7 +5,7 @@ mod needs_network_namespace {
     use std::process::Command;
     use std::time::Duration;
 
-    use ecmsk::bus::errors::{self, ProblemPlace};
+    use ecmsk::bus::port_errors::{self, ProblemPlace};
     use ecmsk::bus::{self, FoundSlave, Network, clocks, dictionary, eeprom};
     use ecmsk::coe::{ObjectAddress, SdoScope};
     use ecmsk::ethercat::AlState;
@@ -81,12 +81,12 @@ mod needs_network_namespace {
     fn a_bad_cable_is_found() {
         let rig = Rig::new("io*3", "bus_noise");
         let (mut network, slaves) = look();
-        errors::clear(&mut *network, &slaves).expect("they are cleared");
+        port_errors::clear(&mut *network, &slaves).expect("they are cleared");
         rig.happen("noise 3 20");
         network.load(Duration::from_millis(500)).expect("time");
         rig.happen("end noise 3");
-        let counted = errors::read(&mut *network, &slaves).expect("counters");
-        let troubles = errors::judge(&slaves, &counted);
+        let counted = port_errors::read(&mut *network, &slaves).expect("counters");
+        let troubles = port_errors::judge(&slaves, &counted);
         let [trouble] = &troubles[..] else { panic!("{troubles:?} of {counted:?}") };
         let ProblemPlace::Cable { near: Some(near), far: Some(far) } = trouble.place else { panic!("{trouble:?}") };
         assert_eq!((near.slave, near.port, far.slave, far.port), (2, 1, 3, 0));

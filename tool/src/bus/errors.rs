@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 use std::time::Duration;
 
-use ecmsk::bus::errors::{self, CablePort, PortErrors, Problem, ProblemPlace, SlaveErrors};
+use ecmsk::bus::port_errors::{self, CablePort, PortErrors, Problem, ProblemPlace, SlaveErrors};
 use ecmsk::bus::{BusError, FoundSlave, Network};
 use serde_json::{Value, json};
 
@@ -41,13 +41,13 @@ pub fn run(args: &Args) -> Result<ExitCode, BusVerbError> {
     let Session { mut network, slaves, reporter } = args.network.open()?;
     let counters = match args.watch {
         None => {
-            let counters = errors::read(&mut *network, &slaves)?;
+            let counters = port_errors::read(&mut *network, &slaves)?;
             show(&slaves, &counters, None, &reporter)?;
             counters
         }
         Some(seconds) => watch(&mut *network, &slaves, seconds, &reporter)?,
     };
-    let problems = errors::judge(&slaves, &counters);
+    let problems = port_errors::judge(&slaves, &counters);
     for problem in &problems {
         reporter.result(text(problem), &trouble_json(problem))?;
     }
@@ -55,7 +55,7 @@ pub fn run(args: &Args) -> Result<ExitCode, BusVerbError> {
         reporter.note(format_args!("{} of {} frames did not come back", frames.lost, frames.sent));
     }
     if args.clear {
-        errors::clear(&mut *network, &slaves)?;
+        port_errors::clear(&mut *network, &slaves)?;
         reporter.note("the counters of all slaves were cleared");
     }
     if problems.is_empty() {
@@ -75,13 +75,13 @@ fn watch(
     seconds: u64,
     reporter: &Reporter,
 ) -> Result<Vec<SlaveErrors>, BusVerbError> {
-    let first = errors::read(network, slaves)?;
+    let first = port_errors::read(network, slaves)?;
     let mut before = first.clone();
     for second in 1..=seconds {
         network.load(Duration::from_secs(1))?;
         let mut now = before.clone();
         for of in &mut now {
-            match errors::read_one(network, of.slave) {
+            match port_errors::read_one(network, of.slave) {
                 Ok(read) => *of = read,
                 // A slave that is cut off now shows its counters once it answers again.
                 Err(BusError::Register { .. }) => {

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use ecmsk::bus::FoundSlave;
-use ecmsk::bus::errors::{self, PortErrors, SlaveErrors};
+use ecmsk::bus::port_errors::{self, PortErrors, SlaveErrors};
 use ecmsk::ethercat::registers::AlStatusRegister;
 use ecmsk::ethercat::sii::MailboxProtocols;
 use serde_json::{Value, json};
@@ -40,7 +40,7 @@ pub fn show(session: Session) -> Result<(), BusVerbError> {
         reporter.note("the ports of the slaves are not known: the chip sends no datagrams for others");
         slaves.iter().map(|slave| SlaveErrors { slave: slave.slave, ..SlaveErrors::default() }).collect()
     } else {
-        errors::read(&mut *network, &slaves)?
+        port_errors::read(&mut *network, &slaves)?
     };
     let in_ring = network.ring().and_then(|_| slaves.last()).map(|last| last.slave);
     let tree = text(&slaves, &errors, in_ring);
@@ -149,7 +149,7 @@ pub fn counted(errors: &PortErrors) -> Vec<String> {
     let of = |count: u8, one: &str, many: &str| match count {
         0 => None,
         1 => Some(format!("1 {one}")),
-        errors::COUNTER_MAX => Some(format!("{count} or more {many}")),
+        port_errors::COUNTER_MAX => Some(format!("{count} or more {many}")),
         _ => Some(format!("{count} {many}")),
     };
     let PortErrors { invalid, physical, forwarded, lost_links } = *errors;
@@ -223,7 +223,7 @@ mod tests {
     fn scan(slaves: Vec<OddSlave>) -> String {
         let mut network = bus::over(OddLine::new(slaves), Settings::default());
         let slaves = network.scan().expect("slaves");
-        let errors = errors::read(&mut *network, &slaves).expect("counters");
+        let errors = port_errors::read(&mut *network, &slaves).expect("counters");
         text(&slaves, &errors, None)
     }
 

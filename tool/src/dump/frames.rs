@@ -6,38 +6,24 @@ use ecmsk::recording::Kinds;
 use ecmsk::sk::dump::{CommandDump, MAX_SLAVES, ResponseDump, SlotLine};
 use ecmsk::sk::{CrcStatus, Frame, SlaveKind, SlotSize};
 
+use super::place::Place;
 use crate::filter::{Command, Slots};
 
 /// A frame with what is known of it.
 #[derive(Clone, Debug)]
 pub struct Shown {
-    /// The number of the frame in the recording, or its line in the input, from 1.
-    pub number: u64,
-    /// The time of the frame; `None` for a frame from hexadecimal digits.
-    pub time: Option<Time>,
-    /// The direction of the frame.
-    pub direction: Dir,
-    /// Whether the direction is a guess.
-    pub guessed: bool,
+    /// Its place in the input, and its direction.
+    pub place: Place,
     /// The slot size of the frame.
     pub size: SlotSize,
     /// The bytes of the frame.
     pub frame: Frame,
 }
 
-/// The time of a frame.
-#[derive(Clone, Copy, Debug)]
-pub struct Time {
-    /// Nanoseconds since the recording's first frame.
-    pub since_start_ns: i64,
-    /// Nanoseconds as recorded: since 1970-01-01, or of a virtual clock.
-    pub recorded_ns: u64,
-}
-
 impl Shown {
     /// The direction as a word: `command` or `response`.
     pub const fn direction_name(&self) -> &'static str {
-        match self.direction {
+        match self.place.direction {
             Dir::Write => "command",
             Dir::Read => "response",
         }
@@ -45,7 +31,7 @@ impl Shown {
 
     /// Adds to `kinds` what the frame shows of the slaves.
     pub fn tell(&self, kinds: &mut Kinds) {
-        match self.direction {
+        match self.place.direction {
             Dir::Write => kinds.command(&self.frame, self.size),
             Dir::Read => kinds.response(&self.frame, self.size),
         }
@@ -74,7 +60,7 @@ impl View {
     /// The lines of a frame, in the order of its slots. `kinds` must already include what this frame shows.
     pub fn lines(&self, shown: &Shown, kinds: &Kinds) -> Vec<(usize, SlotLine)> {
         let (frame, size) = (&shown.frame, shown.size);
-        match shown.direction {
+        match shown.place.direction {
             Dir::Write => {
                 let dump = CommandDump::new(frame, size);
                 self.pick(size, |i| dump.line(i))

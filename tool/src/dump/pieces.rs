@@ -59,4 +59,11 @@ impl Pieces {
         }
         (packets, self.bytes.len() - in_packets)
     }
+
+    /// What was found in the bytes, in words.
+    pub fn summary(&self, packets: &[(u64, RecordedBytes)], in_none: usize) -> String {
+        let (bytes, count) = (self.bytes.len(), self.count);
+        let found: u64 = packets.iter().map(|(times, _)| times).sum();
+        format!("{bytes} bytes in {count} pieces: {found} packets, and {in_none} bytes in none")
+    }
 }

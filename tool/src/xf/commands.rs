@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use super::XfVerbError;
 use crate::output;
 
-/// List the 91 functions of the chip: code, name, whether the chip does it at once, and its purpose
+/// List the functions of the chip: code, name, whether the chip does it at once, and its purpose
 ///
 /// Functions of the codes 31 to 35 are listed with the parameter that selects them, e.g. 31:8. `xf raw` takes a
 /// function by its name, or by the name of its Rust type, which is listed after it.

@@ -1,11 +1,11 @@
 //! `xf raw`: any function of the chip, its request from fields and its answer by fields.
 //!
 //! - `raw.rs`: the verb: finding the function, and running it
-//! - `raw/request.rs`: fields of the command line
-//! - `raw/answer.rs`: fields of the answer
+//! - `raw/fields_in.rs`: fields of the command line
+//! - `raw/fields_out.rs`: fields of the answer
 
-mod answer;
-mod request;
+mod fields_in;
+mod fields_out;
 
 use std::time::Duration;
 
@@ -18,7 +18,7 @@ use ecmsk::xf_api::{Xf, XfError};
 
 use super::session::{ChipArgs, Session};
 use super::{Shown, XfVerbError, on_chip};
-use request::Assignment;
+use fields_in::Assignment;
 
 /// Timeout until a reset shows; the vendor's driver waits 1 s (XF EN 1517, OBS).
 const RESET_MAX: Duration = Duration::from_secs(3);
@@ -111,10 +111,10 @@ fn draft<'b>(
     let wrong = |why| XfVerbError::WrongRequest {
         what: format!("xf raw {}", row.type_name),
         why,
-        next: format!("its fields: {}; see `ecmsk xf raw --help`", request::described(row)),
+        next: format!("its fields: {}; see `ecmsk xf raw --help`", fields_in::described(row)),
     };
     let mut draft = Draft::new(row, data);
-    request::fill(&mut draft, row, fields).map_err(wrong)?;
+    fields_in::fill(&mut draft, row, fields).map_err(wrong)?;
     Ok(draft)
 }
 
@@ -132,7 +132,7 @@ fn raw(session: &mut Session, row: &'static FunctionFields, fields: &[Assignment
         }
         done => done?,
     };
-    Ok(vec![answer::shown(row, returned, &answer)])
+    Ok(vec![fields_out::shown(row, returned, &answer)])
 }
 
 /// Waits for a reset: WARM_RESET has no answer, so the driver has to find the chip reset.

@@ -114,11 +114,13 @@ impl<W: Wires> Steps<W> {
         Ok(Some(data))
     }
 
-    /// The process data that a slave is to have. A pulse module may have a second axis.
+    /// The process data that a slave is to have.
     async fn process_data(&self, slave: u8, role: Role) -> Result<ProcessData, Refusal> {
-        let second = Ask::Upload { slave, object: pdo::SECOND_CONTROLWORD, timeout_ns: SDO_NS };
-        let has_second_axis = matches!(role, Role::Hsp(_)) && self.ask(second).await.is_ok();
-        ProcessData::of(role, has_second_axis).ok_or(Refusal { slave, ..pdo::NO_SUCH_MODE })
+        let is_there = match ProcessData::probe(role) {
+            Some(object) => self.ask(Ask::Upload { slave, object, timeout_ns: SDO_NS }).await.is_ok(),
+            None => false,
+        };
+        ProcessData::of(role, is_there).ok_or(Refusal { slave, ..pdo::NO_SUCH_MODE })
     }
 
     /// Reads the objects of the mapping before any of them is written \[OURS]: one upload shows what would take one
@@ -292,7 +294,7 @@ impl<W: Wires> ChipBus<W> {
             let n = usize::from(slave) - 1;
             let Place { output_bytes, input_bytes, .. } = network.places[n];
             let role = config.slaves[n].role;
-            let mut mapped = [false, true].into_iter().filter_map(|second| ProcessData::of(role, second));
+            let mut mapped = [false, true].into_iter().filter_map(|is_there| ProcessData::of(role, is_there));
             role == Role::Unused
                 || mapped.any(|data| (data.output_bytes(), data.input_bytes()) == (output_bytes, input_bytes))
         };

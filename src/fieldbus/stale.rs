@@ -1,0 +1,20 @@
+//! How old the inputs of a slave may be until they are stale and the slave is lost, on a network card and behind a chip.
+//! `nic/ages.rs` and `xf/watch.rs` count their age.
+
+use super::Ns;
+
+/// The minimum number of cycles and the minimum time (ns) without new inputs, after both of which the inputs of a slave are
+/// stale and the slave is lost. \[OURS] In this time the bus searches for the missing slave, so that slaves that only share
+/// a datagram with it can continue. Until that search has ended, the time [`STALE_AT_LAST_NS`] applies instead.
+pub const STALE_AFTER: (u32, Ns) = (10, 20_000_000);
+/// The time without new inputs after which they are stale even if the search for the missing slave has not ended, ns. It is
+/// the time for which the watchdogs of slaves wait for outputs. \[OURS]
+pub const STALE_AT_LAST_NS: Ns = 100_000_000;
+
+/// Whether inputs are stale after `cycles` cycles without new ones. `is_searched`: since then a search for missing slaves
+/// has ended.
+pub(crate) const fn is_stale(cycles: u32, cycle_ns: Ns, is_searched: bool) -> bool {
+    let (least_cycles, least_ns) = STALE_AFTER;
+    let time_ns = cycles as Ns * cycle_ns;
+    cycles >= least_cycles && (is_searched && time_ns >= least_ns || time_ns >= STALE_AT_LAST_NS)
+}

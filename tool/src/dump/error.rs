@@ -1,0 +1,54 @@
+//! Why a dump stopped.
+
+use std::io;
+
+use ecmsk::sk::SlotSize;
+
+use super::LINE_BYTES_MAX;
+use super::hex::HexError;
+
+/// Why a dump stopped.
+#[derive(Debug, thiserror::Error)]
+pub enum DumpError {
+    /// Standard input cannot be read.
+    #[error("cannot read standard input: {0}; give it lines of hexadecimal digits")]
+    Input(io::Error),
+    /// The bytes of a file that is no recording of an ECM-XF.
+    #[error(
+        "{name} is no recording of a chip, and --hex reads frames from standard input: leave out --hex, or the file"
+    )]
+    HexOfBoard {
+        /// The name of the file.
+        name: String,
+    },
+    /// A line is no frame.
+    #[error("line {line}: {problem}; put `#` before lines that are not frames")]
+    Line {
+        /// The number of the line, from 1.
+        line: u64,
+        /// What is wrong with the line.
+        problem: HexError,
+    },
+    /// A line is too long.
+    #[error("line {line} is longer than {LINE_BYTES_MAX} bytes; give one frame per line, as hexadecimal digits")]
+    LongLine {
+        /// The number of the line, from 1.
+        line: u64,
+    },
+    /// The frame is too short for the slot size.
+    #[error("line {line}: {len} bytes are no frame of 16-byte slots, which has 512; leave out --slot-size 16")]
+    TooShort {
+        /// The number of the line, from 1.
+        line: u64,
+        /// The bytes on the line.
+        len: usize,
+    },
+    /// The frames have no such slot.
+    #[error("a frame of {}-byte slots has no slot {slot}; name slots from 0 to {}", .size.bytes(), .size.sdo_slot())]
+    NoSlot {
+        /// The requested slot.
+        slot: usize,
+        /// The frames' slot size.
+        size: SlotSize,
+    },
+}

@@ -5,6 +5,7 @@
 //! - `tcp`: the server for links `tcp://host:port`
 //! - `usb_board`: the virtual board as a USB device, without I/O
 //! - `usbip`: a virtual board on the USB bus of any machine
+//! - `gadget`: a virtual board at a USB device port of this machine (Linux)
 //! - `spi`: a virtual board on SPI
 //! - `xf`: a chip ECM-XF for other host software, as a stream of bytes
 //! - `ethercat`: simulated slaves on a network interface, for any EtherCAT master (Linux)
@@ -15,6 +16,8 @@
 
 #[cfg(all(feature = "sim", target_os = "linux"))]
 pub mod ethercat;
+#[cfg(target_os = "linux")]
+pub mod gadget;
 mod listen;
 mod log_limit;
 mod serving;

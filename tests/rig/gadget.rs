@@ -205,8 +205,11 @@ fn links_and_programs_have_the_board() {
     assert!(arrived == sent && sent.len() > 500, "{} of {}", arrived.len(), sent.len());
 }
 
-/// What a host asks on endpoint 0, and what it gets: bytes, or the error.
-fn transcript(board: &Board) -> Vec<([u8; 8], Result<Vec<u8>, Option<i32>>)> {
+/// A request, and what the host gets: bytes, or the number of the error.
+type Asked = ([u8; 8], Result<Vec<u8>, Option<i32>>);
+
+/// What a host asks on endpoint 0.
+fn transcript(board: &Board) -> Vec<Asked> {
     let host = Usbfs::open(board);
     let report = [0; 512];
     let requests: [([u8; 8], &[u8]); 19] = [

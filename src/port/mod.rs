@@ -3,20 +3,27 @@
 //! chip works with any [`ChipLink`](crate::link::chip_link::ChipLink).
 //!
 //! - `tcp`: the server for links `tcp://host:port`
+//! - `usb_board`: the virtual board as a USB device, without I/O
 //! - `usbip`: a virtual board on the USB bus of any machine
+//! - `gadget`: a virtual board at a USB device port of this machine (Linux)
 //! - `spi`: a virtual board on SPI
 //! - `xf`: a chip ECM-XF for other host software, as a stream of bytes
 //! - `ethercat`: simulated slaves on a network interface, for any EtherCAT master (Linux)
 //! - `log_limit`: limits repeated lines in the log
 //! - `listen`: advice for errors of listening
 //! - `serving`: the thread of a server that has a single one
+//! - `standstill`: stopping the axes of whoever has vanished
 
 #[cfg(all(feature = "sim", target_os = "linux"))]
 pub mod ethercat;
+#[cfg(target_os = "linux")]
+pub mod gadget;
 mod listen;
 mod log_limit;
 mod serving;
 pub mod spi;
+mod standstill;
 pub mod tcp;
+pub mod usb_board;
 pub mod usbip;
 pub mod xf;

@@ -7,6 +7,7 @@
 //!   boards that misbehave or do not answer, after a suspend, what it leaves behind, how waits end
 //! - `frames.rs`, `detach.rs`, `here.rs`, `shown.rs`: `ecmsk serve usbip`: frames, boards that are attached and detached,
 //!   `--attach`, the board as the kernel sees it
+//! - `gadget.rs`: `ecmsk serve gadget` on a controller whose host is the same machine
 //! - `captured.rs`, `machine.rs`: captures of usbmon; what `list` and `doctor` read of a real kernel
 //! - `program.rs`, `unchanged.rs`: unchanged programs
 //! - `hidraw.rs`, `usbfs.rs`, `rogue.rs`: a board through hidraw and usbfs, and a device that misbehaves
@@ -16,6 +17,7 @@
 mod captured;
 mod detach;
 mod frames;
+mod gadget;
 mod here;
 mod hidraw;
 mod left_over;

@@ -17,10 +17,22 @@ struct BulkTransfer {
     data: *mut c_void,
 }
 
-const _: () = assert!(size_of::<BulkTransfer>() == 24);
+/// `struct usbdevfs_ctrltransfer` of linux/usbdevice_fs.h.
+#[repr(C)]
+struct ControlTransfer {
+    setup: [u8; 8],
+    timeout_ms: u32,
+    data: *mut c_void,
+}
+
+const _: () = assert!(size_of::<BulkTransfer>() == 24 && size_of::<ControlTransfer>() == 24);
 
 /// `USBDEVFS_BULK`: `_IOWR('U', 2, struct usbdevfs_bulktransfer)`.
 const BULK: u64 = 0xC018_5502;
+/// `USBDEVFS_CONTROL`: `_IOWR('U', 0, struct usbdevfs_ctrltransfer)`.
+const CONTROL: u64 = 0xC018_5500;
+/// `USBDEVFS_RESET`: `_IO('U', 20)`.
+const RESET: u64 = 0x5514;
 /// `USBDEVFS_CLAIMINTERFACE`: `_IOR('U', 15, unsigned int)`.
 const CLAIM_INTERFACE: u64 = 0x8004_550F;
 
@@ -52,6 +64,29 @@ impl Usbfs {
     /// Waits for a report; returns its length.
     pub fn read(&self, bytes: &mut [u8; 512], limit: Duration) -> io::Result<usize> {
         self.transfer(0x81, bytes, limit)
+    }
+
+    /// A request on endpoint 0, whose setup packet stands in memory as on the bus; `data` is as long as the packet says. Gives
+    /// the bytes to the host.
+    pub fn control(&self, setup: [u8; 8], data: &[u8], limit: Duration) -> io::Result<Vec<u8>> {
+        let length = usize::from(u16::from_le_bytes([setup[6], setup[7]]));
+        let mut bytes = data.to_vec();
+        bytes.resize(length.max(1), 0);
+        let timeout_ms = limit.as_millis() as u32;
+        let mut transfer = ControlTransfer { setup, timeout_ms, data: bytes.as_mut_ptr().cast() };
+        // SAFETY: the structure is that of the kernel (its size is checked above), and `data` has as many bytes as its setup
+        // packet says, which nobody else holds until the call returns.
+        let moved = unsafe { libc::ioctl(self.device.as_raw_fd(), CONTROL, &raw mut transfer) };
+        let moved = usize::try_from(moved).map_err(|_| io::Error::last_os_error())?;
+        bytes.truncate(if setup[0] & 0x80 == 0 { 0 } else { moved });
+        Ok(bytes)
+    }
+
+    /// Resets the device.
+    pub fn reset(&self) -> io::Result<()> {
+        // SAFETY: the call takes no argument.
+        let done = unsafe { libc::ioctl(self.device.as_raw_fd(), RESET) };
+        if done == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
     }
 
     fn transfer(&self, endpoint: u32, bytes: &mut [u8; 512], limit: Duration) -> io::Result<usize> {

@@ -90,6 +90,10 @@ pub enum CliError {
     #[cfg(target_os = "linux")]
     #[error(transparent)]
     ServeEthercat(#[from] ecmsk::port::ethercat::ServeError),
+    /// See [`ecmsk::port::gadget::ServeError`].
+    #[cfg(target_os = "linux")]
+    #[error(transparent)]
+    ServeGadget(#[from] ecmsk::port::gadget::ServeError),
 }
 
 impl CliError {

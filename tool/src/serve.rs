@@ -2,6 +2,8 @@
 
 #[cfg(target_os = "linux")]
 mod ethercat;
+#[cfg(target_os = "linux")]
+mod gadget;
 mod usbip;
 mod xf;
 
@@ -35,6 +37,8 @@ enum Port {
     Tcp(Tcp),
     #[cfg(target_os = "linux")]
     Ethercat(ethercat::Args),
+    #[cfg(target_os = "linux")]
+    Gadget(gadget::Args),
     Usbip(usbip::Args),
     Xf(xf::Args),
 }
@@ -94,11 +98,23 @@ enum Vanish {
     ServoOff,
 }
 
+impl From<Vanish> for OnVanish {
+    fn from(vanish: Vanish) -> Self {
+        match vanish {
+            Vanish::Ramp => Self::Ramp,
+            Vanish::Leave => Self::Leave,
+            Vanish::ServoOff => Self::ServoOff,
+        }
+    }
+}
+
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     match &args.port {
         Port::Tcp(args) => serve_tcp(args),
         #[cfg(target_os = "linux")]
         Port::Ethercat(args) => ethercat::run(args),
+        #[cfg(target_os = "linux")]
+        Port::Gadget(args) => gadget::run(args),
         Port::Usbip(args) => usbip::run(args),
         Port::Xf(args) => xf::run(args),
     }
@@ -124,11 +140,7 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     let options = ServeOptions {
         listen: args.listen,
         secret: Secret::find(args.secret_file.as_deref()).map_err(ServeError::from)?,
-        on_vanish: match args.on_vanish {
-            Vanish::Ramp => OnVanish::Ramp,
-            Vanish::Leave => OnVanish::Leave,
-            Vanish::ServoOff => OnVanish::ServoOff,
-        },
+        on_vanish: args.on_vanish.into(),
         max_clients: args.max_clients.into(),
         network: KnownNetwork {
             slaves: args.slaves.clone().unwrap_or_default(),

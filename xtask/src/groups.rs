@@ -25,6 +25,7 @@ const REAL_CLOCK: &[&str] = &[
     "bus_on_card",
     "failing_calls",
     "failing_calls_on_card",
+    "gadget",
     "nic",
     "ring",
     "runners",

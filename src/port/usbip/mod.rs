@@ -8,22 +8,20 @@
 //! - `server.rs`: [`Server`], its options, and the requests of clients that have no board yet
 //! - `board.rs`: a board of the server, and the host that has attached it
 //! - `session.rs`, `stream.rs`: a host that has attached a board, and its connection
-//! - `device.rs`, `device/`: the USB device that the host sees, transfer by transfer, without I/O
-//! - `descriptors.rs`, `setup.rs`: its USB descriptors, and the requests on endpoint 0
+//! - `device.rs`: the USB device that the host sees, that of `port/usb_board`, with answers as messages
 //! - `wire.rs`: the bytes of USB/IP
 //! - `attach.rs`, `attach/`, `keep_attached.rs`: boards on this machine's own USB bus (`--attach`)
 
 mod attach;
 mod board;
-pub mod descriptors;
 pub mod device;
 mod keep_attached;
 mod server;
 mod session;
-pub mod setup;
 mod stream;
 pub mod wire;
 
+pub use super::usb_board::{descriptors, setup};
 pub use attach::{AttachError, VHCI, free_ports};
 pub use board::{Event, Listener, Opener};
 pub use descriptors::{Identity, IdentityError};

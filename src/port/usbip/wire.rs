@@ -4,6 +4,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
+pub use crate::port::usb_board::transfer::{Direction, Status};
+
 /// The version of the protocol in every request before the transfers: 1.1.1.
 pub const VERSION: u16 = 0x0111;
 /// The TCP port that is registered for USB/IP.
@@ -148,15 +150,6 @@ pub fn bus_id(bytes: &[u8; BUS_ID_LEN]) -> Result<&str, WireError> {
     std::str::from_utf8(&bytes[..end]).map_err(|_| WireError::BusId)
 }
 
-/// The direction of a transfer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Direction {
-    /// To the device.
-    Out,
-    /// To the host.
-    In,
-}
-
 /// A transfer that a host submits (USBIP_CMD_SUBMIT).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Submit {
@@ -225,20 +218,6 @@ impl Submit {
         }
         Ok(Self { sequence, device, direction, endpoint, length, setup: raw.setup })
     }
-}
-
-/// The status of a completed transfer: 0 or a negative error number of Linux.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(i32)]
-pub enum Status {
-    /// Success.
-    Done = 0,
-    /// The endpoint has stalled (EPIPE).
-    Stall = -32,
-    /// The packet was longer than the transfer (EOVERFLOW).
-    Overflow = -75,
-    /// The host has unlinked the transfer (ECONNRESET).
-    Unlinked = -104,
 }
 
 /// Appends the answer to a submit. `moved` is the number of bytes; those of an IN transfer are `data`.

@@ -133,7 +133,7 @@ fn board(args: &Args, index: usize, link: &LinkUri) -> BoardSpec {
 }
 
 /// Parses a link. By default it keeps one report, the newest, because the host has a queue of its own.
-fn given_link(text: &str) -> Result<LinkUri, String> {
+pub(super) fn given_link(text: &str) -> Result<LinkUri, String> {
     let link = LinkUri::parse(text).map_err(|error| error.to_string())?;
     let says = text.split(['?', '&']).any(|part| part.starts_with("queue="));
     if says {
@@ -143,7 +143,7 @@ fn given_link(text: &str) -> Result<LinkUri, String> {
     LinkUri::parse(&format!("{text}{joint}queue=1")).map_err(|error| error.to_string())
 }
 
-fn id(text: &str) -> Result<u16, String> {
+pub(super) fn id(text: &str) -> Result<u16, String> {
     let digits = text.strip_prefix("0x").unwrap_or(text);
     u16::from_str_radix(digits, 16).map_err(|_| "allowed: 0000 to ffff".to_owned())
 }

@@ -14,7 +14,7 @@
 //!   signals, scripts, the shell
 //! - `monitor*.rs`: `ecmsk monitor`
 //! - `slave.rs`: `ecmsk slave`
-//! - `serve_ethercat.rs`, `serve_usbip.rs`, `serve_xf.rs`, `tcp_*.rs`: `ecmsk serve`
+//! - `serve_ethercat.rs`, `serve_gadget.rs`, `serve_usbip.rs`, `serve_xf.rs`, `tcp_*.rs`: `ecmsk serve`
 //! - `list.rs`, `cards.rs`, `doctor.rs`, `doctor_folder.rs`, `machine.rs`, `man.rs`: `ecmsk list`, `doctor`, `man`
 //! - `bus.rs`: `ecmsk bus`
 //! - `xf.rs`, `behind_chip.rs`: `ecmsk xf`; the verbs of a board with its slaves behind an ECM-XF
@@ -65,6 +65,7 @@ mod recording_end;
 mod recordings_page;
 mod scripts;
 mod serve_ethercat;
+mod serve_gadget;
 mod serve_usbip;
 mod serve_xf;
 mod slave;

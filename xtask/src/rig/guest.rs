@@ -13,6 +13,12 @@ use crate::error::Error;
 /// The modules of the guest: the virtual host controller, USB HID, and the monitor of USB traffic.
 const MODULES: [&str; 4] = ["vhci-hcd", "usbhid", "hid-generic", "usbmon"];
 
+/// The modules for a device at the guest's own bus: a controller whose host is the same machine, and FunctionFS. Tests load
+/// them, since captures of all buses would show that controller.
+const GADGET_MODULES: [&str; 2] = ["dummy_hcd", "usb_f_fs"];
+/// The file with their names in their order.
+const GADGET_ORDER: &str = "modules/gadget";
+
 /// The libraries that the link `usb:` loads at run time.
 const LOADED: [&str; 2] = ["libusb-1.0.so.0", "libudev.so.1"];
 
@@ -53,15 +59,15 @@ pub fn pack(
     archive.link("var/run", "/run");
     archive.copy("bin/busybox", &packages.root.join("bin/busybox"))?;
 
-    let mut order = modules::in_order(&packages.root.join("lib/modules").join(&packages.release), &MODULES)?;
+    let modules = packages.root.join("lib/modules").join(&packages.release);
+    let mut order = modules::in_order(&modules, &MODULES)?;
     // The module only needs the kernel itself.
     order.push(board.to_owned());
-    let mut names = Vec::new();
-    for module in &order {
-        let name = module.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        archive.copy(&format!("modules/{name}"), module)?;
-        names.push(name);
-    }
+    let names = pack_modules(&mut archive, &order)?;
+    let mut gadget = modules::in_order(&modules, &GADGET_MODULES)?;
+    gadget.retain(|module| !order.contains(module));
+    let gadget = pack_modules(&mut archive, &gadget)?;
+    archive.file(GADGET_ORDER, 0o644, gadget.join("\n").as_bytes());
     let init = INIT.replace('@', &names.join(" ")).replace("COMMAND", command);
     archive.file("init", 0o755, init.as_bytes());
 
@@ -89,4 +95,15 @@ pub fn pack(
     let initrd = folder.join("initrd");
     fs::write(&initrd, archive.finish()).map_err(Error::file("write", &initrd))?;
     Ok(initrd)
+}
+
+/// Adds modules to the archive; returns their names.
+fn pack_modules(archive: &mut Archive, modules: &[PathBuf]) -> Result<Vec<String>, Error> {
+    let mut names = Vec::new();
+    for module in modules {
+        let name = module.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        archive.copy(&format!("modules/{name}"), module)?;
+        names.push(name);
+    }
+    Ok(names)
 }

@@ -4,9 +4,9 @@ use std::collections::VecDeque;
 
 use super::{TRANSFERS_AT_ONCE, TooMany};
 
-/// A transfer.
+/// A pending transfer.
 #[derive(Debug, Default)]
-pub(super) struct Transfer {
+pub(super) struct Pending {
     /// The number that the host has given it.
     pub sequence: u32,
     /// How many bytes the host accepts of an IN transfer.
@@ -17,7 +17,7 @@ pub(super) struct Transfer {
     pub moved: usize,
 }
 
-impl Transfer {
+impl Pending {
     /// How many more bytes of an IN transfer fit.
     pub fn room(&self) -> usize {
         self.length - self.bytes.len()
@@ -27,8 +27,8 @@ impl Transfer {
 /// The transfers of one direction.
 #[derive(Debug, Default)]
 pub(super) struct Buffers {
-    waiting: VecDeque<Transfer>,
-    spare: Vec<Transfer>,
+    waiting: VecDeque<Pending>,
+    spare: Vec<Pending>,
 }
 
 impl Buffers {
@@ -36,7 +36,7 @@ impl Buffers {
         self.waiting.is_empty()
     }
 
-    pub fn first(&mut self) -> Option<&mut Transfer> {
+    pub fn first(&mut self) -> Option<&mut Pending> {
         self.waiting.front_mut()
     }
 
@@ -52,7 +52,7 @@ impl Buffers {
         let mut buffer = self.spare.pop().unwrap_or_default().bytes;
         buffer.clear();
         buffer.extend_from_slice(bytes);
-        self.waiting.push_back(Transfer { sequence, length, bytes: buffer, moved: 0 });
+        self.waiting.push_back(Pending { sequence, length, bytes: buffer, moved: 0 });
         Ok(())
     }
 
@@ -66,7 +66,7 @@ impl Buffers {
     }
 
     /// Removes the first transfer and passes it to `look`.
-    pub fn end_first(&mut self, look: impl FnOnce(&Transfer)) {
+    pub fn end_first(&mut self, look: impl FnOnce(&Pending)) {
         if let Some(transfer) = self.waiting.pop_front() {
             look(&transfer);
             self.spare.push(transfer);

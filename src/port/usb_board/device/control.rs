@@ -1,9 +1,9 @@
 //! Endpoint 0: the standard requests and those of a HID device.
 
 use super::{Device, TooMany};
-use crate::port::usbip::descriptors::{CONFIGURATION_VALUE, IN, OUT};
-use crate::port::usbip::setup::{Request, Setup, report};
-use crate::port::usbip::wire::{self, Direction, Status, Submit};
+use crate::port::usb_board::descriptors::{CONFIGURATION_VALUE, IN, OUT};
+use crate::port::usb_board::setup::{Request, Setup, report};
+use crate::port::usb_board::transfer::{Direction, Ends, Status, Transfer};
 use crate::sk::FRAME_LEN;
 
 /// The answer to GET_STATUS of a halted endpoint.
@@ -13,8 +13,8 @@ const ALTERNATE: u8 = 0;
 /// The report id of reports without one (SK-9).
 const NO_ID: u8 = 0;
 
-impl Device {
-    pub(super) fn control(&mut self, transfer: &Submit, data: &[u8]) -> Result<(), TooMany> {
+impl<E: Ends> Device<E> {
+    pub(super) fn control(&mut self, transfer: &Transfer, data: &[u8]) -> Result<(), TooMany> {
         let setup = Setup::parse(transfer.setup);
         // A request without a data stage is an OUT transfer, whatever its direction bit says.
         let to_host = setup.to_host && setup.length > 0;
@@ -25,15 +25,15 @@ impl Device {
         let room = usize::from(setup.length).min(transfer.length as usize);
         match setup.request {
             Request::GetDescriptor { kind, index } => match self.descriptors.get(kind, index) {
-                Some(descriptor) => answer(&mut self.replies, transfer, room, descriptor),
+                Some(descriptor) => answer(&mut self.ends, transfer, room, descriptor),
                 None => self.refuse(transfer),
             },
             // Not self-powered, no remote wake-up.
-            Request::GetStatus => answer(&mut self.replies, transfer, room, &[0, 0]),
+            Request::GetStatus => answer(&mut self.ends, transfer, room, &[0, 0]),
             Request::GetEndpointStatus(endpoint) => match self.halt_of(endpoint) {
                 Some(halted) => {
                     let status = if *halted { HALTED } else { 0 };
-                    answer(&mut self.replies, transfer, room, &[status, 0]);
+                    answer(&mut self.ends, transfer, room, &[status, 0]);
                 }
                 None => self.refuse(transfer),
             },
@@ -44,20 +44,20 @@ impl Device {
                 }
                 None => self.refuse(transfer),
             },
-            // Over USB/IP the host assigns addresses on its own bus, so this one has no effect.
+            // The host's controller, or this machine's, has assigned the address, so this one has no effect.
             Request::SetAddress => self.done(transfer),
             Request::GetConfiguration => {
                 let value = if self.configured { CONFIGURATION_VALUE } else { 0 };
-                answer(&mut self.replies, transfer, room, &[value]);
+                answer(&mut self.ends, transfer, room, &[value]);
             }
             Request::SetConfiguration(value @ (0 | CONFIGURATION_VALUE)) => {
                 self.configured = value == CONFIGURATION_VALUE;
                 self.halted = super::Halted::default();
                 self.done(transfer);
             }
-            Request::GetInterface => answer(&mut self.replies, transfer, room, &[ALTERNATE]),
+            Request::GetInterface => answer(&mut self.ends, transfer, room, &[ALTERNATE]),
             Request::SetInterface(0) => self.done(transfer),
-            Request::GetIdle => answer(&mut self.replies, transfer, room, &[self.idle]),
+            Request::GetIdle => answer(&mut self.ends, transfer, room, &[self.idle]),
             // The idle rate is stored without effect, because the board makes a report in every cycle. [OURS]
             Request::SetIdle(idle) => {
                 self.idle = idle;
@@ -65,7 +65,7 @@ impl Device {
             }
             // [OURS] The answer is the newest report that was read for the host.
             Request::GetReport { kind: report::INPUT, id: NO_ID } => {
-                answer(&mut self.replies, transfer, room, self.report.bytes());
+                answer(&mut self.ends, transfer, room, self.report.bytes());
             }
             // [OURS] A whole report is a command frame as on the OUT endpoint; any other length is refused.
             Request::SetReport { kind: report::OUTPUT, id: NO_ID } if data.len() == FRAME_LEN && self.configured => {
@@ -80,11 +80,11 @@ impl Device {
         Ok(())
     }
 
-    fn done(&mut self, transfer: &Submit) {
-        answer(&mut self.replies, transfer, 0, &[]);
+    fn done(&mut self, transfer: &Transfer) {
+        answer(&mut self.ends, transfer, 0, &[]);
     }
 
-    fn refuse(&mut self, transfer: &Submit) {
+    fn refuse(&mut self, transfer: &Transfer) {
         self.counters.refused += 1;
         self.stall(transfer.sequence);
     }
@@ -99,7 +99,7 @@ impl Device {
 }
 
 /// Answers a request with as many of these bytes as the host has room for.
-fn answer(replies: &mut Vec<u8>, transfer: &Submit, room: usize, bytes: &[u8]) {
+fn answer(ends: &mut impl Ends, transfer: &Transfer, room: usize, bytes: &[u8]) {
     let bytes = &bytes[..bytes.len().min(room)];
-    wire::ret_submit(replies, transfer.sequence, Status::Done, bytes.len() as u32, bytes);
+    ends.ended(transfer.sequence, Status::Done, bytes.len() as u32, bytes);
 }

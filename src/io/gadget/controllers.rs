@@ -1,0 +1,115 @@
+//! The USB device controllers of this machine (UDC), and the claim of one program of this project on one of them.
+
+use std::fs;
+use std::io;
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::net::{SocketAddr, UnixListener};
+use std::path::{Path, PathBuf};
+
+/// Where the kernel lists the controllers.
+pub const UDC_CLASS: &str = "/sys/class/udc";
+
+/// Why no device controller can be used.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
+pub enum ControllerError {
+    /// The machine has none.
+    #[error(
+        "this machine has no USB device controller ({} lists none); on a Raspberry Pi write dtoverlay=dwc2,dr_mode=peripheral into \
+         config.txt and start it again; for a trial without a cable `sudo modprobe dummy_hcd`",
+        class.display()
+    )]
+    None { class: PathBuf },
+    /// There is none of that name.
+    #[error("there is no USB device controller {wanted}; there is: {}; name one with --udc", there.join(", "))]
+    Unknown { wanted: String, there: Vec<String> },
+    /// There are several, and none was named.
+    #[error("this machine has several USB device controllers; name one with --udc: {}", there.join(", "))]
+    Several { there: Vec<String> },
+    /// Another process of this project serves it.
+    #[error("the USB device controller {name} is served by another program of ecmsk; end that one first")]
+    InUse { name: String },
+    /// The system did not provide a socket for the claim.
+    #[error("cannot claim the USB device controller {name}: {source}; free some files, then start it again")]
+    System { name: String, source: io::Error },
+}
+
+/// The controller to use: the one of that name, or the only one in the folder `class`.
+///
+/// # Errors
+/// [`ControllerError`].
+pub fn choose(class: &Path, wanted: Option<&str>) -> Result<String, ControllerError> {
+    let entries = fs::read_dir(class).into_iter().flatten().flatten();
+    let mut there: Vec<String> = entries.filter_map(|entry| entry.file_name().into_string().ok()).collect();
+    there.sort();
+    if there.is_empty() {
+        return Err(ControllerError::None { class: class.to_owned() });
+    }
+    match wanted {
+        Some(wanted) if there.iter().any(|name| name == wanted) => Ok(wanted.to_owned()),
+        Some(wanted) => Err(ControllerError::Unknown { wanted: wanted.to_owned(), there }),
+        None if there.len() == 1 => Ok(there.swap_remove(0)),
+        None => Err(ControllerError::Several { there }),
+    }
+}
+
+/// A claim on a controller, held until it is dropped or the process ends. As long as it is held, what configfs has of this
+/// project for that controller is no leftover.
+pub struct Claim {
+    _listener: UnixListener,
+}
+
+impl Claim {
+    /// Claims a controller.
+    ///
+    /// # Errors
+    /// [`ControllerError::InUse`] if another claim exists; [`ControllerError::System`].
+    pub fn new(controller: &str) -> Result<Self, ControllerError> {
+        let name = || controller.to_owned();
+        let address = SocketAddr::from_abstract_name(format!("ecmsk/udc/{controller}"));
+        match address.and_then(|address| UnixListener::bind_addr(&address)) {
+            Ok(listener) => Ok(Self { _listener: listener }),
+            Err(source) if source.kind() == io::ErrorKind::AddrInUse => Err(ControllerError::InUse { name: name() }),
+            Err(source) => Err(ControllerError::System { name: name(), source }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn class(names: &[&str]) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().expect("a folder");
+        for name in names {
+            fs::create_dir(folder.path().join(name)).expect("a folder below it");
+        }
+        folder
+    }
+
+    /// The only controller needs no name; of several one is named, and an error lists them.
+    #[test]
+    fn a_controller_is_chosen() {
+        let choose = |names: &[&str], wanted| choose(class(names).path(), wanted);
+        assert_eq!(choose(&["fe980000.usb"], None).expect("the only one"), "fe980000.usb");
+        assert_eq!(choose(&["b", "a"], Some("b")).expect("it is there"), "b");
+        let several = choose(&["b", "a"], None).expect_err("which one?").to_string();
+        assert!(several.ends_with("--udc: a, b"), "{several}");
+        let unknown = choose(&["b", "a"], Some("c")).expect_err("there is none").to_string();
+        assert!(unknown.contains("controller c; there is: a, b; "), "{unknown}");
+        for wanted in [None, Some("a")] {
+            let none = choose(&[], wanted).expect_err("there is none").to_string();
+            assert!(none.contains("dr_mode=peripheral") && none.contains("modprobe dummy_hcd"), "{none}");
+        }
+        assert!(matches!(super::choose(Path::new("/nowhere"), None), Err(ControllerError::None { .. })));
+    }
+
+    #[test]
+    fn a_controller_is_claimed_once() {
+        let first = Claim::new("no_such_udc.7").expect("it is free");
+        let refused = Claim::new("no_such_udc.7").err().expect("it is in use").to_string();
+        assert!(refused.contains("another program of ecmsk"), "{refused}");
+        drop(first);
+        assert!(Claim::new("no_such_udc.7").is_ok());
+    }
+}

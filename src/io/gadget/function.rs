@@ -1,0 +1,134 @@
+//! The function of a gadget: its mount, endpoint 0, and the files of its two interrupt endpoints.
+
+use std::ffi::CStr;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read, Write};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
+
+use rustix::mount::{MountFlags, UnmountFlags, mount, unmount};
+
+use super::transfers::Transfers;
+use super::wire::{self, EVENT_LEN, Event};
+
+/// The folder below which functions are mounted.
+pub const MOUNTS: &str = "/run/ecmsk";
+
+/// Where a function is mounted, until this is dropped.
+#[derive(Debug)]
+struct Mount {
+    folder: PathBuf,
+}
+
+impl Mount {
+    /// Mounts the function `name` below `mounts`. A mount that stands there already is the leftover of a process that has
+    /// ended.
+    fn new(mounts: &Path, name: &str) -> io::Result<Self> {
+        let folder = mounts.join(name);
+        release(&folder);
+        fs::create_dir_all(&folder)?;
+        mount(name, folder.as_path(), "functionfs", MountFlags::empty(), None::<&CStr>)?;
+        Ok(Self { folder })
+    }
+}
+
+impl Drop for Mount {
+    fn drop(&mut self) {
+        release(&self.folder);
+    }
+}
+
+/// Removes a mount and its folder, if they are there.
+fn release(folder: &Path) {
+    while unmount(folder, UnmountFlags::DETACH).is_ok() {}
+    // Without the mount it is empty; if it is not there, nothing is to be done.
+    let _ = fs::remove_dir(folder);
+}
+
+/// Endpoint 0. While a request waits for its answer, the next event is that answer's end.
+#[derive(Debug)]
+pub struct ControlEndpoint(File);
+
+impl ControlEndpoint {
+    /// The next event; `None` if there is none, or if the request that was answered last was given up by the host.
+    ///
+    /// # Errors
+    /// Errors of the kernel: the function cannot be used any more.
+    pub fn next_event(&self) -> io::Result<Option<Event>> {
+        let mut bytes = [0; EVENT_LEN];
+        match (&self.0).read(&mut bytes) {
+            Ok(EVENT_LEN) => Ok(Some(Event::parse(&bytes))),
+            Ok(_) => Ok(None),
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock || error.kind() == io::ErrorKind::Interrupted => {
+                Ok(None)
+            }
+            Err(error) if error.raw_os_error() == Some(libc::EIDRM) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Answers a request to the host with these bytes. If the host has given the request up, nothing happens.
+    pub fn answer(&self, bytes: &[u8]) {
+        let _ = (&self.0).write(bytes);
+    }
+
+    /// Takes the bytes of a request to the device, and acknowledges it; `None` if the host has given it up.
+    pub fn take(&self, bytes: &mut [u8]) -> Option<usize> {
+        (&self.0).read(bytes).ok()
+    }
+
+    /// Acknowledges a request to the device that has no bytes. If the host has given the request up, nothing happens.
+    pub fn acknowledge(&self) {
+        let _ = (&self.0).read(&mut []);
+    }
+
+    /// Stalls a request: by a transfer in the direction that it does not have.
+    pub fn stall(&self, to_host: bool) {
+        // Both fail, by their purpose.
+        let _ = if to_host { (&self.0).read(&mut []) } else { (&self.0).write(&[]) };
+    }
+}
+
+impl AsFd for ControlEndpoint {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.0.as_fd()
+    }
+}
+
+/// A function with an interrupt endpoint in each direction, until this is dropped.
+#[derive(Debug)]
+pub struct Function {
+    _mount: Mount,
+}
+
+impl Function {
+    /// Removes the mount of a process that has ended, if it is there.
+    pub fn remove_leftover(mounts: &Path, name: &str) {
+        release(&mounts.join(name));
+    }
+
+    /// Mounts the function `name` of a gadget that is not bound yet, and gives it its descriptors: an interface with an IN
+    /// endpoint, followed by an OUT endpoint. Returns it with its endpoint 0 and its transfers, which end before it.
+    ///
+    /// # Errors
+    /// Errors of the kernel.
+    pub fn open(mounts: &Path, name: &str, descriptors: &[u8]) -> io::Result<(Self, ControlEndpoint, Transfers)> {
+        let mount = Mount::new(mounts, name)?;
+        let control = open(&mount.folder.join("ep0"))?;
+        for part in [wire::descriptors(descriptors), wire::strings()] {
+            if (&control).write(&part)? != part.len() {
+                return Err(io::ErrorKind::WriteZero.into());
+            }
+        }
+        // The endpoints' files have the numbers of their descriptors.
+        let [input, output] = ["ep1", "ep2"].map(|file| open(&mount.folder.join(file)).map(OwnedFd::from));
+        let transfers = Transfers::new(input?, output?)?;
+        Ok((Self { _mount: mount }, ControlEndpoint(control), transfers))
+    }
+}
+
+/// Opens an endpoint. Transfers of an endpoint that is not at work fail at once instead of waiting.
+fn open(path: &Path) -> io::Result<File> {
+    OpenOptions::new().read(true).write(true).custom_flags(libc::O_NONBLOCK).open(path)
+}

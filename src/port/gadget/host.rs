@@ -1,0 +1,385 @@
+//! The host at the other end of the cable, as the controller's events and transfers show it. Plain state without I/O and waits;
+//! time is an argument.
+//!
+//! The controller has one report for the host at most, and takes one frame at a time: while it has no report, or the board has
+//! not taken the frame before, it answers NAK. The USB device in between is the one of all virtual boards.
+
+use std::fmt;
+use std::time::Duration;
+
+use crate::io::gadget::wire::{Event, SETUP_LEN};
+use crate::port::usb_board::descriptors::{Descriptors, IN, OUT};
+use crate::port::usb_board::device::{Device, TRANSFERS_AT_ONCE};
+use crate::port::usb_board::setup::{Request, Setup, report};
+use crate::port::usb_board::transfer::{Direction, Ends, Status, Transfer};
+use crate::sk::{FRAME_LEN, Frame};
+
+/// The age at which a report that the host has not fetched is replaced by a newer one. A host that reads fetches it within
+/// 125 us; one that begins to read gets no report of long ago. \[OURS]
+const REPLACE_AFTER: Duration = Duration::from_millis(20);
+
+/// The numbers of transfers, by which their ends are told apart.
+const CONTROL: u32 = 0;
+const REPORT: u32 = 1;
+const FRAME: u32 = 2;
+const FRAME_BY_CONTROL: u32 = 3;
+
+/// The interrupt endpoints of a device controller.
+pub(super) trait Controller {
+    /// Whether it has a report that the host has not fetched.
+    fn is_sending(&self) -> bool;
+    /// Whether it takes a frame.
+    fn is_receiving(&self) -> bool;
+    /// Gives it a report for the host.
+    fn send(&mut self, report: &[u8; FRAME_LEN]);
+    /// Asks for the report that it has; the end of that transfer says whether the host was faster.
+    fn take_back(&mut self);
+    /// Has it take a frame.
+    fn receive(&mut self);
+}
+
+/// The ends of transfers.
+#[derive(Debug, Default)]
+struct Ended {
+    report: Option<Frame>,
+    /// The answer to a control request; `None` in it is a stall.
+    control: Option<Option<Vec<u8>>>,
+    frame: bool,
+    frames_by_control: usize,
+}
+
+impl Ends for Ended {
+    fn ended(&mut self, sequence: u32, status: Status, _moved: u32, data: &[u8]) {
+        match sequence {
+            REPORT if status == Status::Done => self.report = Some(Frame::from_prefix(data)),
+            CONTROL => self.control = Some((status == Status::Done).then(|| data.to_vec())),
+            FRAME => self.frame = true,
+            FRAME_BY_CONTROL => self.frames_by_control += 1,
+            _ => {}
+        }
+    }
+
+    fn unlinked(&mut self, _sequence: u32, _status: Status) {}
+}
+
+/// Where the host is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Presence {
+    Away,
+    There,
+    Asleep,
+}
+
+/// Why a host no longer has the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Why {
+    /// It is unplugged or switched off, or has reset the device or deselected its configuration: the kernel does not say
+    /// which.
+    Detached,
+    /// It has selected the configuration anew.
+    Configured,
+    /// The bus is idle: it sleeps, or its controller has stopped.
+    Asleep,
+}
+
+impl fmt::Display for Why {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Detached => "it was unplugged, or has reset the board",
+            Self::Configured => "it has configured the board anew",
+            Self::Asleep => "it sleeps",
+        })
+    }
+}
+
+/// A host that no longer has the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Gone {
+    pub why: Why,
+    /// Frames that the board has taken from it.
+    pub frames: u64,
+    /// Reports that it has fetched.
+    pub reports: u64,
+    /// Whether the board hung, because of a short packet.
+    pub hung: bool,
+}
+
+/// What has become of the host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Change {
+    /// A host has the board.
+    Came,
+    /// A host that slept has it again.
+    Woke,
+    /// The host no longer has it, see [`Host::take_gone`].
+    Went,
+}
+
+/// The answer to a request on endpoint 0.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Answer {
+    /// These bytes, to the host.
+    Data(Vec<u8>),
+    /// So many bytes are to be taken from the host and given to [`Host::control_data`].
+    Take(usize),
+    /// Success, without bytes.
+    Acknowledge,
+    /// Refused.
+    Stall {
+        /// The direction in the request.
+        to_host: bool,
+    },
+}
+
+/// The host and the device that it has.
+#[derive(Debug)]
+pub(super) struct Host {
+    descriptors: Descriptors,
+    device: Device<Ended>,
+    presence: Presence,
+    /// Whether reports and frames pass: not while axes are being stopped, nor while the board is lost.
+    is_open: bool,
+    /// Counts the devices. A frame of an earlier one is none of this one.
+    generation: u64,
+    /// Whether a frame of the host waits for the board.
+    frame_waits: bool,
+    /// How many frames wait beside it that came on endpoint 0.
+    control_frames: usize,
+    /// When the controller got the report that it has.
+    given: Duration,
+    is_taken_back: bool,
+    reports: u64,
+    /// Whether the board has taken a frame since the axes were stopped last.
+    has_written: bool,
+    gone: Option<Gone>,
+}
+
+impl Host {
+    pub(super) fn new(descriptors: Descriptors) -> Self {
+        Self {
+            device: Device::over(descriptors.clone(), Ended::default()),
+            descriptors,
+            presence: Presence::Away,
+            is_open: true,
+            generation: 0,
+            frame_waits: false,
+            control_frames: 0,
+            given: Duration::ZERO,
+            is_taken_back: false,
+            reports: 0,
+            has_written: false,
+            gone: None,
+        }
+    }
+
+    /// An event of the function other than a request.
+    pub(super) fn event(&mut self, event: Event, now: Duration, controller: &mut dyn Controller) -> Option<Change> {
+        match event {
+            Event::Enabled => {
+                let change = if self.presence == Presence::There { Change::Went } else { Change::Came };
+                self.leave(Why::Configured);
+                self.arrive(now, controller);
+                Some(change)
+            }
+            Event::Disabled | Event::Unbound => {
+                let was_there = self.presence != Presence::Away;
+                self.leave(Why::Detached);
+                self.presence = Presence::Away;
+                was_there.then_some(Change::Went)
+            }
+            Event::Suspended if self.presence == Presence::There => {
+                self.leave(Why::Asleep);
+                self.presence = Presence::Asleep;
+                Some(Change::Went)
+            }
+            Event::Resumed if self.presence == Presence::Asleep => {
+                self.arrive(now, controller);
+                Some(Change::Woke)
+            }
+            _ => None,
+        }
+    }
+
+    /// A request on endpoint 0.
+    pub(super) fn setup(&mut self, bytes: [u8; SETUP_LEN]) -> Answer {
+        let setup = Setup::parse(bytes);
+        let has_data = !setup.to_host && setup.length > 0;
+        if has_data {
+            let is_report = matches!(setup.request, Request::SetReport { kind: report::OUTPUT, id: 0 });
+            // Its bytes cannot be refused any more once they were taken.
+            let has_room = self.control_frames + 1 < TRANSFERS_AT_ONCE && !self.device.hangs();
+            return match usize::from(setup.length) {
+                FRAME_LEN if is_report && has_room => Answer::Take(FRAME_LEN),
+                _ => Answer::Stall { to_host: false },
+            };
+        }
+        match self.control(CONTROL, bytes, &setup, &[]) {
+            Some(data) if setup.to_host => Answer::Data(data),
+            Some(_) => Answer::Acknowledge,
+            None => Answer::Stall { to_host: setup.to_host },
+        }
+    }
+
+    /// The bytes of a request that [`Answer::Take`] has asked for. The host has its acknowledgement already.
+    pub(super) fn control_data(&mut self, bytes: [u8; SETUP_LEN], data: &[u8]) {
+        self.control_frames += 1;
+        self.control(FRAME_BY_CONTROL, bytes, &Setup::parse(bytes), data);
+        self.count_ends();
+    }
+
+    /// Passes a request to the device; `None` if it stalls, or answers later.
+    fn control(&mut self, sequence: u32, bytes: [u8; SETUP_LEN], setup: &Setup, data: &[u8]) -> Option<Vec<u8>> {
+        let direction = if setup.to_host && setup.length > 0 { Direction::In } else { Direction::Out };
+        let transfer = Transfer { sequence, direction, endpoint: 0, length: setup.length.into(), setup: bytes };
+        self.device.transfer(&transfer, data).ok()?;
+        self.device.ends_mut().control.take().flatten()
+    }
+
+    /// The board has made a report.
+    pub(super) fn report(&mut self, report: &Frame, now: Duration, controller: &mut dyn Controller) {
+        if !self.is_open {
+            return;
+        }
+        self.device.report(report);
+        self.arm(now, controller);
+        let is_old = now.saturating_sub(self.given) >= REPLACE_AFTER;
+        if is_old && !self.is_taken_back && self.device.report_waits() && controller.is_sending() {
+            self.is_taken_back = true;
+            controller.take_back();
+        }
+    }
+
+    /// The controller no longer has the report: the host has fetched it, or it was taken back (`was_fetched`: false).
+    pub(super) fn sent(&mut self, was_fetched: bool, now: Duration, controller: &mut dyn Controller) {
+        self.is_taken_back = false;
+        self.reports += u64::from(was_fetched && self.presence != Presence::Away);
+        self.arm(now, controller);
+    }
+
+    /// The controller has taken a packet of the host.
+    pub(super) fn received(&mut self, packet: &[u8], now: Duration, controller: &mut dyn Controller) {
+        if self.presence == Presence::Away {
+            return;
+        }
+        let transfer = Transfer {
+            sequence: FRAME,
+            direction: Direction::Out,
+            endpoint: OUT,
+            length: packet.len() as u32,
+            setup: [0; SETUP_LEN],
+        };
+        // There is none beside it, so there are not too many.
+        self.frame_waits = self.device.transfer(&transfer, packet).is_ok();
+        self.settle(now, controller);
+    }
+
+    /// The next frame for the board, with what [`Self::write_ended`] needs to know.
+    pub(super) fn begin_write(&mut self, frame: &mut Frame) -> Option<u64> {
+        (self.is_open && self.device.begin_write(frame)).then_some(self.generation)
+    }
+
+    /// The board has taken a frame, or has not.
+    pub(super) fn write_ended(&mut self, generation: u64, taken: bool, now: Duration, controller: &mut dyn Controller) {
+        self.has_written |= taken;
+        if generation != self.generation {
+            return;
+        }
+        if taken {
+            self.device.written()
+        } else {
+            self.device.not_written()
+        }
+        self.settle(now, controller);
+    }
+
+    /// Whether the board has a frame to take.
+    pub(super) fn has_frame(&self) -> bool {
+        self.is_open && self.device.has_frame()
+    }
+
+    /// The host that is gone, if none was asked for since.
+    pub(super) fn take_gone(&mut self) -> Option<Gone> {
+        self.gone.take()
+    }
+
+    /// Whether axes may move by frames of a host; no longer, once it was asked for.
+    pub(super) fn take_has_written(&mut self) -> bool {
+        std::mem::take(&mut self.has_written)
+    }
+
+    /// Nothing passes until [`Self::open`].
+    pub(super) fn close(&mut self) {
+        self.is_open = false;
+    }
+
+    /// Reports and frames pass, unless a host has gone meanwhile.
+    pub(super) fn open(&mut self, now: Duration, controller: &mut dyn Controller) {
+        self.is_open = self.gone.is_none();
+        self.arm(now, controller);
+    }
+
+    /// Gives the controller what it can have.
+    pub(super) fn arm(&mut self, now: Duration, controller: &mut dyn Controller) {
+        if self.presence != Presence::There || !self.is_open || self.device.hangs() {
+            return;
+        }
+        if !controller.is_sending() {
+            self.next_report();
+            if let Some(report) = self.device.ends_mut().report.take() {
+                self.given = now;
+                controller.send(report.bytes());
+            }
+        }
+        if !self.frame_waits && !controller.is_receiving() {
+            controller.receive();
+        }
+    }
+
+    /// Asks the device for a report, unless it was asked already.
+    fn next_report(&mut self) {
+        if self.device.ends().report.is_some() {
+            return;
+        }
+        if !self.device.wants_report() {
+            let (endpoint, length) = (IN & 0x0F, FRAME_LEN as u32);
+            let transfer =
+                Transfer { sequence: REPORT, direction: Direction::In, endpoint, length, setup: [0; SETUP_LEN] };
+            // There is none beside it, so there are not too many.
+            let _ = self.device.transfer(&transfer, &[]);
+        }
+        self.device.deliver();
+    }
+
+    fn settle(&mut self, now: Duration, controller: &mut dyn Controller) {
+        self.count_ends();
+        if self.device.hangs() && controller.is_sending() {
+            controller.take_back();
+        }
+        self.arm(now, controller);
+    }
+
+    fn count_ends(&mut self) {
+        let ends = self.device.ends_mut();
+        self.frame_waits &= !std::mem::take(&mut ends.frame);
+        self.control_frames = self.control_frames.saturating_sub(std::mem::take(&mut ends.frames_by_control));
+    }
+
+    fn arrive(&mut self, now: Duration, controller: &mut dyn Controller) {
+        self.presence = Presence::There;
+        self.device.select_configuration();
+        self.arm(now, controller);
+    }
+
+    /// The host has no device any more; the next one gets another.
+    fn leave(&mut self, why: Why) {
+        if self.presence == Presence::There {
+            let counters = self.device.counters();
+            let gone = Gone { why, frames: counters.frames, reports: self.reports, hung: counters.short_packets > 0 };
+            self.gone.get_or_insert(gone);
+            self.is_open = false;
+        }
+        self.device = Device::over(self.descriptors.clone(), Ended::default());
+        self.generation += 1;
+        (self.frame_waits, self.control_frames, self.reports) = (false, 0, 0);
+    }
+}

@@ -1,0 +1,354 @@
+//! The virtual board at a USB device port of this machine (Linux): a host at the other end of the cable sees an ECM-SK, for any
+//! link. The kernel's gadget in configfs and FunctionFS carry it (why: docs/decisions/the-gadget-is-served-over-functionfs.md).
+//!
+//! Files, in the order in which to read them:
+//!
+//! - `mod.rs`: [`Server`], its options and errors
+//! - `host.rs`: the host and the device that it has, without I/O
+//! - `service.rs`: the threads: events and transfers, reports, frames
+//! - `watched_link.rs`: the board's link, for stopping axes when the host is gone
+//! - `in_memory.rs`: a server without a controller, for tests; `host_tests.rs` are tests
+
+mod host;
+#[cfg(test)]
+mod host_tests;
+#[doc(hidden)]
+pub mod in_memory;
+mod service;
+mod watched_link;
+
+use std::io;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+pub use super::tcp::OnVanish;
+pub use super::usb_board::descriptors::{Identity, IdentityError};
+pub use crate::io::gadget::ControllerError;
+
+use super::usb_board::descriptors::Descriptors;
+use super::usb_board::setup::descriptor::CONFIGURATION;
+use crate::io::gadget::{
+    self, CONFIGFS, Claim, DeviceIds, Direction, End, Function, Gadget, MOUNTS, StepError, Transfers, UDC_CLASS,
+};
+use crate::link::{Link, LinkError};
+use crate::notes::{NoteThread, Notes};
+use crate::sk::FRAME_LEN;
+use crate::threads;
+use host::Controller;
+use service::{Endpoints, Port, Service};
+
+/// The pause between two attempts to open a lost board. \[OURS]
+const RETRY_PAUSE: Duration = Duration::from_millis(500);
+/// The serial number of a board to which none was given: that of the first board of `usbip`. \[OURS]
+const SERIAL: &str = "1-1";
+/// The most bytes of a text that the kernel takes (`USB_MAX_STRING_LEN`).
+const TEXT_BYTES_MAX: usize = 126;
+
+/// Opens the board's link, at first and after every loss.
+pub type Opener = Box<dyn Fn() -> Result<Arc<dyn Link>, LinkError> + Send + Sync>;
+
+/// Where the kernel has its folders.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Places {
+    /// The class of device controllers.
+    pub controllers: PathBuf,
+    /// All gadgets.
+    pub gadgets: PathBuf,
+    /// The folder in which the function is mounted.
+    pub mounts: PathBuf,
+}
+
+impl Default for Places {
+    fn default() -> Self {
+        Self { controllers: UDC_CLASS.into(), gadgets: CONFIGFS.into(), mounts: MOUNTS.into() }
+    }
+}
+
+/// The settings of a server.
+#[derive(Clone)]
+pub struct Options {
+    /// The identity of the board in its descriptors. Without a serial number it gets `1-1`.
+    pub identity: Identity,
+    /// The name of the device controller; `None`: the only one.
+    pub controller: Option<String>,
+    /// What happens to moving axes when the host is gone.
+    pub on_vanish: OnVanish,
+    /// The pause between two attempts to open a lost board.
+    pub retry: Duration,
+    /// Where the kernel has its folders.
+    pub places: Places,
+    /// Called with each line of the log, in a thread of its own for which no other thread waits. If the function is too
+    /// slow, lines are dropped, and a line reports their number.
+    pub tell: Arc<dyn Fn(&str) + Send + Sync>,
+    /// Called when the server cannot go on; [`Server::stop`] returns the reason.
+    pub failed: Arc<dyn Fn() + Send + Sync>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            identity: Identity::default(),
+            controller: None,
+            on_vanish: OnVanish::default(),
+            retry: RETRY_PAUSE,
+            places: Places::default(),
+            tell: Arc::new(|_| {}),
+            failed: Arc::new(|| {}),
+        }
+    }
+}
+
+/// Why a board cannot be served.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
+pub enum ServeError {
+    /// See [`ControllerError`].
+    #[error(transparent)]
+    Controller(#[from] ControllerError),
+    /// The link of the board cannot be opened.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// The link of the board has a virtual clock.
+    #[error(
+        "`{name}` has a virtual clock, which stands still between two calls; a USB device runs by itself: leave out \
+         clock=virtual"
+    )]
+    VirtualTime { name: String },
+    /// The identity of the board is not possible on USB.
+    #[error(transparent)]
+    Identity(#[from] IdentityError),
+    /// The kernel takes shorter texts than USB.
+    #[error("`{text}` has {} bytes, and the kernel takes {TEXT_BYTES_MAX} for a text of a USB device; shorten it", text.len())]
+    Text { text: String },
+    /// The kernel's folder of gadgets does not exist.
+    #[error(
+        "this machine's kernel has no folder for USB gadgets ({}); `sudo modprobe libcomposite`, and if the folder above it is \
+         empty `sudo mount -t configfs none /sys/kernel/config`",
+        path.display()
+    )]
+    NoConfigfs { path: PathBuf },
+    /// This user is not allowed to make a gadget.
+    #[error("a USB gadget is made by root alone ({source}); start the same command with sudo")]
+    NotAllowed { source: StepError },
+    /// Another gadget has the controller.
+    #[error(
+        "another USB gadget of this machine has the device controller {controller} ({gadgets}); end what made it (on a Raspberry Pi \
+         often the module g_ether, or a service that writes there), or name another one with --udc"
+    )]
+    Busy { controller: String, gadgets: String },
+    /// The kernel refuses the gadget.
+    #[error("{0}; does the kernel have FunctionFS (`sudo modprobe usb_f_fs`)? `dmesg` may say more")]
+    Gadget(StepError),
+    /// The kernel refuses the function.
+    #[error(
+        "cannot set up the USB function: {0}; does the kernel have FunctionFS (`sudo modprobe usb_f_fs`)? `dmesg` may say more"
+    )]
+    Function(io::Error),
+    /// The kernel has taken the function away.
+    #[error("the kernel has taken the USB function away: {0}; start the server again")]
+    FunctionGone(io::Error),
+    /// The system did not provide a thread or another resource.
+    #[error("{what}: {source}; free some memory, files or threads, then start it again")]
+    System { what: &'static str, source: io::Error },
+}
+
+/// A running server; it ends when this value is stopped or dropped. Then the gadget is removed.
+pub struct Server {
+    controller: String,
+    // Dropped in this order: the endpoints are closed before the function is unmounted and the gadget removed.
+    service: Arc<Service>,
+    threads: Vec<JoinHandle<()>>,
+    teller: NoteThread<String>,
+    _function: Function,
+    _gadget: Arc<Gadget>,
+    _claim: Claim,
+}
+
+impl Server {
+    /// Opens the link of the board, makes the gadget and gives it to the controller. A cable need not be there.
+    ///
+    /// # Errors
+    /// [`ServeError`]; nothing is left of the gadget then.
+    pub fn start(opener: Opener, options: Options) -> Result<Self, ServeError> {
+        let Options { mut identity, places, .. } = options.clone();
+        if identity.serial.is_empty() {
+            SERIAL.clone_into(&mut identity.serial);
+        }
+        let descriptors = Descriptors::new(&identity)?;
+        let ids = ids(identity, &descriptors)?;
+        let controller = gadget::choose(&places.controllers, options.controller.as_deref())?;
+        let claim = Claim::new(&controller)?;
+        if !places.gadgets.is_dir() {
+            return Err(ServeError::NoConfigfs { path: places.gadgets });
+        }
+        let link = opener()?;
+        let info = link.info();
+        if info.virtual_time {
+            return Err(ServeError::VirtualTime { name: info.name });
+        }
+
+        let name = format!("ecmsk-{controller}");
+        // The claim shows that no other process has this gadget.
+        Function::remove_leftover(&places.mounts, &name);
+        let gadget = Arc::new(Gadget::make(&places.gadgets, &name, &ids).map_err(refused)?);
+        let (function, control, transfers) =
+            Function::open(&places.mounts, &name, function_part(&descriptors)).map_err(ServeError::Function)?;
+        let notes = Notes::default();
+        let system = |what| move |source| ServeError::System { what, source };
+        let teller = NoteThread::of_lines(&notes, Arc::clone(&options.tell)).map_err(system("start a thread"))?;
+        let ended = transfers.waited().try_clone_to_owned().map_err(system("open a file"))?;
+        let port = Bound { gadget: Arc::clone(&gadget), controller: controller.clone() };
+        let service = Service::new(opener, link, descriptors, Box::new(transfers), Box::new(port), options, notes);
+        let service = Arc::new(service.map_err(system("make a socket"))?);
+        let mut server = Self {
+            controller,
+            service,
+            threads: Vec::new(),
+            teller,
+            _function: function,
+            _gadget: gadget,
+            _claim: claim,
+        };
+        let events = Arc::clone(&server.service);
+        server.spawn("gadget-usb", move || events.serve_host(&control, &ended))?;
+        let frames = Arc::clone(&server.service);
+        server.spawn("gadget-frames", move || frames.move_frames())?;
+        server.service.plug_in().map_err(|error| server.not_bound(error, &places))?;
+        let reports = Arc::clone(&server.service);
+        server.spawn("gadget-board", move || reports.serve_board())?;
+        Ok(server)
+    }
+
+    /// The name of the device controller.
+    pub fn controller(&self) -> &str {
+        &self.controller
+    }
+
+    /// Waits until all lines so far are logged, at most 1 s.
+    pub fn flush(&self) {
+        self.teller.flush();
+    }
+
+    /// Takes the board from its host, brings axes that it has moved to a standstill, closes the link and removes the gadget.
+    ///
+    /// # Errors
+    /// [`ServeError::FunctionGone`] if the server had ended by itself.
+    pub fn stop(mut self) -> Result<(), ServeError> {
+        self.end();
+        self.service.take_failure().map_or(Ok(()), |error| Err(ServeError::FunctionGone(error)))
+    }
+
+    fn spawn(&mut self, name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), ServeError> {
+        let thread = threads::spawn(name, work);
+        self.threads.push(thread.map_err(|source| ServeError::System { what: "start a thread", source })?);
+        Ok(())
+    }
+
+    fn not_bound(&self, error: StepError, places: &Places) -> ServeError {
+        if error.source.kind() != io::ErrorKind::ResourceBusy {
+            return refused(error);
+        }
+        let entries = std::fs::read_dir(&places.gadgets).into_iter().flatten().flatten();
+        let holders = entries.filter(|entry| {
+            std::fs::read_to_string(entry.path().join("UDC")).is_ok_and(|udc| udc.trim() == self.controller)
+        });
+        let names: Vec<String> = holders.map(|entry| entry.path().display().to_string()).collect();
+        let gadgets = if names.is_empty() { "of a kernel module".to_owned() } else { names.join(", ") };
+        ServeError::Busy { controller: self.controller.clone(), gadgets }
+    }
+
+    fn end(&mut self) {
+        self.service.stop();
+        for thread in self.threads.drain(..) {
+            // A panic of that thread was printed when it happened.
+            let _ = thread.join();
+        }
+        self.service.close_board();
+        self.teller.end();
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+/// The gadget on its controller.
+struct Bound {
+    gadget: Arc<Gadget>,
+    controller: String,
+}
+
+impl Port for Bound {
+    fn plug_in(&self) -> Result<(), StepError> {
+        self.gadget.bind(&self.controller)
+    }
+
+    fn pull(&self) {
+        self.gadget.unbind();
+    }
+}
+
+impl Controller for Transfers {
+    fn is_sending(&self) -> bool {
+        self.is_under_way(Direction::In)
+    }
+
+    fn is_receiving(&self) -> bool {
+        self.is_under_way(Direction::Out)
+    }
+
+    fn send(&mut self, report: &[u8; FRAME_LEN]) {
+        // The next report is the next attempt.
+        let _ = Self::send(self, report);
+    }
+
+    fn take_back(&mut self) {
+        Self::take_back(self);
+    }
+
+    fn receive(&mut self) {
+        // The next report, or the end of a slice of time, is the next attempt.
+        let _ = Self::receive(self);
+    }
+}
+
+impl Endpoints for Transfers {
+    fn next_end(&mut self) -> Option<End> {
+        Self::next_end(self)
+    }
+
+    fn copy_received(&self, packet: &mut [u8]) {
+        let received = self.received();
+        let length = packet.len().min(received.len());
+        packet[..length].copy_from_slice(&received[..length]);
+    }
+}
+
+fn refused(error: StepError) -> ServeError {
+    match error.source.kind() {
+        io::ErrorKind::PermissionDenied => ServeError::NotAllowed { source: error },
+        _ => ServeError::Gadget(error),
+    }
+}
+
+/// What configfs gets, of the same descriptors that a host gets over USB/IP.
+fn ids(identity: Identity, descriptors: &Descriptors) -> Result<DeviceIds, ServeError> {
+    let texts = [identity.manufacturer, identity.name, identity.serial];
+    if let Some(text) = texts.iter().find(|text| text.len() > TEXT_BYTES_MAX) {
+        return Err(ServeError::Text { text: text.clone() });
+    }
+    let attributes = descriptors.get(CONFIGURATION, 0).and_then(|bytes| bytes.get(7)).copied().unwrap_or_default();
+    let Identity { vendor, product, release, power_ma, .. } = identity;
+    Ok(DeviceIds { vendor, product, release, attributes, power_ma, texts })
+}
+
+/// What FunctionFS gets: the configuration descriptor without its first part, which the kernel makes.
+fn function_part(descriptors: &Descriptors) -> &[u8] {
+    let all = descriptors.get(CONFIGURATION, 0).unwrap_or_default();
+    let head = all.first().map_or(0, |length| usize::from(*length));
+    all.get(head..).unwrap_or_default()
+}

@@ -1,0 +1,395 @@
+//! The threads of the server. One serves the host: events of the controller, requests on endpoint 0 and ends of transfers. One
+//! serves the board: it reads every report, stops the axes when the host is gone, and opens the board again after a loss. One
+//! hands frames to the board.
+
+use std::io;
+use std::os::fd::OwnedFd;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use parking_lot::{Condvar, Mutex};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+use super::host::{Answer, Change, Controller, Gone, Host};
+use super::watched_link::WatchedLink;
+use super::{Opener, Options};
+use crate::io::gadget::wire::{Event, SETUP_LEN};
+use crate::io::gadget::{ControlEndpoint, Direction, End, StepError};
+use crate::link::{Dir, Link, LinkError, Wait};
+use crate::notes::Notes;
+use crate::port::standstill::LeftBoard;
+use crate::port::usb_board::descriptors::Descriptors;
+use crate::sk::{FRAME_LEN, Frame};
+use crate::tcp::Waker;
+
+/// The longest single wait. A cancellation that comes just before a wait begins is noticed after this time, and an endpoint
+/// that was not at work is tried again. \[OURS]
+const WAIT_SLICE: Duration = Duration::from_millis(50);
+
+/// The interrupt endpoints of a device controller, with the transfers that have ended.
+pub(super) trait Endpoints: Controller + Send {
+    /// The next transfer that has ended, if there is one.
+    fn next_end(&mut self) -> Option<End>;
+    /// Copies the packet of the host that was received last, as long as its end has said.
+    fn copy_received(&self, packet: &mut [u8]);
+}
+
+/// Whether a host can see the board.
+pub(super) trait Port: Send + Sync {
+    /// Shows the board to a host, now or when one comes.
+    fn plug_in(&self) -> Result<(), StepError>;
+    /// For a host, the board is pulled.
+    fn pull(&self);
+}
+
+/// The host with the endpoints that it uses. Whoever has the lock may give them transfers.
+struct Bus {
+    host: Host,
+    transfers: Box<dyn Endpoints>,
+    /// Whether a frame is being handed to the board.
+    is_writing: bool,
+    /// The error of a write after which the board is lost.
+    lost: Option<LinkError>,
+}
+
+/// What the threads share.
+pub(super) struct Service {
+    opener: Opener,
+    options: Options,
+    port: Box<dyn Port>,
+    notes: Notes<String>,
+    bus: Mutex<Bus>,
+    /// Signals a frame for the board, the end of a write, and the end of the server.
+    frames: Condvar,
+    link: Mutex<Arc<WatchedLink>>,
+    waker: Waker,
+    is_stopping: AtomicBool,
+    began: Instant,
+    failure: Mutex<Option<io::Error>>,
+}
+
+impl Service {
+    pub(super) fn new(
+        opener: Opener,
+        link: Arc<dyn Link>,
+        descriptors: Descriptors,
+        transfers: Box<dyn Endpoints>,
+        port: Box<dyn Port>,
+        options: Options,
+        notes: Notes<String>,
+    ) -> io::Result<Self> {
+        Ok(Self {
+            opener,
+            options,
+            port,
+            notes,
+            bus: Mutex::new(Bus { host: Host::new(descriptors), transfers, is_writing: false, lost: None }),
+            frames: Condvar::new(),
+            link: Mutex::new(Arc::new(WatchedLink::new(link))),
+            waker: Waker::new()?,
+            is_stopping: AtomicBool::new(false),
+            began: Instant::now(),
+            failure: Mutex::default(),
+        })
+    }
+
+    /// Shows the board to a host.
+    pub(super) fn plug_in(&self) -> Result<(), StepError> {
+        self.port.plug_in()
+    }
+
+    /// Has all threads end. For its host the board is pulled.
+    pub(super) fn stop(&self) {
+        self.is_stopping.store(true, Ordering::Release);
+        self.port.pull();
+        self.waker.wake();
+        // Waits on the link end by themselves: what stops axes must not be cancelled. While this lock is held, no thread is between its check and its wait, so none misses the notification.
+        let _bus = self.bus.lock();
+        self.frames.notify_all();
+    }
+
+    /// Closes the board, after the threads have ended.
+    pub(super) fn close_board(&self) {
+        self.link().close_board();
+    }
+
+    /// Why the server has ended by itself.
+    pub(super) fn take_failure(&self) -> Option<io::Error> {
+        self.failure.lock().take()
+    }
+
+    /// The thread that serves the host. `ended` can be read when a transfer has ended.
+    pub(super) fn serve_host(&self, control: &ControlEndpoint, ended: &OwnedFd) {
+        let slice = Timespec { tv_sec: 0, tv_nsec: WAIT_SLICE.as_nanos() as _ };
+        while !self.is_stopping() {
+            let [events, ends, woken] = [
+                PollFd::new(control, PollFlags::IN),
+                PollFd::new(ended, PollFlags::IN),
+                PollFd::new(self.waker.waited(), PollFlags::IN),
+            ];
+            // If the wait is interrupted, there is nothing yet.
+            let _ = poll(&mut [events, ends, woken], Some(&slice));
+            self.waker.seen();
+            if let Err(error) = self.take_events(control) {
+                return self.fail(error);
+            }
+            self.take_ends();
+        }
+    }
+
+    /// Handles what has happened, in its order.
+    fn take_events(&self, control: &ControlEndpoint) -> io::Result<()> {
+        while let Some(event) = control.next_event()? {
+            match event {
+                Event::Setup(setup) => self.answer(control, setup),
+                event => self.event(event),
+            }
+        }
+        Ok(())
+    }
+
+    /// Handles an event other than a request.
+    pub(super) fn event(&self, event: Event) {
+        let mut bus = self.bus.lock();
+        let Bus { host, transfers, .. } = &mut *bus;
+        let change = host.event(event, self.began.elapsed(), transfers.as_mut());
+        drop(bus);
+        self.tell_change(change);
+    }
+
+    /// The answer to a request.
+    pub(super) fn setup(&self, setup: [u8; SETUP_LEN]) -> Answer {
+        self.bus.lock().host.setup(setup)
+    }
+
+    /// The bytes of a request that [`Answer::Take`] has asked for.
+    pub(super) fn control_data(&self, setup: [u8; SETUP_LEN], data: &[u8]) {
+        self.bus.lock().host.control_data(setup, data);
+        self.frames.notify_all();
+    }
+
+    /// Answers a request, without the lock: the host may take its time.
+    fn answer(&self, control: &ControlEndpoint, setup: [u8; SETUP_LEN]) {
+        match self.setup(setup) {
+            Answer::Data(bytes) => control.answer(&bytes),
+            Answer::Acknowledge => control.acknowledge(),
+            Answer::Stall { to_host } => control.stall(to_host),
+            Answer::Take(length) => {
+                let mut bytes = [0; FRAME_LEN];
+                let bytes = &mut bytes[..length.min(FRAME_LEN)];
+                if let Some(count) = control.take(bytes) {
+                    self.control_data(setup, &bytes[..count]);
+                }
+            }
+        }
+    }
+
+    fn tell_change(&self, change: Option<Change>) {
+        match change {
+            Some(Change::Came) => self.tell("a host has the board"),
+            Some(Change::Woke) => self.tell("the host is awake"),
+            // The board's thread tells it, and stops the axes.
+            Some(Change::Went) | None => {}
+        }
+    }
+
+    /// Handles the transfers that have ended.
+    pub(super) fn take_ends(&self) {
+        let now = self.began.elapsed();
+        let mut bus = self.bus.lock();
+        let Bus { host, transfers, .. } = &mut *bus;
+        let mut failed = false;
+        while let Some(end) = transfers.next_end() {
+            match (end.direction, end.result) {
+                (Direction::In, Ok(_)) => host.sent(true, now, transfers.as_mut()),
+                (Direction::Out, Ok(count)) => {
+                    let mut packet = [0; FRAME_LEN];
+                    let packet = &mut packet[..count.min(FRAME_LEN)];
+                    transfers.copy_received(packet);
+                    host.received(packet, now, transfers.as_mut());
+                }
+                (Direction::In, Err(error)) if error.raw_os_error() == Some(libc::ECONNRESET) => {
+                    host.sent(false, now, transfers.as_mut());
+                }
+                // The endpoint is not at work. An event tells why, or the next slice of time is the next attempt.
+                (_, Err(_)) => failed = true,
+            }
+        }
+        if !failed {
+            host.arm(now, transfers.as_mut());
+        }
+        if host.has_frame() {
+            self.frames.notify_all();
+        }
+    }
+
+    /// The thread that hands frames to the board, one after the other. While the board does not take a frame, the controller
+    /// takes no other.
+    pub(super) fn move_frames(&self) {
+        let mut frame = Frame::new();
+        while let Some(generation) = self.next_frame(&mut frame) {
+            let written = self.link().write(&frame, Wait::For(WAIT_SLICE));
+            let mut bus = self.bus.lock();
+            let Bus { host, transfers, is_writing, lost } = &mut *bus;
+            *is_writing = false;
+            let taken = written.is_ok();
+            if let Some(error) = written.err().filter(|error| !is_temporary(error)) {
+                host.close();
+                *lost = Some(error);
+            }
+            host.write_ended(generation, taken, self.began.elapsed(), transfers.as_mut());
+            drop(bus);
+            self.frames.notify_all();
+        }
+    }
+
+    /// Waits for the next frame of the host; `None`: the server ends.
+    fn next_frame(&self, frame: &mut Frame) -> Option<u64> {
+        let mut bus = self.bus.lock();
+        loop {
+            if self.is_stopping() {
+                return None;
+            }
+            if let Some(generation) = bus.host.begin_write(frame) {
+                bus.is_writing = true;
+                return Some(generation);
+            }
+            self.frames.wait(&mut bus);
+        }
+    }
+
+    /// The thread that serves the board.
+    pub(super) fn serve_board(&self) {
+        let mut report = Frame::new();
+        while !self.is_stopping() {
+            let (gone, lost) = {
+                let mut bus = self.bus.lock();
+                (bus.host.take_gone(), bus.lost.take())
+            };
+            if let Some(error) = lost {
+                self.reopen(&error);
+                continue;
+            }
+            if let Some(gone) = gone {
+                self.tell_gone(&gone);
+                self.stop_axes(&format!("the host is gone ({})", gone.why));
+                self.open();
+                continue;
+            }
+            let link = self.link();
+            match link.read(&mut report, Wait::For(WAIT_SLICE)) {
+                Ok(_) => {
+                    let mut bus = self.bus.lock();
+                    let Bus { host, transfers, .. } = &mut *bus;
+                    host.report(&report, self.began.elapsed(), transfers.as_mut());
+                }
+                Err(error) if is_temporary(&error) => {
+                    if let Err(error) = link.check() {
+                        self.reopen(&error);
+                    }
+                }
+                Err(error) => self.reopen(&error),
+            }
+        }
+        self.stop_axes("the server was stopped");
+    }
+
+    fn open(&self) {
+        let mut bus = self.bus.lock();
+        let Bus { host, transfers, .. } = &mut *bus;
+        host.open(self.began.elapsed(), transfers.as_mut());
+        // A frame may have come before.
+        self.frames.notify_all();
+    }
+
+    /// Lets nothing pass any more, and waits until the board has the frame that is on its way. Returns whether axes may move by
+    /// frames of a host.
+    fn close(&self) -> bool {
+        self.link().cancel(Dir::Write);
+        let mut bus = self.bus.lock();
+        bus.host.close();
+        while bus.is_writing {
+            self.frames.wait(&mut bus);
+        }
+        bus.host.take_has_written()
+    }
+
+    /// Brings the axes to a standstill that frames of a host have moved.
+    fn stop_axes(&self, why: &str) {
+        if !self.close() {
+            return;
+        }
+        let link = self.link();
+        let watch = || link.watch();
+        let shared: Arc<dyn Link> = link.clone();
+        LeftBoard { link: shared, watch: &watch, who: why, tell: &|line| self.tell(line) }
+            .bring_to_standstill(self.options.on_vanish);
+    }
+
+    /// Takes a lost board from its host, and shows it again when it is back.
+    fn reopen(&self, error: &LinkError) {
+        // With the board its axes are lost: they are not this server's to stop.
+        self.close();
+        self.port.pull();
+        self.close_board();
+        self.tell(&format!("the board is lost, {error}; for its host it is pulled; waiting for its return"));
+        let mut told = String::new();
+        while !self.is_stopping() {
+            match self.come_back() {
+                Ok(()) => return self.tell("the board is back"),
+                Err(why) if why != told => {
+                    self.tell(&format!("the board cannot be shown yet: {why}"));
+                    told = why;
+                }
+                Err(_) => {}
+            }
+            let mut bus = self.bus.lock();
+            if !self.is_stopping() {
+                self.frames.wait_for(&mut bus, self.options.retry);
+            }
+        }
+    }
+
+    /// Opens the board and shows it; an error is the reason why not.
+    fn come_back(&self) -> Result<(), String> {
+        let link = (self.opener)().map_err(|error| error.to_string())?;
+        *self.link.lock() = Arc::new(WatchedLink::new(link));
+        if let Err(error) = self.plug_in() {
+            self.close_board();
+            return Err(error.to_string());
+        }
+        self.open();
+        Ok(())
+    }
+
+    fn link(&self) -> Arc<WatchedLink> {
+        Arc::clone(&self.link.lock())
+    }
+
+    fn is_stopping(&self) -> bool {
+        self.is_stopping.load(Ordering::Acquire)
+    }
+
+    fn tell(&self, line: &str) {
+        self.notes.push(line.to_owned());
+    }
+
+    fn tell_gone(&self, gone: &Gone) {
+        let Gone { why, frames, reports, hung } = gone;
+        let hung = if *hung { "; it hung after an OUT packet of fewer than 512 bytes, as the board does" } else { "" };
+        self.tell(&format!("the host is gone, {why}; {frames} frames out, {reports} reports in{hung}"));
+    }
+
+    fn fail(&self, error: io::Error) {
+        if !self.is_stopping() {
+            *self.failure.lock() = Some(error);
+            (self.options.failed)();
+        }
+    }
+}
+
+/// Whether the call may succeed when it is repeated.
+const fn is_temporary(error: &LinkError) -> bool {
+    matches!(error, LinkError::Timeout { .. } | LinkError::Cancelled { .. } | LinkError::Silent { .. })
+}

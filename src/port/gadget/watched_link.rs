@@ -1,0 +1,86 @@
+//! The board's link, with what the frames and reports that pass show of the network. Closing it leaves the board open, so that
+//! the native API can use it for a while.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use parking_lot::Mutex;
+
+use crate::ecm::Watch;
+use crate::link::{Dir, KnownNetwork, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
+use crate::sk::{Frame, SlotSize};
+
+pub(super) struct WatchedLink {
+    link: Arc<dyn Link>,
+    slot: Option<SlotSize>,
+    watch: Mutex<Watch>,
+    /// The sequence number of the next report.
+    next: AtomicU64,
+}
+
+impl WatchedLink {
+    pub(super) fn new(link: Arc<dyn Link>) -> Self {
+        let slot = link.info().slot;
+        Self { link, slot, watch: Mutex::default(), next: AtomicU64::new(0) }
+    }
+
+    /// What has been seen of the network.
+    pub(super) fn watch(&self) -> Watch {
+        self.watch.lock().clone()
+    }
+
+    /// Closes the board.
+    pub(super) fn close_board(&self) {
+        self.link.close();
+    }
+}
+
+impl Link for WatchedLink {
+    fn info(&self) -> LinkInfo {
+        self.link.info()
+    }
+
+    fn network(&self) -> Option<KnownNetwork> {
+        self.link.network()
+    }
+
+    fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        let at = self.link.write(frame, wait)?;
+        if let Some(size) = self.slot {
+            self.watch.lock().command(frame, size, at);
+        }
+        Ok(at)
+    }
+
+    fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
+        let meta = self.link.read(out, wait)?;
+        if let Some(size) = self.slot {
+            let mut watch = self.watch.lock();
+            if meta.sequence > self.next.load(Ordering::Relaxed) {
+                watch.missed();
+            }
+            watch.report(out, size, meta.at);
+        }
+        self.next.store(meta.sequence.saturating_add(1), Ordering::Relaxed);
+        Ok(meta)
+    }
+
+    fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
+        self.link.pass(time)
+    }
+
+    fn cancel(&self, dir: Dir) {
+        self.link.cancel(dir);
+    }
+
+    fn close(&self) {}
+
+    fn check(&self) -> Result<(), LinkError> {
+        self.link.check()
+    }
+
+    fn stats(&self) -> LinkStats {
+        self.link.stats()
+    }
+}

@@ -1,0 +1,87 @@
+//! Stopping the axes of whoever has commanded them and has vanished: a server brings them to a standstill, as the native API
+//! does when a program closes it.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::tcp::OnVanish;
+use crate::ecm::{Close, Ecm, EcmError, Options, Succeeded, Watch};
+use crate::link::{Link, Wait};
+use crate::sk::{FifoAction, Frame, MasterCommand};
+
+/// The timeout for writing a frame to a board that makes no reports. \[OURS]
+const CLEAR_WRITE_MAX: Duration = Duration::from_millis(200);
+
+/// A board whose commander `who` has vanished. The server alone uses `link` meanwhile; closing it leaves the board open.
+pub(super) struct LeftBoard<'a> {
+    pub(super) link: Arc<dyn Link>,
+    /// What frames and reports have shown, up to the newest report.
+    pub(super) watch: &'a dyn Fn() -> Watch,
+    pub(super) who: &'a str,
+    /// Logs a line; never waits.
+    pub(super) tell: &'a dyn Fn(&str),
+}
+
+impl LeftBoard<'_> {
+    /// Brings the axes to a standstill, within the time limits of [`Ecm::close`].
+    pub(super) fn bring_to_standstill(&self, on_vanish: OnVanish) {
+        let off = match on_vanish {
+            OnVanish::Leave => return (self.tell)("axes are left as they are (on-vanish=leave)"),
+            OnVanish::Ramp => false,
+            OnVanish::ServoOff => true,
+        };
+        if self.link.check().is_err() {
+            return;
+        }
+        let who = self.who;
+        match self.stop_axes(off) {
+            Ok(Succeeded::Stand { discarded: entries }) => {
+                (self.tell)(&format!("axes stand still after {who}{}", dropped(entries)));
+            }
+            Ok(Succeeded::NotInOp) => {}
+            Ok(Succeeded::Unknown { discarded: entries }) => (self.tell)(&format!(
+                "the network was configured before this server came: what moves is not known to it and goes on{}; \
+                 use the emergency stop if axes move",
+                dropped(entries)
+            )),
+            Err(error) => {
+                (self.tell)(&format!("axes may still move after {who}: {error}; use the emergency stop"));
+            }
+        }
+    }
+
+    fn stop_axes(&self, off: bool) -> Result<Succeeded, EcmError> {
+        let options = Options { close: Close::Leave, ..Options::default() };
+        let begun =
+            Ecm::over(Arc::clone(&self.link), options).and_then(|ecm| ecm.see_what_is_left(self.watch).map(|()| ecm));
+        match begun {
+            Ok(ecm) => ecm.succeed(&(self.watch)(), off),
+            Err(error) => {
+                self.clear_fifo_unseen();
+                Err(error)
+            }
+        }
+    }
+
+    /// Clears the FIFO of a board that makes no reports. It may take frames nevertheless, and the entries of its FIFO must
+    /// not be executed when its cable is plugged in again.
+    fn clear_fifo_unseen(&self) {
+        let Some(size) = self.link.info().slot else { return };
+        let mut clear = Frame::new();
+        clear.put_master(size, &MasterCommand::SetFifo(FifoAction::Clear));
+        clear.fill_crc(size);
+        if let Err(error) = self.link.write(&clear, Wait::For(CLEAR_WRITE_MAX)) {
+            (self.tell)(&format!(
+                "what waits in the board's FIFO stays there: {error}; use the emergency stop before its cable is plugged"
+            ));
+        }
+    }
+}
+
+fn dropped(entries: u16) -> String {
+    match entries {
+        0 => String::new(),
+        1 => "; one command that waited in the FIFO was dropped".to_owned(),
+        entries => format!("; {entries} commands that waited in the FIFO were dropped"),
+    }
+}

@@ -1,0 +1,110 @@
+//! `ecmsk serve gadget`: makes a board available at a USB device port of this machine.
+
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use ecmsk::link::uri::LinkUri;
+use ecmsk::link::{self, Share};
+use ecmsk::port::gadget::{Identity, Options, ServeError, Server};
+
+use super::Vanish;
+use super::usbip::{given_link, id};
+use crate::stderr::say;
+use crate::{CliError, signals, streams};
+
+/// Serve a board at a USB device port of this machine: the PC at its other end sees an ECM-SK, nothing there needs a change
+///
+/// This machine needs a USB port that can be a device (Raspberry Pi 4 and 5, CM4, BeagleBone Black and others) and the kernel's
+/// FunctionFS. It makes the gadget, and removes it at its end; what a run that was killed has left is mended. The cable may come
+/// and go. When the host is gone (unplugged, switched off, asleep), axes that it has moved are brought to a standstill. Standard
+/// output says what is served, standard error what the host does. It needs root. Ctrl-C and SIGTERM pull the board and end it.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  sudo ecmsk serve gadget --link nic:eth0
+  sudo ecmsk serve gadget --link 'sim:?slaves=drive*2' --serial 7
+  sudo modprobe dummy_hcd; sudo ecmsk serve gadget --link 'sim:?slaves=drive*2' --udc dummy_udc.0")]
+pub struct Args {
+    /// Board to serve, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml]
+    #[arg(long, value_name = "URI", value_parser = given_link)]
+    link: Option<LinkUri>,
+
+    /// USB device controller, as /sys/class/udc lists them [default: the only one]
+    #[arg(long, value_name = "NAME")]
+    udc: Option<String>,
+
+    /// What happens to moving axes when the host is gone
+    #[arg(long, value_enum, default_value_t = Vanish::Ramp)]
+    on_vanish: Vanish,
+
+    /// Vendor id that the board shows, hexadecimal
+    #[arg(long, value_name = "ID", value_parser = id, default_value = "16c0", help_heading = IDENTITY)]
+    vendor: u16,
+
+    /// Product id that the board shows, hexadecimal
+    #[arg(long, value_name = "ID", value_parser = id, default_value = "05df", help_heading = IDENTITY)]
+    product: u16,
+
+    /// Release (bcdDevice) that the board shows, hexadecimal
+    #[arg(long, value_name = "N", value_parser = id, default_value = "0100", help_heading = IDENTITY)]
+    release: u16,
+
+    /// Name of the maker
+    #[arg(long, value_name = "TEXT", default_value_t = Identity::default().manufacturer, help_heading = IDENTITY)]
+    manufacturer: String,
+
+    /// Name of the product
+    #[arg(long, value_name = "TEXT", default_value_t = Identity::default().name, help_heading = IDENTITY)]
+    name: String,
+
+    /// Serial number, by which two boards at one PC are told apart
+    #[arg(long, value_name = "TEXT", default_value = "1-1", help_heading = IDENTITY)]
+    serial: String,
+
+    /// bInterval of the endpoints: 2^(N-1) times 125 us
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=16), help_heading = IDENTITY)]
+    interval: u8,
+}
+
+const IDENTITY: &str = "How the board shows itself";
+
+pub fn run(args: &Args) -> Result<ExitCode, CliError> {
+    let system = |what| move |source| ServeError::System { what, source };
+    // Signals are watched before anything can move.
+    let end_request = signals::EndRequest::watch().map_err(system("catch signals"))?;
+    streams::queue().map_err(system("start the thread of standard error"))?;
+    let served = super::served(args.link.as_ref())?;
+    let served = given_link(&served.to_string()).unwrap_or(served);
+    let options = Options {
+        identity: identity(args),
+        controller: args.udc.clone(),
+        on_vanish: args.on_vanish.into(),
+        tell: Arc::new(|line| say("serve", &line)),
+        failed: Arc::new(end_request.ender()),
+        ..Options::default()
+    };
+    let uri = served.to_string();
+    // A simulated board stays in this process, so opening it again finds the same one.
+    let server = Server::start(Box::new(move || link::open(&uri, Share::ByUri)), options)?;
+    super::announce(format!("at the device port of {}; serving {served}\n", server.controller()))?;
+    let signal = end_request.wait_unless_ended();
+    server.flush();
+    if let Some(signal) = signal {
+        say("serve", &format_args!("stopped by {signal}"));
+    }
+    server.stop()?;
+    Ok(super::ended([&served]))
+}
+
+fn identity(args: &Args) -> Identity {
+    Identity {
+        vendor: args.vendor,
+        product: args.product,
+        release: args.release,
+        interval: args.interval,
+        manufacturer: args.manufacturer.clone(),
+        name: args.name.clone(),
+        serial: args.serial.clone(),
+        ..Identity::default()
+    }
+}

@@ -1,4 +1,4 @@
-//! The EC01M: an exact model of the chip over any [`Fieldbus`]. Plain data and pure steps.
+//! The EC01M: an exact model of the chip over any [`Fieldbus`](crate::fieldbus::Fieldbus). Plain data and pure steps.
 //!
 //! [`Engine::host`] takes a command frame with the time of its arrival, and [`Engine::cycle`] runs one EtherCAT cycle
 //! and makes the report. The engine never sleeps, never reads a clock, and allocates nothing after it was made. Two

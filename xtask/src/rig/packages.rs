@@ -13,8 +13,17 @@ const KERNEL: &str = "linux-image-amd64";
 /// link `usb:`, and libelf1 by the programs of linux-kbuild.
 const OTHERS: [&str; 5] = ["busybox-static", "usbip", "libusb-1.0-0", "libudev1", "libelf1"];
 /// The folders of modules for the devices of the guests. The other modules are most of the kernel's package.
-const KEPT: [&str; 8] =
-    ["drivers/hid", "drivers/usb", "drivers/virtio", "fs/9p", "fs/fscache", "fs/netfs", "fs/overlayfs", "net/9p"];
+const KEPT: [&str; 9] = [
+    "drivers/hid",
+    "drivers/usb",
+    "drivers/virtio",
+    "fs/9p",
+    "fs/configfs",
+    "fs/fscache",
+    "fs/netfs",
+    "fs/overlayfs",
+    "net/9p",
+];
 /// The file in the root that lists the packages in it.
 const MADE_OF: &str = "made-of";
 

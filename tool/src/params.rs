@@ -262,6 +262,9 @@ fn backup(which: Which, place: &Place, output: Option<&Path>, overwrite: bool) -
         (Which::All, Some(slaves)) => slaves.clone(),
         (Which::All, None) => return Err(ParamsError::AllBehindBoard),
     };
+    if let (Which::All, Some(folder)) = (which, output) {
+        std::fs::create_dir_all(folder).map_err(|source| ParamsError::Write { file: folder.to_owned(), source })?;
+    }
     for slave in slaves {
         let file = match (which, output) {
             (Which::All, Some(folder)) => Some(folder.join(format!("slave{slave}.params"))),

@@ -81,7 +81,6 @@ fn another_product_is_refused() {
 #[test]
 fn all_slaves_are_kept() {
     let folder = file("params_all");
-    std::fs::create_dir_all(&folder).expect("a folder");
     let place = folder.display().to_string();
     let all = |link: &str| run(["params", "backup", "all", "--link", link, "--output", &place, "--overwrite"]);
     let ran = all("sim:?slaves=dp3cl,drive*2");

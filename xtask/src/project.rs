@@ -21,7 +21,8 @@ pub struct Project {
     /// Whether cargo builds for a run of the whole test, which takes longer than its builds: a little optimised, not
     /// incrementally, which doubles the space on the disk, and without the line numbers of backtraces.
     pub for_tests: bool,
-    /// Whether packages and the files for Windows are built for tests alone: not optimised, which takes a third of the time.
+    /// Whether packages and the files for Windows are built for tests alone: little or not optimised, which takes
+    /// half of the time.
     pub quick: bool,
 }
 

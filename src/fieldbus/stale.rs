@@ -7,8 +7,8 @@ use super::Ns;
 /// stale and the slave is lost. \[OURS] In this time the bus searches for the missing slave, so that slaves that only share
 /// a datagram with it can continue. Until that search has ended, the time [`STALE_AT_LAST_NS`] applies instead.
 pub const STALE_AFTER: (u32, Ns) = (10, 20_000_000);
-/// The time without new inputs after which they are stale even if the search for the missing slave has not ended, ns. It is
-/// the time for which the watchdogs of slaves wait for outputs. \[OURS]
+/// Inputs of this age, ns, are stale, even while the master still searches for the missing slave. It is the timeout of the
+/// slaves' watchdogs. \[OURS]
 pub const STALE_AT_LAST_NS: Ns = 100_000_000;
 
 /// Whether inputs are stale after `cycles` cycles without new ones. `is_searched`: since then a search for missing slaves

@@ -7,12 +7,14 @@
 //! - `params/choice.rs`: which objects are parameters, and the order of writing the mapping of process data
 //! - `params/drive.rs`: a drive on a network, and one behind a board
 //! - `params/restore.rs`: comparing and writing
+//! - `params/show.rs`: what the verbs print
 
 mod choice;
 mod drive;
 mod error;
 mod file;
 mod restore;
+mod show;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -23,8 +25,8 @@ use ecmsk::ecm::Ecm;
 use ecmsk::link::manufacturer_objects;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::sk::MasterState;
-use ecmsk::slave::{ManufacturerObject, ManufacturerObjects, ManufacturerType};
-use serde_json::{Value as Json, json};
+use ecmsk::slave::{ManufacturerObject, ManufacturerObjects};
+use serde_json::json;
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
@@ -32,9 +34,10 @@ use crate::board::Reporter;
 use crate::hex::hex;
 use crate::link_option::ChosenLink;
 
-use drive::{Answer, BehindBoard, Drive, OnNetwork};
+use drive::{BehindBoard, Drive, OnNetwork};
 use file::{Device, ParameterFile};
 use restore::{Compared, Difference, Fate};
+use show::{answer_shown, object_json, put_answer, show, shown, summarise};
 
 pub use error::ParamsError;
 
@@ -470,108 +473,9 @@ fn store(opened: &mut Opened, slave: u8) -> Result<(), ParamsError> {
     Ok(())
 }
 
-fn show(
-    reporter: &Reporter,
-    verb: &str,
-    slave: u8,
-    Difference { wanted, present }: &Difference,
-    word: &str,
-    what: &str,
-) -> std::io::Result<()> {
-    let (from, to) = (answer_shown(wanted, present), shown(wanted, wanted.value.bytes()));
-    let name = if wanted.name.is_empty() { String::new() } else { format!("  {}", wanted.name) };
-    let mut json = object_json(verb, slave, wanted);
-    json["result"] = word.into();
-    json["file"] = hex(wanted.value.bytes()).into();
-    put_answer(&mut json, "drive", present);
-    reporter.result(format_args!("{:<10}  {from} -> {to}{name}{what}", wanted.address.to_string()), &json)
-}
-
-fn summarise(reporter: &Reporter, compared: &Compared) {
-    let Compared { different, same, too_long } = compared;
-    let word = |count: usize| if count == 1 { "parameter" } else { "parameters" };
-    let differ = if different.len() == 1 { "differs" } else { "differ" };
-    reporter.note(format_args!("{} {} {differ}, {same} are the same", different.len(), word(different.len())));
-    if !too_long.is_empty() {
-        let names: Vec<String> = too_long.iter().map(|object| object.address.to_string()).collect();
-        reporter.note(format_args!(
-            "a board transfers 4 bytes of an object, so that {} {} left out: {}",
-            too_long.len(),
-            if too_long.len() == 1 { "is" } else { "are" },
-            names.join(", ")
-        ));
-    }
-}
-
-fn object_json(verb: &str, slave: u8, object: &ManufacturerObject) -> Json {
-    json!({
-        "verb": verb, "slave": slave, "index": object.address.index, "sub": object.address.sub, "name": object.name,
-        "type": object.data.word(),
-    })
-}
-
-fn put_answer(json: &mut Json, key: &str, answer: &Answer<Vec<u8>>) {
-    match answer {
-        Ok(bytes) => json[key] = hex(bytes).into(),
-        Err(code) => json["abort_code"] = code.0.into(),
-    }
-}
-
-fn answer_shown(object: &ManufacturerObject, answer: &Answer<Vec<u8>>) -> String {
-    answer.as_ref().map_or_else(|code| format!("({code})"), |bytes| shown(object, bytes))
-}
-
-/// A value as a number or as a text. Mappings name objects, which are known by their hexadecimal numbers.
-fn shown(object: &ManufacturerObject, bytes: &[u8]) -> String {
-    let data = object.data;
-    // A board shows more bytes than the object has.
-    let bytes = data.bytes().and_then(|len| bytes.get(..len.into())).unwrap_or(bytes);
-    let raw = || bytes.iter().rev().fold(0_u64, |number, byte| number << 8 | u64::from(*byte));
-    match data {
-        _ if bytes.len() > 8 && data != ManufacturerType::Text => crate::hex::spaced(bytes),
-        ManufacturerType::Text => format!("\"{}\"", String::from_utf8_lossy(bytes).trim_end_matches('\0')),
-        ManufacturerType::I8 | ManufacturerType::I16 | ManufacturerType::I32 | ManufacturerType::I64 => {
-            let left = 64 - 8 * bytes.len() as u32;
-            raw().checked_shl(left).map_or(0, |bits| bits.cast_signed() >> left).to_string()
-        }
-        ManufacturerType::F32 if bytes.len() == 4 => f32::from_bits(raw() as u32).to_string(),
-        ManufacturerType::F64 if bytes.len() == 8 => f64::from_bits(raw()).to_string(),
-        _ if choice::is_mapping(object.address) => format!("0x{:X}", raw()),
-        _ => raw().to_string(),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn object(index: u16, data: ManufacturerType) -> ManufacturerObject {
-        ManufacturerObject {
-            address: ecmsk::coe::ObjectAddress::new(index, 1),
-            data,
-            access: ecmsk::slave::dictionary::Access::ReadWrite,
-            mappable: ecmsk::slave::Mappable::default(),
-            value: ecmsk::slave::ManufacturerValue::of_bytes(&[]),
-            name: String::new(),
-        }
-    }
-
-    #[test]
-    fn values_are_shown_by_their_types() {
-        assert_eq!(shown(&object(0x1600, ManufacturerType::U32), &[0x10, 0, 0x40, 0x60]), "0x60400010");
-        for (data, bytes, said) in [
-            (ManufacturerType::I16, &[0xFF, 0xFF][..], "-1"),
-            (ManufacturerType::I8, &[0x80, 0, 0, 0], "-128"),
-            (ManufacturerType::U16, &[0x10, 0x01, 0, 0], "272"),
-            (ManufacturerType::I64, &[0xFE, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF], "-2"),
-            (ManufacturerType::F32, &[0, 0, 0xC0, 0x3F], "1.5"),
-            (ManufacturerType::Text, b"drive\0", "\"drive\""),
-            (ManufacturerType::Any, &[1, 2, 3, 4, 5, 6, 7, 8, 9], "01 02 03 04 05 06 07 08 09"),
-            (ManufacturerType::I8, &[], "0"),
-        ] {
-            assert_eq!(shown(&object(0x2000, data), bytes), said, "{data:?}");
-        }
-    }
 
     #[test]
     fn a_device_of_another_product_or_version_is_named() {

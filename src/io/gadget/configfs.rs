@@ -52,7 +52,7 @@ pub enum Step {
     Remove(PathBuf),
 }
 
-/// A step that the kernel has not taken.
+/// A step of setting up the gadget that the kernel refused.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot {what} {}: {source}", path.display())]
 pub struct StepError {
@@ -248,7 +248,7 @@ mod tests {
         assert!(!steps.contains(&Step::Make("/g/e/strings/0x409".into())), "without texts there is no language");
     }
 
-    /// What the kernel has in a new folder.
+    /// The files that the kernel creates in a new folder of configfs.
     fn as_the_kernel(gadget: &Path) {
         for folder in ["configs", "functions", "strings"] {
             fs::create_dir_all(gadget.join(folder)).expect("a folder");

@@ -273,7 +273,8 @@ mod tests {
         }
     }
 
-    /// A packet goes out and comes in, whole; one transfer is under way in each direction, and its end is told once.
+    /// A packet is sent and one is received, each whole. Each direction has one transfer in flight, whose completion is
+    /// reported once.
     #[test]
     fn a_packet_goes_each_way() {
         let Some((mut transfers, file)) = over_files() else { return };

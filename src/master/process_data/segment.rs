@@ -15,10 +15,10 @@ pub(super) struct Segment {
     answer: Answer,
 }
 
-/// What has come back in a cycle.
+/// The datagrams of a cycle that have returned.
 #[derive(Debug, Default)]
 struct Answer {
-    /// How many datagrams have not come back.
+    /// The number of datagrams that have not returned.
     missing: u8,
     /// The sum of the working counters that came back.
     counted: u16,

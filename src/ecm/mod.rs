@@ -77,7 +77,7 @@ pub use stream::{Stream, StreamStats};
 pub(crate) use takeover::Succeeded;
 pub use takeover::Watch;
 
-use self::exchange::Exchange;
+use self::exchange::{Exchange, Waited};
 use crate::link::{Link, LinkError, LinkInfo, Share, Wait};
 use crate::open;
 use crate::sk::{Frame, SlotSize, StateByte};
@@ -159,17 +159,19 @@ impl Ecm {
     /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::Link`], [`EcmError::Busy`].
     pub fn next_cycle(&self, limit: Duration) -> Result<Snapshot, EcmError> {
         let limit = limit.min(exchange::LIMIT_MAX);
-        let deadline = self.exchange.now() + limit;
         let began = self.exchange.now();
+        let mut waited = Waited::since(began);
         let mut session = self.exchange.lock()?;
         let before = session.stats.reports;
         loop {
-            self.exchange.round(&mut session, deadline)?;
+            let now = self.exchange.now();
+            let left = limit.saturating_sub(waited.until(now, session.network.cycle()));
+            self.exchange.round(&mut session, now + left)?;
             if session.stats.reports > before {
                 return Ok(session.snapshot());
             }
             self.exchange.check_silence(&session, began, "the next cycle")?;
-            let waited = self.exchange.now().saturating_sub(began);
+            let waited = waited.until(self.exchange.now(), session.network.cycle());
             if waited >= limit {
                 return Err(self.exchange.no_report("the next cycle", waited, session.stats.bad_crc));
             }

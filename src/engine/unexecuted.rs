@@ -136,10 +136,10 @@ impl Unexecuted {
             }
             Self::BeforeEnabled => "send SV_ON and wait until the statusword shows Operation enabled (...37h)",
             Self::ForLost => {
-                "before leaving OP wait until the FIFO is empty (160 free); if a slave was lost, look at its power and its cable, \
+                "before leaving OP wait until the FIFO is empty (all entries free); if a slave was lost, look at its power and its cable, \
                  then send SET_STATE to bring it back"
             }
-            Self::Cleared => "wait until the FIFO is empty (160 free) before SET_FIFO 1 and before leaving OP",
+            Self::Cleared => "wait until the FIFO is empty (all entries free) before SET_FIFO 1 and before leaving OP",
             Self::SdoAborted => "look at bit 15 of the answer's Parm: Data2 is then the abort code",
             Self::OutputsLost => {
                 "frames on the cable are lost, or what goes to the board that sends them; look at the cables and the wires"

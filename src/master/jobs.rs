@@ -5,10 +5,10 @@ use std::future::Future;
 use std::task::{Context, Poll};
 
 use super::bus::{Bus, Task};
-use super::coe::NumberTransfer;
 use super::handle::{End, Ending, Job, JobId};
+use super::lost_slaves::{self, Watch};
+use super::mailbox::coe::NumberTransfer;
 use super::mailbox::{Mailbox, Peer};
-use super::missing::{self, Watch};
 use super::place::{Place, place};
 use super::shared::Shared;
 use super::sii::Eeprom;
@@ -269,7 +269,7 @@ impl Master {
     pub fn read_states(&mut self) -> Job<()> {
         let (bus, stations) = (self.bus.clone(), self.slaves.iter().map(|info| info.station).collect::<Vec<_>>());
         self.start(async move {
-            missing::read_states(&bus, &stations, &mut Vec::new()).await;
+            lost_slaves::read_states(&bus, &stations, &mut Vec::new()).await;
         })
     }
 

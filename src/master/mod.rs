@@ -117,29 +117,28 @@
 //! | `cycle_end.rs` | what the working counters of a cycle show about the slaves |
 //! | `scan.rs`, `info.rs`, `sii.rs`, `sii_error.rs` | finding and identifying slaves, their EEPROMs |
 //! | `states.rs`, `state_error.rs`, `watchdog.rs` | changes of the AL state; the watchdog that ends OP without a master |
-//! | `mailbox.rs`, `mailbox_state.rs` | mailbox messages, none lost and none executed twice |
-//! | `coe.rs`, `foe.rs` | a mailbox protocol each, with its jobs: SDO transfers and SDO information (`coe/`), files |
+//! | `mailbox/` | mailbox messages, none lost and none executed twice |
+//! | `mailbox/coe/`, `mailbox/foe.rs` | a mailbox protocol each, with its jobs: SDO transfers and SDO information, files |
 //! | `registers.rs` | single datagrams of a user, registers of a slave |
 //! | `topology.rs` | the tree of the cables |
 //! | `clock_tree.rs`, `clocks.rs`, `pace.rs` | distributed clocks: delays, setting them, cycles in phase with them |
 //! | `process_data.rs`, `process_data/slave.rs` | logical addresses of process data, frames of a cycle; the part of one slave |
 //! | `process_data/expected.rs` | the right working counters |
-//! | `missing.rs` | the watch: missing slaves, returned slaves, unsolicited messages. While there are cycles its datagrams leave with the next one ([`Master::cycle`]) |
+//! | `lost_slaves.rs` | the watch: missing slaves, returned slaves, unsolicited messages |
+//! | `acyclic.rs` | when the datagrams of jobs, mailboxes and the watch are sent: while there are cycles behind the next one ([`Master::cycle`]) |
 
+mod acyclic;
 mod bus;
 mod clock_tree;
 mod clocks;
-mod coe;
 mod configure;
 mod cycle_end;
 mod exchange;
-mod foe;
 mod handle;
 mod info;
 mod jobs;
+mod lost_slaves;
 mod mailbox;
-mod mailbox_state;
-mod missing;
 mod pace;
 pub(crate) mod place;
 mod process_data;
@@ -162,12 +161,12 @@ use std::task::{Context, Poll, Waker};
 use parking_lot::Mutex;
 
 pub use clock_tree::{ReferenceClock, SyncSignals};
-pub use coe::{SdoError, VALUE_BYTES_MAX};
 pub use exchange::FrameCounters;
-pub use foe::FileError;
 pub use handle::{Ending, Job, JobId};
 pub use info::{MAILBOX_BYTES_MAX, MAILBOX_BYTES_MIN, MailboxInfo, ProcessManager, SlaveInfo};
 pub use mailbox::MailboxError;
+pub use mailbox::coe::{SdoError, VALUE_BYTES_MAX};
+pub use mailbox::foe::FileError;
 pub use pace::Pace;
 pub use process_data::{ConfigureError, CycleDone, SEGMENT_BYTES_MAX};
 pub use registers::{DatagramAnswer, DatagramError};
@@ -224,7 +223,7 @@ impl Master {
     pub fn poll(&mut self, now: Ns, wire: &mut (impl Wire + ?Sized)) {
         self.receive(now, wire);
         self.run();
-        self.send_acyclic(now, wire);
+        self.bus.with(|shared| shared.send_acyclic_without_cycles(now, wire));
     }
 
     fn receive(&mut self, now: Ns, wire: &mut (impl Wire + ?Sized)) {
@@ -270,12 +269,6 @@ impl Master {
         }
     }
 
-    /// Sends acyclic datagrams: as fast as answers come back, or, while there are cycles, behind the frames of each
-    /// cycle.
-    fn send_acyclic(&mut self, now: Ns, wire: &mut (impl Wire + ?Sized)) {
-        self.bus.with(|shared| while !shared.has_cycles() && shared.exchange.send_queued(now, FRAME_LEN_MAX, wire) {});
-    }
-
     /// Sends the frames of a cycle, and one frame with acyclic datagrams. Ends the previous cycle, with those of its
     /// frames that have come back.
     pub fn cycle(&mut self, now: Ns, wire: &mut (impl Wire + ?Sized)) {
@@ -295,9 +288,7 @@ impl Master {
             judge(process, shared);
             let (clock, standing) = (shared.clock_datagram(), shared.standing());
             process.send(now, standing, clock, &mut shared.exchange, wire);
-            if !shared.exchange.is_acyclic_flying() {
-                shared.exchange.send_queued(now, shared.settings.acyclic_bytes_max, wire);
-            }
+            shared.send_acyclic_behind_cycle(now, wire);
         });
     }
 

@@ -7,7 +7,7 @@ use parking_lot::Mutex;
 
 use super::clock_tree::{ClockDatagram, Clocks, Passed, Place, ReferenceClock};
 use super::exchange::Exchange;
-use super::mailbox_state::MailboxState;
+use super::mailbox::state::MailboxState;
 use super::pace::Pacer;
 use super::{Pace, Settings, SlaveInfo, place};
 use crate::ethercat::coe::Emergency;

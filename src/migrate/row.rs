@@ -68,7 +68,7 @@ impl Row {
                  newest report acts on older ones"
             }
             Self::Stall => {
-                "a PC that stalls is bridged by the sets of outputs that lie in the chip (ahead=), and not by the 160 \
+                "a PC that stalls is bridged by the sets of outputs that lie in the chip (ahead=), and not by the \
                  entries of the board's FIFO, which lie in the PC"
             }
             Self::Hold => {

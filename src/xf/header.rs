@@ -1,6 +1,6 @@
 //! The two headers of 24 bytes, of a command and of an answer (XF EN 211 and 235, tables 1 and 2; XF ZH 190).
 
-use super::code::CommandCode;
+use super::command_table::CommandCode;
 use super::value::EtherCatState;
 use super::{CheckType, HEADER_LEN, START_WORD};
 use crate::ethercat::bits;

@@ -17,7 +17,7 @@
 //! | [`check`] | the check word: fixed or CRC-32, and which bytes it covers |
 //! | [`packet`] | building packets in a buffer, and parsing them |
 //! | [`resync`] | finding packets in a stream of bytes with unknown n and offset |
-//! | [`code`] | the table of all command codes and functions |
+//! | [`command_table`] | the table of all command codes and functions |
 //! | [`value`] | numbers of slaves, motors and pins, limited to their range |
 //! | [`request`] | all functions as requests, one type each, and [`Request`] over all |
 //! | [`response`] | the results in the chip's answers |
@@ -55,7 +55,7 @@ pub mod check;
 mod check_type;
 #[cfg(feature = "sim")]
 pub mod chip;
-pub mod code;
+pub mod command_table;
 pub mod fields;
 pub mod header;
 pub mod host;
@@ -71,7 +71,7 @@ pub mod value;
 
 pub use check::{CheckRule, CrcCoverage, CrcCoverages};
 pub use check_type::CheckType;
-pub use code::CommandCode;
+pub use command_table::CommandCode;
 pub use header::{AnswerHeader, CommandHeader, Control, Errors, Interrupts, NetworkState, Reserve, Status};
 pub use malformed::{Allowed, Malformed};
 pub use packet::{AnswerPacket, CommandPacket, PacketError, Received, WriteError, write_answer, write_request};

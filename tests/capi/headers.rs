@@ -4,7 +4,7 @@
 mod needs_cxx {
 
     use ecmsk::cia402::Mode;
-    use ecmsk::sk::{CommandId, DriveSync, MasterState, SlaveKind, SlotSize, StateByte};
+    use ecmsk::sk::{DriveSync, MasterState, SlaveKind, SlotSize, StateByte};
     use std::collections::BTreeMap;
     use std::fmt::Write as _;
     use std::fs;
@@ -32,7 +32,7 @@ mod needs_cxx {
         format!("{}-{}", header.replace('.', "_"), standard.replace('+', "p"))
     }
 
-    /// Every macro of a vendor header with its number. The numbers are this project's own constants.
+    /// Every macro of a vendor header with its number: the commands of the guide, and this project's own constants.
     fn macros(size: SlotSize) -> BTreeMap<String, u32> {
         let mut macros = BTreeMap::new();
         let mut put = |name: &str, value: u32| assert_eq!(macros.insert(name.to_owned(), value), None, "{name} twice");
@@ -46,8 +46,8 @@ mod needs_cxx {
         ] {
             put(name, state.code().into());
         }
-        for id in CommandId::ALL {
-            put(id.name(), id.code().into());
+        for (code, name, ..) in support::guide::TABLE {
+            put(name, code.into());
         }
         for (name, mode) in
             [("HOMING_MODE", Mode::Homing), ("CSP_MODE", Mode::Csp), ("CSV_MODE", Mode::Csv), ("CST_MODE", Mode::Cst)]

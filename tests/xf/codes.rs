@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 
-use ecmsk::xf::code::{AnswerForm, COMMANDS};
+use ecmsk::xf::command_table::{AnswerForm, COMMANDS};
 use ecmsk::xf::request::{Arguments, UnknownCommand};
 use ecmsk::xf::{CommandCode, Request};
 

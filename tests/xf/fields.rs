@@ -1,7 +1,7 @@
 //! The table of fields, against the list of the manuals' functions and against the types of requests and answers.
 
 use ecmsk::coe::AbortCode;
-use ecmsk::xf::code::AnswerForm;
+use ecmsk::xf::command_table::AnswerForm;
 use ecmsk::xf::fields::{Draft, FUNCTIONS, Field, FieldKind, FieldPosition, Value, function};
 use ecmsk::xf::request::{
     InterruptEnable, MappedObject, PdoAssignment, PdoConfig, PdoConfigForm, PdoMap, PeripheralInterrupts, Polarity,

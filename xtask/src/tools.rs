@@ -42,7 +42,8 @@ impl Tool {
         let mut cargo = project.cargo();
         cargo.args(["install", "--locked", "--quiet", "--debug", "--root"]).arg(self.folder(project));
         cargo.arg("--target-dir").arg(&build).arg(format!("{}@{}", self.name, self.version));
-        cargo.env("CARGO_PROFILE_DEV_DEBUG", "0").env_remove("CARGO_TARGET_DIR");
+        cargo.env("CARGO_PROFILE_DEV_DEBUG", "0").env("CARGO_PROFILE_DEV_OPT_LEVEL", "0");
+        cargo.env_remove("CARGO_TARGET_DIR");
         command::run(&mut cargo)?;
         fetched::remove(&build)
     }

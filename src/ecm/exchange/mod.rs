@@ -40,6 +40,7 @@ use parking_lot::{Condvar, Mutex, MutexGuard};
 
 pub use outgoing::Sent;
 use patience::Patience;
+pub use patience::Waited;
 pub use second_channels::SecondChannels;
 pub use session::Session;
 pub use stats::{News, Stats};

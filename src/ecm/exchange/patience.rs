@@ -60,6 +60,28 @@ impl Patience {
     }
 }
 
+/// How long one call has waited by the clock of timeouts. While its thread gets no processor or no turn, other threads may
+/// move a virtual clock on by seconds. Each such gap counts as [`WAIT_MAX`] and [`LATENESS_MAX`] and one cycle at most, so
+/// that a call looks at many reports before it times out.
+pub struct Waited {
+    last: Duration,
+    total: Duration,
+}
+
+impl Waited {
+    /// A call that begins at that time.
+    pub const fn since(now: Duration) -> Self {
+        Self { last: now, total: Duration::ZERO }
+    }
+
+    /// How long the call has waited until `now`. `cycle`: the cycle of the board.
+    pub fn until(&mut self, now: Duration, cycle: Duration) -> Duration {
+        self.total += now.saturating_sub(self.last).min(WAIT_MAX + LATENESS_MAX + cycle);
+        self.last = now;
+        self.total
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -79,6 +101,16 @@ mod tests {
         assert_eq!(wait(100, 1500), 350 * MS);
         assert_eq!(wait(100, 1600), 450 * MS);
         assert_eq!(wait(0, 6600), 451 * MS);
+    }
+
+    /// A thread that gets no turn while others move the clock on does not time out at its first look.
+    #[test]
+    fn a_thread_without_a_turn_has_hardly_waited() {
+        let mut waited = Waited::since(1000 * MS);
+        assert_eq!(waited.until(1100 * MS, MS), 100 * MS);
+        assert_eq!(waited.until(6100 * MS, MS), 301 * MS);
+        assert_eq!(waited.until(6200 * MS, MS), 401 * MS);
+        assert_eq!(Waited::since(MS).until(1001 * MS, 512 * MS), 712 * MS);
     }
 
     /// An announced wait of any length counts in full, and timeouts pass even if the process stalls again and again.

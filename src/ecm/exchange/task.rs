@@ -5,6 +5,7 @@ use std::time::Duration;
 use parking_lot::MutexGuard;
 
 use super::outgoing::Sent;
+use super::patience::Waited;
 use super::session::Session;
 use super::{Exchange, LIMIT_MAX};
 use crate::ecm::EcmError;
@@ -153,8 +154,8 @@ impl Exchange {
         ),
     ) -> Result<T, EcmError> {
         let began = self.now();
+        let mut waited = Waited::since(began);
         let limit = task.limit.min(LIMIT_MAX);
-        let deadline = began + limit;
         let mut sent = None;
         let mut reports = session.stats.reports;
         if task.commands.is_empty() {
@@ -166,7 +167,8 @@ impl Exchange {
                 before(session)?;
                 delivery.post(session, task);
             }
-            self.round(session, deadline)?;
+            let now = self.now();
+            self.round(session, now + limit.saturating_sub(waited.until(now, session.network.cycle())))?;
             if let Some(now) = delivery.sent(session) {
                 sent = Some(now);
                 sent_reports = session.stats.reports;
@@ -179,7 +181,7 @@ impl Exchange {
                 return Ok(done);
             }
             reports = session.stats.reports;
-            let waited = self.now().saturating_sub(began);
+            let waited = waited.until(self.now(), session.network.cycle());
             self.check_silence(session, began, task.what)?;
             if waited >= limit {
                 let seen = (task.seen)(session);

@@ -8,7 +8,6 @@
 //! | `jobs.rs` | scan, changes of state and SDOs |
 //! | `configure.rs` | the process data and the mode of each slave, in PreOP, as an async function |
 //! | `cycle.rs` | the frames of a cycle: outputs, inputs |
-//! | `lost.rs` | which slaves are lost |
 //! | `unreached_outputs.rs` | the outputs that may not have reached slaves, before it is known which slaves |
 //! | `ages.rs` | the age of each slave's inputs |
 //! | `chain.rs` | a wire to simulated slave controllers, in virtual time: [`ChainWires`] |
@@ -44,7 +43,6 @@ mod chain;
 mod configure;
 mod cycle;
 mod jobs;
-mod lost;
 mod ring;
 mod unreached_outputs;
 mod wires;

@@ -33,7 +33,7 @@ pub use draft::Draft;
 pub use field::{Field, FieldKind, FieldPosition, Names, Value};
 
 use super::CommandCode;
-use super::code::{AnswerForm, CommandTiming};
+use super::command_table::{AnswerForm, CommandTiming};
 use super::response::Returned;
 
 /// A function: its purpose, its fields, and the fields of its answer.

@@ -4,7 +4,7 @@
 use super::error::HostError;
 use super::flight::CommandPart;
 use crate::ethercat::Ns;
-use crate::xf::code::AnswerForm;
+use crate::xf::command_table::AnswerForm;
 use crate::xf::request::{Arguments, Encode, PdoOperation, Request, UnknownCommand};
 use crate::xf::response::Returned;
 use crate::xf::{AnswerHeader, CommandCode, Malformed};

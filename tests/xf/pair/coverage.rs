@@ -4,7 +4,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use ecmsk::xf::CommandCode;
 use ecmsk::xf::chip::NEED_REGISTERS;
-use ecmsk::xf::code::COMMANDS;
+use ecmsk::xf::command_table::COMMANDS;
 use ecmsk::xf::request::*;
 
 use super::saboteur::{Function, ignore};

@@ -1,7 +1,7 @@
 //! Draws the level of the board's FIFO and the pauses of the host over time, with what `ahead=` bridges.
 
 use ecmsk::migrate::{Seen, Stretch};
-use ecmsk::sk::CycleTime;
+use ecmsk::sk::{CycleTime, FIFO_ENTRIES};
 
 use super::Report;
 use crate::plot::chart::{Caption, Sheet};
@@ -69,7 +69,7 @@ impl Picture {
         if !self.gaps.is_empty() {
             legend.push((State::Gap.look(), State::Gap.name().to_owned()));
         }
-        let name = "FIFO: sets of 160".to_owned();
+        let name = format!("FIFO: sets of {FIFO_ENTRIES}");
         let mut panels: Vec<Panel> = Panel::of(name, HEIGHT, 1.0, strokes, legend).into_iter().collect();
         let pauses = self.pauses.finish();
         if !pauses.is_empty() {

@@ -8,6 +8,7 @@ use ecmsk::migrate::{
     Start, Verdict,
 };
 use ecmsk::recording::Clock;
+use ecmsk::sk::FIFO_ENTRIES;
 use ecmsk::xf::DataSize;
 
 use super::Report;
@@ -121,7 +122,11 @@ fn host(text: &mut String, report: &Report, ahead: &Ahead) {
         line(text, "stalls", "not known: the recording never reaches OP");
     } else {
         let sets = |per_cent| timing.levels.percentile(per_cent).unwrap_or(0);
-        line(text, "FIFO", &format!("median {}, 99 % {}, most {} of 160 sets wait", sets(50), sets(99), sets(100)));
+        line(
+            text,
+            "FIFO",
+            &format!("median {}, 99 % {}, most {} of {FIFO_ENTRIES} sets wait", sets(50), sets(99), sets(100)),
+        );
         if timing.gaps > 0 {
             let (ns, ended) = timing.longest_gap.unwrap_or_default();
             let gaps = plural(timing.gaps, "gap");
@@ -154,7 +159,9 @@ fn host(text: &mut String, report: &Report, ahead: &Ahead) {
     line(
         text,
         "",
-        "the 160 entries of the FIFO keep their meaning for the program; they lie in that process and bridge none of its stalls",
+        &format!(
+            "the {FIFO_ENTRIES} entries of the FIFO keep their meaning for the program; they lie in that process and bridge none of its stalls"
+        ),
     );
 }
 

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use ecmsk::xf::code::CommandTiming;
+use ecmsk::xf::command_table::CommandTiming;
 use ecmsk::xf::fields::{FUNCTIONS, FunctionFields};
 use serde_json::{Value, json};
 

@@ -20,8 +20,10 @@ const PROFILE: &str = "release";
 pub fn build_into(project: &Project, release: &Release, prefix: &Path) -> Result<(), Error> {
     let target = super::folder(project).join("build");
     let wrapper = write_wrapper(project, &target)?;
-    for package in stage::PACKAGES {
-        println!("building {package} for Linux");
+    // Built together, the library is compiled once, but has features in one file that only the other needs.
+    let together = if project.quick { stage::PACKAGES.len() } else { 1 };
+    for packages in stage::PACKAGES.chunks(together) {
+        println!("building {} for Linux", packages.join(" and "));
         let mut cargo = project.cargo();
         for (name, _) in env::vars_os().filter(|(name, _)| is_a_setting(&name.to_string_lossy())) {
             cargo.env_remove(name);
@@ -35,7 +37,8 @@ pub fn build_into(project: &Project, release: &Release, prefix: &Path) -> Result
         let (units, level) = if project.quick { ("16", "0") } else { ("1", "3") };
         cargo.env("CARGO_PROFILE_RELEASE_CODEGEN_UNITS", units).env("CARGO_PROFILE_RELEASE_OPT_LEVEL", level);
         cargo.env(super::release::VARIABLE, release.epoch.to_string());
-        command::run(cargo.args(["build", "--locked", "--profile", PROFILE, "--package", package]))?;
+        cargo.args(["build", "--locked", "--profile", PROFILE]);
+        command::run(cargo.args(packages.iter().flat_map(|package| ["--package", package])))?;
     }
     if prefix.exists() {
         fs::remove_dir_all(prefix).map_err(Error::file("remove", prefix))?;

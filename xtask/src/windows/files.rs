@@ -58,6 +58,10 @@ impl Built {
         let mut cargo = cargo(project, width, &target)?;
         let profile = if project.quick { QUICK_PROFILE } else { PROFILE };
         cargo.arg("rustc").args(*what).args(["--profile", profile]);
+        if project.quick {
+            // The library with all features serves both files, and is compiled once.
+            cargo.arg("-Zfeature-unification").env("CARGO_RESOLVER_FEATURE_UNIFICATION", "workspace");
+        }
         // This leaves rustc's metadata of a crate in a file beside the library, and not a second time in it: 400 MB less.
         cargo.args(["-Zbuild-std=std,panic_abort", "-Zno-embed-metadata", "--target", width.target()]);
         println!("building {} for {}", details.name, width.name());

@@ -1,12 +1,13 @@
 //! Files by FoE: each packet has an acknowledgement, and a packet that does not fill the mailbox ends the file.
 
-use super::bus::Bus;
-use super::mailbox::{Mailbox, MailboxError, Peer};
-use super::{Job, Master, VALUE_BYTES_MAX};
+use super::coe::VALUE_BYTES_MAX;
+use super::{Mailbox, MailboxError, Peer};
 use crate::ethercat::Ns;
 use crate::ethercat::foe::{FOE_OVERHEAD, FoeError, FoeMessage};
 use crate::ethercat::mailbox::{MAILBOX_HEADER_LEN, MailboxProtocol};
 use crate::ethercat::sii::MailboxProtocols;
+use crate::master::bus::Bus;
+use crate::master::{Job, Master};
 
 /// \[OURS] How long the master waits before it repeats a packet for which a slave was busy.
 const BUSY_NS: Ns = 10_000_000;

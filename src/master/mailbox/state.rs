@@ -4,31 +4,31 @@ use crate::ethercat::mailbox::MailboxCounter;
 
 /// Counters and flags of one slave's mailbox.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct MailboxState {
+pub(in crate::master) struct MailboxState {
     /// The counter of the newest request.
-    pub(super) counter: MailboxCounter,
+    pub(in crate::master) counter: MailboxCounter,
     /// The counter of the newest message of the slave.
-    pub(super) received: MailboxCounter,
+    pub(in crate::master) received: MailboxCounter,
     /// The repeat request bit of the sync manager, as written last.
-    pub(super) repeat: bool,
+    pub(in crate::master) repeat: bool,
     /// Whether a sequence is using the mailbox.
-    pub(super) is_open: bool,
+    pub(in crate::master) is_open: bool,
     /// Whether the slave may still answer an abandoned request.
-    pub(super) owes: bool,
+    pub(in crate::master) owes: bool,
     /// Whether another master uses the mailbox, too. Requests then have counter 0, so that the slave takes none of that
     /// master's requests for a repeat.
-    pub(super) is_shared: bool,
+    pub(in crate::master) is_shared: bool,
 }
 
 impl MailboxState {
     /// Called when the slave enters PreOP: it has forgotten all messages.
-    pub(super) const fn begin(&mut self) {
+    pub(in crate::master) const fn begin(&mut self) {
         (self.counter, self.received, self.repeat) = (MailboxCounter::NONE, MailboxCounter::NONE, false);
         self.owes = false;
     }
 
     /// Whether a sequence is using the mailbox.
-    pub(super) const fn is_open(&self) -> bool {
+    pub(in crate::master) const fn is_open(&self) -> bool {
         self.is_open
     }
 }

@@ -3,9 +3,16 @@
 //! No request is executed twice: if a frame that writes a request is lost, the same message is written again with the
 //! same counter, by which the slave recognises it. The first request in PreOP is not mistaken for one of another
 //! master. No answer is lost: if a frame that reads an answer is lost, the master asks the slave for a repeat.
+//!
+//! Files: `state.rs` is what the mailbox of a slave keeps between requests. Each mailbox protocol has a file with its jobs:
+//! `coe/`, `foe.rs`.
 
+pub(super) mod coe;
+pub(super) mod foe;
+pub(super) mod state;
+
+use self::state::MailboxState;
 use super::bus::{Bus, Unanswered};
-use super::mailbox_state::MailboxState;
 use super::{Event, MailboxInfo};
 use crate::ethercat::coe::{CoeMessage, ObjectAddress, SdoRequest, SdoScope};
 use crate::ethercat::mailbox::{
@@ -23,7 +30,7 @@ const POLL_NS: Ns = 100_000;
 const REPEAT_MAX_NS: Ns = 50_000_000;
 /// The object of the first request to a mailbox, the device type, which every slave with CoE has. Its value is not
 /// used.
-pub(super) const FIRST_OBJECT: ObjectAddress = ObjectAddress::new(0x1000, 0);
+pub(in crate::master) const FIRST_OBJECT: ObjectAddress = ObjectAddress::new(0x1000, 0);
 /// \[OURS] How long the master waits for the answer to the first request.
 const FIRST_MAX_NS: Ns = 20_000_000;
 /// The sync managers of the mailbox: for requests and for answers.
@@ -58,17 +65,17 @@ pub enum MailboxError {
 
 /// The slave whose mailbox is used, and how long it may take for each answer.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Peer {
+pub(in crate::master) struct Peer {
     /// The number of the slave, from 1.
-    pub(super) slave: u8,
-    pub(super) station: u16,
-    pub(super) mailbox: Option<MailboxInfo>,
-    pub(super) timeout_ns: Ns,
+    pub(in crate::master) slave: u8,
+    pub(in crate::master) station: u16,
+    pub(in crate::master) mailbox: Option<MailboxInfo>,
+    pub(in crate::master) timeout_ns: Ns,
 }
 
 impl Peer {
     /// Claims the mailbox if the slave supports the protocol, and drains messages that were left in it.
-    pub(super) async fn open(self, bus: Bus, protocol: MailboxProtocols) -> Result<Mailbox, MailboxError> {
+    pub(in crate::master) async fn open(self, bus: Bus, protocol: MailboxProtocols) -> Result<Mailbox, MailboxError> {
         let info = self.mailbox.filter(|info| info.protocols.contains(protocol)).ok_or(MailboxError::NoMailbox)?;
         let mut mailbox = Mailbox::open(bus, self.slave, self.station, info).ok_or(MailboxError::Busy)?;
         mailbox.drain().await?;
@@ -78,7 +85,7 @@ impl Peer {
 }
 
 /// Exclusive access to the mailbox of one slave. Dropping it releases the mailbox.
-pub(super) struct Mailbox {
+pub(in crate::master) struct Mailbox {
     bus: Bus,
     /// The number of the slave, from 1.
     slave: u8,
@@ -106,7 +113,7 @@ impl Drop for Mailbox {
 
 impl Mailbox {
     /// Claims the mailbox of a slave; `None`: it is in use.
-    pub(super) fn open(bus: Bus, slave: u8, station: u16, info: MailboxInfo) -> Option<Self> {
+    pub(in crate::master) fn open(bus: Bus, slave: u8, station: u16, info: MailboxInfo) -> Option<Self> {
         let bytes = bus.with(|shared| {
             let live = shared.live_mut(slave)?;
             let is_free = !std::mem::replace(&mut live.mailbox.is_open, true);
@@ -119,26 +126,26 @@ impl Mailbox {
         self.bus.with(|shared| shared.live_mut(self.slave).map(|live| change(&mut live.mailbox)).unwrap_or_default())
     }
 
-    pub(super) fn now(&self) -> Ns {
+    pub(in crate::master) fn now(&self) -> Ns {
         self.bus.now()
     }
 
-    pub(super) async fn pause(&self, ns: Ns) {
+    pub(in crate::master) async fn pause(&self, ns: Ns) {
         self.bus.sleep(ns).await;
     }
 
     /// The length of the mailbox for answers, bytes.
-    pub(super) const fn answer_len(&self) -> usize {
+    pub(in crate::master) const fn answer_len(&self) -> usize {
         self.info.areas.send.len as usize
     }
 
     /// The most bytes of data in a message to the slave.
-    pub(super) const fn room(&self) -> usize {
+    pub(in crate::master) const fn room(&self) -> usize {
         (self.info.areas.receive.len as usize).saturating_sub(MAILBOX_HEADER_LEN)
     }
 
     /// Sends a message, again if its frame is lost.
-    pub(super) async fn send(
+    pub(in crate::master) async fn send(
         &mut self,
         protocol: MailboxProtocol,
         until: Ns,
@@ -188,7 +195,11 @@ impl Mailbox {
 
     /// Waits for the next message of a protocol and returns its data. Emergencies become events, and all other messages
     /// are dropped.
-    pub(super) async fn receive(&mut self, protocol: MailboxProtocol, until: Ns) -> Result<&[u8], MailboxError> {
+    pub(in crate::master) async fn receive(
+        &mut self,
+        protocol: MailboxProtocol,
+        until: Ns,
+    ) -> Result<&[u8], MailboxError> {
         loop {
             if self.collect().await? && self.is_answer(protocol)? {
                 self.is_waiting = false;
@@ -204,25 +215,25 @@ impl Mailbox {
 
     /// Called for a message that does not answer the request. Returns whether it may belong to an earlier request or be
     /// a repeated older message, so that the right answer may still come.
-    pub(super) fn leaves_out(&mut self) -> bool {
+    pub(in crate::master) fn leaves_out(&mut self) -> bool {
         let is_late = self.is_repeated || self.state(|state| std::mem::take(&mut state.owes));
         self.is_waiting |= is_late;
         is_late
     }
 
     /// The slave has answered the present request. Slaves answer in order, so no answer to an earlier request can come.
-    pub(super) fn settle(&self) {
+    pub(in crate::master) fn settle(&self) {
         self.state(|state| state.owes = false);
     }
 
     /// The slave does not answer the message that was just sent.
-    pub(super) const fn wants_no_answer(&mut self) {
+    pub(in crate::master) const fn wants_no_answer(&mut self) {
         self.is_waiting = false;
     }
 
     /// Reads the message in the slave's mailbox as it is; `None`: the mailbox is empty. An emergency also becomes an
     /// event.
-    pub(super) async fn take(&mut self) -> Result<Option<Vec<u8>>, MailboxError> {
+    pub(in crate::master) async fn take(&mut self) -> Result<Option<Vec<u8>>, MailboxError> {
         let is_full = self.collect().await?;
         if is_full {
             // The user gets the message whatever its kind is; this call only notes emergencies.
@@ -255,7 +266,7 @@ impl Mailbox {
     }
 
     /// Drops messages in the mailbox that are unsolicited, or that answer an abandoned request.
-    pub(super) async fn drain(&mut self) -> Result<(), MailboxError> {
+    pub(in crate::master) async fn drain(&mut self) -> Result<(), MailboxError> {
         // \[OURS] The limit ends this for a slave that refills its mailbox each time.
         for _ in 0..16 {
             if !self.collect().await? {

@@ -5,12 +5,12 @@
 mod information;
 mod sdo;
 
-pub(super) use sdo::NumberTransfer;
+pub(in crate::master) use sdo::NumberTransfer;
 pub use sdo::{SdoError, VALUE_BYTES_MAX};
 
-use super::{Job, Master};
 use crate::ethercat::Ns;
 use crate::ethercat::coe::{EntryRequest, ObjectAddress, ObjectListType, SdoScope};
+use crate::master::{Job, Master};
 
 impl Master {
     /// Starts to read an object, of at most [`VALUE_BYTES_MAX`] bytes. `timeout_ns`: how long

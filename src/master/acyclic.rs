@@ -1,0 +1,20 @@
+//! When acyclic datagrams are sent: jobs, mailbox messages and the reads of the watch. The interval between two frames of
+//! them decides how soon the watch in `lost_slaves.rs` notices that a slave is lost.
+
+use super::shared::Shared;
+use super::wire::Wire;
+use crate::ethercat::{FRAME_LEN_MAX, Ns};
+
+impl Shared {
+    /// Without cycles, sends acyclic datagrams as fast as their answers come back.
+    pub(super) fn send_acyclic_without_cycles(&mut self, now: Ns, wire: &mut (impl Wire + ?Sized)) {
+        while !self.has_cycles() && self.exchange.send_queued(now, FRAME_LEN_MAX, wire) {}
+    }
+
+    /// Behind the frames of a cycle, sends one frame with acyclic datagrams if none is in flight.
+    pub(super) fn send_acyclic_behind_cycle(&mut self, now: Ns, wire: &mut (impl Wire + ?Sized)) {
+        if !self.exchange.is_acyclic_flying() {
+            self.exchange.send_queued(now, self.settings.acyclic_bytes_max, wire);
+        }
+    }
+}

@@ -20,10 +20,10 @@ const PACKET: usize = DataSize::XFU.packet_len();
 pub struct UsbChip<W = PacketDevice> {
     info: ChipInfo,
     wires: W,
-    /// Received bytes that the driver has not asked for yet. While the driver searches for the beginning of packets it
-    /// asks for less than a packet, but USB transfers whole packets.
+    /// Bytes of a received packet that the driver has not read yet. While the driver searches for the beginning of
+    /// packets it asks for less than a packet, but USB transfers whole packets.
     rest: [u8; PACKET],
-    /// Number of unread bytes, at the end of `rest`.
+    /// The number of unread bytes. They are at the end of `rest`.
     rest_len: usize,
 }
 

@@ -22,15 +22,15 @@ const SEND_BUFFER_BYTES: usize = 64 * 1024;
 /// program was ended by force there, it keeps the session for ever. \[OURS]
 const SESSION_WAIT_MAX: Duration = Duration::from_secs(1);
 
-/// A connection.
+/// One end of a TCP connection: its socket, and the TLS session over it if there is one.
 pub struct Channel {
     socket: TcpStream,
     tls: Option<Mutex<Connection>>,
-    /// `None`: no other thread can end a wait.
+    /// Ends waits on this connection from another thread; `None`: no other thread can end them.
     waker: Option<Waker>,
 }
 
-/// A buffer of bytes that are waiting to be sent, and one for a message.
+/// Bytes that are waiting to be sent, and a buffer in which the next message is encoded.
 pub struct Out {
     bytes: Vec<u8>,
     sent: usize,
@@ -54,28 +54,29 @@ impl Out {
         self.bytes.len() - self.sent
     }
 
-    /// Stores a message in memory, unencrypted, instead of sending it.
+    /// Appends a message to the waiting bytes, unencrypted, for a caller that takes them by [`take`](Self::take)
+    /// instead of sending them.
     pub fn keep(&mut self, message: &Message<'_>) {
         let length = message.encode(&mut self.message);
         self.bytes.extend_from_slice(&self.message[..length]);
     }
 
-    /// Takes the stored messages.
+    /// Removes the waiting bytes from the buffer and returns them.
     pub fn take(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.bytes)
     }
 }
 
-/// The result of [`Channel::receive`].
+/// How many of the waiting bytes a call of [`Channel::receive`] has taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Came {
-    /// Some bytes, and more may have arrived.
+    /// Some bytes were taken, and more may be waiting.
     Bytes,
-    /// All bytes that had arrived.
+    /// All bytes that were waiting were taken.
     All,
-    /// No bytes have arrived.
+    /// No bytes were waiting.
     Nothing,
-    /// The other end has closed its side: no more bytes will come.
+    /// The other end has shut down its sending direction: no more bytes will come.
     End,
 }
 
@@ -181,7 +182,7 @@ impl Channel {
         Ok(material)
     }
 
-    /// Whether received bytes may be buffered in the TLS session, where a wait does not see them.
+    /// Whether received bytes may be buffered in the TLS session, where polling the socket does not show them.
     pub const fn keeps_some(&self) -> bool {
         self.tls.is_some()
     }
@@ -340,7 +341,7 @@ fn session(tls: &Mutex<Connection>) -> io::Result<MutexGuard<'_, Connection>> {
     tls.try_lock_for(SESSION_WAIT_MAX).ok_or_else(|| ErrorKind::TimedOut.into())
 }
 
-/// Treats a wait that was interrupted by a signal as a short one.
+/// Turns a wait that a signal has interrupted (EINTR) into a success: the caller sees a wait that ended early.
 fn waited(done: rustix::io::Result<usize>) -> io::Result<()> {
     match done {
         Ok(_) | Err(rustix::io::Errno::INTR) => Ok(()),

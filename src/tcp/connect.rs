@@ -17,7 +17,7 @@ use crate::link::{KnownNetwork, LinkError, Stamp};
 use crate::sk::SlotSize;
 use crate::span::Span;
 
-/// An accepted connection, with the server's information about the board.
+/// A connection that the server has accepted, and what its Welcome says about the board.
 pub(super) struct Connected {
     #[cfg(unix)]
     pub(super) let_go: LetGo,
@@ -28,13 +28,13 @@ pub(super) struct Connected {
     pub(super) virtual_time: bool,
     pub(super) now: Stamp,
     pub(super) sequence: u64,
-    /// The URI of the server's own link.
+    /// The URI with which the server has opened the board.
     pub(super) board: String,
-    /// The slaves and units that the server knows.
+    /// The slaves and the units of their axes, as the server knows them.
     pub(super) network: KnownNetwork,
 }
 
-/// Why connecting failed, without the name of the link.
+/// Why connecting failed. The name of the link is added later, by `connect`.
 enum ConnectError {
     Link(LinkError),
     NoBoard(String),
@@ -217,7 +217,7 @@ fn explain(error: &io::Error, options: &TcpOptions) -> String {
     }
 }
 
-/// The name of this program, shown to users of the server.
+/// The name of this program, which the server shows in its log and in refusals of other writers.
 fn program() -> String {
     let path = std::env::current_exe().ok();
     let name = path.as_ref().and_then(|path| path.file_name()).map(|name| name.to_string_lossy().into_owned());

@@ -19,7 +19,7 @@ pub(super) struct Ended {
     pub(super) unsure: bool,
 }
 
-/// A request that waits for its answer.
+/// A request to the server that is in progress.
 pub(super) struct Request {
     pub(super) number: u64,
     /// The thread that waits for the answer.
@@ -51,15 +51,15 @@ pub(super) struct Exchange {
     pub(super) dropped: u64,
     /// The server's sequence number of the first report of this link.
     first_sequence: u64,
-    /// The number of the next request; from 1 on each request has the next one.
+    /// The number of the next request. Requests are numbered from 1.
     pub(super) next_request: u64,
     pub(super) request: Option<Request>,
-    /// The report of [`Answer::Got`].
+    /// The report that came with [`Answer::Got`].
     pub(super) got: Frame,
-    /// The board's time on virtual time, if it is known.
+    /// The board's time as of the server's newest answer, on virtual time; `None`: unknown.
     pub(super) now: Option<Stamp>,
     pub(super) counts: Counts,
-    /// When the last message came.
+    /// When the newest message of the server was received.
     pub(super) heard: Instant,
     pub(super) ended: Option<Ended>,
 }
@@ -164,7 +164,7 @@ impl Exchange {
             Message::Failed { request, now, failure } => {
                 let under_way = self.request.as_ref().ok_or(WireError::OutOfTurn { kind: message.kind() })?;
                 let error = failure.error(&self.name, under_way.dir, under_way.wait);
-                // The Bye with the same reason will follow.
+                // The board is lost: this ends the exchange at once, without waiting for the Bye with the same reason.
                 let lost = matches!(error, LinkError::Lost { .. }).then(|| error.clone());
                 self.answer(message, request, Err(error))?;
                 self.now = now;
@@ -207,7 +207,8 @@ impl Exchange {
     }
 }
 
-/// Feeds bytes from a server to a client. Returns the number of reports, and the error that has ended the exchange.
+/// Feeds bytes, as a server would send them, to a client without a connection. Returns the number of reports, and the
+/// error that has ended the exchange.
 #[doc(hidden)]
 pub fn replay(bytes: &[u8]) -> (usize, Option<LinkError>) {
     let mut exchange = Exchange::new("tcp:".to_owned(), 0, 4, None);

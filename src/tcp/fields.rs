@@ -5,12 +5,13 @@ use super::wire_error::{PAYLOAD_MAX, WireError};
 use crate::link::{Stamp, Wait};
 use crate::sk::FRAME_LEN;
 
-/// The number that stands for no limit or no value.
+/// Encodes "no time limit" or "no value" in a field of 8 bytes.
 const NONE: u64 = u64::MAX;
 /// The longest text in bytes; a longer one is cut. \[OURS]
 pub const TEXT_MAX: usize = 256;
 
-/// Writes fields. Every message fits the buffer: a frame, some numbers and at most three texts.
+/// Writes the fields of a message into a fixed buffer. Every message fits the buffer: a frame, some numbers and at most
+/// three texts.
 pub(super) struct Put<'a> {
     bytes: &'a mut [u8],
     pub(super) at: usize,

@@ -79,7 +79,7 @@ impl CallMonitor {
 /// return.
 #[derive(Default)]
 pub(super) struct StuckCall {
-    /// The time of the link's last message, and since when the call has been seen not to take more.
+    /// When the link's last message was received, and since when the call has been seen to leave arrived bytes unread.
     since: Option<(Instant, Instant)>,
 }
 

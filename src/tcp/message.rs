@@ -11,7 +11,7 @@ pub enum Role {
     /// The client receives every report and may send commands. There is at most one writer.
     #[default]
     Writer,
-    /// The client receives every report, but may not send commands.
+    /// The client receives every report, but must not send commands.
     Reader,
 }
 
@@ -108,19 +108,19 @@ pub enum Message<'a> {
     Write {
         /// The number of the request.
         request: u64,
-        /// How long the server's link may wait.
+        /// How long the server may wait until the board accepts the frame.
         wait: Wait,
         /// The frame.
         frame: &'a [u8; FRAME_LEN],
     },
-    /// A request, on virtual time only, for the oldest unread report.
+    /// On virtual time only: a request for the oldest unread report.
     Read {
         /// The number of the request.
         request: u64,
         /// The time limit, in the board's time.
         wait: Wait,
     },
-    /// A request, on virtual time only, to advance the board's time.
+    /// On virtual time only: a request to advance the board's time.
     Pass {
         /// The number of the request.
         request: u64,
@@ -197,7 +197,7 @@ pub enum Message<'a> {
         /// The counters of the server's link.
         counts: Counts,
     },
-    /// The answer to a request that failed. It has had no effect.
+    /// The answer to a request that has failed. The request has had no effect.
     Failed {
         /// The number of the request.
         request: u64,

@@ -18,11 +18,11 @@ pub struct TcpOptions {
     pub host: String,
     /// The server's TCP port.
     pub port: u16,
-    /// Whether the client may write.
+    /// Whether the client is the writer, which may send commands, or a reader.
     pub(crate) role: Role,
     /// The file with the shared secret.
     pub secret_file: Option<PathBuf>,
-    /// The longest time between two messages to the server.
+    /// The longest time between two messages to the server. If the program makes no call, a keep-alive message is sent.
     pub keepalive: Duration,
     /// How long the program of a writer may make no call while a velocity or a torque that it has commanded is in
     /// force; zero: without limit.

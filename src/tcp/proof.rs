@@ -32,7 +32,7 @@ const SECRET_BYTES_MAX: usize = 4096;
 const DIFFERENT_BYTES_MIN: usize = 8;
 const HOW_TO_MAKE_ONE: &str = "make one: (umask 077; head -c 32 /dev/urandom | base64 > FILE)";
 
-/// The end that makes a proof.
+/// The end of the connection that makes a proof.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Side {
     Client,
@@ -151,7 +151,7 @@ impl fmt::Debug for Secret {
     }
 }
 
-/// The source of a client's secret, for messages.
+/// Where a client's secret comes from (the key `secret_file=` or the environment variable), for error messages.
 pub(crate) fn how_to_give(path: Option<&PathBuf>) -> String {
     match path {
         Some(path) => format!("secret_file={}", path.display()),

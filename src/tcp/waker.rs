@@ -31,7 +31,7 @@ impl Waker {
         let _ = (&self.wakes).write(&[0]);
     }
 
-    /// The socket to poll for reading, besides the connection's.
+    /// The socket that a wait polls for reading, in addition to the socket of the connection.
     pub const fn waited(&self) -> &Pair {
         &self.woken
     }
@@ -83,7 +83,7 @@ mod pair {
 
     impl Read for &Pair {
         fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-            // One datagram of one byte after the other, until the buffer is full.
+            // Receives datagrams, which have one byte each, until the caller's buffer is full or no datagram is left.
             let mut count = 0;
             for byte in bytes.iter_mut() {
                 match self.0.recv(std::slice::from_mut(byte)) {

@@ -81,7 +81,7 @@ const COUNTED: u8 = 0x87;
 const FAILED: u8 = 0x88;
 
 impl<'a> Message<'a> {
-    /// The code of the message's kind.
+    /// The code of the message's kind in the header.
     pub const fn kind(&self) -> u8 {
         match self {
             Self::Hello(_) => HELLO,

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use crate::sk::{CommandId, CrcPolicy, Frame, MASTER_CYCLIC, MasterResponse, SlotForm, SlotSize};
 
-/// The bit shifts of an answer that are recognised. \[OURS]
+/// By how many bits an answer may be shifted so that the shift is still recognised as the fault. \[OURS]
 const SHIFT_BITS: std::ops::RangeInclusive<usize> = 1..=32;
 
 /// The wiring fault that the answers indicate.
@@ -88,7 +88,7 @@ pub struct AnswerCheck {
 }
 
 impl AnswerCheck {
-    /// A check of the answers of a board with that slot size.
+    /// Checks the answers of a board with this slot size.
     pub fn new(size: SlotSize) -> Self {
         Self { size, valid_crcs: 0, crc: 0, invalid: VecDeque::with_capacity(INVALID_KEPT) }
     }
@@ -101,7 +101,7 @@ impl AnswerCheck {
     /// Checks an answer and decodes its slot 0.
     ///
     /// # Errors
-    /// [`InvalidAnswer`]; [`Self::explain`] then tells the fault.
+    /// [`InvalidAnswer`]; [`Self::explain`] then returns the likely wiring fault.
     pub fn check(&mut self, answer: &Frame) -> Result<MasterResponse, InvalidAnswer> {
         if !self.fits(answer) {
             if self.invalid.back() != Some(answer) {
@@ -204,7 +204,7 @@ fn same(bytes: &[u8], value: u8) -> bool {
     bytes.iter().all(|byte| *byte == value)
 }
 
-/// Undoes a shift by that many bits; lost bits become 0.
+/// Undoes a shift by `bits` bits. The bits that the shift has pushed out are lost and become 0.
 fn unshift(bytes: &[u8], bits: usize, late: bool) -> Vec<u8> {
     let (whole, part) = (bits / 8, bits % 8);
     let at = |index: isize| usize::try_from(index).ok().and_then(|index| bytes.get(index)).copied().unwrap_or(0);

@@ -21,17 +21,19 @@ const LEVEL_MIN: u16 = 1;
 const LEVEL_SLACK: u16 = 2;
 /// The most exchanges to skip in a row, so that reports continue. \[OURS]
 const SKIPPED_IN_A_ROW_MAX: u16 = 8;
-/// How many regular reports to ignore after a correction. \[OURS]
+/// After a skipped or an extra exchange, the FIFO levels in this many reports are ignored: they are from before it.
+/// \[OURS]
 const IGNORED_REPORTS: u8 = 2;
-/// The FIFO level at which frames of the program have to wait in the link. \[OURS]
+/// While the FIFO level is this high, no frame of the program is sent: frames wait in the link. \[OURS]
 const LEVEL_MAX: u16 = FIFO_ENTRIES - 2;
-/// The most extra entries to keep in the FIFO while this machine is late at times. \[OURS]
+/// The maximum reserve: extra entries that are kept in the FIFO because this machine was late recently. \[OURS]
 const RESERVE_MAX: u16 = 32;
-/// How many regular exchanges without a late one reduce the reserve by one entry. \[OURS]
+/// After this many regular exchanges without a late one the reserve shrinks by one entry. \[OURS]
 const RESERVE_DECAY_EXCHANGES: u32 = 2000;
-/// How many entries the newest answer may not include yet. \[OURS]
+/// The number of newest frames that may be missing from the FIFO level in an answer, because reports lag behind.
+/// \[OURS]
 const UNREPORTED_ENTRIES_MAX: u16 = 2;
-/// The largest age of an answer, in cycles. \[OURS]
+/// The maximum age of the board's state in an answer, in cycles. \[OURS]
 const ANSWER_AGE_MAX_CYCLES: Ns = 2;
 /// The largest target level, whatever threshold a program sets. \[OURS]
 const TARGET_LEVEL_MAX: u16 = FIFO_ENTRIES - 5;
@@ -128,25 +130,27 @@ pub struct Pacer {
     state: Option<MasterState>,
     /// When the next regular exchange is due.
     tick: Ns,
-    /// The earliest time for any exchange, regular or extra.
+    /// Before this time no exchange may begin, neither a regular nor an extra one, because the board needs its shortest
+    /// period.
     not_before: Ns,
     /// The target for the FIFO level, measured after the board has taken an entry out.
     target_level: u16,
     /// The estimated present level of the FIFO.
     level: u16,
-    /// The level of the FIFO in the newest answer.
+    /// The FIFO level in the newest answer.
     reported: u16,
     /// Whether there has been an extra exchange since the last regular one.
     had_extra: bool,
-    /// The largest number of cycles by which this machine was late recently: extra entries to keep in the FIFO.
+    /// The largest number of cycles by which this machine was late recently. That many extra entries are kept in the
+    /// FIFO.
     reserve: u16,
     /// Number of regular exchanges since this machine was last late.
     on_time: u32,
-    /// How many regular exchanges are still to be skipped.
+    /// How many of the next regular exchanges are skipped, because the FIFO level is too high.
     to_skip: u16,
-    /// How many extra exchanges may still be made.
+    /// How many extra exchanges may be made, because the FIFO level is too low.
     extra: u16,
-    /// How many reports are still to be ignored.
+    /// How many of the next reports are ignored, because their FIFO level is from before the newest correction.
     ignored_reports: u8,
     prefill: PrefillState,
     sent: SentFrames,
@@ -214,14 +218,14 @@ impl Pacer {
         matches!(self.prefill, PrefillState::Waiting(_)) && self.op()
     }
 
-    /// Whether the FIFO certainly has room for a frame, even if the newest answer is old.
+    /// Whether the FIFO has room for a frame even if the newest answer is as old as possible.
     const fn has_room(&self) -> bool {
         self.level < LEVEL_MAX && self.reported < LEVEL_MAX - UNREPORTED_ENTRIES_MAX
     }
 
-    /// Restarts the timing if this machine was late. Missed cycles are not made up for: the next exchange is due now.
-    /// Frames that were waiting in the meantime should have been in the FIFO, so more entries are kept there for a
-    /// while.
+    /// Restarts the timing if this machine was late by more than a cycle. Missed cycles are not made up for: the next
+    /// exchange is due now. If frames of the program were waiting meanwhile, the FIFO ran low although they could have
+    /// been sent: for a while more entries are kept in it.
     fn handle_lateness(&mut self, now: Ns, held: WaitingFrames) {
         if now <= self.tick + self.period() {
             return;
@@ -236,7 +240,7 @@ impl Pacer {
         }
     }
 
-    /// The target level. The reserve is added only while the program has frames waiting.
+    /// The target for the FIFO level. The reserve counts only while frames of the program are waiting.
     fn level_for(&self, held: usize) -> u16 {
         if held > 0 && self.reserve > 0 { self.target_level.max(self.reserve + LEVEL_MIN) } else { self.target_level }
     }
@@ -276,7 +280,7 @@ impl Pacer {
         }
     }
 
-    /// Records that an exchange with that frame begins.
+    /// Records that an exchange begins whose command frame is `frame`.
     pub fn begins(&mut self, frame: &Frame, content: ExchangeContent, extra: bool, now: Ns) {
         self.counts.exchanges += 1;
         self.counts.host += u64::from(content == ExchangeContent::Host);
@@ -324,7 +328,8 @@ impl Pacer {
         }
     }
 
-    /// Evaluates the commands of the program that change the cycle, the FIFO or the kinds of slaves.
+    /// Evaluates the commands of the program's frame that concern the pacer: those that change the cycle, the FIFO or
+    /// the declared kinds of slaves.
     fn note_command(&mut self, frame: &Frame) {
         match MasterCommand::decode(&frame.slot(self.options.slot, 0), self.options.slot) {
             Ok(MasterCommand::SetAxis { .. }) if !self.above_preop() => self.sent.forget_kinds(),
@@ -414,7 +419,7 @@ impl Pacer {
         matches!(self.state, Some(MasterState::SafeOp | MasterState::Op))
     }
 
-    /// The cycle time in OP, present or future.
+    /// The cycle time of OP, also while the board is below OP.
     pub const fn cycle(&self) -> CycleTime {
         self.cycle
     }

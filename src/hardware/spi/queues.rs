@@ -12,7 +12,7 @@ use crate::link::{Dir, LinkError, ReadMeta, Stamp};
 use crate::sk::{FIFO_ENTRIES, Frame, MasterCommand, SlotSize};
 use crate::threads::WaitQueue;
 
-/// How many frames a program may write ahead: the depth of the board's FIFO. \[OURS]
+/// How many frames of a program may wait in the link: as many as the board's FIFO holds. \[OURS]
 const FRAMES_MAX: usize = FIFO_ENTRIES as usize;
 
 /// The state that the lock of the queues protects.
@@ -32,7 +32,8 @@ pub(super) struct QueueState {
     unsent: u64,
     /// The error of all further calls, once the board is lost or the link is closed.
     over: Option<LinkError>,
-    /// Set once the program has closed the link: until this time its waiting frames are still sent.
+    /// Until when waiting frames are still sent after the program has closed the link; `None`: the program has not
+    /// closed it.
     closing: Option<Instant>,
     /// Number of cancellations in each direction.
     cancels: [u64; 2],
@@ -53,9 +54,9 @@ pub(super) struct FrameQueues {
     state: Mutex<QueueState>,
     /// Wakes the link's thread: a frame was written, or the link ends.
     work: Condvar,
-    /// Wakes readers: a report came, or reading has ended.
+    /// Wakes the program's readers: a report has come, or reading has ended.
     readable: WaitQueue,
-    /// Wakes writers: there is room for a frame, or writing has ended.
+    /// Wakes the program's writers: there is room for a frame, or writing has ended.
     room: WaitQueue,
 }
 
@@ -180,7 +181,8 @@ impl FrameQueues {
         self.state.lock().next_report += 1;
     }
 
-    /// For the link's thread: takes the oldest frame of the program; returns whether there was one.
+    /// For the link's thread: copies the oldest frame of the program into `out` and removes it; returns whether there
+    /// was one.
     pub fn take(&self, out: &mut Frame) -> bool {
         let mut state = self.state.lock();
         let Some(frame) = state.held.pop_front() else { return false };

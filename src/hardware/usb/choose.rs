@@ -25,7 +25,7 @@ pub(super) fn choose<'a>(
     }
 }
 
-/// The properties of a device that decide whether it is the board.
+/// The properties of a device on the bus that decide whether it is the board that the link names.
 struct Facts<'a> {
     path: &'a str,
     serial: Option<String>,
@@ -69,7 +69,7 @@ fn index_of_board(found: &[Facts<'_>], options: &UsbOptions) -> Result<usize, St
     }
 }
 
-/// Compares device names; on Windows their case may differ.
+/// Whether two device names are equal; on Windows their case may differ.
 fn same(its: &str, given: &str) -> bool {
     if cfg!(windows) { its.eq_ignore_ascii_case(given) } else { its == given }
 }

@@ -30,7 +30,7 @@ struct Counted {
 }
 
 impl LogLimit {
-    /// Whether a line of that kind may be logged; otherwise the line is counted.
+    /// Whether a line of this kind may be logged now; otherwise the line is only counted.
     pub(super) fn may_log(&mut self, kind: &str, now: Instant) -> bool {
         let kind = if self.kinds.contains_key(kind) || self.kinds.len() < KINDS_MAX { kind } else { OTHERS };
         let counted = self.kinds.entry(kind.to_owned()).or_insert(Counted { since: now, logged: 0, suppressed: 0 });
@@ -42,12 +42,12 @@ impl LogLimit {
         false
     }
 
-    /// When the next number of counted lines is due.
+    /// When the number of suppressed lines is to be logged next; `None`: no line was suppressed.
     pub(super) fn next_due(&self) -> Option<Instant> {
         self.kinds.values().map(|counted| counted.since + COUNTING_PERIOD).min()
     }
 
-    /// Lines with the numbers of the periods that have ended.
+    /// Log lines with the numbers of suppressed lines, for the counting periods that have ended.
     pub(super) fn due(&mut self, now: Instant) -> Vec<String> {
         let mut lines = Vec::new();
         self.kinds.retain(|kind, counted| {
@@ -65,7 +65,7 @@ impl LogLimit {
         lines
     }
 
-    /// Lines with all numbers that have not been logged yet, at the end of the server.
+    /// Log lines with all numbers of suppressed lines that have not been logged yet. Called at the end of the server.
     pub(super) fn end(&mut self) -> Vec<String> {
         let counted = self.kinds.drain().filter(|(_, counted)| counted.suppressed > 0);
         counted.map(|(kind, counted)| format!("{kind} ({} more times)", counted.suppressed)).collect()

@@ -16,13 +16,13 @@ use crate::sk::Frame;
 use crate::tcp::wire::{End, Hello, MESSAGE_MAX, Message, Role, WireError};
 use crate::tcp::{Inbox, PROOF_LEN, each_message};
 
-/// A server for a link on virtual time. It collects its log.
+/// A server without sockets for a link on virtual time. Its log lines are collected for [`told`](Self::told).
 pub struct InMemoryServer {
     hub: Arc<Hub>,
     board: Arc<Board>,
 }
 
-/// A message from a client.
+/// A message that a test lets a client send.
 #[derive(Clone, Copy, Debug)]
 pub enum ClientMessage<'a> {
     /// A request to write a command frame.
@@ -41,7 +41,7 @@ pub enum ClientMessage<'a> {
     Bye,
 }
 
-/// A message to a client. Requests are numbered in the order in which the client makes them, from 1.
+/// A message of the server to a client. Requests are numbered in the order in which the client makes them, from 1.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "they are looked at one by one and never stored in bulk")]
 pub enum ServerMessage {
@@ -58,7 +58,7 @@ pub enum ServerMessage {
         request: u64,
         /// Reports that were dropped for the client.
         reports_dropped: u64,
-        /// The board's counters.
+        /// The counters of the board, if its link has them.
         board: Option<Counters>,
     },
     /// A request has failed.
@@ -74,7 +74,7 @@ pub enum ServerMessage {
     Other,
 }
 
-/// A client of an [`InMemoryServer`] server.
+/// A client of an [`InMemoryServer`].
 pub struct InMemoryClient<'a> {
     server: &'a InMemoryServer,
     session: Session<'a>,
@@ -84,7 +84,7 @@ pub struct InMemoryClient<'a> {
 }
 
 impl InMemoryServer {
-    /// Serves a link.
+    /// Creates a server for this link.
     pub fn new(link: Arc<dyn Link>, options: ServeOptions) -> Self {
         let hub = Arc::new(Hub::new(options));
         let board = hub.attach(link);

@@ -14,15 +14,15 @@ use crate::span::Span;
 use crate::tcp::wire::{Greeting, Message, Refusal};
 use crate::tcp::{Came, Channel, Inbox, Material, Out, PROOF_LEN, ServerTls, Side};
 
-/// How long a refused connection may take to receive the reason. \[OURS]
+/// How long a refused connection may take to receive the reason of the refusal. \[OURS]
 const FAREWELL_MAX: Duration = Duration::from_millis(500);
 
 /// A connection that is not yet a client.
 pub(super) struct PendingConnection {
     pub(super) from: SocketAddr,
-    /// When it was accepted.
+    /// When the server accepted the connection.
     pub(super) came: Instant,
-    /// Whether any bytes have arrived from it.
+    /// Whether the client has sent any bytes.
     pub(super) has_sent: bool,
     channel: Channel,
     inbox: Inbox,
@@ -68,7 +68,8 @@ impl PendingConnection {
         Ok(Box::new(Self { from, came: now, has_sent, channel, inbox, out, handshake, material, refused_until: None }))
     }
 
-    /// A connection whose Hello has arrived but which does not become a client.
+    /// A connection whose Hello has arrived but which is refused as a client, so that it still has to receive the
+    /// reason.
     pub(super) fn from_client(channel: Channel, inbox: Inbox, from: SocketAddr, came: Instant) -> Box<Self> {
         let (has_sent, out, handshake, material, refused_until) = (true, Out::default(), None, None, None);
         Box::new(Self { from, came, has_sent, channel, inbox, out, handshake, material, refused_until })
@@ -89,7 +90,7 @@ impl PendingConnection {
         self.refused_until.is_some()
     }
 
-    /// When the connection is closed, if nothing happens.
+    /// When the connection is closed if its Hello does not arrive or its refusal is not received.
     pub(super) fn deadline(&self, options: &ServeOptions) -> Instant {
         self.refused_until.unwrap_or(self.came + options.hello_limit)
     }
@@ -153,7 +154,7 @@ impl PendingConnection {
 
     /// Sends the reason of a refusal.
     pub(super) fn refuse(&mut self, why: Refusal, text: &str, now: Instant) {
-        // If the client does not receive the reason, its connection ends without one.
+        // If this fails, the client's connection ends without a reason.
         let _ = self.channel.stage(&Message::Refused { why, text }, &mut self.out);
         let _ = self.channel.push(&mut self.out);
         self.refused_until = Some(now + FAREWELL_MAX);

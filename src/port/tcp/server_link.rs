@@ -8,7 +8,7 @@ use super::report_queue::ReportQueue;
 use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 
-/// A link for the server itself. Closing it leaves the board open for the clients.
+/// A link with which the server itself uses its board. Closing it leaves the board open for the clients.
 pub(super) struct ServerLink {
     pub(super) hub: Arc<Hub>,
     pub(super) board: Arc<Board>,

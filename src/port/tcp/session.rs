@@ -11,7 +11,7 @@ use crate::sk::Frame;
 use crate::tcp::wire::{Counts, Failure, Hello, Message, Refusal, Role, WireError};
 use crate::tcp::{Inbox, PROOF_LEN};
 
-/// How often a waiting write checks whether its client has cancelled it. \[OURS]
+/// How often a write that waits for the board checks whether its client has cancelled it. \[OURS]
 const WRITE_SLICE: Duration = Duration::from_millis(10);
 /// How far the board's time advances in one step of a request on virtual time. \[OURS]
 const TIME_STEP_NS: u64 = 100_000_000;
@@ -42,10 +42,10 @@ pub(super) struct Session<'a> {
     hub: &'a Hub,
     board: Arc<Board>,
     client: Arc<Client>,
-    /// The counters of the link when the session began.
+    /// The counters of the board's link when the session began: a client gets the increase since then.
     before: Counts,
     pending: Option<Pending>,
-    /// The frame of the request in progress.
+    /// The command frame of the write in progress.
     frame: Frame,
     text: String,
 }
@@ -57,9 +57,9 @@ struct Pending {
     work: Work,
 }
 
-/// The rest of the work for a request.
+/// The part of a request that is still to be done.
 enum Work {
-    /// The board has not taken the session's frame yet; `until` is the time limit, `None` is no limit.
+    /// A write: the board has not accepted the session's frame yet; `until` is the time limit, `None` is no limit.
     Write { until: Option<Instant> },
     /// On virtual time: a read. `left_ns`: how far the time may still advance; `None`: until there is a report.
     Read { left_ns: Option<u64> },
@@ -76,7 +76,8 @@ pub(super) struct Introduction {
 }
 
 impl Introduction {
-    /// Reads a client's first message; fails with the refusal if it is not a valid Hello.
+    /// Decodes a client's first message. The error is the reason to refuse the client, if the message is not a valid
+    /// Hello.
     pub(super) fn of(message: &Message<'_>) -> Result<Self, (Refusal, String)> {
         let Message::Hello(Hello { role, keepalive_ms, pid, program, proof }) = *message else {
             return Err((Refusal::NoHello, WireError::OutOfTurn { kind: message.kind() }.to_string()));
@@ -214,7 +215,8 @@ impl<'a> Session<'a> {
     }
 }
 
-/// The bytes that a server of `link` sends to a client that sends these bytes and reads nothing meanwhile.
+/// The bytes with which a server answers a client that sends `bytes` in one piece. `link` is the link of the served
+/// board. For tests that feed any bytes.
 #[doc(hidden)]
 pub fn answer(link: Arc<dyn Link>, bytes: &[u8]) -> Vec<u8> {
     let hub = Hub::new(ServeOptions::default());
@@ -241,7 +243,8 @@ pub fn answer(link: Arc<dyn Link>, bytes: &[u8]) -> Vec<u8> {
                     if session.take(&message).is_err() || client.is_over() || !hub.has(&board) {
                         return said(&Some((session, Arc::clone(client))));
                     }
-                    // No other client uses the board, so a request that does not succeed at once never does.
+                    // No other client uses the board in such a test. So a request that does not succeed at once never
+                    // would, and it is dropped.
                     session.pending = None;
                 }
             }

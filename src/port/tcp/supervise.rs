@@ -52,7 +52,7 @@ fn reopen(hub: &Hub, open: Open<'_>) -> Option<Arc<Board>> {
         match open() {
             Ok(link) => return Some(hub.attach(link)),
             Err(error) => {
-                // A reason is logged once, however often opening fails.
+                // The same reason is logged only once, however often opening fails for it.
                 let line = format!("the board cannot be opened yet: {error}");
                 if line != told {
                     hub.tell(&line);

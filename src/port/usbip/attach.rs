@@ -50,10 +50,10 @@ pub enum AttachError {
         "all high-speed ports of the virtual USB host controller are taken; free one with `sudo usbip detach -p N`"
     )]
     NoPort,
-    /// A client of the server has attached the board first.
+    /// Another client of the server has attached the board before this machine could.
     #[error("a client of the server has taken the board already; detach it there first")]
     Taken,
-    /// The controller has refused the board.
+    /// The virtual host controller has refused the board.
     #[error("the virtual USB host controller does not take the board: {0}; `dmesg` may say more")]
     Refused(io::Error),
 }

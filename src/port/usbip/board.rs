@@ -14,7 +14,7 @@ use super::wire::{DeviceEntry, Refusal, device_id};
 use crate::link::{Link, LinkError};
 use crate::notes::Notes;
 
-/// The number of the server's only bus.
+/// The number of the server's only virtual USB bus.
 const BUS: u16 = 1;
 
 /// How often the server checks that a board is still connected. \[OURS]
@@ -119,7 +119,7 @@ pub(super) fn bus_id(index: u16) -> String {
     format!("{BUS}-{}", index + 1)
 }
 
-/// A board of the server.
+/// A board that the server shares.
 pub(super) struct Board {
     bus_id: String,
     path: String,
@@ -141,7 +141,7 @@ struct State {
 }
 
 impl Board {
-    /// Board `index`, counted from 0, whose link is open.
+    /// A board whose link is open. Its bus id is made from `index`, counted from 0.
     pub fn new(
         index: u16,
         identity: Identity,
@@ -177,7 +177,7 @@ impl Board {
         device_id(BUS, self.number)
     }
 
-    /// The entry of the board in a device list.
+    /// The entry of the board in the device list of USB/IP.
     pub fn entry(&self) -> DeviceEntry<'_> {
         DeviceEntry {
             path: &self.path,
@@ -192,7 +192,7 @@ impl Board {
         }
     }
 
-    /// Whether the board is connected, attached or not.
+    /// Whether the board's link is open, whether or not a host has attached the board.
     pub fn is_there(&self) -> bool {
         self.state.lock().link.is_some()
     }
@@ -203,7 +203,7 @@ impl Board {
         if state.stopping {
             return Err((stream, Refusal::Away));
         }
-        // A lost board is refused as away, even while its host is being disconnected.
+        // A lost board is refused as not connected, even while its previous host is still being disconnected.
         let Some(link) = state.link.clone() else { return Err((stream, Refusal::Away)) };
         if state.session.is_some() {
             return Err((stream, Refusal::Busy));
@@ -220,7 +220,7 @@ impl Board {
         let why = session.run();
         let lost = matches!(why, SessionEnd::LinkLost(_));
         let link = if lost { self.state.lock().link.take() } else { None };
-        // The session is removed after the link is closed, because only then the link can be opened again.
+        // The session is removed only after the link is closed: then `keep` may open the link again.
         if let Some(link) = &link {
             link.close();
         }
@@ -255,7 +255,7 @@ impl Board {
             } else {
                 self.changed.wait_for(&mut state, retry);
             }
-            // A lost link is opened again once its session has ended.
+            // A lost link is opened again only when its session has ended, since the session closes the old link.
             let wanted = state.link.is_none() && state.session.is_none() && !state.stopping;
             drop(state);
             if wanted && self.open_again(&mut told) {
@@ -280,7 +280,8 @@ impl Board {
         self.tell(Event::Lost { bus_id: self.bus_id.clone(), why: why.to_string() });
     }
 
-    /// Tries to open the link; `told` is the latest reason for a failure that was reported.
+    /// Tries to open the link; `told` is the reason for a failure that was reported last: the same reason is not
+    /// reported again.
     fn open_again(&self, told: &mut String) -> bool {
         match (self.opener)() {
             Ok(link) => {

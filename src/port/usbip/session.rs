@@ -1,8 +1,8 @@
 //! A host that has attached a board: its connection, and the threads that pass frames between it and the link.
 //!
-//! The thread of the connection receives the host's transfers, and fetches a report that is already there. One more
-//! thread waits for reports while the host wants one, and another passes frames to the board. Whichever thread sends
-//! them, answers are sent in the order in which the device makes them.
+//! The thread of the connection receives the host's transfers. For a transfer that wants a report it fetches one that
+//! the link already has. One more thread waits for reports while the host wants one, and another passes frames to the
+//! board. Whichever thread sends them, answers are sent in the order in which the device makes them.
 
 use std::io::{self, BufReader, Read, Write};
 use std::sync::Arc;
@@ -57,7 +57,7 @@ pub enum SessionEnd {
     Stopped,
 }
 
-/// A host and the board that it has attached.
+/// The session of a host that has attached a board.
 pub struct Session {
     stream: Stream,
     link: Arc<dyn Link>,
@@ -98,7 +98,8 @@ impl Session {
         }
     }
 
-    /// Sends the answer that precedes the transfers. If the host is gone, [`Self::run`] notices.
+    /// Sends the answer to the request to attach the board, after which the host submits transfers. If the host is
+    /// gone, [`Self::run`] notices it.
     pub fn greet(&self, answer: &[u8]) {
         let _ = (&mut &self.stream).write_all(answer);
     }
@@ -200,7 +201,7 @@ impl Session {
                     !under_way
                 }
             };
-            // If this command has produced no answer, it need not wait for a thread that is sending another one.
+            // Without an answer to send, this thread does not wait for the other thread that may be sending.
             if answered {
                 self.send();
             }
@@ -298,7 +299,7 @@ impl Session {
     }
 }
 
-/// Whether the call may succeed when it is repeated.
+/// Whether an error of the link is temporary, so that the call may succeed when it is repeated.
 const fn is_temporary(error: &LinkError) -> bool {
     matches!(error, LinkError::Timeout { .. } | LinkError::Cancelled { .. } | LinkError::Silent { .. })
 }

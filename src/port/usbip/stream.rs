@@ -21,9 +21,9 @@ const KEEPALIVE_PROBES: u32 = 3;
 /// The connection to a host.
 #[derive(Debug)]
 pub enum Stream {
-    /// A client of the server.
+    /// A client that has connected to the server by TCP.
     Tcp(TcpStream),
-    /// The kernel of this machine.
+    /// This machine's own kernel, through a socket pair.
     Local(Socket),
 }
 

@@ -11,8 +11,8 @@ pub const VERSION: u8 = 1;
 pub const MAGIC: [u8; 5] = *b"ECMXF";
 /// The length of the head before a body, bytes.
 pub const HEAD_LEN: usize = 4;
-/// The most bytes of an exchange, and so of any body. \[OURS] Twice the longest packet fits, so that one exchange is
-/// enough to find n. It is also the default limit of Linux' spidev.
+/// The maximum number of bytes in an exchange, and so in the body of any message. \[OURS] Twice the longest packet
+/// fits, so that one exchange is enough to find n. It is also the default limit of Linux' spidev.
 pub const EXCHANGE_MAX: usize = 4096;
 /// The longest wait that a request may ask for, microseconds. \[OURS]
 pub const WAIT_MAX_US: u32 = 1_000_000;
@@ -40,7 +40,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// The kind with that number.
+    /// The kind of message with this number; `None`: no kind has it.
     pub const fn from_code(code: u8) -> Option<Self> {
         match code {
             0 => Some(Self::Greeting),
@@ -65,7 +65,7 @@ pub enum Status {
     BadRequest = 1,
     /// Another host has the chip.
     Busy = 2,
-    /// That line is not connected.
+    /// The line that the request needs, INT0, INT1 or reset, is not connected.
     NoLine = 3,
     /// The chip cannot be reached.
     Chip = 4,
@@ -93,7 +93,7 @@ pub enum Request<'m> {
 /// The fault of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BadRequest {
-    /// The message claims to be longer than any valid one, so that the begin of the next one is unknown.
+    /// The head gives a length that no valid message has, so it is unknown where the next message begins.
     #[error("a message of {found} bytes: an exchange has {EXCHANGE_MAX} at most; send more as several exchanges")]
     TooLong {
         /// The length of the body in the head.

@@ -25,7 +25,7 @@ pub fn attach(vhci: &Path, device_id: u32) -> Result<(Socket, u32), AttachError>
         let order = format!("{port} {} {device_id} {HIGH_SPEED}", theirs.as_raw_fd());
         match fs::write(vhci.join("attach"), order) {
             Ok(()) => return Ok((ours, port)),
-            // Another program has taken the port meanwhile.
+            // Another program has attached a device to this port meanwhile: the next free port is tried.
             Err(error) if error.kind() == io::ErrorKind::ResourceBusy => {}
             Err(error) if error.kind() == io::ErrorKind::PermissionDenied => return Err(AttachError::NotAllowed),
             Err(error) => return Err(AttachError::Refused(error)),

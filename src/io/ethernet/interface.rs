@@ -1,5 +1,5 @@
-//! The network interfaces of this machine, and whether one may be used for EtherCAT frames without disturbing another
-//! network.
+//! Lists the network interfaces of this machine, and decides whether one may be used for EtherCAT frames without
+//! disturbing another network.
 
 use std::ffi::CStr;
 use std::io;
@@ -60,8 +60,8 @@ pub enum InterfaceError {
     System { name: String, source: io::Error },
 }
 
-/// The MTU that EtherCAT frames need: their maximum size without the Ethernet header, in bytes, which is that of
-/// Ethernet.
+/// The smallest MTU that is accepted, in bytes: the maximum size of an EtherCAT frame without its Ethernet header,
+/// which is the usual MTU of Ethernet.
 const MTU_MIN: u32 = 1500;
 
 /// The MAC address of an Ethernet card.
@@ -94,7 +94,7 @@ impl Interface {
     /// Whether the interface may be used for EtherCAT frames without disturbing another network.
     ///
     /// \[OURS] An IPv6 link-local address does not count as an address, since every interface has one. An interface
-    /// with the default route has an address too, so allowing the first allows both.
+    /// with the default route has an address too, so a caller that allows the default route allows the address as well.
     ///
     /// # Errors
     /// [`InterfaceError`], the first reason that is found.
@@ -150,7 +150,7 @@ pub fn check(name: &str, default_route: DefaultRoute) -> Result<Interface, Inter
     named(name, interfaces().map_err(failed)?, default_route)
 }
 
-/// The interface `name` among all, if it may be used.
+/// Selects the interface `name` from `all`, if it may be used.
 fn named(name: &str, all: Vec<Interface>, default_route: DefaultRoute) -> Result<Interface, InterfaceError> {
     let found = all.iter().map(|interface| &*interface.name).collect::<Vec<_>>().join(", ");
     let missing = || InterfaceError::Missing { name: name.to_owned(), found };
@@ -168,7 +168,7 @@ const fn is_of_link(address: &IpAddr) -> bool {
 /// The error of the system, if it cannot list them.
 pub fn interfaces() -> io::Result<Vec<Interface>> {
     let mut all = listed()?;
-    // If these files are missing there is no IP, and so no route.
+    // If these files are missing, the kernel has no IP and so no route.
     let read = |file: &str| std::fs::read_to_string(file).unwrap_or_default();
     let routes = [
         default_routes_v4(&read("/proc/thread-self/net/route")),
@@ -207,7 +207,7 @@ fn mtu(asked: &OwnedFd, name: &str) -> Option<u32> {
     u32::try_from(unsafe { request.ifr_ifru.ifru_mtu }).ok()
 }
 
-/// Lists the interfaces, without their routes.
+/// Lists the interfaces without looking for their routes.
 fn listed() -> io::Result<Vec<Interface>> {
     let mut all: Vec<Interface> = Vec::new();
     let mut first = std::ptr::null_mut();

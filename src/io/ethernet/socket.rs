@@ -150,7 +150,7 @@ impl EthernetSocket {
     }
 }
 
-/// For waiting for frames with `poll`.
+/// Lets callers wait for frames with `poll`.
 impl AsFd for EthernetSocket {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.fd.as_fd()

@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::REPORT_LEN;
 use super::error::UsbError;
 
-/// The end of a transfer.
+/// How a transfer has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Outcome {
     /// The transfer is complete, possibly with fewer bytes than requested.
@@ -38,7 +38,7 @@ pub(super) trait TransferListener: Send + Sync {
 /// thread in [`Backend::handle_events`] or in [`Backend::await_output`]. A backend is dropped only after all its
 /// transfers have ended.
 pub(super) trait Backend: Send + Sync {
-    /// The number of transfers to the host.
+    /// The number of transfers to the host that are submitted at the same time.
     fn inputs(&self) -> usize;
 
     /// Submits transfer `number` to the host.
@@ -56,8 +56,8 @@ pub(super) trait Backend: Send + Sync {
     /// is empty during the call.
     fn set_system_queue(&self, reports: Option<usize>) -> bool;
 
-    /// Whether the device is still connected, for a caller without a submitted transfer to the host. Does not wait for
-    /// the device.
+    /// Whether the device is still connected, for a caller that would not notice the loss because no transfer to the
+    /// host is submitted. Does not wait for the device.
     fn is_there(&self) -> bool {
         true
     }

@@ -1,12 +1,12 @@
 //! Errors of libusb and of Windows' HID driver.
 
-/// The system whose error codes [`UsbError::Other`] shows.
+/// Names the system whose error codes [`UsbError::Other`] shows.
 const CODES_OF: &str = if cfg!(windows) { "Windows'" } else { "libusb's" };
 
 /// The reason why libusb (`enum libusb_error`) or Windows refuses a call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UsbError {
-    /// An error on the wire.
+    /// The transfer failed on the wire.
     #[error("input/output error")]
     Io,
     /// An argument is invalid, or the kernel supports no transfer of that kind.

@@ -97,7 +97,7 @@ impl Pipe {
             end_of_transfers(&thread_shared, &thread_backend);
         });
         let events = events.map_err(|_| UsbError::NoMemory)?;
-        // From here on, dropping the pipe ends the thread and the transfers.
+        // The pipe exists from here on, so that an error below drops it, which ends its thread and transfers.
         let pipe = Self { shared, event_thread: Mutex::new(Some(events)), backend };
         for number in 0..pipe.backend.inputs() {
             let mut state = pipe.shared.state.lock();
@@ -105,7 +105,7 @@ impl Pipe {
             pipe.backend.submit_input(number).map_err(submit_error)?;
             state.submitted += 1;
         }
-        // The pipe's thread had nothing to do before the first transfer was submitted.
+        // The pipe's thread sleeps while no transfer is submitted, so it has to be woken after the first one.
         pipe.shared.thread_wakeup.notify_all();
         Ok(pipe)
     }
@@ -152,7 +152,8 @@ impl Pipe {
                 return Err(PipeError::Cancelled);
             }
             match time_left(began, limit) {
-                // The limit has passed, but a report may have come whose event was not handled yet.
+                // The limit has passed. A report may have arrived whose event was not handled yet, so events are
+                // handled once more.
                 Err(_) if !polled => {
                     polled = true;
                     self.shared.poll_events(state, &*self.backend);
@@ -340,7 +341,7 @@ fn end_of_transfers(shared: &Shared, backend: &Arc<dyn Backend>) {
     backend.release();
 }
 
-/// The turn of this thread to write, from waiting for it until this value is dropped.
+/// A thread's turn to write. It ends when this value is dropped.
 struct WriterTurn<'a> {
     shared: &'a Shared,
     caller: CallingThread,
@@ -371,7 +372,7 @@ fn time_left(began: Instant, limit: Option<Duration>) -> Result<Option<Duration>
     }
 }
 
-/// The error of a transfer that the system did not accept.
+/// The error of a call whose transfer the system did not accept.
 const fn submit_error(error: UsbError) -> PipeError {
     match error {
         // The interface is no longer claimed, because the device has reset itself.

@@ -53,10 +53,10 @@ pub enum Level {
 pub(super) struct ReadyLine {
     input: InputLine,
     ready: Level,
-    /// The buffer for edge events. gpiocdev's call for a single event is not used, because it loses further events that
-    /// it has read together with the first.
+    /// The buffer for edge events. gpiocdev's call for a single event is not used, because it drops further events that
+    /// it has read from the kernel together with the first one.
     edges: Vec<u64>,
-    /// Whether an edge to the ready level was read but not reported yet.
+    /// Whether an edge to the ready level was read from the kernel that no call has reported yet.
     has_edge: bool,
 }
 
@@ -112,7 +112,7 @@ impl ReadyLine {
         }
     }
 
-    /// Whether there was an edge to the ready level since the last call.
+    /// Whether the line has changed to the ready level since the last call of this function or of [`Self::wait_edge`].
     pub fn has_become_ready(&mut self) -> Result<bool, SpiError> {
         while self.input.request.has_edge_event().map_err(|error| self.input.failed(&error))? {
             self.take_edges()?;
@@ -190,7 +190,7 @@ fn request(place: &GpioLine, set: impl FnOnce(&mut Builder) -> &mut Builder) -> 
     set(&mut line).request().map_err(|error| refused(place, &error))
 }
 
-/// The line's offset on its chip.
+/// The offset of the line on its GPIO chip, found by its name if the line is given by name.
 fn find(place: &GpioLine) -> Result<u32, SpiError> {
     let chips = || list_devices("gpiochip");
     let file = std::fs::File::open(&place.chip);

@@ -17,7 +17,7 @@ pub use edge_device::{EdgeDevice, EdgeSettings};
 pub use lines::{GpioLine, Level};
 use rustix::io::Errno;
 
-/// The wires to one device; only the owner of this value uses them.
+/// The wires to one device with a BUSY line. Only the owner of this value uses them.
 pub trait BusyWires: Send {
     /// Sends `tx` and receives the same number of bytes into `rx`, under one chip select.
     ///
@@ -72,7 +72,7 @@ pub trait EdgeWires: Send {
     /// Whether the ready line is wired.
     fn has_ready_line(&self) -> bool;
 
-    /// Forgets all edges that have come so far.
+    /// Discards all edges of the ready line so far, so that [`Self::wait_edge`] waits for a later one.
     ///
     /// # Errors
     /// [`SpiError`].
@@ -121,17 +121,17 @@ pub enum SpiError {
         /// What exists instead, as a text for the user.
         there: String,
     },
-    /// Another program or a kernel driver uses it.
+    /// Another program or a kernel driver uses the device or line.
     #[error("{what} is in use{by}")]
     InUse {
         what: String,
-        /// The user of it, as ` by ...`; empty if unknown.
+        /// Who uses the device or line, as text that begins with ` by `; empty if unknown.
         by: String,
     },
-    /// The system refuses the call.
+    /// The system has refused a call.
     #[error("{what}: {message}")]
     Refused {
-        /// The call and its device file or line.
+        /// The refused call, and its device file or line.
         what: String,
         /// The system's own message.
         message: String,

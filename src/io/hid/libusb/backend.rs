@@ -49,7 +49,7 @@ impl Backend for LibusbBackend {
         self.inputs.get(number).ok_or(UsbError::Invalid)?.submit()
     }
 
-    // The kernel does not queue reports: without a submitted transfer they are lost.
+    // The kernel keeps no queue of reports: a report that comes while no transfer is submitted is lost.
     fn set_system_queue(&self, _reports: Option<usize>) -> bool {
         false
     }

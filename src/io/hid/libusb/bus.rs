@@ -48,7 +48,7 @@ impl Bus {
         Ok(Self::over(api::load()?)?)
     }
 
-    /// Creates a context with these functions.
+    /// Creates a context that calls these functions, which in tests are those of a simulated libusb.
     pub(super) fn over(api: &'static Api) -> Result<Arc<Self>, UsbError> {
         let mut raw = ptr::null_mut();
         // SAFETY: `raw` receives the new context. libusb starts a thread of its own here, which must receive no signals of the
@@ -246,7 +246,7 @@ impl Descriptors {
         match ready {
             0 => Ok(false),
             1.. => Ok(true),
-            // A signal to the program has ended the wait, which is no error.
+            // A signal to the program has ended the wait. This is no error.
             _ if io::Error::last_os_error().kind() == io::ErrorKind::Interrupted => Ok(false),
             _ => Err(UsbError::Io),
         }

@@ -54,13 +54,14 @@ struct Inside {
     halted: bool,
     halts_cleared: Vec<u8>,
     interrupted: bool,
-    /// How many of the next waits for events are ended by a signal.
+    /// How many of the next waits for events end as if by a signal to the program.
     signals: u32,
     /// How many of the next waits for events fail.
     event_errors: u32,
     /// Number of waits for events so far.
     event_waits: u64,
-    /// A socket that is readable while there is an event, and its other end; `None` if libusb itself is waited in.
+    /// A socket that is readable while there is an event, and its other end; `None`: libusb offers no file descriptor,
+    /// so callers wait inside libusb.
     bell: Option<(UnixStream, UnixStream)>,
     rung: bool,
     gone: bool,
@@ -68,7 +69,7 @@ struct Inside {
     calls: usize,
     /// The number of the call at which the device is unplugged.
     pulled_at: usize,
-    /// Return values that replace those of calls, by the names of the functions.
+    /// Return codes to use instead of the real ones, each with the name of its function.
     answers: Vec<(&'static str, c_int)>,
     /// Number of existing contexts, devices, handles, claims and transfers.
     leaked: [isize; 5],
@@ -191,17 +192,18 @@ impl FakeUsb {
         self.inside.lock().event_waits
     }
 
-    /// Makes calls of the function `name` return `code`.
+    /// Makes all calls of the function `name` return `code` from now on.
     pub fn answer(&self, name: &'static str, code: c_int) {
         self.with(|inside| inside.answers.push((name, code)));
     }
 
-    /// Lets calls return their own values again.
+    /// Ends the effect of [`FakeUsb::answer`]: all functions return their real results again.
     pub fn answers_as_it_is(&self) {
         self.with(|inside| inside.answers.clear());
     }
 
-    /// Sets the device's answer to packets in transfers for which the host waits; an empty answer is none.
+    /// Sets the function that makes the device's answer to a packet of the host. If it returns no bytes, the device
+    /// does not answer.
     pub fn on_packet(&self, answer: impl FnMut(&[u8]) -> Vec<u8> + Send + 'static) {
         self.with(|inside| inside.answer_packet = Some(Box::new(answer)));
     }
@@ -266,7 +268,7 @@ impl FakeUsb {
 }
 
 impl Inside {
-    /// Makes the descriptor readable while there is an event, and only then.
+    /// Makes the event descriptor readable while there is an event, and unreadable otherwise.
     fn ring(&mut self) {
         let Some((mut read, mut write)) = self.bell.as_ref().map(|(read, write)| (read, write)) else { return };
         let wanted = !self.endings.is_empty() || self.interrupted || self.event_errors > 0 || self.signals > 0;

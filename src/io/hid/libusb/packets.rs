@@ -13,10 +13,10 @@ use crate::io::descriptors::TO_HOST;
 
 /// Timeout of one packet in one direction. \[OURS]
 const PACKET_LIMIT: Duration = Duration::from_secs(1);
-/// The bits of an endpoint's attributes with its transfer type (USB 2.0 table 9-13).
+/// The bits of an endpoint's bmAttributes that give its transfer type (USB 2.0 table 9-13).
 const KIND: u8 = 3;
 
-/// The USB ids of a device, and the endpoints for its packets.
+/// A device by its USB ids, and its two endpoints for packets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PacketPlace {
     /// USB vendor id, idVendor.
@@ -138,7 +138,8 @@ impl PacketWires for PacketDevice {
     }
 }
 
-/// Converts libusb's code and the transferred length to the result of a transfer.
+/// Converts libusb's return code and the number of bytes transferred to the result of a transfer. `nothing` and `some`
+/// are the texts for no bytes in time and for a wrong number of bytes.
 fn check(code: i32, found: usize, wanted: usize, [nothing, some]: [&'static str; 2]) -> Result<(), UsbPacketError> {
     if code == TIMEOUT && found == 0 {
         return Err(UsbPacketError::Late { what: nothing, limit: PACKET_LIMIT });

@@ -28,7 +28,7 @@ impl Bus {
         Ok(Arc::new(Self { api: Api::WINDOWS }))
     }
 
-    /// Access to the driver with these functions.
+    /// Creates the access to a simulated driver with these functions.
     #[cfg(test)]
     pub(super) fn over(api: Api) -> Arc<Self> {
         Arc::new(Self { api })
@@ -50,6 +50,6 @@ pub struct Device {
     pub(super) bus: Arc<Bus>,
     /// The device path, terminated by a zero.
     pub(super) path: Vec<u16>,
-    /// The serial number, if the USB device's name in Windows contains it.
+    /// The serial number of the device, if Windows' name of the USB device contains it.
     pub(super) serial: Option<String>,
 }

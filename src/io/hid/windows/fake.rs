@@ -31,7 +31,7 @@ pub enum ReportReaction {
     Fails(u32),
 }
 
-/// A device in Windows' list.
+/// A HID device that the simulated Windows lists.
 pub struct Listed {
     /// The part of the device path between `\\?\` and the class, such as `hid#vid_16c0&pid_05df#7&1&0&0000`.
     pub name: &'static str,
@@ -71,19 +71,19 @@ struct Inside {
     to_send: VecDeque<Vec<u8>>,
     reaction: ReportReaction,
     taken: Vec<Vec<u8>>,
-    /// The error code of all calls for the board once it is unplugged.
+    /// The error code that all calls for the board return once it is unplugged; `None`: it is connected.
     gone: Option<u32>,
-    /// The error code of opening the board for reports.
+    /// The error code with which opening the board for reports fails; `None`: it can be opened.
     refused: Option<u32>,
     /// Number of existing handles, lists and other objects.
     leaked: isize,
     /// The device paths that were opened.
     opened: Vec<String>,
-    /// Number of texts that were read from a device.
+    /// How many texts (product name, serial number) were read from devices.
     asked: usize,
-    /// The length of the driver's queue of reports.
+    /// The length of the driver's queue of reports that the code under test has set; `None`: it has set none.
     keeps: Option<u32>,
-    /// Whether writes are held: they do not return while this is set.
+    /// Whether the next write does not return until [`FakeWindows::let_go`].
     held: bool,
 }
 
@@ -221,7 +221,7 @@ impl Inside {
         self.to_send.drain(..self.to_send.len().saturating_sub(keeps));
     }
 
-    /// Writes a report to the board. Returns the error code of the function.
+    /// Handles a write of a report to the board. Returns the error code of WriteFile.
     fn write(&mut self, overlapped: *mut Overlapped, buffer: *mut u8, report: Vec<u8>) -> u32 {
         if let Some(code) = self.gone {
             return code;

@@ -59,7 +59,8 @@ pub type SdoDone = Result<u32, AbortCode>;
 /// The result of a successful [`Job::Configure`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Configured {
-    /// Slaves of [`Role::Hsp`](super::Role::Hsp) that have a second axis: their controlword 0x6840 can be read by SDO \[OURS].
+    /// Slaves of [`Role::Hsp`](super::Role::Hsp) that have a second axis: this is known because their controlword 0x6840 can be
+    /// read by SDO \[OURS].
     pub second_axes: SlaveSet,
     /// Slaves that were not selected but have left OP, because the bus cannot configure the selected ones otherwise. They
     /// keep their mapping and stay below OP until a [`Job::State`] brings them back.
@@ -94,7 +95,8 @@ impl Refusal {
     }
 }
 
-/// A limit of the hardware that runs a bus; the slaves do not matter.
+/// A limit of the hardware that runs a bus, such as an ECM-XF, that a configuration exceeds. It concerns no single
+/// slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum HardwareLimit {
     /// The exchanges with the chip take longer than the cycle.
@@ -107,7 +109,7 @@ pub enum HardwareLimit {
     Cycle {
         /// The requested cycle time, ns.
         cycle_ns: Ns,
-        /// The minimum time that the exchanges of one cycle take, ns.
+        /// The minimum time for the exchanges with the chip in one cycle, ns.
         needed_ns: Ns,
     },
     /// The process data of one cycle do not fit into a packet.
@@ -115,11 +117,11 @@ pub enum HardwareLimit {
     ProcessData {
         /// The number of bytes of all outputs or of all inputs, whichever is larger.
         bytes: usize,
-        /// The capacity of a packet in bytes.
+        /// How many bytes of process data a packet can hold.
         most: usize,
     },
 }
 
-/// The error of a start while another job or SDO is running beside which the new one cannot run.
+/// A job or an SDO was not started, because another job or SDO is running at the same time as which it cannot run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Busy;

@@ -116,7 +116,7 @@ impl Role {
     }
 }
 
-/// The wanted configuration of one slave.
+/// The requested configuration of one slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlaveConfig {
     /// What the slave is used as.
@@ -149,7 +149,7 @@ pub struct AxisOut {
     pub target: i32,
 }
 
-/// What one axis sends back in a cycle.
+/// What one axis returns in a cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AxisIn {
     /// Statusword, 0x6041.
@@ -254,14 +254,15 @@ pub struct CycleDone {
     pub next_deadline: Option<Ns>,
 }
 
-/// The result of [`Fieldbus::clear_ahead`].
+/// The result of a clear ([`Fieldbus::clear_ahead`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cleared {
-    /// The id of the newest outputs that were sent; newer ones will never be sent. `None`: none were sent.
+    /// The id of the newest outputs that were sent. Newer outputs were discarded and will never be sent. `None`: no
+    /// outputs were sent.
     pub newest_sent: Option<u64>,
 }
 
-/// The error of a bus that accepts no outputs.
+/// Why a bus does not accept a set of outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BusError {
     /// [`Fieldbus::room`] was 0.
@@ -295,18 +296,19 @@ impl RingState {
     }
 }
 
-/// Received frames that are not the answers of slaves to this master.
+/// Frames that the bus has received although they are not answers of slaves to this master.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Strangers {
     /// The source address in the newest frame of another master, as slaves have changed it; `None`: no such frame was
     /// received.
     pub other_master: Option<[u8; 6]>,
-    /// The number of frames of this master that came back unchanged: they have passed no slave.
+    /// The number of frames of this master that came back unchanged. A slave changes the source address of a frame, so
+    /// these frames have passed no slave.
     pub unpassed: u64,
 }
 
 impl Strangers {
-    /// The text about a network in which no slave was found and `unpassed` frames came back unchanged.
+    /// The error text if a scan finds no slave and `unpassed` frames came back unchanged.
     pub fn echo(unpassed: u64) -> String {
         format!(
             "{unpassed} frames came back as they were sent, with the source address of this card, which each slave changes: the cable \
@@ -342,9 +344,9 @@ pub trait Fieldbus: Send {
     /// [`Busy`] while another SDO or a job is running. Whether an SDO may run beside a change of state depends on the bus.
     fn start_sdo(&mut self, request: SdoRequest, now: Ns) -> Result<(), Busy>;
 
-    /// Announces the next [`Job::Configure`], as far as it is declared, while all slaves are in PreOP and no job or SDO is
-    /// running. A bus with slow configurations may begin early, as long as no SDO shows a difference and no job has to wait
-    /// longer than the configuration itself would have taken.
+    /// Announces the configuration that the next [`Job::Configure`] is expected to have, by the settings that programs have
+    /// declared so far. All slaves are in PreOP, and no job or SDO is running. A bus with slow configurations may begin early,
+    /// as long as no SDO shows a difference and no job has to wait longer than the configuration itself would have taken.
     fn prepare(&mut self, _config: &BusConfig, _now: Ns) {}
 
     /// Returns the result of the job once it has ended. Each result is returned once.
@@ -359,7 +361,7 @@ pub trait Fieldbus: Send {
     /// Cancels the running SDO, if there is one. [`Self::poll_sdo`] never returns its result.
     fn cancel_sdo(&mut self);
 
-    /// The number of sets of outputs that the bus accepts now, as far as it knows: it may accept more, never fewer. With
+    /// The number of sets of outputs that the bus accepts now, as far as it knows. It accepts at least this many. With
     /// [`Pacing::Runner`] this is 1, or 0 while the bus is down.
     fn room(&self) -> u16;
 
@@ -426,7 +428,8 @@ pub trait Fieldbus: Send {
         None
     }
 
-    /// Received frames that are not the answers of slaves. The default value: there were none, or the bus does not know.
+    /// Frames that the bus has received although they are not answers of slaves. The default value: there were none, or the bus
+    /// does not know.
     fn strangers(&self) -> Strangers {
         Strangers::default()
     }

@@ -95,11 +95,11 @@ const HSP_IN: [In; 3] = [
 const IO_OUT: [Out; 1] = [mapped(0x7000, 1, 2, OutWord::Outputs)];
 const IO_IN: [In; 1] = [mapped(0x6000, 1, 2, InWord::Inputs)];
 
-/// Defines `Table`, which selects the outputs and the inputs of an axis. Its functions call those below with constant
-/// tables, so that the compiler generates separate code for each.
+/// Defines `Table`, which selects the outputs and the inputs of an axis. Its functions pass constant tables to the
+/// functions at the end of this file, so that the compiler generates separate code for each table.
 macro_rules! tables {
     ($($table:ident: $outputs:ident, $inputs:ident;)*) => {
-        /// Selects the tables above for the process data of an axis.
+        /// Selects the tables of mapped objects, outputs and inputs, for an axis.
         #[derive(Clone, Copy, Debug)]
         enum Table {
             $($table),*
@@ -149,10 +149,10 @@ tables! {
     Io: IO_OUT, IO_IN;
 }
 
-/// The process data of one slave.
+/// Which process data one slave has: the mapped objects of its axes, and its mode of operation.
 #[derive(Clone, Copy, Debug)]
 pub struct ProcessData {
-    /// The mapping tables of each of its axes.
+    /// The tables of mapped objects of each of its axes.
     table: Table,
     axes: u8,
     output_bytes: u8,
@@ -161,8 +161,8 @@ pub struct ProcessData {
 }
 
 impl ProcessData {
-    /// The object of a slave that decides which process data it has as `role`: those for [`Self::of`] with `is_there` if it
-    /// can be read. A bus asks for it in PreOP. `None`: the role decides alone.
+    /// The object whose presence decides which process data a slave in this role has: a bus tries to read it in PreOP, and
+    /// passes the result to [`Self::of`] as `is_there`. `None`: the role alone decides.
     pub const fn probe(role: Role) -> Option<ObjectAddress> {
         match role {
             Role::Hsp(_) => Some(SECOND_CONTROLWORD),

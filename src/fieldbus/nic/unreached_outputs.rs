@@ -3,7 +3,7 @@
 
 use crate::ethercat::Ns;
 
-/// A cycle whose frames have come back.
+/// A cycle whose frames have come back, as far as the record of unreached outputs needs it.
 pub(super) struct Cycle {
     /// When it was sent, on the wires' clock.
     pub(super) sent_at: Ns,
@@ -13,13 +13,13 @@ pub(super) struct Cycle {
     pub(super) sent: Option<u64>,
     /// The working counter of the cycle, and its value if every slave answers.
     pub(super) working_counters: [u16; 2],
-    /// A slave that is not known as lost has missed the cycle, or is in a lower state.
+    /// Whether a slave that is not known as lost has missed the cycle, or is in a lower AL state than commanded.
     pub(super) is_short: bool,
-    /// Some slaves are known as lost.
+    /// Whether some slaves are known as lost.
     pub(super) has_lost: bool,
-    /// All slaves that are not lost have certainly processed the outputs of the cycle.
+    /// Whether it is certain that all slaves that are not lost have processed the outputs of the cycle.
     pub(super) is_obeyed: bool,
-    /// A job is running, during which slaves may disappear and come back.
+    /// Whether a job is running, during which slaves may disappear and come back.
     pub(super) has_job: bool,
 }
 
@@ -42,7 +42,7 @@ pub(super) struct UnreachedOutputs {
     known_from: [u64; 2],
 }
 
-/// The id of the outputs after `sent`.
+/// The id that follows `sent`: that of the next outputs.
 fn after(sent: Option<u64>) -> u64 {
     sent.map_or(0, |sent| sent + 1)
 }
@@ -53,7 +53,7 @@ impl UnreachedOutputs {
         self.from
     }
 
-    /// Resets the record after a scan, because there may be other slaves.
+    /// Resets the record after a scan, which may have found other slaves.
     pub(super) fn forget(&mut self, sent: Option<u64>) {
         let known_from = [after(sent); 2];
         *self = Self { counted: self.counted, read_at: self.read_at, known_from, ..Self::default() };
@@ -84,8 +84,8 @@ impl UnreachedOutputs {
         std::mem::take(&mut self.sets)
     }
 
-    /// The AL states of all slaves were requested at `read` and are known now: each slave that was not named as lost is in
-    /// OP.
+    /// Called when the AL states of all slaves are known that were requested at `read`: each slave that was not named as lost
+    /// is in OP.
     pub(super) fn note_states(&mut self, read: Option<Ns>, sent: Option<u64>) {
         if read == self.read_at {
             return;

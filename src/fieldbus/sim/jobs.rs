@@ -17,7 +17,7 @@ pub(super) struct RunningJob {
     due: Ns,
     /// When the timeout of a change of state ends.
     deadline: Ns,
-    /// The slave that is configured next.
+    /// The slave that the job configures next.
     next: u8,
     second_axes: SlaveSet,
 }
@@ -29,7 +29,7 @@ pub(super) struct RunningSdo {
     deadline: Ns,
 }
 
-/// The result of one step of a change of state.
+/// What follows a step of a change of state.
 enum Progress {
     /// All slaves are in the target state.
     Done,

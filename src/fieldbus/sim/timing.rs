@@ -1,4 +1,4 @@
-//! How long the jobs of the simulated bus take.
+//! The durations of the jobs of the simulated bus.
 
 use crate::fieldbus::{AlState, CHANGE_SLAVE_NS, LEAVING_OP_NS, Ns};
 

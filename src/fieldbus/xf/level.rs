@@ -6,18 +6,18 @@
 
 use crate::ethercat::Ns;
 
-/// The maximum age of a header's fill level, in cycles: three exchanges of two packets each. \[OURS]
+/// The maximum age of the fill level in an answer header, in cycles: three exchanges of two packets each. \[OURS]
 const OLD: u64 = 4;
 
 /// The estimated fill level of the RxFIFO.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct FillLevel {
-    /// When the RxFIFO runs empty, in time of the wires.
+    /// The estimated time at which the RxFIFO runs empty, on the wires' clock.
     empty_at: Ns,
 }
 
 impl FillLevel {
-    /// The RxFIFO is empty.
+    /// Called when the RxFIFO is empty: sets the estimate to 0.
     pub(super) const fn clear(&mut self) {
         self.empty_at = 0;
     }

@@ -1,5 +1,5 @@
-//! Whether a cycle time can be kept over an ECM-XF, and with which packet size, how many exchanges of process data in
-//! flight, and how many sets of outputs that the transport takes.
+//! Computes whether a cycle time can be kept with an ECM-XF, and the settings for it: the packet size, the number of
+//! exchanges of process data in flight, and the number of sets of outputs on the way to the chip.
 
 use crate::ethercat::Ns;
 use crate::fieldbus::HardwareLimit;
@@ -8,15 +8,15 @@ use crate::xf::host::{Budget, BudgetError};
 
 /// The maximum number of exchanges of process data in flight.
 pub(super) const IN_FLIGHT_MAX: usize = 2;
-/// The maximum number of sets of outputs in an exchange by which a plan holds a cycle. More are sent only if more wait.
-/// \[OURS]
+/// The maximum number of sets of outputs per exchange that a plan relies on. An exchange carries more only if more sets
+/// wait. \[OURS]
 const SETS_MAX: usize = 8;
-/// The number of packets in a turn: two for an exchange of process data, and two for a command beside it, because the
-/// states of the slaves are read while slaves move. \[OURS]
+/// The number of packets that a plan allows for per exchange of process data: two for the exchange itself, and two for
+/// a command in between, since the states of the slaves are read while slaves move. \[OURS]
 const PACKETS_A_TURN: u32 = 4;
-/// The number of half turns for which a set of outputs may still count as being in the chip after it was handed over: it is
-/// in flight, and the counts that show it as sent are two exchanges old (OBS). \[OURS] With that many sets and one more, no
-/// cycle of the chip's model repeats its outputs, whatever the packet size.
+/// For how many half turns (half of [`PACKETS_A_TURN`]) a set of outputs may still count as being in the chip after it was
+/// handed over: it is in flight, and the counts that show it as sent are two exchanges old (OBS). \[OURS] With that many sets
+/// and one more, no cycle of the chip's model repeats its outputs, whatever the packet size.
 const HALF_TURNS_KNOWN: u64 = 5;
 
 /// What a cycle requires of the exchanges with the chip.
@@ -43,7 +43,7 @@ const HALF_TURNS_KNOWN: u64 = 5;
 pub struct CycleDemand {
     /// The number of bytes of all outputs or of all inputs of a cycle, whichever is larger.
     pub process_bytes: usize,
-    /// The number of entries of each of the chip's FIFOs ([`fifo_entries`](super::fifo_entries)).
+    /// The number of entries that each of the chip's FIFOs has ([`fifo_entries`](super::fifo_entries)).
     pub fifo_entries: u8,
     /// The cycle time in nanoseconds.
     pub cycle_ns: Ns,
@@ -53,7 +53,7 @@ pub struct CycleDemand {
     pub idle_ns: Ns,
     /// The present data segment size n of the chip.
     pub present: DataSize,
-    /// Whether the chip has no other data segment size.
+    /// Whether the data segment size of the chip cannot be changed.
     pub size_is_fixed: bool,
 }
 
@@ -128,8 +128,8 @@ impl CycleDemand {
     }
 }
 
-/// The number of exchanges that pass for each exchange of process data. Its answer comes with the next exchange, and if
-/// only one is in flight, a command with two exchanges of its own may come between. \[OURS]
+/// The number of exchanges that a plan allows for per exchange of process data. Its answer comes with the next
+/// exchange, and if only one is in flight, a command with two exchanges of its own may come between. \[OURS]
 const fn exchanges_of_process_data(in_flight: usize) -> u32 {
     if in_flight > 1 { 2 } else { 4 }
 }

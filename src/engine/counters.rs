@@ -1,4 +1,5 @@
-//! Counters of commands that did not reach their slaves, and the reasons. The wire shows only some of them.
+//! The counters of a board, mainly of commands that did not reach their slaves, and the reasons for which commands are
+//! rejected. Reports show only some of the counters.
 
 use std::fmt;
 
@@ -7,9 +8,9 @@ use crate::sk::InvalidArgument;
 /// Why a command was not executed (SK-4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Reason {
-    /// The id is none of the 22 command ids that the board knows.
+    /// The command id is none of the 22 ids that the board knows.
     UnknownId,
-    /// The command does not belong in that slot, or not to that kind of slave.
+    /// The command is not allowed in this slot, or not for this kind of slave.
     WrongSlot,
     /// The state of the network does not allow the command.
     WrongState,
@@ -30,10 +31,10 @@ pub enum Reason {
 }
 
 impl Reason {
-    /// The number of kinds of reasons.
+    /// The number of counters in [`Counters::rejected`]: one for each variant.
     pub const KINDS: usize = 10;
 
-    /// The names of the kinds of reasons, in the order of [`Counters::rejected`].
+    /// The names of the variants in the order of [`Counters::rejected`], for users.
     pub const NAMES: [&'static str; Self::KINDS] = [
         "unknown_id",
         "wrong_slot",

@@ -1,4 +1,4 @@
-//! Events of a board: what happened there that the wire does not show, for logs and tools.
+//! Events of a board that reports do not show, for logs and tools.
 
 use std::fmt;
 
@@ -12,7 +12,7 @@ use crate::fieldbus::Ns;
 use crate::sk::CommandId;
 use crate::span::Seconds;
 
-/// An event of a board that the wire does not show.
+/// An event of a board that reports do not show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Event {
     /// When the event happened or was detected, board time.
@@ -22,7 +22,7 @@ pub struct Event {
 }
 
 impl Event {
-    /// The same event with its time counted from `zero`, board time.
+    /// The same event, with its time counted from the board time `zero`.
     pub const fn since(self, zero: Ns) -> Self {
         Self { at: self.at.saturating_sub(zero), ..self }
     }
@@ -38,7 +38,7 @@ pub enum EventKind {
         /// The value of Data2.
         data2: u32,
     },
-    /// DRIVE_MODE had a Data2 that no guide mentions. The board has taken it for DC sync (SK-4 \[OURS]).
+    /// DRIVE_MODE had a Data2 that no guide mentions. The board has treated it as DC sync (SK-4 \[OURS]).
     OddDriveType {
         /// Slave, from 1.
         slave: u8,
@@ -163,7 +163,7 @@ pub struct Rejection {
     pub reason: Reason,
 }
 
-/// Advice for users, when a simulated slave does not have an object.
+/// Advice for users if an SDO was aborted because the simulated slave has no such object.
 const MAKERS_OBJECTS: &str = "; if the real drive has it, give the simulated one its maker's objects: \
                               slaves=drive:objects@FILE, or drive:objects@any, which stores what it is told";
 
@@ -301,7 +301,7 @@ impl EventLog {
         self.total
     }
 
-    /// The events from number `from` on that are still kept, oldest first.
+    /// The events that are still kept, from event number `from` on (counted from 0), oldest first.
     pub(super) fn since(&self, from: u64) -> impl Iterator<Item = Event> {
         let oldest = self.total.saturating_sub(Self::KEPT as u64).max(from);
         (oldest..self.total).filter_map(|n| self.ring[(n % Self::KEPT as u64) as usize])

@@ -1,4 +1,5 @@
-//! The queue of unread reports: the newest are kept, the oldest are dropped and counted (LIB, as Windows does).
+//! The queue of unread reports: the newest are kept, the oldest are dropped and counted (LIB, as in the input queue of
+//! Windows' HID driver).
 
 use crate::fieldbus::Ns;
 use crate::sk::Frame;

@@ -26,7 +26,7 @@ impl SdoTransfer {
         Some(Self { slave, object, write, asked_at })
     }
 
-    /// Whether both requests are identical to the bit.
+    /// Whether both requests are identical in every bit, so that they count as one transfer.
     fn repeats(&self, other: &Self) -> bool {
         Self { asked_at: other.asked_at, ..*self } == *other
     }
@@ -44,13 +44,14 @@ impl SdoTransfer {
     }
 }
 
-/// How a request was handled.
+/// What was done with a request of the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Accepted {
     New,
-    /// The request repeats the newest one, which has not ended.
+    /// The request repeats the newest one, which is still waiting or running: it counts as the same transfer.
     Repeats,
-    /// The request replaces a held one with that id, which never runs.
+    /// The request was taken, and an older held request was dropped without running. The id is that of the dropped
+    /// command.
     Replaces(CommandId),
 }
 
@@ -59,7 +60,7 @@ pub(super) enum Accepted {
 pub(super) struct SdoSlot {
     answer: RawSlot,
     running: Option<SdoTransfer>,
-    /// The request that runs as soon as the bus takes it.
+    /// The request that the bus gets next, as soon as it accepts one.
     waiting: Option<SdoTransfer>,
     /// A request that came while another one of the host waited or ran. It runs after that one.
     held: Option<SdoTransfer>,

@@ -1,4 +1,4 @@
-//! The part of the board's state that is visible beside the wire: LEDs, BUSY pin, and its knowledge of the network.
+//! The state of a board besides its reports: LEDs, BUSY pin, and what the board knows of the network.
 
 use super::{Board, StateFailure};
 use crate::fieldbus::{Ns, RingState, SlaveSet};
@@ -14,7 +14,8 @@ pub struct Leds {
 }
 
 impl Leds {
-    /// The LEDs in a state. While the network is initialising both are off \[OURS], since no guide specifies them.
+    /// The LEDs for a state of the network. While the network is initialising both are off \[OURS], since no guide
+    /// specifies them.
     pub const fn in_state(state: StateByte) -> Self {
         let (yellow, green) = match state.state() {
             _ if state.is_failed() => (true, true),
@@ -56,7 +57,7 @@ pub struct Snapshot {
     pub reference_clock: Option<u8>,
     /// The state of the ring of cables; `None`: there is no second network card.
     pub ring: Option<RingState>,
-    /// The six outputs of the chip, bit k is output k.
+    /// The six local outputs of the chip (LIO_WR): bit k is output k.
     pub local_outputs: u8,
 }
 

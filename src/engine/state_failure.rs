@@ -1,5 +1,5 @@
-//! Why the network is not in the requested state. Byte 2 of slot 0 shows only the failure: it is 0x10 plus the last
-//! state that all slaves have reached, most often 0x12.
+//! Why the network is not in the requested state. Byte 2 of slot 0 shows only that there is a failure: it is 0x10 plus
+//! the last state that all slaves have reached, most often 0x12.
 
 use std::fmt;
 
@@ -18,7 +18,7 @@ pub struct SlaveFall {
     pub slave: u8,
     /// The AL status code (ETG.1000.6 table 11).
     pub al_status: u16,
-    /// The length of a pause before it in which this machine was late and sent no frames, ns; 0: there was none.
+    /// If this machine was late and sent no frames shortly before, the length of that pause, ns; 0: there was no pause.
     pub stood_still_ns: Ns,
 }
 
@@ -46,7 +46,7 @@ impl fmt::Display for SlaveFall {
     }
 }
 
-/// Why a change of state has failed, or which slave has left its state. The wire does not show it.
+/// Why a change of state has failed, or which slave has left its state. Reports do not show the reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StateFailure {
     /// No slave was found.
@@ -156,7 +156,7 @@ impl StateFailure {
     }
 }
 
-/// Shows a kind of slave by its name, and by its nibble in SET_AXIS.
+/// Formats a kind of slave for users: its name, and its nibble in SET_AXIS.
 struct Kind(SlaveKind);
 
 impl fmt::Display for Kind {
@@ -165,7 +165,7 @@ impl fmt::Display for Kind {
     }
 }
 
-/// The reason, followed by what the user can do.
+/// Formats the reason, followed by what the user can do.
 impl fmt::Display for StateFailure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -231,7 +231,7 @@ impl fmt::Display for StateFailure {
     }
 }
 
-/// Shows an AL status code with its meaning.
+/// Formats an AL status code for users, with its meaning.
 struct Status(u16);
 
 impl fmt::Display for Status {

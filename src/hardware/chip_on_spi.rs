@@ -59,7 +59,7 @@ impl<W: EdgeWires> SpiChip<W> {
         Ok(self)
     }
 
-    /// The wires, for tests and for direct access.
+    /// The wires to the chip, for tests and for direct access.
     pub const fn wires_mut(&mut self) -> &mut W {
         &mut self.wires
     }
@@ -149,7 +149,7 @@ fn reset_times(uri: &LinkUri) -> Result<ResetTimes, UriError> {
     }
 }
 
-/// SPI mode of the chip (XF EN 148).
+/// The SPI mode of the chip: clock polarity 0, clock phase 0 (XF EN 148).
 const SPI_MODE: u8 = 0;
 
 /// The spidev device, the GPIO lines and their settings, as the URI of an `xf-spi:` link gives them.

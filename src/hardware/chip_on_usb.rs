@@ -13,7 +13,7 @@ use crate::link::chip_link::{ChipError, ChipInfo, ChipLink};
 use crate::xf::DataSize;
 use crate::xf::host::Wires;
 
-/// Size of a packet in bytes.
+/// Size of a packet of the chip in bytes.
 const PACKET: usize = DataSize::XFU.packet_len();
 
 /// A link to an ECM-XFU on USB.
@@ -53,7 +53,7 @@ impl<W: PacketWires> UsbChip<W> {
         Self { info, wires, rest: [0; PACKET], rest_len: 0 }
     }
 
-    /// The wires, for tests and for direct access.
+    /// The USB endpoints to the chip, for tests and for direct access.
     pub const fn wires_mut(&mut self) -> &mut W {
         &mut self.wires
     }

@@ -1,4 +1,4 @@
-//! Advice for errors of servers that cannot listen on an address.
+//! Advice for users if a server cannot listen on its address.
 
 use std::io::{Error, ErrorKind};
 use std::net::SocketAddr;

@@ -6,17 +6,17 @@ use std::time::{Duration, Instant};
 
 use crate::span::Span;
 
-/// How many lines of a kind are logged one by one. \[OURS]
+/// How many lines of the same kind are logged one by one in a period. \[OURS]
 const LINES_MAX: u32 = 20;
 /// How long further lines are counted before their number is logged. A kind without lines for this long starts anew.
 /// \[OURS]
 const COUNTING_PERIOD: Duration = Duration::from_secs(10);
 /// The largest number of kinds, because clients can cause new ones as often as they like. \[OURS]
 const KINDS_MAX: usize = 64;
-/// The kind that stands for all kinds beyond that number.
+/// The kind under which the lines of all further kinds are counted, beyond [`KINDS_MAX`].
 const OTHERS: &str = "other connections";
 
-/// Counts lines by their kind.
+/// Counts log lines by their kind, and suppresses them if there are too many.
 #[derive(Default)]
 pub(super) struct LogLimit {
     kinds: HashMap<String, Counted>,
@@ -25,7 +25,7 @@ pub(super) struct LogLimit {
 struct Counted {
     since: Instant,
     logged: u32,
-    /// Lines of this period that were counted instead of being logged.
+    /// How many lines of this kind were suppressed in the present period.
     suppressed: u64,
 }
 

@@ -44,12 +44,12 @@ impl Default for Out {
 }
 
 impl Out {
-    /// Whether all bytes have been handed to the system.
+    /// Whether no bytes are waiting: the operating system has accepted all of them for sending.
     pub const fn is_empty(&self) -> bool {
         self.sent == self.bytes.len()
     }
 
-    /// How many bytes are waiting.
+    /// How many bytes are waiting to be sent.
     pub const fn waiting(&self) -> usize {
         self.bytes.len() - self.sent
     }
@@ -116,7 +116,7 @@ impl Channel {
         PollFd::new(&self.socket, if to_send { PollFlags::IN | PollFlags::OUT } else { PollFlags::IN })
     }
 
-    /// Whether received bytes are waiting that no call has taken.
+    /// Whether the socket has received bytes that no call has read yet.
     pub fn has_unread(&self) -> bool {
         let now = rustix::event::Timespec { tv_sec: 0, tv_nsec: 0 };
         poll(&mut [self.waits_for(false)], Some(&now)).is_ok_and(|ready| ready > 0)
@@ -160,7 +160,8 @@ impl Channel {
                 Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
                 Ok(_) => {
                     if let Err(error) = session.process_new_packets() {
-                        // Sends the TLS alert with the reason, if the other end still receives.
+                        // If the handshake has failed, this sends the TLS alert with the reason, in case the other end
+                        // still receives.
                         let _ = session.write_tls(&mut &self.socket);
                         return Err(io::Error::new(ErrorKind::InvalidData, error));
                     }
@@ -243,7 +244,8 @@ impl Channel {
             Ok(0) => Ok(Came::End),
             Ok(count) => {
                 inbox.came(count);
-                // In a TLS session the rest of a record may still be waiting.
+                // In a TLS session, bytes of a record may still be buffered in the session, so more bytes may be
+                // waiting.
                 Ok(if self.tls.is_none() && count < all { Came::All } else { Came::Bytes })
             }
             Err(error) => match error.kind() {
@@ -332,7 +334,7 @@ impl Channel {
 
     /// Shuts down sending; with `both`, receiving as well. The other end notices it.
     pub fn end(&self, both: bool) {
-        // The connection may have ended already.
+        // An error is ignored: it means that the connection has already ended.
         let _ = self.socket.shutdown(if both { Shutdown::Both } else { Shutdown::Write });
     }
 }

@@ -20,7 +20,7 @@ use crate::sk::Frame;
 use crate::threads::sync::{self, Condvar};
 use crate::threads::{self, WaitQueue};
 
-/// How long closing waits for the server to confirm. \[OURS]
+/// How long closing the link waits until the server has received its Bye and closed the connection. \[OURS]
 const CLOSE_LIMIT: Duration = Duration::from_secs(1);
 
 /// How many threads may wait in calls at the same time without an allocation: memory for them is allocated when the
@@ -127,7 +127,7 @@ impl TcpLink {
         }
         shared.channel.end(true);
         if let Some(background) = self.background.lock().take() {
-            // The background thread ends when it next checks the state.
+            // The background thread ends by itself: it checks the state of the link after it was woken.
             let _ = background.join();
         }
     }

@@ -179,7 +179,8 @@ fn greeting(channel: &Channel, deadline: Instant, options: &TcpOptions) -> Resul
             Err(error) => Err(error),
         };
         came.map_err(|error| match error.kind() {
-            // A reset connection may have lost the greeting that the server has sent.
+            // A server that makes room for others first sends a greeting that says so. If the connection was reset,
+            // this greeting may be lost.
             ErrorKind::ConnectionReset => ConnectError::Displaced(explain(&error, options)),
             _ => ConnectError::NoBoard(explain(&error, options)),
         })?;
@@ -200,7 +201,7 @@ fn refused(why: Refusal, text: &str, options: &TcpOptions) -> ConnectError {
     })
 }
 
-/// The reason of a failed connection, and what a user can do.
+/// Why a connection has failed, and what the user can do, as text.
 fn explain(error: &io::Error, options: &TcpOptions) -> String {
     match error.kind() {
         ErrorKind::ConnectionRefused => {

@@ -25,7 +25,7 @@ const CALLS_RECEIVE: bool = cfg!(not(windows));
 /// How often the background thread receives while no call waits. \[OURS]
 const IDLE_POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// The state that all threads of a link share.
+/// The part of a link that its threads share.
 pub(super) struct Shared {
     pub(super) info: LinkInfo,
     /// The URI with which the server has opened the board.
@@ -44,7 +44,7 @@ pub(super) struct Shared {
     pub(super) channel: Channel,
     /// Every wait for this lock has a timeout: a thread that was ended by force while it sent keeps the lock.
     pub(super) out: Mutex<Sender>,
-    /// No thread holds this lock during a system call.
+    /// Locked for short times only: no thread makes a system call while it holds this lock.
     pub(super) state: sync::Mutex<State>,
     /// Wakes the threads that wait for a message that another thread receives.
     pub(super) changed: WaitQueue,
@@ -60,7 +60,7 @@ pub(super) struct Sender {
     pub(super) last: Instant,
 }
 
-/// The part of the link's state that is protected by a lock.
+/// The state of a link behind the lock [`Shared::state`].
 pub(super) struct State {
     pub(super) exchange: Exchange,
     /// The thread that receives for all threads; `None`: no thread is receiving.
@@ -68,9 +68,9 @@ pub(super) struct State {
     /// `None` while the receiving thread takes bytes from the connection. If it is ended by force there, the next
     /// message boundary is lost.
     pub(super) inbox: Option<Inbox>,
-    /// The other threads, which wait for messages that the receiver takes.
+    /// The threads that wait for a message while another thread receives for all.
     pub(super) waiting: Vec<CallingThread>,
-    /// The number of cancellations so far, by direction.
+    /// How often waiting reads and writes were cancelled so far, one count for each direction.
     pub(super) cancels: [u64; 2],
 }
 
@@ -146,7 +146,8 @@ impl Shared {
         self.channel.wake();
     }
 
-    /// The number of calls that the program has made so far.
+    /// Counts the calls that the program has made, so that a program that makes no more calls can be detected
+    /// (`hang_ms=`).
     fn calls(&self, state: &State) -> u64 {
         self.counts.ended() + state.exchange.next_request
     }
@@ -156,7 +157,7 @@ impl Shared {
         let Sender { out, last } = &mut *sender;
         if last.elapsed() >= self.keepalive / 2 && out.is_empty() {
             *last = Instant::now();
-            // An error will also occur when receiving, where it is handled.
+            // An error is ignored here: it also occurs when receiving, and is handled there.
             let _ = self.channel.stage(&Message::Ping, out).and_then(|()| self.channel.push(out));
         }
     }
@@ -179,7 +180,7 @@ impl Shared {
         }
     }
 
-    /// Sends a whole message.
+    /// Encodes a message and sends all its bytes.
     fn send(&self, message: &Message<'_>) -> std::io::Result<()> {
         // A thread that was ended by force while it was sending keeps the lock for ever.
         let mut sender = self.out.try_lock_for(self.patience()).ok_or(std::io::ErrorKind::TimedOut)?;
@@ -239,7 +240,7 @@ impl Shared {
     /// Takes the bytes that have arrived, and the messages in them; never waits.
     fn take_what_came(&self) -> (MutexGuard<'_, State>, std::io::Result<Came>) {
         let Some(mut inbox) = self.state().inbox.take() else {
-            // The inbox was lost with a thread that was ended by force.
+            // There is no inbox: it was lost together with a thread that was ended by force while it received.
             return (self.state(), Ok(Came::Nothing));
         };
         let came = self.channel.receive(&mut inbox);
@@ -360,7 +361,7 @@ impl Shared {
         (!cancel_sent && dir == Dir::Write && state.cancels[dir as usize] != cancels).then_some(Err(None))
     }
 
-    /// The error of a request that was in progress when the exchange ended.
+    /// The error of a request that was in progress when the exchange with the server ended.
     fn ended(&self, state: &State, dir: Dir) -> LinkError {
         match &state.exchange.ended {
             Some(ended) if ended.unsure && dir == Dir::Write => {

@@ -10,10 +10,10 @@ use crate::link::{Dir, LinkError, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 use crate::threads::CallingThread;
 
-/// How an exchange ended.
+/// Why the exchange with the server has ended.
 #[derive(Clone, Debug)]
 pub(super) struct Ended {
-    /// The error of all further calls.
+    /// The error that all further calls of the link return.
     pub(super) error: LinkError,
     /// Whether the server may have executed the request in progress.
     pub(super) unsure: bool,
@@ -34,18 +34,18 @@ pub(super) struct Request {
 #[allow(clippy::large_enum_variant, reason = "there is one at a time, taken as soon as it is there")]
 pub(super) enum Answer {
     Written(Stamp),
-    /// The report is in [`Exchange::got`].
+    /// A report was read; its bytes are in [`Exchange::got`].
     Got(ReadMeta),
     Passed(Option<Stamp>),
     Counted(Counts),
 }
 
-/// The exchange of messages with a server.
+/// The state of a client's exchange of messages with its server.
 pub(super) struct Exchange {
     name: String,
     /// Unread reports, oldest first.
     reports: VecDeque<(Frame, ReadMeta)>,
-    /// How many unread reports are kept.
+    /// How many unread reports are kept; the oldest are dropped.
     queue_max: usize,
     /// Reports dropped from `reports`, because the program did not read them in time.
     pub(super) dropped: u64,
@@ -98,12 +98,12 @@ impl Exchange {
         Some(ReadMeta { dropped: meta.dropped.saturating_add(self.dropped), ..meta })
     }
 
-    /// The error of all further calls, once the exchange has ended.
+    /// Returns an error if the exchange with the server has ended.
     pub(super) fn check(&self) -> Result<(), LinkError> {
         self.ended.as_ref().map_or(Ok(()), |ended| Err(ended.error.clone()))
     }
 
-    /// Ends the exchange; the first reason is kept.
+    /// Ends the exchange. If it has ended already, the first reason stays.
     pub(super) fn end(&mut self, error: LinkError, unsure: bool) {
         self.ended.get_or_insert(Ended { error, unsure });
     }
@@ -245,7 +245,8 @@ pub(crate) fn each_message(bytes: &[u8], mut take: impl FnMut(&Message<'_>)) -> 
     })
 }
 
-/// Puts bytes into an inbox in portions that fit, until `take` fails.
+/// Appends bytes to an inbox in portions that fit, and calls `take` after each portion, until all are consumed or
+/// `take` fails.
 fn feed<E>(mut bytes: &[u8], mut take: impl FnMut(&mut Inbox) -> Result<(), E>) -> Result<(), E> {
     let mut inbox = Inbox::default();
     while !bytes.is_empty() {

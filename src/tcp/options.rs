@@ -8,7 +8,7 @@ use crate::address::keys::{Scheme, WHERE_TO_LOOK, millis};
 use crate::address::text::decimal;
 use crate::address::uri::{LinkUri, UriError};
 
-/// The port if the URI gives none. \[OURS]
+/// The TCP port if the URI names none. \[OURS]
 pub const DEFAULT_PORT: u16 = 4711;
 
 /// Options of `tcp:`.
@@ -27,7 +27,7 @@ pub struct TcpOptions {
     /// How long the program of a writer may make no call while a velocity or a torque that it has commanded is in
     /// force; zero: without limit.
     pub hang: Duration,
-    /// How long connecting may take.
+    /// How long connecting to the server may take.
     pub connect_limit: Duration,
     /// How long a reader tries to connect again after the connection is lost; zero: not at all.
     pub reconnect: Duration,

@@ -18,9 +18,9 @@ use crate::link::LinkError;
 pub const SECRET: &str = "ECMSK_TCP_SECRET";
 /// The length of a proof in bytes.
 pub const PROOF_LEN: usize = 32;
-/// The keying material of a TLS session.
+/// Keying material derived from a TLS session, which only its two ends can derive.
 pub(crate) type Material = [u8; 32];
-/// The label for deriving the keying material.
+/// The label for deriving the keying material from a TLS session (RFC 5705).
 pub(crate) const LABEL: &[u8] = b"EXPORTER-ecmsk-tcp";
 /// \[OURS] The shortest secret in bytes. An attacker who connects to one end gets a proof with which to try out
 /// secrets, so a secret has to be random and not chosen by a person.
@@ -39,7 +39,7 @@ pub(crate) enum Side {
     Server,
 }
 
-/// The shared secret.
+/// The shared secret of a server and its clients.
 #[derive(Clone)]
 pub struct Secret(hmac::Key);
 
@@ -97,7 +97,7 @@ impl Secret {
         Ok(Self(hmac::Key::new(hmac::HMAC_SHA256, text)))
     }
 
-    /// The proof of `side` for a session with that keying material.
+    /// The proof that `side` of a session with this keying material knows the secret.
     pub(crate) fn prove(&self, side: Side, material: &Material) -> [u8; PROOF_LEN] {
         let tag = hmac::sign(&self.0, &signed_bytes(side, material));
         std::array::from_fn(|i| tag.as_ref()[i])

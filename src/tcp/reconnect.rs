@@ -14,10 +14,10 @@ use crate::link::{Dir, KnownNetwork, Link, LinkError, LinkInfo, LinkStats, ReadM
 use crate::sk::Frame;
 use crate::span::Span;
 
-/// The pause between two attempts. \[OURS]
+/// The pause between two attempts to connect again. \[OURS]
 const RETRY_PAUSE: Duration = Duration::from_millis(200);
 
-/// A link whose connection is replaced when it is lost.
+/// A reader's link that replaces its connection by a new one when it is lost.
 pub(super) struct Reconnecting {
     uri: LinkUri,
     options: TcpOptions,

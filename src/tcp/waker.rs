@@ -27,7 +27,7 @@ impl Waker {
 
     /// Ends the wait in progress, or the next one.
     pub fn wake(&self) {
-        // If the socket's buffer is full, the wait ends anyway.
+        // An error is ignored: if the socket's buffer is full, unread wake-ups end the wait anyway.
         let _ = (&self.wakes).write(&[0]);
     }
 
@@ -39,7 +39,7 @@ impl Waker {
     /// Discards all wake-ups so far.
     pub fn seen(&self) {
         let mut seen = [0; 64];
-        // A read that does not fill the buffer has emptied the socket.
+        // If a read does not fill the buffer, the socket is empty.
         while matches!((&self.woken).read(&mut seen), Ok(count) if count == seen.len()) {}
     }
 }

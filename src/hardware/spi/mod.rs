@@ -73,10 +73,10 @@ pub struct SpiLink {
     counts: CallCounts,
 }
 
-/// Counters of a link on SPI, in addition to those of every link.
+/// Counters of a link on SPI, in addition to those that every link has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SpiStats {
-    /// Counters of the exchanges.
+    /// Counters of the exchanges with the board.
     pub pacer: PacerCounts,
     /// Number of invalid answers, which were not passed on as reports.
     pub invalid_answers: u64,

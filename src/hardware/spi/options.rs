@@ -24,11 +24,11 @@ const BUSY_LIMIT: Duration = Duration::from_secs(1);
 pub struct SpiOptions {
     /// The slot size; an exchange has 504 bytes for 12-byte slots and 512 bytes for 16-byte slots.
     pub slot: SlotSize,
-    /// The frequency of SCLK.
+    /// The frequency of SCLK in Hz.
     pub speed_hz: u32,
-    /// The cycle time in OP until a SET_DC command sets another one.
+    /// The cycle time in OP, until the program sets another one by SET_DC.
     pub cycle: CycleTime,
-    /// How many entries to keep in the board's FIFO: 0..=120.
+    /// How many command frames to keep in the board's FIFO ahead of their execution: 0..=120.
     pub prefill: u16,
     /// How long a board may take to answer when its link is opened, since it may still be starting up.
     pub open_limit: Duration,

@@ -19,7 +19,8 @@ const LEVEL_MIN: u16 = 1;
 /// Exchanges are skipped if the level is this far above the target. A difference of one is only the phase between the
 /// two clocks. \[OURS]
 const LEVEL_SLACK: u16 = 2;
-/// The most exchanges to skip in a row, so that reports continue. \[OURS]
+/// The maximum number of exchanges that are skipped in a row. The next one is made in any case, so that reports
+/// continue. \[OURS]
 const SKIPPED_IN_A_ROW_MAX: u16 = 8;
 /// After a skipped or an extra exchange, the FIFO levels in this many reports are ignored: they are from before it.
 /// \[OURS]
@@ -35,15 +36,15 @@ const RESERVE_DECAY_EXCHANGES: u32 = 2000;
 const UNREPORTED_ENTRIES_MAX: u16 = 2;
 /// The maximum age of the board's state in an answer, in cycles. \[OURS]
 const ANSWER_AGE_MAX_CYCLES: Ns = 2;
-/// The largest target level, whatever threshold a program sets. \[OURS]
+/// The maximum target for the FIFO level, even if a program sets a higher threshold. \[OURS]
 const TARGET_LEVEL_MAX: u16 = FIFO_ENTRIES - 5;
 
-/// The content of an exchange.
+/// What command frame an exchange sends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExchangeContent {
     /// The oldest frame of the program that has not been sent yet.
     Host,
-    /// GET_STATUS in every slot.
+    /// A frame of the link itself, with GET_STATUS in every slot.
     Status,
     /// SET_FIFO with the threshold for the prefill: the board executes nothing until that many entries have arrived.
     Prefill,
@@ -52,47 +53,47 @@ pub enum ExchangeContent {
     Release,
 }
 
-/// The next action of the link's thread.
+/// What the link's thread has to do next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PacerPlan {
     /// Wait until that time, or until the program writes a frame.
     Wait(Ns),
     /// An exchange is due now.
     Exchange {
-        /// The content of the exchange.
+        /// What command frame the exchange sends.
         content: ExchangeContent,
         /// Whether the exchange is in addition to the regular one of the cycle.
         extra: bool,
     },
 }
 
-/// The frames of the program that are waiting to be sent.
+/// A summary of the program's frames that wait in the link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WaitingFrames {
-    /// The number of frames.
+    /// The number of waiting frames.
     pub frames: usize,
-    /// Whether the oldest contains a motion command (CSP, CSV or CST).
+    /// Whether the oldest of them contains a motion command (CSP, CSV or CST).
     pub motion: bool,
     /// Whether the link is being closed: no more frames will follow, and the waiting ones are sent as fast as possible.
     pub last: bool,
 }
 
-/// Settings of a pacer.
+/// The settings of a link that its pacer needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PacerOptions {
     /// The board's slot size.
     pub slot: SlotSize,
-    /// The cycle time in OP until a SET_DC command sets another one.
+    /// The cycle time in OP, until the program sets another one by SET_DC.
     pub cycle: CycleTime,
-    /// How many entries to keep in the FIFO.
+    /// How many command frames to keep in the board's FIFO ahead of their execution.
     pub prefill: u16,
     /// The shortest time between the starts of two exchanges, in nanoseconds; 0 if BUSY shows when the board is ready.
     pub period_ns: Ns,
-    /// The duration of a frame's transfer, in nanoseconds.
+    /// The time that the transfer of one frame takes, in nanoseconds.
     pub wires_ns: Ns,
 }
 
-/// The progress of the prefill.
+/// How far the FIFO has been filled with the prefill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum PrefillState {
     /// The threshold has not been set since OP was reached or the FIFO was cleared.
@@ -125,17 +126,17 @@ pub struct PacerCounts {
 /// The pacer of one link.
 pub struct Pacer {
     options: PacerOptions,
-    /// The cycle time in OP.
+    /// The cycle time of OP.
     cycle: CycleTime,
     state: Option<MasterState>,
-    /// When the next regular exchange is due.
+    /// When the next regular exchange, one per cycle, is due.
     tick: Ns,
     /// Before this time no exchange may begin, neither a regular nor an extra one, because the board needs its shortest
     /// period.
     not_before: Ns,
     /// The target for the FIFO level, measured after the board has taken an entry out.
     target_level: u16,
-    /// The estimated present level of the FIFO.
+    /// The estimated present level of the board's FIFO.
     level: u16,
     /// The FIFO level in the newest answer.
     reported: u16,
@@ -184,7 +185,7 @@ impl Pacer {
     /// Decides what to do at the time `now`, with `held` frames of the program waiting.
     pub fn plan(&mut self, now: Ns, held: WaitingFrames) -> PacerPlan {
         self.handle_lateness(now, held);
-        // A SET_DC command may have shortened the cycle.
+        // After a SET_DC command the cycle may be shorter, so that the next exchange is due earlier.
         self.tick = self.tick.min(now + self.period());
         let may_be_extra = held.frames > 0 && self.has_room() && (held.last || (self.op() && self.extra > 0));
         if may_be_extra {
@@ -245,7 +246,8 @@ impl Pacer {
         if held > 0 && self.reserve > 0 { self.target_level.max(self.reserve + LEVEL_MIN) } else { self.target_level }
     }
 
-    /// Whether to skip the regular exchange that is due.
+    /// Whether to skip the regular exchange that is due, because the FIFO level is too high or the prefill is not used
+    /// up.
     fn skips_tick(&mut self, held: WaitingFrames) -> bool {
         if self.to_skip > 0 {
             self.to_skip -= 1;
@@ -351,7 +353,7 @@ impl Pacer {
         }
     }
 
-    /// Evaluates a valid answer, with `held` frames of the program waiting.
+    /// Evaluates a valid answer of the board, while `held` frames of the program are waiting.
     pub fn answered(&mut self, answer: &MasterResponse, extra: bool, held: usize) {
         let was_op = self.op();
         self.state = answer.state.state();
@@ -368,7 +370,7 @@ impl Pacer {
             self.ignored_reports -= 1;
             return;
         }
-        // The level in the answer does not include the frame of this exchange.
+        // The FIFO level in the answer is from before the frame of this exchange, which adds one entry.
         self.level = (level + 1).min(FIFO_ENTRIES);
         if matches!(self.prefill, PrefillState::Waiting(_)) {
             return;
@@ -382,7 +384,7 @@ impl Pacer {
         }
     }
 
-    /// Resets the FIFO level: OP was reached or left, or the FIFO was cleared.
+    /// Resets the estimated FIFO level to empty: OP was reached or left, or the FIFO was cleared.
     fn restart_fifo(&mut self) {
         self.target_level = self.options.prefill.max(LEVEL_MIN);
         (self.level, self.reported, self.to_skip, self.extra, self.ignored_reports) = (0, 0, 0, 0, IGNORED_REPORTS);
@@ -410,7 +412,7 @@ impl Pacer {
         put || shown != free
     }
 
-    /// Whether the latest answer reported OP.
+    /// Whether the board was in OP in the latest answer.
     pub fn op(&self) -> bool {
         self.state == Some(MasterState::Op)
     }

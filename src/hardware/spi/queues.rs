@@ -19,28 +19,28 @@ const FRAMES_MAX: usize = FIFO_ENTRIES as usize;
 pub(super) struct QueueState {
     /// Frames of the program that are waiting to be sent, oldest first.
     held: VecDeque<Frame>,
-    /// Unread reports with their time and number, oldest first.
+    /// Unread reports, each with its time and its report number, oldest first.
     reports: VecDeque<(Frame, Ns, u64)>,
-    /// The capacity of `reports`.
+    /// How many unread reports are kept at most.
     queue: usize,
     next_report: u64,
     dropped: u64,
     /// Number of the program's frames that were discarded, as the board's FIFO discards its entries: by SET_FIFO clear,
     /// by leaving OP, or by a reset.
     cleared: u64,
-    /// Number of the program's frames that were not sent because the link ended.
+    /// Number of the program's frames that could not be sent because the link ended before.
     unsent: u64,
     /// The error of all further calls, once the board is lost or the link is closed.
     over: Option<LinkError>,
     /// Until when waiting frames are still sent after the program has closed the link; `None`: the program has not
     /// closed it.
     closing: Option<Instant>,
-    /// Number of cancellations in each direction.
+    /// How often waiting calls were cancelled so far, one count for each direction.
     cancels: [u64; 2],
     op: bool,
 }
 
-/// Counters of the queues.
+/// How the frames and reports of a link have passed through its queues.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct QueueCounts {
     pub dropped: u64,
@@ -52,7 +52,7 @@ pub(super) struct QueueCounts {
 /// The queues between the program's threads and the link's thread.
 pub(super) struct FrameQueues {
     state: Mutex<QueueState>,
-    /// Wakes the link's thread: a frame was written, or the link ends.
+    /// Wakes the link's thread: the program has written a frame, or the link ends.
     work: Condvar,
     /// Wakes the program's readers: a report has come, or reading has ended.
     readable: WaitQueue,
@@ -229,7 +229,7 @@ impl QueueState {
         if self.cancels[dir as usize] == before[dir as usize] { Ok(()) } else { Err(LinkError::Cancelled { dir }) }
     }
 
-    /// The frames that are waiting to be sent, summarised for the pacer.
+    /// Counts the program's waiting frames for the pacer.
     pub fn held(&self, size: SlotSize) -> WaitingFrames {
         WaitingFrames {
             frames: self.held.len(),

@@ -31,7 +31,7 @@ const ANSWERS_AFTER_RESET: u32 = 4;
 /// How many exchanges pass between two checks that BUSY still changes. The kernel stores 16 edges. \[OURS]
 const EXCHANGES_PER_EDGE_CHECK: u32 = 16;
 
-/// State that the link's thread shares with the link.
+/// What the link's thread and the link share.
 pub(super) struct Shared {
     pub name: String,
     pub queues: FrameQueues,
@@ -62,7 +62,7 @@ impl Drop for EndOnExit {
     }
 }
 
-/// The state of the link's thread.
+/// What the link's thread needs to make exchanges.
 pub(super) struct Runner {
     pub shared: Arc<Shared>,
     pub wires: Box<dyn BusyWires>,
@@ -74,7 +74,7 @@ pub(super) struct Runner {
     pub reset_doubt: u32,
 }
 
-/// The reason why the thread ends.
+/// Why the link's thread ends.
 enum EndReason {
     Closed,
     Lost(String),
@@ -111,7 +111,8 @@ impl Runner {
     ) -> Result<(), EndReason> {
         let (content, extra) = self.wait_for_turn()?;
         self.wait_ready()?;
-        // While BUSY was high the program's frames may have been discarded.
+        // The oldest frame is taken only now: while BUSY was high, the program's waiting frames may have been
+        // discarded.
         let content = match content {
             ExchangeContent::Host if !self.shared.queues.take(command) => ExchangeContent::Status,
             content => content,
@@ -188,7 +189,7 @@ impl Runner {
         }
     }
 
-    /// Passes a valid answer on as a report, and counts an invalid one.
+    /// Passes a valid answer to the program as a report, and counts an invalid one.
     fn handle_answer(&mut self, answer: &mut Frame, extra: bool, at: Ns, invalid: &mut u32) -> Result<(), EndReason> {
         let Ok(response) = self.answer_check.check(answer) else {
             *invalid += 1;

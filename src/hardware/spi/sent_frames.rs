@@ -14,7 +14,7 @@ const ENTRIES_KEPT: usize = FIFO_ENTRIES as usize + UNREPORTED_ENTRIES as usize;
 
 const GET_STATUS: u8 = CommandId::GetStatus.code();
 
-/// A command in one slot of a frame of the program.
+/// A command of the program in one slot of a sent frame.
 #[derive(Clone, Copy, Default)]
 struct Command {
     id: u8,
@@ -23,7 +23,7 @@ struct Command {
     outputs: u16,
 }
 
-/// A frame that was sent.
+/// The record of a sent frame.
 #[derive(Clone, Copy)]
 enum Entry {
     /// A frame of the link itself, with GET_STATUS for every slave.
@@ -32,7 +32,7 @@ enum Entry {
     Host([Command; MAX_SLOTS]),
 }
 
-/// The answer of a slot to a command of the program.
+/// What a slot has answered to a command of the program.
 #[derive(Clone, Copy)]
 struct Answered {
     slot: RawSlot,
@@ -43,7 +43,7 @@ struct Answered {
 /// The frames that were sent last, and the answers of the slots to them. Frames are numbered from 0.
 pub(super) struct SentFrames {
     size: SlotSize,
-    /// The frames, as a ring buffer indexed by [`ring_index`].
+    /// The records of the newest frames: a ring buffer indexed by [`ring_index`].
     entries: [Entry; ENTRIES_KEPT],
     /// The time at which each frame was sent.
     times: [Ns; ENTRIES_KEPT],
@@ -61,7 +61,7 @@ pub(super) struct SentFrames {
     error_counts: Option<(u8, u16)>,
     /// Frames with a smaller number may be among those that the board did not execute.
     doubtful_before: u64,
-    /// Number of commands of the program that no answer has shown.
+    /// Number of commands of the program for slaves that no answer has shown.
     unanswered: u64,
 }
 
@@ -157,7 +157,7 @@ impl SentFrames {
             self.doubtful_before = self.pushed;
         }
         self.error_counts = op.then_some(refused);
-        // In OP slot 0 always has the id of the cyclic response.
+        // In OP slot 0 is left out: it always has the id of the cyclic response.
         let slots = usize::from(op)..=self.size.max_slaves();
         for slot in slots.clone() {
             let answered = answer.slot(self.size, slot);
@@ -166,7 +166,7 @@ impl SentFrames {
                 self.answers[slot] = Some(Answered { slot: answered, entry });
                 self.note_io_slave(slot, &answered, entry);
             } else if answered.index != 0 && self.host_asked_status(slot, answered.index) {
-                // The GET_STATUS came from the program itself, with an index.
+                // The program itself has sent this GET_STATUS, which has an index: its answer is shown unchanged.
                 self.answers[slot] = None;
             }
         }
@@ -258,7 +258,7 @@ impl SentFrames {
     }
 }
 
-/// The position of a frame in the ring buffer.
+/// The index of a frame's record in the ring buffer.
 const fn ring_index(number: u64) -> usize {
     (number % ENTRIES_KEPT as u64) as usize
 }

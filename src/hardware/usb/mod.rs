@@ -41,13 +41,13 @@ struct UsbLink {
     slot_watch: Option<Mutex<SlotWatch>>,
 }
 
-/// The place where the board is plugged in.
+/// Where the board is plugged in.
 struct Place {
     system: Sysfs,
     /// Bus and ports as Linux names them, or the device instance on Windows.
     path: String,
     high_speed: bool,
-    /// The over-current count of the port when the board was opened.
+    /// How many over-currents the port had counted when the board was opened.
     over_currents: u32,
 }
 

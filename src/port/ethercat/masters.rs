@@ -73,7 +73,8 @@ impl Masters {
         ))
     }
 
-    /// Advances the time to `now`. Returns the line for the log, if any.
+    /// Advances the time to `now`. Returns the line for the log if no master has come or the master is gone; otherwise
+    /// `None`.
     pub(super) fn pass(&mut self, now: Instant) -> Option<String> {
         if self.last_frame.is_some_and(|last| now.saturating_duration_since(last) >= SILENCE) {
             (self.last_frame, self.source, self.other, self.is_other_told) = (None, None, None, false);

@@ -49,7 +49,7 @@ pub struct Options {
     /// The largest drift of the slaves' clocks, parts per million: the first clock is too fast by this value, the last
     /// one too slow by it, and the others are evenly spread between them.
     pub drift_ppm: u16,
-    /// A script of events that happen to the slaves.
+    /// A script with faults and other events of the slaves, and their times.
     pub script: Option<PathBuf>,
     /// The file to which all frames and their answers are recorded.
     pub record: Option<PathBuf>,
@@ -68,19 +68,19 @@ pub struct Options {
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ServeError {
-    /// See [`InterfaceError`].
+    /// A network interface cannot be used, see [`InterfaceError`].
     #[error(transparent)]
     Interface(#[from] InterfaceError),
     /// The simulated slaves cannot be made, see [`SimulatedSlavesError`].
     #[error(transparent)]
     Slaves(#[from] SimulatedSlavesError),
-    /// There are no slaves.
+    /// The list of slaves is empty.
     #[error("no slave is to be served; name some with --slaves, e.g. 'drive*2,io'")]
     NoSlave,
     /// The EEPROM content of a slave cannot be made, because its device does not describe it.
     #[error(transparent)]
     Description(#[from] UndescribedError),
-    /// The recording cannot be made.
+    /// The file for the recording cannot be created.
     #[error("cannot record to {}: {source}; name another file with --record or leave it out", file.display())]
     Record { file: PathBuf, source: io::Error },
     /// Both ends of the cable are the same interface.
@@ -107,7 +107,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Switches the slaves on and serves them.
+    /// Switches the simulated slaves on and lets them answer masters.
     ///
     /// # Errors
     /// [`ServeError`].

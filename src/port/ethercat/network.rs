@@ -80,7 +80,7 @@ impl Network {
         self.told.look_at_states(self.slaves.chain(), self.now, |(_, code)| code != AlStatus::NONE, &mut self.lines);
     }
 
-    /// Advances the time of slaves and script to `now`.
+    /// Advances the time of the slaves and of the script to `now`, and logs what has changed.
     pub fn advance(&mut self, now: Ns) {
         self.now = now;
         self.run_script(now);
@@ -94,7 +94,7 @@ impl Network {
         }
     }
 
-    /// Called at the end of the server: logs changes that were held back.
+    /// Called at the end of the server: logs state changes that were held back because there were too many.
     pub fn finish(&mut self) {
         self.told.tell_rest(self.slaves.chain(), self.now, &mut self.lines);
     }
@@ -124,10 +124,10 @@ mod tests {
     use crate::port::ethercat::told::state_of;
 
     const MS: Ns = 1_000_000;
-    /// Sync managers 0 and 1 as in the EEPROM of the slaves.
+    /// The settings of sync managers 0 and 1, equal to those in the EEPROM of the slaves.
     const MAILBOXES: [u8; 16] = [0x00, 0x10, 0x80, 0x00, 0x26, 0, 1, 0, 0x80, 0x10, 0x80, 0x00, 0x22, 0, 1, 0];
 
-    /// A network, and a master that sends one datagram at a time.
+    /// A network of slaves, and a simple master that sends one datagram at a time.
     struct Wire {
         network: Network,
         now: Ns,

@@ -34,7 +34,7 @@ pub(super) struct Port {
     pub(super) _claim: Claim,
     /// Whether the cable at this end counts as connected in the simulated network.
     pub(super) is_connected: bool,
-    /// When the last frame arrived.
+    /// When the last frame arrived at this interface.
     pub(super) last_frame: Option<Instant>,
 }
 
@@ -116,7 +116,7 @@ impl Service {
                     Ok(None) => {}
                     Ok(Some(len)) => {
                         has_come = true;
-                        // A longer frame is not valid Ethernet.
+                        // A frame that does not fit into `FRAME_LEN_MAX` is not valid Ethernet, and is ignored.
                         if len <= FRAME_LEN_MAX {
                             self.answer(end, frame, len);
                         }
@@ -172,7 +172,7 @@ impl Service {
         }
     }
 
-    /// Advances the time of the slaves, and passes their log lines on.
+    /// Advances the time of the slaves, and passes their log lines to the log.
     fn tick(&mut self, now: Instant) {
         self.next_tick = self.next_tick.max(now) + TICK;
         self.network.advance(self.now());
@@ -223,7 +223,7 @@ impl Service {
         self.tell_limited("the network interface fails", &line, Instant::now());
     }
 
-    /// Logs a line of a kind that masters can cause as often as they like.
+    /// Logs a line that masters can cause as often as they like: too many lines of the same kind are only counted.
     fn tell_limited(&mut self, kind: &str, line: &str, now: Instant) {
         if self.log_limit.may_log(kind, now) {
             self.notes.push(line.to_owned());

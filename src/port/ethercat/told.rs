@@ -17,7 +17,7 @@ const PERIOD_NS: Ns = 10_000_000_000;
 type State = (RequestedState, AlStatus);
 type Faults = [Option<AxisFault>; AXES_MAX];
 
-/// The number of lines for one slave in the present period.
+/// How many lines were logged for one slave in the present period.
 #[derive(Clone, Copy, Default)]
 struct Budget {
     since: Ns,
@@ -25,7 +25,7 @@ struct Budget {
 }
 
 impl Budget {
-    /// Whether the limit allows another line.
+    /// Whether another line may be logged for the slave at `now`.
     const fn has_room(&mut self, now: Ns) -> bool {
         if now.saturating_sub(self.since) >= PERIOD_NS {
             *self = Self { since: now, lines: 0 };
@@ -38,9 +38,9 @@ impl Budget {
 #[derive(Clone, Copy)]
 struct Known {
     told: State,
-    /// The state in the last sample.
+    /// The state of the slave in the last sample.
     seen: State,
-    /// The number of changes since the last logged state.
+    /// How often the slave's state has changed since its last logged state.
     changes: u32,
     budget: Budget,
 }

@@ -14,16 +14,16 @@ const FIRST_REPORT_WAIT_MAX: Duration = Duration::from_secs(1);
 /// time for a link whose thread is late. \[OURS]
 const ANSWER_WAIT_MAX: Duration = Duration::from_millis(50);
 
-/// Counters of the exchanges.
+/// Counters of the exchanges with a host on SPI.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SpiBoardCounters {
-    /// Exchanges whose frame the board has taken.
+    /// Exchanges whose frame the board has accepted.
     pub frames: u64,
     /// Exchanges with fewer bytes than a frame, of which the board executes nothing.
     pub incomplete: u64,
     /// Exchanges while BUSY was high, which are answered with zeros and of which the board executes nothing.
     pub while_busy: u64,
-    /// Frames that the link has refused.
+    /// Exchanges whose frame the link has refused.
     pub refused: u64,
 }
 
@@ -50,7 +50,7 @@ pub struct SpiBoard {
     link: Arc<dyn Link>,
     size: SlotSize,
     write_wait: Wait,
-    /// The newest report as the link has returned it.
+    /// The newest report of the board, as its link has returned it.
     report: Frame,
     /// The answer to send: the newest report with the corrected number of free entries.
     answer: Frame,
@@ -64,7 +64,7 @@ pub struct SpiBoard {
     before: Option<ReportedFifo>,
     /// Whether the board's reports have a CRC.
     fills_crc: bool,
-    /// Why the board is gone.
+    /// Why the board is lost; `None`: it is connected.
     lost: Option<LinkError>,
     counters: SpiBoardCounters,
 }
@@ -170,7 +170,7 @@ impl SpiBoard {
         self.link.close();
     }
 
-    /// Why the board is gone; `None` if it is connected.
+    /// Why the board is lost; `None`: it is connected.
     pub fn lost(&self) -> Option<LinkError> {
         self.lost.clone().or_else(|| self.link.check().err())
     }
@@ -185,7 +185,7 @@ impl SpiBoard {
         self.counters
     }
 
-    /// Reads the newest report; outside OP, one that answers the newest frame.
+    /// Reads the newest report. Outside OP, waits for a report that answers the newest frame.
     fn read_reports(&mut self) {
         self.read_report(Wait::Now);
         // The first reports read may be from before the newest frame: outside OP they are skipped until one answers

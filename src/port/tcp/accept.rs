@@ -30,7 +30,7 @@ const BACKLOG: i32 = 4096;
 const ACCEPTED_IN_A_ROW_MAX: usize = 16;
 /// How long the server waits until a client has received why its connection ends. \[OURS]
 const FAREWELL_MAX: Duration = Duration::from_millis(500);
-/// The pause after the system could not provide a connection. \[OURS]
+/// The pause after an error of `accept`, for example because no file descriptor was left. \[OURS]
 const ACCEPT_RETRY_PAUSE: Duration = Duration::from_millis(50);
 
 /// The listening thread, and the data to stop it.
@@ -57,7 +57,7 @@ impl Shared {
         }
     }
 
-    /// Logs how many lines were counted instead of being logged.
+    /// Logs how many lines were suppressed by the limit of each kind, when this is due.
     fn log_counted(&self, now: Instant) {
         let lines = self.log_limit.lock().due(now);
         lines.iter().for_each(|line| self.hub.tell(line));
@@ -84,7 +84,7 @@ impl Acceptor {
         Ok(Self { shared, waker, thread: Some(thread) })
     }
 
-    /// Ends the thread and all connections, after the clients were notified.
+    /// Notifies all clients, and ends their connections and the listening thread.
     pub(super) fn stop(&mut self) {
         self.shared.stop.store(true, Ordering::Release);
         self.waker.wake();
@@ -249,7 +249,7 @@ fn start_client(
     }
 }
 
-/// The thread of a client, from the welcome until the connection ends.
+/// The body of a client's thread, from the Welcome until the connection ends.
 fn connection(client: Arc<Client>, board: &Arc<Board>, mut inbox: Inbox, shared: &Shared) {
     let hub = &shared.hub;
     let Some(channel) = &client.channel else { return };

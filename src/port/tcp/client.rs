@@ -28,7 +28,7 @@ pub(super) struct Client {
     out: Mutex<Outgoing>,
     /// Whether bytes wait because the client's socket has no room.
     blocked: AtomicBool,
-    /// Whether the client was sent a Bye, or its connection has failed.
+    /// Whether the connection is over for the server: a Bye was sent, or the connection has failed.
     finished: AtomicBool,
 }
 
@@ -64,7 +64,7 @@ impl Client {
         self.blocked.load(Ordering::Acquire)
     }
 
-    /// Sends a message, before any report that is waiting.
+    /// Stages a message other than a report and sends it before the reports that are waiting.
     pub(super) fn reply(&self, message: &Message<'_>) {
         let mut outgoing = self.out.lock();
         self.stage(&mut outgoing, message);
@@ -105,7 +105,7 @@ impl Client {
         self.give_up();
     }
 
-    /// Sends the waiting bytes, as far as the socket has room.
+    /// Sends the bytes that are waiting, as far as the socket has room.
     pub(super) fn flush(&self) {
         self.push(&mut self.out.lock());
     }
@@ -163,7 +163,7 @@ impl Client {
             self.stage(outgoing, &Message::Report { meta, frame: frame.bytes() });
         };
         if self.blocked.swap(!all, Ordering::AcqRel) == all && !all {
-            // The client's thread has to poll for room in the socket from now on.
+            // Wakes the client's thread: from now on it has to poll the socket for room as well.
             channel.wake();
         }
     }

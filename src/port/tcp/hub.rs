@@ -18,7 +18,7 @@ use crate::summary::{FrameEvent, FrameWatch};
 use crate::tcp::wire::{Counts, End, Message, Refusal, Role, TEXT_MAX, Welcome};
 use crate::tcp::{Channel, PROOF_LEN};
 
-/// A board that is connected.
+/// A board that the server has open.
 pub(super) struct Board {
     pub(super) link: Arc<dyn Link>,
     pub(super) info: LinkInfo,
@@ -39,7 +39,7 @@ pub(super) struct Board {
 }
 
 impl Board {
-    /// Writes a frame, and updates the observed state of the network.
+    /// Writes a command frame to the board, and updates the observed state of the network.
     pub(super) fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         let at = self.link.write(frame, wait)?;
         if let Some(size) = self.info.slot {
@@ -108,7 +108,7 @@ impl Board {
 }
 
 struct State {
-    /// The board, or the reason why it is not connected.
+    /// The board, or the reason why none is open.
     board: Result<Arc<Board>, String>,
     clients: Vec<Arc<Client>>,
     /// The name of the client that is the writer, or a text if the server itself is; `None`: there is no writer.
@@ -132,7 +132,7 @@ pub(super) struct Hub {
 /// A client that has just joined, and the board that it joined.
 pub(super) type Joined = (Arc<Client>, Arc<Board>);
 
-/// A connection that is about to become a client.
+/// A connection that asks to become a client.
 pub(super) struct Joining<'a> {
     pub(super) who: String,
     pub(super) role: Role,
@@ -155,7 +155,7 @@ impl Hub {
         self.notes.push(line.to_owned());
     }
 
-    /// Registers a connected board.
+    /// Makes an opened board the one that is served.
     pub(super) fn attach(&self, link: Arc<dyn Link>) -> Arc<Board> {
         let info = link.info();
         let known = link.network().unwrap_or_default().or(KnownNetwork::of_sim(&info.name));
@@ -174,7 +174,7 @@ impl Hub {
         board
     }
 
-    /// Handles the loss of a board: all clients are notified and disconnected.
+    /// Handles the loss of the board: notifies and disconnects all clients.
     pub(super) fn lose(&self, board: &Arc<Board>, error: &LinkError) {
         let reason = match error {
             LinkError::Lost { reason, .. } => reason.to_string(),
@@ -194,7 +194,7 @@ impl Hub {
         self.tell(&line);
     }
 
-    /// Whether this board is still connected.
+    /// Whether this board is still the one that is served.
     pub(super) fn has(&self, board: &Arc<Board>) -> bool {
         is_present(&self.state.lock().board, board)
     }
@@ -207,7 +207,7 @@ impl Hub {
             Err(reason) => return Err((Refusal::NoBoard, reason.clone())),
             Ok(board) => Arc::clone(board),
         };
-        // Readers may not take the last place while there is no writer.
+        // The last free place is kept for a writer while there is none.
         let kept = joining.role == Role::Reader && state.writer.is_none() && self.options.max_clients > 1;
         if state.clients.len() + usize::from(kept) >= self.options.max_clients {
             return Err((Refusal::Full, String::new()));
@@ -293,7 +293,7 @@ impl Hub {
         }
     }
 
-    /// Accepts no more clients and notifies those that are connected.
+    /// Accepts no more clients, and sends a Bye to those that are connected.
     pub(super) fn stop(&self) {
         let mut state = self.state.lock();
         state.is_stopping = true;
@@ -324,7 +324,7 @@ impl Hub {
         self.state.lock().is_over
     }
 
-    /// Waits at most `limit`, or until the board is lost or the server ends.
+    /// Waits for at most `limit`. The wait also ends when the board is lost or the server ends.
     pub(super) fn wait(&self, limit: Duration) {
         let mut state = self.state.lock();
         if !state.is_over {

@@ -29,15 +29,15 @@ pub enum ClientMessage<'a> {
     Write(&'a Frame),
     /// A request for the oldest unread report.
     Read,
-    /// A request to advance the time.
+    /// A request to advance the board's time.
     Pass(Duration),
-    /// A request for the counters.
+    /// A request for the counters of the link and its board.
     Count,
     /// Cancels the previous request.
     Cancel,
     /// A keep-alive message.
     Ping,
-    /// The end of the connection.
+    /// The client's last message: it closes its link.
     Bye,
 }
 
@@ -52,7 +52,7 @@ pub enum ServerMessage {
         /// The board's time after the request.
         now: Option<Stamp>,
     },
-    /// The counters.
+    /// The answer to a request for the counters.
     Counted {
         /// The number of the request.
         request: u64,
@@ -68,9 +68,9 @@ pub enum ServerMessage {
         /// The board's time after the request.
         now: Option<Stamp>,
     },
-    /// The end of the connection.
+    /// The server's last message: it ends the connection.
     Bye,
-    /// Any other message.
+    /// A message that tests do not look at.
     Other,
 }
 
@@ -91,7 +91,7 @@ impl InMemoryServer {
         Self { hub, board }
     }
 
-    /// Takes the lines of the log since the last call.
+    /// Takes the log lines since the last call of this function.
     pub fn told(&self) -> Vec<String> {
         let note = |note| match note {
             Note::Item(line) => line,

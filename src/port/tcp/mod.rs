@@ -77,7 +77,7 @@ pub enum OnVanish {
     Ramp,
     /// Nothing is sent: the board executes the rest of its FIFO, and a velocity or torque stays in force.
     Leave,
-    /// As [`OnVanish::Ramp`]; then the drives are disabled.
+    /// Like [`OnVanish::Ramp`], and after the standstill the drives are disabled.
     ServoOff,
 }
 
@@ -96,7 +96,7 @@ pub struct ServeOptions {
     /// The slaves and the units of their axes that the server tells its clients. Empty parts are taken from passing
     /// frames and from the board's link.
     pub network: KnownNetwork,
-    /// How long a new connection may take to send its Hello; 2 s by default.
+    /// How long a new connection may take to send its first message, the Hello; 2 s by default.
     pub hello_limit: Duration,
     /// Called with each line of the log, in a thread of its own for which no other thread waits. If the function is too
     /// slow, lines are dropped, and a line reports their number.

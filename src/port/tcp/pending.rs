@@ -27,18 +27,18 @@ pub(super) struct PendingConnection {
     channel: Channel,
     inbox: Inbox,
     out: Out,
-    /// The TLS session during the handshake.
+    /// The TLS session until its handshake is complete.
     handshake: Option<Box<Connection>>,
     material: Option<Material>,
     /// For a refused connection: how long it may still take to receive the reason.
     refused_until: Option<Instant>,
 }
 
-/// The state of a pending connection.
+/// The result of handling a pending connection.
 pub(super) enum Look {
-    /// The Hello of the connection has not arrived yet.
+    /// The connection's first message, the Hello, has not arrived yet.
     Waits,
-    /// The Hello of the connection has arrived.
+    /// The connection's first message, the Hello, has arrived and is valid.
     Introduced(Introduction),
     /// The connection has to be refused with [`PendingConnection::refuse`].
     Refused(Refusal, String),
@@ -60,7 +60,7 @@ impl PendingConnection {
         let channel = Channel::without_waker(socket)?;
         let mut out = Out::default();
         channel.stage_plain(&Greeting { tls: tls.is_some(), has_room: true }.encode(), &mut out);
-        // The send buffer of a new connection has room for the greeting.
+        // No wait is needed, since the send buffer of a new connection has room for the greeting.
         channel.push(&mut out)?;
         let handshake = tls.map(ServerTls::accept).transpose()?.map(Box::new);
         let (inbox, material) = (Inbox::default(), None);
@@ -80,7 +80,7 @@ impl PendingConnection {
         (self.channel, self.inbox)
     }
 
-    /// The events to poll for.
+    /// The events on this connection to poll for.
     pub(super) fn waits_for(&self) -> PollFd<'_> {
         self.channel.waits_for(!self.out.is_empty())
     }
@@ -95,7 +95,7 @@ impl PendingConnection {
         self.refused_until.unwrap_or(self.came + options.hello_limit)
     }
 
-    /// Handles the bytes that have arrived.
+    /// Handles the bytes that have arrived on this connection, and its time limit.
     pub(super) fn look(&mut self, now: Instant, options: &ServeOptions) -> Look {
         if self.is_refused() {
             return self.drain(now);
@@ -152,7 +152,7 @@ impl PendingConnection {
         key.map_or([0; PROOF_LEN], |(secret, material)| secret.prove(Side::Server, material))
     }
 
-    /// Sends the reason of a refusal.
+    /// Begins to send the reason of a refusal.
     pub(super) fn refuse(&mut self, why: Refusal, text: &str, now: Instant) {
         // If this fails, the client's connection ends without a reason.
         let _ = self.channel.stage(&Message::Refused { why, text }, &mut self.out);

@@ -70,7 +70,7 @@ impl PendingPool {
             .or_else(|| oldest(&had_hello_time))
     }
 
-    /// The oldest connection from an address that has as many as allowed.
+    /// The oldest connection from `address`, if this address has as many connections as allowed.
     fn oldest_of_full_address(&self, address: IpAddr) -> Option<usize> {
         let its = |pending: &PendingConnection| pending.from.ip() == address;
         if address.is_loopback() || self.pending.iter().filter(|pending| its(pending)).count() < PENDING_PER_ADDRESS_MAX
@@ -81,12 +81,12 @@ impl PendingPool {
         silent.or_else(|| self.pending.iter().position(|pending| its(pending)))
     }
 
-    /// The events to poll for, in the order of the connections.
+    /// The events to poll for, one for each pending connection in their order.
     pub(super) fn waits_for(&self) -> impl Iterator<Item = PollFd<'_>> {
         self.pending.iter().map(|pending| pending.waits_for())
     }
 
-    /// Stores on which connections events have occurred.
+    /// Stores which connections have an event to handle, in their order.
     pub(super) fn note_ready(&mut self, ready: &[bool]) {
         self.ready.clear();
         self.ready.extend_from_slice(ready);

@@ -15,7 +15,7 @@ pub(super) struct ServerLink {
     pub(super) queue: Arc<ReportQueue>,
 }
 
-/// The longest wait in a call of this link.
+/// The maximum wait in a call of this link that has no time limit. \[OURS]
 const WAIT_MAX: Duration = Duration::from_secs(10);
 
 impl Link for ServerLink {

@@ -23,7 +23,7 @@ const KEEPALIVE_RANGE_MS: std::ops::RangeInclusive<u32> = 50..=3_600_000;
 pub(super) enum Left {
     /// The client has closed its link.
     Closed,
-    /// The connection has ended; the reason.
+    /// The connection has ended without a Bye; the reason as text.
     Gone(String),
     /// The client has violated the protocol.
     Broken(WireError),
@@ -37,7 +37,7 @@ impl From<WireError> for Left {
     }
 }
 
-/// The session of a client.
+/// The session of one client: its requests and the state that they need.
 pub(super) struct Session<'a> {
     hub: &'a Hub,
     board: Arc<Board>,
@@ -67,7 +67,7 @@ enum Work {
     Pass { left_ns: u64 },
 }
 
-/// The content of a Hello.
+/// What a client's first message, the Hello, says about it.
 pub(super) struct Introduction {
     pub(super) role: Role,
     pub(super) keepalive: Duration,
@@ -103,7 +103,7 @@ impl<'a> Session<'a> {
         self.pending.is_some()
     }
 
-    /// Handles a message.
+    /// Handles a message of the client. The error ends the session.
     pub(super) fn take(&mut self, message: &Message<'_>) -> Result<(), Left> {
         let out_of_turn = Left::Broken(WireError::OutOfTurn { kind: message.kind() });
         match *message {
@@ -117,7 +117,7 @@ impl<'a> Session<'a> {
                 }
                 return Ok(());
             }
-            // A client may have only one request in progress.
+            // The protocol allows a client only one request in progress.
             _ if self.is_busy() => return Err(out_of_turn),
             Message::Count { request } => {
                 let counts = self.board.counts().since(&self.before);
@@ -152,7 +152,7 @@ impl<'a> Session<'a> {
         self.work();
     }
 
-    /// Continues the request in progress for a short while.
+    /// Executes a short part of the request in progress.
     pub(super) fn work(&mut self) {
         let Some(pending) = self.pending.take() else { return };
         let request = pending.request;

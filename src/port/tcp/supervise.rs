@@ -25,12 +25,12 @@ pub(super) fn run(hub: &Hub, first: Arc<Board>, open: Open<'_>) {
     }
 }
 
-/// Passes reports on until the board is lost or the server ends.
+/// Reads the board's reports and passes them to the clients, until the board is lost or the server ends.
 fn serve(hub: &Hub, board: &Arc<Board>) {
     let mut frame = Frame::new();
     while !hub.is_over() && hub.has(board) {
         if board.info.virtual_time {
-            // On virtual time the writer's requests read the reports.
+            // On virtual time this thread reads no reports: the writer's requests read them.
             hub.wait(STOP_CHECK_INTERVAL);
             continue;
         }

@@ -32,7 +32,7 @@ pub enum AttachError {
         path.display()
     )]
     NoController {
-        /// The folder that should exist.
+        /// The folder of the controller that was not found.
         path: PathBuf,
         source: io::Error,
     },
@@ -42,7 +42,7 @@ pub enum AttachError {
          system, e.g. usbip-win2 on Windows: `usbip attach -r 127.0.0.1 -b 1-1`"
     )]
     NoKernel,
-    /// This user is not allowed to attach devices.
+    /// The user has no right to attach devices.
     #[error("attaching a board to this machine needs root; start the same command with sudo")]
     NotAllowed,
     /// All ports of the controller are in use.

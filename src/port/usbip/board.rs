@@ -37,9 +37,9 @@ pub enum Event {
     Ended {
         /// The board's bus id.
         bus_id: String,
-        /// The reason.
+        /// Why the host no longer has the board.
         why: SessionEnd,
-        /// The counters of the transfers.
+        /// The counters of the host's transfers.
         counters: Counters,
     },
     /// A board is lost. The server tries to open it again.
@@ -58,24 +58,24 @@ pub enum Event {
     ClientRejected {
         /// The address of the client.
         host: String,
-        /// The reason.
+        /// Why the client was rejected.
         why: String,
     },
     /// A board could not be attached to this machine.
     NotAttached {
         /// The board's bus id.
         bus_id: String,
-        /// The reason.
+        /// Why the board could not be attached.
         why: String,
     },
     /// A lost board still cannot be opened. Each reason is reported once.
     ReopenFailed {
         /// The board's bus id.
         bus_id: String,
-        /// The reason.
+        /// Why the board cannot be opened.
         why: String,
     },
-    /// The system did not provide a connection or a thread.
+    /// The operating system did not provide a connection or a thread.
     SystemError {
         /// The failed operation, with the error.
         what: String,
@@ -177,7 +177,7 @@ impl Board {
         device_id(BUS, self.number)
     }
 
-    /// The entry of the board in the device list of USB/IP.
+    /// The entry of the board in the USB/IP list of devices.
     pub fn entry(&self) -> DeviceEntry<'_> {
         DeviceEntry {
             path: &self.path,
@@ -214,7 +214,7 @@ impl Board {
         Ok(session)
     }
 
-    /// Runs the session of a host until it ends, and frees the board.
+    /// Runs the session of a host until it ends. Afterwards another host can attach the board.
     pub fn serve(&self, session: &Session, host: &str) {
         self.tell(Event::Attached { bus_id: self.bus_id.clone(), host: host.to_owned() });
         let why = session.run();
@@ -242,7 +242,7 @@ impl Board {
                 return;
             }
             if let Some(link) = state.link.clone() {
-                // A call to a link may take long, so the lock is not held meanwhile.
+                // The lock is released, since a call of the link may take long.
                 drop(state);
                 if let Err(why) = link.check() {
                     self.lose(&link, why);
@@ -311,7 +311,7 @@ impl Board {
         }
     }
 
-    /// Disconnects the host and closes the link.
+    /// Ends the session of the host, if there is one, and closes the link.
     pub fn stop(&self) {
         let (link, session) = {
             let mut state = self.state.lock();

@@ -26,7 +26,7 @@ impl Ends for Messages {
 pub type Device = AnyDevice<Messages>;
 
 impl AnyDevice<Messages> {
-    /// A board that has just been attached.
+    /// Creates the device of a board that a host has just attached.
     pub fn new(descriptors: Descriptors) -> Self {
         Self::over(descriptors, Messages::default())
     }

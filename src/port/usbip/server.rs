@@ -68,7 +68,7 @@ impl Default for Options {
     }
 }
 
-/// A board to serve.
+/// What the server needs to know of a board.
 pub struct BoardSpec {
     /// The identity of the board in its descriptors. Without a serial number it gets its bus id as one.
     pub identity: Identity,
@@ -98,22 +98,22 @@ pub enum ServeError {
          clock=virtual"
     )]
     VirtualTime { name: String },
-    /// The identity of a board is not possible on USB.
+    /// The identity of a board does not fit into USB descriptors.
     #[error(transparent)]
     Identity(#[from] IdentityError),
     /// There are more boards than a USB bus can have devices.
     #[error("a bus has 127 devices, not {found}; start another server with --listen")]
     TooMany { found: usize },
-    /// The server cannot listen on the address.
+    /// The server cannot listen on its address.
     #[error("cannot listen on {address}: {source}; {}", advice(*.address, .source))]
     Listen { address: SocketAddr, source: io::Error },
     /// A board cannot be attached to this machine.
     #[error(transparent)]
     Attach(#[from] AttachError),
-    /// Signals cannot be handled.
+    /// The server cannot catch the signals that stop it.
     #[error("cannot catch signals: {0}; start it from a shell")]
     Signals(io::Error),
-    /// The system did not provide a thread.
+    /// The operating system did not provide a thread.
     #[error("cannot start a thread: {0}; raise this user's limit (ulimit -u)")]
     Thread(io::Error),
 }
@@ -209,7 +209,7 @@ impl Server {
             board.stop();
         }
         for (_, client) in self.shared.clients.lock().drain(..) {
-            // The connection may have ended already.
+            // An error is ignored: it means that the connection has already ended.
             let _ = client.shutdown(Shutdown::Both);
         }
         // A thread may have started another one before it ended, so the list is read again each time.
@@ -348,7 +348,7 @@ impl Shared {
         stream.set_read_timeout(request_timeout)?;
         stream.set_write_timeout(request_timeout)?;
         let mut op = [0; OP_LEN];
-        // A client may connect and disconnect without a request.
+        // A client that disconnects without a request is no error.
         match stream.read(&mut op[..1])? {
             0 => return Ok(Wanted::Nothing),
             _ => stream.read_exact(&mut op[1..])?,
@@ -403,7 +403,7 @@ impl Shared {
 enum Wanted {
     /// Nothing: the request is answered.
     Nothing,
-    /// The client wants to attach the board with this index.
+    /// The client has requested to attach the board with this index.
     Board(usize),
 }
 

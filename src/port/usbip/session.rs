@@ -23,7 +23,7 @@ use crate::sk::Frame;
 /// \[OURS]
 const WAIT_SLICE: Duration = Duration::from_millis(50);
 
-/// The size of the buffer for the host's bytes.
+/// The size of the buffer for the host's bytes, in bytes.
 const INPUT_BUFFER_BYTES: usize = 16 * 1024;
 
 /// The reason why a host no longer has the board.
@@ -41,18 +41,18 @@ pub enum SessionEnd {
     /// A command of the host names another device.
     #[error("a command is for device {found:#010x}, this one is {expected:#010x}; is the client one for USB/IP?")]
     OtherDevice {
-        /// The device in the command.
+        /// The device number in the command.
         found: u32,
-        /// The device that the host has attached.
+        /// The number of the device that the host has attached.
         expected: u32,
     },
     /// The host has submitted too many transfers.
     #[error(transparent)]
     TooMany(#[from] TooMany),
-    /// The board is lost.
+    /// The board was lost.
     #[error("{0}")]
     LinkLost(LinkError),
-    /// The server stops.
+    /// The server was stopped.
     #[error("the server stops")]
     Stopped,
 }
@@ -76,7 +76,7 @@ pub struct Session {
 }
 
 impl Session {
-    /// The session of a host that has just attached the board.
+    /// Creates the session of a host that has just attached the board.
     pub fn new(
         stream: Stream,
         link: Arc<dyn Link>,

@@ -53,7 +53,7 @@ impl Stream {
 
     /// Shuts down both directions, which ends waiting reads and writes at once.
     pub fn shutdown(&self) {
-        // The call fails if the connection has ended already.
+        // An error is ignored: it means that the connection has already ended.
         let _ = match self {
             Self::Tcp(stream) => stream.shutdown(Shutdown::Both),
             Self::Local(stream) => stream.shutdown(Shutdown::Both),

@@ -36,7 +36,7 @@ const RET_UNLINK: u32 = 4;
 /// what Linux sends.
 const NO_PACKETS: [u32; 2] = [0, u32::MAX];
 
-/// `USB_SPEED_HIGH` of Linux.
+/// The code of high speed, 480 Mbit/s (`USB_SPEED_HIGH` of Linux).
 pub const HIGH_SPEED: u32 = 3;
 
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -102,19 +102,19 @@ pub enum WireError {
     /// A request has another version of the protocol.
     #[error("the client speaks version {found:#06x} of USB/IP, not {VERSION:#06x} (1.1.1); use a newer client")]
     Version { found: u16 },
-    /// There is no request with that code.
+    /// No request has this code.
     #[error("no request of USB/IP has the code {found:#06x}; is the client one for USB/IP?")]
     Code { found: u16 },
     /// A bus id is not UTF-8.
     #[error("the bus id is no text; is the client one for USB/IP?")]
     BusId,
-    /// There is no command with that number.
+    /// No command has this number.
     #[error("no command of USB/IP has the number {found}; is the client one for USB/IP?")]
     Command { found: u32 },
-    /// There is no such direction.
+    /// The direction is neither OUT (0) nor IN (1).
     #[error("a transfer has direction {found}, not 0 (out) or 1 (in); is the client one for USB/IP?")]
     Direction { found: u32 },
-    /// There cannot be an endpoint with that number.
+    /// USB has no endpoint with this number.
     #[error("a transfer has endpoint {found}, not 0 to 15; is the client one for USB/IP?")]
     Endpoint { found: u32 },
     /// A transfer is longer than [`TRANSFER_LIMIT`].
@@ -158,9 +158,9 @@ pub fn bus_id(bytes: &[u8; BUS_ID_LEN]) -> Result<&str, WireError> {
 pub struct Submit {
     /// The host's sequence number of the transfer.
     pub sequence: u32,
-    /// The device, see [`device_id`].
+    /// The number of the device that the transfer is for, see [`device_id`].
     pub device: u32,
-    /// The direction.
+    /// Whether data go to the device (OUT) or to the host (IN).
     pub direction: Direction,
     /// The number of the endpoint, 0..=15, without the direction bit.
     pub endpoint: u8,
@@ -179,7 +179,7 @@ pub enum Command {
     Unlink {
         /// The sequence number of the unlink command itself.
         sequence: u32,
-        /// The device.
+        /// The number of the device, see [`device_id`].
         device: u32,
         /// The sequence number of the transfer to unlink.
         victim: u32,
@@ -273,7 +273,7 @@ pub const fn device_id(bus: u16, number: u16) -> u32 {
     (bus as u32) << 16 | number as u32
 }
 
-/// The reason why an import is refused, with Linux' numbers.
+/// The reason why a host may not attach a device, with the numbers of Linux.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Refusal {
@@ -285,7 +285,7 @@ pub enum Refusal {
     NoDevice = 4,
 }
 
-/// Appends the answer to [`Op::DeviceList`].
+/// Appends the answer to [`Op::DeviceList`] to the bytes in `to`.
 pub fn device_list(to: &mut Vec<u8>, devices: &[DeviceEntry<'_>]) {
     op(to, OP_REP_DEVLIST, 0);
     to.extend_from_slice(&(devices.len() as u32).to_be_bytes());
@@ -296,7 +296,7 @@ pub fn device_list(to: &mut Vec<u8>, devices: &[DeviceEntry<'_>]) {
     }
 }
 
-/// Appends the answer to [`Op::Import`].
+/// Appends the answer to [`Op::Import`] to the bytes in `to`.
 pub fn import(to: &mut Vec<u8>, device: Result<&DeviceEntry<'_>, Refusal>) {
     match device {
         Ok(device) => {

@@ -36,7 +36,7 @@ pub enum Listen {
     Unix(PathBuf),
 }
 
-/// The error for a text that is no such address.
+/// A text that is not a valid address to listen on.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is neither ADDR:PORT, e.g. 127.0.0.1:4712, nor unix:PATH (not on Windows)")]
 pub struct ListenError(String);
@@ -174,7 +174,7 @@ impl UnixPlace {
         use std::fs;
         use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt};
 
-        /// How many connections the system may queue. \[OURS]
+        /// How many connections the system may queue until they are accepted. \[OURS]
         const BACKLOG: i32 = 16;
 
         match fs::symlink_metadata(path) {
@@ -214,7 +214,7 @@ impl Drop for UnixPlace {
     }
 }
 
-/// A non-blocking connection.
+/// A non-blocking connection to a host.
 #[derive(Debug)]
 pub(super) enum Stream {
     Tcp(TcpStream),
@@ -248,7 +248,7 @@ impl Stream {
 
     /// Closes the sending direction, so that the other end gets the end of the stream.
     pub fn end_output(&self) {
-        // The call fails if the connection has ended already.
+        // An error is ignored: it means that the connection has already ended.
         let _ = match self {
             Self::Tcp(stream) => stream.shutdown(Shutdown::Write),
             #[cfg(unix)]

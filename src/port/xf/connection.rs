@@ -16,7 +16,7 @@ const MESSAGE_MAX: usize = HEAD_LEN + EXCHANGE_MAX;
 pub(super) enum Left {
     /// The host has sent a Close.
     Closed,
-    /// The connection has ended or has failed; the reason.
+    /// The connection has ended without a Close, or has failed; the reason as text.
     Gone(String),
     /// The host has sent an invalid message.
     Broken(BadRequest),
@@ -51,7 +51,7 @@ pub(super) struct Connection {
 }
 
 impl Connection {
-    /// Sends the greeting to a host.
+    /// Creates the connection of a host and sends the greeting.
     pub fn new(stream: Stream, name: String, limit: Duration) -> Self {
         let mut connection = Self {
             stream,
@@ -163,7 +163,7 @@ impl Connection {
             self.outgoing[..HEAD_LEN].copy_from_slice(&wire::head(kind as u8, status, len));
             self.unsent = 0..HEAD_LEN + len;
         }
-        // The host gets the message if it can still receive.
+        // If this fails, the host can no longer receive, and its connection ends without this message.
         let _ = self.send();
         self.end();
     }

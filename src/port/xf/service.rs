@@ -23,7 +23,7 @@ const IDLE_INTERVAL: Duration = Duration::from_millis(100);
 const WAIT_SLICE_NS: u64 = 20_000_000;
 /// How many messages are handled before other connections are checked. \[OURS]
 const MESSAGES_IN_A_ROW_MAX: usize = 64;
-/// The pause after the system could not provide a connection. \[OURS]
+/// The pause after an error of `accept`, for example because no file descriptor was left. \[OURS]
 const ACCEPT_RETRY_PAUSE: Duration = Duration::from_millis(50);
 
 type Open = Box<dyn FnMut() -> Result<Opened, ChipError> + Send>;
@@ -39,14 +39,14 @@ pub(super) struct Service {
     notes: Notes<String>,
     log_limit: LogLimit,
     host: Option<Connection>,
-    /// Whether more messages of the host may be waiting.
+    /// Whether messages of the host may be waiting that were not handled yet, because of [`MESSAGES_IN_A_ROW_MAX`].
     has_more: bool,
     next_accept: Instant,
     /// When the chip is accessed next while no host uses it, see [`Served::pass_time`].
     next_tick: Instant,
 }
 
-/// The served chip.
+/// The chip that the server gives to one host at a time, and its link.
 struct Served {
     /// `None` while the link is being opened again.
     link: Option<Box<dyn ChipLink>>,
@@ -154,7 +154,7 @@ impl Service {
         None
     }
 
-    /// Handles the end of a host: stops the axes, logs it, and frees the chip.
+    /// Handles the end of a host's connection: stops the axes if the host has vanished, logs it, and frees the chip.
     fn host_left(&mut self, left: &Left) {
         let Some(mut host) = self.host.take() else { return };
         let who = host.name.clone();
@@ -243,7 +243,7 @@ impl Service {
         if !self.chip.failed {
             return Ok(());
         }
-        // The old link must be closed before it can be opened again.
+        // The link must be closed before it is opened again, since a device can be open only once.
         self.chip.link = None;
         let opened = (self.open)().map_err(|error| (Status::Chip, error.to_string()))?;
         self.chip = Served::new(opened);

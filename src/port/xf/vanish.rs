@@ -12,13 +12,13 @@ use crate::xf::request::{CrcTypeSet, SlaveNumber, Slaves, StateGet, StateSet, St
 use crate::xf::{CheckRule, CheckType, CommandHeader, EtherCatState, MAX_PACKET, write_request};
 use crate::xf_api::{Xf, XfError};
 
-/// How long a change of state may take. \[OURS]
+/// How long the change to SafeOP may take. \[OURS]
 const STATE_TIME_MAX: Duration = Duration::from_secs(5);
 
-/// The result of stopping the axes.
+/// The result of stopping the axes of a vanished host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stopped {
-    /// No slave was in OP.
+    /// No slave was in OP, so nothing had to be stopped.
     NotInOp,
     /// The number of slaves that were in OP and are in SafeOP now.
     Slaves(usize),
@@ -44,7 +44,7 @@ fn set_fixed_check(xf: &mut Xf<&mut dyn ChipLink>) -> Result<(), ChipError> {
     let (mut packet, mut back) = ([0; MAX_PACKET], [0; MAX_PACKET]);
     // The driver's packets have the indices 1 to 255, so this one repeats none of them.
     let header = CommandHeader::with_index(0);
-    // A buffer for the longest packet has room for any packet.
+    // This cannot fail: the buffer has room for a packet of any size.
     let _ = write_request(&mut packet, size, CheckRule::FIXED, header, &CrcTypeSet { kind: CheckType::Fixed });
     let link = xf.link_mut();
     for _ in 0..2 {

@@ -1,4 +1,4 @@
-//! The virtual host controller of Linux.
+//! Attaches a device to the virtual host controller of Linux.
 
 use std::fs;
 use std::io;
@@ -8,7 +8,7 @@ use std::path::Path;
 use super::{AttachError, free_ports};
 use crate::port::usbip::wire::HIGH_SPEED;
 
-/// The connection to the kernel.
+/// The type of the server's end of the connection to the kernel.
 pub type Socket = std::os::unix::net::UnixStream;
 
 /// Attaches a device to the controller in the folder `vhci`. Returns the server's end of the connection and the number

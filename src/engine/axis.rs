@@ -121,7 +121,7 @@ impl Axis {
         }
     }
 
-    /// Whether SV_ON is under way, or waits for the end of an SV_OFF.
+    /// Whether SV_ON is in progress, or waits for the end of an SV_OFF.
     pub(super) const fn is_switching_on(&self) -> bool {
         matches!(self.requested.power, Power::SwitchingOn | Power::SwitchingOffThenOn)
     }
@@ -260,7 +260,7 @@ impl Axis {
         let (Some(shown), Some(asked)) = (state.and_then(height), height_asked(controlword)) else { return false };
         match self.requested.power {
             Power::Off | Power::On => false,
-            // This statusword was measured before the drive was switched off.
+            // Disable voltage has not reached the drive yet, so this statusword is from before.
             Power::SwitchingOn if asked == 0 => true,
             Power::SwitchingOn => shown + 1 < asked,
             Power::SwitchingOffThenOn if shown == 0 => true,

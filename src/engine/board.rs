@@ -6,7 +6,7 @@ use super::{BoardHandle, Engine, EngineConfig, Event, PartialFrames};
 use crate::fieldbus::{CardsGone, Fieldbus, Ns, Strangers};
 use crate::sk::Frame;
 
-/// A script: actions on a board and its network at given times.
+/// A script of actions on a board and its network at given times, for example faults.
 pub trait Script: Send {
     /// Called when a cycle begins at `now`. Carries out every action that is due and calls `done` for each of them.
     /// Must not allocate.
@@ -27,7 +27,7 @@ pub struct Board {
     cycles: u64,
     last_report: Ns,
     silent_cycles: u64,
-    /// When the newest cycle of the bus passed.
+    /// When the newest cycle of the bus ran.
     last_passed: Ns,
     partial: Assembler,
     /// The number of boots, and whether the host interface answered, both as of the last cycle.
@@ -75,7 +75,7 @@ impl Board {
         self.script = script;
     }
 
-    /// The bus that the board drives.
+    /// The bus between the board and its slaves.
     pub(super) fn bus(&self) -> &dyn Fieldbus {
         &*self.bus
     }
@@ -106,7 +106,7 @@ impl Board {
         self.now
     }
 
-    /// When the next cycle is due.
+    /// When the next cycle of the board is due, board time.
     pub const fn next_cycle(&self) -> Ns {
         self.next_cycle
     }
@@ -207,7 +207,7 @@ impl Board {
         self.bus.work_until(now, until);
     }
 
-    /// The length of a cycle, ns.
+    /// The time between two cycles of the board at present, ns.
     pub const fn period_ns(&self) -> Ns {
         self.engine.period_ns()
     }

@@ -111,7 +111,7 @@ impl Engine {
         self.execute_sdo(&frame.slot(size, size.sdo_slot()), at);
     }
 
-    /// Executes the slots of the slaves.
+    /// Executes the slots of the slaves in a frame, without slot 0 and the SDO slot.
     pub(super) fn execute_slaves(&mut self, frame: &Frame, at: Ns) {
         let size = self.config.slot;
         let slots = frame.slots(size);
@@ -143,7 +143,7 @@ impl Engine {
             self.run_master(&command, at)
         });
         match done {
-            // SW_RESET has no answer: it has reset the slot that would show one.
+            // SW_RESET gets no answer: it has just reset slot 0, which would show the answer.
             Ok(_) if id == CommandId::SoftReset => {}
             Ok(result) => {
                 self.volatile.master_id = id;

@@ -8,7 +8,7 @@ const PULSE_SETS: u8 = 8;
 /// The state of the fault reset bit in the newest set of outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Bit {
-    /// The bit is clear and may rise.
+    /// The bit is clear, and may rise with the next set.
     #[default]
     Clear,
     /// The bit is set, and stays set in the next `more` sets.
@@ -17,7 +17,7 @@ enum Bit {
     Resting { more: u8 },
 }
 
-/// The fault reset pulses of one axis.
+/// The state of the fault reset pulses of one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct FaultReset {
     bit: Bit,

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use super::Firmware;
 use crate::sk::{FIFO_ENTRIES, Frame, SlotSize};
 
-/// The indices of the storage places are `u8`.
+/// The indices of the storage places are `u8`, so there may be at most 256 of them.
 const _: () = assert!(FIFO_ENTRIES <= 256);
 
 /// The ring buffer of command frames that wait for their cycle.
@@ -43,7 +43,7 @@ impl CommandFifo {
         }
     }
 
-    /// The number of entries, at most [`FIFO_ENTRIES`].
+    /// The number of queued entries, at most [`FIFO_ENTRIES`].
     fn len(&self) -> u16 {
         self.waiting.len() as u16
     }
@@ -54,7 +54,7 @@ impl CommandFifo {
         FIFO_ENTRIES.saturating_sub(self.len() + ahead)
     }
 
-    /// The full count, bytes 10..11 of slot 0; it wraps.
+    /// The full count: how many frames found the FIFO full, bytes 10..11 of slot 0. It wraps.
     pub(super) const fn full_count(&self) -> u16 {
         self.full_count
     }
@@ -86,7 +86,7 @@ impl CommandFifo {
         Some(self.places[usize::from(place)].clone())
     }
 
-    /// Stops taking entries out, or resumes it. A fault for scripts and tests.
+    /// Stops taking entries out of the FIFO, or resumes it. A fault for scripts and tests.
     pub(super) const fn hold(&mut self, held: bool) {
         self.held = held;
     }

@@ -5,7 +5,7 @@ use super::{Engine, Event, EventKind, Reason};
 use crate::ethercat::cia402::Mode;
 use crate::fieldbus::{CycleDone, MAX_AXES, MAX_SLAVES, Ns, SlaveSet};
 
-/// The homing phase of a slave.
+/// Whether a slave is homing, or is finishing the steps after homing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum HomingPhase {
     /// The slave is not homing.

@@ -81,7 +81,7 @@ impl Handover {
         self.receive_in_parts(out, end, None)
     }
 
-    /// How often reads were cancelled so far, for [`Self::receive_in_parts`].
+    /// How often reads were cancelled so far; [`Self::receive_in_parts`] takes the value.
     pub(super) fn reads_cancelled(&self) -> u64 {
         lock(&self.outbox).cancels
     }
@@ -143,19 +143,19 @@ impl Handover {
         self.news.notify_all();
     }
 
-    /// Cancels all writes that are waiting.
+    /// Cancels all writes that are waiting: they return an error.
     pub(super) fn cancel_writes(&self) {
         lock(&self.inbox).cancels += 1;
         self.space.notify_all();
     }
 
-    /// Cancels all reads that are waiting.
+    /// Cancels all reads that are waiting: they return an error.
     pub(super) fn cancel_reads(&self) {
         lock(&self.outbox).cancels += 1;
         self.news.notify_all();
     }
 
-    /// Returns an error unless the interface is open.
+    /// Returns an error unless the host interface is open.
     pub(super) fn check(&self) -> Result<(), Stop> {
         match lock(&self.outbox).phase {
             Phase::Open => Ok(()),
@@ -180,7 +180,7 @@ fn wait_until<'a, T>(
     })
 }
 
-/// The time left until `end`; `None`: there is no limit.
+/// The time left until `end`, or an error if it has passed; `None`: there is no limit.
 fn time_left(end: Option<Instant>) -> Result<Option<Duration>, Stop> {
     let left = end.map(|end| end.saturating_duration_since(Instant::now()));
     if left == Some(Duration::ZERO) { Err(Stop::Timeout) } else { Ok(left) }

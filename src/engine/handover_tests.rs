@@ -8,7 +8,7 @@ use super::handover::Handover;
 use super::stepped::Stop;
 use crate::sk::Frame;
 
-/// A timeout that only ends a hanging test.
+/// A time limit so long that only a hanging test reaches it.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// LIB-38 A writer waits while the inbox is full, until the runner has taken a frame, and no longer than its timeout.

@@ -42,7 +42,7 @@ const RESULT_SETTLE_ANSWERS: u64 = 4;
 /// How long a drive may take to come to a standstill after homing has ended; it shows a standstill by bit 10 \[OURS].
 const STANDSTILL_TIMEOUT_NS: Ns = 500_000_000;
 
-/// The cause that ended the homing of an axis.
+/// Why the homing of an axis has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum HomingEnd {
     /// Statusword bits 10 and 12: homing attained.
@@ -57,7 +57,7 @@ pub enum HomingEnd {
     Aborted,
     /// The host has written 0x6060 (0x6860).
     ModeWritten,
-    /// The network has left OP.
+    /// The network has left OP, which ends all homing.
     LeftOp,
     /// The slave is lost.
     Lost,
@@ -129,7 +129,7 @@ enum Phase {
 /// A change in the homing of an axis that the answer of a cycle causes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum HomingEvent {
-    /// Homing has ended.
+    /// Homing has ended for this cause.
     Ended(HomingEnd),
     /// The drive has come to a standstill after homing and is held there. The mode of operation may change.
     AtStandstill,
@@ -157,7 +157,7 @@ impl Answer {
     }
 }
 
-/// The homing of one axis.
+/// The state of the homing of one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct AxisHoming {
     phase: Phase,
@@ -199,7 +199,7 @@ impl AxisHoming {
         matches!(self.phase, Phase::Idle)
     }
 
-    /// Whether the axis is idle and bit 4 may rise at once.
+    /// Whether the axis is not homing, and bit 4 has been clear for long enough that it may rise at once.
     pub(super) const fn is_at_rest(&self) -> bool {
         self.is_idle() && self.low_sets_left == 0
     }

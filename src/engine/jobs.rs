@@ -34,7 +34,7 @@ const fn al_state(state: MasterState) -> AlState {
     }
 }
 
-/// The network state in which the network is after a step.
+/// The state that the network has after this step.
 const fn target_of(step: Step) -> MasterState {
     match step {
         Step::Scan | Step::Boot | Step::RecoverToPreOp => MasterState::PreOp,
@@ -202,7 +202,7 @@ impl Engine {
         Some(Job::State { target: al_state(target), slaves, timeout_ns })
     }
 
-    /// The slaves of a set that are not lost.
+    /// The slaves in `slaves` that are not lost.
     pub(super) fn present(&self, slaves: SlaveSet) -> SlaveSet {
         slaves.difference(self.network().lost())
     }
@@ -256,7 +256,7 @@ impl Engine {
         lacking.map(|n| StateFailure::Mode { slave: n as u8 + 1, kind: self.volatile.kinds[n] })
     }
 
-    /// Fails the change of state in progress.
+    /// Ends the change of state in progress as failed, for the reason `why`.
     fn fail_state(&mut self, why: StateFailure, at: Ns) {
         self.volatile.network.fail();
         self.volatile.left_shown_from = Some(self.answers_valid_from(at));
@@ -290,7 +290,7 @@ impl Engine {
         config
     }
 
-    /// The configuration in force, for these slaves.
+    /// The configuration in force, with `selected` as the slaves to configure.
     fn config_for(&self, selected: SlaveSet) -> BusConfig {
         let slaves =
             std::array::from_fn(|n| SlaveConfig { role: self.volatile.roles[n], sync: self.volatile.syncs[n] });
@@ -392,7 +392,7 @@ impl Engine {
         }
         self.note_moved(step, now);
         if was_op != self.network().in_op() {
-            // OP begins and ends with an empty FIFO and without requests of axes.
+            // OP begins and ends with an empty FIFO, and without pending requests of the axes.
             self.clear_fifo();
             self.leave_homing_with_op(now);
             self.drop_commanded();

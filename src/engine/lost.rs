@@ -199,7 +199,7 @@ impl Engine {
             }
         });
         match right {
-            // ABORT_HOME is for all slaves, whichever slot holds it.
+            // ABORT_HOME concerns all slaves, so it is executed although this slave is lost.
             Ok(()) if id == CommandId::AbortHome => self.abort_home(at),
             Ok(()) => self.counters.for_lost += 1,
             Err(reason) => self.reject(slave, id, reason, at),
@@ -281,7 +281,7 @@ impl Engine {
     pub(super) fn answers_valid_from(&self, now: Ns) -> Ns {
         match self.pacing {
             Pacing::Runner => now,
-            // The clock of the bus may differ from board time by a cycle.
+            // The clock of the bus may differ from board time by up to a cycle.
             Pacing::Bus { .. } => now.saturating_add(self.longest_period_ns()),
         }
     }

@@ -90,7 +90,7 @@ use fifo::CommandFifo;
 use outputs_record::{COMMANDED_SETS, History, OutputsRecord};
 use volatile::{CrcSwitches, FACTORY_CRC, SlotHead, Volatile};
 
-/// The model of the EC01M.
+/// The model of the EC01M, the chip of the board.
 pub struct Engine {
     config: EngineConfig,
     pacing: Pacing,
@@ -122,9 +122,9 @@ pub struct Engine {
     op_from: u64,
     /// The id of the newest outputs that a polled cycle has carried.
     newest_answered: Option<u64>,
-    /// Slaves that the previous answered cycle named as lost.
+    /// The slaves that the previous answered cycle named as lost.
     lost_before: SlaveSet,
-    /// Slaves that were homing before the frame that is being executed.
+    /// The slaves that were homing before the present frame, whose slots are being executed.
     homing_before: SlaveSet,
     /// The slaves with a GO_HOME in the frame that is being executed, and whether that frame has an ABORT_HOME.
     go_homes: SlaveSet,
@@ -145,9 +145,9 @@ pub struct Engine {
     /// The commands that the slaves' slots in reports show (id, index, output image): those of the newest outputs that
     /// were sent.
     shown_heads: [SlotHead; MAX_SLAVES],
-    /// When the newest cycle of the bus passed.
+    /// When the newest cycle of the bus ran.
     last_passed: Ns,
-    /// When the newest cycle with new outputs passed.
+    /// When the newest cycle that carried new outputs ran.
     last_carried: Ns,
     /// When the next cycle should run to stay in step with the distributed clocks.
     next_deadline: Option<Ns>,
@@ -155,7 +155,7 @@ pub struct Engine {
     working_counter_wrong: bool,
     /// Whether the hardware that runs the bus did not answer in the previous cycle.
     bus_down: bool,
-    /// Whether another master on the network was seen and logged.
+    /// Whether a frame of another master was seen and logged.
     has_told_other_master: bool,
     local_inputs: u8,
     /// The local outputs (LIO_WR) that were passed to the bus last.
@@ -284,7 +284,7 @@ impl Engine {
         if self.network().in_op() { self.volatile.cycle_in_op.ns() } else { CycleTime::DEFAULT.ns() }
     }
 
-    /// The longer one of the cycle in OP and the default cycle before OP.
+    /// The longer of the cycle time in OP and the default cycle time before OP.
     pub(crate) fn longest_period_ns(&self) -> Ns {
         self.volatile.cycle.max(CycleTime::DEFAULT).ns()
     }
@@ -330,7 +330,7 @@ impl Engine {
         self.fifo.hold(held);
     }
 
-    /// Logs an event.
+    /// Adds an event to the log.
     pub(crate) fn note(&mut self, event: Event) {
         self.log.push(event);
     }
@@ -415,7 +415,7 @@ impl Engine {
         self.config.slot == SlotSize::Bytes16 && self.volatile.second_axes.contains(slave as u8)
     }
 
-    /// The state of the network.
+    /// The state of the network as the board sees it.
     const fn network(&self) -> &network::Network {
         &self.volatile.network
     }

@@ -4,7 +4,7 @@
 use crate::fieldbus::{Ns, SlaveSet};
 use crate::sk::{MasterState, StateByte};
 
-/// A step of boot or of a change of state.
+/// A step of a boot or of a change of state, which a job of the bus carries out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Step {
     /// Scan the network for slaves, at boot.
@@ -30,7 +30,7 @@ const RECOVERY_TIMEOUT_NS: Ns = 1_000_000_000;
 /// this time.
 const RECOVERY_RETRY_TIMEOUT_NS: Ns = 100_000_000;
 
-/// The progress of the recovery of lost slaves.
+/// How far the recovery of lost slaves has come.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Recovery {
     #[default]
@@ -131,7 +131,7 @@ impl Network {
         }
     }
 
-    /// Whether the host interface answers.
+    /// Whether the host interface (USB, SPI) answers.
     pub(super) const fn talks(&self) -> bool {
         self.talks
     }
@@ -151,7 +151,7 @@ impl Network {
         self.lost
     }
 
-    /// The lost slaves that the change under way is bringing back now.
+    /// The lost slaves that the change in progress is bringing back now.
     pub(super) const fn recovering(&self) -> SlaveSet {
         self.recovering
     }
@@ -221,7 +221,7 @@ impl Network {
         true
     }
 
-    /// The next step; `None`: no step is needed.
+    /// The next step of the boot or of the change in progress; `None`: no step is needed.
     pub(super) fn next_step(&self) -> Option<Step> {
         let Some(state) = self.reached else {
             return Some(if self.scanned { Step::Boot } else { Step::Scan });
@@ -271,7 +271,7 @@ impl Network {
         self.change.and_then(|change| change.seen_at)
     }
 
-    /// Records that a step begins.
+    /// Records that the job for a step begins.
     pub(super) fn begin(&mut self, step: Step) {
         let Some(change) = &mut self.change else { return };
         match step {
@@ -357,7 +357,7 @@ impl Network {
         self.scanned = found > 0;
     }
 
-    /// Updates the state after a step that has succeeded.
+    /// Updates the state of the network after a step that has succeeded.
     pub(super) fn done(&mut self, step: Step) {
         let state = match step {
             Step::Scan => return,

@@ -33,7 +33,7 @@ pub(super) enum Clearing {
     Idle,
     /// A clear is requested; it starts with the next cycle.
     Requested,
-    /// The bus is dropping its queued outputs.
+    /// The bus is discarding its queued outputs.
     Running,
 }
 
@@ -126,7 +126,7 @@ impl Engine {
         }
     }
 
-    /// How many sets of outputs were pushed and are not known to be sent.
+    /// How many sets of outputs were pushed to the bus and are not known to be sent.
     pub(super) const fn unconfirmed(&self) -> u64 {
         self.next_output_id - self.unconfirmed_from
     }
@@ -215,7 +215,7 @@ impl Engine {
         }
     }
 
-    /// Called when OP begins: records the state before its first outputs.
+    /// Called when OP begins: records the state of the axes before the first outputs of this OP.
     pub(super) fn begin_op_outputs(&mut self) {
         self.op_from = self.next_output_id;
         let op_start = &mut self.op_start;
@@ -272,7 +272,7 @@ impl Engine {
         }
     }
 
-    /// Returns the axes to their state at the newest outputs that were sent.
+    /// Returns the axes to the state that they had when the newest outputs that were sent were made.
     fn roll_back(&mut self) {
         let sent = match self.next_output_id.checked_sub(1) {
             Some(newest) if newest >= self.op_from => self.records.of(newest),

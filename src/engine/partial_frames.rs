@@ -21,12 +21,12 @@ pub enum PartialFrames {
     Awaited,
 }
 
-/// A command frame that has not arrived completely yet.
+/// The bytes of a command frame that has not arrived completely yet.
 #[derive(Debug)]
 pub(super) struct Assembler {
     frame: Frame,
     filled: usize,
-    /// When the first byte of the frame came.
+    /// When the first byte of the frame arrived.
     began: Ns,
 }
 
@@ -46,7 +46,7 @@ impl Assembler {
         taken
     }
 
-    /// The frame if it is complete. The next byte then begins another frame.
+    /// Returns the frame if it is complete. The next byte then begins another frame.
     pub(super) fn complete(&mut self, size: SlotSize) -> Option<&Frame> {
         if self.filled < size.frame_len() {
             return None;

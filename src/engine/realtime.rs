@@ -94,7 +94,7 @@ fn run_on(cpu: u16) -> std::io::Result<()> {
 pub struct Rate(u32);
 
 impl Default for Rate {
-    /// The full speed of the machine's clock.
+    /// The runner's clock runs as fast as the machine's clock.
     fn default() -> Self {
         Self::billionths(Self::ONE)
     }
@@ -162,12 +162,12 @@ impl Clock {
         self.rate.slowed(self.start.elapsed())
     }
 
-    /// The machine's instant for a time of this clock.
+    /// Converts a time of this clock to an instant of the machine.
     pub(super) fn instant(&self, at: Duration) -> Instant {
         self.start + self.rate.real(at)
     }
 
-    /// Sleeps until that time of this clock, or not at all if it has passed.
+    /// Sleeps until the time `at` of this clock. Returns at once if it has passed.
     #[cfg(target_os = "linux")]
     pub(super) fn sleep_until(&self, at: Duration) {
         use rustix::thread::{ClockId, clock_nanosleep_absolute};
@@ -180,7 +180,7 @@ impl Clock {
         while clock_nanosleep_absolute(ClockId::Monotonic, &request) == Err(rustix::io::Errno::INTR) {}
     }
 
-    /// Sleeps until that time of this clock, or not at all if it has passed.
+    /// Sleeps until the time `at` of this clock. Returns at once if it has passed.
     #[cfg(not(target_os = "linux"))]
     pub(super) fn sleep_until(&self, at: Duration) {
         if let Some(left) = at.checked_sub(self.now()) {

@@ -27,12 +27,12 @@ pub(super) enum SdoOwner {
     Restore(Restore),
 }
 
-/// The axes whose mode of operation has to be restored.
+/// Which axes wait for the restore of their mode of operation, and the restore in progress.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Restores {
     /// For each axis number, the slaves on which the mode of that axis has to be restored.
     due: [SlaveSet; MAX_AXES],
-    /// For each axis in `due`, the number of failed attempts.
+    /// For each axis in `due`: how many attempts to restore its mode have failed.
     failed: [[u8; MAX_AXES]; MAX_SLAVES],
     running: Option<Restore>,
 }
@@ -97,7 +97,7 @@ impl Engine {
         if self.volatile.restores.due.iter().all(|due| due.is_empty()) {
             return;
         }
-        // The mode of a lost slave cannot be written by SDO.
+        // A lost slave takes no SDO, so its mode cannot be written.
         let not_yet = self.homing_slaves().union(self.network().lost());
         let restores = &mut self.volatile.restores;
         let due = (0..MAX_AXES).flat_map(|axis| restores.due[axis].iter().map(move |slave| Restore { slave, axis }));

@@ -38,7 +38,7 @@ impl SdoTransfer {
         }
     }
 
-    /// Slave and object of a download; `None` for an upload.
+    /// The slave and object that the transfer writes; `None`: it is an upload.
     fn written(&self) -> Option<(u8, ObjectAddress)> {
         self.write.map(|_| (self.slave, self.object))
     }
@@ -71,7 +71,7 @@ impl SdoSlot {
         Self { answer: RawSlot::ZERO, running: None, waiting: None, held: None }
     }
 
-    /// The SDO slot of the response.
+    /// The content of the SDO slot of the response.
     pub(super) const fn answer(&self) -> &RawSlot {
         &self.answer
     }
@@ -93,7 +93,7 @@ impl SdoSlot {
         self.held.replace(transfer).map_or(Accepted::New, |replaced| Accepted::Replaces(replaced.id()))
     }
 
-    /// Whether a transfer is waiting that the host requested at `by` or earlier.
+    /// Whether a transfer is waiting that the host has requested at the time `by` or earlier.
     pub(super) fn waits_since(&self, by: Ns) -> bool {
         self.waiting.is_some_and(|transfer| transfer.asked_at <= by)
     }
@@ -114,7 +114,7 @@ impl SdoSlot {
         self.running.as_ref().and_then(SdoTransfer::written)
     }
 
-    /// The bus has started the waiting transfer.
+    /// Called when the bus has started the waiting transfer.
     pub(super) fn started(&mut self) {
         self.running = self.waiting.take();
     }

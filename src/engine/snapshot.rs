@@ -27,7 +27,7 @@ impl Leds {
     }
 }
 
-/// The state of a board at one moment.
+/// The state of a board at one moment, as [`Board::snapshot`] takes it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Snapshot {
     /// The time of the snapshot, board time.
@@ -39,9 +39,9 @@ pub struct Snapshot {
     /// The BUSY pin between two exchanges: high from a boot until the first PreOP after it. An SPI host that ignores
     /// the pin reads zeros meanwhile (SK-4, SK-10).
     pub busy: bool,
-    /// The LEDs that show the state.
+    /// The two LEDs that show the state of the network.
     pub leds: Leds,
-    /// LEDR1, power: always on.
+    /// The power LED, LEDR1: always on.
     pub power: bool,
     /// The yellow LED of the network socket, 100 Mbit/s: on while frames come back, since a simulated bus reports
     /// nothing else about its link.

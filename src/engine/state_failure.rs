@@ -14,7 +14,7 @@ const WRONG_WATCHDOG: u16 = AlStatus::INVALID_WATCHDOG.0;
 /// A slave that has left SafeOP or OP by itself, with its AL status code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlaveFall {
-    /// Slave, from 1.
+    /// The number of the slave, counted from 1.
     pub slave: u8,
     /// The AL status code (ETG.1000.6 table 11).
     pub al_status: u16,
@@ -54,9 +54,9 @@ pub enum StateFailure {
     /// In the change from PreOP to SafeOP a slave has refused the process data of its declared kind. The usual cause is
     /// a slave that no SET_AXIS has declared: it counts as IO.
     Declared {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
-        /// The kind that SET_AXIS has declared; IO if the slave is undeclared.
+        /// The kind of slave that SET_AXIS has declared; IO if the slave is undeclared.
         kind: SlaveKind,
         /// The AL status code (ETG.1000.6 table 11), 0 if there was none.
         al_status: u16,
@@ -66,14 +66,14 @@ pub enum StateFailure {
     /// DRIVE_MODE has given a slave a mode for which its kind has no process data (SK-7): CST to an HSP, or a mode
     /// other than CSP to a STEP.
     Mode {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
-        /// The kind that SET_AXIS has declared.
+        /// The kind of slave that SET_AXIS has declared.
         kind: SlaveKind,
     },
     /// A slave has refused a state.
     Refused {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
         /// The state that the slave has refused.
         target: MasterState,
@@ -83,17 +83,17 @@ pub enum StateFailure {
     /// A slave refuses the watchdog time after which it leaves OP without outputs (registers 0x0400 and 0x0420), or
     /// reports it as invalid.
     Watchdog {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
     },
     /// A slave has not answered.
     Silent {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
     },
     /// A slave answers, but has not reached the state, and shows no AL status code.
     WithoutReason {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
         /// The state that the slave had to reach.
         target: MasterState,
@@ -102,19 +102,19 @@ pub enum StateFailure {
     Hardware(HardwareLimit),
     /// The change of state exceeded its timeout.
     Late {
-        /// The next state that the network had to reach.
+        /// The state that the network had to reach next.
         target: MasterState,
     },
     /// A slave has left SafeOP or OP by itself.
     Lost {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
     },
     /// A slave has left SafeOP or OP by itself and shows an AL status code.
     Fell(SlaveFall),
     /// A slave answers, but its inputs are stale: the working counter beside them was wrong for too long.
     Stale {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
     },
 }

@@ -144,7 +144,7 @@ impl Stepped {
         board.advance(to, &mut |frame, at| reports.push(frame, at));
         let (now, is_same_boot) = (board.now(), board.engine().boots() == *boots);
         let is_gone = board.cards_gone().is_some_and(|gone| gone.is_all);
-        // A thread that waits for the lock gets it next.
+        // A fair unlock gives the lock to a waiting thread first.
         MutexGuard::unlock_fair(state);
         match (is_gone, is_same_boot) {
             (true, _) => Err(Stop::BusGone),

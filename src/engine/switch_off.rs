@@ -1,4 +1,4 @@
-//! Switching a board off: its drives are brought to a standstill first.
+//! Switches a board off after its drives were brought to a standstill.
 
 use super::Board;
 use crate::fieldbus::{Ns, SlaveSet};

@@ -12,10 +12,10 @@ pub const ONE_ON_NS: Ns = 250_000_000;
 /// The number of digital outputs of an IO slave.
 const OUTPUTS: u64 = 16;
 
-/// The phase of the output test.
+/// The progress of the output test.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum TestPhase {
-    /// The board has not reached PreOP since it booted.
+    /// The board has not reached PreOP since its boot.
     #[default]
     Booting,
     /// The board has requested OP once. The test starts from the beginning whenever the network is in OP.

@@ -27,13 +27,13 @@ const TURN_WAIT_MAX: Duration = Duration::from_micros(125);
 /// How often a waiting read calls its caller back: a network that does not answer makes no reports, so the caller has
 /// to check for other reasons to stop. \[OURS]
 pub const LOOK_INTERVAL: Duration = Duration::from_millis(20);
-/// The number of events that are kept for the host's log between two calls.
+/// How many events are kept for the host's log until it fetches them by [`Threaded::take_events`].
 const EVENTS_KEPT: usize = 32;
 
-/// How late the cycles of the runner began.
+/// How late the runner's cycles began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Lateness {
-    /// The number of cycles that have run.
+    /// The number of cycles that the runner has run.
     pub cycles: u64,
     /// The longest delay of a cycle after its deadline, nanoseconds of machine time.
     pub worst_ns: u64,
@@ -57,7 +57,7 @@ struct Shared {
     cycles: AtomicU64,
     worst_ns: AtomicU64,
     skipped_ns: AtomicU64,
-    /// When the next cycle is due, board time.
+    /// When the next cycle of the board is due, board time.
     due: AtomicU64,
     /// Cycles that are later than this are skipped, nanoseconds of board time.
     late_max_ns: AtomicU64,
@@ -88,7 +88,7 @@ impl Shared {
         }
     }
 
-    /// Ends the interface when the last network card is gone.
+    /// Records the loss of network cards. Ends the host interface when the last card is gone.
     fn note_cards(&self, gone: CardsGone) {
         // If a loss was recorded before, that one stays.
         if gone.is_all {
@@ -111,7 +111,7 @@ struct Writes {
     skipped: Ns,
 }
 
-/// A board on the real clock.
+/// A board in real time: a thread runs its cycles.
 pub struct Threaded {
     shared: Arc<Shared>,
     clock: Arc<Clock>,
@@ -262,7 +262,7 @@ impl Threaded {
         (shown.events.drain(..).collect(), shown.counters, shown.now)
     }
 
-    /// How late the cycles have begun so far.
+    /// How late the runner's cycles have begun so far.
     pub fn lateness(&self) -> Lateness {
         Lateness {
             cycles: self.shared.cycles.load(Ordering::Relaxed),

@@ -123,7 +123,7 @@ impl Unexecuted {
         }
     }
 
-    /// Advice for the user about this cause.
+    /// Advice for users about this cause.
     pub const fn advice(self) -> &'static str {
         match self {
             Self::Full => {

@@ -13,7 +13,8 @@ use crate::sk::{CommandId, CycleTime, DriveSync, Frame, SlaveKind};
 /// may deliver older answers later, which do not show whether the slave is in the new state.
 pub(super) type AnswersValidFrom = [Ns; MAX_SLAVES];
 
-/// The CRC switches of SET_EX.
+/// The two switches that SET_EX sets: whether the board checks the CRC of commands, and whether it fills in that of
+/// responses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct CrcSwitches {
     pub(super) check_commands: bool,
@@ -52,13 +53,13 @@ pub(super) struct Volatile {
     /// When the engine gives the bus the declared configuration to prepare, board time; `None`: the bus has it already.
     pub(super) told_at: Option<Ns>,
     pub(super) network: Network,
-    /// The reason of the newest failed change of state.
+    /// Why the newest failed change of state has failed.
     pub(super) failure: Option<StateFailure>,
     /// The cycle time, and below the roles and synchronization types, that are in force: as configured in the last
     /// change to SafeOP.
     pub(super) cycle_in_op: CycleTime,
     pub(super) roles: [Role; MAX_SLAVES],
-    /// The pulse modules that have two channels.
+    /// The pulse modules that have a second axis.
     pub(super) second_axes: SlaveSet,
     pub(super) syncs: [DriveSync; MAX_SLAVES],
     pub(super) answers_valid_from: AnswersValidFrom,

@@ -37,12 +37,12 @@ pub enum Job {
     },
 }
 
-/// The result of a job.
+/// The result of a job, when it has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JobDone {
     /// The scan has ended.
     Scan {
-        /// How many slaves were found, 0..=40.
+        /// How many slaves the scan has found, 0..=40.
         found: u8,
     },
     /// The slaves are configured, or the error names the first one that refused.
@@ -56,7 +56,7 @@ pub enum JobDone {
 /// The result of an SDO: the value that was read (zero-extended) or written, or the abort code.
 pub type SdoDone = Result<u32, AbortCode>;
 
-/// The result of a successful [`Job::Configure`].
+/// What is known after a successful [`Job::Configure`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Configured {
     /// Slaves of [`Role::Hsp`](super::Role::Hsp) that have a second axis: this is known because their controlword 0x6840 can be
@@ -70,7 +70,7 @@ pub struct Configured {
 /// A slave that has refused a configuration or a change of state, or has not answered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Refusal {
-    /// Slave, from 1.
+    /// The number of the slave, counted from 1.
     pub slave: u8,
     /// The AL status code of the slave (ETG.1000.6 table 11); 0 if the slave has not answered, [`Self::WITHOUT_REASON`] if
     /// it answers but has no code.
@@ -89,7 +89,7 @@ impl Refusal {
         Self { slave, al_status, abort: None }
     }
 
-    /// The refusal for a slave that has not answered.
+    /// The refusal that stands for a slave that has not answered.
     pub(crate) const fn no_answer(slave: u8) -> Self {
         Self::of(slave, AlStatus::NONE)
     }

@@ -119,16 +119,16 @@ impl Role {
 /// The requested configuration of one slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlaveConfig {
-    /// What the slave is used as.
+    /// What the slave is used as, which decides its process data.
     pub role: Role,
-    /// Synchronization type, 0x1C32:1 and 0x1C33:1.
+    /// Synchronization type of the slave, written to 0x1C32:1 and 0x1C33:1.
     pub sync: DriveSync,
 }
 
 /// The configuration that slaves need before they can go to SafeOP.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BusConfig {
-    /// The EtherCAT cycle in OP.
+    /// The EtherCAT cycle time in OP.
     pub cycle: CycleTime,
     /// The slaves to be configured. All other slaves keep their configuration and their state: slaves that were lost are
     /// configured again while the others stay in OP.
@@ -174,7 +174,7 @@ pub type SlaveIn = [AxisIn; MAX_AXES];
 pub struct Outputs {
     /// The id that the engine gives this set of outputs; it comes back in [`CycleDone::outputs`].
     pub id: u64,
-    /// Slave n is `slaves[n - 1]`.
+    /// The outputs of slave n are `slaves[n - 1]`.
     pub slaves: [SlaveOut; MAX_SLAVES],
 }
 
@@ -265,7 +265,7 @@ pub struct Cleared {
 /// Why a bus does not accept a set of outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BusError {
-    /// [`Fieldbus::room`] was 0.
+    /// The bus has no room for a set of outputs: [`Fieldbus::room`] was 0.
     #[error("the bus takes no more outputs now; push again when a cycle has passed")]
     Full,
     /// Frames reach no slave: the cable before the first one is cut, or the interface is down.
@@ -279,18 +279,18 @@ pub enum RingState {
     /// No frame has come back yet.
     #[default]
     Unknown,
-    /// No cable is cut.
+    /// No cable is cut: frames pass all slaves from one card to the other.
     Whole,
-    /// A cable between two slaves is cut.
+    /// A cable between two slaves is cut, but each slave can be reached from one of the cards.
     Open,
-    /// Frames from the first card reach no slave.
+    /// Frames from the first card reach no slave, so only the second card is used.
     FirstDead,
-    /// Frames from the second card reach no slave.
+    /// Frames from the second card reach no slave, so only the first card is used.
     SecondDead,
 }
 
 impl RingState {
-    /// Whether the next cut would disconnect slaves.
+    /// Whether the ring is not whole, so that the next cut would disconnect slaves.
     pub const fn is_broken(self) -> bool {
         matches!(self, Self::Open | Self::FirstDead | Self::SecondDead)
     }
@@ -321,7 +321,7 @@ impl Strangers {
 /// to be opened again.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CardsGone {
-    /// The names of the cards, and what to do.
+    /// The names of the cards, and what the user can do, as text.
     pub text: Arc<str>,
     /// Whether no card is left, so that no frame reaches a slave any more.
     pub is_all: bool,
@@ -329,7 +329,7 @@ pub struct CardsGone {
 
 /// An EtherCAT network as the engine uses it. The module documentation describes the calls.
 pub trait Fieldbus: Send {
-    /// Returns who decides when a cycle runs. The answer never changes.
+    /// Returns who decides when a cycle runs. The result never changes.
     fn pacing(&self) -> Pacing;
 
     /// Starts a job.

@@ -23,7 +23,7 @@ pub const IMAGE_BYTES_MAX: usize = MAX_AXES * longest(Table::LENGTHS);
 /// The object that shows whether a pulse module has a second axis: only then it can be read \[OURS].
 pub const SECOND_CONTROLWORD: ObjectAddress = ObjectAddress::new(CONTROLWORD + SECOND_AXIS_OFFSET, 0);
 
-/// A field of [`AxisOut`].
+/// A field of [`AxisOut`] to which an object can be mapped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum OutWord {
     Controlword,
@@ -31,7 +31,7 @@ enum OutWord {
     Outputs,
 }
 
-/// A field of [`AxisIn`].
+/// A field of [`AxisIn`] to which an object can be mapped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum InWord {
     Statusword,

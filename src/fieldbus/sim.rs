@@ -40,9 +40,9 @@ struct Station {
     process_data: Option<ProcessData>,
 }
 
-/// A simulated EtherCAT network.
+/// A bus with simulated slaves.
 pub struct SimBus {
-    /// The slaves in the order of the cable.
+    /// The simulated slaves in the order of the cable.
     stations: Vec<Station>,
     timing: Timing,
     handle: SimHandle,

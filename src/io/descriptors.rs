@@ -5,12 +5,12 @@
 pub const REPORT_LEN: usize = 512;
 /// bInterfaceClass of a HID interface.
 pub const HID: u8 = 3;
-/// The bit of bEndpointAddress that marks an endpoint to the host.
+/// The direction bit of bEndpointAddress: set for an endpoint that sends to the host.
 pub const TO_HOST: u8 = 0x80;
 
 /// The bits of bmAttributes that give an endpoint's transfer type.
 const TRANSFER_TYPE: u8 = 0x03;
-/// The transfer type "interrupt".
+/// The transfer type "interrupt" in bmAttributes.
 const INTERRUPT: u8 = 0x03;
 /// The bits of wMaxPacketSize that give the size of a packet in bytes. The bits above them count packets per
 /// microframe.
@@ -36,7 +36,7 @@ pub enum NotTheBoard {
          enumerated; plug it into this machine, or into a hub with a power supply of its own"
     )]
     Unconfigured,
-    /// The descriptors cannot be read or contradict each other.
+    /// The descriptors cannot be read, or they contradict each other.
     #[error("its descriptors cannot be read")]
     Descriptors,
     /// The device has no HID interface.

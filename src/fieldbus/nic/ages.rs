@@ -3,7 +3,7 @@
 use crate::ethercat::{Ns, SlaveSet};
 use crate::fieldbus::{MAX_SLAVES, is_stale};
 
-/// The age of a slave's inputs.
+/// How old the inputs of one slave are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Age {
     /// The number of cycles since the one in which the inputs were received.
@@ -12,7 +12,7 @@ struct Age {
     since: Ns,
 }
 
-/// The ages of the inputs of all slaves.
+/// How old the inputs of each slave are.
 #[derive(Debug)]
 pub(super) struct Ages {
     of: [Age; MAX_SLAVES],

@@ -78,7 +78,7 @@ impl ChainWires {
         self.slaves.leave(predecessor, self.now);
     }
 
-    /// Connects a second card to the last slave, or disconnects it.
+    /// Connects a second network card behind the last slave, which makes a ring, or disconnects it.
     pub fn connect_second(&mut self, is_connected: bool) {
         self.slaves.connect_second(is_connected);
     }

@@ -18,13 +18,13 @@ use crate::master::place::{Place, place};
 use crate::master::{Ending, Job, JobId, MailboxError, Master, ProcessManager, SdoError, SlaveInfo, SyncSignals};
 use crate::sk::{CycleTime, DriveSync};
 
-/// How many slaves are configured at the same time. \[OURS]
+/// The maximum number of slaves that are configured at the same time. \[OURS]
 const AT_ONCE: usize = 8;
 /// The timeout for an SDO of a configuration, ns. \[OURS]
 const SDO_TIMEOUT_NS: Ns = 1_000_000_000;
 /// The maximum number of sync managers of a slave whose purposes are read. \[OURS]
 const MANAGERS_MAX: usize = 8;
-/// The object with the purposes of the sync managers.
+/// The object with the types of the sync managers (mailbox, outputs, inputs).
 const MANAGER_USES: u16 = 0x1C00;
 /// How often an SDO transfer is tried again while the slave's mailbox is busy with an answer to an earlier, abandoned request.
 /// \[OURS]
@@ -165,7 +165,7 @@ impl OneSlave {
         if present.is_some_and(|status| status.state() != Some(AlState::PreOp)) {
             return Err(Refusal::of(self.slave, AlStatus::INVALID_CHANGE));
         }
-        // A slave that is not used does not need to answer (SK-4 [OURS]).
+        // A slave that is not used need not answer: nothing is written to it (SK-4 [OURS]).
         if role == Role::Unused {
             // `configure` fails only if process data are too long, and here they have 0 bytes.
             let _ = self.master.lock().configure(slave, 0, 0);
@@ -246,7 +246,7 @@ impl OneSlave {
         let configured = master
             .configure(self.slave, data.output_bytes() as u16, data.input_bytes() as u16)
             .and_then(|()| master.set_sync(self.slave, sync));
-        // An error means that the master cannot exchange these process data.
+        // An error means that the master cannot exchange these process data with the slave.
         configured.map_err(|_| Refusal::of(self.slave, AlStatus::INVALID_OUTPUTS)).map(|()| Some(data))
     }
 

@@ -185,7 +185,7 @@ impl<W: NicWires> NicBus<W> {
         let SdoRequest { slave, object, write, timeout_ns } = request;
         let mut master = self.master.lock();
         let transfer = match write {
-            // The board shows only the first 4 bytes of a longer value (SK-6).
+            // An upload has at most 4 bytes: of a longer value the board shows only the first 4 (SK-6).
             None => Transfer::Upload(master.upload_number(slave, object, SdoScope::Entry, timeout_ns)),
             Some((size, value)) => {
                 let bytes = &value.to_le_bytes()[..usize::from(size.bytes())];

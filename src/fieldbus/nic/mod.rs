@@ -75,7 +75,7 @@ pub use wires::{CardPair, NicWires};
 /// \[OURS]
 pub const ANSWER_WAIT: (Ns, Ns) = (3, 4);
 
-/// The time of [`ANSWER_WAIT`], ns.
+/// The time that [`ANSWER_WAIT`] gives for this cycle time, ns.
 const fn answer_wait_ns(cycle: CycleTime) -> Ns {
     let (share, of) = ANSWER_WAIT;
     cycle.ns() / of * share
@@ -98,13 +98,13 @@ const STOOD_STILL_TOLD_NS: Ns = 1_000_000_000;
 struct Standstill {
     /// When the frames of the newest cycle were sent; `None`: the newest cycle exchanged no process data.
     sent_at: Option<Ns>,
-    /// The length of the gap, and when it ended.
+    /// The length of the gap in ns, and below the time at which it ended.
     ns: Ns,
     ended: Ns,
 }
 
 impl Standstill {
-    /// Records that the frames of a cycle are sent.
+    /// Called when the frames of a cycle are sent: records a gap before them.
     fn note(&mut self, now: Ns) {
         let gap = self.sent_at.map_or(0, |before| now.saturating_sub(before));
         self.sent_at = Some(now);
@@ -124,7 +124,7 @@ impl Standstill {
 struct Station {
     /// The AL state that the newest job brought the slave to. The slave may have left it by itself.
     commanded: AlState,
-    /// The mapped process data; `None`: none are mapped.
+    /// The process data that are mapped in the slave; `None`: none are mapped.
     process_data: Option<ProcessData>,
 }
 
@@ -137,7 +137,7 @@ struct RunningSdo {
     until: Ns,
 }
 
-/// A network at the end of a network card.
+/// A network behind a network card, or behind two that make a ring.
 pub struct NicBus<W> {
     wires: W,
     /// The master, shared with the futures of a configuration.
@@ -155,7 +155,7 @@ pub struct NicBus<W> {
     lost_from: [Option<u64>; MAX_SLAVES],
     ages: Ages,
     standstill: Standstill,
-    /// The outputs of the newest push.
+    /// The outputs that the engine has pushed last.
     outputs: Outputs,
     /// Whether `outputs` are new: no frame that carried them has been answered yet.
     has_new_outputs: bool,
@@ -166,12 +166,12 @@ pub struct NicBus<W> {
     /// The id of the newest outputs that were carried by a frame and whose answer has come.
     sent: Option<u64>,
     missed: UnreachedOutputs,
-    /// The newest inputs of all slaves.
+    /// The newest inputs received from all slaves.
     inputs: Box<[super::SlaveIn; MAX_SLAVES]>,
-    /// The number of consecutive cycles without an answer.
+    /// The number of cycles in a row without an answer.
     unanswered: u32,
     job: Option<Running>,
-    /// The slots for a configuration, while none is running.
+    /// The slots for a configuration, kept for the next one; `None`: a configuration uses them, or there was none yet.
     spare: Option<Box<Configuring>>,
     sdo: Option<RunningSdo>,
     job_done: Option<JobDone>,
@@ -230,7 +230,7 @@ impl<W: NicWires> NicBus<W> {
         &mut self.stations[usize::from(slave) - 1]
     }
 
-    /// The slaves that were found.
+    /// All slaves that the last scan has found.
     const fn all(&self) -> SlaveSet {
         SlaveSet::first(self.found)
     }

@@ -34,11 +34,11 @@ struct Flight {
     /// The frame as it was sent or, once it is back at the first card, as it came back.
     frame: FrameBuffer,
     len: usize,
-    /// The frame is back at the first card and waits for its probe.
+    /// Whether the frame is back at the first card and waits for its probe.
     is_back: bool,
-    /// The end at which the probe has come back.
+    /// The end of the line at which the probe has come back; `None`: it has not.
     probe: Option<CableEnd>,
-    /// The frame was forwarded through the second card.
+    /// Whether the frame was forwarded through the second card.
     is_forwarded: bool,
     /// When the missing frame or probe counts as lost; `None`: nothing is waited for.
     due: Option<Ns>,
@@ -59,7 +59,7 @@ impl Flight {
 /// A ring as one wire for the master: a line of slaves with a network card at each end.
 pub struct Ring<P> {
     pair: P,
-    /// The source address of the probes.
+    /// The source MAC address of the probes, by which they are recognised.
     probe_source: [u8; 6],
     flights: Vec<Flight>,
     /// The earliest time at which the missing frame or probe of a frame in flight counts as lost.
@@ -73,7 +73,7 @@ enum Came {
     Probe(u8),
     /// A frame of the master, with its index, and whether it has passed a slave.
     Own(u8, bool),
-    /// Any other frame.
+    /// A frame that is neither of the master nor a probe.
     Other,
 }
 
@@ -83,7 +83,7 @@ impl<P: CardPair> Ring<P> {
         Self { pair, probe_source, flights: vec![Flight::UNUSED; 256], next_due: None, state: RingState::default() }
     }
 
-    /// The two cards.
+    /// The two network cards of the ring.
     pub const fn pair(&self) -> &P {
         &self.pair
     }
@@ -152,7 +152,7 @@ impl<P: CardPair> Ring<P> {
         match self.judge(&buffer[..len]) {
             Came::Other => Some(len),
             Came::Probe(index) => {
-                // A probe reaches the first card only if the ring is whole.
+                // A probe from the second card reaches the first card only if no cable is cut.
                 match end {
                     CableEnd::First => self.state = RingState::Whole,
                     CableEnd::Last if self.state == RingState::SecondDead => self.state = RingState::Open,

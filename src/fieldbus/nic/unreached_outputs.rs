@@ -5,11 +5,11 @@ use crate::ethercat::Ns;
 
 /// A cycle whose frames have come back, as far as the record of unreached outputs needs it.
 pub(super) struct Cycle {
-    /// When it was sent, on the wires' clock.
+    /// When the frames of the cycle were sent, on the wires' clock.
     pub(super) sent_at: Ns,
     /// The id of the outputs that the cycle carried for the first time; `None`: it repeated outputs.
     pub(super) outputs: Option<u64>,
-    /// The id of the newest outputs that were sent.
+    /// The id of the newest outputs that were sent by this cycle.
     pub(super) sent: Option<u64>,
     /// The working counter of the cycle, and its value if every slave answers.
     pub(super) working_counters: [u16; 2],
@@ -28,14 +28,14 @@ pub(super) struct Cycle {
 pub(super) struct UnreachedOutputs {
     /// The id of the first outputs that may not have reached all slaves; `None`: all outputs have.
     from: Option<u64>,
-    /// The number of sets of outputs from `from` on.
+    /// How many sets of outputs, from `from` on, may not have reached all slaves.
     sets: u32,
     /// The working counter of the newest cycle.
     counted: u16,
     /// When the newest cycle with a lower working counter than the one before was sent; `None` once the AL states of all
     /// slaves have been read since.
     fewer_at: Option<Ns>,
-    /// When the master requested the AL states that it has read last.
+    /// When the master requested the AL states that it has read completely last.
     read_at: Option<Ns>,
     /// The id of the next outputs when those AL states became known, and the same for the states that were read before
     /// them. Outputs with a lower id found all slaves in OP that were not lost.
@@ -72,7 +72,8 @@ impl UnreachedOutputs {
         // one. So if the working counter is lower than before, such a slave may be the cause, until the states of all
         // slaves have been read.
         if cycle.is_short || cycle.has_lost && self.fewer_at.is_some() {
-            // Outputs that the cycle repeated had reached every slave before.
+            // If the cycle repeated outputs, these had reached every slave before, so the next outputs are the first in
+            // doubt.
             self.from = self.from.or(cycle.outputs).or(cycle.sent.map(|sent| sent + 1));
             self.sets += u32::from(cycle.outputs.is_some());
             return 0;
@@ -96,9 +97,9 @@ impl UnreachedOutputs {
         self.known_from = [after(sent), known_from];
     }
 
-    /// Names a slave as lost, and returns the id of the first outputs that may not have reached it, as far as it is known.
-    /// `is_hidden`: other slaves were lost already. A slave that leaves OP but still increments the working counter is then
-    /// not noticed at once if a lost slave is in the same state.
+    /// Called when a slave is named as lost: returns the id of the first outputs that may not have reached it, as far as it is
+    /// known. `is_hidden`: other slaves were lost already. Then a slave that leaves OP but still increments the working counter
+    /// may be noticed late, because a lost slave in the same state adds as much.
     pub(super) fn name(&mut self, is_hidden: bool) -> Option<u64> {
         self.sets = 0;
         let [_, unseen_from] = self.known_from;

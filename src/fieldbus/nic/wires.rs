@@ -9,7 +9,7 @@ pub trait NicWires: Wire {
     /// The time on the clock of the wires in nanoseconds. The master uses this time.
     fn now(&self) -> Ns;
 
-    /// Waits until a frame has come, at most until the time `until`.
+    /// Waits until a frame has been received, at most until the time `until`.
     fn wait(&mut self, until: Ns);
 
     /// Whether the clock advances by itself. Otherwise it advances only during waits.

@@ -8,12 +8,12 @@ use crate::fieldbus::{CycleDone, Inputs};
 use crate::xf::DataSize;
 use crate::xf::host::Wires;
 
-/// The maximum number of bytes of process data in one direction.
+/// The maximum number of bytes of process data in one direction: as many as the largest packet holds.
 pub(super) const IMAGE_MAX: usize = DataSize::MAX.bytes();
 /// The maximum number of answers that are kept until they are polled; if there are more, the oldest is lost. \[OURS]
 pub(super) const ANSWERS: usize = 128;
 
-/// The answer of a cycle of the chip.
+/// What the chip has answered about one of its cycles.
 #[derive(Clone, Debug)]
 pub(super) struct Answer {
     /// When the cycle ran, on the wires' clock.
@@ -113,7 +113,7 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// Fills in the inputs of the newest cycle.
+    /// Copies the inputs of the newest polled cycle, with what is known of lost and stale slaves, into `inputs`.
     pub(super) fn fill(&self, inputs: &mut Inputs) {
         let network = &self.network;
         let in_safe_op = network.at_least(AlState::SafeOp);

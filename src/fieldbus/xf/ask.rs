@@ -10,9 +10,9 @@ use crate::xf::request::{
     SlaveInfoItem, SlaveNumber, Slaves, StateGet, StateSet, StateUpdate,
 };
 
-/// The timeout for the initialisation of the network, ns. \[OURS]
+/// The timeout for the command that initialises the network, ns. \[OURS]
 const INIT_NS: Ns = 30_000_000_000;
-/// The timeout for any other command, ns. \[OURS]
+/// The timeout for any other command that waits for slaves, ns. \[OURS]
 const COMMAND_NS: Ns = 10_000_000_000;
 
 /// The number of bytes that are requested of a mapping object: the driver of a chip may report an error if the object is longer
@@ -33,7 +33,7 @@ pub(super) enum Ask {
     /// Brings one slave to a state; `None`: all slaves.
     Enter(Option<u8>, AlState),
     UpdateStates,
-    /// Reads the lowest state of all slaves.
+    /// Reads the lowest AL state of all slaves.
     StateOfAll,
     StateOf(u8),
     Info(u8, SlaveInfoItem),
@@ -63,7 +63,7 @@ pub(super) enum Ask {
         timeout_ns: Ns,
     },
     Reconfig,
-    /// Makes these pins outputs.
+    /// Makes those GPIO pins of the chip outputs whose bits are set.
     OutputPins(u16),
     RxEntries(u8),
     TxEntries(u8),
@@ -209,7 +209,7 @@ impl Asked {
     }
 }
 
-/// The first 4 bytes of a value as a number, the missing ones being 0.
+/// The first 4 bytes of a value as a little-endian number. Missing bytes count as 0.
 fn little_endian(bytes: &[u8]) -> u32 {
     let mut word = [0; 4];
     let len = bytes.len().min(4);

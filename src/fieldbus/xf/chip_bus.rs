@@ -26,10 +26,10 @@ const LATE_MAX_NS: Ns = 1_000_000_000;
 /// The maximum interval at which the chip is polled for the end of a command while no slave is in OP, ns. In OP process data
 /// have priority. \[OURS]
 const BUSY_POLL_NS: Ns = 200_000;
-/// The time after which a stopped driver is started again, ns. \[OURS]
+/// How long after an error the stopped driver is started again, ns. \[OURS]
 const RESTART_NS: Ns = 100_000_000;
 
-/// Whether the chip was set to short packets.
+/// Whether the chip was set to short packets after its start, see [`ChipBus::shorten`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Shortening {
     Due,
@@ -57,11 +57,11 @@ pub(super) struct ChipBus<W> {
     pub(super) ahead: Ahead,
     /// Whether the async function of the job has made progress in this turn, so that it is polled once more.
     pub(super) has_gone_on: bool,
-    /// The slaves' states as the job has read them last; `None`: no answer.
+    /// The AL states of the slaves as the running job has read them last; `None`: no answer.
     pub(super) states: [Option<AlState>; MAX_SLAVES],
-    /// The part of the job that is running.
+    /// Which part of the running job is being executed.
     pub(super) part: Part,
-    /// Whether the chip was set to short packets after its start.
+    /// Whether the chip was set to short packets after its start, see [`Self::shorten`].
     pub(super) shortening: Shortening,
     /// The interval at which the chip is polled for the end of a command while slaves are in OP, ns.
     pub(super) busy_poll_in_op_ns: Ns,
@@ -95,7 +95,7 @@ pub(super) struct ChipBus<W> {
     pub(super) next_read: Ns,
     /// When the newest received cycle of the chip ran, on the wires' clock.
     pub(super) newest_cycle: Ns,
-    /// Whether cycles with their inputs may have been lost since then.
+    /// Whether cycles and their inputs may have been lost since `newest_cycle`.
     pub(super) gap: bool,
     pub(super) lost_cycles: u32,
     /// The number of sets of outputs that were given up since the newest cycle was polled.
@@ -116,7 +116,7 @@ pub(super) struct ChipBus<W> {
     pub(super) told_lost: SlaveSet,
     pub(super) taking_down: TakingDown,
     pub(super) pins: PinSetup,
-    /// The levels of the chip's pins for the local outputs.
+    /// The levels of the GPIO pins that are local outputs.
     pub(super) local_levels: u16,
     pub(super) stopped_at: Option<Ns>,
     pub(super) counters: XfBusCounters,
@@ -212,7 +212,8 @@ impl<W: Wires> ChipBus<W> {
         let at = self.wires.now();
         let since = *self.stopped_at.get_or_insert(at);
         if at.saturating_sub(since) >= RESTART_NS && matches!(error, StepError::Host(_)) {
-            // The start switches the chip's FIFO off, whatever the state of the slaves.
+            // The restart of the driver switches the chip's FIFO off, whatever the state of the slaves: everything in
+            // it is lost.
             self.lose_all();
             self.taking_down = TakingDown::Due;
             if self.shortening == Shortening::UnderWay {

@@ -12,7 +12,7 @@ use crate::xf::request::Fifos;
 /// they lag two exchanges).
 pub(super) const SETTLED: u64 = 3;
 
-/// The progress of a clear.
+/// The steps of a clear.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Clearing {
     Idle,

@@ -100,7 +100,7 @@ impl<W: Wires> ChipBus<W> {
         self.flying.iter().map(Flying::sets).sum()
     }
 
-    /// Drops the sets of outputs that were not given to the driver yet.
+    /// Drops the waiting sets of outputs that were not given to the driver yet.
     pub(super) fn drop_queue(&mut self) {
         self.queue.truncate(self.sets_under_way());
     }

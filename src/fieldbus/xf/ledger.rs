@@ -14,7 +14,7 @@ use std::collections::VecDeque;
 
 /// How many of the newest states of `W` and `R` the levels of a header may belong to (OBS: they lag two exchanges).
 const LAG: usize = 3;
-/// The number of headers that are remembered.
+/// How many of the newest answer headers are remembered.
 const SAMPLES: usize = 4;
 /// The number of milestones that are remembered: as many as the chip keeps cycles.
 const MILESTONES: usize = 64;
@@ -25,7 +25,7 @@ const MILESTONES: usize = 64;
 struct Moment {
     sent: u64,
     cycles: u64,
-    /// The number of sets of outputs that were certainly in the RxFIFO.
+    /// How many sets of outputs were certainly in the RxFIFO at this moment.
     waiting: u64,
 }
 
@@ -46,7 +46,7 @@ struct State {
     read: u64,
 }
 
-/// The record of outputs and cycles since the bus was created.
+/// Counts sets of outputs and cycles since the bus was created, and derives which sets each cycle has sent.
 #[derive(Clone, Debug)]
 pub(super) struct Ledger {
     /// The counts after the newest exchanges, the newest last.
@@ -165,7 +165,7 @@ impl Ledger {
         }
     }
 
-    /// The number of cycles that were read.
+    /// The number of cycles that were read from the chip.
     pub(super) fn cycles(&self) -> u64 {
         self.newest().read
     }
@@ -192,7 +192,7 @@ impl Ledger {
         self.samples.iter().filter_map(least).max().unwrap_or(0)
     }
 
-    /// The maximum number of sets of outputs in the RxFIFO.
+    /// The maximum number of sets of outputs that may be in the RxFIFO.
     pub(super) fn ahead(&self) -> u64 {
         self.ids.len() as u64
     }
@@ -381,7 +381,7 @@ mod tests {
             ledger.exchanged([1, 2].into_iter(), 0);
             ledger.doubt([3].into_iter());
             ledger.exchanged(4..4 + behind, 0);
-            // This header may be from before the doubtful set.
+            // The first header after a doubtful set may be from before the set, so it decides nothing.
             ledger.header(0, 0);
             ledger.stop();
             ledger.cleared(level)

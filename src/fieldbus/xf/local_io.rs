@@ -8,22 +8,22 @@ use super::chip_bus::ChipBus;
 use crate::ethercat::Ns;
 use crate::xf::host::{HostState, Wires};
 
-/// The number of local inputs, and of local outputs, of a board.
+/// How many local inputs, and how many local outputs, a board has.
 const LINES: usize = 6;
 
 /// The pins of the chip that are local inputs and outputs of the board; an input or output that is not wired has no pin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LocalPins {
-    /// Input k is at GPIO `inputs[k]`, 0 to 15.
+    /// Input k is at GPIO pin `inputs[k]` of the chip, 0 to 15; `None`: it is not wired.
     pub inputs: [Option<u8>; LINES],
     /// Output k is at GPIO `outputs[k]`, 0 to 11: with every firmware the header of a packet drives these pins.
     pub outputs: [Option<u8>; LINES],
 }
 
 impl LocalPins {
-    /// The highest GPIO that can be an input.
+    /// The highest GPIO pin of the chip that can be an input.
     pub const INPUT_MAX: u8 = 15;
-    /// The highest GPIO that can be an output.
+    /// The highest GPIO pin of the chip that can be an output.
     pub const OUTPUT_MAX: u8 = 11;
 
     /// No input and no output is wired.

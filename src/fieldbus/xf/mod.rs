@@ -65,17 +65,17 @@ const ON_THE_WAY: u64 = 3;
 /// About the time of two exchanges, ns: at 24 MHz the longest packet with its idle time takes less than this, and two of them
 /// hardly more. \[OURS]
 const CATCH_UP_NS: Ns = 1_000_000;
-/// The memory of both FIFOs together, bytes (XF EN 1236).
+/// The size of the chip's memory for both FIFOs together, bytes (XF EN 1236).
 const FIFO_MEMORY: usize = 0x4000;
 
-/// The counters of a bus.
+/// The counters of a bus over an ECM-XF.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct XfBusCounters {
-    /// Sets of outputs that the chip has not accepted, or of which this is not known.
+    /// How many sets of outputs were given up, because the chip has not accepted them or it is unknown whether it has.
     pub sets_lost: u64,
-    /// Cycles whose inputs were lost.
+    /// How many cycles of the chip were not reported because their inputs were lost.
     pub cycles_lost: u64,
-    /// Resets of the chip.
+    /// How many resets of the chip were noticed.
     pub chip_resets: u64,
 }
 
@@ -108,12 +108,12 @@ impl<W: Wires + Send + 'static> XfBus<W> {
 }
 
 impl<W: Wires> XfBus<W> {
-    /// The wires, for reading their state.
+    /// The wires to the chip, for reading their state.
     pub fn wires(&self) -> impl Deref<Target = W> {
         MutexGuard::map(self.bus.lock(), |bus| &mut bus.wires)
     }
 
-    /// The wires, for causing faults.
+    /// The wires to the chip, for causing faults in tests.
     pub fn wires_mut(&mut self) -> impl DerefMut<Target = W> {
         MutexGuard::map(self.bus.lock(), |bus| &mut bus.wires)
     }

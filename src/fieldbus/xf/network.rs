@@ -94,7 +94,7 @@ impl Mapped {
 /// What is known of the objects that a configuration writes, in one slave.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Seen {
-    /// The configuration for which the objects were read.
+    /// The configuration for which the objects were read or written.
     pub config: SlaveConfig,
     pub data: ProcessData,
     pub mapped: Mapped,
@@ -140,7 +140,7 @@ pub(super) struct Network {
     pub rx_bytes: usize,
     /// The number of bytes in one TxPDO of the chip: the inputs of all slaves.
     pub tx_bytes: usize,
-    /// The number of entries of each FIFO.
+    /// The number of entries that each of the chip's FIFOs has.
     pub entries: u8,
     /// How many exchanges of process data may be in flight, 1 or 2.
     pub in_flight: usize,
@@ -198,7 +198,7 @@ impl Network {
         self.initialised && self.cycle == cycle
     }
 
-    /// The slaves that were brought to at least this state.
+    /// The slaves that jobs have brought to at least this state.
     pub(super) fn at_least(&self, state: AlState) -> SlaveSet {
         let mut slaves = SlaveSet::EMPTY;
         for (slave, commanded) in (1..=self.found).zip(self.commanded) {
@@ -214,7 +214,7 @@ impl Network {
         if self.mapped { self.configured } else { SlaveSet::EMPTY }
     }
 
-    /// The configured slaves that are not used.
+    /// The configured slaves whose role is [`Role::Unused`](crate::fieldbus::Role::Unused).
     pub(super) fn unused(&self) -> SlaveSet {
         let is_unused = |slave: &u8| self.process_data[usize::from(*slave) - 1].is_none();
         self.configured.intersection(SlaveSet::first(self.found)).iter().filter(is_unused).collect()

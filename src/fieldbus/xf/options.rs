@@ -1,4 +1,4 @@
-//! The options of a bus over a chip.
+//! The options of a bus over an ECM-XF.
 
 use super::LocalPins;
 

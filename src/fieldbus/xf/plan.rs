@@ -45,27 +45,27 @@ pub struct CycleDemand {
     pub process_bytes: usize,
     /// The number of entries that each of the chip's FIFOs has ([`fifo_entries`](super::fifo_entries)).
     pub fifo_entries: u8,
-    /// The cycle time in nanoseconds.
+    /// The cycle time that has to be kept, in nanoseconds.
     pub cycle_ns: Ns,
     /// The SPI clock in Hz; `None`: the link has no clock, and bytes take no time.
     pub clock_hz: Option<u32>,
     /// The idle time after each exchange in nanoseconds.
     pub idle_ns: Ns,
-    /// The present data segment size n of the chip.
+    /// The data segment size n that the chip has at present.
     pub present: DataSize,
     /// Whether the data segment size of the chip cannot be changed.
     pub size_is_fixed: bool,
 }
 
-/// The settings with which a cycle can be held.
+/// The settings of the chip and the bus with which a cycle time can be kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CyclePlan {
-    /// The data segment size n.
+    /// The data segment size n of the chip's packets.
     pub size: DataSize,
     /// How many exchanges of process data are in flight, 1 or 2. With 1 no set of outputs is lost as long as packets get
     /// through at all; with 2 a set that the chip has not accepted is given up and counted.
     pub in_flight: usize,
-    /// How many sets of outputs a packet carries to hold the cycle, at most 8.
+    /// How many sets of outputs each packet has to carry to keep the cycle time, at most 8.
     pub sets: u16,
     /// How many sets of outputs have to be handed over ahead of their cycle so that none is late while the host is on time:
     /// the sets in flight, and the sets that were sent before the host can know it.

@@ -32,7 +32,7 @@ const DOUBT_CYCLES: u32 = 4;
 /// The present step in reading the states of all slaves.
 #[derive(Clone, Copy, Debug, Default)]
 enum Step {
-    /// The chip reads the states of all slaves.
+    /// The chip executes STATE_UPDATE: it reads the states of all slaves.
     #[default]
     Renew,
     /// The chip returns the lowest state of all slaves: if it is OP, no slave is lost.
@@ -76,7 +76,7 @@ pub(super) struct Watch {
 #[derive(Clone, Copy, Debug)]
 pub(super) enum TakingDown {
     No,
-    /// The change to PreOP is requested as soon as the driver runs.
+    /// The slaves have to leave OP: PreOP is requested as soon as the driver runs.
     Due,
     Asked(Asked),
 }
@@ -103,7 +103,7 @@ impl<W: Wires> ChipBus<W> {
         !matches!(self.taking_down, TakingDown::No)
     }
 
-    /// Evaluates the newest header, if it was not evaluated yet.
+    /// Evaluates the newest answer header, if it was not evaluated yet.
     pub(super) fn look_at_header(&mut self) {
         let counters = self.host.counters();
         if counters.chip_resets != self.watch.chip_resets {
@@ -190,7 +190,7 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// The slaves that have inputs and are not lost.
+    /// The slaves that send inputs and are not lost.
     pub(super) fn with_inputs(&self) -> SlaveSet {
         let has_inputs = |slave: &u8| self.network.places[usize::from(*slave) - 1].input_bytes > 0;
         self.network.at_least(AlState::SafeOp).difference(self.network.lost).iter().filter(has_inputs).collect()
@@ -218,7 +218,7 @@ impl<W: Wires> ChipBus<W> {
             // that does not answer shows nothing.
             let unreadable = matches!(reply, Err(HostError::Refused { .. } | HostError::Failed { .. }));
             let next = match self.watch.step {
-                // A running job reads the states itself.
+                // A running job reads the states of the slaves itself.
                 _ if self.job.is_some() || reply.is_err() && !unreadable => None,
                 Step::Renew if unreadable => Some(Step::One(1)),
                 Step::Renew => Some(Step::All),

@@ -35,10 +35,10 @@ const GET_TSO: u32 = 0x1E;
 const GET_FLAGS: u32 = 0x25;
 const GET_GRO: u32 = 0x2B;
 const GET_EEE: u32 = 0x44;
-/// The bit for large receive offload in the flags.
+/// The bit for large receive offload in the flags of `ETHTOOL_GFLAGS`.
 const FLAG_LRO: u32 = 1 << 15;
 
-/// Reads the settings of the interface with that name.
+/// Reads the settings of the network card with the interface name `interface`.
 pub fn settings(interface: &str) -> CardSettings {
     let Ok(socket) = socket(AddressFamily::INET, SocketType::DGRAM, None) else { return CardSettings::default() };
     // The lengths of the structures in 32-bit numbers: ethtool_coalesce has the command and 22 numbers, ethtool_value

@@ -55,7 +55,7 @@ pub enum InterfaceError {
          cap_net_raw+ep {program}, or start it with sudo"
     )]
     NoRight { name: String, program: String },
-    /// The operating system refuses access.
+    /// The operating system has refused a call on the interface.
     #[error("the network interface {name} cannot be used: {source}; look at it with: ip link show {name}")]
     System { name: String, source: io::Error },
 }
@@ -64,7 +64,7 @@ pub enum InterfaceError {
 /// which is the usual MTU of Ethernet.
 const MTU_MIN: u32 = 1500;
 
-/// The MAC address of an Ethernet card.
+/// The MAC address of a network card.
 pub type MacAddress = [u8; 6];
 
 /// The properties of a network interface.
@@ -72,13 +72,13 @@ pub type MacAddress = [u8; 6];
 pub struct Interface {
     /// The interface's name.
     pub name: String,
-    /// The interface's number, from 1.
+    /// The number that the kernel has given to the interface, from 1.
     pub index: i32,
     /// Whether the interface is an Ethernet interface; the loopback interface is not.
     pub is_ethernet: bool,
     /// The MAC address of the interface.
     pub mac_address: MacAddress,
-    /// Whether the interface is up.
+    /// Whether the interface is switched on (`ip link set up`).
     pub is_up: bool,
     /// Whether the interface has a link to a device at the other end of its cable.
     pub has_carrier: bool,
@@ -132,11 +132,11 @@ impl Interface {
 /// Whether an interface with this machine's default route may be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DefaultRoute {
-    /// The interface may be used.
+    /// An interface with the default route may be used.
     Allowed,
     /// The interface is refused. The error names the option that allows it, if there is one.
     Refused {
-        /// The option with which a user allows it.
+        /// The command-line option with which a user allows it, for the error text; `None`: there is none.
         override_option: Option<&'static str>,
     },
 }
@@ -187,7 +187,7 @@ pub fn interfaces() -> io::Result<Vec<Interface>> {
 pub(super) fn request_about(name: &str) -> Option<libc::ifreq> {
     // SAFETY: all bytes of the structure may be zero.
     let mut request: libc::ifreq = unsafe { std::mem::zeroed() };
-    // The name must end with a zero, so it must be shorter than the field.
+    // The name has to end with a zero in the field of the request, so it must be shorter than the field.
     if name.len() >= request.ifr_name.len() {
         return None;
     }

@@ -1,4 +1,4 @@
-//! Helpers for tests of a pipe: reads, and calls that must end in time.
+//! Helpers for the tests of a pipe: a read, and calls that must not take longer than a limit.
 
 use std::sync::mpsc;
 use std::thread;

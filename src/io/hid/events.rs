@@ -53,7 +53,8 @@ impl Shared {
         let mut cancelled = false;
         while !state.events_failed && (!state.closing || state.submitted > 0) {
             if state.closing && !mem::replace(&mut cancelled, true) {
-                // No transfer is resubmitted after this, because `closing` is set.
+                // Cancels the transfers to the host once. No transfer is submitted again afterwards, because `closing`
+                // is set.
                 MutexGuard::unlocked(&mut state, || backend.cancel_inputs());
                 continue;
             }
@@ -145,7 +146,7 @@ impl Shared {
         }
     }
 
-    /// Handles pending events without waiting.
+    /// Handles the backend's pending events without waiting for further ones.
     pub fn poll_events(&self, state: &mut MutexGuard<'_, State>, backend: &dyn Backend) {
         if !backend.lets_calls_handle_events() {
             if state.reports.is_empty() {
@@ -158,7 +159,7 @@ impl Shared {
         }
     }
 
-    /// Wakes all waiting threads, whichever of them handles events.
+    /// Wakes all threads that wait for a change of the state, also the one that handles events.
     pub fn wake_all(&self, state: &State, backend: &dyn Backend) {
         self.readable.notify_all();
         self.writable.notify_all();
@@ -181,7 +182,7 @@ impl Shared {
         state.event_handler = Some(CallingThread::current());
         self.call_unlocked(state, || backend.handle_events(limit));
         state.event_handler = None;
-        // One of the waiting calls takes over the handling of events.
+        // Waiting reads and writes are woken, so that one of them takes over the handling of events.
         self.readable.notify_all();
         self.writable.notify_all();
     }

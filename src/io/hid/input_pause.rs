@@ -22,9 +22,9 @@ const CATCH_UP_WITHIN: Duration = Duration::from_millis(50);
 /// Whether a pipe's input is paused, and what is needed to begin and end a pause.
 pub(super) struct InputPause {
     allowed: bool,
-    /// The time at which the last read ended.
+    /// When the last read of the program ended.
     read_at: Instant,
-    /// The threads that are in a read.
+    /// The threads of the program that are in a read at present.
     readers: Vec<CallingThread>,
     phase: Phase,
     /// The numbers of the transfers to the host that have ended in the pause and were not submitted again.
@@ -33,11 +33,11 @@ pub(super) struct InputPause {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
-    /// Transfers to the host are submitted at all times.
+    /// There is no pause: all transfers to the host are submitted.
     Receiving,
-    /// Reports stay in the system's queue.
+    /// The input is paused: no transfer to the host is submitted, so reports stay in the system's queue.
     Paused,
-    /// Transfers are submitted again, and the system's queue is emptied.
+    /// The pause has ended: transfers are submitted again, and the reports in the system's queue are received first.
     CatchingUp {
         /// How many of the reports in the system's queue may not have been received yet.
         missing: usize,
@@ -126,7 +126,7 @@ impl InputPause {
 }
 
 impl Shared {
-    /// Called by the pipe's thread: begins a pause when it is due.
+    /// Called by the pipe's thread: begins a pause if no call has read for [`PAUSE_AFTER_UNREAD`].
     pub fn begin_pause(&self, state: &mut State, backend: &dyn Backend) {
         if state.closing || state.lost.is_some() {
             return;
@@ -152,7 +152,7 @@ impl Shared {
             }
             state.submitted += 1;
         }
-        // The pipe's thread has to check for events at its usual interval again.
+        // Wakes the pipe's thread, which has to check for events at its usual interval again.
         self.thread_wakeup.notify_all();
     }
 

@@ -14,7 +14,7 @@ use super::reports::{GONE, Shared, State};
 use super::{FoundDevice, REPORT_LEN, ReportInterface};
 use crate::threads::{self, CallingThread};
 
-/// Options of a pipe.
+/// Options for opening a pipe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PipeOptions {
     /// Number of transfers to the host that are submitted at the same time, 1 or more.
@@ -26,10 +26,10 @@ pub struct PipeOptions {
     pub may_pause_input: bool,
 }
 
-/// The reason why a call of a pipe failed.
+/// Why a call of a pipe has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PipeError {
-    /// The call did not complete within its limit.
+    /// The call was not complete at its time limit.
     #[error("nothing within {0:?}")]
     Timeout(Duration),
     /// The call was cancelled by [`Pipe::cancel_reads`] or [`Pipe::cancel_writes`].
@@ -232,7 +232,7 @@ impl Pipe {
             if let PipeError::Lost(why) = error {
                 self.shared.lose(&mut state, why);
             }
-            // The thread that closes the pipe may be waiting for this transfer.
+            // Wakes the thread that closes the pipe, which may be waiting for this transfer to end.
             self.shared.wake_all(&state, &*self.backend);
             return Err(error);
         }
@@ -252,7 +252,8 @@ impl Pipe {
                 None
             };
             match (given_up, stop) {
-                // The transfer was cancelled and ends soon.
+                // The write has to wait for the end of its transfer, which comes soon because the transfer was
+                // cancelled.
                 (Some(_), _) => self.shared.wait_written(&mut state, &*self.backend, None),
                 (None, Some(why)) => {
                     given_up = Some(why);
@@ -319,7 +320,7 @@ impl Pipe {
         // The pipe's thread ends the transfers and releases the device, so that this happens even if the calling thread
         // ends here.
         let Some(events) = self.event_thread.lock().take() else { return };
-        // A panic of the pipe's thread cannot be reported from here.
+        // The result is ignored: a panic of the pipe's thread cannot be reported from here.
         let _ = events.join();
     }
 }
@@ -335,7 +336,8 @@ fn end_of_transfers(shared: &Shared, backend: &Arc<dyn Backend>) {
         mem::forget(backend.clone());
     }
     if stalled {
-        // The next program that opens the device must find a working endpoint.
+        // If the endpoint has stalled, the halt is cleared, so that the next program that opens the device finds a
+        // working endpoint.
         backend.clear_input_halt();
     }
     backend.release();

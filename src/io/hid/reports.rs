@@ -24,7 +24,7 @@ const QUEUE_CAPACITY_INITIAL: usize = 1024;
 /// pipe is opened. \[OURS]
 const WRITERS_CAPACITY: usize = 8;
 
-// Texts for the user that say why a device is lost.
+// The reasons for the loss of a device, as texts for the user.
 pub(super) const GONE: &str = "it was pulled or has reset itself (SW_RESET)";
 const STALLED: &str = "it refuses to send (its endpoint stalls); if it does so again, switch it off and on";
 const FAILING: &str = "its transfers fail: it was pulled, or the cable or the hub is bad";
@@ -50,7 +50,7 @@ pub(super) struct Report {
 #[derive(Default)]
 pub(super) struct State {
     pub reports: VecDeque<Report>,
-    /// Number of transfers that are submitted and have not ended.
+    /// How many transfers are submitted and have not ended.
     pub submitted: usize,
     /// The thread that writes, followed by the threads that wait for their turn.
     pub writers: VecDeque<CallingThread>,
@@ -60,7 +60,7 @@ pub(super) struct State {
     pub output_result: Option<(Outcome, usize)>,
     /// Why the device is lost, as a text for the user; `None` while it is connected.
     pub lost: Option<&'static str>,
-    /// Whether the endpoint to the host has stalled.
+    /// Whether the endpoint to the host has stalled, so that its halt has to be cleared at the end.
     pub stalled: bool,
     pub closing: bool,
     /// Number of cancellations of reads. A read that sees a change of it ends.
@@ -74,7 +74,7 @@ pub(super) struct State {
     pub call_count: u64,
     /// Whether the pipe's thread sleeps until the call that handles events returns.
     pub thread_asleep: bool,
-    /// Number of failures in a row of the backend's event handling.
+    /// How many calls of the backend's event handling have failed in a row.
     pub event_errors: u32,
     /// Whether the backend's event handling has failed for good. The ends of transfers are then no longer reported, so
     /// the system may still use some of them, and the device is lost.
@@ -111,7 +111,7 @@ pub(super) struct Shared {
     pub state: Mutex<State>,
     pub readable: WaitQueue,
     pub writable: WaitQueue,
-    /// Wakes the pipe's own thread.
+    /// Wakes the pipe's own thread from its sleep.
     pub thread_wakeup: Condvar,
 }
 

@@ -61,7 +61,7 @@ pub(super) struct ReadyLine {
 }
 
 impl ReadyLine {
-    /// Opens the line of a device that is ready while the line has that level.
+    /// Opens the ready line of a device. `ready` is its level while the device is ready.
     pub fn open(place: &GpioLine, ready: Level) -> Result<Self, SpiError> {
         let edge = match ready {
             Level::Low => EdgeDetection::FallingEdge,
@@ -139,7 +139,7 @@ impl ReadyLine {
     }
 }
 
-/// An input line, which the device drives.
+/// A GPIO line that the device drives and this machine reads.
 pub(super) struct InputLine {
     name: String,
     request: Request,
@@ -182,7 +182,7 @@ impl ResetLine {
     }
 }
 
-/// Requests the line from the kernel, configured by `set`.
+/// Requests a line from the kernel; `set` configures it as an input or output.
 fn request(place: &GpioLine, set: impl FnOnce(&mut Builder) -> &mut Builder) -> Result<Request, SpiError> {
     let offset = find(place)?;
     let mut line = Request::builder();

@@ -264,7 +264,7 @@ impl<W: Wires> ChipBus<W> {
     fn check_before_leaving(&mut self, config: &BusConfig) -> Result<bool, Refusal> {
         let unused = self.network.unused();
         if !SlaveSet::first(self.network.found).difference(config.selected).is_empty() {
-            // The objects of slaves that were lost are read again (SK-4.73).
+            // Slaves that were lost may have changed, so their objects are read again (SK-4.73).
             config.selected.iter().for_each(|slave| self.network.forget_objects(slave));
         }
         self.network.configured = self.network.configured.difference(config.selected);

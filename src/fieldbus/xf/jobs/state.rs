@@ -9,10 +9,10 @@ use crate::fieldbus::{Refusal, leaving_op_ns};
 use crate::xf::host::{HostError, Wires};
 use crate::xf::request::{Fifos, SlaveInfoItem};
 
-/// The time between two attempts to bring slaves to a state, ns. \[OURS]
+/// The pause before the state is requested again from slaves that have not reached it, ns. \[OURS]
 const RETRY_NS: Ns = 10_000_000;
 
-/// A running change of state.
+/// What a running change of state has to remember between its steps.
 struct Change {
     target: AlState,
     slaves: SlaveSet,
@@ -21,7 +21,7 @@ struct Change {
     all_tried: Option<AlState>,
     /// Whether all slaves have left OP and the job has waited until the engine has polled the last cycles in OP.
     has_told_op: bool,
-    /// Slaves that are not used and that the job has sent back to PreOP.
+    /// Unused slaves that the job has sent back to PreOP.
     brought_back: SlaveSet,
 }
 

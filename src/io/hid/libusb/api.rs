@@ -11,7 +11,7 @@ use libloading::Library;
 
 use super::UsbError;
 
-/// The file name of libusb.
+/// The file name of the library libusb 1.0 on this system.
 const LIBRARY_NAME: &str = if cfg!(target_os = "macos") { "libusb-1.0.0.dylib" } else { "libusb-1.0.so.0" };
 
 /// libusb cannot be loaded, for example because it is not installed.

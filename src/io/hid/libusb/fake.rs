@@ -56,7 +56,7 @@ struct Inside {
     interrupted: bool,
     /// How many of the next waits for events end as if by a signal to the program.
     signals: u32,
-    /// How many of the next waits for events fail.
+    /// How many of the next waits for events fail with an error.
     event_errors: u32,
     /// Number of waits for events so far.
     event_waits: u64,
@@ -65,9 +65,9 @@ struct Inside {
     bell: Option<(UnixStream, UnixStream)>,
     rung: bool,
     gone: bool,
-    /// Number of calls of libusb so far.
+    /// How many functions of libusb were called so far.
     calls: usize,
-    /// The number of the call at which the device is unplugged.
+    /// The device is unplugged at the call of libusb with this number.
     pulled_at: usize,
     /// Return codes to use instead of the real ones, each with the name of its function.
     answers: Vec<(&'static str, c_int)>,
@@ -76,15 +76,15 @@ struct Inside {
     /// An action during the next submission of a transfer; see [`FakeUsb::at_next_submit`].
     hook: Option<Box<dyn FnOnce() + Send>>,
     cancels: usize,
-    /// The device's answer to a packet; see [`FakeUsb::on_packet`].
+    /// The function that answers the host's packets; see [`FakeUsb::on_packet`].
     answer_packet: Option<PacketAnswer>,
-    /// The answers that the host has not fetched yet.
+    /// The device's answers to packets that the host has not received yet.
     packets: VecDeque<Vec<u8>>,
 }
 
 type PacketAnswer = Box<dyn FnMut(&[u8]) -> Vec<u8> + Send>;
 
-/// The simulated bus with one device.
+/// A simulated libusb with one bus and one device.
 pub struct FakeUsb {
     inside: Mutex<Inside>,
     changed: Condvar,
@@ -133,13 +133,13 @@ impl FakeUsb {
         world
     }
 
-    /// The bus, as the code under test opens it.
+    /// Opens the bus as the code under test does.
     pub fn bus(&'static self) -> Result<Arc<Bus>, UsbError> {
         NEXT.set(Some(self));
         Bus::over(&functions::FAKE)
     }
 
-    /// The device as the code under test finds it.
+    /// Finds the device as the code under test does.
     #[track_caller]
     pub fn found(&'static self) -> FoundDevice {
         let bus = self.bus().expect("it opens");

@@ -11,7 +11,7 @@ use super::backend::InterfaceClaim;
 use super::bus::{Bus, Handle, UsbBusError, UsbInterface};
 use crate::io::descriptors::TO_HOST;
 
-/// Timeout of one packet in one direction. \[OURS]
+/// The time limit for one packet in one direction. \[OURS]
 const PACKET_LIMIT: Duration = Duration::from_secs(1);
 /// The bits of an endpoint's bmAttributes that give its transfer type (USB 2.0 table 9-13).
 const KIND: u8 = 3;
@@ -57,16 +57,16 @@ pub enum UsbPacketError {
     /// Several devices have these ids.
     #[error("{count} devices have the ids {vendor:04x}:{product:04x}")]
     Several { vendor: u16, product: u16, count: usize },
-    /// No interface has both endpoints.
+    /// No interface of the device has both endpoints.
     #[error("no interface of the device has bulk or interrupt endpoints {output} out and {input} in; it has {there}")]
     NoEndpoints { output: u8, input: u8, there: String },
     /// The device cannot be opened or used.
     #[error("{0}")]
     Usb(#[from] UsbError),
-    /// The device does not accept a packet in time, or does not send one.
+    /// The device has not accepted a packet in time, or has not sent one.
     #[error("the device {what} within {limit:?}")]
     Late { what: &'static str, limit: Duration },
-    /// The device accepts or sends another number of bytes.
+    /// The device has accepted or sent another number of bytes than wanted.
     #[error("the device {what} {found} bytes and not {wanted}")]
     Length { what: &'static str, found: usize, wanted: usize },
 }

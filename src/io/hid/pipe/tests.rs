@@ -21,7 +21,7 @@ fn open(world: &'static FakeUsb) -> Pipe {
     Pipe::open(&found, INTERFACE_OF_BOARD, LIMITS).expect("it opens")
 }
 
-/// A listener that panics.
+/// A listener that panics whenever it is called.
 #[derive(Default)]
 struct Panics {
     lost: Mutex<bool>,
@@ -488,7 +488,8 @@ mod ended_by_force {
             end_thread_in(
                 move || _ = read(&reads, None),
                 move || {
-                    // This interrupts the thread that handles events, until the reader does.
+                    // Cancelling writes interrupts the thread that handles events. This is repeated until the reader
+                    // handles them.
                     handles.cancel_writes();
                     thread::sleep(Duration::from_millis(5));
                     handles.shared.state.lock().thread_asleep

@@ -116,7 +116,7 @@ macro_rules! functions {
 
         #[cfg(windows)]
         impl Api {
-            /// The functions of the real Windows.
+            /// The functions of the real Windows, imported at load time.
             pub const WINDOWS: Self = Self { $($($field: imported::$name,)*)* };
         }
     };

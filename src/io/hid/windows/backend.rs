@@ -15,18 +15,18 @@ use super::{Backend, NUMBERED_LEN, Outcome, REPORT_LEN, TransferListener, UsbErr
 /// The longest queue of reports that the driver keeps for a handle without a pending read (HidD_SetNumInputBuffers);
 /// its default is 32. The driver does not count the reports that it drops, so it is set to this maximum. \[OURS]
 const DRIVER_QUEUE_MAX: usize = 512;
-/// The shortest queue that the driver accepts.
+/// The shortest queue of reports that the driver accepts.
 const DRIVER_QUEUE_MIN: usize = 2;
 
 struct OverlappedBackend {
     inputs: Vec<Transfer>,
     output: Transfer,
-    /// The completion port for transfers to the host.
+    /// The completion port at which the ends of transfers to the host are reported.
     port: OwnedHandle,
     /// The event that is set at the end of the transfer to the device. The completion port is not used for this,
     /// because it would take two more system calls, which under Wine cost a good part of the time of a write.
     output_ended: OwnedHandle,
-    /// The event that interrupts the wait for `output_ended`.
+    /// The event that ends the wait for `output_ended` early.
     output_interrupted: OwnedHandle,
     handle: Arc<OwnedHandle>,
     listener: Arc<dyn TransferListener>,
@@ -64,7 +64,7 @@ impl Device {
 
 /// A transfer of one report. While it is submitted, Windows owns its buffer.
 struct Transfer {
-    /// A leaked box, since Windows keeps its address.
+    /// A leaked box: its address must not change, since Windows keeps it.
     inner: NonNull<Inner>,
 }
 
@@ -273,7 +273,7 @@ impl Backend for OverlappedBackend {
         unsafe { (self.handle.bus().api().set_event)(self.output_interrupted.raw()) };
     }
 
-    // The driver itself clears stalls.
+    // Nothing to do: Windows' driver clears the halt of a stalled endpoint itself.
     fn clear_input_halt(&self) {}
 
     fn clear_output_halt(&self) {}

@@ -25,7 +25,7 @@ const ABORTED: u32 = 995;
 pub enum ReportReaction {
     /// The board accepts the report.
     All,
-    /// The board does not accept the report.
+    /// The board does not accept the report, so that the write stays pending.
     Nothing,
     /// The transfer fails on the wire, with this error code of Windows.
     Fails(u32),
@@ -66,7 +66,7 @@ struct Inside {
     woken: bool,
     /// Whether a backend's two events are set: the end of the transfer to the device, and the interruption.
     set: [bool; 2],
-    /// Whether the first of a backend's two events was created.
+    /// Whether the backend has created the first of its two events: the next one that it creates is the second.
     has_event: bool,
     to_send: VecDeque<Vec<u8>>,
     reaction: ReportReaction,
@@ -75,7 +75,7 @@ struct Inside {
     gone: Option<u32>,
     /// The error code with which opening the board for reports fails; `None`: it can be opened.
     refused: Option<u32>,
-    /// Number of existing handles, lists and other objects.
+    /// How many handles, lists and other objects exist that the code under test has to free.
     leaked: isize,
     /// The device paths that were opened.
     opened: Vec<String>,
@@ -170,7 +170,7 @@ impl FakeWindows {
         });
     }
 
-    /// Waits until `count` transfers are pending.
+    /// Waits until `count` transfers are submitted and have not ended.
     pub fn until_pending(&self, count: usize) {
         let mut inside = self.inside.lock();
         while inside.pending.len() != count || !inside.ended.is_empty() {
@@ -191,7 +191,7 @@ impl FakeWindows {
         self.with(|inside| inside.asked)
     }
 
-    /// The number of pending reads.
+    /// How many reads are submitted and have not ended.
     pub fn reads(&self) -> usize {
         self.with(|inside| inside.pending.iter().filter(|pending| pending.to_host).count())
     }
@@ -200,7 +200,7 @@ impl FakeWindows {
         self.with(|inside| inside.keeps)
     }
 
-    /// The number of existing handles, lists and other objects.
+    /// How many handles, lists and other objects exist that the code under test has to free.
     pub fn leaked(&self) -> isize {
         self.with(|inside| inside.leaked)
     }

@@ -150,7 +150,7 @@ impl Device {
     }
 }
 
-/// Windows' list of the connected HID devices.
+/// Windows' list of the connected HID devices (`HDEVINFO`).
 struct List<'a> {
     bus: &'a Bus,
     class: Guid,

@@ -1,4 +1,4 @@
-//! The functions of the simulated libusb.
+//! The functions of the simulated libusb, with the signatures of the real ones.
 
 use std::ffi::{c_int, c_uchar, c_uint, c_void};
 use std::os::fd::AsRawFd as _;
@@ -81,7 +81,7 @@ unsafe extern "C" fn devices(context: *mut RawContext, list: *mut *mut *mut RawD
         Err(code) => return code as isize,
     };
     world.count(1, there);
-    // The list ends with a null pointer, as libusb's does.
+    // libusb ends its device list with a null pointer, so this list does too.
     let entries: Box<[*mut RawDevice; 2]> =
         Box::new([if there == 1 { context.cast() } else { ptr::null_mut() }, ptr::null_mut()]);
     // SAFETY: the caller passes a valid pointer for the result.

@@ -1,4 +1,4 @@
-//! The functions of the simulated Windows.
+//! The functions of the simulated Windows, with the signatures of the real ones.
 
 use std::cell::Cell;
 use std::ffi::c_void;
@@ -19,7 +19,7 @@ const NO_FILE: u32 = 2;
 const NO_MORE: u32 = 259;
 const INVALID: u32 = 87;
 const NOT_FOUND: u32 = 1168;
-/// `CR_NO_SUCH_DEVNODE`: there is no such node.
+/// `CR_NO_SUCH_DEVNODE`: no device node has this number.
 const NO_NODE: u32 = 13;
 /// A parent node has the number of its child node plus this value.
 const GENERATION: u32 = 100;
@@ -70,7 +70,7 @@ fn world(handle: *mut c_void) -> &'static FakeWindows {
 
 /// The bits that are 0 in the address of a `FakeWindows`.
 const LOWEST: usize = align_of::<FakeWindows>() - 1;
-// These bits mark the handles of a backend's two events.
+// The lowest bits of a handle that stands for one of the backend's two events.
 const FIRST: usize = 2;
 const SECOND: usize = 4;
 

@@ -33,12 +33,12 @@ impl Event {
 pub enum EventKind {
     /// A command was rejected.
     Rejected(Rejection),
-    /// SET_DC had a Data2 that no guide mentions. The board has accepted it (SK-4 \[OURS]).
+    /// SET_DC had a Data2 that no user guide mentions. The board has accepted it (SK-4 \[OURS]).
     OddDcShift {
         /// The value of Data2.
         data2: u32,
     },
-    /// DRIVE_MODE had a Data2 that no guide mentions. The board has treated it as DC sync (SK-4 \[OURS]).
+    /// DRIVE_MODE had a Data2 that no user guide mentions. The board has treated it as DC sync (SK-4 \[OURS]).
     OddDriveType {
         /// The number of the slave, counted from 1.
         slave: u8,

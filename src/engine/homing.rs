@@ -427,8 +427,8 @@ mod tests {
         }
     }
 
-    /// SK-7.39 Answers that may be older than the change of mode are ignored, whatever they show: the 20 ms begin after
-    /// them.
+    /// SK-7.39 Answers that may be older than the change of mode are ignored, whatever they show: the 20 ms without a
+    /// result, after which a result is accepted at once, begin after them.
     #[test]
     fn answers_of_before_the_mode_say_nothing() {
         const MS: Ns = 1_000_000;

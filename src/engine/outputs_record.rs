@@ -39,9 +39,9 @@ impl OutputsRecord {
     }
 }
 
-/// For this many older sets of outputs, beyond those with a record, it is kept for which slaves they carried a command.
-/// A bus may name lost slaves late: it may be busy with another slave for a second, which is 4000 cycles of 250 us.
-/// \[OURS]
+/// The history of the slaves for which a set of outputs carries a command goes back this many sets further than the
+/// records. A bus may name lost slaves late: it may be busy with another slave for a second, which is 4000 cycles of
+/// 250 us. \[OURS]
 pub(super) const COMMANDED_SETS: usize = 4096;
 
 /// A ring buffer with a value for each of the newest sets of outputs, indexed by the id of the set.

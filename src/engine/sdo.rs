@@ -119,7 +119,7 @@ impl SdoSlot {
         self.running = self.waiting.take();
     }
 
-    /// The running transfer has ended: puts its answer into the slot. Returns the transfer.
+    /// Called when the running transfer has ended: puts its answer into the SDO slot. Returns the transfer.
     pub(super) fn finish(&mut self, result: Result<u32, AbortCode>) -> Option<SdoTransfer> {
         let transfer = self.running.take()?;
         self.waiting = self.held.take();

@@ -14,8 +14,8 @@ pub struct Leds {
 }
 
 impl Leds {
-    /// The LEDs for a state of the network. While the network is initialising both are off \[OURS], since no guide
-    /// specifies them.
+    /// The LEDs for a state of the network. While the network is initialising both are off \[OURS], since no user guide
+    /// specifies this.
     pub const fn in_state(state: StateByte) -> Self {
         let (yellow, green) = match state.state() {
             _ if state.is_failed() => (true, true),

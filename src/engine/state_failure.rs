@@ -112,7 +112,7 @@ pub enum StateFailure {
     },
     /// A slave has left SafeOP or OP by itself and shows an AL status code.
     Fell(SlaveFall),
-    /// A slave answers, but its inputs are stale: the working counter beside them was wrong for too long.
+    /// A slave answers, but its inputs are stale: the working counter of their datagram was wrong for too long.
     Stale {
         /// The number of the slave, counted from 1.
         slave: u8,

@@ -375,7 +375,7 @@ fn late_max(board: &Board) -> Ns {
 }
 
 /// How many cycles a runner that does not catch up leaves out: as many as it takes for the next one to be due in time.
-/// None, if this cycle is at most half a cycle late \[OURS].
+/// 0 if this cycle is at most half a cycle late \[OURS].
 const fn cycles_to_leave_out(late_ns: Ns, period_ns: Ns) -> u64 {
     if late_ns <= period_ns / 2 { 0 } else { late_ns.div_ceil(period_ns) }
 }

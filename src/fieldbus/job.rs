@@ -7,7 +7,7 @@ use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoSize};
 /// An SDO transfer of up to 4 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SdoRequest {
-    /// Slave, from 1. If no slave has this number, the transfer ends in a timeout.
+    /// The number of the slave, counted from 1. If no slave has this number, the transfer ends in a timeout.
     pub slave: u8,
     /// The object to read or write.
     pub object: ObjectAddress,
@@ -122,6 +122,6 @@ pub enum HardwareLimit {
     },
 }
 
-/// A job or an SDO was not started, because another job or SDO is running at the same time as which it cannot run.
+/// A job or an SDO was not started, because a job or an SDO is running beside which it cannot run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Busy;

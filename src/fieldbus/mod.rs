@@ -66,8 +66,8 @@ pub enum Pacing {
     Runner,
     /// The bus runs its own cycle and queues outputs.
     Bus {
-        /// The maximum number of sets of outputs in its queue, for any process data. [`Fieldbus::room`] returns how many it
-        /// accepts now.
+        /// The maximum number of sets of outputs in the queue of the bus, whatever the process data. [`Fieldbus::room`] returns
+        /// how many it accepts now.
         depth: u16,
         /// The maximum delay, in cycles, until the answer to a cycle can be polled and until a lost slave is named.
         answer_delay: u16,
@@ -299,8 +299,8 @@ impl RingState {
 /// Frames that the bus has received although they are not answers of slaves to this master.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Strangers {
-    /// The source address in the newest frame of another master, as slaves have changed it; `None`: no such frame was
-    /// received.
+    /// The source MAC address in the newest frame of another master, in which the first slave has set a bit; `None`: no
+    /// such frame was received.
     pub other_master: Option<[u8; 6]>,
     /// The number of frames of this master that came back unchanged. A slave changes the source address of a frame, so
     /// these frames have passed no slave.

@@ -20,7 +20,7 @@ pub use downloads::{Download, Downloads, MappedDirection, MappingImage, NO_SUCH_
 /// The maximum length of a slave's process image in one direction, bytes: that of a pulse module with two channels.
 pub const IMAGE_BYTES_MAX: usize = MAX_AXES * longest(Table::LENGTHS);
 
-/// The object that shows whether a pulse module has a second axis: only then it can be read \[OURS].
+/// The object that shows whether a pulse module has a second axis: it can be read only if there is one \[OURS].
 pub const SECOND_CONTROLWORD: ObjectAddress = ObjectAddress::new(CONTROLWORD + SECOND_AXIS_OFFSET, 0);
 
 /// A field of [`AxisOut`] to which an object can be mapped.
@@ -170,13 +170,13 @@ impl ProcessData {
         }
     }
 
-    /// Whether a slave that is used as `role` and cannot map the process data of the board keeps those that its EEPROM
-    /// describes, where a bus reads EEPROMs: their first bits are used \[OURS].
+    /// Whether a slave in this role that cannot map the process data of the board may keep those that its EEPROM
+    /// describes: the first bits of these are used. Only a bus that reads EEPROMs does so. \[OURS]
     pub const fn may_keep_its_own(role: Role) -> bool {
         matches!(role, Role::Io)
     }
 
-    /// The process data of a slave that is used as `role`. `is_there`: it has the object of [`Self::probe`]. `None`: the
+    /// The process data of a slave that is used as `role`. `is_there`: the slave has the object of [`Self::probe`]. `None`: the
     /// slave is not used, or the role has no process data, see [`Role::has_process_data`].
     pub fn of(role: Role, is_there: bool) -> Option<Self> {
         let channels = if is_there { MAX_AXES as u8 } else { 1 };

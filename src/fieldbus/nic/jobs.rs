@@ -153,7 +153,7 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// Cancels a running job, and keeps what the next job needs of it.
+    /// Cancels a running job. The slots of a configuration are kept for the next one.
     pub(super) fn give_up(&mut self, job: Running) {
         match job {
             Running::Scan(job) => self.master.lock().cancel(job),

@@ -88,8 +88,9 @@ const DOWN_AFTER: (u32, Ns) = (3, 100_000_000);
 /// time, ns. \[OURS]
 const TURN_NS: Ns = 200_000;
 
-/// A gap without frames of at least this length, because this machine was late, is reported with each slave that leaves OP
-/// within the second time after it, ns. Slaves wait 100 ms for outputs, and their states are read some cycles later. \[OURS]
+/// If this machine was late and sent no frames for at least this time, ns, the gap is reported with each slave that leaves OP
+/// within [`STOOD_STILL_TOLD_NS`] after it. Slaves wait 100 ms for outputs, and their states are read some cycles later.
+/// \[OURS]
 const STOOD_STILL_NS: Ns = 50_000_000;
 const STOOD_STILL_TOLD_NS: Ns = 1_000_000_000;
 

@@ -37,8 +37,8 @@ pub(super) struct UnreachedOutputs {
     fewer_at: Option<Ns>,
     /// When the master requested the AL states that it has read completely last.
     read_at: Option<Ns>,
-    /// The id of the next outputs when those AL states became known, and the same for the states that were read before
-    /// them. Outputs with a lower id found all slaves in OP that were not lost.
+    /// For the two newest readings of the AL states, the newest first: the id of the next outputs when the states
+    /// became known. Outputs with a lower id were sent while all slaves that were not lost were in OP.
     known_from: [u64; 2],
 }
 
@@ -59,7 +59,8 @@ impl UnreachedOutputs {
         *self = Self { counted: self.counted, read_at: self.read_at, known_from, ..Self::default() };
     }
 
-    /// Evaluates a cycle. Returns how many sets of outputs may have missed a slave that will not be named as lost.
+    /// Evaluates a cycle. If no slave is in doubt any more, returns how many sets of outputs may have missed a slave
+    /// that was never named as lost; otherwise 0.
     pub(super) fn take_cycle(&mut self, cycle: &Cycle) -> u32 {
         let [counted, expected] = cycle.working_counters;
         let before = std::mem::replace(&mut self.counted, counted);

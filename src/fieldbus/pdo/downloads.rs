@@ -42,7 +42,7 @@ impl Download {
         Self { object: ObjectAddress::new(index, sub), size, value, optional: false }
     }
 
-    /// Whether the configuration goes on if the slave aborts this download with that abort code: the synchronization type
+    /// Whether the configuration goes on if the slave aborts this download with the abort code `code`: the synchronization type
     /// is an object that a slave may lack, or that may be read-only.
     pub const fn may_fail_with(&self, code: AbortCode) -> bool {
         self.optional && matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX | AbortCode::READ_ONLY)

@@ -25,8 +25,8 @@ use crate::xf::host::{HostError, Wires};
 pub(super) use network::state_of;
 pub(super) use run::run_job;
 
-/// How many cycles after a set of outputs was sent the engine has certainly polled that it was sent: the fill levels lag three
-/// exchanges of two packets each. The same number applies to the last cycles in OP. \[OURS]
+/// This many cycles after a set of outputs was sent, the engine has certainly polled that it was sent: the fill levels lag
+/// three exchanges of two packets each. The same number applies to the last cycles in OP. \[OURS]
 const TOLD_LATE: Ns = 6;
 
 /// A preallocated slot for the future of a job. The arguments are the job and [`Running::is_ahead`].

@@ -1,5 +1,5 @@
-//! Connections. One thread accepts them and receives their first message; each connection that becomes a client gets a
-//! thread of its own.
+//! Accepts connections and serves them. One thread accepts them and receives their first message; each connection that
+//! becomes a client gets a thread of its own.
 
 use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, TcpListener};

@@ -113,8 +113,8 @@ impl InMemoryServer {
 }
 
 impl InMemoryClient<'_> {
-    /// Sends the first `bytes` bytes of a message and executes the request. Returns whether the client is still
-    /// connected.
+    /// Sends the first `bytes` bytes of a message, so that tests can cut messages, and executes the request. Returns
+    /// whether the client is still connected.
     pub fn say(&mut self, what: ClientMessage<'_>, bytes: usize) -> bool {
         let keeps = self.begin(what, bytes);
         while keeps && self.session.is_busy() {
@@ -123,7 +123,7 @@ impl InMemoryClient<'_> {
         keeps
     }
 
-    /// As [`say`](Self::say), but a request that takes several steps is only begun.
+    /// Like [`say`](Self::say), but a request that takes several steps is only begun.
     pub fn begin(&mut self, what: ClientMessage<'_>, bytes: usize) -> bool {
         self.requests += 1;
         let request = self.requests;

@@ -178,7 +178,8 @@ impl<'a> Session<'a> {
     }
 
     fn read(&mut self, request: u64, left_ns: Option<u64>) -> Option<Work> {
-        // The last step may be longer than the others: a very short read would advance the time by more than its limit.
+        // A rest of up to two steps is read in one step, since a very short last step would advance the time by more
+        // than its limit.
         let step_ns = left_ns.map(|left| if left > 2 * TIME_STEP_NS { TIME_STEP_NS } else { left });
         let wait = step_ns.map_or(Wait::Forever, |step| Wait::at_most(Duration::from_nanos(step)));
         match self.board.link.read(&mut self.frame, wait) {

@@ -145,8 +145,8 @@ impl<W: Wires> Steps<W> {
         Ok(mapped)
     }
 
-    /// Whether the present process data of a slave have the lengths of the wanted ones. Most drives have a PDO for each mode
-    /// and assign the first one at power-on; the PDO for CSV is often as long as that for CSP.
+    /// Whether the present process data of a slave are as long as the wanted ones, so that the chip's layout fits both. Most
+    /// drives have a PDO for each mode and assign the first one at power-on; the PDO for CSV is often as long as that for CSP.
     async fn is_as_long(&self, slave: u8, data: &ProcessData, mapped: Mapped) -> Result<bool, Refusal> {
         for (direction, bytes) in
             [(MappedDirection::Outputs, data.output_bytes()), (MappedDirection::Inputs, data.input_bytes())]
@@ -309,7 +309,8 @@ impl<W: Wires> ChipBus<W> {
         self.network.seen[usize::from(slave) - 1] = Some(Seen { at: self.wires.now(), ..seen });
     }
 
-    /// Whether all selected slaves are known to have process data of the wanted length, so that no download changes it.
+    /// Whether all selected slaves are known to have process data of the wanted length, so that no later download
+    /// changes the layout.
     fn all_are_seen(&self, config: &BusConfig) -> bool {
         let now = self.wires.now();
         let selected = config.selected.intersection(SlaveSet::first(self.network.found));

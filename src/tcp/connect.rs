@@ -179,8 +179,8 @@ fn greeting(channel: &Channel, deadline: Instant, options: &TcpOptions) -> Resul
             Err(error) => Err(error),
         };
         came.map_err(|error| match error.kind() {
-            // A server that makes room for others first sends a greeting that says so. If the connection was reset,
-            // this greeting may be lost.
+            // The server may have sent its greeting and then closed the connection to make room for others. A reset can
+            // discard the greeting before it is read.
             ErrorKind::ConnectionReset => ConnectError::Displaced(explain(&error, options)),
             _ => ConnectError::NoBoard(explain(&error, options)),
         })?;

@@ -20,7 +20,7 @@ use crate::threads::sync::{self, Condvar, MutexGuard};
 use crate::threads::{CallingThread, WaitQueue};
 
 /// Whether a waiting call receives by itself, which saves a thread switch. On Windows programs end their threads by
-/// force (`TerminateThread`), and a thread that ends while it receives would take bytes with it.
+/// force (`TerminateThread`), and bytes would be lost with a thread that ends while it receives.
 const CALLS_RECEIVE: bool = cfg!(not(windows));
 /// How often the background thread receives while no call waits. \[OURS]
 const IDLE_POLL_INTERVAL: Duration = Duration::from_millis(20);

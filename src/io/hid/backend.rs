@@ -45,8 +45,8 @@ pub(super) trait Backend: Send + Sync {
     fn submit_input(&self, number: usize) -> Result<(), UsbError>;
 
     /// Whether a waiting call may run [`Self::handle_events`] itself, which saves a context switch. On Windows only the
-    /// pipe's own thread handles events, because programs may end threads by force, and a thread that ends there takes
-    /// a transfer with it.
+    /// pipe's own thread handles events, because programs may end threads by force, and a transfer would be lost with a
+    /// thread that ends there.
     fn lets_calls_handle_events(&self) -> bool {
         true
     }

@@ -205,7 +205,8 @@ mod tests {
         assert!(Network::is_masters(&frame), "datagrams");
     }
 
-    /// ECAT-15.18 Clocks drift as requested: the first one is too fast by that, the last one too slow.
+    /// ECAT-15.18 Clocks drift as requested: the first one is too fast by the requested value, the last one too slow by
+    /// it.
     #[test]
     fn crystals_drift() {
         let mut wire = Wire::with_drift("drive*3", "", 100);
@@ -345,8 +346,8 @@ mod tests {
         assert_eq!(states(&wire), [(init, AlStatus::NONE), (preop, AlStatus::NONE)]);
     }
 
-    /// ECAT-15.26 For a slave that changes its state too often some changes are not logged; their number is. They never
-    /// hide those of another slave, and the final state is always logged.
+    /// ECAT-15.26 For a slave that changes its state too often some changes are not logged, but their number is. They
+    /// never suppress lines about another slave, and the final state is always logged.
     #[test]
     fn no_state_is_swallowed() {
         let mut wire = Wire::new("io*2", "");

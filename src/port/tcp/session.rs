@@ -164,7 +164,8 @@ impl<'a> Session<'a> {
         self.pending = left.map(|work| Pending { request, work });
     }
 
-    /// Tries to write the frame. Returns the rest of the work, as the functions below do.
+    /// Tries to write the frame to the board. Returns what is still to be done for the request; `None`: it is answered.
+    /// The functions below return the same.
     fn write(&mut self, request: u64, until: Option<Instant>) -> Option<Work> {
         let left = until.map_or(WRITE_SLICE, |until| until.saturating_duration_since(Instant::now()).min(WRITE_SLICE));
         match self.board.write(&self.frame, Wait::at_most(left)) {

@@ -12,7 +12,8 @@ pub const MAGIC: [u8; 5] = *b"ECMXF";
 /// The length of a message's head, before the body, in bytes.
 pub const HEAD_LEN: usize = 4;
 /// The maximum number of bytes in an exchange, and so in the body of any message. \[OURS] Twice the longest packet
-/// fits, so that one exchange is enough to find n. It is also the default limit of Linux' spidev.
+/// fits, so that one exchange is enough to find the packets and so the chip's data size n. It is also the default limit
+/// of Linux' spidev.
 pub const EXCHANGE_MAX: usize = 4096;
 /// The longest wait that a request may ask for, microseconds. \[OURS]
 pub const WAIT_MAX_US: u32 = 1_000_000;

@@ -389,7 +389,7 @@ impl Network {
         }
     }
 
-    /// Ends an attempt of the recovery: the slaves that it recovered are in the state of the network.
+    /// Called when an attempt of the recovery has ended: its slaves are back in the state of the network, `state`.
     fn recovered(&mut self, state: MasterState) {
         let Some(change) = &mut self.change else { return };
         // If a new request has replaced the change meanwhile, its recovery has not begun and covers all lost slaves:

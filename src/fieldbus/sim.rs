@@ -10,7 +10,7 @@
 //! it is silent, or it has left its state by itself. Its inputs keep their values. It stays lost, even if it could answer
 //! again, until a [`Job::State`] brings it back. A slave in Init or PreOP is lost only while it does not answer.
 //!
-//! **A cut before the first slave** takes the bus down: [`Fieldbus::room`] is 0 and [`Fieldbus::poll`] gives `None`. Time
+//! **A cut before the first slave** takes the bus down: [`Fieldbus::room`] is 0 and [`Fieldbus::poll`] returns `None`. Time
 //! goes on passing in the slaves.
 //!
 //! The bus allocates when it is created, never in a cycle.

@@ -8,7 +8,7 @@ use parking_lot::{Condvar, Mutex};
 use crate::link::ReadMeta;
 use crate::sk::Frame;
 
-/// How many unread reports are kept. \[OURS]
+/// How many unread reports are kept; the oldest are dropped. \[OURS]
 const REPORTS_KEPT: usize = 32;
 
 /// The queue of reports for the link that the server itself uses.

@@ -15,7 +15,7 @@ pub(super) struct ServerLink {
     pub(super) queue: Arc<ReportQueue>,
 }
 
-/// The maximum wait in a call of this link that has no time limit. \[OURS]
+/// The maximum wait in a call of this link: a limit for writes without one, and for all reads in real time.
 const WAIT_MAX: Duration = Duration::from_secs(10);
 
 impl Link for ServerLink {

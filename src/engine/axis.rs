@@ -33,7 +33,7 @@ pub(super) struct AxisRequest {
     pub(super) out: AxisOut,
 }
 
-/// Counts the ends of requests that no command has caused. Both counters wrap.
+/// Counts how often requests ended for a reason other than a command. Both counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Ends {
     /// How often a statusword of the drive has ended an SV_ON or SV_OFF.

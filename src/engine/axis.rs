@@ -15,25 +15,25 @@ enum Power {
     Off,
     /// SV_ON is in progress.
     SwitchingOn,
-    /// SV_ON has reached Operation enabled, and the controlword stays at Enable operation.
+    /// SV_ON has brought the drive to Operation enabled, and the controlword stays at Enable operation.
     On,
-    /// SV_OFF is under way.
+    /// SV_OFF is in progress.
     SwitchingOff,
     /// SV_OFF is in progress, and an SV_ON that came after it waits.
     SwitchingOffThenOn,
 }
 
-/// What commands have requested of an axis, and the outputs that they have led to so far.
+/// What commands have requested of an axis, and the outputs that follow from it so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AxisRequest {
     power: Power,
     fault_reset: FaultReset,
     /// Controlword, target and digital outputs for the drive; bits 7 (fault reset) and 4 (homing start) of the
-    /// controlword are added later.
+    /// controlword are added by [`Axis::next_out`].
     pub(super) out: AxisOut,
 }
 
-/// How often requests of commands were ended by something other than a command. Both counters wrap.
+/// Counts how often requests ended for a reason other than a command. Both counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Ends {
     /// How often a statusword of the drive has ended an SV_ON or SV_OFF.
@@ -42,12 +42,12 @@ struct Ends {
     by_loss: u8,
 }
 
-/// Ids of sets of outputs, at the time when the answer of a cycle comes.
+/// Which sets of outputs were sent and which id comes next, at the time when the answer of a cycle is evaluated.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct OutputIds {
     /// All sets of outputs with a lower id are known to be sent.
     pub(super) sent_until: u64,
-    /// The id of the set that is pushed next.
+    /// The id of the next set of outputs that is pushed to the bus.
     pub(super) next: u64,
 }
 
@@ -55,12 +55,12 @@ pub(super) struct OutputIds {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Axis {
     pub(super) requested: AxisRequest,
-    /// The drive has the present controlword once all sets of outputs with a lower id than this one are sent. 0: it has
-    /// it already.
+    /// Once all sets of outputs with a lower id than this one are sent, the drive has the present controlword. 0: it
+    /// has it already.
     asked_until: u64,
-    /// The statusword of the last cycle showed Operation enabled, in the mode of DRIVE_MODE.
+    /// Whether the statusword of the last cycle showed Operation enabled, with the axis in the mode of DRIVE_MODE.
     enabled: bool,
-    /// The statusword of the last cycle showed Fault or Fault reaction active.
+    /// Whether the statusword of the last cycle showed Fault or Fault reaction active.
     faulted: bool,
     ends: Ends,
     pub(super) homing: AxisHoming,
@@ -69,14 +69,14 @@ pub(super) struct Axis {
 /// The axes of all slaves.
 pub(super) type AllAxes = [[Axis; MAX_AXES]; MAX_SLAVES];
 
-/// Resets all axes, one by one in their place.
+/// Resets all axes one by one, without a copy of the whole array on the stack.
 pub(super) fn reset(axes: &mut AllAxes) {
     axes.iter_mut().flatten().for_each(|axis| *axis = Axis::default());
 }
 
 /// The state of an axis to which SET_FIFO 1 (clear) returns when it takes back entries whose outputs a bus has queued.
-/// Every cycle records one, so it is small: the homing phase is recorded separately, for the few slaves that are
-/// homing.
+/// One is recorded for every set of outputs, so it is small. The homing phase is recorded separately, for the few
+/// slaves that are homing.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AxisCheckpoint {
     requested: AxisRequest,
@@ -85,7 +85,7 @@ pub(super) struct AxisCheckpoint {
 }
 
 impl AxisCheckpoint {
-    /// Whether outputs with this state switch on neither a motor nor a digital output.
+    /// Whether outputs made from this state switch on neither a motor nor a digital output.
     pub(super) fn is_at_rest(&self) -> bool {
         let AxisOut { controlword, outputs, .. } = self.requested.out;
         controlword == Controlword::DISABLE_VOLTAGE && outputs == 0 && !self.requested.fault_reset.is_under_way()
@@ -121,7 +121,7 @@ impl Axis {
         }
     }
 
-    /// Whether SV_ON is under way, or waits for the end of an SV_OFF.
+    /// Whether SV_ON is in progress, or waits for the end of an SV_OFF.
     pub(super) const fn is_switching_on(&self) -> bool {
         matches!(self.requested.power, Power::SwitchingOn | Power::SwitchingOffThenOn)
     }
@@ -136,7 +136,7 @@ impl Axis {
         self.requested.power == Power::On
     }
 
-    /// The outputs to the drive for the next set of outputs; `id` is the id of that set.
+    /// The axis's part of the next set of outputs, whose id is `id`.
     #[inline]
     pub(super) fn next_out(&mut self, id: u64) -> AxisOut {
         let mut out = self.requested.out;
@@ -152,7 +152,7 @@ impl Axis {
         out
     }
 
-    /// Whether the next set of outputs may differ from `last`.
+    /// Whether the axis's part of the next set of outputs may differ from `last`.
     pub(super) fn differs_from(&self, last: &AxisOut) -> bool {
         let mut next = self.requested.out;
         if self.homing.start_bit() {
@@ -199,20 +199,20 @@ impl Axis {
         }
     }
 
-    /// The slave of the axis is lost: all requests end, so that no motor starts when the slave comes back. The target
-    /// holds the axis at the position that was measured last.
+    /// Called when the slave of the axis is lost: all requests end, so that no motor starts when the slave comes back.
+    /// The target holds the axis at the position that was measured last.
     pub(super) fn lose(&mut self, input: &AxisIn, mode: Option<Mode>) {
         let ends = Ends { by_loss: self.ends.by_loss.wrapping_add(1), ..self.ends };
         *self = Self { ends, ..Self::default() };
         self.requested.out.target = holding_target(input, mode);
     }
 
-    /// The state of the axis after the newest outputs, as [`Self::roll_back_to`] takes it.
+    /// The state of the axis after the newest outputs, to which [`Self::roll_back_to`] can return.
     pub(super) const fn checkpoint(&self) -> AxisCheckpoint {
         AxisCheckpoint { requested: self.requested, ends: self.ends, homing_low_sets: self.homing.low_sets_left() }
     }
 
-    /// Takes back all requests since `then`, because SET_FIFO 1 has cleared their entries.
+    /// Takes back all requests since `then`, because SET_FIFO 1 has cleared the FIFO entries with these commands.
     ///
     /// An axis that is off, or was off at any time since `then`, stays off: clearing entries starts no motor, not even
     /// until the next answer \[OURS]. If an SV_ON that was sent was ended by the drive, a later SV_ON that was cleared
@@ -241,8 +241,8 @@ impl Axis {
         self.requested = requested;
         self.asked_until = next + 1;
         if requested.power == Power::On {
-            // The drive may have left Operation enabled while the SV_OFF and SV_ON that are now taken back were
-            // waiting.
+            // The drive may have left Operation enabled meanwhile, while the SV_OFF and SV_ON that are now taken back
+            // waited in the bus: the newest statusword decides.
             self.follow_statusword(newest, next);
         }
         self.homing.roll_back_to(homing.unwrap_or(&AxisHoming::idle(then.homing_low_sets)));
@@ -260,7 +260,7 @@ impl Axis {
         let (Some(shown), Some(asked)) = (state.and_then(height), height_asked(controlword)) else { return false };
         match self.requested.power {
             Power::Off | Power::On => false,
-            // This statusword was measured before the drive was switched off.
+            // Disable voltage has not reached the drive yet, so this statusword is from before.
             Power::SwitchingOn if asked == 0 => true,
             Power::SwitchingOn => shown + 1 < asked,
             Power::SwitchingOffThenOn if shown == 0 => true,
@@ -268,8 +268,8 @@ impl Axis {
         }
     }
 
-    /// Takes the next transition of SV_ON or SV_OFF that the drive state allows. `next`: the id of the outputs that are
-    /// pushed next.
+    /// Requests the next CiA 402 transition that SV_ON or SV_OFF needs, as far as the drive state allows it. `next`:
+    /// the id of the outputs that are pushed next.
     fn follow_statusword(&mut self, state: Option<DriveState>, next: u64) {
         use DriveState::*;
         let Some(state) = state else { return };

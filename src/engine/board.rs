@@ -6,7 +6,7 @@ use super::{BoardHandle, Engine, EngineConfig, Event, PartialFrames};
 use crate::fieldbus::{CardsGone, Fieldbus, Ns, Strangers};
 use crate::sk::Frame;
 
-/// A script: actions on a board and its network at given times.
+/// A script of actions on a board and its network at given times, for example faults.
 pub trait Script: Send {
     /// Called when a cycle begins at `now`. Carries out every action that is due and calls `done` for each of them.
     /// Must not allocate.
@@ -27,15 +27,15 @@ pub struct Board {
     cycles: u64,
     last_report: Ns,
     silent_cycles: u64,
-    /// When the newest cycle of the bus passed.
+    /// When the newest cycle of the bus ran.
     last_passed: Ns,
     partial: Assembler,
-    /// The boot count of the board, and whether its host interface answered, both in the last cycle.
+    /// The number of boots, and whether the host interface answered, both as of the last cycle.
     seen: (u64, bool),
 }
 
 impl Board {
-    /// A board at power-on, at time 0.
+    /// Creates a board that is switched on at time 0.
     pub fn new(config: EngineConfig, bus: Box<dyn Fieldbus>) -> Self {
         let engine = Engine::new(config, bus.pacing());
         let (next_cycle, seen) = (engine.period_ns(), (engine.boots(), engine.talks()));
@@ -55,7 +55,7 @@ impl Board {
         }
     }
 
-    /// The engine of the board.
+    /// The engine of the board, for reading its state.
     pub const fn engine(&self) -> &Engine {
         &self.engine
     }
@@ -70,12 +70,12 @@ impl Board {
         self.handle.clone()
     }
 
-    /// Replaces the script; `None`: no script runs from now on.
+    /// Replaces the script. With `None` no script runs from now on.
     pub fn set_script(&mut self, script: Option<Box<dyn Script>>) {
         self.script = script;
     }
 
-    /// The bus that the board drives.
+    /// The bus between the board and its slaves.
     pub(super) fn bus(&self) -> &dyn Fieldbus {
         &*self.bus
     }
@@ -106,7 +106,7 @@ impl Board {
         self.now
     }
 
-    /// When the next cycle is due.
+    /// When the next cycle of the board is due, board time.
     pub const fn next_cycle(&self) -> Ns {
         self.next_cycle
     }
@@ -125,14 +125,14 @@ impl Board {
         silent.then_some((self.last_report, self.silent_cycles))
     }
 
-    /// A command frame arrives at `at`. The cycles that are due by then run first.
+    /// Called when a complete command frame arrives at `at`. The cycles that are due by then run first.
     pub fn host(&mut self, frame: &Frame, at: Ns, report: &mut dyn FnMut(&Frame, Ns)) {
         self.advance(at, report);
         self.engine.host(frame, at);
     }
 
-    /// Bytes of command frames arrive at `at`, in pieces of any length. The cycles that are due by then run first. A
-    /// frame counts as arrived with its last byte; [`PartialFrames`] says what happens to incomplete frames.
+    /// Called when bytes of command frames arrive at `at`, in pieces of any length. The cycles that are due by then run
+    /// first. A frame counts as arrived with its last byte; [`PartialFrames`] says what happens to incomplete frames.
     pub fn bytes(&mut self, bytes: &[u8], at: Ns, report: &mut dyn FnMut(&Frame, Ns)) {
         self.advance(at, report);
         self.drop_late(self.now);
@@ -157,8 +157,8 @@ impl Board {
         }
     }
 
-    /// Drops an incomplete frame when the board has booted, and when the host interface answers again: the next byte
-    /// begins a new frame (SK-4, SK-5 \[OURS]).
+    /// Drops an incomplete frame if the board has booted or the host interface has begun to answer since the last
+    /// cycle: the next byte begins a new frame (SK-4, SK-5 \[OURS]).
     fn forget_partial(&mut self) {
         let (boots, talks) = (self.engine.boots(), self.engine.talks());
         if (boots, talks) != self.seen {
@@ -177,7 +177,7 @@ impl Board {
         self.now = self.now.max(to);
     }
 
-    /// Runs the next cycle at the time when it is due.
+    /// Advances board time to the next cycle and runs it.
     pub fn cycle(&mut self, report: &mut dyn FnMut(&Frame, Ns)) {
         let at = self.next_cycle;
         let reports = self.engine.counters().reports;
@@ -207,7 +207,7 @@ impl Board {
         self.bus.work_until(now, until);
     }
 
-    /// The length of a cycle, ns.
+    /// The time between two cycles of the board at present, ns.
     pub const fn period_ns(&self) -> Ns {
         self.engine.period_ns()
     }
@@ -217,7 +217,7 @@ impl Board {
         self.bus.catches_up()
     }
 
-    /// The runner was late and has skipped that many cycles. Board time does not include them.
+    /// Called when the runner was late and has skipped `cycles` cycles. Board time does not include them.
     pub fn leave_out(&mut self, cycles: u64) {
         self.bus.leave_out(cycles.saturating_mul(self.engine.period_ns()));
         self.engine.note_left_out(cycles);

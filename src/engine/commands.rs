@@ -10,7 +10,7 @@ use crate::sk::{
     SlaveKind, SlotCommand, SlotKind,
 };
 
-/// The bit that stands for a kind of slot in [`ADMITTED`].
+/// The bit that stands for a kind of slot (slot 0, a slave, SDO) in [`ADMITTED`].
 const fn slot_bit(slot: SlotKind) -> u8 {
     1 << slot as u8
 }
@@ -55,17 +55,17 @@ const fn state_bit(state: MasterState) -> u8 {
     }
 }
 
-/// The outcome of a command that was not rejected.
+/// The outcome of a slave's command that was not rejected.
 enum Outcome {
     /// The command was executed. After IO_WR: the output image that the answer shows.
     Executed(Option<u16>),
-    /// The command was ignored because the slave is homing.
+    /// The command was ignored because the slave is homing. The answer does not show it.
     Ignored,
     /// The command has no effect, but is answered as if it had been executed.
     InVain,
 }
 
-/// Whether a slave in that role takes the command.
+/// Whether a slave in this role accepts the command; the error is the reason for the rejection.
 #[inline(always)]
 pub(super) const fn check_kind(command: &SlaveCommand, role: Role) -> Result<(), Reason> {
     let id = command.id();
@@ -111,7 +111,7 @@ impl Engine {
         self.execute_sdo(&frame.slot(size, size.sdo_slot()), at);
     }
 
-    /// Executes the slots of the slaves.
+    /// Executes the slots of the slaves in a frame, without slot 0 and the SDO slot.
     pub(super) fn execute_slaves(&mut self, frame: &Frame, at: Ns) {
         let size = self.config.slot;
         let slots = frame.slots(size);
@@ -122,8 +122,9 @@ impl Engine {
         self.start_homing();
     }
 
-    /// Executes slot 0 of a FIFO entry. Commands that have acted on arrival do not act again. The network may have left
-    /// OP before the board learns that the entry was sent; commands that OP allows are executed nevertheless.
+    /// Executes slot 0 of a FIFO entry. Commands that act when their frame arrives have done so already and do not act
+    /// again. The network may have left OP before the board learns that the entry was sent; commands that OP allows are
+    /// executed nevertheless.
     pub(super) fn execute_queued_master(&mut self, slot: &RawSlot, at: Ns) {
         let id = CommandId::from_code(slot.id);
         if id.acts_on_arrival() {
@@ -142,7 +143,7 @@ impl Engine {
             self.run_master(&command, at)
         });
         match done {
-            // SW_RESET has no answer: it has reset the slot that would show one.
+            // SW_RESET gets no answer: it has just reset slot 0, which would show the answer.
             Ok(_) if id == CommandId::SoftReset => {}
             Ok(result) => {
                 self.volatile.master_id = id;
@@ -200,15 +201,16 @@ impl Engine {
         }
         let head = SlotHead { id: slot.id, index: slot.index, output_image: None };
         if slot.id == CommandId::GetStatus.code() {
-            // Outside OP bytes 1..11 of a slave's slot keep the last result (UG17 2.1.1).
+            // Outside OP, GET_STATUS leaves bytes 1..11 of a slave's slot at the result of the previous command (UG17
+            // 2.1.1).
             let kept = if self.network().in_op() { head } else { self.volatile.heads[slave - 1] };
             self.volatile.heads[slave - 1] = SlotHead { id: slot.id, ..kept };
             return;
         }
         let id = CommandId::from_code(slot.id);
         let done = match id {
-            // In motion nearly every slot holds CSP. A call with a constant id lets the compiler specialise `run_slot`
-            // for it.
+            // During a motion nearly every slot contains CSP. The call with a constant id lets the compiler make a fast
+            // `run_slot` for it.
             CommandId::Csp => self.run_slot(slave, CommandId::Csp, slot, at),
             _ => self.run_other_slot(slave, id, slot, at),
         };

@@ -17,9 +17,9 @@ pub struct EngineConfig {
     pub test: bool,
     /// Pin CONFIG3: what happens to command frames that do not arrive completely.
     pub partial_frames: PartialFrames,
-    /// How long a change of state may take. SK-4 \[OURS]: 10 s.
+    /// How long a change of state may take until it has failed. SK-4 \[OURS]: 10 s.
     pub state_timeout_ns: Ns,
-    /// How long a slave may take for an SDO. SK-6 \[OURS]: 1 s.
+    /// How long a slave may take to answer an SDO. SK-6 \[OURS]: 1 s.
     pub sdo_timeout_ns: Ns,
 }
 

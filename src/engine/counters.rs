@@ -1,19 +1,20 @@
-//! Counters of commands that did not reach their slaves, and the reasons. The wire shows only some of them.
+//! The counters of a board, mainly of commands that did not reach their slaves, and the reasons for which commands are
+//! rejected. Reports show only some of the counters.
 
 use std::fmt;
 
 use crate::sk::InvalidArgument;
 
-/// Why a command was not executed (SK-4).
+/// Why a command was rejected (SK-4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Reason {
-    /// The id is none of the 22 command ids that the board knows.
+    /// The command id is none of the 22 ids that the board knows.
     UnknownId,
-    /// The command does not belong in that slot, or not to that kind of slave.
+    /// The command is not allowed in this slot, or not for this kind of slave.
     WrongSlot,
     /// The state of the network does not allow the command.
     WrongState,
-    /// An argument has a value that the guides do not allow.
+    /// An argument has a value that the board's manuals do not allow.
     BadArgument(InvalidArgument),
     /// CSP, CSV or CST does not match the mode of DRIVE_MODE or the value of 0x6060.
     WrongMode,
@@ -30,10 +31,10 @@ pub enum Reason {
 }
 
 impl Reason {
-    /// The number of kinds of reasons.
+    /// The number of counters in [`Counters::rejected`]: one for each variant.
     pub const KINDS: usize = 10;
 
-    /// The names of the kinds of reasons, in the order of [`Counters::rejected`].
+    /// The names of the variants in the order of [`Counters::rejected`], for users.
     pub const NAMES: [&'static str; Self::KINDS] = [
         "unknown_id",
         "wrong_slot",
@@ -84,11 +85,11 @@ impl fmt::Display for Reason {
 /// The counters of a board since it was switched on. Reports do not carry most of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Command frames that arrived.
+    /// Command frames that the board has received.
     pub frames: u64,
     /// Reports that the board has made.
     pub reports: u64,
-    /// Commands that were rejected, by [`Reason::kind`].
+    /// Rejected commands, one counter for each reason, indexed by [`Reason::kind`].
     pub rejected: [u64; Reason::KINDS],
     /// Commands that were ignored because their slave was homing or its mode was being restored after homing. Also each
     /// GO_HOME that was ignored because of an ABORT_HOME in the same frame.
@@ -100,7 +101,7 @@ pub struct Counters {
     /// Commands that did not reach their slave: it was lost before or after they were executed, or it had left OP
     /// before the other slaves. An upper bound: a command counts unless it is known to have reached the slave.
     pub for_lost: u64,
-    /// FIFO entries that were dropped by SET_FIFO 1 or by leaving OP.
+    /// FIFO entries that were dropped by SET_FIFO 1, or because the network left OP.
     pub cleared: u64,
     /// Command frames that were lost because the FIFO was full.
     pub full: u64,

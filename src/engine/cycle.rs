@@ -6,8 +6,8 @@ use crate::sk::Frame;
 
 impl Engine {
     /// Runs one cycle at `now`: jobs of the bus, FIFO entries, process data, and the report, which goes to `report`
-    /// with the time of its cycle. Returns whether a cycle of the bus has passed: none does while the cable before the
-    /// first slave is cut. In OP there is no report then; before OP the board makes its reports in its own cycle,
+    /// with the time of its cycle. Returns whether a cycle of the bus has passed. None passes while the cable before
+    /// the first slave is cut. In OP there is no report then; before OP the board makes its reports in its own cycle,
     /// whatever the bus does (SK-9).
     pub fn cycle(&mut self, now: Ns, bus: &mut dyn Fieldbus, report: &mut dyn FnMut(&Frame, Ns)) -> bool {
         if let Some(bits) = bus.local_inputs() {
@@ -43,7 +43,8 @@ impl Engine {
             if self.is_bus_silent(now) {
                 self.note_silence(now);
             }
-            // While the board boots no host can read the response, and a boot takes hundreds of cycles.
+            // While the board boots, no host can read the response: refreshing it in the hundreds of cycles of a boot
+            // would be wasted.
             if self.talks() {
                 self.refresh_response();
             }
@@ -56,14 +57,14 @@ impl Engine {
         passed
     }
 
-    /// Counts cycles in OP that a late runner has skipped.
+    /// Counts the cycles in OP that a late runner has skipped.
     pub(super) const fn note_left_out(&mut self, cycles: u64) {
         if self.network().in_op() {
             self.counters.cycles_left_out += cycles;
         }
     }
 
-    /// Logs the first frame of another master on the network, once.
+    /// Logs that another master sends frames on the network, only once.
     fn note_other_master(&mut self, bus: &dyn Fieldbus, at: Ns) {
         if self.has_told_other_master {
             return;
@@ -81,8 +82,8 @@ impl Engine {
         self.bus_down = down;
     }
 
-    /// When the cycle after the one at `now` is due: a period later, or at the time that the bus has asked for, at most
-    /// half a period earlier or later \[OURS].
+    /// When the cycle after the one at `now` is due: a period later, or at the time that the bus requests
+    /// ([`CycleDone::next_deadline`](crate::fieldbus::CycleDone)), at most half a period earlier or later \[OURS].
     pub(super) fn next_cycle(&mut self, now: Ns) -> Ns {
         let period = self.period_ns();
         let planned = now + period;
@@ -97,9 +98,9 @@ impl Engine {
         }
     }
 
-    /// How long the bus may be without a cycle before the cable counts as cut. A bus that owns its cycle has none in
-    /// some of the board's cycles: because of its phase, of jitter, and when the cycle time changes. So two of the
-    /// longest cycles are allowed \[OURS], and the delay of answers on top.
+    /// How long the bus may be without a cycle before the cable counts as cut. A bus that runs its own cycle may have
+    /// none within a cycle of the board, because of its phase, of jitter, or of a change of the cycle time. So two of
+    /// the longest cycles are allowed \[OURS], plus the delay of answers.
     pub(crate) fn silence_tolerance_ns(&self) -> Ns {
         match self.pacing {
             Pacing::Runner => 0,

@@ -1,4 +1,4 @@
-//! Events of a board: what happened there that the wire does not show, for logs and tools.
+//! Events of a board that reports do not show, for logs and tools.
 
 use std::fmt;
 
@@ -12,47 +12,47 @@ use crate::fieldbus::Ns;
 use crate::sk::CommandId;
 use crate::span::Seconds;
 
-/// An event of a board that the wire does not show.
+/// An event of a board that reports do not show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Event {
     /// When the event happened or was detected, board time.
     pub at: Ns,
-    /// The kind of event, with its details.
+    /// What happened.
     pub kind: EventKind,
 }
 
 impl Event {
-    /// The same event with its time counted from `zero`, board time.
+    /// The same event, with its time counted from the board time `zero`.
     pub const fn since(self, zero: Ns) -> Self {
         Self { at: self.at.saturating_sub(zero), ..self }
     }
 }
 
-/// The kind of an [`Event`].
+/// What happened in an [`Event`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EventKind {
-    /// A command was not executed.
+    /// A command was rejected.
     Rejected(Rejection),
-    /// SET_DC had a Data2 that no guide mentions. The board has accepted it (SK-4 \[OURS]).
+    /// SET_DC had a Data2 that no user guide mentions. The board has accepted it (SK-4 \[OURS]).
     OddDcShift {
         /// The value of Data2.
         data2: u32,
     },
-    /// DRIVE_MODE had a Data2 that no guide mentions. The board has taken it for DC sync (SK-4 \[OURS]).
+    /// DRIVE_MODE had a Data2 that no user guide mentions. The board has treated it as DC sync (SK-4 \[OURS]).
     OddDriveType {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
         /// The value of Data2.
         data2: u32,
     },
-    /// A command frame did not arrive completely and was dropped (CONFIG3, SK-5).
+    /// A command frame was dropped because it did not arrive completely (CONFIG3, SK-5).
     Incomplete {
-        /// The number of bytes that were received.
+        /// How many bytes of the frame were received.
         bytes: u16,
     },
     /// A slave no longer answers in SafeOP or OP (SK-4).
     SlaveLost {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
     },
     /// A slave has left SafeOP or OP by itself and shows an AL status code. It counts as lost.
@@ -62,12 +62,13 @@ pub enum EventKind {
     },
     /// Another master sends frames on the network. Logged once.
     OtherMaster {
-        /// The source address of the other master's frames, as slaves have changed it.
+        /// The source MAC address of the other master's frames. The first slave that a frame passes has set a bit in
+        /// it.
         address: [u8; 6],
     },
     /// A slave answers, but with a wrong working counter for so long that its inputs are stale. It counts as lost.
     InputsStale {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
     },
     /// In a cycle of OP the working counter was too low without the bus naming slaves that did not answer, or it was
@@ -75,12 +76,12 @@ pub enum EventKind {
     WorkingCounter {
         /// The working counter of that cycle.
         counted: u16,
-        /// The working counter when every slave answers.
+        /// The working counter that would show that every slave answers.
         expected: u16,
     },
     /// A bus that queues outputs has lost answers, because they were not polled in time. Their cycles have no report.
     AnswersLost {
-        /// The number of consecutive cycles.
+        /// The number of cycles in a row without a report.
         cycles: u32,
     },
     /// The hardware that runs the bus no longer answers. Logged once, until it answers again.
@@ -95,31 +96,31 @@ pub enum EventKind {
     /// A slave has left OP because the bus configured other slaves. It returns to OP with them, with its motors and
     /// digital outputs off (SK-4 \[OURS]).
     SlaveDisturbed {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
     },
     /// A change of state has failed and left this slave in a lower state than the others (SK-4 \[OURS]).
     SlaveLeft {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
     },
     /// A change of state has failed (SK-4). The state byte is 0x10 plus the last state that all slaves have reached.
     StateFailed {
-        /// The reason of the failure.
+        /// Why the change has failed.
         why: StateFailure,
     },
     /// The homing of an axis has ended.
     HomingEnded {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
         /// The axis of the slave, from 0.
         axis: u8,
-        /// The result of the homing.
+        /// How the homing has ended.
         end: HomingEnd,
     },
     /// The board could not restore the mode of DRIVE_MODE after homing. The drive stays in homing mode (SK-7 \[OURS]).
     ModeNotRestored {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
         /// The axis of the slave, from 0.
         axis: u8,
@@ -128,34 +129,34 @@ pub enum EventKind {
     },
     /// An SDO transfer of the host was aborted; the abort code is in the SDO slot (SK-6).
     SdoAborted {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
         /// The object of the transfer.
         object: ObjectAddress,
         /// True: a download; false: an upload.
         write: bool,
-        /// The abort code.
+        /// The abort code with which the transfer has ended.
         code: AbortCode,
     },
-    /// A line of a script was carried out.
+    /// An action of a script was carried out.
     Scripted {
         /// The number of the line in the script, from 1.
         line: u32,
-        /// The verb of the script line.
+        /// The verb of the script line, for example `cut`.
         verb: &'static str,
         /// The slave, from 1; `None`: the line acts on the cable or the board.
         slave: Option<u8>,
         /// The error code, AL status code or abort code that the slave shows as a result.
         code: Option<u32>,
-        /// Whether the event is the end of the line's effect, after its duration.
+        /// Whether this is the end of an action that lasts for a time, rather than its beginning.
         ended: bool,
     },
 }
 
-/// A rejected command.
+/// A command that was rejected, and why.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rejection {
-    /// The number of the slot that held the command.
+    /// The number of the slot with the command.
     pub slot: u8,
     /// The id of the command.
     pub id: CommandId,
@@ -163,7 +164,7 @@ pub struct Rejection {
     pub reason: Reason,
 }
 
-/// Advice for users, when a simulated slave does not have an object.
+/// Advice for users if an SDO was aborted because the simulated slave has no such object.
 const MAKERS_OBJECTS: &str = "; if the real drive has it, give the simulated one its maker's objects: \
                               slaves=drive:objects@FILE, or drive:objects@any, which stores what it is told";
 
@@ -276,7 +277,7 @@ impl fmt::Display for Event {
     }
 }
 
-/// A ring buffer with the newest events.
+/// A ring buffer that keeps the newest events.
 #[derive(Clone, Debug)]
 pub(super) struct EventLog {
     ring: [Option<Event>; Self::KEPT],
@@ -284,7 +285,7 @@ pub(super) struct EventLog {
 }
 
 impl EventLog {
-    /// The number of events that the log keeps.
+    /// How many events the log keeps.
     const KEPT: usize = 32;
 
     pub(super) const fn new() -> Self {
@@ -301,7 +302,7 @@ impl EventLog {
         self.total
     }
 
-    /// The events from number `from` on that are still kept, oldest first.
+    /// The events that are still kept, from event number `from` on (counted from 0), oldest first.
     pub(super) fn since(&self, from: u64) -> impl Iterator<Item = Event> {
         let oldest = self.total.saturating_sub(Self::KEPT as u64).max(from);
         (oldest..self.total).filter_map(|n| self.ring[(n % Self::KEPT as u64) as usize])

@@ -1,23 +1,23 @@
 //! The fault reset pulse of ALM_CLR: bit 7 of the controlword rises, stays set for some cycles, and falls.
 
-/// How many sets of outputs have the bit set, and how many have it clear at least before it rises again \[OURS]. That
-/// is 2 ms at the shortest cycle, so that a drive that does not read its controlword in every cycle still sees the
-/// edge.
+/// The length of a pulse in sets of outputs, and the minimum number of sets with the bit clear until the next pulse
+/// \[OURS]. That is 2 ms at the shortest cycle, so that a drive that does not read its controlword in every cycle still
+/// sees the edge.
 const PULSE_SETS: u8 = 8;
 
 /// The state of the fault reset bit in the newest set of outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Bit {
-    /// The bit is clear and may rise.
+    /// The bit is clear, and may rise with the next set.
     #[default]
     Clear,
-    /// The bit is set, and stays set in `more` further sets.
+    /// The bit is set, and stays set in the next `more` sets.
     Set { more: u8 },
-    /// The bit is clear, and must stay clear in `more` further sets before it may rise.
+    /// The bit is clear, and has to stay clear in the next `more` sets before it may rise.
     Resting { more: u8 },
 }
 
-/// The fault reset pulses of one axis.
+/// The state of the fault reset pulses of one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct FaultReset {
     bit: Bit,
@@ -32,7 +32,8 @@ impl FaultReset {
         self.requested = true;
     }
 
-    /// The drive shows no fault: a pulse under way ends with the next set, and a requested one is dropped.
+    /// Called when the drive shows no fault: a pulse in progress ends with the next set, and a requested pulse is
+    /// dropped.
     pub(super) const fn end(&mut self) {
         self.requested = false;
         if let Bit::Set { more } = &mut self.bit {
@@ -40,7 +41,7 @@ impl FaultReset {
         }
     }
 
-    /// Whether the bit is set or will change in one of the next sets.
+    /// Whether the bit is set, or will change in one of the next sets.
     pub(super) const fn is_under_way(&self) -> bool {
         self.requested || !matches!(self.bit, Bit::Clear)
     }
@@ -66,7 +67,8 @@ impl FaultReset {
 mod tests {
     use super::*;
 
-    /// SK-7.11 The pulse of ALM_CLR: 8 sets of outputs with the bit, then 8 without it before the next one.
+    /// SK-7.11 The pulse of ALM_CLR: 8 sets of outputs with the bit set, then at least 8 with the bit clear before the
+    /// next pulse.
     #[test]
     fn pulses_are_as_long_as_the_pauses_between_them() {
         let mut reset = FaultReset::default();

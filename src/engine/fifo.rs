@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use super::Firmware;
 use crate::sk::{FIFO_ENTRIES, Frame, SlotSize};
 
-/// Indices of places are stored as `u8`.
+/// The indices of the storage places are `u8`, so there may be at most 256 of them.
 const _: () = assert!(FIFO_ENTRIES <= 256);
 
 /// The ring buffer of command frames that wait for their cycle.
@@ -14,21 +14,21 @@ const _: () = assert!(FIFO_ENTRIES <= 256);
 /// again and again, instead of the memory of all 160.
 #[derive(Debug)]
 pub(super) struct CommandFifo {
-    /// Storage for frames: as many places as were ever in use at once. These three collections have the capacity for
-    /// the whole FIFO.
+    /// Storage for frames: as many places as were ever in use at once. Like the two collections below, it has the
+    /// capacity for the whole FIFO from the start, so that it never allocates.
     places: Vec<Frame>,
-    /// The places of the queued entries, the next one to execute first.
+    /// The indices of the places of the queued entries, the next one to execute first.
     waiting: VecDeque<u8>,
-    /// The free places.
+    /// The indices of the unused places.
     vacant: Vec<u8>,
     threshold: u16,
     full_count: u16,
-    /// Whether [`Self::take`] returns no entries, whatever the threshold is.
+    /// A fault for scripts and tests: [`Self::take`] returns no entries, whatever the threshold is.
     held: bool,
 }
 
-/// The board begins to take entries when fewer than this number are free. With the default of 160 it begins with the
-/// first entry (SK-5).
+/// The board begins to take entries out when fewer than this number of entries are free. With the default of 160 it
+/// begins with the first entry (SK-5).
 const DEFAULT_THRESHOLD: u16 = FIFO_ENTRIES;
 
 impl CommandFifo {
@@ -43,23 +43,23 @@ impl CommandFifo {
         }
     }
 
-    /// The number of entries, at most [`FIFO_ENTRIES`].
+    /// The number of queued entries, at most [`FIFO_ENTRIES`].
     fn len(&self) -> u16 {
         self.waiting.len() as u16
     }
 
-    /// The number of free entries. `ahead`: how many entries were taken out and are not sent yet; they still count as
-    /// used.
+    /// The number of free entries. `ahead` is the number of entries that were taken out but are not sent to the slaves
+    /// yet: they still count as used.
     pub(super) fn free(&self, ahead: u16) -> u16 {
         FIFO_ENTRIES.saturating_sub(self.len() + ahead)
     }
 
-    /// The full count, bytes 10..11 of slot 0; it wraps.
+    /// The full count: how many frames found the FIFO full, bytes 10..11 of slot 0. It wraps.
     pub(super) const fn full_count(&self) -> u16 {
         self.full_count
     }
 
-    /// Queues a frame. Returns false if the FIFO is full; the full count has risen then.
+    /// Queues a frame. If the FIFO is full, raises the full count and returns false.
     pub(super) fn push(&mut self, frame: &Frame, ahead: u16, firmware: Firmware, size: SlotSize) -> bool {
         if self.free(ahead) == 0 {
             self.full_count = self.full_count.wrapping_add(firmware.full_count_step(size));
@@ -86,7 +86,7 @@ impl CommandFifo {
         Some(self.places[usize::from(place)].clone())
     }
 
-    /// Stops taking entries out, or resumes it. A fault for scripts and tests.
+    /// Stops taking entries out of the FIFO, or resumes it. A fault for scripts and tests.
     pub(super) const fn hold(&mut self, held: bool) {
         self.held = held;
     }

@@ -1,5 +1,5 @@
-//! The two firmware versions that are modelled, and every difference between them (SK-3 \[OURS]: all else is as in
-//! 1.7).
+//! The two firmware versions of the EC01M that are modelled, and every difference between them. SK-3 \[OURS]:
+//! everything else is as in 1.7.
 
 use crate::sk::SlotSize;
 
@@ -24,7 +24,7 @@ impl Firmware {
         }
     }
 
-    /// Byte 1 of a slave's slot. SK-3: the command index, in firmware 1.5 the mode of operation.
+    /// Byte 1 of a slave's slot in a report. SK-3: the command index, in firmware 1.5 the mode of operation.
     pub(super) const fn byte_1(self, index: u8, mode: u8) -> u8 {
         match self {
             Self::V17 => index,

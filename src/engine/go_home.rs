@@ -5,7 +5,7 @@ use super::{Engine, Event, EventKind, Reason};
 use crate::ethercat::cia402::Mode;
 use crate::fieldbus::{CycleDone, MAX_AXES, MAX_SLAVES, Ns, SlaveSet};
 
-/// The homing phase of a slave.
+/// Whether a slave is homing, or is finishing the steps after homing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum HomingPhase {
     /// The slave is not homing.
@@ -34,7 +34,7 @@ impl Engine {
         if restoring && self.config.firmware.restores_mode() { HomingPhase::Restoring } else { HomingPhase::Idle }
     }
 
-    /// The slaves with an axis that is homing.
+    /// The slaves that have an axis that is homing.
     pub(super) fn homing_slaves(&self) -> SlaveSet {
         let mut slaves = SlaveSet::EMPTY;
         if self.volatile.homing_active.is_empty() {
@@ -48,7 +48,8 @@ impl Engine {
         slaves
     }
 
-    /// Whether a motion command is ignored because the slave is homing. If so, the command is counted.
+    /// Whether a motion command is ignored because the slave is homing. If so,
+    /// [`Counters::ignored_homing`](super::Counters) counts it.
     pub(super) fn ignores_motion(&mut self, slave: usize) -> bool {
         let ignored = self.homing_phase(slave as u8) != HomingPhase::Idle;
         self.counters.ignored_homing += u64::from(ignored);
@@ -79,8 +80,8 @@ impl Engine {
         Ok(())
     }
 
-    /// Called when all slots of a frame are executed: starts all homing runs of the frame together. SK-7 \[OURS]: an
-    /// ABORT_HOME in the same frame prevents that, whichever slot holds it.
+    /// Called when all slots of a frame were executed: starts the homing of all slaves with a GO_HOME in the frame
+    /// together. SK-7 \[OURS]: an ABORT_HOME in the same frame prevents that, whichever slot holds it.
     #[inline]
     pub(super) fn start_homing(&mut self) {
         let slaves = std::mem::take(&mut self.go_homes);
@@ -100,7 +101,7 @@ impl Engine {
         }
     }
 
-    /// Whether any of these slaves is still homing, as far as its reports show.
+    /// Whether an axis of these slaves is homing and no report has shown its result yet.
     fn is_any_homing_of(&self, slaves: SlaveSet) -> bool {
         slaves.iter().any(|slave| {
             let axes = &self.axes[usize::from(slave) - 1];
@@ -118,27 +119,28 @@ impl Engine {
         }
     }
 
-    /// Ends the homing of all axes of a slave, for the cause `end`.
+    /// Ends the homing of all axes of a slave. `end` is the cause.
     pub(super) fn end_homing(&mut self, slave: usize, end: HomingEnd, at: Ns) {
         for axis in 0..MAX_AXES {
             self.end_homing_of_axis(slave, axis, end, at);
         }
     }
 
-    /// Ends the homing of one axis, for the cause `end`.
+    /// Ends the homing of one axis. `end` is the cause.
     pub(super) fn end_homing_of_axis(&mut self, slave: usize, axis: usize, end: HomingEnd, at: Ns) {
         if self.axes[slave - 1][axis].homing.end(end) {
             self.log.push(Event { at, kind: EventKind::HomingEnded { slave: slave as u8, axis: axis as u8, end } });
         }
     }
 
-    /// Takes the inputs of a cycle for all axes that are homing or have not finished the steps after it.
+    /// Evaluates the inputs of a cycle for all axes that are homing or have not finished the steps after a homing.
     pub(super) fn answer_homing(&mut self, done: &CycleDone) {
         let (outputs_received, period_ns) = (self.newest_answered, self.period_ns());
         if self.volatile.homing_active.is_empty() {
             return;
         }
-        // Inputs kept from an earlier cycle are no answer to the outputs of this cycle.
+        // Inputs that were kept from an earlier cycle do not answer the outputs of this cycle, so their slaves are left
+        // out.
         for slave in self.volatile.homing_active.difference(self.inputs.held).iter().map(usize::from) {
             if self.axes[slave - 1].iter().all(|axis| axis.homing.is_idle()) {
                 self.volatile.homing_active.remove(slave as u8);
@@ -177,8 +179,8 @@ impl Engine {
         }
     }
 
-    /// The network leaves OP, which ends all homing. The board restores modes of operation while the network is in
-    /// SafeOP; the way up from a lower state writes them anyway.
+    /// Called when the network leaves OP: ends all homing. The board restores the modes of operation while the network
+    /// is in SafeOP. From a lower state the next change to SafeOP writes them anyway.
     pub(super) fn leave_homing_with_op(&mut self, at: Ns) {
         for slave in 1..=MAX_SLAVES {
             self.end_homing(slave, HomingEnd::LeftOp, at);

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 use super::Engine;
 
-/// The value of `local_inputs` until a call sets them.
+/// The value of `local_inputs` before the first call of [`BoardHandle::set_local_inputs`].
 const UNTOUCHED: u8 = u8::MAX;
 
 struct Shared {
@@ -30,22 +30,23 @@ impl Default for BoardHandle {
 }
 
 impl BoardHandle {
-    /// Suppresses the reports of the board while everything else goes on, or ends that.
+    /// Suppresses the reports of the board, or ends that. Everything else goes on.
     pub fn suppress_reports(&self, suppressed: bool) {
         self.0.reports_suppressed.store(suppressed, Ordering::Relaxed);
     }
 
-    /// Stops the board from taking entries out of its FIFO, so that it fills and the full count rises, or ends that.
+    /// Stops the board from taking entries out of its FIFO, or ends that. The FIFO then fills up, and the full count
+    /// rises.
     pub fn hold_fifo(&self, held: bool) {
         self.0.fifo_held.store(held, Ordering::Relaxed);
     }
 
-    /// Sets the six inputs of the chip, bit k is input k (SK-8).
+    /// Sets the six local inputs of the chip (LIO_RD): bit k is input k (SK-8).
     pub fn set_local_inputs(&self, bits: u8) {
         self.0.local_inputs.store(bits & 0x3F, Ordering::Relaxed);
     }
 
-    /// Applies the calls since the last cycle to the engine.
+    /// Applies the newest values of the calls to the engine, at the beginning of a cycle.
     pub(super) fn apply(&self, engine: &mut Engine) {
         engine.suppress_reports(self.0.reports_suppressed.load(Ordering::Relaxed));
         engine.hold_fifo(self.0.fifo_held.load(Ordering::Relaxed));

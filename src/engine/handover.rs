@@ -13,7 +13,7 @@ use super::sync::{Condvar, Mutex, MutexGuard, lock, wait, wait_for};
 use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
-/// Whether the interface is open; if not, why it has ended.
+/// Whether the host interface is open; if not, the reason why.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     Open,
@@ -33,7 +33,8 @@ struct Outbox {
     cancels: u64,
 }
 
-/// Both queues: command frames from the host to the runner, and reports from the runner to the host.
+/// The two queues: the inbox has command frames from the host to the runner, the outbox reports from the runner to the
+/// host.
 pub(super) struct Handover {
     inbox: Mutex<Inbox>,
     space: Condvar,
@@ -42,7 +43,7 @@ pub(super) struct Handover {
 }
 
 impl Handover {
-    /// Makes a hand-over whose inbox holds `room` frames and whose outbox keeps the newest `queue` unread reports. A
+    /// Creates both queues: an inbox for `room` frames, and an outbox that keeps the newest `queue` unread reports. A
     /// writer waits while the inbox is full, as on a USB device that does not accept data.
     pub(super) fn new(room: usize, queue: usize) -> Self {
         Self {
@@ -53,8 +54,8 @@ impl Handover {
         }
     }
 
-    /// Host: hands over a frame that arrives at `at`. First waits until `turn`, when the wire is free, and then for
-    /// room in the inbox; both waits end at `end`.
+    /// Host: puts a frame that arrives at the board time `at` into the inbox. Waits first until `turn`, when the
+    /// simulated wire is free, and then for room in the inbox; both waits end at `end`.
     pub(super) fn send(&self, frame: &Frame, at: Ns, turn: Instant, end: Option<Instant>) -> Result<(), Stop> {
         let mut inbox = lock(&self.inbox);
         let cancels = inbox.cancels;
@@ -80,12 +81,12 @@ impl Handover {
         self.receive_in_parts(out, end, None)
     }
 
-    /// How often reads were cancelled so far, for [`Self::receive_in_parts`].
+    /// How often reads were cancelled so far; [`Self::receive_in_parts`] takes the value.
     pub(super) fn reads_cancelled(&self) -> u64 {
         lock(&self.outbox).cancels
     }
 
-    /// As [`Self::receive`], for one part of a longer wait. `cancelled`: the value of [`Self::reads_cancelled`] when
+    /// Like [`Self::receive`], for one part of a longer wait. `cancelled`: the value of [`Self::reads_cancelled`] when
     /// the whole wait began, so that a cancellation between two parts is seen; `None`: the wait begins now.
     pub(super) fn receive_in_parts(
         &self,
@@ -108,7 +109,8 @@ impl Handover {
         }
     }
 
-    /// Runner: takes the oldest frame if `is_there` accepts its time of arrival, and returns that time.
+    /// Runner: takes the oldest frame out of the inbox if `is_there` returns true for its time of arrival; returns that
+    /// time.
     pub(super) fn next_frame(&self, out: &mut Frame, is_there: impl FnOnce(Ns) -> bool) -> Option<Ns> {
         let mut inbox = lock(&self.inbox);
         if inbox.frames.front().is_none_or(|(_, at)| !is_there(*at)) {
@@ -124,13 +126,13 @@ impl Handover {
         Some(at)
     }
 
-    /// Runner: hands over a report.
+    /// Runner: puts a report that was made at `at` into the outbox.
     pub(super) fn publish(&self, frame: &Frame, at: Ns) {
         lock(&self.outbox).reports.push(frame, at);
         self.news.notify_one();
     }
 
-    /// Ends all present waits and all later calls with `why`. The first reason stays.
+    /// Ends all present waits and all later calls with the reason `why`. If it is called again, the first reason stays.
     pub(super) fn end(&self, why: Stop) {
         for phase in [&mut lock(&self.inbox).phase, &mut lock(&self.outbox).phase] {
             if *phase == Phase::Open {
@@ -141,19 +143,19 @@ impl Handover {
         self.news.notify_all();
     }
 
-    /// Cancels all writes that are waiting.
+    /// Cancels all writes that are waiting: they return an error.
     pub(super) fn cancel_writes(&self) {
         lock(&self.inbox).cancels += 1;
         self.space.notify_all();
     }
 
-    /// Cancels all reads that are waiting.
+    /// Cancels all reads that are waiting: they return an error.
     pub(super) fn cancel_reads(&self) {
         lock(&self.outbox).cancels += 1;
         self.news.notify_all();
     }
 
-    /// Returns an error unless the interface is open.
+    /// Returns an error unless the host interface is open.
     pub(super) fn check(&self) -> Result<(), Stop> {
         match lock(&self.outbox).phase {
             Phase::Open => Ok(()),
@@ -178,7 +180,7 @@ fn wait_until<'a, T>(
     })
 }
 
-/// The time left until `end`; `None`: there is no limit.
+/// The time left until `end`, or an error if it has passed; `None`: there is no limit.
 fn time_left(end: Option<Instant>) -> Result<Option<Duration>, Stop> {
     let left = end.map(|end| end.saturating_duration_since(Instant::now()));
     if left == Some(Duration::ZERO) { Err(Stop::Timeout) } else { Ok(left) }

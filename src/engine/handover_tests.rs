@@ -1,4 +1,5 @@
-//! Tests of the hand-over alone, on threads of the operating system. `tests/schedules` tries the interleavings.
+//! Tests of the hand-over alone, on threads of the operating system. `tests/schedules` tries all interleavings with a
+//! scheduler of its own.
 
 use std::thread;
 use std::time::{Duration, Instant};
@@ -7,7 +8,7 @@ use super::handover::Handover;
 use super::stepped::Stop;
 use crate::sk::Frame;
 
-/// A timeout that only ends a hanging test.
+/// A time limit so long that only a hanging test reaches it.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// LIB-38 A writer waits while the inbox is full, until the runner has taken a frame, and no longer than its timeout.
@@ -24,7 +25,8 @@ fn a_full_inbox_makes_a_writer_wait() {
     assert_eq!(send(30, Duration::from_millis(20)), Err(Stop::Timeout));
     thread::scope(|scope| {
         let writer = scope.spawn(|| send(30, PATIENCE));
-        // By now the writer waits. If it starts later, it finds room at once.
+        // After this time the writer waits for room. If its thread starts even later, it finds room at once, and the
+        // test passes as well.
         thread::sleep(Duration::from_millis(50));
         assert_eq!(handover.next_frame(&mut out, |at| at <= 9), None);
         assert_eq!(handover.next_frame(&mut out, |at| at <= 10), Some(10));

@@ -33,16 +33,16 @@ use crate::fieldbus::Ns;
 /// so that a drive that does not read its controlword in every cycle still sees the edge.
 const START_BIT_LOW_SETS: u8 = 8;
 
-/// The result of a drive is accepted after it has shown no result for this long before bit 4 rose, or the same result
-/// for this long after it \[OURS].
+/// A homing result in the statusword is accepted if the drive has shown no result for this long before bit 4 rose, or
+/// shows the same result for this long after it \[OURS].
 const RESULT_SETTLE_NS: Ns = 20_000_000;
-/// The least number of answers within [`RESULT_SETTLE_NS`], for long cycles \[OURS].
+/// The minimum number of answers that count as [`RESULT_SETTLE_NS`], for long cycles \[OURS].
 const RESULT_SETTLE_ANSWERS: u64 = 4;
 
 /// How long a drive may take to come to a standstill after homing has ended; it shows a standstill by bit 10 \[OURS].
 const STANDSTILL_TIMEOUT_NS: Ns = 500_000_000;
 
-/// The cause that ended the homing of an axis.
+/// Why the homing of an axis has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum HomingEnd {
     /// Statusword bits 10 and 12: homing attained.
@@ -57,14 +57,15 @@ pub enum HomingEnd {
     Aborted,
     /// The host has written 0x6060 (0x6860).
     ModeWritten,
-    /// The network has left OP.
+    /// The network has left OP, which ends all homing.
     LeftOp,
     /// The slave is lost.
     Lost,
 }
 
 impl HomingEnd {
-    /// Whether homing was ended by a command of a FIFO entry. A SET_FIFO 1 that clears the entry takes that back.
+    /// Whether the cause is a command in a FIFO entry. If a SET_FIFO 1 clears this entry, the end of the homing is
+    /// taken back.
     const fn is_from_fifo_entry(self) -> bool {
         matches!(self, Self::ServoOff | Self::Aborted)
     }
@@ -85,7 +86,7 @@ impl fmt::Display for HomingEnd {
     }
 }
 
-/// The homing result in a statusword: bits 10 and 12 for attained, bit 13 for error.
+/// The homing result that a statusword shows: bits 10 and 12 for attained, bit 13 for error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ShownResult {
     None,
@@ -116,8 +117,8 @@ enum Phase {
     Idle,
     /// GO_HOME was executed. Bit 4 rises once it has been clear for [`START_BIT_LOW_SETS`] sets of outputs.
     Requested,
-    /// Bit 4 is set, since the outputs with the id `first`. The last `in_a_row` answers have shown `result`. With
-    /// `clear_seen` a result is accepted at once.
+    /// Bit 4 is set, since the outputs with the id `first`. The last `in_a_row` answers have shown `result`. If
+    /// `clear_seen`, the drive has shown bits 12 and 13 clear, so a result is accepted at once.
     Running { first: u64, result: ShownResult, in_a_row: u64, clear_seen: bool },
     /// Homing has ended. Bit 4 is clear since the outputs with the id `clear`, and the drive is coming to a standstill.
     Braking { end: HomingEnd, clear: Option<u64>, answers: u64 },
@@ -125,50 +126,50 @@ enum Phase {
     Holding { end: HomingEnd, there: Option<u64> },
 }
 
-/// A change in the homing of an axis, caused by the answer of a cycle.
+/// A change in the homing of an axis that the answer of a cycle causes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum HomingEvent {
-    /// Homing has ended.
+    /// Homing has ended for this cause.
     Ended(HomingEnd),
     /// The drive has come to a standstill after homing and is held there. The mode of operation may change.
     AtStandstill,
 }
 
-/// The statusword of an axis in the answer of a cycle, with its timing.
+/// The statusword of an axis in the answer of a cycle, with what is needed to tell which outputs it answers.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Answer {
     pub(super) statusword: Statusword,
     /// The id of the newest outputs that had reached the slave when it measured this statusword.
     pub(super) outputs_received: Option<u64>,
-    /// The time from one answer to the next.
+    /// The time between two answers: the cycle time, ns.
     pub(super) period_ns: Ns,
 }
 
 impl Answer {
-    /// Whether the answer was measured after the outputs with that id had reached the slave.
+    /// Whether the drive measured this answer after the outputs with the given id had reached it.
     fn follows(&self, outputs: Option<u64>) -> bool {
         outputs.is_some() && self.outputs_received >= outputs
     }
 
-    /// The number of answers that come within `ns`.
+    /// How many answers come within `ns`.
     fn in_time(&self, ns: Ns) -> u64 {
         ns.div_ceil(self.period_ns.max(1))
     }
 }
 
-/// The homing of one axis.
+/// The state of the homing of one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct AxisHoming {
     phase: Phase,
-    /// How many more sets of outputs must have bit 4 clear before it may rise.
+    /// In how many more sets of outputs bit 4 must stay clear before it may rise.
     low_sets_left: u8,
     /// The number of consecutive answers, before bit 4 rose, that showed the drive enabled, in mode 6 and without a
     /// result.
     clear_answers: u64,
-    /// Answers of cycles before this time may have been measured before the change to mode 6.
+    /// Answers of cycles before this time may be from before the change to mode 6, so they are ignored.
     mode_since: Ns,
-    /// The newest homing that something other than a FIFO entry has ended: the id of its first outputs, and how it
-    /// ended.
+    /// The newest homing that was not ended by a command of a FIFO entry: the id of its first outputs with bit 4 set,
+    /// and the cause of its end.
     ended: Option<(u64, HomingEnd)>,
 }
 
@@ -178,7 +179,7 @@ impl AxisHoming {
         Self { phase: Phase::Idle, low_sets_left, clear_answers: 0, mode_since: 0, ended: None }
     }
 
-    /// How many more sets of outputs must have bit 4 clear before it may rise.
+    /// In how many more sets of outputs bit 4 must stay clear before it may rise.
     pub(super) const fn low_sets_left(&self) -> u8 {
         self.low_sets_left
     }
@@ -188,7 +189,7 @@ impl AxisHoming {
         matches!(self.phase, Phase::Requested | Phase::Running { .. })
     }
 
-    /// Whether homing has ended, but the mode of operation must not change yet.
+    /// Whether homing has ended, but the steps after it have not, so that the mode of operation must not change yet.
     pub(super) const fn is_ending(&self) -> bool {
         matches!(self.phase, Phase::Braking { .. } | Phase::Holding { .. })
     }
@@ -198,7 +199,7 @@ impl AxisHoming {
         matches!(self.phase, Phase::Idle)
     }
 
-    /// Whether the axis is idle and bit 4 may rise at once.
+    /// Whether the axis is not homing, and bit 4 has been clear for long enough that it may rise at once.
     pub(super) const fn is_at_rest(&self) -> bool {
         self.is_idle() && self.low_sets_left == 0
     }
@@ -215,7 +216,7 @@ impl AxisHoming {
         }
     }
 
-    /// Ends homing. Returns whether the axis was homing.
+    /// Ends homing, if the axis is homing; returns whether it was.
     pub(super) const fn end(&mut self, end: HomingEnd) -> bool {
         if !self.is_homing() {
             return false;
@@ -238,13 +239,13 @@ impl AxisHoming {
         }
     }
 
-    /// 0x6060 was written, at the latest at `at`. Answers of earlier cycles are ignored.
+    /// Called when 0x6060 was written, at the latest at `at`. Answers of earlier cycles are ignored.
     pub(super) const fn mode_written(&mut self, at: Ns) {
         self.clear_answers = 0;
         self.mode_since = at;
     }
 
-    /// Takes the answer of the cycle at `at` while bit 4 is clear. Counts consecutive answers in which the drive is
+    /// Evaluates the answer of the cycle at `at` while bit 4 is clear. Counts consecutive answers in which the drive is
     /// enabled, in mode 6, and shows no result.
     pub(super) fn observe_idle(&mut self, at: Ns, in_mode_6: bool, statusword: Statusword) {
         if matches!(self.phase, Phase::Running { .. }) {
@@ -261,12 +262,13 @@ impl AxisHoming {
             && ShownResult::of(statusword) != ShownResult::None
     }
 
-    /// Bit 4 of the controlword in the next outputs, if no command changes it.
+    /// The value of bit 4 of the controlword in the next outputs, unless a command changes it before.
     pub(super) const fn start_bit(&self) -> bool {
         matches!(self.phase, Phase::Running { .. })
     }
 
-    /// Whether the next outputs must be sent even if they equal the last ones.
+    /// Whether the next set of outputs must be sent even if it equals the last one, because the pauses of bit 4 are
+    /// counted in sets of outputs.
     pub(super) const fn is_under_way(&self) -> bool {
         self.low_sets_left > 0
             || matches!(
@@ -275,7 +277,7 @@ impl AxisHoming {
             )
     }
 
-    /// Bit 4 of the controlword in the next outputs; `id` is their id.
+    /// The value of bit 4 of the controlword in the next set of outputs, whose id is `id`.
     pub(super) fn next_bit(&mut self, id: u64) -> bool {
         match &mut self.phase {
             Phase::Running { .. } => return true,
@@ -292,7 +294,7 @@ impl AxisHoming {
         false
     }
 
-    /// Takes the answer of a cycle. Returns the change that it causes, if any.
+    /// Evaluates the answer of a cycle. Returns the change in the homing that it causes; `None`: no change.
     pub(super) fn take_answer(&mut self, answer: &Answer) -> Option<HomingEvent> {
         let Statusword(word) = answer.statusword;
         let off = answer.statusword.state().is_some_and(|state| state != DriveState::OperationEnabled);
@@ -339,8 +341,8 @@ impl AxisHoming {
         }
     }
 
-    /// Takes back what FIFO entries have done since `then`, because SET_FIFO 1 has cleared these entries. A homing that
-    /// the drive has ended stays ended.
+    /// Takes back what the commands of FIFO entries have changed since `then`, because SET_FIFO 1 has cleared these
+    /// entries. A homing that the drive has ended stays ended.
     pub(super) fn roll_back_to(&mut self, then: &Self) {
         let braking = |end| Phase::Braking { end, clear: None, answers: 0 };
         let (phase, rest) = match (self.phase, then.phase) {
@@ -372,7 +374,7 @@ mod tests {
         Answer { statusword, outputs_received: Some(outputs_received), period_ns: 1_000_000 }
     }
 
-    /// An axis that is homing since the outputs with id 10.
+    /// An axis whose homing runs since the outputs with id 10.
     fn running() -> AxisHoming {
         let mut homing = AxisHoming::default();
         homing.start();
@@ -425,8 +427,8 @@ mod tests {
         }
     }
 
-    /// SK-7.39 Answers that may be older than the change of mode are ignored, whatever they show: the 20 ms begin after
-    /// them.
+    /// SK-7.39 Answers that may be older than the change of mode are ignored, whatever they show: the 20 ms without a
+    /// result, after which a result is accepted at once, begin after them.
     #[test]
     fn answers_of_before_the_mode_say_nothing() {
         const MS: Ns = 1_000_000;

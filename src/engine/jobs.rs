@@ -11,16 +11,17 @@ use crate::fieldbus::{
 };
 use crate::sk::{DriveSync, MasterState};
 
-/// How long after the last declaration the bus gets the new configuration to prepare: programs send SET_AXIS, SET_DC
-/// and DRIVE_MODE one after the other, 2 ms apart (LIB, habits). \[OURS]
+/// After the last declaring command (SET_AXIS, SET_DC, DRIVE_MODE), the engine waits this long until it gives the bus
+/// the new configuration to prepare: programs send SET_AXIS, SET_DC and DRIVE_MODE one after the other, 2 ms apart
+/// (LIB, habits). \[OURS]
 const DECLARED_NS: Ns = 10_000_000;
 
-/// The running job of the bus, other than an SDO transfer.
+/// The running job of the bus for a step of the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct NetworkJob {
     /// The step of boot or of a change of state that the job carries out.
     pub(super) step: Step,
-    /// When the bus ends the job as failed, if it is a change of state; board time.
+    /// When the job times out at the bus, if it is a change of state; board time.
     until: Ns,
 }
 
@@ -33,7 +34,7 @@ const fn al_state(state: MasterState) -> AlState {
     }
 }
 
-/// The network state in which the network is after a step.
+/// The state that the network has after this step.
 const fn target_of(step: Step) -> MasterState {
     match step {
         Step::Scan | Step::Boot | Step::RecoverToPreOp => MasterState::PreOp,
@@ -43,7 +44,7 @@ const fn target_of(step: Step) -> MasterState {
 }
 
 impl Engine {
-    /// Handles the jobs that have ended, and starts the next ones.
+    /// Handles the jobs and SDOs of the bus that have ended, and starts the next ones.
     pub(super) fn run_jobs(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if std::mem::take(&mut self.cancel_job) && self.job.take().is_some() {
             bus.cancel_job();
@@ -63,8 +64,8 @@ impl Engine {
         if self.job.is_none() {
             self.start_step(now, bus);
         }
-        // Transfers of the host and of the board take turns. A host's write of a mode goes first: it may make a restore
-        // needless.
+        // SDO transfers of the host and of the board take turns. But a host's write of a mode of operation goes first,
+        // since it may make a restore of the mode needless.
         if self.host_had_turn && self.volatile.sdo.waiting_write().and_then(mode_write).is_none() {
             self.start_restore_if_free(now, bus);
         }
@@ -79,8 +80,8 @@ impl Engine {
         }
     }
 
-    /// SET_AXIS, SET_DC or DRIVE_MODE has declared settings: the bus prepares them [`DECLARED_NS`] after the last such
-    /// command.
+    /// Called when SET_AXIS, SET_DC or DRIVE_MODE has declared settings: the bus gets them to prepare [`DECLARED_NS`]
+    /// after the last such command.
     pub(super) const fn declared(&mut self, at: Ns) {
         (self.volatile.has_declared, self.volatile.told_at) = (true, Some(at.saturating_add(DECLARED_NS)));
     }
@@ -97,8 +98,8 @@ impl Engine {
         }
     }
 
-    /// Fails a change of state that takes too long (SK-4 \[OURS]: 10 s), whatever the bus does. Cancels a job that no
-    /// longer leads to the target.
+    /// Ends a change of state as failed if it takes too long (SK-4 \[OURS]: 10 s), whatever the bus does. Cancels a job
+    /// that no longer leads to the target.
     fn give_up_late_or_obsolete(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         let late = self.network().deadline().is_some_and(|deadline| now >= deadline);
         if late {
@@ -113,8 +114,8 @@ impl Engine {
         }
     }
 
-    /// Starts the next step, unless an SDO transfer is under way: it may be with a slave that the step configures or
-    /// moves.
+    /// Starts the next step, unless an SDO transfer is in progress: the step may configure or move the slave of the
+    /// transfer.
     fn start_step(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         while self.sdo_owner.is_none()
             && let Some(step) = self.network().next_step()
@@ -135,7 +136,7 @@ impl Engine {
             self.volatile.network.begin(step);
             let until = self.step_deadline(step, now);
             let Some(job) = self.network_job(step, until.saturating_sub(now)) else {
-                // No slave has to change its state: the step is done.
+                // No slave has to change its state, so the step is done without a job.
                 self.step_done(step, now);
                 continue;
             };
@@ -150,7 +151,8 @@ impl Engine {
     /// board configures the slaves, so that the values that the board writes then (0x6060 and others) take precedence.
     fn start_earlier_sdo(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         let Some(seen_at) = self.network().change_seen_at() else { return };
-        // A request that needs no transfer ends at once, and another one may be held behind it.
+        // If the waiting request needs no transfer, it ends at once, and another request may be held behind it: so this
+        // runs twice.
         for _ in 0..2 {
             if self.sdo_owner.is_none() && self.volatile.sdo.waits_since(seen_at) {
                 self.start_host_sdo(now, bus);
@@ -169,14 +171,14 @@ impl Engine {
             self.volatile.sdo.started();
             return self.sdo_done(Err(AbortCode::TIMEOUT), now);
         }
-        // The bus refuses SDOs during a scan and during a configuration.
+        // If the bus refuses (during a scan or a configuration), the request stays waiting.
         if self.sdo_owner.is_none() && bus.start_sdo(request, now).is_ok() {
             self.volatile.sdo.started();
             self.sdo_owner = Some(SdoOwner::Host);
         }
     }
 
-    /// When a step counts as failed, board time.
+    /// When the job of a step times out, board time.
     fn step_deadline(&self, step: Step, now: Ns) -> Ns {
         let change_ends = self.network().deadline().unwrap_or(now.saturating_add(self.config.state_timeout_ns));
         let timeout = self.network().step_timeout(step, change_ends.saturating_sub(now));
@@ -200,7 +202,7 @@ impl Engine {
         Some(Job::State { target: al_state(target), slaves, timeout_ns })
     }
 
-    /// The slaves of a set that are not lost.
+    /// The slaves in `slaves` that are not lost.
     pub(super) fn present(&self, slaves: SlaveSet) -> SlaveSet {
         slaves.difference(self.network().lost())
     }
@@ -209,7 +211,7 @@ impl Engine {
         SlaveSet::first(self.network().found())
     }
 
-    /// Whether a change of state is one between PreOP and OP: slaves that are not used take no part in it.
+    /// Whether a change to the state `to` concerns only used slaves: between PreOP and OP unused slaves take no part.
     fn concerns_used_slaves_only(&self, to: MasterState) -> bool {
         let from = self.network().state();
         to > MasterState::PreOp || to == MasterState::PreOp && from > Some(MasterState::PreOp)
@@ -254,7 +256,7 @@ impl Engine {
         lacking.map(|n| StateFailure::Mode { slave: n as u8 + 1, kind: self.volatile.kinds[n] })
     }
 
-    /// Fails the change of state in progress.
+    /// Ends the change of state in progress as failed, for the reason `why`.
     fn fail_state(&mut self, why: StateFailure, at: Ns) {
         self.volatile.network.fail();
         self.volatile.left_shown_from = Some(self.answers_valid_from(at));
@@ -262,14 +264,14 @@ impl Engine {
         self.log.push(Event { at, kind: EventKind::StateFailed { why } });
     }
 
-    /// The reason of a state failure, for a step that a slave has refused.
+    /// Converts the refusal of a step by a slave to the reason of a state failure.
     fn failure_of(&self, step: Step, refusal: Refusal) -> StateFailure {
         let kind = usize::from(refusal.slave).checked_sub(1).and_then(|n| self.volatile.kinds.get(n));
         let configuring = matches!(step, Step::Configure | Step::RecoverConfigure);
         StateFailure::of(refusal, configuring, target_of(step), kind.copied().unwrap_or_default())
     }
 
-    /// The configuration of all slaves as declared.
+    /// The configuration of all slaves as SET_AXIS, SET_DC and DRIVE_MODE have declared it.
     fn declared_config(&self) -> BusConfig {
         let found = usize::from(self.network().found());
         let slaves = std::array::from_fn(|n| match n < found {
@@ -279,7 +281,7 @@ impl Engine {
         BusConfig { cycle: self.volatile.cycle, selected: self.found_slaves(), slaves }
     }
 
-    /// The declared configuration, which is in force from now on.
+    /// Puts the declared configuration into force, and returns it.
     fn bus_config(&mut self) -> BusConfig {
         let config = self.declared_config();
         self.volatile.cycle_in_op = config.cycle;
@@ -288,7 +290,7 @@ impl Engine {
         config
     }
 
-    /// The configuration in force, for these slaves.
+    /// The configuration in force, with `selected` as the slaves to configure.
     fn config_for(&self, selected: SlaveSet) -> BusConfig {
         let slaves =
             std::array::from_fn(|n| SlaveConfig { role: self.volatile.roles[n], sync: self.volatile.syncs[n] });
@@ -315,8 +317,8 @@ impl Engine {
         let Some(work) = self.job.take() else { return };
         self.network_job_done(work, done, now);
         if self.volatile.has_declared {
-            // The bus has used its prepared configuration, or slaves have left PreOP since: it gets the configuration
-            // again.
+            // The job has used up the configuration that the bus had prepared, or slaves have left PreOP: the bus gets
+            // the configuration to prepare again.
             self.declared(now);
         }
     }
@@ -327,8 +329,8 @@ impl Engine {
             (_, JobDone::Scan { found }) => {
                 let found = found.min(self.config.slot.max_slaves() as u8);
                 self.volatile.network.scanned(found);
-                // After SW_RESET fewer slaves may be found. The last outputs of the missing ones must not go to the bus
-                // again.
+                // After SW_RESET fewer slaves may be found than before. The previous outputs of the missing slaves must
+                // not be sent again.
                 self.outputs.slaves[usize::from(found)..].fill(Default::default());
                 let before = self.volatile.failure.filter(|why| *why != StateFailure::NoSlave);
                 self.volatile.failure = if found == 0 { Some(StateFailure::NoSlave) } else { before };
@@ -358,7 +360,8 @@ impl Engine {
                 self.volatile.failure = Some(StateFailure::Hardware(limit));
             }
             (_, JobDone::Beyond(limit)) => self.fail_state(StateFailure::Hardware(limit), now),
-            // A new request has extended the deadline meanwhile: the step starts again.
+            // A repeated SET_STATE has extended the deadline meanwhile, so the timeout of the job is no failure: the
+            // step starts again.
             (Step::Move(_), JobDone::State(Err(_)))
                 if now >= until && self.network().deadline().is_some_and(|deadline| deadline > until) => {}
             (_, JobDone::State(Err(refusal)) | JobDone::Configure(Err(refusal))) => {
@@ -389,31 +392,33 @@ impl Engine {
         }
         self.note_moved(step, now);
         if was_op != self.network().in_op() {
-            // OP begins and ends with an empty FIFO and without requests of axes.
+            // OP begins and ends with an empty FIFO, and without pending requests of the axes.
             self.clear_fifo();
             self.leave_homing_with_op(now);
             self.drop_commanded();
             super::axis::reset(&mut self.axes);
             if was_op && self.unconfirmed() > 0 {
-                // Commands whose outputs were not sent do not count as executed.
+                // Commands whose outputs were not sent do not count as executed: the slots show the commands before
+                // them.
                 self.volatile.heads = self.shown_heads;
             }
             self.volatile.heads.iter_mut().for_each(SlotHead::outputs_off);
             self.shown_heads = self.volatile.heads;
         }
         if self.network().state() < Some(MasterState::SafeOp) {
-            // The next change to SafeOP writes every mode of operation.
+            // The next change to SafeOP writes the mode of operation of all axes, so nothing has to be restored.
             self.volatile.restores.cancel_all();
         }
         if !was_op && self.network().in_op() {
-            // The inputs of SafeOP give the targets of the first outputs, which hold every axis where it is.
+            // The inputs from SafeOP give the targets of the first outputs in OP, which hold every axis at its
+            // position.
             self.answer_axes();
             self.begin_op_outputs();
         }
     }
 
-    /// The bus has configured these slaves, and so has written the mode of DRIVE_MODE to 0x6060 ("At PreOP -> SafeOP
-    /// the board writes DRIVE_MODE's value").
+    /// Called when the bus has configured these slaves, and so has written the mode of DRIVE_MODE to 0x6060 ("At PreOP
+    /// -> SafeOP the board writes DRIVE_MODE's value").
     fn modes_configured(&mut self, slaves: SlaveSet) {
         for slave in slaves.iter().map(usize::from) {
             self.volatile.restores.cancel_slave(slave as u8);

@@ -45,8 +45,8 @@ impl Engine {
         let CycleDone { at, working_counter: counted, expected_working_counter: expected, .. } = *done;
         let is_held = !self.inputs.held.difference(self.network().lost()).is_empty();
         self.counters.inputs_held += u64::from(is_held);
-        // After a pause without frames the bus names the slaves that have left OP as soon as it knows them: no event
-        // until then.
+        // After a pause without frames the slaves that have left OP are named soon, when the bus has read their states:
+        // until then a low working counter is not logged.
         let is_low = counted < expected && self.inputs.lost.is_empty() && self.inputs.stood_still_ns == 0;
         let is_wrong = is_low || counted > expected && is_held;
         if is_wrong && expected > 0 && !self.working_counter_wrong {
@@ -58,7 +58,8 @@ impl Engine {
     /// Slaves that are in a lower state than the network while no change of state is under way: a failed change,
     /// refused by other slaves, has left them there.
     fn left_behind(&self) -> SlaveSet {
-        // A Configure names at its end the slaves that it has disturbed.
+        // During a change of state slaves may be behind, and a configuration names the slaves that it has disturbed
+        // only at its end.
         if self.job.is_some_and(|work| matches!(work.step, Step::Move(_) | Step::RecoverConfigure)) {
             return SlaveSet::EMPTY;
         }
@@ -69,8 +70,8 @@ impl Engine {
         }
     }
 
-    /// The cable before the first slave is cut: all used slaves are lost. No cycle of the bus passes that could name
-    /// them.
+    /// Called when the cable before the first slave is cut: all used slaves are lost. The bus cannot name them, since
+    /// none of its cycles passes.
     pub(super) fn note_silence(&mut self, at: Ns) {
         self.inputs.lost = self.used_slaves();
         self.note_lost(at);
@@ -118,7 +119,8 @@ impl Engine {
             self.lose_slave(slave.into(), at);
             self.log.push(event);
         }
-        // A change to a lower state does not wait for lost slaves: the step starts again without the slaves lost now.
+        // A change to a lower state does not wait for lost slaves: the step starts again without those that were just
+        // lost.
         if let Some(work) = self.job
             && let Step::Move(to) = work.step
             && Some(to) < self.network().state()
@@ -127,7 +129,8 @@ impl Engine {
         }
     }
 
-    /// Slaves have left OP because the bus configured other slaves. All of them return to OP together.
+    /// Called when slaves have left OP because the bus configured other slaves. The recovery in progress brings all of
+    /// them back to OP together.
     pub(super) fn note_disturbed(&mut self, disturbed: SlaveSet, at: Ns) {
         let disturbed = disturbed.intersection(self.used_slaves());
         for slave in self.present(disturbed).iter() {
@@ -137,14 +140,15 @@ impl Engine {
         self.volatile.network.mark_disturbed(disturbed);
     }
 
-    /// Ends all requests for a slave that is lost, of commands and of homing.
+    /// Ends all requests for a slave that is lost: those of commands, and its homing.
     fn lose_slave(&mut self, slave: usize, at: Ns) {
         self.end_homing_of_lost(slave, at);
         if self.network().in_op() {
             // Commands in outputs that the bus has queued and not sent do not reach the slave.
             self.volatile.heads[slave - 1] = self.shown_heads[slave - 1];
         }
-        // The slot keeps its values while the slave is lost. After its return the slot shows the real outputs: off.
+        // The slot keeps its values while the slave is lost. After the return of the slave the slot shows that the
+        // outputs are off.
         self.volatile.heads[slave - 1].outputs_off();
         self.shown_heads[slave - 1].outputs_off();
         let mode = self.role(slave).mode();
@@ -154,7 +158,8 @@ impl Engine {
         }
     }
 
-    /// Makes the report show the commands of the outputs with that id, except for slaves that these have not reached.
+    /// Makes the slots in reports show the commands of the outputs with this id. The slots of slaves that these outputs
+    /// have not reached stay unchanged.
     pub(super) fn show_heads(&mut self, id: u64) {
         let heads = &self.records.of(id).heads;
         let lost = self.network().lost().union(self.unreached());
@@ -169,7 +174,8 @@ impl Engine {
         }
     }
 
-    /// Whether commands for a slave are not executed because it is lost. Outside OP its settings can still be changed.
+    /// Whether commands for a slave are not executed because it is lost. Outside OP commands can still change the
+    /// settings of a lost slave.
     pub(super) fn is_lost_in_op(&self, slave: usize) -> bool {
         let lost = self.network().lost();
         !lost.is_empty() && self.network().in_op() && lost.contains(slave as u8)
@@ -193,17 +199,18 @@ impl Engine {
             }
         });
         match right {
-            // ABORT_HOME is for all slaves, whichever slot holds it.
+            // ABORT_HOME concerns all slaves, so it is executed although this slave is lost.
             Ok(()) if id == CommandId::AbortHome => self.abort_home(at),
             Ok(()) => self.counters.for_lost += 1,
             Err(reason) => self.reject(slave, id, reason, at),
         }
     }
 
-    /// Notes that the next outputs carry a command for a slave.
+    /// Records that the next outputs carry a command for a slave.
     pub(super) fn mark_commanded(&mut self, slave: usize) {
         if self.commanded.contains(slave as u8) {
-            // The outputs with the previous command were never sent, since the bus was down.
+            // The outputs with the previous command were never sent, because the bus was down: that command counts as
+            // lost.
             self.counters.for_lost += 1;
         }
         // A slave that SET_AXIS declares as not used is not in OP, and no command reaches it.
@@ -217,9 +224,9 @@ impl Engine {
         self.counters.for_lost += u64::from(std::mem::take(&mut self.commanded).len());
     }
 
-    /// Whether the next step has to wait. After a failed change of state it waits for an answer that shows which slaves
-    /// were left in another state: these are lost, and the next change has to bring them back. It does not wait for a
-    /// silent bus.
+    /// Whether the next step has to wait. After a failed change of state the step waits for an answer that shows which
+    /// slaves the change has left in another state: these count as lost, and the next change has to bring them back. It
+    /// does not wait while the bus is silent.
     pub(super) fn awaits_who_was_left(&mut self, now: Ns) -> bool {
         let left_shown_from = self.volatile.left_shown_from;
         let awaits = left_shown_from.is_some_and(|from| self.last_passed < from) && !self.is_bus_silent(now);
@@ -236,7 +243,7 @@ impl Engine {
             return true;
         }
         let alone = self.present(self.used_slaves()).is_empty();
-        // A bus repeats the newest outputs that it has sent, unless no slave was left in OP.
+        // The newest outputs that were sent count too, since a bus repeats them, unless no slave was left in OP.
         let oldest = if alone { self.unconfirmed_from } else { self.unconfirmed_from.saturating_sub(1) };
         let recovering = self.network().recovering();
         let at_rest = (oldest..self.next_output_id).all(|id| {
@@ -246,7 +253,7 @@ impl Engine {
                 axes[..used].iter().map(|axes| &axes[usize::from(slave) - 1]).all(AxisCheckpoint::is_at_rest)
             })
         });
-        // With no slave in OP a bus may send no outputs, so that old outputs would stay in it for ever. So they are
+        // With no slave in OP a bus may send no outputs, so old outputs would stay in its queue for ever: they are
         // cleared.
         if alone && !at_rest {
             self.clear_ahead();
@@ -254,10 +261,10 @@ impl Engine {
         at_rest && !self.is_clearing()
     }
 
-    /// Clears entries that a bus holds while no slave is in OP. Such a bus may send no outputs: the entries would wait
-    /// until slaves are back, and the entries behind them would be executed then, even an SV_ON of long ago. The clear
-    /// comes once cycles have passed without these outputs, but not while slaves return to OP: it would roll back their
-    /// state.
+    /// Clears the outputs that a bus has queued while no slave is in OP. The bus may then send no outputs: the entries
+    /// would wait until slaves are back, and the entries behind them would be executed then, even an SV_ON of long ago.
+    /// The clear comes once cycles have passed without these outputs, but not while slaves return to OP: it would roll
+    /// back their state.
     pub(super) fn clear_what_nobody_gets(&mut self) {
         let alone = self.present(self.used_slaves()).is_empty();
         let return_now = self.job.is_some_and(|work| matches!(work.step, Step::RecoverTo(_)));
@@ -270,16 +277,16 @@ impl Engine {
         }
     }
 
-    /// The time from which answers are sure to have been measured after something that has ended by `now`.
+    /// If something has ended by `now`, the answers of cycles from this time on have certainly been measured after it.
     pub(super) fn answers_valid_from(&self, now: Ns) -> Ns {
         match self.pacing {
             Pacing::Runner => now,
-            // The clock of the bus may differ from board time by a cycle.
+            // The clock of the bus may differ from board time by up to a cycle.
             Pacing::Bus { .. } => now.saturating_add(self.longest_period_ns()),
         }
     }
 
-    /// A step has changed the state of slaves: answers from before count no longer.
+    /// Called when a step has changed the state of slaves: their answers from before no longer count.
     pub(super) fn note_moved(&mut self, step: Step, now: Ns) {
         let who = match step {
             Step::RecoverTo(to) if to > MasterState::PreOp => self.network().recovering(),
@@ -289,8 +296,8 @@ impl Engine {
         let answers_valid_from = self.answers_valid_from(now);
         who.iter().for_each(|slave| self.volatile.answers_valid_from[usize::from(slave) - 1] = answers_valid_from);
         if step == Step::RecoverTo(MasterState::Op) {
-            // The present inputs of the slaves give the targets of their first outputs, which hold the axes where they
-            // are.
+            // The present inputs of the slaves give the targets of their first outputs in OP, which hold the axes at
+            // their positions.
             who.iter().for_each(|slave| self.answer_slave(slave.into()));
         }
     }

@@ -90,29 +90,29 @@ use fifo::CommandFifo;
 use outputs_record::{COMMANDED_SETS, History, OutputsRecord};
 use volatile::{CrcSwitches, FACTORY_CRC, SlotHead, Volatile};
 
-/// The model of the EC01M.
+/// The model of the EC01M, the chip of the board.
 pub struct Engine {
     config: EngineConfig,
     pacing: Pacing,
     /// The CRC switches that SET_EX has set. They take effect at the next boot.
     remembered: CrcSwitches,
     volatile: Volatile,
-    /// The axes, which SW_RESET resets, too. They are in a place of their own because a whole [`Volatile`] with them would take
-    /// 8 kB of the stack of a program's thread (LIB-73).
+    /// The axes, which SW_RESET resets, too. They are not a field of [`Volatile`]: a reset makes a new value of it on the stack
+    /// of a program's thread, and with the axes this would take 8 kB (LIB-73).
     axes: AllAxes,
     fifo: CommandFifo,
     /// The running job of the bus, other than an SDO transfer.
     job: Option<jobs::NetworkJob>,
     /// Which side requested the running SDO transfer: the host, or the board. It may run during a change of state.
     sdo_owner: Option<restore::SdoOwner>,
-    /// Whether the SDO transfer that ended last was one of the host.
+    /// Whether the SDO transfer that ended last was one of the host. Then it is the board's turn.
     host_had_turn: bool,
     cancel_job: bool,
     cancel_sdo: bool,
     clearing: outputs::Clearing,
     outputs: Outputs,
-    /// The bus has refused the newest outputs, or has not sent them because they were cleared: they must be pushed
-    /// again.
+    /// Whether the newest outputs have to be pushed again, because the bus has refused them, or has dropped them in a
+    /// clear.
     outputs_left: bool,
     inputs: Inputs,
     next_output_id: u64,
@@ -122,41 +122,43 @@ pub struct Engine {
     op_from: u64,
     /// The id of the newest outputs that a polled cycle has carried.
     newest_answered: Option<u64>,
-    /// Slaves that the previous answered cycle named as lost.
+    /// The slaves that the previous answered cycle named as lost.
     lost_before: SlaveSet,
-    /// Slaves that were homing before the frame that is being executed.
+    /// The slaves that were homing before the present frame, whose slots are being executed.
     homing_before: SlaveSet,
     /// The slaves with a GO_HOME in the frame that is being executed, and whether that frame has an ABORT_HOME.
     go_homes: SlaveSet,
     aborts_homing: bool,
-    /// The state at each set of outputs that is not known to be sent, and at the newest one that was sent.
+    /// For each set of outputs that is not known to be sent, and for the newest one that was sent: the state from which
+    /// the set was made.
     records: History<OutputsRecord>,
-    /// For each set of outputs in `records`, and for many before them, the slaves for which the set has a command.
+    /// For each set of outputs in `records`, and for many earlier ones: the slaves for which the set carries a command.
     commanded_by: History<SlaveSet>,
-    /// The state when OP was reached, to which a clear returns if no outputs of this OP were sent.
+    /// The state when OP was reached. A clear returns to it if no outputs were sent since then.
     op_start: Box<OutputsRecord>,
-    /// FIFO entries whose outputs are not known to be sent.
+    /// FIFO entries that were taken out of the FIFO and whose outputs are not known to be sent.
     entries_ahead: VecDeque<outputs::EntryAhead>,
-    /// The limit of sets of outputs that are not known to be sent: `records` has no room for more.
+    /// The maximum number of sets of outputs that are not known to be sent, because `records` has room for no more.
     unconfirmed_max: u64,
-    /// Slaves with an executed command that the next outputs carry.
+    /// The slaves for which the next outputs carry an executed command.
     commanded: SlaveSet,
-    /// The heads of the slaves' slots as reports show them: those of the newest outputs that were sent.
+    /// The commands that the slaves' slots in reports show (id, index, output image): those of the newest outputs that
+    /// were sent.
     shown_heads: [SlotHead; MAX_SLAVES],
-    /// When the newest cycle of the bus passed.
+    /// When the newest cycle of the bus ran.
     last_passed: Ns,
-    /// When the newest cycle with new outputs passed.
+    /// When the newest cycle that carried new outputs ran.
     last_carried: Ns,
     /// When the next cycle should run to stay in step with the distributed clocks.
     next_deadline: Option<Ns>,
     /// In the newest cycle the working counter was too low while the bus named no lost slave, or it was too high.
     working_counter_wrong: bool,
-    /// The hardware that runs the bus did not answer in the previous cycle.
+    /// Whether the hardware that runs the bus did not answer in the previous cycle.
     bus_down: bool,
-    /// Another master on the network was seen and logged.
+    /// Whether a frame of another master was seen and logged.
     has_told_other_master: bool,
     local_inputs: u8,
-    /// The outputs of the chip (LIO) that were passed to the bus last.
+    /// The local outputs (LIO_WR) that were passed to the bus last.
     local_outputs_told: u8,
     reports_suppressed: bool,
     boots: u64,
@@ -165,11 +167,12 @@ pub struct Engine {
 }
 
 impl Engine {
-    /// A board at power-on. `pacing`: whether the bus or the runner owns the cycle.
+    /// Creates the engine of a board at power-on. `pacing` says whether the bus or the runner decides when a cycle
+    /// runs.
     pub fn new(config: EngineConfig, pacing: Pacing) -> Self {
-        // A cycle that the runner owns is answered at once. A bus that owns its cycle holds some sets of outputs, has
-        // sent some since its last poll, and has not answered some. It may name a lost slave as late as an answer
-        // comes.
+        // How many sets of outputs may be unconfirmed. If the runner decides when a cycle runs, each cycle is answered
+        // at once. A bus that runs its own cycle has some sets in its queue, has sent some since the last poll, and
+        // some are not answered yet. It may name a lost slave as late as an answer can come.
         let (unconfirmed_max, answered) = match pacing {
             Pacing::Runner => (1, 0),
             Pacing::Bus { depth, answer_delay } => {
@@ -238,12 +241,12 @@ impl Engine {
         self.boots
     }
 
-    /// The state of the network, byte 2 of slot 0.
+    /// The state of the network as byte 2 of slot 0 shows it.
     pub const fn state(&self) -> StateByte {
         self.network().state_byte()
     }
 
-    /// Whether boot, a change of state or an SDO transfer is under way.
+    /// Whether a boot, a change of state or an SDO transfer is in progress.
     pub fn is_busy(&self) -> bool {
         self.job.is_some() || self.sdo_owner.is_some() || self.network().next_step().is_some()
     }
@@ -261,7 +264,7 @@ impl Engine {
         self.volatile.failure.filter(|_| self.state().is_failed())
     }
 
-    /// The LEDs that show the state.
+    /// The LEDs of the board that show the state of the network.
     pub const fn leds(&self) -> Leds {
         Leds::in_state(self.state())
     }
@@ -281,7 +284,7 @@ impl Engine {
         if self.network().in_op() { self.volatile.cycle_in_op.ns() } else { CycleTime::DEFAULT.ns() }
     }
 
-    /// The longer one of the cycle in OP and the default cycle before OP.
+    /// The longer of the cycle time in OP and the default cycle time before OP.
     pub(crate) fn longest_period_ns(&self) -> Ns {
         self.volatile.cycle.max(CycleTime::DEFAULT).ns()
     }
@@ -301,38 +304,38 @@ impl Engine {
         self.log.total()
     }
 
-    /// The events from number `from` on, oldest first; only the last 32 are kept.
+    /// The events from event number `from` on (counted from 0), oldest first. Only the last 32 are kept.
     pub fn events_since(&self, from: u64) -> impl Iterator<Item = Event> {
         self.log.since(from)
     }
 
-    /// Sets the six inputs of the chip, bit k is input k (SK-8).
+    /// Sets the six local inputs of the chip, as LIO_RD reads them: bit k is input k (SK-8).
     pub const fn set_local_inputs(&mut self, bits: u8) {
         self.local_inputs = bits & 0x3F;
     }
 
-    /// The six outputs of the chip as LIO_WR has written them, bit k is output k.
+    /// The six local outputs of the chip, as LIO_WR has written them: bit k is output k.
     pub const fn local_outputs(&self) -> u8 {
         self.volatile.local_outputs
     }
 
-    /// Suppresses reports while everything else goes on, or ends that. A fault for scripts and tests.
+    /// Suppresses reports, or ends that. Everything else goes on. A fault for scripts and tests.
     pub(super) const fn suppress_reports(&mut self, suppressed: bool) {
         self.reports_suppressed = suppressed;
     }
 
-    /// Stops taking entries out of the FIFO, so that it fills, or ends that. A fault for scripts and tests, which
+    /// Stops taking entries out of the FIFO, or ends that. The FIFO then fills up. A fault for scripts and tests, which
     /// SW_RESET does not end.
     pub(super) const fn hold_fifo(&mut self, held: bool) {
         self.fifo.hold(held);
     }
 
-    /// Logs an event.
+    /// Adds an event to the log.
     pub(crate) fn note(&mut self, event: Event) {
         self.log.push(event);
     }
 
-    /// Takes a command frame that has arrived completely at `at`.
+    /// Handles a command frame that has arrived completely at the board time `at`.
     pub fn host(&mut self, frame: &Frame, at: Ns) {
         if !self.talks() {
             self.counters.while_booting += 1;
@@ -376,7 +379,7 @@ impl Engine {
 
     /// SW_RESET: resets all variables except the CRC switches of SET_EX, which take effect now. The host interface
     /// answers again when the boot has reached PreOP.
-    // Not a part of its caller, whose stack it would take for every command.
+    // Not inlined: otherwise the caller would need the stack for this at every command.
     #[inline(never)]
     fn reset(&mut self) {
         self.counters.cleared += u64::from(self.fifo.reset());
@@ -396,8 +399,8 @@ impl Engine {
         self.clear_ahead();
     }
 
-    /// The number of axes that SV_ON, SV_OFF and ALM_CLR act on: all axes of the slave's role, whatever the slot size
-    /// \[OURS].
+    /// The number of axes of a slave that SV_ON, SV_OFF and ALM_CLR act on: all axes that the slave has in its role,
+    /// whatever the slot size \[OURS].
     fn axes(&self, slave: usize) -> usize {
         match self.role(slave) {
             Role::Io | Role::Unused => 0,
@@ -412,12 +415,12 @@ impl Engine {
         self.config.slot == SlotSize::Bytes16 && self.volatile.second_axes.contains(slave as u8)
     }
 
-    /// The state of the network.
+    /// The state of the network as the board sees it.
     const fn network(&self) -> &network::Network {
         &self.volatile.network
     }
 
-    /// Whether an axis of a slave has torque or is about to have, by its newest inputs.
+    /// Whether, by the newest inputs of a slave, the motor of one of its axes has torque or is about to have it.
     fn has_torque(&self, slave: u8) -> bool {
         use crate::ethercat::cia402::DriveState::{FaultReactionActive, OperationEnabled, QuickStopActive};
         let n = usize::from(slave) - 1;

@@ -4,18 +4,18 @@
 use crate::fieldbus::{Ns, SlaveSet};
 use crate::sk::{MasterState, StateByte};
 
-/// A step of boot or of a change of state.
+/// A step of a boot or of a change of state, which a job of the bus carries out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Step {
-    /// Find the slaves, at boot.
+    /// Scan the network for slaves, at boot.
     Scan,
     /// Bring all found slaves to PreOP, at boot.
     Boot,
     /// Map the process data, before the change from PreOP to SafeOP.
     Configure,
-    /// Bring all slaves to that state.
+    /// Bring all slaves to this state.
     Move(MasterState),
-    /// Bring lost slaves to PreOP, in whatever state they are.
+    /// Bring lost slaves to PreOP, from whatever state they are in.
     RecoverToPreOp,
     /// Map the process data of the recovering slaves again.
     RecoverConfigure,
@@ -26,31 +26,33 @@ pub(super) enum Step {
 /// How long the first attempt of a recovery waits for all lost slaves together; then the recovery goes on without the
 /// silent ones \[OURS]. An SDO has the same timeout.
 const RECOVERY_TIMEOUT_NS: Ns = 1_000_000_000;
-/// How long each further attempt waits for silent slaves \[OURS]. Slaves that answer at all do so within this time.
+/// How long each further attempt waits for silent slaves \[OURS]. A slave that is connected and works answers within
+/// this time.
 const RECOVERY_RETRY_TIMEOUT_NS: Ns = 100_000_000;
 
-/// The progress of the recovery of lost slaves.
+/// How far the recovery of lost slaves has come.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Recovery {
     #[default]
     NotBegun,
     InPreOp,
     Configured,
-    /// The lost slaves are back. Slaves that are lost from now on wait for the next SET_STATE.
+    /// The lost slaves are back. A slave that is lost after this is brought back only by the next SET_STATE.
     Done,
 }
 
-/// A change of state under way.
+/// A requested change of state that has not ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Change {
     target: MasterState,
     deadline: Ns,
-    /// When the jobs first handled this change, board time; `None`: it is newer than their last run.
+    /// When the engine first looked for a step of this change, board time; `None`: the request is newer than the last
+    /// cycle.
     seen_at: Option<Ns>,
     /// Whether [`Step::Configure`] has begun, with the settings declared by then.
     configuring: bool,
     configured: bool,
-    /// Other settings were declared during the configuration, so that all slaves have to start in PreOP again.
+    /// Whether other settings were declared during the configuration, so that all slaves have to start in PreOP again.
     declared_anew: bool,
     recovery: Recovery,
     /// The lost slaves that this change still has to bring back: those that were lost when the recovery began, without
@@ -58,7 +60,7 @@ struct Change {
     to_recover: Option<SlaveSet>,
     /// The slaves in `to_recover` that have not answered in this attempt: the others go on without them.
     unanswered: SlaveSet,
-    /// A lost slave has refused a step of the recovery.
+    /// Whether a lost slave has refused a step of the recovery.
     refused: bool,
 }
 
@@ -79,7 +81,7 @@ impl Change {
     }
 }
 
-/// The state of the network and the change under way.
+/// The state of the network, and the change of state in progress.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Network {
     /// The last state that all slaves have reached; `None`: none yet since the boot.
@@ -90,8 +92,8 @@ pub(super) struct Network {
     /// Whether PreOP was reached since the board booted: USB and SPI answer then.
     talks: bool,
     change: Option<Change>,
-    /// The newest SET_STATE since the last run of the jobs, if another change was under way already. This one begins if
-    /// that change turns out to have failed.
+    /// The newest SET_STATE since the last cycle, if another change was in progress already. It begins as a new change
+    /// if the other one turns out to have failed.
     newest: Option<Change>,
     /// The slaves that are lost: they have left the state of the network by themselves, and are not back.
     lost: SlaveSet,
@@ -100,7 +102,7 @@ pub(super) struct Network {
 }
 
 impl Step {
-    /// Whether the step is the first one of a recovery.
+    /// Whether this is the first step of a recovery.
     fn begins_recovery(self) -> bool {
         match self {
             Self::RecoverToPreOp => true,
@@ -129,7 +131,7 @@ impl Network {
         }
     }
 
-    /// Whether the host interface answers.
+    /// Whether the host interface (USB, SPI) answers.
     pub(super) const fn talks(&self) -> bool {
         self.talks
     }
@@ -139,7 +141,7 @@ impl Network {
         self.found
     }
 
-    /// Whether all slaves are in that state and no other state is requested.
+    /// Whether all slaves are in this state, and there is no lost slave, no failure and no request for another state.
     pub(super) fn rests_in(&self, state: MasterState) -> bool {
         self.reached == Some(state) && self.change.is_none() && !self.failed && self.lost.is_empty()
     }
@@ -149,15 +151,15 @@ impl Network {
         self.lost
     }
 
-    /// The lost slaves that the change under way is bringing back now.
+    /// The lost slaves that the change in progress is bringing back now.
     pub(super) const fn recovering(&self) -> SlaveSet {
         self.recovering
     }
 
-    /// Whether slaves that do not answer now count as lost. In OP they always do, and in SafeOP except during a change
-    /// to OP, which waits for them until its deadline. Below SafeOP no process data are exchanged, and the next change
-    /// of state finds missing slaves. SK-4 \[OURS]: a change whose first step still waits (`awaits`) for news of a
-    /// failed change before it does not wait for slaves yet.
+    /// Whether slaves that do not answer at present count as lost. In OP they always do, and in SafeOP except during a
+    /// change to OP, which waits for them until its deadline. Below SafeOP no process data are exchanged, and the next
+    /// change of state finds missing slaves. SK-4 \[OURS]: a change whose first step still waits (`awaits`) for news of
+    /// a failed change before it does not wait for slaves yet.
     pub(super) fn notices_losses(&self, awaits: bool) -> bool {
         match self.reached {
             Some(MasterState::Op) => true,
@@ -219,7 +221,7 @@ impl Network {
         true
     }
 
-    /// The next step; `None`: no step is needed.
+    /// The next step of the boot or of the change in progress; `None`: no step is needed.
     pub(super) fn next_step(&self) -> Option<Step> {
         let Some(state) = self.reached else {
             return Some(if self.scanned { Step::Boot } else { Step::Scan });
@@ -232,8 +234,8 @@ impl Network {
                 Self::recovery_step(from, change.recovery)
             }
             (from, to) if to == from => Step::Move(to),
-            // Some slaves may be in a higher state than others: all start again in the state that all have reached
-            // [OURS].
+            // Some slaves may be in a higher state than others: all go back to the last state that all have reached,
+            // and start from there [OURS].
             (from, change_to) if self.failed || change.declared_anew && change_to > from => Step::Move(from),
             (MasterState::Init, _) => Step::Move(MasterState::PreOp),
             (MasterState::PreOp, _) if !change.configured => Step::Configure,
@@ -251,24 +253,25 @@ impl Network {
         }
     }
 
-    /// The jobs start to handle the present change at `now`.
+    /// Called when the engine looks for the next step at `now`: notes this time for a new change.
     pub(super) fn see(&mut self, now: Ns) {
         if let Some(change) = &mut self.change {
             change.seen_at.get_or_insert(now);
         }
     }
 
-    /// The jobs have handled all ends of the cycle: an earlier change can no longer turn out to have failed.
+    /// Called when all jobs that ended in this cycle were handled: an earlier change can no longer turn out to have
+    /// failed.
     pub(super) fn seen(&mut self) {
         self.newest = None;
     }
 
-    /// When the jobs first handled the present change; `None`: they have not yet, or no change is in progress.
+    /// When the engine first looked for a step of the present change; `None`: not yet, or no change is in progress.
     pub(super) fn change_seen_at(&self) -> Option<Ns> {
         self.change.and_then(|change| change.seen_at)
     }
 
-    /// Notes that a step begins.
+    /// Records that the job for a step begins.
     pub(super) fn begin(&mut self, step: Step) {
         let Some(change) = &mut self.change else { return };
         match step {
@@ -298,8 +301,8 @@ impl Network {
         }
     }
 
-    /// A slave does not come back with the others: it has not answered (`silent`), or it has refused and is not tried
-    /// again.
+    /// Called when a slave does not come back with the others: it has not answered (`silent`), or it has refused and is
+    /// not tried again.
     pub(super) fn recovery_failed(&mut self, slave: u8, silent: bool) {
         let Some(change) = &mut self.change else { return };
         if !self.recovering.contains(slave) {
@@ -347,14 +350,14 @@ impl Network {
     }
 
     pub(super) fn scanned(&mut self, found: u8) {
-        // If slaves have not come to PreOP at boot, the network counts as failed until they do, through all further
-        // attempts.
+        // If slaves have not reached PreOP at boot, the network counts as failed until they do, also during further
+        // scans.
         self.failed = found == 0 || self.failed && self.found > 0;
         self.found = found;
         self.scanned = found > 0;
     }
 
-    /// Updates the state after a step that has succeeded.
+    /// Updates the state of the network after a step that has succeeded.
     pub(super) fn done(&mut self, step: Step) {
         let state = match step {
             Step::Scan => return,
@@ -386,10 +389,11 @@ impl Network {
         }
     }
 
-    /// Ends an attempt of the recovery: the slaves that it recovered are in the state of the network.
+    /// Called when an attempt of the recovery has ended: its slaves are back in the state of the network, `state`.
     fn recovered(&mut self, state: MasterState) {
         let Some(change) = &mut self.change else { return };
-        // A request that has replaced the change meanwhile also brings back the other lost slaves.
+        // If a new request has replaced the change meanwhile, its recovery has not begun and covers all lost slaves:
+        // the others are still to be recovered.
         let to_recover = change.to_recover.unwrap_or(self.lost).difference(self.recovering);
         change.to_recover = Some(to_recover);
         if !to_recover.is_empty() {
@@ -410,8 +414,8 @@ impl Network {
         }
     }
 
-    /// A step has failed, or the change took too long: the change ends in the present state, without another attempt.
-    /// At boot the board scans again.
+    /// Called when a step has failed, or the change took too long: the change ends in the present state, without
+    /// another attempt. At boot the board scans again.
     ///
     /// SK-4: a SET_STATE that has come since the previous cycle begins now, as it would a cycle later.
     pub(super) fn fail(&mut self) {

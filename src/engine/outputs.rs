@@ -33,11 +33,11 @@ pub(super) enum Clearing {
     Idle,
     /// A clear is requested; it starts with the next cycle.
     Requested,
-    /// The bus is dropping its queued outputs.
+    /// The bus is discarding its queued outputs.
     Running,
 }
 
-/// A FIFO entry whose outputs were pushed and are not known to be sent.
+/// A FIFO entry that was taken out of the FIFO and whose outputs are not known to be sent yet.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct EntryAhead {
     /// The id of the outputs that carry the commands of the entry.
@@ -69,7 +69,8 @@ impl Engine {
                 return;
             }
             let (has_entry, deferred) = self.take_entry(now);
-            // A bus that owns its cycle repeats the last outputs by itself.
+            // A bus that runs its own cycle repeats the last outputs by itself, so that unchanged outputs need not be
+            // pushed.
             let repeats = self.pacing != Pacing::Runner && (ahead > 0 || !self.outputs_left && !self.outputs_changed());
             if repeats && !has_entry {
                 return;
@@ -85,7 +86,8 @@ impl Engine {
             record.test = self.volatile.test;
             self.outputs_left = bus.push(&self.outputs).is_err();
             if self.outputs_left {
-                // The cable was cut just now: the next outputs carry the commands that were executed.
+                // The bus has just gone down (a cut cable). The commands of the entry were executed, and the next
+                // outputs will carry them.
                 self.counters.executed += u64::from(has_entry);
                 self.run_deferred(deferred, now);
                 return;
@@ -98,7 +100,8 @@ impl Engine {
         }
     }
 
-    /// Executes the next FIFO entry. Returns whether there was one, and those of its slots that act later.
+    /// Executes the next FIFO entry. Returns whether there was one, and those of its slots that act only when its
+    /// outputs are sent.
     fn take_entry(&mut self, now: Ns) -> (bool, Option<DeferredSlots>) {
         let Some(entry) = self.fifo.take(self.entries_ahead.len() as u16) else { return (false, None) };
         let size = self.config.slot;
@@ -117,12 +120,13 @@ impl Engine {
         self.execute_queued_master(&master, at);
         self.execute_sdo(&sdo, at);
         if !self.network().in_op() {
-            // The network left OP before the board knew that the entry was sent: slot 0 already answers newer commands.
+            // The network has left OP before it was known that the entry was sent. Slot 0 already shows the answers to
+            // newer commands, so these are kept.
             (self.volatile.master_id, self.volatile.master_result) = shown;
         }
     }
 
-    /// How many sets of outputs were pushed and are not known to be sent.
+    /// How many sets of outputs were pushed to the bus and are not known to be sent.
     pub(super) const fn unconfirmed(&self) -> u64 {
         self.next_output_id - self.unconfirmed_from
     }
@@ -145,7 +149,7 @@ impl Engine {
         0
     }
 
-    /// The most sets of outputs that may be queued in the bus now.
+    /// The maximum number of sets of outputs that the bus may hold at present.
     fn ahead_max(&self) -> u64 {
         let found = usize::from(self.network().found());
         let axes = || self.axes[..found].iter().enumerate();
@@ -161,8 +165,8 @@ impl Engine {
         }
     }
 
-    /// All outputs with an id below `unconfirmed_from` were sent: their entries count as executed. Returns the number
-    /// of these entries.
+    /// Called when all outputs with an id below `unconfirmed_from` are known to be sent: their FIFO entries count as
+    /// executed. Returns the number of these entries.
     fn confirm_sent(&mut self, unconfirmed_from: u64, at: Ns) -> u64 {
         let mut entries = 0;
         while let Some(EntryAhead { deferred, .. }) =
@@ -176,7 +180,8 @@ impl Engine {
         entries
     }
 
-    /// SW_RESET: the slot 0 and SDO commands of entries that wait for their outputs to be sent are dropped.
+    /// Called by SW_RESET: drops the commands in slot 0 and in the SDO slot that wait until the outputs of their
+    /// entries are sent.
     pub(super) fn drop_deferred(&mut self) {
         self.entries_ahead.iter_mut().for_each(|ahead| ahead.deferred = None);
     }
@@ -187,7 +192,7 @@ impl Engine {
         axes.flat_map(|(axes, image)| axes.iter().zip(image)).any(|(axis, out)| axis.differs_from(out))
     }
 
-    /// Notes the outputs that were sent, by the ids in a cycle that has passed.
+    /// Records which outputs were sent, by the ids in a cycle that has passed.
     pub(super) fn note_confirmed(&mut self, done: &CycleDone) {
         let sent = done.outputs.map_or(0, |id| (id + 1).min(self.next_output_id));
         let entries = self.confirm_sent(sent, done.at);
@@ -210,7 +215,7 @@ impl Engine {
         }
     }
 
-    /// Called when OP begins: records the state before its first outputs.
+    /// Called when OP begins: records the state of the axes before the first outputs of this OP.
     pub(super) fn begin_op_outputs(&mut self) {
         self.op_from = self.next_output_id;
         let op_start = &mut self.op_start;
@@ -250,14 +255,15 @@ impl Engine {
         }
     }
 
-    /// The bus has dropped the outputs that were not sent; their entries count as cleared. The axes return to their
-    /// state at the newest outputs that were sent, and the next outputs get the ids that follow those.
+    /// Called when the bus has dropped the outputs that were not sent: their entries count as cleared. The axes return
+    /// to their state at the newest outputs that were sent, and the next outputs get the ids that follow those.
     fn cleared(&mut self, Cleared { newest_sent }: Cleared, at: Ns) {
         let next = newest_sent.map_or(0, |id| id + 1).clamp(self.unconfirmed_from, self.next_output_id);
         self.confirm_sent(next, at);
         self.counters.cleared += self.entries_ahead.len() as u64;
         self.entries_ahead.clear();
-        // Outputs that were pushed before OP was left are not taken back.
+        // The axes are rolled back only for outputs that were pushed in this OP: the end of OP has reset the axes
+        // anyway.
         let takes_back = self.network().in_op() && self.next_output_id > next.max(self.op_from);
         self.next_output_id = next;
         self.op_from = self.op_from.min(next);
@@ -266,7 +272,7 @@ impl Engine {
         }
     }
 
-    /// Returns the axes to their state at the newest outputs that were sent.
+    /// Returns the axes to the state that they had when the newest outputs that were sent were made.
     fn roll_back(&mut self) {
         let sent = match self.next_output_id.checked_sub(1) {
             Some(newest) if newest >= self.op_from => self.records.of(newest),
@@ -274,7 +280,8 @@ impl Engine {
         };
         let lost = self.network().lost();
         self.volatile.test = sent.test;
-        // The outputs pushed last are gone, and those sent before them may differ from what the axes now request.
+        // The dropped outputs are gone, and the newest outputs that were sent may differ from what the axes request
+        // after the rollback: new outputs have to be pushed.
         self.outputs_left = true;
         let next = self.next_output_id;
         for (slave, (n, axes)) in (1..).zip(self.axes.iter_mut().enumerate()) {
@@ -295,7 +302,7 @@ impl Engine {
     }
 }
 
-/// Copies the outputs of the axes to the process image, and the state of the axes to `record`.
+/// Writes the next outputs of all axes into the process image, and the state of the axes into `record`.
 fn refresh_outputs(outputs: &mut Outputs, volatile: &Volatile, all: &mut AllAxes, record: &mut OutputsRecord) {
     let Outputs { id, slaves } = outputs;
     let [first, second] = &mut record.axes;
@@ -316,7 +323,7 @@ fn refresh_outputs(outputs: &mut Outputs, volatile: &Volatile, all: &mut AllAxes
     }
 }
 
-/// The number of axes in use in the outputs of a slave. The outputs of the others stay zero.
+/// The number of axes in use in the outputs of a slave. The outputs of an unused second axis stay zero.
 pub(super) const fn used_axes(second_axes: SlaveSet, slave: u8) -> usize {
     1 + second_axes.contains(slave) as usize
 }

@@ -8,12 +8,13 @@ use super::test_mode::TestPhase;
 use super::volatile::SlotHead;
 use crate::fieldbus::{MAX_AXES, MAX_SLAVES, Ns, SlaveSet};
 
-/// The state from which one set of outputs was made.
+/// The state of the board from which one set of outputs was made.
 #[derive(Clone, Debug)]
 pub(super) struct OutputsRecord {
-    /// The heads that the slaves' slots of the response show once the set was sent.
+    /// The commands (id, index, output image) that the slaves' slots in reports show once this set was sent.
     pub(super) heads: [SlotHead; MAX_SLAVES],
-    /// The axes: the first axis of every slave, then the second ones, since most slaves have only one.
+    /// The checkpoints of the first axes of all slaves, then those of the second axes, since most slaves have only one
+    /// axis.
     pub(super) axes: [[AxisCheckpoint; MAX_SLAVES]; MAX_AXES],
     /// Slaves with an axis that was homing or had not finished the steps after it.
     pub(super) homing_active: SlaveSet,
@@ -21,7 +22,7 @@ pub(super) struct OutputsRecord {
     pub(super) homing: [[AxisHoming; MAX_AXES]; MAX_SLAVES],
     /// When the set was passed to the bus, board time.
     pub(super) pushed_at: Ns,
-    /// The phase of the output test.
+    /// The phase of the output test of the test mode.
     pub(super) test: TestPhase,
 }
 
@@ -38,16 +39,17 @@ impl OutputsRecord {
     }
 }
 
-/// For how many more sets of outputs than those with a record the slaves with a command are kept. A bus may name lost
-/// slaves late: it may be busy with another slave for a second, and a cycle takes 250 us. \[OURS]
+/// The history of the slaves for which a set of outputs carries a command goes back this many sets further than the
+/// records. A bus may name lost slaves late: it may be busy with another slave for a second, which is 4000 cycles of
+/// 250 us. \[OURS]
 pub(super) const COMMANDED_SETS: usize = 4096;
 
-/// A value for each of the newest sets of outputs: a ring buffer, indexed by the id of a set.
+/// A ring buffer with a value for each of the newest sets of outputs, indexed by the id of the set.
 #[derive(Debug)]
 pub(super) struct History<T>(Vec<T>);
 
 impl<T: Clone> History<T> {
-    /// Allocates room for that many sets of outputs.
+    /// Allocates room for the values of `sets` sets of outputs.
     pub(super) fn new(sets: usize, empty: T) -> Self {
         Self(vec![empty; sets])
     }
@@ -62,7 +64,7 @@ impl<T: Clone> History<T> {
         &self.0[(id % self.len()) as usize]
     }
 
-    /// The value for the outputs with that id, to be written when they are made.
+    /// The value for the outputs with this id, for writing it when the outputs are made.
     pub(super) fn of_mut(&mut self, id: u64) -> &mut T {
         let place = (id % self.len()) as usize;
         &mut self.0[place]

@@ -21,12 +21,12 @@ pub enum PartialFrames {
     Awaited,
 }
 
-/// A command frame that has not arrived completely yet.
+/// The bytes of a command frame that has not arrived completely yet.
 #[derive(Debug)]
 pub(super) struct Assembler {
     frame: Frame,
     filled: usize,
-    /// When the first byte of the frame came.
+    /// When the first byte of the frame arrived.
     began: Ns,
 }
 
@@ -46,7 +46,7 @@ impl Assembler {
         taken
     }
 
-    /// The frame if it is complete. The next byte then begins another frame.
+    /// Returns the frame if it is complete. The next byte then begins another frame.
     pub(super) fn complete(&mut self, size: SlotSize) -> Option<&Frame> {
         if self.filled < size.frame_len() {
             return None;
@@ -55,13 +55,14 @@ impl Assembler {
         Some(&self.frame)
     }
 
-    /// Drops an incomplete frame, so that the next byte begins a new one. Returns whether there was one.
+    /// Drops the incomplete frame, so that the next byte begins a new one. Returns whether there was an incomplete
+    /// frame.
     pub(super) fn forget(&mut self) -> bool {
         std::mem::take(&mut self.filled) > 0
     }
 
-    /// Drops an incomplete frame whose first byte came more than `limit_ns` ago. Returns the number of bytes that had
-    /// come.
+    /// Drops an incomplete frame whose first byte came more than `limit_ns` ago. Returns the number of bytes of the
+    /// dropped frame; `None`: no frame was dropped.
     pub(super) fn drop_late(&mut self, now: Ns, limit_ns: Ns) -> Option<usize> {
         let late = self.filled > 0 && now - self.began > limit_ns;
         late.then(|| std::mem::take(&mut self.filled))

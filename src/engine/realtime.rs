@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 /// Real-time settings of the runner's thread. If the system refuses one, that is a warning and no error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RealTime {
-    /// The SCHED_FIFO priority of the thread, 1..=99; `None`: it has no real-time priority.
+    /// The SCHED_FIFO priority of the thread, 1..=99; `None`: the thread keeps the normal scheduling.
     pub priority: Option<u8>,
     /// The processor that the thread runs on, from 0; `None`: any that the process may use.
     pub cpu: Option<u16>,
@@ -75,7 +75,7 @@ impl RealTime {
     }
 }
 
-/// Keeps the calling thread on one processor.
+/// Binds the calling thread to one processor.
 #[cfg(target_os = "linux")]
 fn run_on(cpu: u16) -> std::io::Result<()> {
     use rustix::thread::{CpuSet, sched_setaffinity};
@@ -88,12 +88,13 @@ fn run_on(cpu: u16) -> std::io::Result<()> {
     Ok(sched_setaffinity(None, &set)?)
 }
 
-/// The speed of the runner's clock, in billionths of the speed of the machine's clock, 1..=1 000 000 000.
+/// The speed of the runner's clock relative to the machine's clock, in billionths: 1..=1 000 000 000. Less than the
+/// maximum runs a board in slow motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rate(u32);
 
 impl Default for Rate {
-    /// The full speed of the machine's clock.
+    /// The runner's clock runs as fast as the machine's clock.
     fn default() -> Self {
         Self::billionths(Self::ONE)
     }
@@ -161,12 +162,12 @@ impl Clock {
         self.rate.slowed(self.start.elapsed())
     }
 
-    /// The machine's instant for a time of this clock.
+    /// Converts a time of this clock to an instant of the machine.
     pub(super) fn instant(&self, at: Duration) -> Instant {
         self.start + self.rate.real(at)
     }
 
-    /// Sleeps until that time of this clock, or not at all if it has passed.
+    /// Sleeps until the time `at` of this clock. Returns at once if it has passed.
     #[cfg(target_os = "linux")]
     pub(super) fn sleep_until(&self, at: Duration) {
         use rustix::thread::{ClockId, clock_nanosleep_absolute};
@@ -179,7 +180,7 @@ impl Clock {
         while clock_nanosleep_absolute(ClockId::Monotonic, &request) == Err(rustix::io::Errno::INTR) {}
     }
 
-    /// Sleeps until that time of this clock, or not at all if it has passed.
+    /// Sleeps until the time `at` of this clock. Returns at once if it has passed.
     #[cfg(not(target_os = "linux"))]
     pub(super) fn sleep_until(&self, at: Duration) {
         if let Some(left) = at.checked_sub(self.now()) {

@@ -1,9 +1,10 @@
-//! The queue of unread reports: the newest are kept, the oldest are dropped and counted (LIB, as Windows does).
+//! The queue of unread reports: the newest are kept, the oldest are dropped and counted (LIB, as in the input queue of
+//! Windows' HID driver).
 
 use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
-/// Time and number of a report, for its reader.
+/// The time and the number of a report, which its reader gets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Report {
     /// When the report was made, in board time.
@@ -14,7 +15,7 @@ pub struct Report {
     pub dropped: u64,
 }
 
-/// A ring buffer of reports, allocated once.
+/// A ring buffer of unread reports, allocated once.
 pub(super) struct ReportQueue {
     ring: Vec<(Frame, Ns)>,
     /// The sequence number of the oldest report that is kept.
@@ -49,7 +50,7 @@ impl ReportQueue {
         self.len += 1;
     }
 
-    /// Takes the oldest report.
+    /// Takes the oldest unread report.
     pub(super) fn pop(&mut self, out: &mut Frame) -> Option<Report> {
         if self.is_empty() {
             return None;

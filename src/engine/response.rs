@@ -1,4 +1,4 @@
-//! Inputs of a cycle: they go to the axes and into the response frame (SK-2, SK-3).
+//! What the inputs of a cycle change: the state of the axes, and the response frame (SK-2, SK-3).
 
 use super::axis::OutputIds;
 use super::{Engine, SlotHead};
@@ -28,7 +28,7 @@ impl Engine {
         }
     }
 
-    /// Refreshes the response, except the slots of slaves in OP.
+    /// Refreshes the response frame, except the slots of slaves in OP, which only the inputs of a cycle change.
     pub(super) fn refresh_response(&mut self) {
         if !self.network().in_op() {
             self.refresh_heads();
@@ -54,8 +54,8 @@ impl Engine {
         }
     }
 
-    /// All axes take the inputs of the cycle, except those of lost slaves and of slaves whose inputs were kept from an
-    /// earlier cycle: old inputs must not switch a drive on.
+    /// All axes evaluate the inputs of the cycle, except those of lost slaves and of slaves whose inputs were kept from
+    /// an earlier cycle: old inputs must not switch a drive on.
     pub(super) fn answer_axes(&mut self) {
         let unanswered = self.network().lost().union(self.inputs.held);
         for slave in 1..usize::from(self.network().found()) + 1 {

@@ -12,7 +12,7 @@ use crate::sk::MasterState;
 /// logged.
 const ATTEMPTS_MAX: u8 = 3;
 
-/// An axis whose mode the board restores.
+/// An axis whose mode of operation the board restores after homing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Restore {
     slave: u8,
@@ -27,12 +27,12 @@ pub(super) enum SdoOwner {
     Restore(Restore),
 }
 
-/// The axes whose mode of operation has to be restored.
+/// Which axes wait for the restore of their mode of operation, and the restore in progress.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Restores {
     /// For each axis number, the slaves on which the mode of that axis has to be restored.
     due: [SlaveSet; MAX_AXES],
-    /// For each axis in `due`, the number of failed attempts.
+    /// For each axis in `due`: how many attempts to restore its mode have failed.
     failed: [[u8; MAX_AXES]; MAX_SLAVES],
     running: Option<Restore>,
 }
@@ -42,17 +42,17 @@ impl Restores {
         Self { due: [SlaveSet::EMPTY; MAX_AXES], failed: [[0; MAX_AXES]; MAX_SLAVES], running: None }
     }
 
-    /// Whether a mode of that slave still has to be restored, or is being restored.
+    /// Whether the mode of an axis of this slave is being restored or still has to be.
     pub(super) fn concern(&self, slave: u8) -> bool {
         self.due.iter().any(|due| due.contains(slave)) || self.running.is_some_and(|running| running.slave == slave)
     }
 
-    /// Cancels all restores except the transfer under way.
+    /// Cancels all restores. A transfer in progress continues.
     pub(super) fn cancel_all(&mut self) {
         *self = Self { running: self.running, ..Self::new() };
     }
 
-    /// Cancels all restores of one slave except a transfer under way.
+    /// Cancels all restores of one slave. A transfer in progress continues.
     pub(super) fn cancel_slave(&mut self, slave: u8) {
         (0..MAX_AXES).for_each(|axis| self.cancel(Restore { slave, axis }));
     }
@@ -67,7 +67,8 @@ impl Restores {
     }
 }
 
-/// The axis (from 0) whose mode of operation that object is (0x6060, 0x6860); `None` for any other object.
+/// The axis (from 0) to which an object for the mode of operation belongs: 0 for 0x6060, 1 for 0x6860. `None` for any
+/// other object.
 pub(super) const fn mode_object(object: ObjectAddress) -> Option<usize> {
     const SECOND: u16 = MODES_OF_OPERATION + SECOND_AXIS_OFFSET;
     match (object.index, object.sub) {
@@ -77,13 +78,13 @@ pub(super) const fn mode_object(object: ObjectAddress) -> Option<usize> {
     }
 }
 
-/// The slave and axis (from 0) whose mode of operation a download of the host writes; `None` for any other object.
+/// The slave and axis (from 0) whose mode of operation a download to this object writes; `None`: it writes no mode.
 pub(super) fn mode_write((slave, object): (u8, ObjectAddress)) -> Option<(usize, usize)> {
     Some((slave.into(), mode_object(object)?))
 }
 
 impl Engine {
-    /// The homing of an axis has ended and its mode may change: schedules the restore of its mode.
+    /// Called when the homing of an axis has ended and its mode may change: schedules the restore of the mode.
     pub(super) fn restore_later(&mut self, slave: usize, axis: usize) {
         if self.config.firmware.restores_mode() {
             self.volatile.restores.due[axis].insert(slave as u8);
@@ -96,7 +97,7 @@ impl Engine {
         if self.volatile.restores.due.iter().all(|due| due.is_empty()) {
             return;
         }
-        // The mode of a lost slave cannot be written by SDO.
+        // A lost slave takes no SDO, so its mode cannot be written.
         let not_yet = self.homing_slaves().union(self.network().lost());
         let restores = &mut self.volatile.restores;
         let due = (0..MAX_AXES).flat_map(|axis| restores.due[axis].iter().map(move |slave| Restore { slave, axis }));
@@ -126,7 +127,7 @@ impl Engine {
                 self.note_mode(restore.slave, restore.axis, mode as u8);
                 self.volatile.restores.cancel(restore);
             }
-            // The next change to SafeOP writes the mode in any case.
+            // Below SafeOP nothing has to be restored, since the next change to SafeOP writes the mode.
             Err(_) if self.network().state() < Some(MasterState::SafeOp) => self.volatile.restores.cancel(restore),
             Err(code) => {
                 let failures = self.volatile.restores.failures(restore);
@@ -138,19 +139,20 @@ impl Engine {
         }
     }
 
-    /// The host has written a mode of operation by SDO. The board does not restore another mode over it.
+    /// Called when the host has written a mode of operation by SDO: the board does not overwrite it by a restore.
     pub(super) fn mode_written(&mut self, slave: u8, axis: usize, mode: u8, now: Ns) {
         self.note_mode(slave, axis, mode);
         self.volatile.restores.cancel(Restore { slave, axis });
         self.end_homing_of_axis(slave.into(), axis, HomingEnd::ModeWritten, now);
-        // The mode has changed already: the board neither waits for a standstill nor restores a mode.
+        // The mode has already changed, so the board does not wait for a standstill of the axis first.
         let since = self.answers_valid_from(now);
         let homing = &mut self.axes[usize::from(slave) - 1][axis].homing;
         homing.skip_standstill();
         homing.mode_written(since);
     }
 
-    /// A write of 0x6060 has succeeded: the axis is in that mode, and takes targets if that is the mode of DRIVE_MODE.
+    /// Called when a write of 0x6060 has succeeded: the axis is in this mode, and takes targets if it is the mode of
+    /// DRIVE_MODE.
     fn note_mode(&mut self, slave: u8, axis: usize, mode: u8) {
         let n = usize::from(slave) - 1;
         self.volatile.modes_written[n][axis] = mode;
@@ -160,7 +162,7 @@ impl Engine {
     }
 
     /// Whether the waiting transfer of the host has to wait longer: it writes the mode of an axis that has not come to
-    /// a standstill after homing. If the axis is homing, this call ends that.
+    /// a standstill after homing. If the axis is homing, this call ends the homing.
     pub(super) fn holds_mode_write(&mut self, now: Ns) -> bool {
         let Some((slave, axis)) = self.volatile.sdo.waiting_write().and_then(mode_write) else { return false };
         self.end_homing_of_axis(slave, axis, HomingEnd::ModeWritten, now);

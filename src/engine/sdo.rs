@@ -26,7 +26,7 @@ impl SdoTransfer {
         Some(Self { slave, object, write, asked_at })
     }
 
-    /// Whether both requests are identical to the bit.
+    /// Whether both requests are identical in every bit, so that they count as one transfer.
     fn repeats(&self, other: &Self) -> bool {
         Self { asked_at: other.asked_at, ..*self } == *other
     }
@@ -38,19 +38,20 @@ impl SdoTransfer {
         }
     }
 
-    /// Slave and object of a download; `None` for an upload.
+    /// The slave and object that the transfer writes; `None`: it is an upload.
     fn written(&self) -> Option<(u8, ObjectAddress)> {
         self.write.map(|_| (self.slave, self.object))
     }
 }
 
-/// How a request was handled.
+/// What was done with a request of the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Accepted {
     New,
-    /// The request repeats the newest one, which has not ended.
+    /// The request repeats the newest one, which is still waiting or running: it counts as the same transfer.
     Repeats,
-    /// The request replaces a held one with that id, which never runs.
+    /// The request was taken, and an older held request was dropped without running. The id is that of the dropped
+    /// command.
     Replaces(CommandId),
 }
 
@@ -59,7 +60,7 @@ pub(super) enum Accepted {
 pub(super) struct SdoSlot {
     answer: RawSlot,
     running: Option<SdoTransfer>,
-    /// The request that runs as soon as the bus takes it.
+    /// The request that the bus gets next, as soon as it accepts one.
     waiting: Option<SdoTransfer>,
     /// A request that came while another one of the host waited or ran. It runs after that one.
     held: Option<SdoTransfer>,
@@ -70,7 +71,7 @@ impl SdoSlot {
         Self { answer: RawSlot::ZERO, running: None, waiting: None, held: None }
     }
 
-    /// The SDO slot of the response.
+    /// The content of the SDO slot of the response.
     pub(super) const fn answer(&self) -> &RawSlot {
         &self.answer
     }
@@ -92,7 +93,7 @@ impl SdoSlot {
         self.held.replace(transfer).map_or(Accepted::New, |replaced| Accepted::Replaces(replaced.id()))
     }
 
-    /// Whether a transfer is waiting that the host requested at `by` or earlier.
+    /// Whether a transfer is waiting that the host has requested at the time `by` or earlier.
     pub(super) fn waits_since(&self, by: Ns) -> bool {
         self.waiting.is_some_and(|transfer| transfer.asked_at <= by)
     }
@@ -113,12 +114,12 @@ impl SdoSlot {
         self.running.as_ref().and_then(SdoTransfer::written)
     }
 
-    /// The bus has started the waiting transfer.
+    /// Called when the bus has started the waiting transfer.
     pub(super) fn started(&mut self) {
         self.running = self.waiting.take();
     }
 
-    /// The running transfer has ended: puts its answer into the slot. Returns the transfer.
+    /// Called when the running transfer has ended: puts its answer into the SDO slot. Returns the transfer.
     pub(super) fn finish(&mut self, result: Result<u32, AbortCode>) -> Option<SdoTransfer> {
         let transfer = self.running.take()?;
         self.waiting = self.held.take();

@@ -1,4 +1,4 @@
-//! The part of the board's state that is visible beside the wire: LEDs, BUSY pin, and its knowledge of the network.
+//! The state of a board besides its reports: LEDs, BUSY pin, and what the board knows of the network.
 
 use super::{Board, StateFailure};
 use crate::fieldbus::{Ns, RingState, SlaveSet};
@@ -14,7 +14,8 @@ pub struct Leds {
 }
 
 impl Leds {
-    /// The LEDs in a state. While the network is initialising both are off \[OURS], since no guide specifies them.
+    /// The LEDs for a state of the network. While the network is initialising both are off \[OURS], since no user guide
+    /// specifies this.
     pub const fn in_state(state: StateByte) -> Self {
         let (yellow, green) = match state.state() {
             _ if state.is_failed() => (true, true),
@@ -26,7 +27,7 @@ impl Leds {
     }
 }
 
-/// The state of a board at one moment.
+/// The state of a board at one moment, as [`Board::snapshot`] takes it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Snapshot {
     /// The time of the snapshot, board time.
@@ -38,9 +39,9 @@ pub struct Snapshot {
     /// The BUSY pin between two exchanges: high from a boot until the first PreOP after it. An SPI host that ignores
     /// the pin reads zeros meanwhile (SK-4, SK-10).
     pub busy: bool,
-    /// The LEDs that show the state.
+    /// The two LEDs that show the state of the network.
     pub leds: Leds,
-    /// LEDR1, power: always on.
+    /// The power LED, LEDR1: always on.
     pub power: bool,
     /// The yellow LED of the network socket, 100 Mbit/s: on while frames come back, since a simulated bus reports
     /// nothing else about its link.
@@ -56,7 +57,7 @@ pub struct Snapshot {
     pub reference_clock: Option<u8>,
     /// The state of the ring of cables; `None`: there is no second network card.
     pub ring: Option<RingState>,
-    /// The six outputs of the chip, bit k is output k.
+    /// The six local outputs of the chip (LIO_WR): bit k is output k.
     pub local_outputs: u8,
 }
 

@@ -1,5 +1,5 @@
-//! Why the network is not in the requested state. Byte 2 of slot 0 shows only the failure: it is 0x10 plus the last
-//! state that all slaves have reached, most often 0x12.
+//! Why the network is not in the requested state. Byte 2 of slot 0 shows only that there is a failure: it is 0x10 plus
+//! the last state that all slaves have reached, most often 0x12.
 
 use std::fmt;
 
@@ -14,11 +14,11 @@ const WRONG_WATCHDOG: u16 = AlStatus::INVALID_WATCHDOG.0;
 /// A slave that has left SafeOP or OP by itself, with its AL status code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlaveFall {
-    /// Slave, from 1.
+    /// The number of the slave, counted from 1.
     pub slave: u8,
     /// The AL status code (ETG.1000.6 table 11).
     pub al_status: u16,
-    /// The length of a pause before it in which this machine was late and sent no frames, ns; 0: there was none.
+    /// If this machine was late and sent no frames shortly before, the length of that pause, ns; 0: there was no pause.
     pub stood_still_ns: Ns,
 }
 
@@ -46,7 +46,7 @@ impl fmt::Display for SlaveFall {
     }
 }
 
-/// Why a change of state has failed, or which slave has left its state. The wire does not show it.
+/// Why a change of state has failed, or which slave has left its state. Reports do not show the reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StateFailure {
     /// No slave was found.
@@ -54,9 +54,9 @@ pub enum StateFailure {
     /// In the change from PreOP to SafeOP a slave has refused the process data of its declared kind. The usual cause is
     /// a slave that no SET_AXIS has declared: it counts as IO.
     Declared {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
-        /// The kind that SET_AXIS has declared; IO if the slave is undeclared.
+        /// The kind of slave that SET_AXIS has declared; IO if the slave is undeclared.
         kind: SlaveKind,
         /// The AL status code (ETG.1000.6 table 11), 0 if there was none.
         al_status: u16,
@@ -66,14 +66,14 @@ pub enum StateFailure {
     /// DRIVE_MODE has given a slave a mode for which its kind has no process data (SK-7): CST to an HSP, or a mode
     /// other than CSP to a STEP.
     Mode {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
-        /// The kind that SET_AXIS has declared.
+        /// The kind of slave that SET_AXIS has declared.
         kind: SlaveKind,
     },
     /// A slave has refused a state.
     Refused {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
         /// The state that the slave has refused.
         target: MasterState,
@@ -83,17 +83,17 @@ pub enum StateFailure {
     /// A slave refuses the watchdog time after which it leaves OP without outputs (registers 0x0400 and 0x0420), or
     /// reports it as invalid.
     Watchdog {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
     },
     /// A slave has not answered.
     Silent {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
     },
     /// A slave answers, but has not reached the state, and shows no AL status code.
     WithoutReason {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
         /// The state that the slave had to reach.
         target: MasterState,
@@ -102,19 +102,19 @@ pub enum StateFailure {
     Hardware(HardwareLimit),
     /// The change of state exceeded its timeout.
     Late {
-        /// The next state that the network had to reach.
+        /// The state that the network had to reach next.
         target: MasterState,
     },
     /// A slave has left SafeOP or OP by itself.
     Lost {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
     },
     /// A slave has left SafeOP or OP by itself and shows an AL status code.
     Fell(SlaveFall),
-    /// A slave answers, but its inputs are stale: the working counter beside them was wrong for too long.
+    /// A slave answers, but its inputs are stale: the working counter of their datagram was wrong for too long.
     Stale {
-        /// Slave, from 1.
+        /// The number of the slave, counted from 1.
         slave: u8,
     },
 }
@@ -156,7 +156,7 @@ impl StateFailure {
     }
 }
 
-/// Shows a kind of slave by its name, and by its nibble in SET_AXIS.
+/// Formats a kind of slave for users: its name, and its nibble in SET_AXIS.
 struct Kind(SlaveKind);
 
 impl fmt::Display for Kind {
@@ -165,7 +165,7 @@ impl fmt::Display for Kind {
     }
 }
 
-/// The reason, followed by what the user can do.
+/// Formats the reason, followed by what the user can do.
 impl fmt::Display for StateFailure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -231,7 +231,7 @@ impl fmt::Display for StateFailure {
     }
 }
 
-/// Shows an AL status code with its meaning.
+/// Formats an AL status code for users, with its meaning.
 struct Status(u16);
 
 impl fmt::Display for Status {

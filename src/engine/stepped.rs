@@ -11,7 +11,7 @@ use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
 /// How much board time a read without waiting takes \[OURS]: one USB microframe. Otherwise no time would pass for a
-/// program that polls.
+/// program that polls without waiting.
 const POLL_READ_NS: Ns = 125_000;
 
 /// How much time [`Stepped::pass`] lets pass before calls of other threads may run \[OURS]: some hundred cycles, which
@@ -41,7 +41,7 @@ pub enum Stop {
 }
 
 struct State {
-    /// `None`: the interface was closed.
+    /// The board; `None`: the host interface was closed.
     board: Option<Board>,
     reports: ReportQueue,
     boots: u64,
@@ -68,7 +68,7 @@ impl Stepped {
         self.state.lock()
     }
 
-    /// Hands over a frame. Returns the board time at which it has arrived.
+    /// Hands a frame to the board. Returns the board time at which it has arrived.
     ///
     /// # Errors
     /// [`Stop::Rebooted`], [`Stop::Closed`]; the frame was not taken.
@@ -144,7 +144,7 @@ impl Stepped {
         board.advance(to, &mut |frame, at| reports.push(frame, at));
         let (now, is_same_boot) = (board.now(), board.engine().boots() == *boots);
         let is_gone = board.cards_gone().is_some_and(|gone| gone.is_all);
-        // A thread that waits for the lock gets it next.
+        // A fair unlock gives the lock to a waiting thread first.
         MutexGuard::unlock_fair(state);
         match (is_gone, is_same_boot) {
             (true, _) => Err(Stop::BusGone),
@@ -153,7 +153,7 @@ impl Stepped {
         }
     }
 
-    /// Succeeds if the interface is open. No time passes.
+    /// Checks that the host interface is open. No time passes.
     ///
     /// # Errors
     /// [`Stop::Rebooted`], [`Stop::Closed`].
@@ -162,7 +162,8 @@ impl Stepped {
         alive(board, *boots).map(|_| ())
     }
 
-    /// Calls `look` with the board and the number of reports dropped so far. `None`: the interface was closed.
+    /// Calls `look` with the board and the number of reports dropped so far, and returns its result. `None`: the
+    /// interface was closed.
     pub fn look<T>(&self, look: impl FnOnce(&Board, u64) -> T) -> Option<T> {
         let state = self.lock();
         state.board.as_ref().map(|board| look(board, state.reports.dropped()))

@@ -1,4 +1,4 @@
-//! Switching a board off: its drives are brought to a standstill first.
+//! Switches a board off after its drives were brought to a standstill.
 
 use super::Board;
 use crate::fieldbus::{Ns, SlaveSet};
@@ -46,7 +46,8 @@ impl Board {
         let end = self.now().saturating_add(limit_ns);
         let is_gone = |board: &Self| board.cards_gone().is_some_and(|gone| gone.is_all);
         while !done(self) && self.now() < end && !is_gone(self) {
-            // No runner keeps the time here, so the board is never late.
+            // No runner waits for cycles here: each cycle gets the whole time until it is due, so the board is never
+            // late.
             self.work_until(self.now(), self.next_cycle());
             self.cycle(&mut |_, _| {});
         }

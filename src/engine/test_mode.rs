@@ -7,26 +7,26 @@ use crate::sk::MasterState;
 
 /// How long all outputs of all IO slaves are on at the beginning of each round. SK-4 \[OURS]: 2 s.
 pub const ALL_ON_NS: Ns = 2_000_000_000;
-/// How long each single output is on after that, slave by slave from output 0 on, until the next round begins \[OURS].
+/// After that, how long each output is on alone, slave by slave from output 0 on, until the next round begins \[OURS].
 pub const ONE_ON_NS: Ns = 250_000_000;
 /// The number of digital outputs of an IO slave.
 const OUTPUTS: u64 = 16;
 
-/// The phase of the output test.
+/// The progress of the output test.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum TestPhase {
-    /// The board has not reached PreOP since it booted.
+    /// The board has not reached PreOP since its boot.
     #[default]
     Booting,
     /// The board has requested OP once. The test starts from the beginning whenever the network is in OP.
     Waiting,
-    /// The test has been running since this board time.
+    /// The test runs, since this board time.
     Running(Ns),
     /// The test has ended, because a host has written outputs.
     Over,
 }
 
-/// The output image of the `n`-th (from 0) of `slaves` IO slaves, `elapsed_ns` after the test began.
+/// The 16 outputs that the test sets on the `n`-th (from 0) of `slaves` IO slaves, `elapsed_ns` after the test began.
 fn image(n: u64, slaves: u64, elapsed_ns: Ns) -> u16 {
     let round_ns = ALL_ON_NS + slaves * OUTPUTS * ONE_ON_NS;
     match (elapsed_ns % round_ns).checked_sub(ALL_ON_NS) {
@@ -39,13 +39,13 @@ fn image(n: u64, slaves: u64, elapsed_ns: Ns) -> u16 {
 }
 
 impl Engine {
-    /// Runs one cycle of the output test.
+    /// Runs the output test for one cycle.
     pub(super) fn run_test(&mut self, now: Ns) {
         let in_op = self.network().in_op();
         match self.volatile.test {
             TestPhase::Booting if self.talks() => {
                 self.volatile.test = TestPhase::Waiting;
-                // In PreOP a request for any state is accepted.
+                // Any SET_STATE is accepted in PreOP, so this request cannot fail.
                 self.volatile.network.request(MasterState::Op, now.saturating_add(self.config.state_timeout_ns), false);
             }
             TestPhase::Waiting if in_op => {
@@ -63,7 +63,7 @@ impl Engine {
         self.write_outputs(|n| image(n, slaves, elapsed_ns));
     }
 
-    /// A host has written outputs: the test ends, and the outputs that it has switched on go off \[OURS].
+    /// Called when a host has written outputs: the test ends, and the outputs that it has switched on go off \[OURS].
     pub(super) fn end_output_test(&mut self) {
         if self.config.test && self.volatile.test != TestPhase::Over {
             self.volatile.test = TestPhase::Over;

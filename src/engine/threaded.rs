@@ -13,8 +13,7 @@ use super::{Board, Counters, Event, Snapshot};
 use crate::fieldbus::{CardsGone, Ns};
 use crate::sk::Frame;
 
-/// The longest time between two visits of the runner to its inbox, even in long cycles. It bounds the time of a close,
-/// too.
+/// The runner looks into its inbox at least this often, even in long cycles. A close takes at most this long, too.
 const VISIT_INTERVAL: Duration = Duration::from_millis(5);
 /// The number of frames that a host can hand over between two visits of the runner: more than can arrive in that time.
 const INBOX_FRAMES: usize = 256;
@@ -22,18 +21,19 @@ const INBOX_FRAMES: usize = 256;
 /// stopped in a debugger) board time skips the whole gap, and the gap is counted \[OURS]. A machine that is too slow
 /// for its cycles has such gaps again and again, and its board runs more slowly than the clock.
 const CATCH_UP_MAX: Duration = Duration::from_secs(1);
-/// A write with a shorter timeout may still wait this long until the wire is free: one USB microframe of board time
-/// \[OURS], so that two writes in a row do not fail.
+/// The minimum time that a write waits until the simulated wire is free, even if its timeout is shorter: one USB
+/// microframe of board time \[OURS], so that two writes in a row do not fail.
 const TURN_WAIT_MAX: Duration = Duration::from_micros(125);
-/// How often a waiting read checks for other news: a network that does not answer makes no reports. \[OURS]
+/// How often a waiting read calls its caller back: a network that does not answer makes no reports, so the caller has
+/// to check for other reasons to stop. \[OURS]
 pub const LOOK_INTERVAL: Duration = Duration::from_millis(20);
-/// The number of events that are kept for the host's log between two calls.
+/// How many events are kept for the host's log until it fetches them by [`Threaded::take_events`].
 const EVENTS_KEPT: usize = 32;
 
-/// How late the cycles of the runner began.
+/// How late the runner's cycles began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Lateness {
-    /// The number of cycles that have run.
+    /// The number of cycles that the runner has run.
     pub cycles: u64,
     /// The longest delay of a cycle after its deadline, nanoseconds of machine time.
     pub worst_ns: u64,
@@ -41,7 +41,7 @@ pub struct Lateness {
     pub skipped_ns: u64,
 }
 
-/// A copy of the board's state for other threads.
+/// A copy of the board's state, updated after each cycle, for other threads.
 struct BoardView {
     counters: Counters,
     snapshot: Snapshot,
@@ -57,9 +57,9 @@ struct Shared {
     cycles: AtomicU64,
     worst_ns: AtomicU64,
     skipped_ns: AtomicU64,
-    /// When the next cycle is due, board time.
+    /// When the next cycle of the board is due, board time.
     due: AtomicU64,
-    /// A cycle that is later than this is skipped, nanoseconds of board time.
+    /// Cycles that are later than this are skipped, nanoseconds of board time.
     late_max_ns: AtomicU64,
     /// `card_gone`: the first of two network cards that has disappeared. `all_gone`: the last card has.
     card_gone: OnceLock<CardsGone>,
@@ -88,9 +88,9 @@ impl Shared {
         }
     }
 
-    /// Ends the interface when the last network card is gone.
+    /// Records the loss of network cards. Ends the host interface when the last card is gone.
     fn note_cards(&self, gone: CardsGone) {
-        // The first loss that was noted stays.
+        // If a loss was recorded before, that one stays.
         if gone.is_all {
             let _ = self.all_gone.set(gone);
             self.handover.end(Stop::BusGone);
@@ -100,22 +100,22 @@ impl Shared {
     }
 }
 
-/// Arrival times of written frames.
+/// The arrival times that were given to written frames.
 #[derive(Default)]
 struct Writes {
     /// When the next frame may arrive, on the runner's clock.
     next: Duration,
     /// The newest arrival, board time. No later frame arrives before it, unless more board time was skipped since.
     newest: Ns,
-    /// How much board time had been skipped when `newest` was set.
+    /// How much board time had been skipped in total when `newest` was set.
     skipped: Ns,
 }
 
-/// A board on the real clock.
+/// A board in real time: a thread runs its cycles.
 pub struct Threaded {
     shared: Arc<Shared>,
     clock: Arc<Clock>,
-    /// Board time when the runner's clock started.
+    /// The board time at which the runner's clock started.
     zero: Ns,
     host: Duration,
     writes: Mutex<Writes>,
@@ -170,8 +170,8 @@ impl Threaded {
             }
             let (now_there, skipped) = self.board_time(now);
             let at = now_there + (arrival - now).as_nanos() as Ns;
-            // A write at the beginning of a gap got a time within the gap, which was skipped later: it must not delay
-            // later writes.
+            // A frame written at the beginning of a gap may have an arrival time within the gap, which was skipped
+            // later. This time must not delay later frames.
             let newest = if std::mem::replace(&mut writes.skipped, skipped) == skipped { writes.newest } else { 0 };
             writes.newest = newest.max(at);
             (arrival, writes.newest)
@@ -200,7 +200,7 @@ impl Threaded {
         self.shared.handover.receive(out, limit.and_then(end_after))
     }
 
-    /// As [`Self::read`], but calls `meanwhile` every 20 ms of the wait, without holding a lock.
+    /// Like [`Self::read`], but calls `meanwhile` every 20 ms during the wait, without holding a lock.
     ///
     /// # Errors
     /// [`Stop`].
@@ -262,7 +262,7 @@ impl Threaded {
         (shown.events.drain(..).collect(), shown.counters, shown.now)
     }
 
-    /// How late the cycles have begun so far.
+    /// How late the runner's cycles have begun so far.
     pub fn lateness(&self) -> Lateness {
         Lateness {
             cycles: self.shared.cycles.load(Ordering::Relaxed),
@@ -286,7 +286,7 @@ impl Drop for Threaded {
     }
 }
 
-/// The end of a wait that begins now; `None`: an `Instant` cannot hold it.
+/// Converts the time limit of a wait that begins now to its end; `None`: an `Instant` cannot represent it.
 fn end_after(limit: Duration) -> Option<Instant> {
     Instant::now().checked_add(limit)
 }
@@ -306,7 +306,7 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
     let zero = board.now();
     let cycles = board.cycles();
     let mut frame = Frame::new();
-    // The sum of the gaps that board time has skipped: it is behind the runner's clock by this much.
+    // The sum of the gaps that board time has skipped. Board time is behind the runner's clock by this sum.
     let mut skipped = Duration::ZERO;
     let mut now = Duration::ZERO;
     let mut has_left_out = false;
@@ -328,7 +328,8 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
         now = clock.now();
         let late = now.saturating_sub(due);
         if catches_up && late > catch_up_max {
-            // The next cycle is due now: a rest of the gap would exceed the limit again in the next iteration.
+            // The whole gap is skipped, so that the next cycle is due now: with a rest of the gap, the delay would
+            // exceed the limit again in the next iteration.
             due = now;
             skipped += late;
             shared.skipped_ns.fetch_add(late.as_nanos() as u64, Ordering::Relaxed);
@@ -336,7 +337,8 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
         if !catches_up {
             let period = board.period_ns();
             let cycles = cycles_to_leave_out(late.as_nanos() as Ns, period);
-            // A machine that is always late still runs every other cycle.
+            // Cycles are not left out twice in a row, so that a machine that is always late still runs every other
+            // cycle.
             if cycles > 0 && !std::mem::replace(&mut has_left_out, true) {
                 board.leave_out(cycles);
                 skipped += Duration::from_nanos(cycles * period);
@@ -361,7 +363,7 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
             shared.handover.end(Stop::Rebooted);
         }
     }
-    // Frames that were accepted before the end still reach the board.
+    // Frames that writers have handed over before the end still reach the board.
     let now = board.now();
     take_frames(&mut board, now, now, shared, &mut frame);
     board
@@ -373,13 +375,13 @@ fn late_max(board: &Board) -> Ns {
 }
 
 /// How many cycles a runner that does not catch up leaves out: as many as it takes for the next one to be due in time.
-/// None, if this cycle is at most half a cycle late \[OURS].
+/// 0 if this cycle is at most half a cycle late \[OURS].
 const fn cycles_to_leave_out(late_ns: Ns, period_ns: Ns) -> u64 {
     if late_ns <= period_ns / 2 { 0 } else { late_ns.div_ceil(period_ns) }
 }
 
-/// Takes the frames from the inbox that arrive by `until`. A frame with an arrival time after `board_now` was written
-/// before a gap was skipped that contains this time: it counts as arrived.
+/// Passes the frames in the inbox that arrive by `until` to the board. If the arrival time of a frame is after
+/// `board_now`, it lies in a gap that was skipped after the write: the frame counts as arrived.
 fn take_frames(board: &mut Board, until: Ns, board_now: Ns, shared: &Shared, frame: &mut Frame) {
     while let Some(at) = shared.handover.next_frame(frame, |at| at <= until || at >= board_now) {
         let at = at.clamp(board.now(), until.max(board.now()));
@@ -387,7 +389,8 @@ fn take_frames(board: &mut Board, until: Ns, board_now: Ns, shared: &Shared, fra
     }
 }
 
-/// Copies counters, snapshot and new events for other threads, unless one of them is reading them at this moment.
+/// Copies counters, snapshot and new events for other threads. Does nothing while one of them reads these, so that the
+/// runner does not wait.
 fn publish_view(board: &Board, shared: &Shared) {
     let Ok(mut shown) = shared.shown.try_lock() else { return };
     let engine = board.engine();
@@ -425,7 +428,7 @@ mod tests {
     /// moment.
     #[test]
     fn a_read_that_waits_looks_around() {
-        // Without slaves the board makes no reports.
+        // A board without slaves makes no reports, so the read waits.
         let board = Board::new(EngineConfig::default(), Box::new(SimBus::new(Vec::new())));
         let threaded = Threaded::start(board, 0, 4, RealTime::default(), Rate::default()).expect("a thread");
         let (mut frame, mut looks) = (Frame::new(), 0);

@@ -1,4 +1,4 @@
-//! Commands that were neither executed in time nor rejected: what happened to them, by the counter that counts them.
+//! The causes for which commands are not executed in time without being rejected. Each has a counter.
 
 use super::Counters;
 
@@ -30,17 +30,18 @@ pub enum Unexecuted {
     LeftOut,
     /// [`Counters::ring_broken`]: no command was lost, but another cut of the ring would disconnect slaves.
     RingBroken,
-    /// [`Counters::inputs_held`]: no command was lost, but inputs were ignored because of a wrong working counter.
+    /// [`Counters::inputs_held`]: no command was lost, but inputs of slaves were ignored because of a wrong working
+    /// counter.
     InputsHeld,
     /// [`Counters::inputs_stale`]: slaves were lost because their inputs did not come for too long.
     InputsStale,
 }
 
 impl Unexecuted {
-    /// The number of kinds.
+    /// The number of causes.
     pub const KINDS: usize = 14;
 
-    /// All kinds, in the order of their variants.
+    /// All causes, in the order of their variants.
     pub const ALL: [Self; Self::KINDS] = [
         Self::Full,
         Self::Crc,
@@ -58,7 +59,7 @@ impl Unexecuted {
         Self::InputsStale,
     ];
 
-    /// The value of this kind's counter.
+    /// The value of the counter of this cause.
     pub const fn of(self, counters: &Counters) -> u64 {
         match self {
             Self::Full => counters.full,
@@ -78,7 +79,7 @@ impl Unexecuted {
         }
     }
 
-    /// The name of this kind's counter, for JSON and tables.
+    /// The name of the counter of this cause, for JSON and tables.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Full => "full",
@@ -122,7 +123,7 @@ impl Unexecuted {
         }
     }
 
-    /// Advice for the user about this kind of loss.
+    /// Advice for users about this cause.
     pub const fn advice(self) -> &'static str {
         match self {
             Self::Full => {

@@ -9,11 +9,12 @@ use crate::ethercat::cia402::Mode;
 use crate::fieldbus::{MAX_AXES, MAX_SLAVES, Ns, Role, SlaveSet};
 use crate::sk::{CommandId, CycleTime, DriveSync, Frame, SlaveKind};
 
-/// For each slave the time from which answers were measured after its last change of state. A bus may still deliver
-/// older answers later, which do not show whether the slave is in that state.
+/// For each slave, the time of the first cycle whose answer was measured after the slave's last change of state. A bus
+/// may deliver older answers later, which do not show whether the slave is in the new state.
 pub(super) type AnswersValidFrom = [Ns; MAX_SLAVES];
 
-/// The CRC switches of SET_EX.
+/// The two switches that SET_EX sets: whether the board checks the CRC of commands, and whether it fills in that of
+/// responses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct CrcSwitches {
     pub(super) check_commands: bool,
@@ -23,7 +24,8 @@ pub(super) struct CrcSwitches {
 /// The factory setting of the CRC switches, SK-1 \[OURS].
 pub(super) const FACTORY_CRC: CrcSwitches = CrcSwitches { check_commands: false, fill_responses: true };
 
-/// The bytes of a slave's slot that show the command executed last.
+/// The part of a slave's slot in a report that shows the command executed last: id, index and, after IO_WR, the
+/// outputs.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SlotHead {
     pub(super) id: u8,
@@ -33,7 +35,8 @@ pub(super) struct SlotHead {
 }
 
 impl SlotHead {
-    /// The outputs of the slave are off: the answer shows 0 instead of the image that IO_WR has written.
+    /// Called when the outputs of the slave are off: the answer to an IO_WR shows 0 instead of the outputs that it has
+    /// written.
     pub(super) fn outputs_off(&mut self) {
         self.output_image = self.output_image.map(|_| 0);
     }
@@ -47,19 +50,20 @@ pub(super) struct Volatile {
     pub(super) cycle: CycleTime,
     /// Whether SET_AXIS, DRIVE_MODE or SET_DC came since the boot.
     pub(super) has_declared: bool,
-    /// When the bus gets the declared configuration to prepare, board time; `None`: it has it already.
+    /// When the engine gives the bus the declared configuration to prepare, board time; `None`: the bus has it already.
     pub(super) told_at: Option<Ns>,
     pub(super) network: Network,
-    /// The reason of the newest failed change of state.
+    /// Why the newest failed change of state has failed.
     pub(super) failure: Option<StateFailure>,
-    /// Cycle, roles and synchronization types that are in force, as configured in the last change to SafeOP.
+    /// The cycle time, and below the roles and synchronization types, that are in force: as configured in the last
+    /// change to SafeOP.
     pub(super) cycle_in_op: CycleTime,
     pub(super) roles: [Role; MAX_SLAVES],
-    /// The pulse modules that have two channels.
+    /// The pulse modules that have a second axis.
     pub(super) second_axes: SlaveSet,
     pub(super) syncs: [DriveSync; MAX_SLAVES],
     pub(super) answers_valid_from: AnswersValidFrom,
-    /// After a failed change of state: the time from which answers show in which states it has left the slaves. `None`:
+    /// After a failed change of state, answers from this time on show in which states it has left the slaves. `None`:
     /// these states are known.
     pub(super) left_shown_from: Option<Ns>,
     pub(super) test: test_mode::TestPhase,

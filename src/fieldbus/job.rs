@@ -7,7 +7,7 @@ use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoSize};
 /// An SDO transfer of up to 4 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SdoRequest {
-    /// Slave, from 1. If no slave has this number, the transfer ends in a timeout.
+    /// The number of the slave, counted from 1. If no slave has this number, the transfer ends in a timeout.
     pub slave: u8,
     /// The object to read or write.
     pub object: ObjectAddress,
@@ -37,12 +37,12 @@ pub enum Job {
     },
 }
 
-/// The result of a job.
+/// The result of a job, when it has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JobDone {
     /// The scan has ended.
     Scan {
-        /// How many slaves were found, 0..=40.
+        /// How many slaves the scan has found, 0..=40.
         found: u8,
     },
     /// The slaves are configured, or the error names the first one that refused.
@@ -56,10 +56,11 @@ pub enum JobDone {
 /// The result of an SDO: the value that was read (zero-extended) or written, or the abort code.
 pub type SdoDone = Result<u32, AbortCode>;
 
-/// The result of a successful [`Job::Configure`].
+/// What is known after a successful [`Job::Configure`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Configured {
-    /// Slaves of [`Role::Hsp`](super::Role::Hsp) that have a second axis: their controlword 0x6840 can be read by SDO \[OURS].
+    /// Slaves of [`Role::Hsp`](super::Role::Hsp) that have a second axis: this is known because their controlword 0x6840 can be
+    /// read by SDO \[OURS].
     pub second_axes: SlaveSet,
     /// Slaves that were not selected but have left OP, because the bus cannot configure the selected ones otherwise. They
     /// keep their mapping and stay below OP until a [`Job::State`] brings them back.
@@ -69,7 +70,7 @@ pub struct Configured {
 /// A slave that has refused a configuration or a change of state, or has not answered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Refusal {
-    /// Slave, from 1.
+    /// The number of the slave, counted from 1.
     pub slave: u8,
     /// The AL status code of the slave (ETG.1000.6 table 11); 0 if the slave has not answered, [`Self::WITHOUT_REASON`] if
     /// it answers but has no code.
@@ -88,13 +89,14 @@ impl Refusal {
         Self { slave, al_status, abort: None }
     }
 
-    /// The refusal for a slave that has not answered.
+    /// The refusal that stands for a slave that has not answered.
     pub(crate) const fn no_answer(slave: u8) -> Self {
         Self::of(slave, AlStatus::NONE)
     }
 }
 
-/// A limit of the hardware that runs a bus; the slaves do not matter.
+/// A limit of the hardware that runs a bus, such as an ECM-XF, that a configuration exceeds. It concerns no single
+/// slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum HardwareLimit {
     /// The exchanges with the chip take longer than the cycle.
@@ -107,7 +109,7 @@ pub enum HardwareLimit {
     Cycle {
         /// The requested cycle time, ns.
         cycle_ns: Ns,
-        /// The minimum time that the exchanges of one cycle take, ns.
+        /// The minimum time for the exchanges with the chip in one cycle, ns.
         needed_ns: Ns,
     },
     /// The process data of one cycle do not fit into a packet.
@@ -115,11 +117,11 @@ pub enum HardwareLimit {
     ProcessData {
         /// The number of bytes of all outputs or of all inputs, whichever is larger.
         bytes: usize,
-        /// The capacity of a packet in bytes.
+        /// How many bytes of process data a packet can hold.
         most: usize,
     },
 }
 
-/// The error of a start while another job or SDO is running beside which the new one cannot run.
+/// A job or an SDO was not started, because a job or an SDO is running beside which it cannot run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Busy;

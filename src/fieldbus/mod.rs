@@ -66,8 +66,8 @@ pub enum Pacing {
     Runner,
     /// The bus runs its own cycle and queues outputs.
     Bus {
-        /// The maximum number of sets of outputs in its queue, for any process data. [`Fieldbus::room`] returns how many it
-        /// accepts now.
+        /// The maximum number of sets of outputs in the queue of the bus, whatever the process data. [`Fieldbus::room`] returns
+        /// how many it accepts now.
         depth: u16,
         /// The maximum delay, in cycles, until the answer to a cycle can be polled and until a lost slave is named.
         answer_delay: u16,
@@ -116,19 +116,19 @@ impl Role {
     }
 }
 
-/// The wanted configuration of one slave.
+/// The requested configuration of one slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlaveConfig {
-    /// What the slave is used as.
+    /// What the slave is used as, which decides its process data.
     pub role: Role,
-    /// Synchronization type, 0x1C32:1 and 0x1C33:1.
+    /// Synchronization type of the slave, written to 0x1C32:1 and 0x1C33:1.
     pub sync: DriveSync,
 }
 
 /// The configuration that slaves need before they can go to SafeOP.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BusConfig {
-    /// The EtherCAT cycle in OP.
+    /// The EtherCAT cycle time in OP.
     pub cycle: CycleTime,
     /// The slaves to be configured. All other slaves keep their configuration and their state: slaves that were lost are
     /// configured again while the others stay in OP.
@@ -149,7 +149,7 @@ pub struct AxisOut {
     pub target: i32,
 }
 
-/// What one axis sends back in a cycle.
+/// What one axis returns in a cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AxisIn {
     /// Statusword, 0x6041.
@@ -174,7 +174,7 @@ pub type SlaveIn = [AxisIn; MAX_AXES];
 pub struct Outputs {
     /// The id that the engine gives this set of outputs; it comes back in [`CycleDone::outputs`].
     pub id: u64,
-    /// Slave n is `slaves[n - 1]`.
+    /// The outputs of slave n are `slaves[n - 1]`.
     pub slaves: [SlaveOut; MAX_SLAVES],
 }
 
@@ -254,17 +254,18 @@ pub struct CycleDone {
     pub next_deadline: Option<Ns>,
 }
 
-/// The result of [`Fieldbus::clear_ahead`].
+/// The result of a clear ([`Fieldbus::clear_ahead`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cleared {
-    /// The id of the newest outputs that were sent; newer ones will never be sent. `None`: none were sent.
+    /// The id of the newest outputs that were sent. Newer outputs were discarded and will never be sent. `None`: no
+    /// outputs were sent.
     pub newest_sent: Option<u64>,
 }
 
-/// The error of a bus that accepts no outputs.
+/// Why a bus does not accept a set of outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BusError {
-    /// [`Fieldbus::room`] was 0.
+    /// The bus has no room for a set of outputs: [`Fieldbus::room`] was 0.
     #[error("the bus takes no more outputs now; push again when a cycle has passed")]
     Full,
     /// Frames reach no slave: the cable before the first one is cut, or the interface is down.
@@ -278,35 +279,36 @@ pub enum RingState {
     /// No frame has come back yet.
     #[default]
     Unknown,
-    /// No cable is cut.
+    /// No cable is cut: frames pass all slaves from one card to the other.
     Whole,
-    /// A cable between two slaves is cut.
+    /// A cable between two slaves is cut, but each slave can be reached from one of the cards.
     Open,
-    /// Frames from the first card reach no slave.
+    /// Frames from the first card reach no slave, so only the second card is used.
     FirstDead,
-    /// Frames from the second card reach no slave.
+    /// Frames from the second card reach no slave, so only the first card is used.
     SecondDead,
 }
 
 impl RingState {
-    /// Whether the next cut would disconnect slaves.
+    /// Whether the ring is not whole, so that the next cut would disconnect slaves.
     pub const fn is_broken(self) -> bool {
         matches!(self, Self::Open | Self::FirstDead | Self::SecondDead)
     }
 }
 
-/// Received frames that are not the answers of slaves to this master.
+/// Frames that the bus has received although they are not answers of slaves to this master.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Strangers {
-    /// The source address in the newest frame of another master, as slaves have changed it; `None`: no such frame was
-    /// received.
+    /// The source MAC address in the newest frame of another master, in which the first slave has set a bit; `None`: no
+    /// such frame was received.
     pub other_master: Option<[u8; 6]>,
-    /// The number of frames of this master that came back unchanged: they have passed no slave.
+    /// The number of frames of this master that came back unchanged. A slave changes the source address of a frame, so
+    /// these frames have passed no slave.
     pub unpassed: u64,
 }
 
 impl Strangers {
-    /// The text about a network in which no slave was found and `unpassed` frames came back unchanged.
+    /// The error text if a scan finds no slave and `unpassed` frames came back unchanged.
     pub fn echo(unpassed: u64) -> String {
         format!(
             "{unpassed} frames came back as they were sent, with the source address of this card, which each slave changes: the cable \
@@ -319,7 +321,7 @@ impl Strangers {
 /// to be opened again.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CardsGone {
-    /// The names of the cards, and what to do.
+    /// The names of the cards, and what the user can do, as text.
     pub text: Arc<str>,
     /// Whether no card is left, so that no frame reaches a slave any more.
     pub is_all: bool,
@@ -327,7 +329,7 @@ pub struct CardsGone {
 
 /// An EtherCAT network as the engine uses it. The module documentation describes the calls.
 pub trait Fieldbus: Send {
-    /// Returns who decides when a cycle runs. The answer never changes.
+    /// Returns who decides when a cycle runs. The result never changes.
     fn pacing(&self) -> Pacing;
 
     /// Starts a job.
@@ -342,9 +344,9 @@ pub trait Fieldbus: Send {
     /// [`Busy`] while another SDO or a job is running. Whether an SDO may run beside a change of state depends on the bus.
     fn start_sdo(&mut self, request: SdoRequest, now: Ns) -> Result<(), Busy>;
 
-    /// Announces the next [`Job::Configure`], as far as it is declared, while all slaves are in PreOP and no job or SDO is
-    /// running. A bus with slow configurations may begin early, as long as no SDO shows a difference and no job has to wait
-    /// longer than the configuration itself would have taken.
+    /// Announces the configuration that the next [`Job::Configure`] is expected to have, by the settings that programs have
+    /// declared so far. All slaves are in PreOP, and no job or SDO is running. A bus with slow configurations may begin early,
+    /// as long as no SDO shows a difference and no job has to wait longer than the configuration itself would have taken.
     fn prepare(&mut self, _config: &BusConfig, _now: Ns) {}
 
     /// Returns the result of the job once it has ended. Each result is returned once.
@@ -359,7 +361,7 @@ pub trait Fieldbus: Send {
     /// Cancels the running SDO, if there is one. [`Self::poll_sdo`] never returns its result.
     fn cancel_sdo(&mut self);
 
-    /// The number of sets of outputs that the bus accepts now, as far as it knows: it may accept more, never fewer. With
+    /// The number of sets of outputs that the bus accepts now, as far as it knows. It accepts at least this many. With
     /// [`Pacing::Runner`] this is 1, or 0 while the bus is down.
     fn room(&self) -> u16;
 
@@ -426,7 +428,8 @@ pub trait Fieldbus: Send {
         None
     }
 
-    /// Received frames that are not the answers of slaves. The default value: there were none, or the bus does not know.
+    /// Frames that the bus has received although they are not answers of slaves. The default value: there were none, or the bus
+    /// does not know.
     fn strangers(&self) -> Strangers {
         Strangers::default()
     }

@@ -20,10 +20,10 @@ pub use downloads::{Download, Downloads, MappedDirection, MappingImage, NO_SUCH_
 /// The maximum length of a slave's process image in one direction, bytes: that of a pulse module with two channels.
 pub const IMAGE_BYTES_MAX: usize = MAX_AXES * longest(Table::LENGTHS);
 
-/// The object that shows whether a pulse module has a second axis: only then it can be read \[OURS].
+/// The object that shows whether a pulse module has a second axis: it can be read only if there is one \[OURS].
 pub const SECOND_CONTROLWORD: ObjectAddress = ObjectAddress::new(CONTROLWORD + SECOND_AXIS_OFFSET, 0);
 
-/// A field of [`AxisOut`].
+/// A field of [`AxisOut`] to which an object can be mapped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum OutWord {
     Controlword,
@@ -31,7 +31,7 @@ enum OutWord {
     Outputs,
 }
 
-/// A field of [`AxisIn`].
+/// A field of [`AxisIn`] to which an object can be mapped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum InWord {
     Statusword,
@@ -95,11 +95,11 @@ const HSP_IN: [In; 3] = [
 const IO_OUT: [Out; 1] = [mapped(0x7000, 1, 2, OutWord::Outputs)];
 const IO_IN: [In; 1] = [mapped(0x6000, 1, 2, InWord::Inputs)];
 
-/// Defines `Table`, which selects the outputs and the inputs of an axis. Its functions call those below with constant
-/// tables, so that the compiler generates separate code for each.
+/// Defines `Table`, which selects the outputs and the inputs of an axis. Its functions pass constant tables to the
+/// functions at the end of this file, so that the compiler generates separate code for each table.
 macro_rules! tables {
     ($($table:ident: $outputs:ident, $inputs:ident;)*) => {
-        /// Selects the tables above for the process data of an axis.
+        /// Selects the tables of mapped objects, outputs and inputs, for an axis.
         #[derive(Clone, Copy, Debug)]
         enum Table {
             $($table),*
@@ -149,10 +149,10 @@ tables! {
     Io: IO_OUT, IO_IN;
 }
 
-/// The process data of one slave.
+/// Which process data one slave has: the mapped objects of its axes, and its mode of operation.
 #[derive(Clone, Copy, Debug)]
 pub struct ProcessData {
-    /// The mapping tables of each of its axes.
+    /// The tables of mapped objects of each of its axes.
     table: Table,
     axes: u8,
     output_bytes: u8,
@@ -161,8 +161,8 @@ pub struct ProcessData {
 }
 
 impl ProcessData {
-    /// The object of a slave that decides which process data it has as `role`: those for [`Self::of`] with `is_there` if it
-    /// can be read. A bus asks for it in PreOP. `None`: the role decides alone.
+    /// The object whose presence decides which process data a slave in this role has: a bus tries to read it in PreOP, and
+    /// passes the result to [`Self::of`] as `is_there`. `None`: the role alone decides.
     pub const fn probe(role: Role) -> Option<ObjectAddress> {
         match role {
             Role::Hsp(_) => Some(SECOND_CONTROLWORD),
@@ -170,13 +170,13 @@ impl ProcessData {
         }
     }
 
-    /// Whether a slave that is used as `role` and cannot map the process data of the board keeps those that its EEPROM
-    /// describes, where a bus reads EEPROMs: their first bits are used \[OURS].
+    /// Whether a slave in this role that cannot map the process data of the board may keep those that its EEPROM
+    /// describes: the first bits of these are used. Only a bus that reads EEPROMs does so. \[OURS]
     pub const fn may_keep_its_own(role: Role) -> bool {
         matches!(role, Role::Io)
     }
 
-    /// The process data of a slave that is used as `role`. `is_there`: it has the object of [`Self::probe`]. `None`: the
+    /// The process data of a slave that is used as `role`. `is_there`: the slave has the object of [`Self::probe`]. `None`: the
     /// slave is not used, or the role has no process data, see [`Role::has_process_data`].
     pub fn of(role: Role, is_there: bool) -> Option<Self> {
         let channels = if is_there { MAX_AXES as u8 } else { 1 };

@@ -1,4 +1,4 @@
-//! A network of simulated slaves, paced by our runner.
+//! A network of simulated slaves; the runner of the engine decides when a cycle runs.
 //!
 //! A cycle is one [`Fieldbus::poll`] at a later time than the one before: the frame passes every slave (inputs are what
 //! was measured at the end of the previous cycle), then the time since the last poll passes in every slave.
@@ -10,7 +10,7 @@
 //! it is silent, or it has left its state by itself. Its inputs keep their values. It stays lost, even if it could answer
 //! again, until a [`Job::State`] brings it back. A slave in Init or PreOP is lost only while it does not answer.
 //!
-//! **A cut before the first slave** takes the bus down: [`Fieldbus::room`] is 0 and [`Fieldbus::poll`] gives `None`. Time
+//! **A cut before the first slave** takes the bus down: [`Fieldbus::room`] is 0 and [`Fieldbus::poll`] returns `None`. Time
 //! goes on passing in the slaves.
 //!
 //! The bus allocates when it is created, never in a cycle.
@@ -31,7 +31,7 @@ use super::{
 use crate::slave::{Slave, step_all};
 use jobs::{RunningJob, RunningSdo};
 
-/// A slave at its place on the cable.
+/// A slave on the cable, and what the bus knows of it.
 struct Station {
     slave: Box<dyn Slave>,
     /// The AL state that the newest job brought the slave to. The slave may have left it by itself.
@@ -40,20 +40,20 @@ struct Station {
     process_data: Option<ProcessData>,
 }
 
-/// A simulated EtherCAT network.
+/// A bus with simulated slaves.
 pub struct SimBus {
-    /// The slaves in the order of the cable.
+    /// The simulated slaves in the order of the cable.
     stations: Vec<Station>,
     timing: Timing,
     handle: SimHandle,
     found: u8,
     lost: SlaveSet,
     outputs: Outputs,
-    /// No frame has carried `outputs` yet.
+    /// Whether `outputs` are new: no frame has carried them yet.
     has_new_outputs: bool,
     /// The id of the newest outputs that a frame has carried.
     sent: Option<u64>,
-    /// The time that has passed in the slaves.
+    /// The time up to which the slaves have been simulated.
     clock: Ns,
     job: Option<RunningJob>,
     sdo: Option<RunningSdo>,
@@ -82,7 +82,7 @@ impl SimBus {
         bus
     }
 
-    /// The same network with other durations of its jobs.
+    /// Replaces the durations of the jobs.
     pub fn with_timing(mut self, timing: Timing) -> Self {
         self.timing = timing;
         self
@@ -93,12 +93,12 @@ impl SimBus {
         self.handle.clone()
     }
 
-    /// The slaves in the order of the cable, and the handle, to build a network of another kind from them.
+    /// The slaves in the order of the cable, and the handle. A network of another kind can be built from them.
     pub fn into_parts(self) -> (Vec<Box<dyn Slave>>, SimHandle) {
         (self.stations.into_iter().map(|station| station.slave).collect(), self.handle)
     }
 
-    /// Whether a slave (from 1) is reached by frames and answers them.
+    /// Whether frames reach a slave (from 1) and the slave answers them.
     fn answers(&self, slave: u8) -> bool {
         self.handle.answering().contains(slave)
     }
@@ -111,7 +111,7 @@ impl SimBus {
         &mut self.stations[usize::from(slave) - 1]
     }
 
-    /// The true AL state of a slave (from 1).
+    /// The AL state that a slave (from 1) really has.
     fn state(&self, slave: u8) -> AlState {
         self.stations[usize::from(slave) - 1].slave.state()
     }
@@ -128,7 +128,7 @@ impl SimBus {
         }
     }
 
-    /// One frame passes every slave.
+    /// Runs one cycle: a frame passes every slave.
     fn exchange(&mut self, inputs: &mut Inputs) -> CycleDone {
         let (mut working_counter, mut expected_working_counter) = (0, 0);
         let (mut without_outputs, mut without_inputs) = (SlaveSet::EMPTY, SlaveSet::EMPTY);
@@ -175,7 +175,7 @@ impl SimBus {
         }
     }
 
-    /// Restarts slaves that have lost their power: they begin in Init.
+    /// Restarts slaves that scripts or tests have cut off from their power: they begin in Init.
     fn power_off(&mut self) {
         for slave in self.handle.take_powered_off().iter() {
             if let Some(station) = self.stations.get_mut(usize::from(slave) - 1) {

@@ -59,7 +59,7 @@ impl<W: EdgeWires> SpiChip<W> {
         Ok(self)
     }
 
-    /// The wires, for tests and for direct access.
+    /// The wires to the chip, for tests and for direct access.
     pub const fn wires_mut(&mut self) -> &mut W {
         &mut self.wires
     }
@@ -119,7 +119,7 @@ impl<W: EdgeWires> Drop for SpiChip<W> {
     }
 }
 
-/// When an `xf-spi:` link resets its chip. A reset needs the reset line.
+/// When an `xf-spi:` link resets its chip. A reset is possible only if the link names the chip's reset line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ResetTimes {
     /// Reset when the link is opened.
@@ -149,10 +149,10 @@ fn reset_times(uri: &LinkUri) -> Result<ResetTimes, UriError> {
     }
 }
 
-/// SPI mode of the chip (XF EN 148).
+/// The SPI mode of the chip: clock polarity 0, clock phase 0 (XF EN 148).
 const SPI_MODE: u8 = 0;
 
-/// The devices that an `xf-spi:` link uses: the spidev device and the GPIO lines.
+/// The spidev device, the GPIO lines and their settings, as the URI of an `xf-spi:` link gives them.
 ///
 /// # Errors
 /// [`UriError::OtherScheme`] if it is not an `xf-spi:` link; [`UriError::BadPath`] without a device;

@@ -13,17 +13,17 @@ use crate::link::chip_link::{ChipError, ChipInfo, ChipLink};
 use crate::xf::DataSize;
 use crate::xf::host::Wires;
 
-/// Size of a packet in bytes.
+/// Size of a packet of the chip in bytes.
 const PACKET: usize = DataSize::XFU.packet_len();
 
 /// A link to an ECM-XFU on USB.
 pub struct UsbChip<W = PacketDevice> {
     info: ChipInfo,
     wires: W,
-    /// Received bytes that the driver has not asked for yet. While the driver searches for the beginning of packets it
-    /// asks for less than a packet, but USB transfers whole packets.
+    /// Bytes of a received packet that the driver has not read yet. While the driver searches for the beginning of
+    /// packets it asks for less than a packet, but USB transfers whole packets.
     rest: [u8; PACKET],
-    /// Number of unread bytes, at the end of `rest`.
+    /// The number of unread bytes. They are at the end of `rest`.
     rest_len: usize,
 }
 
@@ -53,7 +53,7 @@ impl<W: PacketWires> UsbChip<W> {
         Self { info, wires, rest: [0; PACKET], rest_len: 0 }
     }
 
-    /// The wires, for tests and for direct access.
+    /// The USB endpoints to the chip, for tests and for direct access.
     pub const fn wires_mut(&mut self) -> &mut W {
         &mut self.wires
     }

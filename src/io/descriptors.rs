@@ -5,14 +5,15 @@
 pub const REPORT_LEN: usize = 512;
 /// bInterfaceClass of a HID interface.
 pub const HID: u8 = 3;
-/// The bit of bEndpointAddress that marks an endpoint to the host.
+/// The direction bit of bEndpointAddress: set for an endpoint that sends to the host.
 pub const TO_HOST: u8 = 0x80;
 
-/// The bits of bmAttributes with an endpoint's transfer type.
+/// The bits of bmAttributes that give an endpoint's transfer type.
 const TRANSFER_TYPE: u8 = 0x03;
-/// The transfer type "interrupt".
+/// The transfer type "interrupt" in bmAttributes.
 const INTERRUPT: u8 = 0x03;
-/// The bits of wMaxPacketSize with the size of a packet in bytes. The bits above count packets per microframe.
+/// The bits of wMaxPacketSize that give the size of a packet in bytes. The bits above them count packets per
+/// microframe.
 const PACKET: u16 = 0x07FF;
 
 /// The interface and the two interrupt endpoints through which a device sends and receives reports.
@@ -35,7 +36,7 @@ pub enum NotTheBoard {
          enumerated; plug it into this machine, or into a hub with a power supply of its own"
     )]
     Unconfigured,
-    /// The descriptors cannot be read or contradict each other.
+    /// The descriptors cannot be read, or they contradict each other.
     #[error("its descriptors cannot be read")]
     Descriptors,
     /// The device has no HID interface.
@@ -46,7 +47,7 @@ pub enum NotTheBoard {
     OtherReports,
 }
 
-/// Whether an endpoint with this bmAttributes and wMaxPacketSize carries whole reports.
+/// Whether one packet of an endpoint with this bmAttributes and wMaxPacketSize holds a whole report.
 pub const fn carries_reports(attributes: u8, packet: u16) -> bool {
     attributes & TRANSFER_TYPE == INTERRUPT && (packet & PACKET) as usize == REPORT_LEN
 }

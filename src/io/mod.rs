@@ -1,5 +1,5 @@
 //! Access to the hardware to which a board or its slaves are connected, without knowledge of a protocol: a HID device
-//! on USB ([`hid`], features `usb`), a device on SPI with its GPIO lines ([`spi`], feature `spi`), a network interface
+//! on USB ([`hid`], feature `usb`), a device on SPI with its GPIO lines ([`spi`], feature `spi`), a network interface
 //! ([`ethernet`], features `nic` and `serve`), and this machine as a device on USB (`gadget`, feature `serve`).
 
 pub mod descriptors;

@@ -1,4 +1,4 @@
-//! Default routes in the tables of the Linux kernel.
+//! Finds the interfaces with a default route in the route tables of the Linux kernel.
 
 /// The interfaces with a default route in the kernel's table `route`: name, destination, .., mask in the 8th column.
 pub fn default_routes_v4(table: &str) -> Vec<String> {

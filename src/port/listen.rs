@@ -1,12 +1,12 @@
-//! Advice for errors of servers that cannot listen on an address.
+//! Advice for users if a server cannot listen on its address.
 
 use std::io::{Error, ErrorKind};
 use std::net::SocketAddr;
 
-/// The lowest port on which every user may listen, unless the machine is configured otherwise.
+/// The lowest TCP port on which every user may listen, unless the machine is configured otherwise.
 const FIRST_FREE: u16 = 1024;
 
-/// The advice for the error: what the user can do.
+/// What the user can do about an error of listening on `address`.
 pub(super) fn advice(address: SocketAddr, error: &Error) -> &'static str {
     match error.kind() {
         ErrorKind::PermissionDenied if address.port() < FIRST_FREE => {

@@ -6,17 +6,17 @@ use std::time::{Duration, Instant};
 
 use crate::span::Span;
 
-/// How many lines of a kind are logged one by one. \[OURS]
+/// How many lines of the same kind are logged one by one in a period. \[OURS]
 const LINES_MAX: u32 = 20;
 /// How long further lines are counted before their number is logged. A kind without lines for this long starts anew.
 /// \[OURS]
 const COUNTING_PERIOD: Duration = Duration::from_secs(10);
 /// The largest number of kinds, because clients can cause new ones as often as they like. \[OURS]
 const KINDS_MAX: usize = 64;
-/// The kind that stands for all kinds beyond that number.
+/// The kind under which the lines of all further kinds are counted, beyond [`KINDS_MAX`].
 const OTHERS: &str = "other connections";
 
-/// Counts lines by their kind.
+/// Counts log lines by their kind, and suppresses them if there are too many.
 #[derive(Default)]
 pub(super) struct LogLimit {
     kinds: HashMap<String, Counted>,
@@ -25,12 +25,12 @@ pub(super) struct LogLimit {
 struct Counted {
     since: Instant,
     logged: u32,
-    /// Lines of this period that were counted instead of being logged.
+    /// How many lines of this kind were suppressed in the present period.
     suppressed: u64,
 }
 
 impl LogLimit {
-    /// Whether a line of that kind may be logged; otherwise the line is counted.
+    /// Whether a line of this kind may be logged now; otherwise the line is only counted.
     pub(super) fn may_log(&mut self, kind: &str, now: Instant) -> bool {
         let kind = if self.kinds.contains_key(kind) || self.kinds.len() < KINDS_MAX { kind } else { OTHERS };
         let counted = self.kinds.entry(kind.to_owned()).or_insert(Counted { since: now, logged: 0, suppressed: 0 });
@@ -42,12 +42,12 @@ impl LogLimit {
         false
     }
 
-    /// When the next number of counted lines is due.
+    /// When the number of suppressed lines is to be logged next; `None`: no line was suppressed.
     pub(super) fn next_due(&self) -> Option<Instant> {
         self.kinds.values().map(|counted| counted.since + COUNTING_PERIOD).min()
     }
 
-    /// Lines with the numbers of the periods that have ended.
+    /// Log lines with the numbers of suppressed lines, for the counting periods that have ended.
     pub(super) fn due(&mut self, now: Instant) -> Vec<String> {
         let mut lines = Vec::new();
         self.kinds.retain(|kind, counted| {
@@ -65,7 +65,7 @@ impl LogLimit {
         lines
     }
 
-    /// Lines with all numbers that have not been logged yet, at the end of the server.
+    /// Log lines with all numbers of suppressed lines that have not been logged yet. Called at the end of the server.
     pub(super) fn end(&mut self) -> Vec<String> {
         let counted = self.kinds.drain().filter(|(_, counted)| counted.suppressed > 0);
         counted.map(|(kind, counted)| format!("{kind} ({} more times)", counted.suppressed)).collect()

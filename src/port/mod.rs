@@ -10,9 +10,9 @@
 //! - `xf`: a chip ECM-XF for other host software, as a stream of bytes
 //! - `ethercat`: simulated slaves on a network interface, for any EtherCAT master (Linux)
 //! - `log_limit`: limits repeated lines in the log
-//! - `listen`: advice for errors of listening
-//! - `serving`: the thread of a server that has a single one
-//! - `standstill`: stopping the axes of whoever has vanished
+//! - `listen`: advice when a server cannot listen on its address
+//! - `serving`: the thread of a server that needs only one
+//! - `standstill`: stopping the axes of a client or host that has vanished
 
 #[cfg(all(feature = "sim", target_os = "linux"))]
 pub mod ethercat;

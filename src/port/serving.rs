@@ -1,4 +1,4 @@
-//! The thread of a server with a single thread: how its owner ends it, and the state that both share.
+//! The thread of a server that needs only one thread: how the server ends it, and the state that both share.
 
 use std::io;
 use std::sync::Arc;
@@ -9,10 +9,10 @@ use crate::notes::NoteThread;
 use crate::tcp::Waker;
 use crate::threads;
 
-/// The state that the thread and its owner share.
+/// The state that the server and its thread share.
 pub(super) struct Shared {
     is_stopping: AtomicBool,
-    /// Ends a wait of the thread.
+    /// Ends the wait of the server's thread.
     pub(super) waker: Waker,
 }
 
@@ -21,7 +21,7 @@ impl Shared {
         Ok(Arc::new(Self { is_stopping: AtomicBool::new(false), waker: Waker::new()? }))
     }
 
-    /// Whether the owner has asked the thread to end.
+    /// Whether the server has asked its thread to end.
     pub(super) fn is_stopping(&self) -> bool {
         self.is_stopping.load(Ordering::Acquire)
     }
@@ -35,7 +35,7 @@ pub(super) struct Serving {
 }
 
 impl Serving {
-    /// Starts a thread of that name, which ends when [`Shared::is_stopping`].
+    /// Starts a thread with this name. Its function has to end when [`Shared::is_stopping`].
     pub(super) fn start(
         name: &str,
         shared: Arc<Shared>,
@@ -46,7 +46,7 @@ impl Serving {
         Ok(Self { shared, teller, thread: Some(thread) })
     }
 
-    /// Waits until all lines so far are logged, at most 1 s.
+    /// Waits until all lines so far were passed to the log function, at most 1 s.
     pub(super) fn flush(&self) {
         self.teller.flush();
     }

@@ -22,15 +22,15 @@ const SEND_BUFFER_BYTES: usize = 64 * 1024;
 /// program was ended by force there, it keeps the session for ever. \[OURS]
 const SESSION_WAIT_MAX: Duration = Duration::from_secs(1);
 
-/// A connection.
+/// One end of a TCP connection: its socket, and the TLS session over it if there is one.
 pub struct Channel {
     socket: TcpStream,
     tls: Option<Mutex<Connection>>,
-    /// `None`: no other thread can end a wait.
+    /// Ends waits on this connection from another thread; `None`: no other thread can end them.
     waker: Option<Waker>,
 }
 
-/// A buffer of bytes that are waiting to be sent, and one for a message.
+/// Bytes that are waiting to be sent, and a buffer in which the next message is encoded.
 pub struct Out {
     bytes: Vec<u8>,
     sent: usize,
@@ -44,38 +44,39 @@ impl Default for Out {
 }
 
 impl Out {
-    /// Whether all bytes have been handed to the system.
+    /// Whether no bytes are waiting: the operating system has accepted all of them for sending.
     pub const fn is_empty(&self) -> bool {
         self.sent == self.bytes.len()
     }
 
-    /// How many bytes are waiting.
+    /// How many bytes are waiting to be sent.
     pub const fn waiting(&self) -> usize {
         self.bytes.len() - self.sent
     }
 
-    /// Stores a message in memory, unencrypted, instead of sending it.
+    /// Appends a message to the waiting bytes, unencrypted, for a caller that takes them by [`take`](Self::take)
+    /// instead of sending them.
     pub fn keep(&mut self, message: &Message<'_>) {
         let length = message.encode(&mut self.message);
         self.bytes.extend_from_slice(&self.message[..length]);
     }
 
-    /// Takes the stored messages.
+    /// Removes the waiting bytes from the buffer and returns them.
     pub fn take(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.bytes)
     }
 }
 
-/// The result of [`Channel::receive`].
+/// How many of the waiting bytes a call of [`Channel::receive`] has taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Came {
-    /// Some bytes, and more may have arrived.
+    /// Some bytes were taken, and more may be waiting.
     Bytes,
-    /// All bytes that had arrived.
+    /// All bytes that were waiting were taken.
     All,
-    /// No bytes have arrived.
+    /// No bytes were waiting.
     Nothing,
-    /// The other end has closed its side: no more bytes will come.
+    /// The other end has shut down its sending direction: no more bytes will come.
     End,
 }
 
@@ -115,7 +116,7 @@ impl Channel {
         PollFd::new(&self.socket, if to_send { PollFlags::IN | PollFlags::OUT } else { PollFlags::IN })
     }
 
-    /// Whether received bytes are waiting that no call has taken.
+    /// Whether the socket has received bytes that no call has read yet.
     pub fn has_unread(&self) -> bool {
         let now = rustix::event::Timespec { tv_sec: 0, tv_nsec: 0 };
         poll(&mut [self.waits_for(false)], Some(&now)).is_ok_and(|ready| ready > 0)
@@ -159,7 +160,8 @@ impl Channel {
                 Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
                 Ok(_) => {
                     if let Err(error) = session.process_new_packets() {
-                        // Sends the TLS alert with the reason, if the other end still receives.
+                        // If the handshake has failed, this sends the TLS alert with the reason, in case the other end
+                        // still receives.
                         let _ = session.write_tls(&mut &self.socket);
                         return Err(io::Error::new(ErrorKind::InvalidData, error));
                     }
@@ -181,7 +183,7 @@ impl Channel {
         Ok(material)
     }
 
-    /// Whether received bytes may be buffered in the TLS session, where a wait does not see them.
+    /// Whether received bytes may be buffered in the TLS session, where polling the socket does not show them.
     pub const fn keeps_some(&self) -> bool {
         self.tls.is_some()
     }
@@ -242,7 +244,8 @@ impl Channel {
             Ok(0) => Ok(Came::End),
             Ok(count) => {
                 inbox.came(count);
-                // In a TLS session the rest of a record may still be waiting.
+                // In a TLS session, bytes of a record may still be buffered in the session, so more bytes may be
+                // waiting.
                 Ok(if self.tls.is_none() && count < all { Came::All } else { Came::Bytes })
             }
             Err(error) => match error.kind() {
@@ -331,7 +334,7 @@ impl Channel {
 
     /// Shuts down sending; with `both`, receiving as well. The other end notices it.
     pub fn end(&self, both: bool) {
-        // The connection may have ended already.
+        // An error is ignored: it means that the connection has already ended.
         let _ = self.socket.shutdown(if both { Shutdown::Both } else { Shutdown::Write });
     }
 }
@@ -340,7 +343,7 @@ fn session(tls: &Mutex<Connection>) -> io::Result<MutexGuard<'_, Connection>> {
     tls.try_lock_for(SESSION_WAIT_MAX).ok_or_else(|| ErrorKind::TimedOut.into())
 }
 
-/// Treats a wait that was interrupted by a signal as a short one.
+/// Turns a wait that a signal has interrupted (EINTR) into a success: the caller sees a wait that ended early.
 fn waited(done: rustix::io::Result<usize>) -> io::Result<()> {
     match done {
         Ok(_) | Err(rustix::io::Errno::INTR) => Ok(()),

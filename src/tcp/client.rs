@@ -20,10 +20,11 @@ use crate::sk::Frame;
 use crate::threads::sync::{self, Condvar};
 use crate::threads::{self, WaitQueue};
 
-/// How long closing waits for the server to confirm. \[OURS]
+/// How long closing the link waits until the server has received its Bye and closed the connection. \[OURS]
 const CLOSE_LIMIT: Duration = Duration::from_secs(1);
 
-/// For how many concurrent waiting calls memory is allocated when the link is opened. \[OURS]
+/// How many threads may wait in calls at the same time without an allocation: memory for them is allocated when the
+/// link is opened. \[OURS]
 const WAITING_CAPACITY: usize = 8;
 
 /// A link to a board that another process or machine serves.
@@ -53,17 +54,18 @@ impl TcpLink {
             board,
             network,
         } = connect(&name, options)?;
-        // Virtual time advances by the writer's calls, so for a reader it seems to pass by itself.
+        // Virtual time advances by the writer's calls. A reader's calls do not advance it, so a reader treats the time
+        // as real.
         let virtual_time = virtual_time && options.role == Role::Writer;
         let info = LinkInfo { virtual_time, opened_at: now, ..common.info(name.clone(), common.slot.or(slot)) };
-        // On virtual time nothing moves while the program makes no call.
+        // `hang_ms=` has nothing to detect on virtual time: no axis moves while the program makes no call.
         let watches = !options.hang.is_zero() && options.role == Role::Writer && !virtual_time;
         if watches && info.slot.is_none() {
             log::warn!("`{name}`: hang_ms= has no effect while it is not known how wide slots are; give it slot= too");
         }
         let in_force = info.slot.filter(|_| watches).map(|size| MotionInForce::new(options.hang, size));
         let mut exchange = Exchange::new(name, sequence, common.queue, virtual_time.then_some(now));
-        // Messages that arrived together with the welcome.
+        // The inbox may already contain messages that arrived together with the Welcome.
         exchange.take_all(&mut inbox);
         let shared = Arc::new(Shared {
             info,
@@ -95,8 +97,8 @@ impl TcpLink {
         Ok(Self { shared, background: Mutex::new(Some(background)) })
     }
 
-    /// Ends the link, once. After a Bye the server leaves the axes in their present motion; without one it brings them
-    /// to a standstill.
+    /// Ends the link; a second call has no effect. After a Bye the server leaves the axes in their present motion;
+    /// without one it brings them to a standstill.
     fn end(&self, says_bye: bool) {
         let shared = &self.shared;
         let closed = Ended { error: LinkError::Closed, unsure: false };
@@ -119,18 +121,18 @@ impl TcpLink {
                 .and_then(|()| shared.channel.flush(&mut sender.out, deadline));
             shared.channel.end(false);
             if said.is_ok() {
-                // When the server has closed its end, another client can become the writer.
+                // Waits for the server to close its end: from then on another client can become the writer.
                 until_closed(&shared.channel, deadline);
             }
         }
         shared.channel.end(true);
         if let Some(background) = self.background.lock().take() {
-            // The background thread ends when it next checks the state.
+            // The background thread ends by itself: it checks the state of the link after it was woken.
             let _ = background.join();
         }
     }
 
-    /// The URI of the server's own link.
+    /// The URI with which the server has opened the board, for example `usb:`.
     pub fn board(&self) -> &str {
         &self.shared.board
     }
@@ -158,7 +160,7 @@ impl Link for TcpLink {
         if !self.shared.info.virtual_time {
             return Ok(None);
         }
-        // Only this client advances the time, so it is still what it was after the last request.
+        // Only this client advances the board's time, so the time in the last answer is still the present one.
         if time.is_zero()
             && let Some(now) = self.shared.state().exchange.now
         {
@@ -196,7 +198,7 @@ impl Link for TcpLink {
         let shared = &self.shared;
         let wait = Wait::For(shared.patience());
         let (state, asked) = shared.request(Dir::Read, wait, |request| Message::Count { request });
-        // Without an answer the counters of the previous answer are used.
+        // If the server does not answer now, the counters in its previous answer are returned.
         let counts = match asked {
             Ok(Answer::Counted(counts)) => counts,
             _ => state.exchange.counts,

@@ -17,7 +17,7 @@ use crate::link::{KnownNetwork, LinkError, Stamp};
 use crate::sk::SlotSize;
 use crate::span::Span;
 
-/// An accepted connection, with the server's information about the board.
+/// A connection that the server has accepted, and what its Welcome says about the board.
 pub(super) struct Connected {
     #[cfg(unix)]
     pub(super) let_go: LetGo,
@@ -28,13 +28,13 @@ pub(super) struct Connected {
     pub(super) virtual_time: bool,
     pub(super) now: Stamp,
     pub(super) sequence: u64,
-    /// The URI of the server's own link.
+    /// The URI with which the server has opened the board.
     pub(super) board: String,
-    /// The slaves and units that the server knows.
+    /// The slaves and the units of their axes, as the server knows them.
     pub(super) network: KnownNetwork,
 }
 
-/// Why connecting failed, without the name of the link.
+/// Why connecting failed. The name of the link is added later, by `connect`.
 enum ConnectError {
     Link(LinkError),
     NoBoard(String),
@@ -179,7 +179,8 @@ fn greeting(channel: &Channel, deadline: Instant, options: &TcpOptions) -> Resul
             Err(error) => Err(error),
         };
         came.map_err(|error| match error.kind() {
-            // A reset connection may have lost the greeting that the server has sent.
+            // The server may have sent its greeting and then closed the connection to make room for others. A reset can
+            // discard the greeting before it is read.
             ErrorKind::ConnectionReset => ConnectError::Displaced(explain(&error, options)),
             _ => ConnectError::NoBoard(explain(&error, options)),
         })?;
@@ -200,7 +201,7 @@ fn refused(why: Refusal, text: &str, options: &TcpOptions) -> ConnectError {
     })
 }
 
-/// The reason of a failed connection, and what a user can do.
+/// Why a connection has failed, and what the user can do, as text.
 fn explain(error: &io::Error, options: &TcpOptions) -> String {
     match error.kind() {
         ErrorKind::ConnectionRefused => {
@@ -217,7 +218,7 @@ fn explain(error: &io::Error, options: &TcpOptions) -> String {
     }
 }
 
-/// The name of this program, shown to users of the server.
+/// The name of this program, which the server shows in its log and in refusals of other writers.
 fn program() -> String {
     let path = std::env::current_exe().ok();
     let name = path.as_ref().and_then(|path| path.file_name()).map(|name| name.to_string_lossy().into_owned());

@@ -20,55 +20,57 @@ use crate::threads::sync::{self, Condvar, MutexGuard};
 use crate::threads::{CallingThread, WaitQueue};
 
 /// Whether a waiting call receives by itself, which saves a thread switch. On Windows programs end their threads by
-/// force (`TerminateThread`), and a thread that ends while it receives would take bytes with it.
+/// force (`TerminateThread`), and bytes would be lost with a thread that ends while it receives.
 const CALLS_RECEIVE: bool = cfg!(not(windows));
 /// How often the background thread receives while no call waits. \[OURS]
 const IDLE_POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// The state that all threads of a link share.
+/// The part of a link that its threads share.
 pub(super) struct Shared {
     pub(super) info: LinkInfo,
-    /// The URI of the server's own link.
+    /// The URI with which the server has opened the board.
     pub(super) board: String,
-    /// The slaves and units that the server knows.
+    /// The slaves and the units of their axes, as the server knows them.
     pub(super) network: KnownNetwork,
     pub(super) role: Role,
     pub(super) keepalive: Duration,
-    /// The motion in force, for detecting a program that has stopped calling; `None`: not detected.
+    /// The velocities and torques that the program has commanded and that are still in force, for detecting a program
+    /// that has stopped calling (`hang_ms=`); `None`: not detected.
     pub(super) in_force: Option<MotionInForce>,
-    /// Declared before the channel: it is dropped before the channel closes the socket.
+    /// Closes the socket in forked children. Declared before the channel, so that it is dropped before the channel
+    /// closes the socket.
     #[cfg(unix)]
     pub(super) _let_go: LetGo,
     pub(super) channel: Channel,
     /// Every wait for this lock has a timeout: a thread that was ended by force while it sent keeps the lock.
     pub(super) out: Mutex<Sender>,
-    /// No thread holds this lock during a system call.
+    /// Locked for short times only: no thread makes a system call while it holds this lock.
     pub(super) state: sync::Mutex<State>,
     /// Wakes the threads that wait for a message that another thread receives.
     pub(super) changed: WaitQueue,
-    /// Wakes the background thread when the exchange has ended.
+    /// Wakes the background thread when the exchange with the server has ended.
     pub(super) over: Condvar,
     pub(super) counts: CallCounts,
 }
 
-/// The buffers for sending, and the time of the last message.
+/// The buffers for sending, and the time of the last message that was sent.
 pub(super) struct Sender {
     pub(super) out: Out,
     /// When a message was last sent.
     pub(super) last: Instant,
 }
 
-/// The part of the link's state that is protected by a lock.
+/// The state of a link behind the lock [`Shared::state`].
 pub(super) struct State {
     pub(super) exchange: Exchange,
-    /// The thread that is receiving.
+    /// The thread that receives for all threads; `None`: no thread is receiving.
     pub(super) receiver: Option<CallingThread>,
     /// `None` while the receiving thread takes bytes from the connection. If it is ended by force there, the next
     /// message boundary is lost.
     pub(super) inbox: Option<Inbox>,
-    /// The other threads, which wait for messages that the receiver takes.
+    /// The threads that wait for a message while another thread receives for all.
     pub(super) waiting: Vec<CallingThread>,
-    /// The number of cancellations so far, by direction.
+    /// How often waiting reads and writes were cancelled so far, one count for each direction.
     pub(super) cancels: [u64; 2],
 }
 
@@ -136,14 +138,16 @@ impl Shared {
         let is_lost = state.exchange.ended.as_ref().is_some_and(|ended| !matches!(ended.error, LinkError::Closed));
         drop(state);
         if is_lost {
-            // The server stops the axes now, and not when it has heard nothing for as long.
+            // Ending the connection lets the server stop the axes now, instead of after four keep-alive times without a
+            // message.
             self.channel.end(true);
         }
         self.changed.notify_all();
         self.channel.wake();
     }
 
-    /// The number of calls that the program has made so far.
+    /// Counts the calls that the program has made, so that a program that makes no more calls can be detected
+    /// (`hang_ms=`).
     fn calls(&self, state: &State) -> u64 {
         self.counts.ended() + state.exchange.next_request
     }
@@ -153,7 +157,7 @@ impl Shared {
         let Sender { out, last } = &mut *sender;
         if last.elapsed() >= self.keepalive / 2 && out.is_empty() {
             *last = Instant::now();
-            // An error will also occur when receiving, where it is handled.
+            // An error is ignored here: it also occurs when receiving, and is handled there.
             let _ = self.channel.stage(&Message::Ping, out).and_then(|()| self.channel.push(out));
         }
     }
@@ -168,14 +172,15 @@ impl Shared {
             self.changed.notify_all();
         }
         state.waiting.retain(|caller| !caller.is_gone());
-        // No other request may begin until this one has its answer.
+        // The request of a thread that was ended by force is removed only when its answer has come, since there may be
+        // only one request in progress.
         if state.exchange.request.as_ref().is_some_and(|request| request.answer.is_some() && request.caller.is_gone()) {
             state.exchange.request = None;
             self.changed.notify_all();
         }
     }
 
-    /// Sends a whole message.
+    /// Encodes a message and sends all its bytes.
     fn send(&self, message: &Message<'_>) -> std::io::Result<()> {
         // A thread that was ended by force while it was sending keeps the lock for ever.
         let mut sender = self.out.try_lock_for(self.patience()).ok_or(std::io::ErrorKind::TimedOut)?;
@@ -185,7 +190,8 @@ impl Shared {
         self.channel.flush(out, *last + self.patience())
     }
 
-    /// Receives for all waiting threads, until something has arrived, [`Channel::wake`] was called, or until `until`.
+    /// Receives for all waiting threads. Ends when a message has arrived, when [`Channel::wake`] is called, or at the
+    /// time `until`.
     fn receive_for_all<'a>(
         &'a self,
         mut state: MutexGuard<'a, State>,
@@ -215,14 +221,15 @@ impl Shared {
     fn receive(&self, until: Option<Instant>) -> (MutexGuard<'_, State>, std::io::Result<()>) {
         let left = until.map(|until| until.saturating_duration_since(Instant::now()));
         let may_wait = left != Some(Duration::ZERO);
-        // A call that may wait usually has to, so trying to receive before the wait would be wasted.
+        // If the call may wait, usually no bytes have arrived yet, so a system call to receive before the wait would be
+        // wasted.
         if !may_wait || self.channel.keeps_some() {
             let (state, came) = self.take_what_came();
             if !may_wait || !matches!(came, Ok(Came::Nothing)) {
                 return (state, came.map(|_| ()));
             }
         }
-        // A waiting thread holds no lock.
+        // The lock is not held during the wait, because the program may end this thread by force there.
         if let Err(error) = self.channel.wait(false, left) {
             return (self.state(), Err(error));
         }
@@ -233,7 +240,7 @@ impl Shared {
     /// Takes the bytes that have arrived, and the messages in them; never waits.
     fn take_what_came(&self) -> (MutexGuard<'_, State>, std::io::Result<Came>) {
         let Some(mut inbox) = self.state().inbox.take() else {
-            // The inbox was lost with a thread that was ended by force.
+            // There is no inbox: it was lost together with a thread that was ended by force while it received.
             return (self.state(), Ok(Came::Nothing));
         };
         let came = self.channel.receive(&mut inbox);
@@ -250,8 +257,8 @@ impl Shared {
         (state, came)
     }
 
-    /// Waits until `look` returns a value, or until `until`. Even if that time has passed already, messages that have
-    /// arrived by now are received once.
+    /// Waits until `look` returns a value, or until `until`. If `until` has passed already, messages that have arrived
+    /// are still received once.
     fn wait<'a, T>(
         &'a self,
         mut state: MutexGuard<'a, State>,
@@ -354,7 +361,7 @@ impl Shared {
         (!cancel_sent && dir == Dir::Write && state.cancels[dir as usize] != cancels).then_some(Err(None))
     }
 
-    /// The error of a request that was in progress when the exchange ended.
+    /// The error of a request that was in progress when the exchange with the server ended.
     fn ended(&self, state: &State, dir: Dir) -> LinkError {
         match &state.exchange.ended {
             Some(ended) if ended.unsure && dir == Dir::Write => {
@@ -416,7 +423,7 @@ impl Shared {
     }
 }
 
-/// Whether another thread is in a call.
+/// Whether a thread of the program is in a call of this link.
 fn is_call_in_progress(state: &State) -> bool {
     state.receiver.is_some() || !state.waiting.is_empty() || state.exchange.request.is_some()
 }

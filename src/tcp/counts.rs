@@ -5,10 +5,10 @@ use super::message::Counts;
 use super::wire_error::WireError;
 use crate::engine::Counters;
 
-/// The number of counters in [`Counters`] before those of the rejections.
+/// The number of fields of [`Counters`] that are sent before the counters of rejected commands.
 const BEFORE_REJECTED: usize = 21;
 
-/// All counters of a board, in the order of the message.
+/// All counters of a board, in the order in which they are sent.
 fn in_order(of: &mut Counters) -> impl Iterator<Item = &mut u64> {
     let plain: [&mut u64; BEFORE_REJECTED] = [
         &mut of.frames,
@@ -49,7 +49,7 @@ pub(super) fn get_counters(get: &mut Get<'_>) -> Result<Counters, WireError> {
 }
 
 impl Counts {
-    /// The increase of all counters since they were `before`.
+    /// How much each counter has increased since the value `before`.
     #[must_use]
     pub fn since(&self, before: &Self) -> Self {
         let mut since = *self;

@@ -10,16 +10,16 @@ use crate::link::{Dir, LinkError, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 use crate::threads::CallingThread;
 
-/// How an exchange ended.
+/// Why the exchange with the server has ended.
 #[derive(Clone, Debug)]
 pub(super) struct Ended {
-    /// The error of all further calls.
+    /// The error that all further calls of the link return.
     pub(super) error: LinkError,
     /// Whether the server may have executed the request in progress.
     pub(super) unsure: bool,
 }
 
-/// A request that waits for its answer.
+/// A request to the server that is in progress.
 pub(super) struct Request {
     pub(super) number: u64,
     /// The thread that waits for the answer.
@@ -34,32 +34,32 @@ pub(super) struct Request {
 #[allow(clippy::large_enum_variant, reason = "there is one at a time, taken as soon as it is there")]
 pub(super) enum Answer {
     Written(Stamp),
-    /// The report is in [`Exchange::got`].
+    /// A report was read; its bytes are in [`Exchange::got`].
     Got(ReadMeta),
     Passed(Option<Stamp>),
     Counted(Counts),
 }
 
-/// The exchange of messages with a server.
+/// The state of a client's exchange of messages with its server.
 pub(super) struct Exchange {
     name: String,
     /// Unread reports, oldest first.
     reports: VecDeque<(Frame, ReadMeta)>,
-    /// How many unread reports are kept.
+    /// How many unread reports are kept; the oldest are dropped.
     queue_max: usize,
     /// Reports dropped from `reports`, because the program did not read them in time.
     pub(super) dropped: u64,
     /// The server's sequence number of the first report of this link.
     first_sequence: u64,
-    /// The number of the next request; from 1 on each request has the next one.
+    /// The number of the next request. Requests are numbered from 1.
     pub(super) next_request: u64,
     pub(super) request: Option<Request>,
-    /// The report of [`Answer::Got`].
+    /// The report that came with [`Answer::Got`].
     pub(super) got: Frame,
-    /// The board's time on virtual time, if it is known.
+    /// The board's time as of the server's newest answer, on virtual time; `None`: unknown.
     pub(super) now: Option<Stamp>,
     pub(super) counts: Counts,
-    /// When the last message came.
+    /// When the newest message of the server was received.
     pub(super) heard: Instant,
     pub(super) ended: Option<Ended>,
 }
@@ -98,12 +98,12 @@ impl Exchange {
         Some(ReadMeta { dropped: meta.dropped.saturating_add(self.dropped), ..meta })
     }
 
-    /// The error of all further calls, once the exchange has ended.
+    /// Returns an error if the exchange with the server has ended.
     pub(super) fn check(&self) -> Result<(), LinkError> {
         self.ended.as_ref().map_or(Ok(()), |ended| Err(ended.error.clone()))
     }
 
-    /// Ends the exchange; the first reason is kept.
+    /// Ends the exchange. If it has ended already, the first reason stays.
     pub(super) fn end(&mut self, error: LinkError, unsure: bool) {
         self.ended.get_or_insert(Ended { error, unsure });
     }
@@ -164,7 +164,7 @@ impl Exchange {
             Message::Failed { request, now, failure } => {
                 let under_way = self.request.as_ref().ok_or(WireError::OutOfTurn { kind: message.kind() })?;
                 let error = failure.error(&self.name, under_way.dir, under_way.wait);
-                // The Bye with the same reason will follow.
+                // The board is lost: this ends the exchange at once, without waiting for the Bye with the same reason.
                 let lost = matches!(error, LinkError::Lost { .. }).then(|| error.clone());
                 self.answer(message, request, Err(error))?;
                 self.now = now;
@@ -207,7 +207,8 @@ impl Exchange {
     }
 }
 
-/// Feeds bytes from a server to a client. Returns the number of reports, and the error that has ended the exchange.
+/// Feeds bytes, as a server would send them, to a client without a connection. Returns the number of reports, and the
+/// error that has ended the exchange.
 #[doc(hidden)]
 pub fn replay(bytes: &[u8]) -> (usize, Option<LinkError>) {
     let mut exchange = Exchange::new("tcp:".to_owned(), 0, 4, None);
@@ -244,7 +245,8 @@ pub(crate) fn each_message(bytes: &[u8], mut take: impl FnMut(&Message<'_>)) -> 
     })
 }
 
-/// Puts bytes into an inbox in portions that fit, until `take` fails.
+/// Appends bytes to an inbox in portions that fit, and calls `take` after each portion, until all are consumed or
+/// `take` fails.
 fn feed<E>(mut bytes: &[u8], mut take: impl FnMut(&mut Inbox) -> Result<(), E>) -> Result<(), E> {
     let mut inbox = Inbox::default();
     while !bytes.is_empty() {

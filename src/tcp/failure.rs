@@ -12,7 +12,7 @@ const CLOSED: u8 = 5;
 const OTHER: u8 = 6;
 
 impl<'a> Failure<'a> {
-    /// Converts an error for sending; `text` is a buffer for its text.
+    /// Converts a link error to a message; `text` is a buffer for the text in the message.
     pub fn of(error: &LinkError, text: &'a mut String) -> Self {
         text.clear();
         let (code, numbers) = match error {

@@ -5,12 +5,13 @@ use super::wire_error::{PAYLOAD_MAX, WireError};
 use crate::link::{Stamp, Wait};
 use crate::sk::FRAME_LEN;
 
-/// The number that stands for no limit or no value.
+/// Encodes "no time limit" or "no value" in a field of 8 bytes.
 const NONE: u64 = u64::MAX;
-/// The longest text in bytes; a longer one is cut. \[OURS]
+/// The maximum length of a text in a message, in bytes. A longer text is cut. \[OURS]
 pub const TEXT_MAX: usize = 256;
 
-/// Writes fields. Every message fits the buffer: a frame, some numbers and at most three texts.
+/// Writes the fields of a message into a fixed buffer. Every message fits the buffer: a frame, some numbers and at most
+/// three texts.
 pub(super) struct Put<'a> {
     bytes: &'a mut [u8],
     pub(super) at: usize,
@@ -62,7 +63,7 @@ impl<'a> Put<'a> {
     }
 }
 
-/// Reads the fields of a message.
+/// Reads the fields of a message from its payload.
 pub(super) struct Get<'a> {
     kind: u8,
     left: &'a [u8],
@@ -73,7 +74,7 @@ impl<'a> Get<'a> {
         Self { kind, left: payload }
     }
 
-    /// Checks that the message ends here.
+    /// Checks that the payload has no bytes after the last field.
     pub(super) const fn end(self) -> Result<(), WireError> {
         if self.left.is_empty() { Ok(()) } else { Err(WireError::Trailing { kind: self.kind, extra: self.left.len() }) }
     }
@@ -138,5 +139,5 @@ impl<'a> Get<'a> {
     }
 }
 
-// A frame, some numbers and three texts.
+// The largest messages fit the payload: one with a frame and some numbers, and one with three texts and some numbers.
 const _: () = assert!(FRAME_LEN + 128 <= PAYLOAD_MAX && 3 * (2 + TEXT_MAX) + 128 <= PAYLOAD_MAX);

@@ -6,9 +6,9 @@ use std::os::fd::RawFd;
 use std::sync::atomic::{AtomicI32, Ordering};
 
 /// The number of links that are registered here. \[OURS] If a writer has more links and its children live on, the
-/// server notices its end after four keep-alive times.
+/// server notices the writer's end only after four keep-alive times.
 const SOCKETS_MAX: usize = 64;
-/// The value of a free entry.
+/// The value of an entry in which no socket is registered.
 const FREE: RawFd = -1;
 
 static SOCKETS: [AtomicI32; SOCKETS_MAX] = [const { AtomicI32::new(FREE) }; SOCKETS_MAX];

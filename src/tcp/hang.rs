@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use crate::sk::{Frame, MasterCommand, MasterState, SlaveCommand, SlotCommand, SlotSize};
 
-/// The slaves whose commanded motion has no end.
+/// The slaves with a velocity or torque in force, which lasts until another command ends it.
 pub(super) struct MotionInForce {
     limit: Duration,
     size: SlotSize,
@@ -23,7 +23,7 @@ impl MotionInForce {
         Self { limit, size, slaves: AtomicU64::new(0) }
     }
 
-    /// Takes a command frame that the board has accepted.
+    /// Evaluates a command frame that the board has accepted.
     pub(super) fn wrote(&self, frame: &Frame) {
         let mut slaves = self.slaves.load(Ordering::Relaxed);
         for slave in 1..=self.size.max_slaves() {
@@ -37,7 +37,7 @@ impl MotionInForce {
             slaves = if has_no_end { slaves | 1 << slave } else { slaves & !(1 << slave) };
         }
         match MasterCommand::decode(&frame.slot(self.size, 0), self.size) {
-            // All motion ends when the network leaves OP.
+            // Leaving OP ends all motion.
             Ok(MasterCommand::SetState(state)) if state != MasterState::Op => slaves = 0,
             Ok(MasterCommand::SoftReset) => slaves = 0,
             _ => {}
@@ -46,7 +46,7 @@ impl MotionInForce {
     }
 }
 
-/// Measures how long the program has made no call.
+/// Measures for how long the program has made no call on this link.
 pub(super) struct CallMonitor {
     calls: u64,
     since: Instant,
@@ -79,7 +79,7 @@ impl CallMonitor {
 /// return.
 #[derive(Default)]
 pub(super) struct StuckCall {
-    /// The time of the link's last message, and since when the call has been seen not to take more.
+    /// When the link's last message was received, and since when the call has been seen to leave arrived bytes unread.
     since: Option<(Instant, Instant)>,
 }
 
@@ -130,7 +130,7 @@ mod tests {
         let looks = |command: Option<SlaveCommand>| {
             let in_force = MotionInForce::new(Duration::from_secs(10), SIZE);
             command.into_iter().for_each(|command| in_force.wrote(&frame(command)));
-            // A frame of GET_STATUS changes nothing.
+            // A frame with GET_STATUS in every slot starts and ends no motion.
             in_force.wrote(&Frame::new());
             let mut idle = CallMonitor::new(began);
             assert_eq!(idle.look(5, false, at(20), &in_force), None, "calls were made meanwhile");

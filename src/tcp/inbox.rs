@@ -1,11 +1,11 @@
-//! Splits received bytes into messages.
+//! Buffers received bytes and splits them into messages.
 
 use super::wire::{HEADER_LEN, MESSAGE_MAX, Message, PAYLOAD_MAX, WireError};
 
 /// The size of the buffer: several messages, so that one receive call takes all that has arrived. \[OURS]
 const BUFFER_BYTES: usize = 8 * MESSAGE_MAX;
 
-/// Received bytes that have not been decoded yet.
+/// The buffer of received bytes that have not been decoded yet.
 pub struct Inbox {
     bytes: Box<[u8]>,
     start: usize,
@@ -29,7 +29,7 @@ impl Inbox {
         &mut self.bytes[self.end..]
     }
 
-    /// Takes as many of these bytes as there is room for; returns the others.
+    /// Copies as many of these bytes into the buffer as fit; returns the others.
     pub fn fill<'a>(&mut self, bytes: &'a [u8]) -> &'a [u8] {
         let room = self.room();
         let (taken, left) = bytes.split_at(room.len().min(bytes.len()));

@@ -11,7 +11,7 @@ pub enum Role {
     /// The client receives every report and may send commands. There is at most one writer.
     #[default]
     Writer,
-    /// The client receives every report, but may not send commands.
+    /// The client receives every report, but must not send commands.
     Reader,
 }
 
@@ -20,7 +20,7 @@ pub enum Role {
 pub struct Hello<'a> {
     /// The role that the client asks for.
     pub role: Role,
-    /// The longest time between two messages of the client, in milliseconds.
+    /// The client sends a message at least this often, in milliseconds; otherwise the server takes it for dead.
     pub keepalive_ms: u32,
     /// The process id of the client.
     pub pid: u32,
@@ -39,11 +39,11 @@ pub struct Welcome<'a> {
     pub slot: Option<SlotSize>,
     /// Whether the board's time advances only by the writer's calls.
     pub virtual_time: bool,
-    /// The board's time.
+    /// The board's time when the Welcome was sent.
     pub now: Stamp,
-    /// The sequence number of the next report.
+    /// The sequence number of the next report that the server sends.
     pub sequence: u64,
-    /// The URI of the server's link.
+    /// The URI with which the server has opened the board.
     pub board: &'a str,
     /// The slaves, as in [`KnownNetwork::slaves`](crate::link::KnownNetwork::slaves).
     pub slaves: &'a str,
@@ -63,11 +63,11 @@ pub enum Refusal {
     Full = 3,
     /// The client does not know the secret.
     WrongSecret = 4,
-    /// The client's first message is not a valid Hello.
+    /// The client's first message is invalid.
     NoHello = 5,
 }
 
-/// Why a connection is ended.
+/// Why a connection ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum End {
@@ -81,12 +81,12 @@ pub enum End {
     Broken = 4,
 }
 
-/// Counters of a server's link.
+/// Counters in the server's link to the board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Reports dropped because a client did not receive them in time, in the server and before it.
     pub reports_dropped: u64,
-    /// The board's counters, if the server's link knows them.
+    /// The counters of the board, if the server's link has them.
     pub board: Option<Counters>,
 }
 
@@ -108,40 +108,40 @@ pub enum Message<'a> {
     Write {
         /// The number of the request.
         request: u64,
-        /// How long the server's link may wait.
+        /// How long the server may wait until the board accepts the frame.
         wait: Wait,
-        /// The frame.
+        /// The command frame.
         frame: &'a [u8; FRAME_LEN],
     },
-    /// A request, on virtual time only, for the oldest unread report.
+    /// On virtual time only: a request for the oldest unread report.
     Read {
         /// The number of the request.
         request: u64,
         /// The time limit, in the board's time.
         wait: Wait,
     },
-    /// A request, on virtual time only, to advance the board's time.
+    /// On virtual time only: a request to advance the board's time.
     Pass {
         /// The number of the request.
         request: u64,
         /// The time to advance, in nanoseconds.
         ns: u64,
     },
-    /// A request for the counters.
+    /// A request for the counters of the server's link and its board.
     Count {
         /// The number of the request.
         request: u64,
     },
-    /// Cancels a write that is in progress.
+    /// A request to cancel a write that is in progress.
     Cancel {
-        /// The number of the write.
+        /// The number of the write request.
         request: u64,
     },
-    /// The keep-alive message of both ends.
+    /// The keep-alive message, which both ends send if they have nothing else to send.
     Ping,
-    /// The last message of either end.
+    /// The last message of a client or server before it closes the connection.
     Bye {
-        /// Why the connection is ended.
+        /// Why the connection ends.
         end: End,
         /// The reason as text.
         text: &'a str,
@@ -163,11 +163,11 @@ pub enum Message<'a> {
         /// The report.
         frame: &'a [u8; FRAME_LEN],
     },
-    /// The answer to a write: the board has taken the frame.
+    /// The answer to a write: the board has accepted the frame.
     Written {
         /// The number of the request.
         request: u64,
-        /// When the board took the frame.
+        /// The board's time when it accepted the frame.
         at: Stamp,
         /// The board's time after the write, on virtual time.
         now: Option<Stamp>,
@@ -178,7 +178,7 @@ pub enum Message<'a> {
         request: u64,
         /// The board's time after the read.
         now: Option<Stamp>,
-        /// The report's time and number.
+        /// The time and the sequence number of the report.
         meta: ReadMeta,
         /// The report.
         frame: &'a [u8; FRAME_LEN],
@@ -197,7 +197,7 @@ pub enum Message<'a> {
         /// The counters of the server's link.
         counts: Counts,
     },
-    /// The answer to a request that failed. It has had no effect.
+    /// The answer to a request that has failed. The request has had no effect.
     Failed {
         /// The number of the request.
         request: u64,

@@ -83,7 +83,7 @@ pub(crate) const fn patience(keepalive: Duration) -> Duration {
     keepalive.saturating_mul(DEAD_AFTER)
 }
 
-/// Connects to the server in the URI.
+/// Opens a `tcp:` link: connects to the server that the URI names.
 pub(crate) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<Arc<dyn Link>, LinkError> {
     let options = TcpOptions::from_uri(uri)?;
     let link = TcpLink::connect(uri, &options, common)?;

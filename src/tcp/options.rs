@@ -8,7 +8,7 @@ use crate::address::keys::{Scheme, WHERE_TO_LOOK, millis};
 use crate::address::text::decimal;
 use crate::address::uri::{LinkUri, UriError};
 
-/// The port if the URI gives none. \[OURS]
+/// The TCP port if the URI names none. \[OURS]
 pub const DEFAULT_PORT: u16 = 4711;
 
 /// Options of `tcp:`.
@@ -18,16 +18,16 @@ pub struct TcpOptions {
     pub host: String,
     /// The server's TCP port.
     pub port: u16,
-    /// Whether the client may write.
+    /// Whether the client is the writer, which may send commands, or a reader.
     pub(crate) role: Role,
     /// The file with the shared secret.
     pub secret_file: Option<PathBuf>,
-    /// The longest time between two messages to the server.
+    /// The longest time between two messages to the server. If the program makes no call, a keep-alive message is sent.
     pub keepalive: Duration,
     /// How long the program of a writer may make no call while a velocity or a torque that it has commanded is in
     /// force; zero: without limit.
     pub hang: Duration,
-    /// How long connecting may take.
+    /// How long connecting to the server may take.
     pub connect_limit: Duration,
     /// How long a reader tries to connect again after the connection is lost; zero: not at all.
     pub reconnect: Duration,

@@ -18,9 +18,9 @@ use crate::link::LinkError;
 pub const SECRET: &str = "ECMSK_TCP_SECRET";
 /// The length of a proof in bytes.
 pub const PROOF_LEN: usize = 32;
-/// The keying material of a TLS session.
+/// Keying material derived from a TLS session, which only its two ends can derive.
 pub(crate) type Material = [u8; 32];
-/// The label for deriving the keying material.
+/// The label for deriving the keying material from a TLS session (RFC 5705).
 pub(crate) const LABEL: &[u8] = b"EXPORTER-ecmsk-tcp";
 /// \[OURS] The shortest secret in bytes. An attacker who connects to one end gets a proof with which to try out
 /// secrets, so a secret has to be random and not chosen by a person.
@@ -32,14 +32,14 @@ const SECRET_BYTES_MAX: usize = 4096;
 const DIFFERENT_BYTES_MIN: usize = 8;
 const HOW_TO_MAKE_ONE: &str = "make one: (umask 077; head -c 32 /dev/urandom | base64 > FILE)";
 
-/// The end that makes a proof.
+/// The end of the connection that makes a proof.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Side {
     Client,
     Server,
 }
 
-/// The shared secret.
+/// The shared secret of a server and its clients.
 #[derive(Clone)]
 pub struct Secret(hmac::Key);
 
@@ -97,7 +97,7 @@ impl Secret {
         Ok(Self(hmac::Key::new(hmac::HMAC_SHA256, text)))
     }
 
-    /// The proof of `side` for a session with that keying material.
+    /// The proof that `side` of a session with this keying material knows the secret.
     pub(crate) fn prove(&self, side: Side, material: &Material) -> [u8; PROOF_LEN] {
         let tag = hmac::sign(&self.0, &signed_bytes(side, material));
         std::array::from_fn(|i| tag.as_ref()[i])
@@ -151,7 +151,7 @@ impl fmt::Debug for Secret {
     }
 }
 
-/// The source of a client's secret, for messages.
+/// Where a client's secret comes from (the key `secret_file=` or the environment variable), for error messages.
 pub(crate) fn how_to_give(path: Option<&PathBuf>) -> String {
     match path {
         Some(path) => format!("secret_file={}", path.display()),

@@ -14,17 +14,17 @@ use crate::link::{Dir, KnownNetwork, Link, LinkError, LinkInfo, LinkStats, ReadM
 use crate::sk::Frame;
 use crate::span::Span;
 
-/// The pause between two attempts. \[OURS]
+/// The pause between two attempts to connect again. \[OURS]
 const RETRY_PAUSE: Duration = Duration::from_millis(200);
 
-/// A link whose connection is replaced when it is lost.
+/// A reader's link that replaces its connection by a new one when it is lost.
 pub(super) struct Reconnecting {
     uri: LinkUri,
     options: TcpOptions,
     common: CommonOptions,
     info: LinkInfo,
     current: Mutex<Arc<TcpLink>>,
-    /// Held by the thread that connects.
+    /// Locked by the thread that is reconnecting, so that only one thread does so at a time.
     connecting: Mutex<()>,
     /// The number of cancelled reads; a change ends the pause between two attempts.
     cancels: Mutex<u64>,
@@ -74,7 +74,8 @@ impl Reconnecting {
                     self.first.store(self.next.load(Ordering::Relaxed), Ordering::Relaxed);
                     let mut current = self.current.lock();
                     *current = Arc::new(link);
-                    // If the link was closed meanwhile, only the old connection was closed.
+                    // If the program has closed this link meanwhile, it has closed only the old connection: the new one
+                    // is closed here.
                     if self.closed.load(Ordering::Acquire) {
                         current.close();
                         return Err(LinkError::Closed);

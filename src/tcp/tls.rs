@@ -36,7 +36,7 @@ impl ServerTls {
             .with_protocol_versions(&[&TLS13])
             .and_then(|config| config.with_no_client_auth().with_single_cert(vec![made.cert.into()], key.into()))
             .map_err(io::Error::other)?;
-        // Sessions are never resumed, so that each has its own keying material.
+        // No session can be resumed, so that each has keying material of its own.
         config.send_tls13_tickets = 0;
         Ok(Self(Arc::new(config)))
     }

@@ -27,11 +27,11 @@ impl Waker {
 
     /// Ends the wait in progress, or the next one.
     pub fn wake(&self) {
-        // If the socket's buffer is full, the wait ends anyway.
+        // An error is ignored: if the socket's buffer is full, unread wake-ups end the wait anyway.
         let _ = (&self.wakes).write(&[0]);
     }
 
-    /// The socket to poll for reading, besides the connection's.
+    /// The socket that a wait polls for reading, in addition to the socket of the connection.
     pub const fn waited(&self) -> &Pair {
         &self.woken
     }
@@ -39,7 +39,7 @@ impl Waker {
     /// Discards all wake-ups so far.
     pub fn seen(&self) {
         let mut seen = [0; 64];
-        // A read that does not fill the buffer has emptied the socket.
+        // If a read does not fill the buffer, the socket is empty.
         while matches!((&self.woken).read(&mut seen), Ok(count) if count == seen.len()) {}
     }
 }
@@ -83,7 +83,7 @@ mod pair {
 
     impl Read for &Pair {
         fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-            // One datagram of one byte after the other, until the buffer is full.
+            // Receives datagrams, which have one byte each, until the caller's buffer is full or no datagram is left.
             let mut count = 0;
             for byte in bytes.iter_mut() {
                 match self.0.recv(std::slice::from_mut(byte)) {

@@ -13,28 +13,28 @@ pub use super::wire_error::{PAYLOAD_MAX, VERSION, WireError};
 use crate::link::{ReadMeta, Stamp};
 use crate::sk::SlotSize;
 
-/// The first bytes of a greeting.
+/// The first bytes of a greeting, by which a client recognises a server.
 const MAGIC: [u8; 8] = *b"ecmsktcp";
 /// The length of a greeting in bytes.
 pub const GREETING_LEN: usize = 16;
-/// The length of the part before the payload, in bytes.
+/// The length of a message's header, before the payload, in bytes.
 pub const HEADER_LEN: usize = 4;
 /// The longest text in bytes; a longer one is cut.
 pub use super::fields::TEXT_MAX;
 /// The longest message in bytes.
 pub const MESSAGE_MAX: usize = HEADER_LEN + PAYLOAD_MAX;
 
-/// The first bytes that a server sends.
+/// The greeting: the first bytes that a server sends on a new connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Greeting {
-    /// Whether a TLS session follows.
+    /// Whether a TLS session begins after the greeting.
     pub tls: bool,
-    /// Whether the server accepts the connection; otherwise it closes it.
+    /// Whether the server accepts the connection; otherwise it closes it after the greeting.
     pub has_room: bool,
 }
 
 impl Greeting {
-    /// The bytes of the greeting.
+    /// Encodes the greeting.
     pub fn encode(self) -> [u8; GREETING_LEN] {
         let mut bytes = [0; GREETING_LEN];
         bytes[..8].copy_from_slice(&MAGIC);
@@ -81,7 +81,7 @@ const COUNTED: u8 = 0x87;
 const FAILED: u8 = 0x88;
 
 impl<'a> Message<'a> {
-    /// The code of the message's kind.
+    /// The code of the message's kind in the header.
     pub const fn kind(&self) -> u8 {
         match self {
             Self::Hello(_) => HELLO,

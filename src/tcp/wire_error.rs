@@ -1,15 +1,15 @@
-//! Faults in received bytes, and the limits of the protocol.
+//! Errors in received bytes, and the limits of the protocol.
 
 /// The version of the protocol, which must be the same at both ends.
 pub const VERSION: u16 = 3;
-/// The longest payload in bytes. \[OURS]
+/// The maximum length of a message's payload in bytes. \[OURS]
 pub const PAYLOAD_MAX: usize = 1024;
 
 /// Why received bytes violate the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum WireError {
-    /// The first bytes are not those of a server.
+    /// The first bytes are not the greeting of a server.
     #[error("the program that listens there is no `ecmsk serve tcp`; check host and port")]
     NoServer,
     /// The other end has another version of the protocol.
@@ -18,7 +18,7 @@ pub enum WireError {
     /// The payload is longer than [`PAYLOAD_MAX`].
     #[error("a message of {found} bytes, allowed are {PAYLOAD_MAX}")]
     Long { found: usize },
-    /// The kind of message does not exist.
+    /// No kind of message has this code.
     #[error("a message of unknown kind 0x{kind:02X}")]
     Kind { kind: u8 },
     /// The message ends in the middle of a field.
@@ -27,7 +27,7 @@ pub enum WireError {
         kind: u8,
         /// The length of the field in bytes.
         needed: usize,
-        /// The bytes that are left.
+        /// How many bytes of the payload are left.
         found: usize,
     },
     /// The message continues after its last field.
@@ -43,7 +43,7 @@ pub enum WireError {
     /// A text is not UTF-8.
     #[error("a message of kind 0x{kind:02X} has a text that is not UTF-8")]
     Text { kind: u8 },
-    /// The message is not allowed at this point.
+    /// The message is valid, but not allowed at this point of the exchange.
     #[error("a message of kind 0x{kind:02X} came out of turn")]
     OutOfTurn { kind: u8 },
 }

@@ -32,7 +32,7 @@ fn every_way_is_walked_step_by_step() {
     }
 }
 
-/// The steps that follow from here, if each of them succeeds at once.
+/// The steps that the network takes from its present state, if each of them succeeds at once.
 fn walk(network: &mut Network) -> Vec<Step> {
     let mut steps = Vec::new();
     while let Some(step) = network.next_step() {

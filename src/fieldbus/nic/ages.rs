@@ -1,18 +1,18 @@
-//! How old the inputs of each slave are, and which are stale.
+//! The age of the inputs of each slave, and which inputs are stale.
 
 use crate::ethercat::{Ns, SlaveSet};
 use crate::fieldbus::{MAX_SLAVES, is_stale};
 
-/// The age of a slave's inputs.
+/// How old the inputs of one slave are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Age {
     /// The number of cycles since the one in which the inputs were received.
     cycles: u32,
-    /// When the first cycle without new inputs was sent, on the wires' clock.
+    /// When the first cycle that brought no new inputs was sent, on the wires' clock.
     since: Ns,
 }
 
-/// The ages of the inputs of all slaves.
+/// How old the inputs of each slave are.
 #[derive(Debug)]
 pub(super) struct Ages {
     of: [Age; MAX_SLAVES],
@@ -29,7 +29,7 @@ impl Default for Ages {
 }
 
 impl Ages {
-    /// The inputs of a slave are those of the newest cycle, or the slave has no inputs.
+    /// Resets the age of a slave's inputs: they are from the newest cycle, or the slave has no inputs.
     pub(super) const fn renew(&mut self, slave: u8) {
         self.held.remove(slave);
         self.of[slave as usize - 1] = Age { cycles: 0, since: 0 };
@@ -52,8 +52,8 @@ impl Ages {
         is_new
     }
 
-    /// Ends the age of a slave's inputs, because the slave is below SafeOP or was brought back: they are neither held nor
-    /// stale.
+    /// Ends counting the age of a slave's inputs, because the slave is below SafeOP or was brought back from a loss: its inputs
+    /// are neither held nor stale.
     pub(super) const fn forget(&mut self, slave: u8) {
         self.renew(slave);
         self.stale.remove(slave);

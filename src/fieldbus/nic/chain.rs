@@ -1,4 +1,5 @@
-//! A wire to simulated slave controllers, in virtual time: for programs and tests without a network.
+//! Simulated slave controllers as a network for [`NicBus`](super::NicBus), in virtual time: for programs and tests
+//! without a network card.
 
 use std::collections::VecDeque;
 
@@ -19,25 +20,25 @@ const STEP_NS: Ns = 1_000_000;
 /// each with the additional frames that a ring sends for it.
 const FRAMES: usize = 4 * 32;
 
-/// A frame on its way back.
+/// An answer frame on its way back to a network card.
 struct Returning {
     at: Ns,
     frame: Vec<u8>,
 }
 
-/// Slaves in a line, as a wire whose clock advances only during waits.
+/// A line of simulated slaves behind a simulated network card. The clock advances only during waits.
 pub struct ChainWires {
     slaves: CabledChain,
     handle: SimHandle,
     now: Ns,
     /// The frames in flight back to the first end and to the last end of the line, the oldest in front.
     returning: [VecDeque<Returning>; 2],
-    /// Free buffers for frames.
+    /// Unused frame buffers, so that a frame needs no allocation.
     spare: Vec<Vec<u8>>,
 }
 
 impl ChainWires {
-    /// A wire to these slaves, which are switched on at time 0. `handle` controls them.
+    /// Connects these slaves in a line and switches them on at time 0. `handle` controls them while they run.
     ///
     /// # Errors
     /// [`UndescribedError`]: the EEPROM of a device cannot be written, because the device does not describe its content.
@@ -58,7 +59,7 @@ impl ChainWires {
         Ok(Self::on_cable(CabledChain::with_drift(devices, handle.cable().clone(), drift_ppb)?, handle))
     }
 
-    /// A wire to slaves that are already on a cable, which has to be the cable of `handle`.
+    /// Takes slaves that are already on a cable. The cable has to be the one that `handle` controls.
     pub fn on_cable(slaves: CabledChain, handle: SimHandle) -> Self {
         let spare = (0..FRAMES).map(|_| Vec::with_capacity(FRAME_LEN_MAX)).collect();
         let returning = [(); 2].map(|()| VecDeque::with_capacity(FRAMES));
@@ -67,17 +68,17 @@ impl ChainWires {
         wires
     }
 
-    /// The slaves.
+    /// The simulated slaves with their cable.
     pub const fn slaves(&self) -> &CabledChain {
         &self.slaves
     }
 
-    /// Puts each slave into the state in which another master leaves it, which ends now.
+    /// Ends another master at the present time: each slave gets the state in which that master leaves it.
     pub fn leave(&mut self, predecessor: &mut Predecessor) {
         self.slaves.leave(predecessor, self.now);
     }
 
-    /// Connects a second card to the last slave, or disconnects it.
+    /// Connects a second network card behind the last slave, which makes a ring, or disconnects it.
     pub fn connect_second(&mut self, is_connected: bool) {
         self.slaves.connect_second(is_connected);
     }
@@ -89,7 +90,7 @@ impl ChainWires {
     }
 }
 
-/// The index of an end in an array with one entry for each end.
+/// The index of a cable end in arrays that have one entry for each end.
 const fn place(end: CableEnd) -> usize {
     match end {
         CableEnd::First => 0,

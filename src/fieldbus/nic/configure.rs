@@ -18,35 +18,36 @@ use crate::master::place::{Place, place};
 use crate::master::{Ending, Job, JobId, MailboxError, Master, ProcessManager, SdoError, SlaveInfo, SyncSignals};
 use crate::sk::{CycleTime, DriveSync};
 
-/// How many slaves are configured at the same time. \[OURS]
+/// The maximum number of slaves that are configured at the same time. \[OURS]
 const AT_ONCE: usize = 8;
 /// The timeout for an SDO of a configuration, ns. \[OURS]
 const SDO_TIMEOUT_NS: Ns = 1_000_000_000;
 /// The maximum number of sync managers of a slave whose purposes are read. \[OURS]
 const MANAGERS_MAX: usize = 8;
-/// The object with the purposes of the sync managers.
+/// The object with the types of the sync managers (mailbox, outputs, inputs).
 const MANAGER_USES: u16 = 0x1C00;
-/// How often a transfer is started while the mailbox is in use, because the master is fetching an answer that nobody waits
-/// for. \[OURS]
+/// How often an SDO transfer is tried again while the slave's mailbox is busy with an answer to an earlier, abandoned request.
+/// \[OURS]
 const TRIES: u32 = 1000;
 
-/// A slot for the sequence that configures one slave. Its result is the process data that are mapped.
+/// A preallocated slot for the future that configures one slave, see [`OneSlave`]. The result of the future is the
+/// mapped process data.
 type Seat = Place<(u8, SlaveConfig, CycleTime), Result<Option<ProcessData>, Refusal>>;
 
 /// A slave that is being configured.
 struct UnderWay {
     slave: u8,
     seat: Seat,
-    /// The transfer for which its sequence waits.
+    /// The SDO transfer that the future of this slave waits for.
     waits_for: JobId,
 }
 
-/// A configuration, with the slots for its sequences. It is allocated once and reused.
+/// A configuration, with the slots for its futures. It is allocated once and reused.
 pub(super) struct Configuring {
     config: BusConfig,
     found: u8,
     next: u8,
-    /// Free slots.
+    /// The slots that no future uses.
     seats: Vec<Seat>,
     under_way: Vec<UnderWay>,
     second_axes: SlaveSet,
@@ -54,7 +55,7 @@ pub(super) struct Configuring {
 }
 
 impl Configuring {
-    /// Allocates the slots for a configuration.
+    /// Allocates the slots, for one configuration at a time.
     pub(super) fn place(master: &Arc<Mutex<Master>>) -> Box<Self> {
         let unused = SlaveConfig { role: Role::Unused, sync: DriveSync::FreeRun };
         let slaves = [unused; MAX_SLAVES];
@@ -70,7 +71,7 @@ impl Configuring {
         Box::new(Self { config, found: 0, next: 1, seats, under_way, second_axes: SlaveSet::EMPTY, refusal: None })
     }
 
-    /// Begins a configuration. No other one may be running in these slots.
+    /// Begins a configuration. No other configuration may be running in these slots.
     pub(super) fn begin_all(&mut self, config: BusConfig, found: u8) {
         (self.config, self.found, self.next) = (config, found.min(MAX_SLAVES as u8), 1);
         (self.second_axes, self.refusal) = (SlaveSet::EMPTY, None);
@@ -84,8 +85,8 @@ impl Configuring {
         }
     }
 
-    /// Continues the sequences of all slaves. Returns the result once all of them have ended. `mapped` is called with the
-    /// mapped process data of each slave.
+    /// Polls the futures of all slaves that can go on. Returns the result once all of them have ended. `mapped` is called with
+    /// the mapped process data of each slave.
     pub(super) fn run(
         &mut self,
         master: &Mutex<Master>,
@@ -148,7 +149,7 @@ impl Configuring {
     }
 }
 
-/// The environment of the sequence that configures one slave.
+/// The arguments of the future that configures one slave, with the operations that the future waits for.
 struct OneSlave {
     master: Arc<Mutex<Master>>,
     slave: u8,
@@ -164,9 +165,9 @@ impl OneSlave {
         if present.is_some_and(|status| status.state() != Some(AlState::PreOp)) {
             return Err(Refusal::of(self.slave, AlStatus::INVALID_CHANGE));
         }
-        // A slave that is not used does not need to answer (SK-4 [OURS]).
+        // A slave that is not used need not answer: nothing is written to it (SK-4 [OURS]).
         if role == Role::Unused {
-            // This cannot fail: only process data can be too long.
+            // `configure` fails only if process data are too long, and here they have 0 bytes.
             let _ = self.master.lock().configure(slave, 0, 0);
             return Ok(None);
         }
@@ -211,7 +212,7 @@ impl OneSlave {
         Ok(self.read(ObjectAddress::new(MANAGER_USES, sub)).await?.unwrap_or(0) as u8)
     }
 
-    /// Assigns to the sync managers the PDOs that the EEPROM describes as assigned.
+    /// Assigns those PDOs to the sync managers that the EEPROM describes as assigned by default.
     async fn assign_its_own(&self) -> Result<Option<ProcessData>, Refusal> {
         let pdos = self.master.lock().slave(self.slave).map(SlaveInfo::assigned_pdos);
         let [outputs, inputs] = pdos.unwrap_or_default();
@@ -223,8 +224,8 @@ impl OneSlave {
         self.take_as_described()
     }
 
-    /// Uses the process data that the EEPROM describes, whatever their length, for a module that cannot map those of the
-    /// board; see [`super::cycle`].
+    /// For a module that cannot map the process data of the board: uses the process data that the EEPROM describes, whatever
+    /// their length. [`super::cycle`] converts between the two.
     fn take_as_described(&self) -> Result<Option<ProcessData>, Refusal> {
         let mut master = self.master.lock();
         match master.configure_as_described(self.slave).and_then(|()| master.set_sync(self.slave, None)) {
@@ -233,11 +234,11 @@ impl OneSlave {
         }
     }
 
-    /// Configures the master for these mapped process data, which are exchanged from SafeOP on.
+    /// Sets up the exchange of these process data in the master. They are exchanged from SafeOP on.
     fn exchange(&self, data: ProcessData) -> Result<Option<ProcessData>, Refusal> {
         let cycle_ns = u32::try_from(self.cycle.ns()).unwrap_or(u32::MAX);
-        // SYNC0 comes at the end of the wait for answers: an answer in time shows that the outputs arrived before SYNC0,
-        // however late the frame was.
+        // SYNC0 is set to the end of the wait for answers, `ANSWER_WAIT`: an answer in time shows that
+        // the outputs arrived before SYNC0, however late the frame was.
         let shift_ns = u32::try_from(answer_wait_ns(self.cycle)).unwrap_or(u32::MAX);
         let signals = SyncSignals::sync0(cycle_ns, shift_ns.cast_signed());
         let sync = (self.config.sync == DriveSync::DcSync).then_some(signals);
@@ -245,12 +246,12 @@ impl OneSlave {
         let configured = master
             .configure(self.slave, data.output_bytes() as u16, data.input_bytes() as u16)
             .and_then(|()| master.set_sync(self.slave, sync));
-        // An error means that the master cannot exchange these process data.
+        // An error means that the master cannot exchange these process data with the slave.
         configured.map_err(|_| Refusal::of(self.slave, AlStatus::INVALID_OUTPUTS)).map(|()| Some(data))
     }
 
-    /// Writes an object. An abort is no error if the slave may lack the object, if the object already has the wanted value,
-    /// or if the download only clears a list. Otherwise the abort code is the result.
+    /// Writes an object. An abort is no error if the slave may lack the object, if the object already has the wanted value, or
+    /// if the download only clears a list. Any other abort code is the inner error.
     async fn write(&self, download: &Download) -> Result<Result<(), AbortCode>, Refusal> {
         let object = self.object(download);
         let bytes = &download.value.to_le_bytes()[..usize::from(download.size.bytes())];
@@ -264,8 +265,8 @@ impl OneSlave {
         })
     }
 
-    /// Whether an object has the wanted value, or is one that the slave may lack. If an object of the assignment cannot be
-    /// read, the EEPROM shows what is assigned.
+    /// Whether an object already has the value that `wanted` writes, or may be missing in the slave. If an object of the
+    /// assignment cannot be read, the EEPROM shows what is assigned.
     async fn holds(&self, object: ObjectAddress, wanted: &Download) -> Result<bool, Refusal> {
         Ok(match self.read(object).await? {
             Ok(value) => value == wanted.value,
@@ -279,7 +280,7 @@ impl OneSlave {
         self.transfer(object, start).await
     }
 
-    /// Runs a transfer, and returns its result or the code with which the slave has aborted it.
+    /// Runs an SDO transfer. The inner error is the code with which the slave has aborted the transfer.
     async fn transfer<T>(
         &self,
         object: ObjectAddress,
@@ -300,7 +301,7 @@ impl OneSlave {
                     continue;
                 }
                 Err(SdoError::Mailbox(MailboxError::NoAnswer)) => Err(Refusal::no_answer(self.slave)),
-                // The slave answers, but too late or wrongly.
+                // The slave answers, but its answer comes too late or is invalid.
                 Err(error) => {
                     Err(Refusal { abort: Some((object, error.abort_code())), ..Refusal::no_answer(self.slave) })
                 }
@@ -308,7 +309,7 @@ impl OneSlave {
         }
     }
 
-    /// The object of this slave that a download writes.
+    /// The object that a download writes in this slave: the assignment object depends on the slave's sync managers.
     fn object(&self, download: &Download) -> ObjectAddress {
         let first = |managers: &[ProcessManager]| managers.first().map(|one| one.number);
         let master = self.master.lock();

@@ -1,5 +1,5 @@
-//! The frames of a cycle: the outputs that they carry, the inputs in their answers, and which slaves are lost by the AL
-//! states that the master has read and by inputs that have become stale.
+//! The frames of a cycle: writes the outputs into them, reads the inputs from their answers, and finds which slaves are lost
+//! by the AL states that the master has read and by inputs that have become stale.
 
 use super::unreached_outputs::Cycle;
 use super::{NicBus, NicWires, answer_wait_ns};
@@ -13,20 +13,21 @@ impl<W: NicWires> NicBus<W> {
     /// Sends the frames of a cycle and waits until they are back, as described in the documentation of the module `nic`.
     pub(super) fn exchange(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
         if self.is_working() && !self.has_cycles() {
-            // During a scan or a configuration no process data are exchanged.
+            // Only a job uses the wire: during a scan or a configuration no process data are exchanged.
             self.standstill.sent_at = None;
             return self.heard(now, inputs);
         }
         self.put_outputs();
         let sent_at = self.wires.now();
-        // A runner that is late has less time for the wait.
+        // If the runner is late, the wait for the answers is shorter by this delay, since it ends at a fixed part of
+        // the cycle.
         let late = sent_at.wrapping_sub(now.wrapping_sub(self.skew.unwrap_or(0)));
         let due = if late < self.cycle.ns() { sent_at - late.min(sent_at) } else { sent_at };
         let limit = due.saturating_add(answer_wait_ns(self.cycle));
         self.standstill.note(sent_at);
         self.master.lock().cycle(sent_at, &mut self.wires);
         self.may_have_come = self.has_new_outputs;
-        // A result that is there already belongs to the cycle before, whose answer came late.
+        // A result that the master already has belongs to the previous cycle, whose answer came too late.
         let _ = self.master.lock().take_cycle();
         while self.master.lock().is_cycle_open() && self.wires.now() < limit {
             self.wires.wait(limit);
@@ -43,7 +44,7 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// The result of a cycle in which only a job used the wire: no process data were exchanged.
+    /// The result of a cycle without process data, in which only a job used the wire.
     fn heard(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
         self.update_lost();
         self.tell(inputs);
@@ -79,7 +80,7 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// Evaluates a cycle whose frames have come back.
+    /// Evaluates the answers of a cycle whose frames have all come back.
     fn answered(&mut self, now: Ns, done: &master::CycleDone, inputs: &mut Inputs) -> CycleDone {
         let answers_lost = std::mem::take(&mut self.unanswered);
         let skew = self.skew.unwrap_or(0);

@@ -10,35 +10,37 @@ use crate::fieldbus::{Job, JobDone, Refusal, SdoRequest, leaving_op_ns};
 use crate::master::{self, JobId, MailboxError, Master, Pace, ScanError, SdoError, StateError, StateReason};
 use crate::sk::CycleTime;
 
-/// A running job.
+/// A running job of the bus.
 pub(super) enum Running {
     Scan(master::Job<Result<u8, ScanError>>),
     Configure(Box<Configuring>),
     State(Change),
 }
 
-/// A running change of state.
+/// A running change of state of the slaves.
 #[derive(Clone, Copy)]
 pub(super) struct Change {
-    /// The running job of the master; `None`: the master is asked at `again_at`.
+    /// The job of the master that changes the state; `None`: none is running, and the master gets the request at
+    /// `again_at`.
     job: Option<master::Job<Result<(), StateError>>>,
     target: AlState,
     slaves: SlaveSet,
-    /// When the master is asked again, and when the timeout of the change ends, on the wires' clock.
+    /// When the master gets the request for the change, for the first time or again; then when the change times out.
+    /// Both are times of the wires' clock.
     again_at: Ns,
     until: Ns,
-    /// The outputs that wait in the board's FIFO are sent before the slaves leave OP, so the master was not asked yet.
+    /// The slaves have not been requested to leave OP yet: the outputs that wait in the board's FIFO are sent first.
     sends_first: bool,
-    /// All slaves are leaving OP, so outputs that are accepted now could not reach any.
+    /// All slaves are leaving OP, so the bus accepts no more outputs: they would reach no slave.
     takes_no_more: bool,
-    /// The slaves that were in OP when they were asked for a lower state.
+    /// The slaves that were in OP when this change requested a lower state of them.
     left_op: SlaveSet,
 }
 
-/// The time after which a slave that has not answered is asked again, ns. \[OURS]
+/// The time after which the state is requested again from a slave that has not answered, ns. \[OURS]
 const AGAIN_NS: Ns = 20_000_000;
 
-/// An SDO transfer of a number, as a job of the master.
+/// A running SDO transfer of a number, as a job of the master.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Transfer {
     Upload(master::Job<Result<u32, SdoError>>),
@@ -62,10 +64,10 @@ impl Transfer {
     }
 }
 
-/// The mailbox is in use: the master is fetching an emergency, or an answer that nobody waits for.
+/// The error if the slave's mailbox is busy: the master is fetching an emergency, or an answer to an abandoned request.
 pub(super) const BUSY: SdoError = SdoError::Mailbox(MailboxError::Busy);
 
-/// The refusal by a slave that answers, with its AL status code.
+/// The refusal by a slave that answers, with its AL status code or, if it shows none, [`Refusal::WITHOUT_REASON`].
 fn told(slave: u8, code: AlStatus) -> Refusal {
     Refusal::of(slave, if code == AlStatus::NONE { AlStatus(Refusal::WITHOUT_REASON) } else { code })
 }
@@ -109,8 +111,8 @@ impl<W: NicWires> NicBus<W> {
         };
     }
 
-    /// Sets the cycle time, and makes the cycles follow the reference clock: the frame of a cycle passes the slave with the
-    /// reference clock when a cycle begins on that clock.
+    /// Sets the cycle time in the master, which then times the frames so that each passes the slave with the reference clock at
+    /// the beginning of a cycle of that clock.
     fn set_cycle(&mut self, cycle: CycleTime) {
         if std::mem::replace(&mut self.cycle, cycle) != cycle || !self.is_paced {
             self.master.lock().set_pace(Some(Pace { cycle_ns: cycle.ns(), phase_ns: 0 }));
@@ -118,12 +120,12 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// The slaves in OP.
+    /// The slaves that are in OP, as far as the master has read their states.
     fn in_op(&self) -> SlaveSet {
         self.all().iter().filter(|slave| self.state(*slave) == Some(AlState::Op)).collect()
     }
 
-    /// Whether outputs that are accepted now could reach no slave, because all slaves are leaving OP.
+    /// Whether all slaves are leaving OP, so that the bus accepts no more outputs.
     pub(super) const fn leaves_op(&self) -> bool {
         matches!(self.job, Some(Running::State(Change { takes_no_more: true, .. })))
     }
@@ -138,8 +140,8 @@ impl<W: NicWires> NicBus<W> {
         self.missed.forget(self.sent);
     }
 
-    /// Prepares a change of state: slaves on the way down do not count as missing, and slaves on the way to OP get outputs
-    /// with which nothing moves.
+    /// Prepares a change of state. Slaves on the way to a lower state do not count as lost when they reach it. Slaves on the
+    /// way to OP get outputs with which nothing moves.
     fn prepare_change(&mut self, target: AlState, slaves: SlaveSet) {
         for slave in slaves.iter() {
             let station = self.station_mut(slave);
@@ -151,7 +153,7 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// Cancels a running job.
+    /// Cancels a running job. The slots of a configuration are kept for the next one.
     pub(super) fn give_up(&mut self, job: Running) {
         match job {
             Running::Scan(job) => self.master.lock().cancel(job),
@@ -166,9 +168,9 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// A change of state has failed or was cancelled. Slaves that were leaving OP are commanded to OP again and count as
-    /// lost (SK-4.73): they have received outputs with which nothing moves, and must not get others before they are brought
-    /// back.
+    /// Called when a change of state has failed or was cancelled. Slaves that were leaving OP are commanded to OP again and
+    /// count as lost (SK-4.73): they have received outputs with which nothing moves, and must not get others before they are
+    /// brought back.
     fn stay_in_op(&mut self, change: &Change) {
         for slave in change.left_op.iter() {
             self.station_mut(slave).commanded = AlState::Op;
@@ -183,7 +185,7 @@ impl<W: NicWires> NicBus<W> {
         let SdoRequest { slave, object, write, timeout_ns } = request;
         let mut master = self.master.lock();
         let transfer = match write {
-            // The board shows only the first 4 bytes of a longer value (SK-6).
+            // An upload has at most 4 bytes: of a longer value the board shows only the first 4 (SK-6).
             None => Transfer::Upload(master.upload_number(slave, object, SdoScope::Entry, timeout_ns)),
             Some((size, value)) => {
                 let bytes = &value.to_le_bytes()[..usize::from(size.bytes())];
@@ -193,7 +195,7 @@ impl<W: NicWires> NicBus<W> {
         self.sdo = Some(RunningSdo { request, transfer, until: self.wires.now().saturating_add(timeout_ns) });
     }
 
-    /// Takes the results of ended jobs from the master. The sequences of a configuration take their own results.
+    /// Takes the results of ended jobs from the master. The futures of a configuration take their results themselves.
     pub(super) fn take_ends(&mut self) {
         while let Some(sdo) = self.sdo {
             let Some(result) = sdo.transfer.take(&mut self.master.lock()) else { break };
@@ -218,7 +220,7 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// Continues the running job.
+    /// Continues the running job, if it can go on.
     pub(super) fn run_job(&mut self) {
         self.ask_again();
         let Some(Running::Configure(mut configuring)) = self.job.take_if(|job| matches!(job, Running::Configure(_)))
@@ -247,8 +249,8 @@ impl<W: NicWires> NicBus<W> {
         self.sdo_done = Some(result.map(|read| read.unwrap_or(written)).map_err(SdoError::abort_code));
     }
 
-    /// Evaluates the result of the master's change of state. A slave that refuses ends the change. A slave that does not
-    /// answer is asked again until the timeout, because it may come back.
+    /// Evaluates the end of the master's job for a change of state. If a slave refuses, the change has failed. If a slave does
+    /// not answer, the state is requested again until the timeout, because the slave may come back.
     fn end_part(&mut self, change: Change, ended: Result<(), StateError>) {
         let Change { target, slaves, until, .. } = change;
         for slave in slaves.iter() {
@@ -284,12 +286,12 @@ impl<W: NicWires> NicBus<W> {
         self.job_done = Some(JobDone::State(result));
     }
 
-    /// Asks the master for the change of state.
+    /// Requests the change of state from the master.
     fn ask(&mut self, change: &mut Change) {
         if change.target == AlState::Op {
-            // A slave that the board has in OP needs no change. If it has left OP it is lost, and comes back through PreOP:
-            // otherwise the board, which may not know of the loss yet, would continue its outputs as if the slave had
-            // stayed in OP.
+            // A slave that was brought to OP before needs no change. If it has left OP by itself, it is lost and has to come
+            // back through PreOP: if it went straight back to OP, a board that does not know of the loss yet would continue its
+            // outputs as if the slave had stayed in OP.
             let is_up = |slave: &u8| self.station(*slave).commanded == AlState::Op;
             change.slaves = change.slaves.iter().filter(|slave| !is_up(slave)).collect();
         } else {
@@ -302,7 +304,7 @@ impl<W: NicWires> NicBus<W> {
         change.takes_no_more |= std::mem::take(&mut change.sends_first);
     }
 
-    /// Asks the master for the change of state, for the first time or again, once `again_at` is reached.
+    /// Requests the change of state from the master once `again_at` is reached, for the first time or again.
     fn ask_again(&mut self) {
         if let Some(Running::State(mut change @ Change { job: None, again_at, .. })) = self.job
             && self.wires.now() >= again_at
@@ -312,7 +314,8 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// A cycle has carried no new outputs, so everything that waited in the board's FIFO is sent, and slaves may leave OP.
+    /// Called when a cycle has carried no new outputs: everything that waited in the board's FIFO is sent, and slaves may leave
+    /// OP.
     pub(super) fn all_is_sent(&mut self) {
         let now = self.wires.now();
         if let Some(Running::State(change)) = &mut self.job

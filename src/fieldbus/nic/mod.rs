@@ -73,7 +73,7 @@ pub use wires::{CardPair, NicWires};
 /// \[OURS]
 pub const ANSWER_WAIT: (Ns, Ns) = (3, 4);
 
-/// The time of [`ANSWER_WAIT`], ns.
+/// The time that [`ANSWER_WAIT`] gives for this cycle time, ns.
 const fn answer_wait_ns(cycle: CycleTime) -> Ns {
     let (share, of) = ANSWER_WAIT;
     cycle.ns() / of * share
@@ -82,26 +82,28 @@ const fn answer_wait_ns(cycle: CycleTime) -> Ns {
 /// The bus is down after at least that many cycles without an answer and at least that time, ns: by then the watchdogs of
 /// the slave controllers have ended OP. Shorter gaps come from a busy machine or a bad cable. \[OURS]
 const DOWN_AFTER: (u32, Ns) = (3, 100_000_000);
-/// The maximum wait for a frame while sequences of the master wait for a point in time, ns. \[OURS]
+/// How long the bus waits for a frame at most while a job or an SDO is running, which may have to go on at a certain
+/// time, ns. \[OURS]
 const TURN_NS: Ns = 200_000;
 
-/// The minimum length of a gap without frames that is reported with a slave that has left OP since, and how long after the
-/// gap it is reported, ns. Slaves wait 100 ms for outputs, and their states are read some cycles later. \[OURS]
+/// If this machine was late and sent no frames for at least this time, ns, the gap is reported with each slave that leaves OP
+/// within [`STOOD_STILL_TOLD_NS`] after it. Slaves wait 100 ms for outputs, and their states are read some cycles later.
+/// \[OURS]
 const STOOD_STILL_NS: Ns = 50_000_000;
 const STOOD_STILL_TOLD_NS: Ns = 1_000_000_000;
 
-/// The longest recent gap between the frames of two cycles, because this machine was late.
+/// The longest recent gap between the frames of two cycles. Such a gap comes from a delay of this machine.
 #[derive(Clone, Copy, Debug, Default)]
 struct Standstill {
     /// When the frames of the newest cycle were sent; `None`: the newest cycle exchanged no process data.
     sent_at: Option<Ns>,
-    /// The length of the gap, and when it ended.
+    /// The length of the gap in ns, and below the time at which it ended.
     ns: Ns,
     ended: Ns,
 }
 
 impl Standstill {
-    /// Records that the frames of a cycle are sent.
+    /// Called when the frames of a cycle are sent: records a gap before them.
     fn note(&mut self, now: Ns) {
         let gap = self.sent_at.map_or(0, |before| now.saturating_sub(before));
         self.sent_at = Some(now);
@@ -110,22 +112,22 @@ impl Standstill {
         }
     }
 
-    /// The length of the gap if it ended a short time ago, otherwise 0, ns.
+    /// The length of the gap if it ended less than [`STOOD_STILL_TOLD_NS`] ago, otherwise 0, ns.
     const fn recent_ns(&self, now: Ns) -> Ns {
         if now.saturating_sub(self.ended) < STOOD_STILL_TOLD_NS { self.ns } else { 0 }
     }
 }
 
-/// A slave as the bus knows it.
+/// What the bus knows of one slave.
 #[derive(Clone, Copy, Debug)]
 struct Station {
     /// The AL state that the newest job brought the slave to. The slave may have left it by itself.
     commanded: AlState,
-    /// The mapped process data; `None`: none are mapped.
+    /// The process data that are mapped in the slave; `None`: none are mapped.
     process_data: Option<ProcessData>,
 }
 
-/// A running SDO.
+/// A running SDO transfer.
 #[derive(Clone, Copy, Debug)]
 struct RunningSdo {
     request: SdoRequest,
@@ -134,41 +136,41 @@ struct RunningSdo {
     until: Ns,
 }
 
-/// A network at the end of a network card.
+/// A network behind a network card, or behind two that make a ring.
 pub struct NicBus<W> {
     wires: W,
-    /// The master, shared with the sequences of a configuration.
+    /// The master, shared with the futures of a configuration.
     master: Arc<Mutex<Master>>,
     /// Offset of the engine's clock to the wires'; `None`: it was not measured yet.
     skew: Option<Ns>,
-    /// A runner waits for the time of each cycle. Without a runner the bus waits itself.
+    /// Whether a runner waits for the time of each cycle. Without a runner the bus waits itself.
     has_runner: bool,
     stations: [Station; MAX_SLAVES],
     found: u8,
     cycle: CycleTime,
-    /// The master knows the cycle time.
+    /// Whether the master was told the cycle time.
     is_paced: bool,
     lost: SlaveSet,
     lost_from: [Option<u64>; MAX_SLAVES],
     ages: Ages,
     standstill: Standstill,
-    /// The outputs of the newest push.
+    /// The outputs that the engine has pushed last.
     outputs: Outputs,
-    /// No frame with `outputs` has been answered yet.
+    /// Whether `outputs` are new: no frame that carried them has been answered yet.
     has_new_outputs: bool,
-    /// A frame with `outputs` was sent, so they may have reached slaves.
+    /// Whether a frame that carried `outputs` was sent, so that they may have reached slaves.
     may_have_come: bool,
     /// Slaves that have entered OP since the newest push. They get outputs with which nothing moves until the next push.
     holding: SlaveSet,
-    /// The id of the newest outputs that were carried by a frame whose answer came.
+    /// The id of the newest outputs that were carried by a frame and whose answer has come.
     sent: Option<u64>,
     missed: UnreachedOutputs,
-    /// The newest inputs of all slaves.
+    /// The newest inputs received from all slaves.
     inputs: Box<[super::SlaveIn; MAX_SLAVES]>,
-    /// The number of consecutive cycles without an answer.
+    /// The number of cycles in a row without an answer.
     unanswered: u32,
     job: Option<Running>,
-    /// The slots for a configuration, while none is running.
+    /// The slots for a configuration, kept for the next one; `None`: a configuration uses them, or there was none yet.
     spare: Option<Box<Configuring>>,
     sdo: Option<RunningSdo>,
     job_done: Option<JobDone>,
@@ -176,7 +178,7 @@ pub struct NicBus<W> {
 }
 
 impl<W: NicWires> NicBus<W> {
-    /// A bus for the network at the end of these wires.
+    /// Creates a bus for the network behind these wires.
     pub fn new(wires: W, settings: Settings) -> Self {
         let master = Arc::new(Mutex::new(Master::new(settings)));
         let spare = Some(Configuring::place(&master));
@@ -209,12 +211,12 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// The wires, for reading.
+    /// The wires, for reading their state.
     pub const fn wires(&self) -> &W {
         &self.wires
     }
 
-    /// The master, for reading.
+    /// The master, for reading its state.
     pub fn master(&self) -> impl Deref<Target = Master> {
         self.master.lock()
     }
@@ -227,7 +229,7 @@ impl<W: NicWires> NicBus<W> {
         &mut self.stations[usize::from(slave) - 1]
     }
 
-    /// The slaves that were found.
+    /// All slaves that the last scan has found.
     const fn all(&self) -> SlaveSet {
         SlaveSet::first(self.found)
     }
@@ -244,18 +246,19 @@ impl<W: NicWires> NicBus<W> {
         self.all().iter().any(is_up)
     }
 
-    /// Continues the running job and SDO, without waiting.
+    /// Handles received frames, and continues the running job and SDO as far as they can go on. Does not wait.
     fn turn(&mut self) {
         self.master.lock().poll(self.wires.now(), &mut self.wires);
         self.take_ends();
         self.run_job();
     }
 
-    /// Continues the running job and SDO. Without a runner, or if the wires' clock is virtual, this also waits until the
-    /// engine's time is `now`.
+    /// Continues the running job and SDO as far as they can go on. Without a runner, or if the wires' clock is virtual, this
+    /// also waits until the engine's time is `now`.
     fn advance(&mut self, now: Ns) {
         let until = now.wrapping_sub(self.skew_at(now));
-        // With no job or SDO running, the cycle itself receives the frames: each look at a card is a system call.
+        // Without a running job or SDO this call would be wasted: the exchange of the cycle receives the frames, and
+        // each look at a card is a system call.
         if !self.has_runner || self.is_working() {
             self.turn();
         }
@@ -288,7 +291,7 @@ impl<W: NicWires> NicBus<W> {
         *skew
     }
 
-    /// Whether a job or an SDO is running, which continues between cycles.
+    /// Whether a job or an SDO is running. Either goes on between cycles.
     const fn is_working(&self) -> bool {
         self.job.is_some() || self.sdo.is_some()
     }

@@ -34,11 +34,11 @@ struct Flight {
     /// The frame as it was sent or, once it is back at the first card, as it came back.
     frame: FrameBuffer,
     len: usize,
-    /// The frame is back at the first card and waits for its probe.
+    /// Whether the frame is back at the first card and waits for its probe.
     is_back: bool,
-    /// The end at which the probe has come back.
+    /// The end of the line at which the probe has come back; `None`: it has not.
     probe: Option<CableEnd>,
-    /// The frame was forwarded through the second card.
+    /// Whether the frame was forwarded through the second card.
     is_forwarded: bool,
     /// When the missing frame or probe counts as lost; `None`: nothing is waited for.
     due: Option<Ns>,
@@ -56,40 +56,39 @@ impl Flight {
     };
 }
 
-/// Two network cards as one wire.
+/// A ring as one wire for the master: a line of slaves with a network card at each end.
 pub struct Ring<P> {
     pair: P,
-    /// The source address of the probes.
+    /// The source MAC address of the probes, by which they are recognised.
     probe_source: [u8; 6],
     flights: Vec<Flight>,
-    /// The earliest time at which a missing frame or probe counts as lost.
+    /// The earliest time at which the missing frame or probe of a frame in flight counts as lost.
     next_due: Option<Ns>,
     state: RingState,
 }
 
-/// A received frame.
+/// What a received frame is.
 enum Came {
-    /// A probe with that index.
+    /// A probe; its value is the index of the frame that it was sent with.
     Probe(u8),
-    /// A frame of the master with that index; whether the frame has passed a slave.
+    /// A frame of the master, with its index, and whether it has passed a slave.
     Own(u8, bool),
-    /// Any other frame.
+    /// A frame that is neither of the master nor a probe.
     Other,
 }
 
 impl<P: CardPair> Ring<P> {
-    /// A ring of these two cards. `probe_source` is the source address of the probes; it has to differ from the source
-    /// address of the master's frames.
+    /// Makes a ring of these two cards.
     pub fn new(pair: P, probe_source: [u8; 6]) -> Self {
         Self { pair, probe_source, flights: vec![Flight::UNUSED; 256], next_due: None, state: RingState::default() }
     }
 
-    /// The two cards.
+    /// The two network cards of the ring.
     pub const fn pair(&self) -> &P {
         &self.pair
     }
 
-    /// The two cards, for changes.
+    /// The two cards, for causing faults in tests.
     pub const fn pair_mut(&mut self) -> &mut P {
         &mut self.pair
     }
@@ -119,12 +118,13 @@ impl<P: CardPair> Ring<P> {
         let header = FrameHeader::datagrams(self.probe_source);
         let Ok(mut writer) = FrameWriter::new(&mut buffer, header) else { return };
         if writer.push(DatagramHeader::new(Command::Brd, index, u32::from(TYPE) << 16), &[0]).is_ok() {
-            // A probe that is not sent does not come back, which shows the same.
+            // An error is ignored: a probe that was not sent does not come back, which shows as well that the second
+            // card cannot be used.
             let _ = self.pair.send(CableEnd::Last, writer.finish());
         }
     }
 
-    /// Starts the wait for the missing frame or probe, unless it is running already.
+    /// Starts the timeout for the missing frame or probe, unless it runs already.
     fn wait_for_rest(&mut self, index: u8) {
         let due = self.pair.now().saturating_add(GRACE_NS);
         self.flights[usize::from(index)].due.get_or_insert(due);
@@ -138,7 +138,7 @@ impl<P: CardPair> Ring<P> {
         self.pair.send(CableEnd::Last, &flight.frame[..flight.len]).is_ok()
     }
 
-    /// Copies a kept frame into `buffer` for the master, and returns its length.
+    /// Copies the kept frame with this index into `buffer` for the master, and returns its length.
     fn hand_over(&mut self, index: u8, buffer: &mut FrameBuffer) -> usize {
         let flight = &mut self.flights[usize::from(index)];
         (flight.is_used, flight.due) = (false, None);
@@ -152,7 +152,7 @@ impl<P: CardPair> Ring<P> {
         match self.judge(&buffer[..len]) {
             Came::Other => Some(len),
             Came::Probe(index) => {
-                // A probe reaches the first card only if the ring is whole.
+                // A probe from the second card reaches the first card only if no cable is cut.
                 match end {
                     CableEnd::First => self.state = RingState::Whole,
                     CableEnd::Last if self.state == RingState::SecondDead => self.state = RingState::Open,
@@ -214,7 +214,8 @@ impl<P: CardPair> Ring<P> {
         if self.forward(index) { None } else { Some(self.hand_over(index, buffer)) }
     }
 
-    /// Ends the waits that are due. Returns the length of a frame that is handed over to the master in `buffer`.
+    /// Gives up missing frames and probes whose timeout is over. Returns the length of a frame that is handed over to
+    /// the master in `buffer`.
     fn give_up(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
         let now = self.pair.now();
         if self.next_due.is_none_or(|due| now < due) {

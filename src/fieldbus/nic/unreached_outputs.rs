@@ -3,23 +3,23 @@
 
 use crate::ethercat::Ns;
 
-/// A cycle whose frames have come back.
+/// A cycle whose frames have come back, as far as the record of unreached outputs needs it.
 pub(super) struct Cycle {
-    /// When it was sent, on the wires' clock.
+    /// When the frames of the cycle were sent, on the wires' clock.
     pub(super) sent_at: Ns,
     /// The id of the outputs that the cycle carried for the first time; `None`: it repeated outputs.
     pub(super) outputs: Option<u64>,
-    /// The id of the newest outputs that were sent.
+    /// The id of the newest outputs that were sent by this cycle.
     pub(super) sent: Option<u64>,
     /// The working counter of the cycle, and its value if every slave answers.
     pub(super) working_counters: [u16; 2],
-    /// A slave that is not known as lost has missed the cycle, or is in a lower state.
+    /// Whether a slave that is not known as lost has missed the cycle, or is in a lower AL state than commanded.
     pub(super) is_short: bool,
-    /// Some slaves are known as lost.
+    /// Whether some slaves are known as lost.
     pub(super) has_lost: bool,
-    /// All slaves that are not lost have certainly processed the outputs of the cycle.
+    /// Whether it is certain that all slaves that are not lost have processed the outputs of the cycle.
     pub(super) is_obeyed: bool,
-    /// A job is running, during which slaves may disappear and come back.
+    /// Whether a job is running, during which slaves may disappear and come back.
     pub(super) has_job: bool,
 }
 
@@ -28,21 +28,21 @@ pub(super) struct Cycle {
 pub(super) struct UnreachedOutputs {
     /// The id of the first outputs that may not have reached all slaves; `None`: all outputs have.
     from: Option<u64>,
-    /// The number of sets of outputs from `from` on.
+    /// How many sets of outputs, from `from` on, may not have reached all slaves.
     sets: u32,
     /// The working counter of the newest cycle.
     counted: u16,
     /// When the newest cycle with a lower working counter than the one before was sent; `None` once the AL states of all
     /// slaves have been read since.
     fewer_at: Option<Ns>,
-    /// When the master requested the AL states that it has read last.
+    /// When the master requested the AL states that it has read completely last.
     read_at: Option<Ns>,
-    /// The id of the next outputs when those AL states became known, and the same for the states that were read before
-    /// them. Outputs with a lower id found all slaves in OP that were not lost.
+    /// For the two newest readings of the AL states, the newest first: the id of the next outputs when the states
+    /// became known. Outputs with a lower id were sent while all slaves that were not lost were in OP.
     known_from: [u64; 2],
 }
 
-/// The id of the outputs after `sent`.
+/// The id that follows `sent`: that of the next outputs.
 fn after(sent: Option<u64>) -> u64 {
     sent.map_or(0, |sent| sent + 1)
 }
@@ -53,13 +53,14 @@ impl UnreachedOutputs {
         self.from
     }
 
-    /// Resets the record after a scan, because there may be other slaves.
+    /// Resets the record after a scan, which may have found other slaves.
     pub(super) fn forget(&mut self, sent: Option<u64>) {
         let known_from = [after(sent); 2];
         *self = Self { counted: self.counted, read_at: self.read_at, known_from, ..Self::default() };
     }
 
-    /// Evaluates a cycle. Returns how many sets of outputs may have missed a slave that will not be named as lost.
+    /// Evaluates a cycle. If no slave is in doubt any more, returns how many sets of outputs may have missed a slave
+    /// that was never named as lost; otherwise 0.
     pub(super) fn take_cycle(&mut self, cycle: &Cycle) -> u32 {
         let [counted, expected] = cycle.working_counters;
         let before = std::mem::replace(&mut self.counted, counted);
@@ -72,7 +73,8 @@ impl UnreachedOutputs {
         // one. So if the working counter is lower than before, such a slave may be the cause, until the states of all
         // slaves have been read.
         if cycle.is_short || cycle.has_lost && self.fewer_at.is_some() {
-            // Outputs that the cycle repeated had reached every slave before.
+            // If the cycle repeated outputs, these had reached every slave before, so the next outputs are the first in
+            // doubt.
             self.from = self.from.or(cycle.outputs).or(cycle.sent.map(|sent| sent + 1));
             self.sets += u32::from(cycle.outputs.is_some());
             return 0;
@@ -84,8 +86,8 @@ impl UnreachedOutputs {
         std::mem::take(&mut self.sets)
     }
 
-    /// The AL states of all slaves were requested at `read` and are known now: each slave that was not named as lost is in
-    /// OP.
+    /// Called when the AL states of all slaves are known that were requested at `read`: each slave that was not named as lost
+    /// is in OP.
     pub(super) fn note_states(&mut self, read: Option<Ns>, sent: Option<u64>) {
         if read == self.read_at {
             return;
@@ -96,9 +98,9 @@ impl UnreachedOutputs {
         self.known_from = [after(sent), known_from];
     }
 
-    /// Names a slave as lost, and returns the id of the first outputs that may not have reached it, as far as it is known.
-    /// `is_hidden`: other slaves were lost already. A slave that leaves OP but still increments the working counter is then
-    /// not noticed at once if a lost slave is in the same state.
+    /// Called when a slave is named as lost: returns the id of the first outputs that may not have reached it, as far as it is
+    /// known. `is_hidden`: other slaves were lost already. Then a slave that leaves OP but still increments the working counter
+    /// may be noticed late, because a lost slave in the same state adds as much.
     pub(super) fn name(&mut self, is_hidden: bool) -> Option<u64> {
         self.sets = 0;
         let [_, unseen_from] = self.known_from;

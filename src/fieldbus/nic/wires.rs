@@ -4,12 +4,12 @@ use crate::ethercat::{CableEnd, Ns};
 use crate::fieldbus::{CardsGone, RingState};
 use crate::master::{FrameBuffer, Wire, WireDown};
 
-/// A wire with a clock of its own.
+/// Network cards with a clock of their own, as the bus uses them. `Wire` sends and receives the frames.
 pub trait NicWires: Wire {
     /// The time on the clock of the wires in nanoseconds. The master uses this time.
     fn now(&self) -> Ns;
 
-    /// Waits until a frame has come, at most until the time `until`.
+    /// Waits until a frame has been received, at most until the time `until`.
     fn wait(&mut self, until: Ns);
 
     /// Whether the clock advances by itself. Otherwise it advances only during waits.

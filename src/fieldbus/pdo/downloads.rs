@@ -7,11 +7,11 @@ use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::fieldbus::Refusal;
 use crate::sk::DriveSync;
 
-/// Assignment of RxPDOs to sync manager 2 (outputs).
+/// The object that assigns RxPDOs to sync manager 2 (outputs).
 const RX_ASSIGNMENT: u16 = 0x1C12;
-/// Assignment of TxPDOs to sync manager 3 (inputs).
+/// The object that assigns TxPDOs to sync manager 3 (inputs).
 const TX_ASSIGNMENT: u16 = 0x1C13;
-/// The TxPDO of the first axis.
+/// The mapping object of the first axis's TxPDO.
 const TX_PDO: u16 = 0x1A00;
 /// \[OURS] The RxPDO of the first axis in CSP. The RxPDOs for CSV and CST have the next numbers. The PDOs of a second axis
 /// are 16 higher, as in ETG.6010.
@@ -22,7 +22,7 @@ const ASSIGNMENTS: u16 = 0x1C10;
 /// The objects with the synchronization types of outputs and inputs.
 const SYNC_TYPES: [u16; 2] = [0x1C32, 0x1C33];
 
-/// One SDO download.
+/// An SDO download of the configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Download {
     /// The object that is written.
@@ -31,7 +31,7 @@ pub struct Download {
     pub size: SdoSize,
     /// The value that is written.
     pub value: u32,
-    /// Whether a slave may lack the object, or have it as a constant.
+    /// Whether it is no error if the slave lacks the object or has it as a constant.
     optional: bool,
 }
 
@@ -42,7 +42,7 @@ impl Download {
         Self { object: ObjectAddress::new(index, sub), size, value, optional: false }
     }
 
-    /// Whether the configuration goes on if the slave aborts this download with that abort code: the synchronization type
+    /// Whether the configuration goes on if the slave aborts this download with the abort code `code`: the synchronization type
     /// is an object that a slave may lack, or that may be read-only.
     pub const fn may_fail_with(&self, code: AbortCode) -> bool {
         self.optional && matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX | AbortCode::READ_ONLY)
@@ -138,12 +138,12 @@ impl Download {
     }
 }
 
-/// The direction of process data that an object maps.
+/// Which process data an object maps or assigns: outputs or inputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MappedDirection {
-    /// From the master to the slave.
+    /// The process data from the master to the slave.
     Outputs,
-    /// From the slave to the master.
+    /// The process data from the slave to the master.
     Inputs,
 }
 

@@ -1,4 +1,5 @@
-//! The SDOs of the board on the way to SafeOP, transferred at once. The job takes the time that they would take.
+//! Configures a simulated slave by the SDO downloads of the board. They are transferred at once, and the job then takes
+//! the time that they would take.
 
 use crate::fieldbus::pdo::{self, ProcessData};
 use crate::fieldbus::{AlState, Refusal, Role, SlaveConfig};

@@ -10,14 +10,14 @@ use crate::fieldbus::{
 use crate::sk::DriveSync;
 use crate::slave::AlStatus;
 
-/// A running job.
+/// A job of the simulated bus that is running.
 pub(super) struct RunningJob {
     pub(super) job: Job,
     /// When the present step of the job ends.
     due: Ns,
-    /// When the timeout of a change of state ends.
+    /// When a change of state times out.
     deadline: Ns,
-    /// The slave that is configured next.
+    /// The slave that the job configures next.
     next: u8,
     second_axes: SlaveSet,
 }
@@ -29,7 +29,7 @@ pub(super) struct RunningSdo {
     deadline: Ns,
 }
 
-/// The result of one step of a change of state.
+/// What follows a step of a change of state.
 enum Progress {
     /// All slaves are in the target state.
     Done,
@@ -203,7 +203,7 @@ impl SimBus {
         let station = self.station(slave);
         station.slave.enter(state)?;
         if state == AlState::Op && station.commanded != AlState::Op {
-            // Outputs that were sent before the slave left OP must not act now.
+            // The outputs that were sent before the slave left OP must not act when it enters OP again.
             self.outputs.slaves[usize::from(slave) - 1] = [Default::default(); MAX_AXES];
         }
         self.station(slave).commanded = state;

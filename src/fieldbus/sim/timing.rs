@@ -1,4 +1,4 @@
-//! How long the jobs of the simulated bus take.
+//! The durations of the jobs of the simulated bus.
 
 use crate::fieldbus::{AlState, CHANGE_SLAVE_NS, LEAVING_OP_NS, Ns};
 
@@ -12,7 +12,7 @@ pub struct Timing {
     pub scan_ns: Ns,
     /// Scan: reading the identity of one slave.
     pub scan_slave_ns: Ns,
-    /// Configuration: the SDOs of one slave.
+    /// Configuration: the SDOs to one slave.
     pub configure_slave_ns: Ns,
     /// Change of state from Init to PreOP.
     pub to_preop_ns: Ns,
@@ -22,11 +22,11 @@ pub struct Timing {
     pub to_op_ns: Ns,
     /// Change to a lower state, or to the state that the slave is in.
     pub down_ns: Ns,
-    /// The time that each slave in a change of state adds to it.
+    /// The time that each further slave in a change of state adds to its duration.
     pub change_slave_ns: Ns,
-    /// The time after which a slave that does not answer is asked again.
+    /// How long after a slave has not answered the state is requested again.
     pub retry_ns: Ns,
-    /// One SDO transfer.
+    /// The duration of one SDO transfer.
     pub sdo_ns: Ns,
 }
 

@@ -1,4 +1,4 @@
-//! The preparation of the configuration that the next change to SafeOP needs, while no job or SDO is requested.
+//! Prepares the configuration that the next change to SafeOP needs, while no job or SDO is requested.
 //!
 //! The preparation writes nothing to a slave. It reads whether the slaves already have their mapping; if all have it, or one
 //! of the same length, the chip lays out the process data. So the SDOs of a program show no difference. Every request to the
@@ -14,22 +14,22 @@ use crate::xf::host::{HostState, Wires};
 /// How long the preparation waits after an SDO, because another SDO often follows, ns. \[OURS]
 const QUIET_NS: Ns = 10_000_000;
 
-/// The state of the preparation.
+/// The declared configuration, and when its preparation may begin.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Ahead {
     declared: Option<BusConfig>,
-    /// The preparation begins no earlier than this, on the wires' clock.
+    /// The earliest time at which the preparation begins, on the wires' clock.
     not_before: Ns,
 }
 
-/// Whether a download to that object may change the mapping of a slave, or its synchronization. \[OURS] Objects of the
+/// Whether a download to this object may change the mapping of a slave, or its synchronization. \[OURS] Objects of the
 /// device profiles do not change it. Any other object may: 0x1011, for example, restores the defaults.
 const fn may_change_mapping(object: ObjectAddress) -> bool {
     !matches!(object.index, 0x6000..=0x9FFF)
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// Declares the next configuration.
+    /// Sets the configuration to prepare, as declared by the programs' commands so far.
     pub(super) fn declare(&mut self, config: &BusConfig) {
         self.ahead = Ahead { declared: Some(*config), not_before: self.wires.now() };
     }
@@ -47,13 +47,13 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// Ends the preparation. If a slave has not answered, this is not tried again.
+    /// Ends the preparation, also if a slave has not answered: it is not tried again until the next declaration.
     pub(super) fn end_ahead(&mut self) {
         self.ahead.declared = None;
     }
 
-    /// Interrupts the preparation for a request to the bus. False: another job is running, or the network is being
-    /// initialised.
+    /// Interrupts the preparation so that a requested job or SDO can begin. Returns false if that is not possible: a
+    /// requested job is running, or the network is being initialised.
     pub(super) fn make_way(&mut self) -> bool {
         match &self.job {
             None => true,
@@ -66,7 +66,8 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// Records the SDO of a host that begins.
+    /// Called when an SDO of the host begins: a download that may change the mapping makes the known objects of the
+    /// slave invalid.
     pub(super) fn note_sdo(&mut self, request: &SdoRequest) {
         if request.write.is_some() && may_change_mapping(request.object) {
             self.network.forget_objects(request.slave);

@@ -1,4 +1,5 @@
-//! The answers of the chip's cycles until the engine polls them: the inputs, the time, and the outputs sent by then.
+//! Keeps the answers of the chip's cycles until the engine polls them: the inputs, the time of the cycle, and the
+//! newest outputs sent by then.
 
 use super::chip_bus::ChipBus;
 use super::tick_ns;
@@ -7,19 +8,20 @@ use crate::fieldbus::{CycleDone, Inputs};
 use crate::xf::DataSize;
 use crate::xf::host::Wires;
 
-/// The maximum number of bytes of process data in one direction.
+/// The maximum number of bytes of process data in one direction: as many as the largest packet holds.
 pub(super) const IMAGE_MAX: usize = DataSize::MAX.bytes();
-/// The maximum number of answers that are kept until they are polled; after that the oldest is lost. \[OURS]
+/// The maximum number of answers that are kept until they are polled; if there are more, the oldest is lost. \[OURS]
 pub(super) const ANSWERS: usize = 128;
 
-/// The answer of a cycle of the chip.
+/// What the chip has answered about one of its cycles.
 #[derive(Clone, Debug)]
 pub(super) struct Answer {
     /// When the cycle ran, on the wires' clock.
     at: Ns,
     sent: Option<u64>,
     cycles_lost: u32,
-    /// The chip has reported wrong working counters, and this cycle may have had one.
+    /// The inputs of this cycle are in doubt: the chip has reported wrong working counters, and this cycle may have had
+    /// one.
     is_doubtful: bool,
     image: Vec<u8>,
 }
@@ -31,7 +33,8 @@ impl Default for Answer {
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// Keeps the answer of a cycle. `behind`: the number of later cycles that were read in the same exchange.
+    /// Keeps the answer of a cycle. `behind` is the number of later cycles that were read in the same exchange; from it
+    /// follows when the cycle ran.
     pub(super) fn keep_cycle(&mut self, now: Ns, cycle: u64, behind: u64, from: usize) {
         let period_ns = self.network.cycle.ns();
         let estimate = now.saturating_sub(behind * period_ns);
@@ -45,7 +48,7 @@ impl<W: Wires> ChipBus<W> {
         let mut answer = match self.spare.pop() {
             Some(answer) => answer,
             None => {
-                // The engine is not polling: the oldest answer is dropped.
+                // No buffer is free, because the engine has not polled for a while: the oldest answer is dropped.
                 let Some(oldest) = self.answers.pop_front() else { return };
                 self.lost_cycles += oldest.cycles_lost + 1;
                 self.counters.cycles_lost += 1;
@@ -58,10 +61,10 @@ impl<W: Wires> ChipBus<W> {
         self.answers.push_back(answer);
     }
 
-    /// Returns the next cycle of the chip, if it has passed by the engine's time `now`.
+    /// Returns the chip's next cycle if it had passed by the engine's time `now`; `None`: no further cycle.
     pub(super) fn next_answer(&mut self, now: Ns) -> Option<CycleDone> {
         let at = self.engine_time(self.answers.front()?.at);
-        // With a real clock a received cycle has passed, whatever the engine's time is.
+        // If the wires' clock is a real one, a received cycle has passed even if the engine's time is behind.
         if at > now && !self.options.real_time {
             return None;
         }
@@ -86,7 +89,7 @@ impl<W: Wires> ChipBus<W> {
         if at > now {
             return None;
         }
-        // A network that was lost still accepts outputs, which reach no slave.
+        // A bus whose network was lost still accepts outputs. They reach no slave.
         if let Some(set) = self.queue.pop_front() {
             self.lose_left_behind();
             self.lose_sets(1);
@@ -110,7 +113,7 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// Fills in the inputs of the newest cycle.
+    /// Copies the inputs of the newest polled cycle, with what is known of lost and stale slaves, into `inputs`.
     pub(super) fn fill(&self, inputs: &mut Inputs) {
         let network = &self.network;
         let in_safe_op = network.at_least(AlState::SafeOp);

@@ -1,4 +1,4 @@
-//! The commands that a job sends to the chip, one at a time. Each answer is a number.
+//! The chip commands that the async functions of a job submit one at a time. The answer to each is a number.
 
 use crate::ethercat::coe::{ObjectAddress, SdoScope, SdoSize};
 use crate::ethercat::{AlState, Ns};
@@ -10,13 +10,13 @@ use crate::xf::request::{
     SlaveInfoItem, SlaveNumber, Slaves, StateGet, StateSet, StateUpdate,
 };
 
-/// The timeout for the initialisation of the network, ns. \[OURS]
+/// The timeout for the command that initialises the network, ns. \[OURS]
 const INIT_NS: Ns = 30_000_000_000;
-/// The timeout for any other command, ns. \[OURS]
+/// The timeout for any other command that waits for slaves, ns. \[OURS]
 const COMMAND_NS: Ns = 10_000_000_000;
 
-/// The number of bytes that are requested of a mapping object: a driver may report an object that is longer than requested
-/// as an error. \[OURS]
+/// The number of bytes that are requested of a mapping object: the driver of a chip may report an error if the object is longer
+/// than the requested number of bytes. \[OURS]
 const COMPARED_BYTES: u16 = 64;
 
 /// A command to the chip. Slaves count from 1 here, as in the whole project; in the chip they count from 0.
@@ -33,7 +33,7 @@ pub(super) enum Ask {
     /// Brings one slave to a state; `None`: all slaves.
     Enter(Option<u8>, AlState),
     UpdateStates,
-    /// Reads the lowest state of all slaves.
+    /// Reads the lowest AL state of all slaves.
     StateOfAll,
     StateOf(u8),
     Info(u8, SlaveInfoItem),
@@ -63,24 +63,25 @@ pub(super) enum Ask {
         timeout_ns: Ns,
     },
     Reconfig,
-    /// Makes these pins outputs.
+    /// Makes those GPIO pins of the chip outputs whose bits are set.
     OutputPins(u16),
     RxEntries(u8),
     TxEntries(u8),
     BuildFifos,
 }
 
-/// The answer to a command: a number, or the error.
+/// The answer to a command of the chip: a number, or why there is none.
 pub(super) type Reply = Result<u32, HostError>;
 
-/// A submitted command.
+/// A command that was submitted to the driver and whose answer is awaited.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Asked {
     ask: Ask,
     ticket: Ticket,
 }
 
-/// The chip's number of a slave. A number beyond the chip's range becomes one for which no slave answers.
+/// The chip's number for a slave. If the chip has no such number, a number without a slave, for which the command
+/// fails.
 fn number(slave: u8) -> SlaveNumber {
     SlaveNumber::new(slave.saturating_sub(1)).unwrap_or(SlaveNumber::MAX)
 }
@@ -169,7 +170,7 @@ fn mapped_bits(upload: &[u8]) -> u32 {
 }
 
 impl Asked {
-    /// The answer, once it is there.
+    /// The answer to the command; `None`: it has not come yet.
     pub(super) fn reply(&self, host: &mut Host) -> Option<Reply> {
         let Self { ask, ticket } = *self;
         let done = |unit: Result<(), HostError>| unit.map(|()| 0);
@@ -202,13 +203,13 @@ impl Asked {
         })
     }
 
-    /// Drops the command: its answer is not needed.
+    /// Drops the command: its answer will be ignored.
     pub(super) fn abandon(self, host: &mut Host) {
         host.abandon(self.ticket);
     }
 }
 
-/// The first 4 bytes of a value as a number, the missing ones being 0.
+/// The first 4 bytes of a value as a little-endian number. Missing bytes count as 0.
 fn little_endian(bytes: &[u8]) -> u32 {
     let mut word = [0; 4];
     let len = bytes.len().min(4);

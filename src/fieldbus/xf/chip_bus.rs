@@ -1,4 +1,4 @@
-//! The bus without the sequence of its job: the next work for the driver, and the evaluation of its results.
+//! The bus without the async function of its running job: it gives the driver its work and evaluates the results.
 
 use std::collections::VecDeque;
 
@@ -23,13 +23,13 @@ use crate::xf::host::{COMFORTABLE_SIZE, Host, HostConfig, HostState, StepError, 
 const SKEW_MAX_NS: Ns = 2_000_000;
 /// The same limit with a runner (`engine::Threaded`), which catches up on delays of up to this time, ns. \[OURS]
 const LATE_MAX_NS: Ns = 1_000_000_000;
-/// The maximum interval at which the header is polled while a command runs and no slave is in OP, ns. In OP process data go
-/// first. \[OURS]
+/// The maximum interval at which the chip is polled for the end of a command while no slave is in OP, ns. In OP process data
+/// have priority. \[OURS]
 const BUSY_POLL_NS: Ns = 200_000;
-/// The time after which a stopped driver is started again, ns. \[OURS]
+/// How long after an error the stopped driver is started again, ns. \[OURS]
 const RESTART_NS: Ns = 100_000_000;
 
-/// Whether the chip was set to short packets.
+/// Whether the chip was set to short packets after its start, see [`ChipBus::shorten`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Shortening {
     Due,
@@ -38,7 +38,7 @@ pub(super) enum Shortening {
     Done,
 }
 
-/// The bus without the sequence of its job; that sequence accesses the bus through a mutex.
+/// The state of the bus. The async function of the running job is kept outside it, and accesses it through a mutex.
 #[derive(Debug)]
 pub(super) struct ChipBus<W> {
     pub(super) wires: W,
@@ -46,26 +46,26 @@ pub(super) struct ChipBus<W> {
     pub(super) options: XfBusOptions,
     /// Offset of the engine's clock to the wires'; `None`: it was not measured yet.
     pub(super) skew: Option<Ns>,
-    /// A runner drives the bus and tells it the time, possibly late.
+    /// Whether a runner drives the bus and passes the engine's time to it. A runner may be late.
     pub(super) has_runner: bool,
     pub(super) network: Network,
-    /// A slave is in OP, and the engine polls the chip's own cycles.
+    /// Whether a slave is in OP, so that the engine polls the chip's own cycles.
     pub(super) runs: bool,
     pub(super) job: Option<Running>,
-    /// A requested configuration that begins when its preparation has ended.
+    /// A requested configuration that waits until its preparation, which is nearly done, has ended.
     pub(super) next_job: Option<Running>,
     pub(super) ahead: Ahead,
-    /// The sequence of the job has made progress in this turn.
+    /// Whether the async function of the job has made progress in this turn, so that it is polled once more.
     pub(super) has_gone_on: bool,
-    /// The slaves' states as the job has read them last; `None`: no answer.
+    /// The AL states of the slaves as the running job has read them last; `None`: no answer.
     pub(super) states: [Option<AlState>; MAX_SLAVES],
-    /// The part of the job that is running.
+    /// Which part of the running job is being executed.
     pub(super) part: Part,
-    /// Whether the chip was set to short packets after its start.
+    /// Whether the chip was set to short packets after its start, see [`Self::shorten`].
     pub(super) shortening: Shortening,
-    /// The interval at which the header is polled while a command runs and slaves are in OP, ns.
+    /// The interval at which the chip is polled for the end of a command while slaves are in OP, ns.
     pub(super) busy_poll_in_op_ns: Ns,
-    /// The running command of the job.
+    /// The command of the running job whose answer is awaited.
     pub(super) asked: Option<Asked>,
     pub(super) sdo: Option<(SdoRequest, Asked)>,
     pub(super) job_done: Option<JobDone>,
@@ -75,26 +75,27 @@ pub(super) struct ChipBus<W> {
     /// The set of outputs that the chip repeats if it has no other, as far as is known; `None`: none was written since the
     /// slaves entered OP.
     pub(super) newest_written: Option<Set>,
-    /// `newest_written` is to be written once more: a slave was lost since then, or slaves may not have received it.
+    /// Whether `newest_written` has to be written once more, because a slave was lost since then, or slaves may not
+    /// have received it.
     pub(super) repeat_is_due: bool,
-    /// Process data in flight, the oldest first.
+    /// Exchanges of process data in flight, the oldest first.
     pub(super) flying: VecDeque<Flying>,
-    /// The newest exchange of process data in OP wrote sets of outputs, and did not only read.
+    /// Whether the newest exchange of process data in OP wrote sets of outputs. If not, it only read.
     pub(super) wrote_last: bool,
     pub(super) level: FillLevel,
     pub(super) ledger: Ledger,
     pub(super) clearing: Clearing,
     pub(super) answers: VecDeque<Answer>,
-    /// Free buffers for answers.
+    /// Unused buffers for answers, so that an answer needs no allocation.
     pub(super) spare: Vec<Answer>,
-    /// The number of answers received when a header was last evaluated.
+    /// The driver's number of received answers when an answer header was last evaluated.
     pub(super) headers: u64,
-    /// The number of answers received when process data last ended.
+    /// The driver's number of received answers when an exchange of process data last ended.
     pub(super) reported_at: u64,
     pub(super) next_read: Ns,
     /// When the newest received cycle of the chip ran, on the wires' clock.
     pub(super) newest_cycle: Ns,
-    /// Cycles with their inputs may have been lost since then.
+    /// Whether cycles and their inputs may have been lost since `newest_cycle`.
     pub(super) gap: bool,
     pub(super) lost_cycles: u32,
     /// The number of sets of outputs that were given up since the newest cycle was polled.
@@ -108,14 +109,14 @@ pub(super) struct ChipBus<W> {
     pub(super) left_behind: u64,
     pub(super) newest_left_behind: Option<u64>,
     pub(super) newest_inputs: Vec<u8>,
-    /// `newest_inputs` are older than the newest polled cycle.
+    /// Whether `newest_inputs` are older than the newest polled cycle.
     pub(super) is_held: bool,
     pub(super) watch: Watch,
-    /// The slaves that were lost in the newest polled inputs.
+    /// The slaves that were named as lost in the newest polled inputs.
     pub(super) told_lost: SlaveSet,
     pub(super) taking_down: TakingDown,
     pub(super) pins: PinSetup,
-    /// The levels of the chip's pins for the local outputs.
+    /// The levels of the GPIO pins that are local outputs.
     pub(super) local_levels: u16,
     pub(super) stopped_at: Option<Ns>,
     pub(super) counters: XfBusCounters,
@@ -147,14 +148,14 @@ impl<W: Wires> ChipBus<W> {
             sdo: None,
             job_done: None,
             sdo_done: None,
-            // One more entry, for a set of outputs that is written a second time.
+            // One more entry than the FIFO has, for a set of outputs that is written a second time.
             queue: VecDeque::with_capacity(ENTRIES + 1),
             newest_written: None,
             repeat_is_due: false,
             flying: VecDeque::with_capacity(IN_FLIGHT_MAX + 1),
             wrote_last: false,
             level: FillLevel::default(),
-            // A set is known as sent only when an answer comes, however few sets are in the chip.
+            // Room for more ids than the chip has sets: a set is known to be sent only when a later answer shows it.
             ledger: Ledger::new(2 * ENTRIES + usize::from(ANSWER_DELAY) + 1),
             clearing: Clearing::Idle,
             answers: VecDeque::with_capacity(ANSWERS),
@@ -211,11 +212,13 @@ impl<W: Wires> ChipBus<W> {
         let at = self.wires.now();
         let since = *self.stopped_at.get_or_insert(at);
         if at.saturating_sub(since) >= RESTART_NS && matches!(error, StepError::Host(_)) {
-            // The start switches the chip's FIFO off, whatever the state of the slaves.
+            // The restart of the driver switches the chip's FIFO off, whatever the state of the slaves: everything in
+            // it is lost.
             self.lose_all();
             self.taking_down = TakingDown::Due;
             if self.shortening == Shortening::UnderWay {
-                // The chip cannot be set to another packet size.
+                // The driver has stopped while the packet size was being changed, so this chip cannot be set to another
+                // size and keeps its own.
                 self.shortening = Shortening::Done;
                 self.host.keep_size();
             }
@@ -225,8 +228,8 @@ impl<W: Wires> ChipBus<W> {
         let _ = self.wires.wait_until(until);
     }
 
-    /// Evaluates received process data and headers. False: the slaves are being brought to PreOP, or the packet size is
-    /// being changed, so that the driver cannot be used for anything else.
+    /// Evaluates received process data and answer headers. Returns false while the slaves are being brought to PreOP or
+    /// the packet size is being changed: then the driver cannot be used for anything else.
     pub(super) fn begin_turn(&mut self, now: Ns) -> bool {
         self.take_reports(now);
         self.look_at_header();
@@ -237,7 +240,8 @@ impl<W: Wires> ChipBus<W> {
         true
     }
 
-    /// Gives the driver its next work in addition to the job.
+    /// Gives the driver its next work besides the commands of the job: SDOs, a preparation, a clear, the reading of
+    /// states, process data.
     pub(super) fn end_turn(&mut self, now: Ns) {
         self.run_sdo();
         self.go_ahead(now);
@@ -248,7 +252,7 @@ impl<W: Wires> ChipBus<W> {
 
     /// Sets the chip to short packets after its start, because the way to OP consists of many commands with packets of
     /// their own. A configuration chooses longer packets if process data need them. A size that the user has chosen is
-    /// kept. Returns whether the driver starts again for this.
+    /// kept. Returns whether the packet size is being changed, for which the driver starts again.
     pub(super) fn shorten(&mut self, now: Ns) -> bool {
         if self.shortening == Shortening::Done || self.host.state() != HostState::Running {
             return false;
@@ -262,12 +266,12 @@ impl<W: Wires> ChipBus<W> {
         shortens
     }
 
-    /// Whether the driver has stopped; it is started again some time later.
+    /// Whether the driver has stopped after an error. The bus starts it again after [`RESTART_NS`].
     pub(super) fn has_stopped(&self) -> bool {
         matches!(self.host.state(), HostState::Stopped(_))
     }
 
-    /// No slave is in OP any more, so the engine stops polling the chip's cycles.
+    /// Called when no slave is in OP any more: the engine stops polling the chip's cycles.
     pub(super) fn leave_op(&mut self) {
         if std::mem::take(&mut self.runs) {
             self.ledger.settle();
@@ -287,7 +291,7 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// The first slaves are in OP and both FIFOs are empty: from now on the engine polls the chip's cycles.
+    /// Called when the first slaves are in OP and both FIFOs are empty: from now on the engine polls the chip's cycles.
     pub(super) fn enter_op(&mut self) {
         self.lose_left_behind();
         self.host.set_busy_poll_ns(self.busy_poll_in_op_ns);

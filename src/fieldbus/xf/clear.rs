@@ -1,5 +1,5 @@
-//! A clear, for SET_FIFO 1 and when the network leaves OP: the chip's RxFIFO is emptied, and the bus finds out how many of
-//! its sets of outputs were sent by then.
+//! Empties the chip's RxFIFO, for SET_FIFO 1 and when the network leaves OP. The bus then finds out how many sets of outputs
+//! were sent before.
 
 use super::ask::{Ask, Asked};
 use super::chip_bus::ChipBus;
@@ -8,23 +8,26 @@ use crate::fieldbus::Cleared;
 use crate::xf::host::Wires;
 use crate::xf::request::Fifos;
 
-/// The number of answers after a command from which on a header has the fill levels after it (OBS: they lag two exchanges).
+/// After a command, this many answers have to come until the fill levels in an answer header are from after the command (OBS:
+/// they lag two exchanges).
 pub(super) const SETTLED: u64 = 3;
 
-/// The progress of a clear.
+/// The steps of a clear.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Clearing {
     Idle,
-    /// The results of the sets of outputs in flight must be known first.
+    /// The clear is requested. It waits for the results of the sets of outputs in flight.
     Begun,
-    /// The command that stops the chip from taking sets of outputs out of its FIFO is running.
+    /// The chip executes the command that stops it from taking sets of outputs out of its FIFO.
     Stopping(Asked),
-    /// The clear waits for that total number of answers, so that the fill level of the stopped FIFO is known.
+    /// The FIFO is stopped. The clear waits until the driver has received this number of answers in total: then the
+    /// answer header has the fill level of the stopped FIFO.
     Settling(u64),
-    /// The FIFO is being emptied or, with `None`, is to be emptied; the second value was its fill level.
+    /// The command that empties the FIFO is running or, with `None`, is to be submitted; the second value was its fill
+    /// level.
     Emptying(Option<Asked>, u8),
-    /// The FIFO is being switched on or, with `None`, is to be switched on; the second value is the id of the newest
-    /// outputs that were sent.
+    /// The command that switches the FIFO on again is running or, with `None`, is to be submitted; the second value is
+    /// the id of the newest outputs that were sent.
     SwitchingOn(Option<Asked>, Option<u64>),
     Ended(Option<u64>),
 }
@@ -32,7 +35,7 @@ pub(super) enum Clearing {
 impl<W: Wires> ChipBus<W> {
     pub(super) fn begin_clear(&mut self) {
         self.drop_queue();
-        // The dropped sets of outputs may include the outputs that keep lost slaves from moving.
+        // The outputs that keep lost slaves from moving may be among the dropped sets, so they are written once more.
         self.repeat_is_due = self.runs && !self.network.lost.is_empty();
         self.clearing = Clearing::Begun;
     }
@@ -74,9 +77,9 @@ impl<W: Wires> ChipBus<W> {
                     self.level.clear();
                     let doubted = self.ledger.newest_doubt();
                     let newest_sent = self.ledger.cleared(level);
-                    // A cleared set of outputs must not be sent when the newest set is repeated.
+                    // Forgets the newest written set if it was cleared: a cleared set must not be sent as a repetition.
                     self.newest_written = self.newest_written.take().filter(|set| Some(set.id) == newest_sent);
-                    // A set of outputs that counts as sent, although it may not have reached the FIFO, is sent now.
+                    // The newest set counts as sent although it may not have reached the FIFO: it is written once more.
                     self.repeat_is_due |= doubted.is_some() && doubted == newest_sent;
                     Clearing::SwitchingOn(None, newest_sent)
                 }

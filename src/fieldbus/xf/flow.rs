@@ -19,9 +19,9 @@ use super::answers::IMAGE_MAX;
 use super::clear::Clearing;
 use super::network::Network;
 
-/// The number of cycles that wait in the chip from which on every other exchange only reads. \[OURS]
+/// If at least this many cycles wait in the chip to be read, every other exchange only reads. \[OURS]
 const BACKLOG: u8 = 4;
-/// The maximum number of sets of outputs, and of cycles, in one exchange. \[OURS]
+/// The maximum number of sets of outputs in one exchange, and of cycles that one exchange reads. \[OURS]
 const IN_ONE_EXCHANGE: usize = 32;
 
 /// A set of outputs in the layout of the chip's RxPDO.
@@ -44,18 +44,18 @@ impl Set {
     }
 }
 
-/// The kind of process data in flight.
+/// What an exchange of process data in flight carries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Load {
     /// Outputs with which nothing moves, written directly, without the FIFO.
     Hold,
     /// The newest inputs, read directly, without the FIFO.
     Inputs,
-    /// That many of the waiting sets of outputs, and the cycles that are read.
+    /// This number of waiting sets of outputs to the chip, and the chip's waiting cycles back.
     Cycles(usize),
 }
 
-/// Process data that the driver has, or that are to be given to it.
+/// An exchange of process data that the driver has, or that it will get next.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Flying {
     load: Load,
@@ -72,7 +72,7 @@ impl Flying {
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// Converts outputs to the chip's layout. Lost slaves get outputs with which nothing moves.
+    /// Converts a set of outputs to the chip's layout. Lost slaves get outputs with which nothing moves.
     pub(super) fn set_of(&self, outputs: &Outputs) -> Set {
         let mut set = Set::of(outputs, &self.network);
         self.hold(self.network.lost, &mut set.image);
@@ -95,12 +95,12 @@ impl<W: Wires> ChipBus<W> {
         self.queue.back().map(|set| set.id).or(self.ledger.newest_unsent().max(repeated))
     }
 
-    /// The number of sets of outputs in flight to the chip. They are still in the queue.
+    /// The number of sets of outputs in flight to the chip. The queue still contains them.
     pub(super) fn sets_under_way(&self) -> usize {
         self.flying.iter().map(Flying::sets).sum()
     }
 
-    /// Drops the sets of outputs that were not given to the driver yet.
+    /// Drops the waiting sets of outputs that were not given to the driver yet.
     pub(super) fn drop_queue(&mut self) {
         self.queue.truncate(self.sets_under_way());
     }
@@ -114,7 +114,7 @@ impl<W: Wires> ChipBus<W> {
         self.flying.iter().any(|flying| flying.load == Load::Hold)
     }
 
-    /// Gives the driver the next process data.
+    /// Gives the driver the next exchange of process data.
     pub(super) fn feed(&mut self, now: Ns) {
         if self.host.state() != HostState::Running {
             return;
@@ -127,7 +127,7 @@ impl<W: Wires> ChipBus<W> {
                 self.flying[0].sequence = sequence;
             }
             Some(Flying { load: Load::Hold | Load::Inputs, .. }) => {}
-            // The chip's cycles continue while its slaves leave OP, whatever their new state is.
+            // The exchange of cycles continues as long as the engine polls them, also while slaves leave OP.
             _ if self.runs && self.flying.len() < self.network.in_flight => self.feed_cycles(now),
             _ if !self.network.mapped || self.network.at_least(AlState::SafeOp).is_empty() => {}
             None if !self.runs && now >= self.next_read => {
@@ -162,8 +162,8 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// Records process data that were given to the driver. False: the driver has not accepted them, and a later turn tries
-    /// again.
+    /// Records an exchange of process data that was given to the driver. Returns false if the driver has not accepted it: a
+    /// later turn tries again.
     fn fly(&mut self, load: Load, taken: Result<u32, HostError>) -> bool {
         let sequence = taken.ok();
         if sequence.is_some() {
@@ -218,7 +218,7 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// Evaluates the driver's reports about the process data in flight.
+    /// Evaluates the driver's reports about the exchanges of process data in flight.
     pub(super) fn take_reports(&mut self, now: Ns) {
         while let Some(report) = self.host.take_report() {
             let Some(Flying { load, .. }) = self.flying.pop_front_if(|flying| flying.sequence == Some(report.sequence))
@@ -241,7 +241,7 @@ impl<W: Wires> ChipBus<W> {
                     if self.sets_under_way() > 0 {
                         self.give_up(sets);
                     }
-                    // Otherwise the sets of outputs are still in the queue.
+                    // If no later exchange is in flight, the sets of outputs stay in the queue and are written again.
                     self.ledger.exchanged(std::iter::empty(), 0);
                 }
                 (Load::Inputs, ProcessOutcome::Done { read: true }) => {

@@ -1,8 +1,8 @@
-//! The jobs of the bus as sequences of chip commands.
+//! The jobs of the bus as async functions that submit commands to the chip.
 //!
-//! A sequence is an async function. `run.rs` polls it when its command is answered and when its wait is over. `network.rs`
-//! has the scan, the start of the network and the reading of the slaves' states, `configure.rs` the configuration, and
-//! `state.rs` the change of state.
+//! `run.rs` polls the future of a job when its command is answered and when its wait is over. `network.rs` has the scan, the
+//! start of the network and the reading of the slaves' states, `configure.rs` the configuration, and `state.rs` the change of
+//! state.
 
 mod configure;
 mod network;
@@ -25,20 +25,20 @@ use crate::xf::host::{HostError, Wires};
 pub(super) use network::state_of;
 pub(super) use run::run_job;
 
-/// The number of cycles after which it is certain that a sent set of outputs is known to be sent and that the engine has
-/// polled this: fill levels lag three exchanges of two packets each. The same holds for the last cycles in OP. \[OURS]
+/// This many cycles after a set of outputs was sent, the engine has certainly polled that it was sent: the fill levels lag
+/// three exchanges of two packets each. The same number applies to the last cycles in OP. \[OURS]
 const TOLD_LATE: Ns = 6;
 
-/// A slot for the sequence of a job. It begins with the job and [`Running::is_ahead`].
+/// A preallocated slot for the future of a job. The arguments are the job and [`Running::is_ahead`].
 pub(super) type Sequence = Place<(Job, bool), JobDone>;
 
-/// Allocates the slot for the sequences of a bus.
+/// Allocates the slot for the futures of a bus.
 pub(super) fn place_of<W: Wires + Send + 'static>(bus: &Arc<Mutex<ChipBus<W>>>) -> Sequence {
     let bus = Arc::clone(bus);
     place(move |(job, is_ahead)| Steps { bus: Arc::clone(&bus), tells_until: None }.run(job, is_ahead))
 }
 
-/// A running job.
+/// A job of the bus that is running.
 #[derive(Clone, Debug)]
 pub(super) struct Running {
     job: Job,
@@ -48,7 +48,7 @@ pub(super) struct Running {
     has_begun: bool,
 }
 
-/// The part of a job that is running.
+/// Which part of a job is running, as far as this matters to other requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
     Any,
@@ -64,12 +64,12 @@ impl Running {
         Self { job, is_ahead: false, deadline: now.saturating_add(timeout_ns), has_begun: false }
     }
 
-    /// A configuration that was not requested yet.
+    /// A configuration that is prepared before it is requested.
     pub(super) const fn ahead(config: BusConfig) -> Self {
         Self { job: Job::Configure(config), is_ahead: true, deadline: Ns::MAX, has_begun: false }
     }
 
-    /// The result of a job that was cut short, as by a reset of the chip.
+    /// The result of a running job that cannot be completed, for example after a reset of the chip.
     pub(super) fn cut_off(&self) -> JobDone {
         let first = |slaves: SlaveSet| slaves.iter().next().unwrap_or(1);
         match self.job {
@@ -80,7 +80,7 @@ impl Running {
     }
 }
 
-/// The error of a sequence.
+/// Why the async function of a job has failed.
 enum Failure {
     Refused(Refusal),
     Beyond(HardwareLimit),
@@ -98,13 +98,13 @@ impl From<HardwareLimit> for Failure {
     }
 }
 
-/// The result of an SDO.
+/// Converts the answer to the chip's SDO command to the result of an SDO.
 pub(super) fn sdo_done(request: &SdoRequest, reply: Reply) -> SdoDone {
     let value = reply.map_err(|error| abort_code(&error))?;
     Ok(request.write.map_or(value, |(_, written)| written))
 }
 
-/// The abort code for an SDO that the chip could not transfer: the slave's own code, or that of a timeout.
+/// The abort code of an SDO that has failed: the slave's own code if there is one, otherwise the code of a timeout.
 fn abort_code(error: &HostError) -> AbortCode {
     match error {
         HostError::Failed { abort: Some(abort), .. } if abort.0 != 0 => *abort,
@@ -112,11 +112,12 @@ fn abort_code(error: &HostError) -> AbortCode {
     }
 }
 
-/// The environment of a sequence: the bus, and the operations that wait.
+/// The state of a job's async functions: the bus that they use. The methods submit commands and wait for answers and
+/// times.
 struct Steps<W> {
     bus: Arc<Mutex<ChipBus<W>>>,
-    /// When the job ends its wait until the engine has polled a loss of slaves, on the wires' clock; `None`: there was no
-    /// such wait.
+    /// If the job has found lost slaves, it waits until the engine has polled this loss, at most until this time of the wires'
+    /// clock; `None`: there was no such wait.
     tells_until: Option<Ns>,
 }
 
@@ -177,7 +178,7 @@ impl<W: Wires> ChipBus<W> {
         (self.job, self.states, self.part) = (job, [None; MAX_SLAVES], Part::Any);
     }
 
-    /// Whether a configuration that was not requested yet is laying out process data for this configuration.
+    /// Whether the running preparation is already laying out the process data for exactly this configuration.
     pub(super) fn lays_out_ahead(&self, wanted: &BusConfig) -> bool {
         let is_for_it = |running: &Running| running.is_ahead && running.job == Job::Configure(*wanted);
         self.part == Part::LaysOut && self.job.as_ref().is_some_and(is_for_it)

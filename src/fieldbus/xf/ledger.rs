@@ -14,17 +14,18 @@ use std::collections::VecDeque;
 
 /// How many of the newest states of `W` and `R` the levels of a header may belong to (OBS: they lag two exchanges).
 const LAG: usize = 3;
-/// The number of headers that are remembered.
+/// How many of the newest answer headers are remembered.
 const SAMPLES: usize = 4;
-/// The number of milestones that are remembered: as many as cycles that the chip keeps.
+/// The number of milestones that are remembered: as many as the chip keeps cycles.
 const MILESTONES: usize = 64;
 
-/// The moment of a header: the number of sets of outputs sent and of cycles by then.
+/// The state of the chip at a moment to which the fill levels of a header belong: the number of sets of outputs sent
+/// and of cycles by then.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Moment {
     sent: u64,
     cycles: u64,
-    /// The number of sets of outputs that were certainly in the RxFIFO.
+    /// How many sets of outputs were certainly in the RxFIFO at this moment.
     waiting: u64,
 }
 
@@ -38,19 +39,19 @@ impl Moment {
     }
 }
 
-/// The numbers of sets of outputs written and cycles read by the end of an exchange.
+/// The bus's own counts after an exchange: `W`, the sets of outputs written, and `R`, the cycles read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct State {
     written: u64,
     read: u64,
 }
 
-/// The record of outputs and cycles since the bus was created.
+/// Counts sets of outputs and cycles since the bus was created, and derives which sets each cycle has sent.
 #[derive(Clone, Debug)]
 pub(super) struct Ledger {
-    /// The states after the newest exchanges, the newest one last.
+    /// The counts after the newest exchanges, the newest last.
     states: [State; LAG],
-    /// For each of the newest headers, the moments to which it may belong.
+    /// For each of the newest headers, the possible moments to which its fill levels may belong.
     samples: [[Option<Moment>; LAG]; SAMPLES],
     /// Pairs of a cycle and the number of sets of outputs that were certainly sent by its end, because the FIFO contained
     /// no more. If many cycles wait to be read, the headers about them are older than those in `samples`.
@@ -61,12 +62,13 @@ pub(super) struct Ledger {
     /// For each set of outputs of which it is not known whether it has reached the RxFIFO: how many known sets were written
     /// before it, and its id.
     doubts: VecDeque<(u64, u64)>,
-    /// The id of the newest set of outputs that was doubtful when the FIFO was found empty: if it had reached the RxFIFO,
-    /// it was sent.
+    /// The id of the newest doubtful set of outputs at the time when the FIFO was found empty. If this set had reached the
+    /// RxFIFO, it was sent by then.
     settled_doubt: Option<u64>,
-    /// The number of further exchanges whose headers may be from before the newest doubtful set.
+    /// The number of further exchanges whose headers may still be from before the newest doubtful set.
     doubt_lag: usize,
-    /// The RxFIFO is stopped or about to be, so it is not known whether further cycles send sets of outputs from it.
+    /// Whether the RxFIFO is stopped or about to be, so that it is unknown whether further cycles send sets of outputs
+    /// from it.
     stopped: bool,
     /// The number of sets of outputs that were certainly sent.
     sent: u64,
@@ -99,7 +101,7 @@ impl Ledger {
         self.states[LAG - 1]
     }
 
-    /// Records an exchange: the sets of outputs with these ids are in the RxFIFO now, and `read` cycles were read.
+    /// Records an exchange: it has put the sets of outputs with these ids into the RxFIFO, and has read `read` cycles.
     pub(super) fn exchanged(&mut self, ids: impl Iterator<Item = u64>, read: u64) {
         let mut newest = self.newest();
         for id in ids {
@@ -126,7 +128,8 @@ impl Ledger {
         self.doubt_lag = LAG;
     }
 
-    /// From now on headers include everything that was written and read.
+    /// Called when enough exchanges without process data have passed: the next headers include everything that was
+    /// written and read.
     pub(super) fn caught_up(&mut self) {
         self.states = [self.newest(); LAG];
     }
@@ -162,7 +165,7 @@ impl Ledger {
         }
     }
 
-    /// The number of cycles that were read.
+    /// The number of cycles that were read from the chip.
     pub(super) fn cycles(&self) -> u64 {
         self.newest().read
     }
@@ -177,7 +180,8 @@ impl Ledger {
         self.newest_sent
     }
 
-    /// Counts as sent what the newest headers show as sent, whether or not those cycles have been read.
+    /// Counts the sets of outputs as sent that the newest headers show as sent, even if the cycles that sent them were
+    /// not read.
     pub(super) fn settle(&mut self) {
         self.send_until(self.sent_at_least(|moment| moment.sent));
     }
@@ -188,7 +192,7 @@ impl Ledger {
         self.samples.iter().filter_map(least).max().unwrap_or(0)
     }
 
-    /// The maximum number of sets of outputs in the RxFIFO.
+    /// The maximum number of sets of outputs that may be in the RxFIFO.
     pub(super) fn ahead(&self) -> u64 {
         self.ids.len() as u64
     }
@@ -219,16 +223,16 @@ impl Ledger {
         self.doubts.back().map(|(_, id)| *id).max(self.settled_doubt)
     }
 
-    /// The RxFIFO is about to be stopped. Cycles continue and their inputs come, but from an unknown cycle on they send no
-    /// sets of outputs.
+    /// Called when the RxFIFO is about to be stopped. Cycles continue and their inputs come, but from an unknown cycle on they
+    /// send no sets of outputs.
     pub(super) fn stop(&mut self) {
         self.stopped = true;
         self.samples.iter_mut().flatten().flatten().for_each(|moment| moment.waiting = 0);
         self.milestones.clear();
     }
 
-    /// The RxFIFO was stopped and then emptied. `rx_fifo` is the fill level of the stopped FIFO, from a header after the
-    /// stop. Returns the id of the newest set of outputs that was sent.
+    /// Called when the RxFIFO was stopped and then emptied. `rx_fifo` is the fill level of the stopped FIFO, from a header
+    /// after the stop. Returns the id of the newest set of outputs that was sent.
     ///
     /// A set of which it is not known whether it has reached the FIFO counts as if it had \[OURS]. So the result may be too
     /// new, by the number of such sets, but never too old. An axis then moves on by one target, and never back to a target
@@ -250,8 +254,8 @@ impl Ledger {
         self.forget_unsent(State { written: self.sent, read })
     }
 
-    /// The content of the RxFIFO is lost, as after a reset of the chip. It is not known whether the oldest set of outputs
-    /// in it was sent.
+    /// Called when the content of the RxFIFO is lost, as by a reset of the chip. It is not known whether the oldest set of
+    /// outputs in it was sent.
     pub(super) fn lost(&mut self) -> Option<u64> {
         let State { read, .. } = self.newest();
         self.forget_unsent(State { written: self.sent, read })
@@ -287,7 +291,7 @@ impl Ledger {
 mod tests {
     use super::*;
 
-    /// A chip whose headers lag by `lag` exchanges.
+    /// A model of the chip's FIFOs, whose answer headers lag by `lag` exchanges.
     struct Fifos {
         ledger: Ledger,
         lag: usize,
@@ -297,7 +301,8 @@ mod tests {
         sent: Option<u64>,
         levels: VecDeque<(u8, u8)>,
         next: u64,
-        /// For each cycle that was read: the newest id that was really sent, and the ledger's answer.
+        /// For each cycle that was read: the newest id that the model had really sent, and the id that the ledger gives
+        /// for it.
         seen: Vec<(Option<u64>, Option<u64>)>,
     }
 
@@ -376,7 +381,7 @@ mod tests {
             ledger.exchanged([1, 2].into_iter(), 0);
             ledger.doubt([3].into_iter());
             ledger.exchanged(4..4 + behind, 0);
-            // This header may be from before the doubtful set.
+            // The first header after a doubtful set may be from before the set, so it decides nothing.
             ledger.header(0, 0);
             ledger.stop();
             ledger.cleared(level)

@@ -6,23 +6,23 @@
 
 use crate::ethercat::Ns;
 
-/// The maximum age of a header's fill level, in cycles: three exchanges of two packets each. \[OURS]
+/// The maximum age of the fill level in an answer header, in cycles: three exchanges of two packets each. \[OURS]
 const OLD: u64 = 4;
 
-/// The estimated fill level of the RxFIFO.
+/// An estimate of the fill level of the chip's RxFIFO.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct FillLevel {
-    /// When the RxFIFO runs empty, in time of the wires.
+    /// The estimated time at which the RxFIFO runs empty, on the wires' clock.
     empty_at: Ns,
 }
 
 impl FillLevel {
-    /// The RxFIFO is empty.
+    /// Called when the RxFIFO is empty: sets the estimate to 0.
     pub(super) const fn clear(&mut self) {
         self.empty_at = 0;
     }
 
-    /// Records that `sets` sets of outputs were written.
+    /// Records that `sets` sets of outputs were written into the RxFIFO.
     pub(super) fn wrote(&mut self, now: Ns, sets: u64, cycle_ns: Ns) {
         self.empty_at = self.empty_at.max(now).saturating_add(sets * cycle_ns);
     }

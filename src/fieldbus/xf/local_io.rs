@@ -8,22 +8,22 @@ use super::chip_bus::ChipBus;
 use crate::ethercat::Ns;
 use crate::xf::host::{HostState, Wires};
 
-/// The number of local inputs, and of local outputs, of a board.
+/// How many local inputs, and how many local outputs, a board has.
 const LINES: usize = 6;
 
 /// The pins of the chip that are local inputs and outputs of the board; an input or output that is not wired has no pin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LocalPins {
-    /// Input k is at GPIO `inputs[k]`, 0 to 15.
+    /// Input k is at GPIO pin `inputs[k]` of the chip, 0 to 15; `None`: it is not wired.
     pub inputs: [Option<u8>; LINES],
     /// Output k is at GPIO `outputs[k]`, 0 to 11: with every firmware the header of a packet drives these pins.
     pub outputs: [Option<u8>; LINES],
 }
 
 impl LocalPins {
-    /// The highest GPIO that can be an input.
+    /// The highest GPIO pin of the chip that can be an input.
     pub const INPUT_MAX: u8 = 15;
-    /// The highest GPIO that can be an output.
+    /// The highest GPIO pin of the chip that can be an output.
     pub const OUTPUT_MAX: u8 = 11;
 
     /// No input and no output is wired.
@@ -33,23 +33,24 @@ impl LocalPins {
         pins.iter().flatten().fold(0, |mask, pin| mask | 1 << pin)
     }
 
-    /// The levels of the chip's pins for the local outputs: bit k of `bits` is the level of output k.
+    /// Converts the local outputs to the levels of the chip's pins: bit k of `bits` becomes the level of the pin of
+    /// output k.
     fn spread(pins: &[Option<u8>; LINES], bits: u8) -> u16 {
         let set = pins.iter().enumerate().filter(|(line, _)| bits & 1 << line != 0);
         set.filter_map(|(_, pin)| *pin).fold(0, |mask, pin| mask | 1 << pin)
     }
 
-    /// The local inputs from the levels of the chip's pins: bit k is the level of input k.
+    /// Converts the levels of the chip's pins to the local inputs: bit k is the level of the pin of input k.
     fn gather(pins: &[Option<u8>; LINES], levels: u16) -> u8 {
         let lines = pins.iter().enumerate().filter_map(|(line, pin)| pin.map(|pin| (line, pin)));
         lines.fold(0, |bits, (line, pin)| bits | u8::from(levels & 1 << pin != 0) << line)
     }
 }
 
-/// Whether the chip knows which of its pins are outputs.
+/// Whether the chip was told which of its pins are outputs.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) enum PinSetup {
-    /// The chip has started, or is about to, and was not told yet.
+    /// The chip has started, or is about to start, and was not told which pins are outputs.
     #[default]
     Due,
     Asked(Asked),
@@ -66,7 +67,7 @@ impl<W: Wires> ChipBus<W> {
         self.pins = match self.pins {
             _ if self.host.state() != HostState::Running => PinSetup::Due,
             PinSetup::Due => {
-                // Sets the levels first, so that they are right from the first moment on.
+                // The levels are set before the pins become outputs, so that no pin has a wrong level for a moment.
                 self.host.set_gpio_outputs(Some(self.local_levels));
                 Ask::OutputPins(outputs).submit(&mut self.host, now).map_or(PinSetup::Due, PinSetup::Asked)
             }

@@ -54,27 +54,28 @@ use jobs::{Running, Sequence, run_job};
 pub use local_io::LocalPins;
 pub use options::XfBusOptions;
 
-/// The maximum number of cycles by which an answer is polled late: the chip keeps that many TxPDOs (XF EN 1236). \[OURS]
+/// The answer to a cycle is polled at most this many cycles late, because the chip keeps this many TxPDOs (XF EN 1236). \[OURS]
 const ANSWER_DELAY: u16 = 64;
-/// The maximum number of entries that are requested for each FIFO; fewer if the chip's memory does not hold them. \[OURS]
+/// The number of entries that are requested for each of the chip's FIFOs. Fewer are requested if the chip's memory does not
+/// hold them. \[OURS]
 const ENTRIES: usize = 64;
 /// The number of sets of outputs in flight in a steady stream: one waits for its exchange, one is in the running exchange,
 /// and one is in the chip until its next cycle. \[OURS]
 const ON_THE_WAY: u64 = 3;
-/// The time of two exchanges, ns: the longest packet with its idle time takes less at 24 MHz, and two of them hardly more.
-/// \[OURS]
+/// About the time of two exchanges, ns: at 24 MHz the longest packet with its idle time takes less than this, and two of them
+/// hardly more. \[OURS]
 const CATCH_UP_NS: Ns = 1_000_000;
-/// The memory of both FIFOs together, bytes (XF EN 1236).
+/// The size of the chip's memory for both FIFOs together, bytes (XF EN 1236).
 const FIFO_MEMORY: usize = 0x4000;
 
-/// The counters of a bus.
+/// The counters of a bus over an ECM-XF.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct XfBusCounters {
-    /// Sets of outputs that the chip has not accepted, or of which this is not known.
+    /// How many sets of outputs were given up, because the chip has not accepted them or it is unknown whether it has.
     pub sets_lost: u64,
-    /// Cycles whose inputs were lost.
+    /// How many cycles of the chip were not reported because their inputs were lost.
     pub cycles_lost: u64,
-    /// Resets of the chip.
+    /// How many resets of the chip were noticed.
     pub chip_resets: u64,
 }
 
@@ -87,7 +88,7 @@ pub fn fifo_entries(process_bytes: usize) -> u8 {
 /// A network behind an ECM-XF.
 pub struct XfBus<W> {
     bus: Arc<Mutex<ChipBus<W>>>,
-    /// The slot for the sequence of the running job.
+    /// The slot for the future of the running job.
     sequence: Sequence,
 }
 
@@ -98,7 +99,7 @@ impl<W: fmt::Debug> fmt::Debug for XfBus<W> {
 }
 
 impl<W: Wires + Send + 'static> XfBus<W> {
-    /// A bus for the network behind the chip at the end of these wires. The chip is started.
+    /// Creates a bus for the network of the chip behind these wires, and starts the chip.
     pub fn new(wires: W, config: HostConfig, options: XfBusOptions) -> Self {
         let bus = Arc::new(Mutex::new(ChipBus::new(wires, config, options)));
         let sequence = jobs::place_of(&bus);
@@ -107,17 +108,17 @@ impl<W: Wires + Send + 'static> XfBus<W> {
 }
 
 impl<W: Wires> XfBus<W> {
-    /// The wires, for reading.
+    /// The wires to the chip, for reading their state.
     pub fn wires(&self) -> impl Deref<Target = W> {
         MutexGuard::map(self.bus.lock(), |bus| &mut bus.wires)
     }
 
-    /// The wires, for causing faults.
+    /// The wires to the chip, for causing faults in tests.
     pub fn wires_mut(&mut self) -> impl DerefMut<Target = W> {
         MutexGuard::map(self.bus.lock(), |bus| &mut bus.wires)
     }
 
-    /// The driver, for reading.
+    /// The driver of the chip, for reading its state.
     pub fn host(&self) -> impl Deref<Target = Host> {
         MutexGuard::map(self.bus.lock(), |bus| &mut bus.host)
     }
@@ -139,12 +140,12 @@ impl<W: Wires> XfBus<W> {
         Ok(())
     }
 
-    /// Lets the bus work until the engine's time `now`, and returns the bus.
+    /// Lets the bus work until the engine's time is `now`, and returns the bus with its lock.
     fn advance(&mut self, now: Ns) -> MutexGuard<'_, ChipBus<W>> {
         self.work(|bus| bus.wires_time(now))
     }
 
-    /// Makes exchanges and waits until the wires' time `until`, and returns the bus.
+    /// Makes exchanges and waits until the wires' time is `until`, and returns the bus with its lock.
     fn work(&mut self, until: impl FnOnce(&mut ChipBus<W>) -> Ns) -> MutexGuard<'_, ChipBus<W>> {
         let Self { bus, sequence } = self;
         let mut bus = bus.lock();
@@ -167,7 +168,7 @@ impl<W: Wires> XfBus<W> {
     }
 }
 
-/// Takes the results of the driver, and gives it its next work.
+/// Evaluates the driver's results, and gives it its next work.
 fn turn<W: Wires>(bus: &mut MutexGuard<'_, ChipBus<W>>, sequence: &mut Sequence) {
     let now = bus.wires.now();
     if bus.begin_turn(now) {
@@ -190,7 +191,8 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
             job => {
                 bus.end_ahead();
                 if matches!(job, Job::State { target, .. } if target <= AlState::PreOp) {
-                    // [OURS] Each way up to SafeOP gets a new layout, as with the drivers of manufacturers.
+                    // [OURS] Each change up to SafeOP gets a new layout of the process data, as the manufacturers'
+                    // drivers do it.
                     bus.network.laid_out = false;
                 }
                 bus.begin_job(Some(Running::new(job, at)));
@@ -293,9 +295,9 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
             if bus.options.real_time {
                 (bus.skew, bus.has_runner) = (Some(now.wrapping_sub(wires)), true);
             }
-            // [OURS] With each part that a late runner catches up on, the bus gets the time of a cycle, or that of two
-            // exchanges if it is shorter. So the chip is topped up at once after a stall, and a machine that is too slow
-            // for its cycles still makes exchanges.
+            // [OURS] For each part that a late runner catches up on, the bus gets the time of a cycle, or of two exchanges if
+            // these take less. So the chip's FIFO is filled at once after a stall, and a machine that is too slow for its
+            // cycles still makes exchanges.
             let behind_ns = bus.network.cycle.ns().min(CATCH_UP_NS);
             if now < until { bus.wires_time(until) } else { wires.saturating_add(behind_ns) }
         }));
@@ -318,7 +320,7 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
     }
 }
 
-/// The cycle time with which the bus returns cycles while no slave is in OP, as on the board before OP, ns.
+/// The interval at which the bus returns cycles while no slave is in OP, ns: the board's default cycle before OP.
 const fn tick_ns() -> Ns {
     CycleTime::DEFAULT.ns()
 }

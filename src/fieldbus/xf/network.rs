@@ -1,15 +1,15 @@
-//! The chip's network as the bus knows it.
+//! What the bus knows of the chip's network and its slaves.
 
 use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 use crate::fieldbus::SlaveConfig;
 use crate::fieldbus::pdo::{Download, MappedDirection, MappingImage, ProcessData};
 use crate::sk::CycleTime;
 
-/// How long the bus relies on the objects that it has read from a slave in PreOP, ns; after that they are read again.
-/// \[OURS] Somebody with a cable at the drive may have changed them.
+/// How long the bus relies on object values that it has read from a slave in PreOP, ns. After that they are read again.
+/// \[OURS] A service tool that is connected to the drive may have changed them.
 const SEEN_FOR_NS: Ns = 60_000_000_000;
 
-/// The places and lengths of a slave's process data in the chip's process images, in bytes.
+/// Where the process data of a slave are in the chip's process images: offsets and lengths in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Place {
     pub outputs_at: usize,
@@ -21,20 +21,21 @@ pub(super) struct Place {
 /// Which of the objects that a configuration writes already have the wanted values in a slave.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Mapped {
-    /// The mapping and the assignment of its outputs.
+    /// Whether the mapping and the assignment of the slave's outputs have the wanted values.
     pub outputs: MappedObjects,
-    /// The mapping and the assignment of its inputs.
+    /// Whether the mapping and the assignment of the slave's inputs have the wanted values.
     pub inputs: MappedObjects,
-    /// Its synchronization types.
+    /// Whether the slave's synchronization types have the wanted values.
     pub sync: bool,
 }
 
 /// Which of the objects that map the process data of one direction already have the wanted values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct MappedObjects {
-    /// The mapping of each PDO. At power-on a drive has PDOs for each mode, of which only one is assigned.
+    /// Whether the mapping of each PDO has the wanted value. At power-on a drive has PDOs for each mode, of which only
+    /// one is assigned.
     pub pdos: bool,
-    /// The assignment of the PDOs.
+    /// Whether the assignment of the PDOs has the wanted value.
     pub assignment: bool,
 }
 
@@ -50,9 +51,9 @@ impl MappedObjects {
 impl Mapped {
     pub(super) const ALL: Self = Self { outputs: MappedObjects::ALL, inputs: MappedObjects::ALL, sync: true };
 
-    /// Whether the slave does not need this download. A PDO can be changed only while it is not assigned, so its assignment
-    /// is written with it. The mode of operation is written in each configuration, because a host may have written another
-    /// one.
+    /// Whether the slave already has the value of this download, so that it is left out. A PDO can be changed only while it is
+    /// not assigned, so its assignment is written with it. The mode of operation is written in each configuration, because a
+    /// host may have written another one.
     pub(super) const fn has(&self, download: &Download) -> bool {
         match download.direction() {
             Some(direction) => {
@@ -70,7 +71,7 @@ impl Mapped {
         }
     }
 
-    /// Records that an object of the mapping does not have the wanted value.
+    /// Records that the object of the mapping with this content was read and has another value.
     pub(super) const fn differs(&mut self, image: &MappingImage) {
         let objects = match image.direction() {
             MappedDirection::Outputs => &mut self.outputs,
@@ -83,17 +84,17 @@ impl Mapped {
         }
     }
 
-    /// Records that the objects of the mapping are unknown.
+    /// Records that the objects of the mapping are unknown, so that all of them are written.
     pub(super) const fn is_not_mapped(&mut self) {
         self.outputs = MappedObjects { pdos: false, assignment: false };
         self.inputs = self.outputs;
     }
 }
 
-/// What is known of the objects of a slave that a configuration writes.
+/// What is known of the objects that a configuration writes, in one slave.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Seen {
-    /// The configuration for which the objects were read.
+    /// The configuration for which the objects were read or written.
     pub config: SlaveConfig,
     pub data: ProcessData,
     pub mapped: Mapped,
@@ -104,16 +105,16 @@ pub(super) struct Seen {
 }
 
 impl Seen {
-    /// A slave whose objects all have the values that a configuration writes.
+    /// The result for a slave whose objects all have the values that a configuration writes.
     pub(super) const fn all(config: SlaveConfig, data: ProcessData) -> Self {
         Self { config, data, mapped: Mapped::ALL, is_as_long: true, at: 0 }
     }
 }
 
-/// The network. In each list, slave n is at index n - 1.
+/// The state of the chip's network. In each list, slave n is at index n - 1.
 #[derive(Clone, Debug)]
 pub(super) struct Network {
-    /// The chip has initialised the network since the chip's last start.
+    /// Whether the chip has initialised the network since the chip's last start.
     pub initialised: bool,
     pub cycle: CycleTime,
     /// The number of slaves that the last scan has found.
@@ -127,22 +128,24 @@ pub(super) struct Network {
     /// Slaves that were configured since the network was started. [`Self::with_process_data`] returns those whose process
     /// data the chip has.
     pub configured: SlaveSet,
-    /// What is known of the objects of each slave; `None`: nothing, or they may have changed since.
+    /// What is known of the objects of each slave; `None`: nothing is known, or the objects may have changed since they
+    /// were read.
     pub seen: [Option<Seen>; MAX_SLAVES],
-    /// The chip's layout of process data matches the mapping of the slaves, and no slave has left PreOP and come back
-    /// since.
+    /// Whether the chip's layout of process data matches the mapping of the slaves, and no slave has left PreOP and
+    /// come back since.
     pub laid_out: bool,
-    /// The chip has laid out process data, and the slaves are configured.
+    /// Whether the chip has laid out process data and the slaves are configured.
     pub mapped: bool,
-    /// Bytes of one RxPDO of the chip: the outputs of all slaves.
+    /// The number of bytes in one RxPDO of the chip: the outputs of all slaves.
     pub rx_bytes: usize,
-    /// Bytes of one TxPDO of the chip: the inputs of all slaves.
+    /// The number of bytes in one TxPDO of the chip: the inputs of all slaves.
     pub tx_bytes: usize,
-    /// The number of entries of each FIFO.
+    /// The number of entries that each of the chip's FIFOs has.
     pub entries: u8,
     /// How many exchanges of process data may be in flight, 1 or 2.
     pub in_flight: usize,
-    /// The number of sets of outputs in the transport to the slaves, in addition to those that bridge a stall.
+    /// How many sets of outputs have to be on the way to the slaves so that none is late, in addition to those that
+    /// bridge a stall.
     pub transport_sets: u16,
     pub lost: SlaveSet,
     /// The slaves in `lost` that answer, but whose inputs were not used for too long, because the working counter was
@@ -177,24 +180,25 @@ impl Network {
         }
     }
 
-    /// The chip's network has stopped. The number of slaves stays known, because only a scan counts them again.
+    /// Called when the chip's network has stopped. The number of slaves stays known, because only a scan counts them
+    /// again.
     pub(super) fn stop(&mut self) {
         let Self { cycle, found, with_dc, lost, stale, lost_from, .. } = *self;
         *self = Self { cycle, found, with_dc, lost, stale, lost_from, ..Self::new() };
     }
 
-    /// The chip has found `found` slaves, which are in Init.
+    /// Called when the chip has initialised its network and found `found` slaves, which are in Init.
     pub(super) fn start(&mut self, found: u8, cycle: CycleTime) {
         let Self { with_dc, lost, stale, lost_from, .. } = *self;
         *self = Self { initialised: true, cycle, found, with_dc, lost, stale, lost_from, ..Self::new() };
     }
 
-    /// Whether the network runs with this cycle time.
+    /// Whether the network is initialised with this cycle time.
     pub(super) fn is_known(&self, cycle: CycleTime) -> bool {
         self.initialised && self.cycle == cycle
     }
 
-    /// The slaves that were brought to at least this state.
+    /// The slaves that jobs have brought to at least this state.
     pub(super) fn at_least(&self, state: AlState) -> SlaveSet {
         let mut slaves = SlaveSet::EMPTY;
         for (slave, commanded) in (1..=self.found).zip(self.commanded) {
@@ -205,12 +209,12 @@ impl Network {
         slaves
     }
 
-    /// The slaves whose process data the chip has.
+    /// The slaves whose process data are in the chip's present layout.
     pub(super) fn with_process_data(&self) -> SlaveSet {
         if self.mapped { self.configured } else { SlaveSet::EMPTY }
     }
 
-    /// The configured slaves that are not used.
+    /// The configured slaves whose role is [`Role::Unused`](crate::fieldbus::Role::Unused).
     pub(super) fn unused(&self) -> SlaveSet {
         let is_unused = |slave: &u8| self.process_data[usize::from(*slave) - 1].is_none();
         self.configured.intersection(SlaveSet::first(self.found)).iter().filter(is_unused).collect()
@@ -232,14 +236,15 @@ impl Network {
         }
     }
 
-    /// Records that a slave has its configuration. \[OURS] The chip's layout stays valid if the lengths are those of before.
+    /// Records that all objects of a slave were written. \[OURS] The chip's layout stays valid if the process data have the
+    /// same lengths as before.
     pub(super) fn written(&mut self, slave: u8, data: &ProcessData, was_laid_out: bool) {
         let Place { output_bytes, input_bytes, .. } = self.places[usize::from(slave) - 1];
         self.laid_out |= was_laid_out && (data.output_bytes(), data.input_bytes()) == (output_bytes, input_bytes);
     }
 
     /// Records the state that was read from a slave. A slave in Init, or one that does not answer, may come back with other
-    /// objects; from SafeOP on nobody changes them.
+    /// objects; from SafeOP on the objects do not change.
     pub(super) fn note_objects(&mut self, slave: u8, state: Option<AlState>, now: Ns) {
         match (state, &mut self.seen[usize::from(slave) - 1]) {
             (None | Some(AlState::Init), _) => self.forget_objects(slave),
@@ -252,13 +257,13 @@ impl Network {
         self.at_least(AlState::Op)
     }
 
-    /// The slave is no longer lost.
+    /// Called when a slave is no longer lost.
     pub(super) const fn found_again(&mut self, slave: u8) {
         self.lost.remove(slave);
         self.stale.remove(slave);
     }
 
-    /// Places the process data of a slave behind those of the slave before it.
+    /// Assigns the place of a slave's process data in the chip's process images, after those of the previous slave.
     pub(super) fn place(&mut self, slave: u8, output_bytes: usize, input_bytes: usize) {
         let n = usize::from(slave) - 1;
         let before = n.checked_sub(1).map_or(Place::default(), |before| self.places[before]);

@@ -1,5 +1,5 @@
-//! Whether a cycle time can be kept over an ECM-XF, and with which packet size, how many exchanges of process data in
-//! flight, and how many sets of outputs that the transport takes.
+//! Computes whether a cycle time can be kept with an ECM-XF, and the settings for it: the packet size, the number of
+//! exchanges of process data in flight, and the number of sets of outputs on the way to the chip.
 
 use crate::ethercat::Ns;
 use crate::fieldbus::HardwareLimit;
@@ -8,15 +8,15 @@ use crate::xf::host::{Budget, BudgetError};
 
 /// The maximum number of exchanges of process data in flight.
 pub(super) const IN_FLIGHT_MAX: usize = 2;
-/// The maximum number of sets of outputs in an exchange by which a plan holds a cycle. More are sent only if more wait.
-/// \[OURS]
+/// The maximum number of sets of outputs per exchange that a plan relies on. An exchange carries more only if more sets
+/// wait. \[OURS]
 const SETS_MAX: usize = 8;
-/// The number of packets in a turn: two for an exchange of process data, and two for a command beside it, because the
-/// states of the slaves are read while slaves move. \[OURS]
+/// The number of packets that a plan allows for per exchange of process data: two for the exchange itself, and two for
+/// a command in between, since the states of the slaves are read while slaves move. \[OURS]
 const PACKETS_A_TURN: u32 = 4;
-/// The number of half turns for which a set of outputs may still count as being in the chip after it was handed over: it is
-/// in flight, and the counts that show it as sent are two exchanges old (OBS). \[OURS] With that many sets and one more, no
-/// cycle of the chip's model repeats its outputs, whatever the packet size.
+/// For how many half turns (half of [`PACKETS_A_TURN`]) a set of outputs may still count as being in the chip after it was
+/// handed over: it is in flight, and the counts that show it as sent are two exchanges old (OBS). \[OURS] With that many sets
+/// and one more, no cycle of the chip's model repeats its outputs, whatever the packet size.
 const HALF_TURNS_KNOWN: u64 = 5;
 
 /// What a cycle requires of the exchanges with the chip.
@@ -43,29 +43,29 @@ const HALF_TURNS_KNOWN: u64 = 5;
 pub struct CycleDemand {
     /// The number of bytes of all outputs or of all inputs of a cycle, whichever is larger.
     pub process_bytes: usize,
-    /// The number of entries of each of the chip's FIFOs ([`fifo_entries`](super::fifo_entries)).
+    /// The number of entries that each of the chip's FIFOs has ([`fifo_entries`](super::fifo_entries)).
     pub fifo_entries: u8,
-    /// The cycle time in nanoseconds.
+    /// The cycle time that has to be kept, in nanoseconds.
     pub cycle_ns: Ns,
     /// The SPI clock in Hz; `None`: the link has no clock, and bytes take no time.
     pub clock_hz: Option<u32>,
     /// The idle time after each exchange in nanoseconds.
     pub idle_ns: Ns,
-    /// The present data segment size n of the chip.
+    /// The data segment size n that the chip has at present.
     pub present: DataSize,
-    /// Whether the chip has no other data segment size.
+    /// Whether the data segment size of the chip cannot be changed.
     pub size_is_fixed: bool,
 }
 
-/// The settings with which a cycle can be held.
+/// The settings of the chip and the bus with which a cycle time can be kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CyclePlan {
-    /// The data segment size n.
+    /// The data segment size n of the chip's packets.
     pub size: DataSize,
     /// How many exchanges of process data are in flight, 1 or 2. With 1 no set of outputs is lost as long as packets get
     /// through at all; with 2 a set that the chip has not accepted is given up and counted.
     pub in_flight: usize,
-    /// How many sets of outputs a packet carries to hold the cycle, at most 8.
+    /// How many sets of outputs each packet has to carry to keep the cycle time, at most 8.
     pub sets: u16,
     /// How many sets of outputs have to be handed over ahead of their cycle so that none is late while the host is on time:
     /// the sets in flight, and the sets that were sent before the host can know it.
@@ -128,8 +128,8 @@ impl CycleDemand {
     }
 }
 
-/// The number of exchanges that pass for each exchange of process data. Its answer comes with the next exchange, and if
-/// only one is in flight, a command with two exchanges of its own may come between. \[OURS]
+/// The number of exchanges that a plan allows for per exchange of process data. Its answer comes with the next
+/// exchange, and if only one is in flight, a command with two exchanges of its own may come between. \[OURS]
 const fn exchanges_of_process_data(in_flight: usize) -> u32 {
     if in_flight > 1 { 2 } else { 4 }
 }

@@ -22,17 +22,17 @@ use crate::fieldbus::is_stale;
 use crate::xf::Interrupts;
 use crate::xf::host::{HostError, HostState, Wires};
 
-/// The interval at which the states are read if nothing else requires it, ns. \[OURS]
+/// The interval at which the states of the slaves are read if nothing requires it earlier, ns. \[OURS]
 const INTERVAL_NS: Ns = 100_000_000;
 
-/// The number of cycles that are in doubt when a header counts a new error: the header may be two exchanges old, and
-/// between two exchanges there may be no cycle. \[OURS]
+/// If an answer header counts a new working counter error, the inputs of this many next cycles are in doubt: the header
+/// may be two exchanges old, and between two exchanges there may be no cycle. \[OURS]
 const DOUBT_CYCLES: u32 = 4;
 
-/// The present step in the reading of the states.
+/// The present step in reading the states of all slaves.
 #[derive(Clone, Copy, Debug, Default)]
 enum Step {
-    /// The chip reads the states of all slaves.
+    /// The chip executes STATE_UPDATE: it reads the states of all slaves.
     #[default]
     Renew,
     /// The chip returns the lowest state of all slaves: if it is OP, no slave is lost.
@@ -40,7 +40,7 @@ enum Step {
     One(u8),
 }
 
-/// The reading of all states, and the conditions that start it.
+/// The state of the repeated reading of all slaves' states, and the errors that start it earlier.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Watch {
     asked: Option<Asked>,
@@ -51,7 +51,7 @@ pub(super) struct Watch {
     /// The id of the first outputs that may not have reached all slaves that are not lost; `None`: the working counter was
     /// right since the newest reading.
     suspect_from: Option<u64>,
-    /// The working counter was wrong, or may have been, since the newest reading began.
+    /// Whether the working counter was wrong, or may have been, since the newest reading began.
     has_new_errors: bool,
     /// The number of cycles with a wrong working counter while no slave was lost, before and since the newest reading
     /// began.
@@ -61,7 +61,7 @@ pub(super) struct Watch {
     unsent: Option<u64>,
     unsent_before: Option<u64>,
     chip_resets: u64,
-    /// The number of cycles, of those that are read next, whose inputs are not used.
+    /// The inputs of this many of the next cycles are not used.
     doubt_cycles: u32,
     /// When the newest reading began that has ended with no slave lost, and when the reading in progress began, on the
     /// wires' clock.
@@ -72,11 +72,11 @@ pub(super) struct Watch {
     held_since: Ns,
 }
 
-/// Whether the slaves have to leave OP after the chip has not answered for a while: they may still be in OP.
+/// After the chip has not answered for a while, the slaves may still be in OP: the progress of bringing them to PreOP.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum TakingDown {
     No,
-    /// The change to PreOP is requested as soon as the driver runs.
+    /// The slaves have to leave OP: PreOP is requested as soon as the driver runs.
     Due,
     Asked(Asked),
 }
@@ -94,7 +94,8 @@ impl<W: Wires> ChipBus<W> {
             TakingDown::Due => TakingDown::Due,
             TakingDown::Asked(asked) => match asked.reply(&mut self.host) {
                 None => TakingDown::Asked(asked),
-                // A chip without a network refuses. A chip that has not answered is asked again.
+                // A chip without an initialised network refuses the command, which is sufficient. If the chip has not
+                // answered, the command is repeated.
                 Some(Ok(_) | Err(HostError::Refused { .. } | HostError::Failed { .. })) => TakingDown::No,
                 Some(Err(_)) => TakingDown::Due,
             },
@@ -102,7 +103,7 @@ impl<W: Wires> ChipBus<W> {
         !matches!(self.taking_down, TakingDown::No)
     }
 
-    /// Evaluates the newest header, if it was not evaluated yet.
+    /// Evaluates the newest answer header, if it was not evaluated yet.
     pub(super) fn look_at_header(&mut self) {
         let counters = self.host.counters();
         if counters.chip_resets != self.watch.chip_resets {
@@ -123,8 +124,8 @@ impl<W: Wires> ChipBus<W> {
         self.level.header(self.wires.now(), header.rx_fifo, self.ledger.unseen(), cycle_ns);
         let (errors, is_flagged) = (header.wkc_errors, header.interrupts.contains(Interrupts::WORKING_COUNTER));
         let unsent = Some(self.ledger.next_id());
-        // A counter that has reached its maximum shows nothing, but its interrupt flag still does. While a slave is lost
-        // every cycle is wrong.
+        // A counter that has reached its maximum shows no new errors, but the interrupt flag still does. While a slave is lost,
+        // the flag shows nothing either, because every cycle has a wrong working counter.
         let says_nothing = errors == u8::MAX && !self.network.lost.is_empty();
         let is_full = errors == u8::MAX && !says_nothing;
         if is_flagged {
@@ -145,7 +146,7 @@ impl<W: Wires> ChipBus<W> {
         watch.unsent = unsent;
     }
 
-    /// The reading of the states of all slaves begins.
+    /// Called when a reading of the states of all slaves begins.
     pub(super) fn begin_reading(&mut self) {
         self.watch.wrong_before = std::mem::take(&mut self.watch.wrong_cycles);
         self.watch.has_new_errors = false;
@@ -153,8 +154,9 @@ impl<W: Wires> ChipBus<W> {
         self.watch.reading_since = Some(self.wires.now());
     }
 
-    /// All states have been read. Each slave that is not lost has received the outputs that were sent before the reading
-    /// began, except in cycles that a slave missed which is still there. The chip does not report which slave missed them.
+    /// Called when all states have been read. Each slave that is not lost has received the outputs that were sent before the
+    /// reading began, except in cycles with a wrong working counter: a slave that is still there has missed these, and the chip
+    /// does not report which one.
     pub(super) fn end_reading(&mut self) {
         let missed = std::mem::take(&mut self.watch.wrong_before);
         if self.network.lost.is_empty() && self.job.is_none() {
@@ -164,14 +166,15 @@ impl<W: Wires> ChipBus<W> {
         self.watch.suspect_from = self.watch.unsent_before.filter(|_| self.watch.has_new_errors);
     }
 
-    /// Whether the inputs of the next cycle that was read are in doubt.
+    /// Whether the inputs of the cycle that was read next are in doubt. Each call counts one cycle.
     pub(super) fn takes_in_doubt(&mut self) -> bool {
         let is_doubtful = self.watch.doubt_cycles > 0 && self.network.lost.is_empty();
         self.watch.doubt_cycles = self.watch.doubt_cycles.saturating_sub(1);
         is_doubtful
     }
 
-    /// Counts the consecutive cycles whose inputs were not used (`is_held`), with a cycle that ran at the time `at`.
+    /// Evaluates a cycle that ran at the time `at`: counts consecutive cycles whose inputs were not used (`is_held`),
+    /// and marks the inputs as stale if there are too many.
     pub(super) fn judge_inputs(&mut self, at: Ns, is_held: bool) {
         if !is_held {
             self.watch.held_cycles = 0;
@@ -187,7 +190,7 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// The slaves that have inputs and are not lost.
+    /// The slaves that send inputs and are not lost.
     pub(super) fn with_inputs(&self) -> SlaveSet {
         let has_inputs = |slave: &u8| self.network.places[usize::from(*slave) - 1].input_bytes > 0;
         self.network.at_least(AlState::SafeOp).difference(self.network.lost).iter().filter(has_inputs).collect()
@@ -206,15 +209,16 @@ impl<W: Wires> ChipBus<W> {
         self.hold_lost(self.network.lost);
     }
 
-    /// Continues to read the states, or begins to.
+    /// Continues reading the states of the slaves, or begins it when it is due.
     pub(super) fn watch_on(&mut self, now: Ns) {
         if let Some(asked) = self.watch.asked {
             let Some(reply) = asked.reply(&mut self.host) else { return };
             self.watch.asked = None;
-            // The chip has answered that it could not read a slave. Without an answer nothing is known about any slave.
+            // The chip has answered that it could not read a slave. This shows that the slave is silent, whereas a chip
+            // that does not answer shows nothing.
             let unreadable = matches!(reply, Err(HostError::Refused { .. } | HostError::Failed { .. }));
             let next = match self.watch.step {
-                // A running job reads the states itself.
+                // A running job reads the states of the slaves itself.
                 _ if self.job.is_some() || reply.is_err() && !unreadable => None,
                 Step::Renew if unreadable => Some(Step::One(1)),
                 Step::Renew => Some(Step::All),
@@ -262,12 +266,12 @@ impl<W: Wires> ChipBus<W> {
         lowest == Some(AlState::Op) && network.lost.is_empty() && network.in_op() == SlaveSet::first(network.found)
     }
 
-    /// Whether the states are being read.
+    /// Whether the states of the slaves are being read.
     pub(super) const fn is_watching(&self) -> bool {
         self.watch.asked.is_some()
     }
 
-    /// Evaluates the state of a slave: a slave below the state to which it was brought is lost.
+    /// Evaluates the state that was read from a slave: a slave below the state to which it was brought is lost.
     pub(super) fn note_state(&mut self, slave: u8, state: Option<AlState>) {
         self.network.note_objects(slave, state, self.wires.now());
         let commanded = self.network.commanded[usize::from(slave) - 1];
@@ -284,8 +288,8 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// The chip has lost its settings, as by a reset: all slaves are lost, the sets of outputs in the chip are lost, and a
-    /// running job has failed.
+    /// Called when the chip has lost its settings, for example by a reset: all slaves are lost, the sets of outputs in the chip
+    /// are lost, and a running job has failed.
     pub(super) fn lose_all(&mut self) {
         if let Some(job) = self.job.take() {
             self.abandon_asked();
@@ -294,7 +298,8 @@ impl<W: Wires> ChipBus<W> {
         }
         self.end_ahead();
         let in_op = self.network.in_op();
-        // Which slaves have missed outputs before cannot be found out any more.
+        // It can no longer be found out which slaves have missed earlier outputs, so all outputs up to now count as
+        // missed.
         let next = self.ledger.next_id();
         let missed_from = self.watch.suspect_from.map_or(next, |from| from.min(next));
         let all = SlaveSet::first(self.network.found);

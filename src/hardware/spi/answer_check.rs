@@ -4,10 +4,10 @@ use std::collections::VecDeque;
 
 use crate::sk::{CommandId, CrcPolicy, Frame, MASTER_CYCLIC, MasterResponse, SlotForm, SlotSize};
 
-/// The bit shifts of an answer that are recognised. \[OURS]
+/// By how many bits an answer may be shifted so that the shift is still recognised as the fault. \[OURS]
 const SHIFT_BITS: std::ops::RangeInclusive<usize> = 1..=32;
 
-/// The wiring fault that the answers indicate.
+/// The wiring fault that invalid answers of the board indicate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WiringFault {
     /// MISO is always high: nothing drives it, or it is connected to the supply.
@@ -30,7 +30,7 @@ pub enum WiringFault {
     /// The board uses the other slot size.
     #[error("the answers have slots of {fits} bytes, not of {set} (CONFIG2): set slot={fits} in the link")]
     SlotSize {
-        /// The slot size given in the URI, in bytes.
+        /// The slot size that the URI gives (`slot=`), in bytes.
         set: usize,
         /// The slot size that fits the answers, in bytes.
         fits: usize,
@@ -59,7 +59,7 @@ pub enum WiringFault {
         /// Whether the answers come too late; otherwise they come too early.
         late: bool,
     },
-    /// The answers are invalid in another way.
+    /// The answers are invalid, but fit none of the other faults.
     #[error(
         "the answers have neither a right CRC nor the form of a frame: set a slower speed= (jumper wires less than 10M), \
          look at the wires and at slot= and mode="
@@ -81,14 +81,14 @@ pub struct AnswerCheck {
     /// Number of answers with a valid CRC, each different from the one before, since the latest answer without a valid
     /// CRC. Once the number has reached [`VALID_CRCS_MIN`] it stays.
     valid_crcs: u8,
-    /// The CRC of the latest answer counted in `valid_crcs`.
+    /// The CRC of the latest answer that `valid_crcs` counts.
     crc: u8,
     /// The latest invalid answers since a valid one. An answer that repeats the one before it is not kept.
     invalid: VecDeque<Frame>,
 }
 
 impl AnswerCheck {
-    /// A check of the answers of a board with that slot size.
+    /// Checks the answers of a board with this slot size.
     pub fn new(size: SlotSize) -> Self {
         Self { size, valid_crcs: 0, crc: 0, invalid: VecDeque::with_capacity(INVALID_KEPT) }
     }
@@ -101,7 +101,7 @@ impl AnswerCheck {
     /// Checks an answer and decodes its slot 0.
     ///
     /// # Errors
-    /// [`InvalidAnswer`]; [`Self::explain`] then tells the fault.
+    /// [`InvalidAnswer`]; [`Self::explain`] then returns the likely wiring fault.
     pub fn check(&mut self, answer: &Frame) -> Result<MasterResponse, InvalidAnswer> {
         if !self.fits(answer) {
             if self.invalid.back() != Some(answer) {
@@ -204,7 +204,7 @@ fn same(bytes: &[u8], value: u8) -> bool {
     bytes.iter().all(|byte| *byte == value)
 }
 
-/// Undoes a shift by that many bits; lost bits become 0.
+/// Undoes a shift by `bits` bits. The bits that the shift has pushed out are lost and become 0.
 fn unshift(bytes: &[u8], bits: usize, late: bool) -> Vec<u8> {
     let (whole, part) = (bits / 8, bits % 8);
     let at = |index: isize| usize::try_from(index).ok().and_then(|index| bytes.get(index)).copied().unwrap_or(0);

@@ -38,7 +38,8 @@ pub(super) fn begin(
     wires.reset(RESET_LOW).map_err(link_error)?;
     let mut answer = Frame::new();
     let (mut exchanges, mut valid, mut invalid, mut rises) = (0, 0, 0, false);
-    // Answers shifted by some bits may look valid, so a fault that an earlier invalid answer has shown is kept.
+    // Answers that are shifted by some bits may look valid. So a wiring fault that an earlier invalid answer has shown
+    // is kept, even if valid answers follow.
     let mut known_fault = WiringFault::Garbled;
     loop {
         let left = options.open_limit.saturating_sub(began.elapsed());
@@ -110,7 +111,7 @@ pub(super) fn busy_is_high(limit: Duration) -> String {
     )
 }
 
-/// The error text if BUSY does not go high.
+/// The error text if BUSY stays low during an exchange.
 pub(super) const BUSY_IS_LOW: &str = "BUSY does not go high in an exchange: busy= names another line than that of BUSY \
                                       (J3/J2 pin 5), or it is not connected; correct it, or leave busy= out";
 

@@ -73,10 +73,10 @@ pub struct SpiLink {
     counts: CallCounts,
 }
 
-/// Counters of a link on SPI, in addition to those of every link.
+/// Counters of a link on SPI, in addition to those that every link has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SpiStats {
-    /// Counters of the exchanges.
+    /// Counters of the exchanges with the board.
     pub pacer: PacerCounts,
     /// Number of invalid answers, which were not passed on as reports.
     pub invalid_answers: u64,
@@ -128,7 +128,7 @@ impl SpiLink {
             cycle_us: AtomicU64::new(options.cycle.us().into()),
             invalid_answers: AtomicU64::new(0),
         });
-        // The last exchange of `begin` has just ended.
+        // The pacer counts its first period from the last exchange of `begin`, which ends here.
         pacer.ended(shared.now());
         let runner =
             Runner { shared: shared.clone(), wires, options: options.clone(), pacer, answer_check, reset_doubt: 0 };
@@ -150,7 +150,7 @@ impl SpiLink {
         }
     }
 
-    /// Refuses a frame that selects or starts a cycle for which the wires are too slow.
+    /// Refuses a frame that selects a cycle time (SET_DC) or requests OP, if the wires are too slow for the cycle time.
     fn refuse(&self, frame: &Frame) -> Result<(), LinkError> {
         let size = self.options.slot;
         let cycle = match MasterCommand::decode(&frame.slot(size, 0), size) {
@@ -191,7 +191,7 @@ impl Link for SpiLink {
     fn close(&self) {
         self.shared.queues.close(Instant::now() + CLOSE_LIMIT);
         if let Some(thread) = self.thread.lock().take() {
-            // The thread's result is of no use here, even if it has panicked.
+            // A panic of the link's thread was reported when it happened, and its result is not needed.
             let _ = thread.join();
             let unsent = self.shared.queues.counts().unsent;
             if unsent > 0 {

@@ -14,9 +14,9 @@ pub(super) const PERIOD_WITHOUT_BUSY: Duration = Duration::from_micros(800);
 const LEAST_CYCLE_WITHOUT_BUSY_US: u32 = 1000;
 /// SK-10: a cycle of 250 us needs 24 MHz, one of 1 ms 6 MHz; other cycles in proportion \[OURS].
 const LEAST_CLOCKS_PER_CYCLE: u64 = 6000;
-/// How long a board may take to start up when its link is opened. \[OURS]
+/// How long a board may take to answer when its link is opened, since it may still be starting up. \[OURS]
 const OPEN_LIMIT: Duration = Duration::from_secs(3);
-/// How long BUSY may stay high after a frame. \[OURS]
+/// How long BUSY may stay high after a frame before the board counts as lost. \[OURS]
 const BUSY_LIMIT: Duration = Duration::from_secs(1);
 
 /// Options of a link over SPI.
@@ -24,15 +24,15 @@ const BUSY_LIMIT: Duration = Duration::from_secs(1);
 pub struct SpiOptions {
     /// The slot size; an exchange has 504 bytes for 12-byte slots and 512 bytes for 16-byte slots.
     pub slot: SlotSize,
-    /// The frequency of SCLK.
+    /// The frequency of SCLK in Hz.
     pub speed_hz: u32,
-    /// The cycle time in OP until a SET_DC command sets another one.
+    /// The cycle time in OP, until the program sets another one by SET_DC.
     pub cycle: CycleTime,
-    /// How many entries to keep in the board's FIFO: 0..=120.
+    /// How many command frames to keep in the board's FIFO ahead of their execution: 0..=120.
     pub prefill: u16,
-    /// How long a board may take to start up when its link is opened.
+    /// How long a board may take to answer when its link is opened, since it may still be starting up.
     pub open_limit: Duration,
-    /// How long BUSY may stay high after a frame.
+    /// How long BUSY may stay high after a frame before the board counts as lost.
     pub busy_limit: Duration,
 }
 
@@ -107,7 +107,7 @@ impl SpiOptions {
         })
     }
 
-    /// The duration of a frame's transfer.
+    /// The time that the transfer of one frame takes at the clock frequency `speed_hz`.
     pub(super) fn on_the_wires(&self) -> Duration {
         let bits = self.slot.frame_len() as u64 * 8;
         Duration::from_nanos(bits * 1_000_000_000 / u64::from(self.speed_hz.max(1)))

@@ -19,29 +19,32 @@ const LEVEL_MIN: u16 = 1;
 /// Exchanges are skipped if the level is this far above the target. A difference of one is only the phase between the
 /// two clocks. \[OURS]
 const LEVEL_SLACK: u16 = 2;
-/// The most exchanges to skip in a row, so that reports continue. \[OURS]
+/// The maximum number of exchanges that are skipped in a row. The next one is made in any case, so that reports
+/// continue. \[OURS]
 const SKIPPED_IN_A_ROW_MAX: u16 = 8;
-/// How many regular reports to ignore after a correction. \[OURS]
+/// After a skipped or an extra exchange, the FIFO levels in this many reports are ignored: they are from before it.
+/// \[OURS]
 const IGNORED_REPORTS: u8 = 2;
-/// The FIFO level at which frames of the program have to wait in the link. \[OURS]
+/// While the FIFO level is this high, no frame of the program is sent: frames wait in the link. \[OURS]
 const LEVEL_MAX: u16 = FIFO_ENTRIES - 2;
-/// The most extra entries to keep in the FIFO while this machine is late at times. \[OURS]
+/// The maximum reserve: extra entries that are kept in the FIFO because this machine was late recently. \[OURS]
 const RESERVE_MAX: u16 = 32;
-/// How many regular exchanges without a late one reduce the reserve by one entry. \[OURS]
+/// After this many regular exchanges without a late one the reserve shrinks by one entry. \[OURS]
 const RESERVE_DECAY_EXCHANGES: u32 = 2000;
-/// How many entries the newest answer may not include yet. \[OURS]
+/// The number of newest frames that may be missing from the FIFO level in an answer, because reports lag behind.
+/// \[OURS]
 const UNREPORTED_ENTRIES_MAX: u16 = 2;
-/// The largest age of an answer, in cycles. \[OURS]
+/// The maximum age of the board's state in an answer, in cycles. \[OURS]
 const ANSWER_AGE_MAX_CYCLES: Ns = 2;
-/// The largest target level, whatever threshold a program sets. \[OURS]
+/// The maximum target for the FIFO level, even if a program sets a higher threshold. \[OURS]
 const TARGET_LEVEL_MAX: u16 = FIFO_ENTRIES - 5;
 
-/// The content of an exchange.
+/// What command frame an exchange sends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExchangeContent {
     /// The oldest frame of the program that has not been sent yet.
     Host,
-    /// GET_STATUS in every slot.
+    /// A frame of the link itself, with GET_STATUS in every slot.
     Status,
     /// SET_FIFO with the threshold for the prefill: the board executes nothing until that many entries have arrived.
     Prefill,
@@ -50,47 +53,47 @@ pub enum ExchangeContent {
     Release,
 }
 
-/// The next action of the link's thread.
+/// What the link's thread has to do next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PacerPlan {
     /// Wait until that time, or until the program writes a frame.
     Wait(Ns),
     /// An exchange is due now.
     Exchange {
-        /// The content of the exchange.
+        /// What command frame the exchange sends.
         content: ExchangeContent,
         /// Whether the exchange is in addition to the regular one of the cycle.
         extra: bool,
     },
 }
 
-/// The frames of the program that are waiting to be sent.
+/// A summary of the program's frames that wait in the link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WaitingFrames {
-    /// The number of frames.
+    /// The number of waiting frames.
     pub frames: usize,
-    /// Whether the oldest contains a motion command (CSP, CSV or CST).
+    /// Whether the oldest of them contains a motion command (CSP, CSV or CST).
     pub motion: bool,
     /// Whether the link is being closed: no more frames will follow, and the waiting ones are sent as fast as possible.
     pub last: bool,
 }
 
-/// Settings of a pacer.
+/// The settings of a link that its pacer needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PacerOptions {
     /// The board's slot size.
     pub slot: SlotSize,
-    /// The cycle time in OP until a SET_DC command sets another one.
+    /// The cycle time in OP, until the program sets another one by SET_DC.
     pub cycle: CycleTime,
-    /// How many entries to keep in the FIFO.
+    /// How many command frames to keep in the board's FIFO ahead of their execution.
     pub prefill: u16,
     /// The shortest time between the starts of two exchanges, in nanoseconds; 0 if BUSY shows when the board is ready.
     pub period_ns: Ns,
-    /// The duration of a frame's transfer, in nanoseconds.
+    /// The time that the transfer of one frame takes, in nanoseconds.
     pub wires_ns: Ns,
 }
 
-/// The progress of the prefill.
+/// How far the FIFO has been filled with the prefill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum PrefillState {
     /// The threshold has not been set since OP was reached or the FIFO was cleared.
@@ -123,30 +126,32 @@ pub struct PacerCounts {
 /// The pacer of one link.
 pub struct Pacer {
     options: PacerOptions,
-    /// The cycle time in OP.
+    /// The cycle time of OP.
     cycle: CycleTime,
     state: Option<MasterState>,
-    /// When the next regular exchange is due.
+    /// When the next regular exchange, one per cycle, is due.
     tick: Ns,
-    /// The earliest time for any exchange, regular or extra.
+    /// Before this time no exchange may begin, neither a regular nor an extra one, because the board needs its shortest
+    /// period.
     not_before: Ns,
     /// The target for the FIFO level, measured after the board has taken an entry out.
     target_level: u16,
-    /// The estimated present level of the FIFO.
+    /// The estimated present level of the board's FIFO.
     level: u16,
-    /// The level of the FIFO in the newest answer.
+    /// The FIFO level in the newest answer.
     reported: u16,
     /// Whether there has been an extra exchange since the last regular one.
     had_extra: bool,
-    /// The largest number of cycles by which this machine was late recently: extra entries to keep in the FIFO.
+    /// The largest number of cycles by which this machine was late recently. That many extra entries are kept in the
+    /// FIFO.
     reserve: u16,
     /// Number of regular exchanges since this machine was last late.
     on_time: u32,
-    /// How many regular exchanges are still to be skipped.
+    /// How many of the next regular exchanges are skipped, because the FIFO level is too high.
     to_skip: u16,
-    /// How many extra exchanges may still be made.
+    /// How many extra exchanges may be made, because the FIFO level is too low.
     extra: u16,
-    /// How many reports are still to be ignored.
+    /// How many of the next reports are ignored, because their FIFO level is from before the newest correction.
     ignored_reports: u8,
     prefill: PrefillState,
     sent: SentFrames,
@@ -180,7 +185,7 @@ impl Pacer {
     /// Decides what to do at the time `now`, with `held` frames of the program waiting.
     pub fn plan(&mut self, now: Ns, held: WaitingFrames) -> PacerPlan {
         self.handle_lateness(now, held);
-        // A SET_DC command may have shortened the cycle.
+        // After a SET_DC command the cycle may be shorter, so that the next exchange is due earlier.
         self.tick = self.tick.min(now + self.period());
         let may_be_extra = held.frames > 0 && self.has_room() && (held.last || (self.op() && self.extra > 0));
         if may_be_extra {
@@ -214,14 +219,14 @@ impl Pacer {
         matches!(self.prefill, PrefillState::Waiting(_)) && self.op()
     }
 
-    /// Whether the FIFO certainly has room for a frame, even if the newest answer is old.
+    /// Whether the FIFO has room for a frame even if the newest answer is as old as possible.
     const fn has_room(&self) -> bool {
         self.level < LEVEL_MAX && self.reported < LEVEL_MAX - UNREPORTED_ENTRIES_MAX
     }
 
-    /// Restarts the timing if this machine was late. Missed cycles are not made up for: the next exchange is due now.
-    /// Frames that were waiting in the meantime should have been in the FIFO, so more entries are kept there for a
-    /// while.
+    /// Restarts the timing if this machine was late by more than a cycle. Missed cycles are not made up for: the next
+    /// exchange is due now. If frames of the program were waiting meanwhile, the FIFO ran low although they could have
+    /// been sent: for a while more entries are kept in it.
     fn handle_lateness(&mut self, now: Ns, held: WaitingFrames) {
         if now <= self.tick + self.period() {
             return;
@@ -236,12 +241,13 @@ impl Pacer {
         }
     }
 
-    /// The target level. The reserve is added only while the program has frames waiting.
+    /// The target for the FIFO level. The reserve counts only while frames of the program are waiting.
     fn level_for(&self, held: usize) -> u16 {
         if held > 0 && self.reserve > 0 { self.target_level.max(self.reserve + LEVEL_MIN) } else { self.target_level }
     }
 
-    /// Whether to skip the regular exchange that is due.
+    /// Whether to skip the regular exchange that is due, because the FIFO level is too high or the prefill is not used
+    /// up.
     fn skips_tick(&mut self, held: WaitingFrames) -> bool {
         if self.to_skip > 0 {
             self.to_skip -= 1;
@@ -276,7 +282,7 @@ impl Pacer {
         }
     }
 
-    /// Records that an exchange with that frame begins.
+    /// Records that an exchange begins whose command frame is `frame`.
     pub fn begins(&mut self, frame: &Frame, content: ExchangeContent, extra: bool, now: Ns) {
         self.counts.exchanges += 1;
         self.counts.host += u64::from(content == ExchangeContent::Host);
@@ -324,7 +330,8 @@ impl Pacer {
         }
     }
 
-    /// Evaluates the commands of the program that change the cycle, the FIFO or the kinds of slaves.
+    /// Evaluates the commands of the program's frame that concern the pacer: those that change the cycle, the FIFO or
+    /// the declared kinds of slaves.
     fn note_command(&mut self, frame: &Frame) {
         match MasterCommand::decode(&frame.slot(self.options.slot, 0), self.options.slot) {
             Ok(MasterCommand::SetAxis { .. }) if !self.above_preop() => self.sent.forget_kinds(),
@@ -346,7 +353,7 @@ impl Pacer {
         }
     }
 
-    /// Evaluates a valid answer, with `held` frames of the program waiting.
+    /// Evaluates a valid answer of the board, while `held` frames of the program are waiting.
     pub fn answered(&mut self, answer: &MasterResponse, extra: bool, held: usize) {
         let was_op = self.op();
         self.state = answer.state.state();
@@ -363,7 +370,7 @@ impl Pacer {
             self.ignored_reports -= 1;
             return;
         }
-        // The level in the answer does not include the frame of this exchange.
+        // The FIFO level in the answer is from before the frame of this exchange, which adds one entry.
         self.level = (level + 1).min(FIFO_ENTRIES);
         if matches!(self.prefill, PrefillState::Waiting(_)) {
             return;
@@ -377,7 +384,7 @@ impl Pacer {
         }
     }
 
-    /// Resets the FIFO level: OP was reached or left, or the FIFO was cleared.
+    /// Resets the estimated FIFO level to empty: OP was reached or left, or the FIFO was cleared.
     fn restart_fifo(&mut self) {
         self.target_level = self.options.prefill.max(LEVEL_MIN);
         (self.level, self.reported, self.to_skip, self.extra, self.ignored_reports) = (0, 0, 0, 0, IGNORED_REPORTS);
@@ -405,7 +412,7 @@ impl Pacer {
         put || shown != free
     }
 
-    /// Whether the latest answer reported OP.
+    /// Whether the board was in OP in the latest answer.
     pub fn op(&self) -> bool {
         self.state == Some(MasterState::Op)
     }
@@ -414,7 +421,7 @@ impl Pacer {
         matches!(self.state, Some(MasterState::SafeOp | MasterState::Op))
     }
 
-    /// The cycle time in OP, present or future.
+    /// The cycle time of OP, also while the board is below OP.
     pub const fn cycle(&self) -> CycleTime {
         self.cycle
     }

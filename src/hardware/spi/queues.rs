@@ -12,34 +12,35 @@ use crate::link::{Dir, LinkError, ReadMeta, Stamp};
 use crate::sk::{FIFO_ENTRIES, Frame, MasterCommand, SlotSize};
 use crate::threads::WaitQueue;
 
-/// How many frames a program may write ahead: the depth of the board's FIFO. \[OURS]
+/// How many frames of a program may wait in the link: as many as the board's FIFO holds. \[OURS]
 const FRAMES_MAX: usize = FIFO_ENTRIES as usize;
 
 /// The state that the lock of the queues protects.
 pub(super) struct QueueState {
     /// Frames of the program that are waiting to be sent, oldest first.
     held: VecDeque<Frame>,
-    /// Unread reports with their time and number, oldest first.
+    /// Unread reports, each with its time and its report number, oldest first.
     reports: VecDeque<(Frame, Ns, u64)>,
-    /// The capacity of `reports`.
+    /// How many unread reports are kept at most.
     queue: usize,
     next_report: u64,
     dropped: u64,
     /// Number of the program's frames that were discarded, as the board's FIFO discards its entries: by SET_FIFO clear,
     /// by leaving OP, or by a reset.
     cleared: u64,
-    /// Number of the program's frames that were not sent because the link ended.
+    /// Number of the program's frames that could not be sent because the link ended before.
     unsent: u64,
     /// The error of all further calls, once the board is lost or the link is closed.
     over: Option<LinkError>,
-    /// Set once the program has closed the link: until this time its waiting frames are still sent.
+    /// Until when waiting frames are still sent after the program has closed the link; `None`: the program has not
+    /// closed it.
     closing: Option<Instant>,
-    /// Number of cancellations in each direction.
+    /// How often waiting calls were cancelled so far, one count for each direction.
     cancels: [u64; 2],
     op: bool,
 }
 
-/// Counters of the queues.
+/// How the frames and reports of a link have passed through its queues.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct QueueCounts {
     pub dropped: u64,
@@ -51,11 +52,11 @@ pub(super) struct QueueCounts {
 /// The queues between the program's threads and the link's thread.
 pub(super) struct FrameQueues {
     state: Mutex<QueueState>,
-    /// Wakes the link's thread: a frame was written, or the link ends.
+    /// Wakes the link's thread: the program has written a frame, or the link ends.
     work: Condvar,
-    /// Wakes readers: a report came, or reading has ended.
+    /// Wakes the program's readers: a report has come, or reading has ended.
     readable: WaitQueue,
-    /// Wakes writers: there is room for a frame, or writing has ended.
+    /// Wakes the program's writers: there is room for a frame, or writing has ended.
     room: WaitQueue,
 }
 
@@ -180,7 +181,8 @@ impl FrameQueues {
         self.state.lock().next_report += 1;
     }
 
-    /// For the link's thread: takes the oldest frame of the program; returns whether there was one.
+    /// For the link's thread: copies the oldest frame of the program into `out` and removes it; returns whether there
+    /// was one.
     pub fn take(&self, out: &mut Frame) -> bool {
         let mut state = self.state.lock();
         let Some(frame) = state.held.pop_front() else { return false };
@@ -227,7 +229,7 @@ impl QueueState {
         if self.cancels[dir as usize] == before[dir as usize] { Ok(()) } else { Err(LinkError::Cancelled { dir }) }
     }
 
-    /// The frames that are waiting to be sent, summarised for the pacer.
+    /// Counts the program's waiting frames for the pacer.
     pub fn held(&self, size: SlotSize) -> WaitingFrames {
         WaitingFrames {
             frames: self.held.len(),

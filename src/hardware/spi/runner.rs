@@ -25,19 +25,19 @@ const WAS_RESET: &str = "it was reset (SW_RESET)";
 /// A board processes a frame in less than a cycle. If BUSY stays high for longer than this after a SW_RESET, the board
 /// is starting up. \[OURS]
 const BUSY_AFTER_RESET_MAX: Duration = Duration::from_millis(20);
-/// How many valid answers after a SW_RESET show that the board has refused it; the first of them may be an old answer.
-/// \[OURS]
+/// After this many valid answers since a SW_RESET, the board has refused the command: a board that executes it starts
+/// up and gives no valid answers. One answer would not be enough, since it may be from before the command. \[OURS]
 const ANSWERS_AFTER_RESET: u32 = 4;
 /// How many exchanges pass between two checks that BUSY still changes. The kernel stores 16 edges. \[OURS]
 const EXCHANGES_PER_EDGE_CHECK: u32 = 16;
 
-/// State that the link's thread shares with the link.
+/// What the link's thread and the link share.
 pub(super) struct Shared {
     pub name: String,
     pub queues: FrameQueues,
     pub opened: Instant,
     pub counts: Mutex<PacerCounts>,
-    /// The cycle time in OP, present or future, in microseconds.
+    /// The cycle time of OP in microseconds, also while the board is below OP.
     pub cycle_us: AtomicU64,
     /// Number of invalid answers.
     pub invalid_answers: AtomicU64,
@@ -62,18 +62,19 @@ impl Drop for EndOnExit {
     }
 }
 
-/// The state of the link's thread.
+/// What the link's thread needs to make exchanges.
 pub(super) struct Runner {
     pub shared: Arc<Shared>,
     pub wires: Box<dyn BusyWires>,
     pub options: SpiOptions,
     pub pacer: Pacer,
     pub answer_check: AnswerCheck,
-    /// How many more valid answers prove that the board is still there, after a SW_RESET that it may have refused.
+    /// How many more valid answers have to come until a SW_RESET counts as refused by the board; 0: no SW_RESET is in
+    /// doubt.
     pub reset_doubt: u32,
 }
 
-/// The reason why the thread ends.
+/// Why the link's thread ends.
 enum EndReason {
     Closed,
     Lost(String),
@@ -110,7 +111,8 @@ impl Runner {
     ) -> Result<(), EndReason> {
         let (content, extra) = self.wait_for_turn()?;
         self.wait_ready()?;
-        // While BUSY was high the program's frames may have been discarded.
+        // The oldest frame is taken only now: while BUSY was high, the program's waiting frames may have been
+        // discarded.
         let content = match content {
             ExchangeContent::Host if !self.shared.queues.take(command) => ExchangeContent::Status,
             content => content,
@@ -187,7 +189,7 @@ impl Runner {
         }
     }
 
-    /// Passes a valid answer on as a report, and counts an invalid one.
+    /// Passes a valid answer to the program as a report, and counts an invalid one.
     fn handle_answer(&mut self, answer: &mut Frame, extra: bool, at: Ns, invalid: &mut u32) -> Result<(), EndReason> {
         let Ok(response) = self.answer_check.check(answer) else {
             *invalid += 1;

@@ -9,12 +9,12 @@ use crate::sk::{CommandId, FIFO_ENTRIES, Frame, MasterResponse, RawSlot, SlaveKi
 /// exchange, and the frames that are newer than the answer. \[OURS]
 const UNREPORTED_ENTRIES: u16 = 3;
 const MAX_SLOTS: usize = SlotSize::Bytes12.slots();
-/// How many frames are kept: as many as may be in the FIFO.
+/// The number of frames that are kept: as many as the FIFO can hold, and those that its reported level may not include.
 const ENTRIES_KEPT: usize = FIFO_ENTRIES as usize + UNREPORTED_ENTRIES as usize;
 
 const GET_STATUS: u8 = CommandId::GetStatus.code();
 
-/// A command in one slot of a frame of the program.
+/// A command of the program in one slot of a sent frame.
 #[derive(Clone, Copy, Default)]
 struct Command {
     id: u8,
@@ -23,7 +23,7 @@ struct Command {
     outputs: u16,
 }
 
-/// A frame that was sent.
+/// The record of a sent frame.
 #[derive(Clone, Copy)]
 enum Entry {
     /// A frame of the link itself, with GET_STATUS for every slave.
@@ -32,18 +32,18 @@ enum Entry {
     Host([Command; MAX_SLOTS]),
 }
 
-/// The answer of a slot to a command of the program.
+/// What a slot has answered to a command of the program.
 #[derive(Clone, Copy)]
 struct Answered {
     slot: RawSlot,
-    /// The number of the frame that carried the command, or of an earlier frame.
+    /// The number of the frame whose command the slot has answered, as far as is known: the true one may be newer.
     entry: u64,
 }
 
 /// The frames that were sent last, and the answers of the slots to them. Frames are numbered from 0.
 pub(super) struct SentFrames {
     size: SlotSize,
-    /// The frames, as a ring buffer indexed by [`ring_index`].
+    /// The records of the newest frames: a ring buffer indexed by [`ring_index`].
     entries: [Entry; ENTRIES_KEPT],
     /// The time at which each frame was sent.
     times: [Ns; ENTRIES_KEPT],
@@ -55,13 +55,13 @@ pub(super) struct SentFrames {
     answers: [Option<Answered>; MAX_SLOTS],
     /// The slaves that have answered IO_RD or IO_WR; bit N is slave N.
     io_slaves: u64,
-    /// Whether the board's answers repeat the command index.
+    /// Whether the board's answers repeat the index of a command, as those of firmware 1.7 do.
     repeats_index: bool,
     /// The board's counters of frames that it did not execute: its error count and its full count.
     error_counts: Option<(u8, u16)>,
     /// Frames with a smaller number may be among those that the board did not execute.
     doubtful_before: u64,
-    /// Number of commands of the program that no answer has shown.
+    /// Number of commands of the program for slaves that no answer has shown.
     unanswered: u64,
 }
 
@@ -100,7 +100,7 @@ impl SentFrames {
         self.pushed += 1;
     }
 
-    /// Records that none of the frames sent so far is in the FIFO any more, whether executed or not.
+    /// Records that the FIFO no longer holds any of the frames sent so far: they were executed or discarded.
     pub fn forget(&mut self) {
         self.entries = [Entry::Link; ENTRIES_KEPT];
         self.done_before = self.pushed;
@@ -124,22 +124,22 @@ impl SentFrames {
         began(1).saturating_sub(old).min(began(2).saturating_sub(1))
     }
 
-    /// An upper bound of the program's entries in the FIFO, if the newest answer reports that level.
+    /// The maximum number of entries of the program in the FIFO, if the newest answer reports the FIFO level `level`.
     pub fn host_entries_max(&self, level: u16) -> u16 {
         let newest = u64::from((level + 1).max(UNREPORTED_ENTRIES)).min(ENTRIES_KEPT as u64);
         let newest = self.pushed.saturating_sub(newest)..self.pushed;
         newest.filter(|number| matches!(self.entries[ring_index(*number)], Entry::Host(_))).count() as u16
     }
 
-    /// The number of the first frame that may not have been executed yet, according to an answer that reports that
-    /// level and may not include frames sent after `since`.
+    /// The number of the first frame that may not have been executed yet, according to an answer that reports the FIFO
+    /// level `level`, in which frames sent after `since` may be missing.
     fn executed_before(&self, level: u16, since: Ns) -> u64 {
         let unknown =
             (self.oldest()..self.pushed).rev().take_while(|number| self.times[ring_index(*number)] > since).count();
         self.pushed.saturating_sub(u64::from(level) + unknown as u64)
     }
 
-    /// The smallest number of the frames that are kept.
+    /// The number of the oldest frame that is kept.
     fn oldest(&self) -> u64 {
         self.pushed.saturating_sub(ENTRIES_KEPT as u64)
     }
@@ -157,7 +157,7 @@ impl SentFrames {
             self.doubtful_before = self.pushed;
         }
         self.error_counts = op.then_some(refused);
-        // In OP slot 0 always has the id of the cyclic response.
+        // In OP slot 0 is left out: it always has the id of the cyclic response.
         let slots = usize::from(op)..=self.size.max_slaves();
         for slot in slots.clone() {
             let answered = answer.slot(self.size, slot);
@@ -166,7 +166,7 @@ impl SentFrames {
                 self.answers[slot] = Some(Answered { slot: answered, entry });
                 self.note_io_slave(slot, &answered, entry);
             } else if answered.index != 0 && self.host_asked_status(slot, answered.index) {
-                // The GET_STATUS came from the program itself, with an index.
+                // The program itself has sent this GET_STATUS, which has an index: its answer is shown unchanged.
                 self.answers[slot] = None;
             }
         }
@@ -188,8 +188,8 @@ impl SentFrames {
         put
     }
 
-    /// The number of the newest frame with that command that this answer may include; if there is none, the number of
-    /// the newest frame before those.
+    /// The number of the newest frame with the command `id` in this slot that the board may have executed by this
+    /// answer. Without such a frame: the number before the first frame that may not have been executed yet.
     fn newest_with(&self, slot: usize, id: u8, level: u16) -> u64 {
         let end = self.pushed.saturating_sub(u64::from(level) + 1);
         let has = |number: &u64| matches!(self.entries[ring_index(*number)], Entry::Host(commands) if commands[slot].id == id);
@@ -210,7 +210,8 @@ impl SentFrames {
         }
     }
 
-    /// Whether a frame of the program that may not have been executed yet has GET_STATUS with that index in that slot.
+    /// Whether a frame of the program that may not have been executed yet has a GET_STATUS with this index in this
+    /// slot. Its answer belongs to the program and stays unchanged.
     fn host_asked_status(&self, slot: usize, index: u8) -> bool {
         let asks = |number: u64| {
             matches!(self.entries[ring_index(number)], Entry::Host(commands)
@@ -257,7 +258,7 @@ impl SentFrames {
     }
 }
 
-/// The position of a frame in the ring buffer.
+/// The index of a frame's record in the ring buffer.
 const fn ring_index(number: u64) -> usize {
     (number % ENTRIES_KEPT as u64) as usize
 }

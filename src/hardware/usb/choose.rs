@@ -25,7 +25,7 @@ pub(super) fn choose<'a>(
     }
 }
 
-/// The properties of a device that decide whether it is the board.
+/// The properties of a device on the bus that decide whether it is the board that the link names.
 struct Facts<'a> {
     path: &'a str,
     serial: Option<String>,
@@ -39,7 +39,7 @@ impl<'a> Facts<'a> {
         Self { path: &found.path, serial, name, why_no_board: found.interface.err() }
     }
 
-    /// The text for a device in error messages: `1-2.3 (ECM-SK, serial 7)`.
+    /// How a device is named in error messages: `1-2.3 (ECM-SK, serial 7)`.
     fn shown(&self) -> String {
         let serial = self.serial.as_ref().map(|serial| format!("serial {serial}"));
         let known: Vec<String> = self.name.clone().into_iter().chain(serial).collect();
@@ -69,12 +69,12 @@ fn index_of_board(found: &[Facts<'_>], options: &UsbOptions) -> Result<usize, St
     }
 }
 
-/// Compares device names; on Windows their case may differ.
+/// Whether two device names are equal; on Windows their case may differ.
 fn same(its: &str, given: &str) -> bool {
     if cfg!(windows) { its.eq_ignore_ascii_case(given) } else { its == given }
 }
 
-/// Why no device fits the options.
+/// Why no device on the bus is the board that the options describe.
 fn why_none(found: &[Facts<'_>], options: &UsbOptions) -> String {
     let mut wanted = String::new();
     if let Some(serial) = &options.serial {

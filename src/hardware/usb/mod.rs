@@ -25,9 +25,9 @@ use crate::link::common_options::CommonOptions;
 use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::{BOARD_IDS, Frame, SlotSize};
 
-/// The shortest time limit of a write, used if the caller's limit is shorter or 0. The transfer takes a microframe of
-/// 125 us, and the operating system needs some time to report it. A board that has not accepted the frame by then is
-/// busy. \[OURS]
+/// The minimum time limit of a write: a shorter limit of the caller, or 0, is raised to this value. The transfer takes
+/// a microframe of 125 us, and the operating system needs some time to report it. A board that has not accepted the
+/// frame by then is busy. \[OURS]
 const WRITE_LIMIT_MIN: Duration = Duration::from_millis(2);
 
 /// A link to a board on USB.
@@ -37,21 +37,22 @@ struct UsbLink {
     place: Place,
     opened: Instant,
     counts: CallCounts,
-    /// Checks the slot size that was given; `None` if the link has no `slot=`.
+    /// Compares the slots in the board's reports with the given slot size; `None` if the link has no `slot=`.
     slot_watch: Option<Mutex<SlotWatch>>,
 }
 
-/// The place where the board is plugged in.
+/// Where the board is plugged in.
 struct Place {
     system: Sysfs,
     /// Bus and ports as Linux names them, or the device instance on Windows.
     path: String,
     high_speed: bool,
-    /// The over-current count of the port when the board was opened.
+    /// How many over-currents the port had counted when the board was opened.
     over_currents: u32,
 }
 
-/// Opens the board that the URI names. `uncounted` says that reports which nobody reads need not be counted.
+/// Opens the board that the URI names. With `uncounted`, reports that the program does not read may be dropped without
+/// being counted.
 pub(crate) fn open(uri: &LinkUri, common: &CommonOptions, uncounted: bool) -> Result<Arc<dyn Link>, LinkError> {
     let options = UsbOptions::from_uri(uri)?;
     let name = uri.to_string();

@@ -3,17 +3,17 @@
 use crate::io::hid::{DeviceHolder, FoundDevice, PipeError, Sysfs, UsbError};
 use crate::link::LinkError;
 
-/// What to do if the user has no permission to open the board.
+/// The advice if the user has no permission to open the board.
 #[cfg(target_os = "linux")]
 const IF_DENIED: &str = "`sudo ecmsk doctor --write-udev-rule` gives it to users, and `ecmsk doctor` says what else is in \
                        the way";
 #[cfg(not(any(windows, target_os = "linux")))]
 const IF_DENIED: &str = "be root";
-/// What to do if the system has no memory for the transfers.
+/// The advice if the system has no memory for the USB transfers.
 #[cfg(not(windows))]
 const IF_OUT_OF_MEMORY: &str = "take fewer (`transfers=`), or more for all of USB: `echo 256 | sudo tee \
                            /sys/module/usbcore/parameters/usbfs_memory_mb`";
-/// Stands for the program that has the board open if the system does not show which one it is.
+/// The text in place of a program's name, if the system does not show which program has the board open.
 #[cfg(not(windows))]
 const UNKNOWN_USER: &str = "another program (root is shown which)";
 #[cfg(windows)]

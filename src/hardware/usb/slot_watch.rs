@@ -18,9 +18,9 @@ pub(crate) struct SlotWatch {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
-    /// The reports have not proven a size yet.
+    /// The reports have proven neither size yet.
     Open {
-        /// Reports in a row that fit the given size.
+        /// How many reports in a row fit the given size.
         given: u32,
         /// Reports in a row that fit the other size: first by their CRC, second by the form of their slots.
         other: [u32; 2],

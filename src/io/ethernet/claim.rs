@@ -39,7 +39,7 @@ mod tests {
     /// ECAT-15.21 A second claim on an interface fails until the first one is dropped.
     #[test]
     fn an_interface_is_claimed_once() {
-        // A number that no interface of this machine has.
+        // No interface of this machine has this number.
         let interface = Interface { name: "veth1".into(), index: i32::MAX, ..Interface::default() };
         let first = Claim::new(&interface).expect("it is free");
         let refused = Claim::new(&interface).err().expect("it is in use");

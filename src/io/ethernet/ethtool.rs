@@ -1,4 +1,4 @@
-//! The settings of a network card, as `ethtool` shows them, as far as they delay frames.
+//! Reads those settings of a network card that can delay frames, as `ethtool` shows them.
 //!
 //! Each request is a structure of the kernel's `ethtool.h` that consists only of 32-bit numbers, the first of which is
 //! the command.
@@ -12,11 +12,12 @@ use super::interface::request_about;
 /// The settings of a network card; `None` where its driver does not report a value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CardSettings {
-    /// How long the card waits for further frames before it reports a received one, in us (interrupt coalescing).
+    /// How long the card waits for further frames before it reports a received frame to the kernel, in us (interrupt
+    /// coalescing).
     pub rx_usecs: Option<u32>,
-    /// How long the card waits before it reports that frames were sent, in us (interrupt coalescing).
+    /// How long the card waits before it reports to the kernel that frames were sent, in us (interrupt coalescing).
     pub tx_usecs: Option<u32>,
-    /// Whether the card chooses the waiting time itself.
+    /// Whether the card adapts the waiting time for received frames to the traffic by itself.
     pub adaptive_rx: Option<bool>,
     /// Whether the kernel merges received frames (generic receive offload).
     pub gro: Option<bool>,
@@ -34,13 +35,14 @@ const GET_TSO: u32 = 0x1E;
 const GET_FLAGS: u32 = 0x25;
 const GET_GRO: u32 = 0x2B;
 const GET_EEE: u32 = 0x44;
-/// The bit for large receive offload in the flags.
+/// The bit for large receive offload in the flags of `ETHTOOL_GFLAGS`.
 const FLAG_LRO: u32 = 1 << 15;
 
-/// Reads the settings of the interface with that name.
+/// Reads the settings of the network card with the interface name `interface`.
 pub fn settings(interface: &str) -> CardSettings {
     let Ok(socket) = socket(AddressFamily::INET, SocketType::DGRAM, None) else { return CardSettings::default() };
-    // The structures: ethtool_coalesce has the command and 22 numbers, ethtool_value one number, ethtool_eee nine.
+    // The lengths of the structures in 32-bit numbers: ethtool_coalesce has the command and 22 numbers, ethtool_value
+    // the command and one number, ethtool_eee the command and nine numbers.
     let coalescing = ask::<23>(&socket, interface, GET_COALESCING);
     let value = |command| ask::<2>(&socket, interface, command).map(|[_, value]| value);
     CardSettings {
@@ -70,7 +72,8 @@ fn ask<const N: usize>(socket: &impl AsRawFd, interface: &str, command: u32) -> 
 mod tests {
     use super::*;
 
-    /// Interfaces that do not answer or cannot exist have no settings. The loopback interface answers some requests.
+    /// An interface that does not exist, or whose name is too long, has no settings. The loopback interface answers
+    /// some requests.
     #[test]
     fn who_does_not_answer_has_no_settings() {
         for name in ["", "no_such_card", "a_name_that_is_longer_than_any"] {

@@ -1,5 +1,5 @@
-//! The network interfaces of this machine, and whether one may be used for EtherCAT frames without disturbing another
-//! network.
+//! Lists the network interfaces of this machine, and decides whether one may be used for EtherCAT frames without
+//! disturbing another network.
 
 use std::ffi::CStr;
 use std::io;
@@ -55,16 +55,16 @@ pub enum InterfaceError {
          cap_net_raw+ep {program}, or start it with sudo"
     )]
     NoRight { name: String, program: String },
-    /// The operating system refuses access.
+    /// The operating system has refused a call on the interface.
     #[error("the network interface {name} cannot be used: {source}; look at it with: ip link show {name}")]
     System { name: String, source: io::Error },
 }
 
-/// The MTU that EtherCAT frames need: their maximum size without the Ethernet header, in bytes, which is that of
-/// Ethernet.
+/// The smallest MTU that is accepted, in bytes: the maximum size of an EtherCAT frame without its Ethernet header,
+/// which is the usual MTU of Ethernet.
 const MTU_MIN: u32 = 1500;
 
-/// The MAC address of an Ethernet card.
+/// The MAC address of a network card.
 pub type MacAddress = [u8; 6];
 
 /// The properties of a network interface.
@@ -72,13 +72,13 @@ pub type MacAddress = [u8; 6];
 pub struct Interface {
     /// The interface's name.
     pub name: String,
-    /// The interface's number, from 1.
+    /// The number that the kernel has given to the interface, from 1.
     pub index: i32,
     /// Whether the interface is an Ethernet interface; the loopback interface is not.
     pub is_ethernet: bool,
     /// The MAC address of the interface.
     pub mac_address: MacAddress,
-    /// Whether the interface is up.
+    /// Whether the interface is switched on (`ip link set up`).
     pub is_up: bool,
     /// Whether the interface has a link to a device at the other end of its cable.
     pub has_carrier: bool,
@@ -94,7 +94,7 @@ impl Interface {
     /// Whether the interface may be used for EtherCAT frames without disturbing another network.
     ///
     /// \[OURS] An IPv6 link-local address does not count as an address, since every interface has one. An interface
-    /// with the default route has an address too, so allowing the first allows both.
+    /// with the default route has an address too, so a caller that allows the default route allows the address as well.
     ///
     /// # Errors
     /// [`InterfaceError`], the first reason that is found.
@@ -132,11 +132,11 @@ impl Interface {
 /// Whether an interface with this machine's default route may be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DefaultRoute {
-    /// The interface may be used.
+    /// An interface with the default route may be used.
     Allowed,
     /// The interface is refused. The error names the option that allows it, if there is one.
     Refused {
-        /// The option with which a user allows it.
+        /// The command-line option with which a user allows it, for the error text; `None`: there is none.
         override_option: Option<&'static str>,
     },
 }
@@ -150,7 +150,7 @@ pub fn check(name: &str, default_route: DefaultRoute) -> Result<Interface, Inter
     named(name, interfaces().map_err(failed)?, default_route)
 }
 
-/// The interface `name` among all, if it may be used.
+/// Selects the interface `name` from `all`, if it may be used.
 fn named(name: &str, all: Vec<Interface>, default_route: DefaultRoute) -> Result<Interface, InterfaceError> {
     let found = all.iter().map(|interface| &*interface.name).collect::<Vec<_>>().join(", ");
     let missing = || InterfaceError::Missing { name: name.to_owned(), found };
@@ -168,7 +168,7 @@ const fn is_of_link(address: &IpAddr) -> bool {
 /// The error of the system, if it cannot list them.
 pub fn interfaces() -> io::Result<Vec<Interface>> {
     let mut all = listed()?;
-    // If these files are missing there is no IP, and so no route.
+    // If these files are missing, the kernel has no IP and so no route.
     let read = |file: &str| std::fs::read_to_string(file).unwrap_or_default();
     let routes = [
         default_routes_v4(&read("/proc/thread-self/net/route")),
@@ -187,7 +187,7 @@ pub fn interfaces() -> io::Result<Vec<Interface>> {
 pub(super) fn request_about(name: &str) -> Option<libc::ifreq> {
     // SAFETY: all bytes of the structure may be zero.
     let mut request: libc::ifreq = unsafe { std::mem::zeroed() };
-    // The name must end with a zero, so it must be shorter than the field.
+    // The name has to end with a zero in the field of the request, so it must be shorter than the field.
     if name.len() >= request.ifr_name.len() {
         return None;
     }
@@ -207,7 +207,7 @@ fn mtu(asked: &OwnedFd, name: &str) -> Option<u32> {
     u32::try_from(unsafe { request.ifr_ifru.ifru_mtu }).ok()
 }
 
-/// Lists the interfaces, without their routes.
+/// Lists the interfaces without looking for their routes.
 fn listed() -> io::Result<Vec<Interface>> {
     let mut all: Vec<Interface> = Vec::new();
     let mut first = std::ptr::null_mut();

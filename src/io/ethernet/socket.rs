@@ -28,7 +28,7 @@ pub enum SocketError {
     /// The interface does not exist any more. Open it again when it is back.
     #[error("the network interface is gone; plug it in, and open it again")]
     Gone,
-    /// The system's error for this frame.
+    /// An error of the operating system. This frame was not sent or received; the socket can still be used.
     #[error("{0}; look at the interface with: ip link")]
     System(io::Error),
 }
@@ -51,7 +51,7 @@ pub struct EthernetSocket {
 /// The state of the link at an interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LinkState {
-    /// A device is connected.
+    /// A device at the other end of the cable is connected.
     Up,
     /// No device is connected, or the interface is down.
     Down,
@@ -150,7 +150,7 @@ impl EthernetSocket {
     }
 }
 
-/// For waiting for frames with `poll`.
+/// Lets callers wait for frames with `poll`.
 impl AsFd for EthernetSocket {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.fd.as_fd()

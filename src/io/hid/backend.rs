@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::REPORT_LEN;
 use super::error::UsbError;
 
-/// The end of a transfer.
+/// How a transfer has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Outcome {
     /// The transfer is complete, possibly with fewer bytes than requested.
@@ -17,7 +17,7 @@ pub(super) enum Outcome {
     /// The endpoint has stalled.
     #[cfg_attr(windows, allow(dead_code, reason = "Windows does not tell a stall from other errors"))]
     Stalled,
-    /// The transfer failed on the wire in another way.
+    /// The transfer failed on the wire for another reason.
     Failed,
 }
 
@@ -26,7 +26,7 @@ pub(super) trait TransferListener: Send + Sync {
     /// Transfer `number` to the host has ended with `bytes`. `resubmit` submits the transfer again; it may be called
     /// only during this call.
     fn input_ended(&self, number: usize, outcome: Outcome, bytes: &[u8], resubmit: &dyn Fn() -> Result<(), UsbError>);
-    /// The transfer to the device has ended after `moved` bytes.
+    /// The transfer to the device has ended. `moved` is the number of bytes transferred.
     fn output_ended(&self, outcome: Outcome, moved: usize);
     /// [`Self::input_ended`] or [`Self::output_ended`] has panicked, so it is unknown whether that transfer was counted
     /// as ended.
@@ -38,15 +38,15 @@ pub(super) trait TransferListener: Send + Sync {
 /// thread in [`Backend::handle_events`] or in [`Backend::await_output`]. A backend is dropped only after all its
 /// transfers have ended.
 pub(super) trait Backend: Send + Sync {
-    /// The number of transfers to the host.
+    /// The number of transfers to the host that are submitted at the same time.
     fn inputs(&self) -> usize;
 
     /// Submits transfer `number` to the host.
     fn submit_input(&self, number: usize) -> Result<(), UsbError>;
 
     /// Whether a waiting call may run [`Self::handle_events`] itself, which saves a context switch. On Windows only the
-    /// pipe's own thread handles events, because programs may end threads by force, and a thread that ends there takes
-    /// a transfer with it.
+    /// pipe's own thread handles events, because programs may end threads by force, and a transfer would be lost with a
+    /// thread that ends there.
     fn lets_calls_handle_events(&self) -> bool {
         true
     }
@@ -56,8 +56,8 @@ pub(super) trait Backend: Send + Sync {
     /// is empty during the call.
     fn set_system_queue(&self, reports: Option<usize>) -> bool;
 
-    /// Whether the device is still connected, for a caller without a submitted transfer to the host. Does not wait for
-    /// the device.
+    /// Whether the device is still connected, for a caller that would not notice the loss because no transfer to the
+    /// host is submitted. Does not wait for the device.
     fn is_there(&self) -> bool {
         true
     }
@@ -68,7 +68,7 @@ pub(super) trait Backend: Send + Sync {
     /// An earlier transfer to the device has ended, and no other thread calls this function at the same time.
     unsafe fn submit_output(&self, report: &[u8; REPORT_LEN]) -> Result<(), UsbError>;
 
-    /// Cancels the transfers to the host; they end soon.
+    /// Cancels all transfers to the host. Each of them ends soon, and the listener is called for it.
     fn cancel_inputs(&self);
 
     /// Cancels the transfer to the device, which then ends soon. Has no effect if none is submitted.
@@ -78,7 +78,7 @@ pub(super) trait Backend: Send + Sync {
     /// [`Self::interrupt`].
     fn handle_events(&self, limit: Duration) -> Result<(), UsbError>;
 
-    /// Ends the wait in [`Backend::handle_events`].
+    /// Ends the wait in [`Backend::handle_events`], from another thread.
     fn interrupt(&self);
 
     /// Whether [`Self::handle_events`] does not report the end of the transfer to the device, so that the writing
@@ -102,6 +102,6 @@ pub(super) trait Backend: Send + Sync {
     /// Clears the halt of the endpoint to the device after a stall. The endpoint has no submitted transfer.
     fn clear_output_halt(&self);
 
-    /// Releases the device to the system. No transfer is submitted afterwards.
+    /// Releases the device, so that other programs can use it. No transfer is submitted afterwards.
     fn release(&self);
 }

@@ -1,4 +1,4 @@
-//! Helpers for tests of a pipe: reads, and calls that must end in time.
+//! Helpers for the tests of a pipe: a read, and calls that must not take longer than a limit.
 
 use std::sync::mpsc;
 use std::thread;
@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use super::{Pipe, PipeError, REPORT_LEN};
 
-/// Longer than any call in these tests takes; a call that exceeds it hangs.
+/// The time limit for a call in these tests, longer than any call takes: a call that exceeds it hangs.
 pub const PATIENCE: Duration = Duration::from_secs(20);
 
 /// Reads the next report; returns its first byte and its number.
@@ -25,8 +25,8 @@ pub fn in_time<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> 
     ended.recv_timeout(PATIENCE).expect("it does not end")
 }
 
-/// Runs `work` in a thread, and ends that thread by force, so that nothing of it is freed. This happens after some time
-/// in `work`: either the thread is waiting by then, or `works_until` is still false.
+/// Runs `work` in a thread, and ends that thread by force, so that nothing of it is freed. This happens 30 ms after
+/// `works_until` has returned true, so that the thread waits in `work` by then.
 #[cfg(target_os = "linux")]
 pub fn end_thread_in(work: impl FnOnce() + Send + 'static, mut works_until: impl FnMut() -> bool) {
     use std::os::unix::thread::JoinHandleExt as _;

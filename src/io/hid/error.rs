@@ -1,12 +1,12 @@
-//! Errors of libusb and of Windows' HID driver.
+//! The errors of libusb and of Windows' HID driver as one type.
 
-/// The system whose error codes [`UsbError::Other`] shows.
+/// Names the system whose error codes [`UsbError::Other`] shows.
 const CODES_OF: &str = if cfg!(windows) { "Windows'" } else { "libusb's" };
 
 /// The reason why libusb (`enum libusb_error`) or Windows refuses a call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UsbError {
-    /// An error on the wire.
+    /// The transfer failed on the wire.
     #[error("input/output error")]
     Io,
     /// An argument is invalid, or the kernel supports no transfer of that kind.
@@ -27,10 +27,10 @@ pub enum UsbError {
     /// There is not enough memory, or the kernel's limit for USB transfers is reached (`usbcore.usbfs_memory_mb`).
     #[error("no memory")]
     NoMemory,
-    /// This system does not support the call.
+    /// The system does not support this kind of call.
     #[error("not supported on this system")]
     NotSupported,
-    /// Any other error code.
+    /// Any other error code of libusb or Windows.
     #[error("{CODES_OF} error {0}")]
     Other(i32),
 }

@@ -20,9 +20,9 @@ use crate::threads::{CallingThread, WaitQueue};
 
 /// The maximum time for which a thread waits for events before it checks the pipe's state. \[OURS]
 const EVENT_WAIT_MAX: Duration = Duration::from_secs(1);
-/// Interval per transfer to the host at which the pipe's thread, while calls come and go, checks for events that the
-/// calls have not handled. It is half of the shortest cycle (250 us), so that transfers are resubmitted before the last
-/// one is used. \[OURS]
+/// While calls come and go, the pipe's thread checks for events that the calls have not handled, at this interval times
+/// the number of transfers to the host. It is half of the shortest cycle (250 us), so that transfers are resubmitted
+/// before the last one is used. \[OURS]
 const CHECK_INTERVAL_PER_TRANSFER: Duration = Duration::from_micros(125);
 /// The longest interval at which the pipe's thread checks for events, for any number of transfers. \[OURS]
 const CHECK_INTERVAL_MAX: Duration = Duration::from_millis(1);
@@ -30,12 +30,13 @@ const CHECK_INTERVAL_MAX: Duration = Duration::from_millis(1);
 pub(super) const CALLER_CHECK_INTERVAL: Duration = Duration::from_millis(100);
 /// How long to wait for the end of a transfer whose thread was ended by force. \[OURS]
 const ABANDONED_LIMIT: Duration = Duration::from_secs(1);
-/// Pause after an error of the backend's event handling before the next attempt. \[OURS]
+/// Pause between an error of the backend's event handling and the next attempt. \[OURS]
 const RETRY_AFTER: Duration = Duration::from_millis(10);
 /// After this many errors of the event handling in a row, one second in all, the device counts as lost. \[OURS]
 const EVENT_ERRORS_MAX: u32 = 100;
 
-/// The interval at which the pipe's thread checks for events, for a number of transfers to the host.
+/// The interval at which the pipe's thread checks for events while calls come and go, for a number of transfers to the
+/// host.
 fn check_interval(transfers: usize) -> Duration {
     u32::try_from(transfers).map_or(CHECK_INTERVAL_MAX, |transfers| {
         CHECK_INTERVAL_PER_TRANSFER.saturating_mul(transfers).min(CHECK_INTERVAL_MAX)
@@ -52,7 +53,8 @@ impl Shared {
         let mut cancelled = false;
         while !state.events_failed && (!state.closing || state.submitted > 0) {
             if state.closing && !mem::replace(&mut cancelled, true) {
-                // No transfer is resubmitted after this, because `closing` is set.
+                // Cancels the transfers to the host once. No transfer is submitted again afterwards, because `closing`
+                // is set.
                 MutexGuard::unlocked(&mut state, || backend.cancel_inputs());
                 continue;
             }
@@ -70,8 +72,8 @@ impl Shared {
                     self.sleep(&mut state);
                 }
             } else if !state.closing && (state.submitted == 0 || state.input_pause.is_complete(backend.inputs())) {
-                // The device is lost, or its reports are left to the system. The only possible event is the end of a
-                // write, for which the writing thread itself waits.
+                // No transfer to the host is submitted: the device is lost, or the input is paused. The only possible
+                // event is the end of a write, for which the writing thread itself waits.
                 self.thread_wakeup.wait(&mut state);
             } else if calls_come && !state.closing && backend.lets_calls_handle_events() {
                 self.handle(&mut state, backend, Duration::ZERO);
@@ -101,8 +103,8 @@ impl Shared {
         state.thread_asleep = false;
     }
 
-    /// Called by a read or write: waits for a change of the state. It may return early, and up to a millisecond late,
-    /// since systems time waits in milliseconds.
+    /// Called by a read or write: waits for a change of the state. The wait may end early, or up to 1 ms after `limit`,
+    /// since operating systems count waits in milliseconds.
     pub fn wait(
         &self,
         changed: &WaitQueue,
@@ -125,12 +127,13 @@ impl Shared {
         state.call_count += 1;
         self.call_unlocked(state, || backend.await_output(limit.unwrap_or(EVENT_WAIT_MAX).min(EVENT_WAIT_MAX)));
         if state.closing && state.output_result.is_some() {
-            // The pipe's thread waits for the end of this transfer and has no other way to learn of it.
+            // The pipe's thread may be waiting for the end of this transfer, which only this wake-up reports to it.
             self.wake_all(state, backend);
         }
     }
 
-    /// Cancels the transfer to the device whose thread was ended by force, and waits for its end.
+    /// Cancels a transfer to the device whose writing thread was ended by force, and waits until the transfer has
+    /// ended.
     pub fn end_abandoned_write(&self, state: &mut MutexGuard<'_, State>, backend: &dyn Backend) {
         let began = Instant::now();
         backend.cancel_output();
@@ -143,11 +146,12 @@ impl Shared {
         }
     }
 
-    /// Handles pending events without waiting.
+    /// Handles the backend's pending events without waiting for further ones.
     pub fn poll_events(&self, state: &mut MutexGuard<'_, State>, backend: &dyn Backend) {
         if !backend.lets_calls_handle_events() {
             if state.reports.is_empty() {
-                // The pipe's thread may be about to handle the pending events.
+                // This call may not handle events itself: it gives the pipe's thread a moment to handle the pending
+                // ones.
                 Self::wait_at(&self.readable, state, Some(CHECK_INTERVAL_MAX));
             }
         } else if state.event_handler.is_none() && !state.events_failed {
@@ -155,7 +159,7 @@ impl Shared {
         }
     }
 
-    /// Wakes all waiting threads, whichever of them handles events.
+    /// Wakes all threads that wait for a change of the state, also the one that handles events.
     pub fn wake_all(&self, state: &State, backend: &dyn Backend) {
         self.readable.notify_all();
         self.writable.notify_all();
@@ -178,7 +182,7 @@ impl Shared {
         state.event_handler = Some(CallingThread::current());
         self.call_unlocked(state, || backend.handle_events(limit));
         state.event_handler = None;
-        // One of the waiting calls takes over the handling of events.
+        // Waiting reads and writes are woken, so that one of them takes over the handling of events.
         self.readable.notify_all();
         self.writable.notify_all();
     }

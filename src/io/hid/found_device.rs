@@ -1,8 +1,8 @@
-//! A device on the bus with the wanted vendor and product id.
+//! A device on the USB bus that has the board's vendor and product id.
 
 use super::{Device, NotTheBoard, ReportInterface};
 
-/// A device on the bus with the wanted vendor and product id.
+/// A device on the USB bus that has the vendor and product id of the search.
 pub struct FoundDevice {
     pub(super) device: Device,
     /// Where the device is plugged in: bus and ports as Linux names them (`1-2.3`), or its instance name in Windows
@@ -12,6 +12,6 @@ pub struct FoundDevice {
     pub bus_and_address: (u8, u8),
     /// Whether the device runs at high speed, 480 Mbit/s; always `true` on Windows, which does not report it.
     pub high_speed: bool,
-    /// The interface for reports, or the reason why the device cannot be a board.
+    /// The interface through which the device exchanges reports, or the reason why the device cannot be a board.
     pub interface: Result<ReportInterface, NotTheBoard>,
 }

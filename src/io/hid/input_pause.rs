@@ -14,39 +14,39 @@ use super::pipe::PipeOptions;
 use super::reports::{GONE, Shared, State};
 use crate::threads::CallingThread;
 
-/// A pause begins when no call has read for this long. \[OURS]
+/// A pause of the input begins when no call has read for this long. \[OURS]
 const PAUSE_AFTER_UNREAD: Duration = Duration::from_millis(250);
-/// How long the first read after a pause waits at most for the reports in the system's queue. \[OURS]
+/// How long the first read after a pause waits at most until it has received the reports in the system's queue. \[OURS]
 const CATCH_UP_WITHIN: Duration = Duration::from_millis(50);
 
-/// The state of a pipe's input.
+/// Whether a pipe's input is paused, and what is needed to begin and end a pause.
 pub(super) struct InputPause {
     allowed: bool,
-    /// The time at which the last read ended.
+    /// When the last read of the program ended.
     read_at: Instant,
-    /// The threads that are in a read.
+    /// The threads of the program that are in a read at present.
     readers: Vec<CallingThread>,
     phase: Phase,
-    /// Transfers to the host that are not submitted because of the pause.
+    /// The numbers of the transfers to the host that have ended in the pause and were not submitted again.
     held_back: Vec<usize>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
-    /// Transfers to the host are submitted at all times.
+    /// There is no pause: all transfers to the host are submitted.
     Receiving,
-    /// Reports stay in the system's queue.
+    /// The input is paused: no transfer to the host is submitted, so reports stay in the system's queue.
     Paused,
-    /// Transfers are submitted again, and the system's queue is emptied.
+    /// The pause has ended: transfers are submitted again, and the reports in the system's queue are received first.
     CatchingUp {
-        /// How many reports the system's queue may still hold.
+        /// How many of the reports in the system's queue may not have been received yet.
         missing: usize,
-        /// The time at which the system's queue counts as empty in any case.
+        /// From this time on the system's queue counts as empty, whatever `missing` is.
         until: Instant,
     },
 }
 
-/// The state of a pipe that may not pause its input.
+/// A pipe has this state if its owner has not allowed it to pause the input.
 impl Default for InputPause {
     fn default() -> Self {
         let held_back = Vec::new();
@@ -59,7 +59,7 @@ impl InputPause {
         Self { allowed: options.may_pause_input, held_back: Vec::with_capacity(options.transfers), ..Self::default() }
     }
 
-    /// Whether the ended transfer `number` must not be resubmitted because of the pause.
+    /// Whether the transfer `number`, which has ended, must not be submitted again because of the pause.
     pub fn keeps_back(&mut self, number: usize) -> bool {
         let paused = self.phase == Phase::Paused;
         if paused {
@@ -94,15 +94,15 @@ impl InputPause {
         }
     }
 
-    /// Records that a report was received.
+    /// Records that a report was received, while the system's queue is being emptied.
     pub const fn note_report(&mut self) {
         if let Phase::CatchingUp { missing, .. } = &mut self.phase {
             *missing = missing.saturating_sub(1);
         }
     }
 
-    /// The time within which the remaining reports of the system's queue are awaited; `None` once all are received.
-    /// Then the system's queue gets its maximum length again.
+    /// How much longer to wait for the remaining reports of the system's queue. `None` once all are received or the
+    /// time is over; then the system's queue gets its maximum length again.
     fn catch_up_time_left(&mut self, backend: &dyn Backend) -> Option<Duration> {
         let Phase::CatchingUp { missing, until } = self.phase else { return None };
         let left = until.saturating_duration_since(Instant::now());
@@ -118,14 +118,15 @@ impl InputPause {
         if !self.allowed || self.phase != Phase::Receiving || self.read_at.elapsed() < PAUSE_AFTER_UNREAD {
             return false;
         }
-        // Reads of threads that were ended by force never end, so they are removed.
+        // The end of a read is recorded by its thread. A thread that was ended by force records nothing, so its read is
+        // removed here.
         self.readers.retain(|reader| !reader.is_gone());
         self.readers.is_empty()
     }
 }
 
 impl Shared {
-    /// Called by the pipe's thread: begins a pause when it is due.
+    /// Called by the pipe's thread: begins a pause if no call has read for [`PAUSE_AFTER_UNREAD`].
     pub fn begin_pause(&self, state: &mut State, backend: &dyn Backend) {
         if state.closing || state.lost.is_some() {
             return;
@@ -151,7 +152,7 @@ impl Shared {
             }
             state.submitted += 1;
         }
-        // The pipe's thread has to check for events at its usual interval again.
+        // Wakes the pipe's thread, which has to check for events at its usual interval again.
         self.thread_wakeup.notify_all();
     }
 

@@ -14,7 +14,7 @@ use super::reports::{GONE, Shared, State};
 use super::{FoundDevice, REPORT_LEN, ReportInterface};
 use crate::threads::{self, CallingThread};
 
-/// Options of a pipe.
+/// Options for opening a pipe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PipeOptions {
     /// Number of transfers to the host that are submitted at the same time, 1 or more.
@@ -26,10 +26,10 @@ pub struct PipeOptions {
     pub may_pause_input: bool,
 }
 
-/// The reason why a call of a pipe failed.
+/// Why a call of a pipe has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PipeError {
-    /// The call did not complete within its limit.
+    /// The call was not complete at its time limit.
     #[error("nothing within {0:?}")]
     Timeout(Duration),
     /// The call was cancelled by [`Pipe::cancel_reads`] or [`Pipe::cancel_writes`].
@@ -97,7 +97,7 @@ impl Pipe {
             end_of_transfers(&thread_shared, &thread_backend);
         });
         let events = events.map_err(|_| UsbError::NoMemory)?;
-        // From here on, dropping the pipe ends the thread and the transfers.
+        // The pipe exists from here on, so that an error below drops it, which ends its thread and transfers.
         let pipe = Self { shared, event_thread: Mutex::new(Some(events)), backend };
         for number in 0..pipe.backend.inputs() {
             let mut state = pipe.shared.state.lock();
@@ -105,7 +105,7 @@ impl Pipe {
             pipe.backend.submit_input(number).map_err(submit_error)?;
             state.submitted += 1;
         }
-        // The pipe's thread had nothing to do before the first transfer was submitted.
+        // The pipe's thread sleeps while no transfer is submitted, so it has to be woken after the first one.
         pipe.shared.thread_wakeup.notify_all();
         Ok(pipe)
     }
@@ -152,7 +152,8 @@ impl Pipe {
                 return Err(PipeError::Cancelled);
             }
             match time_left(began, limit) {
-                // The limit has passed, but a report may have come whose event was not handled yet.
+                // The limit has passed. A report may have arrived whose event was not handled yet, so events are
+                // handled once more.
                 Err(_) if !polled => {
                     polled = true;
                     self.shared.poll_events(state, &*self.backend);
@@ -231,7 +232,7 @@ impl Pipe {
             if let PipeError::Lost(why) = error {
                 self.shared.lose(&mut state, why);
             }
-            // The thread that closes the pipe may be waiting for this transfer.
+            // Wakes the thread that closes the pipe, which may be waiting for this transfer to end.
             self.shared.wake_all(&state, &*self.backend);
             return Err(error);
         }
@@ -251,7 +252,8 @@ impl Pipe {
                 None
             };
             match (given_up, stop) {
-                // The transfer was cancelled and ends soon.
+                // The write has to wait for the end of its transfer, which comes soon because the transfer was
+                // cancelled.
                 (Some(_), _) => self.shared.wait_written(&mut state, &*self.backend, None),
                 (None, Some(why)) => {
                     given_up = Some(why);
@@ -318,7 +320,7 @@ impl Pipe {
         // The pipe's thread ends the transfers and releases the device, so that this happens even if the calling thread
         // ends here.
         let Some(events) = self.event_thread.lock().take() else { return };
-        // A panic of the pipe's thread cannot be reported from here.
+        // The result is ignored: a panic of the pipe's thread cannot be reported from here.
         let _ = events.join();
     }
 }
@@ -334,13 +336,14 @@ fn end_of_transfers(shared: &Shared, backend: &Arc<dyn Backend>) {
         mem::forget(backend.clone());
     }
     if stalled {
-        // The next program that opens the device must find a working endpoint.
+        // If the endpoint has stalled, the halt is cleared, so that the next program that opens the device finds a
+        // working endpoint.
         backend.clear_input_halt();
     }
     backend.release();
 }
 
-/// The turn of this thread to write, from waiting for it until this value is dropped.
+/// A thread's turn to write. It ends when this value is dropped.
 struct WriterTurn<'a> {
     shared: &'a Shared,
     caller: CallingThread,
@@ -371,7 +374,7 @@ fn time_left(began: Instant, limit: Option<Duration>) -> Result<Option<Duration>
     }
 }
 
-/// The error of a transfer that the system did not accept.
+/// The error of a call whose transfer the system did not accept.
 const fn submit_error(error: UsbError) -> PipeError {
     match error {
         // The interface is no longer claimed, because the device has reset itself.

@@ -1,5 +1,5 @@
-//! The state behind a pipe, and its changes at the end of a transfer: a report is queued, a write is done, the device
-//! is lost.
+//! The state that a pipe and its backend share, and how the end of a transfer changes it: a report is queued, a write
+//! is done, the device is lost.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -16,22 +16,25 @@ use crate::threads::{CallingThread, WaitQueue};
 /// How many transfers in a row may fail on the wire before the device counts as lost. \[OURS]
 const FAILURES_MAX: u32 = 8;
 
-/// Number of reports for which memory is allocated when the pipe is opened; a longer queue grows as it fills. \[OURS]
+/// Number of reports for which the queue has memory when the pipe is opened; a queue with a larger capacity grows as it
+/// fills. \[OURS]
 const QUEUE_CAPACITY_INITIAL: usize = 1024;
 
-/// Number of writing threads for which memory is allocated when the pipe is opened. \[OURS]
+/// Number of threads that may wait for their turn to write without an allocation: memory for them is allocated when the
+/// pipe is opened. \[OURS]
 const WRITERS_CAPACITY: usize = 8;
 
-// Texts for the user that say why a device is lost.
+// The reasons for the loss of a device, as texts for the user.
 pub(super) const GONE: &str = "it was pulled or has reset itself (SW_RESET)";
 const STALLED: &str = "it refuses to send (its endpoint stalls); if it does so again, switch it off and on";
 const FAILING: &str = "its transfers fail: it was pulled, or the cable or the hub is bad";
 const DEFECT: &str = "a defect of this library has ended its transfers; open it again, and please report it with the \
                       output of ECMSK_LOG=trace";
-/// The reason if a thread was ended by force during a write, so that the end of its transfer is never reported.
-/// [`State::events_failed`] is then set too.
+/// Why the device is lost if a thread was ended by force during a write, so that the end of its transfer is never
+/// reported. [`State::events_failed`] is then set too.
 pub(super) const ABANDONED: &str = "a thread of the program was ended in a write to it; open it again";
-/// The reason if the backend's event handling has failed for good. [`State::events_failed`] is then set too.
+/// Why the device is lost if the backend's event handling has failed for good. [`State::events_failed`] is then set
+/// too.
 pub(super) const EVENTS_FAILED: &str = "this system does not say any more what becomes of its transfers; pull it and plug it in \
                                again, and look at the system's log";
 
@@ -47,7 +50,7 @@ pub(super) struct Report {
 #[derive(Default)]
 pub(super) struct State {
     pub reports: VecDeque<Report>,
-    /// Number of transfers that are submitted and have not ended.
+    /// How many transfers are submitted and have not ended.
     pub submitted: usize,
     /// The thread that writes, followed by the threads that wait for their turn.
     pub writers: VecDeque<CallingThread>,
@@ -57,21 +60,21 @@ pub(super) struct State {
     pub output_result: Option<(Outcome, usize)>,
     /// Why the device is lost, as a text for the user; `None` while it is connected.
     pub lost: Option<&'static str>,
-    /// Whether the endpoint to the host has stalled.
+    /// Whether the endpoint to the host has stalled, so that its halt has to be cleared at the end.
     pub stalled: bool,
     pub closing: bool,
     /// Number of cancellations of reads. A read that sees a change of it ends.
     pub cancelled_reads: u64,
     /// Number of cancellations of writes. A write that sees a change of it ends.
     pub cancelled_writes: u64,
-    /// The thread that is in [`Backend::handle_events`](super::backend::Backend::handle_events).
+    /// The thread that is in [`Backend::handle_events`](super::backend::Backend::handle_events); `None`: no thread is.
     pub event_handler: Option<CallingThread>,
-    /// Number of times that a call has begun to wait or has stopped handling events, by which the pipe's thread sees
-    /// whether calls still come.
+    /// Counts how often a call has begun to wait or has stopped handling events. If the count changes, the pipe's
+    /// thread knows that the program still makes calls.
     pub call_count: u64,
     /// Whether the pipe's thread sleeps until the call that handles events returns.
     pub thread_asleep: bool,
-    /// Number of failures in a row of the backend's event handling.
+    /// How many calls of the backend's event handling have failed in a row.
     pub event_errors: u32,
     /// Whether the backend's event handling has failed for good. The ends of transfers are then no longer reported, so
     /// the system may still use some of them, and the device is lost.
@@ -108,7 +111,7 @@ pub(super) struct Shared {
     pub state: Mutex<State>,
     pub readable: WaitQueue,
     pub writable: WaitQueue,
-    /// Wakes the pipe's own thread.
+    /// Wakes the pipe's own thread from its sleep.
     pub thread_wakeup: Condvar,
 }
 
@@ -124,7 +127,7 @@ impl Shared {
         }
     }
 
-    /// Waits at `queue` without holding the lock.
+    /// Waits in this queue of threads; the lock is released during the wait.
     pub fn wait_at(queue: &WaitQueue, state: &mut MutexGuard<'_, State>, limit: Option<Duration>) {
         let ticket = queue.ticket();
         MutexGuard::unlocked(state, || queue.wait(ticket, limit));

@@ -12,7 +12,7 @@ pub struct Sysfs {
     root: Option<PathBuf>,
 }
 
-/// A problem of a device's connection that deserves a warning.
+/// A problem with the connection of a device that a user should know.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DeviceWarning {
     /// The device does not run at high speed, 480 Mbit/s.
@@ -27,7 +27,7 @@ pub enum DeviceWarning {
     },
     /// The device's port has cut the power because of an over-current.
     OverCurrent {
-        /// The number of over-currents since the hub was connected.
+        /// How many over-currents the port has had since its hub was connected.
         times: u32,
     },
 }
@@ -76,7 +76,7 @@ impl fmt::Display for DeviceHolder {
 }
 
 impl Sysfs {
-    /// The files of this machine.
+    /// Reads the real files of this machine.
     pub fn of_this_machine() -> Self {
         Self { root: cfg!(target_os = "linux").then(|| "/".into()) }
     }
@@ -152,7 +152,7 @@ impl Sysfs {
 }
 
 fn first_line(file: &Path) -> Option<String> {
-    // The texts of a device need not be UTF-8.
+    // The texts are read as bytes, since those of a device need not be UTF-8.
     let bytes = fs::read(file).ok()?;
     let text = String::from_utf8_lossy(&bytes).trim().to_owned();
     (!text.is_empty()).then_some(text)

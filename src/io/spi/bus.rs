@@ -1,4 +1,4 @@
-//! One spidev device, locked by this process.
+//! A spidev device that this process has opened and locked.
 
 use std::os::fd::AsFd;
 use std::path::Path;
@@ -8,7 +8,7 @@ use spidev::{SpiModeFlags, Spidev, SpidevOptions, SpidevTransfer};
 
 use super::{SpiError, list_devices};
 
-/// Bits per SPI word.
+/// The number of bits of an SPI word.
 const WORD_BITS: u8 = 8;
 
 /// An open spidev device.
@@ -36,7 +36,7 @@ impl SpiBus {
         Ok(Self { name, spi })
     }
 
-    /// One transfer under one chip select.
+    /// Makes one full-duplex transfer under one chip select.
     pub fn exchange(&self, tx: &[u8], rx: &mut [u8]) -> Result<(), SpiError> {
         let mut transfer = SpidevTransfer::read_write(tx, rx);
         self.spi.transfer(&mut transfer).map_err(|error| {

@@ -7,7 +7,7 @@ use super::bus::SpiBus;
 use super::lines::{Level, ReadyLine, ResetLine};
 use super::{BusyWires, GpioLine, SpiError};
 
-/// The device files of the wires, and the settings of SPI.
+/// Which spidev device and GPIO lines the wires to a device are, and the settings of SPI.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SpiSettings {
     /// The spidev file, such as `/dev/spidev0.0`.
@@ -22,7 +22,7 @@ pub struct SpiSettings {
     pub reset: Option<GpioLine>,
 }
 
-/// Wires that this process has opened.
+/// The spidev device and the GPIO lines of a device, opened by this process.
 pub struct BusyDevice {
     bus: SpiBus,
     busy: Option<ReadyLine>,

@@ -8,7 +8,7 @@ use super::bus::SpiBus;
 use super::lines::{InputLine, Level, ReadyLine, ResetLine};
 use super::{EdgeWires, GpioLine, SpiError};
 
-/// The device files of the wires, and the settings of SPI.
+/// Which spidev device and GPIO lines the wires to a device are, and the settings of SPI.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EdgeSettings {
     /// The spidev file, such as `/dev/spidev0.0`.
@@ -19,7 +19,7 @@ pub struct EdgeSettings {
     pub mode: u8,
     /// The line that shows when the device is ready for an exchange, if it is wired.
     pub ready: Option<GpioLine>,
-    /// The level of that line while the device is ready.
+    /// The level of the ready line while the device is ready.
     pub ready_level: Level,
     /// The interrupt line, if it is wired.
     pub interrupt: Option<GpioLine>,

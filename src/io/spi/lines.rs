@@ -53,15 +53,15 @@ pub enum Level {
 pub(super) struct ReadyLine {
     input: InputLine,
     ready: Level,
-    /// The buffer for edge events. gpiocdev's call for a single event is not used, because it loses further events that
-    /// it has read together with the first.
+    /// The buffer for edge events. gpiocdev's call for a single event is not used, because it drops further events that
+    /// it has read from the kernel together with the first one.
     edges: Vec<u64>,
-    /// Whether an edge to the ready level was read but not reported yet.
+    /// Whether an edge to the ready level was read from the kernel that no call has reported yet.
     has_edge: bool,
 }
 
 impl ReadyLine {
-    /// Opens the line of a device that is ready while the line has that level.
+    /// Opens the ready line of a device. `ready` is its level while the device is ready.
     pub fn open(place: &GpioLine, ready: Level) -> Result<Self, SpiError> {
         let edge = match ready {
             Level::Low => EdgeDetection::FallingEdge,
@@ -112,7 +112,7 @@ impl ReadyLine {
         }
     }
 
-    /// Whether there was an edge to the ready level since the last call.
+    /// Whether the line has changed to the ready level since the last call of this function or of [`Self::wait_edge`].
     pub fn has_become_ready(&mut self) -> Result<bool, SpiError> {
         while self.input.request.has_edge_event().map_err(|error| self.input.failed(&error))? {
             self.take_edges()?;
@@ -139,7 +139,7 @@ impl ReadyLine {
     }
 }
 
-/// An input line, which the device drives.
+/// A GPIO line that the device drives and this machine reads.
 pub(super) struct InputLine {
     name: String,
     request: Request,
@@ -182,7 +182,7 @@ impl ResetLine {
     }
 }
 
-/// Requests the line from the kernel, configured by `set`.
+/// Requests a line from the kernel; `set` configures it as an input or output.
 fn request(place: &GpioLine, set: impl FnOnce(&mut Builder) -> &mut Builder) -> Result<Request, SpiError> {
     let offset = find(place)?;
     let mut line = Request::builder();
@@ -190,7 +190,7 @@ fn request(place: &GpioLine, set: impl FnOnce(&mut Builder) -> &mut Builder) -> 
     set(&mut line).request().map_err(|error| refused(place, &error))
 }
 
-/// The line's offset on its chip.
+/// The offset of the line on its GPIO chip, found by its name if the line is given by name.
 fn find(place: &GpioLine) -> Result<u32, SpiError> {
     let chips = || list_devices("gpiochip");
     let file = std::fs::File::open(&place.chip);

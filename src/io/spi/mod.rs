@@ -17,7 +17,7 @@ pub use edge_device::{EdgeDevice, EdgeSettings};
 pub use lines::{GpioLine, Level};
 use rustix::io::Errno;
 
-/// The wires to one device; only the owner of this value uses them.
+/// The wires to one device with a BUSY line. Only the owner of this value uses them.
 pub trait BusyWires: Send {
     /// Sends `tx` and receives the same number of bytes into `rx`, under one chip select.
     ///
@@ -60,7 +60,7 @@ pub trait EdgeWires: Send {
     /// The time in nanoseconds; its zero point is arbitrary.
     fn now_ns(&self) -> u64;
 
-    /// Waits for a duration.
+    /// Waits for the duration `time`.
     fn sleep(&mut self, time: Duration);
 
     /// Sends `tx` and receives the same number of bytes into `rx`, under one chip select.
@@ -72,7 +72,7 @@ pub trait EdgeWires: Send {
     /// Whether the ready line is wired.
     fn has_ready_line(&self) -> bool;
 
-    /// Forgets all edges that have come so far.
+    /// Discards all edges of the ready line so far, so that [`Self::wait_edge`] waits for a later one.
     ///
     /// # Errors
     /// [`SpiError`].
@@ -104,42 +104,42 @@ pub trait EdgeWires: Send {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[expect(missing_docs, reason = "`what` is always the device file or line, and the messages say the rest")]
 pub enum SpiError {
-    /// The device file or the line does not exist.
+    /// The device file or the GPIO line does not exist.
     #[error("{what} is not there; {there}")]
     Missing {
         what: String,
-        /// What exists instead, as a text for the user.
+        /// Which devices or lines exist, as a text for the user.
         there: String,
     },
-    /// This user has no permission.
+    /// This user has no permission to use the device or line.
     #[error("{what} may not be used by this user")]
     Denied { what: String },
     /// The file is not a device of the expected kind.
     #[error("{what} is no device of that kind; {there}")]
     WrongKind {
         what: String,
-        /// What exists instead, as a text for the user.
+        /// Which devices exist, as a text for the user.
         there: String,
     },
-    /// Another program or a kernel driver uses it.
+    /// Another program or a kernel driver uses the device or line.
     #[error("{what} is in use{by}")]
     InUse {
         what: String,
-        /// The user of it, as ` by ...`; empty if unknown.
+        /// Who uses the device or line, as text that begins with ` by `; empty if unknown.
         by: String,
     },
-    /// The system refuses the call.
+    /// The system has refused a call.
     #[error("{what}: {message}")]
     Refused {
-        /// The call and its device file or line.
+        /// The refused call, and its device file or line.
         what: String,
-        /// The system's own message.
+        /// The error text of the operating system.
         message: String,
     },
 }
 
 impl SpiError {
-    /// Converts an error of the system for a device file.
+    /// Converts an error of the operating system when a device file is opened.
     fn of(what: &str, error: &std::io::Error, there: impl FnOnce() -> String) -> Self {
         use std::io::ErrorKind::{NotFound, PermissionDenied, ResourceBusy, WouldBlock};
 

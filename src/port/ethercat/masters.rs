@@ -1,4 +1,5 @@
-//! Detects the masters that send frames: whether there is one, and whether there is a second one. Time is an argument.
+//! Detects whether a master sends frames to the simulated slaves, and whether a second one does so at the same time.
+//! Time is an argument.
 
 use std::time::{Duration, Instant};
 
@@ -7,25 +8,27 @@ use crate::io::ethernet::MacAddress;
 
 /// After this long without a frame the master counts as gone. \[OURS]
 const SILENCE: Duration = Duration::from_secs(2);
-/// After this long without any frame since the start, a log line asks whether the master is connected. \[OURS]
+/// If no frame has come for this long since the start of the server, a log line asks whether the master is connected.
+/// \[OURS]
 const FIRST_FRAME: Duration = Duration::from_secs(10);
 
-/// The masters at the interfaces of a server.
+/// The masters that send frames to the interfaces of a server.
 pub(super) struct Masters {
     interface: String,
-    /// When the log asks whether the master is connected; `None`: it has asked, or a frame has come.
+    /// When the log is to ask whether the master is connected; `None`: the log has asked, or a frame has come.
     asks: Option<Instant>,
     /// When the last frame came; `None`: there is no master.
     last_frame: Option<Instant>,
     /// The source address of the present master's first frame.
     source: Option<MacAddress>,
-    /// A different source address seen since then.
+    /// A second source address that was seen since then: of another master, if the two alternate.
     other: Option<MacAddress>,
     is_other_told: bool,
 }
 
 impl Masters {
-    /// No master yet. `interface`: the name of the interface before the first slave.
+    /// Creates the state before the first frame of a master. `interface` is the name of the interface before the first
+    /// slave.
     pub(super) fn new(interface: String, begin: Instant) -> Self {
         Self {
             interface,
@@ -37,8 +40,9 @@ impl Masters {
         }
     }
 
-    /// Notes a frame of a master at `now`. Returns the line for the log, if any. `source`: its source address, if it
-    /// came in before the first slave; at the other end of a ring one master may use another address.
+    /// Records a frame of a master at `now`. Returns the line for the log, if any. `source`: the source address of the
+    /// frame, if the frame came in before the first slave. `None` for a frame at the other end of a ring, where the
+    /// same master may use another address.
     pub(super) fn note(&mut self, source: Option<&[u8]>, now: Instant) -> Option<String> {
         self.asks = None;
         let comes = self.last_frame.replace(now).is_none();
@@ -69,7 +73,8 @@ impl Masters {
         ))
     }
 
-    /// Advances the time to `now`. Returns the line for the log, if any.
+    /// Advances the time to `now`. Returns the line for the log if no master has come or the master is gone; otherwise
+    /// `None`.
     pub(super) fn pass(&mut self, now: Instant) -> Option<String> {
         if self.last_frame.is_some_and(|last| now.saturating_duration_since(last) >= SILENCE) {
             (self.last_frame, self.source, self.other, self.is_other_told) = (None, None, None, false);
@@ -92,8 +97,8 @@ mod tests {
     const ONE: [u8; 6] = [0x01, 1, 1, 1, 1, 1];
     const OTHER: [u8; 6] = [0x10, 0x20, 0x30, 0x40, 0x50, 0x60];
 
-    /// ECAT-15.22 A master that appears or is gone is logged. A second one at the same time is logged once, with both
-    /// addresses. A master that replaces another one is no second master.
+    /// ECAT-15.22 A line is logged when a master appears, and when no frame has come from it for a while. A second one
+    /// at the same time is logged once, with both addresses. A master that replaces another one is no second master.
     #[test]
     fn masters_come_and_go_and_two_are_told() {
         let begin = Instant::now();
@@ -101,7 +106,8 @@ mod tests {
         let mut masters = Masters::new("veth1".into(), begin);
         assert_eq!(masters.note(Some(&ONE), at(10)).as_deref(), Some("a master is there on veth1"));
         assert_eq!(masters.note(Some(&ONE), at(20)), None);
-        // The address bit that slaves set does not make another address.
+        // Slaves set a bit in the source address of a frame (0x02 of the first byte). The bit does not make it another
+        // address.
         assert_eq!(masters.note(Some(&[ONE[0] | 2, 1, 1, 1, 1, 1]), at(30)), None);
         assert_eq!(masters.note(Some(&OTHER), at(40)), None, "it may be the next one");
         let said = masters.note(Some(&ONE), at(50)).expect("it is told");

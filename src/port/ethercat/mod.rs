@@ -46,16 +46,16 @@ pub struct Options {
     pub second: Option<String>,
     /// The slaves in network order.
     pub slaves: Vec<SlaveSpec>,
-    /// The largest drift of the slaves' clocks, parts per million: the first clock is too fast by that, the last one
-    /// too slow, and the others are evenly spread between them.
+    /// The largest drift of the slaves' clocks, parts per million: the first clock is too fast by this value, the last
+    /// one too slow by it, and the others are evenly spread between them.
     pub drift_ppm: u16,
-    /// A script of events that happen to the slaves.
+    /// A script with faults and other events of the slaves, and their times.
     pub script: Option<PathBuf>,
     /// The file to which all frames and their answers are recorded.
     pub record: Option<PathBuf>,
     /// Whether the interface may be that of this machine's default route.
     pub allow_default_route: bool,
-    /// The real-time settings of the thread that answers; each refused one is logged.
+    /// The real-time settings of the thread that answers frames; each setting that the system refuses is logged.
     pub real_time: RealTime,
     /// Called with each line of the log, in a thread of its own for which no other thread waits. If the function is too
     /// slow, lines are dropped, and a line reports their number.
@@ -68,19 +68,19 @@ pub struct Options {
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ServeError {
-    /// See [`InterfaceError`].
+    /// A network interface cannot be used, see [`InterfaceError`].
     #[error(transparent)]
     Interface(#[from] InterfaceError),
-    /// See [`SimulatedSlavesError`].
+    /// The simulated slaves cannot be made, see [`SimulatedSlavesError`].
     #[error(transparent)]
     Slaves(#[from] SimulatedSlavesError),
-    /// There are no slaves.
+    /// The list of slaves is empty.
     #[error("no slave is to be served; name some with --slaves, e.g. 'drive*2,io'")]
     NoSlave,
-    /// The EEPROM content of a slave cannot be made.
+    /// The EEPROM content of a slave cannot be made, because its device does not describe it.
     #[error(transparent)]
     Description(#[from] UndescribedError),
-    /// The recording cannot be made.
+    /// The file for the recording cannot be created.
     #[error("cannot record to {}: {source}; name another file with --record or leave it out", file.display())]
     Record { file: PathBuf, source: io::Error },
     /// Both ends of the cable are the same interface.
@@ -94,7 +94,7 @@ pub enum ServeError {
          restart the server"
     )]
     Gone { interface: String },
-    /// The system did not provide a thread or another resource.
+    /// The operating system did not provide a thread or another resource.
     #[error("{what}: {source}; free some memory, files or threads, then start it again")]
     System { what: &'static str, source: io::Error },
 }
@@ -107,7 +107,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Switches the slaves on and serves them.
+    /// Switches the simulated slaves on and lets them answer masters.
     ///
     /// # Errors
     /// [`ServeError`].
@@ -157,7 +157,7 @@ impl Server {
         Ok(Self { cable, serving: serving.map_err(system("start the thread of the slaves"))?, failure })
     }
 
-    /// The simulated cable, for causing faults.
+    /// The simulated cable. Tests and scripts cause faults with it.
     pub const fn cable(&self) -> &Cable {
         &self.cable
     }
@@ -192,7 +192,8 @@ fn ports(options: &Options) -> Result<Vec<Port>, ServeError> {
         let socket = EthernetSocket::open(&interface, ETHERTYPE)?;
         Ok(Port { interface: name.clone(), socket, _claim: claim, is_connected, last_frame: None })
     };
-    // The first interface counts as connected, as in a new network; the link of the second one is read at once.
+    // The cable at the first interface counts as connected from the start. Whether the second interface has a link is
+    // read before the first frame.
     let second = options.second.as_ref().map(|name| (name, false));
     std::iter::once((&options.interface, true)).chain(second).map(port).collect()
 }

@@ -10,14 +10,14 @@ use crate::slave::esc::{CabledChain, Chain, FrameFate};
 use crate::testbed::script::{RunningScript, Script, ScriptOrigin};
 use crate::testbed::simulated_slaves;
 
-/// Slaves in a line, with the handle by which scripts and tests cause faults.
+/// Slaves in a line, with the cable by which scripts and tests cause faults.
 pub struct Network {
     slaves: CabledChain,
     script: Option<RunningScript>,
     told: Told,
-    /// Log lines that were not taken yet.
+    /// Log lines that [`Self::take_lines`] has not returned yet.
     lines: Vec<String>,
-    /// The time of the newest frame or [`Self::advance`].
+    /// The time of the newest frame or of the newest call of [`Self::advance`].
     now: Ns,
 }
 
@@ -34,7 +34,7 @@ impl Network {
         Ok(Self { slaves, script, told, lines: Vec::new(), now: 0 })
     }
 
-    /// The simulated cable, for causing faults.
+    /// The simulated cable. Tests and scripts cause faults with it.
     pub const fn cable(&self) -> &Cable {
         self.slaves.cable()
     }
@@ -44,12 +44,13 @@ impl Network {
         self.slaves.chain()
     }
 
-    /// Whether the frame is one of an EtherCAT master: it has datagrams.
+    /// Whether a received frame comes from an EtherCAT master: it contains datagrams.
     pub fn is_masters(frame: &[u8]) -> bool {
         Frame::decode(frame).is_ok_and(|frame| frame.datagrams().is_some())
     }
 
-    /// Connects or disconnects the cable at that end of the line. At the beginning only the first end is connected.
+    /// Connects or disconnects the cable at one end of the line of slaves. At the beginning only the first end is
+    /// connected.
     pub fn connect(&mut self, end: CableEnd, is_connected: bool) {
         match end {
             CableEnd::First => self.slaves.connect_first(is_connected),
@@ -73,12 +74,13 @@ impl Network {
         matches!(fate, FrameFate::Returned(_)).then_some((padded, end))
     }
 
-    /// Logs errors that the newest frame has caused, before the master may acknowledge them.
+    /// Logs states with an AL status code that the newest frame has caused. Called after each frame, since the next
+    /// frame may acknowledge the error.
     pub fn look(&mut self) {
         self.told.look_at_states(self.slaves.chain(), self.now, |(_, code)| code != AlStatus::NONE, &mut self.lines);
     }
 
-    /// Advances the time of slaves and script to `now`.
+    /// Advances the time of the slaves and of the script to `now`, and logs what has changed.
     pub fn advance(&mut self, now: Ns) {
         self.now = now;
         self.run_script(now);
@@ -92,7 +94,7 @@ impl Network {
         }
     }
 
-    /// Called at the end of the server: logs changes that were held back.
+    /// Called at the end of the server: logs state changes that were held back because there were too many.
     pub fn finish(&mut self) {
         self.told.tell_rest(self.slaves.chain(), self.now, &mut self.lines);
     }
@@ -122,10 +124,10 @@ mod tests {
     use crate::port::ethercat::told::state_of;
 
     const MS: Ns = 1_000_000;
-    /// Sync managers 0 and 1 as in the EEPROM of the slaves.
+    /// The settings of sync managers 0 and 1, equal to those in the EEPROM of the slaves.
     const MAILBOXES: [u8; 16] = [0x00, 0x10, 0x80, 0x00, 0x26, 0, 1, 0, 0x80, 0x10, 0x80, 0x00, 0x22, 0, 1, 0];
 
-    /// A network, and a master that sends one datagram at a time.
+    /// A network of slaves, and a simple master that sends one datagram at a time.
     struct Wire {
         network: Network,
         now: Ns,
@@ -161,7 +163,8 @@ mod tests {
             let header = DatagramHeader { command, index: 0, address, len: 0, reserved, circulating, more, irq: 0 };
             writer.push(header, data).expect("room");
             writer.finish();
-            // On a pair of virtual interfaces frames arrive without padding.
+            // A pair of virtual interfaces (veth) delivers frames without padding, so the test sends them without
+            // padding too.
             let len = FRAME_HEADER_LEN + DATAGRAM_OVERHEAD + data.len();
             frame[len..].fill(0xEE);
             self.now += 1000;
@@ -202,7 +205,8 @@ mod tests {
         assert!(Network::is_masters(&frame), "datagrams");
     }
 
-    /// ECAT-15.18 Clocks drift as requested: the first one is too fast by that, the last one too slow.
+    /// ECAT-15.18 Clocks drift as requested: the first one is too fast by the requested value, the last one too slow by
+    /// it.
     #[test]
     fn crystals_drift() {
         let mut wire = Wire::with_drift("drive*3", "", 100);
@@ -342,8 +346,8 @@ mod tests {
         assert_eq!(states(&wire), [(init, AlStatus::NONE), (preop, AlStatus::NONE)]);
     }
 
-    /// ECAT-15.26 For a slave that changes its state too often some changes are not logged; their number is. They never
-    /// hide those of another slave, and the final state is always logged.
+    /// ECAT-15.26 For a slave that changes its state too often some changes are not logged, but their number is. They
+    /// never suppress lines about another slave, and the final state is always logged.
     #[test]
     fn no_state_is_swallowed() {
         let mut wire = Wire::new("io*2", "");

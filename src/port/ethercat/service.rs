@@ -1,4 +1,4 @@
-//! The thread of the server, which has the slaves and the sockets.
+//! The thread of the server. It owns the slaves and the sockets.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -18,27 +18,27 @@ use crate::notes::Notes;
 use crate::port::log_limit::LogLimit;
 use crate::port::serving::Shared;
 
-/// The interval in which time advances for slaves without frames, and in which their states are checked. \[OURS]
+/// The interval at which the slaves' time advances while no frame comes, and at which their states are logged. \[OURS]
 const TICK: Duration = Duration::from_millis(5);
-/// The pause after an error of the interface. \[OURS]
+/// The pause after an error of the interface, before it is used again. \[OURS]
 const RETRY_PAUSE: Duration = Duration::from_millis(100);
 /// The interval in which the links of the interfaces are checked. \[OURS] A slave closes a port some milliseconds after
 /// its link is down, long before its process data watchdog expires.
 const LINK_PERIOD: Duration = Duration::from_millis(10);
 
-/// A network interface at an end of the slaves.
+/// A network interface at one end of the line of slaves.
 pub(super) struct Port {
     pub(super) interface: String,
     pub(super) socket: EthernetSocket,
     /// Keeps other servers of this program from using the interface.
     pub(super) _claim: Claim,
-    /// Whether the network of slaves counts the cable as connected.
+    /// Whether the cable at this end counts as connected in the simulated network.
     pub(super) is_connected: bool,
-    /// When the last frame arrived.
+    /// When the last frame arrived at this interface.
     pub(super) last_frame: Option<Instant>,
 }
 
-/// The reason why the thread has ended by itself.
+/// Where the thread stores the reason if it ends by itself.
 pub(super) type Failure = Arc<Mutex<Option<ServeError>>>;
 
 pub(super) struct Service {
@@ -53,7 +53,7 @@ pub(super) struct Service {
     pub(super) masters: Masters,
     pub(super) next_tick: Instant,
     pub(super) next_look: Instant,
-    /// Whether the log's last line on the ring called it whole; `None`: there was none.
+    /// Whether the newest log line about the ring said that it is closed; `None`: no line was logged yet.
     pub(super) told_ring: Option<bool>,
     pub(super) answered: u64,
     pub(super) lost: u64,
@@ -89,12 +89,12 @@ impl Service {
         self.time_of(Instant::now())
     }
 
-    /// Converts an instant to the time of the network.
+    /// Converts an instant to the time of the simulated network.
     fn time_of(&self, at: Instant) -> Ns {
         Ns::try_from(at.duration_since(self.begin).as_nanos()).unwrap_or(Ns::MAX)
     }
 
-    /// Waits until a frame arrives or a tick is due.
+    /// Waits until a frame arrives, or until it is time for the next [`Self::tick`].
     fn wait(&mut self) {
         let limit = self.next_tick.saturating_duration_since(Instant::now());
         let limit = Timespec::try_from(limit).ok();
@@ -102,7 +102,7 @@ impl Service {
         let sockets = [&first.socket, &last.socket].map(|socket| PollFd::new(socket, PollFlags::IN));
         let [first, last] = sockets;
         let mut fds = [first, last, PollFd::new(self.shared.waker.waited(), PollFlags::IN)];
-        // If the wait fails, the calls after it report the error.
+        // If the wait fails, the following calls on the sockets report the error.
         let _ = poll(&mut fds, limit.as_ref());
     }
 
@@ -116,7 +116,7 @@ impl Service {
                     Ok(None) => {}
                     Ok(Some(len)) => {
                         has_come = true;
-                        // A longer frame is not valid Ethernet.
+                        // A frame that does not fit into `FRAME_LEN_MAX` is not valid Ethernet, and is ignored.
                         if len <= FRAME_LEN_MAX {
                             self.answer(end, frame, len);
                         }
@@ -148,7 +148,7 @@ impl Service {
         let port = &mut self.ports[end as usize];
         port.last_frame = Some(came);
         if !port.is_connected {
-            // The frame has come before the next check of the link.
+            // A frame shows that the interface has a link, before the next check of the link does.
             port.is_connected = true;
             self.network.connect(end, true);
         }
@@ -162,7 +162,7 @@ impl Service {
                 self.record(Dir::Read, self.now(), &frame[..len]);
             }
         }
-        // After sending, so that the master does not wait for this.
+        // Called after the answer is sent, so that writing log lines does not delay the answer.
         self.network.look();
     }
 
@@ -172,7 +172,7 @@ impl Service {
         }
     }
 
-    /// Advances the time of the slaves, and passes their log lines on.
+    /// Advances the time of the slaves, and passes their log lines to the log.
     fn tick(&mut self, now: Instant) {
         self.next_tick = self.next_tick.max(now) + TICK;
         self.network.advance(self.now());
@@ -183,8 +183,9 @@ impl Service {
         self.log_limit.due(now).into_iter().for_each(|line| self.notes.push(line));
     }
 
-    /// Checks the links of the interfaces. Returns the name of one that has disappeared. In a ring the slaves close the
-    /// port at a dead link; with a single interface a dead link is the same as no frames.
+    /// Checks the links of the interfaces. Returns the name of one that has disappeared. If an interface of a ring has
+    /// no link, the slave at that end closes its port. With a single interface nothing is done: without a link no
+    /// frames come.
     fn look_at_links(&mut self, now: Instant) -> Option<String> {
         self.next_look = now + LINK_PERIOD;
         let is_ring = self.ports.len() > 1;
@@ -222,7 +223,7 @@ impl Service {
         self.tell_limited("the network interface fails", &line, Instant::now());
     }
 
-    /// Logs a line of a kind that masters can cause as often as they like.
+    /// Logs a line that masters can cause as often as they like: too many lines of the same kind are only counted.
     fn tell_limited(&mut self, kind: &str, line: &str, now: Instant) {
         if self.log_limit.may_log(kind, now) {
             self.notes.push(line.to_owned());

@@ -1,5 +1,5 @@
-//! Log lines about the slaves: their states, and the faults of their axes. Both are sampled: a change that is undone
-//! between two samples is not logged.
+//! Log lines about the slaves: their states, and the faults of their axes. Both are sampled: if a change is undone
+//! before the next sample, it is not logged.
 //!
 //! A master can change states as often as it likes. For a slave that changes too often fewer lines are logged, each
 //! with the present state and the number of changes that were left out. The final state is always logged.
@@ -11,13 +11,13 @@ use crate::slave::{AXES_MAX, AxisFault};
 
 /// The most lines for one slave within [`PERIOD_NS`], for states and for faults each. \[OURS]
 const LINES_MAX: u32 = 20;
-/// The period of that limit, from its first line on, ns. \[OURS]
+/// The period in which [`LINES_MAX`] lines are allowed, counted from the first of them, ns. \[OURS]
 const PERIOD_NS: Ns = 10_000_000_000;
 
 type State = (RequestedState, AlStatus);
 type Faults = [Option<AxisFault>; AXES_MAX];
 
-/// The number of lines for one slave in the present period.
+/// How many lines were logged for one slave in the present period.
 #[derive(Clone, Copy, Default)]
 struct Budget {
     since: Ns,
@@ -25,7 +25,7 @@ struct Budget {
 }
 
 impl Budget {
-    /// Whether the limit allows another line.
+    /// Whether another line may be logged for the slave at `now`.
     const fn has_room(&mut self, now: Ns) -> bool {
         if now.saturating_sub(self.since) >= PERIOD_NS {
             *self = Self { since: now, lines: 0 };
@@ -34,18 +34,18 @@ impl Budget {
     }
 }
 
-/// The known state of one slave.
+/// What was sampled and logged of one slave's state.
 #[derive(Clone, Copy)]
 struct Known {
     told: State,
-    /// The state in the last sample.
+    /// The state of the slave in the last sample.
     seen: State,
-    /// The number of changes since the last logged state.
+    /// How often the slave's state has changed since its last logged state.
     changes: u32,
     budget: Budget,
 }
 
-/// The states and faults that were logged last.
+/// The states and faults of the slaves that were logged last.
 pub(super) struct Told {
     states: Vec<Known>,
     faults: Vec<(Faults, Budget)>,
@@ -64,7 +64,8 @@ impl Told {
         self.states.iter().any(|known| known.seen.0 == RequestedState::State(AlState::Op))
     }
 
-    /// Adds lines for changed states that `which` selects; neighbours with the same change share a line.
+    /// Adds log lines for the changed states of the slaves that `which` selects. Neighbouring slaves with the same
+    /// change share a line.
     pub(super) fn look_at_states(
         &mut self,
         chain: &Chain,
@@ -88,7 +89,7 @@ impl Told {
         }
     }
 
-    /// Adds lines for all changes that the limit has held back.
+    /// Adds log lines for all changes that were held back because a slave had too many lines.
     pub(super) fn tell_rest(&mut self, chain: &Chain, now: Ns, lines: &mut Vec<String>) {
         self.states.iter_mut().for_each(|known| known.budget = Budget { since: now, lines: 0 });
         self.faults.iter_mut().for_each(|(_, budget)| *budget = Budget { since: now, lines: 0 });
@@ -96,7 +97,7 @@ impl Told {
         self.look_at_faults(chain, now, lines);
     }
 
-    /// Adds lines for faults of axes that have appeared or are gone.
+    /// Adds a log line for each fault of an axis that has begun or ended.
     pub(super) fn look_at_faults(&mut self, chain: &Chain, now: Ns, lines: &mut Vec<String>) {
         for (n, (told, budget)) in self.faults.iter_mut().enumerate() {
             let device = chain.slave(n).device();
@@ -146,7 +147,8 @@ pub(super) fn state_of(slave: &EscSlave) -> State {
     (slave.shown_state(), AlStatus(code))
 }
 
-/// The line for slaves number `first` to `end - 1`, counted from 0.
+/// The log line about the slaves number `first` to `end - 1`, counted from 0: their state, and how many changes were
+/// left out.
 fn line_of(first: usize, end: usize, (state, code): State, left_out: u32) -> String {
     let who = match end - first {
         1 => format!("slave {} is", first + 1),

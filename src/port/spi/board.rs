@@ -14,20 +14,20 @@ const FIRST_REPORT_WAIT_MAX: Duration = Duration::from_secs(1);
 /// time for a link whose thread is late. \[OURS]
 const ANSWER_WAIT_MAX: Duration = Duration::from_millis(50);
 
-/// Counters of the exchanges.
+/// Counters of the exchanges with a host on SPI.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SpiBoardCounters {
-    /// Exchanges whose frame the board has taken.
+    /// Exchanges whose frame the board has accepted.
     pub frames: u64,
     /// Exchanges with fewer bytes than a frame, of which the board executes nothing.
     pub incomplete: u64,
     /// Exchanges while BUSY was high, which are answered with zeros and of which the board executes nothing.
     pub while_busy: u64,
-    /// Frames that the link has refused.
+    /// Exchanges whose frame the link has refused.
     pub refused: u64,
 }
 
-/// The FIFO state of the previous report in OP.
+/// The number of free FIFO entries in the report before the newest one, if the board was in OP.
 #[derive(Clone, Copy)]
 struct ReportedFifo {
     at: Stamp,
@@ -41,29 +41,30 @@ struct ReportedFifo {
 /// the board executes a frame on arrival, so this is the answer to the previous frame, for which the exchange waits if
 /// necessary. In OP the previous frame may still be in the FIFO. The frame is passed to the link unchanged.
 ///
-/// \[OURS] In OP the number of free FIFO entries in an answer is that after the previous exchange, however many
-/// exchanges there are in a cycle: the number in the newest report, less the frames exchanged since. So a host that
-/// writes as many frames as the number allows never overfills the FIFO.
+/// \[OURS] In OP the number of free FIFO entries in an answer counts all frames of earlier exchanges as in the FIFO: it
+/// is the number in the newest report, less the frames exchanged since that report. So a host that writes as many
+/// frames as the number allows never overfills the FIFO.
 ///
 /// `examples/rust/spi_board.rs` shows how another program uses one.
 pub struct SpiBoard {
     link: Arc<dyn Link>,
     size: SlotSize,
     write_wait: Wait,
-    /// The newest report as the link has returned it.
+    /// The newest report of the board, as its link has returned it.
     report: Frame,
     /// The answer to send: the newest report with the corrected number of free entries.
     answer: Frame,
     command: Frame,
     /// When the newest frame was written; `None` once a report has answered it.
     unanswered: Option<Stamp>,
-    /// Write times of the frames that the newest report does not include yet; at most as many as the FIFO has entries.
+    /// Write times of the frames that the FIFO level in the newest report does not include yet; at most as many as the
+    /// FIFO has entries.
     uncounted: VecDeque<Stamp>,
-    /// The report before the newest one.
+    /// The FIFO state in the report before the newest one; `None`: that report was not from OP.
     before: Option<ReportedFifo>,
     /// Whether the board's reports have a CRC.
     fills_crc: bool,
-    /// Why the board is gone.
+    /// Why the board is lost; `None`: it is connected.
     lost: Option<LinkError>,
     counters: SpiBoardCounters,
 }
@@ -146,8 +147,8 @@ impl SpiBoard {
         }
     }
 
-    /// The level of BUSY between two exchanges: high while the board is gone, as when it starts up (SK-10). The owner
-    /// of the wires also has to set BUSY high from the start of [`Self::exchange`] until it returns.
+    /// The level of BUSY between two exchanges: high while the board is gone, as when it starts up (SK-10). The caller,
+    /// which drives the wires, also has to set BUSY high from the start of [`Self::exchange`] until it returns.
     pub fn is_busy(&self) -> bool {
         self.lost.is_some() || self.link.check().is_err()
     }
@@ -169,7 +170,7 @@ impl SpiBoard {
         self.link.close();
     }
 
-    /// Why the board is gone; `None` if it is connected.
+    /// Why the board is lost; `None`: it is connected.
     pub fn lost(&self) -> Option<LinkError> {
         self.lost.clone().or_else(|| self.link.check().err())
     }
@@ -184,10 +185,11 @@ impl SpiBoard {
         self.counters
     }
 
-    /// Reads the newest report; outside OP, one that answers the newest frame.
+    /// Reads the newest report. Outside OP, waits for a report that answers the newest frame.
     fn read_reports(&mut self) {
         self.read_report(Wait::Now);
-        // Reports from before the frame may still be queued.
+        // The first reports read may be from before the newest frame: outside OP they are skipped until one answers
+        // that frame.
         while self.unanswered.is_some() && !self.in_op() && self.read_report(Wait::For(ANSWER_WAIT_MAX)) {}
         self.unanswered = None;
     }
@@ -213,7 +215,8 @@ impl SpiBoard {
         self.before = seen;
         while let Some(written) = self.uncounted.front()
             && *written <= report.at
-            // A frame has reached the FIFO after one cycle; if it is not there, the board has refused it.
+            // A frame reaches the FIFO within a cycle. If it was written before the previous report and still is not
+            // counted, the board has refused it, so it no longer counts.
             && (came > 0 || *written <= before_that)
         {
             came = came.saturating_sub(1);

@@ -1,5 +1,5 @@
-//! Connections. One thread accepts them and receives their first message; each connection that becomes a client gets a
-//! thread of its own.
+//! Accepts connections and serves them. One thread accepts them and receives their first message; each connection that
+//! becomes a client gets a thread of its own.
 
 use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, TcpListener};
@@ -23,16 +23,17 @@ use crate::tcp::wire::{End, Refusal, Role};
 use crate::tcp::{Came, Channel, Inbox, ServerTls, Waker, patience};
 use crate::threads;
 
-/// How many connections the system may queue until they are accepted; it limits this value itself. \[OURS]
+/// How many connections the system may queue until they are accepted (the backlog of `listen`). The system may lower
+/// this value. \[OURS]
 const BACKLOG: i32 = 4096;
 /// How many connections are accepted before the pending ones are checked again. \[OURS]
 const ACCEPTED_IN_A_ROW_MAX: usize = 16;
 /// How long the server waits until a client has received why its connection ends. \[OURS]
 const FAREWELL_MAX: Duration = Duration::from_millis(500);
-/// The pause after the system could not provide a connection. \[OURS]
+/// The pause after an error of `accept`, for example because no file descriptor was left. \[OURS]
 const ACCEPT_RETRY_PAUSE: Duration = Duration::from_millis(50);
 
-/// The thread that listens.
+/// The listening thread, and the data to stop it.
 pub(super) struct Acceptor {
     shared: Arc<Shared>,
     waker: Arc<Waker>,
@@ -56,7 +57,7 @@ impl Shared {
         }
     }
 
-    /// Logs how many lines were counted instead of being logged.
+    /// Logs how many lines were suppressed by the limit of each kind, when this is due.
     fn log_counted(&self, now: Instant) {
         let lines = self.log_limit.lock().due(now);
         lines.iter().for_each(|line| self.hub.tell(line));
@@ -83,7 +84,7 @@ impl Acceptor {
         Ok(Self { shared, waker, thread: Some(thread) })
     }
 
-    /// Ends the thread and all connections, after the clients were notified.
+    /// Notifies all clients, and ends their connections and the listening thread.
     pub(super) fn stop(&mut self) {
         self.shared.stop.store(true, Ordering::Release);
         self.waker.wake();
@@ -147,7 +148,7 @@ fn wait(
     shared: &Shared,
 ) {
     // `takes` and the deadlines use the same `now`: while the listener is not polled, the time at which there is room
-    // again must be one of the deadlines.
+    // for a connection again has to be one of the deadlines.
     let takes = pool.has_room(now) && now >= next_try;
     let times = [
         pool.next_time(now, &shared.hub.options),
@@ -162,7 +163,7 @@ fn wait(
     }
     let first = fds.len();
     fds.extend(pool.waits_for());
-    // If the wait fails, the calls after it report the error.
+    // If the wait fails, the following calls on the sockets report the error.
     let _ = poll(&mut fds, limit.as_ref());
     if !fds[0].revents().is_empty() {
         waker.seen();
@@ -196,7 +197,7 @@ fn accept_pending(listener: &TcpListener, pool: &mut PendingPool, shared: &Share
             Err(error) => {
                 let line = format!("no connection can be taken: {error}");
                 shared.log_limited(&line, &line);
-                // The process may have run out of file descriptors, and a pending connection holds one.
+                // The process may have run out of file descriptors: closing a pending connection frees one.
                 pool.drop_oldest();
                 return false;
             }
@@ -248,7 +249,7 @@ fn start_client(
     }
 }
 
-/// The thread of a client, from the welcome until the connection ends.
+/// The body of a client's thread, from the Welcome until the connection ends.
 fn connection(client: Arc<Client>, board: &Arc<Board>, mut inbox: Inbox, shared: &Shared) {
     let hub = &shared.hub;
     let Some(channel) = &client.channel else { return };
@@ -285,7 +286,7 @@ const fn role_name(role: Role) -> &'static str {
     }
 }
 
-/// The name of the program in the name of a client, without its process id.
+/// The name of a client's program: the client's name without its process id.
 fn program(name: &str) -> &str {
     name.split(" (PID ").next().unwrap_or(name)
 }
@@ -311,7 +312,7 @@ fn serve_client(channel: &Channel, inbox: &mut Inbox, client: &Client, session: 
     let patience = patience(client.keepalive);
     let mut is_drained = false;
     loop {
-        // Messages that arrived together with the Hello are in the inbox already.
+        // The inbox may already contain messages that arrived together with the Hello.
         loop {
             match inbox.next() {
                 Ok(None) => break,
@@ -327,7 +328,8 @@ fn serve_client(channel: &Channel, inbox: &mut Inbox, client: &Client, session: 
             return Left::Dismissed;
         }
         session.work();
-        // If all received bytes are handled, waiting is enough; bytes that arrive later end the wait.
+        // After all bytes were received, a second system call to receive is saved: bytes that arrive later end the wait
+        // below.
         let came = if std::mem::take(&mut is_drained) { Ok(Came::Nothing) } else { channel.receive(inbox) };
         match came {
             Ok(came @ (Came::Bytes | Came::All)) => {
@@ -357,7 +359,8 @@ fn serve_client(channel: &Channel, inbox: &mut Inbox, client: &Client, session: 
     }
 }
 
-/// Sends the remaining bytes and gives the client time to receive them before the connection is closed.
+/// Sends the remaining bytes to a client, and waits a while for the client to receive them before the connection is
+/// closed.
 fn farewell(channel: &Channel, client: &Client, inbox: &mut Inbox, is_gone: bool) {
     let until = Instant::now() + FAREWELL_MAX;
     while !is_gone && client.is_blocked() && Instant::now() < until {
@@ -373,7 +376,8 @@ fn farewell(channel: &Channel, client: &Client, inbox: &mut Inbox, is_gone: bool
     }
 }
 
-/// Discards received bytes, because closing a connection with unread bytes would also discard what was sent.
+/// Reads and discards bytes from the client until it closes its end: the system would discard sent bytes too if a
+/// connection were closed with unread ones.
 fn drain(channel: &Channel, inbox: &mut Inbox, until: Instant) {
     loop {
         inbox.clear();

@@ -19,7 +19,7 @@ use crate::tcp::{Channel, Inbox, PROOF_LEN};
 fn a_cycle_allocates_nothing() {
     let link = crate::open::open("sim:?clock=virtual&name=allocation", Share::ByName).unwrap();
     let hub = Hub::new(ServeOptions::default());
-    // The test makes the reports; the board is only written to.
+    // The test makes the reports itself and passes them to the hub; the board behind the link only takes the writes.
     let board = hub.attach(Arc::new(Real(link)));
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let mut clients = Vec::new();
@@ -35,7 +35,8 @@ fn a_cycle_allocates_nothing() {
     std::thread::spawn(move || while reads.read(&mut [0; 4096]).is_ok_and(|count| count > 0) {});
     let mut session = Session::new(&hub, Arc::clone(&board), Arc::clone(&clients[0].0));
     let mut cycles = cycles(&hub, &board, &clients[0].0, &mut session);
-    // Until the client that does not read takes no more; how much the kernel buffers for it is not known.
+    // The second client reads nothing. It takes no more reports once the kernel's buffers, whose size is not known, are
+    // full.
     let takes_no_more = || clients[1].0.is_blocked() && clients[1].0.dropped() > 0;
     for _ in 0..100 {
         cycles(1000);
@@ -80,7 +81,7 @@ fn cycles<'a>(
     }
 }
 
-/// A link that claims to have real time.
+/// A link that claims to run in real time, so that the server handles it like a real board.
 struct Real(Arc<dyn Link>);
 
 impl Layer for Real {

@@ -17,7 +17,7 @@ const REPORTS_KEPT: usize = 32;
 /// the answers, and is disconnected. \[OURS]
 const UNSENT_BYTES_MAX: usize = 16 * MESSAGE_MAX;
 
-/// A client of the server.
+/// A connected client of the server.
 pub(super) struct Client {
     pub(super) name: String,
     pub(super) role: Role,
@@ -26,9 +26,9 @@ pub(super) struct Client {
     /// The number of reports that the board's link had dropped before the client connected.
     dropped_before: u64,
     out: Mutex<Outgoing>,
-    /// Whether bytes wait until the socket has room.
+    /// Whether bytes wait because the client's socket has no room.
     blocked: AtomicBool,
-    /// Whether the client was sent a Bye, or its connection has failed.
+    /// Whether the connection is over for the server: a Bye was sent, or the connection has failed.
     finished: AtomicBool,
 }
 
@@ -54,17 +54,17 @@ impl Client {
         }
     }
 
-    /// Whether nothing more will be sent.
+    /// Whether nothing more is sent to the client: a Bye was sent, or the connection has failed.
     pub(super) fn is_over(&self) -> bool {
         self.finished.load(Ordering::Acquire)
     }
 
-    /// Whether bytes wait until the socket has room.
+    /// Whether bytes wait because the client's socket has no room.
     pub(super) fn is_blocked(&self) -> bool {
         self.blocked.load(Ordering::Acquire)
     }
 
-    /// Sends a message, before any report that is waiting.
+    /// Stages a message other than a report and sends it before the reports that are waiting.
     pub(super) fn reply(&self, message: &Message<'_>) {
         let mut outgoing = self.out.lock();
         self.stage(&mut outgoing, message);
@@ -92,7 +92,7 @@ impl Client {
         self.out.lock().dropped
     }
 
-    /// Sends a Bye, once.
+    /// Sends a Bye, which is the last message to the client. A second call has no effect.
     pub(super) fn finish(&self, end: End, text: &str) {
         if self.is_over() {
             return;
@@ -105,7 +105,7 @@ impl Client {
         self.give_up();
     }
 
-    /// Sends the waiting bytes, as far as the socket has room.
+    /// Sends the bytes that are waiting, as far as the socket has room.
     pub(super) fn flush(&self) {
         self.push(&mut self.out.lock());
     }
@@ -151,7 +151,7 @@ impl Client {
             match channel.push(&mut outgoing.out) {
                 Ok(true) => {}
                 Ok(false) => break false,
-                // The thread of the connection gets the same error and ends the session.
+                // The thread of the connection gets the same error when it receives, and ends the session.
                 Err(_) => return self.give_up(),
             }
             if self.is_over() {
@@ -163,7 +163,7 @@ impl Client {
             self.stage(outgoing, &Message::Report { meta, frame: frame.bytes() });
         };
         if self.blocked.swap(!all, Ordering::AcqRel) == all && !all {
-            // The client's thread has to poll for room in the socket from now on.
+            // Wakes the client's thread: from now on it has to poll the socket for room as well.
             channel.wake();
         }
     }

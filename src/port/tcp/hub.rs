@@ -18,28 +18,28 @@ use crate::summary::{FrameEvent, FrameWatch};
 use crate::tcp::wire::{Counts, End, Message, Refusal, Role, TEXT_MAX, Welcome};
 use crate::tcp::{Channel, PROOF_LEN};
 
-/// A board that is connected.
+/// A board that the server has open.
 pub(super) struct Board {
     pub(super) link: Arc<dyn Link>,
     pub(super) info: LinkInfo,
-    /// The slaves and units that the board's link knows.
+    /// The slaves and the units of their axes, as far as the board's link knows them.
     known: KnownNetwork,
     /// The state of the network as the passing frames show it; empty if the slot size is unknown.
     watch: Mutex<Watch>,
     /// Detects alarms and failed changes of state for the log.
     troubles: Option<Mutex<FrameWatch>>,
-    /// The time of the newest report.
+    /// The board's time in the newest report.
     newest: AtomicU64,
     /// The sequence number of the next report.
     next: AtomicU64,
     /// How many reports the board's link has dropped.
     dropped: AtomicU64,
-    /// The latest known time of the board, on virtual time.
+    /// On virtual time: the newest known time of the board.
     clock: AtomicU64,
 }
 
 impl Board {
-    /// Writes a frame, and updates the observed state of the network.
+    /// Writes a command frame to the board, and updates the observed state of the network.
     pub(super) fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         let at = self.link.write(frame, wait)?;
         if let Some(size) = self.info.slot {
@@ -74,8 +74,8 @@ impl Board {
         self.watch.lock().clone()
     }
 
-    /// The slaves and units that clients are given: those in `said`, or else those seen in frames, known to the link,
-    /// or in its URI.
+    /// The slaves and the units of their axes that a Welcome contains: those in `said`, or else those that passing
+    /// frames have shown, or else those that the board's link knows.
     fn network(&self, said: &KnownNetwork) -> KnownNetwork {
         let shown = self
             .watch
@@ -108,10 +108,10 @@ impl Board {
 }
 
 struct State {
-    /// The board, or the reason why it is not connected.
+    /// The board, or the reason why none is open.
     board: Result<Arc<Board>, String>,
     clients: Vec<Arc<Client>>,
-    /// The name of the writer.
+    /// The name of the client that is the writer, or a text if the server itself is; `None`: there is no writer.
     writer: Option<String>,
     /// The reports for the server's own link, while the server itself is the writer.
     server_reports: Option<Arc<ReportQueue>>,
@@ -129,16 +129,16 @@ pub(super) struct Hub {
     changed: Condvar,
 }
 
-/// A new client and its board.
+/// A client that has just joined, and the board that it joined.
 pub(super) type Joined = (Arc<Client>, Arc<Board>);
 
-/// A connection that is about to become a client.
+/// A connection that asks to become a client.
 pub(super) struct Joining<'a> {
     pub(super) who: String,
     pub(super) role: Role,
     pub(super) keepalive: Duration,
     pub(super) proof: &'a [u8; PROOF_LEN],
-    /// `None`: messages to the client are kept in memory.
+    /// The client's connection; `None`: messages to the client are kept in memory, for tests.
     pub(super) channel: Option<Channel>,
 }
 
@@ -155,7 +155,7 @@ impl Hub {
         self.notes.push(line.to_owned());
     }
 
-    /// Registers a connected board.
+    /// Makes an opened board the one that is served.
     pub(super) fn attach(&self, link: Arc<dyn Link>) -> Arc<Board> {
         let info = link.info();
         let known = link.network().unwrap_or_default().or(KnownNetwork::of_sim(&info.name));
@@ -174,7 +174,7 @@ impl Hub {
         board
     }
 
-    /// Handles the loss of a board: all clients are notified and disconnected.
+    /// Handles the loss of the board: notifies and disconnects all clients.
     pub(super) fn lose(&self, board: &Arc<Board>, error: &LinkError) {
         let reason = match error {
             LinkError::Lost { reason, .. } => reason.to_string(),
@@ -194,7 +194,7 @@ impl Hub {
         self.tell(&line);
     }
 
-    /// Whether this board is still connected.
+    /// Whether this board is still the one that is served.
     pub(super) fn has(&self, board: &Arc<Board>) -> bool {
         is_present(&self.state.lock().board, board)
     }
@@ -207,7 +207,7 @@ impl Hub {
             Err(reason) => return Err((Refusal::NoBoard, reason.clone())),
             Ok(board) => Arc::clone(board),
         };
-        // Readers may not take the last place while there is no writer.
+        // The last free place is kept for a writer while there is none.
         let kept = joining.role == Role::Reader && state.writer.is_none() && self.options.max_clients > 1;
         if state.clients.len() + usize::from(kept) >= self.options.max_clients {
             return Err((Refusal::Full, String::new()));
@@ -237,8 +237,9 @@ impl Hub {
         Ok((client, board))
     }
 
-    /// Removes a client. A writer is trusted if it has closed its link. After one that is not trusted, the server
-    /// itself is the writer until [`end_standstill`](Self::end_standstill).
+    /// Removes a client. `is_trusted`: nothing has to be stopped, because the client has closed its link or the board
+    /// is gone. Otherwise, if the client was the writer, the server itself becomes the writer until
+    /// [`end_standstill`](Self::end_standstill).
     pub(super) fn leave(&self, client: &Arc<Client>, is_trusted: bool) -> Option<Arc<ReportQueue>> {
         let mut state = self.state.lock();
         state.clients.retain(|other| !Arc::ptr_eq(other, client));
@@ -255,13 +256,15 @@ impl Hub {
         Some(queue)
     }
 
-    /// Ends the server's own time as the writer.
+    /// The server is no longer the writer, since it has brought the axes to a standstill: a client can become the
+    /// writer again.
     pub(super) fn end_standstill(&self) {
         let mut state = self.state.lock();
         (state.writer, state.server_reports) = (None, None);
     }
 
-    /// Logs the alarms and failures in a report, with the time since the board was opened, as in a recording.
+    /// Logs the alarms and failed changes of state that a report shows. Their times count from the opening of the
+    /// board, as in a recording.
     fn tell_troubles(&self, board: &Board, frame: &Frame, at: Stamp) {
         let Some(troubles) = &board.troubles else { return };
         troubles.lock().report(at.nanoseconds(), frame, &mut |event| {
@@ -277,7 +280,8 @@ impl Hub {
     pub(super) fn publish(&self, board: &Board, frame: &Frame, meta: ReadMeta) {
         self.tell_troubles(board, frame, meta.at);
         let state = self.state.lock();
-        // Under the same lock as sending, so that a new client is given the sequence number of its first report.
+        // The sequence number is noted under the same lock as the report is sent, so that the Welcome of a new client
+        // gives the number of the client's first report.
         board.note_report(frame, meta);
         for client in &state.clients {
             if !(board.info.virtual_time && client.role == Role::Writer) {
@@ -289,7 +293,7 @@ impl Hub {
         }
     }
 
-    /// Accepts no more clients and notifies those that are connected.
+    /// Accepts no more clients, and sends a Bye to those that are connected.
     pub(super) fn stop(&self) {
         let mut state = self.state.lock();
         state.is_stopping = true;
@@ -302,7 +306,8 @@ impl Hub {
         self.state.lock().is_stopping
     }
 
-    /// Called when no thread needs the board any more.
+    /// Called when no thread needs the board any more: marks the server as ended, and ends the waits on the hub and on
+    /// the board.
     pub(super) fn end(&self) {
         let board = {
             let mut state = self.state.lock();
@@ -319,7 +324,7 @@ impl Hub {
         self.state.lock().is_over
     }
 
-    /// Waits at most `limit`, or until the board is lost or the server ends.
+    /// Waits for at most `limit`. The wait also ends when the board is lost or the server ends.
     pub(super) fn wait(&self, limit: Duration) {
         let mut state = self.state.lock();
         if !state.is_over {

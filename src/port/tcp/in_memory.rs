@@ -16,32 +16,32 @@ use crate::sk::Frame;
 use crate::tcp::wire::{End, Hello, MESSAGE_MAX, Message, Role, WireError};
 use crate::tcp::{Inbox, PROOF_LEN, each_message};
 
-/// A server for a link on virtual time. It collects its log.
+/// A server without sockets for a link on virtual time. Its log lines are collected for [`told`](Self::told).
 pub struct InMemoryServer {
     hub: Arc<Hub>,
     board: Arc<Board>,
 }
 
-/// A message from a client.
+/// A message that a test lets a client send.
 #[derive(Clone, Copy, Debug)]
 pub enum ClientMessage<'a> {
     /// A request to write a command frame.
     Write(&'a Frame),
     /// A request for the oldest unread report.
     Read,
-    /// A request to advance the time.
+    /// A request to advance the board's time.
     Pass(Duration),
-    /// A request for the counters.
+    /// A request for the counters of the link and its board.
     Count,
     /// Cancels the previous request.
     Cancel,
     /// A keep-alive message.
     Ping,
-    /// The end of the connection.
+    /// The client's last message: it closes its link.
     Bye,
 }
 
-/// A message to a client. Requests are numbered in the order in which the client makes them, from 1.
+/// A message of the server to a client. Requests are numbered in the order in which the client makes them, from 1.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "they are looked at one by one and never stored in bulk")]
 pub enum ServerMessage {
@@ -52,13 +52,13 @@ pub enum ServerMessage {
         /// The board's time after the request.
         now: Option<Stamp>,
     },
-    /// The counters.
+    /// The answer to a request for the counters.
     Counted {
         /// The number of the request.
         request: u64,
         /// Reports that were dropped for the client.
         reports_dropped: u64,
-        /// The board's counters.
+        /// The counters of the board, if its link has them.
         board: Option<Counters>,
     },
     /// A request has failed.
@@ -68,13 +68,13 @@ pub enum ServerMessage {
         /// The board's time after the request.
         now: Option<Stamp>,
     },
-    /// The end of the connection.
+    /// The server's last message: it ends the connection.
     Bye,
-    /// Any other message.
+    /// A message that tests do not look at.
     Other,
 }
 
-/// A client of an [`InMemoryServer`] server.
+/// A client of an [`InMemoryServer`].
 pub struct InMemoryClient<'a> {
     server: &'a InMemoryServer,
     session: Session<'a>,
@@ -84,14 +84,14 @@ pub struct InMemoryClient<'a> {
 }
 
 impl InMemoryServer {
-    /// Serves a link.
+    /// Creates a server for this link.
     pub fn new(link: Arc<dyn Link>, options: ServeOptions) -> Self {
         let hub = Arc::new(Hub::new(options));
         let board = hub.attach(link);
         Self { hub, board }
     }
 
-    /// Takes the lines of the log since the last call.
+    /// Takes the log lines since the last call of this function.
     pub fn told(&self) -> Vec<String> {
         let note = |note| match note {
             Note::Item(line) => line,
@@ -113,8 +113,8 @@ impl InMemoryServer {
 }
 
 impl InMemoryClient<'_> {
-    /// Sends the first `bytes` bytes of a message and executes the request. Returns whether the client is still
-    /// connected.
+    /// Sends the first `bytes` bytes of a message, so that tests can cut messages, and executes the request. Returns
+    /// whether the client is still connected.
     pub fn say(&mut self, what: ClientMessage<'_>, bytes: usize) -> bool {
         let keeps = self.begin(what, bytes);
         while keeps && self.session.is_busy() {
@@ -123,7 +123,7 @@ impl InMemoryClient<'_> {
         keeps
     }
 
-    /// As [`say`](Self::say), but a request that takes several steps is only begun.
+    /// Like [`say`](Self::say), but a request that takes several steps is only begun.
     pub fn begin(&mut self, what: ClientMessage<'_>, bytes: usize) -> bool {
         self.requests += 1;
         let request = self.requests;

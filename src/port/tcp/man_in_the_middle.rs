@@ -38,7 +38,7 @@ fn somebody_in_between_gets_nothing() {
             server.wait(false, Some(Duration::from_millis(100))).unwrap();
         }
         server.secure(client_session().unwrap(), deadline).unwrap();
-        // Passes on the bytes of the client, and then those of the server.
+        // The attacker passes on the next message of the client, then the next one of the server.
         for (from, to) in [(&victim, &server), (&server, &victim)] {
             let mut out = Out::default();
             let staged = first_message(from, &mut Inbox::default(), deadline, |message| {
@@ -105,7 +105,7 @@ fn write_secret(file: &std::path::Path) {
     std::fs::set_permissions(file, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
 }
 
-/// The TLS session with the next client, which takes this end for the server.
+/// The attacker's TLS session with the next client, which takes it for the server.
 fn accept_client(listener: &TcpListener, deadline: Instant) -> Channel {
     let mut out = Out::default();
     let mut client = Channel::new(listener.accept().unwrap().0).unwrap();

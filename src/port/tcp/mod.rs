@@ -69,7 +69,7 @@ pub use session::answer;
 
 pub use crate::tcp::DEFAULT_PORT;
 
-/// The treatment of moving axes when the writer has disconnected without closing its link.
+/// What the server does with moving axes when the writer has disconnected without closing its link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum OnVanish {
     /// The axes decelerate to a standstill and stay enabled, so that a vertical axis does not drop. Homing is aborted.
@@ -77,7 +77,7 @@ pub enum OnVanish {
     Ramp,
     /// Nothing is sent: the board executes the rest of its FIFO, and a velocity or torque stays in force.
     Leave,
-    /// As [`OnVanish::Ramp`]; then the drives are disabled.
+    /// Like [`OnVanish::Ramp`], and after the standstill the drives are disabled.
     ServoOff,
 }
 
@@ -89,14 +89,14 @@ pub struct ServeOptions {
     pub listen: SocketAddr,
     /// The secret that clients have to know. Without one, only clients on this machine are allowed.
     pub secret: Option<Secret>,
-    /// The treatment of moving axes when the writer has disconnected without closing its link.
+    /// What the server does with moving axes when the writer has disconnected without closing its link.
     pub on_vanish: OnVanish,
     /// The largest number of clients; 16 by default. One place is reserved for a writer.
     pub max_clients: usize,
-    /// The slaves and units that clients are given, if they are known better than from the link and from passing
-    /// frames.
+    /// The slaves and the units of their axes that the server tells its clients. Empty parts are taken from passing
+    /// frames and from the board's link.
     pub network: KnownNetwork,
-    /// How long a new connection may take to send its Hello; 2 s by default.
+    /// How long a new connection may take to send its first message, the Hello; 2 s by default.
     pub hello_limit: Duration,
     /// Called with each line of the log, in a thread of its own for which no other thread waits. If the function is too
     /// slow, lines are dropped, and a line reports their number.
@@ -127,13 +127,13 @@ pub enum ServeError {
          or listen on 127.0.0.1"
     )]
     NeedsSecret { listen: SocketAddr },
-    /// The system does not allow to listen on that address.
+    /// The system does not allow the server to listen on this address.
     #[error("cannot listen on {listen}: {message}; {next}")]
     Listen { listen: SocketAddr, message: String, next: &'static str },
     /// The board cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The system did not provide a thread or another resource.
+    /// The operating system did not provide a thread or another resource.
     #[error("{what}: {message}; free some memory, files or threads, then start it again")]
     System { what: &'static str, message: String },
 }

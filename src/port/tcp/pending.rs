@@ -14,31 +14,31 @@ use crate::span::Span;
 use crate::tcp::wire::{Greeting, Message, Refusal};
 use crate::tcp::{Came, Channel, Inbox, Material, Out, PROOF_LEN, ServerTls, Side};
 
-/// How long a refused connection may take to receive the reason. \[OURS]
+/// How long a refused connection may take to receive the reason of the refusal. \[OURS]
 const FAREWELL_MAX: Duration = Duration::from_millis(500);
 
 /// A connection that is not yet a client.
 pub(super) struct PendingConnection {
     pub(super) from: SocketAddr,
-    /// When it was accepted.
+    /// When the server accepted the connection.
     pub(super) came: Instant,
-    /// Whether any bytes have arrived from it.
+    /// Whether the client has sent any bytes.
     pub(super) has_sent: bool,
     channel: Channel,
     inbox: Inbox,
     out: Out,
-    /// The TLS session during the handshake.
+    /// The TLS session until its handshake is complete.
     handshake: Option<Box<Connection>>,
     material: Option<Material>,
     /// For a refused connection: how long it may still take to receive the reason.
     refused_until: Option<Instant>,
 }
 
-/// The state of a pending connection.
+/// The result of handling a pending connection.
 pub(super) enum Look {
-    /// The Hello of the connection has not arrived yet.
+    /// The connection's first message, the Hello, has not arrived yet.
     Waits,
-    /// The Hello of the connection has arrived.
+    /// The connection's first message, the Hello, has arrived and is valid.
     Introduced(Introduction),
     /// The connection has to be refused with [`PendingConnection::refuse`].
     Refused(Refusal, String),
@@ -60,7 +60,7 @@ impl PendingConnection {
         let channel = Channel::without_waker(socket)?;
         let mut out = Out::default();
         channel.stage_plain(&Greeting { tls: tls.is_some(), has_room: true }.encode(), &mut out);
-        // The send buffer of a new connection has room for the greeting.
+        // No wait is needed, since the send buffer of a new connection has room for the greeting.
         channel.push(&mut out)?;
         let handshake = tls.map(ServerTls::accept).transpose()?.map(Box::new);
         let (inbox, material) = (Inbox::default(), None);
@@ -68,7 +68,8 @@ impl PendingConnection {
         Ok(Box::new(Self { from, came: now, has_sent, channel, inbox, out, handshake, material, refused_until: None }))
     }
 
-    /// A connection whose Hello has arrived but which does not become a client.
+    /// A connection whose Hello has arrived but which is refused as a client, so that it still has to receive the
+    /// reason.
     pub(super) fn from_client(channel: Channel, inbox: Inbox, from: SocketAddr, came: Instant) -> Box<Self> {
         let (has_sent, out, handshake, material, refused_until) = (true, Out::default(), None, None, None);
         Box::new(Self { from, came, has_sent, channel, inbox, out, handshake, material, refused_until })
@@ -79,7 +80,7 @@ impl PendingConnection {
         (self.channel, self.inbox)
     }
 
-    /// The events to poll for.
+    /// The events on this connection to poll for.
     pub(super) fn waits_for(&self) -> PollFd<'_> {
         self.channel.waits_for(!self.out.is_empty())
     }
@@ -89,12 +90,12 @@ impl PendingConnection {
         self.refused_until.is_some()
     }
 
-    /// When the connection is closed, if nothing happens.
+    /// When the connection is closed if its Hello does not arrive or its refusal is not received.
     pub(super) fn deadline(&self, options: &ServeOptions) -> Instant {
         self.refused_until.unwrap_or(self.came + options.hello_limit)
     }
 
-    /// Handles the bytes that have arrived.
+    /// Handles the bytes that have arrived on this connection, and its time limit.
     pub(super) fn look(&mut self, now: Instant, options: &ServeOptions) -> Look {
         if self.is_refused() {
             return self.drain(now);
@@ -151,9 +152,9 @@ impl PendingConnection {
         key.map_or([0; PROOF_LEN], |(secret, material)| secret.prove(Side::Server, material))
     }
 
-    /// Sends the reason of a refusal.
+    /// Begins to send the reason of a refusal.
     pub(super) fn refuse(&mut self, why: Refusal, text: &str, now: Instant) {
-        // If the client does not receive the reason, its connection ends without one.
+        // If this fails, the client's connection ends without a reason.
         let _ = self.channel.stage(&Message::Refused { why, text }, &mut self.out);
         let _ = self.channel.push(&mut self.out);
         self.refused_until = Some(now + FAREWELL_MAX);

@@ -14,15 +14,15 @@ const PENDING_MAX: usize = 256;
 /// The largest number of pending connections from one address. Loopback addresses have no such limit, because all
 /// clients on this machine share them. \[OURS]
 const PENDING_PER_ADDRESS_MAX: usize = 32;
-/// How long each connection has for its Hello even if many others arrive after it; the others wait in the system's
-/// queue meanwhile. A client needs less than a millisecond, and over a slow network 200. \[OURS]
+/// Each connection has at least this long for its Hello, however many others arrive after it: those wait in the
+/// system's queue meanwhile. A client needs less than 1 ms, and over a slow network 200 ms. \[OURS]
 const HELLO_TIME_MIN: Duration = Duration::from_millis(250);
 
 /// Pending connections, oldest first.
 #[derive(Default)]
 pub(super) struct PendingPool {
     pending: VecDeque<Box<PendingConnection>>,
-    /// Whether events have occurred on each of them, in the same order.
+    /// For each pending connection, in the same order: whether its socket has an event to handle.
     ready: Vec<bool>,
 }
 
@@ -42,17 +42,18 @@ impl PendingPool {
         };
         let evicted = evicted.and_then(|index| self.pending.remove(index));
         self.pending.push_back(pending);
-        // The end of a refused connection has been logged already.
+        // The end of a refused connection was logged with its refusal, so the caller must not log it again.
         evicted.filter(|evicted| !evicted.is_refused())
     }
 
-    /// Adds a connection that was removed to be handled.
+    /// Adds a connection again that [`look`](Self::look) has removed and that was then refused: it waits until the
+    /// reason is received.
     pub(super) fn put_back(&mut self, pending: Box<PendingConnection>) {
         let place = self.pending.partition_point(|other| other.came <= pending.came);
         self.pending.insert(place, pending);
     }
 
-    /// Closes the oldest connection.
+    /// Closes the oldest pending connection, to free its file descriptor.
     pub(super) fn drop_oldest(&mut self) {
         self.pending.pop_front();
     }
@@ -69,7 +70,7 @@ impl PendingPool {
             .or_else(|| oldest(&had_hello_time))
     }
 
-    /// The oldest connection from an address that has as many as allowed.
+    /// The oldest connection from `address`, if this address has as many connections as allowed.
     fn oldest_of_full_address(&self, address: IpAddr) -> Option<usize> {
         let its = |pending: &PendingConnection| pending.from.ip() == address;
         if address.is_loopback() || self.pending.iter().filter(|pending| its(pending)).count() < PENDING_PER_ADDRESS_MAX
@@ -80,12 +81,12 @@ impl PendingPool {
         silent.or_else(|| self.pending.iter().position(|pending| its(pending)))
     }
 
-    /// The events to poll for, in the order of the connections.
+    /// The events to poll for, one for each pending connection in their order.
     pub(super) fn waits_for(&self) -> impl Iterator<Item = PollFd<'_>> {
         self.pending.iter().map(|pending| pending.waits_for())
     }
 
-    /// Stores on which connections events have occurred.
+    /// Stores which connections have an event to handle, in their order.
     pub(super) fn note_ready(&mut self, ready: &[bool]) {
         self.ready.clear();
         self.ready.extend_from_slice(ready);

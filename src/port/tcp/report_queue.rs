@@ -8,10 +8,10 @@ use parking_lot::{Condvar, Mutex};
 use crate::link::ReadMeta;
 use crate::sk::Frame;
 
-/// How many unread reports are kept. \[OURS]
+/// How many unread reports are kept; the oldest are dropped. \[OURS]
 const REPORTS_KEPT: usize = 32;
 
-/// Reports for the server's own link.
+/// The queue of reports for the link that the server itself uses.
 pub(super) struct ReportQueue {
     reports: Mutex<VecDeque<(Frame, ReadMeta)>>,
     arrived: Condvar,

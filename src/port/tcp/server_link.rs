@@ -8,14 +8,14 @@ use super::report_queue::ReportQueue;
 use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 
-/// A link for the server itself. Closing it leaves the board open for the clients.
+/// A link with which the server itself uses its board. Closing it leaves the board open for the clients.
 pub(super) struct ServerLink {
     pub(super) hub: Arc<Hub>,
     pub(super) board: Arc<Board>,
     pub(super) queue: Arc<ReportQueue>,
 }
 
-/// The longest wait in a call of this link.
+/// The maximum wait in a call of this link: a limit for writes without one, and for all reads in real time.
 const WAIT_MAX: Duration = Duration::from_secs(10);
 
 impl Link for ServerLink {

@@ -11,7 +11,7 @@ use crate::sk::Frame;
 use crate::tcp::wire::{Counts, Failure, Hello, Message, Refusal, Role, WireError};
 use crate::tcp::{Inbox, PROOF_LEN};
 
-/// How often a waiting write checks whether its client has cancelled it. \[OURS]
+/// How often a write that waits for the board checks whether its client has cancelled it. \[OURS]
 const WRITE_SLICE: Duration = Duration::from_millis(10);
 /// How far the board's time advances in one step of a request on virtual time. \[OURS]
 const TIME_STEP_NS: u64 = 100_000_000;
@@ -23,7 +23,7 @@ const KEEPALIVE_RANGE_MS: std::ops::RangeInclusive<u32> = 50..=3_600_000;
 pub(super) enum Left {
     /// The client has closed its link.
     Closed,
-    /// The connection has ended; the reason.
+    /// The connection has ended without a Bye; the reason as text.
     Gone(String),
     /// The client has violated the protocol.
     Broken(WireError),
@@ -37,15 +37,15 @@ impl From<WireError> for Left {
     }
 }
 
-/// The session of a client.
+/// The session of one client: its requests and the state that they need.
 pub(super) struct Session<'a> {
     hub: &'a Hub,
     board: Arc<Board>,
     client: Arc<Client>,
-    /// The counters of the link when the session began.
+    /// The counters of the board's link when the session began: a client gets the increase since then.
     before: Counts,
     pending: Option<Pending>,
-    /// The frame of the request in progress.
+    /// The command frame of the write in progress.
     frame: Frame,
     text: String,
 }
@@ -57,9 +57,9 @@ struct Pending {
     work: Work,
 }
 
-/// The rest of the work for a request.
+/// The part of a request that is still to be done.
 enum Work {
-    /// The board has not taken the session's frame yet; `until` is the time limit, `None` is no limit.
+    /// A write: the board has not accepted the session's frame yet; `until` is the time limit, `None` is no limit.
     Write { until: Option<Instant> },
     /// On virtual time: a read. `left_ns`: how far the time may still advance; `None`: until there is a report.
     Read { left_ns: Option<u64> },
@@ -67,7 +67,7 @@ enum Work {
     Pass { left_ns: u64 },
 }
 
-/// The content of a Hello.
+/// What a client's first message, the Hello, says about it.
 pub(super) struct Introduction {
     pub(super) role: Role,
     pub(super) keepalive: Duration,
@@ -76,7 +76,8 @@ pub(super) struct Introduction {
 }
 
 impl Introduction {
-    /// Reads a client's first message; fails with the refusal if it is not a valid Hello.
+    /// Decodes a client's first message. The error is the reason to refuse the client, if the message is not a valid
+    /// Hello.
     pub(super) fn of(message: &Message<'_>) -> Result<Self, (Refusal, String)> {
         let Message::Hello(Hello { role, keepalive_ms, pid, program, proof }) = *message else {
             return Err((Refusal::NoHello, WireError::OutOfTurn { kind: message.kind() }.to_string()));
@@ -102,7 +103,7 @@ impl<'a> Session<'a> {
         self.pending.is_some()
     }
 
-    /// Handles a message.
+    /// Handles a message of the client. The error ends the session.
     pub(super) fn take(&mut self, message: &Message<'_>) -> Result<(), Left> {
         let out_of_turn = Left::Broken(WireError::OutOfTurn { kind: message.kind() });
         match *message {
@@ -116,7 +117,7 @@ impl<'a> Session<'a> {
                 }
                 return Ok(());
             }
-            // A client may have only one request in progress.
+            // The protocol allows a client only one request in progress.
             _ if self.is_busy() => return Err(out_of_turn),
             Message::Count { request } => {
                 let counts = self.board.counts().since(&self.before);
@@ -151,7 +152,7 @@ impl<'a> Session<'a> {
         self.work();
     }
 
-    /// Continues the request in progress for a short while.
+    /// Executes a short part of the request in progress.
     pub(super) fn work(&mut self) {
         let Some(pending) = self.pending.take() else { return };
         let request = pending.request;
@@ -163,7 +164,8 @@ impl<'a> Session<'a> {
         self.pending = left.map(|work| Pending { request, work });
     }
 
-    /// Tries to write the frame. Returns the rest of the work, as the functions below do.
+    /// Tries to write the frame to the board. Returns what is still to be done for the request; `None`: it is answered.
+    /// The functions below return the same.
     fn write(&mut self, request: u64, until: Option<Instant>) -> Option<Work> {
         let left = until.map_or(WRITE_SLICE, |until| until.saturating_duration_since(Instant::now()).min(WRITE_SLICE));
         match self.board.write(&self.frame, Wait::at_most(left)) {
@@ -177,7 +179,8 @@ impl<'a> Session<'a> {
     }
 
     fn read(&mut self, request: u64, left_ns: Option<u64>) -> Option<Work> {
-        // The last step may be longer than the others: a very short read would advance the time by more than its limit.
+        // A rest of up to two steps is read in one step, since a very short last step would advance the time by more
+        // than its limit.
         let step_ns = left_ns.map(|left| if left > 2 * TIME_STEP_NS { TIME_STEP_NS } else { left });
         let wait = step_ns.map_or(Wait::Forever, |step| Wait::at_most(Duration::from_nanos(step)));
         match self.board.link.read(&mut self.frame, wait) {
@@ -214,7 +217,8 @@ impl<'a> Session<'a> {
     }
 }
 
-/// The bytes that a server of `link` sends to a client that sends these bytes and reads nothing meanwhile.
+/// The bytes with which a server answers a client that sends `bytes` in one piece. `link` is the link of the served
+/// board. For tests that feed any bytes.
 #[doc(hidden)]
 pub fn answer(link: Arc<dyn Link>, bytes: &[u8]) -> Vec<u8> {
     let hub = Hub::new(ServeOptions::default());
@@ -241,7 +245,8 @@ pub fn answer(link: Arc<dyn Link>, bytes: &[u8]) -> Vec<u8> {
                     if session.take(&message).is_err() || client.is_over() || !hub.has(&board) {
                         return said(&Some((session, Arc::clone(client))));
                     }
-                    // No other client uses the board, so a request that does not succeed at once never does.
+                    // No other client uses the board in such a test. So a request that does not succeed at once never
+                    // would, and it is dropped.
                     session.pending = None;
                 }
             }

@@ -25,12 +25,12 @@ pub(super) fn run(hub: &Hub, first: Arc<Board>, open: Open<'_>) {
     }
 }
 
-/// Passes reports on until the board is lost or the server ends.
+/// Reads the board's reports and passes them to the clients, until the board is lost or the server ends.
 fn serve(hub: &Hub, board: &Arc<Board>) {
     let mut frame = Frame::new();
     while !hub.is_over() && hub.has(board) {
         if board.info.virtual_time {
-            // On virtual time the writer's requests read the reports.
+            // On virtual time this thread reads no reports: the writer's requests read them.
             hub.wait(STOP_CHECK_INTERVAL);
             continue;
         }
@@ -52,7 +52,7 @@ fn reopen(hub: &Hub, open: Open<'_>) -> Option<Arc<Board>> {
         match open() {
             Ok(link) => return Some(hub.attach(link)),
             Err(error) => {
-                // A reason is logged once, however often opening fails.
+                // The same reason is logged only once, however often opening fails for it.
                 let line = format!("the board cannot be opened yet: {error}");
                 if line != told {
                     hub.tell(&line);

@@ -10,8 +10,8 @@ use super::session::Left;
 use crate::link::Link;
 use crate::port::standstill::LeftBoard;
 
-/// Called when a client has left. Unless it has closed its link or the board is lost, the axes that it has moved are
-/// brought to a standstill. Then its place is free.
+/// Called when a client has left. If it was the writer, has not closed its link, and the board is not lost, the server
+/// brings the axes to a standstill. Only then can another client become the writer.
 pub(super) fn client_left(hub: &Arc<Hub>, board: &Arc<Board>, client: &Arc<Client>, left: &Left) {
     let is_trusted = matches!(left, Left::Closed) || !hub.has(board);
     if let Some(queue) = hub.leave(client, is_trusted) {

@@ -32,7 +32,7 @@ pub enum AttachError {
         path.display()
     )]
     NoController {
-        /// The folder that should exist.
+        /// The folder of the controller that was not found.
         path: PathBuf,
         source: io::Error,
     },
@@ -42,7 +42,7 @@ pub enum AttachError {
          system, e.g. usbip-win2 on Windows: `usbip attach -r 127.0.0.1 -b 1-1`"
     )]
     NoKernel,
-    /// This user is not allowed to attach devices.
+    /// The user has no right to attach devices.
     #[error("attaching a board to this machine needs root; start the same command with sudo")]
     NotAllowed,
     /// All ports of the controller are in use.
@@ -50,10 +50,10 @@ pub enum AttachError {
         "all high-speed ports of the virtual USB host controller are taken; free one with `sudo usbip detach -p N`"
     )]
     NoPort,
-    /// A client of the server has attached the board first.
+    /// Another client of the server has attached the board before this machine could.
     #[error("a client of the server has taken the board already; detach it there first")]
     Taken,
-    /// The controller has refused the board.
+    /// The virtual host controller has refused the board.
     #[error("the virtual USB host controller does not take the board: {0}; `dmesg` may say more")]
     Refused(io::Error),
 }

@@ -14,7 +14,7 @@ use super::wire::{DeviceEntry, Refusal, device_id};
 use crate::link::{Link, LinkError};
 use crate::notes::Notes;
 
-/// The number of the server's only bus.
+/// The number of the server's only virtual USB bus.
 const BUS: u16 = 1;
 
 /// How often the server checks that a board is still connected. \[OURS]
@@ -37,9 +37,9 @@ pub enum Event {
     Ended {
         /// The board's bus id.
         bus_id: String,
-        /// The reason.
+        /// Why the host no longer has the board.
         why: SessionEnd,
-        /// The counters of the transfers.
+        /// The counters of the host's transfers.
         counters: Counters,
     },
     /// A board is lost. The server tries to open it again.
@@ -58,24 +58,24 @@ pub enum Event {
     ClientRejected {
         /// The address of the client.
         host: String,
-        /// The reason.
+        /// Why the client was rejected.
         why: String,
     },
     /// A board could not be attached to this machine.
     NotAttached {
         /// The board's bus id.
         bus_id: String,
-        /// The reason.
+        /// Why the board could not be attached.
         why: String,
     },
     /// A lost board still cannot be opened. Each reason is reported once.
     ReopenFailed {
         /// The board's bus id.
         bus_id: String,
-        /// The reason.
+        /// Why the board cannot be opened.
         why: String,
     },
-    /// The system did not provide a connection or a thread.
+    /// The operating system did not provide a connection or a thread.
     SystemError {
         /// The failed operation, with the error.
         what: String,
@@ -119,7 +119,7 @@ pub(super) fn bus_id(index: u16) -> String {
     format!("{BUS}-{}", index + 1)
 }
 
-/// A board of the server.
+/// A board that the server shares.
 pub(super) struct Board {
     bus_id: String,
     path: String,
@@ -141,7 +141,7 @@ struct State {
 }
 
 impl Board {
-    /// Board `index`, counted from 0, whose link is open.
+    /// A board whose link is open. Its bus id is made from `index`, counted from 0.
     pub fn new(
         index: u16,
         identity: Identity,
@@ -177,7 +177,7 @@ impl Board {
         device_id(BUS, self.number)
     }
 
-    /// The entry of the board in a device list.
+    /// The entry of the board in the USB/IP list of devices.
     pub fn entry(&self) -> DeviceEntry<'_> {
         DeviceEntry {
             path: &self.path,
@@ -192,7 +192,7 @@ impl Board {
         }
     }
 
-    /// Whether the board is connected, attached or not.
+    /// Whether the board's link is open, whether or not a host has attached the board.
     pub fn is_there(&self) -> bool {
         self.state.lock().link.is_some()
     }
@@ -203,7 +203,7 @@ impl Board {
         if state.stopping {
             return Err((stream, Refusal::Away));
         }
-        // A lost board is refused as away, even while its host is being disconnected.
+        // A lost board is refused as not connected, even while its previous host is still being disconnected.
         let Some(link) = state.link.clone() else { return Err((stream, Refusal::Away)) };
         if state.session.is_some() {
             return Err((stream, Refusal::Busy));
@@ -214,13 +214,13 @@ impl Board {
         Ok(session)
     }
 
-    /// Runs the session of a host until it ends, and frees the board.
+    /// Runs the session of a host until it ends. Afterwards another host can attach the board.
     pub fn serve(&self, session: &Session, host: &str) {
         self.tell(Event::Attached { bus_id: self.bus_id.clone(), host: host.to_owned() });
         let why = session.run();
         let lost = matches!(why, SessionEnd::LinkLost(_));
         let link = if lost { self.state.lock().link.take() } else { None };
-        // The session is removed after the link is closed, because only then the link can be opened again.
+        // The session is removed only after the link is closed: then `keep` may open the link again.
         if let Some(link) = &link {
             link.close();
         }
@@ -242,7 +242,7 @@ impl Board {
                 return;
             }
             if let Some(link) = state.link.clone() {
-                // A call to a link may take long, so the lock is not held meanwhile.
+                // The lock is released, since a call of the link may take long.
                 drop(state);
                 if let Err(why) = link.check() {
                     self.lose(&link, why);
@@ -255,7 +255,7 @@ impl Board {
             } else {
                 self.changed.wait_for(&mut state, retry);
             }
-            // A lost link is opened again once its session has ended.
+            // A lost link is opened again only when its session has ended, since the session closes the old link.
             let wanted = state.link.is_none() && state.session.is_none() && !state.stopping;
             drop(state);
             if wanted && self.open_again(&mut told) {
@@ -280,7 +280,8 @@ impl Board {
         self.tell(Event::Lost { bus_id: self.bus_id.clone(), why: why.to_string() });
     }
 
-    /// Tries to open the link; `told` is the latest reason for a failure that was reported.
+    /// Tries to open the link; `told` is the reason for a failure that was reported last: the same reason is not
+    /// reported again.
     fn open_again(&self, told: &mut String) -> bool {
         match (self.opener)() {
             Ok(link) => {
@@ -310,7 +311,7 @@ impl Board {
         }
     }
 
-    /// Disconnects the host and closes the link.
+    /// Ends the session of the host, if there is one, and closes the link.
     pub fn stop(&self) {
         let (link, session) = {
             let mut state = self.state.lock();

@@ -8,7 +8,7 @@ use crate::port::usb_board::transfer::{Ends, Transfer};
 
 pub use crate::port::usb_board::device::{Counters, TRANSFERS_AT_ONCE, TooMany};
 
-/// The messages for a host, in their order.
+/// The USB/IP messages that are waiting for the host, encoded one after the other.
 #[derive(Debug, Default)]
 pub struct Messages(Vec<u8>);
 
@@ -26,7 +26,7 @@ impl Ends for Messages {
 pub type Device = AnyDevice<Messages>;
 
 impl AnyDevice<Messages> {
-    /// A board that has just been attached.
+    /// Creates the device of a board that a host has just attached.
     pub fn new(descriptors: Descriptors) -> Self {
         Self::over(descriptors, Messages::default())
     }
@@ -40,7 +40,7 @@ impl AnyDevice<Messages> {
         self.transfer(&Transfer { sequence, direction, endpoint, length, setup }, data)
     }
 
-    /// Whether there are answers for the host.
+    /// Whether messages are waiting for the host.
     pub fn has_replies(&self) -> bool {
         !self.ends().0.is_empty()
     }

@@ -23,7 +23,7 @@ use crate::notes::{Note, NoteThread, Notes};
 use crate::port::listen::advice;
 use crate::threads;
 
-/// How long a client may take for its request. \[OURS]
+/// How long a client may take to send its request. \[OURS]
 const REQUEST_TIME_MAX: Duration = Duration::from_secs(5);
 /// The largest number of clients that have not attached a board; when there is one more, the oldest is disconnected.
 /// \[OURS]
@@ -41,7 +41,7 @@ pub struct Options {
     /// Whether the server may listen on an address that other machines can reach. USB/IP has no password and no
     /// encryption, so anybody who can reach the server can move the axes.
     pub insecure_anyone: bool,
-    /// How long a client may take for its request.
+    /// How long a client may take to send its request.
     pub request_timeout: Duration,
     /// The largest number of clients that have not attached a board; when there is one more, the oldest is
     /// disconnected.
@@ -68,11 +68,11 @@ impl Default for Options {
     }
 }
 
-/// A board to serve.
+/// What the server needs to know of a board.
 pub struct BoardSpec {
     /// The identity of the board in its descriptors. Without a serial number it gets its bus id as one.
     pub identity: Identity,
-    /// Opens its link, at first and after every loss.
+    /// Opens the board's link, at first and after every loss.
     pub opener: Opener,
 }
 
@@ -98,22 +98,22 @@ pub enum ServeError {
          clock=virtual"
     )]
     VirtualTime { name: String },
-    /// The identity of a board is not possible on USB.
+    /// The identity of a board does not fit into USB descriptors.
     #[error(transparent)]
     Identity(#[from] IdentityError),
     /// There are more boards than a USB bus can have devices.
     #[error("a bus has 127 devices, not {found}; start another server with --listen")]
     TooMany { found: usize },
-    /// The server cannot listen on the address.
+    /// The server cannot listen on its address.
     #[error("cannot listen on {address}: {source}; {}", advice(*.address, .source))]
     Listen { address: SocketAddr, source: io::Error },
     /// A board cannot be attached to this machine.
     #[error(transparent)]
     Attach(#[from] AttachError),
-    /// Signals cannot be handled.
+    /// The server cannot catch the signals that stop it.
     #[error("cannot catch signals: {0}; start it from a shell")]
     Signals(io::Error),
-    /// The system did not provide a thread.
+    /// The operating system did not provide a thread.
     #[error("cannot start a thread: {0}; raise this user's limit (ulimit -u)")]
     Thread(io::Error),
 }
@@ -209,7 +209,7 @@ impl Server {
             board.stop();
         }
         for (_, client) in self.shared.clients.lock().drain(..) {
-            // The connection may have ended already.
+            // An error is ignored: it means that the connection has already ended.
             let _ = client.shutdown(Shutdown::Both);
         }
         // A thread may have started another one before it ended, so the list is read again each time.
@@ -259,8 +259,8 @@ impl Shared {
     }
 
     fn accept(self: &Arc<Self>, listener: &TcpListener) {
-        // The remaining client threads are joined here. Each of them ends soon, or serves a board that `stop`
-        // disconnects.
+        // Client threads that are still running are joined here. Each of them soon ends by itself, or it serves a
+        // board, and then `stop` disconnects its host.
         let mut threads: Vec<JoinHandle<()>> = Vec::new();
         for number in 0.. {
             let Some((stream, from)) = self.next_client(listener) else { break };
@@ -296,7 +296,8 @@ impl Shared {
                     // If the wait is interrupted, the loop accepts and waits again.
                     let _ = poll(&mut [PollFd::new(listener, PollFlags::IN)], Some(&pause));
                 }
-                // No file descriptor was left, or the client has disconnected already; the next attempt may succeed.
+                // Either no file descriptor was left, or the client has disconnected already. The next attempt may
+                // succeed.
                 Err(error) => {
                     self.notes.push(Event::SystemError { what: format!("cannot take a client of USB/IP: {error}") });
                     thread::sleep(STOP_CHECK_INTERVAL);
@@ -305,7 +306,8 @@ impl Shared {
         }
     }
 
-    /// Registers a client's connection so that it can be ended; if there are too many, the oldest is ended.
+    /// Registers a client's connection, so that the stop of the server can end it. If there are too many, the oldest
+    /// connection is ended.
     fn register(&self, number: u64, stream: &TcpStream) {
         let mut clients = self.clients.lock();
         if clients.len() >= self.options.clients
@@ -315,7 +317,7 @@ impl Shared {
         }
         match stream.try_clone() {
             Ok(stream) => clients.push_back((number, stream)),
-            // The connection ends by the time limit for the request.
+            // The connection cannot be registered. It still ends when the time limit of its request is over.
             Err(error) => {
                 self.notes.push(Event::SystemError { what: format!("cannot watch a client of USB/IP: {error}") });
             }
@@ -340,13 +342,13 @@ impl Shared {
         }
     }
 
-    /// Reads a client's request, and answers it unless the request is to attach a board.
+    /// Reads a client's request. Answers it, unless it is a request to attach a board, which the session answers.
     fn request(&self, mut stream: &TcpStream) -> Result<Wanted, RequestError> {
         let request_timeout = Some(self.options.request_timeout);
         stream.set_read_timeout(request_timeout)?;
         stream.set_write_timeout(request_timeout)?;
         let mut op = [0; OP_LEN];
-        // A client may connect and disconnect without a request.
+        // A client that disconnects without a request is no error.
         match stream.read(&mut op[..1])? {
             0 => return Ok(Wanted::Nothing),
             _ => stream.read_exact(&mut op[1..])?,
@@ -387,7 +389,7 @@ impl Shared {
             }
         };
         wire::import(&mut answer, Ok(&board.entry()));
-        // If the client is gone, the session notices.
+        // If the client has disconnected, the session notices it.
         session.greet(&answer);
         board.serve(&session, &from.to_string());
     }
@@ -397,11 +399,11 @@ impl Shared {
     }
 }
 
-/// The rest of a client's request, once it was read and answered.
+/// What a client's request still needs after it was read.
 enum Wanted {
-    /// The request is answered.
+    /// Nothing: the request is answered.
     Nothing,
-    /// The client wants to attach the board with this index.
+    /// The client has requested to attach the board with this index.
     Board(usize),
 }
 

@@ -1,8 +1,8 @@
 //! A host that has attached a board: its connection, and the threads that pass frames between it and the link.
 //!
-//! The thread of the connection receives the host's transfers, and fetches a report that is already there. One more
-//! thread waits for reports while the host wants one, and another passes frames to the board. Whichever thread sends
-//! them, answers are sent in the order in which the device makes them.
+//! The thread of the connection receives the host's transfers. For a transfer that wants a report it fetches one that
+//! the link already has. One more thread waits for reports while the host wants one, and another passes frames to the
+//! board. Whichever thread sends them, answers are sent in the order in which the device makes them.
 
 use std::io::{self, BufReader, Read, Write};
 use std::sync::Arc;
@@ -23,7 +23,7 @@ use crate::sk::Frame;
 /// \[OURS]
 const WAIT_SLICE: Duration = Duration::from_millis(50);
 
-/// The size of the buffer for the host's bytes.
+/// The size of the buffer for the host's bytes, in bytes.
 const INPUT_BUFFER_BYTES: usize = 16 * 1024;
 
 /// The reason why a host no longer has the board.
@@ -41,23 +41,23 @@ pub enum SessionEnd {
     /// A command of the host names another device.
     #[error("a command is for device {found:#010x}, this one is {expected:#010x}; is the client one for USB/IP?")]
     OtherDevice {
-        /// The device in the command.
+        /// The device number in the command.
         found: u32,
-        /// The device that the host has attached.
+        /// The number of the device that the host has attached.
         expected: u32,
     },
     /// The host has submitted too many transfers.
     #[error(transparent)]
     TooMany(#[from] TooMany),
-    /// The board is lost.
+    /// The board was lost.
     #[error("{0}")]
     LinkLost(LinkError),
-    /// The server stops.
+    /// The server was stopped.
     #[error("the server stops")]
     Stopped,
 }
 
-/// A host and the board that it has attached.
+/// The session of a host that has attached a board.
 pub struct Session {
     stream: Stream,
     link: Arc<dyn Link>,
@@ -76,7 +76,7 @@ pub struct Session {
 }
 
 impl Session {
-    /// The session of a host that has just attached the board.
+    /// Creates the session of a host that has just attached the board.
     pub fn new(
         stream: Stream,
         link: Arc<dyn Link>,
@@ -98,7 +98,8 @@ impl Session {
         }
     }
 
-    /// Sends the answer that precedes the transfers. If the host is gone, [`Self::run`] notices.
+    /// Sends the answer to the request to attach the board, after which the host submits transfers. If the host is
+    /// gone, [`Self::run`] notices it.
     pub fn greet(&self, answer: &[u8]) {
         let _ = (&mut &self.stream).write_all(answer);
     }
@@ -200,7 +201,7 @@ impl Session {
                     !under_way
                 }
             };
-            // If this command has produced no answer, it need not wait for a thread that is sending another one.
+            // Without an answer to send, this thread does not wait for the other thread that may be sending.
             if answered {
                 self.send();
             }
@@ -298,7 +299,7 @@ impl Session {
     }
 }
 
-/// Whether the call may succeed when it is repeated.
+/// Whether an error of the link is temporary, so that the call may succeed when it is repeated.
 const fn is_temporary(error: &LinkError) -> bool {
     matches!(error, LinkError::Timeout { .. } | LinkError::Cancelled { .. } | LinkError::Silent { .. })
 }

@@ -21,9 +21,9 @@ const KEEPALIVE_PROBES: u32 = 3;
 /// The connection to a host.
 #[derive(Debug)]
 pub enum Stream {
-    /// A client of the server.
+    /// A client that has connected to the server by TCP.
     Tcp(TcpStream),
-    /// The kernel of this machine.
+    /// This machine's own kernel, through a socket pair.
     Local(Socket),
 }
 
@@ -53,7 +53,7 @@ impl Stream {
 
     /// Shuts down both directions, which ends waiting reads and writes at once.
     pub fn shutdown(&self) {
-        // The call fails if the connection has ended already.
+        // An error is ignored: it means that the connection has already ended.
         let _ = match self {
             Self::Tcp(stream) => stream.shutdown(Shutdown::Both),
             Self::Local(stream) => stream.shutdown(Shutdown::Both),

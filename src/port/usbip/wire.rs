@@ -11,11 +11,12 @@ pub const VERSION: u16 = 0x0111;
 /// The TCP port that is registered for USB/IP.
 pub const PORT: u16 = 3240;
 
-/// The length of the start of a request in bytes.
+/// The length in bytes of the part with which every request begins: version, code and status.
 pub const OP_LEN: usize = size_of::<RawOp>();
 /// The length of a bus id in bytes; shorter ones are padded with zeros.
 pub const BUS_ID_LEN: usize = 32;
-/// The length of a command's header in bytes; the data of an OUT transfer follow it.
+/// The length in bytes of the header of every command (submit, unlink) and of its answer. The data of a transfer follow
+/// it.
 pub const HEADER_LEN: usize = size_of::<RawHeader>();
 
 /// The largest transfer that is accepted, in bytes: the largest data stage of a control transfer. \[OURS]
@@ -31,10 +32,11 @@ const CMD_UNLINK: u32 = 2;
 const RET_SUBMIT: u32 = 3;
 const RET_UNLINK: u32 = 4;
 
-/// The number of packets in transfers that are not isochronous: all ones according to the document, 0 from Linux.
+/// The values of number_of_packets in a transfer that is not isochronous: 0xFFFF_FFFF according to the document, 0 in
+/// what Linux sends.
 const NO_PACKETS: [u32; 2] = [0, u32::MAX];
 
-/// `USB_SPEED_HIGH` of Linux.
+/// The code of high speed, 480 Mbit/s (`USB_SPEED_HIGH` of Linux).
 pub const HIGH_SPEED: u32 = 3;
 
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -70,12 +72,13 @@ struct RawHeader {
     device: [u8; 4],
     direction: [u8; 4],
     endpoint: [u8; 4],
-    /// In a submit the flags, in an unlink the sequence number of the transfer, in both answers the status.
+    /// The first field after the common part of the header. Submit: the flags. Unlink: the sequence number of the
+    /// transfer to unlink. Answers: the status.
     first: [u8; 4],
     length: [u8; 4],
     start_frame: [u8; 4],
     packets: [u8; 4],
-    /// In a submit the interval, in its answer the number of errors.
+    /// In a submit the polling interval, in its answer the number of errors.
     interval: [u8; 4],
     setup: [u8; 8],
 }
@@ -92,26 +95,26 @@ pub enum Op {
     Import,
 }
 
-/// Why bytes are not valid USB/IP.
+/// Why received bytes are not valid USB/IP.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum WireError {
     /// A request has another version of the protocol.
     #[error("the client speaks version {found:#06x} of USB/IP, not {VERSION:#06x} (1.1.1); use a newer client")]
     Version { found: u16 },
-    /// There is no request with that code.
+    /// No request has this code.
     #[error("no request of USB/IP has the code {found:#06x}; is the client one for USB/IP?")]
     Code { found: u16 },
     /// A bus id is not UTF-8.
     #[error("the bus id is no text; is the client one for USB/IP?")]
     BusId,
-    /// There is no command with that number.
+    /// No command has this number.
     #[error("no command of USB/IP has the number {found}; is the client one for USB/IP?")]
     Command { found: u32 },
-    /// There is no such direction.
+    /// The direction is neither OUT (0) nor IN (1).
     #[error("a transfer has direction {found}, not 0 (out) or 1 (in); is the client one for USB/IP?")]
     Direction { found: u32 },
-    /// There cannot be an endpoint with that number.
+    /// USB has no endpoint with this number.
     #[error("a transfer has endpoint {found}, not 0 to 15; is the client one for USB/IP?")]
     Endpoint { found: u32 },
     /// A transfer is longer than [`TRANSFER_LIMIT`].
@@ -155,9 +158,9 @@ pub fn bus_id(bytes: &[u8; BUS_ID_LEN]) -> Result<&str, WireError> {
 pub struct Submit {
     /// The host's sequence number of the transfer.
     pub sequence: u32,
-    /// The device, see [`device_id`].
+    /// The number of the device that the transfer is for, see [`device_id`].
     pub device: u32,
-    /// The direction.
+    /// Whether data go to the device (OUT) or to the host (IN).
     pub direction: Direction,
     /// The number of the endpoint, 0..=15, without the direction bit.
     pub endpoint: u8,
@@ -176,9 +179,9 @@ pub enum Command {
     Unlink {
         /// The sequence number of the unlink command itself.
         sequence: u32,
-        /// The device.
+        /// The number of the device, see [`device_id`].
         device: u32,
-        /// The sequence number of the transfer.
+        /// The sequence number of the transfer to unlink.
         victim: u32,
     },
 }
@@ -220,7 +223,7 @@ impl Submit {
     }
 }
 
-/// Appends the answer to a submit. `moved` is the number of bytes; those of an IN transfer are `data`.
+/// Appends the answer to a submit. `moved` is the number of bytes transferred; `data` has the bytes of an IN transfer.
 pub fn ret_submit(to: &mut Vec<u8>, sequence: u32, status: Status, moved: u32, data: &[u8]) {
     to.extend_from_slice(bytemuck::bytes_of(&reply(RET_SUBMIT, sequence, status, moved)));
     to.extend_from_slice(data);
@@ -242,12 +245,12 @@ fn reply(command: u32, sequence: u32, status: Status, moved: u32) -> RawHeader {
     }
 }
 
-/// The entry of a device in a list.
+/// The entry of a device in the device list.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DeviceEntry<'a> {
     /// The device's path, as `usbip list` prints it.
     pub path: &'a str,
-    /// The name for an import, such as `1-1`.
+    /// The bus id, with which a host requests the device: for example `1-1`.
     pub bus_id: &'a str,
     /// The number of the bus.
     pub bus: u16,
@@ -270,7 +273,7 @@ pub const fn device_id(bus: u16, number: u16) -> u32 {
     (bus as u32) << 16 | number as u32
 }
 
-/// The reason why an import is refused, with Linux' numbers.
+/// The reason why a host may not attach a device, with the numbers of Linux.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Refusal {
@@ -278,11 +281,11 @@ pub enum Refusal {
     Busy = 2,
     /// The board is not connected (`ST_DEV_ERR`).
     Away = 3,
-    /// There is no device with that bus id (`ST_NODEV`).
+    /// No device has this bus id (`ST_NODEV`).
     NoDevice = 4,
 }
 
-/// Appends the answer to [`Op::DeviceList`].
+/// Appends the answer to [`Op::DeviceList`] to the bytes in `to`.
 pub fn device_list(to: &mut Vec<u8>, devices: &[DeviceEntry<'_>]) {
     op(to, OP_REP_DEVLIST, 0);
     to.extend_from_slice(&(devices.len() as u32).to_be_bytes());
@@ -293,7 +296,7 @@ pub fn device_list(to: &mut Vec<u8>, devices: &[DeviceEntry<'_>]) {
     }
 }
 
-/// Appends the answer to [`Op::Import`].
+/// Appends the answer to [`Op::Import`] to the bytes in `to`.
 pub fn import(to: &mut Vec<u8>, device: Result<&DeviceEntry<'_>, Refusal>) {
     match device {
         Ok(device) => {
@@ -319,7 +322,7 @@ fn raw_device(device: &DeviceEntry<'_>) -> RawDevice {
         vendor: device.vendor.to_be_bytes(),
         product: device.product.to_be_bytes(),
         release: device.release.to_be_bytes(),
-        // The class is given by the interface.
+        // Device class 0: each interface gives its own class.
         class: [0; 3],
         configuration: device.configuration,
         configurations: 1,
@@ -327,7 +330,7 @@ fn raw_device(device: &DeviceEntry<'_>) -> RawDevice {
     }
 }
 
-/// The text in a field of `N` bytes, cut so that at least one zero follows.
+/// Puts a text into a field of `N` bytes, padded with zeros. A longer text is cut, so that at least one zero follows.
 fn padded<const N: usize>(text: &str) -> [u8; N] {
     let mut field = [0; N];
     let len = text.len().min(N - 1);

@@ -36,7 +36,7 @@ pub enum Listen {
     Unix(PathBuf),
 }
 
-/// The error for a text that is no such address.
+/// A text that is not a valid address to listen on.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is neither ADDR:PORT, e.g. 127.0.0.1:4712, nor unix:PATH (not on Windows)")]
 pub struct ListenError(String);
@@ -77,7 +77,8 @@ pub(super) enum Listener {
 pub(super) struct UnixPlace {
     listener: UnixListener,
     path: PathBuf,
-    /// Device and inode of the socket: at the end another file may have the path.
+    /// Device and inode of the socket's file. They show at the end whether the path still belongs to this socket, and
+    /// not to a later one.
     file: Option<(u64, u64)>,
 }
 
@@ -108,7 +109,7 @@ impl Listener {
         }
     }
 
-    /// The address on which the socket listens, with the port that the system has chosen.
+    /// The address on which the socket listens. Port 0 is replaced by the port that the system has chosen.
     pub fn place(&self) -> io::Result<Listen> {
         match self {
             Self::Tcp(listener) => listener.local_addr().map(Listen::Tcp),
@@ -153,7 +154,7 @@ impl Listener {
     }
 }
 
-/// The process at the other end of a Unix socket, if the system gives it.
+/// The name or process id of the process at the other end of a Unix socket, if the system gives it.
 #[cfg(unix)]
 fn process_at(stream: &UnixStream) -> String {
     #[cfg(target_os = "linux")]
@@ -173,7 +174,7 @@ impl UnixPlace {
         use std::fs;
         use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt};
 
-        /// How many connections the system may queue. \[OURS]
+        /// How many connections the system may queue until they are accepted. \[OURS]
         const BACKLOG: i32 = 16;
 
         match fs::symlink_metadata(path) {
@@ -213,7 +214,7 @@ impl Drop for UnixPlace {
     }
 }
 
-/// A non-blocking connection.
+/// A non-blocking connection to a host.
 #[derive(Debug)]
 pub(super) enum Stream {
     Tcp(TcpStream),
@@ -230,7 +231,8 @@ impl Stream {
         }
     }
 
-    /// Whether the other end has closed the connection. This is unknown while received bytes are unread.
+    /// Whether the other end has closed the connection. While received bytes are unread this cannot be known, and the
+    /// result is false.
     pub fn has_ended(&self) -> bool {
         let mut byte = [0; 1];
         let peeked = match self {
@@ -246,7 +248,7 @@ impl Stream {
 
     /// Closes the sending direction, so that the other end gets the end of the stream.
     pub fn end_output(&self) {
-        // The call fails if the connection has ended already.
+        // An error is ignored: it means that the connection has already ended.
         let _ = match self {
             Self::Tcp(stream) => stream.shutdown(Shutdown::Write),
             #[cfg(unix)]

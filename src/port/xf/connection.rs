@@ -1,4 +1,4 @@
-//! The connection of a host: it receives whole messages and sends answers, and no call waits.
+//! The connection of a host to the server of a chip: it receives whole messages and sends answers. No call waits.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::time::{Duration, Instant};
@@ -16,7 +16,7 @@ const MESSAGE_MAX: usize = HEAD_LEN + EXCHANGE_MAX;
 pub(super) enum Left {
     /// The host has sent a Close.
     Closed,
-    /// The connection has ended or has failed; the reason.
+    /// The connection has ended without a Close, or has failed; the reason as text.
     Gone(String),
     /// The host has sent an invalid message.
     Broken(BadRequest),
@@ -31,27 +31,27 @@ impl From<io::Error> for Left {
 /// The connection of the host that uses the chip.
 pub(super) struct Connection {
     stream: Stream,
-    /// The name of the host, for the log.
+    /// The name of the host in the log.
     pub name: String,
     incoming: Box<[u8; MESSAGE_MAX]>,
-    /// The number of received bytes in `incoming`.
+    /// How many bytes of `incoming` are in use: received bytes from the front on.
     held: usize,
-    /// The end of the present message in `incoming`: the next call removes the bytes before it.
+    /// The length of the message at the front of `incoming` that is being handled: the next call removes it.
     used: usize,
     outgoing: Box<[u8; MESSAGE_MAX]>,
-    /// The part of `outgoing` that was not sent yet.
+    /// The range of `outgoing` that was not sent yet.
     unsent: std::ops::Range<usize>,
     /// Since when the connection waits for the host: for its first request, for the rest of a message, or until it
     /// reads an answer.
     owes_since: Option<Instant>,
-    /// Whether the host has sent a whole message. A connection without one may not be a host, and must not block the
-    /// chip.
+    /// Whether the host has sent a whole message. A connection without one may be from a program that is not a host (a
+    /// port scan), so it must not keep others from the chip.
     has_asked: bool,
     limit: Duration,
 }
 
 impl Connection {
-    /// Sends the greeting to a host.
+    /// Creates the connection of a host and sends the greeting.
     pub fn new(stream: Stream, name: String, limit: Duration) -> Self {
         let mut connection = Self {
             stream,
@@ -76,12 +76,13 @@ impl Connection {
         self.stream.poll_fd(if self.unsent.is_empty() { PollFlags::IN } else { PollFlags::OUT })
     }
 
-    /// When the present wait for the host times out.
+    /// When the present wait for the host is over; `None`: the connection does not wait for the host.
     pub fn deadline(&self) -> Option<Instant> {
         self.owes_since.map(|since| since + self.limit)
     }
 
-    /// Whether a whole message is there, for [`Self::answer`]. There is none before the answer to the last one is sent.
+    /// Whether a whole message has been received, which [`Self::answer`] then answers. The result is false until the
+    /// answer to the previous message is sent.
     pub fn next(&mut self, now: Instant) -> Result<bool, Left> {
         self.incoming.copy_within(self.used..self.held, 0);
         self.held -= std::mem::take(&mut self.used);
@@ -119,7 +120,7 @@ impl Connection {
         }
     }
 
-    /// Notes that the connection waits for the host. Returns an error if it has waited for too long.
+    /// Records that the connection waits for the host, for `what`. Returns an error if this wait has taken too long.
     fn waits(&mut self, now: Instant, what: &str) -> Result<bool, Left> {
         let since = *self.owes_since.get_or_insert(now);
         let waited = now.saturating_duration_since(since);
@@ -153,15 +154,16 @@ impl Connection {
         self.say_and_end(Kind::Greeting, status, text);
     }
 
-    /// Sends a message that is no answer, as far as there is room, and ends the connection.
+    /// Sends a message of the server's own, such as a Close, as far as the socket has room, and ends the connection.
     pub fn say_and_end(&mut self, kind: Kind, status: Status, text: &str) {
-        // After a part of an answer the host would take this message for the rest of it.
+        // If a part of an answer is still unsent, the host would take this message for the rest of the answer, so it is
+        // not sent.
         if self.unsent.is_empty() {
             let len = put(&mut self.outgoing[HEAD_LEN..], text);
             self.outgoing[..HEAD_LEN].copy_from_slice(&wire::head(kind as u8, status, len));
             self.unsent = 0..HEAD_LEN + len;
         }
-        // The host gets the message if it can still receive.
+        // If this fails, the host can no longer receive, and its connection ends without this message.
         let _ = self.send();
         self.end();
     }
@@ -195,7 +197,7 @@ impl Connection {
     }
 }
 
-/// The most reads that drain received bytes at the end. \[OURS]
+/// How many times the end of a connection reads and discards received bytes at most. \[OURS]
 const ROUNDS_AT_END: usize = 16;
 
 /// Copies a text, as much as fits into `room`. Returns its length in bytes.

@@ -39,7 +39,7 @@ use service::Service;
 /// How long a host may take for its first request, for the rest of a message, or to read an answer. \[OURS]
 const MESSAGE_TIME_MAX: Duration = Duration::from_secs(2);
 
-/// The treatment of the network when the host has disconnected without a Close.
+/// What the server does with the network when the host has disconnected without a Close.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum OnVanish {
     /// The FIFO is switched off and emptied, and slaves in OP are brought to SafeOP: drives brake on their own
@@ -62,7 +62,7 @@ pub struct Options {
     /// Whether the server may listen on an address that other machines can reach. It has no password, so anybody who
     /// can reach it can move the axes.
     pub insecure_anyone: bool,
-    /// The treatment of the network when the host has vanished.
+    /// What the server does with the network when the host has disconnected without a Close.
     pub on_vanish: OnVanish,
     /// How long a host may take for its first request, for the rest of a message, or to read an answer; 2 s by default.
     pub message_limit: Duration,
@@ -158,7 +158,7 @@ impl Server {
         self.serving.flush();
     }
 
-    /// Ends the server. For the axes this is as if its host, if there is one, had vanished ([`OnVanish`]).
+    /// Ends the server. If a host uses the chip, the axes are treated as if the host had vanished ([`OnVanish`]).
     pub fn stop(self) {
         drop(self.serving);
     }

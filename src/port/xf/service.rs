@@ -1,4 +1,4 @@
-//! The thread of the server, which has the chip and all connections.
+//! The thread of the server. It owns the chip and all connections.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -16,17 +16,18 @@ use crate::port::log_limit::LogLimit;
 use crate::port::serving::Shared;
 use crate::xf::host::HostConfig;
 
-/// The interval in which time advances for a chip without a host: a model runs its cycles then. \[OURS]
+/// While no host uses the chip, the chip is accessed at this interval, so that a model of a chip runs the cycles of
+/// that time. \[OURS]
 const IDLE_INTERVAL: Duration = Duration::from_millis(100);
 /// The longest wait on the chip during which no other event is handled. \[OURS]
 const WAIT_SLICE_NS: u64 = 20_000_000;
 /// How many messages are handled before other connections are checked. \[OURS]
 const MESSAGES_IN_A_ROW_MAX: usize = 64;
-/// The pause after the system could not provide a connection. \[OURS]
+/// The pause after an error of `accept`, for example because no file descriptor was left. \[OURS]
 const ACCEPT_RETRY_PAUSE: Duration = Duration::from_millis(50);
 
 type Open = Box<dyn FnMut() -> Result<Opened, ChipError> + Send>;
-/// The reason why a request has no result: status and text.
+/// Why a request could not be carried out: status and text of its answer.
 type Refused = (Status, String);
 
 pub(super) struct Service {
@@ -38,23 +39,24 @@ pub(super) struct Service {
     notes: Notes<String>,
     log_limit: LogLimit,
     host: Option<Connection>,
-    /// Whether more messages of the host may be waiting.
+    /// Whether messages of the host may be waiting that were not handled yet, because of [`MESSAGES_IN_A_ROW_MAX`].
     has_more: bool,
     next_accept: Instant,
-    /// When time advances next for a chip without a host.
+    /// When the chip is accessed next while no host uses it, see [`Served::pass_time`].
     next_tick: Instant,
 }
 
-/// The served chip.
+/// The chip that the server gives to one host at a time, and its link.
 struct Served {
     /// `None` while the link is being opened again.
     link: Option<Box<dyn ChipLink>>,
     config: HostConfig,
     has_int0: bool,
     virtual_time: bool,
-    /// Whether the last use of the link has failed.
+    /// Whether the last access to the link has failed, so that the link has to be opened again.
     failed: bool,
-    /// Whether the present host has sent anything to the chip.
+    /// Whether the present host has exchanged packets with the chip since the chip's last reset: if not, nothing has to
+    /// be stopped when the host vanishes.
     was_used: bool,
 }
 
@@ -103,7 +105,7 @@ impl Service {
         }
     }
 
-    /// Waits until a connection or bytes arrive, a deadline has passed, or a tick is due.
+    /// Waits until a connection or bytes arrive, a deadline has passed, or the idle chip has to be accessed.
     fn wait(&mut self) {
         let now = Instant::now();
         let retry = (self.next_accept > now).then_some(self.next_accept);
@@ -116,7 +118,7 @@ impl Service {
         if retry.is_none() {
             fds.push(self.listener.poll_fd());
         }
-        // If the wait fails, the calls after it report the error.
+        // If the wait fails, the following calls on the sockets report the error.
         let _ = poll(&mut fds, limit.as_ref());
         if !fds[0].revents().is_empty() {
             self.shared.waker.seen();
@@ -152,7 +154,7 @@ impl Service {
         None
     }
 
-    /// Handles the end of a host: stops the axes, logs it, and frees the chip.
+    /// Handles the end of a host's connection: stops the axes if the host has vanished, logs it, and frees the chip.
     fn host_left(&mut self, left: &Left) {
         let Some(mut host) = self.host.take() else { return };
         let who = host.name.clone();
@@ -176,7 +178,8 @@ impl Service {
         }
     }
 
-    /// Stops the axes of a vanished host. Returns a text about what was done; `None`: nothing was necessary.
+    /// Stops the axes of a vanished host. Returns a text for the log about what was done; `None`: nothing had to be
+    /// stopped.
     fn stop_axes(&mut self, who: &str) -> Option<String> {
         if !std::mem::take(&mut self.chip.was_used) {
             return None;
@@ -240,14 +243,14 @@ impl Service {
         if !self.chip.failed {
             return Ok(());
         }
-        // The old link must be closed before it can be opened again.
+        // The link must be closed before it is opened again, since a device can be open only once.
         self.chip.link = None;
         let opened = (self.open)().map_err(|error| (Status::Chip, error.to_string()))?;
         self.chip = Served::new(opened);
         Ok(())
     }
 
-    /// Logs a line of a kind that others can cause as often as they like.
+    /// Logs a line of a kind that hosts can cause as often as they like; too many of them are counted instead.
     fn tell_limited(&mut self, kind: &str, line: &str) {
         if self.log_limit.may_log(kind, Instant::now()) {
             self.notes.push(line.to_owned());
@@ -262,7 +265,8 @@ impl Served {
         Self { link: Some(link), config, has_int0, virtual_time, failed: false, was_used: false }
     }
 
-    /// Carries out a request. Returns the length of the answer in `room`. `ends`: whether a wait has to stop.
+    /// Carries out a request. Returns the length of the answer in `room`. `ends` returns true when a wait in progress
+    /// has to stop.
     fn carry_out(&mut self, request: Request<'_>, room: &mut [u8], ends: &dyn Fn() -> bool) -> Result<usize, Refused> {
         let Some(link) = &mut self.link else { return Err((Status::Chip, "the chip is not open".to_owned())) };
         let done = match request {
@@ -289,7 +293,8 @@ impl Served {
             }
             Request::Reset => match link.reset() {
                 Ok(true) => {
-                    // The chip is as after power-on: nothing has to be stopped when the host vanishes.
+                    // A reset chip is in the state after power-on, so nothing has to be stopped if the host vanishes
+                    // now.
                     self.was_used = false;
                     Ok(0)
                 }
@@ -304,13 +309,13 @@ impl Served {
         done.map_err(|error| (Status::Chip, error.to_string()))
     }
 
-    /// Advances time for a chip without a host. A model catches up on its cycles when it is accessed, and otherwise
-    /// might have to run those of a whole day at once.
+    /// Accesses the chip while no host uses it. A model of a chip runs the cycles of the past time when it is accessed;
+    /// without this it might have to run those of a whole day at once.
     fn pass_time(&mut self) {
         if let Some(link) = &mut self.link
             && !self.virtual_time
         {
-            // An error will be reported to the host that uses the chip next.
+            // An error of the link will be reported to the next host that uses the chip.
             let _ = link.int1();
         }
     }
@@ -320,7 +325,8 @@ fn no_line(name: &str, next: &str) -> Refused {
     (Status::NoLine, format!("{name} is not wired; {next}"))
 }
 
-/// Waits in slices until `wait` returns `true`, the time is over, or `ends` returns true. Returns whether `wait` did.
+/// Waits in slices until `wait` returns true, the time is over, or `ends` returns true. Returns whether `wait` has
+/// returned true.
 fn in_slices(
     link: &mut dyn ChipLink,
     micros: u32,

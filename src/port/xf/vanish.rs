@@ -12,13 +12,13 @@ use crate::xf::request::{CrcTypeSet, SlaveNumber, Slaves, StateGet, StateSet, St
 use crate::xf::{CheckRule, CheckType, CommandHeader, EtherCatState, MAX_PACKET, write_request};
 use crate::xf_api::{Xf, XfError};
 
-/// How long a change of state may take. \[OURS]
+/// How long the change to SafeOP may take. \[OURS]
 const STATE_TIME_MAX: Duration = Duration::from_secs(5);
 
-/// The result of stopping the axes.
+/// The result of stopping the axes of a vanished host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stopped {
-    /// No slave was in OP.
+    /// No slave was in OP, so nothing had to be stopped.
     NotInOp,
     /// The number of slaves that were in OP and are in SafeOP now.
     Slaves(usize),
@@ -29,28 +29,29 @@ pub(super) enum Stopped {
 pub(super) fn bring_to_safe_op(link: &mut dyn ChipLink, config: HostConfig) -> Result<Stopped, XfError> {
     let busy_ns = STATE_TIME_MAX.as_nanos() as u64;
     let timeouts = Timeouts { busy_ns, ..config.timeouts };
-    // The data size n is kept: the next host expects the one that it has seen last.
+    // The chip's data size n is not changed, because the next host expects the one that it has seen last.
     let mut xf = Xf::over(link, HostConfig { wanted_size: None, timeouts, ..config })?;
     let stopped = leave_op(&mut xf);
-    // A host that expects CRC-32 sets it again, so an error here does no harm.
+    // An error here does no harm: a host that expects CRC-32 sets it again.
     let _ = set_fixed_check(&mut xf);
     stopped
 }
 
-/// Sets fixed check words, which a newly started host expects. The driver uses CRC-32 while it runs, so this is its
-/// last packet.
+/// Sets the chip to fixed check words, which a newly started host expects. The driver uses CRC-32 while it runs, so
+/// this is the last packet to the chip.
 fn set_fixed_check(xf: &mut Xf<&mut dyn ChipLink>) -> Result<(), ChipError> {
     let size = xf.host().size();
     let (mut packet, mut back) = ([0; MAX_PACKET], [0; MAX_PACKET]);
     // The driver's packets have the indices 1 to 255, so this one repeats none of them.
     let header = CommandHeader::with_index(0);
-    // A buffer for the longest packet has room for any packet.
+    // This cannot fail: the buffer has room for a packet of any size.
     let _ = write_request(&mut packet, size, CheckRule::FIXED, header, &CrcTypeSet { kind: CheckType::Fixed });
     let link = xf.link_mut();
     for _ in 0..2 {
         let ready = link.now().saturating_add(HostConfig::DEFAULT.idle_max_ns);
         link.wait_until(ready)?;
-        // The second packet is for a chip that was not ready for the first one; otherwise it is a repeat.
+        // The packet is sent twice, in case the chip was not ready for the first one. If it was ready, the second one
+        // changes nothing.
         link.exchange(&packet[..size.packet_len()], &mut back[..size.packet_len()])?;
     }
     Ok(())
@@ -65,7 +66,7 @@ fn leave_op(xf: &mut Xf<&mut dyn ChipLink>) -> Result<Stopped, XfError> {
     let all = in_op.len() == usize::from(found);
     let mut failed = None;
     for slaves in if all { vec![Slaves::All] } else { in_op.iter().copied().map(Slaves::One).collect() } {
-        // A slave that refuses must not keep the others in OP.
+        // The loop continues after a slave that refuses, so that this slave does not keep the others in OP.
         failed = xf.run(&StateSet { slaves, state: EtherCatState::SafeOp }).err().or(failed);
     }
     match slaves_in_op(xf, found) {
@@ -79,7 +80,7 @@ fn leave_op(xf: &mut Xf<&mut dyn ChipLink>) -> Result<Stopped, XfError> {
 }
 
 fn slaves_in_op(xf: &mut Xf<&mut dyn ChipLink>, found: u8) -> Result<Vec<SlaveNumber>, XfError> {
-    // A silent slave makes this fail, but the states of all others are read.
+    // A slave that does not answer makes this command fail, but the chip reads the states of all others.
     let updated = xf.run(&StateUpdate);
     let mut in_op = Vec::new();
     for slave in (0..found).filter_map(SlaveNumber::new) {

@@ -5,14 +5,15 @@
 //! same kind; if the request has failed, the status is not 0 and the body is the reason as text. `docs/XF-PORT.md` in
 //! the project's repository describes the messages for authors of hosts.
 
-/// The version of the messages, which the greeting contains.
+/// The version of this protocol, which the greeting contains.
 pub const VERSION: u8 = 1;
 /// The first bytes of a greeting's body; [`VERSION`] and [`EXCHANGE_MAX`] as a u16 follow.
 pub const MAGIC: [u8; 5] = *b"ECMXF";
-/// The length of the head before a body, bytes.
+/// The length of a message's head, before the body, in bytes.
 pub const HEAD_LEN: usize = 4;
-/// The most bytes of an exchange, and so of any body. \[OURS] Twice the longest packet fits, so that one exchange is
-/// enough to find n. It is also the default limit of Linux' spidev.
+/// The maximum number of bytes in an exchange, and so in the body of any message. \[OURS] Twice the longest packet
+/// fits, so that one exchange is enough to find the packets and so the chip's data size n. It is also the default limit
+/// of Linux' spidev.
 pub const EXCHANGE_MAX: usize = 4096;
 /// The longest wait that a request may ask for, microseconds. \[OURS]
 pub const WAIT_MAX_US: u32 = 1_000_000;
@@ -28,7 +29,7 @@ pub enum Kind {
     /// Waits for INT0 to become active after the last exchange, at most the given microseconds (u32). The answer is 1
     /// if it became active, otherwise 0.
     WaitInt0 = 2,
-    /// The level of INT1; the answer is 0 or 1.
+    /// A request for the level of INT1; the answer is 0 or 1.
     Int1 = 3,
     /// Waits for the given microseconds (u32); the answer has no body.
     Delay = 4,
@@ -40,7 +41,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// The kind with that number.
+    /// The kind of message with this number; `None`: no kind has it.
     pub const fn from_code(code: u8) -> Option<Self> {
         match code {
             0 => Some(Self::Greeting),
@@ -61,15 +62,15 @@ impl Kind {
 pub enum Status {
     /// The request was carried out.
     Ok = 0,
-    /// There is no such request, or its body is invalid.
+    /// The request has an unknown kind or an invalid body.
     BadRequest = 1,
     /// Another host has the chip.
     Busy = 2,
-    /// That line is not connected.
+    /// The line that the request needs, INT0, INT1 or reset, is not connected.
     NoLine = 3,
     /// The chip cannot be reached.
     Chip = 4,
-    /// The server ends.
+    /// The server is being stopped.
     Ends = 5,
 }
 
@@ -90,16 +91,16 @@ pub enum Request<'m> {
     Reset,
 }
 
-/// The fault of a request.
+/// Why a request is invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BadRequest {
-    /// The message claims to be longer than any valid one, so that the begin of the next one is unknown.
+    /// The head gives a length that no valid message has, so it is unknown where the next message begins.
     #[error("a message of {found} bytes: an exchange has {EXCHANGE_MAX} at most; send more as several exchanges")]
     TooLong {
-        /// The length of the body in the head.
+        /// The length of the body that the head gives.
         found: usize,
     },
-    /// No request has this kind.
+    /// No kind of request has this number.
     #[error(
         "no request has the kind {kind}; they are 1 exchange, 2 wait for INT0, 3 read INT1, 4 delay, 5 close, 6 reset"
     )]
@@ -112,9 +113,9 @@ pub enum BadRequest {
     Length {
         /// The kind of the request.
         kind: u8,
-        /// The length of the body.
+        /// The length of the body, in bytes.
         found: usize,
-        /// The required length.
+        /// The required length, as text.
         wanted: &'static str,
     },
     /// The requested wait is too long.

@@ -1,4 +1,4 @@
-//! A configuration: the process data are mapped by SDO, and the chip lays them out in its process image.
+//! The job of a configuration: maps the process data by SDO, and makes the chip lay them out in its process image.
 
 use super::{Failure, Part, Steps, TOLD_LATE, abort_code};
 use crate::ethercat::coe::AbortCode;
@@ -23,13 +23,13 @@ fn is_silent(error: &HostError) -> bool {
 }
 
 impl<W: Wires> Steps<W> {
-    /// Configures the selected slaves. `is_ahead`: only reads, and writes nothing to a slave.
+    /// Configures the selected slaves. `is_ahead`: only prepares this, by reading; nothing is written to a slave.
     pub(super) async fn configure(&mut self, config: &BusConfig, is_ahead: bool) -> Result<Configured, Failure> {
         let mut configured = Configured::default();
         let mut keeps_layout = false;
         let (is_started, is_known) = self.with(|bus| (bus.network.initialised, bus.network.is_known(config.cycle)));
         if is_ahead && !is_started {
-            // A chip that has lost its network is not started again before a job is requested.
+            // The network of a chip that was reset is not started for a preparation, only for a requested job.
             return Ok(configured);
         }
         if !(is_ahead && is_known) {
@@ -114,7 +114,7 @@ impl<W: Wires> Steps<W> {
         Ok(Some(data))
     }
 
-    /// The process data that a slave is to have.
+    /// The process data that a slave needs for its role; for some roles an object of the slave decides.
     async fn process_data(&self, slave: u8, role: Role) -> Result<ProcessData, Refusal> {
         let is_there = match ProcessData::probe(role) {
             Some(object) => self.ask(Ask::Upload { slave, object, timeout_ns: SDO_NS }).await.is_ok(),
@@ -130,22 +130,23 @@ impl<W: Wires> Steps<W> {
         let mut mapped = Mapped::ALL;
         for image in downloads.mapping_images() {
             if !mapped.of(image.direction()).pdos {
-                // A PDO of this direction differs, so all its objects are written: no need to compare more.
+                // A PDO of this direction differs, so all objects of this direction are written: the others need not be
+                // compared.
                 continue;
             }
             match self.ask(Ask::Compare { slave, image, timeout_ns: SDO_NS }).await {
                 Ok(0) => mapped.differs(&image),
                 Ok(_) => {}
                 Err(error) if is_silent(&error) => return Err(Refusal::no_answer(slave)),
-                // A slave without complete access or without the object is mapped by downloads.
+                // The slave supports no complete access or has no such object: all objects are written by downloads.
                 Err(_) => mapped.is_not_mapped(),
             }
         }
         Ok(mapped)
     }
 
-    /// Whether the present process data of a slave have the lengths of the wanted ones. Most drives have a PDO for each mode
-    /// and assign the first one at power-on; the PDO for CSV is often as long as that for CSP.
+    /// Whether the present process data of a slave are as long as the wanted ones, so that the chip's layout fits both. Most
+    /// drives have a PDO for each mode and assign the first one at power-on; the PDO for CSV is often as long as that for CSP.
     async fn is_as_long(&self, slave: u8, data: &ProcessData, mapped: Mapped) -> Result<bool, Refusal> {
         for (direction, bytes) in
             [(MappedDirection::Outputs, data.output_bytes()), (MappedDirection::Inputs, data.input_bytes())]
@@ -263,7 +264,7 @@ impl<W: Wires> ChipBus<W> {
     fn check_before_leaving(&mut self, config: &BusConfig) -> Result<bool, Refusal> {
         let unused = self.network.unused();
         if !SlaveSet::first(self.network.found).difference(config.selected).is_empty() {
-            // The objects of slaves that were lost are read again (SK-4.73).
+            // Slaves that were lost may have changed, so their objects are read again (SK-4.73).
             config.selected.iter().for_each(|slave| self.network.forget_objects(slave));
         }
         self.network.configured = self.network.configured.difference(config.selected);
@@ -273,7 +274,8 @@ impl<W: Wires> ChipBus<W> {
             match self.state(slave) {
                 Some(AlState::PreOp) => {}
                 Some(AlState::SafeOp | AlState::Op) if !selected => {}
-                // The slave is not used and went to SafeOP with the others, and that change of state was cut short.
+                // An unused slave may still be in SafeOP: it went there with the others, and the change was cut short
+                // before it was sent back.
                 Some(AlState::SafeOp) if unused.contains(slave) => {}
                 Some(_) if selected => return Err(Refusal::of(slave, AlStatus::INVALID_CHANGE)),
                 _ if !selected && keeps_layout => {}
@@ -302,12 +304,13 @@ impl<W: Wires> ChipBus<W> {
         network.mapped && !others.is_empty() && config.selected.intersection(found).iter().all(fits)
     }
 
-    /// Records what is known of the objects of a slave after they were read or written.
+    /// Records what is known of a slave's objects after they were read or written.
     fn note_seen(&mut self, slave: u8, seen: Seen) {
         self.network.seen[usize::from(slave) - 1] = Some(Seen { at: self.wires.now(), ..seen });
     }
 
-    /// Whether all selected slaves are known to have process data of the wanted length, so that no download changes it.
+    /// Whether all selected slaves are known to have process data of the wanted length, so that no later download
+    /// changes the layout.
     fn all_are_seen(&self, config: &BusConfig) -> bool {
         let now = self.wires.now();
         let selected = config.selected.intersection(SlaveSet::first(self.network.found));
@@ -318,7 +321,7 @@ impl<W: Wires> ChipBus<W> {
         })
     }
 
-    /// The number of entries of each FIFO with the present process data.
+    /// The number of entries that each FIFO of the chip has with the present process data.
     fn entries(&self) -> u8 {
         fifo_entries(self.network.rx_bytes + self.network.tx_bytes)
     }
@@ -336,7 +339,8 @@ impl<W: Wires> ChipBus<W> {
         Some(Refusal::of(slave, AlStatus::INVALID_OUTPUTS))
     }
 
-    /// The data segment size n that the chip is to be set to; `None`: the present one.
+    /// The data segment size n that the chip has to be set to for these process data and this cycle time; `None`: the
+    /// present size is sufficient.
     fn choose_size(&mut self) -> Result<Option<DataSize>, HardwareLimit> {
         self.network.entries = self.entries();
         let CyclePlan { size, in_flight, transport_sets, .. } = self.plan_cycle()?;

@@ -23,8 +23,8 @@ impl<W: Wires> Steps<W> {
         Ok(found)
     }
 
-    /// Restarts the chip's network, after which all slaves are in Init. Returns the number of slaves that the chip has
-    /// found.
+    /// Makes the chip initialise its network, after which all slaves are in Init. Returns the number of slaves that the
+    /// chip has found.
     async fn start_network(&self, cycle: CycleTime) -> Result<u8, Refusal> {
         self.with(|bus| {
             bus.leave_op();
@@ -51,8 +51,8 @@ impl<W: Wires> Steps<W> {
         let found = self.start_network(cycle).await?;
         self.with(|bus| bus.network.found = before);
         if found < before {
-            // Some of the slaves are not there now. The chip cannot reach a slave that it has not found, so the next job
-            // starts the network anew.
+            // The chip has found fewer slaves than the scan. It cannot reach a slave that it has not found, so the network
+            // counts as stopped and the next job starts it again.
             self.with(|bus| bus.network.stop());
             return Err(Refusal::no_answer(found + 1));
         }
@@ -74,7 +74,8 @@ impl<W: Wires> Steps<W> {
             let state = state_of(self.ask(Ask::StateOf(slave)).await);
             self.with(|bus| bus.states[usize::from(slave) - 1] = state);
         }
-        // A reset of the chip goes unnoticed if the driver sets the check word anew, as after a change of the packet size.
+        // No slave has answered: the chip may have been reset. The driver does not notice a reset if it sets the check word at
+        // that moment, for example after a change of the packet size.
         if found > 0
             && self.with(|bus| bus.states[..usize::from(found)].iter().all(Option::is_none))
             && matches!(self.ask(Ask::Count).await, Ok(0) | Err(HostError::Refused { .. }))
@@ -91,7 +92,7 @@ impl<W: Wires> Steps<W> {
 
 impl<W: Wires> ChipBus<W> {
     /// Evaluates the states of all slaves. Any slave may have left its state by itself, including those that the job is
-    /// about to move. Returns whether the job has to wait until the engine has polled this loss.
+    /// about to move. Returns whether slaves were lost and the job has to wait until the engine has polled this.
     fn note_states(&mut self, tells_until: &mut Option<Ns>) -> bool {
         for slave in SlaveSet::first(self.network.found).iter() {
             self.note_state(slave, self.state(slave));

@@ -1,4 +1,4 @@
-//! The running job: its sequence is polled until it has ended or its timeout is over. No SDO runs beside a job.
+//! Runs a job: its future is polled until it has ended or the job's timeout is over. No SDO runs beside a job.
 
 use std::task::{Context, Poll, Waker};
 
@@ -10,7 +10,7 @@ use crate::fieldbus::xf::chip_bus::ChipBus;
 use crate::fieldbus::{Job, JobDone, Refusal};
 use crate::xf::host::{HostState, Wires};
 
-/// Continues the running job, as far as the chip has answered.
+/// Polls the future of the running job as long as the chip's answers let it make progress.
 pub(in crate::fieldbus::xf) fn run_job<W: Wires>(
     bus: &mut MutexGuard<'_, ChipBus<W>>,
     sequence: &mut Sequence,
@@ -38,12 +38,12 @@ pub(in crate::fieldbus::xf) fn run_job<W: Wires>(
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// Whether the driver accepts commands of a job.
+    /// Whether the driver accepts a command of a job now.
     pub(super) fn is_free(&self) -> bool {
         self.host.state() == HostState::Running && !self.is_holding()
     }
 
-    /// Keeps a job running, unless its timeout is over.
+    /// Keeps a job running, or ends it with its result if its timeout is over.
     fn keep_or_end(&mut self, job: Running, now: Ns) {
         match self.late(&job) {
             Some(done) if now >= job.deadline => {
@@ -54,14 +54,14 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// The result of a change of state whose timeout is over; `None`: other jobs have no timeout.
+    /// The result of a change of state whose timeout is over; `None` for other jobs, which have no timeout.
     fn late(&self, job: &Running) -> Option<JobDone> {
         let Job::State { target, slaves, .. } = job.job else { return None };
         let slave = slaves.iter().find(|slave| self.state(*slave) != Some(target));
         Some(slave.map_or_else(|| job.cut_off(), |slave| JobDone::State(Err(Refusal::no_answer(slave)))))
     }
 
-    /// Ends a job before its last step. If the job has brought the last slave out of OP, the chip's cycles are no longer
+    /// Ends a job that is not complete. If the job has brought the last slave out of OP, the chip's cycles are no longer
     /// polled.
     pub(in crate::fieldbus::xf) fn abandon_job(&mut self) {
         self.abandon_asked();

@@ -1,4 +1,5 @@
-//! A change of state: moves slaves up by one state at a time, or directly down, until all are in the target state.
+//! The job of a change of state: moves slaves up by one state at a time, or directly down, until all are in the target
+//! state.
 
 use super::{Steps, TOLD_LATE};
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
@@ -8,22 +9,23 @@ use crate::fieldbus::{Refusal, leaving_op_ns};
 use crate::xf::host::{HostError, Wires};
 use crate::xf::request::{Fifos, SlaveInfoItem};
 
-/// The time between two attempts to bring slaves to a state, ns. \[OURS]
+/// The pause before the state is requested again from slaves that have not reached it, ns. \[OURS]
 const RETRY_NS: Ns = 10_000_000;
 
-/// A running change of state.
+/// What a running change of state has to remember between its steps.
 struct Change {
     target: AlState,
     slaves: SlaveSet,
-    /// The state that all slaves were last asked together to enter.
+    /// The state to which the chip was last told to bring all slaves together. Slaves that are behind afterwards are
+    /// moved one by one.
     all_tried: Option<AlState>,
-    /// All slaves have left OP, and the job has waited until the last cycles in OP were polled.
+    /// Whether all slaves have left OP and the job has waited until the engine has polled the last cycles in OP.
     has_told_op: bool,
-    /// Slaves that are not used and that the job has sent back to PreOP.
+    /// Unused slaves that the job has sent back to PreOP.
     brought_back: SlaveSet,
 }
 
-/// Outputs that must be sent before slaves leave OP.
+/// A wait for outputs that must be sent before slaves leave OP.
 #[derive(Clone, Copy, Debug)]
 struct SentFirst {
     /// The id of the newest of these outputs.
@@ -78,7 +80,8 @@ impl<W: Wires> Steps<W> {
         }
     }
 
-    /// Makes the next step, once the states are known. Returns whether all slaves are in the target state.
+    /// Makes the next step, once the states of the slaves were read. Returns whether all slaves are in the target
+    /// state.
     async fn step(&self, change: &mut Change) -> Result<bool, Refusal> {
         let (in_op, runs) = self.with(|bus| (bus.network.in_op(), bus.runs));
         if !in_op.is_empty() && !runs {
@@ -99,7 +102,7 @@ impl<W: Wires> Steps<W> {
             let Some(slave) = self.with(|bus| change.slaves.iter().find(|slave| bus.state(*slave).is_none())) else {
                 return Ok(true);
             };
-            // The slave may come back until the deadline.
+            // No slave that answers is behind. A silent one may come back until the job's timeout.
             self.tell_refusal(slave).await?;
             return Ok(false);
         };
@@ -127,8 +130,8 @@ impl<W: Wires> Steps<W> {
         }
     }
 
-    /// Moves the slaves that are behind to a state. The chip moves one slave or all of them, and all together take no
-    /// longer than one.
+    /// Brings the slaves that are behind to the state `to`. The chip can move one slave or all slaves; for all together it
+    /// takes no longer than for one.
     ///
     /// \[OURS] Slaves that are declared as none (SK-4.57) go to SafeOP with the others and come back to PreOP at once: one
     /// by one, 39 slaves that take 300 ms each would need more than the 10 s that SET_STATE has. They do not go on to OP,
@@ -140,7 +143,8 @@ impl<W: Wires> Steps<W> {
         };
         change.all_tried = Some(to);
         self.with(|bus| bus.note_commanded(behind.union(unused), to, AlState::SafeOp));
-        // If this has failed, the states show which slaves have moved; the others are moved one by one.
+        // If the command fails, the states read next show which slaves have moved. The others are then moved one by
+        // one.
         if self.ask(Ask::Enter(None, to)).await.is_ok() {
             self.with(|bus| bus.note_commanded(SlaveSet::first(bus.network.found), to, AlState::Op));
         }
@@ -200,7 +204,7 @@ impl<W: Wires> ChipBus<W> {
         Ok(())
     }
 
-    /// Returns a slave that is not used and has gone to SafeOP with the others.
+    /// Returns an unused slave that has gone to SafeOP with the others and has to be sent back.
     fn strayed(&self, change: &Change) -> Option<u8> {
         let unused = self.network.unused().difference(change.slaves).difference(change.brought_back);
         unused.iter().find(|slave| self.state(*slave) > Some(AlState::PreOp))
@@ -239,8 +243,8 @@ impl<W: Wires> ChipBus<W> {
         }
     }
 
-    /// Raises the commanded state of a slave to its present state, for a slave that has refused to go down. Excluded are
-    /// slaves above PreOP whose process data the chip no longer has, after a reset.
+    /// Called for a slave that has refused to go down: its present state becomes its commanded state, so that it is not lost.
+    /// This does not apply to slaves above PreOP whose process data the chip has lost in a reset.
     fn stay_up(&mut self, slave: u8) {
         let Some(state) = self.state(slave) else { return };
         if state <= AlState::PreOp || self.network.with_process_data().contains(slave) {

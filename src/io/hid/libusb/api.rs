@@ -11,10 +11,10 @@ use libloading::Library;
 
 use super::UsbError;
 
-/// The file name of libusb.
+/// The file name of the library libusb 1.0 on this system.
 const LIBRARY_NAME: &str = if cfg!(target_os = "macos") { "libusb-1.0.0.dylib" } else { "libusb-1.0.so.0" };
 
-/// The error that libusb cannot be loaded.
+/// libusb cannot be loaded, for example because it is not installed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("libusb cannot be loaded ({message}); install it: `sudo apt-get install libusb-1.0-0`")]
 pub struct LibusbMissing {

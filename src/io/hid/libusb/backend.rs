@@ -49,7 +49,7 @@ impl Backend for LibusbBackend {
         self.inputs.get(number).ok_or(UsbError::Invalid)?.submit()
     }
 
-    // The kernel does not queue reports: without a submitted transfer they are lost.
+    // The kernel keeps no queue of reports: a report that comes while no transfer is submitted is lost.
     fn set_system_queue(&self, _reports: Option<usize>) -> bool {
         false
     }
@@ -77,12 +77,12 @@ impl Backend for LibusbBackend {
     }
 
     fn clear_input_halt(&self) {
-        // If the endpoint stalls again, the next transfer reports it.
+        // An error is ignored: if the endpoint still stalls, the next transfer reports it.
         let _ = self.handle.clear_halt(self.interface.input);
     }
 
     fn clear_output_halt(&self) {
-        // If the endpoint stalls again, the next transfer reports it.
+        // An error is ignored: if the endpoint still stalls, the next transfer reports it.
         let _ = self.handle.clear_halt(self.interface.output);
     }
 
@@ -91,7 +91,7 @@ impl Backend for LibusbBackend {
     }
 }
 
-/// A claimed interface, which is released on drop.
+/// An interface that this process has claimed. It is released when this value is dropped.
 pub(super) struct InterfaceClaim {
     handle: Arc<Handle>,
     interface: u8,
@@ -110,7 +110,7 @@ impl InterfaceClaim {
 
 impl Drop for InterfaceClaim {
     fn drop(&mut self) {
-        // If the device was unplugged this fails, and there is nothing to release.
+        // An error is ignored: if the device was unplugged, there is nothing to release.
         let _ = self.handle.release(self.interface);
     }
 }

@@ -23,7 +23,7 @@ pub enum UsbBusError {
     /// libusb is not installed.
     #[error(transparent)]
     LibusbMissing(#[from] LibusbMissing),
-    /// libusb cannot access USB.
+    /// libusb reports an error when it accesses USB.
     #[error("USB cannot be used on this machine ({0}); does it have USB, and /dev/bus/usb?")]
     Usb(#[from] UsbError),
 }
@@ -48,7 +48,7 @@ impl Bus {
         Ok(Self::over(api::load()?)?)
     }
 
-    /// Creates a context with these functions.
+    /// Creates a context that calls these functions, which in tests are those of a simulated libusb.
     pub(super) fn over(api: &'static Api) -> Result<Arc<Self>, UsbError> {
         let mut raw = ptr::null_mut();
         // SAFETY: `raw` receives the new context. libusb starts a thread of its own here, which must receive no signals of the
@@ -59,7 +59,7 @@ impl Bus {
         Ok(Arc::new(Self { api, raw: NonNull::new(raw).ok_or(UsbError::NoMemory)? }))
     }
 
-    /// Lists the connected devices.
+    /// Lists the devices that are connected to this machine's USB.
     pub(super) fn devices(self: &Arc<Self>) -> Result<Vec<Device>, UsbError> {
         let mut list = ptr::null_mut();
         // SAFETY: `list` receives an array, which is freed below.
@@ -92,7 +92,7 @@ impl Bus {
         if code == INTERRUPTED { Ok(()) } else { UsbError::check(code).map(drop) }
     }
 
-    /// Ends the wait in [`Bus::handle_events`].
+    /// Ends the wait in [`Bus::handle_events`], from another thread.
     pub(super) fn interrupt(&self) {
         // SAFETY: the context is valid until `drop`.
         unsafe { (self.api.interrupt)(self.raw.as_ptr()) };
@@ -106,7 +106,7 @@ impl Drop for Bus {
     }
 }
 
-/// A device on the bus.
+/// A device on the USB.
 pub(in crate::io::hid) struct Device {
     bus: Arc<Bus>,
     raw: NonNull<RawDevice>,
@@ -117,7 +117,7 @@ unsafe impl Send for Device {}
 // SAFETY: libusb's devices may be used by any threads at once.
 unsafe impl Sync for Device {}
 
-/// An interface with its alternate setting 0.
+/// An interface of a device, with the endpoints of its alternate setting 0.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct UsbInterface {
     pub number: u8,
@@ -192,7 +192,7 @@ impl Drop for Device {
     }
 }
 
-/// An open device.
+/// A device that was opened, as libusb's device handle.
 pub(super) struct Handle {
     bus: Arc<Bus>,
     raw: NonNull<RawHandle>,
@@ -246,7 +246,7 @@ impl Descriptors {
         match ready {
             0 => Ok(false),
             1.. => Ok(true),
-            // A signal to the program has ended the wait, which is no error.
+            // A signal to the program has ended the wait. This is no error.
             _ if io::Error::last_os_error().kind() == io::ErrorKind::Interrupted => Ok(false),
             _ => Err(UsbError::Io),
         }
@@ -299,7 +299,7 @@ impl Handle {
         unsafe { self.transfer(endpoint, kind, bytes.as_ptr().cast_mut(), bytes.len(), limit) }
     }
 
-    /// Like [`Self::send`], but receives from an endpoint.
+    /// Like [`Self::send`], but receives bytes from an endpoint.
     pub fn receive(&self, endpoint: u8, kind: u8, bytes: &mut [u8], limit: Duration) -> (c_int, usize) {
         // SAFETY: the buffer is this function's alone.
         unsafe { self.transfer(endpoint, kind, bytes.as_mut_ptr(), bytes.len(), limit) }
@@ -313,7 +313,7 @@ impl Handle {
         let api = self.bus.api;
         let transfer = if kind == BULK { api.bulk_transfer } else { api.interrupt_transfer };
         let mut moved = 0;
-        // libusb takes 0 as "no limit".
+        // libusb treats a timeout of 0 as "no limit", so the minimum is 1 ms.
         let limit_ms = limit.as_millis().clamp(1, u32::MAX.into()) as u32;
         // SAFETY: the handle is open until `drop`; the rest by the caller's promise. libusb returns when it has ended the
         // transfer.

@@ -54,36 +54,37 @@ struct Inside {
     halted: bool,
     halts_cleared: Vec<u8>,
     interrupted: bool,
-    /// How many of the next waits for events are ended by a signal.
+    /// How many of the next waits for events end as if by a signal to the program.
     signals: u32,
-    /// How many of the next waits for events fail.
+    /// How many of the next waits for events fail with an error.
     event_errors: u32,
     /// Number of waits for events so far.
     event_waits: u64,
-    /// A socket that is readable while there is an event, and its other end; `None` if libusb itself is waited in.
+    /// A socket that is readable while there is an event, and its other end; `None`: libusb offers no file descriptor,
+    /// so callers wait inside libusb.
     bell: Option<(UnixStream, UnixStream)>,
     rung: bool,
     gone: bool,
-    /// Number of calls of libusb so far.
+    /// How many functions of libusb were called so far.
     calls: usize,
-    /// The number of the call at which the device is unplugged.
+    /// The device is unplugged at the call of libusb with this number.
     pulled_at: usize,
-    /// Return values that replace those of calls, by the names of the functions.
+    /// Return codes to use instead of the real ones, each with the name of its function.
     answers: Vec<(&'static str, c_int)>,
     /// Number of existing contexts, devices, handles, claims and transfers.
     leaked: [isize; 5],
     /// An action during the next submission of a transfer; see [`FakeUsb::at_next_submit`].
     hook: Option<Box<dyn FnOnce() + Send>>,
     cancels: usize,
-    /// The device's answer to a packet; see [`FakeUsb::on_packet`].
+    /// The function that answers the host's packets; see [`FakeUsb::on_packet`].
     answer_packet: Option<PacketAnswer>,
-    /// The answers that the host has not fetched yet.
+    /// The device's answers to packets that the host has not received yet.
     packets: VecDeque<Vec<u8>>,
 }
 
 type PacketAnswer = Box<dyn FnMut(&[u8]) -> Vec<u8> + Send>;
 
-/// The simulated bus with one device.
+/// A simulated libusb with one bus and one device.
 pub struct FakeUsb {
     inside: Mutex<Inside>,
     changed: Condvar,
@@ -132,13 +133,13 @@ impl FakeUsb {
         world
     }
 
-    /// The bus, as the code under test opens it.
+    /// Opens the bus as the code under test does.
     pub fn bus(&'static self) -> Result<Arc<Bus>, UsbError> {
         NEXT.set(Some(self));
         Bus::over(&functions::FAKE)
     }
 
-    /// The device as the code under test finds it.
+    /// Finds the device as the code under test does.
     #[track_caller]
     pub fn found(&'static self) -> FoundDevice {
         let bus = self.bus().expect("it opens");
@@ -191,17 +192,18 @@ impl FakeUsb {
         self.inside.lock().event_waits
     }
 
-    /// Makes calls of the function `name` return `code`.
+    /// Makes all calls of the function `name` return `code` from now on.
     pub fn answer(&self, name: &'static str, code: c_int) {
         self.with(|inside| inside.answers.push((name, code)));
     }
 
-    /// Lets calls return their own values again.
+    /// Ends the effect of [`FakeUsb::answer`]: all functions return their real results again.
     pub fn answers_as_it_is(&self) {
         self.with(|inside| inside.answers.clear());
     }
 
-    /// Sets the device's answer to packets in transfers for which the host waits; an empty answer is none.
+    /// Sets the function that makes the device's answer to a packet of the host. If it returns no bytes, the device
+    /// does not answer.
     pub fn on_packet(&self, answer: impl FnMut(&[u8]) -> Vec<u8> + Send + 'static) {
         self.with(|inside| inside.answer_packet = Some(Box::new(answer)));
     }
@@ -266,7 +268,7 @@ impl FakeUsb {
 }
 
 impl Inside {
-    /// Makes the descriptor readable while there is an event, and only then.
+    /// Makes the event descriptor readable while there is an event, and unreadable otherwise.
     fn ring(&mut self) {
         let Some((mut read, mut write)) = self.bell.as_ref().map(|(read, write)| (read, write)) else { return };
         let wanted = !self.endings.is_empty() || self.interrupted || self.event_errors > 0 || self.signals > 0;

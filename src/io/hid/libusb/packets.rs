@@ -11,12 +11,12 @@ use super::backend::InterfaceClaim;
 use super::bus::{Bus, Handle, UsbBusError, UsbInterface};
 use crate::io::descriptors::TO_HOST;
 
-/// Timeout of one packet in one direction. \[OURS]
+/// The time limit for one packet in one direction. \[OURS]
 const PACKET_LIMIT: Duration = Duration::from_secs(1);
-/// The bits of an endpoint's attributes with its transfer type (USB 2.0 table 9-13).
+/// The bits of an endpoint's bmAttributes that give its transfer type (USB 2.0 table 9-13).
 const KIND: u8 = 3;
 
-/// The USB ids of a device, and the endpoints for its packets.
+/// A device by its USB ids, and its two endpoints for packets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PacketPlace {
     /// USB vendor id, idVendor.
@@ -57,16 +57,16 @@ pub enum UsbPacketError {
     /// Several devices have these ids.
     #[error("{count} devices have the ids {vendor:04x}:{product:04x}")]
     Several { vendor: u16, product: u16, count: usize },
-    /// No interface has both endpoints.
+    /// No interface of the device has both endpoints.
     #[error("no interface of the device has bulk or interrupt endpoints {output} out and {input} in; it has {there}")]
     NoEndpoints { output: u8, input: u8, there: String },
     /// The device cannot be opened or used.
     #[error("{0}")]
     Usb(#[from] UsbError),
-    /// The device does not accept a packet in time, or does not send one.
+    /// The device has not accepted a packet in time, or has not sent one.
     #[error("the device {what} within {limit:?}")]
     Late { what: &'static str, limit: Duration },
-    /// The device accepts or sends another number of bytes.
+    /// The device has accepted or sent another number of bytes than wanted.
     #[error("the device {what} {found} bytes and not {wanted}")]
     Length { what: &'static str, found: usize, wanted: usize },
 }
@@ -138,7 +138,8 @@ impl PacketWires for PacketDevice {
     }
 }
 
-/// Converts libusb's code and the transferred length to the result of a transfer.
+/// Converts libusb's return code and the number of bytes transferred to the result of a transfer. `nothing` and `some`
+/// are the texts for no bytes in time and for a wrong number of bytes.
 fn check(code: i32, found: usize, wanted: usize, [nothing, some]: [&'static str; 2]) -> Result<(), UsbPacketError> {
     if code == TIMEOUT && found == 0 {
         return Err(UsbPacketError::Late { what: nothing, limit: PACKET_LIMIT });

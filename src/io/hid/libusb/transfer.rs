@@ -24,7 +24,7 @@ impl Outcome {
 
 /// A transfer of one report on an interrupt endpoint. While it is submitted, libusb owns its buffer.
 pub(super) struct UsbTransfer {
-    /// A leaked box, since libusb keeps its address.
+    /// A leaked box: its address must not change, since libusb keeps it.
     inner: NonNull<Inner>,
 }
 
@@ -32,10 +32,10 @@ struct Inner {
     raw: NonNull<RawTransfer>,
     buffer: UnsafeCell<[u8; REPORT_LEN]>,
     to_host: bool,
-    /// The number of a transfer to the host, for the listener.
+    /// The number of this transfer, which the listener gets when the transfer ends.
     number: usize,
     listener: Arc<dyn TransferListener>,
-    /// Keeps the device handle open, which libusb's transfer refers to.
+    /// libusb's transfer refers to the device handle, so this keeps the handle open.
     handle: Arc<Handle>,
 }
 

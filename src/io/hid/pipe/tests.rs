@@ -21,7 +21,7 @@ fn open(world: &'static FakeUsb) -> Pipe {
     Pipe::open(&found, INTERFACE_OF_BOARD, LIMITS).expect("it opens")
 }
 
-/// A listener that panics.
+/// A listener that panics whenever it is called.
 #[derive(Default)]
 struct Panics {
     lost: Mutex<bool>,
@@ -92,7 +92,7 @@ fn reports_are_taken_between_two_calls() {
     let pipe = open(world);
     let mut sent = 0;
     for _ in 0..20 {
-        // A call waits, and ends by a timeout or by a report.
+        // The call that waits ends by its timeout or by a report.
         assert_eq!(read(&pipe, SOON), Err(PipeError::Timeout(SOON.unwrap())));
         world.send(status::COMPLETED, &[1; 512]);
         sent += 1;
@@ -192,7 +192,7 @@ fn events_that_fail_for_good_end_every_call() {
             drop(closes);
         }
         for call in [in_time(|| reader.join().unwrap().map(drop)), in_time(|| writer.join().unwrap())] {
-            // A call ends with whichever reason comes first.
+            // Closing the pipe and the failure happen at the same time: a call reports the one that it sees first.
             assert!(
                 call == Err(PipeError::Lost(EVENTS_FAILED)) || (closed && call == Err(PipeError::Closed)),
                 "{call:?}"
@@ -316,7 +316,7 @@ fn a_cable_cut_at_any_moment_ends_every_call() {
         let bus = world.bus()?;
         let found = super::super::find(&bus, fake::VENDOR, fake::PRODUCT)?.pop();
         let found = found.ok_or(UsbError::NoDevice)?;
-        // The descriptors can no longer be read.
+        // Once the device is unplugged its descriptors cannot be read.
         let interface = found.interface.map_err(|_| UsbError::NoDevice)?;
         let pipe = Pipe::open(&found, interface, LIMITS)?;
         world.send(status::COMPLETED, &[1; 512]);
@@ -488,7 +488,8 @@ mod ended_by_force {
             end_thread_in(
                 move || _ = read(&reads, None),
                 move || {
-                    // This interrupts the thread that handles events, until the reader does.
+                    // Cancelling writes interrupts the thread that handles events. This is repeated until the reader
+                    // handles them.
                     handles.cancel_writes();
                     thread::sleep(Duration::from_millis(5));
                     handles.shared.state.lock().thread_asleep

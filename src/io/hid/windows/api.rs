@@ -73,7 +73,8 @@ pub struct InterfaceDetail {
     pub path: [u16; PATH_LEN_MAX],
 }
 
-/// Room for a device path with its terminating zero, in UTF-16 units. Paths of HID devices have about 100 characters.
+/// The size of the buffer for a device path with its terminating zero, in UTF-16 units. Paths of HID devices have about
+/// 100 characters.
 pub const PATH_LEN_MAX: usize = 1024;
 /// The value of [`InterfaceDetail::size`]: the size of the C structure, which has room for one character of the path
 /// and is packed on x86.
@@ -115,7 +116,7 @@ macro_rules! functions {
 
         #[cfg(windows)]
         impl Api {
-            /// The functions of the real Windows.
+            /// The functions of the real Windows, imported at load time.
             pub const WINDOWS: Self = Self { $($($field: imported::$name,)*)* };
         }
     };

@@ -15,18 +15,18 @@ use super::{Backend, NUMBERED_LEN, Outcome, REPORT_LEN, TransferListener, UsbErr
 /// The longest queue of reports that the driver keeps for a handle without a pending read (HidD_SetNumInputBuffers);
 /// its default is 32. The driver does not count the reports that it drops, so it is set to this maximum. \[OURS]
 const DRIVER_QUEUE_MAX: usize = 512;
-/// The shortest queue that the driver accepts.
+/// The shortest queue of reports that the driver accepts.
 const DRIVER_QUEUE_MIN: usize = 2;
 
 struct OverlappedBackend {
     inputs: Vec<Transfer>,
     output: Transfer,
-    /// The completion port for transfers to the host.
+    /// The completion port at which the ends of transfers to the host are reported.
     port: OwnedHandle,
     /// The event that is set at the end of the transfer to the device. The completion port is not used for this,
     /// because it would take two more system calls, which under Wine cost a good part of the time of a write.
     output_ended: OwnedHandle,
-    /// The event that interrupts the wait for `output_ended`.
+    /// The event that ends the wait for `output_ended` early.
     output_interrupted: OwnedHandle,
     handle: Arc<OwnedHandle>,
     listener: Arc<dyn TransferListener>,
@@ -44,7 +44,8 @@ impl Device {
         let port = handle.port()?;
         let [output_ended, output_interrupted] = [OwnedHandle::event(&self.bus)?, OwnedHandle::event(&self.bus)?];
         let inputs = (0..transfers).map(|_| Transfer::new(ptr::null_mut())).collect();
-        // With the lowest bit of its event handle set, the end of this transfer is not reported at the completion port.
+        // The lowest bit of the event handle tells Windows not to report the end of this transfer at the completion
+        // port.
         let output = Transfer::new(output_ended.raw().map_addr(|address| address | 1));
         let backend = OverlappedBackend {
             inputs,
@@ -63,7 +64,7 @@ impl Device {
 
 /// A transfer of one report. While it is submitted, Windows owns its buffer.
 struct Transfer {
-    /// A leaked box, since Windows keeps its address.
+    /// A leaked box: its address must not change, since Windows keeps it.
     inner: NonNull<Inner>,
 }
 
@@ -111,9 +112,9 @@ impl Drop for Transfer {
 }
 
 impl OverlappedBackend {
-    /// Checks whether a transfer was submitted, by the return value of the submitting function.
+    /// Evaluates the return value of ReadFile or WriteFile: whether the transfer was submitted.
     fn submitted(&self, done: i32) -> Result<(), UsbError> {
-        // A transfer that completes at once is reported at the completion port as well.
+        // The transfer has completed at once. Its end is still reported like that of any other transfer.
         if done != 0 {
             return Ok(());
         }
@@ -153,7 +154,7 @@ impl OverlappedBackend {
         unsafe { (self.handle.bus().api().cancel)(self.handle.raw(), transfer.overlapped()) };
     }
 
-    /// Calls the listener for the transfer to the host whose first field is `overlapped`.
+    /// Handles the end of the transfer to the host whose first field is at `overlapped`: calls the listener.
     fn ended(&self, overlapped: *mut Overlapped, outcome: Outcome, moved: usize) {
         let moved = moved.min(NUMBERED_LEN);
         let Some(number) = self.inputs.iter().position(|input| input.overlapped() == overlapped) else { return };
@@ -227,7 +228,8 @@ impl Backend for OverlappedBackend {
 
     fn handle_events(&self, limit: Duration) -> Result<(), UsbError> {
         let mut limit = milliseconds(limit);
-        // Handles all transfers that have ended, at most as many as there are, so that the loop ends.
+        // Handles all transfers that have ended. The number of rounds is limited, because the listener may submit a
+        // transfer again, which may end during the loop.
         for _ in 0..=self.inputs.len() {
             if !self.next_event(limit)? {
                 break;
@@ -260,7 +262,7 @@ impl Backend for OverlappedBackend {
         let good =
             unsafe { (api.transfer_result)(self.handle.raw(), self.output.overlapped(), &raw mut moved, 0) } != 0;
         let code = if good { 0 } else { self.handle.bus().last_error() };
-        // The report id is not a part of the report.
+        // The transferred bytes begin with the report id, which does not count as part of the report.
         let moved = (moved as usize).min(NUMBERED_LEN).saturating_sub(1);
         self.listener.output_ended(codes::outcome(code), moved);
         Ok(())
@@ -271,7 +273,7 @@ impl Backend for OverlappedBackend {
         unsafe { (self.handle.bus().api().set_event)(self.output_interrupted.raw()) };
     }
 
-    // The driver itself clears stalls.
+    // Nothing to do: Windows' driver clears the halt of a stalled endpoint itself.
     fn clear_input_halt(&self) {}
 
     fn clear_output_halt(&self) {}

@@ -8,12 +8,12 @@ use super::api::Api;
 #[cfg(windows)]
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UsbBusError {
-    /// Windows cannot list the devices.
+    /// Windows reports an error when it lists the devices.
     #[error("Windows does not list its HID devices ({0}); restart Windows")]
     Usb(#[from] super::UsbError),
 }
 
-/// Access to Windows' HID driver.
+/// Access to the HID driver through Windows' functions.
 pub struct Bus {
     api: Api,
 }
@@ -28,7 +28,7 @@ impl Bus {
         Ok(Arc::new(Self { api: Api::WINDOWS }))
     }
 
-    /// Access to the driver with these functions.
+    /// Creates the access to a simulated driver with these functions.
     #[cfg(test)]
     pub(super) fn over(api: Api) -> Arc<Self> {
         Arc::new(Self { api })
@@ -45,11 +45,11 @@ impl Bus {
     }
 }
 
-/// A device of the HID driver.
+/// A HID device that Windows lists.
 pub struct Device {
     pub(super) bus: Arc<Bus>,
-    /// The device path, terminated by a zero.
+    /// The device path, in UTF-16 with a terminating zero.
     pub(super) path: Vec<u16>,
-    /// The serial number, if the USB device's name in Windows contains it.
+    /// The serial number of the device, if Windows' name of the USB device contains it.
     pub(super) serial: Option<String>,
 }

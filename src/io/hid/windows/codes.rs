@@ -14,7 +14,7 @@ const ABORTED: u32 = 995;
 /// such device (55, 433), delete pending (303), not connected (1167), removed (1617).
 const GONE: [u32; 9] = [2, 3, 5, 6, 55, 303, 433, 1167, 1617];
 
-/// The outcome of a transfer by its error code; 0 is success.
+/// How a transfer has ended, by Windows' error code for it; 0 is success.
 pub fn outcome(code: u32) -> Outcome {
     match code {
         0 => Outcome::Done,
@@ -24,15 +24,15 @@ pub fn outcome(code: u32) -> Outcome {
     }
 }
 
-/// The error of an open device that accepts no transfer.
+/// The error of submitting a transfer to an open device, by Windows' error code.
 pub fn submit_error(code: u32) -> UsbError {
     if GONE.contains(&code) { UsbError::NoDevice } else { open_error(code) }
 }
 
-/// The error of a device that cannot be opened.
+/// The error of opening a device, by Windows' error code.
 pub fn open_error(code: u32) -> UsbError {
     match code {
-        // The codes in `GONE`, without those that have another meaning while a device is being opened.
+        // The codes in `GONE` except 5 and 6, which have another meaning when a device is opened.
         2 | 3 | 55 | 303 | 433 | 1167 | 1617 => UsbError::NoDevice,
         5 => UsbError::Access,
         // Out of memory (8, 14), of system resources (1450), or of quota (1816).

@@ -25,13 +25,13 @@ const ABORTED: u32 = 995;
 pub enum ReportReaction {
     /// The board accepts the report.
     All,
-    /// The board does not accept the report.
+    /// The board does not accept the report, so that the write stays pending.
     Nothing,
     /// The transfer fails on the wire, with this error code of Windows.
     Fails(u32),
 }
 
-/// A device in Windows' list.
+/// A HID device that the simulated Windows lists.
 pub struct Listed {
     /// The part of the device path between `\\?\` and the class, such as `hid#vid_16c0&pid_05df#7&1&0&0000`.
     pub name: &'static str,
@@ -66,24 +66,24 @@ struct Inside {
     woken: bool,
     /// Whether a backend's two events are set: the end of the transfer to the device, and the interruption.
     set: [bool; 2],
-    /// Whether the first of a backend's two events was created.
+    /// Whether the backend has created the first of its two events: the next one that it creates is the second.
     has_event: bool,
     to_send: VecDeque<Vec<u8>>,
     reaction: ReportReaction,
     taken: Vec<Vec<u8>>,
-    /// The error code of all calls for the board once it is unplugged.
+    /// The error code that all calls for the board return once it is unplugged; `None`: it is connected.
     gone: Option<u32>,
-    /// The error code of opening the board for reports.
+    /// The error code with which opening the board for reports fails; `None`: it can be opened.
     refused: Option<u32>,
-    /// Number of existing handles, lists and other objects.
+    /// How many handles, lists and other objects exist that the code under test has to free.
     leaked: isize,
     /// The device paths that were opened.
     opened: Vec<String>,
-    /// Number of texts that were read from a device.
+    /// How many texts (product name, serial number) were read from devices.
     asked: usize,
-    /// The length of the driver's queue of reports.
+    /// The length of the driver's queue of reports that the code under test has set; `None`: it has set none.
     keeps: Option<u32>,
-    /// Whether writes are held: they do not return while this is set.
+    /// Whether the next write does not return until [`FakeWindows::let_go`].
     held: bool,
 }
 
@@ -170,7 +170,7 @@ impl FakeWindows {
         });
     }
 
-    /// Waits until `count` transfers are pending.
+    /// Waits until `count` transfers are submitted and have not ended.
     pub fn until_pending(&self, count: usize) {
         let mut inside = self.inside.lock();
         while inside.pending.len() != count || !inside.ended.is_empty() {
@@ -191,7 +191,7 @@ impl FakeWindows {
         self.with(|inside| inside.asked)
     }
 
-    /// The number of pending reads.
+    /// How many reads are submitted and have not ended.
     pub fn reads(&self) -> usize {
         self.with(|inside| inside.pending.iter().filter(|pending| pending.to_host).count())
     }
@@ -200,7 +200,7 @@ impl FakeWindows {
         self.with(|inside| inside.keeps)
     }
 
-    /// The number of existing handles, lists and other objects.
+    /// How many handles, lists and other objects exist that the code under test has to free.
     pub fn leaked(&self) -> isize {
         self.with(|inside| inside.leaked)
     }
@@ -221,7 +221,7 @@ impl Inside {
         self.to_send.drain(..self.to_send.len().saturating_sub(keeps));
     }
 
-    /// Writes a report to the board. Returns the error code of the function.
+    /// Handles a write of a report to the board. Returns the error code of WriteFile.
     fn write(&mut self, overlapped: *mut Overlapped, buffer: *mut u8, report: Vec<u8>) -> u32 {
         if let Some(code) = self.gone {
             return code;

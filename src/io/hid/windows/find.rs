@@ -17,9 +17,10 @@ use crate::io::hid::NotTheBoard;
 #[cfg(windows)]
 use crate::io::hid::{FoundDevice, Sysfs};
 
-/// Room for a text of a device in UTF-16 units. A string descriptor has at most 126.
+/// The size of the buffer for a text of a device, in UTF-16 units. A string descriptor has at most 126 units.
 const TEXT_LEN: usize = 128;
-/// How many levels the USB device is above a HID device at most: its parent, or the parent of its interface.
+/// How many levels above a HID device its USB device is at most: it is the parent, or the grandparent if the device has
+/// several interfaces.
 const PARENTS_MAX: usize = 2;
 
 /// Proof that a device's reports have the wanted size in both directions. Only the driver knows interface and
@@ -27,7 +28,7 @@ const PARENTS_MAX: usize = 2;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReportInterface(());
 
-/// A device with the wanted vendor and product id.
+/// A HID device in Windows' list that has the wanted vendor and product id.
 pub(super) struct Candidate {
     pub device: Device,
     pub instance: String,
@@ -70,7 +71,7 @@ pub(super) fn candidates(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Ve
         let named = names::text(&path).and_then(|path| names::of_path(&path));
         let Some(named) = named.filter(|named| (named.vendor, named.product) == (vendor, product)) else { continue };
         let device = Device { bus: bus.clone(), path, serial: serial(bus, node) };
-        // A device that was just unplugged is left out.
+        // If the device was just unplugged, it is left out of the list.
         let interface = match device.capabilities() {
             Ok(capabilities) => report_interface(&capabilities),
             Err(UsbError::NoDevice) => continue,
@@ -149,7 +150,7 @@ impl Device {
     }
 }
 
-/// Windows' list of the connected HID devices.
+/// Windows' list of the connected HID devices (`HDEVINFO`).
 struct List<'a> {
     bus: &'a Bus,
     class: Guid,

@@ -57,7 +57,7 @@ impl OwnedHandle {
         Self::made(&self.bus, raw)
     }
 
-    /// Creates an auto-reset event.
+    /// Creates an event that resets itself when it has ended a wait.
     pub fn event(bus: &Arc<Bus>) -> Result<Self, UsbError> {
         // SAFETY: an event without attributes and without a name has no conditions.
         let raw = unsafe { (bus.api().create_event)(ptr::null(), 0, 0, ptr::null()) };

@@ -234,8 +234,8 @@ fn with_paused_input() -> (&'static FakeWindows, Pipe) {
     assert_eq!(pipe.write(&[1; REPORT_LEN], None), Ok(()));
     assert_eq!(world.reads(), TRANSFERS);
     in_time(move || {
-        // A pause begins with setting the driver's queue. Without this check, reads may be missing only because none
-        // was resubmitted yet.
+        // A pause begins by setting the driver's queue, which this loop waits for. The number of pending reads alone
+        // does not show a pause: a read may just not be resubmitted yet.
         while world.keeps() != Some(QUEUE as u32) || world.reads() > 0 {
             pipe.write(&[1; REPORT_LEN], None).expect("it takes it");
             world.send(0, &[99; REPORT_LEN]);

@@ -1,4 +1,4 @@
-//! The virtual host controller of Linux.
+//! Attaches a device to the virtual host controller of Linux.
 
 use std::fs;
 use std::io;
@@ -8,7 +8,7 @@ use std::path::Path;
 use super::{AttachError, free_ports};
 use crate::port::usbip::wire::HIGH_SPEED;
 
-/// The connection to the kernel.
+/// The type of the server's end of the connection to the kernel.
 pub type Socket = std::os::unix::net::UnixStream;
 
 /// Attaches a device to the controller in the folder `vhci`. Returns the server's end of the connection and the number
@@ -25,7 +25,7 @@ pub fn attach(vhci: &Path, device_id: u32) -> Result<(Socket, u32), AttachError>
         let order = format!("{port} {} {device_id} {HIGH_SPEED}", theirs.as_raw_fd());
         match fs::write(vhci.join("attach"), order) {
             Ok(()) => return Ok((ours, port)),
-            // Another program has taken the port meanwhile.
+            // Another program has attached a device to this port meanwhile: the next free port is tried.
             Err(error) if error.kind() == io::ErrorKind::ResourceBusy => {}
             Err(error) if error.kind() == io::ErrorKind::PermissionDenied => return Err(AttachError::NotAllowed),
             Err(error) => return Err(AttachError::Refused(error)),

@@ -1,4 +1,4 @@
-//! Operating systems without a virtual host controller.
+//! Stands for `linux.rs` on operating systems without a virtual host controller.
 
 use std::path::Path;
 

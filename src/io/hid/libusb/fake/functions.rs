@@ -1,4 +1,4 @@
-//! The functions of the simulated libusb.
+//! The functions of the simulated libusb, with the signatures of the real ones.
 
 use std::ffi::{c_int, c_uchar, c_uint, c_void};
 use std::os::fd::AsRawFd as _;
@@ -16,7 +16,8 @@ use super::{Ending, FakeUsb, NEXT, NO_DEVICE, PRODUCT, ReportReaction, VENDOR, r
 const IO: c_int = -1;
 const NOT_FOUND: c_int = -5;
 
-/// The code under test must interrupt waits with a limit from here on; if such a wait times out, the test fails.
+/// A wait with at least this limit does not time out here: if the code under test does not interrupt it, the test
+/// hangs.
 const LONG: Duration = Duration::from_secs(1);
 
 fn world<T>(pointer: *mut T) -> &'static FakeUsb {
@@ -80,7 +81,7 @@ unsafe extern "C" fn devices(context: *mut RawContext, list: *mut *mut *mut RawD
         Err(code) => return code as isize,
     };
     world.count(1, there);
-    // The list ends with a null pointer, as libusb's does.
+    // libusb ends its device list with a null pointer, so this list does too.
     let entries: Box<[*mut RawDevice; 2]> =
         Box::new([if there == 1 { context.cast() } else { ptr::null_mut() }, ptr::null_mut()]);
     // SAFETY: the caller passes a valid pointer for the result.
@@ -135,7 +136,7 @@ unsafe extern "C" fn configuration(device: *mut RawDevice, tree: *mut *mut Confi
         };
         let settings: &[_] = Box::leak(Box::new([setting(1, 0), setting(0, 2)]));
         let interfaces: &[_] = Box::leak(Box::new([
-            // A configuration may have an interface without settings.
+            // An interface without alternate settings, as some configurations have, is also in the list.
             InterfaceSettings { settings: ptr::null(), count: -1 },
             InterfaceSettings { settings: settings.as_ptr(), count: 2 },
         ]));

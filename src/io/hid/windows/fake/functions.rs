@@ -1,4 +1,4 @@
-//! The functions of the simulated Windows.
+//! The functions of the simulated Windows, with the signatures of the real ones.
 
 use std::cell::Cell;
 use std::ffi::c_void;
@@ -19,11 +19,12 @@ const NO_FILE: u32 = 2;
 const NO_MORE: u32 = 259;
 const INVALID: u32 = 87;
 const NOT_FOUND: u32 = 1168;
-/// `CR_NO_SUCH_DEVNODE`: there is no such node.
+/// `CR_NO_SUCH_DEVNODE`: no device node has this number.
 const NO_NODE: u32 = 13;
-/// The difference between the number of a node and that of its parent node.
+/// A parent node has the number of its child node plus this value.
 const GENERATION: u32 = 100;
-/// The code under test must interrupt waits with a limit from here on.
+/// A wait with at least this limit does not time out here: if the code under test does not interrupt it, the test
+/// hangs.
 const LONG_MS: u32 = 1000;
 const CLASS: &str = "#{4d1e55b2-f16f-11cf-88cb-001111000030}";
 
@@ -69,11 +70,11 @@ fn world(handle: *mut c_void) -> &'static FakeWindows {
 
 /// The bits that are 0 in the address of a `FakeWindows`.
 const LOWEST: usize = align_of::<FakeWindows>() - 1;
-// These bits mark the handles of a backend's two events.
+// The lowest bits of a handle that stands for one of the backend's two events.
 const FIRST: usize = 2;
 const SECOND: usize = 4;
 
-/// The number of the event with this handle, 0 or 1.
+/// The index of the event that this handle stands for, 0 or 1, in the backend's two events.
 pub(super) fn event(handle: Handle) -> usize {
     match handle.addr() & LOWEST & !1 {
         FIRST => 0,
@@ -95,7 +96,8 @@ fn give_back(handle: *mut c_void) {
     world(handle).with(|inside| inside.leaked -= 1);
 }
 
-/// Returns true for the code 0. For other codes sets the last error and returns false.
+/// The return value of a Windows function that ends with this error code: true for 0; otherwise false, with the code as
+/// the last error.
 fn answer(code: u32) -> Bool {
     if code == 0 {
         return 1;

@@ -8,7 +8,7 @@ use crate::ethercat::foe::{FOE_OVERHEAD, FoeError, FoeMessage};
 use crate::ethercat::mailbox::{MAILBOX_HEADER_LEN, MailboxProtocol};
 use crate::ethercat::sii::MailboxProtocols;
 
-/// \[OURS] How long the master waits before it repeats a packet for which a slave was busy.
+/// \[OURS] How long the master waits before it sends a packet again that a slave has answered with busy.
 const BUSY_NS: Ns = 10_000_000;
 /// \[OURS] How often a slave may answer one packet with busy.
 const BUSY_MAX: u32 = 6_000;

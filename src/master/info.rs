@@ -238,8 +238,8 @@ fn next_area(from: u16) -> u16 {
     from.checked_next_multiple_of(AREA_ALIGN).unwrap_or(u16::MAX)
 }
 
-/// The purpose of a sync manager. \[OURS] If it has an address and no type, and it is enabled or no sync manager there
-/// has a type, the control byte gives the purpose: a single buffer is a mailbox.
+/// The purpose of a sync manager. \[OURS] Some EEPROMs give a sync manager an address and no type. If it is enabled, or
+/// no sync manager of the EEPROM has a type, the control byte gives the purpose: a single buffer is a mailbox.
 fn use_of(sii: &Sii<'_>, manager: &SiiSyncManager) -> SiiSmType {
     let may_be_used =
         || manager.enable.contains(SiiSmEnable::ENABLE) || sii.sync_managers().all(|one| one.kind == SiiSmType::Unused);

@@ -100,7 +100,7 @@ fn number_place(bus: &Bus) -> NumberPlace {
 }
 
 impl Master {
-    /// Converts the result of a sequence into that of the job. Takes over the slaves after a scan.
+    /// Converts the result of a sequence into that of the job. After a scan the slaves that it found are taken over.
     pub(super) fn end(&mut self, output: Output) -> End {
         match output {
             Output::Done(done) => done,

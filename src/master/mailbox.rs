@@ -202,8 +202,8 @@ impl Mailbox {
         Ok(MailboxMessage::decode(&self.bytes).map(|message| message.data).unwrap_or_default())
     }
 
-    /// Called for a message that does not answer the request. Returns whether it may belong to an earlier request or be
-    /// a repeated older message, so that the right answer may still come.
+    /// For a message that does not answer the request. Returns whether it may answer an earlier request or be a repeat
+    /// of an older message, so that the right answer may still come.
     pub(super) fn leaves_out(&mut self) -> bool {
         let is_late = self.is_repeated || self.state(|state| std::mem::take(&mut state.owes));
         self.is_waiting |= is_late;
@@ -249,7 +249,8 @@ impl Mailbox {
         self.send(MailboxProtocol::Coe, until, |room| request.encode(room).ok()).await?;
         match self.receive(MailboxProtocol::Coe, until).await {
             Err(MailboxError::NoAnswer) => Err(MailboxError::NoAnswer),
-            // Any answer will do. If there is none, the next request shows whether the slave answers at all.
+            // The content of the answer does not matter. If there is none, the next request shows whether the slave
+            // answers at all.
             _ => Ok(()),
         }
     }

@@ -19,7 +19,7 @@ const RETURN_NS: Ns = 20_000_000;
 /// The sync manager of the mailbox for answers.
 const ANSWERS: u8 = 1;
 
-/// Reads the AL status of all slaves. `tickets` is reused memory: empty before and after.
+/// Reads the AL status of all slaves. `tickets` is memory that calls reuse: it is empty before and after.
 pub(super) async fn read_states(bus: &Bus, stations: &[u16], tickets: &mut Vec<(u8, Ticket)>) {
     let (asked, mut is_complete) = (bus.now(), true);
     for (slave, station) in (1..).zip(stations) {
@@ -33,7 +33,7 @@ pub(super) async fn read_states(bus: &Bus, stations: &[u16], tickets: &mut Vec<(
                 bus.with(|shared| shared.see_status(slave, status));
             }
             Ok(0) => bus.with(|shared| shared.lose(slave)),
-            // Inconclusive: several slaves have answered, or the frame was lost.
+            // The state stays unknown: several slaves have answered, or the frame was lost.
             Ok(_) | Err(_) => is_complete = false,
         }
     }
@@ -200,9 +200,9 @@ impl Watch {
         Some(())
     }
 
-    /// The candidate with that identity and alias. If several have the same, the one whose upstream port is open, if
-    /// only one of them can be reached that way. `None`: several can be meant, so that the slave has to wait for the
-    /// others, or the slave was not known to be missing.
+    /// The candidate with that identity and alias. If several candidates have the same, the one whose upstream port is
+    /// open, if there is only one such. `None`: several candidates remain, so that the slave can be identified only
+    /// after the others, or the slave was not known to be missing.
     async fn one_of(&self, candidates: SlaveSet, absent: SlaveSet, identity: SiiIdentity, alias: u16) -> Option<u8> {
         let is_equal = |slave: &u8| {
             let info = self.slaves.get(usize::from(*slave) - 1);

@@ -185,9 +185,9 @@ pub(super) struct Shared {
     /// When the last complete search for missing slaves began: of all states and, where these explain nothing, of
     /// inputs.
     pub(super) searched: Option<Ns>,
-    /// Whether the newest cycle has found all slaves in OP.
+    /// Whether all slaves were in OP in the newest cycle.
     pub(super) is_all_in_op: bool,
-    /// Whether a cycle had other working counters than the one before, and wrong ones.
+    /// Whether the working counters of a cycle were wrong, and differed from those of the cycle before.
     pub(super) is_alarmed: bool,
     /// The working counters of the newest cycle: of process data, the expected one, and the number of slaves passed.
     pub(super) last_counters: (u16, u16, Option<u16>),

@@ -65,8 +65,8 @@ pub(super) async fn read(bus: &Bus, station: u16) -> Result<Vec<u8>, SiiError> {
     Ok(bytes)
 }
 
-/// For content without an end of the categories: the size after which it repeats, because the EEPROM has fewer address
-/// bits; `None`: it does not repeat.
+/// For content without an end of the categories: the size after which the content repeats, because the EEPROM ignores
+/// higher address bits; `None` if it does not repeat.
 fn wraps_at(bytes: &[u8]) -> Option<usize> {
     let is_again = |size: &usize| bytes.get(*size..).is_some_and(|behind| behind.starts_with(&bytes[..SII_INFO_LEN]));
     std::iter::successors(Some(SII_INFO_LEN), |size| Some(2 * size))
@@ -134,8 +134,9 @@ async fn command(
         let until = bus.now() + BUSY_MAX_NS;
         let is_taken = match bus.write(station, SII_CONTROL, written).await {
             Ok(()) => true,
-            // A command of another master is running, and its data would be read. Or it is this command: its first
-            // frame was lost on the way back. Executing it twice does no harm.
+            // The EEPROM interface runs a command already. It may be one of another master, whose data would be read,
+            // or this one, if the frame that started it was lost on the way back. So the command is sent again, which
+            // does no harm.
             Err(Unanswered::Counter(_)) => false,
             Err(Unanswered::Lost) => return Err(SiiError::NoAnswer),
         };

@@ -85,7 +85,7 @@ impl Sdo {
                 Err(error) => return Err(error.into()),
             };
             let wrong = match CoeMessage::decode(data) {
-                // The late answer to the first request to this mailbox, whose timeout is short.
+                // A late answer to the first request to this mailbox, for which the master waits only a short time.
                 Ok(CoeMessage::SdoRequest(SdoRequest::Abort { object, code }))
                     if object == FIRST_OBJECT && object != self.object =>
                 {
@@ -167,7 +167,7 @@ impl Value for Vec<u8> {
     }
 }
 
-/// A value of which only the first 4 bytes are kept.
+/// A received value of which only the first 4 bytes are kept.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Beginning {
     bytes: [u8; NUMBER_BYTES],
@@ -187,11 +187,11 @@ impl Value for Beginning {
     }
 }
 
-/// The transfer of a number, which allocates nothing.
+/// The transfer of a value of up to 4 bytes, which allocates nothing.
 pub(in crate::master) enum NumberTransfer {
     /// Upload of an object of any length, of which the first 4 bytes are kept.
     Upload,
-    /// Download of that many of these bytes.
+    /// Download of the first bytes of the array; the second field is their number.
     Download([u8; NUMBER_BYTES], usize),
 }
 

@@ -1,4 +1,4 @@
-//! The right working counters of a datagram: the sum over certain participants, plus what others may add.
+//! The right working counters of a datagram: the sum of what the certain participants add, plus what other slaves may add.
 
 use crate::master::shared::Standing;
 

@@ -30,8 +30,8 @@ pub fn lateness(measured: Option<TimerLateness>) -> Finding {
     })
 }
 
-/// Judges how late threads are woken if this machine sends the EtherCAT frames itself. A program that runs ahead does
-/// not help then. `measured` is `None` if it could not be measured.
+/// Judges how late threads are woken if this machine itself sends the EtherCAT frames. A late thread then makes cycles
+/// late, however far ahead the program has filled the FIFO. `measured` is `None` if it could not be measured.
 pub fn lateness_of_own_cycles(measured: Option<TimerLateness>) -> Finding {
     judge(measured, |TimerLateness { period, .. }| {
         format!(

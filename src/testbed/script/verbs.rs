@@ -16,9 +16,9 @@ struct Verb {
     /// The syntax of the operands.
     form: &'static str,
     meaning: &'static str,
-    /// Whether the effect lasts until it is ended. Then a line may have `for`, and `end` accepts the verb.
+    /// Whether the effect lasts until it is ended. If so, a line with this verb may have `for`, and `end` accepts the verb.
     lasts: bool,
-    /// Reads the operands; behind `end` there are fewer ([`Reader::ends`]).
+    /// Reads the operands. After `end` the verb has only a slave as its operand ([`Reader::ends`]).
     read: fn(&mut Reader) -> Result<ScriptAction, LineError>,
 }
 

@@ -74,7 +74,7 @@ impl Stats {
 pub struct NewsQueue(VecDeque<News>);
 
 impl NewsQueue {
-    /// Allocates room for [`NEWS_KEPT`] events in advance, because reading a report must not allocate.
+    /// Allocates room for `NEWS_KEPT` events in advance, because reading a report must not allocate.
     pub fn new() -> Self {
         Self(VecDeque::with_capacity(NEWS_KEPT))
     }

@@ -17,7 +17,7 @@ use crate::sk::{AxisTarget, FIFO_ENTRIES, FifoAction, MasterCommand, Motion, Raw
 /// \[OURS] If this many reports in a row show that the board took no entry out of its FIFO, the entries wait for a
 /// threshold.
 const HELD_REPORTS: u32 = 3;
-/// \[OURS] The time limit for the last frame of a stop that has failed ([`in_one_step`](Stop::in_one_step)).
+/// \[OURS] The time limit for the last frame of a stop that has failed (`in_one_step`).
 const LAST_FRAME_LIMIT: Duration = Duration::from_millis(200);
 
 impl Stop<'_, '_> {

@@ -35,7 +35,7 @@ const SETTLING_TIME: Duration = Duration::from_millis(200);
 /// \[OURS] The same as a number of cycles, which is more with long cycles.
 const SETTLING_CYCLES: u32 = 3;
 
-/// \[OURS] How long a stop waits for a report that shows the present state: this time or [`PRESENT_CYCLES`], whichever
+/// \[OURS] How long a stop waits for a report that shows the present state: this time or `PRESENT_CYCLES`, whichever
 /// is longer.
 const PRESENT_MAX: Duration = Duration::from_millis(20);
 const PRESENT_CYCLES: u32 = 3;

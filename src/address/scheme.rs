@@ -32,7 +32,7 @@ const OTHER: u8 = 1 << 3;
 const UNIX: u8 = LINUX | OTHER_UNIX;
 const EVERY: u8 = UNIX | WINDOWS | OTHER;
 
-/// The system of this build.
+/// The operating system of this build, as one of these bits.
 const SYSTEM: u8 = if cfg!(target_os = "linux") {
     LINUX
 } else if cfg!(unix) {
@@ -50,7 +50,7 @@ macro_rules! feature {
     };
 }
 
-/// The path of a link over SPI.
+/// The form of the path in the URI of a link over SPI.
 const SPI_DEVICE: Option<&str> = Some("/dev/spidevB.C");
 
 /// The properties of a scheme. The code that opens its links is in `open/`.
@@ -260,7 +260,8 @@ mod tests {
         }
     }
 
-    /// A system without such links says so, whatever was built, and names a way over another machine.
+    /// On an operating system without such links, the error says so, whether the feature is built in or not, and
+    /// suggests a board on another machine.
     #[test]
     fn a_system_without_such_links_names_another_machine() {
         for (scheme, _, _, systems) in EXPECTED {

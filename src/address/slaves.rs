@@ -55,7 +55,7 @@ const OBJECTS: &str = "objects";
 /// The word after `objects@` for [`ManufacturerObjectsSpec::Any`].
 const ANY: &str = "any";
 
-/// The section on manufacturer-specific objects of `ecmsk link help`.
+/// The section of `ecmsk link help` on manufacturer-specific objects.
 pub(crate) fn manufacturer_objects_help() -> String {
     "Behind any kind may stand the objects of its maker, which programs write before they go on, e.g. drive:objects@sv2.objects*2:\n  \
      :objects@FILE\n      the objects of that file (a path without `,` `*` and `:`), one a line: INDEX:SUB TYPE ACCESS [MAPPING] \
@@ -74,7 +74,7 @@ pub(crate) fn form() -> String {
     )
 }
 
-/// The section on kinds of `ecmsk link help`.
+/// The section of `ecmsk link help` on the kinds of slaves.
 pub(crate) fn kinds_help() -> String {
     let mut text = String::from("Kinds of slaves, each with what may stand behind it:\n");
     for model in SlaveModel::ALL {

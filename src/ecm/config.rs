@@ -205,11 +205,11 @@ pub enum ConfigError {
     /// The configuration has no slaves, or too many.
     #[error("{found} slaves: with slots of {slot} bytes a board drives 1 to {max}; list the slaves in `slaves`")]
     Count {
-        /// Slaves in the configuration.
+        /// The number of slaves in the configuration.
         found: usize,
-        /// Slaves for which a frame has slots.
+        /// The most slaves that a board with this slot size drives.
         max: usize,
-        /// Bytes of a slot.
+        /// The slot size, bytes.
         slot: usize,
     },
     /// The kind of slave does not support the mode.

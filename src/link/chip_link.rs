@@ -133,7 +133,7 @@ pub enum ChipError {
     #[error("{name}: {reason}; take that slave out, or write network=models")]
     Network {
         name: String,
-        /// The reason.
+        /// Which slave this is, and why.
         reason: String,
     },
     /// The hardware between this machine and the chip, such as SPI or USB, cannot be used.

@@ -54,7 +54,7 @@ pub struct Finding {
 }
 
 impl Finding {
-    /// A finding that is right.
+    /// A finding that needs no action.
     pub fn fine(check: &'static str, found: impl Into<String>) -> Self {
         let found = found.into();
         Self {

@@ -60,7 +60,7 @@ impl Work {
     }
 }
 
-/// The unused slots.
+/// The unused slots, which new jobs take.
 #[derive(Default)]
 pub(super) struct Places {
     changes: Vec<StateChange>,

@@ -42,7 +42,7 @@ pub(super) async fn read_states(bus: &Bus, stations: &[u16], tickets: &mut Vec<(
     }
 }
 
-/// The state of the watch.
+/// The watch over the slaves, with its state between two checks.
 pub(super) struct Watch {
     bus: Bus,
     slaves: Vec<SlaveInfo>,
@@ -61,7 +61,7 @@ impl Watch {
         Self { bus, slaves, stations, tickets, asked, next_return: 0 }
     }
 
-    /// Watches for ever.
+    /// Watches the slaves. This future never ends.
     pub(super) async fn run(mut self) {
         loop {
             self.bus.wait_for_alarm().await;
@@ -89,7 +89,7 @@ impl Watch {
         self.slaves.get(usize::from(slave).checked_sub(1)?).map(|info| info.station)
     }
 
-    /// Finds slaves whose inputs do not come, when missing slaves do not explain a wrong working counter. It reads the
+    /// Finds slaves whose inputs cannot be read, if missing slaves do not explain a wrong working counter. It reads the
     /// inputs of each slave alone, outside the cycle, at their logical address. Nothing is written, and the inputs stay
     /// in the slave for the cycle. Returns whether all reads were answered.
     async fn find_mute(&mut self) -> bool {
@@ -177,7 +177,7 @@ impl Watch {
     async fn identify(&self, place: u8, candidates: SlaveSet, absent: SlaveSet) -> Option<()> {
         let adp = (u16::from(place) - 1).wrapping_neg();
         let unknown = UNKNOWN_STATION.to_le_bytes();
-        // No other slave may have this address.
+        // First the temporary address is taken from any slave that still has it.
         self.bus.queue(Command::Fpwr, UNKNOWN_STATION, STATION_ADDRESS, &[0; 2]).answer(&mut []).await.ok()?;
         self.bus.queue(Command::Apwr, adp, STATION_ADDRESS, &unknown).answer(&mut []).await.ok()?;
         self.bus.write(UNKNOWN_STATION, SII_CONFIGURATION, &[2]).await.ok()?;

@@ -176,7 +176,7 @@ pub(super) struct Shared {
     pub(super) missing: SlaveSet,
     /// The slaves whose sync managers and FMMUs for process data may be enabled, whatever their state is.
     pub(super) mapped: SlaveSet,
-    /// The slaves that answer, but whose inputs do not come.
+    /// The slaves that answer, but whose inputs cannot be read at their logical addresses.
     pub(super) mute: SlaveSet,
     /// Slaves with a share in a datagram that had a wrong working counter in the newest cycle.
     pub(super) doubtful: SlaveSet,

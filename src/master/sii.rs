@@ -101,13 +101,13 @@ async fn read_up_to(bus: &Bus, station: u16, bytes: &mut Vec<u8>, len: usize) ->
     Ok(())
 }
 
-/// Reads from a word on. Returns the bytes and their number, 4 or 8.
+/// Reads the EEPROM from a word on. Returns the bytes and their number, 4 or 8.
 async fn read_words(bus: &Bus, station: u16, word: u16) -> Result<([u8; 8], usize), SiiError> {
     let (status, data) = command(bus, station, SiiControl::NONE.with_command(SiiCommand::Read), word, None).await?;
     Ok((data, if status.contains(SiiControl::READS_8_BYTES) { 8 } else { 4 }))
 }
 
-/// Writes a word.
+/// Writes one word of the EEPROM.
 async fn write_word(bus: &Bus, station: u16, word: u16, value: u16) -> Result<(), SiiError> {
     // The write enable bit must be in the same datagram as the command.
     let write = SiiControl::NONE.with_command(SiiCommand::Write).with(SiiControl::WRITE_ENABLE);

@@ -82,7 +82,7 @@ mod tests {
         assert_eq!(loose_ends(&[ports(&[1]), ports(&[1])]), [Upstream { slave: 2, port: 1 }]);
     }
 
-    /// MASTER-2.4 Ports that contradict each other make a line.
+    /// MASTER-2.4 If the states of the ports contradict each other, the slaves are taken for a line.
     #[test]
     fn ports_that_make_no_tree_make_a_line() {
         assert_eq!(found(&[&[], &[], &[]]), [None, Some((1, 1)), Some((2, 1))]);

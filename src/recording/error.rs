@@ -106,9 +106,9 @@ pub enum RecordError {
         name: String,
         /// The offset of the block in the file, bytes.
         offset: u64,
-        /// The bytes in the packet.
+        /// The number of bytes in the packet.
         captured: usize,
-        /// The bytes of the transfer.
+        /// The number of bytes of the transfer.
         length: u32,
     },
 }

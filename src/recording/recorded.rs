@@ -5,7 +5,7 @@ use super::address::Address;
 use super::meta::RecordMeta;
 use crate::sk::{Dir, Frame};
 
-/// A frame in a recording.
+/// A frame in a recording, with its time, its direction and the address of its board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Recorded {
     /// The time of the frame, nanoseconds. In a recording it is the link's time plus [`RecordMeta::base_ns`]; in a

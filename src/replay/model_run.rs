@@ -37,7 +37,7 @@ pub struct ModelRun {
 }
 
 impl ModelRun {
-    /// The run of `board`. `again` is the same recording as `source`, from the same frame on.
+    /// The run of the model `board`. `again` is the same recording as `source`, from the same frame on.
     pub(super) fn new(source: RecordedRun, again: RecordedRun, board: Board, start: &ReplayStart) -> Self {
         let mut model = Self {
             source,
@@ -139,7 +139,7 @@ impl Unread {
         self.0.back().map(|(_, made)| *made)
     }
 
-    /// Takes the newest report made at `at` or before.
+    /// Removes the reports made up to `at`, and returns the newest of them.
     fn pop(&mut self, at: u64) -> Option<Frame> {
         let due = self.0.partition_point(|(_, made)| *made <= at);
         self.0.drain(..due).next_back().map(|(frame, _)| frame)

@@ -53,7 +53,7 @@ pub struct WaitingRun {
 }
 
 impl WaitingRun {
-    /// The run of `board`.
+    /// The run of the model `board`.
     pub(super) fn new(source: RecordedRun, board: Board, start: &ReplayStart, size: SlotSize) -> Self {
         Self {
             source,

@@ -40,12 +40,12 @@ impl Frame {
         rest.fill(0);
     }
 
-    /// All 512 bytes.
+    /// The 512 bytes of the frame, for reading.
     pub const fn bytes(&self) -> &[u8; FRAME_LEN] {
         &self.bytes
     }
 
-    /// All 512 bytes for writing.
+    /// The 512 bytes of the frame, for writing.
     pub const fn bytes_mut(&mut self) -> &mut [u8; FRAME_LEN] {
         &mut self.bytes
     }

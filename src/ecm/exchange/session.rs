@@ -152,7 +152,7 @@ impl Session {
     }
 }
 
-/// Operations after a report was read.
+/// Processing of a report that was read.
 impl Session {
     /// Takes the report in [`Reports::incoming`]. Returns whether it is usable.
     pub fn take_report(&mut self, meta: ReadMeta) -> bool {
@@ -227,7 +227,7 @@ impl Session {
     }
 }
 
-/// What has become of a written frame.
+/// Queries about a written frame: whether the board has executed it, its result, and its answers.
 impl Session {
     /// Whether the board has certainly executed a frame.
     pub fn executed(&self, sent: Sent) -> bool {
@@ -266,7 +266,7 @@ impl Session {
     }
 }
 
-/// Operations for the next frame.
+/// Composing the next frame, and noting that it was written.
 impl Session {
     /// Whether the board has room for a frame.
     pub fn may_write(&self) -> bool {

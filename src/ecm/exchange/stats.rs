@@ -12,9 +12,9 @@ const NEWS_KEPT: usize = 64;
 pub enum News {
     /// Byte 1 of slot 0 has changed. In firmware 1.7 it is the CRC error count (SK-2.7).
     ErrorByte {
-        /// The previous value.
+        /// The previous value of the byte.
         from: u8,
-        /// The present value.
+        /// The present value of the byte.
         to: u8,
     },
     /// The board's FIFO-full count has risen, so commands were lost (SK-5.10).

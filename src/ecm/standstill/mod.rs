@@ -32,7 +32,8 @@ use crate::sk::{FIFO_ENTRIES, FifoAction, MasterCommand, SlaveCommand, SlotComma
 const AHEAD_MAX: u16 = 64;
 /// \[OURS] The time reserved for axes to come to rest after the ramp.
 const SETTLING_TIME: Duration = Duration::from_millis(200);
-/// \[OURS] The same as a number of cycles, which is more with long cycles.
+/// \[OURS] The fewest cycles that are reserved for axes to come to rest; with long cycles they take longer than
+/// `SETTLING_TIME`.
 const SETTLING_CYCLES: u32 = 3;
 
 /// \[OURS] How long a stop waits for a report that shows the present state: this time or `PRESENT_CYCLES`, whichever
@@ -88,7 +89,7 @@ pub fn discard_held(
     left: &mut LeftBehind,
 ) -> Result<(), EcmError> {
     let mut stop = Stop::new(ecm, session, deadline, left);
-    // The first error explains more than an error of the last frame would.
+    // The error of the discarding says more than an error of the last frame would.
     stop.discard_held().inspect_err(|_| drop(stop.in_one_step()))
 }
 

@@ -14,7 +14,7 @@ use crate::master::mailbox::{FIRST_OBJECT, Mailbox, MailboxError, Peer};
 /// \[OURS] The longest value that an upload accepts, bytes.
 pub const VALUE_BYTES_MAX: usize = 0x10_0000;
 
-/// The most bytes of a number.
+/// The most bytes of a value that is transferred as a number.
 const NUMBER_BYTES: usize = 4;
 
 /// The least bytes of data in a segment other than the last one (ETG.1000.6 5.6.2).
@@ -104,7 +104,7 @@ impl Sdo {
                         Err(code) => code,
                     }
                 }
-                // An unsolicited message.
+                // An unsolicited message is skipped.
                 Ok(_) => continue,
                 Err(_) => AbortCode::LENGTH,
             };
@@ -145,7 +145,7 @@ fn abort_in(response: SdoResponse<'_>) -> Option<AbortCode> {
 
 /// A receiver of an uploaded value.
 pub(super) trait Value: Default {
-    /// Announces `len` bytes.
+    /// Prepares for a value of `len` bytes.
     fn reserve(&mut self, len: usize);
     /// Appends bytes to the value.
     fn extend(&mut self, bytes: &[u8]);

@@ -15,7 +15,7 @@ pub(super) struct Segment {
     answer: Answer,
 }
 
-/// The datagrams of a cycle that have returned.
+/// What has come back of the datagrams of a segment in the present cycle.
 #[derive(Debug, Default)]
 struct Answer {
     /// The number of datagrams that have not returned.
@@ -42,7 +42,7 @@ impl Segment {
         is_lrw_off && self.command == Command::Lrw
     }
 
-    /// Begins a cycle.
+    /// Resets the results for a new cycle.
     pub(super) fn begin(&mut self, is_lrw_off: bool) {
         self.answer = Answer { missing: 1 + u8::from(self.is_split(is_lrw_off)), ..Answer::default() };
     }

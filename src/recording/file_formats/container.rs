@@ -47,7 +47,7 @@ pub(in crate::recording) struct Packet<'a> {
     pub link_type: DataLink,
     /// The byte order of the numbers in the header before the data.
     pub order: Endianness,
-    /// The time in nanoseconds from the time zero of the file.
+    /// The time of the packet in nanoseconds, as the file has it: usually since 1970-01-01.
     pub at_ns: u64,
     /// The offset of the packet's block in the file.
     pub offset: u64,

@@ -13,7 +13,7 @@ use crate::slave::{DeviceFault, Fault};
 /// A row of the table: one verb.
 struct Verb {
     name: &'static str,
-    /// The syntax of the operands.
+    /// The syntax of the verb's operands.
     form: &'static str,
     meaning: &'static str,
     /// Whether the effect lasts until it is ended. If so, a line with this verb may have `for`, and `end` accepts the verb.
@@ -179,7 +179,7 @@ const VERBS: &[Verb] = &[
     },
 ];
 
-/// The section on scripts of `ecmsk link help`.
+/// The section of `ecmsk link help` on scripts.
 pub(crate) fn help() -> String {
     let mut text = String::from(
         "A script (script=FILE) is one event a line, at board time since the link was opened; # begins a comment:\n\n    \

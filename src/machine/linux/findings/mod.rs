@@ -1,4 +1,4 @@
-//! Judges a machine with Linux.
+//! Judges whether a machine with Linux is set up for a board.
 
 mod host;
 mod net;

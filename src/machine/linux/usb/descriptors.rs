@@ -56,7 +56,7 @@ pub fn report_interface(bytes: &[u8], configuration: Option<u8>) -> Result<Repor
                 }
             }
             (CONFIGURATION | INTERFACE | ENDPOINT, _) => return Err(NotTheBoard::Descriptors),
-            // Descriptors of a class, such as HID.
+            // Other descriptors, such as those of the HID class, are skipped.
             _ => {}
         }
     }

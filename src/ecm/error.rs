@@ -232,7 +232,7 @@ impl std::fmt::Display for Suspect {
     }
 }
 
-/// The beginning of a sentence about silent slaves: `1 slave is`, `3 slaves are`.
+/// What the user can do about a board without usable reports, as the end of the error's message.
 const fn silence(network_down: bool) -> &'static str {
     if network_down {
         "nothing comes back from the network: look at the cable to the first slave, at the network card or the chip that it begins at, and \
@@ -242,6 +242,7 @@ const fn silence(network_down: bool) -> &'static str {
     }
 }
 
+/// The beginning of a sentence about slaves: `1 slave is`, `3 slaves are`.
 fn slaves_are(count: usize) -> String {
     format!("{count} {}", if count == 1 { "slave is" } else { "slaves are" })
 }

@@ -59,7 +59,7 @@ pub trait ChipLink: Wires<Error = ChipError> + Send {
     }
 }
 
-/// How long a chip's reset line is pulled low (OBS: a client of the chip).
+/// How long a chip's reset line is pulled low (OBS: seen in a program that uses the chip).
 pub const RESET_LOW: Duration = Duration::from_millis(100);
 
 /// Implements the traits of a link for a pointer to a link, so that it can be used as a link itself.

@@ -117,7 +117,7 @@ impl Master {
         }
     }
 
-    /// Starts a job in a box of its own.
+    /// Starts a job. Its future gets a box of its own, which is an allocation.
     pub(super) fn start<T: Ending>(&mut self, task: impl Future<Output = T> + Send + 'static) -> Job<T> {
         self.begin(Work::Once(Box::pin(async move { Output::Done(task.await.into_end()) })))
     }
@@ -129,7 +129,7 @@ impl Master {
         Job::new(id)
     }
 
-    /// Starts the transfer of a number, in a slot that is reused.
+    /// Starts the transfer of a value of up to 4 bytes, in a slot that is reused, so that nothing is allocated.
     pub(super) fn start_number<T>(
         &mut self,
         transfer: NumberTransfer,

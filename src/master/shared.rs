@@ -63,7 +63,7 @@ pub struct SlaveStatus {
     pub is_present: bool,
     /// The newest AL status of the slave.
     pub status: AlStatusRegister,
-    /// The AL status code that was read with it.
+    /// The AL status code that was read together with `status`.
     pub code: AlStatus,
 }
 
@@ -90,7 +90,7 @@ pub(super) struct Live {
     is_eeprom_used: bool,
     /// Whether unsolicited messages stay in the mailbox until a user reads them.
     pub(super) keeps_mail: bool,
-    /// Whether the watch found a message in the mailbox the last time.
+    /// Whether the watch found a message in the mailbox at its last check.
     pub(super) has_mail: bool,
     /// Logical address and length of the inputs, bytes; `None`: there are none that may be read outside the cycle.
     pub(super) inputs_at: Option<(u32, usize)>,

@@ -58,7 +58,7 @@ pub(super) async fn read(bus: &Bus, station: u16) -> Result<Vec<u8>, SiiError> {
             Err(error) => return Err(error),
         }
     }
-    // Cut what was read behind the end: how much that is depends on the bytes per read, 4 or 8.
+    // Bytes that were read behind the end are cut off. Their number depends on the bytes per read, 4 or 8.
     while Sii::lacks(&bytes[..bytes.len() - 2]) == Ok(0) {
         bytes.truncate(bytes.len() - 2);
     }

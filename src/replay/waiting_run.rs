@@ -13,7 +13,7 @@ use crate::sk::{Frame, SlotSize};
 /// Timeout for a state of the network, in nanoseconds of the board's time: with 40 slaves behind an ECM-XF the start to
 /// OP takes up to 14 s. \[OURS]
 const STATE_WAIT_NS: i64 = 30_000_000_000;
-/// Timeout for everything else that the host waits for, in nanoseconds of the board's time. \[OURS]
+/// Timeout for everything but the state of the network, in nanoseconds of the board's time. \[OURS]
 const OTHER_WAIT_NS: i64 = 2_000_000_000;
 /// Limit for the sum of all waits, in nanoseconds of the board's time. It ends the replay of a recording that the model
 /// cannot follow. \[OURS]

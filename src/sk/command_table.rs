@@ -184,7 +184,7 @@ impl SlotKind {
 }
 
 impl CommandId {
-    /// The name that the guides use; `UNKNOWN` for a code that they do not list.
+    /// The name in NEXTW's guides; `UNKNOWN` for a code that they do not list.
     pub const fn name(self) -> &'static str {
         self.row().name
     }

@@ -25,7 +25,7 @@ pub enum Echo {
 
 pub struct Marks {
     pub echo: Echo,
-    /// The mark given last.
+    /// The mark of the newest frame that has one.
     last: u8,
     /// One bit for each mark, set once a report has returned the mark.
     returned: [u64; 4],

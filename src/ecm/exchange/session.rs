@@ -68,7 +68,7 @@ pub struct Session {
     pub homing: HomingAxes,
     /// The open stream, if there is one.
     pub pacer: Option<StreamPacer>,
-    /// How often the FIFO was cleared. The targets of a stream that was open then no longer continue the positions of
+    /// How often the FIFO was cleared. After a clear the targets of an open stream no longer continue the positions of
     /// its axes.
     pub fifo_clears: u64,
     /// Objects of SDO transfers that have timed out and may still be answered.

@@ -63,7 +63,8 @@ pub struct RecordedChip {
 }
 
 impl RecordedChip {
-    /// Records `inner` to the file at `path`, either a new file or a recording of this process.
+    /// Records `inner` to the file at `path`. If this process has recorded to that file before, the recording is
+    /// appended; otherwise the file is created, and an existing recording there is kept as `FILE.1`.
     ///
     /// # Errors
     /// [`ChipError::Wires`] if the file cannot be written or another recording is writing to it.

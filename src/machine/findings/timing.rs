@@ -68,7 +68,7 @@ mod tests {
     use super::super::FindingVerdict;
     use super::*;
 
-    /// Timers as coarse as a kernel's tick are wrong.
+    /// A timer resolution as coarse as a tick of the kernel counts as wrong.
     #[test]
     fn timers() {
         assert_eq!(timer(Duration::from_nanos(1)).verdict, FindingVerdict::Fine);

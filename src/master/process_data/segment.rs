@@ -10,7 +10,8 @@ pub(super) struct Segment {
     pub(super) command: Command,
     pub(super) data: Vec<u8>,
     pub(super) slaves: SlaveSet,
-    /// The right working counters: of the only datagram or the one with the inputs, and, with LRW off, of the LWR.
+    /// The right working counters. The first is for the only datagram, or with LRW off for the LRD; the second is for
+    /// the LWR.
     pub(super) expected: [Expected; 2],
     answer: Answer,
 }

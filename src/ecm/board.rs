@@ -94,7 +94,7 @@ impl Ecm {
         let task = Task::new("SW_RESET", hint, limit, &commands);
         let seen = |session: &Session| format!("it still reports, in {}", session.board().state);
         let done = self.exchange.run(&task.seen(&seen), |_, _| Ok(None::<()>));
-        // Axes were stopped before the reset. Closing without a stop cannot fail.
+        // After the reset no axis is left to be stopped. Closing without a stop cannot fail.
         let _ = self.end(Close::Leave);
         match done {
             Err(EcmError::Link(LinkError::Lost { .. })) => rested,

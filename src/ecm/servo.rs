@@ -126,7 +126,7 @@ impl Ecm {
         done
     }
 
-    /// Sends a command to each axis and waits until `Session` shows its effect for all of them.
+    /// Sends a command to each axis and waits until reports show its effect for all of them.
     fn until(
         &self,
         what: &'static str,

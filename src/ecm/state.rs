@@ -107,7 +107,7 @@ impl Ecm {
         let task = Task::new("a change of state", hint, limit, &commands).once();
         // The state byte may still show the failure of an earlier change, until this one has begun.
         let old = self.state()?;
-        // From Init the board ignores SET_STATE to SafeOP or OP, and no report shows that (SK-4.63). So the call fails
+        // From Init the board rejects SET_STATE to SafeOP or OP, and no report shows that (SK-4.63). So the call fails
         // here.
         if old.state() == Some(MasterState::Init) && wanted > MasterState::PreOp {
             return Err(EcmError::WrongState { what: "a change to SafeOP or OP", needs: "PreOP", found: old });

@@ -126,8 +126,8 @@ pub(super) struct ProcessData {
     spare: Vec<Vec<u8>>,
     /// Whether an LWR and an LRD are sent in place of each LRW.
     is_lrw_off: bool,
-    /// The standing for which the expected working counters were computed; `None`: the layout of the data has changed
-    /// since.
+    /// The states of the slaves for which the expected working counters were computed; `None`: the layout of the data
+    /// has changed since.
     standing: Option<Standing>,
     /// The time that was sent in the datagram of the reference clock.
     sent_time: u64,

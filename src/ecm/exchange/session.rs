@@ -289,7 +289,8 @@ impl Session {
         self.outgoing.frame.fill_crc(size);
     }
 
-    /// Gives the next frame a mark, if a call waits for its execution.
+    /// Gives the next frame a mark in OP, if it has a command other than an SDO transfer, or if the answers to the mark
+    /// are to show which slaves are lost.
     fn put_mark(&mut self) {
         let outgoing = &mut self.outgoing;
         outgoing.mark = 0;

@@ -85,8 +85,7 @@ impl Stop<'_, '_> {
         self.session.targets.clear();
         let clear = [(0, MasterCommand::SetFifo(FifoAction::Clear).encode())];
         self.ecm.exchange.write_commands(self.session, &clear, self.deadline)?;
-        // The report after the next one is certainly made after the command, so that its free count is that of the
-        // empty FIFO.
+        // The report after the next one is certainly made after the command, so that it has the new free count.
         self.next_report()?;
         self.next_report()
     }

@@ -243,7 +243,7 @@ impl Stream<'_> {
         session.targets.stepped(hsps);
         self.frames += 1;
         self.stepped = true;
-        // In virtual time no time passes after a write, so the time stamp of the frame is the present time.
+        // In virtual time only calls let time pass: the time stamp of the frame just written is the present time.
         let now = exchange.info.virtual_time.then(|| exchange.now_at(Duration::from_nanos(session.outgoing.last.at.0)));
         self.ecm.pace(&mut session, self.depth, now)?;
         self.targets.refresh(&mut session, exchange.changes());

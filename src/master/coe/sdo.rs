@@ -196,7 +196,7 @@ pub(in crate::master) enum NumberTransfer {
 }
 
 impl NumberTransfer {
-    /// The download of a value; `None`: the value is too long for a number.
+    /// The download of a value; `None`: the value has more than 4 bytes.
     pub(super) fn download(value: &[u8]) -> Option<Self> {
         let mut bytes = [0; NUMBER_BYTES];
         bytes.get_mut(..value.len())?.copy_from_slice(value);

@@ -41,7 +41,7 @@ impl FaultSequence {
     }
 }
 
-/// Whether a uniformly distributed random number falls into the first part of its range, whose size is the fraction `rate`.
+/// Whether a uniformly distributed random number is a hit, which happens with the probability `rate`.
 fn hits(number: u64, rate: Fraction) -> bool {
     u128::from(number) * u128::from(Fraction::ONE.billionths()) < u128::from(rate.billionths()) << 64
 }

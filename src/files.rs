@@ -1,23 +1,23 @@
-//! Reads small files that a user names: configuration, scripts, secrets. Anything but a regular file is refused without
-//! opening it, since opening a FIFO waits for its writer, and opening a device may have an effect. Files that are too
-//! long are refused as well.
+//! Reads small files that a user names: configuration, scripts, secrets. Anything else than a regular file is refused
+//! without opening it, since opening a FIFO waits for its writer, and opening a device may have an effect on it. Files
+//! that are too long are refused as well.
 
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Read as _};
 use std::path::Path;
 
-/// The content of a small file.
+/// A small file that was read: its content and its metadata.
 #[derive(Debug)]
 pub(crate) struct SmallFile {
     /// The bytes of the file.
     pub(crate) bytes: Vec<u8>,
-    /// Owner, mode and size of the file that the bytes were read from, even if the path names another file by now.
+    /// Owner, mode and size of the file that was read. The path may name another file by now.
     #[cfg_attr(not(unix), allow(dead_code, reason = "only used on Unix, to check owner and mode of a secret"))]
     pub(crate) metadata: Metadata,
 }
 
-/// Additional capacity of the buffer after the length of a file, so that the read that finds its end does not grow the
-/// buffer.
+/// Additional capacity of the buffer beyond the length of the file. The read that finds the end of the file then has
+/// room, and the buffer does not grow.
 const READ_MIN: usize = 64;
 
 /// Why a small file was not read. The texts do not name the path, which the caller adds.
@@ -55,9 +55,9 @@ pub(crate) fn read_small(path: &Path, size_max: u64) -> Result<SmallFile, FileEr
     if metadata.len() > size_max {
         return Err(FileError::Size { size_max });
     }
-    // The capacity fits the whole file: it may be a secret, and growing the buffer would leave a copy of it in memory.
+    // The buffer must not grow: the file may be a secret, and growing would leave a copy of it in memory.
     let mut bytes = Vec::with_capacity(usize::try_from(metadata.len()).unwrap_or(0) + READ_MIN);
-    // The length is not trusted: the file may grow meanwhile, and files in /proc have a length of 0.
+    // The length from the metadata is no limit: the file may grow meanwhile, and files in /proc have a length of 0.
     (&file).take(size_max.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > size_max {
         return Err(FileError::Size { size_max });
@@ -107,8 +107,8 @@ fn special_kind(_: &Metadata) -> &'static str {
 mod tests {
     use super::*;
 
-    /// TOOL-136 Pipes, sockets, devices, folders and links to them are refused with their kind, without opening them.
-    /// Opening a FIFO that nobody writes to would block for ever.
+    /// TOOL-136 Pipes, sockets, devices, folders and links to them are refused without opening them, and the error
+    /// names the kind. Opening a FIFO without a writer would block for ever.
     #[test]
     fn what_is_no_regular_file_is_refused_by_its_kind() {
         let folder = tempfile::tempdir().unwrap();
@@ -131,7 +131,7 @@ mod tests {
         assert!(matches!(missing, FileError::Io(error) if error.kind() == io::ErrorKind::NotFound));
     }
 
-    /// TOOL-136 A file of the maximum size is read whole, a longer one is refused, whatever length it reports.
+    /// TOOL-136 A file of the maximum size is read, and a longer one is refused, also if its metadata show a length of 0.
     #[test]
     fn what_is_too_long_is_refused_by_its_size() {
         let folder = tempfile::tempdir().unwrap();
@@ -147,7 +147,7 @@ mod tests {
         // The file is sparse and takes no disk space.
         File::create(&path).unwrap().set_len(1 << 40).unwrap();
         assert!(matches!(read_small(&path, 100), Err(FileError::Size { .. })));
-        // This file reports a length of 0.
+        // The metadata of this file show a length of 0.
         assert!(matches!(read_small(Path::new("/proc/self/maps"), 100), Err(FileError::Size { .. })));
     }
 }

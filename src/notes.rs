@@ -14,19 +14,19 @@ use parking_lot::{Condvar, Mutex};
 
 use crate::threads;
 
-/// The largest number of notes in the queue. \[OURS]
+/// The most notes that wait in the queue. \[OURS]
 const KEPT_MAX: usize = 1024;
-/// Longest time that a server waits at its end until the remaining notes are passed on. A working reader takes them at
-/// once, a stalled one never does. \[OURS]
+/// How long a server waits at its end for the remaining notes to be passed on. A reader that works takes them at once,
+/// and a reader that has stalled never does. \[OURS]
 pub const FLUSH_LIMIT: Duration = Duration::from_secs(1);
-/// The longest time that one wait counts as. While the machine stands still, as when it is suspended, no reader can take
-/// anything, and nothing may be lost for that. \[OURS]
+/// How much of a time limit one wait uses up at most. If the machine is suspended during a wait, no reader can take
+/// notes, and that time must not count. \[OURS]
 pub const WAIT_SLICE: Duration = Duration::from_millis(100);
 
-/// An item that the queue passes on.
+/// What a reader takes from the queue.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Note<T> {
-    /// A note that was added.
+    /// A note that a thread has added.
     Item(T),
     /// The number of notes dropped at this point, because earlier ones were not taken in time.
     Dropped(u64),
@@ -43,7 +43,7 @@ struct Queue<T> {
 struct State<T> {
     kept: VecDeque<T>,
     dropped: u64,
-    /// Whether the thread is passing a note on.
+    /// Whether the thread is in a call of `pass_on`.
     is_passing: bool,
     is_over: bool,
 }
@@ -96,15 +96,16 @@ impl<T> State<T> {
     }
 }
 
-/// The thread that passes notes on, until this value is dropped.
+/// The thread that takes notes from the queue and passes them on, until this value is dropped.
 pub struct NoteThread<T> {
     notes: Notes<T>,
-    /// The thread; `None` once it was ended.
+    /// The thread; `None` once it has ended.
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
 impl<T: Send + 'static> NoteThread<T> {
-    /// Starts the thread. It calls `pass_on` for each note, one after the other. No other thread waits for `pass_on`.
+    /// Starts the thread. It calls `pass_on` for each note, one after the other. Threads that add notes do not wait for
+    /// these calls.
     ///
     /// # Errors
     /// The system provides no thread.
@@ -170,7 +171,7 @@ impl<T> NoteThread<T> {
             state.dropped = 0;
         }
         self.notes.0.changed.notify_all();
-        // If the thread is stuck, the library stays loaded until it ends.
+        // If the thread hangs in `pass_on`, the library stays loaded until the thread ends.
         threads::end_within(thread, if is_passed_on { limit } else { Duration::ZERO });
     }
 }
@@ -208,8 +209,8 @@ mod tests {
 
     use super::*;
 
-    /// TCP-25 Adding a note never waits: while the reader is stuck, the newest notes are kept and the others counted,
-    /// and the reader gets their number at the place where they are missing.
+    /// TCP-25 Adding a note never waits. While the reader is stuck, the newest notes are kept and the others are
+    /// counted. The reader then gets the count in place of the missing notes.
     #[test]
     fn a_stuck_reader_costs_notes_and_nothing_else() {
         let notes = Notes::default();
@@ -222,7 +223,7 @@ mod tests {
         let note_thread = note_thread.unwrap();
         notes.push(0);
         assert_eq!(heard.recv(), Ok(Note::Item(0)));
-        // The reader is stuck in the first note.
+        // The reader is stuck in its call for the first note.
         let all = 3 * KEPT_MAX as u64;
         (1..=all).for_each(|number| notes.push(number));
         drop(goes_on);

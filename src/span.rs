@@ -1,4 +1,4 @@
-//! Durations in messages, rounded to what a reader needs.
+//! Durations in messages, rounded to three digits.
 
 use std::fmt;
 use std::time::Duration;
@@ -6,21 +6,21 @@ use std::time::Duration;
 /// A duration whose `Display` is rounded to three digits, in the unit that fits: `1.23s`, `500ms`, `58us`, `7ns`.
 pub(crate) struct Span(pub Duration);
 
-/// The units with their lengths in nanoseconds, the longest first.
+/// The units with their lengths in nanoseconds, longest first.
 const UNITS: [(&str, u128); 4] = [("s", 1_000_000_000), ("ms", 1_000_000), ("us", 1_000), ("ns", 1)];
-/// How many digits are shown.
+/// The number of significant digits of a duration.
 const DIGITS: u32 = 3;
 
 impl fmt::Display for Span {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let exact = self.0.as_nanos();
-        // Seconds are never rounded more coarsely than to whole seconds: `3601s` keeps its four digits.
+        // Digits before the decimal point are kept for seconds: `3601s` keeps its four digits.
         let digits = exact.checked_ilog10().unwrap_or(0) + 1;
         let step = 10_u128.pow(digits.saturating_sub(DIGITS).min(9));
         let rounded = (exact + step / 2) / step * step;
         let (name, unit) = UNITS.into_iter().find(|(_, unit)| rounded >= *unit).unwrap_or(("s", 1_000_000_000));
         write!(f, "{}", rounded / unit)?;
-        // The fraction with nine digits; its trailing zeros are removed.
+        // The fraction with nine digits, from which trailing zeros are removed.
         let fraction = format!("{:09}", rounded % unit * (1_000_000_000 / unit));
         let fraction = fraction.trim_end_matches('0');
         if !fraction.is_empty() {
@@ -30,7 +30,8 @@ impl fmt::Display for Span {
     }
 }
 
-/// A time in messages, in nanoseconds since the board was opened: `1.758 s`, the same form as in recordings.
+/// A time in messages, in seconds since the board was opened: `1.758 s`, as recordings show it. The field is in
+/// nanoseconds.
 pub(crate) struct Seconds(pub u64);
 
 impl fmt::Display for Seconds {
@@ -43,7 +44,7 @@ impl fmt::Display for Seconds {
 mod tests {
     use super::*;
 
-    /// Durations are rounded to three digits, in the unit that suits them.
+    /// Durations are rounded to three digits, in the largest unit that they reach.
     #[test]
     fn times_are_rounded() {
         for (ns, said) in [

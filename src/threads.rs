@@ -1,6 +1,6 @@
-//! Starts and ends the threads of this crate, which run in programs that others have written. The modules `wait_queue.rs`,
-//! `sync.rs` and `calling_thread.rs` are for the other side: they let the threads of such a program wait in this crate, where
-//! the program may end them by force.
+//! Starts and ends the threads of this crate, which run inside programs of others. The modules `wait_queue.rs`,
+//! `sync.rs` and `calling_thread.rs` are for the program's own threads, which wait in calls of this crate and may be
+//! ended by force there.
 
 mod calling_thread;
 #[cfg(windows)]
@@ -32,7 +32,7 @@ pub(crate) fn spawn<T: Send + 'static>(
     name: &str,
     work: impl FnOnce() -> T + Send + 'static,
 ) -> io::Result<JoinHandle<T>> {
-    // A new thread inherits the signal mask.
+    // The new thread inherits the signal mask, in which all signals are blocked.
     #[cfg(unix)]
     let _restored = SignalsBlocked::all()?;
     #[cfg(unix)]
@@ -61,12 +61,12 @@ pub(crate) fn end_within(thread: JoinHandle<()>, limit: Duration) -> bool {
         }
         thread::sleep(CHECK_INTERVAL);
     }
-    // A panic of the thread cannot be reported from here.
+    // If the thread has panicked, this function cannot report that.
     let _ = thread.join();
     true
 }
 
-/// Keeping the library in memory is needed on Windows only: nothing else unloads a shared library of this crate.
+/// On systems other than Windows nothing unloads a shared library of this crate, so nothing has to be done.
 #[cfg(not(windows))]
 const fn keep_library_loaded() {}
 
@@ -123,7 +123,7 @@ impl SignalsBlocked {
 #[cfg(unix)]
 impl Drop for SignalsBlocked {
     fn drop(&mut self) {
-        // The mask was in force before, so it is valid.
+        // The mask was valid when it was read, so restoring it cannot fail.
         let _ = self.before.thread_set_mask();
     }
 }
@@ -132,8 +132,8 @@ impl Drop for SignalsBlocked {
 mod tests {
     use super::*;
 
-    /// WIN-9 `end_within` reports the end of a thread only after its last instruction, and does not wait for one that
-    /// hangs.
+    /// WIN-9 `end_within` reports the end of a thread only after the thread's last instruction. It does not wait longer
+    /// than its limit for a thread that hangs.
     #[test]
     fn a_thread_that_hangs_is_left() {
         let (goes_on, wait) = std::sync::mpsc::channel::<()>();

@@ -11,8 +11,7 @@
 //! link = "sim:?slaves=drive*2"
 //! ```
 //!
-//! A program with more rights than the user who starts it does not let that user choose the link: see
-//! [`is_privileged`].
+//! If a program has more rights than the user who starts it, that user must not choose its link: see [`is_privileged`].
 
 mod privilege;
 
@@ -85,22 +84,22 @@ pub enum Platform {
 }
 
 impl Default for Platform {
-    /// A Unix system on which `XDG_CONFIG_HOME` and `HOME` are not set.
+    /// The configuration folders of a Unix system on which `XDG_CONFIG_HOME` and `HOME` are not set.
     fn default() -> Self {
         Self::Unix { xdg_config_home: None, home: None, etc: PathBuf::from("/etc") }
     }
 }
 
-/// The link to open, and where its name comes from.
+/// The URI of the link to open, and where it was found.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Configured {
-    /// The URI as it was written.
+    /// The URI as the variable or the file has it, not in normal form.
     pub link: String,
     /// Where the URI comes from.
     pub source: Source,
 }
 
-/// Where the name of a link comes from.
+/// Where the URI of the link was found.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Source {
     /// The environment variable `ECMSK_LINK`.

@@ -1,4 +1,4 @@
-//! Numbers from 0 to 1 as links write them: `0.01`.
+//! Numbers from 0 to 1 in link URIs, such as `0.01`.
 
 use std::fmt;
 

@@ -12,7 +12,7 @@ use super::slaves;
 use super::text::decimal;
 pub use table::KEYS;
 
-/// The end of every error message about a link.
+/// The last words of every error message about a link.
 pub(crate) const WHERE_TO_LOOK: &str = "see `ecmsk link help`";
 
 /// The syntax of a key's value.
@@ -43,14 +43,14 @@ pub enum Syntax {
     Pins(u8),
 }
 
-/// The longest USB string descriptor, in characters (USB 2.0 9.6.7).
+/// The longest text of a USB string descriptor, in characters (USB 2.0 9.6.7).
 const TEXT_MAX: usize = 126;
 
 /// The longest name of a board, in characters. \[OURS]
 const NAME_MAX: usize = 64;
 
 impl Syntax {
-    /// The value in normal form, in which equal values have equal text.
+    /// Checks a value and converts it to its normal form. Values with the same meaning have the same normal form.
     ///
     /// # Errors
     /// Why the value is invalid, and what is allowed.
@@ -83,7 +83,7 @@ impl Syntax {
         normal.ok_or_else(|| self.allowed())
     }
 
-    /// `allowed: ` and the allowed values, for an error message.
+    /// The allowed values as text for an error message, after `allowed: `.
     pub fn allowed(self) -> String {
         match self {
             Self::Choice(words) => format!("allowed: {}", words.join(", ")),
@@ -108,7 +108,7 @@ impl Syntax {
         }
     }
 
-    /// The placeholder for the value in the help.
+    /// The text that stands for the value in the help, such as `FILE` or `0..1`.
     pub(crate) fn placeholder(self) -> String {
         match self {
             Self::Choice(words) => words.join("|"),
@@ -162,7 +162,7 @@ pub(crate) fn usb_id(value: &str) -> Option<u16> {
     u16::from_str_radix(digits, 16).ok().filter(|_| digits.bytes().all(|byte| byte.is_ascii_hexdigit()))
 }
 
-/// The shortest text for a frequency in Hz.
+/// The shortest text for a frequency in Hz: with `k` or `M` where it divides.
 fn hertz_text(number: u64) -> String {
     match number {
         0 => "0".to_owned(),
@@ -181,8 +181,8 @@ pub struct Key {
     pub schemes: &'static [Scheme],
     /// The syntax of the value.
     pub syntax: Syntax,
-    /// The value in normal form that applies if the key is not given. `None`: there is no default, and `meaning` says what
-    /// happens.
+    /// The value in normal form that applies if the URI does not have the key. `None`: there is no default, and
+    /// `meaning` says what happens then.
     pub default: Option<&'static str>,
     /// A valid value other than the default.
     pub example: &'static str,

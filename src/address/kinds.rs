@@ -1,5 +1,5 @@
-//! The kinds of simulated slaves and their differences, as one table. It defines them for the parser of lists, its errors,
-//! the help and the options of the tool.
+//! The kinds of simulated slaves and their differences, in one table. The parser of lists, its error messages, the help
+//! and the options of the tool use the table.
 //!
 //! A new kind is a file in `slave/` that implements [`Model`](crate::slave::device::Model), and a variant of
 //! [`SlaveModel`] with its row here.
@@ -29,7 +29,7 @@ pub(super) const NONE: &str = "none";
 /// The default travel of an axis: switches, index pulse and end stops if a list does not give them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct UsualTravel {
-    /// The travel in the syntax of a list, as it follows a kind.
+    /// The travel in the syntax of a list: the parts that a user would write after the kind.
     pub(super) parts: &'static str,
     pub(super) counts_a_turn: u32,
 }
@@ -162,12 +162,12 @@ struct Row {
     usual_travel: Option<UsualTravel>,
 }
 
-/// The word in lists for a kind of SET_AXIS: `drive`, `io`, `step`, `hsp`, `none`.
+/// The word in lists of slaves for a kind that SET_AXIS can declare: `drive`, `io`, `step`, `hsp`, `none`.
 pub fn word(kind: SlaveKind) -> &'static str {
     SlaveModel::ALL.into_iter().find(|model| model.kind() == kind).map_or(NONE, SlaveModel::name)
 }
 
-/// The names of the models that satisfy `holds`, for messages.
+/// The names of the models for which `holds` is true, as a text for messages.
 pub(super) fn names(holds: impl Fn(SlaveModel) -> bool) -> String {
     let names: Vec<_> = SlaveModel::ALL.into_iter().filter(|model| holds(*model)).map(SlaveModel::name).collect();
     names.join(", ")

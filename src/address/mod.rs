@@ -1,5 +1,4 @@
-//! The texts with which a user names a board, and their meaning: conversion from text to values and back. This room opens
-//! nothing.
+//! The texts with which a user names a board: conversion from text to values and back. This module opens no link.
 //!
 //! - `uri.rs`, `scheme.rs`, `keys.rs` with `keys/table.rs`: the URI `scheme:path?key=value`, the schemes, and the table of
 //!   all keys with their defaults

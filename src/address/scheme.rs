@@ -24,7 +24,7 @@ pub enum Scheme {
     Nic,
 }
 
-/// The operating systems, as far as links differ by them, as bits.
+/// The operating systems between which links differ, one bit each.
 const LINUX: u8 = 1 << 0;
 const OTHER_UNIX: u8 = 1 << 1;
 const WINDOWS: u8 = 1 << 2;
@@ -32,7 +32,7 @@ const OTHER: u8 = 1 << 3;
 const UNIX: u8 = LINUX | OTHER_UNIX;
 const EVERY: u8 = UNIX | WINDOWS | OTHER;
 
-/// The system of this build.
+/// The operating system of this build, as one of these bits.
 const SYSTEM: u8 = if cfg!(target_os = "linux") {
     LINUX
 } else if cfg!(unix) {
@@ -50,15 +50,15 @@ macro_rules! feature {
     };
 }
 
-/// The path of a link over SPI.
+/// The form of the path in the URI of a link over SPI.
 const SPI_DEVICE: Option<&str> = Some("/dev/spidevB.C");
 
 /// The properties of a scheme. The code that opens its links is in `open/`.
 struct Row {
     name: &'static str,
-    /// Its name, and whether this build has it.
+    /// The name of the Cargo feature, and whether this build has it.
     feature: (&'static str, bool),
-    /// The systems that have such links.
+    /// The operating systems on which such links exist, as bits.
     systems: u8,
     path: Option<&'static str>,
     meaning: &'static str,
@@ -183,8 +183,8 @@ impl Scheme {
         }
     }
 
-    /// Why this build cannot open links of the scheme: the end of its line in the text of `ecmsk link help`. Empty if it
-    /// can.
+    /// The reason why this build cannot open links of the scheme, as the end of its line in `ecmsk link help`. Empty if
+    /// it can.
     pub(crate) fn note(self) -> String {
         self.note_on(SYSTEM, self.row().feature.1)
     }
@@ -197,7 +197,7 @@ impl Scheme {
         }
     }
 
-    /// Whether the network is a model in this process, with simulated slaves and a clock that can be virtual.
+    /// Whether the network is simulated in this process, so that its clock can be virtual.
     pub const fn is_model(self) -> bool {
         matches!(self, Self::Sim | Self::XfSim)
     }
@@ -230,7 +230,8 @@ mod tests {
 
     const SYSTEMS: [u8; 4] = [LINUX, OTHER_UNIX, WINDOWS, OTHER];
 
-    /// The feature of each scheme, and how many of the systems above, from the first on, have its links.
+    /// For each scheme its feature, whether this build has it, and how many of the operating systems above, counted
+    /// from the first, have such links.
     const EXPECTED: [(Scheme, &str, bool, usize); 8] = [
         (Scheme::Sim, "sim", cfg!(feature = "sim"), 4),
         (Scheme::Usb, "usb", cfg!(feature = "usb"), 3),
@@ -242,8 +243,8 @@ mod tests {
         (Scheme::Nic, "nic", cfg!(feature = "nic"), 1),
     ];
 
-    /// A link whose feature is not built names the feature, and how to build with it; also in `ecmsk link help`. A build with
-    /// that feature alone opens it.
+    /// A link whose feature is not built in names the feature and how to build with it, also in `ecmsk link help`. A
+    /// build with only that feature opens it.
     #[test]
     fn a_link_whose_feature_is_not_built_names_the_feature() {
         for (scheme, feature, has_feature, systems) in EXPECTED {
@@ -259,7 +260,8 @@ mod tests {
         }
     }
 
-    /// A system without such links says so, whatever was built, and names a way over another machine.
+    /// On an operating system without such links, the error says so, whether the feature is built in or not, and
+    /// suggests a board on another machine.
     #[test]
     fn a_system_without_such_links_names_another_machine() {
         for (scheme, _, _, systems) in EXPECTED {
@@ -272,7 +274,7 @@ mod tests {
         }
     }
 
-    /// This build opens the links whose feature it has, where the system has them.
+    /// This build can open the links whose features it has, on operating systems that have such links.
     #[test]
     fn this_build_opens_what_it_has() {
         for (scheme, _, has_feature, systems) in EXPECTED {

@@ -29,7 +29,7 @@ pub enum ManufacturerObjectsSpec {
     File(Arc<str>),
 }
 
-/// Writes the value that follows `objects@` in a link.
+/// Writes the text that stands after `objects@` in a link.
 impl fmt::Display for ManufacturerObjectsSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
@@ -50,12 +50,12 @@ pub struct SlaveSpec {
     pub manufacturer_objects: Option<ManufacturerObjectsSpec>,
 }
 
-/// The word in front of `@` that introduces manufacturer-specific objects.
+/// The word before `@` in the part of a list that gives manufacturer-specific objects.
 const OBJECTS: &str = "objects";
-/// The text for [`ManufacturerObjectsSpec::Any`].
+/// The word after `objects@` for [`ManufacturerObjectsSpec::Any`].
 const ANY: &str = "any";
 
-/// The section on manufacturer-specific objects of `ecmsk link help`.
+/// The section of `ecmsk link help` on manufacturer-specific objects.
 pub(crate) fn manufacturer_objects_help() -> String {
     "Behind any kind may stand the objects of its maker, which programs write before they go on, e.g. drive:objects@sv2.objects*2:\n  \
      :objects@FILE\n      the objects of that file (a path without `,` `*` and `:`), one a line: INDEX:SUB TYPE ACCESS [MAPPING] \
@@ -74,7 +74,7 @@ pub(crate) fn form() -> String {
     )
 }
 
-/// The section on kinds of `ecmsk link help`.
+/// The section of `ecmsk link help` on the kinds of slaves.
 pub(crate) fn kinds_help() -> String {
     let mut text = String::from("Kinds of slaves, each with what may stand behind it:\n");
     for model in SlaveModel::ALL {
@@ -92,7 +92,7 @@ pub fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
     parse_at_most(list, SLAVES_MAX)
 }
 
-/// Parses the list of a network without a board. It may have more slaves than a board has.
+/// Parses the list of slaves of a network without a board, which may have more slaves than a board can drive.
 ///
 /// # Errors
 /// As [`parse`].
@@ -123,7 +123,7 @@ fn parse_at_most(list: &str, slaves_max: usize) -> Result<Vec<SlaveSpec>, String
 
 /// Parses a list of slaves as a program declares them with SET_AXIS: `drive:csv*2,io,none`. All kinds of [`parse`] are
 /// allowed, and `none` for an unused slave. Upper case and blanks are ignored. The parts may also follow the number of
-/// slaves: `drive*2:csv`. `read` converts a kind and its parts into a slave.
+/// slaves: `drive*2:csv`. `read` converts one entry, a kind with its parts, into a slave.
 ///
 /// # Errors
 /// Why the list is invalid and what is allowed.
@@ -145,12 +145,12 @@ fn unknown_kind(kind: &str, allowed: &str) -> String {
     format!("kind `{kind}` is unknown;{near} allowed: {allowed}")
 }
 
-/// The list in normal form: equal neighbours are written once with their number.
+/// The list in normal form, in which equal neighbours are written once with their number: `drive*2`.
 pub(crate) fn normal(slaves: &[SlaveSpec]) -> String {
     if slaves.is_empty() {
         return NONE.to_owned();
     }
-    // Compare the slaves in normal form, which leaves out defaults.
+    // Slaves are compared by their normal form, which leaves out defaults.
     let name = |slave: &SlaveSpec| {
         let objects = slave.manufacturer_objects.as_ref().map(|spec| format!(":{OBJECTS}@{spec}")).unwrap_or_default();
         format!("{}{}{objects}", slave.model.name(), slave.travel)
@@ -163,7 +163,7 @@ pub(crate) fn too_many(slot: SlotSize) -> String {
     format!("allowed: at most {} slaves with slot={}", slot.max_slaves(), slot.bytes())
 }
 
-/// Separates the parts of a kind into its travel and its manufacturer-specific objects.
+/// Splits the parts that follow a kind into those for the travel and the one for manufacturer-specific objects.
 fn split_parts<'a>(parts: &[&'a str]) -> Result<(Vec<&'a str>, Option<ManufacturerObjectsSpec>), String> {
     let mut travel = Vec::new();
     let mut manufacturer_objects = None;

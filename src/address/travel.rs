@@ -1,8 +1,8 @@
 //! The travel of a simulated axis: its start position, limit switches, home switch, index pulse and end stops. A link
 //! gives it behind the kind of a slave: `drive:limits@-200000..300000:home@-500..500:index@12345`.
 //!
-//! Every part is a word, `@` and a position in counts of the motor shaft (pulses for an hsp). Parts that are not given
-//! have the default of the kind. The characters have no special meaning in shells and URIs.
+//! Every part consists of a word, `@` and a position in counts of the motor shaft (pulses for an hsp). Parts that are
+//! not given have the default of the kind. None of the characters used has a special meaning in shells and URIs.
 
 use std::fmt;
 
@@ -12,7 +12,7 @@ use super::text::{decimal, suggestion};
 /// The largest position in either direction \[OURS]: the range of object 0x6064.
 const POSITION_MAX_COUNTS: i64 = i32::MAX as i64;
 
-/// The word for a part that does not exist.
+/// The value of a part that the axis does not have.
 const NONE: &str = "none";
 
 /// A range of positions in counts, both ends included. One of the two ends may be missing; the range is then unlimited
@@ -45,8 +45,8 @@ impl fmt::Display for PositionRange {
     }
 }
 
-/// The travel that a link gives for the axes of a slave. It applies to both axes if the slave has two. `None` in a field
-/// means the default of the kind of slave, `Some(None)` that the axis does not have this part.
+/// The travel that a link gives for the axes of a slave. If the slave has two axes, it applies to both. `None` in a
+/// field means the default of the kind of slave, `Some(None)` that the axis does not have this part.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct TravelSpec {
     /// The position at power-on, counts; 0 if not given.
@@ -75,7 +75,7 @@ struct Part {
     axes: fn(SlaveModel) -> usize,
     /// Parses the value and stores it in a [`TravelSpec`]; returns false if the value is invalid.
     read: fn(&mut TravelSpec, &str) -> bool,
-    /// The value as text; `None` if the [`TravelSpec`] does not give it.
+    /// The value as text; `None` if the [`TravelSpec`] does not have the part.
     write: fn(&TravelSpec) -> Option<String>,
 }
 
@@ -137,7 +137,7 @@ const PARTS: [Part; 6] = [
     },
 ];
 
-/// Stores a parsed value; returns false if parsing failed.
+/// Stores a parsed value in `place`; returns false if `value` is `None`, because parsing has failed.
 fn set<T>(place: &mut Option<T>, value: Option<T>) -> bool {
     *place = value;
     place.is_some()
@@ -258,7 +258,7 @@ mod tests {
     use super::*;
     use crate::slave::{Dp3clConfig, DriveConfig, HomeSwitch, HspConfig, Travel};
 
-    /// The table of kinds gives the default travel that the models have.
+    /// The default travel in the table of kinds equals that of the models.
     #[test]
     fn the_usual_travel_is_what_the_models_have() {
         for model in SlaveModel::ALL {

@@ -24,9 +24,9 @@ use super::slaves::{self, SlaveSpec};
 use super::text::{suggestion, visible};
 use crate::sk::SlotSize;
 
-/// Characters that are written as `%XX` between the colon and the question mark.
+/// The characters that are percent-encoded between the colon and the question mark.
 const IN_PATH: &AsciiSet = &CONTROLS.add(b' ').add(b'"').add(b'#').add(b'%').add(b'<').add(b'>').add(b'?').add(b'`');
-/// Characters that are written as `%XX` in a key or a value.
+/// The characters that are percent-encoded in a key or a value.
 const IN_VALUE: &AsciiSet = &IN_PATH.add(b'&').add(b'=').add(b'\'').add(b'{').add(b'}').add(b'|').add(b'^');
 
 /// The URI of a link in its normal form.
@@ -56,7 +56,7 @@ pub enum UriError {
         suggestion: String,
         allowed: String,
     },
-    /// The options of one scheme were requested from a link of another scheme.
+    /// A link has another scheme than the one whose options were requested.
     #[error("link `{uri}` is no `{expected}:` link; allowed here: {expected}:; {WHERE_TO_LOOK}")]
     OtherScheme { uri: String, expected: Scheme },
     /// Text stands between the colon and the question mark, where this scheme allows none.
@@ -150,7 +150,7 @@ impl LinkUri {
         &self.path
     }
 
-    /// The keys that do not have their default value, decoded, in the order of the normal form.
+    /// The keys with a value other than the default, decoded, in the order of the normal form.
     pub fn keys(&self) -> impl Iterator<Item = (&str, &str)> {
         self.keys.iter().map(|(key, value)| (key.as_str(), value.as_str()))
     }
@@ -164,7 +164,7 @@ impl LinkUri {
     /// The value of a key, converted by `read`; `None` if the key is neither given nor has a default.
     pub(crate) fn typed<T>(&self, key: &str, read: impl FnOnce(&str) -> Option<T>) -> Result<Option<T>, UriError> {
         let Some(value) = self.value(key) else { return Ok(None) };
-        // The value has passed the check against the table, so `read` fails only if the type and the table disagree.
+        // The value was checked against the table. `read` fails only if the option's type allows less than the table.
         let why = || Key::find(self.scheme, key).map(|row| row.syntax.allowed()).unwrap_or_default();
         let bad = || UriError::BadValue { key: key.to_owned(), value: value.to_owned(), why: why() };
         read(value).map(Some).ok_or_else(bad)
@@ -192,7 +192,7 @@ impl LinkUri {
         self.required(key, |value| words.into_iter().find(|(word, _)| *word == value).map(|(_, meaning)| meaning))
     }
 
-    /// The slaves listed for a modelled network.
+    /// The slaves that the URI lists, for a simulated network.
     pub(crate) fn slaves(&self) -> Result<Vec<SlaveSpec>, UriError> {
         self.required("slaves", |value| slaves::parse(value).ok())
     }

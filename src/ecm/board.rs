@@ -1,4 +1,4 @@
-//! The board itself: its CRC switches, its FIFO, its reset, and waiting until it is available again.
+//! Calls for the board itself: its CRC switches, its FIFO, its reset, and the wait until it can be opened again.
 
 use std::time::{Duration, Instant};
 
@@ -9,10 +9,10 @@ use crate::address::uri::LinkUri;
 use crate::link::{FAILED_OPEN, LinkError};
 use crate::sk::{FifoAction, MasterCommand};
 
-/// \[OURS] The time between two attempts to open an absent board.
+/// \[OURS] The pause between two attempts to open a board that is absent.
 const RETRY_INTERVAL: Duration = Duration::from_millis(50);
 
-/// The CRC switches of the board (SET_EX).
+/// Which of the two directions carry CRCs: the switches of the board's command SET_EX.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CrcSwitches {
     /// Whether the board checks the CRCs of command frames and executes no frame with a wrong one (SK-1.24). This API
@@ -23,8 +23,8 @@ pub struct CrcSwitches {
 }
 
 impl Ecm {
-    /// Switches the CRCs of command frames and of reports on or off. The switches take effect at the next start of the
-    /// board ([`Ecm::reset`], or power), which keeps them. Not possible in OP.
+    /// Switches the CRCs of command frames and of reports on or off. The board stores the switches and applies them at
+    /// its next start ([`Ecm::reset`], or power on). Not possible in OP.
     ///
     /// # Errors
     /// [`EcmError::WrongState`], [`EcmError::Setting`] for reports without a CRC if [`Options::strict_crc`] requires
@@ -49,8 +49,8 @@ impl Ecm {
     /// at once and without a ramp. An axis in CSV keeps the velocity that was executed last, and one in CST the torque.
     /// To stop gently, end the stream instead.
     ///
-    /// An open [`Stream`](super::Stream) accepts no more targets and steps, as its next targets do not continue the
-    /// positions of the axes ([`EcmError::Cleared`]). Its end brings moving axes to a standstill.
+    /// An open [`Stream`](super::Stream) refuses further targets and steps ([`EcmError::Cleared`]), because its next
+    /// targets would not continue the positions of the axes. Ending the stream brings moving axes to a standstill.
     ///
     /// # Errors
     /// [`EcmError::WrongState`], [`EcmError::Timeout`], [`EcmError::Link`].
@@ -60,7 +60,8 @@ impl Ecm {
         let clear = [(0, MasterCommand::SetFifo(FifoAction::Clear).encode())];
         self.exchange.run(
             &Task::new("clearing the FIFO", hint, limit, &clear).seen(&ahead_of_the_board),
-            // The command acts on arrival. The frame that carries it becomes the first entry after it.
+            // The board executes SET_FIFO when it arrives. The frame that carries the command then becomes the first
+            // entry of the empty FIFO.
             |session, sent| Ok(session.executed(sent).then_some(())),
         )
     }
@@ -83,7 +84,7 @@ impl Ecm {
     /// ```
     ///
     /// # Errors
-    /// Why axes may have moved at that moment, as for [`Ecm::close`]; the board is reset in any case.
+    /// The errors of [`Ecm::close`], if axes may still have moved at the reset; the board is reset in any case.
     /// [`EcmError::Timeout`] if the board still makes reports, [`EcmError::NoReport`], [`EcmError::Link`].
     pub fn reset(mut self) -> Result<(), EcmError> {
         self.exchange.link.check()?;
@@ -93,7 +94,7 @@ impl Ecm {
         let task = Task::new("SW_RESET", hint, limit, &commands);
         let seen = |session: &Session| format!("it still reports, in {}", session.board().state);
         let done = self.exchange.run(&task.seen(&seen), |_, _| Ok(None::<()>));
-        // No axis is left to be stopped, and closing without a stop cannot fail.
+        // After the reset no axis is left to be stopped. Closing without a stop cannot fail.
         let _ = self.end(Close::Leave);
         match done {
             Err(EcmError::Link(LinkError::Lost { .. })) => rested,
@@ -102,8 +103,8 @@ impl Ecm {
         }
     }
 
-    /// Opens a board as soon as it is available: after [`Ecm::reset`], or after it was unplugged. Also returns the time
-    /// that this took, in virtual time on a link that has it.
+    /// Opens a board as soon as it is available: after [`Ecm::reset`], or after it was unplugged. Also returns how long
+    /// the call waited for the board, in virtual time on a link that has it.
     ///
     /// # Errors
     /// [`EcmError::Timeout`] if the board does not appear in time, with the last error of opening it. Errors of

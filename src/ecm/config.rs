@@ -14,12 +14,12 @@ pub const DEFAULT_GUARD_COUNTS: u32 = 1 << 17;
 /// \[OURS] How far a stationary axis may move within 8 cycles by default, counts: encoders are noisy.
 pub const DEFAULT_STANDSTILL_COUNTS: u32 = 16;
 
-/// How far each target of a stream in CSP may be from the actual position of the axis; `--lead-limit` in the tool. The
-/// guard stops a motion whose axis does not follow, and one that does not begin at the actual position. It does not
-/// limit the length of a motion.
+/// The limit for the distance between a CSP target of a stream and the actual position of the axis; `--lead-limit` in
+/// the tool. The guard stops a motion whose axis does not follow, and one that does not begin at the actual position.
+/// It does not limit the length of a motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Guard {
-    /// At most this many counts, 1 or more.
+    /// The distance is limited to this many counts, 1 or more.
     Within(u32),
     /// No guard: any distance is allowed.
     Off,
@@ -36,11 +36,11 @@ impl Default for Guard {
 pub struct Axis {
     /// CSP, CSV or CST. The mode decides which process data are mapped (SK-7.31).
     pub mode: Mode,
-    /// Whether the slave is synchronized by distributed clocks.
+    /// How the drive is synchronized with the cycle: by distributed clocks, or without them.
     pub sync: DriveSync,
     /// The largest allowed distance of a target from the actual position.
     pub guard: Guard,
-    /// How many counts one unit of the program has.
+    /// The number of counts in one unit of the program, for example per mm.
     pub scale: Scale,
     /// The standstill threshold, counts: an axis that moves at most this far within 8 cycles (at most 16 ms, at least
     /// one cycle) counts as stationary. Set it above the noise of the encoder.
@@ -50,9 +50,9 @@ pub struct Axis {
 impl Axis {
     /// CSP with distributed clocks and the default guard, in counts.
     pub const CSP: Self = Self::new(Mode::Csp);
-    /// CSV, otherwise as [`Axis::CSP`]; velocities have no guard.
+    /// CSV, otherwise as [`Axis::CSP`]. The guard checks no velocities.
     pub const CSV: Self = Self::new(Mode::Csv);
-    /// CST, otherwise as [`Axis::CSP`]; torques have no guard.
+    /// CST, otherwise as [`Axis::CSP`]. The guard checks no torques.
     pub const CST: Self = Self::new(Mode::Cst);
 
     const fn new(mode: Mode) -> Self {
@@ -88,12 +88,12 @@ pub enum Slave {
 }
 
 impl Slave {
-    /// A slave of that kind, its axis in CSP.
+    /// A slave of the given kind. An axis of it runs in CSP.
     pub const fn of_kind(kind: SlaveKind) -> Self {
         Self::with_axis(kind, Axis::CSP)
     }
 
-    /// A slave of that kind; its axis, if it has one, gets these settings.
+    /// A slave of the given kind. Its axis, if it has one, gets the settings `axis`.
     pub const fn with_axis(kind: SlaveKind, axis: Axis) -> Self {
         match kind {
             SlaveKind::Drive => Self::Drive(axis),
@@ -104,7 +104,7 @@ impl Slave {
         }
     }
 
-    /// The kind of the slave in SET_AXIS.
+    /// The code of the slave's kind in SET_AXIS.
     pub const fn kind(&self) -> SlaveKind {
         match self {
             Self::Drive(_) => SlaveKind::Drive,
@@ -155,22 +155,22 @@ pub struct Config {
 }
 
 impl Default for Config {
-    /// No slaves, and a cycle of 1000 us.
+    /// A configuration without slaves, with a cycle of 1000 us.
     fn default() -> Self {
         Self { slaves: Vec::new(), cycle_us: CycleTime::DEFAULT.us() }
     }
 }
 
 impl Config {
-    /// A network of that many drives in CSP, with a cycle of 1000 us.
+    /// A network of `count` drives in CSP, with a cycle of 1000 us.
     pub fn drives(count: usize) -> Self {
         Self { slaves: vec![Slave::Drive(Axis::CSP); count], ..Self::default() }
     }
 
-    /// Checks whether a board with that slot size can run the configuration. Returns the cycle time.
+    /// Checks whether a board with slots of `size` bytes can run the configuration. Returns the cycle time.
     ///
     /// # Errors
-    /// [`ConfigError`], for the first fault.
+    /// [`ConfigError`], for the first setting that is wrong.
     pub fn check(&self, size: SlotSize) -> Result<CycleTime, ConfigError> {
         let cycle = CycleTime::from_us(self.cycle_us).ok_or(ConfigError::Cycle { found_us: self.cycle_us })?;
         if self.slaves.is_empty() || self.slaves.len() > size.max_slaves() {
@@ -193,7 +193,7 @@ impl Config {
     }
 }
 
-/// Why a [`Config`] cannot be used. None of it was sent.
+/// Why a [`Config`] cannot be used. Nothing of it was sent to the board.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ConfigError {
     /// The board does not support this cycle time.
@@ -205,11 +205,11 @@ pub enum ConfigError {
     /// The configuration has no slaves, or too many.
     #[error("{found} slaves: with slots of {slot} bytes a board drives 1 to {max}; list the slaves in `slaves`")]
     Count {
-        /// Slaves in the configuration.
+        /// The number of slaves in the configuration.
         found: usize,
-        /// Slaves for which a frame has slots.
+        /// The most slaves that a board with this slot size drives.
         max: usize,
-        /// Bytes of a slot.
+        /// The slot size, bytes.
         slot: usize,
     },
     /// The kind of slave does not support the mode.
@@ -224,13 +224,13 @@ pub enum ConfigError {
         /// The modes that the kind supports.
         allowed: &'static [Mode],
     },
-    /// The guard would refuse every target.
+    /// The guard is 0 counts: it would refuse every target.
     #[error("slave {slave} has a guard of 0 counts, which lets no target pass; set 1 or more, or Guard::Off")]
     Guard {
         /// Slave, from 1.
         slave: u8,
     },
-    /// The counts of a unit are 0, or no finite number.
+    /// The number of counts in one unit is 0, infinite or NaN.
     #[error("slave {slave} has {found} counts per unit; set a number that is finite and not 0")]
     Scale {
         /// Slave, from 1.

@@ -17,13 +17,13 @@ pub enum EcmError {
     /// The link failed. After [`LinkError::Lost`] open a new [`Ecm`](super::Ecm): there is no automatic reconnection.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The configuration cannot be used. None of it was sent.
+    /// The configuration cannot be used. Nothing of it was sent to the board.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// The link does not know the slot size, and reports did not show it.
+    /// The slot size of the board is unknown: the link does not have it, and the reports did not show it.
     #[error("`{name}` does not say how many bytes a slot has; put `slot=12` or `slot=16` (CONFIG2 high) into the link")]
     SlotUnknown { name: String },
-    /// A setting cannot be used.
+    /// The value of an option or of a parameter is not allowed.
     #[error("{what} is {found}; set {allowed}")]
     Setting { what: &'static str, found: String, allowed: &'static str },
     /// The board has made no usable report.
@@ -42,13 +42,13 @@ pub enum EcmError {
         /// [`LinkStats::network_down`](crate::link::LinkStats::network_down).
         network_down: bool,
     },
-    /// The board makes reports, but the operation was not done in time.
+    /// The board makes reports, but they did not show the effect of the operation in time.
     #[error("{what}: not done after {}, {seen}; {hint}", Span(*.waited))]
     Timeout {
         what: &'static str,
         /// How long the operation has waited.
         waited: Duration,
-        /// The state in reports, as text.
+        /// What the newest report shows instead of the effect, as text.
         seen: String,
         hint: &'static str,
     },
@@ -58,10 +58,10 @@ pub enum EcmError {
         wanted: MasterState,
         /// The state in which the change ended.
         found: StateByte,
-        /// The slave that caused this, as far as a host can find it.
+        /// The slave that probably prevented the change of state.
         suspect: Suspect,
     },
-    /// The state of the network does not allow the call.
+    /// The call is not allowed in the present state of the network.
     #[error("{what} needs {needs}, the board is in {found}; use set_state first")]
     WrongState {
         what: &'static str,
@@ -96,7 +96,7 @@ pub enum EcmError {
         slave: u8,
         kind: &'static str,
         what: &'static str,
-        /// The kinds of slaves for which the call is.
+        /// The kinds of slaves that have this call.
         wanted: &'static str,
     },
     /// The axis is configured for another mode.
@@ -104,7 +104,7 @@ pub enum EcmError {
     WrongMode {
         slave: u8,
         mode: Mode,
-        /// The mode of the target.
+        /// The mode that the target is for.
         wanted: Mode,
     },
     /// A slave refused an SDO transfer.
@@ -133,11 +133,11 @@ pub enum EcmError {
         slave.map_or_else(|| "a slave (the board does not say which) is".to_owned(), |slave| format!("slave {slave} is"))
     )]
     SlaveLost {
-        /// The lost slave; `None`: not known.
+        /// The lost slave; `None` if reports do not show which one it is.
         slave: Option<u8>,
         found: StateByte,
     },
-    /// The stream is too deep: its axes could not be brought to a standstill within the time limit of closing.
+    /// The depth of a stream is too large: its axes could not be brought to a standstill within the time limit of closing.
     #[error(
         "depth is {found}; with a cycle of {cycle:?} set 1 to {max}: what is ahead of the board and the ramp have to end \
          within the 2 s of closing"
@@ -147,7 +147,7 @@ pub enum EcmError {
     #[error("slave {slave} has alarm {}; remove the cause (drive's manual), then clear_alarm and servo_on", ErrorCode(*.code))]
     Alarm {
         slave: u8,
-        /// The error code (0x603F); 0 for an HSP, which shows none.
+        /// The error code (0x603F); 0 for an HSP, whose reports have none.
         code: u16,
     },
     /// The guard of the axis refused a target.
@@ -168,16 +168,16 @@ pub enum EcmError {
     /// A position in units does not fit the 32 bits of the wire.
     #[error("{units} units of slave {slave} are no 32-bit count; check the value and the axis's scale")]
     OutOfRange { slave: u8, units: f64 },
-    /// The FIFO was cleared while a stream was open: its next targets do not continue the positions of the axes.
+    /// The FIFO was cleared while the stream was open, so that its next targets do not continue the positions of the axes.
     #[error("the FIFO was cleared while the stream was open; end it, and start another one from the actual positions")]
     Cleared,
-    /// The axis is being homed.
+    /// The axis is homing, and takes no other command until homing ends.
     #[error("slave {slave} is homing; wait for it to end, or abort it")]
     IsHoming { slave: u8 },
     /// Homing ended without "homing attained".
     #[error("homing of slave {slave} failed: {why}; check its method and switches, then home again")]
     HomingFailed { slave: u8, why: &'static str },
-    /// Another thread is using what the call needs.
+    /// Another thread uses the session, the SDO slot or the homing that the call needs.
     #[error("{what} is in use by another thread; wait for it to end")]
     Busy { what: &'static str },
 }
@@ -189,24 +189,24 @@ impl EcmError {
     }
 }
 
-/// The slave that probably prevents a change of state, as far as a host can find it.
+/// The slave that probably prevents a change of state, found by reading an object of each slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum Suspect {
-    /// A slave does not answer an SDO.
+    /// A slave does not answer an SDO transfer.
     Silent { slave: u8 },
-    /// A slave lacks an object that its declared kind must have.
+    /// The slave lacks an object that every slave of its configured kind has.
     NotOfKind {
         slave: u8,
         kind: &'static str,
         /// The object that is missing.
         missing: ObjectAddress,
     },
-    /// No slave was declared: the board takes every slave for an IO slave.
+    /// No slave is configured (SET_AXIS), so that the board treats every slave as an IO slave.
     Undeclared,
-    /// All slaves answer and match the configuration. The wire does not carry AL status codes.
+    /// All slaves answer and match the configuration, so the cause is unknown: reports do not contain AL status codes.
     Unknown,
-    /// No slave answers, or the state allows no SDO.
+    /// No slave answers, or the state of the network does not allow SDO transfers.
     Network,
 }
 
@@ -232,7 +232,7 @@ impl std::fmt::Display for Suspect {
     }
 }
 
-/// The beginning of a sentence about silent slaves: `1 slave is`, `3 slaves are`.
+/// What the user can do about a board without usable reports, as the end of the error's message.
 const fn silence(network_down: bool) -> &'static str {
     if network_down {
         "nothing comes back from the network: look at the cable to the first slave, at the network card or the chip that it begins at, and \
@@ -242,6 +242,7 @@ const fn silence(network_down: bool) -> &'static str {
     }
 }
 
+/// The beginning of a sentence about slaves: `1 slave is`, `3 slaves are`.
 fn slaves_are(count: usize) -> String {
     format!("{count} {}", if count == 1 { "slave is" } else { "slaves are" })
 }
@@ -250,7 +251,7 @@ fn slaves_are(count: usize) -> String {
 mod tests {
     use super::*;
 
-    /// A message about one slave uses the singular.
+    /// A message uses the singular for one slave.
     #[test]
     fn one_slave() {
         let said = |declared| EcmError::SlaveCount { declared, found: 2 }.to_string();

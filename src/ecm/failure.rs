@@ -4,7 +4,7 @@ use std::error::Error;
 use std::fmt;
 
 /// Any error, as the return type of `main`: `Result<(), Failure>` ends a program with exit code 1 and the message of
-/// the error. `main` would show any other error type in its debug format. A text can be a failure, too:
+/// the error. `main` would show any other error type in its debug format. A text can be converted to a failure, too:
 /// `Err("the door is open")?`.
 ///
 /// ```
@@ -19,7 +19,8 @@ use std::fmt;
 /// ```
 pub struct Failure(String);
 
-// `Failure` does not implement std::error::Error: `From<Failure>` would have two implementations then.
+// `Failure` must not implement std::error::Error: then this `From` would overlap with `From<Failure> for Failure` of
+// the standard library.
 impl<E: Into<Box<dyn Error + Send + Sync>>> From<E> for Failure {
     fn from(error: E) -> Self {
         Self(error.into().to_string())
@@ -32,7 +33,7 @@ impl fmt::Display for Failure {
     }
 }
 
-/// `main` prints an error in its debug format.
+/// `main` prints an error in its debug format, which is therefore the message.
 impl fmt::Debug for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         fmt::Display::fmt(self, f)

@@ -1,4 +1,4 @@
-//! Homing of one axis, or of several whose GO_HOME commands share a frame, as the board requires it (SK-7.27); with progress.
+//! Homing of one axis, or of several axes whose GO_HOME commands share a frame (SK-7.27), with progress for the caller.
 
 use std::cell::RefCell;
 use std::time::Duration;
@@ -10,15 +10,16 @@ use crate::ethercat::cia402::{MODES_OF_OPERATION, Mode, Statusword};
 use crate::ethercat::coe::ObjectAddress;
 use crate::sk::{CommandId, RawSlot, SlaveCommand, SlotCommand};
 
-/// \[OURS] Bits 12 and 13 of the statusword may be left from an earlier homing until the drive clears them. If they
-/// stay set from the beginning, they count after this time.
+/// \[OURS] After GO_HOME, bits 12 and 13 of the statusword may still be those of an earlier homing, until the drive
+/// clears them. If no report has shown them clear, they count as the result of this homing after this time.
 const OLD_RESULT_MAX: Duration = Duration::from_millis(100);
-/// \[OURS] A GO_HOME without an answer after this many reports was lost: more than the FIFO and a handshake take.
+/// \[OURS] A GO_HOME counts as lost if this many reports show no answer to it: more than the FIFO (160 entries) and a
+/// handshake take.
 const ANSWER_REPORTS_MAX: u64 = 200;
 const HINT: &str = "check method, speeds and switches; the axis was told to end homing";
 
-/// The CiA 402 objects of homing that are written before GO_HOME. The drive keeps its value for each one that is
-/// `None`.
+/// The CiA 402 objects of homing, which are written before GO_HOME. An object that is `None` is not written: the drive
+/// keeps its value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Homing {
     /// 0x6098: homing method.
@@ -36,7 +37,7 @@ pub struct Homing {
 }
 
 impl Homing {
-    /// Homing with that method, all other values as in the drive, and a time limit of one minute.
+    /// Homing by `method`, with all other objects as they are in the drive, and a time limit of one minute.
     pub const fn method(method: i8) -> Self {
         let limit = Duration::from_secs(60);
         Self { method, switch_speed: None, zero_speed: None, acceleration: None, offset: None, limit }
@@ -124,16 +125,16 @@ impl Ecm {
         });
         let done = prepared.and_then(|()| self.go(&slaves, &go, limit, began, &mut progress));
         let started = self.exchange.lock().is_ok_and(|session| !session.homing.started.is_empty());
-        // \[OURS] No axis is homing any more when this returns. If a single axis failed, its homing has ended by
-        // itself.
+        // \[OURS] No axis may still be homing when this call returns. If there is only one axis and its homing failed,
+        // that has ended it already.
         let goes_on = match &done {
             Ok(()) => false,
             Err(EcmError::HomingFailed { .. } | EcmError::Alarm { .. }) => slaves.len() > 1,
             Err(_) => true,
         };
         let aborted = if started && goes_on { self.abort_homing() } else { Ok(()) };
-        // Writing the mode ends homing in both firmware versions, and the axes take targets again. It is tried for all
-        // axes, even if some writes fail.
+        // Writing the mode of operation ends homing in firmware 1.5 and 1.7, and lets the axes take targets again. All
+        // axes are written, even if some writes fail.
         let mut restored = Ok(());
         for (slave, mode) in slaves.iter().zip(modes) {
             let told = self.tell(*slave, HomingPhase::Restoring, began, &mut progress);
@@ -149,7 +150,8 @@ impl Ecm {
         done.and(aborted).and(restored).and(released)
     }
 
-    /// Checks that the axes can be homed, and removes their targets from streams. Returns their modes of operation.
+    /// Checks that the axes can be homed, and removes the targets that a stream repeats for them. Returns the modes of
+    /// operation to restore.
     fn reserve(&self, slaves: &[u8]) -> Result<Vec<Mode>, EcmError> {
         let mut session = self.exchange.lock()?;
         let mut modes = Vec::with_capacity(slaves.len());
@@ -179,7 +181,7 @@ impl Ecm {
         progress: &mut impl FnMut(&HomingProgress),
     ) -> Result<(), EcmError> {
         let elapsed = self.exchange.now().saturating_sub(began);
-        // The session is unlocked while the program's function runs: it may use the board.
+        // The callback may call functions of the board, so it runs without the lock of the session.
         let told = progress_of(&*self.exchange.lock()?, slave, phase, elapsed);
         progress(&told);
         Ok(())
@@ -209,7 +211,8 @@ impl Ecm {
         began: Duration,
         progress: &mut impl FnMut(&HomingProgress),
     ) -> Result<(), EcmError> {
-        // GO_HOME is not repeated: after the end of homing a repeat would start it again. So a lost frame is an error.
+        // GO_HOME must not be sent again: if homing has already ended, a second GO_HOME would start it anew. So a lost
+        // frame is an error.
         let seen = |session: &Session| {
             let words = slaves.iter().map(|slave| {
                 let word = session.statusword(*slave).0;
@@ -260,7 +263,7 @@ impl Ecm {
             let mut session = self.exchange.lock_in_op("abort_homing")?;
             let Some(slave) = session.homing.active.iter().next() else { return Ok(()) };
             session.homing.aborted = session.homing.active;
-            // The objects are still being written: homing ends before GO_HOME is sent.
+            // The objects are still being written. `aborted` makes the homing call fail before it sends GO_HOME.
             if session.homing.started.is_empty() {
                 return Ok(());
             }
@@ -285,23 +288,24 @@ fn progress_of(session: &Session, slave: u8, phase: HomingPhase, elapsed: Durati
     HomingProgress { slave, phase, position, statusword: session.statusword(slave), elapsed }
 }
 
-/// The homing of one axis, judged report by report.
+/// Evaluates the statuswords of one axis during its homing, report by report.
 struct AxisHoming {
     slave: u8,
-    /// Whether the board has accepted GO_HOME.
+    /// Whether the axis's slot has shown the answer to GO_HOME: the board has accepted it.
     taken: bool,
-    /// "Homing attained" and "homing error" in the first report after GO_HOME was sent: they may be those of an earlier
-    /// homing.
+    /// The bits "homing attained" and "homing error" in the first report after GO_HOME was sent. They may be left from
+    /// an earlier homing.
     first: Option<(bool, bool)>,
-    /// Whether a report has shown both bits clear since: later bits belong to this homing.
+    /// Whether both bits were clear in a later report, so that bits set after it belong to this homing.
     seen_clear: bool,
-    /// Whether "homing error" appeared after it was clear, even before the answer to GO_HOME: on a bus with late
-    /// answers the effect may be seen first. Soon after it the board restores the mode, in which bit 12 has another
-    /// meaning.
+    /// Whether "homing error" was set by this homing. On a bus with late answers that may show before the answer to
+    /// GO_HOME, and soon after it the board restores the mode, in which the bit means something else. So the error is
+    /// kept.
     failed: bool,
-    /// When the first report after GO_HOME was made, nanoseconds.
+    /// The time of the first report after the answer to GO_HOME, nanoseconds.
     since: Option<u64>,
-    /// Whether homing was attained. Then the board may have restored the mode, in which the bits have another meaning.
+    /// Whether homing was attained. This is kept because the board may then restore the mode, in which the bits mean
+    /// something else.
     home: bool,
 }
 
@@ -310,8 +314,8 @@ impl AxisHoming {
         Self { slave, taken: false, first: None, seen_clear: false, failed: false, since: None, home: false }
     }
 
-    /// Reads the newest report. Returns whether homing was attained. `ran`: the frame with GO_HOME was certainly
-    /// executed, or never will be.
+    /// Evaluates the newest report. Returns whether homing is attained. `ran`: the board has certainly executed the
+    /// frame with GO_HOME, or the frame counts as lost.
     fn read(&mut self, session: &Session, ran: bool, tell: impl FnOnce(u8, HomingPhase)) -> Result<bool, EcmError> {
         let slave = self.slave;
         let failed = |why| Err(EcmError::HomingFailed { slave, why });
@@ -333,13 +337,14 @@ impl AxisHoming {
         if !word.is_enabled() {
             return failed("the drive was switched off");
         }
-        // Without an answer to GO_HOME the bits are left from an earlier homing.
+        // The slot shows no answer to GO_HOME, so bits 12 and 13 are left from an earlier homing.
         if !self.taken {
             return failed("the board did not take GO_HOME, or its frame was lost");
         }
         let now = session.reports.at().0;
         let is_valid = Duration::from_nanos(now - *self.since.get_or_insert(now)) >= OLD_RESULT_MAX;
-        // An earlier error that no report has shown cleared counts for this homing, too, even if the bit is clear now.
+        // "Homing error" was set in the first report, and no report has shown both bits clear: the error counts for
+        // this homing, even if the bit is clear now.
         let still_failed = first.1 && !self.seen_clear && (is_valid || !error);
         if (self.failed || still_failed) && !self.home {
             return failed("the drive reports a homing error (statusword bit 13)");

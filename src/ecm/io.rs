@@ -1,4 +1,4 @@
-//! Inputs and outputs of IO slaves, and of the board itself.
+//! Digital inputs and outputs: those of IO slaves, and those on the board itself.
 
 use super::config::Slave;
 use super::exchange::Task;
@@ -17,7 +17,7 @@ impl Ecm {
         self.io("reading inputs", slave, SlaveCommand::IoRead)
     }
 
-    /// Sets the 16 outputs of an IO slave, in OP. Bit k is output k. Outputs stay until they are set again.
+    /// Sets the 16 outputs of an IO slave, in OP. Bit k is output k. The outputs keep their values until the next call.
     ///
     /// # Errors
     /// As [`Ecm::inputs`].
@@ -71,7 +71,8 @@ impl Ecm {
             if !session.in_op() {
                 return Ok((session.board().id == slot.id).then_some(session.board().result));
             }
-            // In OP the answer does not show its command: it is valid once the frame was executed (SK-8.3).
+            // In OP the answer in slot 0 does not name its command. It belongs to this command if it is in the report
+            // of the cycle that executed the frame (SK-8.3).
             Ok(session.result(sent))
         })
     }

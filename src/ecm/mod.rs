@@ -1,5 +1,6 @@
-//! The native Rust API: one ECM-SK over any link. The API checks commands before it sends them to the board: states,
-//! modes, alarms, the distance of targets, room in the FIFO.
+//! The native Rust API: one ECM-SK over any link. Before it sends a command to the board, the API checks the state of
+//! the network, the mode and alarms of the axis, the distance of a target from the actual position, and the room in the
+//! FIFO.
 //!
 //! ```
 //! use ecmsk::ecm::{Close, Config, Ecm};
@@ -21,26 +22,27 @@
 //! # Ok::<(), ecmsk::ecm::EcmError>(())
 //! ```
 //!
-//! [`Ecm`] may be shared by threads: calls take turns report by report, and the command of one thread goes out in the
-//! frames of another thread's [`Stream`]. Every call has a timeout ([`Options`]). A lost board stays lost
-//! ([`LinkError::Lost`]): the program decides whether to open another [`Ecm`] ([`Ecm::open_when_there`]).
+//! [`Ecm`] may be shared by threads: waiting calls release the board to each other after every report, and commands of
+//! one thread travel in the frames of another thread's [`Stream`]. Every call has a timeout ([`Options`]). A lost board
+//! stays lost ([`LinkError::Lost`]): the program decides whether to open another [`Ecm`] ([`Ecm::open_when_there`]).
 //!
-//! Positions, velocities and torques are those of the wire, in counts and 0.1 %; a [`Scale`] of an axis converts
-//! positions. Timeouts are in board time on a link with virtual time, and in machine time on any other link.
+//! Positions are in counts, velocities in the drive's units and torques in 0.1 %, as in the frames; the [`Scale`] of an
+//! axis converts positions. Timeouts are in board time on a link with virtual time, and in machine time on any other
+//! link.
 //!
 //! # How to read the source
 //!
 //! In this order:
 //!
 //! 1. Values that a program passes and gets: `options.rs`, `config.rs`, `scale.rs`, `snapshot.rs`, `error.rs`, `failure.rs`;
-//!    `network.rs` is the configuration in the form that the other files use.
+//! `network.rs` has the configuration in a form without heap allocations, for the other files.
 //! 2. `exchange/`: sends frames and receives reports for all calls of all threads, and keeps the state of the board.
 //! 3. The calls, one file for each subject: `state.rs` configures the network and changes its state, `servo.rs` switches axes,
 //!    `io.rs`, `sdo.rs`, `homing.rs`, and `board.rs` for the board itself. Each call sends a `Task` through the exchange and
 //!    checks reports until it is done.
 //! 4. `stream/`: targets for all axes in every cycle.
 //! 5. `standstill/`: how moving axes are brought to a standstill when a stream ends or a board is closed.
-//! 6. `takeover/`: the same for the axes of a program that has ended without closing its board.
+//! 6. `takeover/`: how a server stops the axes of a program that has ended without closing its board.
 
 mod board;
 mod config;
@@ -82,19 +84,19 @@ use crate::link::{Link, LinkError, LinkInfo, Share, Wait};
 use crate::open;
 use crate::sk::{Frame, SlotSize, StateByte};
 
-/// The most reports that are read to find the slot size. \[OURS]
+/// The number of reports that are read at most to find the slot size. \[OURS]
 const PROBE_REPORTS: usize = 3;
 
 /// A handle of an open board.
 pub struct Ecm {
     exchange: Exchange,
-    /// Whether the board was closed.
+    /// Whether the board was closed already, so that dropping the handle does not close it again.
     done: bool,
 }
 
 impl Ecm {
-    /// Opens the board that the URI of a link names, in its present state: nothing is sent, and a network in OP goes
-    /// on.
+    /// Opens the board at a link URI and leaves it in its present state: nothing is sent, and a network in OP goes on
+    /// running.
     ///
     /// # Errors
     /// [`EcmError::Link`], [`EcmError::SlotUnknown`], [`EcmError::NoReport`].
@@ -102,7 +104,7 @@ impl Ecm {
         Self::open_with(uri, Options::default())
     }
 
-    /// As [`Ecm::open`], with settings.
+    /// As [`Ecm::open`], with timeouts and other settings.
     ///
     /// # Errors
     /// As [`Ecm::open`], and [`EcmError::Setting`].
@@ -140,7 +142,7 @@ impl Ecm {
         Ok(self.exchange.lock()?.size)
     }
 
-    /// The properties of the link.
+    /// The name and the properties of the link, for example whether it has virtual time.
     pub const fn link_info(&self) -> &LinkInfo {
         &self.exchange.info
     }
@@ -195,7 +197,7 @@ impl Ecm {
         Ok(self.exchange.lock()?.stats)
     }
 
-    /// Takes the news for a log since the last call, at most the newest 64.
+    /// Returns and removes the events for a log since the last call, at most the newest 64.
     ///
     /// # Errors
     /// As [`Ecm::stats`].
@@ -209,7 +211,8 @@ impl Ecm {
 #[doc = include_str!("../../docs/GUIDE.md")]
 struct Guide;
 
-/// Finds the slot size from reports, if the link does not know it: the one with a right CRC, if the board fills CRCs.
+/// Finds the slot size from reports, if the link does not know it: the size with which the CRC of a report is right.
+/// This fails if the board fills no CRCs.
 fn probe(link: &dyn Link, info: &LinkInfo, options: &Options) -> Result<SlotSize, EcmError> {
     let mut report = Frame::new();
     for _ in 0..PROBE_REPORTS {

@@ -1,4 +1,4 @@
-//! Settings of an [`Ecm`](super::Ecm): timeouts, checks, and the treatment of axes when it is closed.
+//! Settings of an [`Ecm`](super::Ecm): timeouts, checks, and what happens to the axes when it is closed.
 
 use std::time::Duration;
 
@@ -7,14 +7,14 @@ use crate::sk::SlotSize;
 /// SK `[OURS]`: the time limit for closing a board.
 pub const CLOSE_LIMIT: Duration = Duration::from_secs(2);
 
-/// The treatment of the axes when an [`Ecm`](super::Ecm) is closed or dropped.
+/// What happens to the axes when an [`Ecm`](super::Ecm) is closed or dropped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Close {
     /// Moving axes are brought to a standstill and stay enabled, so that a vertical axis does not drop: in CSP they
     /// hold the last target that the board has accepted; velocities and torques are ramped to 0.
     #[default]
     Hold,
-    /// As [`Close::Hold`], after which the axes are switched off.
+    /// As [`Close::Hold`]; then the axes are switched off.
     ServoOff,
     /// Nothing is sent: the board goes on executing the entries of its FIFO.
     Leave,
@@ -27,21 +27,21 @@ pub struct Options {
     pub slot: Option<SlotSize>,
     /// Whether a CRC byte of 0 in a report must match, too. Otherwise 0 means that the report has no CRC (SK-1).
     pub strict_crc: bool,
-    /// Whether the guards of axes check targets.
+    /// Whether the guard of an axis ([`Guard`](super::Guard)) checks the distance of its targets.
     pub guard: bool,
-    /// How long the board may make no report: 1 s, and at least three cycles.
+    /// The time without a report after which the board counts as silent: 1 s, and at least three cycles.
     pub read_limit: Duration,
-    /// How long the board may take to accept a frame: 1 s.
+    /// How long a write waits for the board to accept the frame: 1 s.
     pub write_limit: Duration,
-    /// How long a change of state may take: 30 s, more than the board's own timeout.
+    /// The timeout of a change of state: 30 s, more than the board's own timeout.
     pub state_limit: Duration,
-    /// How long an SDO transfer may take: 3 s, more than the board's own timeout.
+    /// The timeout of an SDO transfer: 3 s, more than the board's own timeout.
     pub sdo_limit: Duration,
-    /// How long it may take to switch axes on or off, to clear alarms, to read inputs and to set outputs: 5 s.
+    /// The timeout of switching axes on or off, clearing alarms, reading inputs and setting outputs: 5 s.
     pub servo_limit: Duration,
-    /// The treatment of the axes when the [`Ecm`](super::Ecm) is dropped.
+    /// What happens to the axes when the [`Ecm`](super::Ecm) is dropped.
     pub close: Close,
-    /// How long the ramp of a velocity or torque to 0 takes: 250 ms by default, at most 1.5 s.
+    /// How long closing takes to ramp a velocity or torque to 0: 250 ms by default, at most 1.5 s.
     pub ramp: Duration,
 }
 

@@ -1,4 +1,4 @@
-//! Units of positions. On the wire positions are counts. A program may set for each axis how many counts its unit has.
+//! Units of positions. Frames have positions in counts. For each axis a program may set the number of counts in its unit.
 
 /// The number of counts in one unit (mm, degree, turn); negative if the unit counts in the opposite direction.
 ///
@@ -16,10 +16,10 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// The unit is one count.
+    /// A unit of one count.
     pub const COUNTS: Self = Self::per_unit(1.0);
 
-    /// A unit of that many counts.
+    /// A unit of `counts_per_unit` counts.
     pub const fn per_unit(counts_per_unit: f64) -> Self {
         Self { counts_per_unit }
     }
@@ -29,7 +29,7 @@ impl Scale {
         self.counts_per_unit.is_finite() && self.counts_per_unit != 0.0
     }
 
-    /// Converts units to the nearest count; `None` if that does not fit 32 bits, or `units` is not a number.
+    /// Converts units to the nearest count; `None` if the result does not fit 32 bits, or `units` is NaN.
     pub fn to_counts(self, units: f64) -> Option<i32> {
         let counts = (units * self.counts_per_unit).round();
         (f64::from(i32::MIN)..=f64::from(i32::MAX)).contains(&counts).then_some(counts as i32)

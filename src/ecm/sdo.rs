@@ -1,7 +1,7 @@
 //! Typed SDO transfers, one at a time.
 //!
-//! The SDO slot keeps showing an answer until the next one. A request that equals the last one would find the old
-//! answer there and mistake it for its own: before such a request another object is read (SK-6.10).
+//! The SDO slot of the reports repeats an answer until the next answer. A call that sends the same request again would
+//! take the old answer for its own. So it reads another object first (SK-6.10).
 
 use std::time::Duration;
 
@@ -10,9 +10,8 @@ use super::{Ecm, EcmError};
 use crate::ethercat::coe::{ObjectAddress, SdoSize};
 use crate::sk::{CommandId, MasterState, SdoCommand, SdoResponse};
 
-/// Objects that may be read before a request that equals the last one: the device type, which every slave has
-/// (SK-6.10). \[OURS] If that is the requested object itself, or its answer is still to come: vendor id, product code
-/// or revision.
+/// Objects to read before a request that equals the last one (SK-6.10): first the device type, which every slave has.
+/// \[OURS] If the request is for that object itself, or its answer is late: vendor id, product code or revision.
 const IN_BETWEEN: [ObjectAddress; 4] = [
     ObjectAddress::new(0x1000, 0),
     ObjectAddress::new(0x1018, 1),
@@ -22,13 +21,13 @@ const IN_BETWEEN: [ObjectAddress; 4] = [
 
 /// A type that an SDO transfer can read and write.
 pub trait SdoValue: Copy + Send {
-    /// The size of the type in the transfer.
+    /// The size in the SDO command.
     const SIZE: SdoSize;
 
-    /// The value in the format of Data2.
+    /// The value as it stands in Data2 of the SDO slot.
     fn to_raw(self) -> u32;
 
-    /// Converts Data2, which is extended by zeros; `None` if the value does not fit the type.
+    /// Converts Data2 of an answer, which is extended with zeros; `None` if the value does not fit the type.
     fn from_raw(raw: u32) -> Option<Self>;
 }
 
@@ -81,8 +80,8 @@ impl Ecm {
         T::from_raw(raw).ok_or(EcmError::SdoTooWide { slave, object, value: raw, bits })
     }
 
-    /// Writes an object of a slave, in PreOP, SafeOP or OP, with the size of the type. A request without an answer is
-    /// repeated.
+    /// Writes an object of a slave, in PreOP, SafeOP or OP, with the size of the type `T`. A request without an answer
+    /// is sent again.
     ///
     /// # Errors
     /// As [`Ecm::sdo_read`].
@@ -114,12 +113,12 @@ impl Ecm {
             return Err(EcmError::NoSuchSlave { slave: wanted.slave, declared: size.max_slaves() });
         }
         if let Some(object) = in_between {
-            // An abort also changes the answer in the slot.
+            // An abort changes the answer in the slot as well, so it serves the purpose.
             match self.transfer_once(SdoCommand::Read { slave: wanted.slave, object }, limit) {
                 Ok(_) | Err(EcmError::SdoAborted { .. }) => {}
                 Err(error) => return Err(error),
             }
-            // The board carries out transfers in order: those with late answers have ended.
+            // The board carries out transfers in order: after this answer no late answer to an earlier request can come.
             self.exchange.lock()?.late_sdos.clear();
         }
         let left = limit.saturating_sub(self.exchange.now().saturating_sub(began));
@@ -138,7 +137,8 @@ impl Ecm {
         let task = Task::new(what, hint, limit, &commands).seen(&seen);
         let done = self.exchange.run(&task, |session, _| wanted.answer(session));
         if let Err(EcmError::Timeout { .. }) = done {
-            // The answer may still come, and must not be mistaken for that of a later transfer.
+            // The answer may still come late. It is noted, so that a later transfer of the same object does not take it
+            // for its own.
             let mut session = self.exchange.lock()?;
             if !session.late_sdos.contains(&wanted.object) {
                 session.late_sdos.push(wanted.object);
@@ -148,13 +148,13 @@ impl Ecm {
     }
 }
 
-/// The properties by which the answer to a request is recognised.
+/// The fields by which the answer to a request is recognised in the SDO slot.
 #[derive(Clone, Copy)]
 struct Wanted {
     id: CommandId,
     slave: u8,
     object: ObjectAddress,
-    /// The written value, which the answer repeats; `None` for a read.
+    /// The written value, which the answer repeats; `None` for a read request.
     value: Option<u32>,
 }
 
@@ -168,7 +168,7 @@ impl Wanted {
         Self { id: command.id(), slave, object, value }
     }
 
-    /// Whether the newest report already shows an answer that would match the request.
+    /// Whether the newest report already has an answer that would match the request.
     fn is_shown(self, session: &Session) -> bool {
         !matches!(Self { value: None, ..self }.answer(session), Ok(None))
     }

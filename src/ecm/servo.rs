@@ -10,13 +10,13 @@ use crate::sk::{RawSlot, SlaveCommand, SlotCommand};
 
 const HINT: &str = "look at the drive's display; mains power, enable inputs and alarms keep a drive off";
 
-/// \[OURS] How long it may take to switch axes off again after some of them could not be switched on.
+/// \[OURS] The time limit for switching axes off again after `servo_on` has failed for some of them.
 const SWITCH_OFF_LIMIT: Duration = Duration::from_secs(1);
 
 impl Ecm {
-    /// Switches axes on and waits until all are in Operation enabled; on an HSP in 16-byte slots both channels. They
-    /// hold their present position. Axes that are on already get no command. If one of the others does not come on, all
-    /// these others are switched off again, so that none comes on by itself later.
+    /// Switches axes on and waits until all are in Operation enabled; on an HSP in 16-byte slots both channels. The
+    /// axes hold their present positions. Axes that are on already get no command. If an axis does not come on, all
+    /// axes that got a command are switched off again, so that none comes on by itself later.
     ///
     /// # Errors
     /// [`EcmError::Alarm`] at once if an axis has an alarm, [`EcmError::IsHoming`], [`EcmError::SlaveLost`],
@@ -24,7 +24,7 @@ impl Ecm {
     /// [`EcmError::Link`].
     pub fn servo_on(&self, slaves: &[u8]) -> Result<(), EcmError> {
         let mut commands = self.axis_commands("servo_on", slaves, SlaveCommand::ServoOn)?;
-        // The board ignores the command for an axis that is homing (SK-7.43), which is on in any case.
+        // The board ignores SV_ON for an axis that is homing (SK-7.43); such an axis is on in any case.
         let homing = self.exchange.lock()?.homing.active;
         if let Some(slave) = slaves.iter().copied().find(|slave| homing.contains(*slave)) {
             return Err(EcmError::IsHoming { slave });
@@ -34,7 +34,7 @@ impl Ecm {
         {
             let session = self.exchange.lock()?;
             slaves.iter().try_for_each(|slave| session.refuse_alarm(*slave))?;
-            // In a frame of a stream the command would replace the axis's next target.
+            // An axis that is on gets no SV_ON: in a frame of a stream it would replace the axis's next target.
             commands.retain(|(slave, _)| !session.is_on(*slave as u8));
         }
         if commands.is_empty() {
@@ -50,14 +50,15 @@ impl Ecm {
         ended.map_err(|error| self.switch_off_again(&commands, error))
     }
 
-    /// Switches axes off after some could not be switched on. Returns `error`, extended if switching off has failed.
+    /// Switches off the axes of `commands` after `servo_on` has failed. Returns `error`, extended if switching off has
+    /// failed, too.
     fn switch_off_again(&self, commands: &[(usize, RawSlot)], error: EcmError) -> EcmError {
         if matches!(error, EcmError::Link(_)) {
             return error;
         }
         let size = match self.exchange.lock() {
             Ok(session) if session.in_op() => session.size,
-            // Outside OP all axes are off.
+            // The drives are off outside OP, so nothing is left to do.
             _ => return error,
         };
         let off = SlotCommand::from(SlaveCommand::ServoOff).encode(size);
@@ -95,8 +96,8 @@ impl Ecm {
         self.until_second("switching off", &commands, limit, |word| !word.is_enabled(), false)
     }
 
-    /// Resets the alarms of axes and waits until they are gone. The axes are off then. Some alarms need a power cycle.
-    /// Axes without an alarm get no command.
+    /// Resets the alarms of axes and waits until the drives show none. The axes are off after it. Some alarms need a
+    /// power cycle. Axes without an alarm get no command.
     ///
     /// # Errors
     /// [`EcmError::Alarm`] for an alarm that stays, otherwise as [`Ecm::servo_on`].
@@ -125,7 +126,7 @@ impl Ecm {
         done
     }
 
-    /// Sends commands to axes and waits until each of them has taken effect.
+    /// Sends a command to each axis and waits until reports show its effect for all of them.
     fn until(
         &self,
         what: &'static str,
@@ -152,8 +153,8 @@ impl Ecm {
         })
     }
 
-    /// Reads the statuswords of second channels until all are as wanted. With `no_alarm` an alarm ends the wait at
-    /// once.
+    /// Reads the statuswords of second channels until all are as wanted. With `no_alarm` an alarm is returned as an
+    /// error at once.
     fn until_second(
         &self,
         what: &'static str,
@@ -178,8 +179,8 @@ impl Ecm {
         Ok(())
     }
 
-    /// If the state byte shows lost slaves, finds out which they are: by the answers to a frame with a mark. An empty
-    /// command in slot 0 makes the frame carry one.
+    /// If the state byte shows lost slaves, finds out which ones: a lost slave does not return the mark of a frame. An
+    /// empty command in slot 0 is sent, because only a frame with a command has a mark.
     pub(super) fn find_lost(&self, limit: Duration) -> Result<(), EcmError> {
         {
             let session = self.exchange.lock()?;
@@ -191,7 +192,7 @@ impl Ecm {
         self.exchange.run(&task, |session, sent| Ok((!session.in_op() || session.executed(sent)).then_some(())))
     }
 
-    /// Returns an error if a slave is lost: its slot shows old values.
+    /// Returns an error if a slave is lost, since its slot shows old values.
     fn refuse_lost(&self, slaves: &[u8]) -> Result<(), EcmError> {
         self.find_lost(self.exchange.options.servo_limit)?;
         let session = self.exchange.lock()?;
@@ -208,7 +209,7 @@ impl Ecm {
         }
     }
 
-    /// The same command for each of these axes, after a check that all of them can take it.
+    /// Builds `command` for each of these axes, after a check that all of them can take it.
     pub(super) fn axis_commands(
         &self,
         what: &'static str,

@@ -22,7 +22,7 @@ pub enum SlaveView {
 /// A decoded report: the board and all slaves in the same cycle. Slots of slaves are refreshed in OP only (SK-3).
 #[derive(Clone, Debug)]
 pub struct Snapshot {
-    /// Time and sequence number of the report. A gap between two numbers means that reports were not read.
+    /// Time and sequence number of the report. A gap between two sequence numbers means that reports were lost or not read.
     pub meta: ReadMeta,
     /// Slot 0: the state, the CRC error count, the FIFO.
     pub board: MasterResponse,
@@ -32,7 +32,7 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// The network's state.
+    /// The state byte of the network.
     pub const fn state(&self) -> StateByte {
         self.board.state
     }
@@ -42,7 +42,7 @@ impl Snapshot {
         self.network.count
     }
 
-    /// The slot of a slave, decoded for its configured kind; `None` for a slave that is unused or not configured.
+    /// The slot of a slave, decoded by its configured kind; `None` for a slave that is unused or not configured.
     pub fn slave(&self, slave: u8) -> Option<SlaveView> {
         let slot = |slave: u8| self.frame.slot(self.size, slave.into());
         match self.network.slave(slave)? {
@@ -76,12 +76,12 @@ impl Snapshot {
         Some(scale.to_units(self.position(slave)?))
     }
 
-    /// The SDO slot: the transfer that ended last.
+    /// The SDO slot, with the answer to the last SDO transfer that ended.
     pub fn sdo(&self) -> SdoResponse {
         SdoResponse::decode(&self.frame.slot(self.size, self.size.sdo_slot()))
     }
 
-    /// The undecoded report.
+    /// The raw bytes of the report.
     pub const fn frame(&self) -> &Frame {
         &self.frame
     }

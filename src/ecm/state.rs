@@ -14,7 +14,7 @@ use crate::sk::{
     CommandId, DcShift, MasterCommand, MasterState, RawSlot, SdoCommand, SlaveCommand, SlaveKind, StateByte,
 };
 
-/// SK-4 `[OURS]`: how long the board may take to answer SET_AXIS with the count of slaves, and to answer SET_DC and
+/// SK-4 `[OURS]`: how long the board may take to answer SET_AXIS with the number of slaves, and to answer SET_DC and
 /// DRIVE_MODE.
 const CONFIGURE_LIMIT: Duration = Duration::from_secs(2);
 /// \[OURS] The time limit of the search for the slave that prevents a change of state.
@@ -89,7 +89,7 @@ impl Ecm {
     /// where it is configured.
     ///
     /// # Errors
-    /// [`EcmError::StateStuck`], with the state and, as far as a host can know it, the slave that caused it;
+    /// [`EcmError::StateStuck`], with the state in which the change ended and the slave that probably prevented it;
     /// [`EcmError::WrongState`] from Init to SafeOP or OP, [`EcmError::NoReport`], [`EcmError::Timeout`],
     /// [`EcmError::Link`].
     pub fn set_state(&self, wanted: MasterState) -> Result<(), EcmError> {
@@ -103,11 +103,12 @@ impl Ecm {
     pub fn set_state_within(&self, wanted: MasterState, limit: Duration) -> Result<(), EcmError> {
         let commands = [(0, MasterCommand::SetState(wanted).encode())];
         let hint = "give it more time, or look at the slaves' LEDs";
-        // The command is not repeated, as that would restart a failed change. So a lost frame ends in a timeout.
+        // SET_STATE is not sent again, as that would restart a failed change. So a lost frame ends in a timeout.
         let task = Task::new("a change of state", hint, limit, &commands).once();
-        // A failure in the state byte before the change has begun is an old one.
+        // The state byte may still show the failure of an earlier change, until this one has begun.
         let old = self.state()?;
-        // The board rejects this change without showing it (SK-4.63).
+        // From Init the board rejects SET_STATE to SafeOP or OP, and no report shows that (SK-4.63). So the call fails
+        // here.
         if old.state() == Some(MasterState::Init) && wanted > MasterState::PreOp {
             return Err(EcmError::WrongState { what: "a change to SafeOP or OP", needs: "PreOP", found: old });
         }
@@ -130,8 +131,8 @@ impl Ecm {
         }
     }
 
-    /// Reads from each slave an object that its kind must have. The first slave that does not answer, or does not have
-    /// the object, is the suspect.
+    /// Searches for the slave that prevents a change of state, by reading from each slave an object that its kind must
+    /// have. The first slave that does not answer or lacks the object is the suspect.
     fn suspect(&self) -> Suspect {
         let began = self.exchange.now();
         let Ok(session) = self.exchange.lock() else { return Suspect::Network };

@@ -274,7 +274,7 @@ impl<'a> Iterator for Datagrams<'a> {
     }
 }
 
-/// A mutable view of a datagram in a frame, for slaves and models of slaves that process the frame in place.
+/// A mutable view of a datagram in a frame, for slaves and slave models, which change a frame while it passes them.
 #[derive(Debug)]
 pub struct DatagramMut<'a> {
     header: &'a mut [u8; DATAGRAM_HEADER_LEN],

@@ -114,9 +114,9 @@ const _: () = assert!(size_of::<Layout>() == MAILBOX_HEADER_LEN && align_of::<La
 /// A mailbox header without its length. Bit 7 of the last byte is reserved and ignored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct MailboxHeader {
-    /// The station address of the other side, or 0.
+    /// The station address of the sender or the receiver; 0 in messages between a master and a slave.
     pub address: u16,
-    /// The channel, bits 0..=5; 0.
+    /// The channel, 0..=63. The standard reserves it; it is usually 0.
     pub channel: u8,
     /// The priority, 0..=3.
     pub priority: u8,

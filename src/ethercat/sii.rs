@@ -101,7 +101,7 @@ impl<'a> Sii<'a> {
         found == expected || self.fixed[CHECKED_LEN..].first_chunk() == Some(&UNCHECKED.to_le_bytes())
     }
 
-    /// The byte, 0 or 0xFF, that all fixed words consist of if the EEPROM has never been written; `None` for a written
+    /// The value, 0 or 0xFF, of all bytes of the fixed words if the EEPROM has never been written; `None` for a written
     /// EEPROM.
     pub fn blank(&self) -> Option<u8> {
         let [first, ..] = *self.fixed;
@@ -118,8 +118,7 @@ impl<'a> Sii<'a> {
         self.all_of(kind).next()
     }
 
-    /// All categories of a kind before the end or an error. A vendor may split what belongs together into several
-    /// categories.
+    /// All categories of a kind, up to the end or to an error. A vendor may split the content of one category into several.
     pub fn all_of(&self, kind: CategoryKind) -> impl Iterator<Item = Category<'a>> + use<'a> {
         self.categories().map_while(Result::ok).filter(move |category| category.kind == kind)
     }

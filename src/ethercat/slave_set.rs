@@ -1,4 +1,4 @@
-//! Sets of slaves, kept as the bits of one word because the cyclic path tests and changes them for each slave.
+//! Sets of slaves, stored as the bits of one word, because every cycle tests and changes them for each slave.
 
 /// The maximum number of slaves on the network of a board (with 12-byte slots, SK-1).
 pub const MAX_SLAVES: usize = 40;

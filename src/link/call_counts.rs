@@ -1,4 +1,4 @@
-//! Counters of the reads and writes of a program, for [`LinkStats`].
+//! Counters of a program's reads and writes on a link, for [`LinkStats`].
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -24,13 +24,13 @@ impl CallCounts {
         counted(done, &self.read, &self.read_errors)
     }
 
-    /// The number of calls that have ended so far.
+    /// The number of reads and writes that have ended so far, with or without success.
     pub(crate) fn ended(&self) -> u64 {
         let LinkStats { written, read, write_errors, read_errors, .. } = self.stats();
         written + read + write_errors + read_errors
     }
 
-    /// The counters of the link that follow from its calls.
+    /// The part of [`LinkStats`] that these counters supply.
     pub(crate) fn stats(&self) -> LinkStats {
         let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
         LinkStats {

@@ -1,5 +1,5 @@
-//! Links to an ECM-XF, used as the chip that it is or with a board over it: the trait [`ChipLink`], its errors and
-//! options.
+//! Links to an ECM-XF: the trait [`ChipLink`], its errors and options. A program uses the chip directly through such a
+//! link, and a board can reach its slaves through it.
 //!
 //! A chip has no frames. Its host transfers bytes in both directions at once ([`Wires`]), and
 //! [`Host`](crate::xf::host::Host) finds packets in them. The URI has the form of any link's, with schemes of its own,
@@ -59,10 +59,10 @@ pub trait ChipLink: Wires<Error = ChipError> + Send {
     }
 }
 
-/// How long a chip's reset line is pulled low (OBS: a client of the chip).
+/// How long a chip's reset line is pulled low (OBS: seen in a program that uses the chip).
 pub const RESET_LOW: Duration = Duration::from_millis(100);
 
-/// Implements the traits of a link for pointers to a link.
+/// Implements the traits of a link for a pointer to a link, so that it can be used as a link itself.
 macro_rules! through {
     ($($pointer:ty),*) => {$(
         impl<L: Wires + ?Sized> Wires for $pointer {
@@ -126,21 +126,21 @@ pub enum ChipError {
     /// The file with manufacturer-specific objects of a simulated slave is invalid.
     #[error(transparent)]
     ManufacturerObjects(#[from] crate::link::machine_error::ManufacturerObjectsError),
-    /// The script is invalid, or has a line that is impossible on these slaves.
+    /// The script is invalid, or one of its lines cannot be carried out on these slaves.
     #[error(transparent)]
     Script(#[from] crate::link::machine_error::SimulatedSlavesError),
-    /// The slaves cannot be simulated with slave controllers.
+    /// The kinds of slaves in the URI cannot be simulated with slave controllers.
     #[error("{name}: {reason}; take that slave out, or write network=models")]
     Network {
         name: String,
-        /// The reason.
+        /// Which slave this is, and why.
         reason: String,
     },
-    /// The wires cannot be used.
+    /// The hardware between this machine and the chip, such as SPI or USB, cannot be used.
     #[error("{name}: {message}")]
     Wires {
         name: String,
-        /// The fault, and what the user can do.
+        /// What is wrong, and what the user can do.
         message: String,
     },
 }
@@ -157,11 +157,11 @@ pub(crate) fn host_config(info: &ChipInfo, options: &ChipOptions) -> HostConfig 
     }
 }
 
-/// The number of exchanges within which an answer must come. \[OURS]
+/// The deadline of an answer, as a number of exchanges of the longest packet. \[OURS]
 const EXCHANGES_TO_ANSWER: Ns = 10;
 
-/// The default deadlines. On a slow SPI clock the deadline of answers is longer: [`EXCHANGES_TO_ANSWER`] exchanges of
-/// the longest packet.
+/// The default deadlines of the driver. On a slow SPI clock the deadline of an answer is longer:
+/// [`EXCHANGES_TO_ANSWER`] exchanges of the longest packet.
 fn timeouts(clock_hz: Option<u32>) -> Timeouts {
     let longest = clock_hz.map_or(0, |hertz| MAX_PACKET as u64 * 8_000_000_000 / u64::from(hertz.max(1)));
     let answer_ns = Timeouts::DEFAULT.answer_ns.max(EXCHANGES_TO_ANSWER * longest);

@@ -1,4 +1,4 @@
-//! The keys that every link has, as Rust types. The row of a key, with its default and help, is in `address/keys/table.rs`.
+//! The keys that every link has, as Rust types. The table `address/keys/table.rs` has their defaults and their help.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -20,7 +20,7 @@ pub struct CommonOptions {
     pub record: Option<PathBuf>,
     /// The time limit of a read (`read_timeout_ms=`); `None`: a read waits until there is a report.
     pub read_timeout: Option<Duration>,
-    /// The time limit of a write that the board does not accept (`write_timeout_ms=`).
+    /// The time limit of a write while the board does not accept the frame (`write_timeout_ms=`).
     pub write_timeout: Duration,
     /// Faults to inject (`fault.*`).
     pub fault: FaultOptions,
@@ -52,7 +52,7 @@ impl CommonOptions {
         Wait::For(self.write_timeout)
     }
 
-    /// The properties of a link with these options. Its real clock starts now.
+    /// The properties of a link with these options. The link's real clock starts with this call.
     pub fn info(&self, name: String, slot: Option<SlotSize>) -> LinkInfo {
         let (read_wait, write_wait) = (self.read_wait(), self.write_wait());
         LinkInfo { name, slot, virtual_time: false, opened_at: Stamp(0), read_wait, write_wait }

@@ -58,7 +58,7 @@ pub enum LinkError {
         name: String,
         /// The user of the board in the form ` by ...`, or empty if unknown.
         by: String,
-        /// What the user can do instead of closing it there.
+        /// What the user can do if the other user of the board cannot close it.
         instead: &'static str,
     },
     /// The time limit of a call has passed.
@@ -85,8 +85,7 @@ pub enum LinkError {
     /// The board is gone: it was unplugged, or reset by SW_RESET.
     #[error("the board at `{name}` is gone: {reason}; open it again")]
     Lost { name: String, reason: Cow<'static, str> },
-    /// The connection to the board's server ended during a write, so it is not known whether the board has taken the
-    /// frame.
+    /// The connection to the board's server ended during a write. The board may have got the frame or not.
     #[error(
         "the connection to `{name}` ended while a frame was on its way ({reason}): it is not known whether the board \
          took it; open it again and look at the board before you send anything twice"
@@ -113,7 +112,7 @@ pub enum LinkError {
 }
 
 impl LinkError {
-    /// The error of a call that has reached its limit.
+    /// The error of a read or write whose time limit has passed.
     pub(crate) fn timed_out(dir: Dir, wait: Wait) -> Self {
         let what = match dir {
             Dir::Write => "the board takes no more frames",

@@ -20,7 +20,8 @@
 //!
 //! The seed determines which frame gets which fault, separately for each direction: a program with one calling thread
 //! on a virtual clock sees the same faults in every run. Every fault is counted in [`LinkStats::faults`] and logged. A
-//! recording wraps the fault injection, so it holds what the program has seen and not what the board has.
+//! recording wraps the fault injection, so it has the frames as the program saw them, which may differ from those of
+//! the board.
 //!
 //! \[OURS] What a program sees of each fault:
 //! - *drop*: a write succeeds and the board gets nothing; a report never arrives and leaves a gap in the sequence
@@ -31,8 +32,8 @@
 //!   report and those behind it arrive later; if the limit of a read has passed by then, a later read gets them.
 //!   Reports keep their order.
 //! - *disconnect*: every call fails with [`LinkError::Lost`] and every wait ends with it, until the link is opened
-//!   again. With `fault.disconnect_after` that many calls succeed before. `fault.disconnect_ms` is time of the machine,
-//!   or on a virtual clock time of the board.
+//!   again. `fault.disconnect_after` is the number of calls that succeed before. `fault.disconnect_ms` counts in real
+//!   time, or on a virtual clock in the board's time.
 
 mod clock;
 mod options;
@@ -57,7 +58,7 @@ use clock::{Call, Clock, POLL_TIME};
 use random::FaultSequence;
 use stats::{Counters, count, read};
 
-/// The largest number of delayed reports. One reading thread causes at most two, a report and its duplicate.
+/// The most delayed reports. A thread that reads causes at most two: a report and its duplicate.
 const PENDING_MAX: usize = 64;
 
 /// A report that was read from the inner link and is not yet due.
@@ -78,7 +79,7 @@ pub struct FaultLink {
     pending: Mutex<VecDeque<PendingReport>>,
     writes: Counters,
     reads: Counters,
-    /// The key that disconnected the board, once it is disconnected.
+    /// The key that caused the disconnection; empty while the board is connected.
     disconnected: OnceLock<&'static str>,
     /// Whether the program has closed the link.
     closed: AtomicBool,
@@ -104,7 +105,7 @@ impl FaultLink {
         }
     }
 
-    /// Counts a call, and disconnects the board if `fault.disconnect_after` is reached.
+    /// Counts a call, and disconnects the board once `fault.disconnect_after` calls have succeeded.
     fn finish<T>(&self, counters: &Counters, done: Result<T, LinkError>) -> Result<T, LinkError> {
         match done {
             Ok(done) => {
@@ -168,7 +169,7 @@ impl FaultLink {
         }
         if faults.drop {
             count(&self.writes.dropped);
-            // A lost frame takes its time on the wire, too.
+            // A dropped frame still takes its transfer time, so a virtual clock advances.
             self.inner.pass(POLL_TIME)?;
             let at = self.clock.stamp(self.clock.now()?);
             log::info!("fault: a command frame is dropped at {}", self.since_opened(at));
@@ -195,7 +196,7 @@ impl FaultLink {
         Ok(at)
     }
 
-    /// A time as messages have it.
+    /// A time stamp as messages show it: the time since the link was opened.
     fn since_opened(&self, at: Stamp) -> Seconds {
         Seconds(at.0.saturating_sub(self.inner.info().opened_at.0))
     }
@@ -257,7 +258,7 @@ impl FaultLink {
         Ok(())
     }
 
-    /// The oldest delayed report, once it is due; `None` if there is none.
+    /// Removes and returns the oldest delayed report, once it is due; `None` if there is none.
     fn take_pending(&self, call: &Call, wait: Wait, out: &mut Frame) -> Result<Option<ReadMeta>, LinkError> {
         loop {
             let due = {
@@ -280,7 +281,8 @@ impl FaultLink {
         }
     }
 
-    /// Fails a read that would never end: on a virtual clock, without a time limit, when every report is dropped.
+    /// Returns an error for a read that would never end: on a virtual clock, without a time limit, when all reports are
+    /// dropped.
     fn refuse_an_endless_read(&self, wait: Wait, begin: Duration) -> Result<(), LinkError> {
         let endless = wait == Wait::Forever && self.clock.is_virtual() && self.options.disconnect_at.is_none();
         if endless && self.options.read.drop == Fraction::ONE {

@@ -8,7 +8,8 @@ use crate::sk::Frame;
 /// A link around another link. An implementation defines only the calls that it changes; all others go to
 /// [`Layer::inner`]. Every layer is a [`Link`].
 ///
-/// This also makes sure that no layer forgets [`Link::vanish`]: its default in [`Link`] would close the inner link.
+/// This trait also passes [`Link::vanish`] on to the inner link. With the default of [`Link::vanish`] a layer would
+/// close the inner link instead.
 pub trait Layer: Send + Sync {
     /// The wrapped link.
     fn inner(&self) -> &dyn Link;

@@ -19,14 +19,14 @@ pub enum ScriptError {
     /// The file cannot be read.
     #[error("cannot read the script {file}: {message}; name another file or leave it out")]
     Unreadable { file: String, message: String },
-    /// A line does not follow the syntax, or names something that this network does not have.
+    /// A line has a syntax error, or names a slave, an axis or an input that this network does not have.
     #[error("{file}, line {line}, column {column}: {message}; {WHERE_TO_LOOK}")]
     Line {
         file: String,
         line: u32,
-        /// The position in the line, in characters from 1.
+        /// The position of the fault in the line, in characters from 1.
         column: usize,
-        /// The fault in the line, and what is allowed there.
+        /// What is wrong, and what is allowed there.
         message: String,
     },
     /// A line changes frames, but the simulated board reaches its slaves without frames.
@@ -47,7 +47,7 @@ pub enum SimulatedSlavesError {
     /// See [`ScriptError`].
     #[error(transparent)]
     Script(#[from] ScriptError),
-    /// A line acts on a board, but there is only a chip.
+    /// A line of the script acts on a board, but the link opens only a chip.
     #[error("{file}, line {line}: `{verb}` happens to a board, and there is none here; take the line out")]
     NoBoard { file: String, line: u32, verb: &'static str },
 }

@@ -1,4 +1,4 @@
-//! The way of a host program to one ECM-SK board: the trait [`Link`], and links that wrap another link.
+//! The connection of a program to one ECM-SK board: the trait [`Link`], and links that wrap another link.
 //!
 //! A link exchanges whole 512-byte frames with one board: command frames out, reports in. The same trait covers a
 //! simulated board in this process (`sim:`, and with an ECM-XF before its slaves `xf-sim:`), a real board on USB
@@ -9,9 +9,9 @@
 //! - `layer.rs`, `fault.rs`, `record/`: links around a link: fault injection (`fault.*`) and recording (`record=`)
 //! - `chip_link.rs`: the trait of links to an ECM-XF itself, which is a chip and no board
 //! - `common_options.rs`, `call_counts.rs`: the keys that every link has as Rust types, and the counters of a program's calls
-//! - `network.rs`: the known slaves behind a link, for programs that ask the server of a board
-//! - `paths.rs`: the public paths of items from other rooms: the URI (`address/`), the links themselves (`hardware/`,
-//!   `own_board/`, `testbed/`, `tcp/`), and opening them (`open/`)
+//! - `network.rs`: the slaves that a board's server knows, for its clients
+//! - `paths.rs`: re-exports, which give items of other folders a public path here: the URI (`address/`), the links
+//!   themselves (`hardware/`, `own_board/`, `testbed/`, `tcp/`), and opening them (`open/`)
 
 pub(crate) mod call_counts;
 pub(crate) mod chip_link;
@@ -90,7 +90,7 @@ pub struct LinkInfo {
 pub struct Stamp(pub u64);
 
 impl Stamp {
-    /// The time as a signed number, as recordings have it.
+    /// The time as a signed number of nanoseconds, as in recordings; 2^63 - 1 if it does not fit.
     pub fn nanoseconds(self) -> i64 {
         i64::try_from(self.0).unwrap_or(i64::MAX)
     }
@@ -122,9 +122,9 @@ pub struct LinkStats {
     pub write_errors: u64,
     /// Reads that ended with an error.
     pub read_errors: u64,
-    /// Incomplete reports that were skipped: empty or short transfers on USB.
+    /// Empty or short USB transfers, which are not whole reports and were skipped.
     pub reports_short: u64,
-    /// USB transfers that failed on the wire and were started again.
+    /// USB transfers that failed on the bus and were started again.
     pub transfers_failed: u64,
     /// Frames missing from the recording because the file could not be written fast enough or at all.
     pub record_dropped: u64,
@@ -183,8 +183,8 @@ pub trait Link: Send + Sync {
         Ok(None)
     }
 
-    /// Cancels the calls that are now waiting in one direction; they fail with [`LinkError::Cancelled`]. Later calls
-    /// are not affected.
+    /// Cancels the calls that are waiting in one direction at this moment. They fail with [`LinkError::Cancelled`].
+    /// Later calls are not affected.
     fn cancel(&self, dir: Dir);
 
     /// Ends every wait and releases the board. A second call does nothing.
@@ -222,17 +222,17 @@ pub(crate) fn check_pass(time: Duration) -> Result<(), LinkError> {
     })
 }
 
-/// How far a failed attempt to open a board advances its virtual clock \[OURS], so that a program that opens the board
-/// again and again after SW_RESET sees it start up.
+/// By how much a failed attempt to open a board advances its virtual clock \[OURS]. A program that tries again and
+/// again after SW_RESET then sees the board start up.
 pub(crate) const FAILED_OPEN: Duration = Duration::from_millis(50);
 
-/// How [`open`] decides whether a link gets a simulated board that this process already has.
+/// When several links share one simulated board of this process, and when a link gets its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Share {
-    /// A board is found again by the same `name=`. A link without a name gets a board of its own, which ends with the
-    /// link.
+    /// Links with the same `name=` share a board. A link without a name gets its own board, which ends with the link.
     ByName,
-    /// A board is found again by the same `name=` or, without a name, by the same options. The C library does this, so
-    /// that a program that closes and opens its link again finds its board as it left it.
+    /// Links with the same `name=`, or without a name but with the same options, share a board. The C library uses
+    /// this, so that a program that closes its link and opens it again finds the board in the state in which it left
+    /// it.
     ByUri,
 }

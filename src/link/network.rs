@@ -1,4 +1,4 @@
-//! The known slaves behind the server of a board, in the syntax of the tool's options.
+//! The slaves of a network as the server of a board knows them, written as the tool's options are.
 
 use crate::address::slaves::list;
 use crate::address::uri::LinkUri;
@@ -14,7 +14,7 @@ pub struct KnownNetwork {
 }
 
 impl KnownNetwork {
-    /// These values; each unknown one is replaced by that of `other`.
+    /// These values, where each unknown one is replaced by the value in `other`.
     #[must_use]
     pub fn or(self, other: Self) -> Self {
         let or = |this: String, other: String| if this.is_empty() { other } else { this };
@@ -26,14 +26,14 @@ impl KnownNetwork {
         self.slaves.is_empty() && self.counts_per_unit.is_empty()
     }
 
-    /// The slaves in the URI of a `sim:` or `xf-sim:` link; unknown for any other link.
+    /// The slaves in the URI of a `sim:` or `xf-sim:` link. Other URIs do not list slaves, so they are unknown.
     pub(crate) fn of_sim(name: &str) -> Self {
         let uri = LinkUri::parse(name).ok().filter(|uri| uri.scheme().is_model());
         let listed = uri.and_then(|uri| uri.slaves().ok());
         Self::of_slaves(listed.unwrap_or_default().iter().map(|slave| slave.model.name().to_owned()))
     }
 
-    /// A network of slaves, given as words of `--slaves` in network order.
+    /// The network of the given slaves, each a word of the option `--slaves`, in network order.
     pub(crate) fn of_slaves(words: impl Iterator<Item = String>) -> Self {
         Self { slaves: list(words), ..Self::default() }
     }

@@ -1,5 +1,5 @@
-//! The public paths of links, whichever room has them. This file has nothing else, and it alone names rooms above this
-//! one.
+//! Re-exports that give items of other folders their public paths in `link`. This file has nothing else, and it is the
+//! only one here that uses folders which depend on `link`.
 
 #[cfg(feature = "sim")]
 #[doc(hidden)]

@@ -6,7 +6,7 @@ use std::fmt;
 
 pub use timing::{lateness, lateness_of_own_cycles, timer};
 
-/// How good something that was checked is for a board.
+/// The verdict of a check: whether what was checked is right for a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FindingVerdict {
     /// The setting is right, or nothing needs it.
@@ -41,7 +41,7 @@ pub struct Finding {
     pub check: &'static str,
     /// The device that was checked, such as `1-2.3` or `/dev/spidev0.0`; `None` if the check is not about a device.
     pub subject: Option<String>,
-    /// How good the checked thing is for a board.
+    /// The verdict of the check.
     pub verdict: FindingVerdict,
     /// What was found, as a text.
     pub found: String,
@@ -49,12 +49,12 @@ pub struct Finding {
     pub next: Option<String>,
     /// Whether this finding keeps the device from being opened.
     pub blocks: bool,
-    /// Measured values by their names, which contain the unit.
+    /// Measured values, each with its name, which contains the unit.
     pub figures: Vec<(&'static str, i64)>,
 }
 
 impl Finding {
-    /// A finding that is right.
+    /// A finding that needs no action.
     pub fn fine(check: &'static str, found: impl Into<String>) -> Self {
         let found = found.into();
         Self {

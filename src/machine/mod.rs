@@ -19,7 +19,7 @@ pub use linux::{Access, Machine, gpio, holders, limits, net, spi, udev, usb};
 #[cfg(windows)]
 pub use windows::{Board, Machine};
 
-/// \[OURS] Most characters that are shown of a text from a device or a file: as many as a USB string can have.
+/// \[OURS] The most characters that are shown of a text from a device or a file: as many as a USB string can have.
 const SHOWN_MAX: usize = 126;
 
 /// A text from outside that is safe to print: without control characters, and of limited length.

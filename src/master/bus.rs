@@ -1,4 +1,4 @@
-//! Operations from which sequences of datagrams are written: send, wait, check the answer.
+//! The building blocks of sequences of datagrams: send one, wait, check the answer.
 //!
 //! Everything that takes more than one datagram (a scan, a change of state, an SDO) is an `async fn` that reads like
 //! its sequence of datagrams. Only [`Master::poll`](super::Master::poll) runs these futures: each call continues them
@@ -23,9 +23,9 @@ pub(super) type Task<T> = Pin<Box<dyn Future<Output = T> + Send>>;
 /// Why a register access has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Unanswered {
-    /// No frame came back in any of the tries.
+    /// The datagram was sent as often as allowed, and no frame came back.
     Lost,
-    /// The frame came back with this working counter instead of 1: no slave or several slaves have taken it.
+    /// The frame came back with this working counter instead of 1: no slave has handled the datagram, or several have.
     Counter(u16),
 }
 
@@ -71,8 +71,8 @@ impl Bus {
         poll_fn(|_| if self.now() >= time { Poll::Ready(()) } else { Poll::Pending }).await;
     }
 
-    /// Waits until the watch has to check the slaves again: its interval has passed, or a cycle had a wrong working
-    /// counter.
+    /// Waits until the watch over the slaves has to check them again: its interval has passed, or a cycle had a wrong
+    /// working counter.
     pub(super) async fn wait_for_alarm(&self) {
         let next = self.with(|shared| shared.now.saturating_add(shared.settings.watch_ns));
         poll_fn(|_| {
@@ -120,7 +120,7 @@ impl Bus {
         }
     }
 
-    /// Writes registers of all slaves. Returns the number of slaves that have taken the write.
+    /// Writes registers of all slaves. Returns the working counter: how many slaves have handled the write.
     pub(super) async fn write_all(&self, ado: u16, data: &[u8]) -> Result<u16, Lost> {
         self.queue(Command::Bwr, 0, ado, data).answer(&mut []).await
     }

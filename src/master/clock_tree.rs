@@ -1,5 +1,5 @@
-//! The master's knowledge of the distributed clocks: the slaves that have one, the reference clock, and the propagation
-//! delays, computed from the receive times of a frame at each slave.
+//! The slaves with distributed clocks, the reference clock, and the propagation delays, which are computed from the
+//! receive times of a frame at each slave.
 
 use super::topology::{PORT_ORDER, Upstream, is_open};
 use crate::ethercat::registers::{DlStatus, PORTS};
@@ -75,7 +75,7 @@ impl Clocks {
         self.set.difference(missing).iter().next()
     }
 
-    /// Notes that a port is closed while delays are measured: no frame leaves the slave by it.
+    /// Marks a port as closed while delays are measured, so that no frame leaves the slave by it.
     pub(super) fn close(&mut self, Upstream { slave, port }: Upstream) {
         if let Some(place) = self.places.get_mut(usize::from(slave) - 1) {
             place.ports = place.ports.with_port(port.into(), true, true);
@@ -128,8 +128,8 @@ fn delay(places: &[Place], passed: &[Option<Passed>], delays: &[u32], n: usize, 
         upstream = places[at].upstream?;
     };
     let open = |ports| PORT_ORDER.into_iter().filter(move |port| is_open(ports, *port));
-    // When the frame left the parent towards this branch: when it was received at port 0, or back from the branch
-    // before.
+    // When the frame left the parent towards this branch: the time at which the parent received it at the port before,
+    // in port order. That is port 0, or the port by which it came back from the branch before.
     let before = open(places[at].ports).take_while(|port| *port != usize::from(upstream.port)).last().unwrap_or(0);
     let left = parent.ports[before];
     let around = parent.ports[usize::from(upstream.port)].wrapping_sub(left);

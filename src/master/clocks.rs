@@ -1,8 +1,8 @@
 //! Distributed clocks: propagation delays, setting the clocks, and SYNC signals.
 //!
-//! A broadcast write to 0x0900 makes every slave latch the receive times of this one frame at its ports. From them
-//! follow the propagation delays in the tree and the offset of each local time. From then on each cycle distributes the
-//! time of the reference clock, that of the first slave with a clock, to all others.
+//! A broadcast write to 0x0900 makes every slave latch the receive times of this one frame at its ports. From these
+//! times the master computes the propagation delays in the tree and the offset of each local time. From then on each
+//! cycle distributes the time of the reference clock, which is that of the first slave with a clock, to all others.
 
 use std::future::poll_fn;
 use std::task::Poll;
@@ -44,7 +44,7 @@ async fn passed_at(bus: &Bus, station: u16) -> Result<Passed, Unanswered> {
 }
 
 /// Allocates memory for the largest number of concurrent measurements. After a loss of power all slaves may come back
-/// at once, and the clock of each is set by a measurement of its own.
+/// at once, and each of them needs a measurement to set its clock.
 pub(super) fn make_room(shared: &mut Shared, slaves: usize) {
     let clocks = usize::from(shared.clocks.all.len());
     shared.measurements.resize_with(clocks, || Measurement::new(slaves));
@@ -158,7 +158,7 @@ pub(super) async fn set(bus: &Bus, slaves: SlaveSet) -> Result<Measuring<'_>, Lo
     bus.write_all(RECEIVE_TIMES, &[0; 4]).await?;
     let measuring = Measuring::new(bus).await;
     let station = |slave| bus.with(|shared| shared.clocks.station(slave));
-    // The time at which the frame was at the first slave, computed from a clock that is set.
+    // The time at which the frame passed the first slave, computed from the receive time at a slave whose clock is set.
     let running = set.difference(missing).difference(slaves).iter().next();
     let time = match running.and_then(|slave| Some((station(slave)?, measuring.of(slave)?))) {
         Some((station, (Passed { unit, .. }, delay))) => {

@@ -51,7 +51,7 @@ impl Master {
             return Err(ConfigureError::Active(slave));
         }
         self.process.configure(slave, outputs, inputs, lacks_lrw, active)?;
-        // The inputs of other slaves may have moved.
+        // The logical addresses of other slaves' inputs may have changed, too.
         let Self { bus, process, .. } = self;
         bus.with(|shared| {
             (1..).zip(&mut shared.live).for_each(|(slave, live)| live.inputs_at = process.inputs_at(slave))
@@ -101,7 +101,7 @@ impl Master {
         });
     }
 
-    /// Whether the watch found a message in a slave's mailbox the last time; only for slaves with [`Self::keep_mail`].
+    /// Whether the watch found a message in a slave's mailbox at its last check; only for slaves with [`Self::keep_mail`].
     pub fn has_mail(&self, slave: u8) -> bool {
         self.bus.with(|shared| shared.live_mut(slave).is_some_and(|live| live.has_mail))
     }

@@ -1,4 +1,4 @@
-//! The end of a cycle: what its working counters show about the slaves.
+//! The end of a cycle: derives from its working counters which slaves are missing or have left OP.
 
 use super::process_data::ProcessData;
 use super::shared::Shared;
@@ -20,7 +20,7 @@ pub(super) fn judge(process: &mut ProcessData, shared: &mut Shared) {
         && shared.missing.is_empty()
         && shared.mute.is_empty();
     if done.lost > 0 || done.present.is_none() {
-        // A lost frame shows nothing about the slaves.
+        // The frame was lost, which shows nothing about the slaves.
         return;
     }
     let counters = (done.working_counter, done.expected_working_counter, done.present);

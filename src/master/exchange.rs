@@ -74,7 +74,7 @@ enum IndexUse {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Owner {
     Request(usize),
-    /// The cycle; the number of the datagram there.
+    /// A datagram of the process data cycle, with its number in that cycle.
     Cycle(u8),
 }
 
@@ -115,7 +115,7 @@ enum RequestState {
     Unused,
     Queued,
     Flying,
-    /// The frame has come back; the working counter of the datagram.
+    /// The frame has come back. The field is the working counter of the datagram.
     Answered(u16),
     Lost,
 }
@@ -156,7 +156,7 @@ impl Unused {
         if is_long { &mut self.long } else { &mut self.short }
     }
 
-    /// Returns a request that is no longer needed.
+    /// Puts a request that is no longer needed back among the unused ones.
     fn take_back(&mut self, number: usize, request: &mut Request) {
         request.state = RequestState::Unused;
         self.of(request.is_long).push(number);
@@ -207,7 +207,7 @@ impl CyclicFrame<'_> {
 fn send(wire: &mut (impl Wire + ?Sized), writer: FrameWriter<'_>, counters: &mut FrameCounters) {
     match wire.send(writer.finish()) {
         Ok(()) => counters.sent += 1,
-        // The frame then expires like any other one that does not come back.
+        // The frame counts as in flight and then as lost, as any frame that does not come back.
         Err(_) => counters.unsent += 1,
     }
 }

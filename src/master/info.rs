@@ -13,8 +13,8 @@ pub const MAILBOX_BYTES_MIN: u16 = 16;
 /// The longest mailbox, bytes: the data of one datagram.
 pub const MAILBOX_BYTES_MAX: u16 = DATA_LEN_MAX as u16;
 
-/// \[OURS] The alignment of process data of a slave whose EEPROM has no sync managers for them. They follow its
-/// mailboxes, outputs first, each with room for three buffers of at least 128 bytes.
+/// \[OURS] The alignment of process data of a slave whose EEPROM has no sync managers for them. The areas are placed
+/// behind the mailboxes, outputs first, each with room for three buffers of at least 128 bytes.
 const AREA_ALIGN: u16 = 0x80;
 const AREA_ROOM: u16 = 3 * 128;
 
@@ -238,8 +238,8 @@ fn next_area(from: u16) -> u16 {
     from.checked_next_multiple_of(AREA_ALIGN).unwrap_or(u16::MAX)
 }
 
-/// The purpose of a sync manager. \[OURS] If it has an address and no type, and it is enabled or no sync manager there
-/// has a type, the control byte gives the purpose: a single buffer is a mailbox.
+/// The purpose of a sync manager. \[OURS] Some EEPROMs give a sync manager an address and no type. If it is enabled, or
+/// no sync manager of the EEPROM has a type, the control byte gives the purpose: a single buffer is a mailbox.
 fn use_of(sii: &Sii<'_>, manager: &SiiSyncManager) -> SiiSmType {
     let may_be_used =
         || manager.enable.contains(SiiSmEnable::ENABLE) || sii.sync_managers().all(|one| one.kind == SiiSmType::Unused);

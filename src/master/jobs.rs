@@ -60,7 +60,7 @@ impl Work {
     }
 }
 
-/// The unused slots.
+/// The unused slots, which new jobs take.
 #[derive(Default)]
 pub(super) struct Places {
     changes: Vec<StateChange>,
@@ -100,7 +100,7 @@ fn number_place(bus: &Bus) -> NumberPlace {
 }
 
 impl Master {
-    /// Converts the result of a sequence into that of the job. Takes over the slaves after a scan.
+    /// Converts the result of a sequence into that of the job. After a scan the slaves that it found are taken over.
     pub(super) fn end(&mut self, output: Output) -> End {
         match output {
             Output::Done(done) => done,
@@ -117,7 +117,7 @@ impl Master {
         }
     }
 
-    /// Starts a job in a box of its own.
+    /// Starts a job. Its future gets a box of its own, which is an allocation.
     pub(super) fn start<T: Ending>(&mut self, task: impl Future<Output = T> + Send + 'static) -> Job<T> {
         self.begin(Work::Once(Box::pin(async move { Output::Done(task.await.into_end()) })))
     }
@@ -129,7 +129,7 @@ impl Master {
         Job::new(id)
     }
 
-    /// Starts the transfer of a number, in a slot that is reused.
+    /// Starts the transfer of a value of up to 4 bytes, in a slot that is reused, so that nothing is allocated.
     pub(super) fn start_number<T>(
         &mut self,
         transfer: NumberTransfer,

@@ -19,7 +19,7 @@ const RETURN_NS: Ns = 20_000_000;
 /// The sync manager of the mailbox for answers.
 const ANSWERS: u8 = 1;
 
-/// Reads the AL status of all slaves. `tickets` is reused memory: empty before and after.
+/// Reads the AL status of all slaves. `tickets` is memory that calls reuse: it is empty before and after.
 pub(super) async fn read_states(bus: &Bus, stations: &[u16], tickets: &mut Vec<(u8, Ticket)>) {
     let (asked, mut is_complete) = (bus.now(), true);
     for (slave, station) in (1..).zip(stations) {
@@ -33,7 +33,7 @@ pub(super) async fn read_states(bus: &Bus, stations: &[u16], tickets: &mut Vec<(
                 bus.with(|shared| shared.see_status(slave, status));
             }
             Ok(0) => bus.with(|shared| shared.lose(slave)),
-            // Inconclusive: several slaves have answered, or the frame was lost.
+            // The state stays unknown: several slaves have answered, or the frame was lost.
             Ok(_) | Err(_) => is_complete = false,
         }
     }
@@ -42,7 +42,7 @@ pub(super) async fn read_states(bus: &Bus, stations: &[u16], tickets: &mut Vec<(
     }
 }
 
-/// The state of the watch.
+/// The watch over the slaves, with its state between two checks.
 pub(super) struct Watch {
     bus: Bus,
     slaves: Vec<SlaveInfo>,
@@ -61,7 +61,7 @@ impl Watch {
         Self { bus, slaves, stations, tickets, asked, next_return: 0 }
     }
 
-    /// Watches for ever.
+    /// Watches the slaves. This future never ends.
     pub(super) async fn run(mut self) {
         loop {
             self.bus.wait_for_alarm().await;
@@ -89,7 +89,7 @@ impl Watch {
         self.slaves.get(usize::from(slave).checked_sub(1)?).map(|info| info.station)
     }
 
-    /// Finds slaves whose inputs do not come, when missing slaves do not explain a wrong working counter. It reads the
+    /// Finds slaves whose inputs cannot be read, if missing slaves do not explain a wrong working counter. It reads the
     /// inputs of each slave alone, outside the cycle, at their logical address. Nothing is written, and the inputs stay
     /// in the slave for the cycle. Returns whether all reads were answered.
     async fn find_mute(&mut self) -> bool {
@@ -177,7 +177,7 @@ impl Watch {
     async fn identify(&self, place: u8, candidates: SlaveSet, absent: SlaveSet) -> Option<()> {
         let adp = (u16::from(place) - 1).wrapping_neg();
         let unknown = UNKNOWN_STATION.to_le_bytes();
-        // No other slave may have this address.
+        // First the temporary address is taken from any slave that still has it.
         self.bus.queue(Command::Fpwr, UNKNOWN_STATION, STATION_ADDRESS, &[0; 2]).answer(&mut []).await.ok()?;
         self.bus.queue(Command::Apwr, adp, STATION_ADDRESS, &unknown).answer(&mut []).await.ok()?;
         self.bus.write(UNKNOWN_STATION, SII_CONFIGURATION, &[2]).await.ok()?;
@@ -200,9 +200,9 @@ impl Watch {
         Some(())
     }
 
-    /// The candidate with that identity and alias. If several have the same, the one whose upstream port is open, if
-    /// only one of them can be reached that way. `None`: several can be meant, so that the slave has to wait for the
-    /// others, or the slave was not known to be missing.
+    /// The candidate with that identity and alias. If several candidates have the same, the one whose upstream port is
+    /// open, if there is only one such. `None`: several candidates remain, so that the slave can be identified only
+    /// after the others, or the slave was not known to be missing.
     async fn one_of(&self, candidates: SlaveSet, absent: SlaveSet, identity: SiiIdentity, alias: u16) -> Option<u8> {
         let is_equal = |slave: &u8| {
             let info = self.slaves.get(usize::from(*slave) - 1);

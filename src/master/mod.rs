@@ -248,11 +248,11 @@ impl Master {
         });
     }
 
-    /// Continues all sequences.
+    /// Continues the watch and all running jobs.
     fn run(&mut self) {
         let mut context = Context::from_waker(Waker::noop());
         if let Some(watch) = &mut self.watch {
-            // The watch never ends.
+            // The watch never ends, so polling it gives no result.
             let _ = watch.as_mut().poll(&mut context);
         }
         let mut n = 0;

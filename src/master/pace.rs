@@ -12,14 +12,14 @@ pub struct Pace {
     pub phase_ns: Ns,
 }
 
-/// \[OURS] The most by which one cycle is shifted to reach the phase: this fraction of a cycle, 1/50.
+/// \[OURS] How much one cycle is shifted at most to reach the phase: 1/50 of a cycle.
 const STEP_DIVISOR: i64 = 50;
 /// \[OURS] Gains of the PLL: 1/16 of the phase error, and 1/512 of it for the frequency.
 const TIME_GAIN: i64 = 16;
 const SPEED_GAIN: i64 = 512;
 /// \[OURS] A phase error above this means that the reference clock was stepped: lock anew, ns.
 const JUMP_NS: i64 = 1_000_000;
-/// The unit of the frequency: this fraction of a nanosecond per cycle.
+/// The unit of the frequency is this fraction of a nanosecond per cycle: 2^-20 ns.
 const SPEED_UNIT: i64 = 1 << 20;
 
 /// A PLL that follows the reference clock.

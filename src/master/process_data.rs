@@ -2,12 +2,13 @@
 //!
 //! The outputs and inputs of slaves are placed one after the other in one LRW, as many as its datagram has room for.
 //! Slaves without LRW share an LWR and an LRD. The data of a slave are never split, so that one working counter covers
-//! them. The frame carries the newest inputs of each slave out again: those of a slave that does not answer come back
-//! unchanged.
+//! them. An outgoing frame contains the newest inputs of each slave, so that the inputs of a slave that does not answer
+//! come back unchanged.
 //!
 //! **A working counter is right** if it is the sum of what the certain participants add, and of what others may add.
-//! Those are slaves that are lost, that are changing their state, or whose inputs are known not to come ([`Standing`]).
-//! The inputs of a datagram with any other working counter are ignored, whether it is too low or too high.
+//! These others are slaves that are lost, that are changing their state, or whose inputs are known not to come
+//! ([`Standing`]). The inputs of a datagram with any other working counter are ignored, whether it is too low or too
+//! high.
 
 mod expected;
 mod segment;
@@ -34,17 +35,17 @@ use slave::{Place, SlaveData, bytes_of};
 pub const SEGMENT_BYTES_MAX: usize = DATA_LEN_MAX - (DATAGRAM_OVERHEAD + CLOCK_LEN) - (DATAGRAM_OVERHEAD + STATE_LEN);
 const CLOCK_LEN: usize = 8;
 const STATE_LEN: usize = 2;
-/// The distance of the logical addresses of two datagrams, more than the bytes of one.
+/// The distance between the logical addresses of two process data datagrams: more than the bytes of one.
 const SEGMENT_STEP: u32 = 0x800;
-/// The numbers of the datagrams of a cycle. Those of the segments follow.
+/// The numbers of the first datagrams of a cycle. The datagrams with process data have the numbers after these.
 const CLOCK: u8 = 0;
 const STATES: u8 = 1;
 const SEGMENTS: u8 = 2;
 /// \[OURS] The most datagrams with process data of one cycle.
 const SEGMENTS_MAX: usize = 64;
-/// \[OURS] How many of these have preallocated memory.
+/// \[OURS] For how many datagrams with process data memory is allocated in advance.
 const SEGMENTS_USUAL: usize = 4;
-/// With LRW off, a segment has its outputs in a datagram of their own, whose number is that of the segment plus this.
+/// With LRW off, the outputs of a segment are in a second datagram (LWR). Its number is that of the segment plus this.
 const WRITES: u8 = SEGMENTS_MAX as u8;
 
 /// Why process data cannot be configured.
@@ -121,12 +122,12 @@ pub struct CycleDone {
 pub(super) struct ProcessData {
     slaves: Vec<SlaveData>,
     segments: Vec<Segment>,
-    /// Preallocated buffers for further segments.
+    /// Preallocated buffers for segments that are added later.
     spare: Vec<Vec<u8>>,
     /// Whether an LWR and an LRD are sent in place of each LRW.
     is_lrw_off: bool,
-    /// The standing for which the expected working counters were computed; `None`: the layout of the data has changed
-    /// since.
+    /// The states of the slaves for which the expected working counters were computed; `None`: the layout of the data
+    /// has changed since.
     standing: Option<Standing>,
     /// The time that was sent in the datagram of the reference clock.
     sent_time: u64,
@@ -270,14 +271,14 @@ impl ProcessData {
         self.segments.get(*segment)?.data.get(range.clone())
     }
 
-    /// Whether the outputs and the inputs of a slave are in a datagram, each as 1 or 0.
+    /// Whether the outputs and the inputs of a slave are in the datagram `segment`, each as 1 or 0.
     fn parts(&self, slave: u8, segment: usize) -> [u16; 2] {
         let Some(data) = self.slave(slave) else { return [0; 2] };
         [&data.output_place, &data.input_place]
             .map(|place| u16::from(!place.range.is_empty() && place.segment == segment))
     }
 
-    /// What a slave adds to the working counter of a segment, with LRW off to both of its datagrams together.
+    /// What a slave adds to the working counter of a segment; with LRW off, to both datagrams of the segment together.
     fn counts(&self, slave: u8, segment: usize) -> u16 {
         let [outputs, inputs] = self.parts(slave, segment);
         let lacks_lrw = self.slave(slave).is_some_and(|data| data.lacks_lrw);
@@ -384,7 +385,7 @@ impl ProcessData {
         match number {
             CLOCK if !is_believed => {}
             CLOCK => {
-                // Data that come back unchanged were not read from any clock.
+                // If the time comes back as it was sent, no clock has written it.
                 let time = datagram.data.first_chunk().map(|bytes| u64::from_le_bytes(*bytes));
                 self.cycle.reference_time = time.filter(|time| *time != self.sent_time);
             }

@@ -1,4 +1,4 @@
-//! Single datagrams for a user: any command to any address, and accesses to the registers of one slave.
+//! Single datagrams that a user sends: any command to any address, and accesses to the registers of one slave.
 
 use super::bus::{Bus, Unanswered};
 use crate::ethercat::{Command, DATA_LEN_MAX};

@@ -63,7 +63,7 @@ pub struct SlaveStatus {
     pub is_present: bool,
     /// The newest AL status of the slave.
     pub status: AlStatusRegister,
-    /// The AL status code that was read with it.
+    /// The AL status code that was read together with `status`.
     pub code: AlStatus,
 }
 
@@ -90,7 +90,7 @@ pub(super) struct Live {
     is_eeprom_used: bool,
     /// Whether unsolicited messages stay in the mailbox until a user reads them.
     pub(super) keeps_mail: bool,
-    /// Whether the watch found a message in the mailbox the last time.
+    /// Whether the watch found a message in the mailbox at its last check.
     pub(super) has_mail: bool,
     /// Logical address and length of the inputs, bytes; `None`: there are none that may be read outside the cycle.
     pub(super) inputs_at: Option<(u32, usize)>,
@@ -176,7 +176,7 @@ pub(super) struct Shared {
     pub(super) missing: SlaveSet,
     /// The slaves whose sync managers and FMMUs for process data may be enabled, whatever their state is.
     pub(super) mapped: SlaveSet,
-    /// The slaves that answer, but whose inputs do not come.
+    /// The slaves that answer, but whose inputs cannot be read at their logical addresses.
     pub(super) mute: SlaveSet,
     /// Slaves with a share in a datagram that had a wrong working counter in the newest cycle.
     pub(super) doubtful: SlaveSet,
@@ -185,9 +185,9 @@ pub(super) struct Shared {
     /// When the last complete search for missing slaves began: of all states and, where these explain nothing, of
     /// inputs.
     pub(super) searched: Option<Ns>,
-    /// Whether the newest cycle has found all slaves in OP.
+    /// Whether all slaves were in OP in the newest cycle.
     pub(super) is_all_in_op: bool,
-    /// Whether a cycle had other working counters than the one before, and wrong ones.
+    /// Whether the working counters of a cycle were wrong, and differed from those of the cycle before.
     pub(super) is_alarmed: bool,
     /// The working counters of the newest cycle: of process data, the expected one, and the number of slaves passed.
     pub(super) last_counters: (u16, u16, Option<u16>),

@@ -58,15 +58,15 @@ pub(super) async fn read(bus: &Bus, station: u16) -> Result<Vec<u8>, SiiError> {
             Err(error) => return Err(error),
         }
     }
-    // Cut what was read behind the end: how much that is depends on the bytes per read, 4 or 8.
+    // Bytes that were read behind the end are cut off. Their number depends on the bytes per read, 4 or 8.
     while Sii::lacks(&bytes[..bytes.len() - 2]) == Ok(0) {
         bytes.truncate(bytes.len() - 2);
     }
     Ok(bytes)
 }
 
-/// For content without an end of the categories: the size after which it repeats, because the EEPROM has fewer address
-/// bits; `None`: it does not repeat.
+/// For content without an end of the categories: the size after which the content repeats, because the EEPROM ignores
+/// higher address bits; `None` if it does not repeat.
 fn wraps_at(bytes: &[u8]) -> Option<usize> {
     let is_again = |size: &usize| bytes.get(*size..).is_some_and(|behind| behind.starts_with(&bytes[..SII_INFO_LEN]));
     std::iter::successors(Some(SII_INFO_LEN), |size| Some(2 * size))
@@ -101,13 +101,13 @@ async fn read_up_to(bus: &Bus, station: u16, bytes: &mut Vec<u8>, len: usize) ->
     Ok(())
 }
 
-/// Reads from a word on. Returns the bytes and their number, 4 or 8.
+/// Reads the EEPROM from a word on. Returns the bytes and their number, 4 or 8.
 async fn read_words(bus: &Bus, station: u16, word: u16) -> Result<([u8; 8], usize), SiiError> {
     let (status, data) = command(bus, station, SiiControl::NONE.with_command(SiiCommand::Read), word, None).await?;
     Ok((data, if status.contains(SiiControl::READS_8_BYTES) { 8 } else { 4 }))
 }
 
-/// Writes a word.
+/// Writes one word of the EEPROM.
 async fn write_word(bus: &Bus, station: u16, word: u16, value: u16) -> Result<(), SiiError> {
     // The write enable bit must be in the same datagram as the command.
     let write = SiiControl::NONE.with_command(SiiCommand::Write).with(SiiControl::WRITE_ENABLE);
@@ -134,8 +134,9 @@ async fn command(
         let until = bus.now() + BUSY_MAX_NS;
         let is_taken = match bus.write(station, SII_CONTROL, written).await {
             Ok(()) => true,
-            // A command of another master is running, and its data would be read. Or it is this command: its first
-            // frame was lost on the way back. Executing it twice does no harm.
+            // The EEPROM interface runs a command already. It may be one of another master, whose data would be read,
+            // or this one, if the frame that started it was lost on the way back. So the command is sent again, which
+            // does no harm.
             Err(Unanswered::Counter(_)) => false,
             Err(Unanswered::Lost) => return Err(SiiError::NoAnswer),
         };

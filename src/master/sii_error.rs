@@ -50,7 +50,8 @@ pub enum SiiError {
     TooLong,
 }
 
-/// What is wrong with the content of an EEPROM. The master works with it all the same, but the tools report it.
+/// What is wrong with the content of an EEPROM. The master works with such an EEPROM; this is for the tools, which
+/// report it.
 pub(crate) fn fault(content: &[u8]) -> Option<SiiError> {
     let sii = Sii::new(content).ok()?;
     if let Some(byte) = sii.blank() {

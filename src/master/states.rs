@@ -17,7 +17,7 @@ use crate::ethercat::{AlState, AlStatus, MAX_SLAVES, Ns};
 /// \[OURS] The interval in which a slave's AL status is polled.
 pub(super) const STATE_POLL_NS: Ns = 200_000;
 
-/// The registers that the steps of one slave write.
+/// The register values that the steps of one slave write.
 #[derive(Clone, Debug)]
 pub(super) struct Plan {
     /// Slave, from 1.
@@ -30,7 +30,7 @@ pub(super) struct Plan {
     pub(super) sync: Option<SyncSignals>,
 }
 
-/// The part of one slave in a change of state.
+/// One slave's part in a change of state.
 struct Part {
     slave: u8,
     /// The registers to be written; `None` once the sequence has begun.
@@ -50,7 +50,7 @@ pub(super) struct StateChange {
 }
 
 impl StateChange {
-    /// Allocates a slot for that many slaves.
+    /// Allocates a slot with parts for `slaves` slaves.
     pub(super) fn new(bus: &Bus, slaves: usize) -> Self {
         let mut change =
             Self { target: AlState::Init, timeout_ns: 0, parts: Vec::with_capacity(MAX_SLAVES), slaves: 0 };
@@ -58,7 +58,7 @@ impl StateChange {
         change
     }
 
-    /// Begins a change of state of the slaves in `plans`. The slot must be unused.
+    /// Begins a change of state of the slaves in `plans`. No change may be running in this slot: it would be lost.
     pub(super) fn begin(&mut self, bus: &Bus, plans: impl IntoIterator<Item = Plan>, target: AlState, timeout_ns: Ns) {
         (self.target, self.timeout_ns, self.slaves) = (target, timeout_ns, 0);
         for plan in plans {
@@ -160,7 +160,7 @@ async fn request(bus: &Bus, plan: &Plan, control: AlControl) -> Result<(), State
     Ok(bus.write(plan.station, AL_CONTROL, &control.0.to_le_bytes()).await?)
 }
 
-/// Repeats a request without the acknowledge bit, for slaves that show that bit as an error. With device emulation
+/// Sends a request again without the acknowledge bit, for slaves that show that bit as an error. With device emulation
 /// (0x0141 bit 0) the AL status copies the AL control register, with bit 4, and no application clears it or sets an AL
 /// status code. A device with a state machine keeps its state.
 pub(super) async fn take_acknowledgement_back(bus: &Bus, station: u16) -> Result<(), Unanswered> {
@@ -202,7 +202,7 @@ async fn acknowledge(bus: &Bus, plan: &Plan, until: Ns) -> Result<AlState, State
     }
 }
 
-/// Takes one step: prepares it, requests the state, and waits for it.
+/// Takes one step between two neighbouring states: prepares it, requests the new state, and waits for it.
 async fn step(bus: &Bus, plan: &Plan, from: AlState, to: AlState, until: Ns) -> Result<(), StateReason> {
     match (from, to) {
         (AlState::Init, AlState::PreOp) => prepare_mailbox(bus, plan).await?,

@@ -34,7 +34,7 @@ pub(super) fn loose_ends(slaves: &[DlStatus]) -> Vec<Upstream> {
 
 /// The slave and port to which each slave is connected, and the open ports to which no slave is.
 fn walk(slaves: &[DlStatus]) -> (Vec<Option<Upstream>>, Vec<Upstream>) {
-    // Ports by which the frame still has to leave slaves that it has entered, the next one last.
+    // The open ports by which the frame has not left its slave yet, in reverse order: the next one is last.
     let mut ahead: Vec<Upstream> = Vec::new();
     let mut upstreams = Vec::with_capacity(slaves.len());
     for (before, ports) in (0u8..).zip(slaves) {
@@ -82,7 +82,7 @@ mod tests {
         assert_eq!(loose_ends(&[ports(&[1]), ports(&[1])]), [Upstream { slave: 2, port: 1 }]);
     }
 
-    /// MASTER-2.4 Ports that contradict each other make a line.
+    /// MASTER-2.4 If the states of the ports contradict each other, the slaves are taken for a line.
     #[test]
     fn ports_that_make_no_tree_make_a_line() {
         assert_eq!(found(&[&[], &[], &[]]), [None, Some((1, 1)), Some((2, 1))]);

@@ -1,7 +1,7 @@
 //! The watchdog of process data, registers 0x0400 and 0x0420: without new outputs a slave leaves OP.
 //!
-//! It alone stops an axis when the master is killed. So both registers are written on each way to SafeOP, since another
-//! master may have changed them, and read back.
+//! When the master is killed, only this watchdog stops an axis. So both registers are written on each way to SafeOP,
+//! since another master may have changed them, and read back.
 
 use super::bus::{Bus, Unanswered};
 use super::process_data::Registers;
@@ -14,7 +14,7 @@ pub(super) const DIVIDER: u16 = 2498;
 pub(super) const UNITS: u16 = 1000;
 /// The length of a tick of the divider, ns.
 const TICK_NS: Ns = 40;
-/// \[OURS] The least number of cycles without outputs that the watchdog tolerates.
+/// \[OURS] How many cycles without outputs the watchdog tolerates at least.
 const CYCLES: Ns = 3;
 
 /// The length of a watchdog unit for a divider, ns.
@@ -22,7 +22,7 @@ const fn unit_ns(divider: u16) -> Ns {
     (divider as Ns + 2) * TICK_NS
 }
 
-/// The values of both registers.
+/// A watchdog time as the values of both registers: the divider, and the number of units.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Time {
     divider: u16,

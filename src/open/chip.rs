@@ -9,7 +9,7 @@ use crate::own_board::chip::{ChipBoard, refused};
 use crate::own_board::engine::EngineLink;
 use crate::xf::host::HostConfig;
 
-/// Opens the link to a chip that a URI names. Also returns the settings of the driver.
+/// Opens the link to a chip at a URI. Also returns the settings of the chip's driver.
 ///
 /// # Errors
 /// [`ChipError`].
@@ -20,7 +20,7 @@ pub fn open(uri: &str) -> Result<(Box<dyn ChipLink>, HostConfig), ChipError> {
     Ok((recorded(&uri, link)?, config))
 }
 
-/// Wraps the link in a recorder if the URI has the key `record=`.
+/// Puts a recorder around the link if the URI has the key `record=`.
 pub(crate) fn recorded(uri: &LinkUri, link: Box<dyn ChipLink>) -> Result<Box<dyn ChipLink>, ChipError> {
     Ok(match record(uri) {
         Some(path) => Box::new(RecordedChip::new(link, &path)?),

@@ -51,7 +51,7 @@ fn open_with(uri: &str, share: Share, uncounted: bool) -> Result<Arc<dyn Link>, 
     if options.fault.any() {
         link = Arc::new(fault::FaultLink::new(link, options.fault));
     }
-    // The recorder wraps the fault injection, so the recording has what the program has seen.
+    // The recorder is put around the fault injection, so the recording has the frames as the program saw them.
     let Some(path) = &options.record else { return Ok(link) };
     let info = link.info();
     let meta = RecordMeta::now(&info, info.opened_at);

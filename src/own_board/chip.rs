@@ -12,12 +12,12 @@ use crate::link::chip_link::{ChipError, ChipLink, ChipOptions, host_config};
 use crate::link::common_options::CommonOptions;
 use crate::xf::host::{HostError, StepError};
 
-/// How a board uses the chip in front of its slaves.
+/// How a board uses the chip through which it reaches its slaves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChipUse {
     /// The settings of the chip's driver.
     pub driver: ChipOptions,
-    /// The number of cycles of outputs that may be in the chip ahead of time, see [`XfBusOptions::ahead`].
+    /// For how many cycles outputs may be sent to the chip ahead of time, see [`XfBusOptions::ahead`].
     pub ahead: u16,
     /// The pins of the chip that are the board's local inputs and outputs.
     pub local_pins: LocalPins,
@@ -40,7 +40,7 @@ impl ChipUse {
         })
     }
 
-    /// The bus of the board over `link`.
+    /// The bus of a board that reaches its slaves through `link`.
     pub fn bus<L: ChipLink + 'static>(&self, link: L) -> XfBus<L> {
         let info = link.info();
         let options = XfBusOptions {
@@ -54,12 +54,12 @@ impl ChipUse {
     }
 }
 
-/// A board over a real chip: its EC01M is the model in this process.
+/// A board that reaches its slaves through a real chip. Its EC01M is the model in this process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChipBoard {
     /// The options of the board.
     pub board: BoardOptions,
-    /// The options of the chip.
+    /// How the board uses the chip.
     pub used: ChipUse,
     /// The options that every link has.
     pub common: CommonOptions,
@@ -80,8 +80,8 @@ impl ChipBoard {
 
     /// Opens a board over a link to a chip: starts the chip and scans its network.
     ///
-    /// The board ends with this process, as `own_board/mod.rs` says. If the process is killed, the chip repeats its
-    /// newest outputs for ever: an axis in CSP stops, one in CSV or CST keeps moving.
+    /// The board ends with this process. If the process is killed, it cannot stop the axes, and the chip repeats its
+    /// newest outputs for ever: an axis in CSP stops, but an axis in CSV or CST keeps moving.
     ///
     /// # Errors
     /// [`LinkError::NoBoard`]: the chip does not answer, or finds no slave; [`LinkError::Io`].
@@ -108,7 +108,7 @@ impl ChipBoard {
     }
 }
 
-/// The error of a board's link whose chip cannot be reached.
+/// Converts the error of a chip that cannot be reached to the error of the board's link.
 pub(crate) fn refused(name: &str, error: ChipError) -> LinkError {
     match error {
         ChipError::Uri(error) => error.into(),

@@ -11,8 +11,8 @@ use crate::link::call_counts::CallCounts;
 use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 
-/// Callback that gets the board when its link is closed, so that the board can be kept: a real board does not vanish
-/// with the program either. It gets `None` if the board no longer exists because its thread panicked.
+/// Callback that gets the board when its link is closed, so that the board can be kept for a later link: a real board
+/// does not end with the program either. It gets `None` if the board no longer exists because its thread panicked.
 pub type Keeper = Box<dyn Fn(Option<Board>) + Send + Sync>;
 
 /// Options of a board's host interface.
@@ -28,7 +28,7 @@ pub struct RunOptions {
     pub read_wait: Wait,
     /// The timeout of a write for callers that do not choose one.
     pub write_wait: Wait,
-    /// Real-time priority and memory locking of the cyclic thread (real clock only).
+    /// The real-time priority, the processor and the memory locking of the cyclic thread (real clock only).
     pub real_time: RealTime,
     /// The speed of the board's time (real clock only).
     pub rate: Rate,
@@ -48,7 +48,7 @@ impl Default for RunOptions {
     }
 }
 
-/// Why a board is lost, if its bus gives no reason.
+/// The reason that is given for a lost board if its bus has none.
 const BUS_GONE: &str = "the hardware that runs its network is gone";
 
 enum Runner {
@@ -68,9 +68,10 @@ pub struct EngineLink {
     logged: Mutex<Logged>,
 }
 
-/// Which of the board's events have been logged.
+/// Which events of the board have been logged already.
 struct Logged {
-    /// The number of events logged so far (virtual time only; a cyclic thread hands over each event once).
+    /// The number of events logged so far (virtual time only, where the engine returns all events; the cyclic thread
+    /// passes on each event once).
     events: u64,
     rejections: RejectionLog,
     /// Whether the loss of a network card was logged.
@@ -126,7 +127,7 @@ impl EngineLink {
         })
     }
 
-    /// How late the cycles have been so far; `None` in virtual time, where no cycle can be late.
+    /// Statistics on how late cycles began so far; `None` in virtual time, where no cycle is late.
     pub fn lateness(&self) -> Option<crate::engine::Lateness> {
         match &self.runner {
             Runner::Threaded(threaded) => Some(threaded.lateness()),
@@ -166,13 +167,13 @@ impl EngineLink {
         }
     }
 
-    /// Logs the commands that the board did not execute. The host's thread does this, because the cyclic thread must
-    /// not wait for a log.
+    /// Logs the commands that the board did not execute. The thread that calls the link does this, because the cyclic
+    /// thread must not wait for the log.
     fn log_events(&self) {
         if !log::log_enabled!(log::Level::Warn) {
             return;
         }
-        // The lines are written after the locks are released, so that no other thread waits for the log.
+        // The lines are collected first and logged after the locks are released, so that no thread waits for the log.
         let mut lines = Vec::new();
         let zero = self.info.opened_at.0;
         let mut log = |level, line| lines.push((level, line));
@@ -278,7 +279,7 @@ impl Link for EngineLink {
                 let dropped = stepped.look(|_, dropped| dropped).unwrap_or_default();
                 (stepped.close(), dropped)
             }
-            // The thread makes reports until it has ended, so its dropped reports are counted afterwards.
+            // The cyclic thread makes reports until it has ended, so the dropped reports are counted after that.
             Runner::Threaded(threaded) => (threaded.close(), threaded.counters().1),
         };
         if let Some(board) = &board {
@@ -297,7 +298,7 @@ impl Link for EngineLink {
                 }
                 write_log(lines);
             }
-            // Closing happens once, so the cell is empty.
+            // A link is closed only once, so the cell is empty and `set` succeeds.
             let _ = self.last.set((*board.engine().counters(), dropped));
         }
         if let Some(keep) = &self.keeper {

@@ -1,6 +1,6 @@
 //! Log lines about commands that the board did not execute although it did not reject them, for example because its
-//! FIFO was full. An episode is a period in which such commands occur. It gets one line when it begins, and one line
-//! with the number of commands when it has ended.
+//! FIFO was full. An episode is a period in which such commands occur. The log gets a line when an episode begins, and
+//! a line with the number of commands when it has ended.
 
 use log::Level;
 
@@ -14,18 +14,18 @@ const QUIET_NS: Ns = 1_000_000_000;
 /// A period in which commands of one kind were not executed.
 #[derive(Clone, Copy)]
 struct Episode {
-    /// When the first command was seen, in the board's time.
+    /// When the first command of the episode was noticed, in the board's time.
     from: Ns,
-    /// When the latest command was seen, in the board's time.
+    /// When the latest command of the episode was noticed, in the board's time.
     to: Ns,
-    /// The value of the counter before the first command.
+    /// The value of the board's counter before the episode.
     before: u64,
 }
 
-/// One counter of the board, with its episode.
+/// One of the board's counters of commands that were not executed, with its present episode.
 #[derive(Clone, Copy)]
 struct Tracker {
-    /// The last value of the counter.
+    /// The value of the counter when it was last read.
     seen: u64,
     episode: Option<Episode>,
 }
@@ -47,8 +47,8 @@ impl Episodes {
         kinds.filter(|(_, of)| *of == what).any(|(kind, _)| kind.episode.is_some())
     }
 
-    /// Logs which episodes have begun and which have ended. A beginning is left out if `is_logged` is true for it,
-    /// because the log has it already. `now` is the board's time.
+    /// Logs the episodes that have begun or ended. The line for a beginning is left out if `is_logged` returns true,
+    /// because the log already has a line for that command. `now` is the board's time.
     pub(crate) fn log(
         &mut self,
         counters: &Counters,
@@ -77,7 +77,7 @@ impl Episodes {
         }
     }
 
-    /// Logs the counts of all episodes in progress, when the link is closed.
+    /// Logs the number of commands of each episode in progress, because the link is being closed.
     pub(crate) fn end(&mut self, counters: &Counters, now: Ns, log: &mut dyn FnMut(Level, String)) {
         self.log(counters, now, |_| false, log);
         for (kind, what) in self.kinds.iter_mut().zip(Unexecuted::ALL) {

@@ -21,9 +21,9 @@ use crate::engine::Board;
 use crate::fieldbus::Ns;
 use engine::Keeper;
 
-/// Timeout of the board to find its slaves and to bring them to PreOP. \[OURS]
+/// How long the board may take to find its slaves and to bring them to PreOP. \[OURS]
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
-/// Time between two checks whether the start has failed, so a network without slaves is scanned for this long. \[OURS]
+/// The time between two checks whether the start has failed. A network without slaves is scanned for this long. \[OURS]
 const SCAN_NS: Ns = 3_000_000_000;
 
 /// Starts the board. Returns whether it has found slaves and brought them to PreOP.
@@ -40,13 +40,13 @@ pub(crate) fn boots(board: &mut Board) -> bool {
     false
 }
 
-/// The callback for the end of a link: switches the board off, and logs the axes that are still on.
+/// The callback for the closing of a link: it switches the board off, and logs the axes that are still on.
 pub(crate) fn switching_off() -> Keeper {
     Box::new(|board| {
         let Some(mut board) = board else { return };
         let still_on = board.switch_off();
         if board.cards_gone().is_some_and(|gone| gone.is_all) {
-            // No frame reaches the slaves any more, and their watchdogs stop them.
+            // All network cards are gone, so no frame reaches the slaves any more. Their watchdogs stop the axes.
             return;
         }
         for slave in still_on.iter() {

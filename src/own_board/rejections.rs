@@ -9,8 +9,8 @@ use crate::engine::{Counters, Event, EventKind, HomingEnd, Reason, Unexecuted};
 use crate::fieldbus::Ns;
 use crate::span::Seconds;
 
-/// Most rejections of one kind that are logged one by one within [`WINDOW_NS`] \[OURS]; later ones are summed up. SDO
-/// transfers that a slave has aborted count as one kind.
+/// The most rejections of one kind that get a line each within [`WINDOW_NS`] \[OURS]. The others are summed up in one
+/// line. SDO transfers that a slave has aborted count as one kind.
 const LINES_PER_WINDOW_MAX: u32 = 5;
 /// The window for [`LINES_PER_WINDOW_MAX`]: one second of the board's time \[OURS].
 const WINDOW_NS: Ns = 1_000_000_000;
@@ -22,7 +22,7 @@ struct Throttle {
     since: Ns,
     /// The number of lines logged in this window.
     lines: u32,
-    /// The number of rejections that are in the log already, one by one or summed up.
+    /// The number of rejections that the log has already, as lines of their own or summed up.
     logged: u64,
 }
 
@@ -38,7 +38,7 @@ impl Throttle {
     }
 }
 
-/// The rejections logged so far, by kind.
+/// Which rejections were logged so far, by kind.
 pub(crate) struct RejectionLog {
     kinds: [Throttle; Reason::KINDS],
     aborts: Throttle,
@@ -52,7 +52,7 @@ impl RejectionLog {
         Self { kinds, aborts: Throttle::default(), episodes: Episodes::new(counters) }
     }
 
-    /// Logs events, and rejections that only the board's counters show; `now` is the board's time.
+    /// Logs events, and rejections for which there is no event but only a higher counter. `now` is the board's time.
     pub(crate) fn log(
         &mut self,
         events: impl IntoIterator<Item = Event>,
@@ -69,9 +69,10 @@ impl RejectionLog {
                     kind.logged += u64::from(is_logged);
                     is_logged
                 }
-                // This line has the number of bytes, so it replaces the line for the beginning of an episode.
+                // The line of this event has the number of bytes, so it takes the place of the line for the beginning
+                // of an episode.
                 EventKind::Incomplete { .. } => self.is_first_of_episode(Unexecuted::Incomplete, &mut logged),
-                // Only the first one is logged, because the bus may lose outputs in each cycle.
+                // Only the first loss of an episode gets a line, because the bus may lose outputs in each cycle.
                 EventKind::OutputsLost { .. } => self.is_first_of_episode(Unexecuted::OutputsLost, &mut logged),
                 EventKind::SdoAborted { .. } => {
                     logged[Unexecuted::SdoAborted as usize] = true;
@@ -87,7 +88,7 @@ impl RejectionLog {
         self.episodes.log(counters, now, |what| logged[what as usize], log);
     }
 
-    /// Whether an event is the first one of an episode. If so, it is marked as logged.
+    /// Whether an event is the first of an episode. If so, it is noted as logged, so that the episode gets no second line.
     fn is_first_of_episode(&self, what: Unexecuted, logged: &mut [bool; Unexecuted::KINDS]) -> bool {
         !self.episodes.is_running(what) && !std::mem::replace(&mut logged[what as usize], true)
     }
@@ -115,8 +116,7 @@ impl RejectionLog {
     }
 }
 
-/// The log level of an event. A homing that attained its home is no warning, because `ecmsk exec` lists warnings as
-/// what went wrong.
+/// The log level of an event. A homing that was successful is no warning, because `ecmsk exec` lists warnings as problems.
 const fn level_of(event: &Event) -> Level {
     if matches!(event.kind, EventKind::HomingEnded { end: HomingEnd::Attained, .. }) {
         Level::Info
@@ -149,7 +149,7 @@ mod tests {
     fn after_five_rejections_of_a_kind_in_a_second_further_ones_are_summed_up() {
         let mut log = RejectionLog::new(&counted(&[(Reason::WrongMode, 7)]));
         let mut said = Vec::new();
-        // One rejection per millisecond, and one of another kind in the middle.
+        // A rejection in each millisecond, and in the middle one of another kind.
         for n in 0..500 {
             let mut events = vec![rejected(n * MS, Reason::WrongMode)];
             let mut counters = counted(&[(Reason::WrongMode, 8 + n), (Reason::NoSlave, u64::from(n >= 250))]);
@@ -170,8 +170,8 @@ mod tests {
         assert_eq!(said.len(), 7, "{said:?}");
     }
 
-    /// SK-4.39 After a second the first rejections are logged one by one again; those that are not logged yet are
-    /// logged at the end.
+    /// SK-4.39 In each second the first rejections are logged one by one. Rejections that were not logged by the end
+    /// are logged then.
     #[test]
     fn five_rejections_of_a_kind_are_logged_in_each_second() {
         let mut log = RejectionLog::new(&counted(&[]));
@@ -215,7 +215,7 @@ mod tests {
         assert!(said[7].contains("50 SDO transfer(s)"), "{said:?}");
     }
 
-    /// A homing that attained its home is logged as information, every other end of a homing as a warning.
+    /// A successful homing is logged as information, and every other end of a homing as a warning.
     #[test]
     fn only_a_homing_that_failed_is_a_warning() {
         let mut log = RejectionLog::new(&Counters::default());

@@ -1,9 +1,9 @@
-//! The USB address of a device: its bus and its number on it.
+//! The USB address of a device: the number of its bus, and its own number on the bus.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// The USB address of a device, such as `1.5`, as the operating system numbered it. It changes when the device is
+/// The USB address of a device, such as `1.5`, as the operating system has assigned it. It changes when the device is
 /// plugged in again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Address {

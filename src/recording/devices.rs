@@ -9,9 +9,10 @@ use super::pending::PendingFrames;
 use super::recorded::Recorded;
 use crate::sk::{BOARD_IDS, Dir, FRAME_LEN, Frame, SlotSize};
 
-/// Length of a frame after a report id of 0, in bytes. Hosts without an interrupt OUT endpoint send it so.
+/// Length in bytes of a frame that follows a report id of 0. Hosts send frames in this form if the device has no
+/// interrupt OUT endpoint.
 const WITH_REPORT_ID: usize = 1 + FRAME_LEN;
-/// Length of a frame with 12-byte slots without padding, in bytes.
+/// Length in bytes of a frame with 12-byte slots, sent without padding to 512.
 const NARROW: usize = SlotSize::Bytes12.frame_len();
 
 /// `bmRequestType` and `bRequest` of HID's SET_REPORT, and the upper byte of `wValue` for an output report (HID 1.11,
@@ -26,7 +27,7 @@ const DEVICE_DESCRIPTOR: u8 = 1;
 const VENDOR_AT: usize = 8;
 const DEVICE_DESCRIPTOR_LEN: usize = 18;
 
-/// Most setup packets of control transfers in flight that are kept, since a capture may lack the ends of transfers.
+/// The most setup packets of control transfers in flight that are remembered. A capture may lack the ends of transfers.
 /// \[OURS]
 const MOST_SETUPS: usize = 1024;
 
@@ -41,14 +42,14 @@ pub struct CapturedDevice {
     pub written: u64,
     /// The number of frames from the device.
     pub read: u64,
-    /// The packets of the device that are not frames.
+    /// Counts of the packets of this device that are not frames.
     others: Skipped,
 }
 
 impl CapturedDevice {
-    /// How much the device looks like a board: 0 for no frames, 1 for frames one way, 2 for frames both ways, 3 with
-    /// the board's ids in addition. The ids are a hobby id, shared by other devices, so frames count for more. \[OURS]
-    /// A device with other ids is no board.
+    /// How much the device looks like a board: 0 without frames, 1 with frames in one direction, 2 with frames in both
+    /// directions, 3 if it also has the board's ids. The ids are those of a hobby project, which other devices share,
+    /// so frames count for more. \[OURS] A device with other ids is no board.
     fn board_score(&self) -> u8 {
         match (self.ids, self.written.min(1) + self.read.min(1)) {
             (Some(ids), _) if ids != BOARD_IDS => 0,
@@ -58,7 +59,7 @@ impl CapturedDevice {
     }
 }
 
-/// Writes `1.5 (16c0:05df; 12 frames to it, 40 from it)`.
+/// Writes `1.5 (16c0:05df; 12 frames to it, 40 from it)`: the address, the ids, and the frames in both directions.
 impl fmt::Display for CapturedDevice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} (", self.address)?;
@@ -69,8 +70,8 @@ impl fmt::Display for CapturedDevice {
     }
 }
 
-/// What a capture has besides frames of a board. Packets of a device with frames are counted by their kind, those of
-/// other devices together.
+/// The packets of a capture that are not frames of a board, counted. Packets of a device that has frames are counted by
+/// their kind, and those of all other devices together.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Skipped {
     /// Frames that the host cancelled, or that failed, so that the board did not get them.
@@ -98,17 +99,17 @@ impl Skipped {
     }
 }
 
-/// The devices of a capture that was read up to some packet.
+/// The devices in a capture, as far as its packets were read.
 #[derive(Default)]
 pub(super) struct Devices {
     devices: BTreeMap<Address, CapturedDevice>,
     /// Setup packets of control transfers in flight.
     setups: HashMap<u64, [u8; 8]>,
-    /// The only device whose frames are wanted; `None` for all that may be a board.
+    /// The only device whose frames are returned; `None`: those of every device that may be a board.
     only: Option<Address>,
 }
 
-/// A packet has fewer bytes than the transfer: the capture cut it off.
+/// The error of a packet that has fewer bytes than its transfer, because the capture cut it off.
 pub(super) struct Cut {
     pub captured: usize,
     pub length: u32,
@@ -124,7 +125,7 @@ impl Devices {
         self.devices.values().copied().collect()
     }
 
-    /// What was skipped so far.
+    /// The counts of packets skipped so far.
     pub fn skipped(&self) -> Skipped {
         let mut skipped = Skipped::default();
         for CapturedDevice { written, read, others, .. } in self.devices.values() {
@@ -141,7 +142,8 @@ impl Devices {
         skipped
     }
 
-    /// Takes a packet. A frame in it is added to `pending`, where it waits for the end of its transfer if `waits`.
+    /// Processes a packet. If it has a frame, the frame is added to `pending`; with `waits` it stays there until its
+    /// transfer has ended.
     pub fn take(
         &mut self,
         event: &UsbEvent<'_>,
@@ -177,8 +179,8 @@ impl Devices {
         &mut self.device(address).others
     }
 
-    /// Takes the end of a transfer to the board. Its bytes arrived if it succeeded, or if the capture shows a
-    /// transferred length.
+    /// Processes the end of a transfer to the board. The board got the bytes if the transfer succeeded, or if the
+    /// capture shows a transferred length.
     fn ended(&mut self, event: &UsbEvent<'_>, done: bool, pending: &mut PendingFrames) {
         let moved = done || event.length as usize >= NARROW;
         if pending.ended(event.id, moved) {
@@ -275,7 +277,7 @@ pub(super) fn candidates(seen: &[CapturedDevice]) -> Vec<CapturedDevice> {
     seen.iter().filter(|seen| most > 0 && seen.board_score() == most).copied().collect()
 }
 
-/// The devices as a list for a message; a long list is cut off.
+/// The devices as a list for a message, shortened if it is long.
 pub(super) fn list(seen: &[CapturedDevice]) -> String {
     const MOST: usize = 8;
     let mut text: Vec<String> = seen.iter().take(MOST).map(CapturedDevice::to_string).collect();

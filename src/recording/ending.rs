@@ -1,8 +1,9 @@
-//! How recordings end, and what they lack.
+//! Finds out from the end of a recording what is missing in it.
 //!
 //! The recorder of this crate ends each section with pcapng's block of interface statistics. If the block is missing,
-//! the recording was not ended: its program was killed, still runs, or ran out of disk space. Captures of other
-//! programs, and recordings that another program rewrote, may have no such block, so they are not judged \[OURS].
+//! the recording was not ended: its program was killed, is still running, or found the disk full. Captures of other
+//! programs, and recordings that another program rewrote, may have no such block, so a missing block means nothing
+//! there \[OURS].
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -11,14 +12,14 @@ use std::path::Path;
 use super::lacks::Lacks;
 use super::reader::Recording;
 
-/// Longest block at the end of a file that is read. That of a recording has a few hundred bytes. \[OURS]
+/// The longest block at the end of a file that is read. The last block of a recording has a few hundred bytes. \[OURS]
 const LONGEST_END: u64 = 64 * 1024;
-/// Bytes at the beginning of a file that are read: more than the blocks before the first frame of a recording have.
+/// How many bytes at the beginning of a file are read: more than the blocks before the first frame of a recording have.
 /// \[OURS]
 const LONGEST_BEGIN: u64 = 1 << 20;
 
-/// What a recording lacks, from its first and its last block alone, so that a long file takes no time. If a file has
-/// several recordings, the result is that of the last one.
+/// What is missing in a recording. Only the first and the last block of the file are read, so that this is fast for a
+/// long file. If a file has several recordings, the result is that of the last one.
 ///
 /// # Errors
 /// The error of the system if the file cannot be read. A file that is no recording counts as one that was not ended.
@@ -28,7 +29,7 @@ pub fn lacks_at_end(path: &Path) -> io::Result<Lacks> {
     let length = file.metadata()?.len();
     let mut bytes = Vec::new();
     (&mut file).take(LONGEST_BEGIN).read_to_end(&mut bytes)?;
-    // The lengths of the section header and of the interface description.
+    // The length of the first two blocks: the section header and the interface description.
     let Some(headers) = (0..2).try_fold(0_usize, |at, _| at.checked_add(block_len(bytes.get(at..)?)?)) else {
         return Ok(not_ended);
     };

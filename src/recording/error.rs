@@ -2,7 +2,7 @@
 
 use super::address::Address;
 
-/// Why a recording cannot be read, or not to its end.
+/// Why a recording cannot be read, or only in part.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RecordError {
     /// The operating system reports an error.
@@ -39,7 +39,7 @@ pub enum RecordError {
         /// What is wrong with the block.
         reason: String,
     },
-    /// The file has no USB traffic, and therefore none of a board.
+    /// The file has no USB traffic, so it cannot be a capture of a board.
     #[error(
         "{name} holds no USB traffic (link types 220 and 189 of Linux, 249 of Windows) but {found}; record with record= or capture usbmon or USBPcap"
     )]
@@ -97,7 +97,7 @@ pub enum RecordError {
         /// The devices in the file.
         found: String,
     },
-    /// A packet has fewer bytes than the transfer: the capture cut it off.
+    /// A packet has fewer bytes than its transfer, because the capture cut it off.
     #[error(
         "{name}: the frame at byte {offset} was captured to {captured} of {length} bytes; capture whole packets (snap length 0)"
     )]
@@ -106,9 +106,9 @@ pub enum RecordError {
         name: String,
         /// The offset of the block in the file, bytes.
         offset: u64,
-        /// The bytes in the packet.
+        /// The number of bytes in the packet.
         captured: usize,
-        /// The bytes of the transfer.
+        /// The number of bytes of the transfer.
         length: u32,
     },
 }

@@ -26,12 +26,12 @@ pub struct Exchanges<R> {
     blocks: Blocks<R>,
     meta: Option<RecordMeta>,
     lacks: Lacks,
-    /// Whether the current section was written by our recorder and its end has not been read yet.
+    /// Whether the recorder of this crate wrote the current section, and its end has not been read yet.
     unended: bool,
     ended: bool,
 }
 
-/// Whether a file with this beginning is the recording of a chip. A few hundred bytes are enough.
+/// Whether a file that begins with these bytes is the recording of a chip. A few hundred bytes are enough.
 pub fn is_of_chip(beginning: &[u8]) -> bool {
     let mut blocks = Blocks::new(beginning, String::new());
     loop {
@@ -44,7 +44,7 @@ pub fn is_of_chip(beginning: &[u8]) -> bool {
 }
 
 impl<R: Read> Exchanges<R> {
-    /// Reads from any source. `name` appears in messages.
+    /// Reads a recording from any source. `name` is its name in messages.
     ///
     /// # Errors
     /// [`RecordError`] if the beginning is not that of a recording.
@@ -60,7 +60,7 @@ impl<R: Read> Exchanges<R> {
         self.meta.as_ref()
     }
 
-    /// What the recording lacks in the part read so far. Complete only after the last packet was read.
+    /// What is missing in the recording, as far as it was read. Complete only after the last packet.
     pub fn lacks(&self) -> Lacks {
         self.lacks.clone()
     }

@@ -1,11 +1,11 @@
 //! Finds the command that the board had executed last when it made a report.
 //!
-//! A command waits in the FIFO until its cycle, and reports do not name the executed command. But they have the free
-//! count: a command that was sent and does not wait any more has been executed (SK-5).
+//! A command waits in the FIFO until the board executes it, and reports do not say which command that was. But they
+//! have the free count of the FIFO: a command that was sent and no longer waits in the FIFO has been executed (SK-5).
 
 use crate::sk::{FIFO_ENTRIES, MasterResponse};
 
-/// The command that was executed last, as far as it is known.
+/// The command that the board had executed last when it made a report, as far as it is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LastExecuted {
     /// None of the commands sent in OP was executed yet.
@@ -19,26 +19,27 @@ pub enum LastExecuted {
     Unknown,
 }
 
-/// Follows the FIFO of a board in OP by its reports.
+/// Follows the command FIFO of a board in OP, by the commands sent and the reports received.
 #[derive(Clone, Debug)]
 pub struct Executed {
     /// The cycle time in nanoseconds.
     cycle_ns: i64,
     /// The number of commands sent so far.
     count: u64,
-    /// The first command after the last loss or clear. Of earlier commands it is not known which ones the board
-    /// accepted.
+    /// The number of the first command after the last loss or clear. It is unknown which of the earlier commands the
+    /// board accepted.
     known_from: u64,
-    /// The full count and the CRC error count of the last report.
+    /// The FIFO-full count and the CRC error count of the last report, to notice losses.
     losses: Option<(u16, u8)>,
-    /// The last report: its time in nanoseconds, the commands executed by then, and the commands that waited.
+    /// The last report: its time in nanoseconds, the number of commands executed by then, and the number that waited in
+    /// the FIFO.
     previous: Option<(i64, u64, u64)>,
-    /// The last report with a certain result: its time in nanoseconds, and the commands executed by then.
+    /// The last report whose result is certain: its time in nanoseconds, and the number of commands executed by then.
     last_certain: Option<(i64, u64)>,
 }
 
 impl Executed {
-    /// For a board with this cycle time in nanoseconds.
+    /// A tracker for a board with this cycle time in nanoseconds.
     pub fn new(cycle_ns: i64) -> Self {
         Self { cycle_ns: cycle_ns.max(1), count: 0, known_from: 0, losses: None, previous: None, last_certain: None }
     }
@@ -48,7 +49,8 @@ impl Executed {
         self.count
     }
 
-    /// The first command sent after the last loss or clear. Of earlier ones it is not known whether they were executed.
+    /// The number of the first command sent after the last loss or clear. It is unknown whether earlier commands were
+    /// executed.
     pub const fn known_from(&self) -> u64 {
         self.known_from
     }
@@ -95,8 +97,8 @@ impl Executed {
         waited < cycles || executed.checked_sub(executed_then) == Some(cycles)
     }
 
-    /// Whether one command was executed in each cycle since the last report with a certain result. This report is
-    /// certain then, too, and only reports between were in flight together with commands.
+    /// Whether one command was executed in each cycle since the last report with a certain result. If so, this report
+    /// is certain, too: only the reports between them were in flight at the same time as commands.
     fn matches_last_certain(&self, (then_ns, executed_then): (i64, u64), at_ns: i64, executed: u64) -> bool {
         executed.checked_sub(executed_then) == Some(self.cycles(then_ns, at_ns))
     }
@@ -107,7 +109,7 @@ impl Executed {
         (passed.saturating_add(self.cycle_ns / 2) / self.cycle_ns).unsigned_abs()
     }
 
-    /// Starts anew when OP is left, since the FIFO is empty then. `cycle_ns` is the cycle time of the next OP.
+    /// Resets everything when OP is left, since the FIFO is empty then. `cycle_ns` is the cycle time of the next OP.
     pub fn reset(&mut self, cycle_ns: i64) {
         *self = Self { losses: self.losses, ..Self::new(cycle_ns) };
     }

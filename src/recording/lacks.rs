@@ -2,19 +2,19 @@
 
 use std::fmt;
 
-/// What is missing in a recording, in the part that was read so far; complete only at its end.
+/// What is missing in a recording, as far as it was read. It is complete once the recording was read to its end.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Lacks {
-    /// The number of sections that were not ended. Each opening of a board makes a section.
+    /// The number of sections without an end. The recorder writes one section for each opening of a board.
     pub not_ended: u64,
     /// The number of frames that passed the link and are not in the recording.
     pub missing: u64,
-    /// Why frames are missing, as the recorder says it.
+    /// Why frames are missing, as the recorder has noted it in the file.
     pub why: Option<String>,
 }
 
 impl Lacks {
-    /// Whether nothing is known to be missing.
+    /// Whether no section lacks its end, and no frame is known to be missing.
     pub const fn is_nothing(&self) -> bool {
         self.not_ended == 0 && self.missing == 0
     }

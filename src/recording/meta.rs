@@ -4,23 +4,23 @@ use std::fmt;
 
 use crate::sk::SlotSize;
 
-/// The beginning of the application's name in the section header of our recordings.
+/// The first characters of the application's name in the section header of recordings of this crate.
 pub(crate) const APPLICATION: &str = "ecmsk ";
 
-/// The first word of the comment.
+/// The first word of the comment with the metadata.
 const MARK: &str = "ecmsk";
-/// The last field of the comment; the rest of the comment is the link.
+/// The name of the last field in the comment. Its value is the rest of the comment: the link.
 const LINK: &str = "link=";
 /// Longest link that is written, bytes: the pcapng field of a comment has at most 65535 bytes.
 const LINK_MAX: usize = 60_000;
 
-/// The clock of a simulated board, and of its recording.
+/// The clock that stamps the frames of a recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Clock {
-    /// The clock of this machine.
+    /// The real clock of the machine.
     #[default]
     Real,
-    /// A clock of the board itself, which advances in calls only.
+    /// The clock of a simulated board that advances only inside calls.
     Virtual,
 }
 
@@ -35,7 +35,8 @@ pub struct RecordMeta {
     /// count from 1970-01-01. With a virtual clock the offset is 0. If a program records to the same file again and its
     /// clock starts anew, times continue where the earlier ones ended, with either clock.
     pub base_ns: u64,
-    /// The link's time when the board was opened, ns: the zero of warnings and scripts. `None` if the recording does not say.
+    /// The link's time at which the board was opened, ns. Times in warnings and scripts count from it. `None` if the
+    /// recording does not have it.
     pub opened_ns: Option<u64>,
     /// The link's URI in normal form.
     pub link: String,
@@ -47,12 +48,12 @@ impl RecordMeta {
         self.clock == Clock::Virtual
     }
 
-    /// When the board was opened, in the time of the file; `None` if the recording does not say.
+    /// The time of the file at which the board was opened, ns; `None` if the recording does not have it.
     pub fn opened_at_ns(&self) -> Option<u64> {
         self.opened_ns.map(|opened_ns| self.base_ns.saturating_add(opened_ns))
     }
 
-    /// Parses the comment; `None` if another program wrote it. Unknown fields are ignored.
+    /// Parses the comment with the metadata; `None` if another program wrote it. Unknown fields are ignored.
     pub(super) fn from_comment(comment: &str) -> Option<Self> {
         let rest = comment.strip_prefix(MARK)?.strip_prefix(' ')?;
         let (fields, link) = rest.split_at_checked(rest.find(LINK)?)?;
@@ -71,7 +72,8 @@ impl RecordMeta {
     }
 }
 
-/// Writes the comment, such as `ecmsk slot=12 clock=virtual base_ns=0 opened_ns=0 link=sim:?slaves=drive*3`.
+/// Writes the comment with the metadata, such as `ecmsk slot=12 clock=virtual base_ns=0 opened_ns=0
+/// link=sim:?slaves=drive*3`.
 impl fmt::Display for RecordMeta {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{MARK}")?;

@@ -1,4 +1,5 @@
-//! Reads recordings, and finds out what their frames do not show directly.
+//! Reads recordings, and derives what frames do not state: the slot size, the kinds of slaves, which commands were
+//! executed.
 //!
 //! [`Recording`] reads a file that a link has written ([`crate::link::record`]), and captures of a real board that
 //! Wireshark or tcpdump made by usbmon on Linux or by USBPcap on Windows. Its parts, from the file to the frame:
@@ -15,7 +16,7 @@
 //! on frames from any source:
 //!
 //! - `order.rs`, `timeline.rs`: the order of frames in time, and their times.
-//! - `size.rs`, `slave_kinds.rs`: the slot size, and what the slaves are.
+//! - `size.rs`, `slave_kinds.rs`: the slot size, and the kinds of the slaves.
 //! - `executed.rs`: which commands the board has executed.
 
 mod address;

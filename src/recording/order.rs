@@ -1,7 +1,7 @@
 //! Sorts frames by time.
 //!
-//! A recording has its frames in the order in which the host's calls returned. A report that was read late comes after
-//! commands that were sent after the board made it.
+//! The frames of a recording are in the order in which the calls of the host returned. If a report was read late, it
+//! stands behind commands that were sent after the board had made it.
 
 use std::collections::BTreeMap;
 
@@ -12,7 +12,8 @@ const WINDOW: usize = 1024;
 /// Sorts frames by time if they are out of order by less than 1024 frames. Frames of the same time keep their order.
 #[derive(Debug)]
 pub struct InOrder<T> {
-    /// The buffered frames, by their time and by their number in the file. A frame is large, so its box is moved instead.
+    /// The buffered frames, with their time and their number in the file as the key. They are boxed, because a frame is
+    /// large and the map moves its values.
     held: BTreeMap<(i64, u64), Box<T>>,
     pushed: u64,
 }
@@ -42,12 +43,12 @@ impl<T> InOrder<T> {
 mod tests {
     use super::*;
 
-    /// Frames are sorted as far as they are out of order by less than 1024; those of the same time keep their order.
+    /// Frames are sorted if they are out of order by less than 1024 frames. Frames of the same time keep their order.
     #[test]
     fn frames_are_sorted_by_time_and_then_as_they_came() {
         let mut order = InOrder::default();
         let mut sorted = Vec::new();
-        // Each block of 16 times comes backwards, and each time twice.
+        // Each block of 16 times is in reverse order, and each time occurs twice.
         let times = (0..5000_i64).map(|n| n / 32 * 16 + 15 - n / 2 % 16);
         for (number, at_ns) in times.enumerate() {
             sorted.extend(order.push(at_ns, (at_ns, number)));

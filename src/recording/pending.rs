@@ -1,23 +1,23 @@
-//! Frames of a capture that wait to be read: a frame to the board waits until the capture shows whether the board has
-//! taken it.
+//! Frames of a capture that are not returned to the reader yet: a frame to the board waits until the capture shows
+//! whether the board has got it.
 //!
-//! The bytes of a frame are in the capture where the host submits them. If the board takes nothing, the program cancels
-//! the transfer after a while, and the frame never was at the board.
+//! A capture has the bytes of a frame where the host submits the transfer. If the board does not accept them, the
+//! program cancels the transfer after a while, and the board never gets the frame.
 
 use std::collections::{HashMap, VecDeque};
 
 use super::recorded::Recorded;
 
-/// Most frames that wait: a capture may lack the end of a transfer, and a reader of a pipe must get frames in time.
-/// \[OURS]
+/// The most frames that wait. A capture may lack the end of a transfer, and the reader of a pipe must get its frames in
+/// time. \[OURS]
 const MOST: usize = 4096;
 
 #[derive(Default)]
 pub(super) struct PendingFrames {
     frames: VecDeque<Waiting>,
-    /// The number of frames that have left, which is also the number of the first frame here.
+    /// The number of frames that were returned, which is also the number of the first frame here.
     left: u64,
-    /// For each transfer id: the number of the frame that waits for the end of this transfer.
+    /// For each transfer in flight, by its id: the number of the frame that waits for the end of the transfer.
     waiting: HashMap<u64, u64>,
 }
 
@@ -32,14 +32,15 @@ impl PendingFrames {
     /// Adds a frame. If `until` is the id of its transfer, the frame waits for the end of the transfer.
     pub fn push(&mut self, frame: Recorded, until: Option<u64>) {
         let number = self.left + self.frames.len() as u64;
-        // An earlier transfer with this id has no end in the capture.
+        // The id is in use again although the capture has no end of the earlier transfer. The earlier frame waits no
+        // longer.
         if let Some(older) = until.and_then(|id| self.waiting.insert(id, number)) {
             self.frame(older).into_iter().for_each(|older| older.until = None);
         }
         self.frames.push_back(Waiting { frame: Some(frame), until });
     }
 
-    /// Takes the end of a transfer; `moved`: whether the board got its bytes. Returns whether this drops a frame.
+    /// Processes the end of a transfer; `moved`: whether the board got its bytes. Returns whether this drops a frame.
     pub fn ended(&mut self, id: u64, moved: bool) -> bool {
         let Some(number) = self.waiting.remove(&id) else { return false };
         let Some(waiting) = self.frame(number) else { return false };

@@ -19,27 +19,27 @@ use super::recorded::Recorded;
 
 /// An iterator over the frames of a recording or a capture, in the order of the file.
 ///
-/// In a capture, a frame to the board counts at the submission of its transfer, and a report at the completion. A frame
-/// whose transfer was cancelled is left out. A frame is an interrupt transfer of 512 or 504 bytes, or of 513 with a
-/// report id of 0, or a SET_REPORT of such a length. Everything else is counted ([`Recording::skipped`]). The iterator
-/// ends after an error.
+/// In a capture, a frame to the board has its time and place from the submission of the transfer, and a report from the
+/// completion. A frame whose transfer was cancelled is left out. A frame is an interrupt transfer of 512 or 504 bytes,
+/// or of 513 with a report id of 0, or a SET_REPORT of such a length. Everything else is counted
+/// ([`Recording::skipped`]). The iterator ends after an error.
 pub struct Recording<R> {
     blocks: Blocks<R>,
     name: String,
     meta: Option<RecordMeta>,
-    /// The metadata of the newest section, while frames of the section before are still held.
+    /// The metadata of the newest section. It is kept here while frames of the section before have not all been returned.
     next_meta: Option<Option<RecordMeta>>,
     lacks: Lacks,
-    /// Whether the current section was written by our recorder and its end has not been read yet.
+    /// Whether the recorder of this crate wrote the current section, and its end has not been read yet.
     unended: bool,
-    /// The link types of interfaces without USB, for an error; `None` once there is an interface with USB.
+    /// The link types of interfaces that carry no USB, for the error; `None` once an interface with USB was read.
     others: Option<Vec<String>>,
     devices: Devices,
     pending: PendingFrames,
     only: Option<Address>,
     /// The number of frames returned so far.
     frames: u64,
-    /// Whether some section is a recording, which may have no frames.
+    /// Whether the file has a section of a recording. Such a file may be without frames.
     is_recording: bool,
     /// The result of the last read, once reading has ended.
     end: Option<Result<(), RecordError>>,
@@ -61,7 +61,7 @@ impl Recording<File> {
 }
 
 impl<R: Read> Recording<R> {
-    /// Reads from any source. `name` appears in messages.
+    /// Reads a recording from any source. `name` is its name in messages.
     ///
     /// # Errors
     /// [`RecordError`] if the beginning is not that of a capture.
@@ -82,7 +82,7 @@ impl<R: Read> Recording<R> {
             end: None,
             ended: false,
         };
-        // Reads the file's header, so that `meta` is known at once.
+        // Reads the first block, so that `meta` has the metadata from the beginning.
         recording.step()?;
         recording.meta = recording.next_meta.take().flatten();
         Ok(recording)
@@ -112,7 +112,7 @@ impl<R: Read> Recording<R> {
         self.lacks.clone()
     }
 
-    /// What was skipped in the part read so far.
+    /// The packets that were skipped in the part read so far, counted.
     pub fn skipped(&self) -> Skipped {
         self.devices.skipped()
     }
@@ -142,7 +142,7 @@ impl<R: Read> Recording<R> {
                 }
             }
             Item::Packet(packet) => {
-                // A recording does not have the ends of transfers; all its frames were taken by the board.
+                // A recording has no ends of transfers. The board got all its frames, so they need not wait.
                 let waits = self.meta.is_none();
                 let taken = match file_formats::event(&packet) {
                     Some(event) => self.devices.take(&event, packet.at_ns, waits, &mut self.pending),
@@ -168,7 +168,7 @@ impl<R: Read> Recording<R> {
                 self.frames += 1;
                 return Ok(Some(frame));
             }
-            // All frames of the previous section have been returned.
+            // All frames of the section before have been returned, so the metadata of the new section apply.
             if let Some(meta) = self.next_meta.take() {
                 self.meta = meta;
             }
@@ -182,7 +182,8 @@ impl<R: Read> Recording<R> {
         }
     }
 
-    /// Checks whether a file that was read to its end may be without frames.
+    /// Called at the end of the file. If it had no frames, returns the error that says why. Only a recording may have
+    /// none.
     fn check(&mut self) -> Result<(), RecordError> {
         let name = self.name.clone();
         let of_network = format!("{:?}", DataLink::ETHERNET);
@@ -221,8 +222,8 @@ impl<R: Read> Iterator for Recording<R> {
 }
 
 /// Finds the board in a capture: the device that looks most like one, by its frames, and by its descriptor if the
-/// capture has it. `None` for a recording, which has only one board and of which only the beginning is read. A damaged
-/// capture is searched up to the damage.
+/// capture has it. `None` for a recording, which has only one board, so that only the beginning is read. A damaged
+/// capture is searched up to the damaged block.
 ///
 /// # Errors
 /// [`RecordError::SeveralBoards`], [`RecordError::NoBoard`], and the errors of opening and reading the file.
@@ -259,7 +260,7 @@ mod tests {
 
     use super::*;
 
-    /// A source that counts the bytes that were read from it.
+    /// A source that counts the bytes read from it.
     struct Counted<'a>(&'a [u8], &'a Cell<usize>);
 
     impl Read for Counted<'_> {

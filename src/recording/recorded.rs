@@ -5,17 +5,17 @@ use super::address::Address;
 use super::meta::RecordMeta;
 use crate::sk::{Dir, Frame};
 
-/// A frame in a recording.
+/// A frame in a recording, with its time, its direction and the address of its board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Recorded {
-    /// The time of the frame, nanoseconds. In a recording the link's time plus [`RecordMeta::base_ns`]; in a capture of
-    /// a real board the time since 1970-01-01.
+    /// The time of the frame, nanoseconds. In a recording it is the link's time plus [`RecordMeta::base_ns`]; in a
+    /// capture of a real board it counts from 1970-01-01.
     pub at_ns: u64,
     /// The direction: to the board, or from it.
     pub dir: Dir,
-    /// The bytes of the frame; those that a capture does not have are 0.
+    /// The bytes of the frame. Bytes that the capture cut off are 0.
     pub frame: Frame,
-    /// The USB bus of a real board, as the operating system numbered it.
+    /// The number of the USB bus, as the operating system has assigned it.
     pub bus: u16,
     /// The number of the board on its bus. It changes when the board is plugged in again.
     pub device: u8,

@@ -1,14 +1,14 @@
-//! Finds the slot size of frames, which they do not state.
+//! Finds the slot size of frames, since frames do not contain it.
 
 use crate::sk::{Frame, SlotForm, SlotSize};
 
-/// Whether the slot size of a frame is certain.
+/// How certain the slot size of a frame is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SizeFrom {
-    /// The slot size is certain: the user or the recording states it, or the length, the CRC or the slots fit one size
-    /// alone.
+    /// The slot size is certain: the user or the recording states it, or the frame's length, CRC or slots fit only one
+    /// size.
     Known,
-    /// The slot size is the default, because nothing shows it.
+    /// The slot size is the default of 12 bytes, because no frame shows the size.
     Assumed,
 }
 
@@ -17,7 +17,7 @@ pub enum SizeFrom {
 #[derive(Clone, Debug)]
 pub struct SizeFinder {
     known: Option<SlotSize>,
-    /// The frames that fit 12-byte slots only, and those that fit 16-byte slots only.
+    /// The number of frames that fit only 12-byte slots, and of frames that fit only 16-byte slots.
     votes: [u32; 2],
 }
 
@@ -57,7 +57,8 @@ impl SizeFinder {
         }
     }
 
-    /// Whether more frames are unlikely to change the result: one size leads by three (a wrong CRC fits once in 256).
+    /// Whether more frames are unlikely to change the result: one size leads by three frames. A wrong CRC fits by
+    /// chance once in 256 frames.
     pub fn is_sure(&self) -> bool {
         self.known.is_some() || self.votes[0].abs_diff(self.votes[1]) >= 3
     }

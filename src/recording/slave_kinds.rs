@@ -1,9 +1,9 @@
-//! The kinds of the slaves, which reports do not show: given by the user, or else read from SET_AXIS.
+//! The kinds of the slaves, which reports do not contain. The user gives them, or they are read from SET_AXIS.
 
 use crate::sk::dump::MAX_SLAVES;
 use crate::sk::{Frame, MasterCommand, MasterResponse, MasterState, SlaveKind, SlotSize};
 
-/// The kinds of the slaves at one point of a sequence of frames.
+/// The kinds of the slaves as known at the present frame of a recording.
 #[derive(Clone, Debug)]
 pub struct Kinds {
     kinds: [Option<SlaveKind>; MAX_SLAVES],
@@ -13,8 +13,8 @@ pub struct Kinds {
 }
 
 impl Kinds {
-    /// Starts with the user's list, slave 1 first; slaves after its end are none. Without a list all kinds are unknown
-    /// until SET_AXIS.
+    /// `given` is the user's list, slave 1 first; slaves that are not in it do not exist. Without a list all kinds are
+    /// unknown until a SET_AXIS command is read.
     pub fn new(given: Option<&[SlaveKind]>) -> Self {
         let kinds = match given {
             Some(list) => std::array::from_fn(|i| Some(list.get(i).copied().unwrap_or(SlaveKind::None))),
@@ -28,7 +28,7 @@ impl Kinds {
         self.kinds.get(n.checked_sub(1)?).copied().flatten()
     }
 
-    /// Takes a command frame. SET_AXIS counts in Init and PreOP, where a board accepts it; SW_RESET makes all kinds
+    /// Reads a command frame. SET_AXIS counts in Init and PreOP, where a board accepts it; SW_RESET makes all kinds
     /// unknown (SK-4).
     pub fn command(&mut self, frame: &Frame, size: SlotSize) {
         if !self.follow {
@@ -38,7 +38,7 @@ impl Kinds {
             Ok(MasterCommand::SetAxis { group, kinds })
                 if !matches!(self.state, Some(MasterState::SafeOp | MasterState::Op)) =>
             {
-                // The five groups have 40 slaves, more than a board with 16-byte slots has.
+                // The five groups of SET_AXIS have 40 slaves, more than a board with 16-byte slots drives.
                 let slaves = self.kinds.iter_mut().take(size.max_slaves()).skip(usize::from(group) * 8);
                 slaves.zip(kinds).for_each(|(slave, kind)| *slave = Some(kind));
             }

@@ -1,14 +1,14 @@
-//! Makes the times of frames consistent, if the clock that stamped them was set.
+//! Makes the times of frames consistent, even if the clock that stamped them was set meanwhile.
 //!
 //! The clock of a capture may be set, by NTP or by a person, while it stamps frames, and a bit of the file may flip.
-//! Then the times seem to jump by years. A model that replays a recording has to end all the same.
+//! Then the times seem to jump by years, but the replay of a recording must not simulate years.
 
-/// Longest time without a frame that is taken as it is. \[OURS] After a longer silence nothing of what the board did
-/// before goes on.
+/// The longest time between two frames that is kept unchanged. \[OURS] After a longer silence nothing that the board
+/// did before is still going on.
 pub const LONGEST_SILENCE_NS: i64 = 3_600_000_000_000;
-/// Limit for the sum of all silences of more than [`SHORT_SILENCE_NS`]: 25 hours. \[OURS]
+/// The limit for the sum of all silences that are longer than [`SHORT_SILENCE_NS`]: 25 hours. \[OURS]
 const SILENCE_IN_ALL_NS: i64 = 25 * LONGEST_SILENCE_NS;
-/// Shorter times between frames do not count as silences.
+/// Times between frames up to this do not count as silences.
 const SHORT_SILENCE_NS: i64 = 1_000_000_000;
 /// How much earlier than the previous frame a frame's time may be: a report may be read late by as many cycles as the
 /// host buffers. \[OURS]
@@ -21,7 +21,7 @@ pub struct Jumps {
     pub count: u64,
     /// The time of the first jump, nanoseconds since the first frame.
     pub first_at_ns: i64,
-    /// How far the clock jumped at first, nanoseconds; negative if it jumped back.
+    /// How far the clock jumped the first time, nanoseconds; negative if it jumped back.
     pub first_by_ns: i64,
 }
 
@@ -39,13 +39,13 @@ impl std::fmt::Display for Jumps {
 
 /// Gives frames, in the order of the file, a consistent time since the first frame.
 ///
-/// A frame whose time is far from that of its neighbours gets theirs. If the clock was set back, no time has passed. A
-/// silence counts as an hour at most, and all silences together as 25 hours.
+/// A frame whose time is far from the times of both neighbours gets their time. If the clock was set back, no time
+/// counts as passed. A silence counts as an hour at most, and all silences together as 25 hours.
 #[derive(Debug)]
 pub struct Timeline<T> {
-    /// The next frame; the frame after it decides whether its time is an outlier.
+    /// The newest frame. It is returned after the next one, which shows whether its time is an outlier.
     held: Option<(u64, T)>,
-    /// The latest time of the clock, and the offset from the clock to the time since the first frame.
+    /// The latest time of the clock, and what has to be added to a time of the clock to get the time since the first frame.
     clock: Option<(i128, i128)>,
     latest_ns: i64,
     silence_left_ns: i64,
@@ -59,14 +59,14 @@ impl<T> Default for Timeline<T> {
 }
 
 impl<T> Timeline<T> {
-    /// Takes the next frame of the file and its time in nanoseconds. Returns the frame before it, with the nanoseconds
-    /// since the first frame.
+    /// Adds the next frame of the file with its time in nanoseconds. Returns the frame before it, with its time since
+    /// the first frame in nanoseconds.
     pub fn push(&mut self, at_ns: u64, frame: T) -> Option<(i64, T)> {
         let (before_ns, before) = self.held.replace((at_ns, frame))?;
         Some((self.place(before_ns, Some(at_ns)), before))
     }
 
-    /// Removes the last frame, with the nanoseconds since the first frame.
+    /// Removes the last frame, with its time since the first frame in nanoseconds.
     pub fn pop(&mut self) -> Option<(i64, T)> {
         let (at_ns, frame) = self.held.take()?;
         Some((self.place(at_ns, None), frame))
@@ -77,7 +77,7 @@ impl<T> Timeline<T> {
         if self.jumps.count > 0 { Some(self.jumps) } else { None }
     }
 
-    /// The time of a frame since the first one; `next` is the clock's time of the frame after it.
+    /// Converts the time of a frame to the time since the first frame. `next`: the time of the frame after it.
     fn place(&mut self, at_ns: u64, next: Option<u64>) -> i64 {
         const LATE: i128 = LATE_MAX_NS as i128;
         let at = i128::from(at_ns);
@@ -86,7 +86,7 @@ impl<T> Timeline<T> {
             return 0;
         };
         let passed = at - clock;
-        // The time is an outlier if it is far from the frame before, and that of the next frame is not.
+        // The time is an outlier if it is far from the time of the frame before, and the time of the next frame is not.
         let is_odd = |next: u64| {
             let next = i128::from(next) - clock;
             passed.abs() > LATE
@@ -101,7 +101,7 @@ impl<T> Timeline<T> {
         let silence =
             passed.min(i128::from(self.silence_left_ns.min(LONGEST_SILENCE_NS)).max(i128::from(SHORT_SILENCE_NS)));
         if passed < -LATE || silence < passed {
-            // The clock was set, or a silence was longer than allowed.
+            // The clock was set, or a silence was longer than allowed: the difference counts as a jump.
             let counts = if passed < 0 { 0 } else { silence as i64 };
             self.jumped(passed - i128::from(counts));
             self.latest_ns = self.latest_ns.saturating_add(counts);
@@ -144,7 +144,7 @@ mod tests {
         (found.iter().map(|at| at / S as i64).collect(), timeline.jumps())
     }
 
-    /// The times of a continuous clock are kept, also of late frames and after silences of up to an hour.
+    /// The times of a clock that was never set are kept, also those of late frames and after silences of up to an hour.
     #[test]
     fn a_clock_that_goes() {
         let calendar = 1_700_000_000 * S;
@@ -157,7 +157,7 @@ mod tests {
         assert_eq!(placed(&[7]), (vec![0], None));
     }
 
-    /// A single frame with a wrong time gets that of its neighbours, whatever bit of its time flipped.
+    /// If a single frame has a wrong time, because any one bit of it flipped, it gets the time of its neighbours.
     #[test]
     fn a_flipped_bit() {
         let times: Vec<u64> = (0..10).map(|n| 1_700_000_000 * S + n * S).collect();
@@ -169,7 +169,7 @@ mod tests {
                 let expected: Vec<i64> = (0..10).collect();
                 for (n, (found, expected)) in found.iter().zip(&expected).enumerate() {
                     let apart = (found - expected).abs();
-                    // The last frame has no frame after it to compare with, so it may be an hour off.
+                    // The last frame has no successor to compare with, so its time may be wrong by up to an hour.
                     assert!(
                         apart <= if n == frame { if frame == 9 { 3600 } else { 9 } } else { 0 },
                         "{frame} {bit}: {n}"
@@ -181,7 +181,7 @@ mod tests {
         }
     }
 
-    /// If a clock is set forward or back, by seconds or years, no time passes, or an hour at most.
+    /// If a clock is set back, no time counts as passed; if it is set forward, by seconds or years, at most an hour.
     #[test]
     fn a_clock_that_is_set() {
         for (by, hours) in [(3 * HOUR as i128, 1), (-3 * HOUR as i128, 0), (-7 * S as i128, 0), (1 << 62, 1)] {
@@ -205,7 +205,7 @@ mod tests {
         let last = *found.last().expect("a time");
         assert!((25 * 3600..26 * 3600 + 200).contains(&last), "{last}");
         assert!(jumps.expect("silences that count less").count > 150);
-        // Short times between frames are not limited.
+        // Times between frames of at most a second have no limit.
         let (found, jumps) = placed(&(0..200_000).map(|n| n * S).collect::<Vec<_>>());
         assert_eq!((found.last(), jumps), (Some(&199_999), None));
     }

@@ -1,8 +1,9 @@
-//! Sends the command frames of a recording or a USB capture to the model of the board, to see whether it answers as the
-//! recorded board did.
+//! Sends the command frames of a recording or a USB capture to the model of the board, to find out whether the model
+//! answers as the recorded board did.
 //!
-//! A [`Replay`] has two runs for [`crate::compare`]: the recorded one, and that of the model, which gets the same
-//! command frames at the same times. The model's time is virtual, so that each frame reaches it at exactly its time.
+//! A [`Replay`] supplies two runs for [`crate::compare`]: the recorded run, and the run of the model, which gets the
+//! same command frames at the same times. The model's time is virtual, so that each frame reaches it at exactly its
+//! time.
 //!
 //! ```no_run
 //! use std::path::Path;
@@ -50,7 +51,7 @@ pub enum ReplayError {
     /// The recording cannot be read.
     #[error(transparent)]
     Recording(#[from] RecordError),
-    /// The recording holds no frame, or cannot be read.
+    /// The recording has no frames, or cannot be read.
     #[error(transparent)]
     Compare(#[from] CompareError),
     /// The model cannot be opened.
@@ -59,7 +60,7 @@ pub enum ReplayError {
     /// The URI of the model is invalid.
     #[error(transparent)]
     Uri(#[from] UriError),
-    /// Neither the caller nor the recording names a model.
+    /// Neither the caller nor the recording gives the link of a model.
     #[error(
         "{name} does not say which slaves the board has; name the model, for example --link 'sim:?slaves=drive*2,io'"
     )]
@@ -67,7 +68,7 @@ pub enum ReplayError {
         /// The name of the recording's file.
         name: String,
     },
-    /// The link in the recording names a file, and the caller has not allowed that.
+    /// The link in the recording refers to a file, which the caller has not allowed.
     #[error(
         "the link in {name} names a file ({key}={file}); a recording may come from anybody, and files that it names \
          are opened only with --allow-files; add that, or name the model yourself with --link"
@@ -86,7 +87,7 @@ pub enum ReplayError {
         /// The URI of the link.
         link: String,
     },
-    /// The link of the model has the key `record=`, and a replay makes no recording.
+    /// The link has the key `record=`, but a replay makes no recording.
     #[error(
         "`{link}` asks for a recording (record={file}), and a replay makes none: it compares the model's answers at \
          once. Leave record= out; `ecmsk exec --record FILE` records a program that runs on the model"
@@ -150,7 +151,7 @@ pub enum FilesInLink {
 pub struct Replay {
     path: PathBuf,
     link: LinkUri,
-    /// Whether both reach their slaves in the same way, see [`Self::is_alike`].
+    /// Whether the recorded board and the model reach their slaves in the same way, see [`Self::is_alike`].
     is_alike: bool,
     board: Address,
     slot: Option<SlotSize>,
@@ -161,9 +162,9 @@ pub struct Replay {
 impl Replay {
     /// Opens a recording and finds where the replay begins.
     ///
-    /// `link` names the model; without it the link in the recording is used, if a model was recorded. Only the slot
-    /// size of `options` is used. `device` is the USB address of the board in a capture, `None` to search for it.
-    /// `files` says whether the link in the recording may open files.
+    /// `link` is the link of the model; without it the link in the recording is used, if a model was recorded. Only the
+    /// slot size of `options` is used. `device` is the USB address of the board in a capture; with `None` the board is
+    /// searched for. `files` decides whether the link in the recording may open files.
     ///
     /// # Errors
     /// [`ReplayError`].
@@ -222,8 +223,9 @@ impl Replay {
         &self.link
     }
 
-    /// Whether both boards reach their slaves in the same way: over their own network, or over an ECM-XF. If not, the
-    /// model takes other times than the recorded board, and [`Self::waiting_runs`] is the way to compare them.
+    /// Whether the recorded board and the model reach their slaves in the same way: over their own network, or over an
+    /// ECM-XF. If not, the model needs other times than the recorded board, and they are compared by
+    /// [`Self::waiting_runs`].
     pub const fn is_alike(&self) -> bool {
         self.is_alike
     }
@@ -248,9 +250,9 @@ impl Replay {
         Ok((self.recorded()?, model))
     }
 
-    /// The recorded run, and a run of the model whose host waits for whatever the recorded program may have waited for.
-    /// Both begin at [`Self::start`] and are sorted by time. For a model that takes longer than the recorded board,
-    /// such as one over an ECM-XF.
+    /// The recorded run, and a run of the model whose host waits for everything that the recorded program may have
+    /// waited for. Both begin at [`Self::start`] and are sorted by time. This is for a model that needs more time than
+    /// the recorded board, such as one over an ECM-XF.
     ///
     /// # Errors
     /// [`ReplayError`].
@@ -288,8 +290,8 @@ fn model_size(link: &LinkUri) -> SlotSize {
     link.value("slot").and_then(uri::slot_size).unwrap_or_default()
 }
 
-/// The link in a recording without the keys that only concerned the recorded program; `None` if it is not the link of a
-/// model.
+/// The link in a recording, without the keys that only mattered to the recorded program; `None` if it is not the link
+/// of a model.
 fn recorded_link(meta: &RecordMeta) -> Option<LinkUri> {
     let link = LinkUri::parse(&meta.link).ok().filter(|link| link.scheme().is_model())?;
     let kept = link.keys().filter(|(key, _)| *key != "record" && !key.starts_with("fault."));

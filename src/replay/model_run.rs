@@ -9,16 +9,16 @@ use crate::engine::Board;
 use crate::link::Dir;
 use crate::sk::Frame;
 
-/// Longest time that a recorded model may have run before its first frame, so that its clock is taken over. \[OURS]
+/// If a recorded model ran longer than this before its first frame, its clock is not taken over. \[OURS]
 const RUN_BEFORE_MAX_NS: i64 = 60_000_000_000;
-/// Longest time after its cycle at which a recorded model may have made a report. \[OURS]
+/// How long after a cycle a recorded model may have made the report of that cycle. \[OURS]
 const LATE_MAX_NS: u64 = 1_000_000_000;
 
-/// The run of the model: the recorded command frames, each at its time, and the model's reports to them. Times are
-/// those of the recording.
+/// The run of the model: the recorded command frames, each at its time, and the reports that the model makes. Times are
+/// on the clock of the recording.
 ///
-/// Whenever the host has received a report in the recording, it receives the newest report of the model, unless it has
-/// received that one already. \[OURS]
+/// At each time at which the recorded host received a report, the host receives the newest report of the model, unless
+/// it has received that report already. \[OURS]
 ///
 /// A model over a chip makes a report some cycles after the cycle that it shows, and the report has the time of that
 /// cycle. A recording is sorted by these times. So if a model was recorded, the host receives the report of the same
@@ -28,7 +28,7 @@ pub struct ModelRun {
     frames: u64,
     writes: Writes,
     board: Board,
-    /// The model's time minus the recording's time.
+    /// The offset from the clock of the recording to the clock of the model, ns.
     offset_ns: i64,
     unread: Unread,
     reports: u64,
@@ -37,7 +37,7 @@ pub struct ModelRun {
 }
 
 impl ModelRun {
-    /// The run of `board`. `again` is the same recording as `source`, from the same frame on.
+    /// The run of the model `board`. `again` is the same recording as `source`, from the same frame on.
     pub(super) fn new(source: RecordedRun, again: RecordedRun, board: Board, start: &ReplayStart) -> Self {
         let mut model = Self {
             source,
@@ -54,8 +54,8 @@ impl ModelRun {
         model
     }
 
-    /// Chooses the offset between the two clocks, at the first frame. If a model was recorded, it is the recorded
-    /// offset. Otherwise it makes the model's cycles end at the same times as those of the recorded board.
+    /// Chooses the offset between the two clocks, at the first frame. If a model was recorded, the recording has the
+    /// offset. Otherwise the offset makes the model's cycles end at the same times as those of the recorded board.
     fn begin(&mut self, first_ns: i64) {
         let now = time(self.board.now());
         if let Some(model_clock_ns) = self.start.model_clock_ns
@@ -93,20 +93,19 @@ impl ModelRun {
         Some(TimedFrame { number: self.reports, frame, ..observed })
     }
 
-    /// Sends a command frame to the model. From then on the host receives, of the reports up to `due`, only the newest
-    /// one.
+    /// Sends a command frame to the model. Of the reports made up to `due`, the host then receives only the newest.
     fn write(&mut self, observed: &TimedFrame, due: u64) {
         let at = self.model_time(observed.at_ns);
         let Self { board, unread, .. } = self;
         board.host(&observed.frame, at, &mut |frame, made| unread.push(frame, made, due));
     }
 
-    /// Runs the model until it has made the report of the cycle at `at`. The model gets the command frames that the
-    /// host wrote meanwhile.
+    /// Runs the model until it has made the report of the cycle at `at`, and passes it the command frames that the host
+    /// wrote in that time.
     fn wait_for_report_of(&mut self, at: u64) {
         let end = at.saturating_add(LATE_MAX_NS);
         while self.unread.newest().is_none_or(|made| made < at) && self.board.next_cycle() <= end {
-            // Command frames that the host wrote before the next cycle come first.
+            // A command frame that the host wrote before the next cycle goes to the model first.
             let before_ns = time(self.board.next_cycle()).saturating_sub(self.offset_ns);
             if let Some(write) = self.writes.next_if(|write| write.at_ns < before_ns) {
                 self.write(&write, at);
@@ -128,7 +127,7 @@ impl ModelRun {
 struct Unread(VecDeque<(Frame, u64)>);
 
 impl Unread {
-    /// Adds a report. Of the reports up to `due` only the newest one is kept.
+    /// Adds a report. Of the reports made up to `due` only the newest is kept.
     fn push(&mut self, frame: &Frame, made: u64, due: u64) {
         if made <= due {
             self.0.clear();
@@ -140,15 +139,15 @@ impl Unread {
         self.0.back().map(|(_, made)| *made)
     }
 
-    /// Takes the newest report made at `at` or before.
+    /// Removes the reports made up to `at`, and returns the newest of them.
     fn pop(&mut self, at: u64) -> Option<Frame> {
         let due = self.0.partition_point(|(_, made)| *made <= at);
         self.0.drain(..due).next_back().map(|(frame, _)| frame)
     }
 }
 
-/// The command frames of a recording, read ahead of its other frames: the model may need them before a report that is
-/// earlier in the recording.
+/// The command frames of a recording, read ahead of the other frames: the model may need a command frame before a
+/// report that is earlier in the recording.
 struct Writes {
     source: RecordedRun,
     /// The number of frames of the recording that were read.

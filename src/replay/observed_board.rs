@@ -1,4 +1,4 @@
-//! What a program may have seen of a board, and may have waited for.
+//! What a program may have seen in the reports of a board, and may therefore have waited for.
 
 use crate::compare::AT_REST_REPORTS;
 use crate::ethercat::cia402::Statusword;
@@ -8,11 +8,11 @@ use crate::sk::{CommandId, FIFO_ENTRIES, Frame, MasterResponse, MasterState, Sdo
 
 /// The bits of a statusword that show the progress of homing.
 const HOMING_BITS: u16 = Statusword::BIT12 | Statusword::BIT13;
-/// How many more entries may wait in the model's FIFO than in the recorded one: over an ECM-XF, entries in flight to
-/// the chip count as well. \[OURS]
+/// How many more entries the model's FIFO may have than the recorded one. Over an ECM-XF, entries in flight to the chip
+/// count as well. \[OURS]
 const ON_THE_WAY: u16 = 12;
 
-/// What the newest reports of a board show.
+/// The state of a board as its newest reports show it.
 #[derive(Clone, Debug)]
 pub struct ObservedBoard {
     size: SlotSize,
@@ -25,12 +25,12 @@ pub struct ObservedBoard {
     slaves: [ObservedSlave; MAX_SLAVES],
 }
 
-/// What a slave shows in the newest reports.
+/// The state of a slave as the newest reports show it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct ObservedSlave {
     statusword: Option<Statusword>,
     positions: [i32; 2],
-    /// The number of reports for which the positions have not changed.
+    /// The number of reports in a row that show the same positions.
     still: u16,
     /// The inputs of an IO slave, and the command that its slot answers.
     inputs: Option<(CommandId, u16)>,
@@ -43,7 +43,7 @@ impl ObservedBoard {
         Self { size, kinds, state: None, sdo: None, fifo_free: FIFO_ENTRIES, reports_since_command: 0, slaves }
     }
 
-    /// Updates the values from a command frame that the host sends.
+    /// Updates the state from a command frame that the host sends.
     pub(super) fn command(&mut self, frame: &Frame) {
         self.kinds.command(frame, self.size);
         self.reports_since_command = 0;
@@ -56,7 +56,7 @@ impl ObservedBoard {
         }
     }
 
-    /// Updates the values from the next report.
+    /// Updates the state from the next report.
     pub(super) fn report(&mut self, frame: &Frame) {
         self.kinds.response(frame, self.size);
         let board = MasterResponse::decode(&frame.slot(self.size, 0));
@@ -88,7 +88,7 @@ impl ObservedBoard {
     }
 }
 
-/// Something that the recorded board has shown and the model has not shown yet.
+/// Something that the recorded board has shown and the model has not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Missing {
     State,
@@ -104,17 +104,17 @@ impl Missing {
     }
 }
 
-/// Checks whether the model shows what the recorded board has shown. Something that it does not show in time is given
-/// up, and ignored until it does.
+/// Checks whether the model shows what the recorded board has shown. If it does not show something in time, that is
+/// given up: it is ignored until the model shows it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Agreement {
     given_up: Vec<Missing>,
 }
 
 impl Agreement {
-    /// The first thing that the model does not show yet and that was not given up.
+    /// The first thing that the model does not show yet, without those that were given up.
     pub(super) fn missing(&mut self, recorded: &ObservedBoard, model: &ObservedBoard) -> Option<Missing> {
-        // Before the first report a program has not seen anything.
+        // A program that has not read a report yet cannot wait for anything.
         recorded.state?;
         let board = [(Missing::State, agree_on_state(recorded, model)), (Missing::Sdo, agree_on_sdo(recorded, model))];
         let fifo = (Missing::Fifo, agree_on_fifo(recorded, model));
@@ -140,7 +140,7 @@ fn agree_on_state(recorded: &ObservedBoard, model: &ObservedBoard) -> bool {
     recorded.state == model.state
 }
 
-/// Whether the model has answered the same SDO as the recorded board.
+/// Whether the model shows the answer to the same SDO request as the recorded board.
 fn agree_on_sdo(recorded: &ObservedBoard, model: &ObservedBoard) -> bool {
     let asked = |sdo: &Option<SdoResponse>| match *sdo {
         Some(SdoResponse::Done { id, slave, object, .. } | SdoResponse::Aborted { id, slave, object, .. }) => {
@@ -151,8 +151,8 @@ fn agree_on_sdo(recorded: &ObservedBoard, model: &ObservedBoard) -> bool {
     asked(&recorded.sdo).is_none_or(|wanted| asked(&model.sdo) == Some(wanted))
 }
 
-/// Whether at most as many entries wait in the model's FIFO as in the recorded one, plus those in flight. If the
-/// recorded program had not written for a while and its FIFO was empty, the model's FIFO has to be empty too.
+/// Whether the model's FIFO has at most as many entries as the recorded one, plus those in flight to a chip. If the
+/// recorded FIFO was empty and the program had not written for a while, the model's FIFO has to be empty, too.
 fn agree_on_fifo(recorded: &ObservedBoard, model: &ObservedBoard) -> bool {
     let is_at_rest = recorded.fifo_free >= FIFO_ENTRIES && recorded.reports_since_command >= AT_REST_REPORTS;
     let allowed = if is_at_rest { 0 } else { ON_THE_WAY };

@@ -7,7 +7,7 @@ use crate::sk::{MasterResponse, MasterState, SlotSize};
 
 /// The board's cycle time before OP (SK-4).
 pub(super) const CYCLE_NS: i64 = 1_000_000;
-/// Most reports that are used to find the end of the board's cycles. \[OURS]
+/// The most reports that are used to find the times at which the board's cycles end. \[OURS]
 const REPORTS_FOR_TICK: usize = 500;
 
 /// Where a replay begins. The model starts like a board that was just powered on, so the replay begins at the first
@@ -16,11 +16,11 @@ const REPORTS_FOR_TICK: usize = 500;
 pub struct ReplayStart {
     /// The number of frames before the start.
     pub skipped: u64,
-    /// A time at which a cycle of the recorded board ended, in nanoseconds of the recording. The board sends a report
-    /// then.
+    /// The end of a cycle of the recorded board, in nanoseconds on the clock of the recording. At the end of a cycle
+    /// the board sends a report.
     ///
-    /// USB and the host delay reports and never advance them, so the earliest report before OP, relative to its cycle,
-    /// defines this time. \[OURS]
+    /// USB and the host can only delay reports, so the report before OP that came earliest in its cycle defines this
+    /// time. \[OURS]
     pub tick_ns: i64,
     /// The time of the recording's first frame on the recorded model's clock, in nanoseconds; `None` if no model was
     /// recorded.
@@ -45,7 +45,7 @@ impl ReplayStart {
             let below = matches!(state.state(), Some(MasterState::Init | MasterState::PreOp));
             match &mut tick {
                 None if below => tick = Some(Tick { first_ns: at_ns, early_ns: 0 }),
-                // The commands before this report are skipped with it.
+                // The commands before this report are skipped, too.
                 None if is_first => skipped += commands + 1,
                 None => skipped += 1,
                 Some(tick) if state.state() == Some(MasterState::Op) || seen > REPORTS_FOR_TICK => {
@@ -64,10 +64,10 @@ impl ReplayStart {
     }
 }
 
-/// Finds the end of the board's cycles from the times of its reports.
+/// Finds the ends of the board's cycles from the times of its reports.
 struct Tick {
     first_ns: i64,
-    /// How much earlier in its cycle the earliest report came than the first one, in nanoseconds; 0 or negative.
+    /// The phase of the report that came earliest in its cycle, relative to the first report, ns; 0 or negative.
     early_ns: i64,
 }
 

@@ -1,4 +1,4 @@
-//! The run of the model, whose host waits for whatever the recorded program may have waited for.
+//! The run of a model whose host waits for everything that the recorded program may have waited for.
 
 use std::collections::VecDeque;
 
@@ -13,17 +13,20 @@ use crate::sk::{Frame, SlotSize};
 /// Timeout for a state of the network, in nanoseconds of the board's time: with 40 slaves behind an ECM-XF the start to
 /// OP takes up to 14 s. \[OURS]
 const STATE_WAIT_NS: i64 = 30_000_000_000;
-/// Timeout for everything else. \[OURS]
+/// Timeout for everything but the state of the network, in nanoseconds of the board's time. \[OURS]
 const OTHER_WAIT_NS: i64 = 2_000_000_000;
-/// Limit for the sum of all waits, so that the replay of a recording that no model can follow ends. \[OURS]
+/// Limit for the sum of all waits, in nanoseconds of the board's time. It ends the replay of a recording that the model
+/// cannot follow. \[OURS]
 const TOTAL_WAIT_NS: i64 = 120_000_000_000;
 
 /// The run of the model: the recorded command frames in their order, and the model's reports. A frame is sent at its
-/// recorded time, or later: once the model shows what the recorded board had shown before the program sent it.
+/// recorded time, or later, once the model shows everything that the recorded board had shown before the program sent
+/// the frame.
 ///
-/// A recording does not show what its program waits for. So the host waits for everything that a program may wait for
-/// (`ObservedBoard`): the state of the network, the states of the drives, inputs, SDO answers, an axis at rest, room in the
-/// FIFO. After a timeout it stops waiting for that thing. After the last frame it waits once more. \[OURS]
+/// A recording does not show what the program waited for. So the host waits for everything that a program may wait for
+/// (`ObservedBoard`): the state of the network, the states of the drives, inputs, SDO answers, an axis at rest, room in
+/// the FIFO. After a timeout it no longer waits for the thing in question. After the last frame it waits once more.
+/// \[OURS]
 ///
 /// The host receives each report of the model before it sends its next command. If the recorded host missed reports, it
 /// receives only the newest one. A report has the time of its cycle; over a chip the host receives it some cycles
@@ -31,7 +34,7 @@ const TOTAL_WAIT_NS: i64 = 120_000_000_000;
 pub struct WaitingRun {
     source: RecordedRun,
     board: Board,
-    /// The model's time minus the recording's time.
+    /// The offset from the clock of the recording to the clock of the model, ns.
     offset_ns: i64,
     tick_ns: i64,
     recorded: ObservedBoard,
@@ -40,7 +43,7 @@ pub struct WaitingRun {
     /// The reports that the host has not received yet, with the times of their cycles.
     unread: Vec<(Frame, u64)>,
     reports: u64,
-    /// The time at which the recorded host received its last report, and whether it had missed some before.
+    /// When the recorded host received its last report, and whether it had missed reports before that one.
     read_ns: Option<i64>,
     misses: bool,
     begun: bool,
@@ -50,7 +53,7 @@ pub struct WaitingRun {
 }
 
 impl WaitingRun {
-    /// The run of `board`.
+    /// The run of the model `board`.
     pub(super) fn new(source: RecordedRun, board: Board, start: &ReplayStart, size: SlotSize) -> Self {
         Self {
             source,
@@ -106,8 +109,8 @@ impl WaitingRun {
             return;
         }
         self.wait();
-        // The host receives a report that was made before the command first, so that it does not seem to be an answer
-        // to the command.
+        // The host first receives a report that was made before the command, so that it does not take the report for an
+        // answer to the command.
         self.receive();
         let now = self.board.now();
         let (unread, model) = (&mut self.unread, &mut self.model);
@@ -121,7 +124,7 @@ impl WaitingRun {
         self.ready.push_back(TimedFrame { at_ns, ..observed });
     }
 
-    /// Waits until the model shows what the recorded board has shown.
+    /// Waits until the model shows everything that the recorded board has shown.
     fn wait(&mut self) {
         let began = time(self.board.now());
         while self.waited_ns < TOTAL_WAIT_NS {
@@ -144,7 +147,7 @@ impl WaitingRun {
         self.waited_ns = self.waited_ns.saturating_add(waited);
     }
 
-    /// Receives the reports; only the newest one if the recorded host missed reports.
+    /// Receives the reports of the model; if the recorded host missed reports, only the newest one.
     fn receive(&mut self) {
         if self.misses {
             self.unread.drain(..self.unread.len().saturating_sub(1));
@@ -156,7 +159,7 @@ impl WaitingRun {
         }
     }
 
-    /// Converts a time of the model to the recording's clock. Waits of the host are included.
+    /// Converts a time of the model to the clock of the recording. The waits of the host are left in.
     fn recorded_time(&self, ns: u64) -> i64 {
         time(ns).saturating_sub(self.offset_ns).saturating_add(self.waited_ns)
     }

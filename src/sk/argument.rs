@@ -8,15 +8,15 @@ use crate::ethercat::coe::ObjectAddress;
 /// The value of one argument of a command, for formats that show a command's arguments by name, such as JSON.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Argument {
-    /// A number, in the unit that the name says.
+    /// A number, in the unit that the argument's name contains, such as `cycle_us`.
     Number(i64),
-    /// Yes or no, such as a switch.
+    /// On or off, for an argument that is a switch.
     Flag(bool),
     /// One word of a fixed set, such as a state or a kind of slave.
     Word(&'static str),
-    /// The kinds of eight slaves.
+    /// The kinds of the eight slaves of one SET_AXIS command.
     Kinds([SlaveKind; 8]),
-    /// An object of a slave.
+    /// The index and sub-index of an object.
     Object(ObjectAddress),
     /// The target and the outputs of an axis.
     Axis(AxisTarget),
@@ -25,7 +25,7 @@ pub enum Argument {
 /// The target of one axis and, for a pulse module (HSP), its digital outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct AxisTarget {
-    /// CSP: the absolute target position in counts. CSV: the target velocity in counts/s, as the drive scales it.
+    /// Digital outputs of an HSP, bit k is output k. Drives have no such outputs and ignore them.
     pub target: i32,
     /// Digital outputs of an HSP, bit k is output k; a drive ignores them.
     pub outputs: u16,
@@ -55,7 +55,7 @@ pub enum SlaveKind {
     Hsp = 2,
     /// Stepper drive (OBS: seen in programs that work with real boards).
     Step = 3,
-    /// No slave.
+    /// No slave: the slot is not used.
     None = 0xF,
 }
 
@@ -77,7 +77,7 @@ impl SlaveKind {
         self as u8
     }
 
-    /// The name that the guides use.
+    /// The name in NEXTW's guides, such as `DRIVE`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Drive => "DRIVE",
@@ -88,7 +88,7 @@ impl SlaveKind {
         }
     }
 
-    /// The name in a dump.
+    /// The name in a readable dump of a frame: as in the guides, but `none` in lower case.
     pub(super) const fn dump_name(self) -> &'static str {
         match self {
             Self::None => "none",
@@ -166,7 +166,7 @@ pub enum DriveSync {
     DcSync = 1,
 }
 
-/// A torque in 0.1 % of the rated torque, shown in per cent.
+/// A torque in 0.1 % of the rated torque, displayed as a percentage.
 pub(super) struct TorquePercent(pub i16);
 
 impl fmt::Display for TorquePercent {

@@ -1,8 +1,8 @@
 //! Commands with their meaning: one type per kind of slot. Decoding yields only commands that the board executes in at
 //! least one state of the network. Encoding does not check its arguments.
 //!
-//! A command that does not belong in this kind of slot is decoded as `Other`. A command with an argument that no guide
-//! allows is the error [`InvalidArgument`].
+//! A command that does not belong in the kind of slot being decoded becomes `Other`. A command with an argument that no
+//! guide allows is the error [`InvalidArgument`].
 //!
 //! ```
 //! use ecmsk::coe::{ObjectAddress, SdoSize};
@@ -43,7 +43,7 @@ pub enum MasterCommand {
     SetAxis {
         /// Byte 2: which eight slaves, 0..=4.
         group: u8,
-        /// Kinds of the eight slaves. Those for which the board has no slot are ignored.
+        /// The kinds of the eight slaves. Kinds of slaves for which the board has no slot are ignored.
         kinds: [SlaveKind; 8],
     },
     /// Set the EtherCAT cycle and the distributed clocks.
@@ -180,7 +180,7 @@ impl MasterCommand {
         }
     }
 
-    /// Writes the arguments as a dump shows them, each preceded by a blank.
+    /// Writes the arguments in the form of a dump, each after a blank.
     pub(super) fn write_arguments(&self, f: &mut Formatter<'_>, size: SlotSize) -> fmt::Result {
         match *self {
             Self::SetState(state) => write!(f, " {state}"),
@@ -204,7 +204,7 @@ impl MasterCommand {
         }
     }
 
-    /// Calls `give` with the name and the value of each argument.
+    /// Calls `give` once for each argument of the command, with its name and its value.
     pub fn arguments(&self, give: &mut dyn FnMut(&'static str, Argument)) {
         match *self {
             Self::SetState(state) => give("state", Argument::Word(state.name())),

@@ -1,24 +1,24 @@
-//! The 22 commands: their ids, the slots and the kinds of slaves that take them, the states that allow them, and when
-//! they take effect (UG17 1.8, table 1.3).
+//! The 22 commands: their ids, the slots in which they may stand, the kinds of slaves that accept them, the states that
+//! allow them, and when they take effect (UG17 1.8, table 1.3).
 //!
-//! To add a command of the board, add a row to the table in this file. Four places follow:
+//! To add a command of the board, add a row to the table in this file. Then complete it in these files:
 //!
 //! - `command.rs`, `command/slave.rs` or `command/sdo.rs`, by its slot: its arguments in a frame, in a dump and in
 //!   JSON;
 //! - `engine/commands.rs`: its effect in the model of the board;
 //! - `tests/support/src/guide.rs` and `docs/rules/board.md`: the guide's table, and the rule.
 //!
-//! Tests name each missing place (`tests/sk/commands.rs`, which also has the bytes of every command). Once the command
-//! is a variant of its enum in `command/`, the compiler names the matches over it. Everything else that depends on a
-//! command, such as the kind of slave that a dump guesses by it, follows from its row.
+//! A test fails for each file that was forgotten (`tests/sk/commands.rs`, which also has the bytes of every command).
+//! Once the command is a variant of its enum in `command/`, the compiler names the matches over it. Everything else
+//! that depends on a command, such as the kind of slave that a dump guesses by it, follows from its row.
 
 use core::fmt;
 
 use super::argument::SlaveKind;
 use super::state::MasterState;
 
-/// The takers of a command as bit masks: a bit for each [`SlotKind`] in which it may stand, and a bit for each kind of
-/// slave that takes it, by [`SlaveKind::nibble`].
+/// Where a command is allowed, as bit masks: a bit for each [`SlotKind`] in which it may stand, and a bit for each kind
+/// of slave that accepts it, by [`SlaveKind::nibble`].
 #[derive(Clone, Copy)]
 struct Takers {
     slots: u8,
@@ -40,7 +40,7 @@ impl Takers {
         takers
     }
 
-    /// A command for the slots of slaves of these kinds.
+    /// A command for the slots of slaves, accepted by these kinds.
     const fn slaves(kinds: &[SlaveKind]) -> Self {
         Self::new(&[SlotKind::Slave], kinds)
     }
@@ -78,7 +78,7 @@ enum Acts {
 }
 use Acts::{InTurn, OnArrival, UnlessHoming};
 
-/// A command's row in the table below, besides its code.
+/// The row of a command in the table below. Its code is not part of the row.
 struct Row {
     name: &'static str,
     takers: Takers,
@@ -126,7 +126,7 @@ macro_rules! command_ids {
     };
 }
 
-/// The id of every code, as a lookup table because the engine looks one up for each slot in each cycle.
+/// The id of every code. It is a lookup table, because the engine looks up a code for each slot in each cycle.
 static BY_CODE: [CommandId; 256] = {
     let mut ids = [CommandId::Unknown(0); 256];
     let mut code = 0;
@@ -184,7 +184,7 @@ impl SlotKind {
 }
 
 impl CommandId {
-    /// The name that the guides use; `UNKNOWN` for a code that they do not list.
+    /// The name in NEXTW's guides; `UNKNOWN` for a code that they do not list.
     pub const fn name(self) -> &'static str {
         self.row().name
     }
@@ -203,12 +203,12 @@ impl CommandId {
         self.row().takers.kinds >> kind.nibble() & 1 != 0
     }
 
-    /// Whether slaves with axes take this command and IO slaves do not.
+    /// Whether the command is for axes: drives accept it and IO slaves do not.
     pub const fn is_for_axes(self) -> bool {
         self.is_for(SlaveKind::Drive) && !self.is_for(SlaveKind::Io)
     }
 
-    /// The kind of slave that alone takes this command; `None` if several kinds take it, or none.
+    /// The only kind of slave that accepts this command; `None` if several kinds accept it, or none.
     pub const fn only_kind(self) -> Option<SlaveKind> {
         let kinds = self.row().takers.kinds;
         if kinds.is_power_of_two() { SlaveKind::from_nibble(kinds.trailing_zeros() as u8) } else { None }

@@ -13,7 +13,7 @@ pub const CRC_BYTE: usize = 3;
 
 static CRC8: Crc<u8, Table<16>> = Crc::<u8, Table<16>>::new(&ALGORITHM);
 
-/// The CRC-8 that belongs in byte 3 of `frame`, whatever that byte holds now.
+/// The CRC-8 that belongs in byte 3 of `frame`. The present value of that byte does not matter.
 ///
 /// `frame` is a whole frame, 504 or 512 bytes. For any other length the result is the CRC over the bytes given.
 pub fn frame_crc(frame: &[u8]) -> u8 {

@@ -41,7 +41,7 @@ pub enum SlotRole {
 }
 
 impl SlotRole {
-    /// The purpose of slot `i`; `None` if a frame of this size has no such slot.
+    /// The purpose of slot number `i`; `None` if a frame of this size has no such slot.
     pub const fn of(size: SlotSize, i: usize) -> Option<Self> {
         match i {
             0 => Some(Self::Master),
@@ -80,8 +80,8 @@ impl SlotLine {
         Some(Self { role, size, raw, meaning: meaning(role, &raw), crc })
     }
 
-    /// Whether all bytes are 0, so that the slot neither requests nor reports anything. Slot 0 is never idle: it has
-    /// the CRC and the state.
+    /// Whether all bytes are 0, so that the slot has no request in a command frame, and no data in a report. Slot 0 is
+    /// never idle: it has the CRC and the state.
     pub const fn is_idle(&self) -> bool {
         !matches!(self.role, SlotRole::Master) && self.raw.is_zero()
     }
@@ -104,7 +104,7 @@ pub struct CommandDump<'a> {
 }
 
 impl<'a> CommandDump<'a> {
-    /// A dump of slot 0 and of those slots of `frame` that request something.
+    /// A dump of slot 0 and of those slots of `frame` that have a request.
     pub const fn new(frame: &'a Frame, size: SlotSize) -> Self {
         Self { frame, size, with_idle_slots: false }
     }
@@ -170,8 +170,8 @@ pub struct ResponseDump<'a> {
 }
 
 impl<'a> ResponseDump<'a> {
-    /// A dump of slot 0 and of those slots of `frame` that report something. The kinds of the slaves are derived from
-    /// the slots, and byte 1 is taken for the command index.
+    /// A dump of slot 0 and of those slots of `frame` that have data. The kinds of the slaves are derived from the
+    /// slots, and byte 1 is read as the command index.
     pub const fn new(frame: &'a Frame, size: SlotSize) -> Self {
         Self { frame, size, with_idle_slots: false, kinds: None, mode_in_byte_1: false }
     }

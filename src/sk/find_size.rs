@@ -10,7 +10,7 @@ use super::{
 };
 
 impl SlotSize {
-    /// The other of the two slot sizes.
+    /// The slot size that is not this one.
     pub const fn other(self) -> Self {
         match self {
             Self::Bytes12 => Self::Bytes16,
@@ -35,22 +35,22 @@ impl Frame {
         SlotSize::only(|size| self.check_crc(size, CrcPolicy::Strict).is_ok())
     }
 
-    /// The size in which the slots have this form; `None` if both or neither fit.
+    /// The only size in which the slots match this pattern; `None` if both sizes match, or neither.
     pub fn size_by_slots(&self, form: SlotForm) -> Option<SlotSize> {
         SlotSize::only(|size| form.fits(self, size))
     }
 }
 
-/// The form that the slots of a frame have when read in the right size. It depends on what is known about the frame.
-/// \[OURS]
+/// A pattern that the slots of a frame match when they are read in the right size. Which pattern applies depends on
+/// what is known about the frame. \[OURS]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SlotForm {
     /// The frame is a report. Each slave's slot and the SDO slot begin with a command that belongs there, GET_STATUS included
     /// (SK-3, SK-6), and bytes 12..15 of slot 0 are 0 (SK-1).
     Report,
-    /// The frame is a report that the host refuses if it does not fit, so the form admits everything that a board may
-    /// send. Slot 0 shows a state and the fields of that state (SK-2). The SDO slot begins as for [`SlotForm::Report`].
-    /// A slave's slot begins with any known command.
+    /// The frame is a report that the host refuses if it does not fit, so the pattern admits everything that a board
+    /// may send. Slot 0 shows a state and the fields of that state (SK-2). The SDO slot begins as for
+    /// [`SlotForm::Report`]. A slave's slot begins with any known command.
     StrictReport,
     /// The frame is a command frame or a report. Each slave's slot and the SDO slot are all zero, or hold a command
     /// that belongs there (SK-4) and is not GET_STATUS, or the answer to such a command. A report with slots that
@@ -59,7 +59,7 @@ pub enum SlotForm {
 }
 
 impl SlotForm {
-    /// Whether the frame's slots, read in this size, have this form.
+    /// Whether the frame's slots, read in this size, match the pattern.
     pub fn fits(self, frame: &Frame, size: SlotSize) -> bool {
         let slots = frame.slots(size);
         let board = slots.get(0);
@@ -80,8 +80,8 @@ impl SlotForm {
     }
 }
 
-/// Whether a board may send this slot 0. Its id is a command for the board or, in OP, the cyclic response. In OP its
-/// free count is at most the depth of the FIFO; outside OP that field is 0.
+/// Whether a board may send such a slot 0: its id is that of a command for the board or, in OP, of the cyclic response,
+/// and its free count is at most the depth of the FIFO in OP, and 0 outside OP.
 fn is_answer_of_board(slot: &RawSlot) -> bool {
     let master = MasterResponse::decode(slot);
     let is_known = belongs(slot, SlotKind::Master);
@@ -103,8 +103,8 @@ const fn belongs(slot: &RawSlot, kind: SlotKind) -> bool {
     CommandId::from_code(slot.id).belongs_in(kind)
 }
 
-/// Whether the slot is a request other than GET_STATUS that belongs in a slot of this kind, or the answer to one. An
-/// SDO transfer has to name an existing slave.
+/// Whether the slot has a command other than GET_STATUS that belongs in a slot of this kind, or the answer to one. An
+/// SDO transfer must also have the number of a possible slave.
 fn asks(slot: &RawSlot, kind: SlotKind, size: SlotSize) -> bool {
     let names_slave = kind != SlotKind::Sdo || (1..=size.max_slaves()).contains(&usize::from(slot.parm & 0xFF));
     slot.id != CommandId::GetStatus.code() && belongs(slot, kind) && names_slave

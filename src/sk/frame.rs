@@ -20,19 +20,19 @@ impl Frame {
         Self { bytes: [0; FRAME_LEN] }
     }
 
-    /// A frame of these bytes.
+    /// A frame with the given bytes.
     pub const fn from_bytes(bytes: [u8; FRAME_LEN]) -> Self {
         Self { bytes }
     }
 
-    /// A frame of the first 512 of `bytes`; missing bytes are 0.
+    /// A frame with the first 512 bytes of `bytes`; missing bytes are 0.
     pub fn from_prefix(bytes: &[u8]) -> Self {
         let mut frame = Self::new();
         frame.set_prefix(bytes);
         frame
     }
 
-    /// Overwrites the frame with the first 512 of `bytes`; missing bytes become 0.
+    /// Overwrites the frame with the first 512 bytes of `bytes`; missing bytes become 0.
     #[inline]
     pub fn set_prefix(&mut self, bytes: &[u8]) {
         let (start, rest) = self.bytes.split_at_mut(bytes.len().min(FRAME_LEN));
@@ -40,17 +40,17 @@ impl Frame {
         rest.fill(0);
     }
 
-    /// All 512 bytes.
+    /// The 512 bytes of the frame, for reading.
     pub const fn bytes(&self) -> &[u8; FRAME_LEN] {
         &self.bytes
     }
 
-    /// All 512 bytes for writing.
+    /// The 512 bytes of the frame, for writing.
     pub const fn bytes_mut(&mut self) -> &mut [u8; FRAME_LEN] {
         &mut self.bytes
     }
 
-    /// The bytes that a board with this slot size uses: 504 or 512.
+    /// The bytes of the frame that are sent: 504 with slots of 12 bytes, 512 with slots of 16.
     pub fn wire(&self, size: SlotSize) -> &[u8] {
         &self.bytes[..size.frame_len()]
     }
@@ -104,7 +104,7 @@ impl Frame {
         self.put(size, size.sdo_slot(), &command.encode());
     }
 
-    /// The value of byte 3, where the frame's CRC belongs.
+    /// The value of byte 3, which is the place of the frame's CRC.
     pub const fn crc_byte(&self) -> u8 {
         self.bytes[CRC_BYTE]
     }

@@ -121,7 +121,7 @@ pub struct TwoChannelSlot {
 }
 
 impl TwoChannelSlot {
-    /// The slot as sent with slots of that size: a 12-byte slot has no room for axis 2, whose fields become 0.
+    /// The slot without fields that do not fit the slot size: with slots of 12 bytes the fields of axis 2 become 0.
     const fn in_size(self, size: SlotSize) -> Self {
         match size {
             SlotSize::Bytes12 => Self { counts2: I32Le::new(0), bits2: U16Le::new(0), ..self },
@@ -136,7 +136,7 @@ const _: () = assert!(size_of::<TwoChannelSlot>() == 16 && align_of::<TwoChannel
 const _: () = assert!(size_of::<Slot12>() * 42 == 504 && size_of::<Slot16>() * 32 == 512);
 const _: () = assert!(SlotSize::Bytes12.frame_len() == 504 && SlotSize::Bytes16.frame_len() == 512);
 
-/// A slot's fields as integers, whatever the slot's size; `data3` is 0 in 12-byte mode.
+/// A slot's fields as integers, in the same form for both slot sizes; `data3` is 0 in 12-byte mode.
 ///
 /// Decoding keeps a slot in this form if no guide lists its id.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

@@ -1,12 +1,13 @@
 //! Finds gaps in a motion: the FIFO ran empty while an axis was moving, and the board repeated the last target until
-//! the program sent the next one (SK-5). The axis then stops or jerks.
+//! the program sent the next one (SK-5), so that the axis stopped or jerked.
 //!
-//! An empty FIFO after a motion is no gap. It is one if the targets after it continue the steps of those before it.
+//! An empty FIFO at the end of a motion is no gap. It is a gap if the targets after it continue the motion with similar
+//! steps.
 
-/// \[OURS] A pause longer than this is the program's intention, in nanoseconds.
+/// \[OURS] A pause that is longer than this, in nanoseconds, is intended by the program and no gap.
 const GAP_MAX_NS: i64 = 1_000_000_000;
-/// \[OURS] Steps between two targets that are shorter than this fraction (1/10) of the longest one belong to the
-/// beginning or the end of a motion, where the program may pause.
+/// \[OURS] Steps between targets that are shorter than 1/10 of the longest step belong to the beginning or the end of a
+/// motion, where the program may pause.
 const SLOW_FRACTION: i64 = 10;
 
 /// Finds the gaps in the motion of one axis, from its target positions as they are executed.
@@ -23,14 +24,14 @@ pub struct GapFinder {
 }
 
 impl GapFinder {
-    /// Takes a cycle that found the FIFO empty.
+    /// Notes a cycle that found the FIFO empty.
     pub const fn idle(&mut self, at_ns: i64) {
         if self.idle_since_ns.is_none() {
             self.idle_since_ns = Some(at_ns);
         }
     }
 
-    /// Takes an executed target. Returns the beginning of the gap that ends with it, if there is one.
+    /// Notes an executed target. If a gap ends with it, returns the time at which the gap began.
     pub fn target(&mut self, at_ns: i64, target: i32) -> Option<i64> {
         let idle_since_ns = self.idle_since_ns.take();
         let before = self.target.replace(target)?;
@@ -46,7 +47,7 @@ impl GapFinder {
         gap
     }
 
-    /// Forgets the last target, because another command replaced it. The next target begins a new motion.
+    /// Forgets the last target, because another command has replaced it. The next target then begins a new motion.
     pub fn reset(&mut self) {
         *self = Self { longest_step: self.longest_step, ..Self::default() };
     }
@@ -58,8 +59,8 @@ mod tests {
 
     const MS: i64 = 1_000_000;
 
-    /// Runs one target per millisecond, with an empty FIFO of `idle_ms` before target number `at`. Returns the gaps
-    /// found.
+    /// Executes one target per millisecond, and lets the FIFO be empty for `idle_ms` before target number `at`. Returns
+    /// the gaps found.
     fn gaps(targets: &[i32], at: usize, idle_ms: i64) -> Vec<(i64, i64)> {
         let (mut gaps, mut now_ns, mut found) = (GapFinder::default(), 0, Vec::new());
         for (i, target) in targets.iter().enumerate() {
@@ -74,7 +75,8 @@ mod tests {
         found
     }
 
-    /// A pause within a motion is a gap, in both directions, from its first cycle to the next target.
+    /// A pause within a motion is a gap, in either direction of motion. It lasts from the first cycle with an empty
+    /// FIFO to the next target.
     #[test]
     fn on_the_way() {
         let targets: Vec<i32> = (0..100).map(|i| 10 * i).collect();
@@ -84,7 +86,8 @@ mod tests {
         assert_eq!(gaps(&targets, 100, 7), []);
     }
 
-    /// A pause is no gap if the axis stands, reverses, starts or has slowly reached its end; nor is a long one.
+    /// A pause is no gap if the axis stands, reverses, is starting or has slowly reached its end. A long pause is none
+    /// either.
     #[test]
     fn between_motions() {
         let turns: Vec<i32> = (0..50).map(|i| 10 * i).chain((0..50).map(|i| 490 - 10 * i)).collect();

@@ -1,11 +1,11 @@
-//! The lines by which the library reports to `ecmsk exec` what happens in a program, in a file that the tool has made. Each
-//! line is one fact. A reader skips lines that it does not know, so that tool and library may be of different versions.
+//! The library reports what happens in a program to `ecmsk exec`, in a file that the tool has created. Each line of the
+//! file is one fact. A reader skips lines that it does not know, so that tool and library may be of different versions.
 
 use std::fmt;
 
 use crate::sk::{MasterState, StateByte};
 
-/// A line of the file.
+/// One fact, as a line of the file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Line {
     /// A message of the log that is the first of its kind.
@@ -15,7 +15,7 @@ pub enum Line {
         /// The text of the message.
         text: String,
     },
-    /// How often the log had messages of one kind so far, which differ only in their figures.
+    /// How many messages of one kind the log had so far. Messages of one kind differ only in their numbers.
     Repeated {
         /// The id of the first message of this kind in [`Line::Message`].
         id: u32,
@@ -32,7 +32,7 @@ pub enum Line {
         board: u32,
         /// The name of the counter.
         name: String,
-        /// The value of the counter.
+        /// The present value of the counter.
         value: u64,
     },
     /// The number of lines that the library could not write so far.
@@ -51,9 +51,9 @@ pub struct Alarm {
 /// A change of state that failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct StateFailed {
-    /// Byte 2 of slot 0.
+    /// Byte 2 of slot 0 of the report: the state byte.
     pub state: u8,
-    /// Whether SET_AXIS had declared some slave as another kind than IO before.
+    /// Whether SET_AXIS had declared a slave of another kind than IO before the change.
     pub declared: bool,
 }
 
@@ -77,7 +77,7 @@ impl fmt::Display for Line {
 }
 
 impl Line {
-    /// Parses a line, given without its line feed; `None` if it is none of these lines.
+    /// Parses a line without its line feed; `None` if the line is of no known form.
     pub fn parse(line: &str) -> Option<Self> {
         let (kind, rest) = line.split_once(' ')?;
         let mut words = rest.split(' ');
@@ -115,7 +115,7 @@ impl fmt::Display for Alarm {
 impl fmt::Display for StateFailed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let state = StateByte(self.state);
-        // A change of state that fails ends below OP.
+        // A change of state that fails ends in a lower state than OP. So a failure in OP means that a slave has left OP.
         if state.state() == Some(MasterState::Op) {
             return write!(
                 f,
@@ -156,7 +156,8 @@ mod tests {
         }
     }
 
-    /// Every line parses to the value that was written. A text has no line breaks and is cut to its maximum length.
+    /// Every line that is written parses to the same value. In a text, line breaks are removed, and it is cut to its
+    /// maximum length.
     #[test]
     fn lines_are_read_back() {
         for line in [

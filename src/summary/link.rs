@@ -1,4 +1,4 @@
-//! A link that wraps another link and watches its frames and counters for the summary of `ecmsk exec`.
+//! A link around another link. It watches frames and counters for the summary of `ecmsk exec`.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -10,18 +10,18 @@ use crate::engine::Counters;
 use crate::link::{Layer, Link, LinkError, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 
-/// A link that wraps another one and watches its frames and counters.
+/// A link around another link that watches frames and counters for the summary.
 pub struct WatchLink {
     inner: Arc<dyn Link>,
     summary_writer: &'static SummaryWriter,
     watch: Mutex<FrameWatch>,
-    /// The board's counters when the link was opened, which do not belong to this program.
+    /// The board's counters when the link was opened. They are subtracted, because other programs have caused them.
     before: Counters,
     closed: AtomicBool,
 }
 
 impl WatchLink {
-    /// Wraps `inner`, which was just opened.
+    /// A watching link around `inner`, which was just opened.
     pub fn new(inner: Arc<dyn Link>, summary_writer: &'static SummaryWriter) -> Self {
         let size = inner.info().slot.unwrap_or_default();
         let before = inner.stats().board.unwrap_or_default();
@@ -34,7 +34,7 @@ impl WatchLink {
         }
     }
 
-    /// Locks the frame watch. The lock is held while one frame is examined, and shorter by the writer's thread.
+    /// Locks the frame watch. The lock is held only while one frame is examined; the writer's thread holds it for less.
     fn watch(&self) -> MutexGuard<'_, FrameWatch> {
         self.watch.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -86,7 +86,7 @@ impl Layer for WatchLink {
     }
 
     fn close(&self) {
-        // Closing may brake axes, so it comes first.
+        // The link is closed first, because closing may stop axes.
         self.inner.close();
         self.tell_end();
     }

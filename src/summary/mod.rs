@@ -1,6 +1,6 @@
 //! A summary of what went wrong in a run of a program, and how often: commands that the board did not execute, alarms
-//! of drives, changes of state that failed, gaps in a motion, lost reports, and warnings of the library. Effects that a
-//! program requests, such as clearing targets with SET_FIFO 1, are left out.
+//! of drives, changes of state that failed, gaps in a motion, lost reports, and warnings of the library. Commands that
+//! a program itself discards, for example with SET_FIFO 1, are left out.
 //!
 //! `ecmsk summary` makes it from the frames of a recording ([`FrameWatch`]). `ecmsk exec` shows it when its program has
 //! ended: the library in the program's process writes events to a file that the tool reads ([`writer`], [`Line`]).
@@ -33,11 +33,11 @@ use crate::engine::{Counters, Reason, Unexecuted};
 use crate::link::LinkStats;
 use crate::sk::MasterState;
 
-/// Most different texts of the log that are kept. \[OURS]
+/// The most messages of the log with different texts that a summary keeps. \[OURS]
 const TEXTS_MAX: usize = 200;
-/// The prefix of counts of rejected commands, followed by the name of the reason.
+/// The beginning of the names of counts of rejected commands. The name of the reason follows.
 const REJECTED: &str = "rejected.";
-// Names of counts that do not come from the board's counters.
+// The names of counts that are not counters of the board.
 const FULL_SEEN: &str = "full_seen";
 const CRC_SEEN: &str = "crc_seen";
 const GAPS: &str = "gaps";
@@ -54,12 +54,12 @@ pub struct Summary {
     counts: BTreeMap<String, u64>,
     /// Messages of the log: the text of the first one of each kind, and the number of messages of the kind.
     messages: Vec<(String, u64)>,
-    /// The number of lines that the library could not write.
+    /// The number of lines that the library could not write to the file.
     dropped: u64,
 }
 
 impl Summary {
-    /// Adds an event that frames showed.
+    /// Adds an event that was found in the frames.
     pub fn add_event(&mut self, event: FrameEvent) {
         match event {
             FrameEvent::Alarm(alarm) => *self.alarms.entry(alarm).or_default() += 1,
@@ -74,7 +74,8 @@ impl Summary {
 
     /// Adds the lines that one process wrote.
     pub fn add_lines<'a>(&mut self, lines: impl IntoIterator<Item = &'a Line>) {
-        // The library writes a count again when it changes: only its newest value counts, and the boards are added up.
+        // The file may have several lines for a count. Only the newest value of each board counts, and the values of
+        // all boards are added up.
         let mut newest: BTreeMap<(u32, &str), u64> = BTreeMap::new();
         let mut places = BTreeMap::new();
         let mut dropped = 0;
@@ -145,8 +146,8 @@ impl Summary {
         self.messages.iter().map(|(text, times)| (text.as_str(), *times))
     }
 
-    /// The summary as text, one line for each problem, beginning with commands that were not executed. `told` leaves
-    /// out messages that came once, for a caller that has shown them already.
+    /// The summary as text, one line for each problem, beginning with commands that were not executed. With `told`,
+    /// messages that came only once are left out, because the caller has shown them already.
     pub fn lines(&self, told: bool) -> Vec<String> {
         let mut lines = Vec::new();
         let rejected: Vec<(&str, u64)> = Reason::NAMES
@@ -160,7 +161,7 @@ impl Summary {
             lines.push(format!("{total} command(s) were rejected and not executed: {each}"));
         }
         for what in Unexecuted::ALL.into_iter().filter(|what| !what.is_asked_for()) {
-            // Uses the counter of the modelled board if there is one, otherwise the counters in slot 0.
+            // The counter of the modelled board is exact. A real board has none, so its counts in slot 0 are used.
             let seen = match what {
                 Unexecuted::Full => self.count(FULL_SEEN),
                 Unexecuted::Crc => self.count(CRC_SEEN),
@@ -209,12 +210,12 @@ impl fmt::Display for Summary {
     }
 }
 
-/// Whether a message of the log repeats what the summary says: it sums up earlier messages, or counts at the end.
+/// Whether a message of the log only sums up earlier messages or gives a final count. The summary has these numbers itself.
 pub fn is_sum(text: &str) -> bool {
     text.contains(" more rejected as ") || text.ends_with(" in all") || text.contains(" was still under way when ")
 }
 
-/// Whether a message of the log reports an event that also has a count: a rejected command, or the beginning of a loss.
+/// Whether a message of the log is about an event that the summary counts: a rejected command, or the beginning of a loss.
 fn is_counted(text: &str) -> bool {
     is_sum(text) || text.contains(" rejected at ") || text.starts_with("since ")
 }

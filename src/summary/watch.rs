@@ -1,4 +1,4 @@
-//! Finds in the frames of a program what went wrong: alarms, failed changes of state, gaps in a motion, frames lost
+//! Finds problems in the frames of a program: alarms, failed changes of state, gaps in a motion, and frames lost
 //! because of a full FIFO or a wrong CRC.
 
 use super::gaps::GapFinder;
@@ -11,7 +11,7 @@ use crate::sk::{
     StateByte,
 };
 
-/// An event that a report showed.
+/// An event that was found in a report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FrameEvent {
     /// A drive has a new alarm.
@@ -27,14 +27,15 @@ pub struct FrameCounts {
     pub commands: u64,
     /// The number of reports.
     pub reports: u64,
-    /// The command frames lost because of a full FIFO, by the full count in slot 0.
+    /// The number of command frames lost because of a full FIFO, by the FIFO-full count in slot 0.
     pub full: u64,
-    /// The command frames with a wrong CRC, by the error count in slot 0.
+    /// The number of command frames with a wrong CRC, by the error count in slot 0.
     pub crc: u64,
-    /// Gaps in a motion: the FIFO ran empty while one or more axes were moving.
+    /// The number of gaps in a motion: the FIFO ran empty while at least one axis was moving.
     pub gaps: u64,
-    /// The higher state that the program requested last, and that the board has neither reached nor failed to reach.
-    /// Also the time that the program waited for it up to the newest report, ms (at least 1).
+    /// The state that the program requested last, if it is higher than the present one and the board has neither
+    /// reached it nor failed to. The second value is how long the program has waited for it up to the newest report, ms
+    /// (at least 1).
     pub unreached: Option<(MasterState, u64)>,
 }
 
@@ -43,21 +44,21 @@ pub struct FrameCounts {
 pub struct FrameWatch {
     size: SlotSize,
     kinds: Kinds,
-    /// Whether SET_AXIS has declared some slave as another kind than IO.
+    /// Whether SET_AXIS has declared a slave of another kind than IO.
     declared: bool,
     state: StateByte,
-    /// The time of the request for the state in [`FrameCounts::unreached`].
+    /// The time of the request for the state in [`FrameCounts::unreached`], ns.
     asked_ns: i64,
-    /// Whether the program still waits: it has not requested a lower state since then.
+    /// Whether the program still waits for that state: it has not requested a lower one since.
     is_waiting: bool,
-    /// The full count and the CRC error count in the last report of OP.
+    /// The FIFO-full count and the CRC error count in the last report of OP, to notice losses.
     losses: Option<(u16, u8)>,
-    /// The error code of each slave's alarm.
+    /// The error code of each slave that has an alarm.
     alarms: [Option<u16>; MAX_SLAVES],
     gaps: [GapFinder; MAX_SLAVES],
     /// The time of the newest command frame.
     sent_ns: i64,
-    /// The number of reports with an empty FIFO since then.
+    /// The number of reports with an empty FIFO since the newest command frame.
     idle_reports: u32,
     counts: FrameCounts,
 }
@@ -86,7 +87,7 @@ impl FrameWatch {
         self.counts
     }
 
-    /// Takes a command frame with its time in nanoseconds.
+    /// Examines a command frame that was sent at `at_ns`, nanoseconds.
     pub fn command(&mut self, at_ns: i64, frame: &Frame) {
         self.counts.commands += 1;
         self.sent_ns = at_ns;
@@ -124,7 +125,7 @@ impl FrameWatch {
         self.counts.gaps += u64::from(is_gap);
     }
 
-    /// Takes a report with its time in nanoseconds, and calls `on_event` for each event that it shows.
+    /// Examines a report that was made at `at_ns`, nanoseconds. Calls `on_event` for each event in it.
     pub fn report(&mut self, at_ns: i64, frame: &Frame, on_event: &mut dyn FnMut(FrameEvent)) {
         self.counts.reports += 1;
         self.kinds.response(frame, self.size);
@@ -167,8 +168,8 @@ impl FrameWatch {
                 Some(SlaveKind::Drive | SlaveKind::Step) => drive.error_code,
                 Some(SlaveKind::Hsp) => 0,
                 Some(SlaveKind::Io | SlaveKind::None) => continue,
-                // The slaves were declared before the first frame. A slot that answers a command for axes is that of a
-                // drive.
+                // The frames begin after SET_AXIS, so the kind of the slave is unknown. A slot that answers a command
+                // for axes is treated as that of a drive.
                 None if CommandId::from_code(slot.id).is_for_axes() => drive.error_code,
                 None => continue,
             };
@@ -178,7 +179,7 @@ impl FrameWatch {
 
     fn alarm(&mut self, slave: usize, now: Option<u16>, on_event: &mut dyn FnMut(FrameEvent)) {
         let before = std::mem::replace(&mut self.alarms[slave - 1], now);
-        // A drive may show the fault one cycle before its error code, which gives two events.
+        // A drive may report the fault one cycle before its error code. This gives two events.
         if let Some(code) = now
             && before.is_none_or(|before| before != code && code != 0)
         {

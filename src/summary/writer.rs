@@ -1,9 +1,10 @@
 //! Reports to `ecmsk exec` what happens in a program: writes [`Line`]s to a file that the tool has created. The
-//! environment variable [`FILE_VARIABLE`] has its name.
+//! environment variable [`FILE_VARIABLE`] has the name of the file.
 //!
-//! The program never waits for this: facts go into a queue, and those that find it full are counted as dropped. While a
-//! board is open, a thread writes the queue several times a second. Closing a board writes it too, since the process
-//! may end next. Messages of the log that differ only in their numbers are written once, followed by their count.
+//! The program never waits for the file: facts go into a queue, and if the queue is full they are dropped and counted.
+//! While a board is open, a thread writes the queued facts several times a second. Closing a board also writes them,
+//! since the process may end next. Messages of the log that differ only in their numbers are written once, followed by
+//! their count.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -22,17 +23,17 @@ use crate::threads;
 /// The environment variable that names the file.
 pub const FILE_VARIABLE: &str = "ECMSK_TOLD";
 
-/// Most facts that may wait to be written. \[OURS]
+/// The most facts in the queue. \[OURS]
 const QUEUE_LEN: usize = 1024;
-/// Interval at which the thread writes the queue. \[OURS]
+/// The interval at which the thread writes the queued facts to the file. \[OURS]
 const PERIOD: Duration = Duration::from_millis(100);
-/// The counts are written at intervals of this fraction (1/64) of the run time so far. So the file of a program that
-/// runs for weeks stays small, and the counts of a killed program are almost up to date. \[OURS]
+/// Counts are written when the run time has grown by this fraction (1/64) since the last time. So the file of a program
+/// that runs for weeks stays small, and the counts of a killed program are almost up to date. \[OURS]
 const COUNTS_PERIOD_FRACTION: u32 = 64;
 /// The longest interval at which counts are written. \[OURS]
 const COUNTS_PERIOD_MAX: Duration = Duration::from_secs(10);
 
-/// A fact in the queue.
+/// A fact that is queued for the file.
 enum Fact {
     Line(Line),
     /// A message of the log.
@@ -49,12 +50,12 @@ pub struct SummaryWriter {
 struct WriterState {
     facts: Receiver<Fact>,
     file: Box<dyn Write + Send>,
-    /// The kinds of log messages, by their text with `#` for each number.
+    /// The kinds of log messages. The key is the text of a message with `#` in place of each number.
     messages: BTreeMap<String, Message>,
     boards: Vec<WatchedBoard>,
     /// The number of boards that the process has opened.
     boards_opened: u32,
-    /// The thread that writes the queue; it runs while a board is open.
+    /// The thread that writes the queued facts; it runs while a board is open.
     thread: Option<JoinHandle<()>>,
     began: Instant,
     counts_written: Instant,
@@ -67,7 +68,7 @@ struct Message {
     id: u32,
     /// The number of messages of this kind.
     times: u64,
-    /// The number that was last written to the file.
+    /// The value of `times` that was last written to the file.
     times_written: u64,
 }
 
@@ -147,7 +148,7 @@ impl SummaryWriter {
         state.boards_opened += 1;
         state.boards.push(WatchedBoard { number, link, written: BTreeMap::new() });
         if state.thread.is_none() {
-            // If the system provides no thread, the queue is written only when the board is closed.
+            // If the system provides no thread, queued facts are written only when the board is closed.
             state.thread = threads::spawn("ecmsk-summary", || self.run()).ok();
         }
     }
@@ -159,7 +160,7 @@ impl SummaryWriter {
         }
     }
 
-    /// Writes the queue, and the counts if they are due. Returns whether a board is open.
+    /// Writes the queued facts, and the counts if they are due. Returns whether a board is open.
     fn write(&self) -> bool {
         let mut state = self.state();
         let counts_period = (state.began.elapsed() / COUNTS_PERIOD_FRACTION).clamp(PERIOD, COUNTS_PERIOD_MAX);
@@ -168,13 +169,13 @@ impl SummaryWriter {
         !state.boards.is_empty()
     }
 
-    /// Writes the queue and the counts.
+    /// Writes the queued facts and all counts.
     pub fn write_all(&self) {
         self.state().write(self.dropped.load(Ordering::Relaxed), true);
     }
 
-    /// Called when a board was closed: writes the queue and the counts, and ends the thread if no board is open any more,
-    /// since the library may be unloaded next.
+    /// Called when a board was closed: writes the queued facts and the counts. If no board is open any more, ends the
+    /// thread, since the program may unload the library next.
     pub(super) fn closed(&self) {
         let thread = {
             let mut state = self.state();
@@ -183,7 +184,7 @@ impl SummaryWriter {
         };
         if let Some(thread) = thread {
             thread.thread().unpark();
-            // If the thread panicked, that was logged at the time.
+            // A panic of the thread was reported when it happened.
             let _ = thread.join();
         }
     }
@@ -196,7 +197,7 @@ impl SummaryWriter {
 impl WriterState {
     fn write(&mut self, dropped: u64, with_counts: bool) {
         let mut lines = String::new();
-        // Child processes of the program write to the same file, so each line begins with the process id.
+        // Child processes of the program may write to the same file, so each line begins with the process id.
         let process = std::process::id();
         let mut add = |line: &Line| lines.push_str(&format!("{process} {line}\n"));
         while let Ok(fact) = self.facts.try_recv() {
@@ -236,8 +237,8 @@ impl WriterState {
                 add(&Line::Dropped(dropped + self.dropped));
             }
         }
-        // An error means that the tool has ended or its disk is full, so the error cannot be reported to anyone. All
-        // lines go into one write, so that the lines of several processes do not mix.
+        // If writing fails, the tool has ended or its disk is full, and nobody can be informed. All lines go into one
+        // write, so that lines of several processes do not mix.
         let _ = self.file.write_all(lines.as_bytes());
     }
 }
@@ -303,8 +304,8 @@ mod tests {
         assert_eq!(told(&file), expected);
     }
 
-    /// Queueing never waits: facts that find the queue full are counted, and so are messages beyond the most kinds that
-    /// are kept.
+    /// Queueing never waits. Facts for which the queue has no room are counted, and so are messages beyond the maximum
+    /// number of kinds.
     #[test]
     fn a_full_queue_drops_and_counts() {
         let file = Shared::default();
@@ -315,7 +316,7 @@ mod tests {
         summary_writer.write_all();
         assert_eq!(told(&file).last(), Some(&Line::Dropped(10)));
         for n in 0..300_u32 {
-            // A name of letters alone, so that each message is a kind of its own.
+            // The name consists of letters only, so that each message is of another kind.
             let name: String = n.to_string().chars().map(|c| char::from(b'a' + c as u8 - b'0')).collect();
             summary_writer.queue_message(name);
         }

@@ -12,19 +12,19 @@ use crate::engine::Board;
 use crate::fieldbus::sim::SimHandle;
 use crate::link::LinkError;
 
-/// How a later link finds a parked board.
+/// The key by which a later link finds a parked board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Key {
-    /// By the `name=` of the link.
+    /// The value of the link's key `name=`.
     Name(String),
-    /// By the options of the link.
+    /// All options of a link without a name.
     Options(Box<SimOptions>),
 }
 
 struct Entry {
     key: Key,
     options: SimOptions,
-    /// The parked board; `None` while a link uses it.
+    /// The parked board; `None` while a link uses the board.
     parked: Option<Box<Parked>>,
 }
 
@@ -37,8 +37,8 @@ fn boards() -> MutexGuard<'static, Vec<Entry>> {
 /// A parked board, its network, and the time of parking.
 pub(crate) type Parked = (Board, SimHandle, Instant);
 
-/// Reserves the board with that key for a link. Returns the parked board, or `None` if there is none yet and the caller
-/// has to make one. `uri` is the name of the link in error messages.
+/// Reserves the board with the key `key` for a link. Returns the parked board, or `None` if there is none yet and the
+/// caller has to make one. `uri` is the name of the link in error messages.
 pub(crate) fn claim(key: &Key, options: &SimOptions, uri: &str) -> Result<Option<Box<Parked>>, LinkError> {
     let mut boards = boards();
     let Some(entry) = boards.iter_mut().find(|entry| entry.key == *key) else {
@@ -67,7 +67,7 @@ pub(crate) fn park(key: &Key, board: Board, network: SimHandle) {
     }
 }
 
-/// Cancels the reservation of [`claim`] when the caller could not make a board.
+/// Cancels the reservation made by [`claim`], for a caller that could not make a board.
 pub(crate) fn forget(key: &Key) {
     boards().retain(|entry| entry.key != *key);
 }

@@ -65,7 +65,7 @@ fn hsp(channels: Channels, said: &TravelSpec) -> Box<dyn Slave> {
     Box::new(Hsp::new(HspConfig { positions, travels, ..config }))
 }
 
-/// The default travel of a kind of slave, with the values that the link gives put in place.
+/// The default travel of a kind of slave, in which values that the link gives replace the defaults.
 fn travel(said: &TravelSpec, usual: Travel) -> Travel {
     let home = |span: PositionRange| match span {
         PositionRange { from: Some(first), to: Some(last) } => Some(HomeSwitch::Cam { first, last }),
@@ -80,8 +80,8 @@ fn travel(said: &TravelSpec, usual: Travel) -> Travel {
         index: said.index.unwrap_or(usual.index),
         stops: said.stops.and_then(|stops| stops.from.zip(stops.to)),
         search_limit: said.search.unwrap_or(usual.search_limit),
-        // [OURS] Limit switches that a link places explicitly stop the axis in every mode. The default ones act only in
-        // homing, because an axis that turns endlessly passes them.
+        // [OURS] Limit switches that a link gives stop the axis in every mode. The default ones act only in homing,
+        // because an axis that turns endlessly passes them.
         limits_stop_motion: said.limits.flatten().is_some(),
     }
 }

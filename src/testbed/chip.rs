@@ -22,14 +22,14 @@ pub struct SimChip {
     clock: ChipClock,
     /// The transfer time of a byte, picoseconds.
     byte_ps: u64,
-    /// Whether INT0 still has an edge to deliver: the chip was busy in the last exchange, or was reset since.
+    /// Whether INT0 will still have an edge: the chip was busy in the last exchange, or was reset since.
     edge_to_come: bool,
     /// The events of `script=`, in the chip's time.
     script: Option<RunningScript>,
 }
 
-/// The longest step by which the chip's time advances before the script is checked again, ns. \[OURS] The shortest cycle of
-/// a board.
+/// The longest step by which the chip's time advances before the script is checked again, ns. \[OURS] It is the
+/// shortest cycle of a board.
 const SCRIPT_STEP_NS: Ns = 250_000;
 
 /// The transfer time of a byte to an ECM-XFU, picoseconds: its packets of 1024 bytes take one USB microframe. \[OURS]
@@ -109,7 +109,8 @@ impl SimChip {
         Self { info, port, clock, byte_ps, edge_to_come: false, script: None }
     }
 
-    /// Carries out the script up to the current time. The chip's time advances along with it.
+    /// Carries out the script up to the present time. The chip's time is advanced along with it, so that each event
+    /// happens at its time.
     fn run_script(&mut self) {
         let Some(script) = &mut self.script else { return };
         let (mut at, now) = (self.port.chip().now(), self.clock.now());
@@ -123,7 +124,7 @@ impl SimChip {
         }
     }
 
-    /// The modelled chip, read only.
+    /// The modelled chip, for reading its state.
     pub const fn chip(&self) -> &Chip<SimulatedNetwork> {
         self.port.chip()
     }
@@ -142,7 +143,8 @@ impl Wires for SimChip {
     }
 
     fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), ChipError> {
-        // The chip prepares its response at the first byte, and processes the packet at the last byte.
+        // As in the real chip: the response is prepared at the first byte of an exchange, and the packet is processed
+        // at the last byte.
         let Some(last) = to_chip.len().min(from_chip.len()).checked_sub(1) else { return Ok(()) };
         self.run_script();
         let begin = self.clock.now();

@@ -66,7 +66,7 @@ pub struct ModelledChip {
     pub coverages: CrcCoverages,
     /// The SPI clock in Hz, at least 1.
     pub speed_hz: u32,
-    /// Whether the INT0 line is connected.
+    /// Whether the INT0 line is connected to the host.
     pub int0: bool,
     /// How the chip reaches its slaves. `None`: by calls to the models under a board, which is faster; through slave
     /// controllers for a program that uses the chip directly, because it may use any command.
@@ -110,7 +110,7 @@ pub struct SimChipOptions {
     pub clock: Clock,
     /// The chip and the wires to it.
     pub chip: ModelledChip,
-    /// The script file of events that happen to the slaves.
+    /// The script file with events that happen to the slaves.
     pub script: Option<PathBuf>,
 }
 
@@ -144,7 +144,8 @@ fn coverages(value: &str) -> Option<CrcCoverages> {
 mod tests {
     use super::*;
 
-    /// XF-13.6 Each value of `crc_over=` sets the part that the CRC covers, in the direction that the value is given for.
+    /// XF-13.6 Each value of `crc_over=` sets the part of a packet that the CRC covers, in the direction for which the
+    /// value is given.
     #[test]
     fn what_a_crc_covers_is_given_by_direction() {
         const NAMES: [(&str, CrcCoverage); 3] =

@@ -37,8 +37,8 @@ fn wrong(file: &Path, message: impl ToString) -> ManufacturerObjectsError {
     ManufacturerObjectsError { file: file.display().to_string(), message: message.to_string() }
 }
 
-/// The manufacturer-specific objects of each slave in network order; `None` for a slave without any. Reads each file once.
-/// Logs which simulated slaves have such objects.
+/// The manufacturer-specific objects of each slave in network order; `None` for a slave without any. Each file is read
+/// once. The log lists the simulated slaves that have such objects.
 pub(crate) fn of_slaves(slaves: &[SlaveSpec]) -> Result<Vec<Option<ManufacturerObjects>>, ManufacturerObjectsError> {
     let mut read: Vec<(&str, ManufacturerObjects)> = Vec::new();
     let mut of_slaves = Vec::with_capacity(slaves.len());

@@ -1,5 +1,5 @@
-//! A simulated machine, built from a link or a command line: its slaves, their manufacturer-specific objects, and a script
-//! of events. `sim:`, `xf-sim:`, `ecmsk bus` and `ecmsk serve ethercat` use it.
+//! A simulated machine as a link or a command line describes it: its slaves, their manufacturer-specific objects, and a
+//! script of events. `sim:`, `xf-sim:`, `ecmsk bus` and `ecmsk serve ethercat` use it.
 //!
 //! - `options.rs`, `chip_options.rs`, `shared_options.rs`: the keys of `sim:` and `xf-sim:` as Rust types
 //! - `build.rs`: builds the slaves of a list; `manufacturer_objects.rs`: reads their manufacturer-specific objects

@@ -13,7 +13,7 @@ use crate::own_board::chip::ChipUse;
 use crate::own_board::options::BoardOptions;
 pub use crate::recording::Clock;
 
-/// The connection between a modelled board and its slaves.
+/// How a modelled board reaches its slaves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ModelledBus {
     /// No chip: in each cycle the board sends a frame through the slaves (`sim:`).
@@ -22,7 +22,7 @@ pub enum ModelledBus {
     Chip {
         /// The chip, and the SPI or USB connection to it.
         chip: ModelledChip,
-        /// How the board operates the chip.
+        /// How the board uses the chip: driver settings, outputs sent ahead, local pins.
         used: ChipUse,
     },
 }
@@ -38,11 +38,11 @@ pub struct SimOptions {
     pub clock: Clock,
     /// The name of the board: links with the same name open the same board.
     pub name: Option<String>,
-    /// The maximum time that the simulation catches up when a board is opened again after it was closed.
+    /// How much time a board catches up at most when it is opened again after its link was closed.
     pub catch_up: Duration,
     /// The rate of the board's clock relative to the real clock, 0.001..=1.
     pub rate: Fraction,
-    /// The script file of events that happen to the board and its slaves.
+    /// The script file with events that happen to the board and its slaves.
     pub script: Option<PathBuf>,
     /// The connection between the board and its slaves.
     pub bus: ModelledBus,

@@ -1,9 +1,9 @@
 //! Scripts (`script=`): text files that make events happen to a simulated board and its slaves at given times.
 //!
-//! A line is one event, `at TIME VERB ..`; an event with a duration can be ended by the same line,
-//! `at TIME VERB .. for TIME`. Times count in the board's time from the opening of the link; a line without `at` applies
-//! from then on. `#` begins a comment. Lines may be in any order; of two lines with the same time the upper one is carried
-//! out first.
+//! A line is one event, `at TIME VERB ..`; the same line can also end an event that lasts, `at TIME VERB .. for TIME`.
+//! Times are in the board's time and count from the opening of the link. A line without `at` applies from the opening
+//! on. `#` begins a comment. Lines may be in any order; of two lines with the same time the upper one is carried out
+//! first.
 //!
 //! ```text
 //! refuse 2 safeop for 4s       # slave 2 does not enter SafeOP in the first four seconds
@@ -11,13 +11,14 @@
 //! at 3s   cut 2 for 1s         # the cable is cut before slave 2, and whole again at 4 s
 //! ```
 //!
-//! For slaves on a network interface, without a board, times count from the start of the server. Below a line `from frame`
-//! or `from op`, they count from the first frame of a master, or from the moment the first slave reaches OP
-//! ([`ScriptOrigin`]).
+//! For slaves on a network interface, without a board, times count from the start of the server. Lines below `from
+//! frame` count from the first frame of a master, and lines below `from op` from the moment at which the first slave
+//! reaches OP ([`ScriptOrigin`]).
 //!
-//! `ecmsk link help` lists every verb. The lines call [`Cable`] and [`BoardHandle`], as a test in Rust does. The file is
-//! read when the link is opened; if it is invalid, the link does not open. Each line is carried out at the beginning of
-//! the first cycle at or after its time, on the virtual clock and on the real one, and logged with the board's time.
+//! `ecmsk link help` lists every verb. Each line calls a function of [`Cable`] or [`BoardHandle`], which tests in Rust
+//! can call as well. The file is read when the link is opened; if it is invalid, the link does not open. Each line is
+//! carried out at the beginning of the first cycle at or after its time, on the virtual clock and on the real one, and
+//! logged with the board's time.
 //!
 //! ```
 //! use std::time::Duration;
@@ -41,10 +42,10 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! \[OURS] Each time the link is opened, everything that the script did before is undone and the script starts again. The
-//! end of an event (`for`, `end`) ends every event of that kind that is in force for the slave, whichever line began it. On
-//! a virtual clock, a read does not fail with [`LinkError::Silent`](crate::link::LinkError::Silent) while lines remain,
-//! because one of them may end the silence.
+//! \[OURS] Each time the link is opened, everything that the script did before is undone and the script starts again.
+//! When an event ends (`for`, `end`), all events of the same kind that are in force for the slave end, also those that
+//! other lines began. On a virtual clock, a read does not fail with
+//! [`LinkError::Silent`](crate::link::LinkError::Silent) while lines remain, because one of them may end the silence.
 //!
 //! Files: `verbs.rs` is the table of all verbs, `reader.rs` and `words.rs` read their operands, `run.rs` carries the
 //! lines out.
@@ -74,7 +75,7 @@ const FILE_BYTES_MAX: u64 = 1 << 20;
 /// A parsed and checked script.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Script {
-    /// The steps in order of time.
+    /// The steps, sorted by time.
     steps: Vec<run::Step>,
 }
 
@@ -99,8 +100,8 @@ impl Script {
         }
     }
 
-    /// Reads the script file `path` for a network without a board. Unlike [`Self::load`], lines may count their times from
-    /// an event that [`RunningScript::begin`] reports.
+    /// Reads the script file `path` for a network without a board. Unlike with [`Self::load`], the times of lines may
+    /// count from an event that the caller reports by [`RunningScript::begin`].
     ///
     /// # Errors
     /// [`ScriptError`].

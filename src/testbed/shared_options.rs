@@ -10,7 +10,7 @@ pub(super) fn clock(uri: &LinkUri) -> Result<Clock, UriError> {
     uri.choice("clock", [("real", Clock::Real), ("virtual", Clock::Virtual)])
 }
 
-/// Parses `script=`: the file of events that happen to the network.
+/// Parses `script=`: the file with events that happen to the network.
 pub(super) fn script(uri: &LinkUri) -> Result<Option<PathBuf>, UriError> {
     uri.typed("script", |value| Some(PathBuf::from(value)))
 }

@@ -20,14 +20,14 @@ use crate::own_board::engine::{EngineLink, Keeper};
 use crate::recording::Clock;
 use crate::slave::{ManufacturerObjects, Slave};
 
-/// The maximum start-up time of a board, in its own time. After this time it counts as a board that finds no slave.
+/// How long a board may take to start up, in its own time. After this it counts as a board that has found no slave.
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
 
-/// Opens the board that the URI describes: a board of this process, as `share` decides, or else a new board, which is
-/// returned after its start-up.
+/// Opens the board that the URI describes. `share` decides whether the link gets a board that this process already has.
+/// Otherwise it gets a new board, which is returned after its start-up.
 pub(crate) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Result<EngineLink, LinkError> {
     let options = SimOptions::from_uri(uri)?;
-    // Load these files before a board is claimed or moved, so that an error in them has no side effect.
+    // These files are loaded before a board is reserved or its time is advanced, so that an error in them changes nothing.
     let script = script_of(&options)?;
     let objects = manufacturer_objects::of_slaves(&options.slaves)?;
     let name = uri.to_string();
@@ -135,21 +135,21 @@ fn bus(
             let slaves = chip.network.unwrap_or(ChipNetwork::Models).with(slaves, network.clone());
             let slaves =
                 slaves.map_err(|error| LinkError::NoBoard { name: name.to_owned(), reason: error.to_string() })?;
-            // The chip has a virtual clock even if the board runs on the real one: the runner passes the time to the board,
-            // which calls the bus once that time has passed.
+            // The chip has a virtual clock, even if the board runs on the real one: the board's runner waits for the
+            // real time, and the bus gets each call at its time.
             let chip = SimChip::over(name, *chip, Clock::Virtual, slaves);
             (Box::new(used.bus(chip)), network)
         }
     })
 }
 
-/// Advances a board by the time for which no link used it.
+/// Advances a board by the time in which no link used it.
 fn catch_up(mut board: Board, away: Duration, options: &SimOptions) -> Board {
     let away = rate(options).slowed(away);
     let away = match (options.clock, board.engine().talks()) {
         (Clock::Real, true) => away.min(options.catch_up).as_nanos() as Ns,
-        // The limit for catching up does not apply during start-up: a board that could not finish it could never be opened
-        // again.
+        // A board that is still starting up is advanced without the limit of `catch_up_ms=`: otherwise it might never
+        // finish its start-up, and could not be opened.
         (Clock::Real, false) => Ns::try_from(away.as_nanos()).unwrap_or(Ns::MAX).min(BOOT_LIMIT_NS),
         (Clock::Virtual, true) => 0,
         (Clock::Virtual, false) => FAILED_OPEN.as_nanos() as Ns,

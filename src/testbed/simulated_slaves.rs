@@ -27,8 +27,8 @@ pub fn script(path: &Path, slaves: &[SlaveSpec]) -> Result<Script, SimulatedSlav
     without_board(path, Script::load_for_network(path, slaves)?)
 }
 
-/// Reads the script file `path` for slaves behind a chip. All times count from the start, and lines that affect frames are
-/// an error without frames.
+/// Reads the script file `path` for slaves behind a chip. All times count from the opening of the link. A line that
+/// affects frames is an error if the slaves are called without frames.
 ///
 /// # Errors
 /// [`SimulatedSlavesError`].

@@ -20,7 +20,7 @@ impl CallingThread {
 
 #[cfg(windows)]
 impl CallingThread {
-    /// The identity packed into one word, which is never 0.
+    /// The identity as one 64-bit word, which is never 0.
     pub const fn packed(self) -> u64 {
         (self.0.number as u64) << 32 | self.0.made as u64
     }
@@ -36,12 +36,12 @@ mod imp {
     use rustix::io::Errno;
     use rustix::thread::Pid;
 
-    /// A thread by its id. Linux reuses a thread id only after it has used all others.
+    /// A thread by its id. Linux gives an id to another thread only after all other ids were used.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub struct Thread(Pid);
 
     impl Thread {
-        // This asks the system each time: in a child of fork, an id that the thread had cached would be the parent's.
+        // The id is not cached: in a child process of fork the cached id would be that of the parent's thread.
         pub fn current() -> Self {
             Self(rustix::thread::gettid())
         }
@@ -71,7 +71,7 @@ mod imp {
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub struct Thread {
         pub number: u32,
-        /// The low half of the creation time, which repeats after seven minutes.
+        /// The lower 32 bits of the creation time, which repeat after seven minutes.
         pub made: u32,
     }
 
@@ -95,7 +95,8 @@ mod imp {
                 if handle.is_null() {
                     return true;
                 }
-                // The handle of a thread that has ended is signalled, so the wait returns 0.
+                // The handle of a thread that has ended is signalled, so that the wait returns 0. A different creation
+                // time means that another thread has the id now.
                 let gone = WaitForSingleObject(handle, 0) == 0 || made(handle) != self.made;
                 CloseHandle(handle);
                 gone
@@ -103,7 +104,7 @@ mod imp {
         }
     }
 
-    /// The low half of a thread's creation time.
+    /// The lower 32 bits of a thread's creation time.
     ///
     /// # Safety
     /// `thread` is the handle of a thread.
@@ -134,7 +135,7 @@ mod imp {
     }
 }
 
-/// On other systems there is no way to see whether a thread has ended.
+/// On other systems nothing shows whether a thread has ended.
 #[cfg(not(any(target_os = "linux", windows)))]
 mod imp {
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]

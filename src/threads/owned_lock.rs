@@ -1,6 +1,6 @@
-//! A lock that knows its owner. `TerminateThread` may end the owner between any two instructions; the next thread then
-//! takes the lock over. Waiting threads are in no list. The locks of Windows and of `parking_lot` have such lists, and
-//! hand the lock to a thread that was ended while it waited.
+//! A lock that stores its owner. `TerminateThread` may end the owner between any two instructions; then the next thread
+//! takes the lock over. The lock has no list of waiting threads: those of Windows and of `parking_lot` have one, and
+//! would hand the lock to a thread that was ended while it waited.
 
 use std::cell::UnsafeCell;
 use std::marker::PhantomData;
@@ -15,20 +15,20 @@ const SPINS: u32 = 64;
 /// How many times a thread yields before it sleeps. \[OURS]
 const YIELDS: u32 = 64;
 const SLEEP_MS: u32 = 1;
-/// After how many sleeps a waiting thread checks whether the owner has ended: no running owner holds the lock that
-/// long. \[OURS]
+/// After how many sleeps a waiting thread checks whether the owner has ended. By then an owner that still runs would
+/// have released the lock. \[OURS]
 const CHECK_AFTER: u32 = 32;
 /// Value of [`Mutex::owner`] while the lock is free.
 const NOBODY: u64 = 0;
 
-/// Sleeps without a handle. std's sleep closes the handle of a timer, and a thread that is ended in that moment keeps a
-/// lock of Wine that every other thread needs to close its own handles.
+/// Sleeps without using a handle. The sleep of std closes the handle of a timer. A thread that is ended at that moment
+/// keeps a lock of Wine, which all other threads need to close their handles.
 pub fn sleep(limit_ms: u32) {
     // SAFETY: the function has no conditions.
     unsafe { Sleep(limit_ms) };
 }
 
-/// A lock that is released when its owner is ended by force.
+/// A lock that the next thread takes over if its owner was ended by force.
 #[derive(Debug, Default)]
 pub struct Mutex<T> {
     /// The owner as [`CallingThread::packed`], or [`NOBODY`].
@@ -62,7 +62,7 @@ impl<T> Mutex<T> {
                     break;
                 }
             }
-            // When the counter overflows, spinning begins again, which does no harm.
+            // When the counter wraps around, the thread spins again, which does no harm.
             tries = tries.wrapping_add(1);
         }
         MutexGuard { mutex: self, of_thread: PhantomData }

@@ -1,10 +1,10 @@
-//! Locks and condition variables for the program's threads, which may be ended by force. No waiting thread is kept in a
-//! list on its stack; on Windows alone there is a list elsewhere. A thread that is ended while it waits does not keep
-//! the others from getting the lock.
+//! Locks and condition variables for the program's threads, which may be ended by force. A waiting thread is in no list
+//! on its own stack (on Windows there is a list on the heap), so that a thread that is ended while it waits does not
+//! keep others from getting the lock.
 
 pub(crate) use imp::{Condvar, Mutex, MutexGuard, lock, wait, wait_for};
 
-/// std's types, ignoring poisoning: the state under these locks is valid between any two statements.
+/// The types of std. Poisoning is ignored, because the state under these locks is valid between any two statements.
 #[cfg(not(windows))]
 mod imp {
     use std::sync::PoisonError;
@@ -24,8 +24,8 @@ mod imp {
     }
 }
 
-/// On Windows std's locks and condition variables are the system's, which keep a list of waiting threads on their
-/// stacks. So this crate has its own.
+/// On Windows the locks and condition variables of std are those of the system, which link waiting threads in a list on
+/// their stacks. So this crate has its own.
 #[cfg(windows)]
 mod imp {
     use std::time::Duration;

@@ -1,6 +1,6 @@
-//! Waits of the program's threads for another thread. Only the system knows the waiting threads. Condition variables of
-//! Windows and of `parking_lot` keep a list of them, on their stacks or elsewhere, and a thread that is ended by force
-//! during its wait stays in that list forever.
+//! Waits of the program's threads for another thread. The threads wait in the kernel. Condition variables of Windows
+//! and of `parking_lot` keep a list of waiting threads, and a thread that is ended by force during its wait stays in
+//! that list forever.
 
 use std::time::Duration;
 
@@ -17,7 +17,8 @@ impl WaitQueue {
         Self(imp::WaitQueue::new())
     }
 
-    /// Takes a ticket. The caller holds the lock of the state, and releases it only afterwards.
+    /// Takes a ticket. The caller holds the lock of the state that it waits for, and releases that lock after this
+    /// call, so that no notification is missed.
     pub fn ticket(&self) -> WaitTicket {
         WaitTicket(self.0.ticket())
     }
@@ -39,13 +40,13 @@ mod imp {
     use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
     use std::time::Duration;
 
-    /// std's condition variable, whose waits are in the kernel (futex).
+    /// The condition variable of std, whose waits are in the kernel (futex).
     #[derive(Debug, Default)]
     pub struct WaitQueue {
         notifications: Mutex<u64>,
         changed: Condvar,
-        /// Threads that were ended by force never return theirs, which only costs a needless system call per
-        /// notification.
+        /// The number of tickets whose waits have not ended. A thread that was ended by force never returns its ticket;
+        /// that only costs a needless system call for each notification.
         outstanding_tickets: AtomicUsize,
     }
 
@@ -99,9 +100,9 @@ mod imp {
     type Handle = *mut c_void;
 
     const FOREVER: u32 = u32::MAX;
-    /// How many events one pass of `notify_all` sets.
+    /// The number of events that one pass of the loop in `notify_all` sets.
     const AT_ONCE: usize = 8;
-    /// Duration of a wait for which Windows could not create an event.
+    /// How long a thread waits, ms, if Windows could not create an event for it.
     const WITHOUT_EVENT_MS: u32 = 1;
 
     /// One Windows event per waiting thread, reused by the next thread that waits. The event of a thread that was ended
@@ -114,7 +115,7 @@ mod imp {
         event: Handle,
         /// Whether a thread uses this event.
         taken: bool,
-        /// Whether the thread is waiting and has not been woken yet.
+        /// Whether the thread waits and was not woken yet.
         waits: bool,
     }
 
@@ -205,7 +206,8 @@ mod tests {
 
     use super::*;
 
-    /// LIB-70 A notification after the ticket was taken wakes each waiting thread, even if it comes before the wait.
+    /// LIB-70 A notification after a ticket was taken ends the wait with that ticket, even if it comes before the wait
+    /// begins.
     #[test]
     fn what_is_told_is_heard() {
         let (queue, state) = (WaitQueue::new(), Mutex::new(0));

@@ -40,11 +40,8 @@ fn variable_for(privileged: bool, name: &str) -> Option<OsString> {
     if privileged { None } else { env::var_os(name) }
 }
 
-/// The reason why somebody other than root can have written an existing file or chosen its path; `None` if nobody can.
-///
-/// The file has to be a regular file. A symbolic link is rejected, because its creator could choose the target. The file
-/// and its folder must belong to root and be writable by root alone. The folders above must belong to root; others may
-/// write to them only if the sticky bit (as on `/tmp`) keeps them from renaming and removing entries.
+/// Why somebody other than root may have written an existing file, or may have chosen the file at this path; `None` if
+/// that is impossible.
 #[cfg(unix)]
 pub fn writable_by_others(file: &Path) -> Option<String> {
     use std::fs::symlink_metadata;
@@ -53,7 +50,7 @@ pub fn writable_by_others(file: &Path) -> Option<String> {
     const WRITABLE_BY_OTHERS: u32 = 0o022;
     const STICKY: u32 = 0o1000;
 
-    // Only root can change these folders, so the check still holds when the file is read.
+    // Only root can change these folders, so the result of this check still holds when the file is read later.
     let folder = match file.parent().map(Path::canonicalize) {
         Some(Ok(folder)) => folder,
         _ => return Some("its folder cannot be looked at".to_owned()),
@@ -79,7 +76,7 @@ pub fn writable_by_others(file: &Path) -> Option<String> {
     None
 }
 
-/// Always `None`: this system has no privileged programs.
+/// Always `None`: on this system programs do not have more rights than their user.
 #[cfg(not(unix))]
 pub fn writable_by_others(_: &Path) -> Option<String> {
     None

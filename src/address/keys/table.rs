@@ -9,10 +9,10 @@ use crate::xf::DataSize;
 const HOUR_MS: u64 = 3_600_000;
 const DAY_MS: u64 = 24 * HOUR_MS;
 
-/// Links to a board whose slot size is fixed by its jumper or known to its server: the key `slot` can only be checked
-/// against it.
+/// Links to a board that determines the slot size itself, by a jumper or through its server. The key `slot` then only
+/// checks it.
 const USB_AND_TCP: &[Scheme] = &[Scheme::Usb, Scheme::Tcp];
-/// The slowest rate of a board's clock, 0.001: a cycle of 250 us then takes a quarter of a second. \[OURS]
+/// The slowest rate of a board's clock: 0.001, at which a cycle of 250 us takes a quarter of a second. \[OURS]
 const RATE_MIN: Fraction = Fraction::from_billionths(1_000_000);
 /// Boards that are modelled in this process, with simulated slaves.
 const SIMULATED: &[Scheme] = &[Scheme::Sim, Scheme::XfSim];
@@ -25,7 +25,7 @@ const XF_USB: &[Scheme] = &[Scheme::XfUsb];
 /// Boards whose EC01M is a model in this process, with simulated slaves, slaves behind a chip, or slaves on a network card.
 const MODELLED: &[Scheme] = &[Scheme::Sim, Scheme::XfSim, Scheme::XfSpi, Scheme::XfUsb, Scheme::Nic];
 const NIC: &[Scheme] = &[Scheme::Nic];
-/// Links to an ECM-XF chip.
+/// Links that contain an ECM-XF chip.
 const XF: &[Scheme] = &[Scheme::XfSim, Scheme::XfSpi, Scheme::XfUsb];
 /// Links to a chip with a selectable packet size; an ECM-XFU has a fixed one.
 const XF_ON_SPI: &[Scheme] = &[Scheme::XfSim, Scheme::XfSpi];

@@ -1,5 +1,5 @@
-//! The common syntax of all lists of slaves: comma-separated entries `KIND:PART:PART*N`. The caller defines the kinds and
-//! the meaning of the parts.
+//! The syntax that all lists of slaves share: comma-separated entries `KIND:PART:PART*N`. The callers define the kinds
+//! and the meaning of the parts.
 
 use std::iter::repeat_n;
 
@@ -8,7 +8,7 @@ use crate::address::text::decimal;
 /// The characters that separate a kind, its parts and the number of slaves.
 const SIGNS: [char; 2] = [':', '*'];
 
-/// An entry of a list, split into its pieces.
+/// One entry of a list, split at `:` and `*`.
 pub(super) struct Entry<'a> {
     /// The whole entry, as written.
     pub(super) text: &'a str,
@@ -16,9 +16,10 @@ pub(super) struct Entry<'a> {
     pub(super) kind: &'a str,
     /// The parts, each written after a `:`.
     pub(super) parts: Vec<&'a str>,
-    /// The repeat counts, each written after a `*`. A valid entry has at most one; without a count it stands for one slave.
+    /// The repeat counts, each written after a `*`. A valid entry has at most one. An entry without a count stands for
+    /// one slave.
     numbers: Vec<&'a str>,
-    /// Whether no part follows a repeat count.
+    /// Whether the repeat count, if there is one, stands at the end of the entry.
     number_is_last: bool,
 }
 
@@ -39,7 +40,7 @@ impl<'a> Entry<'a> {
         entry
     }
 
-    /// The entry without blanks around its pieces.
+    /// The entry with blanks removed around the kind, the parts and the repeat count.
     fn trimmed(mut self) -> Self {
         self.kind = self.kind.trim();
         self.parts.iter_mut().chain(&mut self.numbers).for_each(|piece| *piece = piece.trim());
@@ -79,7 +80,8 @@ fn next_piece(text: &str) -> (&str, &str) {
 /// The syntax that the parser accepts for a list of slaves.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Form {
-    /// For links: no blanks, and the repeat count comes last, because the normal forms of links are compared.
+    /// For links: without blanks, and with the repeat count last, so that each list has one form and normal forms can
+    /// be compared.
     Strict,
     /// For text that people type: blanks are ignored, and parts may follow the repeat count.
     Loose,
@@ -114,7 +116,7 @@ pub(super) fn read<T: Clone>(
     Ok(slaves)
 }
 
-/// The words as a list in which equal neighbours are counted: `drive*2,io`.
+/// Joins words to a list in which equal neighbours are counted: `drive*2,io`.
 pub(crate) fn list(words: impl Iterator<Item = String>) -> String {
     let words: Vec<String> = words.collect();
     let runs = words.chunk_by(|a, b| a == b).map(|run| match run.len() {

@@ -1,8 +1,9 @@
-//! Attribution of answers: a call can tell the answer to its own command from older answers and from those of other
-//! calls.
+//! Matches answers to commands: a call can tell the answer to its own command from older answers and from the answers
+//! to other calls.
 //!
-//! A slot of a report repeats the last command there until the next one (SK-3). A call that needs the answer to its own
-//! command claims the slot, and this file notes whether the answer there may still be an old one.
+//! Each report shows in a slot the answer to the last command in that slot, until the next command (SK-3). A call that
+//! needs the answer to its own command claims the slot. For claimed slots this file records whether the answer may
+//! still be an old one.
 
 use super::slot_set::SlotSet;
 use crate::link::Stamp;
@@ -13,9 +14,10 @@ const SLOTS: usize = SlotSize::Bytes12.slots();
 pub struct Answers {
     /// The slots that calls have claimed.
     claimed: SlotSet,
-    /// For each claimed slot the newest answer with the id of the claimed command, and the time of its report.
+    /// For each claimed slot the time and the content of the newest answer that has the id of the claimed command.
     newest: [(Stamp, RawSlot); SLOTS],
-    /// Claimed slots that have shown the command in every report since the claim, so that the answer may be an old one.
+    /// Claimed slots that have shown the command's id in every report since the claim, so that the answer may be an old
+    /// one.
     unchanged: SlotSet,
 }
 

@@ -1,5 +1,5 @@
-//! The host's model of the board's FIFO: how many frames it has room for, how many are not executed yet, and when it
-//! was empty.
+//! The host's model of the board's FIFO: for how many frames it has room, how many frames are not executed yet, and in
+//! how many cycles it was empty.
 //!
 //! A report has the number of free entries at the moment it was made, without the frames written since. So the credit
 //! is the newest free count minus the frames written since, whether reports are read at once or from a queue.
@@ -11,8 +11,8 @@ use crate::sk::FIFO_ENTRIES;
 
 #[derive(Debug)]
 pub struct Credit {
-    /// Write times of the frames that the free count may not include yet, oldest first; at most as many as the FIFO
-    /// holds.
+    /// Write times of the frames that the newest free count may not include yet, oldest first; at most as many as the
+    /// FIFO has entries.
     uncounted: VecDeque<Stamp>,
     /// The number of free entries in the newest report.
     free: u16,
@@ -20,17 +20,17 @@ pub struct Credit {
     written: i64,
     /// The number of cycles since OP was reached.
     cycles: i64,
-    /// The phase of counting underruns; `None` while an empty FIFO is no underrun.
+    /// Whether empty cycles are counted as underruns now; `None` while no stream is open.
     counting: Option<Counting>,
     underruns: u64,
 }
 
-/// The phase of counting underruns.
+/// When the counting of underruns begins.
 #[derive(Clone, Copy, Debug)]
 enum Counting {
-    /// Counting begins with the first report after more than this many frames were executed.
+    /// Counting begins once more than this many frames were executed, that is with the first frame of the stream.
     After(i64),
-    /// Counting has begun. This many cycles had found the FIFO empty before the newest report.
+    /// Counting has begun. The number is how many cycles had found the FIFO empty up to the newest report.
     Since(i64),
 }
 
@@ -46,7 +46,7 @@ impl Credit {
         }
     }
 
-    /// The network has left OP: the FIFO is empty.
+    /// Forgets all frames: the network has left OP, so that the FIFO is empty.
     pub fn reset(&mut self) {
         self.uncounted.clear();
         (self.free, self.written, self.cycles, self.counting) = (FIFO_ENTRIES, 0, 0, None);
@@ -62,8 +62,8 @@ impl Credit {
         self.written
     }
 
-    /// Takes a report in OP, made `cycles` cycles after the previous one. A frame has certainly arrived `margin_ns`
-    /// after it was written.
+    /// Updates the model from a report in OP, made `cycles` cycles after the previous one. A frame counts as arrived
+    /// `margin_ns` after it was written.
     pub fn report(&mut self, at: Stamp, free: u16, cycles: u64, margin_ns: u64) {
         while self.uncounted.front().is_some_and(|sent| sent.0.saturating_add(margin_ns) <= at.0) {
             self.uncounted.pop_front();
@@ -80,12 +80,12 @@ impl Credit {
                 self.counting = Some(Counting::Since(idle))
             }
             Some(Counting::Since(before)) => {
-                // A frame may be counted as arrived a little early, so that this number may fall. Underruns once
-                // counted stay.
+                // The number of empty cycles may fall, because a frame may have been counted as arrived a little early.
+                // Underruns are never taken back.
                 let new = (idle - before).max(0);
                 if new > 0 {
-                    // With entries before and after it, this cycle found an entry: a frame was counted as arrived too
-                    // early.
+                    // The FIFO had entries before and after this one cycle, so the cycle found an entry: a frame was
+                    // counted as arrived too early.
                     if !(cycles == 1 && had_entries && self.used() > 0) {
                         self.underruns += new as u64;
                     }
@@ -96,7 +96,7 @@ impl Credit {
         }
     }
 
-    /// Sets whether cycles that find the FIFO empty count as underruns, from the next frame on.
+    /// Switches the counting of underruns on, from the next frame on, or off.
     pub fn count_underruns(&mut self, on: bool) {
         self.counting = on.then_some(Counting::After(self.written));
     }
@@ -120,7 +120,7 @@ impl Credit {
         FIFO_ENTRIES - self.credit()
     }
 
-    /// Whether the frame with that number was certainly executed.
+    /// Whether the board has certainly executed the frame with the number `number`.
     pub fn has_executed(&self, number: i64) -> bool {
         self.written - self.uncounted.len() as i64 - i64::from(self.used()) >= number
     }
@@ -141,7 +141,7 @@ mod tests {
             credit.wrote(Stamp(10 * MS + n));
         });
         assert_eq!((credit.credit(), credit.ahead()), (147, 13));
-        // A report from before these frames were written, read late from a queue.
+        // A report that was made before these frames were written, and read late from a queue.
         credit.report(Stamp(9 * MS), 155, 0, MS);
         assert_eq!(credit.credit(), 152);
         credit.report(Stamp(12 * MS), 149, 2, MS);
@@ -157,7 +157,7 @@ mod tests {
         credit.wrote(Stamp(4 * MS + 5));
         credit.report(Stamp(5 * MS), 160, 1, MS);
         assert_eq!(credit.underruns(), 0);
-        // One report after two cycles without a frame, and another one after a third.
+        // One report after two cycles that found the FIFO empty, and another report after a third such cycle.
         credit.report(Stamp(7 * MS), 160, 2, MS);
         credit.report(Stamp(8 * MS), 160, 1, MS);
         assert_eq!(credit.underruns(), 3);
@@ -169,7 +169,7 @@ mod tests {
         assert_eq!(credit.underruns(), 3);
     }
 
-    /// SK-5.11 A frame that arrives a cycle later than it was written causes no underrun while other frames are queued.
+    /// SK-5.11 A frame that arrives one cycle late causes no underrun while other frames are queued.
     #[test]
     fn a_late_arrival_is_no_underrun() {
         let mut credit = Credit::new();

@@ -1,5 +1,5 @@
-//! The targets that each frame carries while a stream is open: those of the next frame and of the last one, as encoded
-//! slots.
+//! The targets that a stream repeats in every frame, as encoded slots: those for the next frame and those in the last
+//! frame.
 
 use crate::ethercat::{MAX_SLAVES, SlaveSet};
 use crate::sk::{Frame, RawSlot, SlaveCommand, SlotCommand, SlotSize};
@@ -12,15 +12,15 @@ pub type Outputs = [u16; 2];
 /// The targets of all slaves, by slot. A slot of zeros has no target.
 pub struct CyclicTargets {
     size: SlotSize,
-    /// Slaves with a target in `next` or in `last`.
+    /// Slaves with a target in the next frame or in the last one.
     set: SlaveSet,
     /// The targets for the next frame. They are repeated in each frame until other targets are set.
     next: Box<Frame>,
     /// The targets of the last step.
     last: Box<Frame>,
-    /// The outputs last sent to HSPs, by slot. They stay when the targets are cleared.
+    /// The outputs last sent to HSPs, by slot. Clearing the targets does not change them.
     outputs: [Outputs; SLOTS],
-    /// Slaves whose targets were withdrawn since the last [`take_withdrawn`](Self::take_withdrawn).
+    /// Slaves whose targets were withdrawn since the last call of [`take_withdrawn`](Self::take_withdrawn).
     withdrawn: SlaveSet,
 }
 
@@ -51,12 +51,12 @@ impl CyclicTargets {
         self.forget(SlaveSet::first(MAX_SLAVES as u8));
     }
 
-    /// The network has left OP: the outputs are off.
+    /// Sets all outputs to 0, as the board does when the network leaves OP.
     pub fn forget_outputs(&mut self) {
         self.outputs = [[0; 2]; SLOTS];
     }
 
-    /// Removes the targets of slaves, also those that a stream has prepared for its next step
+    /// Removes the targets of slaves. A stream then also drops those that it has prepared for its next step
     /// ([`take_withdrawn`](Self::take_withdrawn)).
     pub fn withdraw(&mut self, slaves: SlaveSet) {
         self.forget(slaves);
@@ -77,7 +77,7 @@ impl CyclicTargets {
         self.set = self.set.difference(slaves);
     }
 
-    /// Sets the next targets of all slaves, by slot; `set`: the slaves that have a target.
+    /// Sets the targets of all slaves for the next frame, by slot; `set`: the slaves that have a target.
     pub fn set_all(&mut self, next: &Frame, set: SlaveSet) {
         Frame::clone_from(&mut self.next, next);
         self.set = self.set.union(set);
@@ -90,7 +90,7 @@ impl CyclicTargets {
         self.set.insert(slave);
     }
 
-    /// Takes over the last target that another program has sent to a slave.
+    /// Takes `last` as the last target of a slave: another program has sent it.
     pub fn assume(&mut self, slave: u8, last: Option<SlaveCommand>) {
         let slot = last.map_or(RawSlot::ZERO, |command| SlotCommand::from(command).encode(self.size));
         self.last.put(self.size, slave.into(), &slot);
@@ -98,7 +98,7 @@ impl CyclicTargets {
         self.set.insert(slave);
     }
 
-    /// The next targets were sent in a frame. `hsps`: the HSPs whose outputs it had.
+    /// Notes that the next targets were sent in a frame. `hsps`: the HSPs, whose outputs are kept.
     pub fn stepped(&mut self, hsps: SlaveSet) {
         self.last.clone_from(&self.next);
         for slave in hsps.intersection(self.set).iter() {
@@ -112,7 +112,7 @@ impl CyclicTargets {
         }
     }
 
-    /// The frame was not written: targets that it would have carried for the first time are dropped.
+    /// Drops the targets that were new in a frame, because the frame was not written.
     pub fn revert(&mut self) {
         self.next.clone_from(&self.last);
     }

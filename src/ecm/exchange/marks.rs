@@ -2,17 +2,17 @@
 //! repeats the index of a command, also that of GET_STATUS, in the report of the cycle that executed it (SK-3).
 //!
 //! Every frame with a command has its own mark in the slots of all slaves. A report with the mark in any slot shows
-//! that the frame arrived and was executed. A slave that does not repeat the mark while others do is lost. Firmware 1.5
-//! has the mode in that byte: then only the count of FIFO entries is left, which is wrong after a frame was lost on the
-//! way.
+//! that the frame arrived and was executed. A slave that does not repeat the mark while others do is lost. Reports of
+//! firmware 1.5 have the mode in that byte instead: then the host must count FIFO entries, which goes wrong when a
+//! frame is lost on the way.
 
-/// The lowest mark, above every mode that firmware 1.5 shows there. \[OURS]
+/// The lowest mark: higher than every mode that reports of firmware 1.5 have in that byte. \[OURS]
 const FIRST: u8 = 0x20;
-/// \[OURS] How many frames may be executed, by the count of entries, without returning their marks, until the board
-/// counts as one that repeats no index.
+/// \[OURS] If this many frames were executed, by the count of FIFO entries, and no report returned their marks, the
+/// board counts as one that does not repeat the index.
 const MISSED_MAX: u8 = 2;
 
-/// Whether the board repeats the index of a command.
+/// Whether the board repeats the index of a command in its reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Echo {
     /// Not known yet.
@@ -25,15 +25,15 @@ pub enum Echo {
 
 pub struct Marks {
     pub echo: Echo,
-    /// The newest mark.
+    /// The mark of the newest frame that has one.
     last: u8,
-    /// A bit for each mark, set when a report has returned the mark.
+    /// One bit for each mark, set once a report has returned the mark.
     returned: [u64; 4],
-    /// For each mark Data1 of slot 0 in the first report that returned it.
+    /// For each mark the value of Data1 in slot 0 of the first report that returned it: the board's result.
     results: [u32; 256],
-    /// The number of frames that were executed without returning their marks.
+    /// The number of frames that were executed, by the count of FIFO entries, without returning their marks.
     missed: u8,
-    /// The number of calls that wait for a mark. Without any, reports need not be searched for marks.
+    /// The number of calls that wait for a mark. While it is 0, reports are not searched for marks.
     pub awaited: u32,
 }
 
@@ -42,15 +42,15 @@ impl Marks {
         Self { echo: Echo::Unknown, last: FIRST, returned: [0; 4], results: [0; 256], missed: 0, awaited: 0 }
     }
 
-    /// Returns a mark for the next frame, and clears the record of its previous use.
+    /// Returns the mark for the next frame. If the mark was used before, its old record is cleared.
     pub fn next(&mut self) -> u8 {
         self.last = self.last.checked_add(1).unwrap_or(FIRST);
         self.returned[usize::from(self.last / 64)] &= !(1 << (self.last % 64));
         self.last
     }
 
-    /// Reads byte 1 of a slave's slot in a report, with the board's result in that report. Returns whether the byte is
-    /// a mark that has not returned before.
+    /// Reads byte 1 of a slave's slot in a report; `result` is Data1 of slot 0 there. Returns whether the byte is a
+    /// mark that has not been returned before.
     pub fn read(&mut self, index: u8, result: u32) -> bool {
         if index < FIRST || self.has_returned(index) {
             return false;
@@ -63,7 +63,7 @@ impl Marks {
         true
     }
 
-    /// Whether the frame with that mark was executed.
+    /// Whether a report has returned the mark, so that the board has executed the frame with it.
     pub const fn has_returned(&self, mark: u8) -> bool {
         self.returned[(mark / 64) as usize] & 1 << (mark % 64) != 0
     }
@@ -73,7 +73,7 @@ impl Marks {
         self.results[mark as usize]
     }
 
-    /// Counts a frame that was executed, by the count of entries, without returning its mark.
+    /// Counts a frame that was executed, by the count of FIFO entries, without returning its mark.
     pub fn note_missing(&mut self) {
         if self.echo == Echo::Unknown {
             self.missed += 1;
@@ -83,12 +83,12 @@ impl Marks {
         }
     }
 
-    /// Sets whether the board repeats indices. Outside OP the answers to commands with the index [`Marks::PROBE`] show
-    /// it.
+    /// Sets whether the board repeats indices, as the answer to a command with the index [`Marks::PROBE`] has shown
+    /// outside OP.
     pub const fn set_echo(&mut self, echoes: bool) {
         self.echo = if echoes { Echo::Yes } else { Echo::No };
     }
 
-    /// The index of the commands that probe for [`Marks::set_echo`].
+    /// The index in commands outside OP, which shows whether the board repeats it ([`Marks::set_echo`]).
     pub const PROBE: u8 = FIRST;
 }

@@ -1,14 +1,14 @@
-//! The exchange of frames and reports with the board, which all calls of [`Ecm`](super::Ecm) use. Several threads may
-//! use it, and every wait has a timeout.
+//! The exchange of frames and reports with the board. All calls of [`Ecm`](super::Ecm) use it, also in several threads,
+//! and every wait has a timeout.
 //!
 //! Without a stream, each waiting thread writes frames and reads reports itself. While a stream is open, the steps of
-//! the stream do that: commands of other threads go out in its frames, so that none of them takes a FIFO entry from the
-//! motion.
+//! the stream do that: the commands of other threads go out in the stream's frames. A frame of their own would be a
+//! FIFO entry without new targets, and so a gap in the motion.
 //!
 //! How to read this folder: `mod.rs` writes frames and reads reports. `task.rs` sends the commands of a call and waits
 //! for their effect. `session.rs` has the state between calls, with a file for each part of it:
 //!
-//! - `reports.rs`: the newest reports, and the rules for discarding some;
+//! - `reports.rs`: the newest reports, and the rules by which a report is discarded;
 //! - `outgoing.rs`, `posts.rs`, `cyclic_targets.rs`: the next frame and the last one, the commands that wait for the next
 //!   frame, and the targets that a stream repeats in every frame;
 //! - `credit.rs`, `marks.rs`, `answers.rs`: how much room the FIFO has, which frames the board has executed, which answers
@@ -53,13 +53,13 @@ use super::options::Options;
 use crate::link::{Link, LinkError, LinkInfo, Wait};
 use crate::sk::{RawSlot, SlotSize};
 
-/// \[OURS] How long after its last step a stream still carries the commands of other threads.
+/// \[OURS] If a stream makes no step for this long, other threads no longer wait for its frames.
 const STREAM_PAUSE_MAX: Duration = Duration::from_millis(50);
-/// \[OURS] The largest age, in cycles, at which a report shows the present positions of the axes.
+/// \[OURS] A report that is older than this many cycles does not show the present positions of the axes.
 const REPORT_AGE_CYCLES: u32 = 3;
 /// \[OURS] The longest timeout of a call: a year.
 pub const LIMIT_MAX: Duration = Duration::from_secs(365 * 86_400);
-/// \[OURS] The most reports read in a row without waiting: more than the queue of any link holds by default.
+/// \[OURS] The most reports that one call reads without waiting: more than the queue of any link holds by default.
 const CATCH_UP_REPORTS_MAX: usize = 4096;
 
 pub struct Exchange {
@@ -71,13 +71,14 @@ pub struct Exchange {
     /// Generation counter: incremented whenever state that a `Stream` reads has changed, such as a new report, another
     /// configuration, an axis that is homing, or a cleared FIFO.
     changes: AtomicU64,
-    /// Signalled when a report was read, slots were released, or the board was closed.
+    /// Signalled when a report was read, when claimed slots were released, and when the board was closed.
     news: Condvar,
-    /// A stream ended while another thread had the session, which still has the stream registered.
+    /// Whether a stream ended while another thread had the lock of the session, so that the stream is still registered
+    /// there.
     abandoned: AtomicBool,
-    /// Held by the call that uses the SDO slot.
+    /// Held by the call that uses the SDO slot, so that there is one transfer at a time.
     pub sdo_turn: Mutex<()>,
-    /// Held by the call that is homing axes.
+    /// Held by the call that is homing axes, so that there is one such call at a time.
     pub homing_turn: Mutex<()>,
 }
 
@@ -105,18 +106,19 @@ impl Exchange {
         }
     }
 
-    /// The time of the clock for timeouts, from an arbitrary start. It follows the link's clock without the stalls of
-    /// this process (SIGSTOP, swap, a suspended machine): a board is not silent while nothing could read its reports.
+    /// The time on the clock of timeouts, from an arbitrary start. It follows the link's clock without the stalls of
+    /// this process (SIGSTOP, swap, a suspended machine): during a stall reports cannot be read, and so do not count as
+    /// missing.
     pub fn now(&self) -> Duration {
         self.now_at(self.clock())
     }
 
-    /// As [`Exchange::now`], if the time of the link's clock is known.
+    /// As [`Exchange::now`], for a caller that has read the link's clock already.
     pub fn now_at(&self, clock: Duration) -> Duration {
         self.patience.at(clock)
     }
 
-    /// The time of the link's clock, from an arbitrary start.
+    /// The time on the link's clock, from an arbitrary start.
     pub fn clock(&self) -> Duration {
         if self.info.virtual_time
             && let Ok(Some(at)) = self.link.pass(Duration::ZERO)
@@ -126,8 +128,8 @@ impl Exchange {
         self.patience.elapsed()
     }
 
-    /// Whether the newest report is older than [`REPORT_AGE_CYCLES`], on the link's clock with stalls: it does not show
-    /// the present positions of the axes then.
+    /// Whether the newest report is older than [`REPORT_AGE_CYCLES`], so that it does not show the present positions of
+    /// the axes. Its age includes stalls of this process.
     pub fn is_stale(&self, session: &Session) -> bool {
         let age = self.clock().saturating_sub(session.reports.read_at);
         age > session.network.cycle() * REPORT_AGE_CYCLES
@@ -159,12 +161,12 @@ impl Exchange {
         Ok(session)
     }
 
-    /// A stream ended while another thread had the session: the next lock of the session removes the stream from it.
+    /// Marks the stream as ended while another thread has the lock of the session. The next lock removes the stream.
     pub fn abandon(&self) {
         self.abandoned.store(true, Ordering::Release);
     }
 
-    /// How long the board may be silent: the read timeout, and at least three cycles.
+    /// After how long without a report the board counts as silent: the read timeout, and at least three cycles.
     pub fn silence_max(&self, session: &Session) -> Duration {
         self.options.read_limit.max(session.network.cycle() * 3)
     }
@@ -190,12 +192,12 @@ impl Exchange {
         Ok(())
     }
 
-    /// Reads a report, waiting until `deadline` at most. Returns whether a usable one was read.
+    /// Reads a report, and waits for it until `deadline` at most. Returns whether it got a usable one.
     pub fn read(&self, session: &mut Session, deadline: Duration) -> Result<bool, EcmError> {
         self.read_at(session, self.now(), deadline)
     }
 
-    /// As [`Exchange::read`], if the present time is known.
+    /// As [`Exchange::read`], for a caller that knows the present time.
     pub fn read_at(&self, session: &mut Session, now: Duration, deadline: Duration) -> Result<bool, EcmError> {
         let wait = deadline.saturating_sub(now).min(self.silence_max(session)).min(patience::WAIT_MAX);
         self.patience.expect(wait);
@@ -216,13 +218,13 @@ impl Exchange {
         }
     }
 
-    /// Reads all reports that are waiting, so that decisions use the newest one. In virtual time each read takes time,
-    /// so that it is done only when a report is due.
+    /// Reads all reports that are waiting, so that decisions use the newest one. In virtual time a read lets time pass,
+    /// so reports are read only when one is due.
     pub fn catch_up(&self, session: &mut Session) -> Result<(), EcmError> {
         for _ in 0..CATCH_UP_REPORTS_MAX {
             if self.info.virtual_time {
                 let (Some(meta), Some(cycle)) = (session.reports.meta, session.network.cycle_ns) else { return Ok(()) };
-                // If the board is gone, this call returns the error.
+                // Returns the error if the link is lost.
                 let now = self.link.pass(Duration::ZERO)?;
                 if now.is_some_and(|now| now.0 < meta.at.0 + cycle) {
                     return Ok(());
@@ -242,8 +244,8 @@ impl Exchange {
         self.write_within(session, deadline.saturating_sub(self.now()).min(self.options.write_limit))
     }
 
-    /// Writes a frame with these commands by `deadline`. If a command of another thread waits for one of their slots,
-    /// it goes out first.
+    /// Writes a frame with these commands by `deadline`. If a queued command of another thread uses one of their slots,
+    /// a frame with that command is written first.
     pub fn write_commands(
         &self,
         session: &mut Session,
@@ -270,7 +272,7 @@ impl Exchange {
                 }
                 Ok(())
             }
-            // The commands stay queued for the next frame; the call that posted them may withdraw them.
+            // The commands stay queued for the next frame. The call that queued them may withdraw them.
             Err(error) => {
                 session.targets.revert();
                 Err(match error {
@@ -286,7 +288,8 @@ impl Exchange {
         }
     }
 
-    /// Returns an error if the board has been silent since `since` and for too long.
+    /// Returns an error if no report has come for too long, counted from the last report or from `since`, whichever is
+    /// later.
     pub fn check_silence(&self, session: &Session, since: Duration, what: &'static str) -> Result<(), EcmError> {
         let waited = self.now().saturating_sub(session.reports.heard_at.max(since));
         if waited < self.silence_max(session) {
@@ -321,14 +324,14 @@ impl Exchange {
         Ok(())
     }
 
-    /// Releases the session to other threads between two rounds, and runs `between` meanwhile.
+    /// Releases the lock of the session to other threads between two rounds, and runs `between` without the lock.
     pub fn pause(&self, session: &mut MutexGuard<'_, Session>, between: impl FnOnce()) -> Result<(), EcmError> {
         MutexGuard::unlocked_fair(session, between);
         if session.closed { Err(LinkError::Closed.into()) } else { Ok(()) }
     }
 
-    /// Ends every use of the board. If its axes may be moving, the link is told that the program has vanished: a server
-    /// behind the link then stops them.
+    /// Ends every use of the board. If the axes may be moving, the link is closed as by a program that has vanished: a
+    /// server behind the link then stops the axes.
     pub fn shut(&self, is_at_rest: bool) {
         if let Some(mut session) = self.session.try_lock_for(self.options.read_limit) {
             session.closed = true;

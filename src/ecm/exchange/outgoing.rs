@@ -1,10 +1,10 @@
-//! Outgoing frames: the next one, and the identification of the last one.
+//! Outgoing frames: the frame that is composed next, and by which the answers to the last one are recognised.
 
 use super::slot_set::SlotSet;
 use crate::link::Stamp;
 use crate::sk::Frame;
 
-/// The identification of a written frame.
+/// Identifies a written frame, so that a call can tell when the board has executed it.
 #[derive(Clone, Copy, Debug)]
 pub struct Sent {
     /// When the frame was written.
@@ -15,15 +15,15 @@ pub struct Sent {
     pub mark: u8,
 }
 
-/// The next frame and the last one.
+/// The next frame, and the identification of the last one.
 pub struct Outgoing {
-    /// The next frame; after a write still the last one.
+    /// The frame that is composed next. After a write it has the last frame until the next is composed.
     pub frame: Frame,
     /// The mark of `frame`; 0 if it has none.
     pub mark: u8,
     /// The number of frames written so far.
     pub written: u64,
-    /// The last written frame, but with the mark of the last frame that had one.
+    /// The identification of the last written frame. If that has no mark, the mark is that of the last frame with one.
     pub last: Sent,
     /// Slots with a command in the last frame that had a mark.
     pub last_commanded: SlotSet,

@@ -1,28 +1,27 @@
-//! The clock of timeouts. It leaves out stalls of this process: SIGSTOP, swapping, a suspended machine. On any other
-//! clock a board that answers in every cycle would have been silent for the whole stall, and all timeouts would have
-//! passed, before the process could read a single report.
+//! The clock of timeouts, which leaves out stalls of this process: SIGSTOP, swapping, a suspended machine. With an
+//! ordinary clock all timeouts would have passed at the end of a stall, before the process could read a single report,
+//! although the board has made one in every cycle.
 //!
 //! Before each wait a call announces its longest duration ([`Patience::expect`]). If much more time has passed when the
-//! clock is read next, the process has stalled, and the clock advances by only half of the announced wait. So a single
-//! wait makes no board silent whose reports could not be read, and waits end even if the process stalls in each of
-//! them.
+//! clock is read next, the process has stalled, and the clock advances by only half of the announced wait. So a stall
+//! does not use up a timeout, and timeouts still pass if the process stalls in every wait.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// \[OURS] The longest part into which a wait for a report is divided.
+/// \[OURS] The longest single wait for a report. A longer one is divided.
 pub const WAIT_MAX: Duration = Duration::from_millis(100);
 /// \[OURS] How much longer than announced a wait may take on a busy machine before it counts as a stall.
 const LATENESS_MAX: Duration = Duration::from_millis(100);
-/// \[OURS] How much the clock advances at least, however long a stall was.
+/// \[OURS] The least advance of the clock after a stall.
 const STEP_MIN: Duration = Duration::from_millis(1);
 
 /// The clock of timeouts. Threads may share it.
 pub struct Patience {
     started: Instant,
-    /// The newest time passed to [`Patience::at`], ns.
+    /// The newest time of the underlying clock that [`Patience::at`] got, ns.
     last_ns: AtomicU64,
-    /// The longest announced duration of the next wait, ns.
+    /// The longest duration that was announced for the next wait, ns.
     expected_ns: AtomicU64,
     /// The sum of all stalls so far, ns.
     stood_ns: AtomicU64,
@@ -34,12 +33,12 @@ impl Patience {
         Self { started: Instant::now(), last_ns, expected_ns, stood_ns }
     }
 
-    /// The real time since the clock was made, with stalls.
+    /// The real time since this clock was made, including stalls.
     pub fn elapsed(&self) -> Duration {
         self.started.elapsed()
     }
 
-    /// Announces a wait of at most that duration.
+    /// Announces a wait of at most `wait`.
     pub fn expect(&self, wait: Duration) {
         let wait_ns = u64::try_from(wait.as_nanos()).unwrap_or(u64::MAX);
         self.expected_ns.fetch_max(wait_ns, Ordering::Relaxed);
@@ -48,7 +47,7 @@ impl Patience {
     /// The time of this clock when the underlying clock, which includes stalls, shows `now`.
     pub fn at(&self, now: Duration) -> Duration {
         let now_ns = u64::try_from(now.as_nanos()).unwrap_or(u64::MAX);
-        // Only one of several threads sees the gap, so that it is left out once.
+        // If several threads read the clock after a stall, only one of them sees the gap. So the stall is left out once.
         let last_ns = self.last_ns.fetch_max(now_ns, Ordering::AcqRel);
         let expected_ns = self.expected_ns.swap(0, Ordering::Relaxed);
         let passed_ns = now_ns.saturating_sub(last_ns);

@@ -3,7 +3,8 @@
 use super::slot_set::SlotSet;
 use crate::sk::{FifoAction, Frame, MasterCommand, RawSlot, SlotSize};
 
-/// Commands for the next frame, at most one for each slot. There they replace the targets that a stream repeats.
+/// Queued commands for the next frame, at most one for each slot. In that frame they replace the targets that a stream
+/// repeats.
 pub struct Posts {
     commands: [RawSlot; SlotSize::Bytes12.slots()],
     slots: SlotSet,
@@ -14,8 +15,8 @@ impl Posts {
         Self { commands: [RawSlot::ZERO; SlotSize::Bytes12.slots()], slots: SlotSet::EMPTY }
     }
 
-    /// Queues commands for the next frame, all or none: a slot with a queued command takes no second one. Returns
-    /// whether they were queued.
+    /// Queues commands for the next frame, all or none: a slot that already has a queued command takes no second one.
+    /// Returns whether they were queued.
     pub fn post(&mut self, commands: &[(usize, RawSlot)]) -> bool {
         let slots = SlotSet::of(commands);
         if self.slots.overlaps(slots) {
@@ -38,7 +39,7 @@ impl Posts {
         self.slots.remove_all(SlotSet::of(commands));
     }
 
-    /// The frame was written: the queue is empty.
+    /// Empties the queue, because the frame was written.
     pub const fn clear(&mut self) {
         self.slots = SlotSet::EMPTY;
     }

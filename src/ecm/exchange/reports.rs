@@ -1,4 +1,4 @@
-//! The newest report, the one before it, and the rules for discarding reports.
+//! The newest report and the one before it, and the rules by which a report is discarded.
 
 use std::time::Duration;
 
@@ -6,7 +6,7 @@ use super::stats::{News, NewsQueue, Stats};
 use crate::link::{ReadMeta, Stamp};
 use crate::sk::{CrcPolicy, Frame, MasterResponse, MasterState, SlotSize};
 
-/// The reports of a board, in the order in which they are read.
+/// The newest reports of a board: the one that is being read, the newest accepted one, and the one before it.
 pub struct Reports {
     size: SlotSize,
     crc_policy: CrcPolicy,
@@ -24,7 +24,7 @@ pub struct Reports {
     pub board: MasterResponse,
     /// When the last usable report was read, on the clock of timeouts.
     pub heard_at: Duration,
-    /// The same on the link's clock. In virtual time: when the report was made.
+    /// The same time on the link's clock. In virtual time: when that report was made.
     pub read_at: Duration,
 }
 
@@ -45,8 +45,8 @@ impl Reports {
         }
     }
 
-    /// Accepts the report in `incoming`, unless its CRC is wrong or a newer one was read before. Returns whether it was
-    /// accepted.
+    /// Accepts the report in `incoming`, unless its CRC is wrong or a newer report was accepted before. Returns whether
+    /// it was accepted.
     pub fn accept(&mut self, meta: ReadMeta, stats: &mut Stats, news: &mut NewsQueue) -> bool {
         if self.incoming.check_crc(self.size, self.crc_policy).is_err() {
             stats.bad_crc += 1;
@@ -73,7 +73,7 @@ impl Reports {
         true
     }
 
-    /// Decodes slot 0 of the newest report and counts the failures that it shows. Returns the previous slot 0.
+    /// Decodes slot 0 of the newest report and counts the failures that it shows. Returns slot 0 of the previous report.
     pub fn read_board(&mut self, stats: &mut Stats, news: &mut NewsQueue) -> MasterResponse {
         let before = std::mem::replace(&mut self.board, MasterResponse::decode(&self.newest.slot(self.size, 0)));
         if self.previous_meta.is_none() {
@@ -107,7 +107,7 @@ impl Reports {
         self.meta.map_or(Stamp(0), |meta| meta.at)
     }
 
-    /// When the previous report was made; without one, the time of the newest.
+    /// When the previous report was made; if there is none, when the newest was made.
     pub fn previous_at(&self) -> Stamp {
         self.previous_meta.or(self.meta).map_or(Stamp(0), |meta| meta.at)
     }

@@ -1,6 +1,5 @@
-//! Second channels of HSPs. Reports have the position of a second channel, but its statusword is an object (0x6841),
-//! which must be read by SDO. Calls that switch axes read it, and streams poll it in the SDO slot of their frames.
-//! \[OURS]
+//! Second channels of HSPs. Reports have the position of a second channel, but not its statusword, which must be read
+//! by SDO (object 0x6841). Calls that switch axes read it, and streams poll it in the SDO slot of their frames. \[OURS]
 
 use std::time::Duration;
 
@@ -15,25 +14,26 @@ use crate::ethercat::{MAX_SLAVES, SlaveSet};
 use crate::sk::{CommandId, Frame, RawSlot, SdoCommand, SdoResponse, SlotSize};
 
 const SECOND_STATUSWORD: ObjectAddress = ObjectAddress::new(STATUSWORD + SECOND_AXIS_OFFSET, 0);
-/// An object that every slave has. It is read between two transfers with equal answers, so that the second answer can
-/// be told from the first (SK-6.10).
+/// An object that every slave has. It is read between two transfers whose answers may be equal, so that the second
+/// answer can be told from the first (SK-6.10).
 const DEVICE_TYPE: ObjectAddress = ObjectAddress::new(0x1000, 0);
-/// \[OURS] A stream repeats its request after this many frames without an answer: longer than the board's own timeout.
+/// \[OURS] A stream sends its SDO request again after this many frames without an answer: longer than the board's own
+/// timeout.
 const ANSWER_FRAMES_MAX: u64 = 4000;
-/// \[OURS] How long another transfer waits for the end of one that a stream has requested.
+/// \[OURS] How long an SDO transfer of a call waits for the end of the one that a stream has requested.
 const STREAM_SDO_LIMIT: Duration = Duration::from_secs(2);
 
-/// The known state of second channels.
+/// What is known about second channels.
 pub struct SecondChannels {
-    /// Slaves with a second channel.
+    /// Slaves that have a second channel.
     present: SlaveSet,
-    /// Slaves without a second channel.
+    /// Slaves that have no second channel.
     absent: SlaveSet,
     /// The newest statuswords of second channels, by slot.
     statuswords: [Statusword; SlotSize::Bytes12.slots()],
-    /// The SDO slot of the newest report.
+    /// The SDO slot of the newest report, to notice a new answer.
     shown: RawSlot,
-    /// The transfer that a stream has requested and that has no answer yet.
+    /// The request of a stream that has no answer yet.
     asked: Option<Asked>,
 }
 
@@ -56,7 +56,7 @@ impl SecondChannels {
         }
     }
 
-    /// Reads the SDO slot of a report, which shows the newest transfer, of whichever call or program.
+    /// Reads the SDO slot of a report, which shows the newest transfer of any call or program.
     pub fn read(&mut self, size: SlotSize, report: &Frame) {
         if size != SlotSize::Bytes16 {
             return;
@@ -105,7 +105,7 @@ impl SecondChannels {
         }
     }
 
-    /// Slaves whose second channel is known to be off.
+    /// Slaves whose second channel is known to be switched off.
     pub fn off(&self) -> SlaveSet {
         self.present.iter().filter(|slave| !self.statuswords[usize::from(*slave)].is_enabled()).collect()
     }
@@ -115,8 +115,8 @@ impl SecondChannels {
         self.present.contains(slave).then(|| self.statuswords[usize::from(slave)])
     }
 
-    /// The request for a stream's next frame, if a statusword has to be read. `frames`: the number of frames written so
-    /// far.
+    /// The SDO request for a stream's next frame, if a statusword has to be read again. `frames`: the number of frames
+    /// written so far.
     pub fn request(&mut self, network: &Network, frames: u64) -> Option<SdoCommand> {
         if self.present.is_empty() {
             return None;
@@ -138,7 +138,7 @@ impl SecondChannels {
         Some(SdoCommand::Read { slave, object })
     }
 
-    /// The request was not sent: it is made again.
+    /// Forgets the request, because its frame was not sent. The stream makes it again.
     pub const fn not_asked(&mut self) {
         self.asked = None;
     }
@@ -178,7 +178,8 @@ impl Ecm {
         unknown.iter().try_for_each(|slave| self.second_statusword(slave).map(drop))
     }
 
-    /// Waits until a transfer that a stream has requested has ended: meanwhile the board would reject another one.
+    /// Waits until the SDO transfer that a stream has requested has ended, since the board would reject a second one
+    /// meanwhile.
     pub(in crate::ecm) fn wait_for_sdo_of_stream(&self) -> Result<(), EcmError> {
         if self.exchange.lock()?.second_channels.asked.is_none() {
             return Ok(());

@@ -1,6 +1,6 @@
 //! The state of a board between two calls: its reports, the commands that wait for the next frame, the frames in
-//! flight. Each part has a file of its own. This file has the operations on all parts together: when a report was read,
-//! and when a frame is composed and was written.
+//! flight. Each part has a file of its own. This file has the operations that concern several parts: taking a report,
+//! composing a frame, and noting that it was written.
 
 use std::sync::Arc;
 use std::thread::ThreadId;
@@ -25,7 +25,8 @@ use crate::ethercat::coe::ObjectAddress;
 use crate::link::{ReadMeta, Stamp};
 use crate::sk::{CrcPolicy, Frame, MasterResponse, RawSlot, SlotSize};
 
-/// \[OURS] While slaves are lost, one in this many frames has a mark: its answers show which slaves are lost.
+/// \[OURS] While slaves are lost, one in this many frames gets a mark, since missing answers to it show which slaves
+/// are lost.
 const ASK_LOST: u64 = 32;
 
 /// The axes that a call is homing.
@@ -36,7 +37,7 @@ pub struct HomingAxes {
     /// Slaves in `active` whose homing was aborted. In CSP bits 10 and 12 of their statusword no longer mean "homing
     /// attained".
     pub aborted: SlaveSet,
-    /// Slaves in `active` whose GO_HOME was queued for the next frame, or was written.
+    /// Slaves in `active` whose GO_HOME was queued or written.
     pub started: SlaveSet,
 }
 
@@ -59,7 +60,7 @@ pub struct Session {
     pub answers: Answers,
     pub marks: Marks,
     pub credit: Credit,
-    /// Slaves that are known to be lost, by their missing answers.
+    /// Slaves that are known to be lost: they do not return marks.
     pub lost: SlaveSet,
     pub second_channels: SecondChannels,
     /// The targets that a stream repeats in every frame.
@@ -67,14 +68,14 @@ pub struct Session {
     pub homing: HomingAxes,
     /// The open stream, if there is one.
     pub pacer: Option<StreamPacer>,
-    /// How often the FIFO was cleared. The targets of a stream that was open then no longer continue the positions of
+    /// How often the FIFO was cleared. After a clear the targets of an open stream no longer continue the positions of
     /// its axes.
     pub fifo_clears: u64,
-    /// Objects of SDO transfers whose answers are late, and may still come.
+    /// Objects of SDO transfers that have timed out and may still be answered.
     pub late_sdos: Vec<ObjectAddress>,
     pub stats: Stats,
     pub news: NewsQueue,
-    /// The board was closed: every call returns an error.
+    /// Whether the board was closed, so that every call returns an error.
     pub closed: bool,
 }
 
@@ -135,7 +136,7 @@ impl Session {
         Statusword(self.reports.newest.slots(self.size).head(slave.into()).parm.get())
     }
 
-    /// Whether all axes of a slave are enabled, as far as known.
+    /// Whether all axes of a slave are enabled. A second channel of unknown state counts as enabled.
     pub fn is_on(&self, slave: u8) -> bool {
         self.statusword(slave).is_enabled() && !self.second_channels.off().contains(slave)
     }
@@ -151,7 +152,7 @@ impl Session {
     }
 }
 
-/// Operations when a report was read.
+/// Processing of a report that was read.
 impl Session {
     /// Takes the report in [`Reports::incoming`]. Returns whether it is usable.
     pub fn take_report(&mut self, meta: ReadMeta) -> bool {
@@ -177,7 +178,7 @@ impl Session {
             return;
         }
         let board = self.reports.board;
-        // The count wraps: any difference means lost commands.
+        // The count wraps around, so any difference means lost commands.
         if was_in_op && before.full_count != board.full_count {
             self.stats.losses += 1;
             self.news.push(News::CommandsLost { from: before.full_count, to: board.full_count });
@@ -188,7 +189,7 @@ impl Session {
         self.stats.underruns = self.credit.underruns();
     }
 
-    /// Reads the slots of slaves: answers of claimed slots, executed frames, and lost slaves.
+    /// Reads the slots of slaves for answers in claimed slots, marks of executed frames, and lost slaves.
     fn read_slaves(&mut self, at: Stamp) {
         let slots = self.reports.newest.slots(self.size);
         self.answers.read(at, slots);
@@ -209,14 +210,15 @@ impl Session {
             let is_silent = |slave: u8| slots.head(slave.into()).index != self.outgoing.last.mark;
             let used = self.network.slaves().filter(|(_, config)| **config != Slave::Unused);
             let silent: SlaveSet = used.map(|(slave, _)| slave).filter(|slave| is_silent(*slave)).collect();
-            // A slave whose slot had a command may have rejected it, and does not show the mark then either.
+            // A slave with a command in its slot may have rejected it, and then returns no mark either. So its entry in
+            // `lost` stays as it was.
             let commanded = self.outgoing.last_commanded.slaves();
             self.lost = silent.difference(commanded).union(self.lost.intersection(commanded));
         }
     }
 
-    /// Drops the targets of axes that went off: when they are enabled again they must not jump to an old target. A
-    /// slave with two axes loses both targets.
+    /// Removes the targets of axes that went off: when they are enabled again they must not jump to an old target. A
+    /// slave with two axes loses the targets of both.
     fn drop_targets_of_disabled(&mut self) {
         let slots = self.reports.newest.slots(self.size);
         let is_off = |slave: usize| u64::from(!Statusword(slots.head(slave).parm.get()).is_enabled());
@@ -225,7 +227,7 @@ impl Session {
     }
 }
 
-/// The fate of a written frame.
+/// Queries about a written frame: whether the board has executed it, its result, and its answers.
 impl Session {
     /// Whether the board has certainly executed a frame.
     pub fn executed(&self, sent: Sent) -> bool {
@@ -235,24 +237,25 @@ impl Session {
         }
     }
 
-    /// As [`Session::executed`], also before it is known whether the board repeats marks; for uses in which an error
-    /// matters little.
+    /// As [`Session::executed`], but also while it is unknown whether the board repeats marks. Only for uses in which
+    /// an error does little harm.
     pub fn probably_executed(&self, sent: Sent) -> bool {
         self.executed(sent) || self.marks.echo == Echo::Unknown && self.credit.has_executed(sent.number)
     }
 
-    /// The board's result for a frame, in OP.
+    /// The board's result (Data1 of slot 0) in the cycle that executed a frame, in OP.
     pub fn result(&self, sent: Sent) -> Option<u32> {
         let marked = self.marks.echo != Echo::No;
         self.executed(sent).then(|| if marked { self.marks.result(sent.mark) } else { self.reports.board.result })
     }
 
-    /// Claims slots for a call that needs the answers to its own commands; [`Answers::release`] ends the claim.
+    /// Claims slots for a call that needs the answers to its own commands, until [`Answers::release`]. Returns false if
+    /// another call has claimed one of them.
     pub fn claim(&mut self, commands: &[(usize, RawSlot)]) -> bool {
         self.answers.claim(commands, &self.reports.newest, self.size)
     }
 
-    /// The answer in a claimed slot to the frame's command there; `None` until it has come.
+    /// The answer to the command of frame `sent` in a claimed slot; `None` until a report has it.
     pub fn answer(&self, sent: Sent, slot: usize, id: u8) -> Option<RawSlot> {
         let (at, answer) = self.answers.newest(slot);
         let is_its_own = match self.marks.echo {
@@ -263,7 +266,7 @@ impl Session {
     }
 }
 
-/// The composition of the next frame.
+/// Composing the next frame, and noting that it was written.
 impl Session {
     /// Whether the board has room for a frame.
     pub fn may_write(&self) -> bool {
@@ -274,8 +277,8 @@ impl Session {
     /// nothing. The CRC is filled last (SK-1.22).
     pub fn compose(&mut self) {
         let size = self.size;
-        // A frame that clears the FIFO must carry no target: with the entries before it dropped, the axis would jump to
-        // it.
+        // After the board has cleared its FIFO, a target in the same frame would be the only entry, and the axis would
+        // jump to it.
         if self.in_op() && !self.posts.clear_fifo() {
             self.outgoing.frame.clone_from(self.targets.next());
         } else {
@@ -286,7 +289,8 @@ impl Session {
         self.outgoing.frame.fill_crc(size);
     }
 
-    /// Gives the next frame a mark, if a call may need to recognise it.
+    /// Gives the next frame a mark in OP, if it has a command other than an SDO transfer, or if the answers to the mark
+    /// are to show which slaves are lost.
     fn put_mark(&mut self) {
         let outgoing = &mut self.outgoing;
         outgoing.mark = 0;

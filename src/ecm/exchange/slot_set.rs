@@ -1,9 +1,9 @@
-//! Sets of slots, stored as bits.
+//! Sets of slots, one bit for each.
 
 use crate::ethercat::{MAX_SLAVES, SlaveSet};
 use crate::sk::RawSlot;
 
-/// A set of slots of one frame: slot 0 is that of the board, slot n that of slave n, the last one that of SDO
+/// A set of slots of one frame: slot 0 is that of the board, slot n that of slave n, and the last one that of SDO
 /// transfers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlotSet(u64);
@@ -11,7 +11,7 @@ pub struct SlotSet(u64);
 impl SlotSet {
     pub const EMPTY: Self = Self(0);
 
-    /// The slots of these commands.
+    /// The slots of the given commands.
     pub fn of(commands: &[(usize, RawSlot)]) -> Self {
         Self(commands.iter().fold(0, |slots, (slot, _)| slots | 1 << slot))
     }
@@ -41,7 +41,7 @@ impl SlotSet {
         self.0 &= !(1 << slot);
     }
 
-    /// The same set without that slot.
+    /// The set without `slot`.
     pub const fn without(self, slot: usize) -> Self {
         Self(self.0 & !(1 << slot))
     }

@@ -1,39 +1,39 @@
-//! Counters since the board was opened, and news for the log of a program.
+//! Counters since the board was opened, and events for the log of a program.
 
 use std::collections::VecDeque;
 
 use crate::sk::StateByte;
 
-/// The most news that are kept; the oldest are dropped first. \[OURS]
+/// The most events that are kept; the oldest are dropped first. \[OURS]
 const NEWS_KEPT: usize = 64;
 
-/// An occurrence that a program may want to log, but that fails no call.
+/// An event that a program may want to log, and that makes no call fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum News {
-    /// Byte 1 of slot 0 has changed: the CRC error count of firmware 1.7 (SK-2.7).
+    /// Byte 1 of slot 0 has changed. In firmware 1.7 it is the CRC error count (SK-2.7).
     ErrorByte {
-        /// The previous value.
+        /// The previous value of the byte.
         from: u8,
-        /// The present value.
+        /// The present value of the byte.
         to: u8,
     },
-    /// The FIFO-full count has risen: commands were lost. The values are those of the board (SK-5.10).
+    /// The board's FIFO-full count has risen, so commands were lost (SK-5.10).
     CommandsLost {
-        /// The previous value.
+        /// The previous FIFO-full count.
         from: u16,
-        /// The present value.
+        /// The present FIFO-full count.
         to: u16,
     },
-    /// Reports were not read in time, or were lost on the way.
+    /// Reports were lost on the way, or the program did not read them in time.
     ReportsLost {
         /// The number of lost reports.
         count: u64,
     },
     /// A report with a wrong CRC was discarded.
     BadCrc,
-    /// The state byte shows a failure, for example because slaves are lost in OP (SK-4.61). The other slaves go on, the
-    /// slots of the lost ones keep old values, and the wire does not name them.
-    /// [`Ecm::set_state`](super::super::Ecm::set_state) brings back those that are connected again.
+    /// The state byte shows a failure, for example because slaves are lost in OP (SK-4.61). The other slaves go on. The
+    /// slots of lost slaves keep old values, and the state byte does not say which slaves these are.
+    /// [`Ecm::set_state`](super::super::Ecm::set_state) brings slaves back that are connected again.
     SlavesFailed {
         /// The state byte.
         state: StateByte,
@@ -49,14 +49,13 @@ pub struct Stats {
     pub reports: u64,
     /// Reports that were discarded because of a wrong CRC.
     pub bad_crc: u64,
-    /// Reports that were lost before they were read.
+    /// Reports that were lost before they were read, by the gaps in their sequence numbers.
     pub reports_lost: u64,
     /// Reports that were discarded because they came twice or too late.
     pub stale: u64,
     /// How often byte 1 of slot 0 has changed.
     pub error_byte_changes: u64,
-    /// How often the FIFO-full count has risen. How many commands were lost each time cannot be derived from the count
-    /// (SK-5.10).
+    /// How often the FIFO-full count has risen. The count does not show how many commands were lost each time (SK-5.10).
     pub losses: u64,
     /// Cycles that found the FIFO empty while a stream was open.
     pub underruns: u64,
@@ -71,11 +70,11 @@ impl Stats {
     }
 }
 
-/// The news that were not taken yet.
+/// The events that the program has not taken yet.
 pub struct NewsQueue(VecDeque<News>);
 
 impl NewsQueue {
-    /// Allocates room for all news that are kept: reading a report must not allocate.
+    /// Allocates room for `NEWS_KEPT` events in advance, because reading a report must not allocate.
     pub fn new() -> Self {
         Self(VecDeque::with_capacity(NEWS_KEPT))
     }

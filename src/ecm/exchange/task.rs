@@ -11,7 +11,8 @@ use super::{Exchange, LIMIT_MAX};
 use crate::ecm::EcmError;
 use crate::sk::RawSlot;
 
-/// \[OURS] A command without an effect is sent again after this many reports: more than the FIFO and a handshake take.
+/// \[OURS] A command that shows no effect is sent again after this many reports: more than the FIFO (160 entries) and a
+/// handshake take.
 const RESEND_REPORTS: u64 = 200;
 
 /// Commands of a call and the wait for their effect, with a timeout.
@@ -23,47 +24,47 @@ pub struct Task<'a> {
     pub limit: Duration,
     /// The commands, each with its slot. A task without commands only waits.
     pub commands: &'a [(usize, RawSlot)],
-    /// Describes what the board shows instead, for the error of a timeout.
+    /// Describes what the board shows instead of the effect, for the text of a timeout.
     seen: &'a dyn Fn(&Session) -> String,
     /// Whether the commands may be sent again if they show no effect.
     resend: bool,
-    /// Whether the call needs the answers to its own commands.
+    /// Whether the call must recognise the answers to its own commands, and so claims their slots.
     claim_exclusive: bool,
 }
 
 impl<'a> Task<'a> {
-    /// A task whose commands may be sent again, and whose effect is visible whichever call sent them.
+    /// A task whose commands may be sent again, and whose effect counts whichever call has caused it.
     pub fn new(what: &'static str, hint: &'static str, limit: Duration, commands: &'a [(usize, RawSlot)]) -> Self {
         let seen = &|session: &Session| format!("the board is in {}", session.board().state);
         Self { what, hint, limit, commands, seen, resend: true, claim_exclusive: false }
     }
 
-    /// Describes what reports show, in place of the board's state, for the error of a timeout.
+    /// Replaces the board's state in the text of a timeout by what `seen` describes.
     pub fn seen(self, seen: &'a dyn Fn(&Session) -> String) -> Self {
         Self { seen, ..self }
     }
 
-    /// The commands are sent only once.
+    /// Sends the commands only once, also if they show no effect.
     pub fn once(self) -> Self {
         Self { resend: false, ..self }
     }
 
-    /// The call needs the answers to its own commands: it claims their slots, and an older answer that the slots show
-    /// is overwritten first.
+    /// Lets the call recognise the answers to its own commands: it claims their slots, and first overwrites an older
+    /// answer that may look the same.
     pub fn exclusive(self) -> Self {
         Self { claim_exclusive: true, ..self }
     }
 }
 
-/// The progress of sending the commands of a task.
+/// How far the commands of a task have been sent.
 #[derive(Default)]
 struct Delivery {
-    /// Whether the slots are claimed.
+    /// Whether the task has claimed the slots.
     claimed: bool,
-    /// The number of frames written when the commands were queued for the next one.
+    /// The number of frames that had been written when the commands were queued.
     posted_at: Option<u64>,
-    /// Whether empty commands are queued first. Outside OP a slot shows the last id, which must not be that of the
-    /// task's command before this was sent.
+    /// Whether empty commands go out first. Outside OP a slot shows the id of the last command. If that is the id of
+    /// the task's command, the new answer could not be told from the old one.
     clears: bool,
 }
 
@@ -101,14 +102,14 @@ impl Delivery {
     }
 }
 
-/// Describes how far the board is behind, for the error of a timeout.
+/// Describes how many entries the board has still to execute, for the text of a timeout.
 pub fn ahead_of_the_board(session: &Session) -> String {
     format!("{} entries are ahead of the board", session.credit.ahead())
 }
 
 impl Exchange {
-    /// Sends the commands of a task and passes each later report to `look`. `look` returns `Ok(None)` as long as the
-    /// wait has to go on.
+    /// Sends the commands of a task and passes each later report to `look`. As long as `look` returns `Ok(None)`, the
+    /// wait goes on.
     pub fn run<T>(
         &self,
         task: &Task<'_>,
@@ -117,8 +118,8 @@ impl Exchange {
         self.run_with(task, |_| Ok(()), look, || {})
     }
 
-    /// As [`Exchange::run`]. `before` may refuse the task until its commands were sent; `between` runs between two
-    /// rounds, while other threads may use the session.
+    /// As [`Exchange::run`]. `before` is called until the commands were sent, and may return an error. `between` runs
+    /// between two rounds, while other threads may have the session.
     pub fn run_with<T>(
         &self,
         task: &Task<'_>,
@@ -131,7 +132,8 @@ impl Exchange {
         let mut delivery = Delivery::default();
         let done = self.run_rounds(&mut session, &mut delivery, task, (before, look, between));
         session.marks.awaited -= 1;
-        // Written commands cannot be withdrawn, and their slots may already hold the commands of another call.
+        // Commands that were already written cannot be withdrawn, and their slots may have queued commands of another
+        // call by now.
         if delivery.posted_at == Some(session.outgoing.written) {
             session.posts.withdraw(task.commands);
         }

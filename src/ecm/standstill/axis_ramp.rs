@@ -1,11 +1,11 @@
 //! The ramp of one axis to a standstill.
 //!
-//! In CSP the axis holds the last target that the board has accepted: the program has not asked for any point beyond.
-//! In CSV the velocity falls linearly to 0. In CST a torque that holds a stationary axis stays, and a torque that moves
-//! an axis falls to 0: only the program that commanded the torque could know a better stop. \[OURS]
+//! In CSP the axis holds the last target that the board has accepted, because the program has not commanded any point
+//! beyond it. In CSV the velocity falls linearly to 0. In CST a torque that holds a stationary axis stays, and a torque
+//! that moves an axis falls to 0: only the program that commanded the torque could know a better stop. \[OURS]
 //!
-//! However late a frame of a ramp is, it does not take the axis beyond its last command, reverse it or make it faster:
-//! this process may stall before any of them.
+//! This process may stall before any frame of a ramp. However late a frame is, it does not take the axis beyond its
+//! last command, reverse it or make it faster.
 
 use super::LeftBehind;
 use super::movement::{self, Observation};
@@ -14,18 +14,17 @@ use crate::ecm::exchange::Session;
 use crate::ethercat::cia402::Mode;
 use crate::sk::{AxisTarget, DriveResponse, Motion, SlaveCommand};
 
-/// \[OURS] An axis counts as stationary if its targets differ by at most this from step to step, counts.
+/// \[OURS] An axis that moves at most this many counts in a cycle is stationary and gets no position ramp.
 const STANDSTILL_COUNTS: f64 = 2.0;
 
 /// The ramp of the axes of one slave.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum AxisRamp {
-    /// Positions: from these targets, which come before the last commanded ones, with these initial speeds, counts per
-    /// frame.
+    /// In CSP: the positions at which the ramp begins, and the speeds there in counts per frame, which fall to 0.
     Position(Motion, [f64; 2]),
-    /// Velocities: from these to 0.
+    /// In CSV: the velocities at which the ramp begins. They fall to 0.
     Velocity(Motion),
-    /// A torque: from this to 0.
+    /// In CST: the torque at which the ramp begins, 0.1 %. It falls to 0.
     Torque(i16),
 }
 
@@ -34,17 +33,17 @@ impl AxisRamp {
         matches!(self, Self::Position(..))
     }
 
-    /// The command of frame `k` (from 1) of `n`.
+    /// The command in frame `k` (1 to `n`) of a ramp of `n` frames.
     pub(super) fn at(&self, k: u32, n: u32) -> SlaveCommand {
         let left = f64::from(n - k) / f64::from(n);
         let scaled = |value: i32| (f64::from(value) * left).round() as i32;
         match self {
             Self::Position(last, speed) => {
-                // The sum of the speeds so far, which fall linearly.
+                // The distance so far as a number of frames at the initial speed: the sum of the linearly falling speeds.
                 let k = f64::from(k);
                 let frames = k - k * (k + 1.0) / (2.0 * f64::from(n));
                 let to = |axis: AxisTarget, speed: f64| AxisTarget {
-                    // The target wraps around, as all targets do.
+                    // Positions wrap around at 32 bits.
                     target: axis.target.wrapping_add((speed * frames).round() as i64 as i32),
                     ..axis
                 };
@@ -59,8 +58,9 @@ impl AxisRamp {
     }
 }
 
-/// Whether a slave's axes must be observed to know if they need a ramp: their last target is unknown, or says nothing
-/// about motion. Behind entries that another program has left in the FIFO, reports do not show where an axis will be.
+/// Whether a slave's axes must be observed over some cycles to know if they need a ramp: their last command is unknown,
+/// or does not show whether they move. While the FIFO has entries of another program, observing is useless: reports do
+/// not show where these entries lead.
 pub(super) fn needs_observation(session: &Session, slave: u8, config: &Slave, left: &LeftBehind) -> bool {
     let is_unknown = match (config.axis().map(|axis| axis.mode), last(session, slave, left)) {
         (Some(Mode::Csv), Some(SlaveCommand::Csv(_))) | (Some(Mode::Csp), _) => false,
@@ -70,9 +70,9 @@ pub(super) fn needs_observation(session: &Session, slave: u8, config: &Slave, le
     is_unknown && movement::may_move(session, slave, config)
 }
 
-/// The last command to a slave; `None`: not known.
+/// The last command to a slave; `None` if it is not known.
 fn last(session: &Session, slave: u8, left: &LeftBehind) -> Option<SlaveCommand> {
-    // The board ignores commands to an axis that is homing.
+    // The board ignores commands to an axis that is homing, so the last one was not executed.
     if left.homing.contains(slave) { None } else { session.targets.last(slave) }
 }
 
@@ -97,32 +97,34 @@ pub(super) fn ramp_of(
     };
     match (mode, last(session, slave, left)) {
         (Mode::Csv, Some(SlaveCommand::Csv(motion))) if motion.first.target != 0 || motion.second.target != 0 => {
-            // A stationary axis has not executed its velocity, or hardly moves: a ramp must not set it going.
+            // The axis stands although its velocity is not 0: the command was not executed, or hardly moves the axis. A
+            // ramp from that velocity would start a motion.
             let stands = fifo_is_empty && !movement::may_move(session, slave, config);
             Some(if stands { velocities([0; 2]) } else { AxisRamp::Velocity(motion) })
         }
         (Mode::Csv, Some(SlaveCommand::Csv(_))) => None,
-        // Another program has set the axis going. SK-4 `[OURS]`: 0x60FF is taken for counts per second.
+        // The last command is unknown, since another program has started the motion. SK-4 `[OURS]`: the ramp begins at
+        // the observed speed, with 0x60FF taken as counts per second.
         (Mode::Csv, _) if fifo_is_empty && is_moving && !left.homing.contains(slave) => {
             let (moved, seconds) = (observed.moved(session, slave, config), observed.seconds(session));
             Some(velocities(moved.map(|counts| (f64::from(counts) / seconds) as i32)))
         }
-        // Velocity 0 for axes that move too slowly for reports to show it, which would go on for ever, and for homed
-        // ones.
+        // An axis of another program may move too slowly to be seen in reports, and would go on for ever. Velocity 0
+        // stops it. An axis that was homed also gets velocity 0.
         (Mode::Csv, _) if fifo_is_empty && left.is_foreign => Some(velocities([0; 2])),
         (Mode::Cst, Some(SlaveCommand::Cst(torque))) if is_moving => Some(AxisRamp::Torque(torque)),
         (Mode::Cst, None) if fifo_is_empty && is_moving => {
             Some(AxisRamp::Torque(DriveResponse::decode(&session.slot(slave.into())).torque))
         }
-        // A position is held without a ramp.
+        // In CSP the axis holds its last target without a ramp.
         _ => None,
     }
 }
 
-/// The ramp of an axis in CSP that cannot reach its target within `cycles`: lost frames have turned its path into a
-/// jump, and a drive goes on to its last target by itself. The ramp begins at the actual position and ends before the
-/// target, which the axis would reach only after the time of the ramp. `None` for an axis that is stationary or reaches
-/// its target. If the target is not known, `overdue` says whether it counts as too far.
+/// The ramp of an axis in CSP that cannot reach its last target within `cycles`. Lost frames have turned its path into
+/// a jump, and a drive goes on to its last target by itself. The ramp begins at the actual position, and ends before
+/// the target. `None` for an axis that is stationary or reaches its target in time. If the last target is unknown,
+/// `overdue` decides whether the axis is ramped.
 pub(super) fn ramp_from_position(
     session: &Session,
     observed: &Observation,
@@ -150,7 +152,8 @@ pub(super) fn ramp_from_position(
         is_far && speed[i].abs() > STANDSTILL_COUNTS
     });
     let [first, second] = [0, 1].map(|i| {
-        // The position of the axis when the first frame is executed. An axis at its target stays there.
+        // The ramp begins where the axis will be when the first frame is executed. An axis that is not ramped keeps its
+        // target.
         let ahead = (speed[i] * f64::from(movement::LATENCY_CYCLES)).round() as i64 as i32;
         let target = match targets {
             Some(targets) if !is_ramped[i] => targets[i],

@@ -1,4 +1,4 @@
-//! Closing a board, and the treatment of its axes. It ends within 2 s, also when the board is dropped.
+//! Closing a board: stops its axes and switches them off if wanted. It ends within 2 s, also when the board is dropped.
 
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use crate::ecm::options::{CLOSE_LIMIT, Close};
 use crate::ecm::{Ecm, EcmError};
 use crate::sk::{RawSlot, SlaveCommand, SlotCommand};
 
-/// \[OURS] The part of the time limit that is reserved for switching off.
+/// \[OURS] The part of the 2 s that is reserved for switching the axes off.
 const SWITCH_OFF_TIME: Duration = Duration::from_millis(200);
 
 impl Ecm {
@@ -16,8 +16,9 @@ impl Ecm {
     /// commands.
     ///
     /// # Errors
-    /// Why axes may still be moving or on: [`EcmError::Timeout`], [`EcmError::SlaveLost`], [`EcmError::NoReport`],
-    /// [`EcmError::Link`]. With [`Close::ServoOff`] axes that do not come to a standstill are switched off in any case.
+    /// Each of these means that axes may still be moving or on: [`EcmError::Timeout`], [`EcmError::SlaveLost`],
+    /// [`EcmError::NoReport`], [`EcmError::Link`]. With [`Close::ServoOff`] axes that do not come to a standstill are
+    /// switched off in any case.
     pub fn close(mut self, how: Close) -> Result<(), EcmError> {
         self.end(how)
     }
@@ -31,12 +32,12 @@ impl Ecm {
             Close::Leave => Ok(()),
             Close::Hold | Close::ServoOff => self.bring_to_rest(how == Close::ServoOff, &mut LeftBehind::default()),
         };
-        // If this has failed, a server behind the link may still bring the axes to a standstill.
+        // If the axes could not be stopped, a server behind the link is informed and may stop them.
         self.exchange.shut(rested.is_ok());
         rested
     }
 
-    /// Ramps moving axes to a standstill, and with `off` switches all axes off, within the time limit of closing.
+    /// Ramps moving axes to a standstill, and switches all axes off if `off` is set, within the time limit of closing.
     pub(in crate::ecm) fn bring_to_rest(&self, off: bool, left: &mut LeftBehind) -> Result<(), EcmError> {
         self.exchange.link.check()?;
         let deadline = self.exchange.now() + CLOSE_LIMIT;
@@ -61,7 +62,7 @@ impl Ecm {
         stood.and(found).and(switched)
     }
 
-    /// Switches axes off. It does not wait for lost slaves, and returns an error for them at the end.
+    /// Switches axes off. It does not wait for lost slaves: if there are any, it returns an error after the others are off.
     pub(in crate::ecm) fn switch_off_within(
         &self,
         commands: &[(usize, RawSlot)],

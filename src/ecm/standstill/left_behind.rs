@@ -1,8 +1,9 @@
-//! Entries that a program has left in the board's FIFO, and their treatment before axes are ramped.
+//! Entries that a program has left in the board's FIFO: which ones are discarded before axes are ramped.
 //!
-//! Entries that are being executed are the path of the axes, and stay (see [`super`]). Two kinds are discarded: entries
-//! that wait for a threshold (SK-5.12) while the axes are stationary, since they would begin a motion that no program
-//! commands any more; and, with long cycles, entries that cannot all be executed within the time limit. \[OURS]
+//! In general the board executes the entries, since they are the path of the axes (see [`super`]). They are discarded
+//! in two cases. While they wait for a threshold (SK-5.12) the axes are stationary, and the entries would begin a
+//! motion that no program commands any more. With long cycles the entries may be too many to be executed within the
+//! time limit. \[OURS]
 
 use std::time::Duration;
 
@@ -13,13 +14,14 @@ use crate::ecm::EcmError;
 use crate::ethercat::cia402::Mode;
 use crate::sk::{AxisTarget, FIFO_ENTRIES, FifoAction, MasterCommand, Motion, RawSlot, SlaveCommand, SlotCommand};
 
-/// \[OURS] Entries wait for a threshold if this many reports in a row show that none was taken out.
+/// \[OURS] If this many reports in a row show that the board took no entry out of its FIFO, the entries wait for a
+/// threshold.
 const HELD_REPORTS: u32 = 3;
-/// \[OURS] How long the last frame of a failed stop may take.
+/// \[OURS] The time limit for the last frame of a stop that has failed (`in_one_step`).
 const LAST_FRAME_LIMIT: Duration = Duration::from_millis(200);
 
 impl Stop<'_, '_> {
-    /// Discards entries that must not be executed, or cannot be executed within the time limit.
+    /// Discards entries that wait for a threshold, or are too many for the time limit.
     pub(super) fn discard_unwanted(&mut self) -> Result<(), EcmError> {
         if self.left.is_foreign {
             let observed = Observation::begin(self.session);
@@ -45,7 +47,7 @@ impl Stop<'_, '_> {
         if self.session.in_op() && self.is_held()? { self.discard_all() } else { Ok(()) }
     }
 
-    /// Whether the FIFO has entries that the board does not take out.
+    /// Whether the FIFO has entries, but the board takes none out.
     fn is_held(&mut self) -> Result<bool, EcmError> {
         let mut free = self.session.board().fifo_free;
         for _ in 0..HELD_REPORTS {
@@ -76,21 +78,21 @@ impl Stop<'_, '_> {
         Ok(())
     }
 
-    /// Discards all entries (SET_FIFO 1). The axes keep the command that was executed last, which is unknown then.
+    /// Discards all entries (SET_FIFO 1). The axes keep the command that was executed last; which one that is, is unknown.
     fn discard_all(&mut self) -> Result<(), EcmError> {
         self.left.discarded += FIFO_ENTRIES.saturating_sub(self.session.board().fifo_free);
         (self.left.is_held, self.left.has_threshold) = (false, false);
         self.session.targets.clear();
         let clear = [(0, MasterCommand::SetFifo(FifoAction::Clear).encode())];
         self.ecm.exchange.write_commands(self.session, &clear, self.deadline)?;
-        // The second report from now certainly shows the free count after the command.
+        // The report after the next one is certainly made after the command, so that it has the new free count.
         self.next_report()?;
         self.next_report()
     }
 
-    /// The last resort of a failed stop, in one frame: discards all entries, so that none is executed later, sets
-    /// velocities and the torques of moving axes to 0, and holds at its position an axis in CSP that is still going to
-    /// a distant target.
+    /// The last resort of a failed stop. One frame discards all entries, so that none is executed later, sets
+    /// velocities to 0 and the torques of moving axes to 0, and makes an axis in CSP that is still going to a distant
+    /// target hold its present position.
     pub(super) fn in_one_step(&mut self) -> Result<(), EcmError> {
         let (exchange, session) = (&self.ecm.exchange, &mut *self.session);
         if !session.in_op() {
@@ -103,8 +105,8 @@ impl Stop<'_, '_> {
             let [first, second] =
                 session.targets.outputs()[usize::from(slave)].map(|outputs| AxisTarget { target: 0, outputs });
             let command = match config.axis().map(|axis| axis.mode) {
-                // A drive goes on to its last target by itself, however far that is. An old report does not show where
-                // to hold the axis.
+                // A drive goes on to its last target by itself, however far away it is. Only a fresh report shows the
+                // position at which the axis can be held.
                 Some(Mode::Csp) if is_fresh => {
                     let ramp = ramp_from_position(session, &observed, slave, config, 0.0, self.left.is_foreign);
                     let Some(hold) = ramp else { continue };

@@ -1,9 +1,9 @@
 //! Bringing axes to a standstill from the host. The axes stay enabled.
 //!
-//! Entries in the FIFO are executed first: they are the path on which the axes were sent. In CSP the axes then hold the
-//! end of the path; velocities and torques are ramped from there. The last commands to a program's own axes are known.
-//! Those to the axes of another program may be unknown: then the ramp begins when the FIFO is empty, with the motion
-//! that reports show.
+//! The board first executes the entries in its FIFO, which are the path that the program commanded. In CSP the axes
+//! then hold the end of the path. In CSV and CST the velocity or torque is ramped to 0 from there. If this program
+//! moved the axes, their last commands are known. If another program did, they may be unknown: then the ramp begins
+//! when the FIFO is empty, at the speed that reports show.
 //!
 //! How to read this folder: `mod.rs` has the whole stop. `movement.rs` judges whether an axis moves, `axis_ramp.rs` has
 //! the ramp of one axis, `left_behind.rs` the treatment of entries that wait in the FIFO, and `close.rs` the other
@@ -28,30 +28,32 @@ use super::{Ecm, EcmError};
 use crate::ethercat::SlaveSet;
 use crate::sk::{FIFO_ENTRIES, FifoAction, MasterCommand, SlaveCommand, SlotCommand, SlotSize};
 
-/// \[OURS] The most frames of a ramp that the board has not executed yet.
+/// \[OURS] A ramp writes no further frame while this many frames wait in the board's FIFO.
 const AHEAD_MAX: u16 = 64;
-/// \[OURS] The time in which axes come to rest after the ramp.
+/// \[OURS] The time reserved for axes to come to rest after the ramp.
 const SETTLING_TIME: Duration = Duration::from_millis(200);
-/// \[OURS] The least number of cycles for that, for long cycles.
+/// \[OURS] The fewest cycles that are reserved for axes to come to rest; with long cycles they take longer than
+/// `SETTLING_TIME`.
 const SETTLING_CYCLES: u32 = 3;
 
-/// \[OURS] How long a stop waits for a report that shows the present state, and for how many cycles at least.
+/// \[OURS] How long a stop waits for a report that shows the present state: this time or `PRESENT_CYCLES`, whichever
+/// is longer.
 const PRESENT_MAX: Duration = Duration::from_millis(20);
 const PRESENT_CYCLES: u32 = 3;
 
-/// \[OURS] The least number of frames in a ramp, for long cycles.
+/// \[OURS] The fewest frames of a ramp; with long cycles these take longer than the set ramp time.
 pub const RAMP_FRAMES_MIN: u32 = 4;
 
-/// What is known about the program whose axes are brought to a standstill.
+/// What a stop knows about the program that has moved the axes.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LeftBehind {
-    /// Whether it is another program, which has ended: its next commands are unknown.
+    /// Whether another program has moved the axes, whose last commands may be unknown.
     pub is_foreign: bool,
     /// Slaves to which the program may have sent GO_HOME.
     pub homing: SlaveSet,
-    /// Whether the program has set a threshold that may be in force.
+    /// Whether the program has set a FIFO threshold (SET_FIFO) that may still hold entries back.
     pub has_threshold: bool,
-    /// Whether the board takes no entry out of a FIFO that has some.
+    /// Whether the board takes no entries out of its FIFO although it has some: a threshold holds them back.
     pub is_held: bool,
     /// The number of entries that the stop has discarded.
     pub discarded: u16,
@@ -62,8 +64,8 @@ pub fn settling_time(cycle: Duration) -> Duration {
     SETTLING_TIME.max(cycle * SETTLING_CYCLES)
 }
 
-/// Ramps moving axes to a standstill by `deadline`. If that fails, no entry is left in the FIFO that could move an axis
-/// later.
+/// Ramps moving axes to a standstill by `deadline`. If that fails, it empties the FIFO, so that no entry can move an
+/// axis later.
 pub fn to_standstill(
     ecm: &Ecm,
     session: &mut MutexGuard<'_, Session>,
@@ -73,13 +75,13 @@ pub fn to_standstill(
     let mut stop = Stop::new(ecm, session, deadline, left);
     let stood = stop.until_all_stand();
     if matches!(&stood, Err(error) if !matches!(error, EcmError::Link(_))) {
-        // The error of the stop explains why axes are not stationary; one of this last frame would say less.
+        // The error of the stop says why axes are not stationary. An error of this last frame would say less.
         let _ = stop.in_one_step();
     }
     stood
 }
 
-/// Discards entries that wait for a threshold, on a network about which nothing else is known.
+/// Discards entries that wait for a threshold, on a network whose configuration is not known.
 pub fn discard_held(
     ecm: &Ecm,
     session: &mut MutexGuard<'_, Session>,
@@ -87,7 +89,7 @@ pub fn discard_held(
     left: &mut LeftBehind,
 ) -> Result<(), EcmError> {
     let mut stop = Stop::new(ecm, session, deadline, left);
-    // The error of the discarding explains more than an error of the last frame would.
+    // The error of the discarding says more than an error of the last frame would.
     stop.discard_held().inspect_err(|_| drop(stop.in_one_step()))
 }
 
@@ -101,12 +103,12 @@ struct Stop<'a, 's> {
     began: Duration,
     deadline: Duration,
     left: &'a mut LeftBehind,
-    /// Slaves whose axes have been ramped.
+    /// Slaves whose ramps were written.
     ramped: SlaveSet,
-    /// Whether the threshold was reset, so that the board certainly takes entries out of its FIFO.
+    /// Whether this stop has reset the threshold, so that the board certainly takes entries out of its FIFO.
     unlocked: bool,
-    /// Whether an axis may have moved since the stop began: one that is stationary for a cycle may be about to turn
-    /// back.
+    /// Whether an axis may have moved since the stop began. An axis that is about to reverse is stationary for a cycle,
+    /// so one report without motion is not enough then.
     has_moved: bool,
 }
 
@@ -133,7 +135,8 @@ impl<'a, 's> Stop<'a, 's> {
             self.ramp()?;
             let may_wait = self.left.is_held || self.left.has_threshold && self.session.credit.ahead() > 0;
             if !self.session.posts.is_empty() || may_wait && !self.unlocked {
-                // No axis has to be ramped yet, but queued commands and held entries must not wait for ever.
+                // No axis has to be ramped yet, but a frame is written: queued commands have to go out, and held
+                // entries have to be released by resetting the threshold.
                 self.write()?;
             }
             if self.stands()? {
@@ -141,14 +144,14 @@ impl<'a, 's> Stop<'a, 's> {
             }
         }
         if self.left.has_threshold && !self.unlocked && self.session.in_op() {
-            // No axis had to be stopped. The threshold is reset for the next program, which does not know about it.
+            // No axis had to be stopped. The threshold is reset, because the next program does not know about it.
             self.write()?;
         }
         Ok(())
     }
 
-    /// Reads a report that shows the present state: the newest one may be older than a stall of this process. If the
-    /// board makes no report, the stop uses the last one.
+    /// Reads reports until one shows the present state: after a stall of this process the newest report may be old. If
+    /// the board makes no report, the stop goes on with the old one.
     fn see_the_present(&mut self) -> Result<(), EcmError> {
         let exchange = &self.ecm.exchange;
         exchange.catch_up(self.session)?;
@@ -159,15 +162,15 @@ impl<'a, 's> Stop<'a, 's> {
         Ok(())
     }
 
-    /// Ends the homing of slaves, by commands in the slots of one frame.
+    /// Aborts the homing of the slaves in `left.homing`, by ABORT_HOME in their slots of one frame.
     fn end_homing(&mut self) -> Result<(), EcmError> {
         let abort = SlotCommand::from(SlaveCommand::AbortHome).encode(self.session.size);
         let commands: Vec<_> = self.left.homing.iter().map(|slave| (slave.into(), abort)).collect();
         if commands.is_empty() {
             return Ok(());
         }
-        // The commands go out with the first frame of a ramp, if there is one, so that the targets of other axes have
-        // no gap.
+        // If there will be a ramp, the commands go out with its first frame. A frame of their own would have no targets
+        // for other axes.
         if !self.session.posts.post(&commands) {
             self.write()?;
             self.session.posts.post(&commands);
@@ -178,7 +181,8 @@ impl<'a, 's> Stop<'a, 's> {
         self.write()
     }
 
-    /// Ramps moving axes that were not ramped yet. An axis is observed first if only reports show how it moves.
+    /// Ramps moving axes that were not ramped yet. If the last command of an axis does not show how it moves, the axis
+    /// is observed first.
     fn ramp(&mut self) -> Result<(), EcmError> {
         let observed = Observation::begin(self.session);
         let network = Arc::clone(&self.session.network);
@@ -206,15 +210,15 @@ impl<'a, 's> Stop<'a, 's> {
             if k > 1 && ramps.iter().flatten().any(AxisRamp::is_of_position) {
                 self.ecm.exchange.catch_up(self.session)?;
                 if self.session.credit.ahead() == 0 {
-                    // The FIFO ran empty, and an axis in CSP stopped within the ramp: the rest would set it going
-                    // again.
+                    // The FIFO ran empty, so an axis in CSP has stopped in the middle of its ramp. Further frames would
+                    // start it again.
                     return Ok(());
                 }
             }
             self.write_with(|session| {
                 for (slave, config) in network.slaves() {
                     let Some(ramp) = &ramps[usize::from(slave)] else { continue };
-                    // An axis that went off meanwhile gets no target.
+                    // An axis that was switched off meanwhile gets no target.
                     let is_on = movement::may_be_on(session, slave, config);
                     session.targets.set(slave, is_on.then(|| ramp.at(k, frames)));
                 }
@@ -226,7 +230,7 @@ impl<'a, 's> Stop<'a, 's> {
         Ok(())
     }
 
-    /// The ramps of the axes that have not been ramped yet.
+    /// The ramps of axes that need one and were not ramped yet.
     fn ramps(&self, observed: &Observation) -> AxisRamps {
         self.ramps_by(|slave, config| {
             let is_new = !self.ramped.contains(slave);
@@ -247,9 +251,10 @@ impl<'a, 's> Stop<'a, 's> {
         self.write_with(|_| ())
     }
 
-    /// As [`write`](Self::write). `aim` sets targets at the last moment: a report that is read after that would remove
-    /// the targets of a slave with one axis off. The first frame resets the threshold, so that the board takes entries
-    /// out, whatever a program has set (SK-5.12): that command acts on arrival, even if the FIFO is full.
+    /// As [`write`](Self::write). `aim` sets the targets just before the frame is written, because reading a report
+    /// removes the targets of a slave with one axis off. The first frame also resets the threshold that a program may
+    /// have set (SK-5.12), so that the board takes entries out. The board executes that command on arrival, even if the
+    /// FIFO is full.
     fn write_with(&mut self, aim: impl Fn(&mut Session)) -> Result<(), EcmError> {
         while !self.unlocked && self.session.in_op() {
             if self.session.credit.credit() == 0 && !self.left.is_held {
@@ -257,10 +262,11 @@ impl<'a, 's> Stop<'a, 's> {
                 continue;
             }
             let threshold = MasterCommand::SetFifo(FifoAction::Threshold(FIFO_ENTRIES.into())).encode();
-            // If another thread's command is queued for that slot, this one goes out later.
+            // If another thread's command is queued for slot 0, the threshold is reset in a later frame.
             self.unlocked = self.session.posts.post(&[(0, threshold)]);
             let has_room = self.session.credit.credit() > 0;
-            // A full FIFO loses the rest of the frame, which is written again once there is room.
+            // If the FIFO is full, the board executes only the threshold command and loses the rest of the frame, which
+            // is then written again.
             let posts = self.session.posts.slots();
             aim(self.session);
             self.ecm.exchange.write(self.session, self.deadline)?;
@@ -278,8 +284,8 @@ impl<'a, 's> Stop<'a, 's> {
         self.ecm.exchange.write(self.session, self.deadline)
     }
 
-    /// Waits until the FIFO is empty and all axes are stationary. Returns false if an axis has to be ramped that an
-    /// entry of the FIFO has set going.
+    /// Waits until the FIFO is empty and all axes are stationary. Returns false if an executed entry has started an
+    /// axis that now has to be ramped.
     fn stands(&mut self) -> Result<bool, EcmError> {
         let network = Arc::clone(&self.session.network);
         let mut observation: Option<Observation> = None;
@@ -290,7 +296,8 @@ impl<'a, 's> Stop<'a, 's> {
                 continue;
             }
             let observed = observation.get_or_insert_with(|| Observation::begin(self.session));
-            // The commands to the program's own axes are known: no axis starts to move later.
+            // All commands to the axes of this program were executed, and the FIFO is empty: an axis that stands now
+            // will not start to move.
             let may_move = |(slave, config)| movement::may_move(self.session, slave, config);
             self.has_moved |= network.slaves().any(may_move);
             if !self.left.is_foreign && !self.has_moved {
@@ -315,11 +322,11 @@ impl<'a, 's> Stop<'a, 's> {
         Ok(true)
     }
 
-    /// The ramps of axes that will not reach their last targets within the time limit.
+    /// The ramps of axes in CSP that will not reach their last targets within the time limit.
     fn ramps_from_positions(&self, observed: &Observation) -> AxisRamps {
         let cycle = self.session.network.cycle();
         let time_left = self.deadline.saturating_sub(self.ecm.exchange.now());
-        // All targets of the program's own axes are known.
+        // Only the last target of another program's axis may be unknown. Then the axis is ramped when little time is left.
         let overdue = self.left.is_foreign && time_left < settling_time(cycle) + cycle * (2 * RAMP_FRAMES_MIN);
         let cycles = time_left.as_secs_f64() / cycle.as_secs_f64();
         self.ramps_by(|slave, config| ramp_from_position(self.session, observed, slave, config, cycles, overdue))
@@ -342,7 +349,7 @@ impl<'a, 's> Stop<'a, 's> {
         })
     }
 
-    /// The number of frames in a ramp: as many as its time takes, but no more than fit into the time limit.
+    /// The number of frames in a ramp: as many as the set ramp time has cycles, limited by the time left.
     fn frames(&self) -> u32 {
         let cycle = self.session.network.cycle();
         let of = |time: Duration| time.as_nanos().div_ceil(cycle.as_nanos()) as u32;

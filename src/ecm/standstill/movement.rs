@@ -8,36 +8,36 @@ use crate::ecm::exchange::Session;
 use crate::link::Stamp;
 use crate::sk::{Frame, HspResponse, SlotSize};
 
-/// \[OURS] An axis that moves at most this far in a cycle is stationary, whatever its command is, counts.
+/// \[OURS] An axis that moves at most this many counts in a cycle counts as stationary in that cycle.
 const STANDSTILL_COUNTS: u32 = 2;
-/// \[OURS] For how many cycles an axis that moves further is observed, but no longer than [`OBSERVATION_MAX`]; at least
-/// one.
+/// \[OURS] An axis that moves further is observed for this many cycles, limited by [`OBSERVATION_MAX`], and for at
+/// least one cycle.
 const OBSERVATION_CYCLES: u64 = 8;
 const OBSERVATION_MAX: Duration = Duration::from_millis(16);
 
 /// \[OURS] The latency in cycles: from the cycle of a report to the execution of a frame written after it.
 pub(super) const LATENCY_CYCLES: i32 = 2;
 
-/// \[OURS] The longest lag of a drive behind its targets.
+/// \[OURS] How far a drive may be behind its targets, as a time.
 const LAG_MAX: Duration = Duration::from_millis(20);
 
-/// The movement of axes since an earlier report.
+/// An observation of the axes over several cycles: their movement since an earlier report.
 pub(super) struct Observation {
-    /// The report at the beginning.
+    /// The report at which the observation began.
     report: Frame,
     at: Stamp,
-    /// The number of reports read by then.
+    /// The number of reports that were read before the observation began.
     reports: u64,
 }
 
 impl Observation {
-    /// Begins an observation with the newest report.
+    /// Begins an observation at the newest report.
     pub(super) fn begin(session: &Session) -> Self {
         let at = session.reports.at();
         Self { report: Frame::clone(&session.reports.newest), at, reports: session.stats.reports }
     }
 
-    /// An observation that began with the report before the newest one.
+    /// An observation over the last cycle: from the report before the newest one to the newest one.
     pub(super) fn of_last_cycle(session: &Session) -> Self {
         Self {
             report: Frame::clone(&session.reports.previous),
@@ -84,7 +84,7 @@ fn positions_in(report: &Frame, size: SlotSize, slave: u8, config: &Slave) -> [i
     [answer.first.position, answer.second.position]
 }
 
-/// The number of cycles in which a drive catches up with its targets. \[OURS]
+/// How many cycles a drive may be behind its targets, at least 3. \[OURS]
 pub(super) fn lag_cycles(session: &Session) -> f64 {
     LAG_MAX.div_duration_f64(session.network.cycle()).max(3.0)
 }
@@ -94,13 +94,13 @@ pub(super) fn moved_in_last_cycle(session: &Session, slave: u8, config: &Slave) 
     moved(session, &session.reports.previous, slave, config)
 }
 
-/// Whether a slave's axes may be moving, by their movement in the last cycle.
+/// Whether a slave's axes may be moving, judged by the last cycle alone.
 pub(super) fn may_move(session: &Session, slave: u8, config: &Slave) -> bool {
     commanded_ways(session, slave, config, moved_in_last_cycle(session, slave, config))
         .any(|counts| counts > STANDSTILL_COUNTS)
 }
 
-/// The movements of those axes of a slave that follow commands: not of axes that are off or being homed.
+/// The distances of those axes of a slave that follow commands, that is without axes that are off or homing, counts.
 fn commanded_ways(session: &Session, slave: u8, config: &Slave, ways: [i32; 2]) -> impl Iterator<Item = u32> + use<> {
     let is_free = config.axis().is_some() && !session.homing.active.contains(slave);
     let first = session.statusword(slave).is_enabled();
@@ -111,8 +111,8 @@ fn commanded_ways(session: &Session, slave: u8, config: &Slave, ways: [i32; 2]) 
         .map(|(way, _)| way.unsigned_abs())
 }
 
-/// Whether the slave may have two axes. The statusword in its slot is that of the first axis only, and the second axis
-/// goes on when the first one has an alarm.
+/// Whether the slave may have two axes. Its slot has only the statusword of the first axis, and the second axis goes on
+/// when the first one has an alarm. So the second axis counts as on.
 fn may_have_two_axes(session: &Session, config: &Slave) -> bool {
     matches!(config, Slave::Hsp(_)) && session.size == SlotSize::Bytes16
 }

@@ -1,5 +1,5 @@
-//! The targets for the next step of a stream. Each target is checked when the program sets it, against a copy of the
-//! session's state, so that this takes no lock.
+//! The targets for the next step of a stream. A target is checked when the program sets it. The checks use a copy of
+//! the session's state, so that they take no lock.
 
 use std::sync::Arc;
 
@@ -14,27 +14,27 @@ use crate::sk::{
     AxisTarget, Frame, HspResponse, MasterState, Motion, RawSlot, SlaveCommand, SlotCommand, SlotSize, StateByte,
 };
 
-/// The targets of the next step, and the copied state of the session.
+/// The targets of the next step, and the copy of the session's state for their checks.
 pub(super) struct CheckedTargets {
     /// The generation counter of the session at the time of the copy.
     pub(super) changes: u64,
     size: SlotSize,
     network: Arc<Network>,
     state: StateByte,
-    /// Whether the network is in OP, and the FIFO was not cleared since the stream began.
+    /// Whether any axis may get a target: the network is in OP, and the FIFO was not cleared since the stream began.
     takes_targets: bool,
     /// Slaves whose axes are being homed.
     homing: SlaveSet,
     /// Slaves that are lost.
     lost: SlaveSet,
-    /// Slaves that take no target: they are in one of these sets, or their second channel is off.
+    /// Slaves that take no target, because they are homing or lost, or because their second channel is off.
     refused: SlaveSet,
-    /// The outputs last sent to HSPs, by slot.
+    /// The digital outputs last sent to HSPs, by slot.
     outputs: [Outputs; SlotSize::Bytes12.slots()],
-    /// How often the FIFO was cleared before the stream began, and before the copy.
+    /// The number of FIFO clears when the stream began, and when the state was copied. A difference ends the stream.
     fifo_clears: [u64; 2],
     report: Frame,
-    /// The number of reports read before the copy.
+    /// The number of reports that had been read when the state was copied.
     reports: u64,
     /// The targets of the next step, by slot.
     next: Frame,
@@ -65,7 +65,7 @@ impl CheckedTargets {
         targets
     }
 
-    /// Copies the state of the session, if it has changed.
+    /// Copies the state of the session again, if the generation counter `changes` differs from that of the copy.
     pub(super) fn refresh(&mut self, session: &mut Session, changes: u64) {
         self.drop_withdrawn(session);
         if self.changes == changes {
@@ -98,7 +98,7 @@ impl CheckedTargets {
         session.targets.set_all(&self.next, self.set);
     }
 
-    /// Drops targets that the session has withdrawn: those of axes that went off or are being homed.
+    /// Drops targets for axes whose targets the session has withdrawn, because they went off or are homing.
     fn drop_withdrawn(&mut self, session: &mut Session) {
         let withdrawn = session.targets.take_withdrawn();
         for slave in withdrawn.intersection(self.set).iter() {
@@ -107,7 +107,8 @@ impl CheckedTargets {
         self.set = self.set.difference(withdrawn);
     }
 
-    /// Returns an error after the FIFO was cleared: the targets would not continue the positions of the axes.
+    /// Returns an error if the FIFO was cleared since the stream began: targets would not continue the positions of the
+    /// axes.
     pub(super) const fn require_uncleared(&self) -> Result<(), EcmError> {
         if self.fifo_clears[0] == self.fifo_clears[1] { Ok(()) } else { Err(EcmError::Cleared) }
     }
@@ -133,8 +134,8 @@ impl CheckedTargets {
         Ok(())
     }
 
-    /// As [`CheckedTargets::set`], for the first axis of a slave in CSP or CSV. An HSP keeps its outputs and the target
-    /// of its second axis.
+    /// As [`CheckedTargets::set`], for a slave whose program sets only the first axis, in CSP or CSV. On an HSP the
+    /// outputs and the target of the second axis stay.
     #[inline]
     pub(super) fn set_first(&mut self, slave: u8, target: i32, mode: Mode, guard: bool) -> Result<(), EcmError> {
         if matches!(self.network.slave(slave), Some(Slave::Hsp(_))) {
@@ -142,7 +143,7 @@ impl CheckedTargets {
             let command = if mode == Mode::Csp { SlaveCommand::Csp(motion) } else { SlaveCommand::Csv(motion) };
             return self.set(slave, command, guard);
         }
-        // All other slaves have one axis. This path is short, since 40 of them may take it in a cycle.
+        // All kinds except HSP have one axis. This path is kept short, since 40 axes may take it in a cycle.
         let axis_guard = self.check_axis(slave, mode)?;
         let motion = Motion::to(target);
         if mode != Mode::Csp {
@@ -156,7 +157,7 @@ impl CheckedTargets {
         Ok(())
     }
 
-    /// Checks whether a slave takes a target in that mode now. Returns the guard of its axis.
+    /// Checks whether a slave takes a target in the mode `wanted` now. Returns the guard of its axis.
     #[inline]
     fn check_axis(&self, slave: u8, wanted: Mode) -> Result<Guard, EcmError> {
         if !self.takes_targets {
@@ -173,7 +174,7 @@ impl CheckedTargets {
         Ok(axis.guard)
     }
 
-    /// The error when no axis takes targets.
+    /// The error for a stream in which no axis may get a target.
     #[cold]
     fn why_none(&self) -> EcmError {
         if self.state.state() == Some(MasterState::Op) {
@@ -183,7 +184,7 @@ impl CheckedTargets {
         }
     }
 
-    /// The error when an axis takes no target: it is being homed, lost or off.
+    /// The error for an axis that takes no target: it is homing, lost or off.
     #[cold]
     fn why_refused(&self, slave: u8, statusword: Statusword) -> EcmError {
         if self.homing.contains(slave) {
@@ -197,7 +198,7 @@ impl CheckedTargets {
         }
     }
 
-    // Inlined, so that the compiler knows the kind of command and encodes its fields alone.
+    // Inlined, so that the compiler knows which kind of command it is and encodes only the fields of that kind.
     #[inline(always)]
     fn put(&mut self, slave: u8, command: SlaveCommand) {
         self.next.put(self.size, slave.into(), &SlotCommand::from(command).encode(self.size));
@@ -210,8 +211,8 @@ impl CheckedTargets {
         self.report.slots(self.size).head(slave.into()).data1.get() as i32
     }
 
-    /// The motion of an HSP whose first axis gets that target. The HSP keeps its outputs. Its second axis keeps its
-    /// last target, or its actual position if it has had no target.
+    /// The motion of an HSP whose first axis gets `target`. The outputs stay. The second axis keeps its last target, or
+    /// its actual position if it has had none.
     fn first_of_hsp(&self, slave: u8, target: i32, mode: Mode) -> Motion {
         let slot = self.next.slot(self.size, slave.into());
         let motion = match SlotCommand::decode(&slot, self.size).map(|slot| slot.command) {
@@ -235,7 +236,7 @@ impl CheckedTargets {
         self.network.alarm(slave, &self.report.slot(self.size, slave.into()))
     }
 
-    /// Returns an error if a target is too far from its actual position.
+    /// Returns an error if a target is farther from the axis's actual position than `limit` counts.
     fn check_guard(&self, slave: u8, motion: &Motion, limit: u32) -> Result<(), EcmError> {
         check_distance(slave, motion.first.target, self.actual(slave), limit)?;
         if self.size == SlotSize::Bytes16 && matches!(self.network.slave(slave), Some(Slave::Hsp(_))) {

@@ -1,5 +1,5 @@
-//! A cyclic stream of targets, paced by the board's FIFO: a stream never writes more frames than the FIFO has room for,
-//! and counts the cycles that find it empty. `checked_targets.rs` has the checks of targets.
+//! A cyclic stream of targets, paced by the board's FIFO: a stream writes a frame only if the FIFO has room for it, and
+//! counts the cycles that find the FIFO empty. `checked_targets.rs` has the checks of targets.
 
 mod checked_targets;
 
@@ -19,7 +19,7 @@ use crate::sk::{AxisTarget, FIFO_ENTRIES, FifoAction, MasterCommand, Motion, Raw
 
 /// \[OURS] How many FIFO entries a stream leaves free, for commands of other calls and for the ramp to a standstill.
 const SPARE_ENTRIES: u16 = 10;
-/// \[OURS] After an answer, a stream reads the next statusword of a second channel this many frames later.
+/// \[OURS] How often a stream reads the statusword of a second channel by SDO: this many frames after the last answer.
 const SECOND_CHANNEL_FRAMES: u64 = 8;
 
 /// Counters of a stream.
@@ -29,29 +29,29 @@ pub struct StreamStats {
     pub frames: u64,
     /// Cycles that found the FIFO empty since the first frame; each is a gap in the motion.
     pub underruns: u64,
-    /// How often the board's FIFO-full count has risen; each time commands were lost (SK-5.10).
+    /// How often the board's FIFO-full count has risen; each rise means that the board has lost commands (SK-5.10).
     pub losses: u64,
 }
 
 /// A stream of targets for all axes, with one frame for each step. Only one stream can be open at a time.
 ///
 /// Set targets with [`csp`](Stream::csp), [`csv`](Stream::csv) or [`cst`](Stream::cst), then call
-/// [`step`](Stream::step), which sends them. A target is repeated in each frame until there is another one.
-/// [`finish`](Stream::finish) and dropping the stream bring the axes to a standstill: in CSP they hold their last
+/// [`step`](Stream::step), which sends them. Each frame repeats the target of an axis until the program sets another
+/// one. [`finish`](Stream::finish) and dropping the stream bring the axes to a standstill: in CSP they hold their last
 /// targets, velocities and torques are ramped to 0. The axes stay enabled.
 ///
-/// Calls of [`Ecm`] in other threads send their commands in the frames of steps. A call in the stepping thread writes
-/// frames of its own, which repeat the last targets: between two steps of a motion, each of them stops the axes for a
-/// cycle.
+/// Calls of [`Ecm`] in other threads send their commands in the frames of steps. A call in the thread that steps the
+/// stream writes frames of its own, which repeat the last targets. Between two steps of a motion each such frame stops
+/// the axes for a cycle.
 pub struct Stream<'a> {
     ecm: &'a Ecm,
     depth: u16,
     targets: CheckedTargets,
-    /// The number of frames that the board collects before it executes the first one; 0: no prefill.
+    /// The number of frames that the board collects before it executes the first one; 0 if it executes each at once.
     prefill: u16,
     /// Frames written by the stream's steps.
     frames: u64,
-    /// Whether no target was set since the last step.
+    /// Whether `step` was called and no target was set after it.
     stepped: bool,
     /// The counters of the board when the stream began.
     before: Stats,
@@ -60,7 +60,7 @@ pub struct Stream<'a> {
 
 impl Ecm {
     /// Begins a stream that keeps up to `depth` frames (1 to 150) waiting in the board's FIFO. The program may be late
-    /// by that many cycles, and that many cycles pass until a target takes effect. Waiting frames are still executed
+    /// by `depth` cycles, and a target takes effect `depth` cycles after its step. Waiting frames are still executed
     /// when the stream ends: with long cycles the depth is limited, so that closing ends within its 2 s.
     ///
     /// # Errors
@@ -102,10 +102,10 @@ fn pacer() -> StreamPacer {
 }
 
 impl Stream<'_> {
-    /// Prefill: the board collects that many frames, 2 up to the stream's depth, before it executes the first one
+    /// Prefill: the board collects `frames` frames (2 up to the stream's depth) before it executes the first one
     /// (SET_FIFO's threshold), so that the motion begins with a full reserve. Call it before the first step. If the
-    /// stream ends before the board has collected them, they are discarded. Until then the board executes no commands
-    /// of other calls either.
+    /// stream ends before the board has collected them, they are discarded. While the board collects, it executes no
+    /// commands of other calls either.
     ///
     /// # Errors
     /// [`EcmError::Setting`] for another number, or after frames were written; [`EcmError::WrongState`],
@@ -124,8 +124,8 @@ impl Stream<'_> {
         Ok(())
     }
 
-    /// Sets the next target position of an axis in CSP, counts. The guard of the axis refuses one that is too far from the
-    /// actual position in the newest report; the last target then stays.
+    /// Sets the next target position of an axis in CSP, counts. The guard of the axis refuses a target that is too far
+    /// from the actual position in the newest report. The axis then keeps its last target.
     ///
     /// An HSP keeps its outputs. Its second axis keeps its last target, or its actual position if it has had no target.
     ///
@@ -156,8 +156,8 @@ impl Stream<'_> {
         self.set(slave, SlaveCommand::Csp(Motion { first, second }))
     }
 
-    /// Sets the next target velocity of an axis in CSV, in the drive's units (0x60FF). The velocity stays until there
-    /// is another one. An HSP keeps its outputs and the velocity of its second axis.
+    /// Sets the next target velocity of an axis in CSV, in the drive's units (0x60FF). The velocity stays until the
+    /// program sets another one. An HSP keeps its outputs and the velocity of its second axis.
     ///
     /// # Errors
     /// As [`csp`](Stream::csp), except for the guard.
@@ -174,8 +174,8 @@ impl Stream<'_> {
         self.set(slave, SlaveCommand::Csv(Motion { first, second }))
     }
 
-    /// Sets the next target torque of an axis in CST, 0.1 % of the rated torque. The torque stays until there is
-    /// another one.
+    /// Sets the next target torque of an axis in CST, 0.1 % of the rated torque. The torque stays until the program
+    /// sets another one.
     ///
     /// # Errors
     /// As [`csp`](Stream::csp), except for the guard.
@@ -188,13 +188,13 @@ impl Stream<'_> {
         self.targets.set(slave, command, self.ecm.exchange.options.guard)
     }
 
-    /// Copies the state of the session that checks need, if it has changed: targets are checked with the newest report,
-    /// and 40 of them in a row take no lock.
+    /// Copies the state of the session for the checks, if it has changed. So targets are checked against the newest
+    /// report, and 40 of them in a row take no lock.
     fn refresh(&mut self) -> Result<(), EcmError> {
         let stepped = std::mem::take(&mut self.stepped);
         if stepped || self.targets.changes != self.ecm.exchange.changes() {
             let mut session = self.ecm.exchange.lock()?;
-            // Reports may be waiting, as much time may have passed since the last step.
+            // The first target after a step: reports may be waiting, as much time may have passed since the step.
             if stepped {
                 self.ecm.exchange.catch_up(&mut session)?;
             }
@@ -203,17 +203,17 @@ impl Stream<'_> {
         Ok(())
     }
 
-    /// Writes the next frame as soon as fewer than `depth` frames are waiting, and then waits until that is so again. A
-    /// loop of steps thereby keeps the pace of the board, with one frame per cycle, and several after a delay
-    /// (SK-5.11). A step does not allocate. It waits for a report no longer than [`Options::read_limit`], and for room
-    /// in the FIFO no longer than that plus 160 cycles.
+    /// Writes the next frame as soon as fewer than `depth` frames wait in the FIFO, and then waits until fewer than
+    /// `depth` frames wait again. So a loop of steps writes one frame per cycle, at the pace of the board, and several
+    /// after a delay (SK-5.11). A step does not allocate. It waits for a report up to [`Options::read_limit`], and for
+    /// room in the FIFO up to that time plus 160 cycles.
     ///
     /// [`Options::read_limit`]: super::Options::read_limit
     ///
     /// # Errors
     /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::WrongState`] when the network has left OP,
-    /// [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Link`]. Nothing is written then. An axis that is
-    /// switched off or lost is no error here: its next target is refused.
+    /// [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Link`]. No frame is written in these cases. An axis
+    /// that is switched off or lost is no error of this call: setting its next target is.
     pub fn step(&mut self) -> Result<StreamStats, EcmError> {
         self.refresh()?;
         self.targets.require_uncleared()?;
@@ -243,7 +243,7 @@ impl Stream<'_> {
         session.targets.stepped(hsps);
         self.frames += 1;
         self.stepped = true;
-        // In virtual time the time stamp of the frame is the present time.
+        // In virtual time only calls let time pass: the time stamp of the frame just written is the present time.
         let now = exchange.info.virtual_time.then(|| exchange.now_at(Duration::from_nanos(session.outgoing.last.at.0)));
         self.ecm.pace(&mut session, self.depth, now)?;
         self.targets.refresh(&mut session, exchange.changes());
@@ -292,8 +292,8 @@ impl Stream<'_> {
         }
     }
 
-    /// Ends the stream within 2 s. The axes stay enabled: in CSP they hold their last targets, velocities and torques
-    /// are ramped to a standstill.
+    /// Ends the stream within 2 s. The axes stay enabled: in CSP they hold their last targets, in CSV and CST the
+    /// velocities and torques are ramped to 0.
     ///
     /// # Errors
     /// [`EcmError::Timeout`] if axes still move after that, [`EcmError::NoReport`], [`EcmError::Link`].
@@ -333,15 +333,16 @@ impl Drop for Stream<'_> {
     }
 }
 
-/// The command for a threshold that is reached when the FIFO has `frames` entries. The command acts on arrival, before
-/// its own frame counts as an entry.
+/// The SET_FIFO command for a threshold that is reached when the FIFO has `frames` entries. The board executes it on
+/// arrival, before its own frame counts as an entry.
 fn threshold(frames: u16) -> RawSlot {
     let threshold = FIFO_ENTRIES + 1 - frames;
     MasterCommand::SetFifo(FifoAction::Threshold(threshold.into())).encode()
 }
 
 impl Ecm {
-    /// Discards the frames of a prefill: none was executed, and none may be executed later.
+    /// Discards the frames that the board has collected for a prefill. None was executed yet, and none may be executed
+    /// later.
     fn discard_prefill(&self, session: &mut Session, deadline: Duration) -> Result<(), EcmError> {
         if !session.in_op() {
             return Ok(());
@@ -361,7 +362,7 @@ impl Ecm {
             }
             let now = now.take().unwrap_or_else(|| self.exchange.now());
             let began = *began.get_or_insert(now);
-            // A board in OP has executed every entry of a full FIFO by then.
+            // By then a board in OP has executed every entry, even if its FIFO was full.
             let limit = self.exchange.silence_max(session) + session.network.cycle() * FIFO_ENTRIES.into();
             let waited = now.saturating_sub(began);
             if waited >= limit {

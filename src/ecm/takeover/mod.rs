@@ -1,6 +1,5 @@
-//! Stopping the axes of a program that has ended without closing its board. A server through which the program's frames
-//! have passed does this: `watch.rs` has the state of the network that frames and reports show, `seen.rs` that of one
-//! slave.
+//! Stopping the axes of a program that has ended without closing its board. A server does this, since it has seen the
+//! program's frames. `watch.rs` derives the state of the network from frames and reports, `seen.rs` that of one slave.
 
 mod seen;
 mod watch;
@@ -19,16 +18,16 @@ use crate::sk::MasterState;
 pub(crate) enum Succeeded {
     /// The network is not in OP, so that no axis follows commands.
     NotInOp,
-    /// The axes are stationary. `discarded`: the number of FIFO entries that were discarded.
+    /// All axes are stationary. `discarded`: how many FIFO entries were discarded for that.
     Stand { discarded: u16 },
-    /// The configuration of the network was not seen: moving axes are unknown and go on. `discarded`: the number of
-    /// entries that waited for a threshold and were discarded.
+    /// The server has not seen the configuration of the network, so it does not know the axes; moving ones go on.
+    /// `discarded`: the number of entries that waited for a threshold and were discarded.
     Unknown { discarded: u16 },
 }
 
 impl Ecm {
-    /// As [`Ecm::adopt`], for a network that another program has run until now. The last commands of that program are
-    /// known from `watch`, so that closing can bring its axes to a standstill.
+    /// As [`Ecm::adopt`], for a network that another program has run until now. `watch` supplies the last commands of
+    /// that program, so that closing can bring its axes to a standstill.
     ///
     /// # Errors
     /// As [`Ecm::adopt`]. An unknown network is adopted as one without slaves.
@@ -42,16 +41,16 @@ impl Ecm {
         Ok(())
     }
 
-    /// Takes over the network of a program that has ended, as far as its frames show it, and reads a report that was
-    /// made after its last frame. `watch` returns what frames and reports have shown, up to the newest report. After an
-    /// error nothing is known, and nothing was sent.
+    /// Takes over the network of a program that has ended, as far as the program's frames show it, and reads a report
+    /// that was made after its last frame. `watch` returns the state from all frames and reports so far. If this fails,
+    /// nothing was sent, and the state of the axes is unknown.
     pub(crate) fn see_what_is_left(&self, watch: &dyn Fn() -> Watch) -> Result<(), EcmError> {
         self.take_over(&watch())?;
         self.next_of_now()
     }
 
     /// Stops the axes that an ended program has left moving, within the time limit of [`Ecm::close`]; call it after
-    /// [`see_what_is_left`](Self::see_what_is_left). With `off` the axes are switched off, too.
+    /// [`see_what_is_left`](Self::see_what_is_left). If `off` is set the axes are switched off, too.
     pub(crate) fn succeed(&self, watch: &Watch, off: bool) -> Result<Succeeded, EcmError> {
         if watch.state() != Some(MasterState::Op) {
             return Ok(Succeeded::NotInOp);
@@ -73,18 +72,19 @@ impl Ecm {
         Ok(Succeeded::Stand { discarded: left.discarded })
     }
 
-    /// Reads a report that is made from now on: older reports do not show the last frames of the ended program.
+    /// Waits for a report that is made from now on: earlier reports do not show the effect of the program's last frames.
     fn next_of_now(&self) -> Result<(), EcmError> {
         let limit = self.exchange.options.read_limit;
         if !self.exchange.info.virtual_time {
-            // The clients have read the older reports. A frame may have arrived while the first new report was made.
+            // Other clients have read the earlier reports. The first new report may have been in the making when the
+            // last frame arrived, so the second one is awaited.
             self.next_cycle(limit)?;
             return self.next_cycle(limit).map(drop);
         }
         let now = self.exchange.clock();
         let is_old = |at: Stamp| Duration::from_nanos(at.0) < now;
         while is_old(self.next_cycle(limit)?.meta.at) {}
-        // A report made at this very moment may not include the last frames.
+        // A report made at this very moment may not show the last frames yet, so one more is awaited.
         self.next_cycle(limit).map(drop)
     }
 }

@@ -4,7 +4,7 @@ use crate::ecm::config::{Axis, Slave, modes};
 use crate::ethercat::cia402::{Mode, Statusword};
 use crate::sk::{CommandId, DriveSync, FIFO_ENTRIES, RawSlot, SlaveCommand, SlaveKind, SlotCommand, SlotSize};
 
-/// The known state of one slave.
+/// What frames and reports have shown of one slave.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Seen {
     mode: Option<(Mode, DriveSync)>,
@@ -13,43 +13,43 @@ pub(super) struct Seen {
     homing: Homing,
 }
 
-/// The phase of a homing.
+/// The phase of a homing, as far as frames and reports show it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Homing {
     /// The slave is not homing.
     #[default]
     No,
-    /// GO_HOME was written `reports` reports ago: its entry may wait in the FIFO. `missed`: a report was lost that may
-    /// have shown it as executed.
+    /// GO_HOME was written `reports` reports ago, and may wait in the FIFO. `missed`: a lost report may have shown that
+    /// it was executed.
     Asked { reports: u16, missed: bool },
     /// A report has shown GO_HOME as executed. The axis may be homing until a later report shows a motion command: the
     /// board ignores motion commands during homing, and does not show their ids (SK-3).
     Executed,
 }
 
-/// \[OURS] A GO_HOME that does not appear in this many reports was rejected, if no report was lost: every entry has
-/// been executed by then.
+/// \[OURS] If this many reports do not show GO_HOME as executed and none was lost, the board has rejected it: by then
+/// the board has executed every entry of the FIFO.
 const GO_HOME_REPORTS_MAX: u16 = 2 * FIFO_ENTRIES;
 
 impl Seen {
-    /// Whether the slave may be homing: GO_HOME was written, and no later report shows another command.
+    /// Whether the slave may be homing: GO_HOME was written, and no later report shows a motion command.
     pub(super) fn may_be_homing(&self) -> bool {
         self.homing != Homing::No
     }
 
-    /// Notes that reports were lost before the next one.
+    /// Notes that reports were lost since the last one.
     pub(super) fn missed(&mut self) {
         if let Homing::Asked { missed, .. } = &mut self.homing {
             *missed = true;
         }
     }
 
-    /// The last commands may not have been executed.
+    /// Forgets the last command, because the board may not have executed it.
     pub(super) fn forget_targets(&mut self) {
         self.last = None;
     }
 
-    /// The slave was declared anew, or the network is not in OP. The mode of DRIVE_MODE stays (SK-4.42).
+    /// The slave was configured anew, or the network has left OP: only the mode set by DRIVE_MODE remains (SK-4.42).
     pub(super) fn forget_all_but_the_mode(&mut self) {
         *self = Self { mode: self.mode, ..Self::default() };
     }
@@ -67,7 +67,7 @@ impl Seen {
                 self.homing = Homing::Asked { reports: 0, missed: false };
             }
             Ok(SlaveCommand::ServoOff | SlaveCommand::AlarmClear) => self.forget_targets(),
-            // Without a target the axis holds its last one.
+            // The slot has no target: the axis holds its last one.
             _ => {}
         }
     }
@@ -76,7 +76,7 @@ impl Seen {
     pub(super) fn report(&mut self, id: u8, statusword: Statusword) {
         let follows = [CommandId::Csp, CommandId::Csv, CommandId::Cst].contains(&CommandId::from_code(id));
         self.homing = match self.homing {
-            // GO_HOME was executed, whether its frame was seen or not.
+            // The report shows GO_HOME as executed, also if the frame with it was not seen.
             _ if id == CommandId::GoHome.code() => Homing::Executed,
             Homing::Executed if follows => Homing::No,
             Homing::Asked { reports, missed } if reports < GO_HOME_REPORTS_MAX => {
@@ -90,12 +90,12 @@ impl Seen {
             if self.homing == Homing::Executed {
                 self.homing = Homing::No;
             }
-            // The board has discarded the targets of the slave (SK-7.18).
+            // An axis that went off loses its targets in the board (SK-7.18).
             self.forget_targets();
         }
     }
 
-    /// The slave as an entry of a configuration, for its declared kind.
+    /// The configuration of the slave with the declared kind, as seen.
     pub(super) fn slave(&self, kind: Option<SlaveKind>) -> Slave {
         let kind = kind.unwrap_or(SlaveKind::None);
         let (mode, sync) = self.mode.unwrap_or((Mode::Csp, DriveSync::DcSync));

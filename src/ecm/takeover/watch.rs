@@ -1,5 +1,5 @@
-//! The state of the network as the frames between a program and its board show it to an observer: declared slaves,
-//! their modes, and the last commands.
+//! The state of the network, derived from the frames between a program and its board: configured slaves, their modes,
+//! and the last commands.
 
 use super::seen::Seen;
 use crate::ecm::config::Config;
@@ -12,18 +12,18 @@ use crate::sk::{
 
 const SLAVES: usize = SlotSize::Bytes12.max_slaves();
 
-/// The state of a network, from the frames in both directions.
+/// The state of a network, derived from the frames in both directions.
 #[derive(Clone, Debug)]
 pub struct Watch {
     kinds: Kinds,
     pub(super) slaves: [Seen; SLAVES],
     cycle: CycleTime,
     state: Option<MasterState>,
-    /// The FIFO-full count of the newest report in OP.
+    /// The FIFO-full count in the newest report in OP.
     full_count: u16,
-    /// The error count in the newest report.
+    /// The CRC error count in the newest report.
     error_count: u8,
-    /// When SW_RESET was written, until reports show its effect: a board that refuses it (SK-1.24) goes on as before.
+    /// When SW_RESET was written; `None` once reports show its effect. A board that rejects it (SK-1.24) goes on as before.
     resets: Option<Stamp>,
     /// Whether a program has set a threshold (SET_FIFO) that may be in force.
     has_threshold: bool,
@@ -57,7 +57,7 @@ impl Watch {
             self.resets = Some(at);
             return;
         }
-        // A program that declares slaves after a reset has seen the reset, or has waited for it.
+        // A program that configures slaves after SW_RESET has seen the effect of the reset, or has waited for it.
         if self.resets.is_some() && matches!(command, Ok(MasterCommand::SetAxis { .. })) {
             self.forget_all(None);
         }
@@ -69,7 +69,7 @@ impl Watch {
                 slaves.for_each(Seen::forget_all_but_the_mode);
             }
             Ok(MasterCommand::SetDc { cycle, .. }) if set_up => self.cycle = cycle,
-            // It is unknown which entry was executed last: one of the discarded ones, or one before them.
+            // Which command each axis executed last is now unknown: one of the discarded entries, or one before them.
             Ok(MasterCommand::SetFifo(FifoAction::Clear)) => {
                 self.forget_targets();
                 self.has_threshold = false;
@@ -81,8 +81,8 @@ impl Watch {
         }
         let in_op = self.state == Some(MasterState::Op);
         for (n, seen) in (1..=size.max_slaves()).zip(&mut self.slaves) {
-            // IO slaves have other commands. The only command for an undeclared slave is DRIVE_MODE, which may come
-            // first.
+            // Only axes have motion commands. A slave that is not configured yet can get DRIVE_MODE, which may come
+            // before SET_AXIS.
             let has_axes = matches!(self.kinds.of(n), Some(SlaveKind::Drive | SlaveKind::Hsp | SlaveKind::Step));
             if has_axes || set_up {
                 seen.command(&frame.slot(size, n), size, set_up, in_op && has_axes);
@@ -96,10 +96,10 @@ impl Watch {
         self.kinds.response(frame, size);
         self.state = board.state.state();
         let in_op = self.state == Some(MasterState::Op);
-        // After a reset the board counts from 0 again.
+        // The error count starts at 0 again after a reset, so outside OP a change does not mean a rejected frame.
         let refused = std::mem::replace(&mut self.error_count, board.error) != board.error && in_op;
-        // Only a report made after the reset shows its effect: a program that reads late gets older reports, from its
-        // way to OP.
+        // Only a report made after the reset shows its effect. A program that reads late still gets older reports, from
+        // the time before OP.
         let shows = self.resets.is_some_and(|reset| at > reset);
         if shows && refused {
             self.resets = None;
@@ -111,12 +111,13 @@ impl Watch {
             self.has_threshold = false;
             return;
         }
-        // Frames had a wrong CRC, or found the FIFO full; reports do not name them.
+        // The board has rejected frames with a wrong CRC, or lost frames because its FIFO was full. Reports do not show
+        // which ones.
         let full = std::mem::replace(&mut self.full_count, board.full_count) != board.full_count;
         if refused || full {
             self.forget_targets();
         }
-        // The command that reset the threshold may be among the lost frames.
+        // A rejected frame may be the one that reset the threshold, so the threshold may still be in force.
         self.has_threshold |= refused;
         let slots = frame.slots(size);
         for (n, seen) in (1..=size.max_slaves()).zip(&mut self.slaves) {
@@ -125,22 +126,22 @@ impl Watch {
         }
     }
 
-    /// Notes that reports were lost before the next one.
+    /// Notes that reports were lost since the last one.
     pub fn missed(&mut self) {
         self.slaves.iter_mut().for_each(Seen::missed);
     }
 
-    /// The board was reset, and is in `state` now.
+    /// Forgets everything, because the board was reset. It is in `state` now.
     fn forget_all(&mut self, state: Option<MasterState>) {
         *self = Self { error_count: self.error_count, state, ..Self::default() };
     }
 
-    /// The last commands may not have been executed.
+    /// Forgets the last commands, because the board may not have executed them.
     fn forget_targets(&mut self) {
         self.slaves.iter_mut().for_each(Seen::forget_targets);
     }
 
-    /// Whether a threshold of the FIFO may be in force.
+    /// Whether a FIFO threshold may still hold entries back.
     pub const fn has_threshold(&self) -> bool {
         self.has_threshold
     }
@@ -153,7 +154,7 @@ impl Watch {
         Some(Config { slaves, cycle_us: self.cycle.us() })
     }
 
-    /// Slaves that may be homing: GO_HOME was written to them, and no later report shows another command.
+    /// Slaves that may be homing: GO_HOME was written to them, and no later report shows a motion command.
     pub fn homing(&self) -> impl Iterator<Item = u8> {
         (1..).zip(&self.slaves).filter(|(_, seen)| seen.may_be_homing()).map(|(n, _)| n)
     }
@@ -168,8 +169,8 @@ mod tests {
 
     const SIZE: SlotSize = SlotSize::Bytes12;
 
-    /// TCP-9 On virtual time a server sees only the reports that its writer reads. If the writer starts a homing
-    /// without reading any, the first report that is read shows it.
+    /// TCP-9 On virtual time a server sees only the reports that its writer reads. If the writer starts a homing and
+    /// reads no report, the server learns of it from the first report that is read later.
     #[test]
     fn a_homing_that_only_a_report_shows() {
         let mut watch = Watch::default();
@@ -240,7 +241,7 @@ mod tests {
         let mut watch = running();
         master(&mut watch, &MasterCommand::SoftReset);
         assert_eq!(mode(&watch), Some(Mode::Csv), "no report has shown yet that it has reset itself");
-        // A writer that has read nothing before gets reports of the way to OP.
+        // A writer that has not read any report yet first gets those from the time before OP.
         let mut way = Frame::new();
         let state = StateByte::reached(MasterState::PreOp);
         way.put(SIZE, 0, &MasterResponse { state, ..MasterResponse::default() }.encode());
@@ -249,14 +250,14 @@ mod tests {
         report(&mut watch, MasterState::Op, 3);
         report(&mut watch, MasterState::Op, 4);
         assert_eq!((mode(&watch), watch.state()), (Some(Mode::Csv), Some(MasterState::Op)));
-        // Leaving OP and coming back no longer counts as a reset.
+        // After the rejection was seen, leaving OP and coming back does not count as the effect of the reset.
         report(&mut watch, MasterState::SafeOp, 4);
         report(&mut watch, MasterState::Op, 4);
         assert_eq!(mode(&watch), Some(Mode::Csv));
     }
 
-    /// SK-4.33 An executed SW_RESET deletes all state, and so does a program that declares slaves after it without
-    /// reading.
+    /// SK-4.33 An executed SW_RESET deletes all state. A program that configures slaves after it without reading a
+    /// report has the same effect.
     #[test]
     fn a_reset_that_the_board_has_executed() {
         let mut watch = running();
@@ -276,7 +277,7 @@ mod tests {
         }
     }
 
-    /// TCP-24, SK-1.24 After a frame with a wrong CRC no target counts as executed, and no threshold as reset.
+    /// TCP-24, SK-1.24 After a frame with a wrong CRC the last targets are unknown, and a threshold may still be in force.
     #[test]
     fn frames_that_the_board_has_refused() {
         let mut watch = running();

@@ -14,10 +14,10 @@ const SEGMENT_LEN_MIN: usize = 7;
 /// Bytes of a mailbox that the first message of a segmented transfer uses for headers: mailbox header, CoE header, and SDO
 /// header with the size.
 pub const FIRST_OVERHEAD: usize = 6 + 2 + SDO_LEN;
-/// Bytes of a mailbox that a segment uses for headers: mailbox header, CoE header and command byte.
+/// Bytes of a mailbox that a segment uses for headers: mailbox header, CoE header and SDO command byte.
 pub const SEGMENT_OVERHEAD: usize = 6 + 2 + 1;
 
-/// Bits of the command byte.
+/// The bits of the command byte, which is the first byte of an SDO.
 mod command {
     /// Bits 5 to 7 of a request's command byte.
     pub const DOWNLOAD_SEGMENT: u8 = 0 << 5;

@@ -48,7 +48,7 @@ const _: () = assert!(size_of::<Layout>() == FMMU_LEN && align_of::<Layout>() ==
 pub struct Fmmu {
     /// The logical address of the first byte.
     pub logical: u32,
-    /// The number of logical bytes in which mapped bits lie.
+    /// The number of logical bytes that contain mapped bits.
     pub len: u16,
     /// The first mapped bit in the first logical byte, 0..=7.
     pub first_bit: u8,

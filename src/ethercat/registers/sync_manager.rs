@@ -80,7 +80,7 @@ bits! {
     SmPdiControl(u8) {
         /// Bit 0: the slave has deactivated the sync manager.
         DEACTIVATE = 1 << 0;
-        /// Bit 1: set equal to [`SmActivate::REPEAT`] when the slave has repeated the message.
+        /// Bit 1: the slave sets it equal to [`SmActivate::REPEAT`] once it has repeated the message.
         REPEAT_ACKNOWLEDGE = 1 << 1;
     }
 }

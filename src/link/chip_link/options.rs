@@ -7,12 +7,12 @@ use crate::address::uri::{LinkUri, UriError};
 use crate::ethercat::Ns;
 use crate::xf::DataSize;
 
-/// Options of every link to a chip; they set up the driver.
+/// Options of every link to a chip: settings of the chip's driver.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChipOptions {
-    /// The idle time after an exchange (`idle_us=`), in nanoseconds.
+    /// The pause after each exchange (`idle_us=`), in nanoseconds.
     pub idle_ns: Ns,
-    /// The data size n to which the chip is set at the start (`use_n=`); `None`: it keeps its present size.
+    /// The data size n to which the driver sets the chip at the start (`use_n=`); `None`: the chip keeps its data size.
     pub use_n: Option<DataSize>,
 }
 

@@ -1,4 +1,4 @@
-//! Time and waits of the fault injection: time since the link was opened, on the clock of the inner link.
+//! Time and waits for fault injection. Times count from the opening of the link, on the clock of the inner link.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -12,7 +12,7 @@ use crate::threads::WaitQueue;
 /// USB microframe, as for a write to a simulated board.
 pub(super) const POLL_TIME: Duration = Duration::from_micros(125);
 
-/// The reasons to end a wait early.
+/// The events that end a wait early: cancelling and closing.
 #[derive(Clone, Copy, Default)]
 struct Cancellation {
     /// The number of cancellations so far, by direction.
@@ -82,7 +82,7 @@ impl Clock {
         Ok(Call { dir, cancels, deadline, no_wait: wait.limit() == Some(Duration::ZERO) })
     }
 
-    /// Fails if the call was cancelled or the link closed.
+    /// Returns an error if the call was cancelled or the link was closed.
     pub(super) fn check(&self, call: &Call) -> Result<(), LinkError> {
         let cancellation = *self.cancellation.lock();
         if cancellation.closed {
@@ -92,7 +92,7 @@ impl Clock {
         if cancelled { Err(LinkError::Cancelled { dir: call.dir }) } else { Ok(()) }
     }
 
-    /// How much longer the call may wait; at most until `latest`.
+    /// How much longer the call may wait; `latest` may shorten that.
     pub(super) fn remaining(&self, call: &Call, latest: Option<Duration>) -> Result<Wait, LinkError> {
         let end = call.deadline.into_iter().chain(latest).min();
         let Some(end) = end else { return Ok(Wait::Forever) };

@@ -6,7 +6,7 @@ use crate::address::Fraction;
 use crate::address::keys::millis;
 use crate::address::uri::{LinkUri, UriError};
 
-/// How often each fault happens in one direction, as a fraction of the frames, 0 to 1.
+/// The fault rates of one direction: for each fault the fraction of frames that it affects, 0 to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultRates {
     /// Frames that are lost.
@@ -15,7 +15,7 @@ pub struct FaultRates {
     pub corrupt: Fraction,
     /// Frames that arrive twice.
     pub duplicate: Fraction,
-    /// Frames that are delayed by [`FaultOptions::delay`].
+    /// Frames that arrive late, by [`FaultOptions::delay`].
     pub delay: Fraction,
 }
 
@@ -30,14 +30,14 @@ pub struct FaultOptions {
     pub read: FaultRates,
     /// How long a delayed frame is held back.
     pub delay: Duration,
-    /// The board is disconnected after this many frames in both directions together: 1 or more.
+    /// The number of frames, in both directions together, after which the board is disconnected: 1 or more.
     pub disconnect_after: Option<u64>,
-    /// The board is disconnected this long after the link was opened.
+    /// The time after the opening of the link at which the board is disconnected.
     pub disconnect_at: Option<Duration>,
 }
 
 impl Default for FaultOptions {
-    /// No faults.
+    /// Options without any faults.
     fn default() -> Self {
         Self {
             seed: 1,
@@ -79,7 +79,7 @@ impl FaultOptions {
         })
     }
 
-    /// Whether any fault can happen.
+    /// Whether these options inject any fault.
     pub fn any(&self) -> bool {
         let quiet = FaultRates::default();
         self.write != quiet || self.read != quiet || self.disconnect_after.is_some() || self.disconnect_at.is_some()

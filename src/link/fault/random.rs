@@ -1,4 +1,4 @@
-//! Which frame gets which fault: one pseudorandom sequence for each direction, determined by the seed.
+//! Decides which frame gets which fault. Each direction has its own pseudorandom sequence, which the seed determines.
 
 use oorandom::Rand64;
 
@@ -10,7 +10,7 @@ use crate::link::Dir;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct FrameFaults {
     pub(super) drop: bool,
-    /// The bit to flip.
+    /// The index of the bit to flip; `None`: the frame is not corrupted.
     pub(super) corrupt: Option<usize>,
     pub(super) duplicate: bool,
     pub(super) delay: bool,
@@ -41,7 +41,7 @@ impl FaultSequence {
     }
 }
 
-/// Whether a uniformly distributed random number falls into this fraction of its range.
+/// Whether a uniformly distributed random number is a hit, which happens with the probability `rate`.
 fn hits(number: u64, rate: Fraction) -> bool {
     u128::from(number) * u128::from(Fraction::ONE.billionths()) < u128::from(rate.billionths()) << 64
 }

@@ -1,6 +1,6 @@
 //! The key `record=` of a link to a chip: a [`ChipLink`] that wraps another one and writes every exchange to a pcapng
-//! file, which [`recording::exchanges`](crate::recording::exchanges) reads. File, queue and thread are those of
-//! recordings of a board: on the real clock no exchange waits for the disk.
+//! file, which [`recording::exchanges`](crate::recording::exchanges) reads. It uses the same file handling, queue and
+//! thread as recordings of a board, so that on the real clock no exchange waits for the disk.
 
 use std::path::Path;
 
@@ -54,16 +54,17 @@ impl Entry for ExchangeEntry {
 /// A link to a chip that records all exchanges of the link that it wraps.
 ///
 /// An exchange is recorded when it has succeeded, as two packets: the bytes to the chip with the time of its begin, and
-/// those from the chip with the time of its end. If it has more bytes than the longest packet of a chip, it is recorded
-/// as several packets. Missing packets are counted, reported to the user and noted in the file, as in recordings of a
-/// board.
+/// those from the chip with the time of its end. An exchange that is longer than the longest packet of a chip becomes
+/// several packets of the file. Packets that are missing from the file are counted, reported to the user and noted in
+/// the file, as in recordings of a board.
 pub struct RecordedChip {
     inner: Box<dyn ChipLink>,
     recorder: Recorder<ExchangeEntry>,
 }
 
 impl RecordedChip {
-    /// Records `inner` to the file at `path`, either a new file or a recording of this process.
+    /// Records `inner` to the file at `path`. If this process has recorded to that file before, the recording is
+    /// appended; otherwise the file is created, and an existing recording there is kept as `FILE.1`.
     ///
     /// # Errors
     /// [`ChipError::Wires`] if the file cannot be written or another recording is writing to it.

@@ -1,10 +1,10 @@
 //! The file of a recording, or a pipe to a program that shows it live.
 //!
 //! A program has to open its board again after SW_RESET or when a cable was pulled. So the first recording of a process
-//! makes the file, and later ones to the same file append a section to it, which pcapng allows; their times continue
-//! those of the section before. \[OURS]
+//! creates the file. Later recordings of the same process to that file append a section, which pcapng allows, and their
+//! times continue those of the section before. \[OURS]
 //!
-//! If the file holds a recording of an earlier process, that is renamed to `FILE.1`, which replaces an older `FILE.1`.
+//! If the file is a recording of an earlier process, it is renamed to `FILE.1` first, which replaces an older `FILE.1`.
 //! \[OURS] A program that records at every start can then be started again and again, and its previous run is kept.
 //!
 //! Two recordings to one file at the same time are refused, and so is a file that is not a recording of ecmsk: a
@@ -30,11 +30,11 @@ struct Progress {
     base_ns: u64,
     /// The URI of the link that is recorded.
     link: String,
-    /// The time of the last frame, and when the recording ended; `None` while it is in progress.
+    /// The time of the last frame, and the moment at which the recording ended; `None` while it is in progress.
     last: Option<(u64, Instant)>,
 }
 
-/// The files to which this process has recorded; `None` for a file that is being made.
+/// The files to which this process has recorded; `None` for a file that is just being created.
 static RECORDED: Mutex<BTreeMap<PathBuf, Option<Progress>>> = Mutex::new(BTreeMap::new());
 
 fn recorded() -> MutexGuard<'static, BTreeMap<PathBuf, Option<Progress>>> {
@@ -51,7 +51,7 @@ pub(in crate::link) fn open(path: &Path) -> io::Result<RecordingFile> {
     let key = std::path::absolute(path)?;
     let is_first = !recorded().contains_key(&key);
     if is_first {
-        // If another thread opens the same file meanwhile, it finds the file locked.
+        // The entry marks that this process creates the file. Another thread that opens it meanwhile finds it locked.
         recorded().insert(key.clone(), None);
         match begin(path, file) {
             Ok(begun) => file = begun,
@@ -77,7 +77,7 @@ fn open_locked(path: &Path) -> io::Result<File> {
         options.share_mode(FILE_SHARE_READ);
     }
     let file = open_at_once(&mut options, path)?;
-    // On Windows a lock would also exclude readers; the share mode excludes other writers there.
+    // On Windows a lock would keep programs from reading the file. There the share mode keeps other writers out.
     #[cfg(not(windows))]
     if let Err(std::fs::TryLockError::WouldBlock) = file.try_lock() {
         return Err(io::Error::new(io::ErrorKind::ResourceBusy, "another recording is being written to it"));
@@ -85,7 +85,7 @@ fn open_locked(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-/// Makes the file for the first recording of this process, and keeps an existing recording as `FILE.1`.
+/// Creates the file for the first recording of this process, and renames an existing recording to `FILE.1`.
 fn begin(path: &Path, file: File) -> io::Result<File> {
     if file.metadata()?.len() == 0 {
         return Ok(file);
@@ -111,8 +111,8 @@ fn kept_path(path: &Path) -> PathBuf {
     name.into()
 }
 
-/// Makes sure that a new recording can be made at `path`: nothing, an empty file, or a pipe or device must be there. With
-/// `overwrite` it may also be a recording, which is then removed.
+/// Makes sure that a new recording can be made at `path`: nothing must exist there, or an empty file, a pipe or a
+/// device. With `overwrite` it may also be a recording, which is then removed.
 ///
 /// The key `record=` does not need this: it keeps an existing recording as `FILE.1`.
 ///
@@ -127,7 +127,7 @@ pub fn make_room(path: &Path, overwrite: bool) -> io::Result<()> {
         Ok(_) => {}
     }
     check_replaceable(path)?;
-    // Fails if another recording is being written to it.
+    // Opening with the lock fails if another recording is being written to the file.
     drop(open_locked(path)?);
     fs::remove_file(fs::canonicalize(path)?)
 }
@@ -145,7 +145,7 @@ fn open_at_once(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
         }
         _ => error,
     })?;
-    // Writes may wait, because only the recorder's thread writes.
+    // From now on writes may wait: only the recorder's thread writes, and no thread of the program waits for it.
     fcntl_setfl(&file, fcntl_getfl(&file)? - OFlags::NONBLOCK)?;
     Ok(file)
 }
@@ -193,7 +193,8 @@ pub(in crate::link) struct RecordingFile {
 }
 
 impl RecordingFile {
-    /// Whether it is a file on a disk, which accepts writes sooner or later, and not a pipe, whose reader may never read.
+    /// Whether the recording goes to a file on a disk, which accepts writes sooner or later, and not to a pipe, whose
+    /// reader may never read.
     pub(in crate::link) const fn is_on_disk(&self) -> bool {
         self.length.is_some()
     }
@@ -220,8 +221,8 @@ impl RecordingFile {
         meta
     }
 
-    /// Replaces the last `back` bytes by `bytes`. Both consist of frames of one length: a full disk refuses only the
-    /// part beyond the present end of the file, so that the file still ends with a whole frame.
+    /// Replaces the last `back` bytes of the file by `bytes`. Both consist of whole frames of one length. If the disk
+    /// is full, only bytes beyond the present end of the file fail, so that the file still ends with a whole frame.
     fn put(&mut self, back: u64, bytes: &[u8]) -> io::Result<()> {
         let Some(length) = &mut self.length else { return self.file.write_all(bytes) };
         if let Some(syncing) = &self.syncing {
@@ -258,7 +259,7 @@ impl RecordingFile {
         if let Some(path) = &self.path
             && let Some(Some(progress)) = recorded().get_mut(path)
         {
-            // A recording without frames ends at the time at which it began.
+            // A recording without frames ends at its own beginning.
             progress.last = Some((last_ns.max(progress.base_ns), Instant::now()));
         }
     }
@@ -272,7 +273,7 @@ impl Drop for RecordingFile {
     }
 }
 
-/// The destination of a recording.
+/// Where a recording is written to.
 pub(in crate::link) enum Sink {
     /// A file, pipe or device.
     File(RecordingFile),
@@ -281,7 +282,7 @@ pub(in crate::link) enum Sink {
 }
 
 impl Sink {
-    /// Whether bytes that were written can be replaced.
+    /// Whether bytes that were already written can be replaced: in a file on a disk.
     pub(super) const fn can_rewrite(&self) -> bool {
         matches!(self, Self::File(file) if file.is_on_disk())
     }

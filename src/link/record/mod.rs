@@ -10,8 +10,8 @@
 //!
 //! - `mod.rs`: [`RecordLink`], which hands every frame to the recorder's thread
 //! - `recorder.rs`: a running recording, and its end
-//! - `queue.rs`: the queue to that thread, of frames or of a chip's packets; `ring.rs`: its ring buffer
-//! - `writer.rs`: that thread, which writes frames as pcapng blocks and the end of the recording
+//! - `queue.rs`: the queue of frames, or of a chip's packets, to the recorder's thread; `ring.rs`: its ring buffer
+//! - `writer.rs`: the recorder's thread, which writes frames as pcapng blocks, and the end of the recording
 //! - `file.rs`: the file or pipe: new, continued or kept as `FILE.1`, and the handling of a full disk
 //! - `network.rs`: recordings of EtherCAT frames on a network
 //! - `sync.rs`: syncing the file to the disk
@@ -50,27 +50,28 @@ use writer::FrameEntry;
 pub const QUEUE: usize = 8192;
 
 /// The most frames that wait for the disk on a virtual clock, where the caller waits for room. If the program crashes,
-/// at most these are missing from the recording. \[OURS]
+/// at most this many frames are missing from the recording. \[OURS]
 pub const QUEUE_IN_VIRTUAL_TIME: usize = 64;
 
 /// How often the recorded frames are synced to the disk. \[OURS] If the program is killed, all frames that the recorder
-/// has handed to the system are kept. If the machine loses its power, at most the frames of this time are lost.
+/// has handed to the system are kept. If the machine loses its power, the frames of the last interval may be lost.
 pub const SYNC_EVERY: Duration = Duration::from_secs(1);
 
-/// How long the reader of a pipe may stall before the recorder no longer waits for it. \[OURS]
+/// How long the reader of a pipe may read nothing before the recorder stops waiting for it. \[OURS]
 pub(super) const PIPE_STALL_MAX: Duration = Duration::from_secs(2);
 
 /// A link that records all frames of another link.
 ///
-/// A frame is recorded when the call that has written or read it has succeeded. On the real clock the caller never waits
-/// for the disk: a frame for which the queue has no room is missing from the file and counted in
-/// [`LinkStats::record_dropped`]. On a virtual clock the caller waits, since the board's time stands still meanwhile, and
-/// no frame is missing. When the disk is full, or the reader of a pipe reads nothing for 2 s, all further frames are
-/// only counted; the file stays a complete recording of those before. Frames that are missing are reported on standard
-/// error, when the first one is lost and at the end, and in the file itself ([`Lacks`](crate::recording::Lacks)).
+/// A frame is recorded when the call that has written or read it has succeeded. On the real clock the caller never
+/// waits for the disk: a frame for which the queue has no room is missing from the file and counted in
+/// [`LinkStats::record_dropped`]. On a virtual clock the caller waits, since the board's time stands still meanwhile,
+/// and no frame is missing. When the disk is full, or the reader of a pipe reads nothing for 2 s, all further frames
+/// are only counted; the file stays a complete recording of the frames before. Frames that are missing are reported on
+/// standard error, when the first one is lost and at the end, and in the file itself
+/// ([`Lacks`](crate::recording::Lacks)).
 ///
-/// The file is complete when [`Link::close`] has returned or the link is dropped; before that, the newest frames may not
-/// be in it yet. The system is asked every [`SYNC_EVERY`] to write it to the disk.
+/// The file is complete when [`Link::close`] has returned or the link is dropped; before that, the newest frames may
+/// not be in it yet. Every [`SYNC_EVERY`] the file is synced to the disk.
 pub struct RecordLink {
     inner: Arc<dyn Link>,
     recorder: Recorder<FrameEntry>,
@@ -128,17 +129,18 @@ impl RecordLink {
 }
 
 impl RecordMeta {
-    /// The metadata for a link that is being opened and whose clock shows `link_time`.
+    /// The metadata for a link that is just being opened. `link_time`: the present time of its clock.
     pub fn now(info: &LinkInfo, link_time: Stamp) -> Self {
         Self::begun(info.name.clone(), info.slot, info.virtual_time, link_time)
     }
 
-    /// The metadata for a link with that name.
+    /// The metadata for a recording of the link with the URI `link` that begins now. `link_time`: the present time of
+    /// the link's clock.
     pub(super) fn begun(link: String, slot: Option<SlotSize>, virtual_time: bool, link_time: Stamp) -> Self {
         let (clock, base_ns) = if virtual_time {
             (Clock::Virtual, 0)
         } else {
-            // A machine whose clock was never set may be before 1970.
+            // The clock of a machine that was never set may show a time before 1970.
             let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos();
             (Clock::Real, u64::try_from(unix).unwrap_or_default().saturating_sub(link_time.0))
         };
@@ -166,7 +168,7 @@ impl Layer for RecordLink {
     }
 
     fn close(&self) {
-        // This ends the calls in progress, for which the recording waits.
+        // Closing the inner link ends the calls in progress. The recording waits for their frames.
         self.inner.close();
         self.recorder.finish();
     }
@@ -185,7 +187,8 @@ impl Layer for RecordLink {
 
 impl Drop for RecordLink {
     fn drop(&mut self) {
-        // Stopping the axes is more urgent than writing to the disk.
+        // The inner link is closed first, if nothing else uses it: a server behind it stops the axes, which is more
+        // urgent than writing to the disk.
         if Arc::strong_count(&self.inner) == 1 {
             self.inner.vanish();
         }
@@ -197,7 +200,7 @@ fn cannot_record(name: &str, error: &io::Error) -> LinkError {
     LinkError::Io { what: format!("cannot record to {name}"), message: next_step(error) }
 }
 
-/// The advice in an error: what the user can do when nothing can be recorded to a file.
+/// The error of the system, followed by what the user can do if nothing can be recorded to a file.
 pub(super) fn next_step(error: &io::Error) -> String {
     format!("{error}; name another file with record= or leave it out")
 }

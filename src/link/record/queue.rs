@@ -1,4 +1,4 @@
-//! The queue to the recorder's thread. No call on the real clock waits for it.
+//! The queue to the recorder's thread. On the real clock no call waits for room in it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -7,12 +7,13 @@ use std::time::Duration;
 use super::ring::{Ring, Taken};
 use crate::threads::WaitQueue;
 
-/// The interval for checking an unfinished entry, and the end of the recorder's thread.
+/// How often the recorder's thread checks an entry that is not finished, and how often the end of a recording checks
+/// whether running calls and that thread have ended.
 pub(super) const LOOK_INTERVAL: Duration = Duration::from_millis(1);
-/// After how many checks of an unfinished entry its thread counts as ended by force. \[OURS]
+/// After this many checks of an unfinished entry, the thread that was adding it counts as ended by force. \[OURS]
 const LOOKS_MAX: u32 = 200;
-/// How long entries may wait unnoticed if the thread that added them was ended before it woke the recorder's thread.
-/// \[OURS]
+/// The longest sleep of a thread that waits for the queue. A thread may be ended by force after it has added an entry
+/// and before it has woken the recorder's thread; the entry then waits at most this long. \[OURS]
 pub(super) const UNTOLD_MAX: Duration = Duration::from_millis(100);
 
 /// The ring buffer of entries, and the signals around it.
@@ -32,12 +33,12 @@ impl<E> Queue<E> {
         Self { ring: Ring::new(entries), room: WaitQueue::new(), is_over: AtomicBool::new(false), dropped }
     }
 
-    /// For the recorder's thread: waits for entries and passes all of them to `push`. Returns whether the recording
-    /// goes on.
+    /// Called by the recorder's thread: waits for entries and passes all of them to `push`. Returns whether the
+    /// recording goes on.
     pub fn take_all(&self, mut push: impl FnMut(E)) -> bool {
         let (mut came, mut looks) = (false, 0);
         loop {
-            // Read before the ring: if it is true, the ring already has all entries.
+            // The flag is read before the ring: if it is set, no entry can come after those in the ring.
             let is_over = self.is_over.load(Ordering::SeqCst);
             match self.ring.take() {
                 Taken::Entry(entry) => {

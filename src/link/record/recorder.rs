@@ -1,4 +1,4 @@
-//! A running recording: the calls of a program add entries to the queue of the recorder's thread.
+//! A running recording. Calls of the program add entries to a queue, which the recorder's thread writes to the file.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -12,12 +12,13 @@ use super::writer::{self, Capture, Entry};
 use crate::recording::{Clock, RecordMeta};
 use crate::threads::{self, CallingThread, sync};
 
-/// How long the end of a recording waits for the running calls, which end with their link. \[OURS]
+/// How long the end of a recording waits for calls of the program that are still running. They end because their link
+/// is closed. \[OURS]
 const CALLS_LIMIT: Duration = Duration::from_secs(10);
 
 /// A running recording.
 pub(in crate::link) struct Recorder<E> {
-    /// The difference of the times in the file to those of the link, nanoseconds.
+    /// The time in the file minus the time of the link, nanoseconds.
     base_ns: u64,
     /// Whether a call waits for room in the queue: only on a virtual clock.
     may_wait: bool,
@@ -28,15 +29,15 @@ pub(in crate::link) struct Recorder<E> {
     queue: Arc<Queue<E>>,
     /// Whether the recording is ending: calls that begin from now on are not recorded.
     is_ending: AtomicBool,
-    /// The threads that are in a call.
+    /// The threads of the program that are in a call of the link.
     callers: sync::Mutex<Vec<CallingThread>>,
-    /// Woken after each new entry, without holding a lock.
+    /// The recorder's thread, which is woken after each new entry. Waking it takes no lock.
     wakes: Thread,
     writer: Mutex<Option<JoinHandle<()>>>,
 }
 
 impl<E: Entry> Recorder<E> {
-    /// Begins a recording to `sink`; up to `queue` entries wait for it. `name` is its name in messages.
+    /// Begins a recording to `sink`, with a queue of `queue` entries. `name` is the name of the sink in messages.
     ///
     /// # Errors
     /// The headers cannot be written, or the system provides no thread.
@@ -65,12 +66,12 @@ impl<E: Entry> Recorder<E> {
         })
     }
 
-    /// The time in the file for a time of the link, in nanoseconds.
+    /// Converts a time of the link to a time in the file, nanoseconds.
     pub const fn file_ns(&self, link_ns: u64) -> u64 {
         self.base_ns.saturating_add(link_ns)
     }
 
-    /// Begins a call of a program, for whose end [`Self::finish`] waits.
+    /// Marks the beginning of a call of the program. [`Self::finish`] waits until the call has ended.
     pub fn call(&self) -> RecordedCall<'_, E> {
         let caller = CallingThread::current();
         self.callers().push(caller);
@@ -171,11 +172,11 @@ impl<E: Entry> Recorder<E> {
     }
 }
 
-/// A call of a program whose frame is recorded.
+/// A call of the program on the link. Its frame is recorded at its end.
 pub(in crate::link) struct RecordedCall<'a, E> {
     recorder: &'a Recorder<E>,
     caller: CallingThread,
-    /// Whether the call began before the recording started to end.
+    /// Whether the call began before the recording was being ended. Only then its frame is recorded.
     is_recorded: bool,
 }
 
@@ -205,7 +206,7 @@ mod tests {
     use crate::link::{Dir, Stamp};
     use crate::sk::Frame;
 
-    /// Counts the bytes of a recording.
+    /// A writer that counts the bytes of a recording.
     struct Counted(Arc<AtomicU64>);
 
     impl Write for Counted {
@@ -223,7 +224,7 @@ mod tests {
         recorder.call().record(FrameEntry { at_ns: 0, dir: Dir::Read, frame: Frame::new() });
     }
 
-    /// Makes the system end the calling thread alone, in its next call that wakes another thread.
+    /// Makes the system end the calling thread, and no other, at its next call that wakes another thread.
     fn end_where_it_wakes() {
         use libc::{
             BPF_ABS, BPF_ALU, BPF_AND, BPF_JEQ, BPF_JMP, BPF_JUMP, BPF_K, BPF_LD, BPF_RET, BPF_STMT, BPF_W,
@@ -253,8 +254,8 @@ mod tests {
         }
     }
 
-    /// LIB-70 A thread is ended while it wakes the recorder's thread: all others go on recording, their frames are
-    /// written, and the recording ends.
+    /// LIB-70 A thread is ended by force while it wakes the recorder's thread. All other threads go on recording, their
+    /// frames are written, and the recording ends.
     #[test]
     fn a_thread_that_is_ended_while_it_records_hinders_nobody() {
         let written = Arc::new(AtomicU64::new(0));
@@ -268,7 +269,7 @@ mod tests {
                 tells.send(CallingThread::current()).expect("the test waits for it");
                 end_where_it_wakes();
                 loop {
-                    // After this pause the recorder's thread waits, or will wait before the next entry.
+                    // After this pause the recorder's thread sleeps, or will sleep before it sees the next entry.
                     std::thread::sleep(LOOK_INTERVAL);
                     record(&recording);
                 }

@@ -1,12 +1,12 @@
-//! A bounded queue from the threads of a program to one thread of this crate. No thread waits for another one in it. A
-//! thread that is ended by force, at any instruction, does not block others: only its own entry is lost, and at most
-//! its place.
+//! A bounded queue from the threads of a program to one thread of this crate. No thread waits for another one in it. If
+//! a thread is ended by force at any instruction, the others go on: only its own entry is lost, and at most its place
+//! in the ring becomes unusable.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use parking_lot::Mutex;
 
-/// The ring buffer. Entries are numbered, and the number modulo the length gives the place.
+/// The ring buffer. Entries are numbered; the number modulo the length of the ring is the index of the entry's place.
 pub(super) struct Ring<E> {
     places: Box<[Place<E>]>,
     /// The number of the next entry.
@@ -16,11 +16,12 @@ pub(super) struct Ring<E> {
 }
 
 struct Place<E> {
-    /// Locked only with `try_lock`.
+    /// The entry. Its lock is only ever tried, so that no thread waits for it.
     entry: Mutex<Option<E>>,
-    /// The number of the newest entry stored here, plus 1.
+    /// The number of the newest entry that was stored in this place, plus 1; 0 if none was.
     ready: AtomicU64,
-    /// Whether a thread that was ended or is very late holds the lock: numbers of this place are skipped.
+    /// Whether a thread that was ended, or is very late, holds the lock. Entries that would come to this place are then
+    /// skipped.
     is_broken: AtomicBool,
 }
 
@@ -29,7 +30,7 @@ struct Place<E> {
 pub(super) enum Taken<E> {
     Entry(E),
     Nothing,
-    /// A thread is still adding the oldest entry.
+    /// A thread is still storing the oldest entry.
     Unfinished,
 }
 
@@ -60,8 +61,8 @@ impl<E> Ring<E> {
             let Some(number) = self.begin() else { return Err(entry) };
             let place = self.place(number);
             if let Some(mut free) = place.entry.try_lock() {
-                // After a long stall of this thread the place may have a newer entry: then this entry was skipped, and
-                // is dropped.
+                // This thread may have stalled for long. If the place has a newer entry by now, this entry was skipped,
+                // and is dropped.
                 if place.ready.load(Ordering::SeqCst) <= number {
                     *free = Some(entry);
                     place.ready.store(number + 1, Ordering::SeqCst);
@@ -97,7 +98,7 @@ impl<E> Ring<E> {
             if place.ready.load(Ordering::SeqCst) == number + 1 {
                 let Some(mut locked) = place.entry.try_lock() else { return Taken::Unfinished };
                 let entry = locked.take();
-                // The lock is released before the place can be reused.
+                // The lock is released before the place is free for a new entry.
                 drop(locked);
                 self.leave_out();
                 if let Some(entry) = entry {
@@ -111,7 +112,7 @@ impl<E> Ring<E> {
         }
     }
 
-    /// Skips the oldest entry, which its thread will not complete. Only the taking thread may call this.
+    /// Skips the oldest entry, because its thread will not complete it. Only the taking thread may call this.
     pub fn leave_out(&self) {
         self.oldest.fetch_add(1, Ordering::SeqCst);
     }
@@ -123,7 +124,7 @@ mod tests {
 
     use super::*;
 
-    /// Entries come out in order, and a full queue refuses entries.
+    /// Entries are taken in the order in which they were added, and a full queue refuses entries.
     #[test]
     fn entries_come_in_their_order() {
         let ring = Ring::new(3);
@@ -140,8 +141,8 @@ mod tests {
         }
     }
 
-    /// LIB-70 A thread is ended while it adds an entry: that entry is skipped, and all others come out, although its
-    /// place stays locked.
+    /// LIB-70 A thread is ended by force while it adds an entry. That entry is skipped, and all others are taken,
+    /// although the place of the entry stays locked.
     #[test]
     fn a_thread_that_is_ended_loses_its_own_entry() {
         for keeps_the_place in [false, true] {
@@ -163,7 +164,7 @@ mod tests {
         }
     }
 
-    /// A thread that was taken for ended goes on: no entry comes twice, and no newer one is lost.
+    /// A thread that was late counts as ended, and then goes on: no entry is taken twice, and no newer entry is lost.
     #[test]
     fn a_thread_that_was_left_out_may_go_on() {
         let ring = Ring::new(2);
@@ -173,14 +174,14 @@ mod tests {
         let place = ring.place(late);
         assert!(place.ready.load(Ordering::SeqCst) > late, "a newer one is there");
         assert_eq!((ring.take(), ring.take()), (Taken::Entry(1), Taken::Entry(2)));
-        // The late thread stores its entry in a place that is empty by now.
+        // The late thread stores its entry in its place, which is empty by now.
         *place.entry.lock() = Some(-1);
         assert_eq!(ring.take(), Taken::Nothing);
         assert_eq!((ring.add(3), ring.add(4)), (Ok(()), Ok(())));
         assert_eq!((ring.take(), ring.take()), (Taken::Entry(3), Taken::Entry(4)));
     }
 
-    /// Several threads add entries at once: each entry comes out once, and those of each thread in order.
+    /// Several threads add entries at once: each entry is taken once, and the entries of each thread in order.
     #[test]
     fn every_entry_of_every_thread_comes_once() {
         const THREADS: usize = 4;

@@ -14,11 +14,11 @@ use crate::threads;
 /// How long the end of a recording waits for its last sync. \[OURS]
 const END_WAIT_MAX: Duration = Duration::from_secs(2);
 
-/// A thread that syncs the file in intervals of [`SYNC_EVERY`]. The recorder's thread does not do it itself, because a
-/// disk may take seconds and frames would have to wait.
+/// A thread that syncs the file to the disk every [`SYNC_EVERY`]. The recorder's thread does not do it itself, because
+/// a sync may take seconds, in which frames would have to wait.
 pub(super) struct Syncing {
     shared: Arc<Shared>,
-    /// Nothing is sent on this channel; the thread ends when the sender is dropped.
+    /// A channel that carries no messages: dropping this sender makes the thread end.
     running: Option<Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -32,8 +32,8 @@ struct Shared {
 }
 
 impl Syncing {
-    /// Starts the thread. `None` if the system provides no further file or thread; then the system writes the file to
-    /// the disk whenever it chooses to.
+    /// Starts the thread. `None` if the system provides no further file handle or thread; the system then writes the
+    /// file to the disk when it chooses to.
     pub(super) fn begin(file: &File) -> Option<Self> {
         let file = file.try_clone().ok()?;
         let shared = Arc::new(Shared::default());
@@ -67,7 +67,7 @@ impl Syncing {
     }
 }
 
-/// Waits for the thread, which uses the file and this library's code until it has ended.
+/// Waits for the thread: until it has ended, it uses the file and the code of this library.
 impl Drop for Syncing {
     fn drop(&mut self) {
         drop(self.running.take());

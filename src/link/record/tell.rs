@@ -11,12 +11,12 @@ const WRITE_WAIT_MAX: Duration = Duration::from_millis(200);
 
 /// Writes a line to the program's log if that shows warnings, and otherwise to standard error.
 pub(super) fn tell(line: String) {
-    // The thread that writes may wait forever for a reader of the pipe.
+    // A thread of its own writes the line, since the write may wait forever for a reader of the pipe.
     let told = threads::spawn("ecmsk-tell", move || {
         if log::log_enabled!(log::Level::Warn) {
             log::warn!("{line}");
         } else {
-            // A single write, so that output of other threads does not end up within the line.
+            // A single write, so that no output of other threads gets into the line.
             let _ = io::stderr().write_all(format!("ecmsk: {line}\n").as_bytes());
         }
     });

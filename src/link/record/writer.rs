@@ -22,33 +22,34 @@ use crate::recording::file_formats::usbmon;
 use crate::recording::{Clock, RecordMeta};
 use crate::sk::{FRAME_LEN, Frame};
 
-/// The largest number of bytes in one write. \[OURS]
+/// The most bytes of one write to the file. \[OURS]
 const BATCH_BYTES: usize = 64 * 1024;
 
 const PACKET_LEN: usize = usbmon::HEADER_LEN + FRAME_LEN;
 /// The bytes of a block around its packet: type, length, interface, time in two halves, two lengths of the packet, and the
 /// length again.
 const AROUND_PACKET: usize = 32;
-/// The largest number of frames in one write.
+/// The most frames of one write to the file.
 const BATCH_FRAMES: usize = BATCH_BYTES / (PACKET_LEN + AROUND_PACKET);
-/// The most frames at the end of the file that are rewritten behind a late one. On the real clock the reading thread
-/// may be late by all reports of its queue, with a command for each. \[OURS]
+/// How many frames at the end of the file can be rewritten to insert a late frame before them. On the real clock the
+/// reading thread may be late by all reports of its queue, with a command for each. \[OURS]
 const SORTED_FRAMES: usize = 128;
-/// The most bytes of the end of a section. A recording only begins if the disk has room for them. \[OURS]
+/// The most bytes of the blocks that end a section. A recording begins only if the disk has room for them. \[OURS]
 const SECTION_END_BYTES_MAX: usize = 512;
 /// `if_tsresol`: times are in units of 10^-9 s.
 const NANOSECONDS: u8 = 9;
 
-/// The reason in messages for missing frames if no write has failed.
+/// The reason for missing frames that messages give if no write has failed.
 const TOO_SLOW: &str = "the disk was too slow";
 
 /// The content of one block of a recording, queued for the file.
 pub(in crate::link) trait Entry: Send + 'static {
     /// The link type of the packets in the file.
     const LINK_TYPE: DataLink;
-    /// The hardware that was recorded.
+    /// The name of the recorded hardware in the file.
     const HARDWARE: &'static str;
-    /// Whether entries may come late and are then sorted by time. If so, all their blocks have the same length.
+    /// Whether entries may arrive late and are then inserted by their times. This needs blocks that all have the same
+    /// length.
     const MAY_COME_LATE: bool;
     /// The largest number of bytes of a packet.
     const PACKET_MAX: usize;
@@ -56,15 +57,15 @@ pub(in crate::link) trait Entry: Send + 'static {
     /// The time stamp in the file, in nanoseconds.
     fn at_ns(&self) -> u64;
 
-    /// The direction.
+    /// The direction: to the board or the chip, or from it.
     fn dir(&self) -> Dir;
 
     /// Stores the packet in `packet`, which has [`Self::PACKET_MAX`] bytes, and returns its length. `id` counts the
     /// packets of a section from 0.
     fn packet(&self, id: u64, packet: &mut [u8]) -> usize;
 
-    /// The sort key of the time order. Of a report and a command with the same time the report comes first, since the command
-    /// had not reached the board when the report was made.
+    /// The key by which entries are sorted. If a report and a command have the same time the report comes first, since
+    /// the command had not reached the board when the report was made.
     fn key(&self) -> (u64, bool) {
         (self.at_ns(), matches!(self.dir(), Dir::Write))
     }
@@ -101,10 +102,10 @@ impl Entry for FrameEntry {
 
 /// Writes the frames from the queue until the recording ends, then writes its end.
 ///
-/// All frames that have arrived are written at once, in one write: a program may crash at any moment, and its last
-/// frames show why.
+/// All frames in the queue are written without delay, in one write, because the program may crash at any moment and its
+/// last frames show why.
 pub(super) fn run<E: Entry>(queue: &Queue<E>, mut capture: Capture<E>) {
-    // However this thread ends, no other one waits for it after that.
+    // When this thread ends, even by a panic, no other thread waits for it any more.
     let ends = Ends(queue);
     while queue.take_all(|entry| capture.push(entry)) {
         capture.flush();
@@ -131,22 +132,22 @@ pub(super) struct Capture<E> {
     /// The name of the file in messages.
     name: String,
     sink: Sink,
-    /// Whether frames are sorted by their times.
+    /// Whether frames are inserted in the order of their times.
     sorts: bool,
-    /// Blocks that are being written.
+    /// Blocks that go to the file with the next write.
     blocks: PcapNgWriter<Vec<u8>>,
     /// Frames that have not been written yet.
     waiting: Vec<E>,
-    /// The newest frames in the file, for sorting; empty if frames are not sorted.
+    /// The newest frames in the file, for inserting late ones; empty if frames are not sorted.
     recent: VecDeque<E>,
     frames_written: u64,
-    /// The length of the last block in the file.
+    /// The length of the last block in the file, bytes.
     last_block: u64,
     /// A buffer for one packet.
     packet: Box<[u8]>,
-    /// The latest time of a frame.
+    /// The latest time of all frames.
     last_ns: u64,
-    /// Frames that are missing from the file; the threads of the program count here as well.
+    /// The number of frames that are missing from the file. Threads of the program count them too.
     dropped: Arc<AtomicU64>,
     /// Whether the user was warned about missing frames.
     told: bool,
@@ -173,7 +174,7 @@ impl<E: Entry> Capture<E> {
             snaplen: 0,
             options: vec![
                 InterfaceDescriptionOption::IfName(Cow::Borrowed("ecmsk")),
-                // Without this option, readers interpret the times as microseconds.
+                // Without this option, readers would take the times for microseconds.
                 InterfaceDescriptionOption::IfTsResol(NANOSECONDS),
             ],
         };
@@ -197,7 +198,7 @@ impl<E: Entry> Capture<E> {
         capture.put(0)?;
         if capture.sink.can_rewrite() {
             if let Err(error) = capture.sink.put(0, &[0; SECTION_END_BYTES_MAX]) {
-                // A section without an end would look as if the program had been killed.
+                // Without its end the section would look as if the program had been killed, so its headers are removed.
                 capture.sink.truncate_by(header_len as u64)?;
                 return Err(error);
             }
@@ -224,7 +225,8 @@ impl<E: Entry> Capture<E> {
         }
     }
 
-    /// Writes the waiting frames in order, and rewrites those frames of the file that belong behind the first of them.
+    /// Writes the waiting frames in the order of their times. Frames of the file that belong behind the first of them
+    /// are written again.
     fn write_out(&mut self) -> io::Result<()> {
         let mut again = 0;
         if self.sorts {
@@ -255,7 +257,7 @@ impl<E: Entry> Capture<E> {
             last_block = (self.blocks.get_ref().len() - before) as u64;
             id += 1;
         }
-        // The rewritten frames all have the same length.
+        // The frames that are replaced all have the same length.
         self.put(again * (E::PACKET_MAX + AROUND_PACKET))?;
         self.last_block = last_block;
         self.frames_written += self.waiting.len() as u64;
@@ -299,13 +301,13 @@ impl<E: Entry> Capture<E> {
     fn end(&mut self) {
         self.flush();
         if let Err(error) = self.write_end() {
-            // A full disk may have no room for the end of the section, so the last frame is removed for it.
+            // If the disk is full there may be no room for the end of the section. The last frame is removed to make room.
             let has_room = self.frames_written > 0 && self.sink.truncate_by(self.last_block).is_ok();
             if has_room {
                 self.frames_written -= 1;
                 self.dropped.fetch_add(1, Ordering::Relaxed);
                 self.failed.get_or_insert_with(|| error.to_string());
-                // If this fails as well, the missing end shows that the recording is incomplete.
+                // If this fails as well, the missing end shows readers that the recording is incomplete.
                 let _ = self.write_end();
             }
         }
@@ -331,7 +333,8 @@ impl<E: Entry> Capture<E> {
         options.extend(missing.map(|missing| InterfaceStatisticsOption::Comment(Cow::Owned(missing))));
         let statistics = InterfaceStatisticsBlock {
             interface_id: 0,
-            // In pcapng the upper half comes first, but the crate writes one little-endian number.
+            // In pcapng the upper 32 bits come first. The crate writes one little-endian number, so the halves are
+            // swapped here.
             timestamp: self.last_ns.rotate_left(32),
             options,
         };

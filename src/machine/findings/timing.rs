@@ -30,8 +30,8 @@ pub fn lateness(measured: Option<TimerLateness>) -> Finding {
     })
 }
 
-/// Judges how late threads are woken if this machine sends the EtherCAT frames itself. A program that runs ahead does
-/// not help then. `measured` is `None` if it could not be measured.
+/// Judges how late threads are woken if this machine itself sends the EtherCAT frames. A late thread then makes cycles
+/// late, however far ahead the program has filled the FIFO. `measured` is `None` if it could not be measured.
 pub fn lateness_of_own_cycles(measured: Option<TimerLateness>) -> Finding {
     judge(measured, |TimerLateness { period, .. }| {
         format!(
@@ -68,7 +68,7 @@ mod tests {
     use super::super::FindingVerdict;
     use super::*;
 
-    /// Timers as coarse as a kernel's tick are wrong.
+    /// A timer resolution as coarse as a tick of the kernel counts as wrong.
     #[test]
     fn timers() {
         assert_eq!(timer(Duration::from_nanos(1)).verdict, FindingVerdict::Fine);

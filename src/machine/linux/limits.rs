@@ -10,7 +10,7 @@ const CAP_SYS_NICE: u32 = 23;
 /// A limit of this process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Limit {
-    /// A capability of the process overrides it.
+    /// A capability of the process overrides the limit.
     Capability,
     /// There is no limit.
     Unlimited,

@@ -23,7 +23,7 @@ use super::printable;
 /// \[OURS] The longest file that is read. The system's files are far shorter.
 const FILE_MAX: u64 = 1 << 20;
 
-/// A machine, whose files are below a folder: `/`, or another one in tests.
+/// A machine with Linux, read from the files below a folder: `/`, or another one in tests.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Machine {
     root: PathBuf,
@@ -139,7 +139,7 @@ impl Machine {
 mod tests {
     use super::*;
 
-    /// The text of a device cannot send control codes to the terminal, and a too long text is cut.
+    /// A text from a device is shown without control codes for the terminal, and a long text is cut.
     #[test]
     fn texts_from_outside_are_shown_harmlessly() {
         let folder = tempfile::tempdir().expect("a folder");

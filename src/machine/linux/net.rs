@@ -11,7 +11,8 @@ const ETHERNET: i64 = 1;
 const UP: u16 = 1;
 /// The number of a capability (capabilities(7)).
 const CAP_NET_RAW: u32 = 13;
-/// The abstract socket with which our programs claim a card: its name is this text and the card's number.
+/// The beginning of the name of the abstract socket by which programs of this project claim a network card. The
+/// interface index follows.
 const CLAIM: &str = "@ecmsk/nic/";
 
 /// A network interface with Ethernet frames: a network card, or a virtual one.

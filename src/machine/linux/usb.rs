@@ -72,7 +72,7 @@ pub struct Autosuspend {
 }
 
 impl Autosuspend {
-    /// Whether the kernel may suspend the device.
+    /// Whether the kernel may suspend the device while no program uses it.
     pub fn may_sleep(&self) -> bool {
         self.control.as_deref() == Some("auto") && self.delay_ms.is_none_or(|delay| delay >= 0)
     }
@@ -115,7 +115,7 @@ impl UsbDevice {
 }
 
 impl Machine {
-    /// Whether the kernel supports USB.
+    /// Whether the kernel has support for USB.
     pub fn has_usb(&self) -> bool {
         self.has(DEVICES)
     }

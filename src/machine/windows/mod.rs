@@ -93,8 +93,8 @@ impl Machine {
             .collect())
     }
 
-    /// The results of all checks that need no waiting. What is missing for the link `wanted` is wrong; what is missing for other
-    /// links is only mentioned.
+    /// The results of all checks that need no waiting. Something that is missing counts as wrong if the link `wanted`
+    /// needs it, and is only mentioned if other links need it.
     pub fn findings(&self, wanted: Option<&LinkUri>) -> Vec<Finding> {
         let mut all = self.usb_findings(wanted.is_some_and(|link| link.scheme() == Scheme::Usb));
         match wanted.map(LinkUri::scheme) {

@@ -9,7 +9,7 @@ use crate::ethercat::sii::MailboxProtocols;
 use crate::master::bus::Bus;
 use crate::master::{Job, Master};
 
-/// \[OURS] How long the master waits before it repeats a packet for which a slave was busy.
+/// \[OURS] How long the master waits before it sends a packet again that a slave has answered with busy.
 const BUSY_NS: Ns = 10_000_000;
 /// \[OURS] How often a slave may answer one packet with busy.
 const BUSY_MAX: u32 = 6_000;

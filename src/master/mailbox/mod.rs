@@ -260,7 +260,8 @@ impl Mailbox {
         self.send(MailboxProtocol::Coe, until, |room| request.encode(room).ok()).await?;
         match self.receive(MailboxProtocol::Coe, until).await {
             Err(MailboxError::NoAnswer) => Err(MailboxError::NoAnswer),
-            // Any answer will do. If there is none, the next request shows whether the slave answers at all.
+            // The content of the answer does not matter. If there is none, the next request shows whether the slave
+            // answers at all.
             _ => Ok(()),
         }
     }

@@ -1,4 +1,4 @@
-//! The right working counters of a datagram: the sum over certain participants, plus what others may add.
+//! The right working counters of a datagram: the sum of what the certain participants add, plus what other slaves may add.
 
 use crate::master::shared::Standing;
 
@@ -14,7 +14,7 @@ pub(super) struct Expected {
 }
 
 impl Default for Expected {
-    /// For a datagram without slaves: 0.
+    /// The right working counters of a datagram without slaves: only 0.
     fn default() -> Self {
         Self { certain: 0, besides: 1, most: 0 }
     }
@@ -36,7 +36,7 @@ impl Expected {
         }
     }
 
-    /// Any number from 0 to `counts` may be added.
+    /// Allows the working counter to be higher by any number from 0 to `counts`.
     fn add_any(&mut self, counts: u16) {
         (0..counts).for_each(|_| self.besides |= self.besides << 1);
     }

@@ -10,12 +10,13 @@ pub(super) struct Segment {
     pub(super) command: Command,
     pub(super) data: Vec<u8>,
     pub(super) slaves: SlaveSet,
-    /// The right working counters: of the only datagram or the one with the inputs, and, with LRW off, of the LWR.
+    /// The right working counters. The first is for the only datagram, or with LRW off for the LRD; the second is for
+    /// the LWR.
     pub(super) expected: [Expected; 2],
     answer: Answer,
 }
 
-/// The datagrams of a cycle that have returned.
+/// What has come back of the datagrams of a segment in the present cycle.
 #[derive(Debug, Default)]
 struct Answer {
     /// The number of datagrams that have not returned.
@@ -42,7 +43,7 @@ impl Segment {
         is_lrw_off && self.command == Command::Lrw
     }
 
-    /// Begins a cycle.
+    /// Resets the results for a new cycle.
     pub(super) fn begin(&mut self, is_lrw_off: bool) {
         self.answer = Answer { missing: 1 + u8::from(self.is_split(is_lrw_off)), ..Answer::default() };
     }

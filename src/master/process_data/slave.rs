@@ -7,7 +7,7 @@ use super::SEGMENT_STEP;
 use crate::ethercat::registers::{Fmmu, FmmuDirections, SyncManager};
 use crate::master::{SlaveInfo, SyncSignals};
 
-/// The place of a slave's process data of one direction.
+/// Where a slave's process data of one direction are: the segment, and the bytes in it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Place {
     /// The index of the segment.

@@ -12,10 +12,10 @@ use crate::io::ethernet::{self, Claim, DefaultRoute, EthernetSocket, InterfaceEr
 use crate::link::LinkError;
 use crate::master::{FrameBuffer, Wire, WireDown};
 
-/// Time for which a card is listened to before anything is sent: another master sends in each of its cycles, so its
-/// frames show. \[OURS]
+/// How long the card only listens before it sends anything. Another master sends frames in each of its cycles, so its
+/// frames are seen in this time. \[OURS]
 const LISTEN: Duration = Duration::from_millis(100);
-/// The bit of the source address that slaves set in frames which pass them. A master's own address has it cleared.
+/// The bit of the source address that each slave sets in a frame that passes it. In the address of a master the bit is 0.
 const PASSED_SLAVE_BIT: u8 = 0x02;
 
 /// A network card that is used exclusively by one master.
@@ -24,11 +24,11 @@ pub(crate) struct Card {
     socket: EthernetSocket,
     /// Whether the interface does not exist any more.
     is_gone: bool,
-    /// The message for that case.
+    /// The message if the interface no longer exists.
     lost_message: CardsGone,
     source: MacAddress,
     begin: Instant,
-    /// Keeps other programs of ecmsk on this machine from opening the card.
+    /// The claim that keeps other programs of ecmsk on this machine from opening the card.
     _claim: Claim,
 }
 
@@ -88,7 +88,7 @@ impl Card {
         self.source
     }
 
-    /// Notes the loss of the card, if that is why a frame could not be sent or received.
+    /// Marks the card as gone, if that is the reason why a frame could not be sent or received.
     const fn note(&mut self, error: &SocketError) {
         if matches!(error, SocketError::Gone) {
             self.is_gone = true;
@@ -122,7 +122,7 @@ impl Wire for Card {
     }
 
     fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
-        // Frames longer than an EtherCAT frame are skipped. After an error the frame counts as lost.
+        // Frames that are too long for EtherCAT are skipped. After an error, no frame counts as received.
         loop {
             match self.socket.take(buffer) {
                 Ok(Some(len)) if len > buffer.len() => {}
@@ -136,8 +136,8 @@ impl Wire for Card {
     }
 }
 
-/// Waits until a frame has arrived or the time is up. An error of the wait is ignored: the next read finds no frame
-/// then.
+/// Waits until a frame has arrived or the time has passed. An error of the wait is ignored, because the next read then
+/// finds no frame.
 fn wait_for_frames(fds: &mut [PollFd<'_>], left_ns: Ns) {
     let limit = Timespec::try_from(Duration::from_nanos(left_ns)).ok();
     let _ = poll(fds, limit.as_ref());
@@ -189,7 +189,7 @@ impl Cards {
     }
 }
 
-/// A message that names the lost cards, with the next step.
+/// A message that names the network cards that are gone, with the next step.
 fn gone_text(first: &str, others: &[&str]) -> String {
     let names = [&[first], others].concat().join(" and ");
     let (card, was) = if others.is_empty() { ("card", "was") } else { ("cards", "were") };

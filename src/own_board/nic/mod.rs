@@ -1,5 +1,5 @@
 //! `nic:INTERFACE`: slaves on a network card of this machine, without a real board. The EC01M is the model in this
-//! process, and our own master runs the network.
+//! process, and the EtherCAT master of this crate runs the network.
 //!
 //! - `mod.rs`: opens the link
 //! - `card.rs`: the frames and the clock of one card, or of two
@@ -18,7 +18,7 @@ use crate::link::common_options::CommonOptions;
 use crate::master::Settings;
 use card::{Card, Cards};
 
-/// The network cards that lead to the slaves of a link.
+/// The network cards of a link, to which its slaves are connected.
 pub(crate) enum CardWires {
     /// One card, at the beginning of a line of slaves.
     Line(Card),
@@ -48,7 +48,7 @@ pub(crate) fn wires(uri: &LinkUri) -> Result<(CardWires, Settings), LinkError> {
     Ok((CardWires::Ring(Ring::new(Cards::new(first, second), probe_source)), settings))
 }
 
-/// The reason why a board did not reach PreOP, with the next step.
+/// Why a board did not reach PreOP, with the next step for the user.
 fn why_not(board: &Board) -> String {
     if let Some(why) = board.engine().state_failure().filter(|why| *why != StateFailure::NoSlave) {
         return format!("no PreOP: {why}; see who is there with `ecmsk bus scan`");
@@ -73,7 +73,7 @@ pub(crate) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<EngineLink, 
     EngineLink::open(&name, board, options.run(common, false, Rate::default()), Some(switching_off()))
 }
 
-/// The board once it has found its slaves and has them in PreOP.
+/// Starts the board. Returns it once it has found its slaves and has brought them to PreOP.
 fn booted(name: &str, mut board: Board) -> Result<Board, LinkError> {
     if boots(&mut board) {
         return Ok(board);
@@ -93,7 +93,7 @@ mod tests {
     use crate::fieldbus::nic::NicWires;
     use crate::master::{FrameBuffer, Wire, WireDown};
 
-    /// A cable that ends in a plug which sends each frame back as it is, or in nothing.
+    /// A cable without slaves. Its end returns each frame unchanged (a loopback plug), or is open.
     struct Plug {
         sends_back: bool,
         frames: VecDeque<Vec<u8>>,
@@ -129,8 +129,8 @@ mod tests {
         }
     }
 
-    /// BUS-2.3 A board on a cable that sends frames back with their source address unchanged says what came back, and one on a cable
-    /// from which nothing comes says that it finds no slave.
+    /// BUS-2.3 If a cable returns frames with their source address unchanged, the error says so. If nothing comes back
+    /// from the cable, the error says that no slave was found.
     #[test]
     fn a_board_says_what_came_back_as_it_was_sent() {
         let refused = |sends_back| {

@@ -27,17 +27,18 @@ const LONGEST_BLOCK: usize = 16 * 1024 * 1024;
 
 const NS_PER_S: u128 = 1_000_000_000;
 
-/// The content of a block, as far as it is needed.
+/// What a block contains, as far as the reader needs it.
 pub(in crate::recording) enum Item<'a> {
-    /// The header of a section: its metadata, if the section is a recording, and whether our recorder wrote it.
+    /// The header of a section. The first field: its metadata, if the section is a recording. The second: whether the
+    /// recorder of this crate wrote it.
     Section(Option<RecordMeta>, bool),
-    /// The description of an interface, whose packets have this link type.
+    /// The description of an interface: the link type of its packets.
     Interface(DataLink),
     /// A captured packet.
     Packet(Packet<'a>),
-    /// The statistics of an interface, at the end of a section: the number of missing packets, and the reason.
+    /// The statistics of an interface, at the end of a section: how many packets are missing, and why.
     Counts { missing: u64, why: Option<String> },
-    /// A block of another kind.
+    /// A block that is not needed.
     Other,
 }
 
@@ -46,7 +47,7 @@ pub(in crate::recording) struct Packet<'a> {
     pub link_type: DataLink,
     /// The byte order of the numbers in the header before the data.
     pub order: Endianness,
-    /// The time in nanoseconds from the file's zero.
+    /// The time of the packet in nanoseconds, as the file has it: usually since 1970-01-01.
     pub at_ns: u64,
     /// The offset of the packet's block in the file.
     pub offset: u64,
@@ -76,7 +77,7 @@ impl<R: Read> Blocks<R> {
         Self { source, name, buffer: Vec::new(), start: 0, offset: 0, parser: None }
     }
 
-    /// Reads the next block; `None` at the end of the file.
+    /// Reads the next block and parses it; `None` at the end of the file.
     pub fn next(&mut self) -> Result<Option<Item<'_>>, RecordError> {
         if self.parser.is_none() {
             return self.begin().map(Some);
@@ -112,7 +113,7 @@ impl<R: Read> Blocks<R> {
         }
         let is_pcapng = self.buffer.starts_with(&SECTION_HEADER_BLOCK.to_be_bytes());
         let (parser, rest) = loop {
-            // Checked here because the pcapng parser would accept a first block of any kind.
+            // The kind of the first block is checked here, because the pcapng parser would accept any kind.
             let parsed = if is_pcapng {
                 PcapNgParser::new(&self.buffer).map(|(rest, parser)| (Parser::PcapNg(parser), rest.len()))
             } else {
@@ -134,7 +135,7 @@ impl<R: Read> Blocks<R> {
         })
     }
 
-    /// The length of the next block. Makes the parser read section and interface blocks.
+    /// The length of the next block. Section and interface blocks are also parsed, because the parser keeps their content.
     fn measure(&mut self) -> Result<usize, PcapError> {
         let bytes = &self.buffer[self.start..];
         let rest = match &mut self.parser {
@@ -202,15 +203,15 @@ fn pcap_item<'a>(parser: &PcapParser, block: &'a [u8], offset: u64) -> Result<It
 /// Parses one complete block.
 fn pcapng_item<'a>(parser: &mut PcapNgParser, block: &'a [u8], offset: u64) -> Result<Item<'a>, PcapError> {
     let order = parser.section().endianness;
-    // The parser would reject a whole file because of a wrong block that is not needed, so only blocks that are needed
-    // are parsed.
+    // Only blocks that are needed are parsed, since the parser would reject the whole file for an error in any block.
     match field(order, block, BLOCK_TYPE)? {
         SECTION_HEADER_BLOCK => return Ok(section(parser.section())),
         INTERFACE_DESCRIPTION_BLOCK => {
             let newest = parser.interfaces().last();
             return Ok(newest.map_or(Item::Other, |interface| Item::Interface(interface.linktype)));
         }
-        // With 32-bit `usize` the parser's sum of length and padding could overflow.
+        // The parser adds length and padding, which could overflow where `usize` has 32 bits. So a wrong length is
+        // rejected here.
         ENHANCED_PACKET_BLOCK if field(order, block, CAPTURED_LENGTH)? as usize > block.len() => {
             return Err(PcapError::InvalidField("EnhancedPacketBlock: captured_len > block length"));
         }
@@ -221,7 +222,7 @@ fn pcapng_item<'a>(parser: &mut PcapNgParser, block: &'a [u8], offset: u64) -> R
         Block::EnhancedPacket(packet) => {
             let unknown = PcapError::InvalidInterfaceId(packet.interface_id);
             let interface = parser.packet_interface(&packet).ok_or(unknown)?;
-            // The crate always takes the time as nanoseconds, so `as_nanos` returns the number of units.
+            // The crate interprets the time as nanoseconds, so `as_nanos` returns the number of the interface's units.
             let at_ns = nanoseconds(packet.timestamp.as_nanos(), interface);
             let Cow::Borrowed(data) = packet.data else { return Ok(Item::Other) };
             Ok(Item::Packet(Packet { link_type: interface.linktype, order, at_ns, offset, data }))
@@ -244,7 +245,7 @@ fn pcapng_item<'a>(parser: &mut PcapNgParser, block: &'a [u8], offset: u64) -> R
     }
 }
 
-/// Offsets of these fields in a block.
+/// The offsets of the block type and of the captured length in a block.
 const BLOCK_TYPE: usize = 0;
 const CAPTURED_LENGTH: usize = 20;
 
@@ -253,8 +254,8 @@ fn field(order: Endianness, block: &[u8], at: usize) -> Result<u32, PcapError> {
     bytes.map(|bytes| number(order, *bytes)).ok_or(PcapError::InvalidField("block too short"))
 }
 
-/// Converts a time in the interface's units to nanoseconds. The units are microseconds by default. A time that does not
-/// fit saturates.
+/// Converts a time in the units of the interface, microseconds by default, to nanoseconds. A time that does not fit
+/// saturates.
 fn nanoseconds(units: u128, interface: &InterfaceDescriptionBlock<'_>) -> u64 {
     const MICROSECONDS: u8 = 6;
     const BINARY: u8 = 0x80;
@@ -263,14 +264,14 @@ fn nanoseconds(units: u128, interface: &InterfaceDescriptionBlock<'_>) -> u64 {
     for option in &interface.options {
         match option {
             InterfaceDescriptionOption::IfTsResol(exponent) => resolution = *exponent,
-            // The offset is a signed number of seconds.
+            // The option's value is a signed number of seconds, which the crate returns as unsigned.
             InterfaceDescriptionOption::IfTsOffset(seconds) => offset_s = i128::from(*seconds as i64),
             _ => {}
         }
     }
     let exponent = u32::from(resolution & !BINARY);
     let base: u128 = if resolution & BINARY == 0 { 10 } else { 2 };
-    // With units so small that this number overflows, a 64-bit time is 0 ns.
+    // If the units are so small that the power overflows, every 64-bit time is 0 ns.
     let ns = base.checked_pow(exponent).map_or(0, |per_second| units * NS_PER_S / per_second);
     let ns = i128::try_from(ns).unwrap_or(i128::MAX).saturating_add(offset_s * NS_PER_S as i128);
     u64::try_from(ns.max(0)).unwrap_or(u64::MAX)

@@ -14,7 +14,7 @@ const TO_CHIP: u8 = 0;
 /// The first byte of a packet from the chip.
 const FROM_CHIP: u8 = 1;
 
-/// The first byte of a packet in this direction.
+/// The first byte of a packet, which gives its direction.
 pub(crate) const fn mark(dir: Dir) -> u8 {
     match dir {
         Dir::Write => TO_CHIP,

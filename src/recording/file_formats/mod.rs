@@ -6,7 +6,8 @@
 //!
 //! Recordings of a chip have packets of another kind: [`exchange`].
 //!
-//! To add a header, add a file beside these two, and a line in [`is_usb`] and in [`event`].
+//! To support the header of another program, add a file beside `usbmon.rs` and `usbpcap.rs`, and a line in [`is_usb`]
+//! and in [`event`].
 
 pub(super) mod container;
 pub(crate) mod exchange;
@@ -24,7 +25,7 @@ pub(super) fn is_usb(link_type: DataLink) -> bool {
     usbmon::is_usbmon(link_type) || usbpcap::is_usbpcap(link_type)
 }
 
-/// Decodes the header of a USB transfer; `None` if the packet does not matter.
+/// Decodes the header of a USB transfer; `None` if the packet has nothing that the reader needs.
 pub(super) fn event<'a>(packet: &Packet<'a>) -> Option<UsbEvent<'a>> {
     match packet.link_type {
         link_type if usbpcap::is_usbpcap(link_type) => usbpcap::event(packet.data),
@@ -32,7 +33,7 @@ pub(super) fn event<'a>(packet: &Packet<'a>) -> Option<UsbEvent<'a>> {
     }
 }
 
-/// A number in the byte order of a file.
+/// Converts four bytes in the byte order of a file to a number.
 const fn number(order: Endianness, bytes: [u8; 4]) -> u32 {
     match order {
         Endianness::Little => u32::from_le_bytes(bytes),

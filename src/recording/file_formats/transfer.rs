@@ -1,18 +1,18 @@
-//! What a packet of a capture shows of a USB transfer, independent of the capturing program.
+//! The contents of one packet of a USB transfer, in the same form for all capturing programs.
 
 use crate::recording::address::Address;
 
 /// The kind of a USB transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::recording) enum TransferKind {
-    /// An interrupt transfer, or one whose endpoint the capture does not know.
+    /// An interrupt transfer, or a transfer whose endpoint is missing in the capture.
     Interrupt,
     Control,
     /// A bulk or isochronous transfer.
     Other,
 }
 
-/// The stage of a transfer that a packet shows.
+/// The stage of a USB transfer at which a packet was captured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::recording) enum Stage {
     /// The transfer was handed to the host controller.
@@ -32,7 +32,7 @@ pub(in crate::recording) struct UsbEvent<'a> {
     pub id: u64,
     /// The setup packet of a control transfer.
     pub setup: Option<[u8; 8]>,
-    /// The bytes that were, or are to be, transferred; a capture may have fewer of them.
+    /// The length of the transfer in bytes. The capture may have fewer bytes of it.
     pub length: u32,
     pub data: &'a [u8],
 }

@@ -1,7 +1,7 @@
 //! The header that Linux' usbmon puts before the bytes of a USB transfer. Recordings of this crate have it too.
 //!
-//! LINKTYPE_USB_LINUX_MMAPPED (220) has all 64 bytes, LINKTYPE_USB_LINUX (189) the first 48. Numbers have the byte
-//! order of the surrounding file. Source: Documentation/usb/usbmon.rst of Linux, `struct usbmon_packet`.
+//! With LINKTYPE_USB_LINUX_MMAPPED (220) the header has 64 bytes, with LINKTYPE_USB_LINUX (189) only the first 48.
+//! Numbers have the byte order of the file. Source: Documentation/usb/usbmon.rst of Linux, `struct usbmon_packet`.
 
 use bytemuck::{Pod, Zeroable};
 use pcap_file::{DataLink, Endianness};
@@ -11,7 +11,7 @@ use super::transfer::{Stage, TransferKind, UsbEvent};
 use crate::recording::address::Address;
 use crate::sk::{Dir, FRAME_LEN};
 
-/// The length of the header in a recording, bytes.
+/// The length of the header in recordings of this crate, bytes.
 pub(crate) const HEADER_LEN: usize = size_of::<RawHeader>();
 /// The length of the header without the fields for isochronous transfers, bytes.
 const SHORT_HEADER_LEN: usize = 48;
@@ -22,22 +22,22 @@ const IN: u8 = 0x81;
 /// The bit of an endpoint's address that means "to the host".
 const TO_HOST: u8 = 0x80;
 
-/// Events: a transfer was handed to the host controller, has ended, or was refused.
+/// The types of events: a transfer was handed to the host controller, has ended, or was refused.
 const SUBMIT: u8 = b'S';
 const COMPLETE: u8 = b'C';
 const REFUSED: u8 = b'E';
 /// The kinds of transfer.
 const INTERRUPT: u8 = 1;
 const CONTROL: u8 = 2;
-/// Values of the flag for a setup packet: present, or none.
+/// Values of the flag that says whether the header has a setup packet.
 const SETUP_PRESENT: u8 = 0;
 const NO_SETUP: u8 = b'-';
-/// Value of the data flag: data follow the header.
+/// Value of the flag that says whether data follow the header: they do.
 const DATA_PRESENT: u8 = 0;
 /// The status of a transfer in flight: -EINPROGRESS.
 const IN_PROGRESS: i32 = -115;
 
-/// Bus and device number of the board in a recording, which has no real ones. \[OURS]
+/// Bus and device number of the board in a recording of this crate, whose board has no real ones. \[OURS]
 const BUS: u16 = 1;
 const DEVICE: u8 = 1;
 
@@ -111,7 +111,7 @@ pub(super) fn event(link_type: DataLink, order: Endianness, packet: &[u8]) -> Op
     let (stage, length) = match header.event {
         SUBMIT => (Stage::Submitted, number(order, header.length)),
         COMPLETE => (Stage::Ended { done: header.status == [0; 4] }, number(order, header.length)),
-        // A refused transfer has transferred nothing.
+        // The host controller refused the transfer, so no bytes were transferred.
         REFUSED => (Stage::Ended { done: false }, 0),
         _ => return None,
     };

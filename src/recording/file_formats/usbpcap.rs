@@ -1,7 +1,7 @@
 //! The header that USBPcap puts before the bytes of a USB transfer, in captures that Wireshark makes on Windows.
 //!
-//! LINKTYPE_USBPCAP (249); little endian in any file. Source: `USBPCAP_BUFFER_PACKET_HEADER` in USBPcap's description
-//! of its format (desowin.org/usbpcap/captureformat.html).
+//! The link type is LINKTYPE_USBPCAP (249). Numbers are little endian, in files of any byte order. Source:
+//! `USBPCAP_BUFFER_PACKET_HEADER` in USBPcap's description of its format (desowin.org/usbpcap/captureformat.html).
 
 use bytemuck::{Pod, Zeroable};
 use pcap_file::DataLink;
@@ -11,7 +11,7 @@ use crate::recording::address::Address;
 
 /// The length of the header that all transfers have, bytes.
 const HEADER_LEN: usize = size_of::<RawHeader>();
-/// The bit of `info` that means "from the device's driver to the caller", which marks the end of a transfer.
+/// The bit of `info` that means "from the device's driver to the caller": the packet is the end of a transfer.
 const IS_ANSWER: u8 = 1;
 /// The bit of an endpoint's address that means "to the host".
 const TO_HOST: u8 = 0x80;
@@ -22,7 +22,7 @@ const UNKNOWN_ENDPOINT: u8 = 0xFF;
 const INTERRUPT: u8 = 1;
 const CONTROL: u8 = 2;
 
-/// The stages of a control transfer, in the byte after its header.
+/// The stages of a control transfer. The byte after the header has one of them.
 const STAGE_SETUP: u8 = 0;
 const STAGE_DATA: u8 = 1;
 const STAGE_COMPLETE: u8 = 3;
@@ -51,7 +51,7 @@ pub(super) fn is_usbpcap(link_type: DataLink) -> bool {
     link_type == DataLink::USBPCAP
 }
 
-/// Decodes a packet; `None` if it is no USBPcap packet, or one that does not matter.
+/// Decodes a packet; `None` if it is no USBPcap packet, or has nothing that the reader needs.
 pub(super) fn event(packet: &[u8]) -> Option<UsbEvent<'_>> {
     let start = packet.first_chunk::<HEADER_LEN>()?;
     let header: RawHeader = bytemuck::cast(*start);
@@ -82,15 +82,16 @@ pub(super) fn event(packet: &[u8]) -> Option<UsbEvent<'_>> {
     };
     match header.transfer {
         CONTROL => control(event, *packet.get(HEADER_LEN)?),
-        // The direction follows from the bytes: they are with the request (OUT) or with the answer (IN).
+        // The endpoint is unknown, so the direction follows from the packet that has the bytes: the request (OUT) or
+        // the answer (IN).
         _ if unknown => Some(UsbEvent { kind: TransferKind::Interrupt, to_host: ended && length > 0, ..event }),
         INTERRUPT => Some(UsbEvent { kind: TransferKind::Interrupt, ..event }),
         _ => Some(event),
     }
 }
 
-/// Decodes a packet of a control transfer. Since version 1.5 the bytes of an OUT transfer follow the setup packet, and
-/// those of an IN transfer are in the last packet. Before, a packet of its own had them.
+/// Decodes a packet of a control transfer. Since USBPcap 1.5 the bytes of an OUT transfer follow the setup packet, and
+/// those of an IN transfer are in the last packet. Older versions have the bytes in a packet of their own.
 fn control(event: UsbEvent<'_>, stage: u8) -> Option<UsbEvent<'_>> {
     let event = UsbEvent { kind: TransferKind::Control, ..event };
     match stage {

@@ -88,7 +88,7 @@ impl SdoCommand {
         }
     }
 
-    /// Writes the arguments as a dump shows them, each preceded by a blank.
+    /// Writes the arguments in the form of a dump, each after a blank.
     pub(in crate::sk) fn write_arguments(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match *self {
             Self::Read { slave, object } => write!(f, " slave {slave} {object}"),
@@ -108,7 +108,7 @@ impl SdoCommand {
         }
     }
 
-    /// Calls `give` with the name and the value of each argument.
+    /// Calls `give` once for each argument of the command, with its name and its value.
     pub fn arguments(&self, give: &mut dyn FnMut(&'static str, Argument)) {
         let mut transfer = |slave: u8, object| {
             give("slave", Argument::Number(slave.into()));

@@ -30,7 +30,7 @@ impl Motion {
         }
     }
 
-    /// Writes the targets as a dump shows them, with axis 2 only if its target or its outputs are not 0.
+    /// Writes the targets in the form of a dump, with axis 2 only if its target or its outputs are not 0.
     fn write(&self, f: &mut Formatter<'_>, what: &str) -> fmt::Result {
         let axis = |f: &mut Formatter<'_>, axis: &AxisTarget| {
             write!(f, " {what} {}", axis.target)?;
@@ -47,8 +47,8 @@ impl Motion {
         axis(f, &self.second)
     }
 
-    /// Calls `give` with each target by name. Outputs and axis 2, which most slaves do not have, are left out when they
-    /// are 0.
+    /// Calls `give` with the name and the value of each target. Outputs and axis 2, which most slaves do not have, are
+    /// left out when they are 0.
     fn give(&self, what: &'static str, give: &mut dyn FnMut(&'static str, Argument)) {
         give(what, Argument::Number(self.first.target.into()));
         if self.first.outputs != 0 {
@@ -130,7 +130,7 @@ impl SlaveCommand {
         }
     }
 
-    /// Writes the arguments as a dump shows them, each preceded by a blank.
+    /// Writes the arguments in the form of a dump, each after a blank.
     pub(in crate::sk) fn write_arguments(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match self {
             Self::DriveMode { mode, sync: DriveSync::DcSync } => write!(f, " {mode}, DC sync"),
@@ -150,7 +150,7 @@ impl SlaveCommand {
         }
     }
 
-    /// Calls `give` with the name and the value of each argument.
+    /// Calls `give` once for each argument of the command, with its name and its value.
     pub fn arguments(&self, give: &mut dyn FnMut(&'static str, Argument)) {
         match self {
             Self::DriveMode { mode, sync } => {

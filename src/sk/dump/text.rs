@@ -72,7 +72,7 @@ impl Display for SlotLine {
 }
 
 impl SlotLine {
-    /// The fields that the line's text shows; `None` if the text is the raw fields themselves.
+    /// The fields of the slot that the text of the line shows; `None` if the text consists of the raw fields.
     fn fields_in_text(&self) -> Option<RawSlot> {
         let used = self.meaning.encode(self.size)?;
         Some(match self.meaning {
@@ -216,7 +216,7 @@ fn status_and_position(f: &mut Formatter<'_>, statusword: Statusword, position: 
     write!(f, ", position {position}")
 }
 
-/// The fields of a slot as hexadecimal numbers, without the id and the CRC.
+/// The raw fields of a slot in hexadecimal, without the id and the CRC.
 struct RawFields {
     slot: RawSlot,
     size: SlotSize,

@@ -21,7 +21,7 @@ pub(super) struct Reader<'a, 'b> {
     pub(super) slaves: &'b [SlaveSpec],
     /// The syntax of the verb, for error messages.
     pub(super) form: String,
-    /// Whether the verb follows `end`. Then the slave is the only operand.
+    /// Whether the verb stands after `end`. Its only operand is then the slave.
     pub(super) ends: bool,
 }
 
@@ -57,8 +57,8 @@ impl Reader<'_, '_> {
         self.part(SlaveModel::channels, "channel", "digital inputs")
     }
 
-    /// Reads a slave, from 1, and returns it with the index of one of its axes or channels, from 0. `parts` gives the
-    /// number of axes or channels of a model.
+    /// Reads a slave, from 1, and returns it with the index of one of its axes or channels, from 0. `parts` returns how
+    /// many axes or channels a model has.
     fn part(&mut self, parts: fn(SlaveModel) -> usize, name: &str, has: &str) -> Result<(u8, usize), LineError> {
         let word = self.words.need("SLAVE", &self.form)?;
         let (slave, part) = word.text.split_once('.').unwrap_or((word.text, "1"));
@@ -115,7 +115,7 @@ impl Reader<'_, '_> {
         self.one_of("STATE", "state", AL_STATES)
     }
 
-    /// Reads the AL status code of a refusal; [`AlStatus::INVALID_CHANGE`] \[OURS] if none is given.
+    /// Reads the AL status code with which a slave refuses a state; [`AlStatus::INVALID_CHANGE`] \[OURS] if none is given.
     pub(super) fn al_status(&mut self) -> Result<AlStatus, LineError> {
         match self.words.peek() {
             None => Ok(AlStatus::INVALID_CHANGE),

@@ -12,9 +12,9 @@ use crate::slave::{AlStatus, Fault};
 pub(super) enum ScriptAction {
     /// A fault inside a slave, such as an alarm or a stuck limit switch.
     Fault { slave: u8, fault: Fault },
-    /// The number of slaves in front of the cable break; `None`: the cable is repaired.
+    /// Where the cable is cut: the number of slaves before the cut; `None`: the cable is whole.
     Cut(Option<u8>),
-    /// The cable section that damages frames, and how; `None`: no section does.
+    /// The section of the cable that damages frames, and how it does; `None`: no section damages frames.
     Noise(Option<Noise>),
     /// Whether the slave ignores every datagram while frames still pass through it.
     Mute { slave: u8, mute: bool },
@@ -58,12 +58,12 @@ impl ScriptAction {
         matches!(self, Self::Silent(_) | Self::Full(_) | Self::Inputs(_))
     }
 
-    /// Whether the action affects frames, which simulated slaves that are called directly do not have.
+    /// Whether the action affects frames. Simulated slaves that are called directly have no frames.
     pub(super) const fn is_of_frames(self) -> bool {
         matches!(self, Self::Noise(_))
     }
 
-    /// The slave that the action affects, from 1; `None` if it affects the cable or the board.
+    /// The slave that the action affects, from 1; `None` if the action affects the cable or the board.
     const fn slave(self) -> Option<u8> {
         match self {
             Self::Fault { slave, .. }
@@ -113,7 +113,7 @@ impl ScriptAction {
     }
 }
 
-/// The moment from which the times of a line count.
+/// The moment from which the times of lines count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ScriptOrigin {
     /// The start of the script: the opening of the link, or the start of the server.
@@ -138,11 +138,11 @@ pub(super) struct Step {
     pub(super) line: u32,
     pub(super) verb: &'static str,
     pub(super) action: ScriptAction,
-    /// Whether the step ends an earlier action, by `for` or by `end`.
+    /// Whether the step ends an event, by `for` or by `end`.
     pub(super) ended: bool,
 }
 
-/// The steps that count their times from the same origin.
+/// The steps whose times count from the same origin.
 struct Part {
     steps: Vec<Step>,
     /// The index of the first step that has not been carried out.
@@ -202,7 +202,7 @@ pub(crate) fn undo_all(network: &Cable, board: &BoardHandle) {
         [ScriptAction::Cut(None), ScriptAction::Silent(false), ScriptAction::Full(false), ScriptAction::Inputs(0)];
     let of_slave = |slave| {
         [
-            // This action also restores the power of a slave that has lost it.
+            // Ending `Mute` also restores the power of a slave that has lost it.
             ScriptAction::Mute { slave, mute: false },
             ScriptAction::Refuse { slave, state: None },
             ScriptAction::SdoDelay { slave, ns: 0 },

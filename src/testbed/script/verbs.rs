@@ -13,12 +13,12 @@ use crate::slave::{DeviceFault, Fault};
 /// A row of the table: one verb.
 struct Verb {
     name: &'static str,
-    /// The syntax of the operands.
+    /// The syntax of the verb's operands.
     form: &'static str,
     meaning: &'static str,
-    /// Whether the effect lasts until it is ended. Then a line may have `for`, and `end` accepts the verb.
+    /// Whether the effect lasts until it is ended. If so, a line with this verb may have `for`, and `end` accepts the verb.
     lasts: bool,
-    /// Reads the operands; behind `end` there are fewer ([`Reader::ends`]).
+    /// Reads the operands. After `end` the verb has only a slave as its operand ([`Reader::ends`]).
     read: fn(&mut Reader) -> Result<ScriptAction, LineError>,
 }
 
@@ -179,7 +179,7 @@ const VERBS: &[Verb] = &[
     },
 ];
 
-/// The section on scripts of `ecmsk link help`.
+/// The section of `ecmsk link help` on scripts.
 pub(crate) fn help() -> String {
     let mut text = String::from(
         "A script (script=FILE) is one event a line, at board time since the link was opened; # begins a comment:\n\n    \

@@ -10,7 +10,7 @@ pub(super) type LineError = (usize, String);
 /// The words of a line that have not been read yet.
 pub(super) struct Words<'a> {
     line: &'a str,
-    /// The byte position from which the next word is searched.
+    /// The byte position at which the search for the next word begins.
     at: usize,
 }
 
@@ -74,7 +74,7 @@ const TIMES: &str = "a time with its unit, such as 2.5s; units: us, ms, s, min, 
 /// The units of time. A word is matched by its suffix, so `ms` comes before `s`.
 const UNITS: [(&str, Ns); 5] =
     [("us", 1_000), ("ms", 1_000_000), ("min", 60_000_000_000), ("s", 1_000_000_000), ("h", 3_600_000_000_000)];
-/// The maximum time, 1000 hours \[OURS].
+/// The longest time in a script, 1000 hours \[OURS].
 const TIME_MAX_NS: Ns = 1000 * 3_600_000_000_000;
 
 /// Takes the next word as a duration, exact to the nanosecond.

@@ -1,4 +1,4 @@
-//! Judges a machine with Linux.
+//! Judges whether a machine with Linux is set up for a board.
 
 mod host;
 mod net;
@@ -11,8 +11,8 @@ use crate::machine::findings::{Finding, timer};
 use crate::machine::timing::timer_resolution;
 
 impl Machine {
-    /// The results of all checks that need no waiting. What is missing for the link `wanted` is wrong; what is missing for other
-    /// links is only mentioned.
+    /// The results of all checks that need no waiting. Something that is missing counts as wrong if the link `wanted`
+    /// needs it, and is only mentioned if other links need it.
     pub fn findings(&self, wanted: Option<&LinkUri>) -> Vec<Finding> {
         let mut all = self.usb_findings(wanted);
         all.extend(self.spi_findings(wanted));

@@ -62,7 +62,7 @@ impl Machine {
             shown.collect::<Vec<_>>().join(", ")
         };
         let fitting: Vec<&UsbDevice> = boards.iter().filter(fits).collect();
-        // The link skips boards that are switched off if another one is on.
+        // As the link does, boards without a configuration are skipped if another board has one.
         let on: Vec<&UsbDevice> = fitting.iter().copied().filter(|board| board.configured).collect();
         let fitting = if on.is_empty() { fitting } else { on };
         match (&fitting[..], boards) {

@@ -56,7 +56,7 @@ pub fn report_interface(bytes: &[u8], configuration: Option<u8>) -> Result<Repor
                 }
             }
             (CONFIGURATION | INTERFACE | ENDPOINT, _) => return Err(NotTheBoard::Descriptors),
-            // Descriptors of a class, such as HID.
+            // Other descriptors, such as those of the HID class, are skipped.
             _ => {}
         }
     }
@@ -80,7 +80,7 @@ struct Setting {
 impl Setting {
     fn take(&mut self, address: u8) {
         let end = if address & TO_HOST == 0 { &mut self.output } else { &mut self.input };
-        // The first endpoint of each direction counts.
+        // If there are several endpoints of one direction, the first one counts.
         end.get_or_insert(address);
     }
 
@@ -171,7 +171,7 @@ mod tests {
         );
     }
 
-    /// Descriptors with a wrong length, or cut off, are an error and cause no panic.
+    /// Descriptors that are cut off or have a wrong length are an error, and cause no panic.
     #[test]
     fn descriptors_that_lie() {
         let board = board();
@@ -198,7 +198,7 @@ mod tests {
     }
 
     proptest! {
-        /// Any bytes of a device give an interface or a reason why it is not a board.
+        /// From any bytes in place of descriptors the result is an interface, or a reason why the device is not a board.
         #[test]
         fn any_bytes(tail in proptest::collection::vec(any::<u8>(), 0..300), number in any::<Option<u8>>()) {
             let _ = report_interface(&tail, number);

@@ -14,7 +14,7 @@ use crate::master::mailbox::{FIRST_OBJECT, Mailbox, MailboxError, Peer};
 /// \[OURS] The longest value that an upload accepts, bytes.
 pub const VALUE_BYTES_MAX: usize = 0x10_0000;
 
-/// The most bytes of a number.
+/// The most bytes of a value that is transferred as a number.
 const NUMBER_BYTES: usize = 4;
 
 /// The least bytes of data in a segment other than the last one (ETG.1000.6 5.6.2).
@@ -85,7 +85,7 @@ impl Sdo {
                 Err(error) => return Err(error.into()),
             };
             let wrong = match CoeMessage::decode(data) {
-                // The late answer to the first request to this mailbox, whose timeout is short.
+                // A late answer to the first request to this mailbox, for which the master waits only a short time.
                 Ok(CoeMessage::SdoRequest(SdoRequest::Abort { object, code }))
                     if object == FIRST_OBJECT && object != self.object =>
                 {
@@ -104,7 +104,7 @@ impl Sdo {
                         Err(code) => code,
                     }
                 }
-                // An unsolicited message.
+                // An unsolicited message is skipped.
                 Ok(_) => continue,
                 Err(_) => AbortCode::LENGTH,
             };
@@ -145,7 +145,7 @@ fn abort_in(response: SdoResponse<'_>) -> Option<AbortCode> {
 
 /// A receiver of an uploaded value.
 pub(super) trait Value: Default {
-    /// Announces `len` bytes.
+    /// Prepares for a value of `len` bytes.
     fn reserve(&mut self, len: usize);
     /// Appends bytes to the value.
     fn extend(&mut self, bytes: &[u8]);
@@ -167,7 +167,7 @@ impl Value for Vec<u8> {
     }
 }
 
-/// A value of which only the first 4 bytes are kept.
+/// A received value of which only the first 4 bytes are kept.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Beginning {
     bytes: [u8; NUMBER_BYTES],
@@ -187,16 +187,16 @@ impl Value for Beginning {
     }
 }
 
-/// The transfer of a number, which allocates nothing.
+/// The transfer of a value of up to 4 bytes, which allocates nothing.
 pub(in crate::master) enum NumberTransfer {
     /// Upload of an object of any length, of which the first 4 bytes are kept.
     Upload,
-    /// Download of that many of these bytes.
+    /// Download of the first bytes of the array; the second field is their number.
     Download([u8; NUMBER_BYTES], usize),
 }
 
 impl NumberTransfer {
-    /// The download of a value; `None`: the value is too long for a number.
+    /// The download of a value; `None`: the value has more than 4 bytes.
     pub(super) fn download(value: &[u8]) -> Option<Self> {
         let mut bytes = [0; NUMBER_BYTES];
         bytes.get_mut(..value.len())?.copy_from_slice(value);

@@ -40,15 +40,14 @@ struct ScriptedAnswers {
 pub struct Noise {
     /// The slave at the far end of the section, from 1.
     pub slave: u8,
-    /// The fraction of frames that are damaged: one of this many.
+    /// One of this many frames is damaged: 1 damages every frame, 100 damages 1 % of them.
     pub one_of: NonZeroU16,
 }
 
 struct Shared {
     /// The number of slaves in front of the cut.
     reach: AtomicU8,
-    /// The damaging section: its slave in the upper 16 bits, "one of so many" in the lower 16 bits; 0 if no frames are
-    /// damaged.
+    /// The present [`Noise`]: `slave` in the upper 16 bits, `one_of` in the lower 16 bits; 0 if no frames are damaged.
     noise: AtomicU32,
     /// The slaves that do not answer.
     silent: [AtomicU64; 4],

@@ -127,7 +127,7 @@ pub struct Dp3cl {
     links: [bool; 2],
     power_on_count: u16,
     on_ns: Ns,
-    /// The time since the last pulse, ns.
+    /// The time since the last command pulse to the motor, ns.
     without_pulses_ns: Ns,
     cycle_ns: Ns,
     timing: Timing,

@@ -146,7 +146,8 @@ impl Dp3cl {
         self.axis.targets_mut().position = position as i32;
     }
 
-    /// Whether the mode can change now. On leaving homing, the axis itself brakes.
+    /// Whether the mode can change now, because the demand is at standstill. Homing mode can be left at any time, because
+    /// the axis then brakes on its own.
     fn stands_for_change(&self) -> bool {
         self.motion.active == Dp3clMode::Homing || self.motion.profile.stands()
     }
@@ -194,7 +195,7 @@ impl Dp3cl {
         }
         let offset = self.base().values.get(objects::POSITION_OFFSET);
         let target = self.shaft_position(self.motion.target_position.wrapping_add(offset));
-        // The position that is nearest to the demand and has these low 32 bits.
+        // `target` has only 32 bits. It stands for the position nearest to the demand with these low 32 bits.
         let wanted = demand.wrapping_add(target.wrapping_sub(demand as i32).into());
         let allowed = self.within_limits(wanted);
         let way = allowed.wrapping_sub(demand);

@@ -97,7 +97,7 @@ impl Chain {
         &self.places[n].slave
     }
 
-    /// Puts each slave into the state in which another master leaves it, which ends at `now`.
+    /// Puts each slave into a random state, as a previous master may have left it at `now`, see [`Predecessor`].
     pub fn leave(&mut self, predecessor: &mut Predecessor, now: Ns) {
         self.places.iter_mut().for_each(|place| predecessor.leave(&mut place.slave, now));
         self.forget_routes();

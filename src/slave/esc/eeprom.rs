@@ -22,7 +22,8 @@ pub(super) struct Eeprom {
     content: Vec<u8>,
     reads_8_bytes: bool,
     takes_ns: Ns,
-    /// The time after a write during which the EEPROM does not acknowledge, and the end of the present one.
+    /// The duration of an internal write cycle, in which the EEPROM acknowledges no command, ns; and the end of the present
+    /// one.
     silence_ns: Ns,
     silent_until: Ns,
     /// The control word of the running command, and the time when the command is done.

@@ -158,7 +158,7 @@ pub(super) fn copy(to: &mut [u8], from: &[u8]) {
     let (Some(first), Some(last)) = (from.first_chunk::<8>(), from.last_chunk::<8>()) else {
         return to.copy_from_slice(from);
     };
-    // The two parts overlap in the middle.
+    // 8 to 16 bytes are copied as the first 8 bytes and the last 8 bytes, which may overlap.
     if let Some(to) = to.first_chunk_mut() {
         *to = *first;
     }

@@ -15,7 +15,7 @@ pub const MANUFACTURER_FILE_BYTES_MAX: u64 = 4 << 20;
 /// The syntax of a line, for error messages.
 const FORM: &str = "a line is INDEX:SUB TYPE ACCESS VALUE NAME, e.g. `0x2101:1 u16 rw 0x0010 Motor code`";
 
-/// The maximum length of a text value that is written as a number, bytes.
+/// The maximum length of a value in the form of a number, bytes; a longer one is written in quotes.
 const NUMBER_BYTES_MAX: usize = size_of::<u64>();
 
 /// Why a text is not a valid list of objects.

@@ -100,7 +100,7 @@ impl Manager {
     }
 
     /// Marks the next of the three buffers as written and returns its address, at which the caller writes the whole data.
-    /// For both the network and the slave's processor.
+    /// The caller is the network or the slave's processor.
     #[inline]
     pub(super) fn fill(&mut self) -> usize {
         let is_taken = |buffer| Some(buffer) == self.last || Some(buffer) == self.reading;
@@ -118,7 +118,7 @@ impl Manager {
     }
 
     /// Marks the newest of the three buffers as read and returns its address, from which the caller reads the whole data.
-    /// For both the network and the slave's processor.
+    /// The caller is the network or the slave's processor.
     #[inline]
     pub(super) fn drain(&mut self) -> usize {
         self.reading = None;

@@ -149,7 +149,7 @@ impl Display for Difference {
     }
 }
 
-/// Most differences of one command that its text lists. \[OURS]
+/// The maximum number of differences of one command that its text lists. \[OURS]
 const SHOWN_MAX: usize = 3;
 
 impl Display for Deviation {

@@ -63,8 +63,8 @@ impl Default for GapCount {
 }
 
 impl GapCount {
-    /// Takes the next two equal steps, and whether the answers to them are equal. Returns whether the steps continue a
-    /// motion.
+    /// Processes the next two equal steps, one of each run. `is_same` says whether their answers are equal. Returns whether
+    /// the steps continue a motion.
     pub(super) fn pair(&mut self, a: &Step, b: &Step, is_same: bool) -> bool {
         let moves = self.moves(a);
         let is_empty =

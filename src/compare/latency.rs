@@ -12,7 +12,7 @@ const AT_ONCE_CYCLES: u64 = 2;
 const STEADY_CYCLES: u64 = 2;
 /// A new stretch begins once this many consecutive commands show another latency. \[OURS]
 const SURE_COMMANDS: usize = 5;
-/// Most stretches that are kept; the last one then includes all later commands. \[OURS]
+/// The maximum number of stretches that are kept; the last one then includes all later commands. \[OURS]
 const STRETCHES_MAX: usize = 64;
 
 /// How many cycles of the board run B answers later than run A; negative if earlier. Only commands count that did not
@@ -55,7 +55,7 @@ pub(super) struct LatencyFinder {
 }
 
 impl LatencyFinder {
-    /// Takes the next two equal steps.
+    /// Processes the next two equal steps, one of each run.
     pub(super) fn pair(&mut self, a: &Step, b: &Step) {
         let (Some(after_a), Some(after_b)) = (a.answered_after, b.answered_after) else { return };
         if after_a.min(after_b) > AT_ONCE_CYCLES {

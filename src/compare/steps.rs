@@ -14,11 +14,11 @@ use crate::sk::{FifoAction, Frame, MasterCommand, MasterResponse, MasterState, R
 
 /// The EtherCAT cycle time until SET_DC changes it (SK-4).
 const DEFAULT_CYCLE_NS: i64 = 1_000_000;
-/// Most steps that wait for an answer, more than the FIFO has entries. The oldest one above that ends without an
-/// answer. \[OURS]
+/// The maximum number of steps that wait for an answer, more than the FIFO has entries. With one more, the oldest step ends
+/// without an answer. \[OURS]
 const OPEN_STEPS_MAX: usize = 1024;
 
-/// Most reports that wait for a later report, which shows the commands that they answer. \[OURS]
+/// The maximum number of reports that wait for a later report, which shows the commands that they answer. \[OURS]
 const AMBIGUOUS_MAX: usize = 32;
 
 /// A command frame that requests something, and the board's answer to it.

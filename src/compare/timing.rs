@@ -34,9 +34,10 @@ const SLACK_CYCLES: usize = 2;
 /// If this many answers are the same some cycles earlier or later, the run has no additional cycles: its reports were
 /// only assigned to the wrong commands. \[OURS]
 const UNMOVED_ANSWERS: usize = 3;
-/// Most cycles that an axis may move longer in one run: the program waits for a few SDOs in succession. \[OURS]
+/// The maximum number of cycles that an axis may move longer in one run: the program waits for a few SDOs in succession.
+/// \[OURS]
 const WAY_CYCLES: usize = 128;
-/// Most pairs of steps that are searched before and after a pair. \[OURS]
+/// The maximum number of pairs of steps that are searched before and after a pair. \[OURS]
 const PAIRS_MAX: usize = 2 * WAY_CYCLES;
 
 /// Two equal steps, one of each run.
@@ -70,7 +71,7 @@ impl StepPair {
     }
 }
 
-/// What follows the pairs that were pushed so far.
+/// Whether more steps follow the pairs that were pushed so far.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum NextSteps {
     /// More pairs, or the runs are not read to their ends yet.
@@ -81,7 +82,7 @@ pub(super) enum NextSteps {
     Nothing,
 }
 
-/// How many cycles the two runs are apart for one axis.
+/// By how many cycles one run is ahead of the other, for one axis.
 #[derive(Clone, Copy, Debug, Default)]
 struct CycleOffset {
     /// The cycle count of run B minus that of run A, when the axis was last at the same position in both runs.
@@ -110,7 +111,7 @@ impl PairWindow {
         Self { options: *options, pairs: VecDeque::new(), next: 0, axes, shifted: 0 }
     }
 
-    /// Most cycles between answers that count as the same.
+    /// The maximum number of cycles between two answers that count as the same.
     fn window(&self) -> usize {
         let most = self.options.latency_cycles.map_or(WINDOW_CYCLES, |cycles| cycles as usize);
         most.min(WINDOW_CYCLES)

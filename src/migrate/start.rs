@@ -186,7 +186,7 @@ impl WayToOp {
         self.longest
     }
 
-    /// Takes a SET_STATE; `present` is the state of the board.
+    /// Processes a SET_STATE command for `state`; `present` is the state of the board.
     pub(super) fn asks(&mut self, present: Option<MasterState>, state: MasterState, place: Place) {
         if state < MasterState::SafeOp {
             self.ends();
@@ -196,7 +196,7 @@ impl WayToOp {
         }
     }
 
-    /// Takes the state of a report, and that of the report before it.
+    /// Processes the state in a report, `now`, and that in the previous report, `before`.
     pub(super) fn shows(&mut self, before: StateByte, now: StateByte, place: Place) {
         if now.is_failed() && now != before {
             return self.ends();

@@ -90,8 +90,8 @@ pub struct Stall {
     pub ended: Place,
 }
 
-/// For each number of command frames that waited at the beginning: the longest time, in nanoseconds, and the frame at
-/// its end.
+/// The longest pauses or silences, indexed by the number of command frames that waited in the board's FIFO when each began:
+/// its length in nanoseconds, and the frame at its end.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Longest([Option<(i64, Place)>; FIFO_ENTRIES as usize + 1]);
 
@@ -109,7 +109,8 @@ impl Longest {
         }
     }
 
-    /// The longest stall, if `usual_ns` of each time are normal. A stall of up to half a cycle does not count.
+    /// The longest stall, if the first `usual_ns` of each pause or silence are normal. A stall of up to half a cycle does
+    /// not count.
     fn stall(&self, usual_ns: i64, cycle_ns: i64, seen_by: SeenBy) -> Option<Stall> {
         let stalls = (0_u16..).zip(&self.0).filter_map(|(sets, longest)| {
             let (ns, ended) = (*longest)?;
@@ -186,12 +187,12 @@ pub(super) struct Clockwork {
 }
 
 impl Clockwork {
-    /// Starts anew after OP was left.
+    /// Forgets the newest frame and command, because OP was left: the time until the next OP is no pause.
     pub(super) fn left_op(&mut self) {
         (self.newest_ns, self.newest_write_ns, self.sets, self.sets_written) = (None, None, 0, 0);
     }
 
-    /// Takes a frame of OP, after which `sets` command frames wait.
+    /// Processes a frame in OP, after which `sets` command frames wait in the board's FIFO.
     fn passed(&mut self, place: Place, sets: u16) {
         let had_sets = std::mem::replace(&mut self.sets, sets);
         if let Some(before) = self.newest_ns.replace(place.at_ns) {
@@ -204,13 +205,13 @@ impl Clockwork {
         }
     }
 
-    /// Takes a report of OP with `waiting` command frames in the FIFO.
+    /// Processes a report in OP with `waiting` command frames in the FIFO.
     pub(super) fn report(&mut self, place: Place, waiting: u16) {
         self.passed(place, waiting);
         self.timing.levels.add(waiting);
     }
 
-    /// Takes a command frame of OP. Returns the pause before it, if the motion was not over.
+    /// Processes a command frame in OP. Returns the pause before it, if the motion was not over.
     pub(super) fn command(&mut self, place: Place, write: Write, cycle_ns: i64) -> Option<Stretch> {
         let Write { waiting, sets, moved, gap_since_ns } = write;
         self.passed(place, sets);

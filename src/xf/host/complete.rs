@@ -17,9 +17,9 @@ impl Host {
         let lost = matched == AnswerMatch::Lost;
         match flight.purpose {
             Purpose::Start(step) if !lost => self.started(now, step, header),
-            // The step of the start is repeated.
+            // Nothing to do: the start repeats a step whose answer is lost.
             Purpose::Start(_) => {}
-            // This counts as an attempt to clear errors only if it was answered and the errors are still there.
+            // An answered INFO_UPDATE counts as an attempt to clear errors if the errors are still there.
             Purpose::Info => self.clear_tries += u32::from(self.cleared.intersects(header.errors)),
             Purpose::Slot(slot, part) => self.complete_slot(now, slot, part, lost, header),
             Purpose::Process { sequence, written, reads, clears, others, .. } => {

@@ -143,7 +143,7 @@ pub enum HostState {
     Stopped(HostError),
 }
 
-/// The content of the exchange whose received bytes are still to come.
+/// The content of the present exchange, whose received bytes are still to come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum PendingExchange {
     Filler,
@@ -194,8 +194,8 @@ pub struct Host {
     /// Whether the last answer belongs to the packet of the exchange before, that is, whether the chip was ready and
     /// lags no further. With more than two copies an answer cannot be assigned to one of them.
     in_step: bool,
-    /// Whether the error bits of `header` include the effects of all packets sent: none has ended without its answer
-    /// since.
+    /// Whether the error bits of `header` include the effects of all packets sent so far. False from the sending of a
+    /// packet until its answer has come.
     bits_known: bool,
     /// Whether the chip is busy, or may be.
     busy: bool,

@@ -217,7 +217,7 @@ impl ByteCount {
 /// A number that the manuals fix, such as the size of a structure.
 #[derive(Clone, Copy, Debug)]
 pub struct Fixed {
-    /// The field with the number, which is the field's default.
+    /// The field that contains the number. The fixed value is the field's default.
     pub field: Field,
     /// The bits of the number that are compared.
     looked_at: u32,
@@ -226,7 +226,8 @@ pub struct Fixed {
 }
 
 impl Fixed {
-    /// The fixed number is the default of this field. `name` is its name in errors.
+    /// Makes the default of the declared field a fixed number. Only the bits in `looked_at` are compared, and errors name
+    /// the number `name`.
     pub const fn new<T: FieldValue>(
         decl: FieldDecl,
         looked_at: u32,

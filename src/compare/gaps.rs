@@ -15,9 +15,9 @@ const SURE_COMMANDS: u32 = 3;
 pub struct Gaps {
     /// The number of gaps.
     pub count: u64,
-    /// The sum of their cycles.
+    /// The additional cycles of all gaps together.
     pub cycles: u64,
-    /// The cycles of the longest gap.
+    /// The additional cycles of the longest gap.
     pub longest: u64,
 }
 
@@ -27,7 +27,7 @@ pub(super) fn cycle_offset(a: &Step, b: &Step) -> Option<i64> {
     Some(b.answered_in?.saturating_sub(a.answered_in?))
 }
 
-/// Observation at one pair of equal commands.
+/// What the answers to one pair of equal commands show.
 #[derive(Clone, Copy, Debug)]
 struct Observation {
     /// The cycle count of run B minus that of run A.

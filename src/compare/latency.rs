@@ -19,7 +19,7 @@ const STRETCHES_MAX: usize = 64;
 /// wait in the FIFO in at least one of the runs, and that do not continue a motion.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Latency {
-    /// The number of commands that count.
+    /// The number of commands whose latency was measured.
     pub commands: u64,
     /// The most frequent latency, in cycles. If several are equally frequent, the one nearest to 0. 0 if no command
     /// counts.

@@ -74,7 +74,7 @@ impl StepPair {
 /// Whether more steps follow the pairs that were pushed so far.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum NextSteps {
-    /// More pairs, or the runs are not read to their ends yet.
+    /// Further pairs follow, or may follow: the runs are not read to their ends yet.
     More,
     /// Steps of one run only, because the other one has ended.
     OneRun,
@@ -299,7 +299,8 @@ impl PairWindow {
         self.shows(at, Side::A, &same) || self.shows(at, Side::B, &same)
     }
 
-    /// Returns a test whether two reports of OP agree for a slave in the kind of value that `what` is about.
+    /// Returns a function that compares two reports in OP for a slave, in the kind of value that `what` is about, such as
+    /// the position.
     fn same_in(&self, slave: u8, what: &Deviation) -> impl Fn(&BoardReport, &BoardReport) -> bool {
         let is_about_it = |found: &Deviation| std::mem::discriminant(found) == std::mem::discriminant(what);
         move |one, other| {

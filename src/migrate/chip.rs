@@ -23,9 +23,9 @@ const CLOCK_STEP_HZ: u32 = 1000;
 /// Packets with which the exchanges of process data fit into the cycle time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Packets {
-    /// The bytes of data in a packet.
+    /// The size of the packets' data segment.
     pub size: DataSize,
-    /// The process images that one packet carries.
+    /// The number of process images, one for each cycle, that one packet carries.
     pub sets: u16,
     /// The exchanges of process data that are in flight at the same time. With 1 no outputs are lost as long as packets
     /// get through at all. With 2, outputs that the chip did not accept are not sent again.
@@ -88,7 +88,7 @@ pub struct Needs {
 }
 
 impl Needs {
-    /// What a network needs at an SPI clock in Hz.
+    /// Calculates what a chip needs for a network at an SPI clock in Hz.
     pub fn of(network: &Network, clock_hz: u32) -> Self {
         let (output_bytes, input_bytes) = (network.output_bytes(), network.input_bytes());
         let entries = fifo_entries(output_bytes + input_bytes);

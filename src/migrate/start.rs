@@ -15,7 +15,7 @@ const STATE_TIMEOUT_NS: i64 = 10_000_000_000;
 /// `state_timeout_ms=` in tenths of the estimated start to OP: real slaves may take three times as long as those of the
 /// model. It is set only if it exceeds the board's timeout. \[OURS]
 const SPARE_TENTHS: i64 = 30;
-/// The SPI clock of the estimate, Hz. \[OURS]
+/// The SPI clock for which the start is estimated, Hz. \[OURS]
 const CLOCK_HZ: u32 = 24_000_000;
 /// The idle time after each packet, ns (XF EN 1706).
 const IDLE_NS: i64 = HostConfig::DEFAULT.idle_ns.cast_signed();
@@ -98,7 +98,7 @@ pub fn time_to_op_ns(network: &Network) -> i64 {
     ns / 1_000_000 * 1_000_000
 }
 
-/// The SDOs of a configuration.
+/// The number of SDO transfers that configure one slave or several.
 #[derive(Clone, Copy, Debug, Default)]
 struct Transfers {
     reads: i64,
@@ -215,7 +215,7 @@ impl WayToOp {
         }
     }
 
-    /// Ends a start that does not reach OP.
+    /// Forgets the present start, because it does not reach OP.
     pub(super) fn ends(&mut self) {
         (self.asked, self.passed_ns) = (None, 0);
     }

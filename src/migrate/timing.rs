@@ -54,7 +54,7 @@ impl Levels {
     }
 }
 
-/// The sign that showed a stall.
+/// How a stall of the host shows in the frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SeenBy {
     /// There was no frame in either direction.
@@ -64,8 +64,8 @@ pub enum SeenBy {
 }
 
 impl Stall {
-    /// Whether the stall lasted longer than it counts: it used up all waiting command frames, so the axes would stop on
-    /// a board too.
+    /// Whether [`Self::ns`] is shorter than the stall: the stall used up all waiting command frames, so the axes would stop
+    /// on a board too.
     pub const fn is_limited(&self) -> bool {
         self.ns < self.whole_ns - self.usual_ns
     }
@@ -74,7 +74,7 @@ impl Stall {
 /// The longest stall of the host in OP while command frames waited, as far as the frames show it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stall {
-    /// The part of the stall that counts, in nanoseconds.
+    /// The time that outputs in a chip would have to bridge, in nanoseconds.
     pub ns: i64,
     /// The whole pause or silence, in nanoseconds.
     pub whole_ns: i64,
@@ -84,7 +84,7 @@ pub struct Stall {
     /// The command frames that waited in the board's FIFO at the beginning. The stall counts for no more cycles than
     /// these.
     pub sets: u16,
-    /// The sign that showed the stall.
+    /// How the stall shows in the frames.
     pub seen_by: SeenBy,
     /// The frame at the end of the stall.
     pub ended: Place,

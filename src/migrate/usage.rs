@@ -99,7 +99,7 @@ pub struct Count {
     pub first: Place,
     /// The number of uses in circumstances in which an ECM-XF differs.
     pub exposed: u64,
-    /// The frame of the first such use; `None` if there is none.
+    /// The frame of the first use that `exposed` counts; `None` if there is none.
     pub first_exposed: Option<Place>,
 }
 

@@ -90,7 +90,7 @@ pub struct Offsets {
     pub torque: i16,
 }
 
-/// The present motion control of the motor.
+/// What the motor does at present.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Motion {
     /// The power stage is off.

@@ -29,7 +29,7 @@ struct ScriptedAnswers {
     /// An AL state that the slave refuses, with the AL status code of the refusal.
     refuse: Option<(AlState, AlStatus)>,
     sdo_delay_ns: Ns,
-    /// The abort code for all SDO transfers.
+    /// The abort code with which the slave aborts every SDO transfer; `None`: no script demands aborts.
     sdo_abort: Option<AbortCode>,
     /// An object whose SDO transfers are aborted, with the abort code.
     object_abort: Option<(ObjectAddress, AbortCode)>,
@@ -173,7 +173,7 @@ impl Cable {
         Some(Noise { slave: (packed >> 16) as u8, one_of: NonZeroU16::new(packed as u16)? })
     }
 
-    /// The slaves of a board that frames reach and that answer.
+    /// The slaves that frames reach and that answer, among the slaves that a board can have.
     pub fn answering(&self) -> SlaveSet {
         let silent = SlaveSet::from_bits(self.0.silent[0].load(Ordering::Relaxed) >> 1);
         SlaveSet::first(self.reach().min(MAX_SLAVES as u8)).difference(silent)
@@ -184,7 +184,7 @@ impl Cable {
         self.0.silent.each_ref().map(|word| word.load(Ordering::Relaxed))
     }
 
-    /// The slaves of a board that have lost their power since the last call.
+    /// The slaves that have lost their power since the last call, among the slaves that a board can have.
     pub fn take_powered_off(&self) -> SlaveSet {
         SlaveSet::from_bits(take(&self.0.powered_off[0]) >> 1)
     }

@@ -254,7 +254,7 @@ pub(super) fn put_first(bytes: &[u8], value: &mut [u8]) -> usize {
     bytes.len()
 }
 
-/// The little-endian number in at most 8 bytes.
+/// At most the first 8 bytes as a little-endian number; fewer bytes are zero-extended.
 pub(super) fn number_of(bytes: &[u8]) -> u64 {
     let mut whole = [0; 8];
     let len = bytes.len().min(8);

@@ -268,7 +268,7 @@ impl<L: ChipLink> Xf<L> {
         self.moves |= !matches!(exchanged, ProcessRequest::Read { .. } | ProcessRequest::DirectRead);
         let sequence = loop {
             match self.host.process(exchanged) {
-                // A call that failed on the link has left process data in the driver, which go first.
+                // An earlier call that failed on the link has left process data in the driver. They are sent first.
                 Err(HostError::ProcessBusy { .. }) => self.step(Ns::MAX)?,
                 taken => break taken?,
             }

@@ -181,7 +181,7 @@ impl<D> Object<D> {
         u64 U64 "UNSIGNED64";
     }
 
-    /// The row of a read-only text.
+    /// A row for a read-only text object, whose text the function `text` returns.
     pub const fn text(index: u16, sub: u8, name: &'static str, text: fn(&D) -> &'static str) -> Self {
         let mut row = Self::row(index, sub, name, DataType::Text);
         row.cell = Cell::Text(text);

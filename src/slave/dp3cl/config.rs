@@ -49,7 +49,7 @@ pub struct Dp3clConfig {
     pub supply_mv: u32,
     /// Whether a motor is connected.
     pub has_motor: bool,
-    /// The variants of decisions that are switched on.
+    /// The alternative behaviours that are switched on.
     pub variants: Dp3clVariants,
 }
 

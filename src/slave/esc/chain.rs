@@ -219,7 +219,7 @@ impl Chain {
         }
         let fate = match route.exit {
             Some(Exit { end, after_ns }) => (self.visit(frame, &mut route, now, now + after_ns), end),
-            // The slaves in front of the open port have processed the frame.
+            // The frame is lost at an open port without a link. The slaves in front of that port have processed it.
             None => {
                 self.visit(frame, &mut route, now, now);
                 (FrameFate::Lost, end)

@@ -5,10 +5,10 @@ use crate::ethercat::registers::{
     self, CLOCK_REGISTERS, FMMU, FMMU_LEN, Features, MAP, RAM, RegisterAccess, SYNC_MANAGER, SYNC_MANAGER_LEN,
 };
 
-/// The access of the network to a byte.
+/// What the network can do with a byte of the memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ByteAccess {
-    /// The byte belongs to no register.
+    /// The byte belongs to no register, so the network can neither read nor write it.
     Absent,
     Read,
     Write,

@@ -14,7 +14,7 @@ use crate::slave::dictionary::{Device, Object, PdoDirection, Place, find, number
 /// The maximum number of mapped objects per direction, in all PDOs together \[OURS].
 pub const MAPPED_MAX: usize = 32;
 
-/// The copy of one object in a cycle.
+/// How a cycle copies one object between the process image and the device.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::slave) struct EntryCopy {
     /// Row and cell of the object in the dictionary, see [`Place`].
@@ -26,7 +26,7 @@ pub(in crate::slave) struct EntryCopy {
     bits: u8,
 }
 
-/// One step of a plan.
+/// One step of a plan: what it copies.
 enum Step<D> {
     Object(EntryCopy),
     /// A manufacturer-specific object. `row` and `cell` are the upper and lower 16 bits of its index in

@@ -67,7 +67,7 @@ pub struct Field {
     pub position: FieldPosition,
     /// The field's size in bytes; 0 if it extends to the end of the valid data.
     pub bytes: u8,
-    /// The field's lowest bit.
+    /// The lowest bit of the field in its bytes, which other fields may share.
     pub shift: u8,
     /// The field's width in bits.
     pub width: u8,

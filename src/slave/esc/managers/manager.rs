@@ -17,7 +17,8 @@ pub(super) struct Manager {
     pub(super) distance: u16,
 }
 
-/// The side that accesses a sync manager.
+/// The two sides of a sync manager: one writes its buffer, the other reads it. The control byte determines which side is
+/// the network and which the slave's processor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Side {
     Writer,

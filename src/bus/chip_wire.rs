@@ -60,7 +60,7 @@ impl<'x> ChipWire<'x> {
         self.xf.link().now()
     }
 
-    /// Lets this time pass, unless a frame is back already.
+    /// Waits for this time, or until a frame has come back.
     ///
     /// # Errors
     /// The chip cannot be reached any more.

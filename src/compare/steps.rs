@@ -119,7 +119,8 @@ pub struct Steps<I> {
     cycles: Cycles,
     /// Ambiguous reports, whose last executed command is not known yet, with their cycles.
     ambiguous: Vec<(BoardReport, i64)>,
-    /// The newest unambiguous report: the number of the last executed command among those of OP, and the cycle.
+    /// The newest unambiguous report: the number of the command that it shows as executed last, among the commands sent in
+    /// OP, and the cycle of the report.
     last_certain: Option<(Option<u64>, i64)>,
     /// For each slave: the positions of both axes, and for how many reports they have not changed.
     unchanged_reports: [([Option<i32>; 2], u16); MAX_SLAVES],

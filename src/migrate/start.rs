@@ -42,7 +42,8 @@ const ALL_TO_OP_NS: i64 = 50_000_000;
 const OP_NS: i64 = 6_000_000;
 /// The additional duration of a change of state for each slave, ns.
 const CHANGE_SLAVE_NS: i64 = 2_000_000;
-/// The duration of the change to OP for a slave that changes alone, ns. All slaves do so if one is declared as none.
+/// The duration of the change to OP for a slave that changes alone, ns. If a slave is declared as none, the others change
+/// one after the other.
 const ALONE_NS: i64 = 52_600_000;
 /// The duration of the return from SafeOP of a slave that is declared as none, ns.
 const NONE_NS: i64 = 22_800_000;

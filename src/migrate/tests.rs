@@ -270,8 +270,8 @@ fn lost_slaves() {
     assert_eq!((back.count.times, back.verdict), (1, Verdict::Differs(Row::Remap)));
 }
 
-/// A cycle that no packet can keep does not work; the reason has the calculated time, and the next step has the next
-/// cycle that works.
+/// A cycle time that is too short for any packet gets the verdict "no"; the reason has the calculated time, and the next
+/// step has the next cycle time that works.
 #[test]
 fn a_cycle_that_the_chip_cannot_hold() {
     let found = Run::in_op(40, 250).found();

@@ -262,7 +262,7 @@ impl Dp3cl {
     }
 
     /// Converts a speed of an object into command units/s. \[OURS] 0x60FF, 0x606B, 0x606D and 0x606F are in 0.1 rpm, as the
-    /// manual says of the first, unless the variant `speeds_in_units` is on.
+    /// manual says of 0x60FF, unless the variant `speeds_in_units` is on.
     fn units_per_second(&self, speed: i32) -> f64 {
         if self.config.variants.speeds_in_units {
             return f64::from(speed);

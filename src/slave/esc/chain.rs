@@ -192,8 +192,8 @@ impl Chain {
         }
     }
 
-    /// Sends a frame at `now` in front of the first slave. The frame is changed in place into what comes back. Frames have
-    /// to be sent in the order of their times.
+    /// Sends a frame at `now` in front of the first slave. `frame` then contains the frame as it comes back. Frames have to
+    /// be sent in the order of their times.
     ///
     /// \[OURS] A frame whose datagrams do not fit into it only increments error counters of the slaves.
     pub fn process(&mut self, frame: &mut [u8], now: Ns) -> FrameFate {

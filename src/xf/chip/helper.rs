@@ -137,8 +137,8 @@ impl Axis {
 
 /// Bits 0 to 3 of the controlword that take the axis from a state towards a target (CiA 402-2, table of commands).
 ///
-/// `[OURS]` Targets that no command reaches (Not ready, Fault reaction, Fault) are treated as Switch on disabled. From
-/// Quick stop active to Operation enabled the way is Disable voltage, since not every drive supports the direct
+/// `[OURS]` Targets that no command reaches (Not ready, Fault reaction, Fault) are treated as Switch on disabled. An axis
+/// in Quick stop active reaches Operation enabled by Disable voltage first, since not every drive supports the direct
 /// transition.
 const fn command(state: Option<DriveState>, target: DriveState) -> Controlword {
     use DriveState::{OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled, SwitchedOn};

@@ -101,7 +101,8 @@ impl GapCount {
     /// Evaluates an observation. `moves` says whether the command after it continues the same motion.
     fn evaluate(&mut self, observation: Observation, moves: bool) {
         let Some(offset) = self.cycle_offset.filter(|_| moves) else {
-            // At the end of a motion a certain change is still a gap. A pause after the motion is none.
+            // The motion ends. A change that enough commands have shown is still a gap, but a pause after the motion is
+            // none.
             self.accept_change();
             self.cycle_offset = Some(observation.cycle_offset);
             return;

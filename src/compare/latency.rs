@@ -15,8 +15,8 @@ const SURE_COMMANDS: usize = 5;
 /// The maximum number of stretches that are kept; the last one then includes all later commands. \[OURS]
 const STRETCHES_MAX: usize = 64;
 
-/// How many cycles of the board run B answers later than run A; negative if earlier. Only commands count that did not
-/// wait in the FIFO in at least one of the runs, and that do not continue a motion.
+/// How many cycles of the board run B answers later than run A; negative if earlier. A command counts only if it did not
+/// wait in the FIFO in at least one run, and if it does not continue a motion.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Latency {
     /// The number of commands whose latency was measured.
@@ -28,8 +28,8 @@ pub struct Latency {
     pub least: i64,
     /// The largest latency of a command, in cycles.
     pub most: i64,
-    /// The stretches of the runs with one latency each. A new one begins when several consecutive commands differ by
-    /// more than two cycles. At least one stretch, unless no command counts.
+    /// The parts of the runs between changes of the latency. A new part begins when several consecutive commands differ by
+    /// more than two cycles. At least one part, unless no command counts.
     pub stretches: Vec<LatencyStretch>,
 }
 

@@ -56,9 +56,9 @@ pub struct Step {
     pub answered_after: Option<u64>,
     /// The EtherCAT cycle time when the command was sent, in nanoseconds.
     pub(super) cycle_ns: i64,
-    /// The number of the cycle of OP in which the command was sent.
+    /// The number of the cycle, counted in OP, in which the command was sent.
     sent_in: i64,
-    /// The number of the cycle of OP that the answer reports; `None` outside OP, or without an answer.
+    /// The number of the cycle, counted in OP, that the answer reports; `None` outside OP, or without an answer.
     pub answered_in: Option<i64>,
     /// The first and the last reports of the step, with the ambiguous ones between them.
     pub(super) kept: VecDeque<BoardReport>,

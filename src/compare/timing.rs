@@ -26,7 +26,8 @@ use super::{AT_REST_REPORTS, CompareOptions, Side, WINDOW_CYCLES, answers, unsur
 use crate::ethercat::cia402::Statusword;
 use crate::sk::dump::MAX_SLAVES;
 
-/// Once this many consecutive answers are the same in both runs, a moving axis counts as synchronized again. \[OURS]
+/// Once this many consecutive answers are the same in both runs, earlier additional cycles of one run no longer explain
+/// another position of a moving axis. \[OURS]
 const SAME_ANSWERS: u32 = 16;
 /// Cycles that are searched in addition to those by which the runs differ: a drive follows after one or two cycles, and
 /// a report may belong to the next cycle. \[OURS]
@@ -34,8 +35,8 @@ const SLACK_CYCLES: usize = 2;
 /// If this many answers are the same some cycles earlier or later, the run has no additional cycles: its reports were
 /// only assigned to the wrong commands. \[OURS]
 const UNMOVED_ANSWERS: usize = 3;
-/// The maximum number of cycles that an axis may move longer in one run: the program waits for a few SDOs in succession.
-/// \[OURS]
+/// The maximum number of additional cycles of one run for which positions of a moving axis are searched: enough for a
+/// program that waits for a few SDOs in succession. \[OURS]
 const WAY_CYCLES: usize = 128;
 /// The maximum number of pairs of steps that are searched before and after a pair. \[OURS]
 const PAIRS_MAX: usize = 2 * WAY_CYCLES;
@@ -310,9 +311,9 @@ impl PairWindow {
         }
     }
 
-    /// Whether a difference depends only on the moment at which an axis was observed that moves in both runs: target
-    /// reached (bit 10), or the position. With one cycle more or less the two combine in another way. So each run has
-    /// to show the bit of the other one close to its own answer, and the position too, but not both in one report.
+    /// Whether a difference depends only on the moment of a report: target reached (bit 10), or the position of an axis
+    /// that moves in both runs. A report one cycle earlier or later may combine the two differently. So each run has to
+    /// show the other run's bit close to its own answer, and the other run's position too, but not both in one report.
     fn is_sampling_moment(&self, at: usize, slave: u8, what: &Deviation) -> bool {
         let Some(answers) = self.pairs.get(at).and_then(StepPair::answers_in_op) else { return false };
         let is_one = match what {
@@ -327,7 +328,7 @@ impl PairWindow {
             && self.both_show(at, self.same_in(slave, what))
     }
 
-    /// Whether a run shows this fault of a slave close to the pair `at`.
+    /// Whether a run shows this fault of a slave in a report close to the pair `at`.
     fn has_fault(&self, at: usize, side: Side, slave: u8, error_code: u16) -> bool {
         let is_it = |step: &Step| {
             let mut faults = step.faults.iter().filter(|(of, _)| *of == slave);

@@ -12,8 +12,8 @@ use crate::xf::{DataSize, HEADER_LEN, TRAILER_LEN};
 
 /// Timeout of a change of state on a board, and the default over a chip, in nanoseconds (SK-4.55).
 const STATE_TIMEOUT_NS: i64 = 10_000_000_000;
-/// `state_timeout_ms=` in tenths of the estimated start to OP: real slaves may take three times as long as those of the
-/// model. It is set only if it exceeds the board's timeout. \[OURS]
+/// The ratio of `state_timeout_ms=` to the estimated start to OP, in tenths: real slaves may take three times as long as
+/// those of the model. The key is set only if the result exceeds the board's timeout. \[OURS]
 const SPARE_TENTHS: i64 = 30;
 /// The SPI clock for which the start is estimated, Hz. \[OURS]
 const CLOCK_HZ: u32 = 24_000_000;
@@ -28,7 +28,8 @@ const READ_NS: i64 = 3_914_000;
 const ABORT_NS: i64 = 2 * 396_000;
 /// The duration of the layout of process data without slaves, ns.
 const LAYOUT_NS: i64 = 24_163_000;
-/// The additional duration of the layout for each slave, without the requests for its position, ns.
+/// The additional duration of the layout for each slave, ns, without the packets that ask for the position of the slave's
+/// process data.
 const LAYOUT_SLAVE_NS: i64 = 10_000_000;
 /// The duration of the FIFO set-up before SafeOP, ns.
 const FIFO_NS: i64 = 7_400_000;
@@ -136,8 +137,8 @@ impl Transfers {
     }
 }
 
-/// The size of the packets for process data in each cycle. \[OURS] A slave that is declared none is part of the layout, too,
-/// and counts as a drive.
+/// The size of the packets for process data in each cycle. \[OURS] A slave that is declared as none is part of the layout,
+/// too, and counts as a drive.
 fn data_size(network: &Network) -> DataSize {
     let data = |slave| match network.role(slave) {
         Role::Unused => ProcessData::of(Role::Drive(Mode::Csp), false),

@@ -180,7 +180,8 @@ impl Survey {
         let below_safe_op = !matches!(self.state.state(), Some(MasterState::SafeOp | MasterState::Op));
         match MasterCommand::decode(&slot, self.size) {
             Ok(MasterCommand::SetState(state)) => {
-                // From a lower state the change to SafeOP includes the whole configuration, as a change to OP does.
+                // From a state below SafeOP, the change to SafeOP includes the whole configuration. So it takes longer
+                // over a chip, as a change to OP does.
                 self.usage.add(Subject::State(state), 1, place, state == MasterState::SafeOp && below_safe_op);
                 self.gives_up(state, place);
                 self.way.asks(self.state.state(), state, place);

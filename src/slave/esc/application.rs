@@ -47,7 +47,7 @@ pub(super) struct Application {
     code: AlStatus,
     pub(super) has_mailbox: bool,
     pub(super) managers: ProcessManagers,
-    /// A request that is not processed yet, with the time for processing it.
+    /// A write to AL control that is not processed yet, and the time at which it is processed.
     requested: Option<(AlControl, Ns)>,
     /// The time until which the slave waits for outputs or SYNC0 on its way to OP; `None` if it does not wait.
     waiting: Option<Ns>,

@@ -2,7 +2,7 @@
 
 use crate::slave::dictionary::number_of;
 
-/// The maximum length of a short value, bytes.
+/// The maximum length of a value that is stored inline, bytes.
 const SHORT: usize = size_of::<u64>();
 
 /// The bytes of a value in SDO order, the lowest first.

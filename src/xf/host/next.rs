@@ -196,7 +196,7 @@ impl Host {
         Choice::Packet
     }
 
-    /// The process data in flight, if the next ones may be sent before their answer has come. For this the chip was
+    /// The process data in flight, if the next ones may be sent before their answer has come. The conditions: the chip was
     /// ready for them, all earlier rejections are counted, and no command is waiting.
     fn may_be_overtaken(&self) -> Option<Overtaken> {
         let flight = self.flight.as_ref()?;
@@ -286,7 +286,8 @@ impl Host {
     /// Removes from `seen` the levels, which cannot be cleared, and the error bit that may belong to the running command.
     pub(super) fn own_errors(&self, seen: Errors) -> Errors {
         let own = Errors(seen.0 & Errors::ALL.0);
-        // The error bit of the running command must stay: it is not known yet, or it reports the end of the command.
+        // The error bit of the running command must stay: no answer has shown it yet, or it reports the end of the
+        // command.
         if self.slots.running().is_some() { own.without(Errors::NON_IMMEDIATE) } else { own }
     }
 

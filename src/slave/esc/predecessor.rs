@@ -23,7 +23,7 @@ use crate::ethercat::{AlState, Ns};
 /// The number of bytes of the RAM that are filled with random data.
 const GARBAGE_LEN: usize = 0x800;
 
-/// A master that has ended, with the random generator for what it leaves behind.
+/// A previous master that has ended, with the random generator for the states in which it leaves slaves.
 #[derive(Clone, Debug)]
 pub struct Predecessor {
     dice: Rand64,

@@ -56,7 +56,7 @@ pub struct Settings {
     pub slow_down: u32,
     /// Quick stop deceleration, 0x6085: the quick-stop ramp.
     pub quick_stop: u32,
-    /// Option codes, 0x605A to 0x605E.
+    /// The option codes for the stops of the axis, 0x605A to 0x605E.
     pub options: OptionCodes,
     /// Objects of homing: 0x607C, 0x6098 to 0x609A, 0x605D.
     pub homing: HomingSettings,

@@ -249,7 +249,8 @@ impl Dp3cl {
         self.axis.machine_mut().raise(alarm.fault());
     }
 
-    /// Clears the present alarm unless it needs a restart. Called for F0-00, the input of P2-05, and a fault reset.
+    /// Clears the present alarm unless it needs a restart. Called for F0-00, the input that P2-05 selects, and a fault
+    /// reset.
     fn clear_alarm(&mut self) {
         self.axis.machine_mut().request_reset();
     }

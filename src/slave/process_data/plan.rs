@@ -48,7 +48,7 @@ impl<D> Copy for Step<D> {}
 
 /// The compiled PDO mapping: the steps that copy the process data of a cycle. Only compiling a mapping allocates.
 pub(in crate::slave) struct Plan<D> {
-    /// The steps for the inputs, followed by those for the outputs.
+    /// The steps that copy the inputs, followed by those that copy the outputs.
     steps: Vec<Step<D>>,
     /// The number of steps for the inputs.
     inputs: usize,

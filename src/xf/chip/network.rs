@@ -126,7 +126,7 @@ pub trait SlaveNetwork: Send {
     /// command.
     fn takes_time(&self) -> bool;
 
-    /// Whether the slaves have registers, EEPROMs, files and mailboxes behind their objects. If not, the chip answers
+    /// Whether the slaves have registers, EEPROMs, files and mailboxes besides their objects. If not, the chip answers
     /// commands that need them with the command error.
     fn knows_registers(&self) -> bool;
 

@@ -58,7 +58,8 @@ impl Pending {
     }
 }
 
-/// Slaves in a line behind their slave controllers, and a master. At most 40 slaves, the master's limit.
+/// Slaves with slave controllers, connected in a line, and the master of the network. At most 40 slaves, the master's
+/// limit.
 pub struct Controllers {
     master: Master,
     wire: ChainWire,

@@ -22,8 +22,7 @@ use crate::xf_api::{NetworkConfig, Xf, XfError};
 
 /// \[OURS] Timeout of the chip for one access to a word of an EEPROM.
 const EEPROM_MAX: Duration = Duration::from_millis(500);
-/// \[OURS] Most times that a datagram is sent if it does not come back, and that a word of an EEPROM is read if that
-/// fails.
+/// \[OURS] The maximum number of attempts: to send a datagram that does not come back, and to read a word of an EEPROM.
 const TRIES: u32 = 3;
 /// \[OURS] Interval between the long datagrams that put load on the cables. They read from register 0x0000, the type of
 /// the slave controller, where reading has no effect.
@@ -31,7 +30,7 @@ const LOAD_INTERVAL: Duration = Duration::from_millis(1);
 const LOAD_ADDRESS: u32 = 0x0000_0000;
 /// \[OURS] Interval at which our own master is polled while it waits for a slave.
 const POLL_INTERVAL: Duration = Duration::from_micros(500);
-/// The number of the slave in our own master, which knows only this one.
+/// The slave number that our own master uses for [`XfNetwork::joined`], the only slave that it knows.
 const JOINED: u8 = 1;
 
 /// The network behind an ECM-XF.

@@ -13,7 +13,7 @@ use crate::xf_api::{Xf, XfError};
 /// \[OURS] Timeout of the chip for one datagram.
 pub(super) const DATAGRAM_MAX: Duration = Duration::from_millis(100);
 
-/// The most bytes of data that a datagram of this chip can carry.
+/// The maximum number of data bytes in a datagram of this chip.
 pub(super) fn bytes_max(xf: &Xf) -> usize {
     RAW_DATA_MAX.min(xf.host().size().bytes().saturating_sub(RAW_HEAD))
 }
@@ -60,7 +60,7 @@ impl<'x> ChipWire<'x> {
         self.xf.link().now()
     }
 
-    /// Lets this time pass, unless a frame is back already.
+    /// Waits for this time, or until a frame has come back.
     ///
     /// # Errors
     /// The chip cannot be reached any more.

@@ -20,7 +20,7 @@ const SETTLED_READINGS: u32 = 20;
 /// \[OURS] Largest difference of a synchronized clock, ns: below 1 us, as in the standard's examples.
 pub const GOOD_NS: i64 = 1_000;
 
-/// Minimum, mean and maximum of some values, ns.
+/// Minimum, mean and maximum of the measured differences of a clock, ns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ClockSpread {
     /// The minimum, ns.
@@ -29,12 +29,12 @@ pub struct ClockSpread {
     pub mean_ns: i64,
     /// The maximum, ns.
     pub max_ns: i64,
-    /// The number of values.
+    /// The number of measured differences.
     pub count: u32,
 }
 
 impl ClockSpread {
-    /// The spread of some values; `None` if there are none.
+    /// The minimum, mean and maximum of these values, ns; `None` if there are none.
     pub fn of(values: &[i64]) -> Option<Self> {
         let (min_ns, max_ns) = (*values.iter().min()?, *values.iter().max()?);
         let sum: i128 = values.iter().map(|value| i128::from(*value)).sum();

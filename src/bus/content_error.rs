@@ -7,7 +7,7 @@ use crate::ethercat::sii::{SII_INFO_LEN, SiiIdentity};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ContentError {
-    /// The length is odd, or shorter than the first words of an EEPROM.
+    /// The length is odd, or shorter than the configuration words at the beginning of an EEPROM.
     #[error(
         "{len} bytes cannot be the content of an EEPROM, which has an even number of at least {} bytes; name a file \
          that `ecmsk bus sii read` or `ecmsk slave sii` has written", SII_INFO_LEN + 2

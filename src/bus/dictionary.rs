@@ -106,7 +106,7 @@ pub fn value(
     }
 }
 
-/// Decodes a text: as UTF-8 if it is valid, otherwise as ISO-8859-1. EEPROMs have such texts too.
+/// Decodes a text: as UTF-8 if it is valid, otherwise as ISO-8859-1, which some slaves use.
 fn text(bytes: &[u8]) -> String {
     let latin = || bytes.iter().map(|byte| char::from(*byte)).collect();
     let text = str::from_utf8(bytes).map_or_else(|_| latin(), str::to_owned);

@@ -5,7 +5,7 @@ use super::{BusError, Network};
 use crate::ethercat::sii::{SII_INFO_LEN, Sii};
 use crate::master::SiiError;
 
-/// \[OURS] The most bytes that are read from an EEPROM.
+/// \[OURS] The maximum number of bytes that are read from an EEPROM.
 const BYTES_MAX: usize = 0x8000;
 
 /// A word that new content changes.
@@ -100,8 +100,9 @@ pub fn changes(network: &mut dyn Network, slave: u8, content: &[u8]) -> Result<V
         .collect())
 }
 
-/// Writes the changed words from the last one to the first, so that the checksum of the first words is written late.
-/// Then reads all of them back. Calls `written` after each word with the number of words written so far.
+/// Writes the changed words in descending order of address, so that the configuration words at the beginning, with their
+/// checksum, come last. Then reads all of them back. Calls `written` after each word with the number of words written so
+/// far.
 ///
 /// # Errors
 /// [`BusError::Eeprom`], [`BusError::NotWritten`]

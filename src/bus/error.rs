@@ -1,4 +1,4 @@
-//! The errors of looking at a network.
+//! The errors of inspecting a network.
 
 use crate::address::uri::UriError;
 use crate::ethercat::coe::{AbortCode, ObjectAddress};
@@ -7,7 +7,7 @@ use crate::link::LinkError;
 use crate::master::{DatagramError, FileError, MailboxError, ScanError, SdoError, SiiError, StateError};
 use crate::xf_api::XfError;
 
-/// Why a look at a network failed. Every text ends with the next step.
+/// Why the inspection of a network failed. Every text ends with the next step.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum BusError {

@@ -1,9 +1,9 @@
-//! Looks at a network that no program uses: its slaves, their ports and cables, objects, EEPROMs, files and clocks.
-//! Nothing moves, because no slave is brought above PreOP.
+//! Inspects a network that no program uses: its slaves, their ports and cables, objects, EEPROMs, files and clocks. Nothing
+//! moves, because no slave is brought above PreOP.
 //!
-//! A [`Network`] is a way to the slaves; [`open()`] makes one from a link. Behind `nic:` (a network card) and `sim:`
-//! (simulated slaves in virtual time) it is [our own master](crate::master); an ECM-XF is a master itself. Everything
-//! else uses the trait alone:
+//! A [`Network`] gives access to the slaves; [`open()`] makes one from a link. Behind `nic:` (a network card) and `sim:`
+//! (simulated slaves in virtual time) it is [our own master](crate::master); an ECM-XF is a master itself. Everything else
+//! uses the trait alone:
 //!
 //! | file | what it contains |
 //! | --- | --- |

@@ -19,7 +19,7 @@ const TURN_NS: Ns = 200_000;
 /// \[OURS] Interval at which the master distributes the time of the reference clock, ns. A master with cycles of 1 ms
 /// does it as often.
 const WATCH_NS: Ns = 1_000_000;
-/// \[OURS] Most times that a datagram which reads states before the scan is sent, if it does not come back.
+/// \[OURS] The maximum number of attempts to send a datagram that reads states before the scan, if it does not come back.
 const TRIES: u32 = 3;
 
 /// \[OURS] Interval of the long frames that put load on the cables, ns, their length, and the byte that fills them:
@@ -37,7 +37,7 @@ pub(super) struct SoftwareNetwork<W> {
 }
 
 impl<W: NicWires> SoftwareNetwork<W> {
-    /// The network at the end of these wires. Nothing is sent.
+    /// A network that our own master reaches over these wires. Nothing is sent yet.
     pub(super) fn new(wires: W, settings: Settings) -> Self {
         let settings = Settings { watch_ns: WATCH_NS, ..settings };
         Self { master: Master::new(settings), wires, found: Vec::new() }
@@ -312,7 +312,7 @@ mod tests {
         }
     }
 
-    /// A slave that keeps its mailbox counter across Init answers in several looks, one after the other.
+    /// A slave that keeps its mailbox counter across Init answers although several masters inspect it, one after the other.
     #[test]
     fn one_look_after_another_reads_objects() {
         for seed in 0..16 {
@@ -323,7 +323,7 @@ mod tests {
                 // The scan must also find a slave that was left in OP.
                 let scan = network.master.scan();
                 assert_eq!(network.wait_for(scan), Ok(1));
-                // Another number of requests in each look, so that the last mailbox counter differs.
+                // Each master makes another number of requests, so that the last mailbox counter differs.
                 for _ in 0..=look {
                     let begin = network.wires.now();
                     let value = network.upload(1, ObjectAddress::new(0x1018, 1), SdoScope::Entry);

@@ -130,8 +130,8 @@ pub struct SdoComparison {
 }
 
 impl SdoComparison {
-    /// Takes the next two equal steps. Returns a difference between the two answers, once, and a difference for the
-    /// transfer before if only one run answered it.
+    /// Processes the next two equal steps, one of each run. Returns a difference between the two answers, once, and a
+    /// difference for the previous transfer if only one run answered it.
     pub fn steps(&mut self, a: &Step, b: &Step) -> Vec<Deviation> {
         let mut found = Vec::new();
         if let Some(request) = a.sdo() {

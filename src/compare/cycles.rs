@@ -21,8 +21,8 @@ impl Cycles {
         self.passed
     }
 
-    /// Takes a report that was received at `at_ns`, and adds the cycles since the report before. Reports that the host
-    /// missed count too.
+    /// Processes a report that was received at `at_ns`: counts the cycles since the previous report, including those whose
+    /// reports the host missed.
     pub(super) fn report(&mut self, at_ns: i64, cycle_ns: i64) {
         let cycle_ns = cycle_ns.max(1);
         let Some(before_ns) = self.before_ns.replace(at_ns) else {

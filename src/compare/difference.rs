@@ -32,12 +32,12 @@ pub enum Deviation {
     },
     /// The state of the network in the reports differs.
     State {
-        /// Byte 2 of slot 0.
+        /// The state of the network in each run, from byte 2 of slot 0.
         states: [StateByte; 2],
     },
     /// The result of a command for the board itself differs.
     Result {
-        /// Data1 of slot 0.
+        /// The result in each run, from Data1 of slot 0.
         results: [u32; 2],
     },
     /// In the run `side` a drive had a fault, which may be reset again; in the other run it had none.
@@ -149,7 +149,7 @@ impl Display for Difference {
     }
 }
 
-/// Most differences of one command that its text lists. \[OURS]
+/// The maximum number of differences of one command that its text lists. \[OURS]
 const SHOWN_MAX: usize = 3;
 
 impl Display for Deviation {

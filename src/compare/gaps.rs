@@ -15,9 +15,9 @@ const SURE_COMMANDS: u32 = 3;
 pub struct Gaps {
     /// The number of gaps.
     pub count: u64,
-    /// The sum of their cycles.
+    /// The additional cycles of all gaps together.
     pub cycles: u64,
-    /// The cycles of the longest gap.
+    /// The additional cycles of the longest gap.
     pub longest: u64,
 }
 
@@ -27,7 +27,7 @@ pub(super) fn cycle_offset(a: &Step, b: &Step) -> Option<i64> {
     Some(b.answered_in?.saturating_sub(a.answered_in?))
 }
 
-/// Observation at one pair of equal commands.
+/// What the answers to one pair of equal commands show.
 #[derive(Clone, Copy, Debug)]
 struct Observation {
     /// The cycle count of run B minus that of run A.
@@ -63,8 +63,8 @@ impl Default for GapCount {
 }
 
 impl GapCount {
-    /// Takes the next two equal steps, and whether the answers to them are equal. Returns whether the steps continue a
-    /// motion.
+    /// Processes the next two equal steps, one of each run. `is_same` says whether their answers are equal. Returns whether
+    /// the steps continue a motion.
     pub(super) fn pair(&mut self, a: &Step, b: &Step, is_same: bool) -> bool {
         let moves = self.moves(a);
         let is_empty =
@@ -101,7 +101,8 @@ impl GapCount {
     /// Evaluates an observation. `moves` says whether the command after it continues the same motion.
     fn evaluate(&mut self, observation: Observation, moves: bool) {
         let Some(offset) = self.cycle_offset.filter(|_| moves) else {
-            // At the end of a motion a certain change is still a gap. A pause after the motion is none.
+            // The motion ends. A change that enough commands have shown is still a gap, but a pause after the motion is
+            // none.
             self.accept_change();
             self.cycle_offset = Some(observation.cycle_offset);
             return;

@@ -12,14 +12,14 @@ const AT_ONCE_CYCLES: u64 = 2;
 const STEADY_CYCLES: u64 = 2;
 /// A new stretch begins once this many consecutive commands show another latency. \[OURS]
 const SURE_COMMANDS: usize = 5;
-/// Most stretches that are kept; the last one then includes all later commands. \[OURS]
+/// The maximum number of stretches that are kept; the last one then includes all later commands. \[OURS]
 const STRETCHES_MAX: usize = 64;
 
-/// How many cycles of the board run B answers later than run A; negative if earlier. Only commands count that did not
-/// wait in the FIFO in at least one of the runs, and that do not continue a motion.
+/// How many cycles of the board run B answers later than run A; negative if earlier. A command counts only if it did not
+/// wait in the FIFO in at least one run, and if it does not continue a motion.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Latency {
-    /// The number of commands that count.
+    /// The number of commands whose latency was measured.
     pub commands: u64,
     /// The most frequent latency, in cycles. If several are equally frequent, the one nearest to 0. 0 if no command
     /// counts.
@@ -28,8 +28,8 @@ pub struct Latency {
     pub least: i64,
     /// The largest latency of a command, in cycles.
     pub most: i64,
-    /// The stretches of the runs with one latency each. A new one begins when several consecutive commands differ by
-    /// more than two cycles. At least one stretch, unless no command counts.
+    /// The parts of the runs between changes of the latency. A new part begins when several consecutive commands differ by
+    /// more than two cycles. At least one part, unless no command counts.
     pub stretches: Vec<LatencyStretch>,
 }
 
@@ -55,7 +55,7 @@ pub(super) struct LatencyFinder {
 }
 
 impl LatencyFinder {
-    /// Takes the next two equal steps.
+    /// Processes the next two equal steps, one of each run.
     pub(super) fn pair(&mut self, a: &Step, b: &Step) {
         let (Some(after_a), Some(after_b)) = (a.answered_after, b.answered_after) else { return };
         if after_a.min(after_b) > AT_ONCE_CYCLES {

@@ -64,9 +64,9 @@ pub use steps::{Step, Steps};
 use crate::link::Dir;
 use crate::sk::{Frame, SlotSize};
 
-/// Most cycles of the board by which the same answer may be earlier or later in one run, unless
-/// [`CompareOptions::latency_cycles`] is smaller. A board over an ECM-XF answers up to 8 cycles later, and takes up to 12 for
-/// SET_FIFO 1. \[OURS]
+/// The maximum number of the board's cycles by which the same answer may be earlier or later in one run, unless
+/// [`CompareOptions::latency_cycles`] is smaller. A board over an ECM-XF answers up to 8 cycles later, and takes up to 12
+/// for SET_FIFO 1. \[OURS]
 pub const WINDOW_CYCLES: usize = 24;
 
 /// An axis counts as at rest once its positions have not changed for this many reports. \[OURS]
@@ -138,8 +138,8 @@ pub struct CompareOptions {
     /// Whether the same frame sent several times in succession counts as one. For programs that repeat a command until
     /// a state or a target is reached: how often they repeat it depends on timing. Default: no.
     pub ignore_repeats: bool,
-    /// The most cycles of the board by which one run may answer later than the other. With 0 both boards must have
-    /// given the same answers before the program sent its next command. Default: `None`, which allows any latency; the
+    /// The maximum number of the board's cycles by which one run may answer later than the other. With 0 both boards must
+    /// have given the same answers before the program sent its next command. Default: `None`, which allows any latency; the
     /// same answers may then be [`WINDOW_CYCLES`] apart.
     pub latency_cycles: Option<u32>,
     /// The slot size; `None` for the one that the recordings state.

@@ -9,7 +9,7 @@ use crate::recording::{Address, RecordError, RecordMeta, Recorded, Recording, Sk
 use crate::recording::{InOrder, Jumps, SizeFinder, SizeFrom, Timeline};
 use crate::sk::{FRAME_LEN, SlotSize};
 
-/// Most frames that are read to find the slot size of a recording that does not state it. \[OURS]
+/// The maximum number of frames that are read to find the slot size of a recording that does not state it. \[OURS]
 const SLOT_SIZE_FRAMES_MAX: usize = 1000;
 
 /// Why runs cannot be compared.

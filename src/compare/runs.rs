@@ -14,7 +14,7 @@ use super::{CompareOptions, Side, TimedFrame};
 use crate::sk::SlotSize;
 use crate::sk::dump::CommandDump;
 
-/// Most equal commands before the first difference that are kept as its context. \[OURS]
+/// The maximum number of equal commands before the first difference that are kept as its context. \[OURS]
 const CONTEXT_MAX: usize = 3;
 
 /// A command before the first difference, equal in both runs.
@@ -259,7 +259,7 @@ fn late(now: LatencyStretch) -> Deviation {
     Deviation::Late { side, cycles: cycles.unsigned_abs(), from_command }
 }
 
-/// Most changes of the latency that the text lists. \[OURS]
+/// The maximum number of changes of the latency that the text lists. \[OURS]
 const SHOWN_STRETCHES: usize = 4;
 
 /// Text of a latency: how many cycles run B answers later.

@@ -14,11 +14,11 @@ use crate::sk::{FifoAction, Frame, MasterCommand, MasterResponse, MasterState, R
 
 /// The EtherCAT cycle time until SET_DC changes it (SK-4).
 const DEFAULT_CYCLE_NS: i64 = 1_000_000;
-/// Most steps that wait for an answer, more than the FIFO has entries. The oldest one above that ends without an
-/// answer. \[OURS]
+/// The maximum number of steps that wait for an answer, more than the FIFO has entries. With one more, the oldest step ends
+/// without an answer. \[OURS]
 const OPEN_STEPS_MAX: usize = 1024;
 
-/// Most reports that wait for a later report, which shows the commands that they answer. \[OURS]
+/// The maximum number of reports that wait for a later report, which shows the commands that they answer. \[OURS]
 const AMBIGUOUS_MAX: usize = 32;
 
 /// A command frame that requests something, and the board's answer to it.
@@ -56,9 +56,9 @@ pub struct Step {
     pub answered_after: Option<u64>,
     /// The EtherCAT cycle time when the command was sent, in nanoseconds.
     pub(super) cycle_ns: i64,
-    /// The number of the cycle of OP in which the command was sent.
+    /// The number of the cycle, counted in OP, in which the command was sent.
     sent_in: i64,
-    /// The number of the cycle of OP that the answer reports; `None` outside OP, or without an answer.
+    /// The number of the cycle, counted in OP, that the answer reports; `None` outside OP, or without an answer.
     pub answered_in: Option<i64>,
     /// The first and the last reports of the step, with the ambiguous ones between them.
     pub(super) kept: VecDeque<BoardReport>,
@@ -119,7 +119,8 @@ pub struct Steps<I> {
     cycles: Cycles,
     /// Ambiguous reports, whose last executed command is not known yet, with their cycles.
     ambiguous: Vec<(BoardReport, i64)>,
-    /// The newest unambiguous report: the number of the last executed command among those of OP, and the cycle.
+    /// The newest unambiguous report: the number of the command that it shows as executed last, among the commands sent in
+    /// OP, and the cycle of the report.
     last_certain: Option<(Option<u64>, i64)>,
     /// For each slave: the positions of both axes, and for how many reports they have not changed.
     unchanged_reports: [([Option<i32>; 2], u16); MAX_SLAVES],

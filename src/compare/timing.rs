@@ -26,7 +26,8 @@ use super::{AT_REST_REPORTS, CompareOptions, Side, WINDOW_CYCLES, answers, unsur
 use crate::ethercat::cia402::Statusword;
 use crate::sk::dump::MAX_SLAVES;
 
-/// Once this many consecutive answers are the same in both runs, a moving axis counts as synchronized again. \[OURS]
+/// Once this many consecutive answers are the same in both runs, earlier additional cycles of one run no longer explain
+/// another position of a moving axis. \[OURS]
 const SAME_ANSWERS: u32 = 16;
 /// Cycles that are searched in addition to those by which the runs differ: a drive follows after one or two cycles, and
 /// a report may belong to the next cycle. \[OURS]
@@ -34,9 +35,10 @@ const SLACK_CYCLES: usize = 2;
 /// If this many answers are the same some cycles earlier or later, the run has no additional cycles: its reports were
 /// only assigned to the wrong commands. \[OURS]
 const UNMOVED_ANSWERS: usize = 3;
-/// Most cycles that an axis may move longer in one run: the program waits for a few SDOs in succession. \[OURS]
+/// The maximum number of additional cycles of one run for which positions of a moving axis are searched: enough for a
+/// program that waits for a few SDOs in succession. \[OURS]
 const WAY_CYCLES: usize = 128;
-/// Most pairs of steps that are searched before and after a pair. \[OURS]
+/// The maximum number of pairs of steps that are searched before and after a pair. \[OURS]
 const PAIRS_MAX: usize = 2 * WAY_CYCLES;
 
 /// Two equal steps, one of each run.
@@ -70,10 +72,10 @@ impl StepPair {
     }
 }
 
-/// What follows the pairs that were pushed so far.
+/// Whether more steps follow the pairs that were pushed so far.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum NextSteps {
-    /// More pairs, or the runs are not read to their ends yet.
+    /// Further pairs follow, or may follow: the runs are not read to their ends yet.
     More,
     /// Steps of one run only, because the other one has ended.
     OneRun,
@@ -81,7 +83,7 @@ pub(super) enum NextSteps {
     Nothing,
 }
 
-/// How many cycles the two runs are apart for one axis.
+/// By how many cycles one run is ahead of the other, for one axis.
 #[derive(Clone, Copy, Debug, Default)]
 struct CycleOffset {
     /// The cycle count of run B minus that of run A, when the axis was last at the same position in both runs.
@@ -110,7 +112,7 @@ impl PairWindow {
         Self { options: *options, pairs: VecDeque::new(), next: 0, axes, shifted: 0 }
     }
 
-    /// Most cycles between answers that count as the same.
+    /// The maximum number of cycles between two answers that count as the same.
     fn window(&self) -> usize {
         let most = self.options.latency_cycles.map_or(WINDOW_CYCLES, |cycles| cycles as usize);
         most.min(WINDOW_CYCLES)
@@ -298,7 +300,8 @@ impl PairWindow {
         self.shows(at, Side::A, &same) || self.shows(at, Side::B, &same)
     }
 
-    /// Returns a test whether two reports of OP agree for a slave in the kind of value that `what` is about.
+    /// Returns a function that compares two reports in OP for a slave, in the kind of value that `what` is about, such as
+    /// the position.
     fn same_in(&self, slave: u8, what: &Deviation) -> impl Fn(&BoardReport, &BoardReport) -> bool {
         let is_about_it = |found: &Deviation| std::mem::discriminant(found) == std::mem::discriminant(what);
         move |one, other| {
@@ -308,9 +311,9 @@ impl PairWindow {
         }
     }
 
-    /// Whether a difference depends only on the moment at which an axis was observed that moves in both runs: target
-    /// reached (bit 10), or the position. With one cycle more or less the two combine in another way. So each run has
-    /// to show the bit of the other one close to its own answer, and the position too, but not both in one report.
+    /// Whether a difference depends only on the moment of a report: target reached (bit 10), or the position of an axis
+    /// that moves in both runs. A report one cycle earlier or later may combine the two differently. So each run has to
+    /// show the other run's bit close to its own answer, and the other run's position too, but not both in one report.
     fn is_sampling_moment(&self, at: usize, slave: u8, what: &Deviation) -> bool {
         let Some(answers) = self.pairs.get(at).and_then(StepPair::answers_in_op) else { return false };
         let is_one = match what {
@@ -325,7 +328,7 @@ impl PairWindow {
             && self.both_show(at, self.same_in(slave, what))
     }
 
-    /// Whether a run shows this fault of a slave close to the pair `at`.
+    /// Whether a run shows this fault of a slave in a report close to the pair `at`.
     fn has_fault(&self, at: usize, side: Side, slave: u8, error_code: u16) -> bool {
         let is_it = |step: &Step| {
             let mut faults = step.faults.iter().filter(|(of, _)| *of == slave);

@@ -1,5 +1,5 @@
-//! What a chip needs for the process data of a network: the size of its packets, the SPI clock, the entries of its
-//! FIFOs. How a cycle is kept is calculated by [`CycleDemand`].
+//! What a chip needs for the process data of a network: the size of its packets, the SPI clock, the entries of its FIFOs.
+//! [`CycleDemand`] calculates whether the exchanges with the chip fit into the cycle time.
 
 use super::Network;
 use crate::ethercat::Ns;
@@ -20,37 +20,37 @@ const USED_TENTHS: Ns = 9;
 /// Clocks are rounded up to multiples of this, in Hz.
 const CLOCK_STEP_HZ: u32 = 1000;
 
-/// The packets that keep a cycle.
+/// Packets with which the exchanges of process data fit into the cycle time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Packets {
-    /// The bytes of data in a packet.
+    /// The size of the packets' data segment.
     pub size: DataSize,
-    /// The process images that one packet carries.
+    /// The number of process images, one for each cycle, that one packet carries.
     pub sets: u16,
     /// The exchanges of process data that are in flight at the same time. With 1 no outputs are lost as long as packets
     /// get through at all. With 2, outputs that the chip did not accept are not sent again.
     pub in_flight: usize,
-    /// The lowest SPI clock in Hz that keeps the cycle with one exchange in flight and a tenth of the time to spare,
+    /// The lowest SPI clock in Hz at which one exchange in flight fits into the cycle with a tenth of the time to spare,
     /// also with packets of another size. At most the clock that was given.
     pub least_clock_hz: u32,
-    /// The process images that have to be in the chip because of the transport alone, at the clock that was given. The
-    /// bus adds them to `ahead=`.
+    /// The number of process images that have to wait in the chip's FIFO to cover the latency of the transport, at the
+    /// clock that was given. A board over the chip adds them to `ahead=`.
     pub transport_sets: u16,
 }
 
-/// Why no packets keep a cycle.
+/// Why the exchanges of process data do not fit into the cycle time, whatever the packets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Refused {
-    /// The limit with which the bus would refuse the cycle.
+    /// The limit with which a board over the chip would refuse this cycle time.
     pub limit: HardwareLimit,
-    /// The shortest longer cycle that can be kept with one exchange in flight; `None` if there is none.
+    /// The shortest longer cycle that is possible with one exchange in flight; `None` if there is none.
     pub next_cycle: Option<CycleTime>,
-    /// Whether INT0 is wired. The reason advises to wire it only if it is not.
+    /// Whether INT0 is wired. If not, the reason advises to wire it.
     pub has_int0: bool,
 }
 
 impl Refused {
-    /// Why the cycle cannot be kept, with general advice.
+    /// Why the cycle time is too short for the chip, with general advice.
     pub fn reason(&self) -> String {
         match self.limit {
             HardwareLimit::Cycle { cycle_ns, needed_ns } if self.has_int0 => format!(
@@ -75,18 +75,20 @@ pub struct Needs {
     pub cycle: CycleTime,
     /// The SPI clock of the machine, in Hz.
     pub clock_hz: u32,
-    /// The packets if INT0 is wired, or why none keep the cycle.
+    /// The packets to use if INT0 is wired, or why the cycle time is too short for any packets.
     pub with_int0: Result<Packets, Refused>,
-    /// The packets without INT0, with the default idle time after each packet, or why none keep the cycle.
+    /// The packets to use without INT0, with the default idle time after each packet, or why the cycle time is too short
+    /// for any packets.
     pub without_int0: Result<Packets, Refused>,
     /// The entries of each FIFO of the chip. Both FIFOs share one memory.
     pub entries: u8,
-    /// The largest useful value of `ahead=`: the entries of the chip's FIFO that the transport does not need.
+    /// The largest useful value of `ahead=`: the entries of the chip's FIFO that are not needed to cover the latency of the
+    /// transport.
     pub ahead_max: u16,
 }
 
 impl Needs {
-    /// What a network needs at an SPI clock in Hz.
+    /// Calculates what a chip needs for a network at an SPI clock in Hz.
     pub fn of(network: &Network, clock_hz: u32) -> Self {
         let (output_bytes, input_bytes) = (network.output_bytes(), network.input_bytes());
         let entries = fifo_entries(output_bytes + input_bytes);
@@ -119,7 +121,8 @@ impl Needs {
         self.output_bytes.max(self.input_bytes)
     }
 
-    /// The process images that the transport needs in the chip with INT0; 0 if the cycle cannot be kept.
+    /// The number of process images that have to wait in the chip's FIFO to cover the latency of the transport with INT0; 0
+    /// if the cycle time is too short.
     pub fn transport_sets(&self) -> u16 {
         self.with_int0.map_or(0, |packets| packets.transport_sets)
     }
@@ -130,8 +133,8 @@ impl Needs {
     }
 }
 
-/// The packets that keep a cycle: of 112 bytes, enough for every command of the configuration, or larger if the process
-/// data need it.
+/// The packets with which the exchanges fit into the cycle time: of 112 bytes, enough for every command of the
+/// configuration, or larger if the process data need it.
 fn packets(demand: &CycleDemand, clock_hz: u32) -> Result<Packets, Refused> {
     let has_int0 = demand.idle_ns == INT0_IDLE_NS;
     let refused = |limit| Refused { limit, next_cycle: next_cycle(demand), has_int0 };
@@ -145,7 +148,7 @@ fn packets(demand: &CycleDemand, clock_hz: u32) -> Result<Packets, Refused> {
     })
 }
 
-/// The shortest longer cycle that can be kept with one exchange in flight.
+/// The shortest longer cycle that is possible with one exchange in flight; `None` if there is none.
 fn next_cycle(demand: &CycleDemand) -> Option<CycleTime> {
     let us = (demand.cycle_ns / 1000) as u32;
     let longer = std::iter::successors(CycleTime::from_us(us * 2), |cycle| CycleTime::from_us(cycle.us() * 2));
@@ -154,7 +157,7 @@ fn next_cycle(demand: &CycleDemand) -> Option<CycleTime> {
         .find(|cycle| CycleDemand { cycle_ns: cycle.ns(), ..*demand }.plan().is_ok_and(|plan| plan.in_flight == 1))
 }
 
-/// The lowest clock that keeps the cycle with one exchange in flight and some time to spare, in steps of
+/// The lowest clock at which one exchange in flight fits into the cycle with some time to spare, in steps of
 /// [`CLOCK_STEP_HZ`]. At most the given clock.
 fn least_clock_hz(demand: &CycleDemand, clock_hz: u32) -> u32 {
     let cycle_ns = demand.cycle_ns * USED_TENTHS / 10;

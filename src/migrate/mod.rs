@@ -57,7 +57,7 @@ pub use usage::{Count, Subject};
 use crate::recording::Clock;
 use crate::sk::{CycleTime, SlotSize};
 
-/// A frame of a run, where something was found.
+/// The frame of a run at which the survey has found something.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Place {
     /// The number of the frame in the recording, from 1.
@@ -82,7 +82,7 @@ pub struct Setting {
     pub clock_hz: u32,
     /// The clock of the frames' times. Times of a virtual clock say nothing about the host's timing.
     pub clock: Clock,
-    /// The slot size of the program, which the links repeat.
+    /// The slot size of the program. The suggested links repeat it as the key `slot=`.
     pub slot: SlotSize,
     /// Whether the program was recorded with its slaves behind a chip, so that it has waited for the longer start.
     pub is_behind_chip: bool,
@@ -103,7 +103,7 @@ pub struct Item {
     pub verdict: Verdict,
 }
 
-/// The result for a run.
+/// What a program needs to run with an ECM-XF, found from one recorded run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Migration {
     /// The command frames of the run in which some slot requests something.

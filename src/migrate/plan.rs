@@ -26,8 +26,8 @@ pub struct Ahead {
     pub is_known: bool,
     /// The length of the stall in cycles, rounded up.
     pub stall_cycles: u16,
-    /// Process images that the bus sends to the chip in addition because of the transport: it does not know yet whether
-    /// the chip has sent them.
+    /// The number of process images that a board over the chip keeps in the chip's FIFO in addition. It needs them because
+    /// the FIFO level that it knows is old: it does not know yet whether the chip has sent them.
     pub transport_sets: u16,
     /// The value for `ahead=`: the cycles of the stall, at least the default, and at most what fits into the chip's
     /// FIFO.

@@ -21,7 +21,7 @@ pub enum Row {
     Remap,
     /// An SDO during a change of the AL state waits for its end.
     Sdo,
-    /// The chip cannot keep every cycle time.
+    /// Some cycle times are too short for the exchanges with the chip.
     Cycle,
     /// The board's own six inputs and outputs are pins of the chip, which keys of the link name.
     Lio,

@@ -6,7 +6,7 @@ use super::Place;
 
 /// Width of the bins for durations up to [`FINE_MAX_NS`]. \[OURS]
 const FINE_NS: i64 = 10_000;
-/// Longer durations have bins of the width [`COARSE_NS`]. \[OURS]
+/// The longest duration in a bin of the width [`FINE_NS`]. Longer durations have bins of the width [`COARSE_NS`]. \[OURS]
 const FINE_MAX_NS: i64 = 1_000_000_000;
 const COARSE_NS: i64 = 100_000_000;
 

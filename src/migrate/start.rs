@@ -12,10 +12,10 @@ use crate::xf::{DataSize, HEADER_LEN, TRAILER_LEN};
 
 /// Timeout of a change of state on a board, and the default over a chip, in nanoseconds (SK-4.55).
 const STATE_TIMEOUT_NS: i64 = 10_000_000_000;
-/// `state_timeout_ms=` in tenths of the estimated start to OP: real slaves may take three times as long as those of the
-/// model. It is set only if it exceeds the board's timeout. \[OURS]
+/// The ratio of `state_timeout_ms=` to the estimated start to OP, in tenths: real slaves may take three times as long as
+/// those of the model. The key is set only if the result exceeds the board's timeout. \[OURS]
 const SPARE_TENTHS: i64 = 30;
-/// The SPI clock of the estimate, Hz. \[OURS]
+/// The SPI clock for which the start is estimated, Hz. \[OURS]
 const CLOCK_HZ: u32 = 24_000_000;
 /// The idle time after each packet, ns (XF EN 1706).
 const IDLE_NS: i64 = HostConfig::DEFAULT.idle_ns.cast_signed();
@@ -28,7 +28,8 @@ const READ_NS: i64 = 3_914_000;
 const ABORT_NS: i64 = 2 * 396_000;
 /// The duration of the layout of process data without slaves, ns.
 const LAYOUT_NS: i64 = 24_163_000;
-/// The additional duration of the layout for each slave, without the requests for its position, ns.
+/// The additional duration of the layout for each slave, ns, without the packets that ask for the position of the slave's
+/// process data.
 const LAYOUT_SLAVE_NS: i64 = 10_000_000;
 /// The duration of the FIFO set-up before SafeOP, ns.
 const FIFO_NS: i64 = 7_400_000;
@@ -42,7 +43,8 @@ const ALL_TO_OP_NS: i64 = 50_000_000;
 const OP_NS: i64 = 6_000_000;
 /// The additional duration of a change of state for each slave, ns.
 const CHANGE_SLAVE_NS: i64 = 2_000_000;
-/// The duration of the change to OP for a slave that changes alone, ns. All slaves do so if one is declared as none.
+/// The duration of the change to OP for a slave that changes alone, ns. If a slave is declared as none, the others change
+/// one after the other.
 const ALONE_NS: i64 = 52_600_000;
 /// The duration of the return from SafeOP of a slave that is declared as none, ns.
 const NONE_NS: i64 = 22_800_000;
@@ -98,7 +100,7 @@ pub fn time_to_op_ns(network: &Network) -> i64 {
     ns / 1_000_000 * 1_000_000
 }
 
-/// The SDOs of a configuration.
+/// The number of SDO transfers that configure one slave or several.
 #[derive(Clone, Copy, Debug, Default)]
 struct Transfers {
     reads: i64,
@@ -135,8 +137,8 @@ impl Transfers {
     }
 }
 
-/// The size of the packets for process data in each cycle. \[OURS] A slave that is declared none is part of the layout, too,
-/// and counts as a drive.
+/// The size of the packets for process data in each cycle. \[OURS] A slave that is declared as none is part of the layout,
+/// too, and counts as a drive.
 fn data_size(network: &Network) -> DataSize {
     let data = |slave| match network.role(slave) {
         Role::Unused => ProcessData::of(Role::Drive(Mode::Csp), false),
@@ -186,7 +188,7 @@ impl WayToOp {
         self.longest
     }
 
-    /// Takes a SET_STATE; `present` is the state of the board.
+    /// Processes a SET_STATE command for `state`; `present` is the state of the board.
     pub(super) fn asks(&mut self, present: Option<MasterState>, state: MasterState, place: Place) {
         if state < MasterState::SafeOp {
             self.ends();
@@ -196,7 +198,7 @@ impl WayToOp {
         }
     }
 
-    /// Takes the state of a report, and that of the report before it.
+    /// Processes the state in a report, `now`, and that in the previous report, `before`.
     pub(super) fn shows(&mut self, before: StateByte, now: StateByte, place: Place) {
         if now.is_failed() && now != before {
             return self.ends();
@@ -215,7 +217,7 @@ impl WayToOp {
         }
     }
 
-    /// Ends a start that does not reach OP.
+    /// Forgets the present start, because it does not reach OP.
     pub(super) fn ends(&mut self) {
         (self.asked, self.passed_ns) = (None, 0);
     }

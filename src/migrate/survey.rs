@@ -104,7 +104,7 @@ impl Survey {
         &self.clockwork.timing
     }
 
-    /// Takes the next frame.
+    /// Processes the next frame of the run.
     pub fn frame(&mut self, observed: &TimedFrame) -> Seen {
         let place = Place { frame: observed.number, at_ns: observed.at_ns };
         self.last_ns = observed.at_ns;
@@ -170,7 +170,7 @@ impl Survey {
         seen
     }
 
-    /// Takes slot 0 of a command frame. Returns whether it requests something.
+    /// Processes slot 0 of a command frame. Returns whether it requests something.
     fn board(&mut self, place: Place, frame: &Frame) -> bool {
         let slot = frame.slot(self.size, 0);
         let id = CommandId::from_code(slot.id);
@@ -180,7 +180,8 @@ impl Survey {
         let below_safe_op = !matches!(self.state.state(), Some(MasterState::SafeOp | MasterState::Op));
         match MasterCommand::decode(&slot, self.size) {
             Ok(MasterCommand::SetState(state)) => {
-                // From a lower state the change to SafeOP includes the whole configuration, as a change to OP does.
+                // From a state below SafeOP, the change to SafeOP includes the whole configuration. So it takes longer
+                // over a chip, as a change to OP does.
                 self.usage.add(Subject::State(state), 1, place, state == MasterState::SafeOp && below_safe_op);
                 self.gives_up(state, place);
                 self.way.asks(self.state.state(), state, place);
@@ -298,7 +299,7 @@ impl Survey {
         (1..=SLAVES).any(|slave| self.moves(slave, at_ns))
     }
 
-    /// Takes the SDO slot of a command frame. Returns whether it requests something.
+    /// Processes the SDO slot of a command frame. Returns whether it requests something.
     fn sdo(&mut self, place: Place, frame: &Frame) -> bool {
         let slot = frame.slot(self.size, self.size.sdo_slot());
         let during_change = self.changing_to.is_some();

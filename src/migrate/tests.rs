@@ -270,8 +270,8 @@ fn lost_slaves() {
     assert_eq!((back.count.times, back.verdict), (1, Verdict::Differs(Row::Remap)));
 }
 
-/// A cycle that no packet can keep does not work; the reason has the calculated time, and the next step has the next
-/// cycle that works.
+/// A cycle time that is too short for any packet gets the verdict "no"; the reason has the calculated time, and the next
+/// step has the next cycle time that works.
 #[test]
 fn a_cycle_that_the_chip_cannot_hold() {
     let found = Run::in_op(40, 250).found();
@@ -288,7 +288,7 @@ fn a_cycle_that_the_chip_cannot_hold() {
     );
     assert!(next.starts_with("a cycle of 1000 us holds"), "{next}");
     assert!(found.plan.expect("a plan").links.machine.contains("&speed=24M"));
-    // A cycle that can be kept, without INT0 with larger packets.
+    // This cycle time is long enough; without INT0 it needs larger packets.
     let found = Run::in_op(40, 1000).found();
     let plan = found.plan.as_ref().expect("a plan");
     let packets = plan.needs.with_int0.expect("packets");

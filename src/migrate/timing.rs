@@ -54,7 +54,7 @@ impl Levels {
     }
 }
 
-/// The sign that showed a stall.
+/// How a stall of the host shows in the frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SeenBy {
     /// There was no frame in either direction.
@@ -64,8 +64,8 @@ pub enum SeenBy {
 }
 
 impl Stall {
-    /// Whether the stall lasted longer than it counts: it used up all waiting command frames, so the axes would stop on
-    /// a board too.
+    /// Whether [`Self::ns`] is shorter than the stall: the stall used up all waiting command frames, so the axes would stop
+    /// on a board too.
     pub const fn is_limited(&self) -> bool {
         self.ns < self.whole_ns - self.usual_ns
     }
@@ -74,7 +74,7 @@ impl Stall {
 /// The longest stall of the host in OP while command frames waited, as far as the frames show it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stall {
-    /// The part of the stall that counts, in nanoseconds.
+    /// The time that outputs in a chip would have to bridge, in nanoseconds.
     pub ns: i64,
     /// The whole pause or silence, in nanoseconds.
     pub whole_ns: i64,
@@ -84,14 +84,14 @@ pub struct Stall {
     /// The command frames that waited in the board's FIFO at the beginning. The stall counts for no more cycles than
     /// these.
     pub sets: u16,
-    /// The sign that showed the stall.
+    /// How the stall shows in the frames.
     pub seen_by: SeenBy,
     /// The frame at the end of the stall.
     pub ended: Place,
 }
 
-/// For each number of command frames that waited at the beginning: the longest time, in nanoseconds, and the frame at
-/// its end.
+/// The longest pauses or silences, indexed by the number of command frames that waited in the board's FIFO when each began:
+/// its length in nanoseconds, and the frame at its end.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Longest([Option<(i64, Place)>; FIFO_ENTRIES as usize + 1]);
 
@@ -109,7 +109,8 @@ impl Longest {
         }
     }
 
-    /// The longest stall, if `usual_ns` of each time are normal. A stall of up to half a cycle does not count.
+    /// The longest stall, if the first `usual_ns` of each pause or silence are normal. A stall of up to half a cycle does
+    /// not count.
     fn stall(&self, usual_ns: i64, cycle_ns: i64, seen_by: SeenBy) -> Option<Stall> {
         let stalls = (0_u16..).zip(&self.0).filter_map(|(sets, longest)| {
             let (ns, ended) = (*longest)?;
@@ -186,12 +187,12 @@ pub(super) struct Clockwork {
 }
 
 impl Clockwork {
-    /// Starts anew after OP was left.
+    /// Forgets the newest frame and command, because OP was left: the time until the next OP is no pause.
     pub(super) fn left_op(&mut self) {
         (self.newest_ns, self.newest_write_ns, self.sets, self.sets_written) = (None, None, 0, 0);
     }
 
-    /// Takes a frame of OP, after which `sets` command frames wait.
+    /// Processes a frame in OP, after which `sets` command frames wait in the board's FIFO.
     fn passed(&mut self, place: Place, sets: u16) {
         let had_sets = std::mem::replace(&mut self.sets, sets);
         if let Some(before) = self.newest_ns.replace(place.at_ns) {
@@ -204,13 +205,13 @@ impl Clockwork {
         }
     }
 
-    /// Takes a report of OP with `waiting` command frames in the FIFO.
+    /// Processes a report in OP with `waiting` command frames in the FIFO.
     pub(super) fn report(&mut self, place: Place, waiting: u16) {
         self.passed(place, waiting);
         self.timing.levels.add(waiting);
     }
 
-    /// Takes a command frame of OP. Returns the pause before it, if the motion was not over.
+    /// Processes a command frame in OP. Returns the pause before it, if the motion was not over.
     pub(super) fn command(&mut self, place: Place, write: Write, cycle_ns: i64) -> Option<Stretch> {
         let Write { waiting, sets, moved, gap_since_ns } = write;
         self.passed(place, sets);

@@ -8,7 +8,7 @@ use crate::ethercat::cia402::Mode;
 use crate::ethercat::coe::ObjectAddress;
 use crate::sk::{CommandId, CycleTime, MasterState, SlaveKind};
 
-/// Most features that are kept, since a damaged recording may name any number of objects. \[OURS]
+/// The maximum number of features that are kept, since a damaged recording may name any number of objects. \[OURS]
 const SUBJECTS_MAX: usize = 2000;
 
 /// A feature that a program uses.
@@ -99,7 +99,7 @@ pub struct Count {
     pub first: Place,
     /// The number of uses in circumstances in which an ECM-XF differs.
     pub exposed: u64,
-    /// The frame of the first such use; `None` if there is none.
+    /// The frame of the first use that `exposed` counts; `None` if there is none.
     pub first_exposed: Option<Place>,
 }
 

@@ -56,7 +56,7 @@ pub struct Settings {
     pub slow_down: u32,
     /// Quick stop deceleration, 0x6085: the quick-stop ramp.
     pub quick_stop: u32,
-    /// Option codes, 0x605A to 0x605E.
+    /// The option codes for the stops of the axis, 0x605A to 0x605E.
     pub options: OptionCodes,
     /// Objects of homing: 0x607C, 0x6098 to 0x609A, 0x605D.
     pub homing: HomingSettings,
@@ -90,7 +90,7 @@ pub struct Offsets {
     pub torque: i16,
 }
 
-/// The present motion control of the motor.
+/// What the motor does at present.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Motion {
     /// The power stage is off.
@@ -116,7 +116,7 @@ struct Demand {
 /// The window around the target within which statusword bit 10, target reached, is set.
 struct ReachedWindow {
     counts: u32,
-    /// counts/s.
+    /// The velocity tolerance in CSV, counts/s.
     velocity: f64,
 }
 
@@ -142,7 +142,7 @@ pub struct Axis {
     held_by_switch: bool,
     /// Whether the target is reached, statusword bit 10.
     target_reached: bool,
-    /// Whether [`Axis::begin_step`] has handed out the motor and [`Axis::end_step`] has not been called yet.
+    /// Whether [`Axis::begin_step`] has returned the motor to its caller and [`Axis::end_step`] has not been called yet.
     motor_handed_out: bool,
     demand: Demand,
     /// The time for which the following error has been outside its window, ns.
@@ -283,7 +283,7 @@ impl Axis {
         &self.switches
     }
 
-    /// Makes `position` the position actual value of the shaft's present place, counts.
+    /// Changes the origin so that the position actual value becomes `position`, counts. The shaft does not move.
     pub fn set_position(&mut self, position: i64) {
         self.origin = position.wrapping_sub(self.plant.position());
         self.hold_target();

@@ -38,7 +38,7 @@ fn set_mode<M: AxisModel, const N: usize>(device: &mut M, code: i64) -> Result<(
     Ok(())
 }
 
-/// The row of a ramp object, counts/s².
+/// The dictionary row of an acceleration or deceleration, counts/s².
 const fn ramp<M: AxisModel, const N: usize>(of_axis_1: u16, name: &'static str) -> Object<M> {
     Object::u32(index::<N>(of_axis_1), 0, name).rw().rx().range(1, u32::MAX as i64).default(1).changed(changed::<M, N>)
 }
@@ -154,7 +154,7 @@ pub(super) const fn target_velocity<M: AxisModel, const N: usize>() -> Object<M>
         })
 }
 
-/// The slots of the stored values of [`axis_objects`].
+/// Where a device stores the values of [`axis_objects`], one [`Slot`] for each object that the axis reads.
 pub(super) struct AxisSlots {
     pub(super) max_velocity: Slot<u32>,
     pub(super) slow_down: Slot<u32>,
@@ -172,7 +172,7 @@ pub(super) struct AxisSlots {
 }
 
 impl AxisSlots {
-    /// The slots of axis `N` (from 0) in a table, evaluated at compile time.
+    /// Finds the slots of axis `N` (from 0) in an object dictionary, at compile time.
     pub(super) const fn of<D, const N: usize>(objects: &[Object<D>]) -> Self {
         Self {
             max_velocity: slot(objects, index::<N>(0x607F), 0),
@@ -191,7 +191,7 @@ impl AxisSlots {
         }
     }
 
-    /// The axis settings from these values, without position limits and without monitoring of the following error.
+    /// The axis settings from the stored values. Position limits and the monitoring of the following error are off.
     pub(super) fn settings(&self, values: &Values) -> Settings {
         Settings {
             following_window: NO_FOLLOWING_WINDOW,

@@ -29,7 +29,7 @@ struct ScriptedAnswers {
     /// An AL state that the slave refuses, with the AL status code of the refusal.
     refuse: Option<(AlState, AlStatus)>,
     sdo_delay_ns: Ns,
-    /// The abort code for all SDO transfers.
+    /// The abort code with which the slave aborts every SDO transfer; `None`: no script demands aborts.
     sdo_abort: Option<AbortCode>,
     /// An object whose SDO transfers are aborted, with the abort code.
     object_abort: Option<(ObjectAddress, AbortCode)>,
@@ -40,15 +40,14 @@ struct ScriptedAnswers {
 pub struct Noise {
     /// The slave at the far end of the section, from 1.
     pub slave: u8,
-    /// The fraction of frames that are damaged: one of this many.
+    /// One of this many frames is damaged: 1 damages every frame, 100 damages 1 % of them.
     pub one_of: NonZeroU16,
 }
 
 struct Shared {
     /// The number of slaves in front of the cut.
     reach: AtomicU8,
-    /// The damaging section: its slave in the upper 16 bits, "one of so many" in the lower 16 bits; 0 if no frames are
-    /// damaged.
+    /// The present [`Noise`]: `slave` in the upper 16 bits, `one_of` in the lower 16 bits; 0 if no frames are damaged.
     noise: AtomicU32,
     /// The slaves that do not answer.
     silent: [AtomicU64; 4],
@@ -174,7 +173,7 @@ impl Cable {
         Some(Noise { slave: (packed >> 16) as u8, one_of: NonZeroU16::new(packed as u16)? })
     }
 
-    /// The slaves of a board that frames reach and that answer.
+    /// The slaves that frames reach and that answer, among the slaves that a board can have.
     pub fn answering(&self) -> SlaveSet {
         let silent = SlaveSet::from_bits(self.0.silent[0].load(Ordering::Relaxed) >> 1);
         SlaveSet::first(self.reach().min(MAX_SLAVES as u8)).difference(silent)
@@ -185,7 +184,7 @@ impl Cable {
         self.0.silent.each_ref().map(|word| word.load(Ordering::Relaxed))
     }
 
-    /// The slaves of a board that have lost their power since the last call.
+    /// The slaves that have lost their power since the last call, among the slaves that a board can have.
     pub fn take_powered_off(&self) -> SlaveSet {
         SlaveSet::from_bits(take(&self.0.powered_off[0]) >> 1)
     }

@@ -51,7 +51,7 @@ pub struct Base<M> {
     /// The content of the test object [`TEST_MEMORY`].
     test_memory: Vec<u8>,
     mapping: Mapping,
-    /// The synchronization types. Cycles do not use them.
+    /// The values of the synchronization types 0x1C32:1 and 0x1C33:1. Cycles do not use them.
     sync_types: SyncTypes,
     /// The lengths of sync managers 2 and 3 as set by the master, bytes.
     sync_managers: (u16, u16),

@@ -200,7 +200,8 @@ fn find_row<D: Device>(device: &D, at: ObjectAddress) -> Result<(usize, usize), 
     Err(if index_exists { AbortCode::NO_SUB_INDEX } else { AbortCode::NO_OBJECT })
 }
 
-/// The cell of a sub-index of a row. Only stored values need it, since it takes a sum over all rows in front.
+/// The index in [`Values`] of a sub-index of a row: the number of sub-indices in all earlier rows, plus `offset`. This sum
+/// takes time, so it is computed only for stored values.
 fn cell_of<D: Device>(row: usize, offset: usize) -> usize {
     D::objects()[..row].iter().map(|object| usize::from(object.count)).sum::<usize>() + offset
 }
@@ -253,7 +254,7 @@ pub(super) fn put_first(bytes: &[u8], value: &mut [u8]) -> usize {
     bytes.len()
 }
 
-/// The little-endian number in at most 8 bytes.
+/// At most the first 8 bytes as a little-endian number; fewer bytes are zero-extended.
 pub(super) fn number_of(bytes: &[u8]) -> u64 {
     let mut whole = [0; 8];
     let len = bytes.len().min(8);

@@ -41,7 +41,7 @@ impl Deref for SimHandle {
 }
 
 impl SimHandle {
-    /// The cable of the bus.
+    /// The cable of the network, for injecting faults.
     pub const fn cable(&self) -> &Cable {
         &self.cable
     }

@@ -80,7 +80,7 @@ impl ManufacturerType {
         Self::Any,
     ];
 
-    /// The keyword of the data type in a file.
+    /// The keyword of the data type in the text format of [`ManufacturerObjects::parse`].
     pub const fn word(self) -> &'static str {
         match self {
             Self::Bool => "bool",
@@ -129,8 +129,8 @@ impl ManufacturerType {
         }
     }
 
-    /// The data type with this code in an object dictionary, for a value of `bytes` bytes. A type that files do not name is an
-    /// unsigned integer of the same length, or [`ManufacturerType::Any`].
+    /// The data type with this code in an object dictionary, for a value of `bytes` bytes. A type that the text format does
+    /// not name is an unsigned integer of the same length, or [`ManufacturerType::Any`].
     pub fn of_code(code: DataTypeCode, bytes: usize) -> Self {
         let fits = |data: &Self| data.bytes().is_none_or(|len| usize::from(len) == bytes);
         let named = Self::ALL.into_iter().find(|data| data.code() == code && fits(data));
@@ -139,7 +139,7 @@ impl ManufacturerType {
     }
 
     /// Whether a PDO entry of this length in bits can contain a value of this type. \[OURS] A `u8` may stand for one of the
-    /// types of 2 to 7 bits, which files do not distinguish.
+    /// types of 2 to 7 bits, which the text format does not distinguish.
     const fn can_be_mapped_with(self, bits: u8) -> bool {
         match (self, self.bytes()) {
             (Self::Bool, _) => bits == 1,
@@ -160,7 +160,7 @@ pub struct Mappable {
 }
 
 impl Mappable {
-    /// The keyword in a file; `None` for an object that cannot be mapped.
+    /// The keyword in the text format of [`ManufacturerObjects::parse`]; `None` for an object that cannot be mapped.
     pub const fn word(self) -> Option<&'static str> {
         match (self.rx, self.tx) {
             (false, false) => None,
@@ -190,7 +190,7 @@ pub struct ManufacturerObject {
     pub address: ObjectAddress,
     /// The data type.
     pub data: ManufacturerType,
-    /// The SDO access rights. A file shows [`Access::ReadWriteUpTo`] as `rw`.
+    /// The SDO access rights. The text format shows [`Access::ReadWriteUpTo`] as `rw`.
     pub access: Access,
     /// The PDOs that the object can be mapped into; without effect for a type without a fixed size.
     pub mappable: Mappable,

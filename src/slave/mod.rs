@@ -149,6 +149,7 @@ pub trait Slave: Send {
 
     /// SDO upload: copies the value into `value`, as far as there is room. Returns the length of the whole value, bytes.
     ///
+    /// # Errors
     /// The SDO abort code of the refusal.
     fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode>;
 

@@ -32,7 +32,7 @@ pub enum AnswerForm {
     Data,
     /// The result is in the return byte and in the data segment.
     ValueAndData,
-    /// The place of the result depends on the function, for the codes 31 to 35.
+    /// Which part of the answer has the result depends on the function, for the codes 31 to 35.
     ByFunction,
 }
 

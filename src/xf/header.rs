@@ -182,7 +182,7 @@ macro_rules! headers {
     )*};
 }
 
-/// A field of a header.
+/// A type that can be read from, and written to, a byte offset of a header.
 trait HeaderField {
     fn get(bytes: &[u8; HEADER_LEN], at: usize) -> Self;
     fn put(self, bytes: &mut [u8; HEADER_LEN], at: usize);

@@ -154,7 +154,7 @@ impl<L: ChipLink> Xf<L> {
         &mut self.host
     }
 
-    /// The link.
+    /// The link to the chip.
     pub const fn link(&self) -> &L {
         &self.link
     }

@@ -41,8 +41,8 @@ pub struct ProcessData {
     layout: Layout,
     outputs: Vec<u8>,
     inputs: Vec<u8>,
-    /// The most RxPDOs to keep in the chip's FIFO, 1 or more; 20 by default. A higher value lets the program be later,
-    /// and delays its outputs on their way to the slaves.
+    /// The maximum number of RxPDOs to keep in the chip's FIFO, 1 or more; 20 by default. A higher value lets the program
+    /// be later, and delays its outputs to the slaves.
     pub ahead: u8,
 }
 
@@ -172,8 +172,8 @@ impl<L: ChipLink> Xf<L> {
         Ok(data)
     }
 
-    /// Makes sure that so many bytes of process data can be transferred within a network cycle, choosing the data
-    /// segment size if it is free.
+    /// Chooses the data segment size, unless it is fixed, and checks that this number of bytes of process data can be
+    /// transferred within a network cycle.
     fn fit(&mut self, process_bytes: usize) -> Result<(), XfError> {
         let info = self.link.info();
         let Some(cycle_ns) = self.cycle_ns else { return Ok(()) };
@@ -268,7 +268,7 @@ impl<L: ChipLink> Xf<L> {
         self.moves |= !matches!(exchanged, ProcessRequest::Read { .. } | ProcessRequest::DirectRead);
         let sequence = loop {
             match self.host.process(exchanged) {
-                // A call that failed on the link has left process data in the driver, which go first.
+                // An earlier call that failed on the link has left process data in the driver. They are sent first.
                 Err(HostError::ProcessBusy { .. }) => self.step(Ns::MAX)?,
                 taken => break taken?,
             }

@@ -23,7 +23,7 @@ const PAUSE: Duration = Duration::from_millis(1);
 /// How many times a command of the stop is sent if it may not have reached the chip. \[OURS]
 const TRIES: u32 = 3;
 
-/// A set of the helper's motors, one bit each: here those that may be on.
+/// A set of the helper's motors, one bit each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Motors(u128);
 

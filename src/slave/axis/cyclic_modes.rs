@@ -11,14 +11,16 @@ use crate::slave::switches::Input;
 const TORQUE_REACHED: f64 = 0.01;
 
 impl Axis {
-    /// CSP: runs the plant for `ns`. The target position is reached after `left`.
+    /// CSP: advances the plant by `ns`, a part of the cycle. At the present rate the demand reaches the target position in
+    /// `left` ns, at the end of the cycle.
     pub(super) fn follow_position(&mut self, ns: Ns, left: Ns) {
         let setpoint = self.demand_position(ns, left);
         self.plant.run(setpoint, ns);
         self.followed_position(ns);
     }
 
-    /// Moves the demand for `ns` towards the target, which it reaches after `left`. Returns the setpoint for the plant.
+    /// Moves the demand for `ns` towards the target, at the rate that reaches the target in `left` ns. Returns the setpoint
+    /// for the plant.
     pub(super) fn demand_position(&mut self, ns: Ns, left: Ns) -> Setpoint {
         let demand = self.demand();
         let offset = if self.targets.has_offsets { self.offsets.position } else { 0 };
@@ -86,7 +88,8 @@ impl Axis {
         self.demand.fraction = moved - (moved as i64) as f64;
     }
 
-    /// CSV: runs the plant for `ns`. The target velocity is reached after `left`.
+    /// CSV: advances the plant by `ns`, a part of the cycle. At the present rate the demand reaches the target velocity in
+    /// `left` ns, at the end of the cycle.
     pub(super) fn follow_velocity(&mut self, ns: Ns, left: Ns) {
         let target = f64::from(self.targets.velocity) + f64::from(self.offsets.velocity);
         if self.limits_stop_motion && self.is_at_switch(target) {
@@ -98,7 +101,7 @@ impl Axis {
         self.target_reached = (target - self.plant.velocity()).abs() <= self.velocity_reached;
     }
 
-    /// CST: runs the plant for `ns` with the target torque.
+    /// CST: advances the plant by `ns` with the target torque.
     pub(super) fn follow_torque(&mut self, ns: Ns) {
         let target = (f64::from(self.targets.torque) + f64::from(self.offsets.torque)) / 1000.0;
         if self.limits_stop_motion && self.is_at_switch(target) {

@@ -64,7 +64,8 @@ impl Axis {
         }
     }
 
-    /// Advances the axis by one slice of `ns`. The targets are reached after `left`.
+    /// Advances the axis by one slice of `ns`. `left` is the time to the end of the cycle, ns, when the demand reaches the
+    /// targets.
     fn slice(&mut self, ns: Ns, left: Ns) {
         self.machine.step(ns, self.has_stopped());
         self.run_power_stage(ns, left);

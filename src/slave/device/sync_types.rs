@@ -46,13 +46,13 @@ impl SyncTypes {
         Ok(())
     }
 
-    /// Takes over the setting of the controller's SYNC unit, register 0x0981.
+    /// Records whether register 0x0981 of the slave controller has activated SYNC0.
     pub(super) fn note_activation(&mut self, activation: u8) {
         let both = SyncActivation::ACTIVATE.0 | SyncActivation::SYNC0.0;
         self.note_sync0(activation & both == both);
     }
 
-    /// Takes over whether there is a SYNC0.
+    /// Records whether the network has a SYNC0.
     pub(super) const fn note_sync0(&mut self, has_sync0: bool) {
         self.has_sync0 = Some(has_sync0);
     }

@@ -15,7 +15,7 @@ struct Part {
     len: usize,
 }
 
-/// The first part of a transfer that begins at `at`.
+/// The first sub-index of a transfer that begins at `at`.
 ///
 /// # Errors
 /// The abort codes of [`super::read`] with complete access.
@@ -42,7 +42,7 @@ fn part_from<D: Device>(device: &D, at: ObjectAddress, offset: usize) -> Option<
     Some(Part { at, access: row.access, offset, len: row.data.bytes().into() })
 }
 
-/// The part behind `part`.
+/// The next existing sub-index after `part`.
 fn part_behind<D: Device>(device: &D, part: &Part) -> Option<Part> {
     let next = ObjectAddress::new(part.at.index, part.at.sub.checked_add(1)?);
     let is_padded = part.at.sub == 0 && part_from(device, next, 0).is_some();

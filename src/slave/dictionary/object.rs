@@ -114,7 +114,7 @@ type Accept<D> = fn(&D, ObjectAddress, i64) -> Result<(), AbortCode>;
 /// Writes a live value, or returns an abort code.
 type Setter<D> = fn(&mut D, i64) -> Result<(), AbortCode>;
 
-/// The place where the value of a row is kept.
+/// Where the value of a row comes from: a cell in [`Values`](super::Values), or functions of the device.
 pub(super) enum Cell<D: 'static> {
     Stored { accept: Option<Accept<D>>, changed: Option<fn(&mut D)> },
     Live { get: fn(&D) -> i64, set: Option<Setter<D>> },
@@ -181,7 +181,7 @@ impl<D> Object<D> {
         u64 U64 "UNSIGNED64";
     }
 
-    /// The row of a read-only text.
+    /// A row for a read-only text object, whose text the function `text` returns.
     pub const fn text(index: u16, sub: u8, name: &'static str, text: fn(&D) -> &'static str) -> Self {
         let mut row = Self::row(index, sub, name, DataType::Text);
         row.cell = Cell::Text(text);
@@ -392,7 +392,7 @@ pub const fn join<D, const N: usize>(parts: &[&[Object<D>]]) -> [Object<D>; N] {
 }
 
 /// Checks a table at compile time: addresses ascend without overlap, ranges fit their data types, defaults fit their
-/// ranges, and every writable object has a place for its value.
+/// ranges, and every writable object is stored or has a setter.
 pub const fn check<D>(objects: &[Object<D>]) {
     let mut n = 0;
     let mut free_from = 0;

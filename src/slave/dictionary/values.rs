@@ -62,7 +62,7 @@ pub struct Slot<T> {
     value: PhantomData<T>,
 }
 
-/// Finds the slot of a stored object. The result is meant for a constant.
+/// Finds the slot of a stored object. To be evaluated at compile time, in a constant.
 ///
 /// # Panics
 /// If the table has no stored object of that type at that address. In a constant this is a compile-time error.

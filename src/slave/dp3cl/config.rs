@@ -6,7 +6,8 @@ use super::rating::Rating;
 use crate::slave::state_machine::TransitionTimes;
 use crate::slave::switches::{Input, Travel};
 
-/// Alternatives for decisions that a real drive may settle differently; all off by default.
+/// Alternative behaviours at points that the manuals leave open or contradict, where a real drive may differ from this
+/// model. All are off by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Dp3clVariants {
     /// The start address of sync manager 1 must be in the range that the manual gives, 0x1200 to 0x12FF. \[OURS] Off by
@@ -48,7 +49,7 @@ pub struct Dp3clConfig {
     pub supply_mv: u32,
     /// Whether a motor is connected.
     pub has_motor: bool,
-    /// The variants of decisions that are switched on.
+    /// The alternative behaviours that are switched on.
     pub variants: Dp3clVariants,
 }
 

@@ -14,7 +14,7 @@ pub(super) const PINS: usize = 4;
 pub(super) const USUAL_WIRING: [Option<Input>; PINS] =
     [None, Some(Input::PositiveLimit), Some(Input::NegativeLimit), Some(Input::Home)];
 
-/// The empty range of counts, and the range of all counts.
+/// The range of counts of a terminal at which current never flows, and of one at which it always flows.
 const NOWHERE: (i64, i64) = (i64::MAX, i64::MIN);
 const EVERYWHERE: (i64, i64) = (i64::MIN, i64::MAX);
 

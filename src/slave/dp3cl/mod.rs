@@ -127,7 +127,7 @@ pub struct Dp3cl {
     links: [bool; 2],
     power_on_count: u16,
     on_ns: Ns,
-    /// The time since the last pulse, ns.
+    /// The time since the last command pulse to the motor, ns.
     without_pulses_ns: Ns,
     cycle_ns: Ns,
     timing: Timing,
@@ -249,7 +249,8 @@ impl Dp3cl {
         self.axis.machine_mut().raise(alarm.fault());
     }
 
-    /// Clears the present alarm unless it needs a restart. Called for F0-00, the input of P2-05, and a fault reset.
+    /// Clears the present alarm unless it needs a restart. Called for F0-00, the input that P2-05 selects, and a fault
+    /// reset.
     fn clear_alarm(&mut self) {
         self.axis.machine_mut().request_reset();
     }

@@ -170,7 +170,7 @@ impl Model for Dp3cl {
         };
         checked.map_err(Dp3clAlarm::al_status)?;
         if to == AlState::SafeOp && self.by_sync0 && self.dc.is_some() {
-            // [OURS] With SYNC0 on, the types read as "DC", whatever was written.
+            // [OURS] With SYNC0 on, 0x1C32:1 and 0x1C33:1 read as SYNC0 (2), whatever a master has written.
             self.base.values.set(objects::OUTPUT_SYNC_TYPE, objects::DC_SYNC0);
             self.base.values.set(objects::INPUT_SYNC_TYPE, objects::DC_SYNC0);
         }

@@ -63,7 +63,7 @@ fn sine(degrees: f64) -> f64 {
     if degrees < 180.0 { sine } else { -sine }
 }
 
-/// The 16-bit word of a number at `place`; 0 is the lowest word.
+/// 16 bits of a number as the value of a monitor: word `place`, where 0 is the lowest word.
 const fn words(number: i64, place: u32) -> i64 {
     (number >> (16 * place)) & 0xFFFF
 }

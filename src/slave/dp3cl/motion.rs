@@ -146,7 +146,8 @@ impl Dp3cl {
         self.axis.targets_mut().position = position as i32;
     }
 
-    /// Whether the mode can change now. On leaving homing, the axis itself brakes.
+    /// Whether the mode can change now, because the demand is at standstill. Homing mode can be left at any time, because
+    /// the axis then brakes on its own.
     fn stands_for_change(&self) -> bool {
         self.motion.active == Dp3clMode::Homing || self.motion.profile.stands()
     }
@@ -194,7 +195,7 @@ impl Dp3cl {
         }
         let offset = self.base().values.get(objects::POSITION_OFFSET);
         let target = self.shaft_position(self.motion.target_position.wrapping_add(offset));
-        // The position that is nearest to the demand and has these low 32 bits.
+        // `target` has only 32 bits. It stands for the position nearest to the demand with these low 32 bits.
         let wanted = demand.wrapping_add(target.wrapping_sub(demand as i32).into());
         let allowed = self.within_limits(wanted);
         let way = allowed.wrapping_sub(demand);
@@ -261,7 +262,7 @@ impl Dp3cl {
     }
 
     /// Converts a speed of an object into command units/s. \[OURS] 0x60FF, 0x606B, 0x606D and 0x606F are in 0.1 rpm, as the
-    /// manual says of the first, unless the variant `speeds_in_units` is on.
+    /// manual says of 0x60FF, unless the variant `speeds_in_units` is on.
     fn units_per_second(&self, speed: i32) -> f64 {
         if self.config.variants.speeds_in_units {
             return f64::from(speed);

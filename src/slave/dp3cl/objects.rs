@@ -94,8 +94,8 @@ pub(super) const SOFTWARE_LIMITS: Limits = Limits { min: slot(OBJECTS, 0x607D, 1
 /// of 0 counts as 1, so that every motion ends.
 pub(super) fn settings(values: &Values) -> Settings {
     let ramp = |slot: Slot<u32>| values.get(slot).max(1);
-    // The home offset is a position of the objects, but home is a position of the shaft. [OURS] At home 0x6064 becomes the
-    // offset with its sign.
+    // The home offset has the sign of object positions (polarity, 0x607E), but home is a position of the shaft. [OURS]
+    // At home 0x6064 becomes the offset with its sign.
     let reversed = values.get(POLARITY) & 1 << 7 != 0;
     let offset = values.get(HOME_OFFSET);
     Settings {

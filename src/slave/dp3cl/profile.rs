@@ -95,7 +95,7 @@ impl Profile {
 
     fn move_on(&mut self, to: f64, seconds: f64) {
         if self.velocity == 0.0 && to == 0.0 {
-            // A remainder of half a unit would be rounded up and down endlessly.
+            // At standstill, `rounded` would move a remainder of half a unit back and forth endlessly.
             return;
         }
         self.fraction += (self.velocity + to) * 0.5 * seconds;

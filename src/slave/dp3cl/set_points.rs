@@ -12,7 +12,7 @@ const RELATIVE: u16 = 1 << 6;
 /// The object values that a set-point latches at the rising edge of bit 4.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SetPointValues {
-    /// The target position 0x607A, with the sign of the shaft.
+    /// The target position 0x607A, converted to the direction of the shaft by the polarity (0x607E).
     pub(super) target: i32,
     /// Speed and ramps. A speed of 0 cancels the motion.
     pub(super) ramps: Ramps,

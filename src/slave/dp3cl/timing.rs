@@ -57,9 +57,9 @@ impl Cyclic {
 /// The cycle timing of the drive.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Timing {
-    /// The arrival of outputs.
+    /// When outputs arrived (at the process data interface, PDI), and the periods between them.
     pub(super) pdi: Cyclic,
-    /// The pulses of SYNC0.
+    /// When SYNC0 pulses occurred, and the periods between them.
     pub(super) sync0: Cyclic,
     /// The interval from the arrival of outputs to the next SYNC0 pulse.
     pub(super) pdi_to_sync0: Spans,

@@ -85,7 +85,8 @@ pub(super) struct LastStep {
     pub(super) to: i64,
     /// The duration of the step, ns.
     pub(super) ns: Ns,
-    /// New levels of SI1 and SI2 that the motion of the shaft has not caused.
+    /// The new levels of SI1 and SI2 that have changed without motion of the shaft, because an input is forced or stuck;
+    /// `None` for an unchanged level.
     pub(super) forced: [Option<bool>; PROBES],
 }
 

@@ -95,8 +95,8 @@ pub(super) const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
 const _: () = check(OBJECTS);
 const PARTS: [&[Row]; 5] = [&description(), &identity(), &synchronization(), &axis_objects::<_, 0>(), DRIVE];
 
-/// The PDOs at power-on: for CSP, CSV and CST, and \[OURS] five empty ones per direction for masters that fill others than
-/// the first PDOs. \[OURS] The PDOs for CSP are assigned.
+/// The PDOs at power-on: for CSP, CSV and CST, and \[OURS] five empty ones per direction for masters that map objects into
+/// other PDOs than the first ones. \[OURS] The PDOs for CSP are assigned.
 pub(super) const PDOS: &[Pdo<Drive>] = &[
     tx_pdo!(OBJECTS, 0x1A00, true, [0x6041_0010, 0x6064_0020, 0x6077_0010, 0x603F_0010]),
     rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020]),
@@ -136,7 +136,7 @@ const STEPPER_PDOS: &[Pdo<Drive>] = &[
     Pdo::empty(0x1A07),
 ];
 
-/// The PDOs that masters use which change between the cyclic modes in OP: all targets, all actual values.
+/// PDOs for masters that change between the cyclic modes in OP: they map all targets and all actual values.
 pub(super) const OFTEN_MAPPED: &[Pdo<Drive>] = &[
     tx_pdo!(OBJECTS, 0x1A00, false, [0x6041_0010, 0x6064_0020, 0x606C_0020, 0x6077_0010]),
     rx_pdo!(OBJECTS, 0x1600, false, [0x6040_0010, 0x607A_0020, 0x60FF_0020, 0x6071_0010]),

@@ -22,8 +22,8 @@ pub(super) struct ProcessManagers {
 }
 
 impl ProcessManagers {
-    /// The sync managers 2 and 3 behind those of a mailbox. Without a mailbox, the first ones that the EEPROM describes for
-    /// each direction.
+    /// Sync managers 2 and 3 of a slave with a mailbox, which has sync managers 0 and 1. Without a mailbox, the first sync
+    /// manager that the EEPROM describes for each direction.
     pub(super) fn of(eeprom: &[u8], has_mailbox: bool) -> Self {
         if has_mailbox {
             return Self { outputs: 2, inputs: 3 };
@@ -47,7 +47,7 @@ pub(super) struct Application {
     code: AlStatus,
     pub(super) has_mailbox: bool,
     pub(super) managers: ProcessManagers,
-    /// A request that is not processed yet, with the time for processing it.
+    /// A write to AL control that is not processed yet, and the time at which it is processed.
     requested: Option<(AlControl, Ns)>,
     /// The time until which the slave waits for outputs or SYNC0 on its way to OP; `None` if it does not wait.
     waiting: Option<Ns>,
@@ -143,7 +143,7 @@ impl Application {
     pub(super) fn lose_outputs(&mut self, controller: &mut Controller, device: &mut dyn Slave) {
         let was_in_op = self.state() == AlState::Op;
         device.expire_watchdog();
-        // Some devices treat an expired watchdog as an error in SafeOP too.
+        // Some devices treat an expired watchdog as an error in SafeOP too. For the others it has no effect there.
         if !was_in_op && device.al_status() != AlStatus::WATCHDOG {
             return;
         }

@@ -6,7 +6,7 @@ use crate::ethercat::{CableEnd, Ns};
 use crate::slave::Slave;
 use crate::slave::cable::{self, Cable, Noise};
 
-/// The error for a slave that cannot be put on a network, because its EEPROM cannot be written.
+/// A slave cannot be put on a network, because no EEPROM content can be generated from its description.
 #[derive(Debug, thiserror::Error)]
 #[error("slave {slave} ({kind}) cannot be put on a network: {source}")]
 pub struct UndescribedError {
@@ -18,7 +18,8 @@ pub struct UndescribedError {
     pub source: DescriptionError,
 }
 
-/// The drift of the crystal of slave `n` (from 0), parts per billion.
+/// The drift of the crystal of slave `n` (from 0) of `count`, parts per billion: from `most` for the first slave evenly
+/// down to `-most` for the last one.
 fn drift_of(n: usize, count: usize, most: u32) -> i32 {
     let (steps, most) = (count.saturating_sub(1).max(1) as i64, i64::from(most));
     let drift = most - 2 * most * n as i64 / steps;
@@ -93,7 +94,7 @@ impl CabledChain {
         &mut self.chain
     }
 
-    /// Puts each slave into the state in which another master leaves it, which ends at `now`.
+    /// Puts each slave into a random state, as a previous master may have left it at `now`, see [`Predecessor`].
     pub fn leave(&mut self, predecessor: &mut Predecessor, now: Ns) {
         self.chain.leave(predecessor, now);
     }

@@ -97,7 +97,7 @@ impl Chain {
         &self.places[n].slave
     }
 
-    /// Puts each slave into the state in which another master leaves it, which ends at `now`.
+    /// Puts each slave into a random state, as a previous master may have left it at `now`, see [`Predecessor`].
     pub fn leave(&mut self, predecessor: &mut Predecessor, now: Ns) {
         self.places.iter_mut().for_each(|place| predecessor.leave(&mut place.slave, now));
         self.forget_routes();
@@ -192,8 +192,8 @@ impl Chain {
         }
     }
 
-    /// Sends a frame at `now` in front of the first slave. The frame is changed in place into what comes back. Frames have
-    /// to be sent in the order of their times.
+    /// Sends a frame at `now` in front of the first slave. `frame` then contains the frame as it comes back. Frames have to
+    /// be sent in the order of their times.
     ///
     /// \[OURS] A frame whose datagrams do not fit into it only increments error counters of the slaves.
     pub fn process(&mut self, frame: &mut [u8], now: Ns) -> FrameFate {
@@ -219,7 +219,7 @@ impl Chain {
         }
         let fate = match route.exit {
             Some(Exit { end, after_ns }) => (self.visit(frame, &mut route, now, now + after_ns), end),
-            // The slaves in front of the open port have processed the frame.
+            // The frame is lost at an open port without a link. The slaves in front of that port have processed it.
             None => {
                 self.visit(frame, &mut route, now, now);
                 (FrameFate::Lost, end)

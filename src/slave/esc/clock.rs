@@ -57,7 +57,7 @@ impl Clock {
     fn drift(&mut self, passed: Ns) {
         if self.drift_ppb != 0 {
             let drifted = i128::from(passed) * i128::from(self.drift_ppb) + i128::from(self.remainder);
-            // 64-bit divisions are much faster.
+            // A 64-bit division is much faster than a 128-bit one, and the product nearly always fits into 64 bits.
             let (drift, remainder) = match i64::try_from(drifted) {
                 Ok(drifted) => (drifted.div_euclid(1_000_000_000), drifted.rem_euclid(1_000_000_000)),
                 Err(_) => (drifted.div_euclid(1_000_000_000) as i64, drifted.rem_euclid(1_000_000_000) as i64),

@@ -4,7 +4,7 @@ use super::Controller;
 use crate::ethercat::registers::{DL_CONTROL, DlControl, PHYSICAL_OFFSET, STATION_ADDRESS, STATION_ALIAS};
 use crate::ethercat::{Addressing, Command, DatagramHeader};
 
-/// The parts of an access that were carried out.
+/// Whether a command has read memory, and whether it has written memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Done {
     pub(super) read: bool,

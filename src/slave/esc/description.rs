@@ -15,12 +15,12 @@ use crate::slave::Slave;
 
 /// \[OURS] The size of a device's EEPROM, bytes.
 const EEPROM_BYTES: usize = 2048;
-/// \[OURS] Word 2, in units of 10 ns: SYNC pulses of 10 us.
+/// \[OURS] EEPROM word 2, the length of the SYNC0 and SYNC1 pulses, in units of 10 ns: 10 us.
 const SYNC_PULSE_LENGTH: u16 = 1000;
 /// \[OURS] The mailbox areas of a device.
 const MAILBOX: MailboxAreas =
     MailboxAreas { receive: MailboxArea { start: 0x1000, len: 128 }, send: MailboxArea { start: 0x1080, len: 128 } };
-/// \[OURS] The bootstrap mailbox areas of a device with files. They are longer, because files are.
+/// \[OURS] The bootstrap mailbox areas of a device with files. Longer mailboxes transfer a file in fewer packets.
 const BOOT_MAILBOX: MailboxAreas =
     MailboxAreas { receive: MailboxArea { start: 0x1000, len: 256 }, send: MailboxArea { start: 0x1100, len: 256 } };
 /// \[OURS] The start addresses of outputs and inputs, with room for three buffers of the longest process data each.
@@ -59,7 +59,7 @@ fn number(device: &mut dyn Slave, index: u16, sub: u8) -> Result<u32, Descriptio
     device.upload(object).map(|value| value.bits).map_err(|code| DescriptionError::Object { object, code })
 }
 
-/// The items of a list object, whose sub-index 0 is their number.
+/// Reads the items of a list object, such as a PDO mapping. Sub-index 0 contains the number of items.
 fn list(device: &mut dyn Slave, index: u16) -> Result<Vec<u32>, DescriptionError> {
     let count = number(device, index, 0)? as u8;
     (1..=count).map(|sub| number(device, index, sub)).collect()

@@ -8,9 +8,9 @@ use crate::ethercat::sii::{CHECKED_LEN, Sii, SiiInfo, checksum};
 
 /// The bits of the control word that a master can set.
 const WRITABLE: SiiControl = SiiControl(SiiControl::WRITE_ENABLE.0 | 0b111 << 8);
-/// The error bits of a command.
+/// The error bits that report the result of a command; the next command clears them.
 const COMMAND_ERRORS: SiiControl = SiiControl(SiiControl::COMMAND_ERROR.0 | SiiControl::WRITE_ENABLE_ERROR.0);
-/// The error bits of loading the configuration words.
+/// The error bits that report the result of loading the configuration words; commands keep them.
 const LOADING_ERRORS: SiiControl = SiiControl(SiiControl::CHECKSUM_ERROR.0 | SiiControl::NOT_LOADED.0);
 
 /// The byte offset of the station alias, word 4.
@@ -22,7 +22,8 @@ pub(super) struct Eeprom {
     content: Vec<u8>,
     reads_8_bytes: bool,
     takes_ns: Ns,
-    /// The time after a write during which the EEPROM does not acknowledge, and the end of the present one.
+    /// The duration of an internal write cycle, in which the EEPROM acknowledges no command, ns; and the end of the present
+    /// one.
     silence_ns: Ns,
     silent_until: Ns,
     /// The control word of the running command, and the time when the command is done.

@@ -10,13 +10,13 @@ use crate::ethercat::registers::{self, Fmmu, FmmuDirections};
 /// The maximum number of FMMUs of a slave controller.
 pub(super) const FMMUS_MAX: usize = 16;
 
-/// The data for the fast path: a datagram that contains the whole area of an FMMU.
+/// The decoded registers of one FMMU for the fast path, in which a datagram contains the whole area of the FMMU.
 #[derive(Clone, Copy, Debug, Default)]
 struct Whole {
     /// The logical address of the first byte, and the number of bytes.
     logical: u32,
     len: u16,
-    /// The bit of the sync manager whose area is exactly the mapped one, in whole bytes; 0 if there is none.
+    /// The bit mask of the sync manager whose area is exactly the area that the FMMU maps byte by byte; 0 if there is none.
     area: u16,
 }
 
@@ -51,7 +51,8 @@ impl Fmmus {
         fmmus
     }
 
-    /// The share of FMMU `n` in a datagram. `areas` are the sync managers whose areas can be exchanged as a whole.
+    /// How far FMMU `n` overlaps a datagram of `data_len` bytes at logical `address`. `areas` are the sync managers whose
+    /// areas can be exchanged as a whole.
     #[inline]
     fn share(&self, n: usize, areas: u16, address: u32, data_len: usize) -> Share {
         let Whole { logical, len, area } = self.wholes[n];
@@ -74,7 +75,7 @@ enum Share {
     /// The datagram contains the whole FMMU, and its area can be exchanged as a whole: the number of the sync manager, and
     /// the range of bytes in the datagram.
     Whole(usize, Range<usize>),
-    /// A possible overlap that needs a closer look.
+    /// A possible overlap of single bytes or bits, which [`part_of`] computes exactly.
     Part,
 }
 

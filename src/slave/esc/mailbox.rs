@@ -52,7 +52,8 @@ pub(super) struct Mailbox {
     /// An additional delay of SDO responses, ns.
     sdo_delay_ns: Ns,
     now: Ns,
-    /// A message that was in sync manager 1 and had to give way to a repeated one.
+    /// A response that was in sync manager 1 when the master requested a repeat. It is posted again after the repeated
+    /// message.
     put_back: Slot,
     /// The message in sync manager 1.
     posted: Vec<u8>,
@@ -72,7 +73,8 @@ pub(super) struct Mailbox {
 }
 
 impl Mailbox {
-    /// Restarts the mailbox with sync managers of these lengths, in bootstrap or not.
+    /// Restarts the mailbox, because the slave has entered PreOP or bootstrap. `requests` and `answers` are the lengths of
+    /// the sync managers, bytes.
     pub(super) fn reset(&mut self, requests: usize, answers: usize, is_in_bootstrap: bool) {
         for (bytes, len) in [
             (&mut self.request, requests),
@@ -97,14 +99,13 @@ impl Mailbox {
         self.is_in_bootstrap = is_in_bootstrap;
     }
 
-    /// Makes the mailbox one whose memory of messages survives Init, and sets the counter of the last request and the last
-    /// read message.
+    /// Makes the message counters and the last read message survive Init from now on, and sets them.
     pub(super) fn remember(&mut self, last_request: MailboxCounter, read: &[u8]) {
         (self.remembers, self.last_request, self.counter) = (true, last_request, last_request);
         self.read.keep(read);
     }
 
-    /// Handles a loss of power: the memory of messages no longer survives Init.
+    /// Handles a loss of power: message counters and the last read message no longer survive Init.
     pub(super) fn forget(&mut self) {
         self.remembers = false;
     }
@@ -114,7 +115,7 @@ impl Mailbox {
         self.sdo_delay_ns = ns;
     }
 
-    /// Queues an emergency for an error that has come or gone. If too many are pending, it is lost.
+    /// Queues an emergency for an error that has occurred or was cleared. If [`EMERGENCIES_MAX`] are pending, it is lost.
     pub(super) fn raise(&mut self, emergency: Emergency) {
         if let Some(place) = self.emergencies.get_mut(self.emergencies_waiting) {
             *place = emergency;
@@ -148,7 +149,7 @@ impl Mailbox {
             self.posted = posted;
         }
         self.repeat(managers, memory);
-        // The first response leaves room for a second one.
+        // The first round may post a pending response, after which the second round can process the next request.
         for _ in 0..2 {
             self.take_request(managers, memory, device);
             self.post(managers, memory);

@@ -117,7 +117,7 @@ impl Managers {
         self.readable
     }
 
-    /// The bit of the first enabled sync manager with exactly this area; 0 if there is none.
+    /// The bit mask of the first enabled sync manager with exactly this area; 0 if there is none.
     pub(super) fn of_area(&self, start: u16, len: u16) -> u16 {
         let has_it =
             |manager: &Manager| manager.is_active() && manager.registers.start == start && manager.registers.len == len;

@@ -5,10 +5,10 @@ use crate::ethercat::registers::{
     self, CLOCK_REGISTERS, FMMU, FMMU_LEN, Features, MAP, RAM, RegisterAccess, SYNC_MANAGER, SYNC_MANAGER_LEN,
 };
 
-/// The access of the network to a byte.
+/// What the network can do with a byte of the memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ByteAccess {
-    /// The byte belongs to no register.
+    /// The byte belongs to no register, so the network can neither read nor write it.
     Absent,
     Read,
     Write,
@@ -158,7 +158,7 @@ pub(super) fn copy(to: &mut [u8], from: &[u8]) {
     let (Some(first), Some(last)) = (from.first_chunk::<8>(), from.last_chunk::<8>()) else {
         return to.copy_from_slice(from);
     };
-    // The two parts overlap in the middle.
+    // 8 to 16 bytes are copied as the first 8 bytes and the last 8 bytes, which may overlap.
     if let Some(to) = to.first_chunk_mut() {
         *to = *first;
     }

@@ -4,12 +4,12 @@ use super::EscSlave;
 use crate::ethercat::Ns;
 use crate::ethercat::registers::PORTS;
 
-/// A slave with its connections on the cable. A place is an index into [`Chain`](super::Chain).
+/// A slave with its connections on the cable. Other slaves are named by their index in [`Chain`](super::Chain).
 pub(super) struct Place {
     pub(super) slave: EscSlave,
-    /// The places of the slaves at ports 1 to 3.
+    /// The indices of the slaves that are connected to ports 1 to 3.
     pub(super) children: [Option<usize>; PORTS],
-    /// The place and port that port 0 of the slave is connected to; `None` for the first slave.
+    /// The index of the slave, and its port, to which port 0 of this slave is connected; `None` for the first slave.
     pub(super) parent: Option<(usize, usize)>,
     /// The time that a frame takes from the parent to this slave, ns.
     pub(super) hop_ns: Ns,

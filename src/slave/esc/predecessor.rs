@@ -23,7 +23,7 @@ use crate::ethercat::{AlState, Ns};
 /// The number of bytes of the RAM that are filled with random data.
 const GARBAGE_LEN: usize = 0x800;
 
-/// A master that has ended, with the random generator for what it leaves behind.
+/// A previous master that has ended, with the random generator for the states in which it leaves slaves.
 #[derive(Clone, Debug)]
 pub struct Predecessor {
     dice: Rand64,
@@ -57,7 +57,7 @@ impl Described {
 }
 
 impl Predecessor {
-    /// The predecessor with this seed.
+    /// A predecessor that leaves the random states that this seed determines.
     pub fn seeded(seed: u64) -> Self {
         Self { dice: Rand64::new(seed.into()) }
     }
@@ -154,7 +154,8 @@ impl Predecessor {
                 let ahead = self.below(1_000_000_000);
                 slave.controller().system_time_ns().wrapping_add(ahead).to_le_bytes().to_vec()
             }
-            // Already written, or written after all others.
+            // `leave` writes these before or after all other registers, and the EEPROM's registers are written with its
+            // commands.
             AL_CONTROL | SII_CONFIGURATION | registers::SII_ADDRESS | registers::SII_DATA | CYCLIC_UNIT_CONTROL => {
                 return;
             }

@@ -11,7 +11,7 @@ const ORDER: [usize; PORTS - 1] = [3, 1, 2];
 /// A slave on the route of a frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Visit {
-    /// The place of the slave.
+    /// The index of the slave in [`Chain`](super::Chain).
     pub(super) place: usize,
     /// The time from the start of the frame to its arrival at the slave, ns.
     pub(super) after_ns: Ns,
@@ -44,7 +44,7 @@ pub(super) struct Route {
 /// The slaves on a cable, as input for computing a route.
 pub(super) struct Slaves<'p> {
     pub(super) places: &'p mut [Place],
-    /// The place and port to which a second card is connected.
+    /// The index of the slave, and its port, to which a second card is connected; `None` without a ring.
     pub(super) ring: Option<(usize, usize)>,
     /// Whether there is a link between the first slave and the card in front of it.
     pub(super) is_reached: bool,

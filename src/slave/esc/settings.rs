@@ -13,7 +13,7 @@ pub struct EscSettings {
     pub controller_type: u8,
     /// Revision, register 0x0001.
     pub revision: u8,
-    /// Build, register 0x0002.
+    /// Build number of the slave controller, register 0x0002.
     pub build: u16,
     /// The number of FMMUs, 0..=16.
     pub fmmus: u8,

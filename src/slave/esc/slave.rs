@@ -145,7 +145,7 @@ impl EscSlave {
         self.device.note_links(links);
     }
 
-    /// The device.
+    /// The device behind the slave controller.
     pub fn device(&self) -> &dyn Slave {
         &*self.device
     }

@@ -6,11 +6,11 @@ use crate::ethercat::registers::{
     WATCHDOG_COUNTER_PROCESS_DATA, WATCHDOG_DIVIDER, WATCHDOG_PDI, WATCHDOG_PROCESS_DATA, WATCHDOG_STATUS,
 };
 
-/// The divider at power-on, for units of 100 us.
+/// The watchdog divider at power-on: the unit of the watchdog time is 100 us.
 const DIVIDER: u16 = 0x09C2;
-/// The watchdog time at power-on, in units: 1000.
+/// The watchdog time at power-on: 1000 units, which are 100 ms.
 const TIME: u16 = 0x03E8;
-/// The length of a tick of the divider, ns.
+/// The period of the 25 MHz clock that the watchdog divider divides, ns.
 const TICK_NS: Ns = 40;
 
 /// The watchdog. It starts with the first outputs.

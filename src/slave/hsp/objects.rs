@@ -74,8 +74,8 @@ const PARTS: [&[Row]; 7] = [
 ];
 
 /// The PDOs at power-on. \[OURS] The PDOs of the second axis are 16 higher, as in ETG.6010. The PDOs for CSP are assigned.
-/// Some PDOs are empty, for masters that fill others than the first ones. Only the low 16 bits of the digital inputs and
-/// outputs are used.
+/// Some PDOs are empty, for masters that map objects into other PDOs than the first ones. Only the low 16 bits of the
+/// digital inputs and outputs are used.
 pub(super) const PDOS: &[Pdo<Hsp>] = &[
     rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020, 0x60FE_0120]),
     rx_pdo!(OBJECTS, 0x1601, false, [0x6040_0010, 0x60FF_0020, 0x60FE_0120]),

@@ -9,13 +9,13 @@ use super::{
 use crate::ethercat::coe::ObjectAddress;
 use crate::slave::dictionary::Access;
 
-/// The maximum size of a file of objects, bytes \[OURS]: about 50,000 lines.
+/// The maximum size of a file with manufacturer-specific objects, bytes \[OURS]: about 50,000 lines.
 pub const MANUFACTURER_FILE_BYTES_MAX: u64 = 4 << 20;
 
 /// The syntax of a line, for error messages.
 const FORM: &str = "a line is INDEX:SUB TYPE ACCESS VALUE NAME, e.g. `0x2101:1 u16 rw 0x0010 Motor code`";
 
-/// The maximum length of a text value that is written as a number, bytes.
+/// The maximum length of a value in the form of a number, bytes; a longer one is written in quotes.
 const NUMBER_BYTES_MAX: usize = size_of::<u64>();
 
 /// Why a text is not a valid list of objects.
@@ -166,7 +166,7 @@ fn quoted_bytes(text: &str) -> Result<(Vec<u8>, &str), String> {
     Err("the VALUE has no second double quote".to_owned())
 }
 
-/// Writes the object as a line of a file, see [`ManufacturerObjects::parse`].
+/// Writes the object as a line of the text format, see [`ManufacturerObjects::parse`].
 impl fmt::Display for ManufacturerObject {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let access = match self.access {

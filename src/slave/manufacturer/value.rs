@@ -2,14 +2,14 @@
 
 use crate::slave::dictionary::number_of;
 
-/// The maximum length of a short value, bytes.
+/// The maximum length of a value that is stored inline, bytes.
 const SHORT: usize = size_of::<u64>();
 
 /// The bytes of a value in SDO order, the lowest first.
 #[derive(Clone, Debug)]
 pub struct ManufacturerValue(Bytes);
 
-/// A short value is stored inline, so that a transfer in a cycle does not allocate.
+/// The storage of a value. At most 8 bytes are stored inline, so that a transfer in a cycle does not allocate.
 #[derive(Clone, Debug)]
 enum Bytes {
     Short { len: u8, bytes: [u8; SHORT] },
@@ -17,7 +17,7 @@ enum Bytes {
 }
 
 impl ManufacturerValue {
-    /// A value of the low `bytes` bytes of a number; at most 8.
+    /// The low `bytes` bytes of a number, at most 8, as a value.
     pub fn of_bits(bits: u64, bytes: usize) -> Self {
         Self::of_bytes(&bits.to_le_bytes()[..bytes.min(SHORT)])
     }
@@ -37,7 +37,7 @@ impl ManufacturerValue {
         }
     }
 
-    /// The number formed by the first 8 bytes.
+    /// The first 8 bytes of the value as a little-endian number; a shorter value is zero-extended.
     pub fn bits(&self) -> u64 {
         match &self.0 {
             Bytes::Short { bytes, .. } => u64::from_le_bytes(*bytes),

@@ -321,7 +321,7 @@ impl Mapping {
         }
     }
 
-    /// Checks the items of a list, each for itself and all together.
+    /// Checks each item of a list, and that the items together are not too long and name no PDO twice.
     fn check(
         &self,
         list: &MappingList,

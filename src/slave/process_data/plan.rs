@@ -14,7 +14,7 @@ use crate::slave::dictionary::{Device, Object, PdoDirection, Place, find, number
 /// The maximum number of mapped objects per direction, in all PDOs together \[OURS].
 pub const MAPPED_MAX: usize = 32;
 
-/// The copy of one object in a cycle.
+/// How a cycle copies one object between the process image and the device.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::slave) struct EntryCopy {
     /// Row and cell of the object in the dictionary, see [`Place`].
@@ -26,12 +26,14 @@ pub(in crate::slave) struct EntryCopy {
     bits: u8,
 }
 
-/// One step of a plan.
+/// One step of a plan: what it copies.
 enum Step<D> {
     Object(EntryCopy),
-    /// A manufacturer-specific object. `row` and `cell` together hold its place.
+    /// A manufacturer-specific object. `row` and `cell` are the upper and lower 16 bits of its index in
+    /// [`ManufacturerObjects`](crate::slave::ManufacturerObjects).
     Manufacturer(EntryCopy),
-    /// A whole PDO that begins at this byte and has the entries of a power-on PDO or of one that masters often map.
+    /// A whole PDO that begins at this byte. Its entries are those of a power-on PDO or of a PDO that masters often map, so
+    /// one function copies it.
     Inputs(usize, fn(&D, &mut [u8])),
     Outputs(usize, fn(&mut D, &[u8])),
 }
@@ -44,9 +46,9 @@ impl<D> Clone for Step<D> {
 }
 impl<D> Copy for Step<D> {}
 
-/// The copies of a cycle. A plan allocates only when it is made.
+/// The compiled PDO mapping: the steps that copy the process data of a cycle. Only compiling a mapping allocates.
 pub(in crate::slave) struct Plan<D> {
-    /// The steps for the inputs, followed by those for the outputs.
+    /// The steps that copy the inputs, followed by those that copy the outputs.
     steps: Vec<Step<D>>,
     /// The number of steps for the inputs.
     inputs: usize,
@@ -87,15 +89,15 @@ impl<D> Default for Plan<D> {
     }
 }
 
-/// The meaning of a mapping entry.
+/// What a mapping entry stands for.
 enum Entry {
     Padding,
     Object(Place),
-    /// The place of a manufacturer-specific object.
+    /// The index of a manufacturer-specific object in [`ManufacturerObjects`](crate::slave::ManufacturerObjects).
     Manufacturer(usize),
 }
 
-/// The meaning of a mapping entry in a PDO of this direction.
+/// Finds what a mapping entry in a PDO of this direction stands for.
 ///
 /// # Errors
 /// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`]; [`AbortCode::NOT_MAPPABLE`], also for an entry whose length
@@ -295,7 +297,7 @@ fn take_each_output<D: Model>(device: &mut D, image: &[u8]) {
     }
 }
 
-/// The copy for a mapping entry of whole bytes that begins at `bit` of its image, evaluated at compile time.
+/// The [`EntryCopy`] for a mapping entry of whole bytes that begins at `bit` of its image, evaluated at compile time.
 ///
 /// # Panics
 /// If there is no such object, or its length differs. In a constant this is a compile-time error.
@@ -342,7 +344,7 @@ macro_rules! tx_pdo {
     };
 }
 
-/// Expands to one call per entry, with the bit position of the entry.
+/// Expands to one call of `put_object` or `take_object` per mapping entry, with the bit position of the entry in the image.
 macro_rules! each_entry {
     ($move:ident, $device:ident, $image:ident, $objects:expr, $bit:expr,) => {};
     ($move:ident, $device:ident, $image:ident, $objects:expr, $bit:expr, $entry:literal $($rest:literal)*) => {
@@ -369,7 +371,7 @@ pub(in crate::slave) fn take_object<D: Device>(device: &mut D, step: EntryCopy, 
     take_output(device, object, step.cell.into(), number);
 }
 
-/// The place of the manufacturer-specific object that a step copies.
+/// The index in [`ManufacturerObjects`](crate::slave::ManufacturerObjects) of the object that a step copies.
 fn place_of_manufacturer(EntryCopy { row, cell, .. }: EntryCopy) -> usize {
     usize::from(row) << 16 | usize::from(cell)
 }

@@ -68,7 +68,8 @@ impl AnalogUnit {
         self.dac.is_some()
     }
 
-    /// Starts a DAC conversion; returns false if the DAC is closed. `[OURS]` With another trigger this has no effect.
+    /// Starts a DAC conversion; returns false if the DAC is closed. `[OURS]` If a pin or new data trigger the DAC, this has
+    /// no effect.
     pub fn start_dac(&mut self, now: Ns) -> bool {
         if self.dac == Some(DacTrigger::StartConv) {
             self.convert(now);
@@ -88,7 +89,8 @@ impl AnalogUnit {
         self.convert_at_level(now);
     }
 
-    /// `[OURS]` While the pin has the level of the trigger, new data are output at once.
+    /// Starts a conversion if a level of the pin DAC_ST triggers the DAC and the pin has that level. `[OURS]` New data are
+    /// then output at once.
     fn convert_at_level(&mut self, now: Ns) {
         let level = match self.dac {
             Some(DacTrigger::PinLow) => false,

@@ -6,8 +6,8 @@ use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::xf::request::{DcTiming, SlaveBits, SlaveNumber, WkcErrorLimit};
 use crate::xf::{EtherCatState, NetworkState};
 
-/// Whether process data travel in LRW until ECAT_INIT_OP or ENABLE_LRW sets it, and with firmware that does not have
-/// this switch. `[OURS]`
+/// Whether process data travel in LRW before ECAT_INIT_OP or ENABLE_LRW selects it, and always with firmware that has no
+/// such selection. `[OURS]`
 const LRW_AT_START: bool = true;
 
 /// The data about a slave in the chip's memory.
@@ -22,7 +22,7 @@ pub(super) struct SlaveMemory {
     pub dc_active: bool,
 }
 
-/// Lengths of a slave's process data that the host has set: of outputs, of inputs.
+/// The lengths of a slave's outputs and inputs that the host has set, in bytes.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SetLengths {
     /// Lengths set by CONFIG_SM.

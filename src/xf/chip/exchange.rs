@@ -138,7 +138,7 @@ impl<N: SlaveNetwork> Chip<N> {
         CheckRule { kind: self.check, coverage }
     }
 
-    /// Sets error bits, which stay set.
+    /// Sets error bits, which stay set until the header of a command clears them.
     pub(super) fn raise(&mut self, error: Errors) {
         self.errors = self.errors | error;
         self.not_shown = self.not_shown | error;

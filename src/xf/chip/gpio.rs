@@ -49,8 +49,8 @@ impl Pin {
 
     /// Whether that edge raises the interrupt.
     ///
-    /// `[OURS]` The numbers of the vendor's driver are read in the order of the manual, 3 both, 4 falling, 5 rising,
-    /// unless the manual contradicts: 3 stays rising.
+    /// `[OURS]` The vendor's driver sends 3, 4 and 5 where the manual has 1 both, 2 falling, 3 rising. In the manual's
+    /// order 4 is falling and 5 is rising. 3 is rising, as in the manual.
     const fn is_triggered(&self, rises: bool) -> bool {
         match self.trigger {
             GpioTrigger::Off => false,

@@ -53,8 +53,8 @@ impl Helper {
     /// 402_CTL_SET; returns false if the axis is not configured. `[OURS]` The slave in the request is used, the number
     /// of motors is not.
     ///
-    /// With `defaults` an axis that is not configured becomes one, with both words at the beginning of the slave's PDOs
-    /// (OBS: the vendor's driver 0.1 sets offsets "if the default is not fit").
+    /// With `defaults` an axis that is not configured is configured, with controlword and statusword at the beginning of
+    /// the slave's PDOs (OBS: the vendor's driver 0.1 sets offsets "if the default is not fit").
     pub fn set_control(&mut self, request: &HelperControlSet, defaults: bool) -> bool {
         let (motor, control, slave) = (request.motor, request.control, request.slave);
         if defaults && self.axes[usize::from(motor.get())].is_none() {
@@ -137,8 +137,8 @@ impl Axis {
 
 /// Bits 0 to 3 of the controlword that take the axis from a state towards a target (CiA 402-2, table of commands).
 ///
-/// `[OURS]` Targets that no command reaches (Not ready, Fault reaction, Fault) are treated as Switch on disabled. From
-/// Quick stop active to Operation enabled the way is Disable voltage, since not every drive supports the direct
+/// `[OURS]` Targets that no command reaches (Not ready, Fault reaction, Fault) are treated as Switch on disabled. An axis
+/// in Quick stop active reaches Operation enabled by Disable voltage first, since not every drive supports the direct
 /// transition.
 const fn command(state: Option<DriveState>, target: DriveState) -> Controlword {
     use DriveState::{OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled, SwitchedOn};

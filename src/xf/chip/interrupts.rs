@@ -25,7 +25,7 @@ impl InterruptUnit {
         self.flags = self.flags.with(flags);
     }
 
-    /// Clears flags. `[OURS]` Bits 22 to 25 are also cleared by the bits of the same number.
+    /// Clears flags. The manuals name only bits 31 and 29 for this; `[OURS]` bits 22 to 25 are cleared in the same way.
     pub const fn clear(&mut self, flags: Interrupts) {
         self.flags = self.flags.without(flags);
     }

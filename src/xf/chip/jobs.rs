@@ -40,13 +40,13 @@ impl ActiveJob {
         matches!(self.job, Job::Init(_)) && self.procedure.is_none() && self.result.is_none()
     }
 
-    /// Advances the job by the time by which the port is ready earlier.
+    /// Shortens the wait for the network port by `ns`, because the port is ready that much earlier.
     pub const fn skip(&mut self, ns: Ns) {
         self.due -= ns;
         self.begin_at = self.begin_at.saturating_sub(ns);
     }
 
-    /// The time of the next step if the network does not answer earlier; `None` without one.
+    /// The time of the next step if the network does not answer earlier; `None` if only an answer continues the job.
     const fn next_event(&self) -> Option<Ns> {
         match (&self.result, &self.procedure) {
             (Some(_), _) => Some(self.due),
@@ -59,9 +59,9 @@ impl ActiveJob {
 /// The result of a job's requests to the network.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 pub(super) enum JobResult {
-    /// The job had no requests.
+    /// The job makes no requests to the network.
     Nothing,
-    /// The requests were not possible.
+    /// The requests could not be made, for example because the state of the network does not allow them.
     Failed,
     /// The network did not answer in time.
     TimedOut,
@@ -71,14 +71,15 @@ pub(super) enum JobResult {
     Pdos(Result<PdoConfig, AbortCode>),
 }
 
-/// The beginning of a job's part: a procedure, or a result without one.
+/// The beginning of a part of a job: a procedure that makes requests to the network, or at once the result of a part
+/// without requests.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 enum PartStart {
     Procedure(Procedure),
     Result(JobResult),
 }
 
-/// The end of a job's part.
+/// The end of a part of a job, and how the job continues.
 pub(super) enum Progress {
     Done,
     /// Another part follows, whose duration ends at this time.
@@ -322,16 +323,16 @@ impl<N: SlaveNetwork> Chip<N> {
     }
 }
 
-/// The progress of a job's requests.
+/// The progress of a job's requests to the network.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 enum RequestProgress {
     Result(JobResult),
-    /// It is not time yet, or the answer is still missing.
+    /// The time of the requests or the end of the job's duration is not reached, or the network has not answered yet.
     Waits,
 }
 
 impl PartStart {
-    /// The requests are not possible, so that the job fails at its end.
+    /// The requests to the network cannot be made, so the job fails at its end.
     const FAILED: Self = Self::Result(JobResult::Failed);
 }
 

@@ -126,7 +126,7 @@ pub trait SlaveNetwork: Send {
     /// command.
     fn takes_time(&self) -> bool;
 
-    /// Whether the slaves have registers, EEPROMs, files and mailboxes behind their objects. If not, the chip answers
+    /// Whether the slaves have registers, EEPROMs, files and mailboxes besides their objects. If not, the chip answers
     /// commands that need them with the command error.
     fn knows_registers(&self) -> bool;
 
@@ -202,7 +202,7 @@ pub trait SlaveNetwork: Send {
     /// Sets whether unsolicited messages of a slave stay in its mailbox until [`Operation::ReceiveMail`].
     fn keep_mail(&mut self, _slave: u8, _keeps: bool) {}
 
-    /// Whether a mailbox whose messages stay there has a message.
+    /// Whether there is a message in a mailbox whose messages are kept for the host, see [`Self::keep_mail`].
     fn has_mail(&self, _slave: u8) -> bool {
         false
     }

@@ -67,7 +67,7 @@ pub struct Field {
     pub position: FieldPosition,
     /// The field's size in bytes; 0 if it extends to the end of the valid data.
     pub bytes: u8,
-    /// The field's lowest bit.
+    /// The lowest bit of the field in its bytes, which other fields may share.
     pub shift: u8,
     /// The field's width in bits.
     pub width: u8,
@@ -75,7 +75,7 @@ pub struct Field {
     pub kind: FieldKind,
     /// The value if a request does not name the field; `None` if it must be named.
     pub default: Option<u32>,
-    /// The field whose bytes this field counts, if that one is named.
+    /// The field whose number of bytes this field contains, if a request sets that field.
     pub counts: Option<&'static str>,
 }
 
@@ -105,7 +105,7 @@ impl Field {
         let bytes: &[u8] = match self.position {
             FieldPosition::Return => return Some(self.number(&[returned.ret])),
             FieldPosition::Data(at) => valid.get(base + usize::from(at)..)?,
-            // These places exist in requests only.
+            // Only requests have the other positions.
             _ => return None,
         };
         match self.kind {

@@ -1,9 +1,8 @@
 //! A table of all functions: their purpose, and the fields of their requests and answers. It is for programs that
 //! take a request from a user by name, or show an answer field by field.
 //!
-//! A field is a named place in the header or the data segment. [`Draft`] writes fields, and
-//! [`Request::decode`](crate::xf::Request::decode) checks them as a request; [`Field::get`] reads the fields of an
-//! answer:
+//! A field is a named value at a position in the header or the data segment. [`Draft`] writes fields, and
+//! [`Request::decode`](crate::xf::Request::decode) checks them as a request; [`Field::get`] reads the fields of an answer:
 //!
 //! ```
 //! use ecmsk::xf::fields::{Draft, Value, function};

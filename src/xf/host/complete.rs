@@ -17,9 +17,9 @@ impl Host {
         let lost = matched == AnswerMatch::Lost;
         match flight.purpose {
             Purpose::Start(step) if !lost => self.started(now, step, header),
-            // The step of the start is repeated.
+            // Nothing to do: the start repeats a step whose answer is lost.
             Purpose::Start(_) => {}
-            // This counts as an attempt to clear errors only if it was answered and the errors are still there.
+            // An answered INFO_UPDATE counts as an attempt to clear errors if the errors are still there.
             Purpose::Info => self.clear_tries += u32::from(self.cleared.intersects(header.errors)),
             Purpose::Slot(slot, part) => self.complete_slot(now, slot, part, lost, header),
             Purpose::Process { sequence, written, reads, clears, others, .. } => {
@@ -132,8 +132,8 @@ impl Host {
         }
     }
 
-    /// Checks whether the non-immediate command has ended. This shows in the answer to a packet that was sent after the
-    /// command had been accepted: its busy flag is clear.
+    /// Checks whether the non-immediate command has ended. It has if a packet was sent after the command had been accepted,
+    /// and the busy flag in the answer to that packet is clear.
     pub(super) fn look_for_end(&mut self, now: Ns, flight: &Flight, header: &AnswerHeader) {
         let Some((slot, since)) = running_since(&self.slots) else { return };
         if flight.first <= self.accepted || header.status.contains(Status::BUSY) {
@@ -206,8 +206,8 @@ impl Host {
         self.report(sequence, outcome);
     }
 
-    /// Whether the error bits cannot show if the chip took the RxPDOs of a packet whose answer is lost: the packet's
-    /// copies clear these bits, or the bits may come from another packet.
+    /// Whether the error bits leave it unknown if the chip took the RxPDOs of a packet whose answer is lost: because the
+    /// packet's copies clear these bits, or because the bits may come from another packet.
     fn is_doubtful(&self, clears: bool, others: bool, header: &AnswerHeader) -> bool {
         let others = others || self.stuck.intersects(NOT_TAKEN);
         clears || others && header.errors.intersects(NOT_TAKEN)
@@ -219,8 +219,9 @@ impl Host {
         self.report(sequence, ProcessOutcome::Unknown);
     }
 
-    /// Completes process data that were followed by the next ones before their answer, if `header` is the header of that
-    /// answer. With `None` no answer can come any more. Returns whether the answer was theirs.
+    /// Completes the overtaken process data, which were followed by the next ones before their answer had come, if `header`
+    /// is the header of their answer. If `header` is `None`, no answer can come any more, and their outcome is unknown.
+    /// Returns whether `header` belongs to their answer.
     pub(super) fn complete_overtaken(&mut self, header: Option<&AnswerHeader>) -> bool {
         let Some(overtaken) = self.process.overtaken else { return false };
         let Overtaken { sequence, index, code, written, reads, .. } = overtaken;

@@ -7,8 +7,8 @@ use crate::xf::{CrcCoverage, CrcCoverages, DataSize};
 /// How many packets of the start the chip may reject for their check word before CRC-32 is given up. \[OURS] Each
 /// coverage has three tries, so that a single bit error on the wire does not decide.
 const REJECTIONS_MAX: u32 = 3 * CrcCoverage::EVERY.len() as u32;
-/// How many answers in a row may fit no coverage, before any has fitted, until CRC-32 is given up. \[OURS] Fewer than
-/// the damaged answers that start a search for packets.
+/// How many answers in a row may fit no coverage before CRC-32 is given up, as long as no answer has fitted any coverage.
+/// \[OURS] Fewer than the damaged answers in a row that start a search for packets.
 const UNFIT_MAX: u32 = 4;
 
 /// The coverages that are still possible, as flags in the order of [`CrcCoverage::EVERY`].
@@ -30,7 +30,7 @@ impl Candidates {
         self.iter().next().unwrap_or_default()
     }
 
-    /// Keeps only the coverages that include the same bytes of a packet of this size and length as `right` does.
+    /// Rules out the coverages that include other bytes of a packet of this size and length than `right` does.
     fn keep_as(&mut self, right: CrcCoverage, size: DataSize, len: u16) {
         let fits = CrcCoverage::EVERY.map(|coverage| coverage.bytes(size, len) == right.bytes(size, len));
         self.0 = core::array::from_fn(|n| self.0[n] && fits[n]);

@@ -14,7 +14,7 @@ struct Write {
     answers: u8,
 }
 
-/// The estimate of the free entries. It is never too high, whenever the write reached the chip: the real number can
+/// The estimate of the free entries. It is never too high, at whatever time a write reached the chip: the real number can
 /// only be higher, by cycles that the counts do not show yet.
 #[derive(Clone, Debug)]
 pub(super) struct RxFreeEstimate {

@@ -31,7 +31,7 @@ pub(super) enum Purpose {
     Start(StartStep),
     /// Polling the header.
     Info,
-    /// A queued command, with the part that is sent.
+    /// A queued command: the index of its slot, and the part that is sent.
     Slot(usize, CommandPart),
     /// Process data.
     Process {

@@ -143,7 +143,7 @@ pub enum HostState {
     Stopped(HostError),
 }
 
-/// The content of the exchange whose received bytes are still to come.
+/// The content of the present exchange, whose received bytes are still to come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum PendingExchange {
     Filler,
@@ -180,7 +180,8 @@ pub struct Host {
     /// The number of the exchange with the newest answer.
     answered: u64,
     pending_exchange: Option<PendingExchange>,
-    /// Whether INT0 became active after the exchange whose end is still to be reported.
+    /// Whether INT0 has become active since the beginning of the exchange whose end the owner of the wires has still to
+    /// report.
     ready_seen: bool,
     header: Option<AnswerHeader>,
     /// The header of the first answer.
@@ -191,11 +192,11 @@ pub struct Host {
     last_error: Option<PacketError>,
     /// Index, code and number of copies of the packets in the last two exchanges, the older one first.
     sent: [(u8, CommandCode, u32); 2],
-    /// Whether the last answer belongs to the packet of the exchange before, that is, whether the chip was ready and
-    /// lags no further. With more than two copies an answer cannot be assigned to one of them.
+    /// Whether the newest answer belongs to the packet of the previous exchange, as it does if the chip was ready. False if
+    /// more than two copies of that packet were sent, since the answer cannot be assigned to one of them.
     in_step: bool,
-    /// Whether the error bits of `header` include the effects of all packets sent: none has ended without its answer
-    /// since.
+    /// Whether the error bits of `header` include the effects of all packets sent so far. False from the sending of a
+    /// packet until its answer has come.
     bits_known: bool,
     /// Whether the chip is busy, or may be.
     busy: bool,

@@ -24,7 +24,7 @@ pub(super) enum ExchangePlan {
 /// The content of the next exchange, if there is one.
 enum Choice {
     Filler,
-    /// The packet in the buffer.
+    /// The command packet in `packets[current]`.
     Packet,
     Nothing {
         until: Ns,
@@ -103,7 +103,8 @@ impl Host {
         self.state = HostState::Stopped(error);
     }
 
-    /// Begins a search for packets where they are no longer found.
+    /// Begins a search for packets, because too many answers in a row were damaged. A start that is not complete begins
+    /// again.
     pub(super) fn search_anew(&mut self, now: Ns) {
         let running = self.state == HostState::Running;
         let state = if running { HostState::Searching } else { HostState::Starting(StartStep::Search) };
@@ -195,7 +196,7 @@ impl Host {
         Choice::Packet
     }
 
-    /// The process data in flight, if the next ones may be sent before their answer has come. For this the chip was
+    /// The process data in flight, if the next ones may be sent before their answer has come. The conditions: the chip was
     /// ready for them, all earlier rejections are counted, and no command is waiting.
     fn may_be_overtaken(&self) -> Option<Overtaken> {
         let flight = self.flight.as_ref()?;
@@ -276,15 +277,17 @@ impl Host {
         self.seen().without(self.stuck)
     }
 
-    /// The errors that a header clears, including those that earlier attempts did not clear.
+    /// The error bits of the newest answer that the next header clears, including those that remained after earlier
+    /// attempts.
     fn seen(&self) -> Errors {
         self.own_errors(self.header.map_or(Errors::NONE, |header| header.errors))
     }
 
-    /// The errors among `seen` that a header may clear.
+    /// Removes from `seen` the levels, which cannot be cleared, and the error bit that may belong to the running command.
     pub(super) fn own_errors(&self, seen: Errors) -> Errors {
         let own = Errors(seen.0 & Errors::ALL.0);
-        // The error bit of the running command must stay: it is not known yet, or it reports the end of the command.
+        // The error bit of the running command must stay: no answer has shown it yet, or it reports the end of the
+        // command.
         if self.slots.running().is_some() { own.without(Errors::NON_IMMEDIATE) } else { own }
     }
 
@@ -311,7 +314,8 @@ impl Host {
         Choice::Packet
     }
 
-    /// Sends a request that fits into a packet of any size.
+    /// Sends a request of the start or INFO_UPDATE. These are short enough for the smallest packet, so an error in building
+    /// the packet is not reported.
     fn send_short(&mut self, now: Ns, purpose: Purpose, control: Control, request: &Request<'_>) -> Choice {
         let header = self.new_header(control);
         match write_request(&mut self.packets[self.current], self.size, self.rule, header, request) {
@@ -355,7 +359,7 @@ impl Host {
         }
         let Some(outgoing) = self.process.sent() else { return Choice::Nothing { until: now + 1 } };
         let OutgoingProcessData { sequence, code, arguments, written, queued, reads } = outgoing;
-        // The outputs are already in this packet.
+        // `Process::submit` has written the outputs into the packet that is not being sent.
         let packet = &mut self.packets[1 - self.current];
         let sent = write_around(packet, self.size, self.rule, header, code, arguments).is_ok();
         if !sent {

@@ -204,7 +204,7 @@ impl Process {
         Ok(self.sequence)
     }
 
-    /// Takes the waiting process data, because they are sent now or not at all.
+    /// Takes the waiting process data. The caller sends them now, or reports that they were refused.
     pub(super) fn sent(&mut self) -> Option<OutgoingProcessData> {
         self.waiting.take()
     }

@@ -143,7 +143,7 @@ impl Host {
             self.header = Some(*header);
             return;
         }
-        // A duplicate of the previous answer says nothing about the packet before.
+        // If this answer equals the previous one, it may be a duplicate. Then it does not show which packet it answers.
         let tells = |header: &AnswerHeader| (header.index, header.code, header.status.contains(Status::NOP));
         let new = self.header.is_none_or(|before| tells(&before) != tells(header));
         let (index, code, copies) = self.sent[0];
@@ -215,8 +215,8 @@ impl Host {
         }
     }
 
-    /// Makes commands use the check type of the chip's answers. Until CRC-32 is set for good, a packet in flight with
-    /// another check type is replaced.
+    /// Makes commands use the check type that the status of an answer names. While the chip is being started, a packet in
+    /// flight with the other check type is dropped and its step is sent again.
     fn follow_check_type(&mut self, header: &AnswerHeader) {
         let Ok(kind) = header.status.check_type() else { return };
         let follows = matches!(self.state, HostState::Starting(step) if step != StartStep::FixedWord);

@@ -122,7 +122,7 @@ impl CommandSlot {
 pub(super) struct CommandSlots {
     pub(super) all: [CommandSlot; IMMEDIATE_SLOTS + NON_IMMEDIATE_SLOTS],
     sequence: u64,
-    /// False if all slots are free or done, so that a cycle with process data alone need not look at each of them.
+    /// False if all slots are free or done, so that a cycle with process data alone need not search them.
     maybe_pending: bool,
 }
 
@@ -259,9 +259,9 @@ impl CommandSlots {
     }
 }
 
-/// Whether a command only reads, so that it may run again if its answer was lost. `[OURS]` These are all commands with
-/// a result, except those with a side effect: 5 takes TxPDOs out of the FIFO, 24 clears, and 6, 81 and 144 only read
-/// with some arguments.
+/// Whether a command only reads, so that it may run again if its answer was lost. `[OURS]` These are all commands with a
+/// result, except those with a side effect: command 5 takes TxPDOs out of the FIFO, 24 clears a counter, and 6, 81 and 144
+/// only read with some arguments.
 pub(super) fn only_reads(code: CommandCode, arguments: &Arguments) -> bool {
     let writes = match code {
         CommandCode::PdoDataFifo | CommandCode::CrcErrorCountClear => true,

@@ -49,8 +49,8 @@ impl StartStep {
         }
     }
 
-    /// The length field of this step's packet, if it differs from the length of its data. \[OURS] No source says that a
-    /// command without data may have a length.
+    /// The length field of this step's packet, if it differs from the length of its data. \[OURS] The step
+    /// [`Self::Coverage`] sets a length although its command has no data; no source says that a command may do so.
     pub(super) const fn len(self) -> u16 {
         match self {
             Self::Coverage => 1,

@@ -1,11 +1,11 @@
 //! The macro that declares types with their layouts.
 
 /// Declares the layout of types: `pub struct` and `pub enum` also define the type, `impl` refers to a type defined
-/// elsewhere. The place of each value in header or data segment stands after `=`. A value without a place is itself a
-/// type with a layout.
+/// elsewhere. The expression after `=` is the position of a value in the header or the data segment. A value without `=` is
+/// itself a type with a layout.
 ///
-/// A number selects the variant of an enum. After `by` stand its place, the name that errors use for it, and its
-/// allowed values.
+/// A number selects the variant of an enum. The expression after `by` gives the position of this number, the name that
+/// errors use for it, and its allowed values.
 macro_rules! layout {
     () => {};
 

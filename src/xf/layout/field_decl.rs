@@ -110,19 +110,20 @@ impl FieldDecl {
         self.with(Field { default: Some(default), ..self.field })
     }
 
-    /// Makes the field count the bytes of another field, if that one is named.
+    /// Makes the field contain the number of bytes of another field, if a request sets that other field.
     pub const fn counts(self, field: &'static str) -> Self {
         self.with(Field { counts: Some(field), default: Some(0), ..self.field })
     }
 
-    /// The size of the field is a number in another field, of 2 bytes unless that declaration says otherwise. `name` is the
-    /// number's name in errors.
+    /// Declares that another field contains the number of bytes of this field. `at` declares that other field, of 2 bytes
+    /// unless it says otherwise; `name` is its name in errors.
     pub const fn counted(self, at: Self, name: &'static str, allowed: Allowed) -> Self {
         let field = at.or(0).of::<u16>("bytes").field;
         Self { count: Some(ByteCount { field, name, allowed, valid: None }), ..self }
     }
 
-    /// Requires that the counted bytes are also valid by the length field, whose name in errors is `name`.
+    /// Requires that the length field of the header also covers the counted bytes. `name` is the name of the length field
+    /// in errors.
     pub const fn all_valid(self, name: &'static str) -> Self {
         match self.count {
             Some(count) => Self { count: Some(ByteCount { valid: Some(name), ..count }), ..self },
@@ -130,7 +131,7 @@ impl FieldDecl {
         }
     }
 
-    /// A fixed number precedes the field.
+    /// Declares that a fixed number precedes the field on the wire.
     pub const fn after(self, fixed: Fixed) -> Self {
         Self { fixed: Some(fixed), ..self }
     }
@@ -217,7 +218,7 @@ impl ByteCount {
 /// A number that the manuals fix, such as the size of a structure.
 #[derive(Clone, Copy, Debug)]
 pub struct Fixed {
-    /// The field with the number, which is the field's default.
+    /// The field that contains the number. The fixed value is the field's default.
     pub field: Field,
     /// The bits of the number that are compared.
     looked_at: u32,
@@ -226,7 +227,8 @@ pub struct Fixed {
 }
 
 impl Fixed {
-    /// The fixed number is the default of this field. `name` is its name in errors.
+    /// Makes the default of the declared field a fixed number. Only the bits in `looked_at` are compared, and errors name
+    /// the number `name`.
     pub const fn new<T: FieldValue>(
         decl: FieldDecl,
         looked_at: u32,

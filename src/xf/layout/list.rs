@@ -3,7 +3,7 @@
 use super::{ByteCount, FieldDecl, Fixed};
 use crate::xf::fields::{Field, FieldPosition};
 
-/// The fields of a layout in the order of their places, each name once.
+/// The fields of a layout in the order of their positions, each name once.
 #[derive(Clone, Copy, Debug)]
 pub struct FieldList {
     fields: [Field; Self::MOST],
@@ -45,7 +45,7 @@ impl FieldList {
         self
     }
 
-    /// Inserts a field in the order of places, unless the list has a field of that name.
+    /// Inserts a field in the order of positions, unless the list has a field of that name.
     pub const fn with(mut self, field: Field) -> Self {
         let mut n = 0;
         while n < self.len {

@@ -79,7 +79,7 @@ impl<'d> FieldReader<'d> {
     }
 }
 
-/// A type whose values have places in the header and in the data segment.
+/// A type whose values have positions in the header and in the data segment.
 pub trait FieldLayout<'d>: Sized {
     /// The fields of the layout.
     const FIELDS: FieldList;

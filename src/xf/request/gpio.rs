@@ -114,8 +114,8 @@ layout! {
         pub on: bool = info(2),
     }
 
-    /// ECM_GpioSetDebounceClock, code 31, parameter 3: sets the sampling period of debounced inputs to 2^exponent
-    /// periods of the source (XF EN 876). Information byte `i0`: bits 0 to 3 exponent, bit 4 source.
+    /// ECM_GpioSetDebounceClock, code 31, parameter 3: sets the sampling period of debounced inputs to 2^exponent periods
+    /// of the clock source (XF EN 876). Information byte `i0`: bits 0 to 3 exponent, bit 4 clock source.
     pub struct GpioSetDebounceClock {
         /// The debounce clock.
         pub clock: DebounceClock,
@@ -157,7 +157,7 @@ layout! {
         pub values: AllPins = info(0).bytes(3).hex(),
     }
 
-    /// The sampling period of debounced inputs: 2^exponent periods of the source.
+    /// The sampling period of debounced inputs: 2^exponent periods of the clock source.
     pub struct DebounceClock {
         exponent: u8 = info(0).part(0, 4),
         source: DebounceSource = info(0).part(4, 4),

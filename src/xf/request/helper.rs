@@ -21,9 +21,9 @@ bits! {
 }
 
 layout! {
-    /// 402_CONFIG_SET, code 26: sets where the words of an axis are in the process data (XF EN 750, XF ZH 708).
-    /// Parameter: motor; information bytes: `i0` offset of the controlword, `i1` offset of the statusword, `i2` control
-    /// byte, `i3` slave.
+    /// 402_CONFIG_SET, code 26: sets the positions of an axis's controlword and statusword in the process data (XF EN 750,
+    /// XF ZH 708). Parameter: motor; information bytes: `i0` offset of the controlword, `i1` offset of the statusword, `i2`
+    /// control byte, `i3` slave.
     pub struct HelperConfigSet {
         /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),

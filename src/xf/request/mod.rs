@@ -115,7 +115,7 @@ pub trait Call<'d>: Sized {
     }
 }
 
-/// A visitor that handles a request as its own type: see [`Request::visit`].
+/// A visitor of requests, which is called with the concrete type of a request: see [`Request::visit`].
 pub trait Visit {
     /// The result of the visitor.
     type Output;

@@ -67,7 +67,7 @@ macro_rules! requests {
                 }
             }
 
-            /// Calls a visitor with the request as its own type; `None` if the request is unknown.
+            /// Calls a visitor with the request as its concrete type; `None` if the request is unknown.
             pub fn visit<V: Visit>(&self, visitor: V) -> Option<V::Output> {
                 match self {
                     $(Self::$name(request) => Some(visitor.call(request)),)*

@@ -17,7 +17,8 @@ pub(super) struct Manager {
     pub(super) distance: u16,
 }
 
-/// The side that accesses a sync manager.
+/// The two sides of a sync manager: one writes its buffer, the other reads it. The control byte determines which side is
+/// the network and which the slave's processor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Side {
     Writer,
@@ -100,7 +101,7 @@ impl Manager {
     }
 
     /// Marks the next of the three buffers as written and returns its address, at which the caller writes the whole data.
-    /// For both the network and the slave's processor.
+    /// The caller is the network or the slave's processor.
     #[inline]
     pub(super) fn fill(&mut self) -> usize {
         let is_taken = |buffer| Some(buffer) == self.last || Some(buffer) == self.reading;
@@ -118,7 +119,7 @@ impl Manager {
     }
 
     /// Marks the newest of the three buffers as read and returns its address, from which the caller reads the whole data.
-    /// For both the network and the slave's processor.
+    /// The caller is the network or the slave's processor.
     #[inline]
     pub(super) fn drain(&mut self) -> usize {
         self.reading = None;

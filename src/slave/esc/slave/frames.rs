@@ -18,7 +18,7 @@ pub(super) enum Work {
     None,
     /// Outputs have come, and the work has not begun.
     Waiting,
-    /// The device is advancing by this time, ns; its motor may be handed out meanwhile.
+    /// The device is advancing by this time, ns; [`EscSlave::begin_work`] may have returned its motor to the caller.
     Stepping(Ns),
     /// The device has advanced.
     Stepped,
@@ -54,8 +54,8 @@ impl EscSlave {
         }
     }
 
-    /// Begins the work on the outputs of the frame, if there are any. May hand out the motor, which the caller runs
-    /// together with those of other slaves before [`Self::end_work`]. All run for `step_ns`, which the first slave sets.
+    /// Begins the work on the outputs of the frame, if there are any. May return the motor, which the caller runs together
+    /// with those of other slaves before [`Self::end_work`]. All run for `step_ns`, which the first slave sets.
     #[inline]
     pub(in crate::slave::esc) fn begin_work(&mut self, step_ns: &mut Ns) -> Option<&mut Servo> {
         if self.work == Work::None {

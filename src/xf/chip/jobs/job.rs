@@ -32,7 +32,7 @@ pub(in crate::xf::chip) enum Job {
     },
     File(FileJob),
     SetManager(ConfigSyncManager),
-    /// CONFIG_FMMU, which no longer has an effect.
+    /// CONFIG_FMMU, which has no effect, since the chip sets the FMMUs itself.
     SetFmmus,
     Eeprom(EepromJob),
     Datagram(DatagramJob),

@@ -119,7 +119,7 @@ impl<N: SlaveNetwork> Chip<N> {
         Progress::Done
     }
 
-    /// Those of the named slaves that were found.
+    /// The slaves that a request names and that were found. All slaves are named by `Slaves::All`.
     pub(in crate::xf::chip) fn chosen(&self, slaves: Slaves) -> std::ops::Range<u8> {
         match slaves {
             Slaves::All => self.bus.slaves(),

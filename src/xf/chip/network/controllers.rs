@@ -23,11 +23,11 @@ const WORK_NS: Ns = 50_000;
 /// Timeout of a slave's change of state. `[OURS]`
 const STATE_MAX_NS: Ns = 10_000_000_000;
 
-/// For how long after a datagram of the host to or from a slave's mailbox the messages of that slave are left for the
-/// host. `[OURS]`
+/// After the host's last datagram to or from the mailbox of a slave, the chip leaves the messages in that mailbox to the
+/// host for this time. `[OURS]`
 const HOST_MAIL_NS: Ns = 1_000_000_000;
 
-/// A running operation.
+/// A running operation, which consists of jobs of the master.
 struct Pending {
     jobs: Vec<JobId>,
     /// Makes the answer once all jobs have ended.
@@ -58,7 +58,8 @@ impl Pending {
     }
 }
 
-/// Slaves in a line behind their slave controllers, and a master. At most 40 slaves, the master's limit.
+/// Slaves with slave controllers, connected in a line, and the master of the network. At most 40 slaves, the master's
+/// limit.
 pub struct Controllers {
     master: Master,
     wire: ChainWire,

@@ -10,7 +10,7 @@ pub struct List<T, const N: usize> {
 }
 
 impl<T: Copy, const N: usize> List<T, N> {
-    /// An empty list. `fill` is the value of unused places.
+    /// An empty list. `fill` is the value of unused entries.
     pub const fn empty(fill: T) -> Self {
         Self { items: [fill; N], len: 0 }
     }
@@ -31,8 +31,8 @@ impl<T: Copy, const N: usize> List<T, N> {
         }
     }
 
-    /// Lets `fill` write items into the first `room` places. `fill` returns the number of items, which is limited to
-    /// the room.
+    /// Lets `fill` write items into the first `room` entries. `fill` returns the number of items, which is limited to the
+    /// room.
     ///
     /// # Errors
     /// The error of `fill`.

@@ -76,7 +76,7 @@ pub enum Operation {
         /// The new value.
         value: u16,
     },
-    /// Sets a sync manager differently from the EEPROM, at once and whenever it is set again.
+    /// Sets a sync manager to other values than those in the EEPROM, at once and in every later configuration of the slave.
     SetManager {
         /// The slave with the sync manager.
         slave: u8,

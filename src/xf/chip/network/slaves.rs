@@ -81,7 +81,8 @@ impl SlaveModels {
         self.stations.len().min(self.handle.reach().into()).min(SLAVES_MAX)
     }
 
-    /// Restarts slaves that have lost their power, in Init. They are back once they answer again.
+    /// Restarts the slaves that have lost their power, which takes them to Init. They do not answer before their power is
+    /// restored.
     fn power_off(&mut self) {
         for slave in self.handle.take_powered_off().iter() {
             if let Some(station) = self.stations.get_mut(usize::from(slave) - 1) {

@@ -15,7 +15,7 @@ use crate::{command, dist, features, groups, needs, rig, stage, tidy};
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Everything: add lints, all combinations of features, documentation and the other checks of the tree, long tests, the wire
+    /// Everything: add lints, combinations of features, documentation and the other checks of the tree, long tests, the wire
     /// tests in a guest system, Windows programs under Wine, and packages
     #[arg(long)]
     all: bool,

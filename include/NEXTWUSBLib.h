@@ -97,7 +97,8 @@ void NEXTWUSB_CALL CloseECMUSB(void);
 /* Writes a command frame of dwlength bytes, 504. True if the board took it. */
 bool NEXTWUSB_CALL ECMUSBWrite(unsigned char *data, unsigned long dwlength);
 
-/* Reads a response of dwlength bytes, 504; waits until there is one. False leaves data as it was. */
+/* Reads a response of dwlength bytes, 504; waits until there is one. After
+ * False, data holds the frame that was moved last, as a rule the program's own command. */
 bool NEXTWUSB_CALL ECMUSBRead(unsigned char *data, unsigned long dwlength);
 
 #ifdef __cplusplus

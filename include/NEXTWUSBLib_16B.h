@@ -99,7 +99,8 @@ void NEXTWUSB_CALL CloseECMUSB(void);
 bool NEXTWUSB_CALL ECMUSBWrite(unsigned char *data, unsigned long dwlength);
 
 /* Reads a response of dwlength bytes, 512; waits until there is one. After
- * False, data holds the frame that was moved last, as a rule the program's own command. */
+ * False data holds the frame that was moved last: as a rule the program's own
+ * command. */
 bool NEXTWUSB_CALL ECMUSBRead(unsigned char *data, unsigned long dwlength);
 
 #ifdef __cplusplus

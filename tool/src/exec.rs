@@ -194,7 +194,7 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
     if let Some(file) = &args.record {
         record_option::make_room(file, args.overwrite)?;
     }
-    // The private folder exists until this is dropped.
+    // The private folder is removed when this is dropped.
     let library = LibraryFolder::make(&file)?;
     let search_path = library.first_on(std::env::var_os(library::SEARCH_PATH).as_deref());
 

@@ -131,7 +131,7 @@ pub enum BoardError {
         /// All slaves of the network.
         network: String,
     },
-    /// The slave is of another kind.
+    /// The slave is not of a kind that the operation is for, such as an IO slave for a move.
     #[error("{what}: slave {slave} is {found}; name {wanted}, or correct --slaves")]
     WrongKind {
         /// The operation.
@@ -143,7 +143,7 @@ pub enum BoardError {
         /// The kinds that the operation is for.
         wanted: &'static str,
     },
-    /// The reports have another slot size.
+    /// The board's reports have another slot size than the user or the default says.
     #[error(
         "no report has a right CRC with slots of {slot} bytes ({bad_crc} were wrong); leave out --slot-size, or give {other}"
     )]
@@ -168,7 +168,7 @@ pub enum BoardError {
     /// A line of a script failed.
     #[error("{place}: {why}")]
     Line {
-        /// The name of the script, and the line.
+        /// The name of the script and the number of the line.
         place: String,
         /// What is wrong, with the next step.
         why: String,
@@ -190,7 +190,9 @@ pub enum BoardError {
 }
 
 impl From<io::Error> for BoardError {
-    /// An error of standard output, or the signal that ended the wait for its reader.
+    /// Converts an error of writing standard output. `Interrupted` after a signal becomes [`Self::Stopped`], since the signal
+    /// has ended
+    /// the wait for whoever reads the output.
     fn from(error: io::Error) -> Self {
         match streams::signal().filter(|_| error.kind() == io::ErrorKind::Interrupted) {
             Some(signal) => Self::Stopped { signal, next: "the board is still open".into() },
@@ -200,7 +202,9 @@ impl From<io::Error> for BoardError {
 }
 
 impl BoardError {
-    /// An error of the operating system that has nothing to do with standard output.
+    /// Returns a function for `map_err` that makes [`Self::System`]: an error of the operating system in the operation `what`,
+    /// other
+    /// than writing standard output.
     pub const fn system(what: &'static str) -> impl Fn(io::Error) -> Self {
         move |source| Self::System { what, source }
     }

@@ -105,7 +105,7 @@ pub fn guard(text: &str) -> Result<Guard, String> {
     }
 }
 
-/// The counts of one unit, for all axes or for some.
+/// The counts per unit of position: `None` for all axes, or for the axis with this number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scales(Vec<(Option<u8>, Scale)>);
 
@@ -152,7 +152,7 @@ impl Scales {
 mod tests {
     use super::*;
 
-    /// A list of slaves may have modes and counts in either order.
+    /// A list of slaves may have the mode and the repeat count in either order: `drive:csv*2` is `drive*2:csv`.
     #[test]
     fn a_list_of_slaves_has_kinds_with_modes_and_counts() {
         let csv = Slave::Drive(Axis::CSV);
@@ -173,7 +173,7 @@ mod tests {
         }
     }
 
-    /// A scale is a number or a fraction, for all axes or for one.
+    /// The counts per unit are a number or a fraction, for all axes or for one axis.
     #[test]
     fn counts_per_unit_are_numbers_or_fractions_of_all_axes_or_of_one() {
         let scales = Scales::parse("2=131072/4,5000").unwrap();

@@ -46,9 +46,9 @@ pub enum BusVerbError {
         slave: u8,
         /// Index and sub-index of the object.
         object: String,
-        /// The bytes of the object.
+        /// The length of the object, in bytes.
         found: usize,
-        /// The bytes of the type.
+        /// The length of the type that the user named, in bytes.
         wanted: usize,
     },
     /// A file cannot be read.

@@ -67,13 +67,13 @@ impl HexLine {
         if is_whole { Ok(Frame::from_prefix(&self.bytes)) } else { Err(HexError::Length { digits: self.digits }) }
     }
 
-    /// Whether the number of digits is even.
+    /// Whether the digits make whole bytes: their number is even.
     pub const fn is_of_bytes(&self) -> bool {
         self.digits.is_multiple_of(2)
     }
 }
 
-/// The number of bytes for a number of digits, as text: `12` or `12 and a half`.
+/// Shows a number of digits as a number of bytes: `12` or `12 and a half`.
 struct BytesOfDigits(usize);
 
 impl std::fmt::Display for BytesOfDigits {

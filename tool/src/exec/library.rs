@@ -77,7 +77,7 @@ impl LibraryFolder {
         }
     }
 
-    /// The search path with the library's folder in front.
+    /// The value of the search path variable with the library's folder in front of `path`, its present value.
     pub fn first_on(&self, path: Option<&OsStr>) -> OsString {
         let mut all = system::first(self.folder.path(), &self.library).as_os_str().to_owned();
         // An empty path would add an empty entry, which means the current folder on Linux.

@@ -1,4 +1,4 @@
-//! Writes the udev rule, or prints the commands with which a user with more rights can.
+//! Writes the udev rule. If this user may not, prints the commands with which root can.
 
 use std::fs::OpenOptions;
 use std::io::{self, ErrorKind, Write};
@@ -23,7 +23,7 @@ pub enum RuleError {
     Failed(io::Error),
 }
 
-/// Writes the rule, unless there is a file already.
+/// Writes the udev rule, unless its file exists already.
 ///
 /// # Errors
 /// [`RuleError`], and an error of standard output.
@@ -49,7 +49,7 @@ pub fn write(machine: &Machine) -> Result<(), CliError> {
 fn put(file: &Path) -> io::Result<()> {
     let mut opened = OpenOptions::new().write(true).create_new(true).open(file)?;
     opened.write_all(RULE.as_bytes()).inspect_err(|_| {
-        // Only the first error is reported.
+        // An error of removing the file is ignored: the error of the write is the one to report.
         let _ = std::fs::remove_file(file);
     })
 }

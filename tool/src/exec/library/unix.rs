@@ -19,7 +19,7 @@ const SONAME: &str = "libNEXTWUSBLib.so.0";
 pub const NAMES: &[&str] = &[FILE_NAME, SONAME];
 /// The variable with the folders in which the dynamic linker looks first.
 pub const SEARCH_PATH: &str = "LD_LIBRARY_PATH";
-/// The separator of the folders.
+/// The separator between the folders of [`SEARCH_PATH`].
 pub const SEPARATOR: &str = ":";
 /// The hint for a program that has opened no board.
 pub const UNOPENED: &str =

@@ -1,4 +1,4 @@
-//! The kinds of slaves, for `--kinds` and `--slaves` of the verbs that show frames.
+//! Parses lists of slave kinds, for `--kinds` and `--slaves` of the verbs that show frames.
 
 use ecmsk::link::slaves;
 use ecmsk::sk::SlaveKind;

@@ -48,7 +48,7 @@ pub enum ManError {
 /// Prints a page, or writes all pages.
 pub fn run(args: &Args) -> Result<(), CliError> {
     let mut tool = super::Cli::command().disable_help_subcommand(true);
-    // Completes the names of the verbs, such as `ecmsk-link-help`.
+    // Fills in the full names of the subcommands, such as `ecmsk-link-help`.
     tool.build();
     if let Some(folder) = &args.out {
         let failed = |file: &Path| {
@@ -118,7 +118,8 @@ fn sections(text: &str, page: &mut Vec<u8>) -> io::Result<()> {
     if open { writeln!(page, ".fi") } else { Ok(()) }
 }
 
-/// The line in a form that formatters do not take for a request.
+/// The line with backslashes, dashes and a leading dot or quote escaped, so that roff shows it and does not take it for a
+/// request.
 fn escaped(line: &str) -> String {
     let line = line.replace('\\', "\\e").replace('-', "\\-");
     if line.starts_with(['.', '\'']) { format!("\\&{line}") } else { line }
@@ -128,7 +129,7 @@ fn escaped(line: &str) -> String {
 mod tests {
     use super::*;
 
-    /// Examples keep their lines, and a line that begins with a dot is text.
+    /// Examples keep their line breaks, and a line that begins with a dot is shown as text.
     #[test]
     fn sections_keep_their_lines() {
         let mut page = Vec::new();

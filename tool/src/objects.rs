@@ -1,4 +1,4 @@
-//! `ecmsk objects`: makes files of manufacturer-specific objects for simulated drives, `slaves=drive:objects@FILE`.
+//! `ecmsk objects`: makes the files of manufacturer-specific objects that simulated drives load, `slaves=drive:objects@FILE`.
 
 mod attributes;
 mod drive;

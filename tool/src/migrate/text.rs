@@ -12,7 +12,7 @@ use ecmsk::xf::DataSize;
 
 use super::Report;
 
-/// The page that has the table of differences.
+/// The page with the table of differences between the board and an ECM-XF.
 const PAGE: &str = "docs/MIGRATION.md";
 
 /// The whole result as text.

@@ -1,4 +1,4 @@
-//! The rows of the table: one for each slave.
+//! The rows of the table: one for each axis or IO slave.
 
 use ecmsk::cia402::{DriveState, Statusword, error_name};
 use ecmsk::link::slaves;
@@ -40,7 +40,7 @@ pub struct Row {
     pub error: String,
     /// The inputs or outputs.
     pub bits: String,
-    /// The command that was executed last, with its index or the mode.
+    /// The command that the slot answers, with its index or the mode of operation.
     pub answers: String,
     /// How the row is highlighted.
     pub highlight: Highlight,

@@ -64,7 +64,7 @@ pub enum PlotError {
         /// The axes that have data.
         axes: Vec<u8>,
     },
-    /// An IO slave is named as an axis of the plane.
+    /// An IO slave is named as an axis of `--xy`.
     #[error("slave {slave} is IO and has no position; name two axes with --xy, as in --xy 1,2")]
     NotAnAxis {
         /// The number of the slave.
@@ -82,7 +82,7 @@ pub enum PlotError {
         /// The requested diagrams.
         asked: String,
     },
-    /// The file of the plot is the recording.
+    /// The output file is the recording itself.
     #[error("the plot would replace the recording {}; name another file with {option}", .file.display())]
     SameFile {
         /// The path of the file.
@@ -90,12 +90,12 @@ pub enum PlotError {
         /// The option that names the file.
         option: &'static str,
     },
-    /// The file has an unknown ending.
+    /// The name of the output file has an unknown extension.
     #[error(
         "a plot is written as SVG (.svg) or PNG (.png), not as .{ending}: name such a file with {option}; programs such as rsvg-convert or Inkscape make other kinds from SVG"
     )]
     Ending {
-        /// The ending of the file's name.
+        /// The extension.
         ending: String,
         /// The option that names the file.
         option: &'static str,
@@ -118,7 +118,7 @@ pub enum PlotError {
     },
 }
 
-/// The axes that can be asked for instead.
+/// The axes that the user can request instead, as text.
 fn others(axes: &[u8]) -> String {
     match axes {
         [] => "leave --axes out, for the FIFO alone".to_owned(),

@@ -1,6 +1,5 @@
-//! Draws the level of the board's FIFO and the pauses of the host over time, and beside them how much of both the setting
-//! `ahead=`
-//! of the chip's driver covers.
+//! Draws the level of the board's FIFO and the pauses of the host over time. A line shows how much of them the key `ahead=` of
+//! a chip's link (sets of outputs that the chip buffers) covers.
 
 use ecmsk::migrate::{Seen, Stretch};
 use ecmsk::sk::CycleTime;

@@ -52,7 +52,7 @@ pub struct Args {
 
 impl Args {
     /// # Errors
-    /// A slave does not exist or has no axis, or the offset is not one of its positions.
+    /// A slave does not exist or has no axis, or the offset does not fit into a position.
     pub fn check(&self, network: &Config) -> Result<(), BoardError> {
         for slave in SlaveList::axes(&self.axes, network, WHAT)? {
             if let Some(value) = self.offset {

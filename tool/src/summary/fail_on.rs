@@ -1,13 +1,13 @@
-//! `--fail-on`: what makes a run a failed one.
+//! The option `--fail-on`: which findings make a run fail.
 
 use ecmsk::summary::Summary;
 
 use super::extremes::{AxisExtremes, Quantity, seconds};
 
-/// A reason for which a run has failed.
+/// A kind of finding that makes a run fail.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FailOn {
-    /// Anything that the summary names, or a recording that is not whole.
+    /// Any finding of the summary, or an incomplete recording.
     Any,
     /// An alarm of a drive.
     Alarm,
@@ -15,7 +15,7 @@ pub enum FailOn {
     State,
     /// A gap in a motion.
     Gap,
-    /// A value of some axis above this limit, in the unit of [`Quantity`].
+    /// A value of any axis above this limit, which is in the unit of the [`Quantity`].
     Above(Quantity, u64),
 }
 

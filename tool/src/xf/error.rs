@@ -65,7 +65,7 @@ impl XfVerbError {
     }
 }
 
-/// The result, or `None` if the chip refused the command: its firmware does not have it.
+/// Makes `None` of a command that the chip refuses because its firmware does not have it.
 pub fn unless_refused<T>(result: Result<T, XfError>) -> Result<Option<T>, XfError> {
     match result {
         Ok(result) => Ok(Some(result)),

@@ -1,11 +1,8 @@
 //! The board that a verb (a subcommand of the tool) works on: the options that all such verbs share, and their common code.
 //! `session.rs` is the open board; `bring_up.rs`, `adopted.rs` and `interruptible.rs` are its long calls: bringing the network
-//! up,
-//! checking a network that is already running, and waiting until Ctrl-C. `network.rs`, `slaves.rs` and `number.rs` parse
-//! options and
-//! operands; `reporter.rs` prints results and progress, `question/` asks at a terminal, `error.rs` has the errors,
-//! `interrupt.rs`
-//! the signals.
+//! up, checking a network that is already running, and waiting until Ctrl-C. `network.rs`, `slaves.rs` and `number.rs` parse
+//! options and operands; `reporter.rs` prints results and progress, `question/` asks at a terminal, `error.rs` has the errors,
+//! `interrupt.rs` the signals.
 
 mod adopted;
 mod bring_up;
@@ -137,8 +134,7 @@ impl Args {
     }
 
     /// The configuration of the network, from the options or the link. `known` is the network that a server at the other end of
-    /// the
-    /// link has reported; it replaces missing options. `None` if none of them gives the slaves.
+    /// the link has reported; it replaces missing options. `None` if none of them gives the slaves.
     pub fn network(&self, uri: &LinkUri, known: Option<&KnownNetwork>) -> Option<Config> {
         let network = self.slaves.clone().or_else(|| Network::of_link(uri));
         let network = network.or_else(|| Network::parse(&known?.slaves).ok())?;

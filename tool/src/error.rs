@@ -137,8 +137,7 @@ impl CliError {
 }
 
 /// Whether the command line requests JSON, so that an error in the command line itself is printed as JSON too. Options after
-/// `--`
-/// are not those of the tool, nor are those after the program of `exec`.
+/// `--` are not those of the tool, nor are those after the program of `exec`.
 fn wants_json() -> bool {
     let mut words = std::env::args_os().skip(1).peekable();
     let is_exec = words.peek().is_some_and(|verb| verb == "exec");
@@ -190,8 +189,7 @@ pub fn wrong_command_line(mut error: clap::Error) -> ! {
 }
 
 /// The last verb of a command line that exists, such as `ecmsk bus`, with a list of its own verbs for the error. `None` if it
-/// has no
-/// verbs.
+/// has no verbs.
 fn verbs_there(words: impl Iterator<Item = std::ffi::OsString>) -> Option<(String, String)> {
     let tool = <super::Cli as clap::CommandFactory>::command();
     let (mut at, mut name) = (&tool, tool.get_name().to_owned());

@@ -55,8 +55,7 @@ pub fn library(file: &Path) -> Result<PathBuf, String> {
 }
 
 /// Runs `ecmsk run` with these command line words, the first of which is the script's name, and with `text` as the script.
-/// Signals
-/// are not watched.
+/// Signals are not watched.
 ///
 /// # Errors
 /// The errors of `ecmsk run`.

@@ -73,8 +73,7 @@ pub enum Managed {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
     /// The processor for which the file runs on a 64-bit Windows. For a .NET program without a fixed width it is not that of
-    /// the PE
-    /// header.
+    /// the PE header.
     pub width: Width,
     /// The request of the CLI header; `None` if the file is not for .NET.
     pub managed: Option<Managed>,
@@ -179,8 +178,7 @@ impl Image {
     }
 
     /// Whether the file is a library or assembly of this project, in any version. The company alone does not show it: the
-    /// assemblies
-    /// have that of the vendor's assemblies.
+    /// assemblies have that of the vendor's assemblies.
     pub fn is_ours(&self) -> bool {
         let named = [&self.company, &self.product].into_iter().any(|text| text.as_deref() == Some("ecmsk"));
         named || self.exports.iter().any(|name| name == "ecmsk_last_error")

@@ -1,6 +1,5 @@
 //! The tool `ecmsk`: it runs existing programs on the library of this build, commands boards and shows recordings. It is a
-//! library
-//! only for `fuzz/`; programs use the package `ecmsk`.
+//! library only for `fuzz/`; programs use the package `ecmsk`.
 //!
 //! A new verb (subcommand) is a file, a variant of `Verb` and its line in `Verb::run`. A verb that scripts have too is a step
 //! (`step.rs`). Files:
@@ -8,11 +7,10 @@
 //! - `lib.rs`: every verb with its arguments (`Verb`), exit codes
 //! - `exec.rs`: `ecmsk exec`, with `exec/` for the library, the link and the signals of the program
 //! - `dump.rs`, `plot.rs`, `compare.rs`, `replay.rs`, `summary.rs`, `migrate.rs`: verbs that show recordings, each with a
-//!   folder of
-//! its parts; `recording.rs` reads a recording, `filter.rs` selects frames and slots, `kind_list.rs` parses kinds of slaves
+//!   folder of its parts; `recording.rs` reads a recording, `filter.rs` selects frames and slots, `kind_list.rs` parses kinds
+//!   of slaves
 //! - `step.rs`: the verbs that talk to a board (`info`, `move` and others), in `step/`; `script.rs` and `shell.rs` run several
-//!   of
-//! them; `board.rs` is the code that they share
+//!   of them; `board.rs` is the code that they share
 //! - `monitor.rs`, `serve.rs`, `link.rs`, `objects.rs`, `slave.rs`, `list.rs`, `doctor.rs`, `completions.rs`, `man.rs`:
 //!   one verb each; `image.rs` reads Windows programs for `doctor` and `exec`
 //! - `params.rs`: `ecmsk params`, the parameters of drives, in `params/`
@@ -22,8 +20,7 @@
 //!   `recording_end.rs` checks whether a recording is complete
 //! - `transfer.rs`, `hex.rs`: SDO values and bytes as text, for `bus` and `xf`
 //! - `error.rs`, `output.rs`, `stderr.rs`, `streams.rs`: errors, and output that does not wait for whoever reads it;
-//!   `visible.rs`:
-//! control characters in output; `signals/`: Ctrl-C
+//!   `visible.rs`: control characters in output; `signals/`: Ctrl-C
 //! - `fuzzed.rs`: the functions that `fuzz/` calls
 
 mod board;

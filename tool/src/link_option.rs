@@ -65,8 +65,7 @@ impl ChosenLink {
     }
 
     /// The error if the default link does not open, which says where a link can be configured. `None` if the user has named a
-    /// link: then
-    /// `error` alone is enough.
+    /// link: then `error` alone is enough.
     pub fn if_unnamed(&self, error: &LinkError) -> Option<Unnamed> {
         self.looked.clone().map(|looked| Unnamed { looked, error: Box::new(error.clone()) })
     }
@@ -78,8 +77,7 @@ pub fn environment() -> Environment {
 }
 
 /// The working directory, but only if its `ecmsk.toml` belongs to this user or to root. Anyone can write that file in a folder
-/// such
-/// as `/tmp`, and its link may create and read files with the rights of this user. \[OURS]
+/// such as `/tmp`, and its link may create and read files with the rights of this user. \[OURS]
 fn working_dir() -> Option<PathBuf> {
     let folder = std::env::current_dir().ok()?;
     #[cfg(unix)]

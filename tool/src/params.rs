@@ -465,8 +465,7 @@ fn restore_file(path: &Path, slave: u8, place: &Place, options: RestoreOptions) 
 }
 
 /// The object 0x1010:1 stores all parameters in the drive's non-volatile memory when [`SAVE`] is written to it (ETG.1020 table
-/// 55,
-/// CiA 301 7.5.2.13).
+/// 55, CiA 301 7.5.2.13).
 const STORE: ecmsk::coe::ObjectAddress = ecmsk::coe::ObjectAddress::new(0x1010, 1);
 const SAVE: &[u8; 4] = b"save";
 

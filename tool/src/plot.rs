@@ -5,7 +5,7 @@
 //! - `survey.rs`, `series.rs`: the first and the second reading of the recording
 //! - `execution.rs`: when the board executed each command
 //! - `axis.rs`, `states.rs`, `lanes.rs`, `speed.rs`, `path.rs`: the lines of an axis, its states, the bits of an IO slave,
-//! velocities, the path of two axes in their plane
+//!   velocities, the path of two axes in their plane
 //! - `decimate.rs`: reduces a line to the resolution of the picture
 //! - `chosen.rs`: selects the slaves and diagrams
 //! - `beside.rs`: a second recording that is drawn for comparison
@@ -328,8 +328,7 @@ impl Window {
     }
 
     /// The time up to which a recording is read to draw this range. \[OURS] It is one second later than the range: in state
-    /// 0x18 the
-    /// slot of a moving slave that is not lost changes within that time.
+    /// 0x18 the slot of a moving slave that is not lost changes within that time.
     const fn read_until_ns(self) -> i64 {
         self.to_ns.saturating_add(1_000_000_000)
     }

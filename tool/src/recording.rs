@@ -73,8 +73,7 @@ pub struct Frames<R> {
 
 impl Frames<Box<dyn Read>> {
     /// Opens a file; `-` is standard input. `size` is the slot size that the user has given. With `device`, only the frames of
-    /// this
-    /// device in a capture are read.
+    /// this device in a capture are read.
     ///
     /// # Errors
     /// [`RecordError`] if the file cannot be read or is not a recording.
@@ -159,8 +158,7 @@ impl<R: Read> Frames<R> {
     }
 
     /// The slot size: the one that the user has given, otherwise the recorded one, otherwise the one with which the CRCs of the
-    /// frames so
-    /// far are right. If none of these is known, 12 bytes are assumed, with one note.
+    /// frames so far are right. If none of these is known, 12 bytes are assumed, with one note.
     fn size(&mut self, meta: Option<&RecordMeta>) -> SlotSize {
         match (self.sizes.given(), size_told(meta)) {
             (Some(size), _) | (None, Some(size)) => size,
@@ -183,8 +181,8 @@ impl<R: Read> Frames<R> {
     }
 
     /// Prints a note if the board was opened well before the first frame: then the times of frames, which count from the first
-    /// frame,
-    /// differ from those of warnings and scripts, which count from the opening. To be called after the first frame was read.
+    /// frame, differ from those of warnings and scripts, which count from the opening. To be called after the first frame was
+    /// read.
     pub fn note_opened(&self) {
         if let Some(ns) = self.opened_before_ns.filter(|ns| *ns >= OPENED_BEFORE_MIN_NS) {
             let seconds = ns as f64 / 1e9;

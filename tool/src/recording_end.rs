@@ -10,8 +10,7 @@ use ecmsk::recording::{Lacks, lacks_at_end};
 use super::stderr::say;
 
 /// The exit code of a program or verb that succeeded but whose recording is incomplete. \[OURS] It is one that `timeout` uses,
-/// and that
-/// shells and `env` do not.
+/// and that shells and `env` do not.
 pub const NOT_WHOLE: u8 = 124;
 
 /// The link that a verb of `xf`, `bus` or `params` has opened. It may contain a recording.
@@ -24,8 +23,7 @@ pub fn opens(link: &LinkUri) {
 }
 
 /// The exit code of a verb that has closed its link: `code`, or [`NOT_WHOLE`] with a warning if the verb succeeded but its
-/// recording
-/// is incomplete.
+/// recording is incomplete.
 pub fn of_opened(code: ExitCode) -> ExitCode {
     let lacks = not_whole(OPENED.get()).filter(|_| code == ExitCode::SUCCESS);
     lacks.map_or(code, |lacks| {
@@ -35,8 +33,7 @@ pub fn of_opened(code: ExitCode) -> ExitCode {
 }
 
 /// What the recording of the link lacks to be complete, with the name of its file. `None` if nothing is known to be missing, or
-/// if
-/// the link does not record to a file.
+/// if the link does not record to a file.
 pub fn not_whole(link: Option<&LinkUri>) -> Option<String> {
     let file = link?.value("record")?;
     let path = Path::new(file);
@@ -53,8 +50,7 @@ pub fn not_whole(link: Option<&LinkUri>) -> Option<String> {
 }
 
 /// Whether another process is still writing the recording, such as a child that the program did not wait for. The writer holds
-/// a
-/// lock on the file.
+/// a lock on the file.
 fn still_recorded(path: &Path) -> bool {
     let Ok(file) = std::fs::File::open(path) else { return false };
     match file.try_lock_shared() {

@@ -138,8 +138,7 @@ fn boxed(run: impl Iterator<Item = TimedFrame> + 'static) -> Run {
 }
 
 /// Compares the recorded run with that of the model. Returns the recorded run after reading it to its end, the result, and how
-/// long
-/// the model's host has waited for answers, in nanoseconds.
+/// long the model's host has waited for answers, in nanoseconds.
 fn play(replay: &Replay, pace: Pace, options: &CompareOptions) -> Result<(RecordedRun, Comparison, i64), ReplayError> {
     let size = replay.size();
     match pace {

@@ -88,8 +88,7 @@ fn read(path: &Path, name: &str) -> Result<String, BoardError> {
 }
 
 /// Parses and checks all steps; returns each with its line number. Prints an error for every invalid line except the last one,
-/// which
-/// is returned.
+/// which is returned.
 fn parse(
     text: &str,
     name: &str,

@@ -185,8 +185,7 @@ fn no_thread(error: io::Error) -> ServeError {
 }
 
 /// Prints the address and the served links. A stalled reader of standard output does not hold the server up: it serves and
-/// reacts to
-/// signals in any case.
+/// reacts to signals in any case.
 ///
 /// # Errors
 /// Standard output cannot be written to.

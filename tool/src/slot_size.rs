@@ -1,8 +1,7 @@
 //! The option `--slot-size`.
 //!
 //! The former name `--slot` meant the slot size in some verbs, and selected slots in others. It is still accepted where its
-//! meaning
-//! is certain, with a note on the present name.
+//! meaning is certain, with a note on the present name.
 
 use std::sync::Once;
 

@@ -1,6 +1,5 @@
 //! Standard error of the tool. By default it is written directly. Verbs that move axes or serve clients write it through the
-//! queue
-//! of [`streams`], so that they never wait for whoever reads it.
+//! queue of [`streams`], so that they never wait for whoever reads it.
 
 use std::io::{self, Write};
 

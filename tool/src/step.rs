@@ -1,8 +1,6 @@
 //! Steps: the verbs that talk to a board. They have the same syntax on the command line, in a script and in the shell. A new
-//! step is
-//! a file of `step/`, a variant of [`Step`], and a row of `verbs!` if it is a verb of the command line as well and not only a
-//! line
-//! of scripts.
+//! step is a file of `step/`, a variant of [`Step`], and a row of `verbs!` if it is a verb of the command line as well and not
+//! only a line of scripts.
 //!
 //! Files:
 //!

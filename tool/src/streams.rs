@@ -1,6 +1,6 @@
 //! Standard output and standard error of verbs that move axes or serve clients. Each of the two has a queue of limited length
-//! and a
-//! thread that writes it. So no other thread waits when nobody reads, as with a full pipe or a terminal stopped by Ctrl-S.
+//! and a thread that writes it. So no other thread waits when nobody reads, as with a full pipe or a terminal stopped by
+//! Ctrl-S.
 //!
 //! Lines of both streams appear in the order in which they were queued, as long as both are read in time.
 
@@ -42,8 +42,7 @@ struct Shared {
     /// The number of entries that were written or dropped, for each stream.
     done: [AtomicU64; 2],
     /// For each stream: whether the other one has waited for it in vain and it has written nothing since. Then the other one
-    /// does not
-    /// wait again.
+    /// does not wait again.
     is_stalled: [AtomicBool; 2],
     notes: [Notes<Entry>; 2],
     /// The error with which standard output has failed.

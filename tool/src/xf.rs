@@ -1,10 +1,9 @@
 //! `ecmsk xf`: the verbs that talk to an ECM-XF.
 //!
 //! - `session.rs`: the open chip that a verb works on: its options, opening it without disturbing a running network, bringing
-//!   its
-//! network up
+//!   its network up
 //! - `commands.rs`, `scan.rs`, `info.rs`, `state.rs`, `sdo.rs`, `pdo.rs`, `gpio.rs`, `adc.rs`, `dac.rs`, `encoder.rs`: one verb
-//! each; `raw.rs`: any function of the chip, with its fields as text in `raw/`
+//!   each; `raw.rs`: any function of the chip, with its fields as text in `raw/`
 //! - `words.rs`: names of states and options as the tool writes them
 //! - `tests.rs`: verbs on a chip that keeps running between them
 //! - `error.rs`: why a verb failed

@@ -18,8 +18,7 @@ const MODE_DISPLAY: ObjectAddress = ObjectAddress::new(0x6061, 0);
 
 impl Board {
     /// Checks that these axes run in CSP, with the cycle time that the user has given. If this process has configured the
-    /// network
-    /// itself, the check passes at once.
+    /// network itself, the check passes at once.
     ///
     /// # Errors
     /// [`BoardError::Refused`]

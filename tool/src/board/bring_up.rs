@@ -1,6 +1,5 @@
 //! Checks that the network is in the state that a step (an action such as `move` or `sdo`) needs. If it is not, `--up` brings
-//! the
-//! network up; without `--up` the error says what to type.
+//! the network up; without `--up` the error says what to type.
 
 use ecmsk::sk::MasterState;
 

@@ -191,8 +191,7 @@ pub enum BoardError {
 
 impl From<io::Error> for BoardError {
     /// Converts an error of writing standard output. `Interrupted` after a signal becomes [`Self::Stopped`], since the signal
-    /// has ended
-    /// the wait for whoever reads the output.
+    /// has ended the wait for whoever reads the output.
     fn from(error: io::Error) -> Self {
         match streams::signal().filter(|_| error.kind() == io::ErrorKind::Interrupted) {
             Some(signal) => Self::Stopped { signal, next: "the board is still open".into() },
@@ -203,8 +202,7 @@ impl From<io::Error> for BoardError {
 
 impl BoardError {
     /// Returns a function for `map_err` that makes [`Self::System`]: an error of the operating system in the operation `what`,
-    /// other
-    /// than writing standard output.
+    /// other than writing standard output.
     pub const fn system(what: &'static str) -> impl Fn(io::Error) -> Self {
         move |source| Self::System { what, source }
     }

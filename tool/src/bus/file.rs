@@ -7,8 +7,7 @@ use std::path::Path;
 use super::BusVerbError;
 
 /// Reads a file, but at most `bytes_max` + 1 bytes: one byte too many shows the caller that the file is too long, and a device
-/// file
-/// such as `/dev/zero` would never end.
+/// file such as `/dev/zero` would never end.
 ///
 /// # Errors
 /// [`BusVerbError::Read`]

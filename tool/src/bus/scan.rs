@@ -67,8 +67,7 @@ struct Tree<'a> {
 
 impl Tree<'_> {
     /// Prints the slave with the index `place` and all slaves that are connected behind it. Of several branches the last one
-    /// continues
-    /// below the slave without indentation, so a plain line of slaves stays at the left.
+    /// continues below the slave without indentation, so a plain line of slaves stays at the left.
     fn put(&mut self, place: usize, indent: &str) {
         let slave = &self.slaves[place];
         let behind: Vec<usize> = (0..self.slaves.len())

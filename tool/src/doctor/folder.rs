@@ -56,8 +56,7 @@ pub fn findings(folder: &Path) -> Result<Vec<Finding>, FolderError> {
 }
 
 /// The finding about a NEXTWUSBLib.dll by itself: whether it can be read and fits the folder that it is in. Whether a program
-/// finds
-/// it is another check (`program.rs`).
+/// finds it is another check (`program.rs`).
 fn library(library: &Library) -> Finding {
     const CHECK: &str = "library";
     let finding = match &library.image {

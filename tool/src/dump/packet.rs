@@ -130,8 +130,7 @@ impl<'p> Decoded<'p> {
 }
 
 /// Parses with each check coverage (which bytes the CRC includes) and returns the first valid result. If none is valid, returns
-/// the
-/// error of the first coverage.
+/// the error of the first coverage.
 fn first_right<T>(parse: impl Fn(CrcCoverage) -> Result<T, PacketError>) -> Result<T, PacketError> {
     let others = || CrcCoverage::EVERY.into_iter().skip(1);
     parse(CrcCoverage::EVERY[0]).or_else(|error| others().find_map(|coverage| parse(coverage).ok()).ok_or(error))

@@ -17,13 +17,11 @@ use crate::stderr::say;
 use crate::{output, recording};
 
 /// How many bytes of a file are read to find out whether it is the recording of an ECM-XF. The header contains the link, which
-/// may
-/// be long. \[OURS]
+/// may be long. \[OURS]
 const BEGINNING: u64 = 128 * 1024;
 
 /// Reads the beginning of a source to find out whether it is the recording of an ECM-XF. Returns that, and the source, which
-/// still
-/// begins with the bytes that were read.
+/// still begins with the bytes that were read.
 ///
 /// # Errors
 /// The source cannot be read.

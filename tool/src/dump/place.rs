@@ -17,8 +17,7 @@ pub struct Place {
 
 impl Place {
     /// The position of a line of hexadecimal digits. `told` is the direction that the line or an option gives; without it,
-    /// `guess`
-    /// decides.
+    /// `guess` decides.
     pub fn of_line(line: u64, told: Option<Dir>, guess: impl FnOnce() -> Dir) -> Self {
         Self { number: line, time: None, direction: told.unwrap_or_else(guess), guessed: told.is_none() }
     }

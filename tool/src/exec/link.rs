@@ -13,8 +13,7 @@ use crate::record_option;
 /// The link to set for `program`: the user's, with the recording if there is one. `None` leaves the choice to the library.
 ///
 /// The key `record=` is part of a link. So if the user has given no link, the recording is added to the link that the library
-/// would
-/// choose.
+/// would choose.
 pub fn for_program(
     link: Option<&LinkUri>,
     record: Option<&Path>,

@@ -1,10 +1,8 @@
 //! Shows the user why calls of the program have failed: reads the file to which the library writes these reasons while the
-//! program
-//! runs, prints each reason once, and a summary at the end.
+//! program runs, prints each reason once, and a summary at the end.
 //!
 //! A separate thread does this. If nobody reads standard error, only this thread waits, and neither the program nor the passing
-//! on
-//! of signals.
+//! on of signals.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;

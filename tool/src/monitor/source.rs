@@ -150,8 +150,7 @@ pub fn take(watched: &mut Watched, framed: &Framed) {
 }
 
 /// Calls `show` with the frames of a recording, sorted by time, until it returns false. Returns why the recording ends early,
-/// or
-/// what it lacks; `None` if it is complete or `show` has ended it.
+/// or what it lacks; `None` if it is complete or `show` has ended it.
 pub fn walk(
     file: &Path,
     slot: Option<SlotSize>,

@@ -16,8 +16,7 @@ pub struct Twice {
 }
 
 /// Replaces the attributes whose names are not in `read` by blanks, in elements with more than [`ATTRIBUTES_MAX`] attributes.
-/// `None`
-/// if no element has so many. Text that is not XML stays as it is.
+/// `None` if no element has so many. Text that is not XML stays as it is.
 ///
 /// # Errors
 /// [`Twice`], checked only in elements with so many attributes; the parser checks the others.
@@ -100,8 +99,7 @@ mod tests {
     use super::*;
 
     /// In an element with very many attributes, those that are read stay on their lines and the others become blanks. Other
-    /// elements,
-    /// comments and texts stay as they are.
+    /// elements, comments and texts stay as they are.
     #[test]
     fn attributes_that_nobody_reads_are_taken_out() {
         let many: String = (0..100).map(|n| format!(" a{n}='>'\n")).collect();

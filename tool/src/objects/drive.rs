@@ -6,8 +6,7 @@ use ecmsk::slave::dictionary::Access;
 use ecmsk::slave::{ManufacturerObject, ManufacturerType, ManufacturerValue, Mappable};
 
 /// Reads all readable objects with these indexes; nothing is written to the drive. `found` is called with each object, `at`
-/// with
-/// each index before it is read.
+/// with each index before it is read.
 ///
 /// SDO answers show neither the data type nor the access of an object. So all objects are [`ManufacturerType::Any`] and
 /// `rw`, except those that the drive reports as write-only.

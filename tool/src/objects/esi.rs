@@ -427,8 +427,7 @@ mod tests {
     }
 
     /// The number of allocations grows in proportion to the length of the file, for each of the [`shapes`]: no list is built
-    /// again for
-    /// each element of another list.
+    /// again for each element of another list.
     #[test]
     fn a_file_is_read_in_a_time_that_grows_as_it_does() {
         for ((name, once), (_, twice)) in shapes(1000).into_iter().zip(shapes(2000)) {

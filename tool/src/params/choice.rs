@@ -6,22 +6,19 @@ use ecmsk::coe::ObjectAddress;
 use ecmsk::slave::ManufacturerObject;
 
 /// Objects of CiA 402 that command the drive at the moment: targets, offsets, modes and outputs. They are not saved, because
-/// they
-/// are no settings. The indexes are those of the first axis. \[OURS]
+/// they are no settings. The indexes are those of the first axis. \[OURS]
 const COMMANDS: [u16; 11] = [0x6040, 0x6060, 0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60B8, 0x60C1, 0x60FE, 0x60FF];
 /// The index range of the CiA 402 profile for all axes of a device. The objects of each further axis are [`AXIS`] higher.
 const PROFILE: std::ops::RangeInclusive<u16> = 0x6000..=0x9FFF;
 const AXIS: u16 = 0x800;
 /// Objects that start an action when they are written: clear the error history, store, restore defaults, download software,
-/// reset.
-/// They are not parameters. \[OURS]
+/// reset. They are not parameters. \[OURS]
 const ACTIONS: [u16; 6] = [0x1003, 0x1010, 0x1011, 0x10F0, 0x1F50, 0x1F51];
 /// The first index of an object with a value. Lower indexes are data types.
 const VALUES_FROM: u16 = 0x1000;
 
 /// The PDO mapping objects. [`ASSIGNMENTS`] assign PDOs to the sync managers 2 and 3. Together they define the process data of
-/// a
-/// slave.
+/// a slave.
 const MAPPINGS: std::ops::RangeInclusive<u16> = 0x1600..=0x1BFF;
 const ASSIGNMENTS: [u16; 2] = [0x1C12, 0x1C13];
 
@@ -33,8 +30,7 @@ pub fn is_parameter(address: ObjectAddress) -> bool {
 }
 
 /// Whether an object defines the process data of a slave (PDO mapping or assignment). A slave accepts writes to such objects
-/// only in
-/// a certain order, see [`mapping_writes`].
+/// only in a certain order, see [`mapping_writes`].
 pub fn is_mapping(address: ObjectAddress) -> bool {
     MAPPINGS.contains(&address.index) || ASSIGNMENTS.contains(&address.index)
 }
@@ -48,8 +44,7 @@ pub struct Write {
 
 /// The writes that change the process data of a slave to that of a file (ETG.1020 6.4). `wanted` are all mapping and assignment
 /// objects of the file, `changed` the indexes at which the slave differs. First the assignments are set to 0 PDOs. Then each
-/// changed
-/// mapping is set to 0 entries, its entries are written, and then its number of entries. The assignments come last.
+/// changed mapping is set to 0 entries, its entries are written, and then its number of entries. The assignments come last.
 pub fn mapping_writes(wanted: &[&ManufacturerObject], changed: &BTreeSet<u16>) -> Vec<Write> {
     let empty = |index| Write { address: ObjectAddress::new(index, 0), bytes: vec![0] };
     let of = |index: u16| wanted.iter().filter(move |object| object.address.index == index);

@@ -223,8 +223,7 @@ impl BehindBoard {
 }
 
 /// Writes a value whose length in the drive is not known: first with all bytes. If the drive rejects the length, 2 bytes and 1
-/// byte
-/// are tried, as long as only zeros are cut off.
+/// byte are tried, as long as only zeros are cut off.
 pub fn write_any(drive: &mut dyn Drive, object: ObjectAddress, value: &[u8]) -> Result<Answer<()>, ParamsError> {
     let mut answer = drive.write(object, value)?;
     for len in [2, 1] {

@@ -29,8 +29,7 @@ pub struct Compared {
 }
 
 /// Whether `present`, the value that was read from a drive, is that of the file. A read behind a board returns 4 bytes, so only
-/// the
-/// file's length is compared. If the file does not know the length, zeros at the end are ignored.
+/// the file's length is compared. If the file does not know the length, zeros at the end are ignored.
 pub fn is_same(wanted: &ManufacturerObject, present: &[u8], bytes_max: usize) -> bool {
     let value = wanted.value.bytes();
     if bytes_max < usize::MAX {
@@ -81,14 +80,12 @@ pub enum Fate {
     /// The drive has refused the write.
     Refused(AbortCode),
     /// The parameter was written but reads back with this other value: the drive has limited it, or takes it over only when it
-    /// is
-    /// switched on.
+    /// is switched on.
     ReadsBack(Vec<u8>),
 }
 
 /// Writes the parameters that differ, and calls `done` with the outcome of each. Refused writes are repeated after the others
-/// as
-/// long as at least one of them then succeeds, because a limit may depend on another parameter. The PDO mapping comes last.
+/// as long as at least one of them then succeeds, because a limit may depend on another parameter. The PDO mapping comes last.
 ///
 /// # Errors
 /// The drive does not answer any more. For parameters without a call of `done` it is unknown whether they were written.
@@ -266,8 +263,7 @@ mod tests {
     }
 
     /// The lower limit 0x2000 must not be above the upper limit 0x2001, which comes later in the file. So it is refused at
-    /// first and
-    /// written in a second pass.
+    /// first and written in a second pass.
     #[test]
     fn what_depends_on_a_later_object_is_tried_again() {
         let mut drive = Table::of("0x2000:0 u8 rw 1\n0x2001:0 u8 rw 2\n0x2002:0 u8 rw 0\n");

@@ -83,8 +83,7 @@ pub struct Axis {
 struct Frozen {
     slot: RawSlot,
     /// Whether the slave is certainly lost: its slot would have changed if it were there, because the axis moved just before or
-    /// has got
-    /// other targets since.
+    /// has got other targets since.
     is_lost: bool,
 }
 
@@ -226,8 +225,7 @@ impl Axis {
     }
 
     /// Ends the suspicion that the slave is lost. `was_lost`: it was lost and is back; otherwise its slot has changed, so it
-    /// was never
-    /// lost.
+    /// was never lost.
     fn is_there(&mut self, at_ns: i64, was_lost: bool) {
         if was_lost {
             return self.interrupt(at_ns);
@@ -237,8 +235,7 @@ impl Axis {
     }
 
     /// Adds the axis' slot of a report in OP. `aborted`: the report answers ABORT_HOME. `is_drive`: the slot has a torque and
-    /// an error
-    /// code. `certain`: it is known which target was executed.
+    /// an error code. `certain`: it is known which target was executed.
     pub fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool, is_drive: bool, certain: bool) {
         if self.frozen.is_some() {
             // The slot only repeats its last values, so nothing is drawn.

@@ -43,8 +43,7 @@ impl Sheet {
     }
 
     /// The height in pixels of the horizontal axis below panel `i`. Panels over time share one axis, below the last of them;
-    /// any other
-    /// panel has its own.
+    /// any other panel has its own.
     fn below(&self, i: usize) -> u32 {
         let of_time = |panel: &Panel| panel.across.is_none();
         let last = !self.panels[i + 1..].iter().any(of_time);

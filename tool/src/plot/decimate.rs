@@ -1,6 +1,5 @@
 //! Reduces a curve to the resolution of a picture. Of the samples in one pixel column the first, the smallest, the largest and
-//! the
-//! last one are kept, so the drawn curve looks the same, however long the recording is.
+//! the last one are kept, so the drawn curve looks the same, however long the recording is.
 
 use super::Window;
 
@@ -58,8 +57,7 @@ impl Line {
     }
 
     /// Adds a sample. A time before that of the last sample or interruption is replaced by that time. Samples outside the
-    /// window are not
-    /// drawn.
+    /// window are not drawn.
     pub fn push(&mut self, at_ns: i64, value: f64) {
         let at_ns = at_ns.max(self.latest_ns);
         self.latest_ns = at_ns;

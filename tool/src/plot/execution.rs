@@ -1,6 +1,5 @@
 //! Determines from reports when the board executed each command. Commands wait in the FIFO, from which the board takes one in
-//! each
-//! cycle (SK-5).
+//! each cycle (SK-5).
 
 use std::collections::VecDeque;
 
@@ -29,8 +28,7 @@ pub struct Entry {
 #[derive(Debug, PartialEq)]
 pub enum ExecutionReport {
     /// All command frames that were executed since the last report that showed it. If `idle_since_ns` is set, the FIFO was
-    /// empty before
-    /// the first of them.
+    /// empty before the first of them.
     Executed {
         /// The command frames, in the order of their execution.
         entries: Vec<Entry>,
@@ -100,8 +98,7 @@ impl Execution {
         let idle_since_ns = before.filter(|(_, waited)| !waited).and_then(|(then_ns, _)| {
             let cycles = (at_ns.saturating_sub(then_ns) + self.cycle_ns / 2) / self.cycle_ns;
             // On a real link the times of reports vary by less than a cycle, so a single cycle more than the executed commands
-            // does not prove
-            // that the FIFO was empty.
+            // does not prove that the FIFO was empty.
             let idle = (entries.is_empty() && !waits) || entries.len() as i64 + 1 < cycles;
             idle.then_some(then_ns.saturating_add(self.cycle_ns).min(at_ns))
         });

@@ -42,8 +42,7 @@ impl Format {
 }
 
 /// Checks the output file before anything is read or drawn: its format, and that it is not one of the recordings. `option` is
-/// the
-/// option that names it, for the error.
+/// the option that names it, for the error.
 ///
 /// # Errors
 /// The file cannot be used.

@@ -18,8 +18,7 @@ const CROWD: usize = 4;
 const SHARED: u32 = 130;
 
 /// Makes the panels of a plot, without those that have no data. `plane` are the two axes of the path in the plane, `unit` is
-/// the unit
-/// of positions.
+/// the unit of positions.
 pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str, mut beside: Beside) -> Vec<Panel> {
     let Lines { axes, ios, plane: paths, fifo_free, full, full_reports, gaps } = lines;
     // The more axes there are, the lower their diagrams, so that the plot fits on a screen.

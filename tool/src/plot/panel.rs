@@ -28,8 +28,7 @@ pub struct Panel {
     /// The legend, from left to right.
     pub legend: Vec<(Look, String)>,
     /// The names of lanes (the bits of an IO slave), from top to bottom; a lane is 1 high on the vertical axis. If empty, the
-    /// axis has
-    /// numbers.
+    /// axis has numbers.
     pub lanes: Vec<String>,
     /// The horizontal axis, if it is not the common time axis.
     pub across: Option<Across>,
@@ -109,8 +108,7 @@ impl Panel {
     }
 
     /// The same panel with a vertical axis that fits only the values from the time `since` (seconds) on. Earlier values outside
-    /// that
-    /// range are cut off.
+    /// that range are cut off.
     #[must_use]
     pub fn scaled_since(mut self, since: f64, least: f64) -> Self {
         let later = |piece: &Vec<(f64, f64)>| piece.iter().copied().filter(|(at, _)| *at >= since).collect();
@@ -169,8 +167,7 @@ pub fn range(strokes: &[Stroke], of: fn(&(f64, f64)) -> f64, least: f64) -> Opti
 }
 
 /// The range, widened if it is so short that floating-point numbers cannot tell the marks of the axis apart; the drawing
-/// library
-/// would then draw marks forever.
+/// library would then draw marks forever.
 pub fn distinct(range: Range<f64>) -> Range<f64> {
     let [start, end] = [range.start, range.end].map(|end| end.clamp(-VALUE_MAX, VALUE_MAX));
     let least = start.abs().max(end.abs()) * 1e-12;

@@ -1,6 +1,5 @@
 //! Writes a picture as PNG. It is drawn on a finer grid and scaled down, so that edges are smooth. The grid is drawn in
-//! horizontal
-//! bands, one after the other, because with many panels the whole grid would take a gigabyte of memory.
+//! horizontal bands, one after the other, because with many panels the whole grid would take a gigabyte of memory.
 
 use std::convert::Infallible;
 use std::io::Write as _;
@@ -19,8 +18,7 @@ use super::style::{self, FINE, px};
 /// The font, see `tool/font/LICENSE.txt`.
 static FONT: &[u8] = include_bytes!("../../font/plot.ttf");
 /// \[OURS] The picture points in the file for each pixel of the page, horizontally and vertically. Two keep letters sharp on
-/// paper and
-/// on screens with high resolution.
+/// paper and on screens with high resolution.
 const POINTS_PER_PIXEL: u32 = 2;
 /// The grid points for each picture point, horizontally and vertically.
 const GRID: u32 = FINE / POINTS_PER_PIXEL;
@@ -76,8 +74,7 @@ struct Canvas {
     /// The grid points of the band as 0x00RRGGBB, row by row from the top.
     points: Vec<u32>,
     /// The grid points that the present line covers, and a bit for each grid point of the band that is among them. So each
-    /// point is
-    /// coloured once, and the line is not darker where it crosses itself.
+    /// point is coloured once, and the line is not darker where it crosses itself.
     covered: Vec<u32>,
     is_covered: Vec<u64>,
     font: FontRef<'static>,
@@ -98,8 +95,7 @@ impl Canvas {
     }
 
     /// Scales the band down: each picture point gets the mean colour of its grid points. Returns the bytes red, green and blue
-    /// of each
-    /// picture point.
+    /// of each picture point.
     fn smaller(&self) -> Vec<u8> {
         const _: () = assert!(GRID == 2, "the mean is that of two by two");
         /// Selects red and blue, with zeros between them, so that both are summed in one addition. Green is summed separately.

@@ -3,8 +3,7 @@
 use std::collections::VecDeque;
 
 /// \[OURS] The time over which a velocity is averaged, in nanoseconds. In a single cycle a slow axis moves one count or none,
-/// which
-/// would make its velocity jump.
+/// which would make its velocity jump.
 const MEAN_OVER_NS: i64 = 5_000_000;
 
 /// The positions of the last [`MEAN_OVER_NS`], and their mean velocity.

@@ -120,8 +120,7 @@ impl States {
     }
 
     /// Adds the next report in OP. `aborted`: one of its slots answers ABORT_HOME. `has_code`: a slave of this kind has an
-    /// error code in
-    /// its slot.
+    /// error code in its slot.
     pub fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool, has_code: bool) -> Change {
         let was_homing = self.homing.since_ns.is_some();
         let failed = self.homing.report(at_ns, drive, aborted);
@@ -161,8 +160,7 @@ impl States {
     }
 
     /// Ends the suspicion that the slave is lost. `was_lost`: whether it was certainly (`true`) or possibly lost until now;
-    /// `None` if it
-    /// was never lost.
+    /// `None` if it was never lost.
     pub fn is_there(&mut self, at_ns: i64, was_lost: Option<bool>) {
         if let Some((from_ns, is_certain)) = self.lost_since_ns.take().zip(was_lost) {
             let note = if is_certain { "lost" } else { "lost?" };

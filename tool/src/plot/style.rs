@@ -48,8 +48,7 @@ const COLOURS: [RGBColor; super::MAX_AXES] = [
     RGBColor(0x7A, 0x7F, 0x1A),
 ];
 /// The colour of each axis, chosen by its number, so that an axis has the same colour in all plots. If another axis of the plot
-/// has
-/// that colour already, the next free one is used.
+/// has that colour already, the next free one is used.
 pub fn colours(axes: impl IntoIterator<Item = u8>) -> Vec<RGBColor> {
     let mut taken = Vec::new();
     for axis in axes {

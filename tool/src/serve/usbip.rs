@@ -133,8 +133,7 @@ fn board(args: &Args, index: usize, link: &LinkUri) -> BoardSpec {
 }
 
 /// Parses a link and adds `queue=1` if it has no `queue=`: only the newest report is buffered, because the remote host has a
-/// queue of
-/// its own.
+/// queue of its own.
 pub(super) fn given_link(text: &str) -> Result<LinkUri, String> {
     let link = LinkUri::parse(text).map_err(|error| error.to_string())?;
     let says = text.split(['?', '&']).any(|part| part.starts_with("queue="));

@@ -11,9 +11,8 @@ use windows_sys::Win32::System::Console::{CTRL_BREAK_EVENT, CTRL_C_EVENT, SetCon
 /// The signal number for Ctrl-C: that of SIGINT.
 const INTERRUPT: u8 = 2;
 /// \[OURS] The signal number for all other events, that of SIGTERM: Ctrl-Break, closing the console window, the end of the
-/// user's
-/// session, the shutdown of the machine. Ctrl-Break is among them because it is the event that another program can send to a
-/// process group.
+/// user's session, the shutdown of the machine. Ctrl-Break is among them because it is the event that another program can send
+/// to a process group.
 const TERMINATE: u8 = 15;
 
 /// The signal number for the closing of the console.
@@ -119,8 +118,7 @@ unsafe extern "system" fn came(event: u32) -> i32 {
     }
     if !matches!(event, CTRL_C_EVENT | CTRL_BREAK_EVENT) {
         // After closing events Windows ends the process when this handler returns, and in any case after 5 s. So the handler
-        // does not
-        // return: meanwhile the axes come to a standstill, and the process ends by itself.
+        // does not return: meanwhile the axes come to a standstill, and the process ends by itself.
         loop {
             std::thread::park();
         }

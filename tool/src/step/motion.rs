@@ -22,8 +22,7 @@ pub use target::{Target, counts};
 
 const WHAT: &str = "move";
 /// \[OURS] How far ahead of their execution targets are sent to the FIFO. If the program is late by less than this, the motion
-/// has no
-/// gap.
+/// has no gap.
 const AHEAD: Duration = Duration::from_millis(64);
 /// \[OURS] The limits of the number of frames ahead, which apply instead of [`AHEAD`] for very short and very long cycles.
 const DEPTHS: std::ops::RangeInclusive<u64> = 8..=150;
@@ -31,8 +30,7 @@ const DEPTHS: std::ops::RangeInclusive<u64> = 8..=150;
 const SETTLE_LIMIT: Duration = Duration::from_millis(500);
 const SETTLE_WINDOW_COUNTS: u32 = 2;
 /// \[OURS] If an internal limit of its drive holds an axis away from its target for this long, the move fails. The time is more
-/// than
-/// twice that of the frames ahead, so the reports already answer the present targets.
+/// than twice that of the frames ahead, so the reports already answer the present targets.
 const HELD_LIMIT: Duration = Duration::from_millis(150);
 /// \[OURS] The time limit for braking after Ctrl-C. Of the 2 s that Ctrl-C may take, the rest is for closing the board.
 const BRAKE_LIMIT: Duration = Duration::from_millis(1500);
@@ -91,8 +89,7 @@ impl Args {
     }
 
     /// Like [`Args::check_units`], for the counts per unit of this move's own command line: they must not name an axis that the
-    /// move does
-    /// not have.
+    /// move does not have.
     ///
     /// # Errors
     /// An axis has no counts per unit, or they name an axis that does not move.
@@ -112,8 +109,7 @@ impl Args {
 
     /// # Errors
     /// A slave has no axis in CSP, a target does not fit into 32 bits, or at that speed the targets would be further ahead of
-    /// the axis
-    /// than `--lead-limit` allows.
+    /// the axis than `--lead-limit` allows.
     pub fn check(&self, network: &Config) -> Result<(), BoardError> {
         for (index, target) in self.targets.iter().enumerate() {
             let slave = target.slave;
@@ -190,8 +186,7 @@ impl Args {
     }
 
     /// Moves the axes along their path. After each long gap they start again from rest. Returns the duration in seconds, the
-    /// number of
-    /// underruns, and the path of the last part, which ends at the targets.
+    /// number of underruns, and the path of the last part, which ends at the targets.
     fn carry_out(&self, board: &Board, depth: u16, cycle: f64) -> Result<(f64, u64, Path), BoardError> {
         let (mut snapshot, mut path) = self.agreed_path(board)?;
         let held_limit_s = HELD_LIMIT.as_secs_f64().max(2.0 * f64::from(depth) * cycle);
@@ -276,8 +271,7 @@ fn no_path(why: String) -> BoardError {
 }
 
 /// \[OURS] After a gap longer than this the axes start again from rest. After a shorter one they continue at their speed:
-/// otherwise a
-/// program that is often slightly late would never finish a move.
+/// otherwise a program that is often slightly late would never finish a move.
 const GAP_MAX: Duration = Duration::from_millis(100);
 
 /// \[OURS] How many times the last targets are repeated, so that the drives settle.

@@ -1,6 +1,5 @@
 //! The motion profile along a path, with limited velocity, acceleration and optionally jerk. All axes of a move share one
-//! profile, so
-//! that they start and end together on a straight line. The crate `rsruckig` calculates it.
+//! profile, so that they start and end together on a straight line. The crate `rsruckig` calculates it.
 
 use std::time::Duration;
 
@@ -35,8 +34,7 @@ pub struct Profile {
 }
 
 /// The units of length and time for the calculation. `rsruckig` is exact to about 1e-8 and fails with numbers far from 1, so
-/// lengths
-/// and times are scaled to be near 1.
+/// lengths and times are scaled to be near 1.
 #[derive(Clone, Copy, Debug)]
 struct Scale {
     length: f64,
@@ -44,8 +42,7 @@ struct Scale {
 }
 
 /// \[OURS] The highest limits in scaled units. Higher ones would hardly make the motion faster, and `rsruckig` does not keep
-/// them
-/// precisely.
+/// them precisely.
 const SCALED_MAX: Limits = Limits { velocity: 1e1, acceleration: 1e3, jerk: Some(1e6) };
 /// \[OURS] A speed below this fraction of the velocity limit counts as a standstill.
 const STANDSTILL: f64 = 1e-9;
@@ -69,8 +66,7 @@ impl Profile {
     }
 
     /// The motion that brakes from a point of another profile to rest, wherever it ends. If it takes longer than `within`,
-    /// acceleration
-    /// and jerk are raised until it does not.
+    /// acceleration and jerk are raised until it does not.
     ///
     /// # Errors
     /// No motion can be calculated.

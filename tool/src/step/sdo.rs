@@ -134,8 +134,7 @@ fn write(board: &Board, which: &Which, value: Value) -> Result<(), BoardError> {
 }
 
 /// The error of an SDO that was not answered. SDOs are also sent to slaves that the options do not list. So only after a
-/// timeout it is
-/// checked whether the network is known to have no such slave.
+/// timeout it is checked whether the network is known to have no such slave.
 fn answered(board: &Board, what: &str, slave: u8, error: BoardError) -> BoardError {
     let silent = matches!(&error, BoardError::Ecm(EcmError::SdoAborted { code, .. }) if *code == AbortCode::TIMEOUT);
     match &board.config {

@@ -67,8 +67,7 @@ impl ChipLink for Lasting {
 }
 
 /// A chip with a drive and an IO slave, which a program has brought to OP before it ended. The program has left the FIFO on or
-/// off,
-/// with three sets of outputs in it.
+/// off, with three sets of outputs in it.
 fn running(fifo_on: bool) -> (Lasting, ProcessData) {
     let chip = Lasting::new("xf-sim:?slaves=drive,io&clock=virtual");
     let mut xf = Xf::over(chip.clone(), HostConfig::DEFAULT).expect("it starts");
@@ -91,8 +90,7 @@ fn json(shown: &[Shown]) -> Vec<&Value> {
 }
 
 /// XF-18.4 Verbs that only read leave the chip of a running machine as it is: its network in OP, its FIFO on, and the content
-/// of the
-/// FIFO.
+/// of the FIFO.
 #[test]
 fn verbs_that_look_leave_a_running_machine_alone() {
     let (chip, _) = running(true);

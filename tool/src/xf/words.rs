@@ -47,8 +47,7 @@ pub fn parse_state(text: &str) -> Result<EtherCatState, String> {
 }
 
 /// Converts a Rust name of the library to the word that users type: `PinRising`, `X4Free` and `NON_IMMEDIATE` become
-/// `pin-rising`,
-/// `x4-free` and `non-immediate`.
+/// `pin-rising`, `x4-free` and `non-immediate`.
 pub fn word(name: &str) -> String {
     let mut word = String::new();
     let mut before = '_';

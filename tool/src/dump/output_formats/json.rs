@@ -1,6 +1,5 @@
 //! JSON output: one object on a line for each frame or packet. The names of fields contain units; the field `text` has the
-//! lines of
-//! the text output.
+//! lines of the text output.
 
 use std::io::{self, Write};
 

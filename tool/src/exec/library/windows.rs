@@ -27,8 +27,7 @@ pub const UNLINKABLE: &str = "PATH takes no `;` and no quotes; put the library i
 const OURS: Width = if cfg!(target_pointer_width = "64") { Width::X64 } else { Width::X86 };
 
 /// The usual folder of the library: the tool's own folder. For a program of the other width it is the folder `x86` or `x64`
-/// beside
-/// that, as in the package.
+/// beside that, as in the package.
 pub fn usual_folders(beside_tool: &Path, program: Option<&Path>) -> Vec<PathBuf> {
     let width = program.and_then(width_of);
     if width.is_none_or(|width| width == OURS) {

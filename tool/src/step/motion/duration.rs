@@ -25,8 +25,7 @@ impl fmt::Display for Long {
 }
 
 /// Announces the duration of a long move. At a terminal it asks whether to continue, unless `yes` is set. \[OURS] Without a
-/// terminal
-/// the move continues, so that older scripts still run.
+/// terminal the move continues, so that older scripts still run.
 ///
 /// # Errors
 /// [`BoardError::Refused`] if the user does not answer yes, [`BoardError::Stopped`], and errors of reading reports.

@@ -23,8 +23,7 @@ impl Watched {
     }
 
     /// Examines the newest report, `seconds` after the move began. Returns for how many seconds the axis has been held back
-    /// from its
-    /// target.
+    /// from its target.
     pub fn held_for(&mut self, board: &Board, now: &Snapshot, target: i32, seconds: f64) -> f64 {
         let at = now.position(self.slave).unwrap_or_default();
         if !is_limited(board, now, self.slave) || target.wrapping_sub(at).unsigned_abs() <= NEAR_COUNTS {

@@ -6,8 +6,7 @@ use super::super::profile::{Limits, Profile};
 use super::target::Jerk;
 
 /// \[OURS] The default speed in counts per second, which is slow for every motor: with a 17-bit encoder it is less than a tenth
-/// of a
-/// turn per second (13107 counts).
+/// of a turn per second (13107 counts).
 pub const DEFAULT_VELOCITY: f64 = 10_000.0;
 /// \[OURS] With the default acceleration an axis reaches its speed in this many seconds.
 pub const DEFAULT_ACCELERATION_TIME_S: f64 = 0.2;

@@ -115,7 +115,7 @@ impl VendorState {
     }
 }
 
-/// How often an Open looks whether another thread has opened or closed the board. \[OURS]
+/// The interval at which a waiting Open checks whether another thread has finished opening or closing the board. \[OURS]
 const CHECK_INTERVAL: Duration = Duration::from_millis(1);
 
 /// The number that was last given to a board.

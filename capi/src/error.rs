@@ -93,11 +93,11 @@ impl From<LinkError> for Box<CallError> {
 /// Room for an error text with its terminating 0; a longer text is cut.
 const TEXT_LEN: usize = 2048;
 
-/// A C string.
+/// An error text as a C string, with its terminating 0.
 type Text = [u8; TEXT_LEN];
 
 thread_local! {
-    /// The text that this thread gets. Its address is the same until the thread ends.
+    /// The error text that [`last`] returns to this thread. Its address is the same until the thread ends.
     static TEXT_OF_THREAD: RefCell<Text> = const { RefCell::new([0; TEXT_LEN]) };
     /// Whether a call of this thread has failed, so that the text is of its own error.
     static HAS_OWN_ERROR: Cell<bool> = const { Cell::new(false) };
@@ -106,13 +106,13 @@ thread_local! {
 /// The text of the last OpenECMUSB that failed in any thread.
 static LAST_OPEN: Mutex<Text> = Mutex::new([0; TEXT_LEN]);
 
-/// Keeps the error for [`last`].
+/// Keeps the text of an error of this thread for [`last`].
 pub fn remember(error: &CallError) {
     TEXT_OF_THREAD.with_borrow_mut(|text| write(text, error));
     HAS_OWN_ERROR.set(true);
 }
 
-/// Keeps the error of an OpenECMUSB for every thread.
+/// Keeps the text of a failed OpenECMUSB for [`last`] in every thread.
 pub fn remember_open(error: &CallError) {
     write(&mut lock(&LAST_OPEN), error);
 }

@@ -11,9 +11,9 @@ use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use ecmsk::sk::{FRAME_LEN, Frame};
 
-/// The number of slots: more than threads that move frames at the same moment. \[OURS]
+/// The number of slots. It should be more than the number of threads that move frames at the same moment. \[OURS]
 const PLACES: usize = 8;
-/// How often a frame is copied again because it was replaced during the copy. \[OURS]
+/// How many times a frame is copied at most, if another thread replaces it during the copy. \[OURS]
 const TRIES: usize = 100;
 /// The [`Place::number`] of a slot that a thread is writing to, or was writing to when it was ended.
 const WRITING: u64 = u64::MAX;

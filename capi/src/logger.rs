@@ -84,7 +84,7 @@ impl Lines {
     }
 }
 
-/// Writes a line, on the thread for this.
+/// Writes a queued line. Runs on the thread that writes lines.
 fn tell(note: Note<Vec<u8>>) {
     match note {
         Note::Item(line) => write_now(&line),

@@ -341,7 +341,7 @@ fn open_waits_for_a_close_under_way() {
                 Ok(FakeLink::new())
             })
         });
-        // It is in Open by then, or calls it later.
+        // Usually time enough for the other thread to wait in Open. If it calls Open later, the assertion holds as well.
         thread::sleep(Duration::from_millis(20));
         assert!(!opener.is_finished());
         link.change(|state| state.stays_in_close = false);

@@ -17,9 +17,9 @@ use crate::module::ModuleReference;
 /// An open link with the default timeouts of its URI.
 pub struct OpenBoard {
     pub link: Arc<dyn Link>,
-    /// The default timeout of a read.
+    /// The timeout of a read that the link's URI sets (`read_timeout_ms`).
     pub read_wait: Wait,
-    /// The default timeout of a write.
+    /// The timeout of a write that the link's URI sets (`write_timeout_ms`).
     pub write_wait: Wait,
     closed: AtomicBool,
     /// The length of this board's frames in bytes; 0 if the link does not know it, or after a warning about it.
@@ -43,7 +43,7 @@ impl OpenBoard {
         })
     }
 
-    /// Closes the board.
+    /// Closes the link. Further calls do nothing.
     pub fn close(&self) {
         self.end(|link| link.close());
     }
@@ -198,7 +198,7 @@ impl VendorBoard {
         state.current.take()
     }
 
-    /// The open board.
+    /// The board that is open.
     ///
     /// # Errors
     /// [`CallError::NotOpen`].

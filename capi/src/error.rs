@@ -15,9 +15,9 @@ pub enum CallError {
     /// A pointer is NULL.
     #[error("`{argument}` is NULL; pass the address of {expected}")]
     Null {
-        /// Name of the argument.
+        /// The name of the argument.
         argument: &'static str,
-        /// What it should point to.
+        /// What the pointer should point to.
         expected: &'static str,
     },
     /// The length of a buffer is 0.
@@ -26,21 +26,21 @@ pub enum CallError {
     /// A text is not UTF-8.
     #[error("`{argument}` is not UTF-8")]
     NotText {
-        /// Name of the argument.
+        /// The name of the argument.
         argument: &'static str,
     },
     /// The `size` of a structure is not set.
     #[error("`size` of the structure is {found}, less than {least}; set it to sizeof of the structure before the call")]
     StructSize {
-        /// The value that the caller has set.
+        /// The value of `size` that the caller has set, in bytes.
         found: u32,
-        /// The least valid value.
+        /// The smallest valid value of `size`, in bytes.
         least: usize,
     },
     /// A timeout is negative and none of the constants.
     #[error("a timeout of {found} ms; pass 0 or more, ECMSK_WAIT_FOREVER (-1) or ECMSK_WAIT_LINK (-2)")]
     Timeout {
-        /// The value that the caller has passed.
+        /// The invalid value that the caller has passed.
         found: i64,
     },
     /// The vendor's functions were called before OpenECMUSB or after CloseECMUSB.
@@ -55,7 +55,7 @@ pub enum CallError {
     /// No open board has this handle.
     #[error("no open board has the handle {handle:#x}; it was closed, or never came from ecmsk_open")]
     Handle {
-        /// The value that the caller has passed.
+        /// The invalid value that the caller has passed.
         handle: usize,
     },
     /// The link does not know the counters of the board.
@@ -67,18 +67,18 @@ pub enum CallError {
     /// The link that the configuration names cannot be opened.
     #[error("link {from}: {error}")]
     Configured {
-        /// Where the link is configured.
+        /// Where the link is configured: a variable, a file, or the default.
         from: Source,
-        /// Why it cannot be opened.
+        /// Why the link cannot be opened.
         error: Box<LinkError>,
     },
-    /// A call of the link failed.
+    /// The link reports an error, such as a timeout or a lost board.
     #[error(transparent)]
     Link(LinkError),
     /// The system has no memory for the call.
     #[error("there is no memory for this call; end other programs, or raise the limit of this one (ulimit -v)")]
     Memory,
-    /// A defect of this library.
+    /// A panic in this library, which is a defect; its message.
     #[error("internal error: {0}; please report it with the output of ECMSK_LOG=trace")]
     Panic(String),
 }

@@ -27,7 +27,7 @@ pub struct LastFrame {
 }
 
 struct Place {
-    /// The frame's number from 1; 0 for none.
+    /// The number of the frame in the slot, from 1; 0 if the slot is empty.
     number: AtomicU64,
     words: [AtomicU64; WORDS],
 }

@@ -113,11 +113,11 @@ impl How {
 
 /// The names of the two runs, whether they are complete, and where their picture is written to.
 pub struct Names {
-    /// The names of A and B.
+    /// The names of the two runs, A and B, for the output.
     pub runs: [String; 2],
     /// What each recording lacks to be the complete run; `None` if it is complete.
     pub lacks: [Option<String>; 2],
-    /// The file of the picture.
+    /// The path to which the picture is written.
     pub plot: Option<PathBuf>,
 }
 
@@ -136,7 +136,7 @@ pub enum CompareVerbError {
     /// More devices are named than captures are compared.
     #[error("--device names {found} devices for two captures; name one for A and one for B, as 1.5,1.6")]
     TooManyDevices {
-        /// The number of devices named.
+        /// The number of devices that the command line names.
         found: usize,
     },
     /// The picture has nothing to show.

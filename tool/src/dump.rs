@@ -160,7 +160,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         Some(frames) => dump_recording(args, frames, &mut printer),
         None => dump_hex(args, &mut printer),
     };
-    // The frames before an error are shown as well.
+    // The output is flushed also after an error, so that the frames before it are shown.
     printer.out.flush()?;
     printer.note_nothing_left();
     shown

@@ -8,7 +8,7 @@ const CYCLIC: &str = "CYCLIC";
 /// The highest slot number in frames of either size.
 const LAST_SLOT: u8 = SlotSize::Bytes12.sdo_slot() as u8;
 
-/// A range of slots.
+/// A range of slots that the user has selected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Slots {
     /// From the first to the last, both included.
@@ -102,7 +102,7 @@ impl Command {
         })
     }
 
-    /// The id in byte 0.
+    /// The command id, which is in byte 0 of a slot.
     pub const fn code(self) -> u8 {
         self.0
     }

@@ -69,7 +69,7 @@ pub enum Managed {
     Fixed,
 }
 
-/// The content of a PE file.
+/// A PE file: the facts about it, and its bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
     /// The processor for which the file runs on a 64-bit Windows. For a .NET program without a fixed width it is not that of
@@ -107,7 +107,7 @@ pub enum ImageError {
 }
 
 impl Image {
-    /// Reads a file.
+    /// Reads and parses a PE file.
     ///
     /// # Errors
     /// [`ImageError`], whose text contains no next step.

@@ -37,7 +37,7 @@ pub struct Args {
     system: system::SystemArgs,
 }
 
-/// One device of the list.
+/// A device of this machine, as a row of the list.
 struct Row {
     scheme: Scheme,
     /// The link to the device; `None` for another device with the board's vendor and product id.
@@ -50,7 +50,7 @@ struct Row {
     but: Vec<String>,
     /// What the user can do about the obstacle and the problems.
     next: Vec<String>,
-    /// Further fields of the JSON object.
+    /// The further fields of its JSON object.
     facts: Value,
 }
 

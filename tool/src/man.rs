@@ -26,7 +26,7 @@ pub struct Args {
     out: Option<PathBuf>,
 }
 
-/// Why no page was made.
+/// Why no manual page was made.
 #[derive(Debug, thiserror::Error)]
 pub enum ManError {
     /// There is no such verb.
@@ -38,14 +38,14 @@ pub enum ManError {
     /// The folder cannot be written to.
     #[error("cannot write {}: {source}; name another folder with --out", .file.display())]
     Write {
-        /// The file or folder.
+        /// The file or folder that cannot be written.
         file: PathBuf,
         /// The error of the operating system.
         source: io::Error,
     },
 }
 
-/// Prints a page, or writes all pages.
+/// Prints the manual page of a verb, or writes those of all verbs to a folder.
 pub fn run(args: &Args) -> Result<(), CliError> {
     let mut tool = super::Cli::command().disable_help_subcommand(true);
     // Fills in the full names of the subcommands, such as `ecmsk-link-help`.
@@ -76,7 +76,7 @@ fn commands(command: &Command) -> Vec<Command> {
     [command.clone()].into_iter().chain(below).collect()
 }
 
-/// The page of a command.
+/// The manual page of a command, in roff.
 fn page(command: &Command) -> io::Result<Vec<u8>> {
     let man = Man::new(command.clone()).source(concat!("ecmsk ", env!("CARGO_PKG_VERSION"))).manual("ECM-SK tools");
     let mut page = Vec::new();

@@ -116,10 +116,10 @@ pub enum MonitorError {
     /// Standard output is no terminal.
     #[error("standard output is no terminal; for other places use --once or --json")]
     NoTerminal,
-    /// An operation on the terminal failed.
+    /// Drawing on the terminal or reading its keys failed.
     #[error("the terminal: {0}; for other places use --once or --json")]
     Terminal(io::Error),
-    /// The system provides no thread.
+    /// The operating system refuses to start a thread.
     #[error("cannot start a thread: {0}; free some of the system's memory or threads, then run it again")]
     Thread(io::Error),
 }

@@ -191,7 +191,7 @@ pub fn run(args: &Args) -> Result<ExitCode, ParamsError> {
     }
 }
 
-/// An open link with drives.
+/// An open link to drives, on a network or behind a board.
 struct Opened {
     link: String,
     reporter: Reporter,
@@ -218,7 +218,7 @@ impl Opened {
         move |index| {
             if is_watched && index >> 4 != shown {
                 shown = index >> 4;
-                // A closed terminal does not end the reading.
+                // The result is ignored: reading goes on even if the terminal was closed.
                 let _ = reporter.progress(format_args!("slave {slave}: 0x{index:04X}"), || json!({}));
             }
         }

@@ -216,7 +216,7 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
 
 /// The result of reading a recording.
 struct Walked {
-    /// The number of frames read.
+    /// The number of frames that were read.
     frames: u64,
     /// Why the recording ends early. A program that was killed leaves such a recording; the frames before its end are
     /// valid.

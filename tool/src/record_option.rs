@@ -9,7 +9,7 @@ use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 /// Why a verb cannot make a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
-    /// The file cannot be used.
+    /// The file of `--record` cannot be used.
     #[error("cannot record to {}: {reason}; name another file with --record", .file.display())]
     File {
         /// The path of the file.

@@ -18,7 +18,7 @@ static OPENED: OnceLock<LinkUri> = OnceLock::new();
 
 /// Remembers the link that a verb opens, so that its recording is checked at the end.
 pub fn opens(link: &LinkUri) {
-    // A verb opens only one link.
+    // Setting it can fail only for a second link, and a verb opens only one.
     let _ = OPENED.set(link.clone());
 }
 

@@ -67,7 +67,7 @@ pub fn run(args: &Args) -> Result<ExitCode, BoardError> {
 /// Whether the error ends the shell: a signal other than Ctrl-C, or a terminal that was closed.
 fn ends(board: &Board, error: &BoardError) -> bool {
     match error {
-        // Ctrl-C ends only the step.
+        // Ctrl-C (signal 2) at a terminal ends only the step.
         BoardError::Stopped { signal, .. } => *signal != 2 || !io::stdin().is_terminal(),
         BoardError::Output(_) => true,
         _ => board.interrupt.signal().is_some_and(|signal| signal != 2),

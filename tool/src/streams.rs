@@ -34,7 +34,7 @@ struct Entry {
     others_before: u64,
 }
 
-/// The state that the threads share.
+/// The queues of both streams, and what their threads share.
 #[derive(Default)]
 struct Shared {
     /// The number of queued entries, for each stream.
@@ -84,7 +84,7 @@ pub fn end_waits_on(signal: &Arc<AtomicUsize>) {
     let _ = SIGNAL.set(Arc::clone(signal));
 }
 
-/// The signal that has arrived.
+/// The number of the signal that has arrived; `None` if there was none.
 pub fn signal() -> Option<u8> {
     let signal = SIGNAL.get()?.load(Ordering::SeqCst);
     (signal != 0).then_some(signal as u8)

@@ -21,7 +21,7 @@ pub struct Transfer {
     pub complete: bool,
 }
 
-/// A value to write.
+/// The value that an SDO write sends.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Written {
     Number(Value),
@@ -29,7 +29,7 @@ pub enum Written {
 }
 
 impl Written {
-    /// Parses a number, or bytes behind `hex:`.
+    /// Parses a number, or bytes after the prefix `hex:`.
     ///
     /// # Errors
     /// The text is invalid; the error says what is allowed.

@@ -10,7 +10,7 @@ use std::io::{self, Write};
 /// The most bytes that can be the beginning of a UTF-8 character.
 const PART_MAX: usize = 3;
 
-/// Whether a character is written unchanged.
+/// Whether a character is shown as it is, and not as its code.
 pub fn is_plain(letter: char) -> bool {
     let unseen =
         matches!(letter, '\u{200B}'..='\u{200F}' | '\u{2028}'..='\u{202E}' | '\u{2066}'..='\u{2069}' | '\u{FEFF}');
@@ -48,7 +48,7 @@ impl<W: Write> Visible<W> {
             let (plain, rest) = text.split_at(at);
             let mut letters = rest.chars();
             self.inner.write_all(plain.as_bytes())?;
-            // All of these characters have four digits.
+            // Four digits are enough for the code of each of these characters.
             letters.next().map_or(Ok(()), |letter| write!(self.inner, "\\u{:04x}", u32::from(letter)))?;
             text = letters.as_str();
         }

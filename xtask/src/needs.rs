@@ -194,7 +194,7 @@ pub fn missing(project: &Project, needs: &[Need]) -> Vec<Need> {
     missing
 }
 
-/// The shell line that installs `needs`.
+/// The shell line with which the user can install `needs`.
 pub fn install_line(needs: &[Need]) -> String {
     let mut lines = Vec::new();
     if !packages(needs).is_empty() {

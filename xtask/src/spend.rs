@@ -14,7 +14,7 @@ pub struct Spend {
 }
 
 impl Spend {
-    /// Prints the cost.
+    /// Prints the cost, and the free disk space if it is too little.
     pub fn announce(&self, project: &Project) {
         println!("{}", self.text(project.relative(&project.target), free_mb(&project.target)));
     }

@@ -23,7 +23,7 @@ pub struct Arguments {
 
 /// The packages that are installed, in the order in which they are built.
 pub const PACKAGES: [&str; 2] = ["NEXTWUSBLib", TOOL_PACKAGE];
-/// The package of the tool.
+/// The name of the tool's cargo package.
 pub const TOOL_PACKAGE: &str = "ecmsk-tool";
 /// The SONAME: the name by which programs load the library. The library's build script sets the same.
 pub const SONAME: &str = "libNEXTWUSBLib.so.0";
@@ -85,7 +85,7 @@ pub fn build_tool(project: &Project) -> Result<PathBuf, Error> {
     Ok(project.target.join("debug/ecmsk"))
 }
 
-/// Installs the files that cargo has built.
+/// Installs the files that cargo has built in the folder `built` into the folder `prefix`.
 pub fn install_into(project: &Project, built: &Path, prefix: &Path) -> Result<(), Error> {
     let [bin, include, lib] = ["bin", "include", "lib"].map(|folder| prefix.join(folder));
     let (pkgconfig, rules) = (lib.join("pkgconfig"), lib.join("udev/rules.d"));

@@ -39,7 +39,7 @@ pub struct ModuleReference {
 }
 
 impl ModuleReference {
-    /// Acquires a reference.
+    /// Acquires a reference to this module.
     pub fn begin() -> Self {
         pin_winsock();
         let taken = module(GET_MODULE_HANDLE_EX_FLAG_FROM_ADDRESS).is_some();
@@ -109,7 +109,7 @@ impl Drop for Call {
 pub struct LastError(u32);
 
 impl LastError {
-    /// Keeps the present value.
+    /// Keeps the present last error.
     pub fn keep() -> Self {
         // SAFETY: the function has no conditions.
         Self(unsafe { GetLastError() })

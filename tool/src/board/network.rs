@@ -10,7 +10,7 @@ use super::error::BoardError;
 
 const MODES: &str = ":csp, :csv, :cst";
 
-/// The slaves in network order.
+/// The slaves of the network in network order, as `--slaves` gives them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Network(Vec<Slave>);
 
@@ -62,13 +62,13 @@ pub fn help() -> String {
     )
 }
 
-/// The slave with this number.
+/// The slave with this number, or the error if the network has none.
 pub fn find_slave<'a>(config: &'a Config, what: &str, slave: u8) -> Result<&'a Slave, BoardError> {
     let found = usize::from(slave).checked_sub(1).and_then(|index| config.slaves.get(index));
     found.ok_or_else(|| BoardError::NoSlave { what: what.to_owned(), slave, network: list(config) })
 }
 
-/// The axis of the slave with this number.
+/// The axis of the slave with this number, or the error if it has no axis.
 pub fn find_axis<'a>(config: &'a Config, what: &str, slave: u8) -> Result<&'a Axis, BoardError> {
     let found = find_slave(config, what, slave)?;
     found.axis().ok_or_else(|| wrong_kind(what, slave, found, "a drive, step or hsp"))
@@ -79,7 +79,7 @@ pub fn wrong_kind(what: &str, slave: u8, found: &Slave, wanted: &'static str) ->
     BoardError::WrongKind { what: what.to_owned(), slave, found: found.to_string(), wanted }
 }
 
-/// The slaves that have an axis.
+/// The numbers of all slaves that have an axis.
 pub fn slaves_with_axis(config: &Config) -> Vec<u8> {
     (1..).zip(&config.slaves).filter(|(_, slave)| slave.axis().is_some()).map(|(number, _)| number).collect()
 }
@@ -136,7 +136,7 @@ impl Scales {
         self.0.iter().any(|(of, _)| of.is_none_or(|of| of == axis))
     }
 
-    /// The axes with a scale of their own.
+    /// The axes for which `--counts-per-unit` gives a value of their own.
     pub fn axes(&self) -> impl Iterator<Item = u8> {
         self.0.iter().filter_map(|(of, _)| *of)
     }

@@ -74,7 +74,7 @@ impl Reporter {
         format!("{json}\n")
     }
 
-    /// Prints a note for the user.
+    /// Prints a note for the user on standard error.
     pub fn note(&self, text: impl Display) {
         self.clear();
         say("note", &text);

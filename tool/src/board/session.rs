@@ -45,7 +45,7 @@ pub enum BoardUse {
     Moves,
 }
 
-/// An open board.
+/// The open board of a verb, with the options that apply to it.
 pub struct Board {
     pub ecm: Ecm,
     pub reporter: Reporter,
@@ -155,7 +155,7 @@ impl Board {
         }
     }
 
-    /// The counters of the link.
+    /// The statistics of the link: written and read frames, errors.
     pub fn link_stats(&self) -> link::LinkStats {
         self.link.stats()
     }
@@ -199,7 +199,7 @@ impl Board {
         self.config.as_ref().ok_or_else(|| BoardError::UnknownNetwork { what: what.to_owned() })
     }
 
-    /// The axis of a slave.
+    /// The configuration of a slave's axis, or the error if it has no axis.
     pub fn axis(&self, what: &str, slave: u8) -> Result<Axis, BoardError> {
         find_axis(self.known_network(what)?, what, slave).copied()
     }
@@ -239,7 +239,7 @@ impl Board {
         Err(self.explain(EcmError::Alarm { slave, code }))
     }
 
-    /// The statusword of an axis.
+    /// The statusword of an axis in the report `snapshot`.
     pub fn statusword(&self, snapshot: &Snapshot, slave: u8) -> Statusword {
         match snapshot.slave(slave) {
             Some(SlaveView::Drive(drive)) => drive.statusword,

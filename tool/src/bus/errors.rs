@@ -143,7 +143,7 @@ fn show(
     Ok(())
 }
 
-/// A problem as text, with the next step.
+/// What is wrong with a cable or a slave, as text with the next step.
 fn text(problem: &Problem) -> String {
     let Problem { place, near, far, count } = problem;
     match place {

@@ -1,4 +1,4 @@
-//! `bus sii`: the EEPROM of a slave.
+//! `bus sii`: reads and writes the EEPROM of a slave.
 
 use std::path::{Path, PathBuf};
 

@@ -26,7 +26,7 @@ pub enum FolderError {
     },
 }
 
-/// The findings about the folder.
+/// Checks the folder; returns a finding for each program and file.
 ///
 /// # Errors
 /// [`FolderError`].

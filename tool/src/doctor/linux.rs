@@ -1,4 +1,4 @@
-//! Checks a machine with Linux.
+//! Checks whether a Linux machine can run a board.
 
 mod rule;
 
@@ -35,17 +35,17 @@ pub fn is_done(args: &SystemArgs) -> Result<bool, CliError> {
     Ok(args.write_udev_rule)
 }
 
-/// The folder that contains `/etc`.
+/// The folder that stands for `/`, from the hidden option `--root`.
 pub fn root(args: &SystemArgs) -> &Path {
     &args.root
 }
 
-/// The name of the system and its release.
+/// The name and release of the operating system; `None` if it is not known.
 pub fn name(args: &SystemArgs) -> Option<String> {
     Machine::below(&args.root).kernel().map(|release| format!("Linux {release}"))
 }
 
-/// All findings that need no measurement.
+/// The findings about this machine, except for those that need a measurement.
 pub fn findings(args: &SystemArgs, wanted: Option<&LinkUri>) -> Vec<Finding> {
     Machine::below(&args.root).findings(wanted)
 }

@@ -30,7 +30,7 @@ pub enum DumpError {
         /// What is wrong with the line.
         problem: HexError,
     },
-    /// A line is too long.
+    /// A line of standard input is too long.
     #[error("line {line} is longer than {LINE_BYTES_MAX} bytes; give one frame per line, as hexadecimal digits")]
     LongLine {
         /// The number of the line, from 1.
@@ -47,7 +47,7 @@ pub enum DumpError {
     /// The frames are too short to have the slot that `--slots` requests.
     #[error("a frame of {}-byte slots has no slot {slot}; name slots from 0 to {}", .size.bytes(), .size.sdo_slot())]
     NoSlot {
-        /// The requested slot.
+        /// The first requested slot that the frames do not have.
         slot: usize,
         /// The frames' slot size.
         size: SlotSize,

@@ -48,7 +48,7 @@ impl Shown {
 pub struct View {
     /// The slots to show; if empty, slot 0 and those that are not idle.
     pub slots: Vec<Slots>,
-    /// Whether every slot is shown.
+    /// Whether every slot is shown, also empty ones.
     pub all: bool,
     /// Only slots with one of these commands, or an answer to one, are shown; if empty, all.
     pub commands: Vec<Command>,

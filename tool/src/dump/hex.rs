@@ -3,12 +3,12 @@
 use ecmsk::link::Dir;
 use ecmsk::sk::{FRAME_LEN, Frame, SlotSize};
 
-/// The bytes of a line.
+/// A line of standard input, parsed.
 #[derive(Debug, PartialEq, Eq)]
 pub struct HexLine {
     /// The bytes. With an odd number of digits the last one is a byte of its own.
     pub bytes: Vec<u8>,
-    /// The number of digits.
+    /// The number of hexadecimal digits on the line.
     digits: usize,
     /// The direction from the prefix: `>` to the board, `<` from it.
     pub direction: Option<Dir>,
@@ -31,7 +31,7 @@ pub enum HexError {
     },
 }
 
-/// The length of the shorter frame in bytes.
+/// The length in bytes of a frame with slots of 12 bytes, the shorter of the two frame lengths.
 const FRAME_BYTES_MIN: usize = SlotSize::Bytes12.frame_len();
 
 /// Parses a line: an optional `>` or `<`, then digits, with blanks anywhere; `#` starts a comment. `None` for an

@@ -26,7 +26,7 @@ impl<'p> Packet<'p> {
         direction_name(self.place.direction)
     }
 
-    /// What the bytes mean.
+    /// Decodes the bytes of the packet.
     pub fn decoded(&self) -> Decoded<'p> {
         Decoded::of(self.place.direction, self.bytes)
     }
@@ -59,11 +59,11 @@ pub fn guessed(bytes: &[u8]) -> Dir {
     if has_state || has_link || has_crc { Dir::Read } else { Dir::Write }
 }
 
-/// The bytes of one direction, decoded.
+/// The bytes of a packet in one direction, decoded.
 pub enum Decoded<'p> {
     /// A command, and the type of its check word (a fixed word or a CRC).
     Command { packet: CommandPacket<'p>, check: CheckType },
-    /// An answer, and its data.
+    /// An answer of the chip, and its data.
     Answer { header: AnswerHeader, data: &'p [u8] },
     /// The chip's answer "not ready": it was still handling the packet before.
     NotReady,
@@ -97,7 +97,7 @@ impl<'p> Decoded<'p> {
         }
     }
 
-    /// What the bytes mean, in words.
+    /// The meaning of the packet, as lines of text.
     pub fn lines(&self) -> Vec<String> {
         match self {
             Self::Command { packet, check } => {

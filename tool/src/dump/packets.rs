@@ -38,7 +38,7 @@ pub fn dump(args: &Args, source: Box<dyn Read>, name: &str) -> Result<(), CliErr
     let mut exchanges = Exchanges::new(source, name)?;
     let mut printer = Printer { out: output::stdout(), format: output_formats::chosen(args), held: Default::default() };
     let shown = show(args, &mut exchanges, &mut printer);
-    // The packets before an error are shown as well.
+    // Collected packets are printed also after an error.
     printer.write_held()?;
     if shown.is_ok() {
         let lacks = exchanges.lacks();

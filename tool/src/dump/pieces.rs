@@ -8,11 +8,11 @@ use ecmsk::xf::{DataSize, Resync};
 /// The most bytes of one direction that are joined. Longer sequences are shown in several parts. \[OURS]
 const BYTES_MAX: usize = 1 << 20;
 
-/// The pieces of one direction, joined.
+/// Pieces of packets that were transferred in one direction, joined.
 #[derive(Debug, Default)]
 pub struct Pieces {
     pub bytes: Vec<u8>,
-    /// The number of pieces.
+    /// The number of exchanges that were joined.
     pub count: u64,
     /// The numbers of the first and the last piece in the recording, with their times: since the first packet of the
     /// recording, and as recorded.
@@ -60,7 +60,7 @@ impl Pieces {
         (packets, self.bytes.len() - in_packets)
     }
 
-    /// What was found in the bytes, in words.
+    /// The number of bytes, pieces and packets as text.
     pub fn summary(&self, packets: &[(u64, RecordedBytes)], in_none: usize) -> String {
         let (bytes, count) = (self.bytes.len(), self.count);
         let found: u64 = packets.iter().map(|(times, _)| times).sum();

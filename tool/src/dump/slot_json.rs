@@ -108,7 +108,7 @@ enum Axis2 {
     Actual { position_counts: i32, inputs: u16 },
 }
 
-/// The SDO slot of a response.
+/// The JSON fields of a response's SDO slot.
 #[derive(Serialize)]
 struct SdoFields {
     slave: u8,
@@ -133,7 +133,7 @@ impl Object {
     }
 }
 
-/// A slave's slot of a response.
+/// The JSON fields of a slave's slot in a response.
 #[derive(Default, Serialize)]
 struct ReadingFields {
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -58,7 +58,7 @@ impl LibraryFolder {
         Ok(Self { folder: system::folder(library)?, library: library.to_owned() })
     }
 
-    /// The path of the library.
+    /// The path at which the program will find the library.
     pub fn library(&self) -> &Path {
         &self.library
     }

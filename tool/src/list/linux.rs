@@ -12,7 +12,7 @@ use serde_json::json;
 
 use super::Row;
 
-/// The text for an empty list.
+/// The text that replaces an empty list, for a note.
 pub const NONE: &str = "no board on USB and no SPI device";
 
 #[derive(clap::Args)]

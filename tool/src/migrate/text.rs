@@ -1,4 +1,4 @@
-//! The result as text.
+//! The result of `ecmsk migrate` as text.
 
 use std::fmt::Write as _;
 

@@ -87,7 +87,7 @@ fn draw_table(frame: &mut Frame, area: Rect, rows: &[Row]) {
     frame.render_widget(Table::new(body, widths).header(header), area);
 }
 
-/// The lines about the board.
+/// The lines above the table: name, state, FIFO, SDO and counters of the board.
 fn head(view: &View) -> Vec<Line<'static>> {
     let bold = Style::new().add_modifier(Modifier::BOLD);
     let mut name = visible(&view.name);

@@ -105,7 +105,7 @@ impl Drop for Feed {
             link.cancel(Dir::Read);
         }
         if let Some(thread) = self.thread.take() {
-            // A panic of the thread was printed already.
+            // The result is ignored: a panic of the thread was printed already.
             let _ = thread.join();
         }
     }

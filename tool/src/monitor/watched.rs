@@ -10,7 +10,7 @@ use ecmsk::sk::{Frame, MasterResponse, SlaveKind, SlotSize};
 /// A board that has made no report for this long is shown as silent. \[OURS]
 const SILENT: Duration = Duration::from_secs(1);
 
-/// A report with its time and slot size.
+/// A report, with its time, slot size and number.
 #[derive(Clone, Debug)]
 struct Sample {
     at_ns: i64,
@@ -22,7 +22,7 @@ struct Sample {
 /// Counters since the monitor was started.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// The number of reports read.
+    /// The number of reports that were read from the source.
     pub reports: u64,
     /// The number of reports that were lost before they were read.
     pub lost: u64,
@@ -40,17 +40,17 @@ pub struct Watched {
     heard: Instant,
     /// The firmware, which decides the meaning of byte 1 of a slave's slot.
     pub firmware: Firmware,
-    /// Counters of the reports.
+    /// How many reports were read, lost or damaged.
     pub counts: Counts,
     /// The board's own counters; `None` if the link does not know them.
     pub counters: Option<Counters>,
-    /// Why the source has ended, if it has.
+    /// Why no more reports come, such as the end of the recording; `None` while they do.
     pub end: Option<String>,
     /// Whether the source is a board and not a recording. Only a board is reported as silent when reports stop.
     pub live: bool,
 }
 
-/// A view of the board at one time.
+/// The state of the board at one moment, ready to be displayed.
 #[derive(Clone, Debug)]
 pub struct View {
     /// The URI of the link, or the name of the recording.
@@ -61,7 +61,7 @@ pub struct View {
     pub at_ns: i64,
     /// Reports per second since the previous view, on the clock of [`Self::at_ns`]; `None` in the first view.
     pub rate: Option<f64>,
-    /// Counters of the reports.
+    /// How many reports were read, lost or damaged.
     pub counts: Counts,
     /// The board's own counters.
     pub counters: Option<Counters>,

@@ -17,13 +17,13 @@ const DEPTH_MAX: usize = 8;
 /// The first index of an object. Lower indexes are data types (ETG.1000.6 table 63).
 const FIRST_INDEX: u16 = 0x1000;
 
-/// The attributes that this module reads.
+/// The XML attributes that this module reads; others may be removed.
 const ATTRIBUTES: [&str; 1] = ["ProductCode"];
 
 /// Why no objects can be read from a file.
 #[derive(Debug, thiserror::Error)]
 pub enum EsiError {
-    /// The file cannot be decoded.
+    /// The character encoding of the file is unknown or wrong.
     #[error(transparent)]
     Encoding(#[from] EncodingError),
     /// The file is not XML.
@@ -49,7 +49,7 @@ pub enum EsiError {
     /// The content does not follow ETG.2000.
     #[error("line {line}: {message}; is it an ESI file (ETG.2000)?")]
     Content {
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: u32,
         /// What is wrong with the content.
         message: String,

@@ -29,7 +29,7 @@ pub enum ParamsError {
     /// The file cannot be read.
     #[error(transparent)]
     File(#[from] ManufacturerObjectsError),
-    /// The content of the file is wrong.
+    /// The parameter file has an invalid line, or no object.
     #[error("cannot take the parameters of {}: {reason}; name a file that `ecmsk params backup` made", file.display())]
     Content {
         /// The path of the file.
@@ -58,7 +58,7 @@ pub enum ParamsError {
     /// An error of the board or of a slave.
     #[error(transparent)]
     Ecm(#[from] EcmError),
-    /// The drives behind the board may be moving.
+    /// The network of the board is in SafeOP or OP, where drives may be moving.
     #[error(
         "the network of the board is in {state}, where drives may move: parameters are read and written in PreOP; end the program that \
          runs it, or say `ecmsk state preop`"

@@ -12,13 +12,13 @@ use super::drive::{Answer, Drive, write_any};
 /// A parameter whose value on the drive is not that of the file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Difference {
-    /// The object, with the value of the file.
+    /// The object of the file, with the value that the drive should have.
     pub wanted: ManufacturerObject,
     /// The value on the drive, or why it cannot be read.
     pub present: Answer<Vec<u8>>,
 }
 
-/// The result of comparing a drive with a file.
+/// The result of comparing the parameters of a drive with those of a file.
 #[derive(Debug, Default)]
 pub struct Compared {
     pub different: Vec<Difference>,

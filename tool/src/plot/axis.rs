@@ -14,11 +14,11 @@ use super::{COLUMNS, Window};
 pub struct AxisLines {
     /// The number of the slave.
     pub axis: u8,
-    /// The counts of one unit.
+    /// The counts per unit of positions.
     pub scale: Scale,
-    /// Targets in units.
+    /// The executed targets, in units.
     pub target: Pieces,
-    /// Actual positions in units.
+    /// The actual positions, in units.
     pub position: Pieces,
     /// The executed target minus the position, in units, while the drive follows it.
     pub difference: Pieces,
@@ -104,7 +104,7 @@ struct Ignores {
 const UNANSWERED_MAX: u8 = 3;
 
 impl Axis {
-    /// The axis of a slave, with no lines yet.
+    /// Starts without curves. `number` is the number of the slave.
     pub fn new(number: u8, scale: Scale, window: Window, commands: Vec<u8>) -> Self {
         let line = || Line::new(window, COLUMNS);
         let held = || Line::holding(window, COLUMNS);

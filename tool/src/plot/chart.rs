@@ -15,9 +15,9 @@ use super::style::{self, at, px};
 
 /// The text above the panels, and the common horizontal axis.
 pub struct Caption {
-    /// The title.
+    /// The title of the picture.
     pub title: String,
-    /// The line below the title.
+    /// The line below the title: the time range, the file, the number of frames.
     pub about: String,
     /// The range of the horizontal axis.
     pub range: Range<f64>,
@@ -27,9 +27,9 @@ pub struct Caption {
 
 /// A picture: panels below each other. Those with the common time axis come first.
 pub struct Sheet {
-    /// The panels.
+    /// The diagrams, from top to bottom.
     pub panels: Vec<Panel>,
-    /// The text above the panels.
+    /// The title and the common horizontal axis.
     pub caption: Caption,
 }
 

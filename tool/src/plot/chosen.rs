@@ -42,9 +42,9 @@ pub struct Asked {
 /// The slaves that are drawn.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Chosen {
-    /// The slaves with a position.
+    /// The axes, by slave number.
     pub axes: Vec<u8>,
-    /// The IO slaves.
+    /// The IO slaves, by slave number.
     pub ios: Vec<u8>,
     /// The two axes whose path in the plane is drawn.
     pub plane: Option<[u8; 2]>,

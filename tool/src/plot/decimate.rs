@@ -25,7 +25,7 @@ pub struct Line {
     broken: bool,
 }
 
-/// The samples of one column of pixels.
+/// The samples of a pixel column that are kept.
 #[derive(Clone, Copy, Debug)]
 struct Column {
     number: i64,
@@ -83,7 +83,7 @@ impl Line {
         self.close_column();
     }
 
-    /// The pieces of the line, seconds and values.
+    /// Completes the curve and returns its pieces, with times in seconds.
     pub fn finish(mut self) -> Vec<Vec<(f64, f64)>> {
         self.hold_until(self.window.to_ns);
         self.close_column();

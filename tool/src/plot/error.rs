@@ -7,7 +7,7 @@ use ecmsk::sk::SlotSize;
 
 use super::{MAX_AXES, style};
 
-/// Why there is no plot.
+/// Why no plot was made.
 #[derive(Debug, thiserror::Error)]
 pub enum PlotError {
     /// Standard input is named, but a plot reads its recording twice.
@@ -29,7 +29,7 @@ pub enum PlotError {
     NothingInRange {
         /// The requested range of times.
         asked: String,
-        /// The range of times in OP.
+        /// The range of times in which the network was in OP.
         op: String,
     },
     /// No slot of the slaves has one of these commands.
@@ -37,9 +37,9 @@ pub enum PlotError {
         "nothing is left of {}: no slot asks for or answers {commands} in the time shown; change --commands, --axes, --from or --to", axes_list(.axes)
     )]
     NoSuchCommand {
-        /// The requested commands.
+        /// The commands of `--commands`.
         commands: String,
-        /// The slaves that were searched.
+        /// The slaves whose slots were searched for the commands.
         axes: Vec<u8>,
     },
     /// More axes are requested than there are colours.
@@ -79,7 +79,7 @@ pub enum PlotError {
     /// The recording has no data for the requested diagrams.
     #[error("the recording has nothing for the diagrams {asked}; name others with --panels, or leave it out")]
     NoPanel {
-        /// The requested diagrams.
+        /// The diagrams of `--panels`.
         asked: String,
     },
     /// The output file is the recording itself.
@@ -95,7 +95,7 @@ pub enum PlotError {
         "a plot is written as SVG (.svg) or PNG (.png), not as .{ending}: name such a file with {option}; programs such as rsvg-convert or Inkscape make other kinds from SVG"
     )]
     Ending {
-        /// The extension.
+        /// The extension without its dot.
         ending: String,
         /// The option that names the file.
         option: &'static str,

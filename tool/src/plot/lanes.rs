@@ -17,13 +17,13 @@ pub enum Way {
     Out,
 }
 
-/// One bit over time.
+/// The curve of one input or output.
 pub struct Lane {
     /// Whether the bit is an input or an output.
     pub way: Way,
     /// The number of the bit, from 0.
     pub bit: usize,
-    /// The values, 0 or 1.
+    /// The values over time, 0 or 1.
     pub values: Pieces,
 }
 

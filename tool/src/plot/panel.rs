@@ -1,4 +1,4 @@
-//! The content of the panels of a picture.
+//! A panel: one diagram of a picture, with its axes, curves and legend.
 
 use std::ops::Range;
 
@@ -17,7 +17,7 @@ pub struct Panel {
     pub height: u32,
     /// The range of the vertical axis.
     pub range: Range<f64>,
-    /// The lines, in the order of drawing.
+    /// The curves, in the order of drawing.
     pub strokes: Vec<Stroke>,
     /// States, drawn as shaded areas behind everything else.
     pub spans: Vec<Span>,
@@ -48,9 +48,9 @@ pub struct Across {
 
 /// A curve of a diagram.
 pub struct Stroke {
-    /// The pieces of the line.
+    /// The pieces of the curve; between them it is interrupted.
     pub pieces: Pieces,
-    /// The style of the line.
+    /// The style of the curve.
     pub look: Look,
 }
 

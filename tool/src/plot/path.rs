@@ -45,7 +45,7 @@ impl Path {
         self.broken = true;
     }
 
-    /// The pieces of the path.
+    /// Completes the path and returns its pieces.
     pub fn finish(mut self) -> Vec<Vec<(f64, f64)>> {
         self.end_piece();
         self.pieces

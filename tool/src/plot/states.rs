@@ -64,11 +64,11 @@ impl Note {
 /// The time span of a state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Span {
-    /// The state.
+    /// The state of the drive or of the board in this time span.
     pub state: State,
-    /// The beginning, in seconds.
+    /// The beginning in seconds since the recording's first frame.
     pub from: f64,
-    /// The end, in seconds.
+    /// The end in seconds since the recording's first frame.
     pub to: f64,
     /// The note on it, such as the error code.
     pub note: Option<Note>,

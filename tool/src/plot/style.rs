@@ -7,7 +7,7 @@ use crate::visible::is_plain;
 /// The number of grid steps per pixel. The drawing library has integer coordinates, so everything is drawn on this finer grid.
 pub const FINE: u32 = 4;
 
-/// Width of the plot.
+/// Width of the whole picture.
 pub const WIDTH: u32 = 1200;
 /// Height of title and caption.
 pub const HEAD: u32 = 62;
@@ -25,7 +25,7 @@ pub const PLANE: (u32, u32) = (560, 520);
 /// Height of the lane of one input or output.
 pub const LANE: u32 = 18;
 
-/// Size of the text, in pixels.
+/// Size of most texts.
 pub const TEXT: u32 = 13;
 /// Size of texts that stand close together, such as the names of lanes.
 pub const SMALL: u32 = 12;
@@ -63,7 +63,7 @@ pub fn colours(axes: impl IntoIterator<Item = u8>) -> Vec<RGBColor> {
 
 /// The colour of positions of a second recording.
 pub const BESIDE: RGBColor = RGBColor(0x20, 0x20, 0x20);
-/// The colour of lines about the FIFO.
+/// The colour of curves in the FIFO diagram.
 pub const FIFO: RGBColor = RGBColor(0x40, 0x50, 0x60);
 /// The colour of marks: lost commands, limits, the first difference.
 pub const ALARM: RGBColor = RGBColor(0xD0, 0x10, 0x20);
@@ -79,9 +79,9 @@ pub const LOST: RGBColor = RGBColor(0xB4, 0xBA, 0xC6);
 pub const FAILED: RGBColor = RGBColor(0xFB, 0xC9, 0x8E);
 /// The background of gaps: the FIFO was empty during motion.
 pub const GAP: RGBColor = RGBColor(0xE3, 0x9B, 0xF5);
-/// The colour of inputs.
+/// The colour of the inputs of an IO slave.
 pub const INPUT: RGBColor = RGBColor(0x0B, 0x6E, 0x8A);
-/// The colour of outputs.
+/// The colour of the outputs of an IO slave.
 pub const OUTPUT: RGBColor = RGBColor(0xB8, 0x4A, 0x00);
 /// The colour of titles and names.
 pub const INK: RGBColor = RGBColor(0x20, 0x24, 0x28);

@@ -28,7 +28,7 @@ enum Typed {
     Failed(io::Error),
 }
 
-/// Lines from a terminal or from a pipe.
+/// Reads lines from a terminal or from a pipe.
 pub struct Input {
     /// Requests the next line from the thread. Without a request it shows no prompt, as while a step runs.
     wanted: Sender<()>,

@@ -60,7 +60,7 @@ impl Quantity {
         }
     }
 
-    /// A value with its unit.
+    /// A value of this quantity as text with its unit.
     pub fn shown(self, value: u64) -> String {
         match self {
             Self::FollowingError | Self::TargetStep => format!("{value} counts"),
@@ -70,7 +70,7 @@ impl Quantity {
     }
 }
 
-/// The extremes of an axis.
+/// The largest value of each [`Quantity`] of an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AxisExtremes {
     peaks: [Peak; 4],
@@ -82,7 +82,7 @@ impl AxisExtremes {
     }
 }
 
-/// An axis while frames are read.
+/// The extremes of an axis, and its last values, while frames are read.
 #[derive(Debug, Default)]
 struct Axis {
     extremes: AxisExtremes,
@@ -90,9 +90,9 @@ struct Axis {
     is_axis: bool,
     /// The target that was executed last, while it is in force.
     target: Option<i32>,
-    /// The time and the position of the last report.
+    /// The time in nanoseconds and the position in counts of the last report.
     position: Option<(i64, i32)>,
-    /// The command that the last report answered.
+    /// The id of the command that the last report answered.
     answered: Option<u8>,
 }
 

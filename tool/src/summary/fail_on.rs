@@ -9,11 +9,11 @@ use super::extremes::{AxisExtremes, Quantity, seconds};
 pub enum FailOn {
     /// Any finding of the summary, or an incomplete recording.
     Any,
-    /// An alarm of a drive.
+    /// A drive had an alarm.
     Alarm,
-    /// A change of state that failed.
+    /// A change of the network's state failed.
     State,
-    /// A gap in a motion.
+    /// An underrun made a gap in a motion.
     Gap,
     /// A value of any axis above this limit, which is in the unit of the [`Quantity`].
     Above(Quantity, u64),

@@ -17,7 +17,7 @@ const APART: &str = "Apart on an ECM-XF, since it is ";
 pub enum Status {
     /// Claimed: a test must show it.
     Now,
-    /// Not claimed yet.
+    /// Planned: no test need show it yet.
     Later,
 }
 
@@ -43,18 +43,18 @@ pub struct Section {
     pub apart: Vec<(RuleId, String)>,
 }
 
-/// A page of docs/rules/.
+/// A page of docs/rules/, with its sections and rules.
 #[derive(Debug)]
 pub struct Page {
     /// Its path as links in docs/ have it: `rules/board.md`.
     pub file: String,
     pub title: String,
-    /// The paragraph below the title.
+    /// The paragraph below the title, which says what the page is about.
     pub summary: String,
     pub sections: Vec<Section>,
 }
 
-/// An error in a line of a file.
+/// An error in a page of rules: the line, and what is wrong with it.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Wrong {
     pub file: String,
@@ -62,7 +62,7 @@ pub struct Wrong {
     pub problem: String,
 }
 
-/// The rules of all pages.
+/// The rules of all pages, and the retired ids.
 #[derive(Debug, Default)]
 pub struct Rules {
     pub pages: Vec<Page>,
@@ -140,7 +140,7 @@ impl Rules {
         Ok(())
     }
 
-    /// All rules in order.
+    /// All rules, in the order of pages, sections and rows.
     pub fn iter(&self) -> impl Iterator<Item = &Rule> {
         self.pages.iter().flat_map(Page::rules)
     }

@@ -13,7 +13,7 @@ const FILE: u32 = 0o100_000;
 const LINK: u32 = 0o120_777;
 const END: &str = "TRAILER!!!";
 
-/// An archive to which files are added.
+/// A cpio archive to which files are added.
 #[derive(Default)]
 pub struct Archive {
     bytes: Vec<u8>,
@@ -31,7 +31,7 @@ impl Archive {
         self.entry(path, FOLDER, &[]);
     }
 
-    /// Adds a file.
+    /// Adds a file with these permissions and this content.
     pub fn file(&mut self, path: &str, permissions: u32, content: &[u8]) {
         self.folder(path.rsplit_once('/').map_or("", |(above, _)| above));
         self.entry(path, FILE | permissions, content);

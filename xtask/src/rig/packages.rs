@@ -30,7 +30,7 @@ const MADE_OF: &str = "made-of";
 
 /// The packages, unpacked into one folder.
 pub struct Packages {
-    /// The folder that corresponds to `/`.
+    /// The folder into which they are unpacked, as if it were `/`.
     pub root: PathBuf,
     /// The kernel's release, such as `6.1.0-40-amd64`.
     pub release: String,

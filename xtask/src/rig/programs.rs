@@ -52,7 +52,7 @@ pub fn tests(project: &Project, packages: &Packages, folder: &Path) -> Result<Pr
         ("cancelled".to_owned(), build_cancelled(project, &prefix, &built)?),
         ("usbip".to_owned(), packages.root.join("usr/sbin/usbip")),
     ];
-    // Unchanged programs that link the library.
+    // The example programs, which link the library as a user's program does.
     for program in build_examples(project, &prefix, &built.join("examples"))? {
         let name = program.file_name().unwrap_or_default().to_string_lossy().into_owned();
         programs.push((format!("examples/{name}"), program));

@@ -99,7 +99,7 @@ fn command_line(machine: &Machine<'_>, words: &[String]) -> Command {
     qemu.arg("-kernel").arg(machine.kernel).arg("-initrd").arg(machine.initrd);
     qemu.arg("-append").arg(format!("{KERNEL_OPTIONS} {}", words.join(" ")));
     for (name, folder) in machine.folders {
-        // A comma in a value is doubled.
+        // QEMU expects commas in a value to be doubled.
         let path = folder.to_string_lossy().replace(',', ",,");
         qemu.arg("-virtfs").arg(format!("local,path={path},mount_tag={name},security_model=none,readonly=on"));
     }

@@ -44,7 +44,7 @@ pub struct Contents {
 }
 
 impl Contents {
-    /// Reads a folder.
+    /// Reads the programs, libraries and assemblies in a folder.
     pub fn of(folder: &Path) -> io::Result<Self> {
         let names = names(folder)?;
         let entry = |name: &String| Entry { name: printable(name), image: look(&folder.join(name)) };

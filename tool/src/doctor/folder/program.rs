@@ -5,14 +5,14 @@ use ecmsk::machine::findings::Finding;
 use super::contents::{Contents, Entry, LIBRARY, Library, stem, whose};
 use crate::image::{Image, Managed};
 
-/// The name of this check.
+/// The name of this check in the output of `doctor`.
 pub const CHECK: &str = "program";
 /// The text that every program that uses the library contains: the beginning of the library's name and of its assemblies'
 /// names.
 const LIBRARY_STEM: &str = "NEXTWUSB";
 const ASSEMBLY: &str = "NEXTWUSB_dotNET";
 
-/// The finding about a program.
+/// The finding about a program: which library it loads, or why it finds none.
 pub fn finding(program: &Entry, there: &Contents) -> Finding {
     let finding = match &program.image {
         Ok(image) => of_image(program, image, there),

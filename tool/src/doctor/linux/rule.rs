@@ -15,7 +15,7 @@ pub enum RuleError {
     /// This user may not write the file.
     #[error("{PLACE} was not written: {0}; type the lines above")]
     Refused(io::Error),
-    /// The file exists with other content.
+    /// The file of the rule exists, but with other content.
     #[error("{PLACE} exists with another content and was not changed; check it, sudo rm {PLACE}, then try again")]
     Different,
     /// The file cannot be written.
@@ -45,7 +45,7 @@ pub fn write(machine: &Machine) -> Result<(), CliError> {
     }
 }
 
-/// Writes the whole file or nothing.
+/// Writes the rule completely; if that fails, no file is left.
 fn put(file: &Path) -> io::Result<()> {
     let mut opened = OpenOptions::new().write(true).create_new(true).open(file)?;
     opened.write_all(RULE.as_bytes()).inspect_err(|_| {

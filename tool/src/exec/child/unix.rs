@@ -71,7 +71,7 @@ pub fn end_as(ended: ExitStatus) -> ExitCode {
 fn pass_on(running: &Mutex<Option<Pid>>, signal: Signal) {
     let running = running.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some(id) = *running {
-        // The program may have ended already.
+        // Sending fails if the program has ended already.
         let _ = kill_process(id, signal);
     }
 }

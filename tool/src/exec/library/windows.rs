@@ -8,9 +8,9 @@ use super::{ExecError, not_a_library};
 use crate::exec::link::program_file;
 use crate::image::{Image, Width};
 
-/// The file name that programs use.
+/// The file name by which programs ask for the library.
 pub const FILE_NAME: &str = "NEXTWUSBLib.dll";
-/// All file names of the library.
+/// The file names by which programs ask for the library.
 pub const NAMES: &[&str] = &[FILE_NAME];
 /// The variable with the folders in which Windows looks last.
 pub const SEARCH_PATH: &str = "PATH";
@@ -72,7 +72,7 @@ pub fn folder(library: &Path) -> Result<TempDir, ExecError> {
     Ok(folder)
 }
 
-/// The folder that is put first on `PATH`.
+/// The folder that is put first on `PATH`: the library's own.
 pub fn first<'a>(_folder: &'a Path, library: &'a Path) -> &'a Path {
     library.parent().unwrap_or(Path::new("\\"))
 }

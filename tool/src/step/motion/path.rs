@@ -35,7 +35,7 @@ impl Speeds {
     }
 }
 
-/// The path of one axis, in counts.
+/// The straight path of one axis from start to end, in counts, with its limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisPath {
     pub slave: u8,
@@ -61,7 +61,7 @@ impl AxisPath {
     }
 }
 
-/// The common path of all axes.
+/// The path of all axes of a move, which they travel with one motion profile.
 pub struct Path {
     pub axes: Vec<AxisPath>,
     /// The distance of the axis that moves furthest, in counts.

@@ -4,7 +4,7 @@ use ecmsk::ecm::Scale;
 
 use crate::board::{BoardError, positive};
 
-/// A target of one axis: `1=10000`.
+/// The target of one axis as the user gives it: `1=10000`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Target {
     pub slave: u8,

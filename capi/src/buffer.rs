@@ -49,7 +49,7 @@ impl ReportBuffer {
     }
 }
 
-/// The text at `text`.
+/// Reads the C string at `text`, the argument with the name `argument`.
 ///
 /// # Errors
 /// [`CallError::Null`], [`CallError::NotText`].

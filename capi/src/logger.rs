@@ -150,7 +150,8 @@ mod raw {
             io::ErrorKind::Interrupted => Ok(()),
             io::ErrorKind::WouldBlock => {
                 let mut polled = libc::pollfd { fd: libc::STDERR_FILENO, events: libc::POLLOUT, revents: 0 };
-                // SAFETY: one valid structure. If the wait fails the next write says why.
+                // SAFETY: `polled` is one valid structure, and the count is 1. If the wait fails, the next write reports the
+                // error.
                 unsafe { libc::poll(&raw mut polled, 1, -1) };
                 Ok(())
             }

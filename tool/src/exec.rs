@@ -78,7 +78,7 @@ pub struct Args {
 /// Why the program was not run.
 #[derive(Debug, thiserror::Error)]
 pub enum ExecError {
-    /// The library is neither in the place of the option nor in the usual folders.
+    /// The library is neither at the path of `--library` nor in one of the usual folders.
     #[error(
         "no {} in {}; build it with `cargo build -p NEXTWUSBLib`, or name it with --library", library::FILE_NAME, list(.looked_in)
     )]

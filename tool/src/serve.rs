@@ -120,7 +120,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     }
 }
 
-/// Parses the address of `--listen`; its default port is `PORT`.
+/// Parses the address of `--listen`. It must have a port; errors propose `PORT`.
 fn listen_at<const PORT: u16>(text: &str) -> Result<SocketAddr, String> {
     text.parse().map_err(|_| match text.parse::<IpAddr>() {
         Ok(address) => format!("the port is missing: write {}", SocketAddr::new(address, PORT)),

@@ -68,7 +68,7 @@ impl LibraryFolder {
         self.folder.path().join(".opened")
     }
 
-    /// Creates the file to which the library writes what goes wrong.
+    /// Creates the file to which the library writes why calls of the program fail.
     pub fn reasons_file(&self) -> Result<PathBuf, ExecError> {
         let file = self.folder.path().join(".told");
         match std::fs::File::create_new(&file) {

@@ -45,7 +45,7 @@ pub struct Lines {
     pub ios: Vec<(u8, Vec<Lane>)>,
     /// The commanded path in the plane, and the actual one.
     pub plane: Option<[Pieces; 2]>,
-    /// Free entries of the FIFO.
+    /// The number of free FIFO entries over time.
     pub fifo_free: Pieces,
     /// The times in seconds at which the full count rose, so commands were lost. Times within one pixel column are merged.
     pub full: Vec<f64>,

@@ -59,7 +59,7 @@ pub fn run(project: &Project, names: &[String]) -> Result<(), Error> {
     files::keep(&said, &folder.join("files"))
 }
 
-/// Runs the bench of the wires in the guest; returns its output.
+/// Runs the bench of the wires in the guest; returns its lines of output.
 pub fn bench(project: &Project) -> Result<Vec<String>, Error> {
     let packages = packages::fetch(&project.target.join("xtask/rig"))?;
     let programs = programs::bench(project)?;

@@ -17,9 +17,9 @@ use crate::module::ModuleReference;
 /// An open link with the default timeouts of its URI.
 pub struct OpenBoard {
     pub link: Arc<dyn Link>,
-    /// The timeout of a read that the link's URI sets (`read_timeout_ms`).
+    /// The timeout of a read, from the link's URI (`read_timeout_ms`); without that key a read has none.
     pub read_wait: Wait,
-    /// The timeout of a write that the link's URI sets (`write_timeout_ms`).
+    /// The timeout of a write, from the link's URI (`write_timeout_ms`) or the link's default.
     pub write_wait: Wait,
     closed: AtomicBool,
     /// The length of this board's frames in bytes; 0 if the link does not know it, or after a warning about it.

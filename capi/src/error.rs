@@ -29,7 +29,7 @@ pub enum CallError {
         /// The name of the argument.
         argument: &'static str,
     },
-    /// The `size` of a structure is not set.
+    /// The `size` of a structure was not set by the caller, or is too small.
     #[error("`size` of the structure is {found}, less than {least}; set it to sizeof of the structure before the call")]
     StructSize {
         /// The value of `size` that the caller has set, in bytes.

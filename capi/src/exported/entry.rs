@@ -51,7 +51,7 @@ pub fn guard<T: Debug>(
         return Err(error);
     }
     let _may_hold_lock = (!forked::any_open()).then(MayHoldLock::begin);
-    // These guards end in the reverse order.
+    // These guards are dropped in the reverse order, so cancellation is deferred until all others have ended.
     let _cancellation = CancellationDeferred::begin();
     let _last_error = LastError::keep();
     let _floating_point = FloatingPoint::begin();

@@ -105,7 +105,7 @@ pub fn guard(text: &str) -> Result<Guard, String> {
     }
 }
 
-/// The counts per unit of position: `None` for all axes, or for the axis with this number.
+/// The counts per unit: each value is for the axis with that number or, with `None`, for all axes without a value of their own.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scales(Vec<(Option<u8>, Scale)>);
 

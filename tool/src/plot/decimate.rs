@@ -107,7 +107,7 @@ impl Line {
         }
         let number = self.column_of(sample.0);
         match &mut self.column {
-            // The curve was not interrupted for longer than this pixel column, which cannot be seen.
+            // An interruption that begins and ends in the same pixel column cannot be seen, so it is ignored.
             Some(column) if column.number == number => {
                 column.last = sample;
                 if sample.1 < column.least.1 {

@@ -9,7 +9,7 @@ use crate::command;
 use crate::error::Error;
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
-/// The version as four numbers, by which installers compare files.
+/// The version as four numbers, by which Windows compares files.
 const NUMBERS: &str = concat!(
     env!("CARGO_PKG_VERSION_MAJOR"),
     ",",

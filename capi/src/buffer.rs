@@ -107,7 +107,7 @@ mod tests {
         }
     }
 
-    /// LIB-27, LIB-51, LIB-53 NULL and a length of 0 are errors, each its own.
+    /// LIB-27, LIB-51, LIB-53 NULL and a length of 0 are errors, each with an error of its own.
     #[test]
     fn null_and_nothing_are_errors() {
         let mut byte = 0_u8;

@@ -103,7 +103,7 @@ mod tests {
         Frame::from_bytes([with; FRAME_LEN])
     }
 
-    /// LIB-54 Before any frame it is all 0; then it is the last one.
+    /// LIB-54 Before any frame was kept the last frame is all 0; afterwards it is the one that was kept last.
     #[test]
     fn the_last_frame_is_kept() {
         let last = LastFrame::new();
@@ -114,7 +114,7 @@ mod tests {
         }
     }
 
-    /// LIB-54 However many threads keep frames, one gets a whole one.
+    /// LIB-54 However many threads keep frames at the same time, a reader gets one whole frame and not parts of two.
     #[test]
     fn no_frame_is_of_two() {
         let (last, ended) = (LastFrame::new(), AtomicBool::new(false));

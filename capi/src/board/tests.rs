@@ -302,7 +302,8 @@ fn calls_do_not_wait_for_an_open_under_way() {
     assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
 }
 
-/// LIB-71 Close during a pending Open does not wait for it, however often; the board is open afterwards. LIB-47
+/// LIB-71 While an Open is pending, Close does not wait for it, however often it is called; the board is open afterwards.
+/// LIB-47
 #[test]
 fn close_does_not_wait_for_an_open_under_way() {
     let (board, link) = (VendorBoard::new(), FakeLink::new());

@@ -28,7 +28,7 @@ const SYSTEM: System = System {
     // The DLLs are stripped now and not later, because Wine copies them into its prefix when it is set up.
     finish: |root| DLLS.iter().try_for_each(|(folder, _)| strip(&root.join(folder))),
 };
-/// The folder in that Debian system for programs to run.
+/// The folder in that Debian system into which the programs to run are put.
 const PROGRAMS: &str = "srv";
 /// The folder in that Debian system for Wine's prefix: its drive C and its registry.
 pub const PREFIX: &str = "wine";

@@ -17,9 +17,9 @@ use crate::module::ModuleReference;
 /// An open link with the default timeouts of its URI.
 pub struct OpenBoard {
     pub link: Arc<dyn Link>,
-    /// The default timeout of a read.
+    /// The timeout of a read, from the link's URI (`read_timeout_ms`); without that key a read has none.
     pub read_wait: Wait,
-    /// The default timeout of a write.
+    /// The timeout of a write, from the link's URI (`write_timeout_ms`) or the link's default.
     pub write_wait: Wait,
     closed: AtomicBool,
     /// The length of this board's frames in bytes; 0 if the link does not know it, or after a warning about it.
@@ -43,7 +43,7 @@ impl OpenBoard {
         })
     }
 
-    /// Closes the board.
+    /// Closes the link. Further calls do nothing.
     pub fn close(&self) {
         self.end(|link| link.close());
     }
@@ -115,7 +115,7 @@ impl VendorState {
     }
 }
 
-/// How often an Open looks whether another thread has opened or closed the board. \[OURS]
+/// The interval at which a waiting Open checks whether another thread has finished opening or closing the board. \[OURS]
 const CHECK_INTERVAL: Duration = Duration::from_millis(1);
 
 /// The number that was last given to a board.
@@ -198,7 +198,7 @@ impl VendorBoard {
         state.current.take()
     }
 
-    /// The open board.
+    /// The board that is open.
     ///
     /// # Errors
     /// [`CallError::NotOpen`].

@@ -49,7 +49,7 @@ impl ReportBuffer {
     }
 }
 
-/// The text at `text`.
+/// Reads the C string at `text`, the argument with the name `argument`.
 ///
 /// # Errors
 /// [`CallError::Null`], [`CallError::NotText`].
@@ -107,7 +107,7 @@ mod tests {
         }
     }
 
-    /// LIB-27, LIB-51, LIB-53 NULL and a length of 0 are errors, each its own.
+    /// LIB-27, LIB-51, LIB-53 NULL and a length of 0 are errors, each with an error of its own.
     #[test]
     fn null_and_nothing_are_errors() {
         let mut byte = 0_u8;

@@ -11,11 +11,11 @@ mod state {
     use std::ptr::null_mut;
 
     unsafe extern "C" {
-        /// POSIX, `pthread.h`.
+        /// The POSIX function, as `pthread.h` declares it.
         fn pthread_setcancelstate(state: c_int, before: *mut c_int) -> c_int;
     }
 
-    /// `PTHREAD_CANCEL_DISABLE`
+    /// The value of `PTHREAD_CANCEL_DISABLE`, which POSIX leaves to the system.
     const DISABLE: c_int = if cfg!(target_vendor = "apple") { 0 } else { 1 };
 
     pub struct CancellationDeferred {

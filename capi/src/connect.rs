@@ -40,7 +40,7 @@ pub fn named(uri: &str) -> Result<Arc<dyn Link>, Box<CallError>> {
     Ok(watched(link::open(uri, Share::ByName)?))
 }
 
-/// The link, with its frames watched if `ecmsk exec` has started the program.
+/// Wraps the link so that its frames are watched for problems, if `ecmsk exec` has started the program and wants a summary.
 fn watched(link: Arc<dyn Link>) -> Arc<dyn Link> {
     match writer::of_process() {
         Some(summary_writer) => summary_writer.watch(link),
@@ -48,8 +48,8 @@ fn watched(link: Arc<dyn Link>) -> Arc<dyn Link> {
     }
 }
 
-/// Reports to `ecmsk exec`, if that has started the program, that the program opens a board: creates the file that it has
-/// named.
+/// Tells `ecmsk exec`, if that has started the program, that the program opens a board: creates an empty file whose path an
+/// environment variable gives.
 fn report_opened() {
     if let Some(file) = config::variable(config::OPENED_VARIABLE) {
         create(Path::new(&file));

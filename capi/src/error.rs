@@ -15,9 +15,9 @@ pub enum CallError {
     /// A pointer is NULL.
     #[error("`{argument}` is NULL; pass the address of {expected}")]
     Null {
-        /// Name of the argument.
+        /// The name of the argument.
         argument: &'static str,
-        /// What it should point to.
+        /// What the pointer should point to.
         expected: &'static str,
     },
     /// The length of a buffer is 0.
@@ -26,21 +26,21 @@ pub enum CallError {
     /// A text is not UTF-8.
     #[error("`{argument}` is not UTF-8")]
     NotText {
-        /// Name of the argument.
+        /// The name of the argument.
         argument: &'static str,
     },
-    /// The `size` of a structure is not set.
+    /// The `size` of a structure was not set by the caller, or is too small.
     #[error("`size` of the structure is {found}, less than {least}; set it to sizeof of the structure before the call")]
     StructSize {
-        /// The value that the caller has set.
+        /// The value of `size` that the caller has set, in bytes.
         found: u32,
-        /// The least valid value.
+        /// The smallest valid value of `size`, in bytes.
         least: usize,
     },
     /// A timeout is negative and none of the constants.
     #[error("a timeout of {found} ms; pass 0 or more, ECMSK_WAIT_FOREVER (-1) or ECMSK_WAIT_LINK (-2)")]
     Timeout {
-        /// The value that the caller has passed.
+        /// The invalid value that the caller has passed.
         found: i64,
     },
     /// The vendor's functions were called before OpenECMUSB or after CloseECMUSB.
@@ -55,7 +55,7 @@ pub enum CallError {
     /// No open board has this handle.
     #[error("no open board has the handle {handle:#x}; it was closed, or never came from ecmsk_open")]
     Handle {
-        /// The value that the caller has passed.
+        /// The invalid value that the caller has passed.
         handle: usize,
     },
     /// The link does not know the counters of the board.
@@ -67,18 +67,18 @@ pub enum CallError {
     /// The link that the configuration names cannot be opened.
     #[error("link {from}: {error}")]
     Configured {
-        /// Where the link is configured.
+        /// Where the link is configured: a variable, a file, or the default.
         from: Source,
-        /// Why it cannot be opened.
+        /// Why the link cannot be opened.
         error: Box<LinkError>,
     },
-    /// A call of the link failed.
+    /// The link reports an error, such as a timeout or a lost board.
     #[error(transparent)]
     Link(LinkError),
     /// The system has no memory for the call.
     #[error("there is no memory for this call; end other programs, or raise the limit of this one (ulimit -v)")]
     Memory,
-    /// A defect of this library.
+    /// A panic in this library, which is a defect; its message.
     #[error("internal error: {0}; please report it with the output of ECMSK_LOG=trace")]
     Panic(String),
 }
@@ -93,11 +93,11 @@ impl From<LinkError> for Box<CallError> {
 /// Room for an error text with its terminating 0; a longer text is cut.
 const TEXT_LEN: usize = 2048;
 
-/// A C string.
+/// An error text as a C string, with its terminating 0.
 type Text = [u8; TEXT_LEN];
 
 thread_local! {
-    /// The text that this thread gets. Its address is the same until the thread ends.
+    /// The error text that [`last`] returns to this thread. Its address is the same until the thread ends.
     static TEXT_OF_THREAD: RefCell<Text> = const { RefCell::new([0; TEXT_LEN]) };
     /// Whether a call of this thread has failed, so that the text is of its own error.
     static HAS_OWN_ERROR: Cell<bool> = const { Cell::new(false) };
@@ -106,13 +106,13 @@ thread_local! {
 /// The text of the last OpenECMUSB that failed in any thread.
 static LAST_OPEN: Mutex<Text> = Mutex::new([0; TEXT_LEN]);
 
-/// Keeps the error for [`last`].
+/// Keeps the text of an error of this thread for [`last`].
 pub fn remember(error: &CallError) {
     TEXT_OF_THREAD.with_borrow_mut(|text| write(text, error));
     HAS_OWN_ERROR.set(true);
 }
 
-/// Keeps the error of an OpenECMUSB for every thread.
+/// Keeps the text of a failed OpenECMUSB for [`last`] in every thread.
 pub fn remember_open(error: &CallError) {
     write(&mut lock(&LAST_OPEN), error);
 }

@@ -11,12 +11,12 @@ pub fn any_open() -> bool {
     OPEN.load(Ordering::Relaxed) > 0
 }
 
-/// A board was opened.
+/// To be called when a board was opened.
 pub fn note_opened() {
     OPEN.fetch_add(1, Ordering::Relaxed);
 }
 
-/// A board was closed.
+/// To be called when a board was closed.
 pub fn note_closed() {
     OPEN.fetch_sub(1, Ordering::Relaxed);
 }

@@ -11,9 +11,9 @@ use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use ecmsk::sk::{FRAME_LEN, Frame};
 
-/// The number of slots: more than threads that move frames at the same moment. \[OURS]
+/// The number of slots. It should be more than the number of threads that move frames at the same moment. \[OURS]
 const PLACES: usize = 8;
-/// How often a frame is copied again because it was replaced during the copy. \[OURS]
+/// How many times a frame is copied at most, if another thread replaces it during the copy. \[OURS]
 const TRIES: usize = 100;
 /// The [`Place::number`] of a slot that a thread is writing to, or was writing to when it was ended.
 const WRITING: u64 = u64::MAX;
@@ -27,7 +27,7 @@ pub struct LastFrame {
 }
 
 struct Place {
-    /// The frame's number from 1; 0 for none.
+    /// The number of the frame in the slot, from 1; 0 if the slot is empty.
     number: AtomicU64,
     words: [AtomicU64; WORDS],
 }
@@ -103,7 +103,7 @@ mod tests {
         Frame::from_bytes([with; FRAME_LEN])
     }
 
-    /// LIB-54 Before any frame it is all 0; then it is the last one.
+    /// LIB-54 Before any frame was kept the last frame is all 0; afterwards it is the one that was kept last.
     #[test]
     fn the_last_frame_is_kept() {
         let last = LastFrame::new();
@@ -114,7 +114,7 @@ mod tests {
         }
     }
 
-    /// LIB-54 However many threads keep frames, one gets a whole one.
+    /// LIB-54 However many threads keep frames at the same time, a reader gets one whole frame and not parts of two.
     #[test]
     fn no_frame_is_of_two() {
         let (last, ended) = (LastFrame::new(), AtomicBool::new(false));

@@ -84,7 +84,7 @@ impl Lines {
     }
 }
 
-/// Writes a line, on the thread for this.
+/// Writes a queued line. Runs on the thread that writes lines.
 fn tell(note: Note<Vec<u8>>) {
     match note {
         Note::Item(line) => write_now(&line),
@@ -150,7 +150,8 @@ mod raw {
             io::ErrorKind::Interrupted => Ok(()),
             io::ErrorKind::WouldBlock => {
                 let mut polled = libc::pollfd { fd: libc::STDERR_FILENO, events: libc::POLLOUT, revents: 0 };
-                // SAFETY: one valid structure. If the wait fails the next write says why.
+                // SAFETY: `polled` is one valid structure, and the count is 1. If the wait fails, the next write reports the
+                // error.
                 unsafe { libc::poll(&raw mut polled, 1, -1) };
                 Ok(())
             }

@@ -43,7 +43,8 @@ fn can_be_had(bytes: usize) -> bool {
     can_be
 }
 
-/// Asks the system and not the heap: the heap would give pages back that the next allocations request again.
+/// Requests the memory from the system and not from the heap: the heap would return pages to the system that the next
+/// allocations request again.
 #[cfg(windows)]
 fn can_be_had(bytes: usize) -> bool {
     use std::ptr::null;

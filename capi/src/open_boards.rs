@@ -3,10 +3,10 @@
 use crate::board::VendorBoard;
 use crate::handles::Handles;
 
-/// The board of the vendor's functions.
+/// The board that the vendor's functions use.
 pub static VENDOR_BOARD: VendorBoard = VendorBoard::new();
 
-/// The boards that were opened by URI.
+/// The boards that `ecmsk_open` has opened, by handle.
 pub static HANDLES: Handles = Handles::new();
 
 /// Releases all boards that this process has not closed, when it ends.

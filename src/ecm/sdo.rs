@@ -5,7 +5,7 @@
 
 use std::time::Duration;
 
-use super::exchange::{LIMIT_MAX, Session, Task};
+use super::exchange::{LIMIT_MAX, Session, Task, Waited};
 use super::{Ecm, EcmError};
 use crate::ethercat::coe::{ObjectAddress, SdoSize};
 use crate::sk::{CommandId, MasterState, SdoCommand, SdoResponse};
@@ -92,13 +92,16 @@ impl Ecm {
 
     /// Carries out a transfer. Returns the value that was read or written.
     pub(super) fn transfer(&self, command: SdoCommand, limit: Duration) -> Result<u32, EcmError> {
-        let began = self.exchange.now();
+        let mut waited = Waited::since(self.exchange.now());
         let limit = limit.min(LIMIT_MAX);
         let turn = self.exchange.sdo_turn.try_lock_for(limit).ok_or(EcmError::Busy { what: "the SDO slot" })?;
         self.wait_for_sdo_of_stream()?;
         let wanted = Wanted::of(&command);
-        let (size, in_between) = {
+        let (size, cycle, in_between) = {
             let session = self.exchange.lock_newest()?;
+            let cycle = session.network.cycle();
+            // Until here the thread may have had no turn.
+            waited.until(self.exchange.now(), cycle);
             let found = session.board().state;
             if found.state().is_none_or(|state| state < MasterState::PreOp) {
                 return Err(EcmError::WrongState { what: "an SDO", needs: "PreOP, SafeOP or OP", found });
@@ -107,7 +110,7 @@ impl Ecm {
             let is_ambiguous = |object: &&ObjectAddress| **object == wanted.object || late.contains(object);
             let in_between = IN_BETWEEN.iter().find(|object| !is_ambiguous(object)).unwrap_or(&IN_BETWEEN[0]);
             let is_needed = wanted.is_shown(&session) || !late.is_empty();
-            (session.size, is_needed.then_some(*in_between))
+            (session.size, cycle, is_needed.then_some(*in_between))
         };
         if wanted.slave == 0 || usize::from(wanted.slave) > size.max_slaves() {
             return Err(EcmError::NoSuchSlave { slave: wanted.slave, declared: size.max_slaves() });
@@ -121,7 +124,7 @@ impl Ecm {
             // The board carries out transfers in order: after this answer no late answer to an earlier request can come.
             self.exchange.lock()?.late_sdos.clear();
         }
-        let left = limit.saturating_sub(self.exchange.now().saturating_sub(began));
+        let left = limit.saturating_sub(waited.until(self.exchange.now(), cycle));
         let done = self.transfer_once(command, left);
         drop(turn);
         done

@@ -1,8 +1,8 @@
-//! The board of a verb: the options that every verb with a board has, and what is shared by those verbs. `session.rs`
-//! is the open board; `bring_up.rs`, `adopted.rs` and `interruptible.rs` are its long calls: bringing the network up,
-//! checking a network that is already running, and waiting with Ctrl-C as an end. `network.rs`, `slaves.rs` and
-//! `number.rs` read options and operands; `reporter.rs` prints results and progress, `question/` asks at a terminal,
-//! `error.rs` has the errors, `interrupt.rs` the signals.
+//! The board that a verb (a subcommand of the tool) works on: the options that all such verbs share, and their common code.
+//! `session.rs` is the open board; `bring_up.rs`, `adopted.rs` and `interruptible.rs` are its long calls: bringing the network
+//! up, checking a network that is already running, and waiting until Ctrl-C. `network.rs`, `slaves.rs` and `number.rs` parse
+//! options and operands; `reporter.rs` prints results and progress, `question/` asks at a terminal, `error.rs` has the errors,
+//! `interrupt.rs` the signals.
 
 mod adopted;
 mod bring_up;
@@ -105,7 +105,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// The board that the options, the environment or the configuration name.
+    /// The link to the board: that of `--link`, else that of `ECMSK_LINK`, else that of `ecmsk.toml`, else the default.
     ///
     /// # Errors
     /// `ECMSK_LINK` or `ecmsk.toml` is invalid.
@@ -133,8 +133,8 @@ impl Args {
         }
     }
 
-    /// The configuration of the network, from the options or the link; `known` is what the server of the link knows.
-    /// `None` if the network is not known.
+    /// The configuration of the network, from the options or the link. `known` is the network that a server at the other end of
+    /// the link has reported; it replaces missing options. `None` if none of them gives the slaves.
     pub fn network(&self, uri: &LinkUri, known: Option<&KnownNetwork>) -> Option<Config> {
         let network = self.slaves.clone().or_else(|| Network::of_link(uri));
         let network = network.or_else(|| Network::parse(&known?.slaves).ok())?;
@@ -142,13 +142,13 @@ impl Args {
         Some(network.config(self.cycle_us, self.lead_limit, scales.as_ref()))
     }
 
-    /// The units from the options of this command, without those that a server knows.
+    /// The counts per unit that `--counts-per-unit` gives; those that a server reports are not included.
     pub const fn scales(&self) -> Option<&Scales> {
         self.counts_per_unit.as_ref()
     }
 }
 
-/// Checks a list of slaves that a server passes on to its clients, and returns it as it was written.
+/// Checks a list of slaves that a server passes on to its clients as text, and returns the text unchanged.
 ///
 /// # Errors
 /// The text is invalid; the error says what is wrong and what is allowed.
@@ -156,7 +156,7 @@ pub fn slaves_words(text: &str) -> Result<String, String> {
     Network::parse(text).and_then(|_| checked_length(text))
 }
 
-/// Checks counts per unit that a server passes on to its clients, and returns them as they were written.
+/// Checks counts per unit that a server passes on to its clients as text, and returns the text unchanged.
 ///
 /// # Errors
 /// The text is invalid; the error says what is allowed.

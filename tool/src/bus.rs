@@ -1,7 +1,8 @@
-//! `ecmsk bus`: looks at a network, over our own master or a chip.
+//! `ecmsk bus`: shows and changes the slaves of a network, over this project's software master or over an ECM-XF.
 //!
-//! - `session.rs`: the network of a verb
-//! - `scan.rs`, `sdo.rs`, `sii.rs`, `foe.rs`, `dc.rs`, `errors.rs`: one verb each; `contents.rs`: an EEPROM in words
+//! - `session.rs`: the open network that a verb works on
+//! - `scan.rs`, `sdo.rs`, `sii.rs`, `foe.rs`, `dc.rs`, `errors.rs`: one verb each; `contents.rs`: the content of an EEPROM as
+//!   text
 //! - `words.rs`: states, ports and identities as text; `file.rs`: files of this machine
 //! - `error.rs`: why a verb failed
 

@@ -113,11 +113,11 @@ impl How {
 
 /// The names of the two runs, whether they are complete, and where their picture is written to.
 pub struct Names {
-    /// The names of A and B.
+    /// The names of the two runs, A and B, for the output.
     pub runs: [String; 2],
-    /// Why a recording is not the complete run; `None` if it is.
+    /// What each recording lacks to be the complete run; `None` if it is complete.
     pub lacks: [Option<String>; 2],
-    /// The file of the picture.
+    /// The path to which the picture is written.
     pub plot: Option<PathBuf>,
 }
 
@@ -136,7 +136,7 @@ pub enum CompareVerbError {
     /// More devices are named than captures are compared.
     #[error("--device names {found} devices for two captures; name one for A and one for B, as 1.5,1.6")]
     TooManyDevices {
-        /// The number of devices named.
+        /// The number of devices that the command line names.
         found: usize,
     },
     /// The picture has nothing to show.
@@ -249,7 +249,7 @@ pub fn print(text: String, code: u8) -> Result<ExitCode, CompareVerbError> {
     Ok(ExitCode::from(code))
 }
 
-/// Both recordings as runs.
+/// The two recordings of a comparison, opened for reading.
 struct Runs {
     a: RecordedRun,
     b: RecordedRun,
@@ -267,13 +267,13 @@ impl Runs {
         Ok(Self { a, b, size })
     }
 
-    /// Prints the notes on both recordings after they were read; returns what they lack.
+    /// Prints the notes on both recordings, once they were read; returns what each lacks to be complete.
     fn check(&self) -> Result<[Option<String>; 2], CompareVerbError> {
         Ok([tell("A", &self.a)?, tell("B", &self.b)?])
     }
 }
 
-/// Prints the notes on a recording after it was read; returns what it lacks.
+/// Prints the notes on a recording, once it was read; returns what it lacks to be complete.
 ///
 /// # Errors
 /// The error with which reading has ended.
@@ -316,7 +316,7 @@ where
     picture.draw(names, found)
 }
 
-/// The result as text.
+/// The result of the comparison as text.
 pub fn text(names: &Names, found: &Comparison) -> String {
     let [a, b] = &names.runs;
     let picture = names.plot.as_ref().map_or_else(String::new, |file| format!("picture: {}\n", file.display()));

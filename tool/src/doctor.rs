@@ -69,7 +69,7 @@ pub struct Args {
     folder: Option<PathBuf>,
 }
 
-/// The period and the number of the sleeps that the lateness is measured with: a second of cycles of 1 ms.
+/// The wake-up lateness is measured over [`TIMES`] sleeps of [`PERIOD`]: one second of cycles of 1 ms.
 const PERIOD: Duration = Duration::from_millis(1);
 const TIMES: usize = 1000;
 
@@ -116,7 +116,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     Ok(if is_wrong { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-/// The findings about this machine; `None` if the options request something else, which is done then.
+/// The findings about this machine. `None` if `--write-udev-rule` was given: then the rule is written and nothing is checked.
 fn machine(args: &Args) -> Result<Option<Vec<Finding>>, CliError> {
     if system::is_done(&args.system)? {
         return Ok(None);

@@ -3,10 +3,11 @@
 //! Files:
 //!
 //! - `dump.rs`: options, and the two sources of frames; `error.rs`: why a dump stopped
-//! - `frames.rs`: a frame with what is known of it, and which of its slots are shown
+//! - `frames.rs`: a frame with its position in the input and its slot size, and which of its slots are shown
 //! - `hex.rs`, `direction.rs`: frames from hexadecimal digits, and their direction
-//! - `packets.rs`: the recording of a chip ECM-XF; `packet.rs`: its packets; `pieces.rs`: those that passed in parts
-//! - `place.rs`: where a frame or packet stands in the input
+//! - `packets.rs`: the recording of an ECM-XF; `packet.rs`: a packet, decoded; `pieces.rs`: packets that were transferred in
+//!   parts
+//! - `place.rs`: the number, time and direction of a frame or packet
 //! - `output_formats.rs`: the formats of the output, with a file for each in `output_formats/`; `slot_json.rs`: slots as JSON
 
 mod direction;
@@ -134,8 +135,8 @@ pub struct Args {
     fw: Option<Firmware>,
 }
 
-/// The longest line in bytes, so that input that is no text does not fill the memory: the digits of a frame, each
-/// between blanks, and a long comment. \[OURS]
+/// The longest line in bytes. It has room for the digits of a frame with blanks between them, and for a long comment. The limit
+/// keeps input that is no text from filling the memory. \[OURS]
 const LINE_BYTES_MAX: u64 = 64 * 1024;
 
 /// Prints the frames or packets of the input.
@@ -159,7 +160,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
         Some(frames) => dump_recording(args, frames, &mut printer),
         None => dump_hex(args, &mut printer),
     };
-    // The frames before an error are shown as well.
+    // The output is flushed also after an error, so that the frames before it are shown.
     printer.out.flush()?;
     printer.note_nothing_left();
     shown
@@ -235,7 +236,7 @@ fn dump_hex(args: &Args, printer: &mut Printer) -> Result<(), CliError> {
     Ok(())
 }
 
-/// The source of frames. The text output has a heading for each.
+/// The board that the following frames are from, and its recording. The text output has a heading where this changes.
 #[derive(PartialEq, Eq)]
 struct Section {
     /// The bus and device number of the board.
@@ -250,7 +251,7 @@ struct Printer {
     view: View,
     times: Times,
     direction: Option<Dir>,
-    /// The firmware that the user has given.
+    /// The firmware that `--fw` gives, which overrides that of the recording.
     firmware: Option<Firmware>,
     /// The number of frames read, and of frames printed.
     frames: u64,
@@ -304,7 +305,7 @@ impl Printer {
         Ok(self.format.frame(&mut self.out, shown, &lines)?)
     }
 
-    /// Prints a packet of an ECM-XF, which has no slots to filter by.
+    /// Prints a packet of an ECM-XF. Filters by slot and command do not apply, because a packet has no slots.
     fn packet(&mut self, packet: &Packet) -> io::Result<()> {
         self.frames += 1;
         if self.direction.is_none_or(|direction| direction == packet.place.direction) {

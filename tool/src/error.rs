@@ -136,20 +136,20 @@ impl CliError {
     }
 }
 
-/// Whether the command line requests JSON. If the command line is invalid, the error is then printed as JSON too.
-/// Options after `--`, and for `exec` after the program, are not those of the tool.
+/// Whether the command line requests JSON, so that an error in the command line itself is printed as JSON too. Options after
+/// `--` are not those of the tool, nor are those after the program of `exec`.
 fn wants_json() -> bool {
     let mut words = std::env::args_os().skip(1).peekable();
     let is_exec = words.peek().is_some_and(|verb| verb == "exec");
     !is_exec && words.take_while(|word| word != "--").any(|word| word == "--json")
 }
 
-/// The last line on standard error for a program that reads JSON: `{"error": "..", "exit_code": 1}`. \[OURS]
+/// Prints an error as JSON, in the last line on standard error: `{"error": "..", "exit_code": 1}`. \[OURS]
 fn failed_in_json(error: &str, code: u8) {
     super::stderr::line(&serde_json::json!({"error": error, "exit_code": code}).to_string());
 }
 
-/// Names that users may try and that this tool does not have: the name, and what to use instead.
+/// Verbs that users may try and that this tool does not have, each with what to use instead.
 const ELSEWHERE: &[(&str, &str)] = &[
     ("alarm", ALARMS),
     ("alarms", ALARMS),
@@ -188,7 +188,8 @@ pub fn wrong_command_line(mut error: clap::Error) -> ! {
     error.exit()
 }
 
-/// The last known verb of a command line, and the verbs below it; `None` if it has none.
+/// The last verb of a command line that exists, such as `ecmsk bus`, with a list of its own verbs for the error. `None` if it
+/// has no verbs.
 fn verbs_there(words: impl Iterator<Item = std::ffi::OsString>) -> Option<(String, String)> {
     let tool = <super::Cli as clap::CommandFactory>::command();
     let (mut at, mut name) = (&tool, tool.get_name().to_owned());

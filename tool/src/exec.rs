@@ -78,7 +78,7 @@ pub struct Args {
 /// Why the program was not run.
 #[derive(Debug, thiserror::Error)]
 pub enum ExecError {
-    /// The library is neither in the place of the option nor in the usual folders.
+    /// The library is neither at the path of `--library` nor in one of the usual folders.
     #[error(
         "no {} in {}; build it with `cargo build -p NEXTWUSBLib`, or name it with --library", library::FILE_NAME, list(.looked_in)
     )]
@@ -91,13 +91,13 @@ pub enum ExecError {
     NotALibrary {
         /// The path of the file.
         file: PathBuf,
-        /// What is wrong with it.
+        /// Why the file is not accepted as a library.
         reason: String,
     },
     /// The private folder could not be created.
     #[error("cannot make a folder for the library in {}: {source}; set TMPDIR to a folder that takes files", .place.display())]
     Folder {
-        /// The parent folder.
+        /// The folder in which it was to be created.
         place: PathBuf,
         /// The error of the operating system.
         source: io::Error,
@@ -118,7 +118,7 @@ pub enum ExecError {
     /// The name of the folder contains a character that the search path cannot contain.
     #[error("the dynamic linker cannot look into {}: {}", .folder.display(), library::UNLINKABLE)]
     UnlinkableFolder {
-        /// The private folder.
+        /// The path of the private folder.
         folder: PathBuf,
     },
     /// This build cannot open the link.
@@ -130,10 +130,10 @@ pub enum ExecError {
     /// See [`record_option::RecordError`].
     #[error(transparent)]
     Record(#[from] record_option::RecordError),
-    /// The configured link is invalid.
+    /// The link that the library would choose is invalid.
     #[error(transparent)]
     Uri(#[from] UriError),
-    /// The configuration is invalid.
+    /// `ECMSK_LINK` or a configuration file is invalid.
     #[error(transparent)]
     Config(#[from] ConfigError),
     /// The program does not exist.
@@ -152,10 +152,10 @@ pub enum ExecError {
         /// The next step.
         hint: String,
     },
-    /// Another call of the operating system failed.
+    /// A call of the operating system failed in another operation.
     #[error("cannot {what}: {source}; free some of the system's processes or files, then run it again")]
     System {
-        /// What the call was to do.
+        /// What the failed call was for, such as `catch signals`.
         what: &'static str,
         /// The error of the operating system.
         source: io::Error,
@@ -185,16 +185,16 @@ impl Args {
     }
 }
 
-/// Runs the program to its end.
+/// Runs the program and returns its exit code when it has ended.
 pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
-    // clap requires at least one word.
+    // clap requires at least one word, so there is a first one.
     let Some((program, arguments)) = args.program.split_first() else { unreachable!("PROGRAM is required") };
     let file = library::find(args.library.as_deref(), Some(Path::new(program)))?;
     let link = link::for_program(args.link.as_ref(), args.record.as_deref(), Path::new(program), &file)?;
     if let Some(file) = &args.record {
         record_option::make_room(file, args.overwrite)?;
     }
-    // The private folder exists until this is dropped.
+    // The private folder is removed when this is dropped.
     let library = LibraryFolder::make(&file)?;
     let search_path = library.first_on(std::env::var_os(library::SEARCH_PATH).as_deref());
 

@@ -8,7 +8,7 @@ const CYCLIC: &str = "CYCLIC";
 /// The highest slot number in frames of either size.
 const LAST_SLOT: u8 = SlotSize::Bytes12.sdo_slot() as u8;
 
-/// A range of slots.
+/// A range of slots that the user has selected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Slots {
     /// From the first to the last, both included.
@@ -51,7 +51,7 @@ impl Slots {
     }
 }
 
-/// A range of slaves.
+/// A range of slave numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Slaves {
     first: u8,
@@ -81,7 +81,7 @@ fn parse_range(text: &str, allowed: std::ops::RangeInclusive<u8>) -> Option<(u8,
     (first <= last && allowed.contains(&first) && allowed.contains(&last)).then_some((first, last))
 }
 
-/// A command by which frames are filtered.
+/// A command id by which slots are filtered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Command(u8);
 
@@ -102,7 +102,7 @@ impl Command {
         })
     }
 
-    /// The id in byte 0.
+    /// The command id, which is in byte 0 of a slot.
     pub const fn code(self) -> u8 {
         self.0
     }
@@ -141,7 +141,7 @@ impl std::fmt::Display for Times {
     }
 }
 
-/// The time in nanoseconds, rounded to the nearest one.
+/// Converts seconds to nanoseconds, rounded to the nearest one.
 pub fn nanoseconds(seconds: f64) -> i64 {
     (seconds * 1e9).round() as i64
 }
@@ -169,7 +169,7 @@ pub fn parse_seconds(text: &str) -> Result<f64, String> {
 mod tests {
     use super::*;
 
-    /// Slots are numbers, ranges and two words; the slot of `sdo` depends on the slot size.
+    /// Slots are given as a number, a range, `ecm` or `sdo`. The slot number of `sdo` depends on the slot size.
     #[test]
     fn slots_are_numbers_ranges_and_two_words() {
         assert_eq!(Slots::parse("3-5"), Ok(Slots::Range(3, 5)));
@@ -187,7 +187,7 @@ mod tests {
         assert!(Slaves::parse("3-5").expect("a range").numbers().eq([3, 4, 5]));
     }
 
-    /// Every command has its name, in any case, and its id.
+    /// Every command can be given by its name, in any case, or by its id.
     #[test]
     fn a_command_is_named_by_its_name_in_any_case_or_its_id() {
         for id in CommandId::ALL {
@@ -200,7 +200,7 @@ mod tests {
         assert!(Command::parse("SDO_READ").expect_err("no name").contains("SDO_RD"));
     }
 
-    /// A time written as a decimal number matches exactly its nanosecond, although floating-point numbers are inexact.
+    /// A decimal time such as 3.3 matches the frame with exactly this nanosecond, although floating-point numbers are inexact.
     #[test]
     fn a_time_that_is_written_down_matches_that_nanosecond_exactly() {
         for (text, ns) in [("1.204", 1_204_000_000), ("1.204s", 1_204_000_000), ("500ms", 500_000_000), ("-3us", -3000)]

@@ -1,4 +1,5 @@
-//! The functions that the fuzz targets of `fuzz/` call: verbs on the content of files, without output.
+//! The functions that the fuzz targets of `fuzz/` call: each runs a verb on given content and returns its output instead of
+//! printing.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -20,7 +21,8 @@ fn args<T: clap::Args>(words: impl IntoIterator<Item = impl Into<OsString> + Clo
     Words::try_parse_from(words).map(|Words { args }| args).map_err(|error| error.to_string())
 }
 
-/// Draws the picture of `ecmsk plot` with these words, in the format of `-o`; writes no file.
+/// Draws the picture of `ecmsk plot` with these command line words, in the format of `-o`. Returns the bytes and writes no
+/// file.
 ///
 /// # Errors
 /// The errors of `ecmsk plot`.
@@ -52,7 +54,7 @@ pub fn library(file: &Path) -> Result<PathBuf, String> {
     exec::find_library(Some(file), None).map_err(|error| error.to_string())
 }
 
-/// Runs `ecmsk run` with these words, the first of which is the name of the script, and with `text` as the script.
+/// Runs `ecmsk run` with these command line words, the first of which is the script's name, and with `text` as the script.
 /// Signals are not watched.
 ///
 /// # Errors

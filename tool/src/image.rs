@@ -22,10 +22,10 @@ use object::read::{Error as Unreadable, ReadRef};
 const FILE_BYTES_MAX: u64 = 256 << 20;
 /// The type of a version resource (`RT_VERSION`).
 const VERSION: u16 = 16;
-/// \[OURS] Most exported functions and imported libraries that are read.
+/// \[OURS] The most names of exported functions that are read.
 const NAMES_MAX: usize = 10_000;
 
-/// The processor for which a file is made.
+/// The processor for which a PE file is made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Width {
     /// x86.
@@ -37,7 +37,7 @@ pub enum Width {
 }
 
 impl Width {
-    /// The folder of a package that has libraries of this width.
+    /// The sub-folder of this project's package for libraries of this width; `None` if there are none.
     pub const fn folder(self) -> Option<&'static str> {
         match self {
             Self::X86 => Some("x86"),
@@ -58,33 +58,34 @@ impl fmt::Display for Width {
     }
 }
 
-/// The width that the CLI header of a .NET program asks for.
+/// The width that the CLI header of a .NET program or assembly requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Managed {
-    /// Any processor.
+    /// Any CPU: it runs with the width of the system.
     Any,
     /// Any CPU, with a preference for 32 bits.
     Prefers32,
-    /// The width of the PE header.
+    /// The processor of the PE header, and no other.
     Fixed,
 }
 
-/// The content of a PE file.
+/// A PE file: the facts about it, and its bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
-    /// The processor on which it runs, on a 64-bit Windows.
+    /// The processor for which the file runs on a 64-bit Windows. For a .NET program without a fixed width it is not that of
+    /// the PE header.
     pub width: Width,
-    /// The CLI header, if the file is for .NET.
+    /// The request of the CLI header; `None` if the file is not for .NET.
     pub managed: Option<Managed>,
     /// The company in its version resource, with control characters replaced.
     pub company: Option<String>,
-    /// The product in its version resource, likewise.
+    /// The product in its version resource, with control characters replaced.
     pub product: Option<String>,
     /// The version in its version resource.
     pub version: Option<String>,
     /// The names of its exported functions.
     pub exports: Vec<String>,
-    /// The bytes of the file.
+    /// The content of the whole file, for [`Self::names`].
     bytes: Vec<u8>,
 }
 
@@ -106,7 +107,7 @@ pub enum ImageError {
 }
 
 impl Image {
-    /// Reads a file.
+    /// Reads and parses a PE file.
     ///
     /// # Errors
     /// [`ImageError`], whose text contains no next step.
@@ -131,7 +132,7 @@ impl Image {
         let mut at = ImageDosHeader::parse(data)?.nt_headers_offset().into();
         let (headers, directories) = Headers::parse(data, &mut at)?;
         let sections = headers.sections(data, at)?;
-        // A truncated file begins like a complete one, so its sections are checked.
+        // A truncated file has the headers of a complete one, so each section is checked to be inside the file.
         for section in sections.iter() {
             section.pe_data(data)?;
         }
@@ -176,7 +177,8 @@ impl Image {
         Ok(Self { width, managed, company, product, version, exports, bytes })
     }
 
-    /// Whether the file is a library of this project, in any version. An assembly has the company of the vendor's.
+    /// Whether the file is a library or assembly of this project, in any version. The company alone does not show it: the
+    /// assemblies have that of the vendor's assemblies.
     pub fn is_ours(&self) -> bool {
         let named = [&self.company, &self.product].into_iter().any(|text| text.as_deref() == Some("ecmsk"));
         named || self.exports.iter().any(|name| name == "ecmsk_last_error")
@@ -202,7 +204,7 @@ fn version_resource<'data>(
 ) -> Option<&'data [u8]> {
     let of_kind = |entry: &&ImageResourceDirectoryEntry| entry.name_or_id().id() == Some(VERSION);
     let mut entry = resources.root().ok()?.entries.iter().find(of_kind)?;
-    // The levels below are the names of the resources and the languages of the first one.
+    // Below the resource type are the levels of names and of languages. The first entry of each is taken.
     for _ in 0..2 {
         entry = entry.data(resources).ok()?.table()?.entries.first()?;
     }

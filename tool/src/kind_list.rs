@@ -1,4 +1,4 @@
-//! The kinds of slaves, for `--kinds` and `--slaves` of the verbs that show frames.
+//! Parses lists of slave kinds, for `--kinds` and `--slaves` of the verbs that show frames.
 
 use ecmsk::link::slaves;
 use ecmsk::sk::SlaveKind;
@@ -13,7 +13,7 @@ impl KindList {
         &self.0
     }
 
-    /// Parses a list of kinds. A mode or a travel after a kind, as other lists of slaves have it, is ignored.
+    /// Parses a list of kinds. What other lists of slaves allow after a kind, such as the mode in `drive:csv`, is ignored.
     ///
     /// # Errors
     /// The text is invalid; the error says what is wrong and what is allowed.

@@ -1,27 +1,27 @@
-//! The tool `ecmsk`, which runs programs on a build's library, drives boards and shows recordings. It is a library for
-//! `fuzz/` alone; programs use the package `ecmsk`.
+//! The tool `ecmsk`: it runs existing programs on the library of this build, commands boards and shows recordings. It is a
+//! library only for `fuzz/`; programs use the package `ecmsk`.
 //!
-//! A new verb is a file, a variant of `Verb` and its line in `Verb::run`; one that is also a line of scripts is a step
+//! A new verb (subcommand) is a file, a variant of `Verb` and its line in `Verb::run`. A verb that scripts have too is a step
 //! (`step.rs`). Files:
 //!
 //! - `lib.rs`: every verb with its arguments (`Verb`), exit codes
 //! - `exec.rs`: `ecmsk exec`, with `exec/` for the library, the link and the signals of the program
-//! - `dump.rs`, `plot.rs`, `compare.rs`, `replay.rs`, `summary.rs`, `migrate.rs`: verbs that show recordings, each with
-//!   a folder of its parts; `recording.rs`, `filter.rs`, `kind_list.rs` read a recording, leave frames out, and name kinds
+//! - `dump.rs`, `plot.rs`, `compare.rs`, `replay.rs`, `summary.rs`, `migrate.rs`: verbs that show recordings, each with a
+//!   folder of its parts; `recording.rs` reads a recording, `filter.rs` selects frames and slots, `kind_list.rs` parses kinds
 //!   of slaves
-//! - `step.rs`: the verbs that talk to a board (`info`, `move` and others), in `step/`; `script.rs` and `shell.rs` run
-//!   several of them; `board.rs` is what they share
+//! - `step.rs`: the verbs that talk to a board (`info`, `move` and others), in `step/`; `script.rs` and `shell.rs` run several
+//!   of them; `board.rs` is the code that they share
 //! - `monitor.rs`, `serve.rs`, `link.rs`, `objects.rs`, `slave.rs`, `list.rs`, `doctor.rs`, `completions.rs`, `man.rs`:
 //!   one verb each; `image.rs` reads Windows programs for `doctor` and `exec`
 //! - `params.rs`: `ecmsk params`, the parameters of drives, in `params/`
-//! - `bus.rs`: `ecmsk bus`, the look at any network, one file for each verb in `bus/`
+//! - `bus.rs`: `ecmsk bus`, which looks at any network, with one file for each verb in `bus/`
 //! - `xf.rs`: `ecmsk xf`, the verbs that talk to an ECM-XF, one file each in `xf/`
 //! - `link_option.rs`, `record_option.rs`, `slot_size.rs`: the options `--link`, `--record` and `--slot-size`;
 //!   `recording_end.rs` checks whether a recording is complete
-//! - `transfer.rs`, `hex.rs`: objects and bytes, as `bus` and `xf` take and show them
-//! - `error.rs`, `output.rs`, `stderr.rs`, `streams.rs`, `visible.rs`, `signals/`: errors, standard output and standard
-//!   error without waits for their readers, control characters, Ctrl-C
-//! - `fuzzed.rs`: what `fuzz/` calls
+//! - `transfer.rs`, `hex.rs`: SDO values and bytes as text, for `bus` and `xf`
+//! - `error.rs`, `output.rs`, `stderr.rs`, `streams.rs`: errors, and output that does not wait for whoever reads it;
+//!   `visible.rs`: control characters in output; `signals/`: Ctrl-C
+//! - `fuzzed.rs`: the functions that `fuzz/` calls
 
 mod board;
 mod bus;
@@ -71,7 +71,7 @@ use clap::{Parser, Subcommand};
 
 use error::CliError;
 
-/// Shown at the end of `ecmsk --help`: scripts rely on these.
+/// Shown at the end of `ecmsk --help`. Scripts rely on these codes.
 const EXIT_CODES: &str = "\
 Exit codes:
   0    done (also when whoever read the output has closed it)

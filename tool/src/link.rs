@@ -1,4 +1,4 @@
-//! `ecmsk link`: the help on links.
+//! `ecmsk link`: prints the help on links and their keys.
 
 use clap::Subcommand;
 use ecmsk::link::keys;

@@ -1,4 +1,4 @@
-//! The board that a verb talks to: that of `--link`, otherwise the one that the library would open.
+//! Chooses the link of a verb: that of `--link`, otherwise the one that the library would open.
 
 use std::path::PathBuf;
 
@@ -8,15 +8,16 @@ use ecmsk::link::uri::LinkUri;
 
 use super::stderr::say;
 
-/// The board that a verb talks to.
+/// The link that a verb opens, and whether the user has named it.
 pub struct ChosenLink {
     /// The link to the board.
     pub uri: LinkUri,
-    /// The places that were searched for a link; `None` if one names the board.
+    /// Where a link was searched for without success, for the error, so that `uri` is the default; `None` if the user has named
+    /// a link.
     looked: Option<String>,
 }
 
-/// Why the board of a verb is not known.
+/// Why the link of a verb cannot be chosen.
 #[derive(Debug, thiserror::Error)]
 pub enum ChoiceError {
     /// The configuration is wrong.
@@ -27,7 +28,7 @@ pub enum ChoiceError {
     Link(#[from] LinkError),
 }
 
-/// No board is named, and the default link does not open.
+/// No link is named, and the default link does not open.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "no link was given: no --link, {LINK_VARIABLE} is not set, there is no {looked}; and the default does not open: {error}; to \
@@ -40,7 +41,7 @@ pub struct Unnamed {
 }
 
 impl ChosenLink {
-    /// The board of the option `link`, otherwise of the environment or a configuration file.
+    /// Finds the link: that of the option `link`, otherwise that of the environment or of a configuration file.
     ///
     /// # Errors
     /// `ECMSK_LINK` or `ecmsk.toml` is invalid.
@@ -58,13 +59,13 @@ impl ChosenLink {
         Ok(Self { uri, looked: (configured.source == Source::Default).then(files) })
     }
 
-    /// Whether the user has named the board, so that the link is not the default.
+    /// Whether the user has named a link. If not, [`Self::uri`] is the default.
     pub const fn is_named(&self) -> bool {
         self.looked.is_none()
     }
 
-    /// The error for a default link that does not open; `None` if the user has named the board, since `error` says
-    /// everything then.
+    /// The error if the default link does not open, which says where a link can be configured. `None` if the user has named a
+    /// link: then `error` alone is enough.
     pub fn if_unnamed(&self, error: &LinkError) -> Option<Unnamed> {
         self.looked.clone().map(|looked| Unnamed { looked, error: Box::new(error.clone()) })
     }
@@ -75,8 +76,8 @@ pub fn environment() -> Environment {
     Environment { working_dir: working_dir(), ..Environment::from_process(None) }
 }
 
-/// The working directory, if its `ecmsk.toml` belongs to this user or to root. A link may create and read files, and in
-/// a folder such as `/tmp` anyone could write one. \[OURS]
+/// The working directory, but only if its `ecmsk.toml` belongs to this user or to root. Anyone can write that file in a folder
+/// such as `/tmp`, and its link may create and read files with the rights of this user. \[OURS]
 fn working_dir() -> Option<PathBuf> {
     let folder = std::env::current_dir().ok()?;
     #[cfg(unix)]

@@ -1,4 +1,4 @@
-//! `ecmsk list`: lists the boards of this machine, and the network cards that can take the place of one.
+//! `ecmsk list`: lists the boards of this machine, and the network cards with which a link `nic:` can replace a board.
 
 #[cfg(target_os = "linux")]
 mod linux;
@@ -37,20 +37,20 @@ pub struct Args {
     system: system::SystemArgs,
 }
 
-/// One device of the list.
+/// A device of this machine, as a row of the list.
 struct Row {
     scheme: Scheme,
     /// The link to the device; `None` for another device with the board's vendor and product id.
     link: Option<String>,
-    /// The name of the device in the text.
+    /// The device as text: its name or type, and its serial number or address.
     what: String,
     /// Why the device cannot be opened, or why it is no board.
     obstacle: Option<String>,
-    /// Problems of a board that can be opened.
+    /// Problems that do not keep the board from being opened.
     but: Vec<String>,
-    /// The next steps.
+    /// What the user can do about the obstacle and the problems.
     next: Vec<String>,
-    /// Further fields of the JSON object.
+    /// The further fields of its JSON object.
     facts: Value,
 }
 

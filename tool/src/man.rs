@@ -26,7 +26,7 @@ pub struct Args {
     out: Option<PathBuf>,
 }
 
-/// Why no page was made.
+/// Why no manual page was made.
 #[derive(Debug, thiserror::Error)]
 pub enum ManError {
     /// There is no such verb.
@@ -38,17 +38,17 @@ pub enum ManError {
     /// The folder cannot be written to.
     #[error("cannot write {}: {source}; name another folder with --out", .file.display())]
     Write {
-        /// The file or folder.
+        /// The file or folder that cannot be written.
         file: PathBuf,
         /// The error of the operating system.
         source: io::Error,
     },
 }
 
-/// Prints a page, or writes all pages.
+/// Prints the manual page of a verb, or writes those of all verbs to a folder.
 pub fn run(args: &Args) -> Result<(), CliError> {
     let mut tool = super::Cli::command().disable_help_subcommand(true);
-    // Completes the names of the verbs, such as `ecmsk-link-help`.
+    // Fills in the full names of the subcommands, such as `ecmsk-link-help`.
     tool.build();
     if let Some(folder) = &args.out {
         let failed = |file: &Path| {
@@ -76,7 +76,7 @@ fn commands(command: &Command) -> Vec<Command> {
     [command.clone()].into_iter().chain(below).collect()
 }
 
-/// The page of a command.
+/// The manual page of a command, in roff.
 fn page(command: &Command) -> io::Result<Vec<u8>> {
     let man = Man::new(command.clone()).source(concat!("ecmsk ", env!("CARGO_PKG_VERSION"))).manual("ECM-SK tools");
     let mut page = Vec::new();
@@ -118,7 +118,8 @@ fn sections(text: &str, page: &mut Vec<u8>) -> io::Result<()> {
     if open { writeln!(page, ".fi") } else { Ok(()) }
 }
 
-/// The line in a form that formatters do not take for a request.
+/// The line with backslashes, dashes and a leading dot or quote escaped, so that roff shows it and does not take it for a
+/// request.
 fn escaped(line: &str) -> String {
     let line = line.replace('\\', "\\e").replace('-', "\\-");
     if line.starts_with(['.', '\'']) { format!("\\&{line}") } else { line }
@@ -128,7 +129,7 @@ fn escaped(line: &str) -> String {
 mod tests {
     use super::*;
 
-    /// Examples keep their lines, and a line that begins with a dot is text.
+    /// Examples keep their line breaks, and a line that begins with a dot is shown as text.
     #[test]
     fn sections_keep_their_lines() {
         let mut page = Vec::new();

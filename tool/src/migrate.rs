@@ -25,7 +25,7 @@ use picture::Picture;
 
 /// Exit code for a program that runs with differences, or does not run.
 const DIFFERENT: u8 = 1;
-/// The clocks of SPI that `speed=` of `xf-spi:` takes, in Hz.
+/// The SPI clock rates that the key `speed=` of `xf-spi:` accepts, in Hz.
 const SPEEDS: std::ops::RangeInclusive<u32> = 100_000..=96_000_000;
 
 /// Check from a recording whether a program runs on an ECM-XF, the board's successor
@@ -74,7 +74,7 @@ pub struct Args {
     device: Option<Address>,
 }
 
-/// Why there is no result.
+/// Why no result could be given.
 #[derive(Debug, thiserror::Error)]
 pub enum MigrateVerbError {
     /// See [`CompareError`].
@@ -97,16 +97,16 @@ pub enum MigrateVerbError {
     Output(io::Error),
 }
 
-/// The result, and what is known of the recording besides.
+/// The result, with the facts about the recording that are shown beside it.
 struct Report<'a> {
     file: &'a Path,
     found: &'a Migration,
-    /// The recorded link, as text for users; `None` for a capture.
+    /// The link in the recording, as text for users; `None` for a capture by another tool, which has none.
     link: Option<String>,
-    /// Whether the program was recorded with its slaves behind a chip.
+    /// Whether the recorded board had its slaves behind a chip already.
     is_behind_chip: bool,
     clock: Clock,
-    /// Why the recording is not the whole run; `None` if it is.
+    /// What the recording lacks to be the whole run; `None` if it is complete.
     lacks: Option<String>,
     plot: Option<&'a Path>,
 }
@@ -159,7 +159,7 @@ pub fn run(args: &Args) -> Result<ExitCode, MigrateVerbError> {
     }
 }
 
-/// Reads the recording once more for the picture.
+/// Draws the picture, for which the recording is read once more.
 fn draw(args: &Args, report: &Report) -> Result<plot::Sheet, MigrateVerbError> {
     let nothing = || MigrateVerbError::NothingToPlot { file: args.file.clone() };
     let op = report.found.op.ok_or_else(nothing)?;
@@ -191,7 +191,7 @@ impl Report<'_> {
     }
 }
 
-/// Parses a clock in Hz, with `k` or `M`.
+/// Parses a clock rate in Hz, with an optional `k` or `M`.
 fn parse_speed(text: &str) -> Result<u32, String> {
     let (digits, factor) = match text.as_bytes().last() {
         Some(b'M') => (&text[..text.len() - 1], 1_000_000),

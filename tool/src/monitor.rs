@@ -2,8 +2,8 @@
 //!
 //! Files:
 //!
-//! - `source.rs`: where reports come from: a board or a recording
-//! - `watched.rs`: what is known of the board, and a view of it
+//! - `source.rs`: the source of reports: a board or a recording
+//! - `watched.rs`: the state of the board, collected from its frames, and a view of it
 //! - `rows.rs`, `screen.rs`: the table as rows, and how it is drawn
 //! - `terminal.rs`: keys, signals, and the restoring of the terminal
 //! - `json.rs`: a view as JSON
@@ -92,7 +92,7 @@ pub struct Args {
     seconds: Option<Duration>,
 }
 
-/// Why there is nothing to show.
+/// Why the monitor cannot show a board or a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum MonitorError {
     /// The configuration of the link is invalid.
@@ -116,10 +116,10 @@ pub enum MonitorError {
     /// Standard output is no terminal.
     #[error("standard output is no terminal; for other places use --once or --json")]
     NoTerminal,
-    /// An operation on the terminal failed.
+    /// Drawing on the terminal or reading its keys failed.
     #[error("the terminal: {0}; for other places use --once or --json")]
     Terminal(io::Error),
-    /// The system provides no thread.
+    /// The operating system refuses to start a thread.
     #[error("cannot start a thread: {0}; free some of the system's memory or threads, then run it again")]
     Thread(io::Error),
 }
@@ -158,7 +158,7 @@ fn show(args: &Args) -> Result<ExitCode, CliError> {
         };
     }
     if let Some(file) = &args.recording {
-        // A missing recording is reported before an unsuitable standard output.
+        // The recording is opened here only so that an error in it comes before the error that standard output is no terminal.
         drop(Frames::open(file, args.size(), None)?);
     }
     if !io::stdout().is_terminal() {
@@ -169,7 +169,7 @@ fn show(args: &Args) -> Result<ExitCode, CliError> {
     Ok(code)
 }
 
-/// Shows a board in every interval.
+/// Prints a view of a board once in each interval.
 fn look(args: &Args) -> Result<ExitCode, CliError> {
     let feed = feed(args)?;
     // The first view is dropped, since rates are relative to the view before.
@@ -191,7 +191,7 @@ fn look(args: &Args) -> Result<ExitCode, CliError> {
     }
 }
 
-/// Shows a recording in every interval of its own time.
+/// Prints a view of a recording once in each interval of recorded time, without waiting.
 fn replay(args: &Args, file: &Path) -> Result<ExitCode, CliError> {
     let mut watched = Watched::new(file.display().to_string(), kinds(args, None).as_deref());
     let interval_ns = i64::try_from(args.interval.as_nanos()).unwrap_or(i64::MAX);
@@ -262,7 +262,7 @@ fn kinds(args: &Args, uri: Option<&LinkUri>) -> Option<Vec<SlaveKind>> {
     Some(SimOptions::from_uri(uri).ok()?.slaves.into_iter().map(|slave| slave.model.kind()).collect())
 }
 
-/// The shortest interval in seconds. Shorter changes cannot be seen. \[OURS]
+/// The shortest interval between two views, in seconds. Nobody sees shorter changes. \[OURS]
 const INTERVAL_MIN_S: f64 = 0.01;
 
 fn interval(text: &str) -> Result<Duration, String> {

@@ -1,4 +1,4 @@
-//! `ecmsk objects`: makes files of manufacturer-specific objects for simulated drives, `slaves=drive:objects@FILE`.
+//! `ecmsk objects`: makes the files of manufacturer-specific objects that simulated drives load, `slaves=drive:objects@FILE`.
 
 mod attributes;
 mod drive;
@@ -146,7 +146,7 @@ fn from_drive(link: &LinkUri, slave: u8, range: &[RangeInclusive<u16>]) -> Resul
     let range = if range.is_empty() { &DEFAULT_RANGES } else { range };
     let all: usize = range.iter().map(|range| range.len()).sum();
     let reporter = Reporter::new(false, false);
-    // Progress is only shown on a terminal.
+    // Progress is shown only if standard error is a terminal.
     let is_watched = io::stderr().is_terminal();
     let mut out = io::stdout().lock();
     out.write_all(head(&format!("slave {slave} of {link}")).as_bytes())?;
@@ -155,7 +155,7 @@ fn from_drive(link: &LinkUri, slave: u8, range: &[RangeInclusive<u16>]) -> Resul
     drive::read(&link.to_string(), slave, range, found, |index| {
         read += 1;
         if is_watched && read % 64 == 1 {
-            // A closed terminal does not end the reading.
+            // The result is ignored: reading goes on even if the terminal was closed.
             let _ = reporter.progress(format_args!("0x{index:04X}, {} of {all} indexes read", read - 1), || json!({}));
         }
     })?;

@@ -1,11 +1,11 @@
-//! Buffered standard output. Verbs during which axes move write it by [`streams`].
+//! Buffered standard output. For verbs during which axes move it goes through the queue of [`streams`].
 
 use std::io::{self, BufWriter, StdoutLock, Write};
 
 use super::streams::{self, Stream};
 use super::visible::{Visible, visible_bytes};
 
-/// Standard output for text, see [`Visible`].
+/// Standard output for text, with control characters made visible, see [`Visible`].
 pub type Out = Visible<BufWriter<StdoutLock<'static>>>;
 
 /// Standard output, locked and buffered. [`Out::flush`] it at the end: an error in its `drop` is lost.
@@ -34,7 +34,7 @@ pub fn print_coloured(text: &str) -> io::Result<()> {
     print_bytes(text.as_bytes())
 }
 
-/// Like [`print()`], but does not wait, so that axes may move.
+/// Like [`print()`], but only queues the text, so it may be called while axes move.
 ///
 /// # Errors
 /// An earlier text could not be written.

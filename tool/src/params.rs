@@ -1,12 +1,12 @@
-//! `ecmsk params`: the parameters of drives: kept in files, compared, and put back.
+//! `ecmsk params`: saves the parameters of drives to files, compares them, and writes them back.
 //!
 //! Files:
 //!
 //! - `params.rs`: the verbs
 //! - `params/file.rs`: a file of parameters
-//! - `params/choice.rs`: which objects are parameters, and the order of writing the mapping of process data
+//! - `params/choice.rs`: which objects are parameters, and the order of writes that changes the PDO mapping
 //! - `params/drive.rs`: a drive on a network, and one behind a board
-//! - `params/restore.rs`: comparing and writing
+//! - `params/restore.rs`: compares a file with a drive, and writes the differences
 //! - `params/show.rs`: what the verbs print
 
 mod choice;
@@ -136,14 +136,14 @@ struct Place {
     json: bool,
 }
 
-/// Which drives to read.
+/// The drives to save the parameters of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Which {
     One(u8),
     All,
 }
 
-/// The last slave of a board.
+/// The highest slave number behind a board.
 const SLAVES_MAX: u8 = 40;
 
 impl Which {
@@ -156,7 +156,7 @@ impl Which {
     }
 }
 
-/// The other side of a comparison.
+/// What a file is compared with: a drive, or another file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Other {
     Slave(u8),
@@ -191,11 +191,11 @@ pub fn run(args: &Args) -> Result<ExitCode, ParamsError> {
     }
 }
 
-/// An open link with drives.
+/// An open link to drives, on a network or behind a board.
 struct Opened {
     link: String,
     reporter: Reporter,
-    /// The slaves that were found; `None` behind a board, which is not asked.
+    /// The numbers of the slaves that a scan has found; `None` behind a board, which does not list its slaves here.
     slaves: Option<Vec<u8>>,
     drive: Box<dyn Drive>,
 }
@@ -211,14 +211,14 @@ impl Opened {
         Ok(&mut *self.drive)
     }
 
-    /// Shows which index is looked at, on a terminal alone.
+    /// Returns a callback that shows the index being read, if standard error is a terminal.
     fn progress(reporter: &Reporter, slave: u8) -> impl FnMut(u16) {
         let mut shown = u16::MAX;
         let is_watched = std::io::IsTerminal::is_terminal(&std::io::stderr());
         move |index| {
             if is_watched && index >> 4 != shown {
                 shown = index >> 4;
-                // A closed terminal does not end the reading.
+                // The result is ignored: reading goes on even if the terminal was closed.
                 let _ = reporter.progress(format_args!("slave {slave}: 0x{index:04X}"), || json!({}));
             }
         }
@@ -303,13 +303,13 @@ fn backup_one(opened: &mut Opened, slave: u8, file: Option<&Path>, overwrite: bo
     Ok(opened.reporter.result(text, &json)?)
 }
 
-/// The time as ISO 8601, to the second.
+/// The present time in UTC as ISO 8601, to the second.
 fn now() -> String {
     let now = OffsetDateTime::now_utc();
     now.replace_nanosecond(0).unwrap_or(now).format(&Rfc3339).unwrap_or_default()
 }
 
-/// Whether something differs.
+/// Compares a file with a drive or another file, and prints the differences. Returns whether there are any.
 fn diff(path: &Path, with: &Other, place: &Place) -> Result<bool, ParamsError> {
     const VERB: &str = "params diff";
     let file = ParameterFile::read(path)?;
@@ -334,7 +334,7 @@ fn diff(path: &Path, with: &Other, place: &Place) -> Result<bool, ParamsError> {
     Ok(!compared.different.is_empty())
 }
 
-/// Shows in which objects two files differ; whether there are any.
+/// Prints the objects in which two files differ. Returns whether there are any.
 fn show_file_diff(
     reporter: &Reporter,
     first: &ManufacturerObjects,
@@ -369,7 +369,8 @@ fn show_file_diff(
     Ok(differ)
 }
 
-/// Compares a drive with a file. If the file is of another product, `is_allowed` decides.
+/// Compares a drive with a file. `is_allowed`: whether the file may be of another product than the drive; if not, that is an
+/// error.
 fn compare_with(
     opened: &mut Opened,
     slave: u8,
@@ -393,7 +394,7 @@ fn compare_with(
     Ok(compared)
 }
 
-/// How the device of a file differs from the one that was found; `None` if it does not.
+/// How the device that a file names differs from the drive that was found, as text; `None` if it does not.
 fn other_device(of_file: Option<&Device>, found: &Device) -> Option<String> {
     let Some(device) = of_file else {
         return Some(format!("the file does not say of which device it is; the drive is {found}"));
@@ -463,7 +464,8 @@ fn restore_file(path: &Path, slave: u8, place: &Place, options: RestoreOptions) 
     Ok(ExitCode::from(u8::from(failed > 0)))
 }
 
-/// The object that stores all parameters, and the word that makes it do so (ETG.1020 table 55, CiA 301 7.5.2.13).
+/// The object 0x1010:1 stores all parameters in the drive's non-volatile memory when [`SAVE`] is written to it (ETG.1020 table
+/// 55, CiA 301 7.5.2.13).
 const STORE: ecmsk::coe::ObjectAddress = ecmsk::coe::ObjectAddress::new(0x1010, 1);
 const SAVE: &[u8; 4] = b"save";
 

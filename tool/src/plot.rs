@@ -4,11 +4,11 @@
 //!
 //! - `survey.rs`, `series.rs`: the first and the second reading of the recording
 //! - `execution.rs`: when the board executed each command
-//! - `axis.rs`, `states.rs`, `lanes.rs`, `speed.rs`, `path.rs`: the lines of an axis, its states, bits of an IO slave,
-//!   velocities, the plane of two axes
-//! - `decimate.rs`: thins a line to the pixels of the picture
+//! - `axis.rs`, `states.rs`, `lanes.rs`, `speed.rs`, `path.rs`: the lines of an axis, its states, the bits of an IO slave,
+//!   velocities, the path of two axes in their plane
+//! - `decimate.rs`: reduces a line to the resolution of the picture
 //! - `chosen.rs`: selects the slaves and diagrams
-//! - `beside.rs`: another recording that is drawn for comparison
+//! - `beside.rs`: a second recording that is drawn for comparison
 //! - `panel.rs`, `layout.rs`, `style.rs`, `chart.rs`: the panels, their order, their style, and their drawing
 //! - `svg.rs`, `png.rs`, `file.rs`: the formats and the file of the picture
 //! - `error.rs`: why there is no plot
@@ -57,7 +57,7 @@ pub use file::{check, save};
 use series::{Series, Subject};
 use survey::Survey;
 
-/// Most axes that a plot can show in different colours.
+/// The most axes in a plot: there is a distinct colour for each.
 pub const MAX_AXES: usize = 8;
 /// The number of pixel columns to which a line is thinned: the width of a diagram.
 pub const COLUMNS: u32 = style::WIDTH - style::LEFT - style::RIGHT;
@@ -180,7 +180,7 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     }
     let output = args.output();
     if output != Path::new("-") {
-        // This is checked before a long recording is read twice.
+        // The output file is checked before a long recording is read twice.
         file::check(&output, "-o", &[&args.file])?;
     }
     let mut survey = Survey::default();
@@ -204,7 +204,7 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
         op.cut(times).ok_or_else(|| PlotError::NothingInRange { asked: times.to_string(), op: op.to_string() })?;
     let reading = Frames::open(&args.file, args.slot_size, device)?.quiet();
     let panels = args.panels(reading, &asked, &chosen, &survey, window, other.as_ref())?;
-    // The plot ends with the longer one of both runs.
+    // The time axis ends with the longer one of both recordings.
     let shown = other.map_or(window, |other| window.with(other.window()));
     let stretch = [window.from_ns, window.to_ns].map(|at_ns| style::number(seconds(at_ns), 3)).join(" to ");
     let file = args.file.display();
@@ -216,12 +216,12 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
 
 /// The result of reading a recording.
 struct Walked {
-    /// The number of frames read.
+    /// The number of frames that were read.
     frames: u64,
     /// Why the recording ends early. A program that was killed leaves such a recording; the frames before its end are
     /// valid.
     damage: Option<RecordError>,
-    /// The jumps of the recording's times.
+    /// The jumps of the clock in the recorded times; `None` if there are none.
     jumps: Option<Jumps>,
 }
 
@@ -251,7 +251,7 @@ fn walk<R: Read>(recording: &mut Frames<R>, until_ns: i64, mut show: impl FnMut(
 }
 
 impl Args {
-    /// The file of the picture.
+    /// The path of the picture: that of `-o`, otherwise the recording's with the extension `.svg`.
     fn output(&self) -> PathBuf {
         self.output.clone().unwrap_or_else(|| self.file.with_extension("svg"))
     }
@@ -317,23 +317,23 @@ pub struct Window {
 }
 
 impl Window {
-    /// The range between two times.
+    /// The range from `from_ns` to `to_ns`.
     pub const fn of_times(from_ns: i64, to_ns: i64) -> Self {
         Self { from_ns, to_ns }
     }
 
-    /// A range of command numbers, in place of times.
+    /// A range of command numbers instead of times: from command 1 to command `count`.
     pub const fn of_commands(count: u64) -> Self {
         Self { from_ns: command_place(1), to_ns: command_place(if count == 0 { 1 } else { count }) }
     }
 
-    /// The time up to which a recording is read for this range. \[OURS] One second more: the slot of a moving slave
-    /// that is not lost has changed by then.
+    /// The time up to which a recording is read to draw this range. \[OURS] It is one second later than the range: in state
+    /// 0x18 the slot of a moving slave that is not lost changes within that time.
     const fn read_until_ns(self) -> i64 {
         self.to_ns.saturating_add(1_000_000_000)
     }
 
-    /// The range of the horizontal axis. A single moment gets some room around it.
+    /// The range of the horizontal axis, in seconds. A range of a single moment is extended on both sides.
     pub fn range(self) -> std::ops::Range<f64> {
         let (from, to) = (seconds(self.from_ns), seconds(self.to_ns));
         panel::distinct(if to > from { from..to } else { from - 0.001..to + 0.001 })
@@ -343,7 +343,7 @@ impl Window {
         self.from_ns <= at_ns && at_ns <= self.to_ns
     }
 
-    /// The range from the earlier beginning of both to the later end.
+    /// The smallest range that contains both.
     fn with(self, other: Self) -> Self {
         Self { from_ns: self.from_ns.min(other.from_ns), to_ns: self.to_ns.max(other.to_ns) }
     }
@@ -362,7 +362,7 @@ impl std::fmt::Display for Window {
     }
 }
 
-/// The position of command n in a range of commands.
+/// The horizontal position of command `n` in a range of [`Window::of_commands`], which takes the place of nanoseconds.
 pub const fn command_place(n: u64) -> i64 {
     (n as i64).saturating_mul(1_000_000_000)
 }
@@ -385,8 +385,8 @@ mod tests {
         args: Args,
     }
 
-    /// A part of a long recording is drawn of what was read once, for what there is in it, and of the part up to its end: no frame
-    /// is read for anything else.
+    /// To draw a part of a long recording, the whole recording is read once to survey it, and then only up to the end of that
+    /// part.
     #[test]
     fn a_part_of_a_recording_is_read_once_more_up_to_its_end() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -409,7 +409,7 @@ mod tests {
         let (early, late) = (frames_read("1", "2"), frames_read("18", "19"));
         let all = late / 2;
         assert!(all > 19_000 && early > all, "{early} and {late}");
-        // Up to a second behind the part, and what is sorted.
+        // The second reading may continue up to a second after the part, and the sorting by time reads some frames ahead.
         assert!(early - all < all * 3 / 20 + 1100 + all / 40, "{early} of {all}");
     }
 }

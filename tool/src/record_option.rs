@@ -9,7 +9,7 @@ use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 /// Why a verb cannot make a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
-    /// The file cannot be used.
+    /// The file of `--record` cannot be used.
     #[error("cannot record to {}: {reason}; name another file with --record", .file.display())]
     File {
         /// The path of the file.
@@ -22,13 +22,13 @@ pub enum RecordError {
     Uri(#[from] UriError),
 }
 
-/// The link with the key `record=`.
+/// Adds the key `record=` to a link.
 ///
 /// # Errors
 /// The folder does not exist, the name cannot be written in a link, or the link has a recording already.
 pub fn with_record(link: &LinkUri, file: &Path) -> Result<LinkUri, RecordError> {
     let refuse = |reason: String| RecordError::File { file: file.to_owned(), reason };
-    // A program may change its working directory before it opens the board.
+    // The path is made absolute, because a program may change its working directory before it opens the board.
     let absolute = std::path::absolute(file).map_err(|error| refuse(error.to_string()))?;
     let folder = absolute.parent().filter(|_| !absolute.is_dir());
     if !folder.ok_or_else(|| refuse("it is a folder".into()))?.is_dir() {
@@ -43,7 +43,7 @@ pub fn with_record(link: &LinkUri, file: &Path) -> Result<LinkUri, RecordError> 
 /// Makes sure that the recording can be created. With `overwrite`, removes an existing recording.
 ///
 /// # Errors
-/// A file exists and is not removed.
+/// The file exists and `overwrite` is not set, or it cannot be removed.
 pub fn make_room(file: &Path, overwrite: bool) -> Result<(), RecordError> {
     record::make_room(file, overwrite).map_err(|error| {
         let hint = if overwrite { "" } else { ", and --overwrite is not given" };

@@ -14,7 +14,7 @@ use ecmsk::sk::{FRAME_LEN, SlotSize};
 
 use super::stderr::say;
 
-/// Most frames that are read ahead to find a slot size that the recording does not state.
+/// The most frames that are read ahead to find the slot size, if the recording does not state it.
 const LOOK_AHEAD: usize = 1000;
 
 /// If the first frame comes at least this long after the board was opened, a note says so, ns. \[OURS] A program that begins
@@ -30,18 +30,19 @@ thread_local! {
     pub static FRAMES_READ: std::cell::Cell<u64> = const { std::cell::Cell::new(0) };
 }
 
-/// A frame of a recording, with what verbs need to know about it.
+/// A frame of a recording, with its number, its time and its slot size.
 #[derive(Clone, Debug)]
 pub struct Framed {
     /// The number of the frame in the recording, from 1.
     pub number: u64,
-    /// Nanoseconds since the recording's first frame. Negative for a report that was read later, but made before it.
+    /// Nanoseconds since the recording's first frame. Negative for a report that stands later in the file but was made before
+    /// that frame.
     pub time_ns: i64,
     /// The frame as it was recorded.
     pub recorded: Recorded,
     /// The slot size of the frame.
     pub size: SlotSize,
-    /// The metadata of the section of the file.
+    /// The metadata of the file's section that contains the frame.
     pub meta: Option<Rc<RecordMeta>>,
 }
 
@@ -64,15 +65,15 @@ pub struct Frames<R> {
     ahead: VecDeque<Result<Raw, RecordError>>,
     meta: Option<Rc<RecordMeta>>,
     first_ns: Option<u64>,
-    /// How long before the first frame the board was opened, if the recording tells.
+    /// How long before the first frame the board was opened; `None` if the recording does not say so.
     opened_before_ns: Option<i64>,
     number: u64,
     noted: bool,
 }
 
 impl Frames<Box<dyn Read>> {
-    /// Opens a file; `-` is standard input. `size` is the slot size that the user has given, `device` the only device
-    /// of a capture to read.
+    /// Opens a file; `-` is standard input. `size` is the slot size that the user has given. With `device`, only the frames of
+    /// this device in a capture are read.
     ///
     /// # Errors
     /// [`RecordError`] if the file cannot be read or is not a recording.
@@ -82,7 +83,7 @@ impl Frames<Box<dyn Read>> {
     }
 }
 
-/// A file, or standard input for `-`, and its name in messages.
+/// Opens a file, or standard input for `-`. Returns it with its name for messages.
 ///
 /// # Errors
 /// [`RecordError::Io`].
@@ -98,10 +99,10 @@ pub fn source(file: &Path) -> Result<(Box<dyn Read>, String), RecordError> {
 }
 
 impl<R: Read> Frames<R> {
-    /// Reads from any source; `name` is its name in messages.
+    /// Reads a recording from any source. `name` is its name for messages.
     ///
     /// # Errors
-    /// [`RecordError`] if its beginning is not that of a recording.
+    /// [`RecordError`] if the source does not begin like a recording.
     pub fn new(source: R, name: &str, size: Option<SlotSize>, device: Option<Address>) -> Result<Self, RecordError> {
         let recording = Recording::new(source, name)?;
         let mut frames = Self {
@@ -122,7 +123,7 @@ impl<R: Read> Frames<R> {
         Ok(frames)
     }
 
-    /// Prints no notes, for a second reading of the same file.
+    /// Switches notes off, for a second reading of the same file.
     pub fn quiet(self) -> Self {
         Self { noted: true, ..self }
     }
@@ -156,8 +157,8 @@ impl<R: Read> Frames<R> {
         Some(recorded.map(|recorded| (recorded, self.meta.clone())))
     }
 
-    /// The slot size that the user has given, otherwise that of the recording, otherwise that of the CRCs of the frames
-    /// read so far. If none shows it, prints one note.
+    /// The slot size: the one that the user has given, otherwise the recorded one, otherwise the one with which the CRCs of the
+    /// frames so far are right. If none of these is known, 12 bytes are assumed, with one note.
     fn size(&mut self, meta: Option<&RecordMeta>) -> SlotSize {
         match (self.sizes.given(), size_told(meta)) {
             (Some(size), _) | (None, Some(size)) => size,
@@ -171,7 +172,7 @@ impl<R: Read> Frames<R> {
         }
     }
 
-    /// Prints notes on missing frames and on traffic that was left out. Both are known only after the last frame.
+    /// Prints notes on what the recording lacks and on ignored traffic of a capture. To be called after the last frame.
     pub fn note_missing(&self) {
         note_left_out(&self.name, &self.recording.skipped());
         if let Some(lacks) = self.lacks() {
@@ -179,8 +180,9 @@ impl<R: Read> Frames<R> {
         }
     }
 
-    /// Prints a note if the times of frames, which count from the first frame, differ from those of warnings and scripts,
-    /// which count from the opening of the board. To be called after the first frame was read.
+    /// Prints a note if the board was opened well before the first frame: then the times of frames, which count from the first
+    /// frame, differ from those of warnings and scripts, which count from the opening. To be called after the first frame was
+    /// read.
     pub fn note_opened(&self) {
         if let Some(ns) = self.opened_before_ns.filter(|ns| *ns >= OPENED_BEFORE_MIN_NS) {
             let seconds = ns as f64 / 1e9;
@@ -195,7 +197,7 @@ impl<R: Read> Frames<R> {
         }
     }
 
-    /// What the recording lacks; `None` if nothing is known to be missing. Known only after the last frame.
+    /// What the recording lacks to be complete; `None` if nothing is known to be missing. To be called after the last frame.
     pub fn lacks(&self) -> Option<Lacks> {
         Some(self.recording.lacks()).filter(|lacks| !lacks.is_nothing())
     }
@@ -222,7 +224,7 @@ impl<R: Read> Iterator for Frames<R> {
     }
 }
 
-/// Sorts frames by their times, and corrects times where the clock has jumped.
+/// Sorts frames by time, and corrects the times after a jump of the clock.
 #[derive(Default)]
 pub struct InTime {
     timeline: Timeline<Framed>,
@@ -230,19 +232,19 @@ pub struct InTime {
 }
 
 impl InTime {
-    /// Adds the next frame of the file; returns the earliest buffered one, once there are enough.
+    /// Adds the next frame of the file. Once enough frames are buffered, returns the earliest of them.
     pub fn push(&mut self, framed: Framed) -> Option<Framed> {
         let placed = self.timeline.push(framed.recorded.at_ns, framed)?;
         self.sort(placed)
     }
 
-    /// After the last frame of the file: returns the earliest buffered frame.
+    /// To be called after the last frame of the file: returns the earliest frame that is still buffered.
     pub fn pop(&mut self) -> Option<Framed> {
         let last = self.timeline.pop();
         last.and_then(|placed| self.sort(placed)).or_else(|| self.order.pop())
     }
 
-    /// The jumps of the times so far.
+    /// The jumps of the clock that were found so far.
     pub const fn jumps(&self) -> Option<Jumps> {
         self.timeline.jumps()
     }
@@ -252,7 +254,7 @@ impl InTime {
     }
 }
 
-/// The firmware in the link of a recording; `None` for a real board.
+/// The firmware of a modelled board, from the link in the recording; `None` if the link does not give it.
 pub fn firmware(meta: Option<&RecordMeta>) -> Option<Firmware> {
     let link = LinkUri::parse(&meta?.link).ok()?;
     match link.value("fw")? {
@@ -269,7 +271,7 @@ pub fn link_name(meta: &RecordMeta) -> String {
     format!("{}:{}{}{keys}", link.scheme(), link.path(), if keys.is_empty() { "" } else { "?" })
 }
 
-/// Prints a note that the slot size was assumed.
+/// Prints a note that the slot size is an assumption. `whose` names the recording or line.
 pub fn note_assumed(whose: &str, size: SlotSize) {
     let size = size.bytes();
     say(
@@ -278,14 +280,15 @@ pub fn note_assumed(whose: &str, size: SlotSize) {
     );
 }
 
-/// Prints a note on traffic of a capture that was left out, if it matters.
+/// Prints a note on ignored traffic of a capture, if there is any that matters.
 pub fn note_left_out(whose: &str, skipped: &Skipped) {
     if let Some(words) = skipped.words() {
         say("note", &format_args!("{whose}: left out: {words}; look at them in Wireshark"));
     }
 }
 
-/// The board of a capture: the requested one, otherwise the only one. `None` if the file is a recording.
+/// The address of the board in a capture: the requested one, otherwise the only one. `None` if the file is no capture but a
+/// recording of this project, which has no addresses.
 ///
 /// # Errors
 /// [`RecordError`] if there is no board or more than one.
@@ -296,7 +299,7 @@ pub fn board(file: &Path, asked: Option<Address>) -> Result<Option<Address>, Rec
     }
 }
 
-/// Parses bus and address, such as `1.5`.
+/// Parses the USB bus and the device address, such as `1.5`.
 ///
 /// # Errors
 /// The text is invalid; the error says what is allowed.
@@ -308,7 +311,7 @@ fn size_told(meta: Option<&RecordMeta>) -> Option<SlotSize> {
     meta?.slot
 }
 
-/// `at - first`, limited to the range of the type; a damaged file may contain any times.
+/// `at - first`, limited to the range of the type, because a damaged file may contain any times.
 fn since(first: u64, at: u64) -> i64 {
     i64::try_from(i128::from(at) - i128::from(first)).unwrap_or(if at < first { i64::MIN } else { i64::MAX })
 }

@@ -1,4 +1,4 @@
-//! Checks the recording of a program, or of a verb, that has ended.
+//! Checks whether a recording is complete, when the program or verb that made it has ended.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -9,21 +9,21 @@ use ecmsk::recording::{Lacks, lacks_at_end};
 
 use super::stderr::say;
 
-/// The exit code if a program or a verb succeeded but its recording is incomplete. \[OURS] `timeout` uses the same code
-/// for a program that it ended; shells and `env` do not use it.
+/// The exit code of a program or verb that succeeded but whose recording is incomplete. \[OURS] It is one that `timeout` uses,
+/// and that shells and `env` do not.
 pub const NOT_WHOLE: u8 = 124;
 
-/// The link of a verb that talks to a chip or to a network, and may make a recording.
+/// The link that a verb of `xf`, `bus` or `params` has opened. It may contain a recording.
 static OPENED: OnceLock<LinkUri> = OnceLock::new();
 
-/// Notes that a verb opens this link.
+/// Remembers the link that a verb opens, so that its recording is checked at the end.
 pub fn opens(link: &LinkUri) {
-    // A verb opens only one link.
+    // Setting it can fail only for a second link, and a verb opens only one.
     let _ = OPENED.set(link.clone());
 }
 
-/// The exit code of a verb that has closed its link: `code`, or [`NOT_WHOLE`] if it succeeded and its recording is
-/// incomplete.
+/// The exit code of a verb that has closed its link: `code`, or [`NOT_WHOLE`] with a warning if the verb succeeded but its
+/// recording is incomplete.
 pub fn of_opened(code: ExitCode) -> ExitCode {
     let lacks = not_whole(OPENED.get()).filter(|_| code == ExitCode::SUCCESS);
     lacks.map_or(code, |lacks| {
@@ -32,12 +32,12 @@ pub fn of_opened(code: ExitCode) -> ExitCode {
     })
 }
 
-/// What the recording of the link lacks, with the name of its file. `None` if nothing is known to be missing, or if the
-/// link does not record to a file.
+/// What the recording of the link lacks to be complete, with the name of its file. `None` if nothing is known to be missing, or
+/// if the link does not record to a file.
 pub fn not_whole(link: Option<&LinkUri>) -> Option<String> {
     let file = link?.value("record")?;
     let path = Path::new(file);
-    // The reader of a pipe checks its end. A program that has opened no board has created no file.
+    // The recording is not checked if it goes to a pipe. There is no file if the program has opened no board.
     if !path.metadata().is_ok_and(|there| there.is_file()) {
         return None;
     }
@@ -49,7 +49,8 @@ pub fn not_whole(link: Option<&LinkUri>) -> Option<String> {
     }
 }
 
-/// Whether another process still records to the file: a child process that the program did not wait for.
+/// Whether another process is still writing the recording, such as a child that the program did not wait for. The writer holds
+/// a lock on the file.
 fn still_recorded(path: &Path) -> bool {
     let Ok(file) = std::fs::File::open(path) else { return false };
     match file.try_lock_shared() {

@@ -130,15 +130,15 @@ pub fn run(args: &Args) -> Result<ExitCode, ReplayVerbError> {
     Ok(compare::print(text, names.code(&found, &options))?)
 }
 
-/// A run of the model, of either kind.
+/// The frames of the recorded board or of the model, whichever pace the replay has.
 type Run = Box<dyn Iterator<Item = TimedFrame>>;
 
 fn boxed(run: impl Iterator<Item = TimedFrame> + 'static) -> Run {
     Box::new(run)
 }
 
-/// Compares both runs. Returns the recorded run, read to its end, the result, and the nanoseconds that the model's host
-/// has waited.
+/// Compares the recorded run with that of the model. Returns the recorded run after reading it to its end, the result, and how
+/// long the model's host has waited for answers, in nanoseconds.
 fn play(replay: &Replay, pace: Pace, options: &CompareOptions) -> Result<(RecordedRun, Comparison, i64), ReplayError> {
     let size = replay.size();
     match pace {
@@ -157,7 +157,7 @@ fn play(replay: &Replay, pace: Pace, options: &CompareOptions) -> Result<(Record
     }
 }
 
-/// The part of the capture that was not sent to the model, as JSON.
+/// The counts of recorded traffic that was not sent to the model, as JSON.
 fn left_out(before_start: u64, skipped: &Skipped) -> Value {
     let Skipped { taken_back, without_report, other_lengths, other_transfers, other_devices } = *skipped;
     json!({

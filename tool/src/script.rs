@@ -1,4 +1,4 @@
-//! `ecmsk run`: runs a script, which is a file with several steps on one open board.
+//! `ecmsk run`: runs a script, which is a text file with one step per line, on one open board.
 
 use std::fs;
 use std::io::{self, Read};
@@ -54,7 +54,7 @@ pub fn run(args: &Args) -> Result<(), BoardError> {
     play(&text, args, Interrupt::watch)
 }
 
-/// Runs a script with the text `text`. `watch` starts watching for signals.
+/// Runs the script `text`. `watch` starts watching for signals; fuzz targets pass one that does nothing.
 ///
 /// # Errors
 /// [`BoardError`]
@@ -87,7 +87,8 @@ fn read(path: &Path, name: &str) -> Result<String, BoardError> {
     String::from_utf8(bytes).map_err(|_| wrong("it is not UTF-8".into(), "name a text file"))
 }
 
-/// Parses all steps, with the numbers of their lines. Prints an error for every invalid line.
+/// Parses and checks all steps; returns each with its line number. Prints an error for every invalid line except the last one,
+/// which is returned.
 fn parse(
     text: &str,
     name: &str,
@@ -111,7 +112,7 @@ fn parse(
     Err(BoardError::Script { last: last.clone() })
 }
 
-/// Adds file and line to an error, if it concerns that line.
+/// Adds the script's name and the line to an error, except to a signal or an error of standard output.
 pub fn at(name: &str, line: u32, error: BoardError) -> BoardError {
     match error {
         error @ (BoardError::Stopped { .. } | BoardError::Output(_)) => error,

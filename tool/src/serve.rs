@@ -120,7 +120,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     }
 }
 
-/// Parses the address of `--listen`; its default port is `PORT`.
+/// Parses the address of `--listen`. It must have a port; errors propose `PORT`.
 fn listen_at<const PORT: u16>(text: &str) -> Result<SocketAddr, String> {
     text.parse().map_err(|_| match text.parse::<IpAddr>() {
         Ok(address) => format!("the port is missing: write {}", SocketAddr::new(address, PORT)),
@@ -132,7 +132,7 @@ fn listen_at<const PORT: u16>(text: &str) -> Result<SocketAddr, String> {
 
 fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     let failed = |message: std::io::Error| ServeError::System { what: "catch signals", message: message.to_string() };
-    // Signals are watched before anything can move.
+    // Signals are watched before anything can move, so that Ctrl-C always ends the server in an orderly way.
     let end_request = signals::EndRequest::watch().map_err(failed)?;
     streams::queue().map_err(no_thread)?;
     let recorded = served(args.link.as_ref())?;
@@ -160,18 +160,18 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     Ok(ended([&recorded]))
 }
 
-/// The exit code of a server that ended on request: success, or that of an incomplete recording.
+/// The exit code of a server that a signal has ended: success, unless a recording is incomplete.
 fn ended<'a>(links: impl IntoIterator<Item = &'a LinkUri>) -> ExitCode {
     ended_with(links.into_iter().filter_map(|link| recording_end::not_whole(Some(link))).collect())
 }
 
-/// The exit code for what recordings lack.
+/// Prints what recordings lack; returns success if they lack nothing.
 fn ended_with(lacking: Vec<String>) -> ExitCode {
     lacking.iter().for_each(|lacks| say("warning", lacks));
     if lacking.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(recording_end::NOT_WHOLE) }
 }
 
-/// The board to serve. It must be named, so that a forgotten option does not serve a real board.
+/// The link to serve. The user has to name it, so that a forgotten option does not serve a real board.
 ///
 /// # Errors
 /// No board is named, or the link is invalid.
@@ -184,8 +184,8 @@ fn no_thread(error: io::Error) -> ServeError {
     ServeError::System { what: "start a thread for output", message: error.to_string() }
 }
 
-/// Prints the served links. It does not wait for a stalled reader, because the server must serve, and end on a signal,
-/// in any case.
+/// Prints the address and the served links. A stalled reader of standard output does not hold the server up: it serves and
+/// reacts to signals in any case.
 ///
 /// # Errors
 /// Standard output cannot be written to.

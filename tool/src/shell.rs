@@ -1,4 +1,4 @@
-//! `ecmsk shell`: runs steps as they are typed, on one open board.
+//! `ecmsk shell`: runs steps on one open board as the user types them.
 
 mod input;
 mod terminal;
@@ -46,7 +46,7 @@ pub fn run(args: &Args) -> Result<ExitCode, BoardError> {
                 Err(error) if ends(&board, &error) => break Err(error),
                 Err(error) => {
                     failed = true;
-                    // A line that was typed needs no line number.
+                    // An error in a piped line needs its line number; a typed line is visible anyway.
                     let error = if typed { error } else { script::at(script::STDIN, number, error) };
                     if !typed && !args.keep_going {
                         break Err(error);
@@ -67,14 +67,14 @@ pub fn run(args: &Args) -> Result<ExitCode, BoardError> {
 /// Whether the error ends the shell: a signal other than Ctrl-C, or a terminal that was closed.
 fn ends(board: &Board, error: &BoardError) -> bool {
     match error {
-        // Ctrl-C ends only the step.
+        // Ctrl-C (signal 2) at a terminal ends only the step.
         BoardError::Stopped { signal, .. } => *signal != 2 || !io::stdin().is_terminal(),
         BoardError::Output(_) => true,
         _ => board.interrupt.signal().is_some_and(|signal| signal != 2),
     }
 }
 
-/// Runs a line; returns false if it ends the shell.
+/// Runs a line; returns false if it is `quit` or `exit`.
 fn answer(board: &Board, line: &str) -> Result<bool, BoardError> {
     let words: Vec<&str> = line.split_whitespace().collect();
     match words.split_first() {
@@ -98,7 +98,7 @@ fn wrong(why: String) -> BoardError {
     BoardError::Typed { why }
 }
 
-/// The completions of a line, and where the word begins that they replace.
+/// The completions of a line, and the position of the word that they replace.
 pub fn complete(line: &str) -> (usize, Vec<String>) {
     let start = line.rfind(char::is_whitespace).map_or(0, |blank| blank + 1);
     let (before, word) = line.split_at(start);
@@ -120,7 +120,7 @@ pub fn complete(line: &str) -> (usize, Vec<String>) {
 mod tests {
     use super::*;
 
-    /// Tab completes verbs, their verbs and their options.
+    /// Tab completes verbs, the verbs below them, and options.
     #[test]
     fn tab_completes_verbs_their_verbs_and_their_options() {
         assert_eq!(complete("mo"), (0, vec!["move ".to_owned()]));

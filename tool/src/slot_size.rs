@@ -1,7 +1,7 @@
 //! The option `--slot-size`.
 //!
-//! `--slot` was its former name in some verbs, and named slots in others. It is still accepted where it can only mean
-//! one of them, with a note on the present name.
+//! The former name `--slot` meant the slot size in some verbs, and selected slots in others. It is still accepted where its
+//! meaning is certain, with a note on the present name.
 
 use std::sync::Once;
 
@@ -25,7 +25,7 @@ pub fn given(size: Option<SlotSize>, slot: Option<SlotSize>) -> Option<SlotSize>
     size.or(slot)
 }
 
-/// Prints a note once on the present name of an option.
+/// Prints a note on the present name of an option, once per process.
 pub fn hint(old: &str, new: &str) {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| say("note", &format_args!("{old} is understood here as {new}; write it so, in all verbs alike")));

@@ -1,5 +1,5 @@
-//! Standard error of the tool. By default it is written directly; verbs during which axes move or clients are served write
-//! it by [`streams`], so that they never wait for a reader.
+//! Standard error of the tool. By default it is written directly. Verbs that move axes or serve clients write it through the
+//! queue of [`streams`], so that they never wait for whoever reads it.
 
 use std::io::{self, Write};
 
@@ -26,14 +26,14 @@ fn write(bytes: &[u8]) {
     put(&visible_bytes(bytes));
 }
 
-/// Errors are ignored, since standard error may be closed.
+/// Writes bytes directly or through the queue. Errors are ignored, since standard error may be closed.
 fn put(bytes: &[u8]) {
     if !streams::queue_bytes(Stream::Error, bytes) {
         let _ = io::stderr().write_all(bytes);
     }
 }
 
-/// The target of the log; a record is written in one piece.
+/// The writer for log records, each of which arrives in one piece.
 pub struct Log;
 
 impl Write for Log {

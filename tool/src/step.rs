@@ -1,13 +1,13 @@
-//! The steps: verbs that talk to a board, which have the same syntax on the command line, in a script and in the
-//! shell. A new one is a file of `step/`, a variant of [`Step`] and, to be a verb of the command line as well, a row
-//! of `verbs!`; a step only for scripts has no row.
+//! Steps: the verbs that talk to a board. They have the same syntax on the command line, in a script and in the shell. A new
+//! step is a file of `step/`, a variant of [`Step`], and a row of `verbs!` if it is a verb of the command line as well and not
+//! only a line of scripts.
 //!
 //! Files:
 //!
 //! - `line.rs`: a step from a line of a script
 //! - `info.rs`, `state.rs`, `sdo.rs`, `io.rs`, `servo.rs`, `home.rs`, `wait.rs`, `expect.rs`: one step each
 //! - `object.rs`: objects, types and values of `sdo`
-//! - `motion.rs`, `motion/`, `profile.rs`: `move`: targets, the path of all axes, the motion along it
+//! - `motion.rs`, `motion/`, `profile.rs`: `move`: its targets, the straight path of all axes, and the motion profile along it
 
 mod expect;
 mod home;
@@ -43,7 +43,7 @@ pub enum Step {
 }
 
 impl Step {
-    /// How the step uses the board.
+    /// How the step uses the board: whether it reads, sends commands or moves axes.
     pub const fn uses(&self) -> BoardUse {
         match self {
             Self::Servo(_) | Self::Home(_) | Self::Move(_) => BoardUse::Moves,
@@ -53,10 +53,10 @@ impl Step {
         }
     }
 
-    /// Checks the step before anything is sent. `scales`: the units that options give.
+    /// Checks the step before anything is sent. `scales` are the counts per unit that options give.
     ///
     /// # Errors
-    /// The network cannot carry out the step, or a unit is missing.
+    /// The network cannot carry out the step, or an axis of a move has no counts per unit.
     pub fn check(&self, network: Option<&Config>, scales: Option<&Scales>) -> Result<(), BoardError> {
         if let Self::Move(args) = self {
             args.check_units(scales)?;

@@ -1,9 +1,8 @@
-//! Standard output and standard error of verbs during which axes move or clients are served. A separate thread writes
-//! each of the two from a bounded queue. So no other thread waits for a reader, such as that of a full pipe or a
-//! terminal stopped by Ctrl-S.
+//! Standard output and standard error of verbs that move axes or serve clients. Each of the two has a queue of limited length
+//! and a thread that writes it. So no other thread waits when nobody reads, as with a full pipe or a terminal stopped by
+//! Ctrl-S.
 //!
-//! Lines appear in the order in which they were queued, also if both go to one terminal, as long as both readers keep
-//! up.
+//! Lines of both streams appear in the order in which they were queued, as long as both are read in time.
 
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -15,8 +14,8 @@ use ecmsk::notes::{FLUSH_LIMIT, Note, NoteThread, Notes};
 
 /// Longest time that a line waits for earlier lines of the other stream. \[OURS]
 const ORDER_WAIT_MAX: Duration = Duration::from_millis(50);
-/// Longest time that the end of the tool waits for lines after a signal. Without a signal it is [`FLUSH_LIMIT`].
-/// \[OURS]
+/// The longest time that the tool, after a signal, waits at its end for queued lines to be written. Without a signal it is
+/// [`FLUSH_LIMIT`]. \[OURS]
 const END_WAIT_AFTER_SIGNAL: Duration = Duration::from_millis(200);
 /// Interval at which a wait checks whether it is over. \[OURS]
 const LOOK_INTERVAL: Duration = Duration::from_millis(1);
@@ -28,21 +27,22 @@ pub enum Stream {
     Error,
 }
 
-/// Bytes in the queue of a stream.
+/// Bytes that are queued for a stream.
 struct Entry {
     bytes: Vec<u8>,
-    /// The number of entries of the other stream that were queued before.
+    /// The number of entries of the other stream that were queued before this one and are written first.
     others_before: u64,
 }
 
-/// The state that the threads share.
+/// The queues of both streams, and what their threads share.
 #[derive(Default)]
 struct Shared {
     /// The number of queued entries, for each stream.
     queued: Mutex<[u64; 2]>,
     /// The number of entries that were written or dropped, for each stream.
     done: [AtomicU64; 2],
-    /// Whether a line of the other stream has waited in vain, and nothing was written since; for each stream.
+    /// For each stream: whether the other one has waited for it in vain and it has written nothing since. Then the other one
+    /// does not wait again.
     is_stalled: [AtomicBool; 2],
     notes: [Notes<Entry>; 2],
     /// The error with which standard output has failed.
@@ -54,12 +54,12 @@ struct Streams {
     note_threads: [NoteThread<Entry>; 2],
 }
 
-/// The threads; empty until [`queue`] is called.
+/// The queues and their threads; empty until [`queue`] is called.
 static STREAMS: OnceLock<Streams> = OnceLock::new();
-/// The number of the signal that ends waits for the reader of standard output.
+/// The variable that holds the number of an arrived signal, or 0. A signal ends waits for standard output to be read.
 static SIGNAL: OnceLock<Arc<AtomicUsize>> = OnceLock::new();
 
-/// Makes threads write both streams from now on.
+/// From now on both streams are written by threads of their own, through queues.
 ///
 /// # Errors
 /// The system provides no thread.
@@ -73,18 +73,18 @@ pub fn queue() -> io::Result<()> {
         NoteThread::start(&shared.notes[stream as usize], move |note| of.write(stream, note))
     };
     let note_threads = [note_thread(Stream::Output)?, note_thread(Stream::Error)?];
-    // A second call at the same time has no effect.
+    // If another thread has done the same meanwhile, its queues stay.
     let _ = STREAMS.set(Streams { shared, note_threads });
     Ok(())
 }
 
-/// Sets the variable for signals: a signal number in it ends waits for the reader of standard output.
+/// Sets the variable that a signal handler stores signal numbers in. A signal then ends waits for standard output to be read.
 pub fn end_waits_on(signal: &Arc<AtomicUsize>) {
-    // The program has only one such variable.
+    // Setting it fails only the second time, and a process has only one such variable.
     let _ = SIGNAL.set(Arc::clone(signal));
 }
 
-/// The signal that has arrived.
+/// The number of the signal that has arrived; `None` if there was none.
 pub fn signal() -> Option<u8> {
     let signal = SIGNAL.get()?.load(Ordering::SeqCst);
     (signal != 0).then_some(signal as u8)
@@ -132,7 +132,7 @@ pub fn flush_output(limit: Duration) -> io::Result<bool> {
     shared.check().map(|()| is_written)
 }
 
-/// Waits for a limited time until all queued standard error is written, before something is written without the queue.
+/// Waits for a limited time until all queued standard error is written, because the caller will write to it directly.
 pub fn flush_error() {
     if let Some(Streams { note_threads: [_, error], .. }) = STREAMS.get() {
         error.flush_within(END_WAIT_AFTER_SIGNAL);
@@ -171,7 +171,7 @@ impl Shared {
         failed.as_ref().map_or(Ok(()), |error| Err(again(error)))
     }
 
-    /// Writes an entry; called by the thread of its stream.
+    /// Writes an entry. Only the thread of this stream calls it.
     fn write(&self, stream: Stream, note: Note<Entry>) {
         let (own, _) = stream.with_other();
         match note {
@@ -193,7 +193,7 @@ impl Shared {
         }
     }
 
-    /// Waits until the other stream has written its earlier entries, unless its reader has stalled.
+    /// Waits until the other stream has written the entries queued before this one, unless nobody reads that stream.
     fn wait_for_others(&self, stream: Stream, others_before: u64) {
         let (_, other) = stream.with_other();
         let began = Instant::now();

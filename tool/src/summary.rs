@@ -1,10 +1,10 @@
-//! `ecmsk summary`: what went wrong in a recorded run, and the extremes of its axes.
+//! `ecmsk summary`: lists the problems of a recorded run, and the extremes of its axes.
 //!
 //! Files:
 //!
 //! - `summary.rs`: the verb
 //! - `summary/extremes.rs`: the extremes of each axis
-//! - `summary/fail_on.rs`: what makes a run a failed one
+//! - `summary/fail_on.rs`: the option that decides which findings make a run fail
 
 mod extremes;
 mod fail_on;
@@ -96,7 +96,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
                     take(framed);
                 }
             }
-            // The summary includes what was read before the error.
+            // A truncated or malformed recording ends the reading, but the summary of the frames before is still printed.
             Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => {
                 is_whole = false;
                 say("note", &error);

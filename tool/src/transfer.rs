@@ -1,5 +1,4 @@
-//! An object that is read or written by SDO, of a slave of an ECM-XF or of any network: its arguments, and the text of
-//! its value.
+//! The arguments of an SDO read or write in `ecmsk bus` and `ecmsk xf`, and the text of the value.
 
 use ecmsk::coe::SdoScope;
 use serde_json::{Value as Json, json};
@@ -22,7 +21,7 @@ pub struct Transfer {
     pub complete: bool,
 }
 
-/// A value to write.
+/// The value that an SDO write sends.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Written {
     Number(Value),
@@ -30,7 +29,7 @@ pub enum Written {
 }
 
 impl Written {
-    /// Parses a number, or bytes behind `hex:`.
+    /// Parses a number, or bytes after the prefix `hex:`.
     ///
     /// # Errors
     /// The text is invalid; the error says what is allowed.
@@ -44,7 +43,7 @@ impl Written {
     }
 }
 
-/// A value that cannot be written.
+/// Why a value cannot be written.
 #[derive(Debug, PartialEq, Eq)]
 pub struct WrongValue {
     /// What is wrong with the value.
@@ -67,7 +66,7 @@ impl Transfer {
         if self.complete { None } else { self.of.or(self.object.known.map(|(_, of)| of)) }
     }
 
-    /// Whether one sub-index or all are meant.
+    /// Whether the transfer is of one sub-index or of all of them (complete access).
     pub const fn scope(&self) -> SdoScope {
         if self.complete { SdoScope::Complete } else { SdoScope::Entry }
     }
@@ -98,7 +97,7 @@ impl Transfer {
         Ok((format!("{value} (0x{raw:0digits$X})"), json))
     }
 
-    /// The bytes of an object of unknown type, also as a number or a text if they can be one.
+    /// The value of an object of unknown type as text: its bytes, and where possible also a number or a text.
     fn untyped(&self, bytes: &[u8]) -> String {
         if self.complete {
             return spaced(bytes);
@@ -115,7 +114,7 @@ impl Transfer {
         }
     }
 
-    /// The value written, as text and as JSON.
+    /// The confirmation of a write, as text and as JSON.
     pub fn written(&self, verb: &str, slave: u8, value: &Written, bytes: &[u8]) -> (String, Json) {
         let mut json = self.json(verb, slave, bytes);
         let text = match (value, self.of()) {
@@ -130,7 +129,7 @@ impl Transfer {
         (format!("slave {slave}: {} = {text}", self.object), json)
     }
 
-    /// The bytes to write. `verb` is the one whose help the error names.
+    /// Encodes the value to the bytes to write. `verb` is the verb whose help the error names.
     ///
     /// # Errors
     /// [`WrongValue`]
@@ -154,7 +153,7 @@ impl Transfer {
     }
 }
 
-/// Up to 4 bytes as a number.
+/// Up to 4 bytes as a number, lowest byte first.
 fn number(bytes: &[u8]) -> u32 {
     bytes.iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte))
 }

@@ -7,10 +7,10 @@
 
 use std::io::{self, Write};
 
-/// The longest incomplete UTF-8 character, in bytes.
+/// The most bytes that can be the beginning of a UTF-8 character.
 const PART_MAX: usize = 3;
 
-/// Whether a character is written unchanged.
+/// Whether a character is shown as it is, and not as its code.
 pub fn is_plain(letter: char) -> bool {
     let unseen =
         matches!(letter, '\u{200B}'..='\u{200F}' | '\u{2028}'..='\u{202E}' | '\u{2066}'..='\u{2069}' | '\u{FEFF}');
@@ -34,7 +34,7 @@ pub fn visible_bytes(bytes: &[u8]) -> Vec<u8> {
 #[derive(Debug)]
 pub struct Visible<W: Write> {
     inner: W,
-    /// The beginning of a character that is not complete yet.
+    /// The bytes at the end of the last write that begin a character whose rest is still to come.
     part: Vec<u8>,
 }
 
@@ -48,7 +48,7 @@ impl<W: Write> Visible<W> {
             let (plain, rest) = text.split_at(at);
             let mut letters = rest.chars();
             self.inner.write_all(plain.as_bytes())?;
-            // All of these characters have four digits.
+            // Four digits are enough for the code of each of these characters.
             letters.next().map_or(Ok(()), |letter| write!(self.inner, "\\u{:04x}", u32::from(letter)))?;
             text = letters.as_str();
         }
@@ -70,7 +70,7 @@ impl<W: Write> Visible<W> {
     }
 }
 
-/// Whether these bytes may be the beginning of a character.
+/// Whether these bytes may be the beginning of a UTF-8 character whose rest is still to come.
 fn may_begin(bytes: &[u8]) -> bool {
     std::str::from_utf8(bytes).is_err_and(|error| error.error_len().is_none())
 }
@@ -109,7 +109,7 @@ mod tests {
         }
     }
 
-    /// JSON stays valid and keeps its meaning.
+    /// JSON with control characters stays valid and parses to the same value.
     #[test]
     fn json_with_control_characters_keeps_its_meaning() {
         let text: String = (0..0x300).chain(0x2000..0x2100).filter_map(char::from_u32).collect();
@@ -121,7 +121,8 @@ mod tests {
         assert_eq!(before, after);
     }
 
-    /// Bytes that are written in pieces appear like bytes written at once; bytes that are not UTF-8 are shown as well.
+    /// A character that is split between two writes appears as if it had been written at once; bytes that are not UTF-8 are
+    /// shown too.
     #[test]
     fn bytes_written_in_pieces_come_out_as_in_one_piece() {
         let bytes = "µ漢\u{1F600}\u{9b}\x1b[0m".as_bytes().iter().copied().chain([0x9b, b'A', 0xC2, b'B', 0xFF, 0xE6]);

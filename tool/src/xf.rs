@@ -1,10 +1,10 @@
 //! `ecmsk xf`: the verbs that talk to an ECM-XF.
 //!
-//! - `session.rs`: the chip of a verb: its options, opening it without disturbing a running network, starting its
-//!   network
-//! - `commands.rs`, `scan.rs`, `info.rs`, `state.rs`, `sdo.rs`, `pdo.rs`, `gpio.rs`, `adc.rs`, `dac.rs`, `encoder.rs`:
-//!   one verb each; `raw.rs`, with `raw/` for values as text: any function of the chip
-//! - `words.rs`: names of states and bits as the tool writes them
+//! - `session.rs`: the open chip that a verb works on: its options, opening it without disturbing a running network, bringing
+//!   its network up
+//! - `commands.rs`, `scan.rs`, `info.rs`, `state.rs`, `sdo.rs`, `pdo.rs`, `gpio.rs`, `adc.rs`, `dac.rs`, `encoder.rs`: one verb
+//!   each; `raw.rs`: any function of the chip, with its fields as text in `raw/`
+//! - `words.rs`: names of states and options as the tool writes them
 //! - `tests.rs`: verbs on a chip that keeps running between them
 //! - `error.rs`: why a verb failed
 
@@ -69,7 +69,7 @@ enum Verb {
     Raw(raw::Args),
 }
 
-/// A result: lines of text without the last line feed, and a JSON object.
+/// The result of a verb: lines of text without the last line feed, and a JSON object.
 type Shown = (String, Value);
 
 /// # Errors
@@ -98,7 +98,7 @@ fn on_chip(
     let mut session = chip.open()?;
     let shown = verb(&mut session);
     let Session { xf, reporter, .. } = session;
-    // The chip keeps running as `raw` left it, and the next call of the tool finds it so.
+    // The chip keeps running in the state in which the verb has left it, so that the next call of the tool finds it so.
     xf.leave();
     for (text, json) in shown? {
         reporter.result(text, &json)?;

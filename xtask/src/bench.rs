@@ -1,6 +1,6 @@
-//! `cargo xtask bench`: runs the benches, compares their figures with the targets, writes target/bench.json; with `--rig`
-//! those of the wires alone, in a guest, into target/bench-rig.json, with `--windows` those of the DLLs, under Wine, into
-//! target/bench-windows.json.
+//! `cargo xtask bench`: runs the benches, compares their results with the targets, and writes target/bench.json. With `--rig`
+//! it runs only the benches of the wires, in a guest system (target/bench-rig.json), with `--windows` only those of the DLLs,
+//! under Wine (target/bench-windows.json).
 
 use std::fmt;
 use std::fs;
@@ -13,7 +13,7 @@ use crate::needs::{self, IP, MCS, MONO, NETWORK_NAMESPACE, Need, PIP, SOEM_SOURC
 use crate::project::Project;
 use crate::{rig, windows};
 
-/// The programs and rights that the benches need. A bench that lacks one prints this and is skipped.
+/// The programs and rights that the benches need. A bench without one of them is skipped and says so.
 const NEEDS: &[Need] = &[MCS, MONO, IP, NETWORK_NAMESPACE, PIP, SOEM_SOURCES];
 
 #[derive(clap::Args)]
@@ -31,23 +31,24 @@ pub struct Arguments {
     windows: bool,
 }
 
-/// A line of a bench: a pair with its target, or a value with its unit. A value may have a target too; without one it
-/// is only shown.
+/// One result of a bench: either a comparison (the times of this project and of a baseline) or a single value with a unit.
+/// Without a target it is only shown.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 struct Figure {
     name: String,
-    /// The median time of this project.
+    /// The median time of this project, in nanoseconds.
     ours_ns: Option<f64>,
-    /// The median time of the baseline.
+    /// The median time of the baseline, in nanoseconds.
     baseline_ns: Option<f64>,
-    /// The median ratio of this project to the baseline, block by block.
+    /// The median of this project's time divided by the baseline's, over the blocks of the measurement.
     ratio: Option<f64>,
-    /// The largest allowed ratio or value.
+    /// The largest ratio, or the largest value, with which the bench passes.
     target: Option<f64>,
-    /// A pair also passes, whatever its ratio, if this project takes at most this much longer.
+    /// A comparison also passes, whatever its ratio, if this project takes at most this many nanoseconds longer than the
+    /// baseline: between two very short times a large ratio means little.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     allowance_ns: Option<f64>,
-    /// The name of the baseline.
+    /// The name of the baseline, such as another master.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     against: Option<String>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -57,7 +58,7 @@ struct Figure {
 }
 
 impl Figure {
-    /// Whether the target is met, or there is none.
+    /// Whether the result meets its target, or has none.
     fn holds(&self) -> bool {
         if let (Some(value), Some(most)) = (self.value, self.target) {
             return value <= most;
@@ -136,7 +137,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     if misses == 0 { Ok(()) } else { Err(Error::Slow { misses, demands, again }) }
 }
 
-/// The figures in the output of the benches: the lines that are JSON objects.
+/// Reads the results from the output of the benches: the lines that are JSON objects.
 fn read(said: &str) -> Result<Vec<Figure>, Error> {
     let lines = said.lines().filter(|line| line.starts_with('{'));
     lines

@@ -1,5 +1,5 @@
-//! `cargo xtask ci`: the checks of a commit (`--fast`), and those of a change that is to be merged, which are `cargo
-//! xtask test --all`.
+//! `cargo xtask ci`: checks a commit (`--fast`), or a change before it is merged, which is the same as `cargo xtask test
+//! --all`.
 
 use crate::command;
 use crate::error::Error;
@@ -44,7 +44,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     )
 }
 
-/// Runs clippy; on Windows on what is built there, since some tests need Unix.
+/// Runs clippy. On Windows it checks only the targets that are built there, since some tests need Unix.
 fn lints(site: &Site) -> Result<(), Error> {
     if !cfg!(windows) {
         return test::lints(site);
@@ -59,7 +59,7 @@ mod tests {
 
     use clap::Parser;
 
-    /// Every cargo command in the workflow of GitHub and in `.ci/run` is an existing chore with existing options.
+    /// Every `cargo xtask` command in the GitHub workflow and in `.ci/run` exists, with options that exist.
     #[test]
     fn what_a_ci_runs_is_there() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
@@ -76,7 +76,7 @@ mod tests {
         assert_eq!(commands, ["cargo xtask ci --fast", "cargo xtask ci", "cargo xtask test --all"]);
     }
 
-    /// The toolchain of the tests is the oldest version that the crate supports.
+    /// The toolchain with which everything is tested is the oldest Rust version that the crate supports.
     #[test]
     fn the_toolchain_is_the_oldest() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();

@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 
 use crate::error::Error;
 
-/// Runs a command whose output goes where that of this program goes.
+/// Runs a command. It writes to the same standard output and standard error as this program.
 pub fn run(command: &mut Command) -> Result<(), Error> {
     let status = command.status().map_err(|source| Error::Start { command: shown(command), source })?;
     if status.success() {
@@ -40,7 +40,7 @@ pub fn shown(command: &Command) -> String {
     let variables =
         command.get_envs().filter_map(|(name, value)| Some(format!("{}={}", name.to_string_lossy(), quoted(value?))));
     let program = command.get_program();
-    // cargo passes its full path, which nobody types.
+    // cargo starts subcommands with its full path, but users type only its name.
     let program = match Path::new(program).file_name() {
         Some(name) if name == "cargo" => quoted(name),
         _ => quoted(program),

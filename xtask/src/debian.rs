@@ -1,5 +1,5 @@
-//! Makes a Debian system in a folder, for programs that this system cannot run, and for testing installations in a
-//! fresh system.
+//! Makes a Debian system in a folder, by debootstrap: for programs that the host system cannot run, and for testing
+//! installations in a fresh system.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -8,23 +8,23 @@ use std::process::Command;
 use crate::command;
 use crate::error::Error;
 
-/// The release. The tests were written with its Wine, and the packages are for it.
+/// The Debian release. The tests were written with its version of Wine, and the packages are for it.
 const RELEASE: &str = "bookworm";
-/// The file in the root that lists the sources of the system.
+/// The file in the system's root that lists its packages, so that a system of other packages is made anew.
 const MADE_OF: &str = "made-of";
 
-/// A Debian system: the minimal one with further packages.
+/// What a Debian system consists of: the minimal system, further packages, and changes.
 pub struct System {
     /// The name of its folder.
     pub name: &'static str,
-    /// Its purpose, and what making it costs.
+    /// Its purpose, and the download, disk space and time that it takes, for the user.
     pub why: &'static str,
-    /// A second architecture of which it has packages.
+    /// A second architecture (`i386`) from which packages are installed too.
     pub also: Option<&'static str>,
     pub packages: &'static [&'static str],
-    /// The files that dpkg leaves out, as patterns of paths.
+    /// The files that are not installed, as patterns of paths.
     pub left_out: &'static [&'static str],
-    /// What is done with the files of the new system, before it counts as made.
+    /// The last change to the files of a new system, before it counts as complete.
     pub finish: fn(&Path) -> Result<(), Error>,
 }
 
@@ -50,7 +50,7 @@ pub fn set_up(folder: &Path, system: &System) -> Result<PathBuf, Error> {
     write(&new.join("etc/apt/apt.conf.d/90ecmsk"), "APT::Install-Recommends \"0\";\n")?;
     let left_out: String = system.left_out.iter().map(|files| format!("path-exclude={files}\n")).collect();
     write(&new.join("etc/dpkg/dpkg.cfg.d/90ecmsk"), &left_out)?;
-    // debootstrap has unpacked them all the same.
+    // The configuration above holds only from now on: debootstrap has unpacked these files already.
     let remove = format!("rm -rf {}", system.left_out.join(" "));
     command::output(&mut inside(&new, &["sh", "-c", &remove]))?;
     if let Some(architecture) = system.also {
@@ -59,12 +59,12 @@ pub fn set_up(folder: &Path, system: &System) -> Result<PathBuf, Error> {
     command::output(&mut inside(&new, &["apt-get", "-qq", "update"]))?;
     command::output(&mut inside(&new, &[&["apt-get", "-qq", "-y", "install"], system.packages].concat()))?;
     command::output(&mut inside(&new, &["apt-get", "clean"]))?;
-    // The lists of packages are not needed any more, because nothing else is fetched.
+    // Nothing else is fetched, so the package lists of apt are not needed any more.
     let lists = new.join("var/lib/apt/lists");
     fs::remove_dir_all(&lists).map_err(Error::file("remove", &lists))?;
     (system.finish)(&new)?;
     write(&new.join(MADE_OF), &made_of)?;
-    // It gets its name last, when it is complete.
+    // The folder gets its final name last, so that a folder of that name is complete.
     fs::rename(&new, &root).map_err(Error::file("rename", &new))?;
     Ok(root)
 }
@@ -73,7 +73,7 @@ fn write(path: &Path, text: &str) -> Result<(), Error> {
     fs::write(path, text).map_err(Error::file("write", path))
 }
 
-/// A command in the system, with a /proc for its duration.
+/// A command that runs in the system, with /proc mounted while it runs.
 pub fn inside(root: &Path, words: &[&str]) -> Command {
     let mut unshare = Command::new("unshare");
     unshare.env("DEBIAN_FRONTEND", "noninteractive").env("PATH", "/usr/sbin:/usr/bin:/sbin:/bin");
@@ -94,7 +94,7 @@ fn mirror() -> Result<String, Error> {
         .ok_or(Error::Rig("no mirror of Debian 12 in /etc/apt/sources.list or sources.list.d; run it on Debian 12"))
 }
 
-/// The first source of the release itself, in either format of the file.
+/// The URL of the first source that is the release itself (not its updates), in either format of an apt source file.
 fn mirror_in(text: &str) -> Option<String> {
     let in_a_line = text.lines().filter(|line| line.starts_with("deb ")).find_map(|line| {
         let words: Vec<&str> = line.split_whitespace().filter(|word| !word.starts_with('[')).collect();

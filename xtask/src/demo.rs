@@ -1,5 +1,5 @@
-//! `cargo xtask demo`: runs a C++ program for the board on a simulated one, on which a drive has an alarm, and plots
-//! it; with `--link` on another board too, and plots both runs in one picture.
+//! `cargo xtask demo`: runs a C++ program on a simulated board, on which a drive gets an alarm, and plots the run. With
+//! `--link` the program also runs on another simulated board, and both runs are in one picture.
 
 use std::env;
 use std::fs;
@@ -14,18 +14,18 @@ use crate::{command, needs, stage};
 
 const SOURCE: &str = "examples/cpp/alarm_recovery.cpp";
 const LINK: &str = "sim:?slaves=drive*2&clock=real&script=examples/scripts/alarm_on_the_way.ecmscript";
-/// The fault scripts for simulated slaves whose link has no script of its own: for slaves of the model, and for slaves
-/// behind an ECM-XF.
+/// The fault script that gives the alarm, if the link has no `script=`: for simulated slaves of the model, and (next constant)
+/// for simulated slaves behind an ECM-XF.
 const SCRIPT: &str = "script=examples/scripts/alarm_on_the_way.ecmscript";
 const SCRIPT_BEHIND_CHIP: &str = "script=examples/scripts/alarm_on_the_way_behind_chip.ecmscript";
 
-/// The schemes of links to simulated slaves, each with its fault script.
+/// The schemes of links to simulated slaves, each with its default fault script.
 const SIMULATED: [(&str, &str); 2] = [("sim:", SCRIPT), ("xf-sim:", SCRIPT_BEHIND_CHIP)];
 
-/// The argument that stands for a virtual network card with simulated slaves at the other end of its cable.
+/// The value of `--link` that means a pair of virtual network cards, with simulated slaves at the other end of the cable.
 const CARD: &str = "nic";
-/// Runs a program on slaves at the other end of a cable: $1 is the tool, $2 the recording, $3 the program, $4 the log of the
-/// slaves.
+/// The shell script that runs a program on slaves at the other end of that cable: $1 is the tool, $2 the recording, $3 the
+/// program, $4 the log of the slaves.
 const ON_A_CARD: &str = "
 ip link add veth0 type veth peer name veth1
 ip link set veth0 up
@@ -39,7 +39,7 @@ until grep -q answering $4 || [ $tries = 100 ]; do sleep 0.05; tries=$((tries + 
 $1 exec --link 'nic:veth0?priority=20' --record $2 -- $3
 ";
 
-/// The cost of building the optimised library and tool. The chores themselves were built before this is said.
+/// The cost of building the optimised library and tool. When it is printed, `cargo xtask` itself was built already.
 const SPEND: Spend =
     Spend { disk_mb: 1_700, time: "on two free cores, two minutes beside the build of `cargo xtask` itself, now done" };
 
@@ -62,7 +62,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     SPEND.announce(project);
     let on_card = arguments.link.as_deref() == Some(CARD);
     needs::require(project, if on_card { &[CXX, IP, NETWORK_NAMESPACE] } else { &[CXX] })?;
-    // The commands are shown as one would type them at the root.
+    // Commands are shown as users type them at the project's root.
     env::set_current_dir(&project.root).map_err(Error::file("go to", &project.root))?;
     let target = project.relative(&project.target);
     let folder = target.join("demo");
@@ -82,12 +82,13 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     let mut compile = Command::new(CXX.program);
     compile.args(["-std=c++17", "-O2", "-Wall", "-Wextra", "-pthread", SOURCE]);
     compile.arg("-I").arg(staged.join("include")).arg("-L").arg(staged.join("lib"));
-    // With a run path the program also starts without `ecmsk exec`; a DT_RUNPATH is searched after LD_LIBRARY_PATH.
+    // The run path lets users start the program without `ecmsk exec` too. A DT_RUNPATH is searched after LD_LIBRARY_PATH, so
+    // that `exec` still decides which library is loaded.
     compile.args(["-lNEXTWUSBLib", "-Wl,--enable-new-dtags,-rpath,$ORIGIN/stage/lib", "-o"]).arg(&program);
     show_and_run(&mut compile)?;
 
     let exec = |link: &str, recording: &Path| {
-        // Without this an older recording would be continued.
+        // An older recording is removed, because the library would append to it.
         let _ = fs::remove_file(recording);
         let mut exec = Command::new(&ecmsk);
         show_and_run(exec.args(["exec", "--link", link, "--record"]).arg(recording).arg("--").arg(&program))
@@ -117,7 +118,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     Ok(())
 }
 
-/// Refuses a link whose slaves may be real, because it is not known whether that machine may move.
+/// Refuses a link that may reach real slaves, because nobody knows whether that machine may move.
 fn refuse_real(link: &str, target: &Path) -> Result<(), Error> {
     if link == CARD || SIMULATED.iter().any(|(scheme, _)| link.starts_with(scheme)) {
         return Ok(());
@@ -127,7 +128,7 @@ fn refuse_real(link: &str, target: &Path) -> Result<(), Error> {
     Err(Error::NotSimulated { link: link.to_owned(), instead: command::shown(&instead) })
 }
 
-/// The link, with the alarm of the first run if it has no script.
+/// The link, with the fault script that gives the alarm if it has no script of its own.
 fn with_script(link: &str) -> String {
     match SIMULATED.into_iter().find(|(scheme, _)| link.starts_with(scheme)) {
         Some((_, script)) if !link.contains("script=") => {
@@ -138,7 +139,7 @@ fn with_script(link: &str) -> String {
     }
 }
 
-/// The text at the end: what was made, and what to do with it.
+/// The last lines of output: the files that were made, and commands to go on with.
 fn end(folder: &Path, has_both: bool) -> String {
     let folder = folder.display();
     let both =
@@ -174,7 +175,7 @@ fn show_and_run(step: &mut Command) -> Result<(), Error> {
 mod tests {
     use super::*;
 
-    /// The demo ends with what it has made and with commands to go on; the pages that it names exist.
+    /// The last lines name the files that were made and commands to go on with; the pages that they name exist.
     #[test]
     fn a_next_step() {
         let text = end(Path::new("target/demo"), true);
@@ -206,7 +207,7 @@ mod tests {
         }
     }
 
-    /// The other board has the alarm too, unless its link says otherwise.
+    /// The second board has the alarm too, unless its link has a script of its own.
     #[test]
     fn the_alarm_of_the_other_board() {
         for (link, expected) in [

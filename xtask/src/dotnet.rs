@@ -1,5 +1,5 @@
-//! `cargo xtask dotnet`: the .NET assemblies and the C# programs of `examples/`, compiled by Mono's compiler. The same
-//! sources give the same bytes, so what is tested here is what is shipped.
+//! `cargo xtask dotnet`: compiles the .NET assemblies and the C# programs of `examples/` with Mono's compiler. The same sources
+//! give the same bytes, so the tested assemblies are those that are shipped.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -21,25 +21,26 @@ pub struct Arguments {
     runtime: bool,
 }
 
-/// The compiler of the assemblies.
+/// The programs that compiling needs.
 pub const NEEDS: &[Need] = &[MCS];
-/// The programs that `--runtime` needs.
+/// The programs that the option `--runtime` needs to fetch .NET Core.
 pub const RUNTIME_NEEDS: &[Need] = &[PYTHON, PIP, DOTNET_CORE];
 
 const ASSEMBLIES_SOURCE: &str = "capi/dotnet";
 const PROGRAMS_SOURCE: &str = "examples/csharp";
 
-/// The assemblies of [`ASSEMBLIES_SOURCE`], with the symbols for their sources.
+/// The assemblies, all from the sources in [`ASSEMBLIES_SOURCE`]: the name of each, and the conditional compilation symbol that
+/// selects its variant.
 const ASSEMBLIES: [(&str, &str); 3] = [
     ("NEXTWUSB_dotNET_12B", "NAMED_12B"),
     ("NEXTWUSB_dotNET_16B", "SLOTS_OF_16_BYTES"),
     ("NEXTWUSB_dotNET", "NAMED_AS_IN_SAMPLES"),
 ];
 
-/// A program of [`PROGRAMS_SOURCE`].
+/// A C# program in [`PROGRAMS_SOURCE`].
 struct Program {
     name: &'static str,
-    /// The sources that it has in common with others.
+    /// The further sources that it shares with other programs.
     with: &'static [&'static str],
     assembly: &'static str,
     define: Option<&'static str>,
@@ -52,10 +53,10 @@ const PROGRAMS: [Program; 4] = [
     Program { name: "TwoAxes16B", with: &["Ecm"], assembly: "NEXTWUSB_dotNET_16B", define: Some("SLOTS_OF_16_BYTES") },
 ];
 
-/// The C# version of Visual Studio 2010, which the vendor's guide uses.
+/// The C# version of Visual Studio 2010, with which the vendor's guide works.
 const LANGUAGE: &str = "-langversion:4";
 
-/// The configuration with which .NET Core runs programs that have none: any version from 2.1 on.
+/// The runtime configuration for programs that were compiled without one: they run on any .NET Core from 2.1 on.
 const RUNTIME_CONFIG: &str = r#"{
   "runtimeOptions": {
     "framework": { "name": "Microsoft.NETCore.App", "version": "2.1.0" },
@@ -65,14 +66,14 @@ const RUNTIME_CONFIG: &str = r#"{
 }
 "#;
 
-/// The compiled files.
+/// The folders of the compiled files.
 pub struct Compiled {
-    /// The folder of the assemblies for any CPU, each with its documentation (`.xml`), as they are shipped.
+    /// The folder of the assemblies for any CPU, each with its documentation (`.xml`). The packages contain the same files.
     pub assemblies: PathBuf,
-    /// The folder of those that are bound to x86-64.
+    /// The folder of the assemblies for x86-64 only.
     pub assemblies_x64: PathBuf,
-    /// The folder of the programs, with copies of the assemblies and with `core.json` for `dotnet exec
-    /// --runtimeconfig`.
+    /// The folder of the programs, with copies of the assemblies, and with the runtime configuration `core.json` for `dotnet
+    /// exec --runtimeconfig`.
     pub programs: PathBuf,
 }
 

@@ -84,7 +84,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// An error for `map_err` of an operation on a file.
+    /// Returns a function for `map_err` that adds the operation (`doing`) and the path to an I/O error.
     pub fn file(doing: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::File { doing, path: path.to_owned(), source }
     }

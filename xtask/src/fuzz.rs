@@ -1,7 +1,7 @@
-//! `cargo xtask fuzz`: runs the targets of fuzz/ with the installed toolchain, each for some time.
+//! `cargo xtask fuzz`: runs the fuzz targets of fuzz/ with the installed stable toolchain, each for a given time.
 //!
-//! fuzz/ has the layout of cargo-fuzz, which needs a nightly toolchain for its sanitizers. What libFuzzer itself
-//! needs of the compiler, counters in the code, the stable one provides as well.
+//! fuzz/ has the layout of cargo-fuzz, which needs a nightly toolchain for its sanitizers. libFuzzer alone needs only coverage
+//! counters in the code, which the stable compiler can add as well.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -22,9 +22,9 @@ pub struct Arguments {
     target: Option<String>,
 }
 
-/// The flags for coverage as libFuzzer reads it: a counter per edge, a table of their places, and the operands of
-/// comparisons. Branches are not merged, so that each condition that is met counts as progress. There is one codegen
-/// unit, so that all counters are in one section; debug assertions are on, so that an overflow is found.
+/// Compiler flags for the coverage that libFuzzer reads: a counter per edge, a table of the edges' addresses, and the operands
+/// of comparisons. Branches are not merged, so that each condition of an `if` counts as progress. One codegen unit puts all
+/// counters into one section. Debug assertions find overflows.
 const RUSTFLAGS: [&str; 9] = [
     "-Cpasses=sancov-module",
     "-Cllvm-args=-sanitizer-coverage-level=4",
@@ -50,7 +50,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     Ok(())
 }
 
-/// The names of all targets.
+/// The names of all fuzz targets.
 fn targets(folder: &Path) -> Result<Vec<String>, Error> {
     let folder = folder.join("fuzz_targets");
     let entries =
@@ -69,9 +69,9 @@ fn choose(targets: Vec<String>, wanted: Option<&str>) -> Result<Vec<String>, Err
     }
 }
 
-/// Builds the targets; returns the folder of the programs.
+/// Builds the fuzz targets; returns the folder with their programs.
 fn build(project: &Project, folder: &Path, targets: &[String]) -> Result<PathBuf, Error> {
-    // With an explicit target the flags do not apply to build scripts, which could not be linked with them.
+    // With an explicit `--target` cargo does not apply the flags to build scripts, which could not be linked with them.
     let triple = host_triple()?;
     let built = folder.join("target");
     let mut cargo = project.cargo();
@@ -92,7 +92,7 @@ fn host_triple() -> Result<String, Error> {
     host.map(str::to_owned).ok_or_else(|| Error::Failed { command: command::shown(&rustc), status: "no host".into() })
 }
 
-/// Runs one target; returns its executions per second as libFuzzer prints them.
+/// Runs one fuzz target; returns its executions per second as libFuzzer prints them.
 fn fuzz(folder: &Path, target: &str, program: &Path, seconds: u32) -> Result<String, Error> {
     let [corpus, artifacts] = ["corpus", "artifacts"].map(|name| folder.join(name).join(target));
     for folder in [&corpus, &artifacts] {
@@ -104,9 +104,9 @@ fn fuzz(folder: &Path, target: &str, program: &Path, seconds: u32) -> Result<Str
 
     let mut run = Command::new(program);
     run.arg(format!("-max_total_time={seconds}")).arg(format!("-artifact_prefix={}/", artifacts.display()));
-    // Standard output is closed, because nobody reads what the tool prints.
+    // `-close_fd_mask=1` closes standard output: nobody reads the output of the code under test.
     run.args(["-print_final_stats=1", "-timeout=10", "-close_fd_mask=1"]).arg(&corpus).stderr(said);
-    // New inputs are added to the corpus; seeds are only read.
+    // libFuzzer adds new inputs to the first folder, the corpus. It only reads the second one, the seeds.
     let seeds = folder.join("seeds").join(target);
     run.args(seeds.is_dir().then_some(seeds));
     let status = run.status().map_err(|source| Error::Start { command: command::shown(&run), source })?;

@@ -1,5 +1,5 @@
-//! The groups of tests, each a program of its own: which are quick, which run on the machine's clock, and which tests are long
-//! and left to `--all`. Each group stands in exactly one list; a test below fails for one that was forgotten.
+//! The groups of tests: each is a test program of its own. Lists say which are quick and which run on the machine's clock, and
+//! which tests only `--all` runs. Each group is in exactly one list; a test below fails if one is missing.
 
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::side_by_side::{self, Named};
 use crate::test::Site;
 
-/// Groups that need no other program, and seconds: `cargo xtask ci --fast` runs them.
+/// Groups that take seconds and need no other program. `cargo xtask ci --fast` runs them.
 const QUICK: &[&str] =
     &["engine", "ethercat", "fieldbus", "link", "link_log", "recordings", "rooms", "sk", "slave", "xf"];
 
@@ -18,9 +18,9 @@ const QUICK: &[&str] =
 const OTHERS: &[&str] =
     &["bus", "capi", "counters", "ecm", "ecmsk_header", "esi", "invariants", "master", "migration", "xf_api"];
 
-/// Groups that use the machine's clock: runners, processes, sockets, network cards, masters of other projects. Two of them run
-/// at a time, each one test after the other, and nothing else beside them: most of them wait most of the time. Their
-/// assertions hold on a machine that is late, too. The long ones come first.
+/// Groups that depend on the machine's clock: runners, processes, sockets, network cards, masters of other projects. Two groups
+/// run at a time and nothing else beside them, since they mostly wait; the tests of a group run one after the other. Their
+/// assertions also hold on a machine that is late. The longest groups come first.
 const REAL_CLOCK: &[&str] = &[
     "bus_on_card",
     "failing_calls",
@@ -36,20 +36,20 @@ const REAL_CLOCK: &[&str] = &[
     "xf_port",
 ];
 
-/// The groups among them that need a master of another project, which is fetched and built first: only `--all` runs them.
+/// Groups on the machine's clock that need a master of another project. Only `--all` runs them, because that master is fetched
+/// and built first.
 const OTHER_MASTERS: &[&str] = &["ethercrab", "pysoem"];
 
-/// The group in which only some tests use the machine's clock, and the parts of the names of these tests.
+/// The group in which only some tests depend on the machine's clock, and (next constant) the parts of the names of those tests.
 const TOOL: &str = "tool";
 const TOOL_ON_REAL_CLOCK: &[&str] =
     &["card_picture::", "monitor_tcp::", "page::", "serve_", "stalled::", "stop::", "tcp_", "terminal::"];
 
-/// The only group among them that takes seconds: the runners of the board, on every system.
+/// The group on the machine's clock that `ci --fast` runs too, since it takes only seconds: the runners of the board.
 const QUICK_ON_REAL_CLOCK: &str = "runners";
 
-/// Parts of the names of the tests and modules that only `--all` runs: they repeat other tests over other hardware, in
-/// other languages or with another reference, or try hundreds of moments one by one. No part may occur in the name of
-/// another test.
+/// Parts of the names of tests and modules that only `--all` runs. They repeat other tests with other hardware, languages or
+/// references, or try hundreds of moments one by one. No part may occur in the name of any other test.
 const LONG: &[&str] = &[
     "a_crowd_locks_nobody_out",
     "all_that_a_program_sees_is_the_same",
@@ -72,20 +72,20 @@ pub fn is_left_to_all(module: &str) -> bool {
     LONG.iter().any(|name| name.strip_suffix("::") == Some(module))
 }
 
-/// The units, and all groups that are not on the machine's clock.
+/// Runs the unit tests, and all groups that do not depend on the machine's clock.
 pub fn units_and_groups(site: &Site) -> Result<(), Error> {
     run(site, &[QUICK, OTHERS], &["--lib", "--bins"], &[])?;
     let others: Vec<String> = TOOL_ON_REAL_CLOCK.iter().map(|name| format!("--skip={name}")).collect();
     run(site, &[&[TOOL]], &[], &others.iter().map(String::as_str).collect::<Vec<_>>())
 }
 
-/// The units and the quick groups.
+/// Runs the unit tests and the quick groups.
 pub fn quick(site: &Site) -> Result<(), Error> {
     run(site, &[QUICK], &["--lib", "--bins"], &[])?;
     run(site, &[&[QUICK_ON_REAL_CLOCK]], &[], &["--test-threads=1"])
 }
 
-/// The groups that [`quick`] leaves out.
+/// The groups that [`quick`] does not run.
 pub fn not_quick() -> impl Iterator<Item = &'static str> {
     OTHERS
         .iter()
@@ -96,11 +96,11 @@ pub fn not_quick() -> impl Iterator<Item = &'static str> {
         .filter(|group| *group != QUICK_ON_REAL_CLOCK)
 }
 
-/// The groups on the machine's clock.
+/// Runs the groups that depend on the machine's clock.
 pub fn real_clock(site: &Site) -> Result<(), Error> {
     let others = if site.all { OTHER_MASTERS } else { &[] };
     let groups = [&[TOOL][..], others, REAL_CLOCK].concat();
-    // Otherwise the groups would wait for one another's builds.
+    // All groups are built first. Otherwise a group would wait while cargo builds the one beside it.
     command::run(tests(site, &groups, &[]).arg("--no-run"))?;
     let named = groups.into_iter().map(|group| {
         let chosen = if group == TOOL { TOOL_ON_REAL_CLOCK } else { &[] };
@@ -112,19 +112,20 @@ pub fn real_clock(site: &Site) -> Result<(), Error> {
     side_by_side::run(named.collect(), &site.project.target.join("xtask/groups"))
 }
 
-/// The examples in the documentation.
+/// Runs the examples in the documentation comments (doctests).
 pub fn documentation(site: &Site) -> Result<(), Error> {
     command::run(site.project.cargo().args(["test", "--workspace", "--doc", "--", "--quiet"]))
 }
 
-/// Runs cargo for the whole workspace, so that each group has the library with the same features and it is compiled once.
+/// Runs these groups with one cargo command for the whole workspace: all of them then use the library with the same features,
+/// and it is compiled once.
 fn run(site: &Site, groups: &[&[&str]], targets: &[&str], options: &[&str]) -> Result<(), Error> {
     let mut cargo = tests(site, &groups.concat(), targets);
     choose(&mut cargo, site, options);
     command::run(&mut cargo)
 }
 
-/// The command that builds and runs these targets.
+/// The cargo command that builds and runs these groups and `targets` (such as `--lib`).
 fn tests(site: &Site, groups: &[&str], targets: &[&str]) -> Command {
     let mut cargo = site.project.cargo();
     cargo.args(["test", "--workspace"]).args(targets);
@@ -132,7 +133,7 @@ fn tests(site: &Site, groups: &[&str], targets: &[&str]) -> Command {
     cargo
 }
 
-/// Adds the arguments by which the programs choose their tests.
+/// Adds the arguments after `--`, by which the test programs select their tests.
 fn choose(cargo: &mut Command, site: &Site, options: &[&str]) {
     cargo.args(["--", "--quiet"]).args(options).args(site.skipped_modules());
     if !site.all {
@@ -140,7 +141,7 @@ fn choose(cargo: &mut Command, site: &Site, options: &[&str]) {
     }
 }
 
-/// Runs the groups on the machine's clock `times` times; if `is_busy`, with a busy loop on each processor in every second
+/// Runs the groups on the machine's clock `times` times. With `is_busy`, a busy loop runs on each processor in every second
 /// run.
 pub fn repeat_real_clock(site: &Site, times: u32, is_busy: bool) -> Result<(), Error> {
     for n in 1..=times {
@@ -176,11 +177,11 @@ mod tests {
 
     /// The folders that contain groups.
     const FOLDERS: [&str; 4] = ["tests", "capi/tests", "tests/masters/tests", "tool/tests"];
-    /// Groups that parts of their own start in a guest or under Wine.
+    /// Groups that are not run here, because other chores start them in a guest system or under Wine.
     const ELSEWHERE: [&str; 2] = ["rig", "windows"];
-    /// Texts in the source of a test that uses the machine's clock.
+    /// Texts in a source that show that a test uses the machine's clock.
     const SIGNS: [&str; 4] = ["clock=real", "virtual_time: false", "Instant::now", "thread::sleep"];
-    /// Files of other groups that contain such a text. No test in them fails on a machine that is late.
+    /// Files of other groups that contain such a text nevertheless. Their tests also pass on a machine that is late.
     const WITH_A_SIGN: [&str; 16] = [
         "tests/capi/behaviour.rs",
         "tests/capi/cpp_examples.rs",
@@ -216,7 +217,7 @@ mod tests {
         folder.read_dir().expect("a folder").map(|entry| entry.expect("an entry").path()).collect()
     }
 
-    /// The sources below a folder, or a file itself.
+    /// The Rust sources below a folder; for a file, the file itself.
     fn sources(path: &Path) -> Vec<PathBuf> {
         if path.is_dir() {
             return entries(path).iter().flat_map(|path| sources(path)).collect();
@@ -224,7 +225,7 @@ mod tests {
         path.extension().filter(|of| *of == "rs").map(|_| path.to_path_buf()).into_iter().collect()
     }
 
-    /// Each group is there, has a name of its own, and stands in one list.
+    /// Each group exists, has a unique name, and is in exactly one list.
     #[test]
     fn each_group_stands_in_one_list() {
         let mut there: Vec<String> = groups().into_iter().map(|(name, _)| name).collect();
@@ -236,7 +237,7 @@ mod tests {
         assert!(REAL_CLOCK.contains(&QUICK_ON_REAL_CLOCK));
     }
 
-    /// A group that uses the machine's clock is among those that run alone, or its file is listed here.
+    /// A group whose sources use the machine's clock is in [`REAL_CLOCK`], or the file that uses it is listed above.
     #[test]
     fn what_looks_at_the_clock_runs_alone() {
         let mut found = Vec::new();
@@ -256,7 +257,7 @@ mod tests {
         assert_eq!(found, WITH_A_SIGN);
     }
 
-    /// The tests that only `--all` runs exist.
+    /// Each part of a name in [`LONG`] occurs in an existing test.
     #[test]
     fn long_tests_are_there() {
         let sources: Vec<PathBuf> = groups().iter().flat_map(|(_, path)| sources(path)).collect();

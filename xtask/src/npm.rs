@@ -8,7 +8,7 @@ use crate::error::Error;
 use crate::fetched::{self, Fetched, Index};
 use crate::needs::NPM;
 
-/// Microsoft's .NET Core 2.2 for 64-bit Windows: the runtime, and the compiler of VB.NET, which that runtime runs.
+/// Microsoft's .NET Core 2.2 for 64-bit Windows: the runtime and the compiler of VB.NET, which needs that runtime.
 pub const DOTNET_X64: Fetched = Fetched {
     index: Index::Npm {
         parts: &["dotnet.exe", "LICENSE.txt", "host", "shared/Microsoft.NETCore.App", "sdk/2.2.104/Roslyn/bincore"],
@@ -19,7 +19,7 @@ pub const DOTNET_X64: Fetched = Fetched {
     program: "dotnet.exe",
     cost: "161 MB to fetch, 98 MB in the target folder",
 };
-/// The path of its VB.NET compiler in the package.
+/// The path of the VB.NET compiler in [`DOTNET_X64`].
 pub const VBC: &str = "sdk/2.2.104/Roslyn/bincore/vbc.dll";
 
 /// Microsoft's runtime of .NET Core 2.1 for 32-bit Windows.

@@ -1,4 +1,4 @@
-//! `cargo xtask semver`: compares the public API of the library with the last release.
+//! `cargo xtask semver`: checks that the public API of the library is compatible with the last release.
 
 use crate::command;
 use crate::error::Error;
@@ -24,7 +24,7 @@ fn last_release(project: &Project) -> Result<Option<String>, Error> {
     Ok(newest(&String::from_utf8_lossy(&tags)))
 }
 
-/// The first tag that is a version, `v1.2.3`; tags are sorted from the newest on.
+/// The first tag of the form `v1.2.3`. `tags` are sorted from the newest to the oldest.
 fn newest(tags: &str) -> Option<String> {
     let is_version =
         |tag: &&str| tag.strip_prefix('v').is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_digit()));

@@ -1,4 +1,4 @@
-//! Runs commands two at a time, each with a log of its own.
+//! Runs several commands, two at a time, each with its own log file.
 
 use std::fs::{self, File};
 use std::path::Path;
@@ -10,7 +10,7 @@ use std::time::Instant;
 use crate::command;
 use crate::error::Error;
 
-/// How many commands run at a time.
+/// The number of commands that run at the same time.
 const LANES: usize = 2;
 
 /// A command, and the name that is shown for it.
@@ -19,8 +19,8 @@ pub struct Named {
     pub command: Command,
 }
 
-/// Runs the commands in their order, [`LANES`] at a time. Their output goes to files in the folder `logs`, each shown whole
-/// when its command has ended. After a failure no further command begins; the first failure is returned.
+/// Runs the commands in this order, [`LANES`] at a time. The output of each goes to a file in `logs` and is shown as a whole
+/// when the command has ended. After a failure no further command is started. Returns the first failure.
 pub fn run(commands: Vec<Named>, logs: &Path) -> Result<(), Error> {
     fs::create_dir_all(logs).map_err(Error::file("make", logs))?;
     let waiting = Mutex::new(commands.into_iter());
@@ -43,7 +43,7 @@ fn locked<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 
 fn run_one(Named { name, mut command }: Named, logs: &Path) -> Result<(), Error> {
     println!("  {name} ...");
-    // A file and not a pipe: a process that outlives the command would keep a pipe open.
+    // The output goes to a file and not to a pipe, because a process that outlives the command would keep a pipe open.
     let log = logs.join(format!("{name}.log"));
     let file = File::create(&log).map_err(Error::file("make", &log))?;
     command.stderr(file.try_clone().map_err(Error::file("share", &log))?).stdout(file);

@@ -1,12 +1,12 @@
-//! `cargo xtask soak`: runs random tests many more times than `cargo xtask test` does:
+//! `cargo xtask soak`: runs randomised tests many more times than `cargo xtask test` does:
 //!
-//! - the random schedules of tests/invariants, on a bus that our runner paces and on late buses, its writers that die, and
-//!   its long day
+//! - the random schedules of tests/invariants, on a bus in time and on late buses, with writers that vanish; and its long
+//!   simulated day
 //! - random frames against every network of tests/engine, and against slaves in every state in tests/ethercat
-//! - slaves as another master has left them, in tests/master
-//! - all of tests/engine over a bus that queues outputs
-//! - the schedules of faults between the ECM-XF's driver and its model, in tests/xf
-//! - programs on a board and behind a chip, in tests/migration
+//! - networks whose slaves another master has left in any state, in tests/master
+//! - all tests of tests/engine on a bus that queues outputs
+//! - fault schedules between the driver of the ECM-XF and the model of the chip, in tests/xf
+//! - programs on a board and behind a chip, compared, in tests/migration
 //! - system calls that fail, in tests/failing_calls and in tests/masters
 
 use std::process::Command;
@@ -17,10 +17,10 @@ use crate::needs;
 use crate::project::Project;
 use crate::test::GATES;
 
-/// The number of schedules for which one program of tests/migration runs: it runs twice, each time for some seconds of the
-/// board.
+/// One program of tests/migration is run for this many schedules of the other tests: it runs twice and takes seconds of
+/// simulated time each.
 const PER_MIGRATION: u64 = 25;
-/// The number of schedules for which one motion on a network card runs: it takes seconds of the real clock.
+/// One motion on a network card is run for this many schedules of the other tests, since it takes seconds of real time.
 const PER_CARD: u64 = 25;
 
 #[derive(clap::Args)]
@@ -63,11 +63,11 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     Ok(())
 }
 
-/// The tests with failing system calls that this machine can run, each with its number of failures: `count`, or as many as
-/// there are.
+/// The tests with failing system calls that this machine can run, each with the number of failures to try: `count`, or all that
+/// are possible.
 fn failing_calls(project: &Project, count: u64) -> Vec<(Command, u64)> {
     let mut on_boards = test(project, "failing_calls", &[]);
-    // On the real clock nothing may run beside a test.
+    // These tests use the machine's clock, so no other test may run at the same time.
     on_boards.arg("--test-threads=1");
     let mut on_card = project.cargo();
     on_card.args(["test", "--release", "--package=masters", "--test=failing_calls_on_card", "--", "--nocapture"]);
@@ -84,7 +84,7 @@ fn failing_calls(project: &Project, count: u64) -> Vec<(Command, u64)> {
     parts.into()
 }
 
-/// A test program of the library, or the part of it that `filter` names.
+/// The command that runs a test program of the library; `filter` selects some of its tests.
 fn test(project: &Project, name: &str, filter: &[&str]) -> Command {
     let mut cargo = project.cargo();
     cargo.args(["test", "--release", "--package=ecmsk", "--test", name, "--", "--nocapture"]).args(filter);

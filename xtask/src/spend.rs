@@ -1,20 +1,20 @@
-//! The disk space and time that a chore takes, which is printed before it begins.
+//! The cost of a chore in disk space and time, which is printed before it begins.
 
 use std::path::Path;
 use std::process::Command;
 
 use crate::project::Project;
 
-/// The cost of a chore when it runs for the first time; later runs use what was built.
+/// The cost of the first run of a chore. Later runs reuse what was built.
 pub struct Spend {
     /// The space on the disk of the target folder, in MB.
     pub disk_mb: u64,
-    /// The time as text.
+    /// The duration, as text for the user.
     pub time: &'static str,
 }
 
 impl Spend {
-    /// Prints the cost.
+    /// Prints the cost, and the free disk space if it is too little.
     pub fn announce(&self, project: &Project) {
         println!("{}", self.text(project.relative(&project.target), free_mb(&project.target)));
     }
@@ -39,14 +39,14 @@ fn size(mb: u64) -> String {
     if mb < 1000 { format!("{mb} MB") } else { format!("{:.1} GB", mb as f64 / 1000.0) }
 }
 
-/// The free space on the disk of a folder, or of the nearest existing one above it, in MB.
+/// The free space in MB on the disk that contains a folder. The folder need not exist yet.
 fn free_mb(folder: &Path) -> Option<u64> {
     let there = folder.ancestors().find(|folder| folder.exists())?;
     let output = Command::new("df").arg("-Pk").arg(there).output().ok()?;
     free_in(&String::from_utf8(output.stdout).ok()?)
 }
 
-/// The fourth column of the second line, in blocks of 1024 bytes (POSIX, df -P).
+/// Parses the output of `df -P` (POSIX): the fourth column of the second line, in blocks of 1024 bytes.
 fn free_in(df: &str) -> Option<u64> {
     let blocks: u64 = df.lines().nth(1)?.split_whitespace().nth(3)?.parse().ok()?;
     Some(blocks * 1024 / 1_000_000)

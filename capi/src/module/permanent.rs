@@ -1,7 +1,7 @@
 //! For systems where this library is never unloaded, because it is linked with `nodelete`: the same items as in
 //! `unloadable.rs`, without effect.
 
-/// On Windows a reference to this library's module.
+/// Without effect here. On Windows it is a reference to this library's module.
 pub struct ModuleReference;
 
 impl ModuleReference {
@@ -10,7 +10,7 @@ impl ModuleReference {
     }
 }
 
-/// On Windows a call of this library that is under way.
+/// Without effect here. On Windows it counts a call of this library that is under way.
 pub struct Call;
 
 impl Call {
@@ -19,7 +19,8 @@ impl Call {
     }
 }
 
-/// On Windows the caller's last error. Elsewhere a caller looks at `errno` only after a call that is documented to set it.
+/// Without effect here. On Windows it keeps the caller's last error; elsewhere a caller looks at `errno` only after a call that
+/// is documented to set it.
 pub struct LastError;
 
 impl LastError {

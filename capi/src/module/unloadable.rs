@@ -21,9 +21,10 @@ use windows_sys::Win32::System::Threading::{CreateThread, Sleep};
 /// How long a call that is no longer counted may take to execute its last instructions in this module, however busy the
 /// machine is. \[OURS]
 const RETURN_MS: u32 = 500;
-/// How often a waiting thread checks whether all calls have returned.
+/// The interval at which a waiting thread checks whether all calls have returned.
 const CHECK_INTERVAL_MS: u32 = 1;
-/// How often it does so. A call whose thread was ended by force never returns, and then the module stays loaded. \[OURS]
+/// After this many checks a waiting thread gives up, and the module stays loaded: a call whose thread was ended by force never
+/// returns. \[OURS]
 const CHECKS_MAX: u32 = 10_000;
 
 /// How many calls are under way in this module.
@@ -38,7 +39,7 @@ pub struct ModuleReference {
 }
 
 impl ModuleReference {
-    /// Acquires a reference.
+    /// Acquires a reference to this module.
     pub fn begin() -> Self {
         pin_winsock();
         let taken = module(GET_MODULE_HANDLE_EX_FLAG_FROM_ADDRESS).is_some();
@@ -108,7 +109,7 @@ impl Drop for Call {
 pub struct LastError(u32);
 
 impl LastError {
-    /// Keeps the present value.
+    /// Keeps the present last error.
     pub fn keep() -> Self {
         // SAFETY: the function has no conditions.
         Self(unsafe { GetLastError() })

@@ -17,8 +17,8 @@ const TOLERANCE: f64 = 0.33;
 const MODE_DISPLAY: ObjectAddress = ObjectAddress::new(0x6061, 0);
 
 impl Board {
-    /// Checks that these axes run in CSP, with the cycle time that the user has given. A network that this process has
-    /// configured always does.
+    /// Checks that these axes run in CSP, with the cycle time that the user has given. If this process has configured the
+    /// network itself, the check passes at once.
     ///
     /// # Errors
     /// [`BoardError::Refused`]
@@ -53,7 +53,7 @@ impl Board {
     }
 }
 
-/// The possible cycle that is nearest to a measured one, in microseconds.
+/// The cycle time that a board can have and that is nearest to the measured one. Both are in microseconds.
 fn nearest(measured: f64) -> u32 {
     let steps = (measured / 250.0).log2().round().clamp(0.0, 11.0);
     250 << steps as u32
@@ -108,7 +108,7 @@ mod tests {
         lines(&[], &["state preop", "state op", "servo on all", "move 1=200 2=5"]).unwrap();
     }
 
-    /// A measured cycle is rounded to a possible one.
+    /// A measured cycle time is rounded to the nearest cycle time that a board can have.
     #[test]
     fn a_measured_cycle_is_rounded_to_one_that_the_board_has() {
         assert_eq!([100.0, 240.0, 510.0, 1990.0, 4100.0].map(nearest), [250, 250, 500, 2000, 4000]);

@@ -1,5 +1,5 @@
-//! What a step needs of the network. If it is missing, `--up` brings the network up; without it the error says what
-//! to type.
+//! Checks that the network is in the state that a step (an action such as `move` or `sdo`) needs. If it is not, `--up` brings
+//! the network up; without `--up` the error says what to type.
 
 use ecmsk::sk::MasterState;
 
@@ -7,7 +7,7 @@ use super::error::BoardError;
 use super::network::list;
 use super::session::{Board, StepSource, numbered, statusword_text};
 
-/// What a step needs of the network.
+/// The state of the network that a step needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Needs<'a> {
     /// The network is in PreOP or higher, for SDOs.
@@ -19,7 +19,7 @@ pub enum Needs<'a> {
 }
 
 impl Board {
-    /// Makes sure that the network has what a step needs; with `--up` by bringing it up.
+    /// Makes sure that the network is in the state that a step needs; with `--up` it is brought up.
     ///
     /// # Errors
     /// [`BoardError::NotUp`], [`BoardError::AxisOff`], [`BoardError::Alarm`], and errors of bringing the network up.
@@ -93,7 +93,7 @@ impl Board {
         change(wanted)
     }
 
-    /// What the user has to type: the command line with `--up`, or the lines that bring the network up.
+    /// The next step for an error: the command line with `--up`, or the script lines that bring the network up.
     fn next(&self, lines: &str) -> String {
         match self.source {
             StepSource::CommandLine => format!("to bring it up first, type: {} --up", command_line()),

@@ -23,7 +23,7 @@ pub enum BoardError {
     /// The operating system refuses a thread, memory or a file.
     #[error("cannot {what}: {source}; free some of the system's memory, threads or files, then run it again")]
     System {
-        /// What the call was to do.
+        /// What the failed call was for, such as `start a thread`.
         what: &'static str,
         /// The error of the operating system.
         source: io::Error,
@@ -52,51 +52,51 @@ pub enum BoardError {
     /// The link cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The operation failed on the board.
+    /// An error of the board or its slaves in the operation.
     #[error(transparent)]
     Ecm(#[from] EcmError),
     /// The network is in a lower state than the operation needs.
     #[error("{what} needs {needs}, the network is in {found}; {next}")]
     NotUp {
-        /// The operation.
+        /// The operation that failed, as the error text names it.
         what: String,
         /// The states that allow the operation.
         needs: &'static str,
-        /// The present state.
+        /// The present state of the network.
         found: StateByte,
-        /// The next step.
+        /// What the user can do next; the error text ends with it.
         next: String,
     },
     /// A change of state has failed, and the board in this process knows why.
     #[error("{wanted} was not reached, the board is in {found}: {why}")]
     StateStuck {
-        /// The requested state.
+        /// The requested state of the network.
         wanted: MasterState,
         /// The state in which the change ended.
         found: StateByte,
         /// Why the change failed.
         why: StateFailure,
     },
-    /// An axis that has to be on is off.
+    /// An axis is not enabled, but the operation needs it enabled.
     #[error("{what} needs axis {slave} on, it is in {state}; {next}")]
     AxisOff {
-        /// The operation.
+        /// The operation that failed, as the error text names it.
         what: String,
-        /// The number of the slave.
+        /// The number of the slave, from 1 in network order.
         slave: u8,
         /// The CiA 402 state of the axis.
         state: String,
-        /// The next step.
+        /// What the user can do next; the error text ends with it.
         next: String,
     },
     /// An axis has an alarm.
     #[error("axis {slave} has alarm {}; remove the cause (drive's manual), then {next}", ErrorCode(*.code))]
     Alarm {
-        /// The number of the slave.
+        /// The number of the slave, from 1 in network order.
         slave: u8,
         /// The error code, 0x603F.
         code: u16,
-        /// The next step.
+        /// What the user can do next; the error text ends with it.
         next: String,
     },
     /// The target of a cycle is too far ahead of its axis.
@@ -106,69 +106,69 @@ pub enum BoardError {
         target.wrapping_sub(*actual).unsigned_abs()
     )]
     TooFarAhead {
-        /// The number of the slave.
+        /// The number of the slave, from 1 in network order.
         slave: u8,
-        /// The target, counts.
+        /// The target of the cycle, in counts.
         target: i32,
-        /// The actual position, counts.
+        /// The actual position of the axis, in counts.
         actual: i32,
         /// The greatest distance that `--lead-limit` allows, counts.
         limit: u32,
     },
-    /// The slaves of the network are not known.
+    /// Neither an option nor the link says which slaves the network has.
     #[error("{what} needs the list of slaves; give it with --slaves, e.g. --slaves drive*2,io")]
     UnknownNetwork {
-        /// The operation.
+        /// The operation that failed, as the error text names it.
         what: String,
     },
     /// The network has no slave with that number.
     #[error("{what}: there is no slave {slave}; the network is {network}, correct the number or --slaves")]
     NoSlave {
-        /// The operation.
+        /// The operation that failed, as the error text names it.
         what: String,
-        /// The number of the slave.
+        /// The number of the slave, from 1 in network order.
         slave: u8,
-        /// All slaves of the network.
+        /// All slaves of the network, as text.
         network: String,
     },
-    /// The slave is of another kind.
+    /// The slave is not of a kind that the operation is for, such as an IO slave for a move.
     #[error("{what}: slave {slave} is {found}; name {wanted}, or correct --slaves")]
     WrongKind {
-        /// The operation.
+        /// The operation that failed, as the error text names it.
         what: String,
-        /// The number of the slave.
+        /// The number of the slave, from 1 in network order.
         slave: u8,
         /// The kind and mode of the slave.
         found: String,
         /// The kinds that the operation is for.
         wanted: &'static str,
     },
-    /// The reports have another slot size.
+    /// The board's reports have another slot size than the user or the default says.
     #[error(
         "no report has a right CRC with slots of {slot} bytes ({bad_crc} were wrong); leave out --slot-size, or give {other}"
     )]
     WrongSlot {
-        /// The slot size that was given.
+        /// The slot size that the user has given or that is the default, in bytes.
         slot: usize,
         /// The number of reports with a wrong CRC.
         bad_crc: u64,
-        /// The other slot size.
+        /// The other slot size, in bytes, for the user to try.
         other: usize,
     },
-    /// The step cannot be carried out.
+    /// The operation cannot be carried out in the present state or with these arguments.
     #[error("{what}: {why}; {next}")]
     Refused {
-        /// The operation.
+        /// The operation that failed, as the error text names it.
         what: String,
-        /// Why the step cannot be carried out.
+        /// Why the operation cannot be carried out.
         why: String,
-        /// The next step.
+        /// What the user can do next; the error text ends with it.
         next: String,
     },
     /// A line of a script failed.
     #[error("{place}: {why}")]
     Line {
-        /// The name of the script, and the line.
+        /// The name of the script and the number of the line.
         place: String,
         /// What is wrong, with the next step.
         why: String,
@@ -176,7 +176,7 @@ pub enum BoardError {
     /// A script has errors, of which all but the last one were printed.
     #[error("{last} (nothing was sent)")]
     Script {
-        /// File, line, what is wrong, and the next step.
+        /// The text of the last error: file, line, what is wrong, and the next step.
         last: String,
     },
     /// A signal such as Ctrl-C has ended the operation.
@@ -190,7 +190,8 @@ pub enum BoardError {
 }
 
 impl From<io::Error> for BoardError {
-    /// An error of standard output, or the signal that ended the wait for its reader.
+    /// Converts an error of writing standard output. `Interrupted` after a signal becomes [`Self::Stopped`], since the signal
+    /// has ended the wait for whoever reads the output.
     fn from(error: io::Error) -> Self {
         match streams::signal().filter(|_| error.kind() == io::ErrorKind::Interrupted) {
             Some(signal) => Self::Stopped { signal, next: "the board is still open".into() },
@@ -200,7 +201,8 @@ impl From<io::Error> for BoardError {
 }
 
 impl BoardError {
-    /// An error of the operating system that has nothing to do with standard output.
+    /// Returns a function for `map_err` that makes [`Self::System`]: an error of the operating system in the operation `what`,
+    /// other than writing standard output.
     pub const fn system(what: &'static str) -> impl Fn(io::Error) -> Self {
         move |source| Self::System { what, source }
     }

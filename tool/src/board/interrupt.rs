@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use super::error::BoardError;
 use crate::{signals, streams};
 
-/// The signal that has arrived. There is one value in a program.
+/// Remembers the signal that has arrived. A process has only one such value.
 #[derive(Debug, Default)]
 pub struct Interrupt {
     signal: Arc<AtomicUsize>,

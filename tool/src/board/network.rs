@@ -10,7 +10,7 @@ use super::error::BoardError;
 
 const MODES: &str = ":csp, :csv, :cst";
 
-/// The slaves in network order.
+/// The slaves of the network in network order, as `--slaves` gives them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Network(Vec<Slave>);
 
@@ -62,13 +62,13 @@ pub fn help() -> String {
     )
 }
 
-/// The slave with this number.
+/// The slave with this number, or the error if the network has none.
 pub fn find_slave<'a>(config: &'a Config, what: &str, slave: u8) -> Result<&'a Slave, BoardError> {
     let found = usize::from(slave).checked_sub(1).and_then(|index| config.slaves.get(index));
     found.ok_or_else(|| BoardError::NoSlave { what: what.to_owned(), slave, network: list(config) })
 }
 
-/// The axis of the slave with this number.
+/// The axis of the slave with this number, or the error if it has no axis.
 pub fn find_axis<'a>(config: &'a Config, what: &str, slave: u8) -> Result<&'a Axis, BoardError> {
     let found = find_slave(config, what, slave)?;
     found.axis().ok_or_else(|| wrong_kind(what, slave, found, "a drive, step or hsp"))
@@ -79,7 +79,7 @@ pub fn wrong_kind(what: &str, slave: u8, found: &Slave, wanted: &'static str) ->
     BoardError::WrongKind { what: what.to_owned(), slave, found: found.to_string(), wanted }
 }
 
-/// The slaves that have an axis.
+/// The numbers of all slaves that have an axis.
 pub fn slaves_with_axis(config: &Config) -> Vec<u8> {
     (1..).zip(&config.slaves).filter(|(_, slave)| slave.axis().is_some()).map(|(number, _)| number).collect()
 }
@@ -105,7 +105,7 @@ pub fn guard(text: &str) -> Result<Guard, String> {
     }
 }
 
-/// The counts of one unit, for all axes or for some.
+/// The counts per unit: each value is for the axis with that number or, with `None`, for all axes without a value of their own.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scales(Vec<(Option<u8>, Scale)>);
 
@@ -136,7 +136,7 @@ impl Scales {
         self.0.iter().any(|(of, _)| of.is_none_or(|of| of == axis))
     }
 
-    /// The axes with a scale of their own.
+    /// The axes for which `--counts-per-unit` gives a value of their own.
     pub fn axes(&self) -> impl Iterator<Item = u8> {
         self.0.iter().filter_map(|(of, _)| *of)
     }
@@ -152,7 +152,7 @@ impl Scales {
 mod tests {
     use super::*;
 
-    /// A list of slaves may have modes and counts in either order.
+    /// A list of slaves may have the mode and the repeat count in either order: `drive:csv*2` is `drive*2:csv`.
     #[test]
     fn a_list_of_slaves_has_kinds_with_modes_and_counts() {
         let csv = Slave::Drive(Axis::CSV);
@@ -173,7 +173,7 @@ mod tests {
         }
     }
 
-    /// A scale is a number or a fraction, for all axes or for one.
+    /// The counts per unit are a number or a fraction, for all axes or for one axis.
     #[test]
     fn counts_per_unit_are_numbers_or_fractions_of_all_axes_or_of_one() {
         let scales = Scales::parse("2=131072/4,5000").unwrap();

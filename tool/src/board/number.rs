@@ -25,7 +25,7 @@ pub fn positive(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "allowed: a number above 0".into())
 }
 
-/// Parses a position.
+/// Parses a position, in counts or in units: a number from -2147483648 to 2147483647.
 ///
 /// # Errors
 /// The text is invalid; the error says what is allowed.

@@ -31,7 +31,7 @@ impl Board {
     /// [`BoardError::Stopped`], and those of reading reports.
     pub fn ask(&self, question: &str) -> Result<bool, BoardError> {
         self.reporter.clear();
-        // The question comes after earlier output.
+        // `raw` goes through the same queue as earlier lines, so the question appears after them.
         stderr::raw(&format!("{} [y/N] ", visible(question)));
         let mut typed = TypedLine::start();
         loop {

@@ -18,7 +18,7 @@ const EVERY_SECOND_LIMIT: Duration = Duration::from_secs(10);
 /// The width of a progress bar in characters.
 const BAR_WIDTH: u32 = 20;
 
-/// The format and the destination of reports.
+/// Prints results, notes and progress, as text or as JSON.
 #[derive(Debug)]
 pub struct Reporter {
     json: bool,
@@ -26,9 +26,9 @@ pub struct Reporter {
     terminal: bool,
     /// Whether the board is on a virtual clock, whose time passes as fast as it can.
     virtual_time: bool,
-    /// Whether a line of progress is shown.
+    /// Whether a progress line is on the terminal now, so that it has to be erased before other output.
     shown: AtomicBool,
-    /// The number of the script's line that runs, from 1; 0 if none does.
+    /// The number of the script line that is being executed, from 1; 0 outside of a script.
     line: AtomicU32,
 }
 
@@ -74,7 +74,7 @@ impl Reporter {
         format!("{json}\n")
     }
 
-    /// Prints a note for the user.
+    /// Prints a note for the user on standard error.
     pub fn note(&self, text: impl Display) {
         self.clear();
         say("note", &text);
@@ -94,7 +94,8 @@ impl Reporter {
         Ok(())
     }
 
-    /// Like [`Reporter::progress`], with a bar on a terminal, for an operation whose end is known.
+    /// Like [`Reporter::progress`], for an operation whose end is known: on a terminal with a bar. `part` is the fraction done,
+    /// 0 to 1.
     pub fn part(&self, part: f64, text: impl Display, json: impl FnOnce() -> Value) -> io::Result<()> {
         if !self.terminal || self.json {
             return self.progress(text, json);
@@ -104,7 +105,7 @@ impl Reporter {
         self.progress(format_args!("[{bar}] {text}"), json)
     }
 
-    /// Removes the line of progress.
+    /// Erases the progress line from the terminal.
     pub fn clear(&self) {
         if self.shown.swap(false, Ordering::Relaxed) {
             stderr::raw("\r\x1b[K");
@@ -125,7 +126,7 @@ impl Reporter {
 #[derive(Debug)]
 pub struct ProgressPace {
     every: Duration,
-    /// Whether the intervals double after some time.
+    /// Whether the interval doubles each time after [`EVERY_SECOND_LIMIT`].
     slows: bool,
     next: Duration,
 }

@@ -45,7 +45,7 @@ pub enum BoardUse {
     Moves,
 }
 
-/// An open board.
+/// The open board of a verb, with the options that apply to it.
 pub struct Board {
     pub ecm: Ecm,
     pub reporter: Reporter,
@@ -68,7 +68,7 @@ pub struct Board {
     /// Whether the network was already running. Its configuration is then taken from the options, and may differ from
     /// the actual one.
     pub(super) adopted: Cell<bool>,
-    /// For each slave: the target at which its last move ended.
+    /// For each slave the target at which its last move ended, in counts.
     targets: RefCell<BTreeMap<u8, i32>>,
 }
 
@@ -83,7 +83,7 @@ impl Board {
         source: StepSource,
         interrupt: Interrupt,
     ) -> Result<Self, BoardError> {
-        // The axes may move from here on.
+        // Axes may move from here on, so output is queued: the program must not wait for whoever reads it.
         streams::queue().map_err(|error| LinkError::Io {
             what: "cannot start the threads of standard output and error".into(),
             message: format!("{error}; end other programs, or raise the limit of threads (ulimit -u)"),
@@ -145,7 +145,7 @@ impl Board {
         })
     }
 
-    /// A position of an axis as text, and in units if the axis has any.
+    /// A position of an axis as text, and as a number in units if the axis has counts per unit.
     pub fn in_units(&self, slave: u8, counts: i32) -> (String, Option<f64>) {
         let slave = self.config.as_ref().and_then(|config| config.slaves.get(usize::from(slave).checked_sub(1)?));
         let scale = slave.and_then(|slave| slave.axis()).map(|axis| axis.scale).filter(|scale| *scale != Scale::COUNTS);
@@ -155,7 +155,7 @@ impl Board {
         }
     }
 
-    /// The counters of the link.
+    /// The statistics of the link: written and read frames, errors.
     pub fn link_stats(&self) -> link::LinkStats {
         self.link.stats()
     }
@@ -199,7 +199,7 @@ impl Board {
         self.config.as_ref().ok_or_else(|| BoardError::UnknownNetwork { what: what.to_owned() })
     }
 
-    /// The axis of a slave.
+    /// The configuration of a slave's axis, or the error if it has no axis.
     pub fn axis(&self, what: &str, slave: u8) -> Result<Axis, BoardError> {
         find_axis(self.known_network(what)?, what, slave).copied()
     }
@@ -239,7 +239,7 @@ impl Board {
         Err(self.explain(EcmError::Alarm { slave, code }))
     }
 
-    /// The statusword of an axis.
+    /// The statusword of an axis in the report `snapshot`.
     pub fn statusword(&self, snapshot: &Snapshot, slave: u8) -> Statusword {
         match snapshot.slave(slave) {
             Some(SlaveView::Drive(drive)) => drive.statusword,

@@ -5,7 +5,7 @@ use ecmsk::ecm::Config;
 use super::error::BoardError;
 use super::network::{find_axis, slaves_with_axis};
 
-/// A list of slaves.
+/// The slaves that the operand of a step names.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SlaveList {
     /// All slaves that have an axis.

@@ -29,7 +29,7 @@ pub const fn word_name(word: u16) -> Option<&'static str> {
     })
 }
 
-/// The string with a number, e.g. ` "drive"`; empty for number 0.
+/// The string of the EEPROM with this number, quoted, e.g. ` "drive"`. Number 0 means "no string" and gives an empty text.
 fn named(sii: &Sii<'_>, number: u8) -> String {
     sii.text(number).map_or(String::new(), |text| format!(" \"{text}\""))
 }

@@ -19,7 +19,7 @@ pub enum BusVerbError {
     /// The configuration of the link is invalid.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
-    /// The command line names no network.
+    /// The command line names no link to a network, and there is no default for one.
     #[error(
         "no network was named: no --link, {LINK_VARIABLE} is not set, there is no {FILE_NAME}; give one, e.g. --link nic:eth1, or to \
          try it --link 'sim:?slaves=drive*2'"
@@ -32,11 +32,11 @@ pub enum BusVerbError {
     /// The command line requests something that is not possible.
     #[error("{what}: {why}; {next}")]
     WrongRequest {
-        /// The operation.
+        /// The operation that failed, as the error text names it.
         what: &'static str,
-        /// What is wrong.
+        /// What is wrong with the request, for the error text.
         why: String,
-        /// The next step.
+        /// What the user can do next; the error text ends with it.
         next: String,
     },
     /// The length of the value is not that of its type.
@@ -46,9 +46,9 @@ pub enum BusVerbError {
         slave: u8,
         /// Index and sub-index of the object.
         object: String,
-        /// The bytes of the object.
+        /// The length of the object, in bytes.
         found: usize,
-        /// The bytes of the type.
+        /// The length of the type that the user named, in bytes.
         wanted: usize,
     },
     /// A file cannot be read.

@@ -68,7 +68,7 @@ pub fn run(args: &Args) -> Result<ExitCode, BusVerbError> {
     Ok(ExitCode::FAILURE)
 }
 
-/// Shows after each second what was counted in it. Returns the counts of the whole time.
+/// Shows after each second which errors the slaves have counted in that second. Returns the counts of the whole time.
 fn watch(
     network: &mut dyn Network,
     slaves: &[FoundSlave],
@@ -83,7 +83,7 @@ fn watch(
         for of in &mut now {
             match port_errors::read_one(network, of.slave) {
                 Ok(read) => *of = read,
-                // A slave that is cut off now shows its counters once it answers again.
+                // A slave that is cut off now keeps its last reading; its new errors are shown once it answers again.
                 Err(BusError::Register { .. }) => {
                     let text = format!("{second:>4} s  slave {}: it does not answer", of.slave);
                     let json = json!({ "verb": "bus errors", "second": second, "slave": of.slave, "answers": false });
@@ -98,12 +98,13 @@ fn watch(
     Ok(since(&before, &first))
 }
 
-/// What was counted since the reading `then`.
+/// The errors that were counted between the readings `then` and `now`.
 fn since(now: &[SlaveErrors], then: &[SlaveErrors]) -> Vec<SlaveErrors> {
     now.iter().zip(then).map(|(now, then)| now.since(then)).collect()
 }
 
-/// Shows the counters: of all slaves, or after a second of a watch only of those with new errors.
+/// Shows the error counters. `second` is the second of a watch, in which only slaves with new errors are shown; with `None` all
+/// slaves are shown.
 fn show(
     slaves: &[FoundSlave],
     counters: &[SlaveErrors],
@@ -142,7 +143,7 @@ fn show(
     Ok(())
 }
 
-/// A problem as text, with the next step.
+/// What is wrong with a cable or a slave, as text with the next step.
 fn text(problem: &Problem) -> String {
     let Problem { place, near, far, count } = problem;
     match place {

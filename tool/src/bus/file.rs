@@ -1,4 +1,4 @@
-//! Files of this machine that go to a slave.
+//! Reads files of this machine that are written to a slave.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -6,7 +6,8 @@ use std::path::Path;
 
 use super::BusVerbError;
 
-/// Reads a file, up to one byte more than allowed, since a device has no end.
+/// Reads a file, but at most `bytes_max` + 1 bytes: one byte too many shows the caller that the file is too long, and a device
+/// file such as `/dev/zero` would never end.
 ///
 /// # Errors
 /// [`BusVerbError::Read`]

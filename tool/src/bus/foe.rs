@@ -1,4 +1,4 @@
-//! `bus foe`: the files of a slave.
+//! `bus foe`: reads and writes files of a slave by FoE.
 
 use std::io::{self, IsTerminal as _, Write as _};
 use std::path::{Path, PathBuf};
@@ -88,7 +88,7 @@ fn read(whose: &Whose, name: &str, output: Option<&Path>) -> Result<(), BusVerbE
     Ok(session.reporter.result(text, &json)?)
 }
 
-/// \[OURS] The longest file that is written to a slave.
+/// \[OURS] The longest file that is written to a slave, in bytes.
 const FILE_BYTES_MAX: usize = 64 << 20;
 
 fn write(whose: &Whose, file: &Path, name: Option<&str>) -> Result<(), BusVerbError> {

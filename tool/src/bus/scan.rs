@@ -49,7 +49,7 @@ pub fn show(session: Session) -> Result<(), BusVerbError> {
     Ok(())
 }
 
-/// The slaves as a tree, as the verb prints it.
+/// The slaves as a tree in text form, as `bus scan` prints it. `in_ring` as in [`Tree`].
 fn text(slaves: &[FoundSlave], errors: &[SlaveErrors], in_ring: Option<u8>) -> String {
     let mut tree = Tree { slaves, errors, in_ring, text: "master\n".to_owned() };
     tree.put(0, "");
@@ -66,8 +66,8 @@ struct Tree<'a> {
 }
 
 impl Tree<'_> {
-    /// Prints the slave with this index and the slaves after it. The last branch continues below its slave, the others
-    /// are indented.
+    /// Prints the slave with the index `place` and all slaves that are connected behind it. Of several branches the last one
+    /// continues below the slave without indentation, so a plain line of slaves stays at the left.
     fn put(&mut self, place: usize, indent: &str) {
         let slave = &self.slaves[place];
         let behind: Vec<usize> = (0..self.slaves.len())
@@ -128,7 +128,7 @@ impl Tree<'_> {
         lines
     }
 
-    /// What is connected to a port.
+    /// What is connected to a port, as text: the master, a slave, or nothing that answers.
     fn connected(&self, slave: &FoundSlave, port: usize) -> String {
         if port == 0 {
             return slave
@@ -227,7 +227,7 @@ mod tests {
         text(&slaves, &errors, None)
     }
 
-    /// The part of the output for each slave.
+    /// Splits the output into one text for each slave.
     fn each(printed: &str) -> Vec<&str> {
         printed.split("+- ").skip(1).collect()
     }

@@ -1,4 +1,4 @@
-//! `bus sdo`: the objects of a slave.
+//! `bus sdo`: reads, writes and lists the objects of a slave.
 
 use clap::Subcommand;
 use ecmsk::bus::dictionary::{self, Entry, Object, ObjectValue};

@@ -1,4 +1,4 @@
-//! The network of a verb.
+//! The open network that a verb works on.
 
 use ecmsk::bus::{self, BusError, FoundSlave, Network};
 use ecmsk::link::uri::LinkUri;
@@ -33,7 +33,7 @@ pub struct SlaveArgs {
 }
 
 impl SlaveArgs {
-    /// Opens the network and checks that it has the slave.
+    /// Opens the network and checks that it has the slave of the command line.
     ///
     /// # Errors
     /// As [`NetworkArgs::open`]; [`BusError::NoSuchSlave`].
@@ -47,7 +47,7 @@ impl SlaveArgs {
     }
 }
 
-/// A network after a scan.
+/// An open network and the slaves that a scan has found in it.
 pub struct Session {
     pub network: Box<dyn Network>,
     pub slaves: Vec<FoundSlave>,
@@ -55,7 +55,8 @@ pub struct Session {
 }
 
 impl NetworkArgs {
-    /// Opens the network and finds its slaves. Notes which of them were above Init and are in Init now.
+    /// Opens the network and finds its slaves. Prints a note for each slave that was above Init and that opening has brought to
+    /// Init.
     ///
     /// # Errors
     /// The command line names no network, the network does not open, or it has no slave.

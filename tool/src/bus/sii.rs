@@ -1,4 +1,4 @@
-//! `bus sii`: the EEPROM of a slave.
+//! `bus sii`: reads and writes the EEPROM of a slave.
 
 use std::path::{Path, PathBuf};
 
@@ -96,7 +96,8 @@ fn write(whose: &SlaveArgs, file: &Path, yes: bool, other_device: bool) -> Resul
     eeprom::check(&content).map_err(fit)?;
     let Session { mut network, reporter, .. } = whose.open()?;
     let slave = whose.slave;
-    // An EEPROM that cannot be read needs to be written.
+    // An EEPROM that cannot be read counts as empty, so that it can be repaired: the check whether the file is for this device
+    // passes.
     let present = network.read_eeprom(slave).unwrap_or_default();
     match eeprom::check_for(&content, &present) {
         Err(ContentError::OtherDevice { .. }) if other_device => {}

@@ -1,4 +1,4 @@
-//! States, ports and identities as text.
+//! Texts for states, ports and identities of slaves.
 
 use ecmsk::bus::{FoundSlave, SlaveState};
 use ecmsk::ethercat::registers::{AlStatusRegister, PORTS, RequestedState};
@@ -31,7 +31,7 @@ pub fn state_text(state: SlaveState) -> String {
     }
 }
 
-/// The name of a slave, or a placeholder.
+/// The name of a slave from its EEPROM, or a placeholder if it has none.
 pub fn name(slave: &FoundSlave) -> &str {
     if slave.name.is_empty() { "(no name)" } else { &slave.name }
 }

@@ -37,7 +37,7 @@ struct Run {
     reports: u64,
     /// Additional cycles in a motion that the other run does not have.
     gaps: Value,
-    /// The time of the last frame since the first one.
+    /// The time of the run's last frame, in nanoseconds since its first one.
     last_ns: i64,
     /// Whether the recording is complete, as far as it is known, and what it lacks.
     whole: bool,

@@ -11,7 +11,7 @@ use crate::plot::decimate::Line;
 use crate::plot::panel::{Look, Panel, Stroke};
 use crate::plot::{COLUMNS, MAX_AXES, Window, command_place, style};
 
-/// The lines of the picture while they are collected.
+/// Collects the curves of both runs, command by command.
 pub struct Picture {
     window: Window,
     axes: BTreeMap<u8, Axis>,
@@ -23,7 +23,7 @@ struct Axis {
 }
 
 impl Picture {
-    /// A picture of runs with this number of commands.
+    /// An empty picture; the longer run has this number of commands.
     pub fn new(commands: u64) -> Self {
         Self { window: Window::of_commands(commands), axes: BTreeMap::new() }
     }

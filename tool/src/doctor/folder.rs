@@ -26,7 +26,7 @@ pub enum FolderError {
     },
 }
 
-/// The findings about the folder.
+/// Checks the folder; returns a finding for each program and file.
 ///
 /// # Errors
 /// [`FolderError`].
@@ -55,7 +55,8 @@ pub fn findings(folder: &Path) -> Result<Vec<Finding>, FolderError> {
     Ok(all)
 }
 
-/// The finding about a library, independent of the programs.
+/// The finding about a NEXTWUSBLib.dll by itself: whether it can be read and fits the folder that it is in. Whether a program
+/// finds it is another check (`program.rs`).
 fn library(library: &Library) -> Finding {
     const CHECK: &str = "library";
     let finding = match &library.image {
@@ -72,7 +73,7 @@ fn library(library: &Library) -> Finding {
     finding.of(&library.name)
 }
 
-/// The finding about the configuration file. `inside` is the folder in `folder` that contains it, or empty.
+/// The finding about `ecmsk.toml`. `inside` is the sub-folder of `folder` that contains it; empty if it is in `folder` itself.
 fn configuration(folder: &Path, inside: &str) -> Finding {
     const CHECK: &str = "config";
     let environment = Environment {

@@ -1,4 +1,4 @@
-//! Checks a machine with Linux.
+//! Checks whether a Linux machine can run a board.
 
 mod rule;
 
@@ -27,7 +27,7 @@ pub struct SystemArgs {
     root: PathBuf,
 }
 
-/// Does what the options request instead of findings; returns whether they do.
+/// Writes the udev rule if `--write-udev-rule` requests that. Returns whether it does, since nothing is checked then.
 pub fn is_done(args: &SystemArgs) -> Result<bool, CliError> {
     if args.write_udev_rule {
         rule::write(&Machine::below(&args.root))?;
@@ -35,24 +35,25 @@ pub fn is_done(args: &SystemArgs) -> Result<bool, CliError> {
     Ok(args.write_udev_rule)
 }
 
-/// The folder that contains `/etc`.
+/// The folder that stands for `/`, from the hidden option `--root`.
 pub fn root(args: &SystemArgs) -> &Path {
     &args.root
 }
 
-/// The name of the system and its release.
+/// The name and release of the operating system; `None` if it is not known.
 pub fn name(args: &SystemArgs) -> Option<String> {
     Machine::below(&args.root).kernel().map(|release| format!("Linux {release}"))
 }
 
-/// All findings that need no measurement.
+/// The findings about this machine, except for those that need a measurement.
 pub fn findings(args: &SystemArgs, wanted: Option<&LinkUri>) -> Vec<Finding> {
     Machine::below(&args.root).findings(wanted)
 }
 
 /// \[OURS] The number of frames that are sent to measure round-trip times.
 const ROUND_TRIPS: u32 = 1000;
-/// \[OURS] If one round trip in a hundred takes longer, it fills too much of a cycle of 1 ms.
+/// \[OURS] The limit of the 99th percentile of the round-trip times. A longer round trip takes more than half of a cycle of 1
+/// ms.
 const ROUND_TRIP_MAX: Duration = Duration::from_micros(500);
 
 /// The finding about the round-trip times on the card of a link `nic:`; `None` if another link is wanted, or if the
@@ -104,7 +105,7 @@ mod tests {
     use super::*;
     use ecmsk::machine::findings::FindingVerdict;
 
-    /// Round trips of half a cycle give advice; lost frames, and a card that does not open, are wrong.
+    /// A 99th percentile above half a cycle gives advice; lost frames, and a card that does not open, are wrong.
     #[test]
     fn round_trips_are_judged() {
         let us = Duration::from_micros;

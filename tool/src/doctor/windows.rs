@@ -1,4 +1,4 @@
-//! Checks a machine with Windows.
+//! Checks whether a Windows machine can run a board.
 
 use std::path::Path;
 
@@ -17,18 +17,18 @@ pub fn is_done(_: &SystemArgs) -> Result<bool, CliError> {
     Ok(false)
 }
 
-/// Unused on Windows.
+/// The folder that stands for `/` on Linux; it is not used on Windows.
 pub fn root(_: &SystemArgs) -> &Path {
     Path::new("")
 }
 
-/// The name of the system.
+/// The name of the operating system.
 pub fn name(_: &SystemArgs) -> Option<String> {
     let width = if cfg!(target_pointer_width = "64") { "64-bit" } else { "32-bit" };
     Some(format!("Windows, this tool is {width}"))
 }
 
-/// All findings that need no measurement.
+/// The findings about this machine, except for those that need a measurement.
 pub fn findings(_: &SystemArgs, wanted: Option<&LinkUri>) -> Vec<Finding> {
     Machine::here().findings(wanted)
 }

@@ -13,7 +13,8 @@ pub enum DumpError {
     /// Standard input cannot be read.
     #[error("cannot read standard input: {0}; give it lines of hexadecimal digits")]
     Input(io::Error),
-    /// The bytes of a file that is no recording of an ECM-XF.
+    /// `--hex` is given with the recording of a board, but in a file it means the bytes of packets, which only a chip's
+    /// recording has.
     #[error(
         "{name} is no recording of a chip, and --hex reads frames from standard input: leave out --hex, or the file"
     )]
@@ -21,7 +22,7 @@ pub enum DumpError {
         /// The name of the file.
         name: String,
     },
-    /// A line is no frame.
+    /// A line of hexadecimal digits is not a frame.
     #[error("line {line}: {problem}; put `#` before lines that are not frames")]
     Line {
         /// The number of the line, from 1.
@@ -29,7 +30,7 @@ pub enum DumpError {
         /// What is wrong with the line.
         problem: HexError,
     },
-    /// A line is too long.
+    /// A line of standard input is too long.
     #[error("line {line} is longer than {LINE_BYTES_MAX} bytes; give one frame per line, as hexadecimal digits")]
     LongLine {
         /// The number of the line, from 1.
@@ -40,13 +41,13 @@ pub enum DumpError {
     TooShort {
         /// The number of the line, from 1.
         line: u64,
-        /// The bytes on the line.
+        /// The number of bytes on the line.
         len: usize,
     },
-    /// The frames have no such slot.
+    /// The frames are too short to have the slot that `--slots` requests.
     #[error("a frame of {}-byte slots has no slot {slot}; name slots from 0 to {}", .size.bytes(), .size.sdo_slot())]
     NoSlot {
-        /// The requested slot.
+        /// The first requested slot that the frames do not have.
         slot: usize,
         /// The frames' slot size.
         size: SlotSize,

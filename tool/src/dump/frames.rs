@@ -1,4 +1,4 @@
-//! A frame of a dump, and the selection of its slots.
+//! The frame type of `ecmsk dump`, and the selection of the slots that are shown.
 
 use ecmsk::engine::Firmware;
 use ecmsk::link::Dir;
@@ -9,10 +9,10 @@ use ecmsk::sk::{CrcStatus, Frame, SlaveKind, SlotSize};
 use super::place::Place;
 use crate::filter::{Command, Slots};
 
-/// A frame with what is known of it.
+/// A frame, its position in the input, and its slot size.
 #[derive(Clone, Debug)]
 pub struct Shown {
-    /// Its place in the input, and its direction.
+    /// The number, time and direction of the frame.
     pub place: Place,
     /// The slot size of the frame.
     pub size: SlotSize,
@@ -29,7 +29,7 @@ impl Shown {
         }
     }
 
-    /// Adds to `kinds` what the frame shows of the slaves.
+    /// Passes the frame to `kinds`, which deduces the kinds of the slaves from commands and reports.
     pub fn tell(&self, kinds: &mut Kinds) {
         match self.place.direction {
             Dir::Write => kinds.command(&self.frame, self.size),
@@ -48,7 +48,7 @@ impl Shown {
 pub struct View {
     /// The slots to show; if empty, slot 0 and those that are not idle.
     pub slots: Vec<Slots>,
-    /// Whether every slot is shown.
+    /// Whether every slot is shown, also empty ones.
     pub all: bool,
     /// Only slots with one of these commands, or an answer to one, are shown; if empty, all.
     pub commands: Vec<Command>,
@@ -57,7 +57,7 @@ pub struct View {
 }
 
 impl View {
-    /// The lines of a frame, in the order of its slots. `kinds` must already include what this frame shows.
+    /// The lines to print for a frame, in the order of its slots. `kinds` must have been given this frame by [`Shown::tell`].
     pub fn lines(&self, shown: &Shown, kinds: &Kinds) -> Vec<(usize, SlotLine)> {
         let (frame, size) = (&shown.frame, shown.size);
         match shown.place.direction {

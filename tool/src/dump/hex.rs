@@ -3,12 +3,12 @@
 use ecmsk::link::Dir;
 use ecmsk::sk::{FRAME_LEN, Frame, SlotSize};
 
-/// The bytes of a line.
+/// A line of standard input, parsed.
 #[derive(Debug, PartialEq, Eq)]
 pub struct HexLine {
     /// The bytes. With an odd number of digits the last one is a byte of its own.
     pub bytes: Vec<u8>,
-    /// The number of digits.
+    /// The number of hexadecimal digits on the line.
     digits: usize,
     /// The direction from the prefix: `>` to the board, `<` from it.
     pub direction: Option<Dir>,
@@ -31,7 +31,7 @@ pub enum HexError {
     },
 }
 
-/// The length of the shorter frame in bytes.
+/// The length in bytes of a frame with slots of 12 bytes, the shorter of the two frame lengths.
 const FRAME_BYTES_MIN: usize = SlotSize::Bytes12.frame_len();
 
 /// Parses a line: an optional `>` or `<`, then digits, with blanks anywhere; `#` starts a comment. `None` for an
@@ -67,13 +67,13 @@ impl HexLine {
         if is_whole { Ok(Frame::from_prefix(&self.bytes)) } else { Err(HexError::Length { digits: self.digits }) }
     }
 
-    /// Whether the number of digits is even.
+    /// Whether the digits make whole bytes: their number is even.
     pub const fn is_of_bytes(&self) -> bool {
         self.digits.is_multiple_of(2)
     }
 }
 
-/// The number of bytes for a number of digits, as text: `12` or `12 and a half`.
+/// Shows a number of digits as a number of bytes: `12` or `12 and a half`.
 struct BytesOfDigits(usize);
 
 impl std::fmt::Display for BytesOfDigits {

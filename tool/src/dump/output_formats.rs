@@ -16,23 +16,23 @@ use super::pieces::Pieces;
 use json::Json;
 use text::Text;
 
-/// A format of the output: what is written for each thing that a recording has.
+/// An output format. Each method writes one item of a recording to `out`.
 pub trait Format {
-    /// What follows is of another link or another board of a capture.
+    /// Writes a heading before the first frame of each link, or of each board in a capture. `name` is the link or the board.
     fn heading(&self, out: &mut dyn Write, name: &str) -> io::Result<()>;
-    /// A frame, and those of its slots that are shown.
+    /// Writes a frame, with the `slots` of it that are shown.
     fn frame(&self, out: &mut dyn Write, shown: &Shown, slots: &[(usize, SlotLine)]) -> io::Result<()>;
-    /// A packet of an ECM-XF.
+    /// Writes a packet of an ECM-XF.
     fn packet(&self, out: &mut dyn Write, packet: &Packet) -> io::Result<()>;
-    /// Several exchanges with an ECM-XF in one direction, each of which is only a piece of a packet.
+    /// Writes consecutive exchanges with an ECM-XF in one direction, each of which has only a piece of a packet.
     fn pieces(&self, out: &mut dyn Write, pieces: &Pieces, direction: Dir) -> io::Result<()>;
-    /// What the recording lacks, after its last frame or packet.
+    /// Writes what the recording lacks to be complete. It comes after the last frame or packet.
     fn lacks(&self, out: &mut dyn Write, lacks: &Lacks) -> io::Result<()>;
 }
 
 /// The format that the options choose.
 pub fn chosen(args: &Args) -> Box<dyn Format> {
-    // With lines of digits the flag says where they come from.
+    // With a file `--hex` requests the bytes of packets. Without one it says that standard input has hexadecimal digits.
     let with_bytes = args.hex && args.file.is_some();
     if args.json { Box::new(Json) } else { Box::new(Text { with_bytes }) }
 }

@@ -1,4 +1,4 @@
-//! A packet of an ECM-XF, decoded, and what it says in words.
+//! A packet of an ECM-XF, decoded, and its meaning as text.
 
 use ecmsk::link::Dir;
 use ecmsk::xf::{
@@ -11,12 +11,12 @@ use super::place::Place;
 /// Most bytes of an answer's data that are shown. \[OURS]
 const DATA_SHOWN: usize = 16;
 
-/// A packet with what is known of it.
+/// The bytes of a packet, with their position in the input.
 #[derive(Clone, Copy, Debug)]
 pub struct Packet<'p> {
-    /// Its place in the input, and its direction.
+    /// The number, time and direction of the packet.
     pub place: Place,
-    /// Its bytes.
+    /// The bytes as they were transferred.
     pub bytes: &'p [u8],
 }
 
@@ -26,7 +26,7 @@ impl<'p> Packet<'p> {
         direction_name(self.place.direction)
     }
 
-    /// What the bytes mean.
+    /// Decodes the bytes of the packet.
     pub fn decoded(&self) -> Decoded<'p> {
         Decoded::of(self.place.direction, self.bytes)
     }
@@ -40,7 +40,7 @@ pub const fn direction_name(direction: Dir) -> &'static str {
     }
 }
 
-/// Whether bytes are a packet of a chip, by their length and the words at their beginning and end.
+/// Whether the bytes are a packet of an ECM-XF, judged by their length and by the words at their beginning and end.
 pub fn is_packet(bytes: &[u8]) -> bool {
     DataSize::of_packet(bytes.len()).is_some()
         && bytes.starts_with(&START_WORD.to_le_bytes())
@@ -59,17 +59,17 @@ pub fn guessed(bytes: &[u8]) -> Dir {
     if has_state || has_link || has_crc { Dir::Read } else { Dir::Write }
 }
 
-/// The bytes of one direction, decoded.
+/// The bytes of a packet in one direction, decoded.
 pub enum Decoded<'p> {
-    /// A command, and the check word that it has.
+    /// A command, and the type of its check word (a fixed word or a CRC).
     Command { packet: CommandPacket<'p>, check: CheckType },
-    /// An answer, and its data.
+    /// An answer of the chip, and its data.
     Answer { header: AnswerHeader, data: &'p [u8] },
-    /// The chip was not ready.
+    /// The chip's answer "not ready": it was still handling the packet before.
     NotReady,
     /// The length is that of a packet, but the content is not valid.
     Damaged(PacketError),
-    /// The length is not that of a packet. The driver was searching for packets, or this is a part of one.
+    /// The length is not that of a packet: the driver was searching for the packet size, or has transferred a packet in parts.
     NoPacket(usize),
 }
 
@@ -97,7 +97,7 @@ impl<'p> Decoded<'p> {
         }
     }
 
-    /// What the bytes mean, in words.
+    /// The meaning of the packet, as lines of text.
     pub fn lines(&self) -> Vec<String> {
         match self {
             Self::Command { packet, check } => {
@@ -129,7 +129,8 @@ impl<'p> Decoded<'p> {
     }
 }
 
-/// Tries all check coverages and returns the first valid result. If none is valid, returns the error of the first one.
+/// Parses with each check coverage (which bytes the CRC includes) and returns the first valid result. If none is valid, returns
+/// the error of the first coverage.
 fn first_right<T>(parse: impl Fn(CrcCoverage) -> Result<T, PacketError>) -> Result<T, PacketError> {
     let others = || CrcCoverage::EVERY.into_iter().skip(1);
     parse(CrcCoverage::EVERY[0]).or_else(|error| others().find_map(|coverage| parse(coverage).ok()).ok_or(error))
@@ -146,7 +147,7 @@ fn result(header: &AnswerHeader, data: &[u8]) -> String {
     text
 }
 
-/// The values that every answer has besides its result.
+/// The fields that every answer has besides its result: state, errors, FIFO levels, CRC errors.
 fn levels(header: &AnswerHeader) -> String {
     let state = match header.state.state() {
         Some(state) => format!("{state:?}"),

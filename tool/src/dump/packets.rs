@@ -1,4 +1,4 @@
-//! The packets in the recording of an ECM-XF.
+//! Prints the packets in the recording of an ECM-XF.
 
 use std::io::{self, Read, Write};
 
@@ -16,11 +16,12 @@ use crate::filter::Times;
 use crate::stderr::say;
 use crate::{output, recording};
 
-/// The bytes that are read to find out whether a file is the recording of a chip. The link in its header may be long.
-/// \[OURS]
+/// How many bytes of a file are read to find out whether it is the recording of an ECM-XF. The header contains the link, which
+/// may be long. \[OURS]
 const BEGINNING: u64 = 128 * 1024;
 
-/// Returns the source again, and whether it is the recording of a chip.
+/// Reads the beginning of a source to find out whether it is the recording of an ECM-XF. Returns that, and the source, which
+/// still begins with the bytes that were read.
 ///
 /// # Errors
 /// The source cannot be read.
@@ -37,7 +38,7 @@ pub fn dump(args: &Args, source: Box<dyn Read>, name: &str) -> Result<(), CliErr
     let mut exchanges = Exchanges::new(source, name)?;
     let mut printer = Printer { out: output::stdout(), format: output_formats::chosen(args), held: Default::default() };
     let shown = show(args, &mut exchanges, &mut printer);
-    // The packets before an error are shown as well.
+    // Collected packets are printed also after an error.
     printer.write_held()?;
     if shown.is_ok() {
         let lacks = exchanges.lacks();
@@ -85,7 +86,7 @@ fn show(args: &Args, exchanges: &mut Exchanges<Box<dyn Read>>, printer: &mut Pri
 struct Printer {
     out: output::Out,
     format: Box<dyn Format>,
-    /// The pieces of packets that were not printed yet, of both directions.
+    /// Pieces of packets that are collected and not printed yet, to the chip and from it.
     held: [Pieces; 2],
 }
 

@@ -1,18 +1,18 @@
-//! Joins exchanges that are no packets by themselves: a driver clocks single bytes while it searches for the packet
-//! size, and one with a small buffer clocks packets in parts.
+//! Joins consecutive exchanges that are shorter than a packet: a driver transfers single bytes while it searches for the packet
+//! size, and a driver with a small buffer transfers each packet in parts.
 
 use ecmsk::link::Dir;
 use ecmsk::recording::exchanges::RecordedBytes;
 use ecmsk::xf::{DataSize, Resync};
 
-/// Most bytes of a direction that are collected; more are shown in several parts. \[OURS]
+/// The most bytes of one direction that are joined. Longer sequences are shown in several parts. \[OURS]
 const BYTES_MAX: usize = 1 << 20;
 
-/// The pieces of one direction, joined.
+/// Pieces of packets that were transferred in one direction, joined.
 #[derive(Debug, Default)]
 pub struct Pieces {
     pub bytes: Vec<u8>,
-    /// The number of pieces.
+    /// The number of exchanges that were joined.
     pub count: u64,
     /// The numbers of the first and the last piece in the recording, with their times: since the first packet of the
     /// recording, and as recorded.
@@ -22,7 +22,7 @@ pub struct Pieces {
 }
 
 impl Pieces {
-    /// Whether an exchange has only a piece of a packet: its length is not that of a packet.
+    /// Whether an exchange has only a piece of a packet: its number of bytes is not a packet size.
     pub fn is_one(recorded: &RecordedBytes) -> bool {
         DataSize::of_packet(recorded.bytes.len()).is_none()
     }
@@ -37,7 +37,7 @@ impl Pieces {
         self.count += 1;
     }
 
-    /// Whether no more bytes may be collected.
+    /// Whether the limit of joined bytes is reached.
     pub const fn is_full(&self) -> bool {
         self.bytes.len() >= BYTES_MAX
     }
@@ -60,7 +60,7 @@ impl Pieces {
         (packets, self.bytes.len() - in_packets)
     }
 
-    /// What was found in the bytes, in words.
+    /// The number of bytes, pieces and packets as text.
     pub fn summary(&self, packets: &[(u64, RecordedBytes)], in_none: usize) -> String {
         let (bytes, count) = (self.bytes.len(), self.count);
         let found: u64 = packets.iter().map(|(times, _)| times).sum();

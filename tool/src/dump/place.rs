@@ -1,22 +1,23 @@
-//! Where a frame or packet stands in the input, and its direction.
+//! The position of a frame or packet in the input, and its direction.
 
 use ecmsk::link::Dir;
 
-/// The place of a frame or packet.
+/// The position of a frame or packet in the input, and its direction.
 #[derive(Clone, Copy, Debug)]
 pub struct Place {
-    /// The number in the recording, or the line of the input, from 1.
+    /// The number of the frame or packet in the recording, or of the line of standard input, from 1.
     pub number: u64,
-    /// The time; `None` for what hexadecimal digits give.
+    /// The time; `None` for lines of hexadecimal digits, which have none.
     pub time: Option<Time>,
-    /// To the board or chip, or from it.
+    /// The direction: to the board or chip, or from it.
     pub direction: Dir,
     /// Whether the direction is a guess.
     pub guessed: bool,
 }
 
 impl Place {
-    /// The place of a line of digits, whose direction is told or else guessed.
+    /// The position of a line of hexadecimal digits. `told` is the direction that the line or an option gives; without it,
+    /// `guess` decides.
     pub fn of_line(line: u64, told: Option<Dir>, guess: impl FnOnce() -> Dir) -> Self {
         Self { number: line, time: None, direction: told.unwrap_or_else(guess), guessed: told.is_none() }
     }

@@ -1,4 +1,4 @@
-//! One slot of a JSON dump: its meaning as fields, its raw fields, its text.
+//! One slot of a frame as JSON: its meaning as fields, its raw fields, and its text.
 
 use ecmsk::coe::ObjectAddress;
 use ecmsk::link::slaves;
@@ -55,7 +55,7 @@ impl SlotJson {
     }
 }
 
-/// The meaning of a slot; fields that its kind does not have are left out.
+/// The fields for the meaning of a slot. Fields that this kind of slot does not have are left out.
 #[derive(Default, Serialize)]
 #[serde(untagged)]
 enum Fields {
@@ -100,7 +100,7 @@ impl Serialize for Arguments {
     }
 }
 
-/// Axis 2 of a two-channel HSP.
+/// Axis 2 of a two-channel HSP (a pulse module): its target in a command, its position in a response.
 #[derive(Serialize)]
 #[serde(untagged)]
 enum Axis2 {
@@ -108,7 +108,7 @@ enum Axis2 {
     Actual { position_counts: i32, inputs: u16 },
 }
 
-/// The SDO slot of a response.
+/// The JSON fields of a response's SDO slot.
 #[derive(Serialize)]
 struct SdoFields {
     slave: u8,
@@ -133,7 +133,7 @@ impl Object {
     }
 }
 
-/// A slave's slot of a response.
+/// The JSON fields of a slave's slot in a response.
 #[derive(Default, Serialize)]
 struct ReadingFields {
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -142,7 +142,7 @@ struct ReadingFields {
     mode: Option<u8>,
     #[serde(skip_serializing_if = "Option::is_none")]
     kind: Option<&'static str>,
-    /// The source of the kind: `given`, `implied` by the id, `guessed` from the fields, or `unknown`.
+    /// Where the slave's kind is known from: `given`, `implied` by the command, `guessed` from the fields, or `unknown`.
     kind_from: &'static str,
     #[serde(skip_serializing_if = "Option::is_none")]
     statusword: Option<u16>,

@@ -43,7 +43,7 @@ fn not_started(program: &Path, source: io::Error) -> ExecError {
     }
 }
 
-/// The next step for a file that this machine cannot start directly: a source file, a script, a program of Windows.
+/// The next step for a file that is no program for this machine: a source file, a script, a program of Windows.
 fn no_program(file: &Path) -> Option<String> {
     let name = file.display();
     let extension = file.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();

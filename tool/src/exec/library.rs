@@ -58,7 +58,7 @@ impl LibraryFolder {
         Ok(Self { folder: system::folder(library)?, library: library.to_owned() })
     }
 
-    /// The path of the library.
+    /// The path at which the program will find the library.
     pub fn library(&self) -> &Path {
         &self.library
     }
@@ -68,7 +68,7 @@ impl LibraryFolder {
         self.folder.path().join(".opened")
     }
 
-    /// Creates the file to which the library writes what goes wrong.
+    /// Creates the file to which the library writes why calls of the program fail.
     pub fn reasons_file(&self) -> Result<PathBuf, ExecError> {
         let file = self.folder.path().join(".told");
         match std::fs::File::create_new(&file) {
@@ -77,7 +77,7 @@ impl LibraryFolder {
         }
     }
 
-    /// The search path with the library's folder in front.
+    /// The value of the search path variable with the library's folder in front of `path`, its present value.
     pub fn first_on(&self, path: Option<&OsStr>) -> OsString {
         let mut all = system::first(self.folder.path(), &self.library).as_os_str().to_owned();
         // An empty path would add an empty entry, which means the current folder on Linux.

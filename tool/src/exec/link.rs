@@ -1,4 +1,4 @@
-//! The link that is set for a program, with a recording if requested.
+//! The value of `ECMSK_LINK` for the program, with a recording if the user requests one.
 
 use std::env;
 use std::fs;
@@ -10,10 +10,10 @@ use ecmsk::link::uri::LinkUri;
 use super::ExecError;
 use crate::record_option;
 
-/// The link to set for `program`: the user's, with the recording; `None` leaves the choice to the library.
+/// The link to set for `program`: the user's, with the recording if there is one. `None` leaves the choice to the library.
 ///
-/// A recording is a key of a link, so without a link of the user it is added to the one that the library would
-/// choose.
+/// The key `record=` is part of a link. So if the user has given no link, the recording is added to the link that the library
+/// would choose.
 pub fn for_program(
     link: Option<&LinkUri>,
     record: Option<&Path>,
@@ -41,7 +41,7 @@ fn configured(program: &Path, library: &Path) -> Result<LinkUri, ExecError> {
     Ok(LinkUri::parse(&config::find(&environment)?.link)?)
 }
 
-/// The file of the program, found as the system finds it.
+/// The file of the program, found in the folders that the system searches.
 pub fn program_file(program: &Path) -> Option<PathBuf> {
     let file = if program.components().count() > 1 {
         program.to_owned()
@@ -52,7 +52,7 @@ pub fn program_file(program: &Path) -> Option<PathBuf> {
     fs::canonicalize(as_started(file)?).ok()
 }
 
-/// Windows starts `press.exe` if the command is `press`.
+/// The file that Windows starts: `press.exe` if the command is `press`.
 fn as_started(file: PathBuf) -> Option<PathBuf> {
     let mut whole = file.clone().into_os_string();
     whole.push(env::consts::EXE_SUFFIX);

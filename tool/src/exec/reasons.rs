@@ -1,8 +1,8 @@
-//! Reports problems of the program: reads the file that the library writes while the program runs, prints each reason
-//! once, and a summary at the end.
+//! Shows the user why calls of the program have failed: reads the file to which the library writes these reasons while the
+//! program runs, prints each reason once, and a summary at the end.
 //!
-//! A thread does this, so that neither the program nor the signals that this tool passes on wait for a reader of
-//! standard error.
+//! A separate thread does this. If nobody reads standard error, only this thread waits, and neither the program nor the passing
+//! on of signals.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -25,20 +25,20 @@ const POLL_INTERVAL: Duration = Duration::from_millis(100);
 /// Longest time that the tool waits until the summary is written, since standard error may have no reader. \[OURS]
 const SUMMARY_WAIT_MAX: Duration = Duration::from_secs(2);
 
-/// Which reports are printed.
+/// What is printed about the problems that the library has written down.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReportMode {
-    /// Each reason when it first occurs, and a summary.
+    /// Each reason when it first occurs, and a summary when the program has ended.
     Words,
-    /// Only a summary, because the user has asked for the log, which contains the reasons.
+    /// Only the summary, because the user has asked for the log, which contains the reasons.
     Summary,
-    /// Only a summary, as one JSON object.
+    /// Only the summary, as one JSON object.
     Json,
-    /// No reports.
+    /// Neither reasons nor a summary are printed.
     Quiet,
 }
 
-/// The thread that reads and reports.
+/// The handle of the thread that reads the library's file and prints reasons.
 pub struct ReasonReader {
     ended: Arc<AtomicBool>,
     thread: Option<thread::Thread>,
@@ -46,7 +46,7 @@ pub struct ReasonReader {
 }
 
 impl ReasonReader {
-    /// Starts to follow an existing file.
+    /// Starts the thread. `file` must exist; it is read as it grows.
     ///
     /// # Errors
     /// Errors of the operating system.
@@ -57,7 +57,7 @@ impl ReasonReader {
         let end = Arc::clone(&ended);
         let thread = thread::Builder::new().name("told".into()).spawn(move || {
             loop {
-                // The flag is read first, so everything written before the program's end is read below.
+                // The end flag is read before the file, so that everything written before the program's end is read below.
                 let last = end.load(Ordering::Acquire);
                 follower.read();
                 if last {
@@ -82,7 +82,7 @@ impl ReasonReader {
         if let Some(thread) = self.thread.take() {
             thread.unpark();
         }
-        // Each wait counts as its own length, however long the machine stood still meanwhile.
+        // Each slice counts as its own length, so a machine that was suspended meanwhile does not use up the limit.
         let waits = SUMMARY_WAIT_MAX.as_millis() / WAIT_SLICE.as_millis();
         (0..waits).find_map(|_| match self.summary.recv_timeout(WAIT_SLICE) {
             Err(RecvTimeoutError::Timeout) => None,
@@ -94,9 +94,9 @@ impl ReasonReader {
 struct Follower {
     file: File,
     mode: ReportMode,
-    /// The beginning of a line that was not written completely yet.
+    /// The beginning of a line whose end the library has not written yet.
     unfinished: Vec<u8>,
-    /// For each process its lines. Of lines with a count only the latest is kept.
+    /// The lines of each process, by process id. Of lines that only differ in a count the latest is kept.
     lines: BTreeMap<u32, Vec<Line>>,
     counts: BTreeMap<(u32, u32, String), u64>,
     said: BTreeSet<String>,
@@ -115,7 +115,7 @@ impl Follower {
     }
 
     fn read(&mut self) {
-        // After a read error there is nothing new.
+        // On a read error the bytes so far are used; the next pass tries again.
         let _ = self.file.read_to_end(&mut self.unfinished);
         let Some(end) = self.unfinished.iter().rposition(|byte| *byte == b'\n') else { return };
         let rest = self.unfinished.split_off(end + 1);

@@ -9,10 +9,10 @@ const HEAD: usize = 6;
 /// \[OURS] Most texts that are read; a resource has about ten.
 const TEXTS_MAX: usize = 100;
 
-/// One of the four structures.
+/// One of the four structures: its name and its content.
 struct Part<'data> {
     name: String,
-    /// The value and the inner structures, as bytes of the file.
+    /// The bytes after the name: the value and the inner structures.
     rest: &'data [u8],
 }
 
@@ -20,7 +20,7 @@ struct Part<'data> {
 /// resource is invalid.
 pub fn text(resource: &[u8], name: &str) -> Option<String> {
     let (root, _) = part(resource)?;
-    // The value of the outermost structure is VS_FIXEDFILEINFO.
+    // The outermost structure has a value, VS_FIXEDFILEINFO, whose length is skipped to reach the inner structures.
     let fixed = usize::from(u16::from_le_bytes([*resource.get(2)?, *resource.get(3)?]));
     let tables = parts(root.rest.get(round(fixed)..)?).filter(|part| part.name == "StringFileInfo");
     let texts = tables.flat_map(|all| parts(all.rest)).flat_map(|language| parts(language.rest));
@@ -37,7 +37,7 @@ fn parts(mut data: &[u8]) -> impl Iterator<Item = Part<'_>> {
     .take(TEXTS_MAX)
 }
 
-/// Reads the first structure; returns it with its length.
+/// Reads the structure at the beginning of `data`; returns it with its length in bytes. `None` if it is invalid.
 fn part(data: &[u8]) -> Option<(Part<'_>, usize)> {
     let length = usize::from(u16::from_le_bytes([*data.first()?, *data.get(1)?]));
     let whole = data.get(..length)?;

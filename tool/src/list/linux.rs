@@ -12,7 +12,7 @@ use serde_json::json;
 
 use super::Row;
 
-/// The text for an empty list.
+/// The text that replaces an empty list, for a note.
 pub const NONE: &str = "no board on USB and no SPI device";
 
 #[derive(clap::Args)]
@@ -26,12 +26,12 @@ pub struct SystemArgs {
     scan: Option<String>,
 }
 
-/// The network card whose slaves are listed too.
+/// The network card of `--scan`, whose slaves are listed too.
 pub fn scanned(args: &SystemArgs) -> Option<&str> {
     args.scan.as_deref()
 }
 
-/// All devices of the list.
+/// A row for each USB board, SPI device and network card.
 pub fn rows(args: &SystemArgs) -> Vec<Row> {
     let machine = Machine::below(&args.root);
     usb(&machine).chain(spi(&machine)).chain(cards(&machine)).collect()

@@ -6,7 +6,7 @@ use serde_json::json;
 
 use super::Row;
 
-/// The text for an empty list.
+/// The text that replaces an empty list, for a note.
 pub const NONE: &str = "no board on USB";
 
 // No options on Windows. A doc comment would become the help of the verb.

@@ -1,4 +1,5 @@
-//! Draws the level of the board's FIFO and the pauses of the host over time, with what `ahead=` bridges.
+//! Draws the level of the board's FIFO and the pauses of the host over time. A line shows how much of them the key `ahead=` of
+//! a chip's link (sets of outputs that the chip buffers) covers.
 
 use ecmsk::migrate::{Seen, Stretch};
 use ecmsk::sk::{CycleTime, FIFO_ENTRIES};
@@ -10,10 +11,10 @@ use crate::plot::panel::{Look, Panel, Stroke};
 use crate::plot::states::{Span, State};
 use crate::plot::{COLUMNS, Window, seconds, style};
 
-/// The height of a diagram.
+/// The height of a diagram in pixels.
 const HEIGHT: u32 = 190;
 
-/// The lines of the picture while they are collected.
+/// Collects the lines of the picture, frame by frame.
 pub struct Picture {
     window: Window,
     cycle_ns: f64,
@@ -23,7 +24,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// A picture of this interval in OP.
+    /// An empty picture over the time in OP.
     pub fn new(op: Stretch, cycle: CycleTime) -> Self {
         let window = Window::of_times(op.from_ns, op.to_ns);
         Self {

@@ -1,4 +1,4 @@
-//! The result as text.
+//! The result of `ecmsk migrate` as text.
 
 use std::fmt::Write as _;
 
@@ -13,7 +13,7 @@ use ecmsk::xf::DataSize;
 
 use super::Report;
 
-/// The page that has the table of differences.
+/// The page with the table of differences between the board and an ECM-XF.
 const PAGE: &str = "docs/MIGRATION.md";
 
 /// The whole result as text.

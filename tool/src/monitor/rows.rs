@@ -1,4 +1,4 @@
-//! The rows of the table: one for each slave.
+//! The rows of the table: one for each axis or IO slave.
 
 use ecmsk::cia402::{DriveState, Statusword, error_name};
 use ecmsk::link::slaves;
@@ -10,10 +10,10 @@ use super::watched::View;
 /// How a row is highlighted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Highlight {
-    /// The row is not highlighted.
+    /// A slave without alarm that is not an enabled axis.
     #[default]
     Plain,
-    /// The axis is switched on.
+    /// The axis is enabled: its motor holds torque.
     On,
     /// The slave has a fault or an error code.
     Alarm,
@@ -26,7 +26,7 @@ pub struct Row {
     pub slave: String,
     /// The kind of slave, with a question mark if it is guessed.
     pub kind: String,
-    /// The state in words.
+    /// The CiA 402 state of the drive in words.
     pub state: String,
     /// The statusword, 0x6041.
     pub statusword: String,
@@ -38,9 +38,9 @@ pub struct Row {
     pub torque: String,
     /// The error code, 0x603F.
     pub error: String,
-    /// The inputs or outputs.
+    /// The inputs of the slave, or outputs if its slot has those, as bits.
     pub bits: String,
-    /// The command that was executed last, with its index or the mode.
+    /// The command that the slot answers, with its index or the mode of operation.
     pub answers: String,
     /// How the row is highlighted.
     pub highlight: Highlight,
@@ -129,7 +129,7 @@ impl Row {
     }
 }
 
-/// Whether a slot has a position.
+/// Whether the slot of a slave has a position, so that the slave is an axis.
 pub fn has_position(line: &SlotLine) -> bool {
     matches!(&line.meaning, SlotMeaning::SlaveResponse(reading) if matches!(reading.data, SlaveData::Drive(_) | SlaveData::Hsp(_)))
 }

@@ -22,7 +22,7 @@ const WIDTH: u16 = 106;
 /// The width of the bar of the FIFO in characters.
 const BAR: u16 = 32;
 
-/// A column: its name, its width, whether its texts are right-aligned, and its text.
+/// A column of the table: its name, its width in characters, whether its texts are right-aligned, and the text of a row.
 struct Column {
     name: &'static str,
     width: u16,
@@ -87,7 +87,7 @@ fn draw_table(frame: &mut Frame, area: Rect, rows: &[Row]) {
     frame.render_widget(Table::new(body, widths).header(header), area);
 }
 
-/// The lines about the board.
+/// The lines above the table: name, state, FIFO, SDO and counters of the board.
 fn head(view: &View) -> Vec<Line<'static>> {
     let bold = Style::new().add_modifier(Modifier::BOLD);
     let mut name = visible(&view.name);
@@ -169,7 +169,7 @@ pub fn text(view: &View) -> String {
     }
 }
 
-/// The text of a buffer without its last `without` lines.
+/// The characters of a buffer as text, without its last `without` lines.
 fn lines(buffer: &Buffer, without: u16) -> String {
     let area = buffer.area();
     let mut text = String::new();

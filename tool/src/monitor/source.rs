@@ -19,7 +19,7 @@ use crate::recording::{self, Framed, Frames, InTime};
 /// Longest wait for one report, so that the thread notices the end of the monitor. \[OURS]
 const READ_WAIT_MAX: Duration = Duration::from_millis(200);
 
-/// A source, read by a thread.
+/// A board or a recording that a thread reads, and the state that the thread has collected.
 pub struct Feed {
     watched: Arc<Mutex<Watched>>,
     stop: Arc<AtomicBool>,
@@ -55,7 +55,7 @@ impl Feed {
         })
     }
 
-    /// Opens a recording and plays it as fast as it was recorded.
+    /// Opens a recording and plays it in real time, by its recorded times.
     pub fn recording(file: PathBuf, slot: Option<SlotSize>, watched: Watched) -> Result<Self, MonitorError> {
         Self::start(watched, None, Arc::default(), move |watched, stop| {
             let began = Instant::now();
@@ -105,7 +105,7 @@ impl Drop for Feed {
             link.cancel(Dir::Read);
         }
         if let Some(thread) = self.thread.take() {
-            // A panic of the thread was printed already.
+            // The result is ignored: a panic of the thread was printed already.
             let _ = thread.join();
         }
     }
@@ -138,7 +138,7 @@ fn read(ecm: &Ecm, size: SlotSize, watched: &Mutex<Watched>, stop: &AtomicBool) 
     Ok(())
 }
 
-/// Adds a frame of a recording.
+/// Adds a frame of a recording to the state.
 pub fn take(watched: &mut Watched, framed: &Framed) {
     if let Some(firmware) = recording::firmware(framed.meta.as_deref()) {
         watched.firmware = firmware;
@@ -149,8 +149,8 @@ pub fn take(watched: &mut Watched, framed: &Framed) {
     }
 }
 
-/// Calls `show` with the frames of a recording in the order of time until it returns false. Returns why the recording
-/// ends early, or what it lacks.
+/// Calls `show` with the frames of a recording, sorted by time, until it returns false. Returns why the recording ends early,
+/// or what it lacks; `None` if it is complete or `show` has ended it.
 pub fn walk(
     file: &Path,
     slot: Option<SlotSize>,

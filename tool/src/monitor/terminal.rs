@@ -22,13 +22,13 @@ use crate::signals;
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Most keys that are buffered; further ones wait in the terminal. \[OURS]
 const KEYS_BUFFERED: usize = 64;
-/// How long the screen may take to end by itself after a signal. A terminal that takes no output may block it
-/// forever. \[OURS]
+/// How long the process may take to restore the screen after a signal; then a watchdog thread ends it. A terminal that takes no
+/// output may block it forever. \[OURS]
 const END_WAIT_MAX: Duration = Duration::from_secs(1);
 /// The number of rows that a page key scrolls. \[OURS]
 const PAGE_ROWS: usize = 10;
 
-/// The action of a key.
+/// What a key requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum KeyAction {
     End,
@@ -56,7 +56,7 @@ pub fn run(feed: &Feed, interval: Duration, limit: Option<Duration>) -> Result<E
     shown
 }
 
-/// Starts the thread that reads keys. It is not joined: it ends with the process.
+/// Starts the thread that reads keys. Nobody waits for its end, because it may block in a read: it ends with the process.
 fn keys() -> Result<Receiver<io::Result<Event>>, MonitorError> {
     let (sender, keys) = sync_channel(KEYS_BUFFERED);
     let read = move |sender: SyncSender<io::Result<Event>>| while sender.send(event::read()).is_ok() {};
@@ -64,7 +64,7 @@ fn keys() -> Result<Receiver<io::Result<Event>>, MonitorError> {
     Ok(keys)
 }
 
-/// Whether the terminal was closed.
+/// Whether the terminal of standard output was closed.
 fn is_gone() -> bool {
     signals::has_hung_up(&io::stdout())
 }
@@ -121,7 +121,8 @@ fn show(
             }
             let now = Instant::now();
             if now >= next {
-                // The view has the reason of the end: after the loss of a board its last values stay on the screen.
+                // An error of the feed does not end the loop: the view shows it, and keeps the board's last values on the
+                // screen.
                 (view, _) = feed.view();
                 next = (next + interval).max(now);
                 break;

@@ -1,4 +1,4 @@
-//! What is known of a board from its frames so far, and the views of it that are shown.
+//! The state of a board as far as its frames have shown it, and the views of it that are displayed.
 
 use std::time::{Duration, Instant};
 
@@ -10,7 +10,7 @@ use ecmsk::sk::{Frame, MasterResponse, SlaveKind, SlotSize};
 /// A board that has made no report for this long is shown as silent. \[OURS]
 const SILENT: Duration = Duration::from_secs(1);
 
-/// A report with its time and slot size.
+/// A report, with its time, slot size and number.
 #[derive(Clone, Debug)]
 struct Sample {
     at_ns: i64,
@@ -22,7 +22,7 @@ struct Sample {
 /// Counters since the monitor was started.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// The number of reports read.
+    /// The number of reports that were read from the source.
     pub reports: u64,
     /// The number of reports that were lost before they were read.
     pub lost: u64,
@@ -35,41 +35,41 @@ pub struct Watched {
     name: String,
     kinds: Kinds,
     newest: Option<Sample>,
-    /// The report of the previous view, to which rates and velocities are relative.
+    /// The newest report at the previous view. Rates and velocities are computed from the change since then.
     shown: Option<Sample>,
     heard: Instant,
     /// The firmware, which decides the meaning of byte 1 of a slave's slot.
     pub firmware: Firmware,
-    /// Counters of the reports.
+    /// How many reports were read, lost or damaged.
     pub counts: Counts,
     /// The board's own counters; `None` if the link does not know them.
     pub counters: Option<Counters>,
-    /// Why the source has ended, if it has.
+    /// Why no more reports come, such as the end of the recording; `None` while they do.
     pub end: Option<String>,
-    /// Whether silence of the board is shown: not after the end of a recording.
+    /// Whether the source is a board and not a recording. Only a board is reported as silent when reports stop.
     pub live: bool,
 }
 
-/// A view of the board at one time.
+/// The state of the board at one moment, ready to be displayed.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// The name of the link or the recording.
+    /// The URI of the link, or the name of the recording.
     pub name: String,
     /// Slot 0; `None` before the first report.
     pub board: Option<MasterResponse>,
-    /// The time of the report, in nanoseconds of the board's time or since the recording's first frame.
+    /// The time of the newest report in nanoseconds, on the board's clock or since the recording's first frame.
     pub at_ns: i64,
-    /// Reports per second of that time since the previous view; `None` if there is none.
+    /// Reports per second since the previous view, on the clock of [`Self::at_ns`]; `None` in the first view.
     pub rate: Option<f64>,
-    /// Counters of the reports.
+    /// How many reports were read, lost or damaged.
     pub counts: Counts,
     /// The board's own counters.
     pub counters: Option<Counters>,
-    /// What is wrong with the board or the connection.
+    /// A problem to show: why the source has ended, or that the board is silent.
     pub trouble: Option<String>,
     /// The slots to show, each with its number, slot 0 first.
     pub lines: Vec<(usize, SlotLine)>,
-    /// The velocities of the positions by slot, in counts per second.
+    /// The velocity of each slot's position since the previous view, in counts per second. The index is the slot number.
     pub velocities: Vec<Option<f64>>,
 }
 

@@ -1,12 +1,12 @@
-//! Removes unneeded attributes from elements of an XML text that have very many of them. The parser would compare each
-//! attribute with all before it.
+//! Blanks out attributes that the ESI reader does not use, in XML elements that have very many. The XML parser compares each
+//! attribute of an element with all before it, so such a file would take it very long.
 
 use std::collections::HashSet;
 
 /// Elements with at most this many attributes stay as they are. \[OURS] Elements of an ESI file have at most ten.
 const ATTRIBUTES_MAX: usize = 64;
 
-/// An attribute that occurs twice in an element.
+/// The error that an attribute occurs twice in an element, which XML forbids.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Twice {
     /// The name of the attribute.
@@ -15,11 +15,11 @@ pub struct Twice {
     pub line: u32,
 }
 
-/// The text with blanks in place of attributes that are not in `read`, in elements with more than [`ATTRIBUTES_MAX`].
+/// Replaces the attributes whose names are not in `read` by blanks, in elements with more than [`ATTRIBUTES_MAX`] attributes.
 /// `None` if no element has so many. Text that is not XML stays as it is.
 ///
 /// # Errors
-/// [`Twice`], in an element with so many.
+/// [`Twice`], checked only in elements with so many attributes; the parser checks the others.
 pub fn without_unread(text: &str, read: &[&str]) -> Result<Option<String>, Twice> {
     let mut blanks: Vec<(usize, usize)> = Vec::new();
     let mut at = 0;
@@ -64,7 +64,7 @@ fn find(text: &str, from: usize, what: &str) -> Option<usize> {
     text.get(from..)?.find(what).map(|at| from + at)
 }
 
-/// A name, and the range from its first byte to the byte after its value.
+/// An attribute: its name, and the byte range from the name to the byte after the value.
 type Attribute<'a> = (&'a str, (usize, usize));
 
 /// The attributes of the start tag whose name begins at `at`, and the position after them.
@@ -98,8 +98,8 @@ fn attributes(text: &str, at: usize) -> (Vec<Attribute<'_>>, usize) {
 mod tests {
     use super::*;
 
-    /// An element with very many attributes keeps those that are read, in their lines; other elements, comments and
-    /// texts stay as they are.
+    /// In an element with very many attributes, those that are read stay on their lines and the others become blanks. Other
+    /// elements, comments and texts stay as they are.
     #[test]
     fn attributes_that_nobody_reads_are_taken_out() {
         let many: String = (0..100).map(|n| format!(" a{n}='>'\n")).collect();

@@ -5,8 +5,8 @@ use ecmsk::ecm::{Close, Ecm, EcmError};
 use ecmsk::slave::dictionary::Access;
 use ecmsk::slave::{ManufacturerObject, ManufacturerType, ManufacturerValue, Mappable};
 
-/// Reads all readable objects with these indexes; nothing is written to the drive. `found` gets each object, `at` the
-/// index that is being read.
+/// Reads all readable objects with these indexes; nothing is written to the drive. `found` is called with each object, `at`
+/// with each index before it is read.
 ///
 /// SDO answers show neither the data type nor the access of an object. So all objects are [`ManufacturerType::Any`] and
 /// `rw`, except those that the drive reports as write-only.
@@ -25,7 +25,7 @@ pub fn read<E: From<EcmError>>(
     Ok(ecm.close(Close::Leave)?)
 }
 
-/// As [`read`], of an open board.
+/// Like [`read`], on a board that is open already.
 ///
 /// # Errors
 /// As [`read`].
@@ -72,7 +72,8 @@ fn upload(ecm: &Ecm, slave: u8, index: u16, sub: u8) -> Result<Option<Manufactur
     match ecm.sdo_read::<u32>(slave, address) {
         Ok(bits) => Ok(Some(object(Access::ReadWrite, bits))),
         Err(EcmError::SdoAborted { code: AbortCode::WRITE_ONLY, .. }) => Ok(Some(object(Access::WriteOnly, 0))),
-        // The slave does not exist or does not answer any more.
+        // A timeout: the slave does not exist or does not answer any more. Other abort codes mean that this object cannot be
+        // read.
         Err(error @ EcmError::SdoAborted { code: AbortCode::TIMEOUT, .. }) => Err(error),
         Err(EcmError::SdoAborted { .. }) => Ok(None),
         Err(error) => Err(error),

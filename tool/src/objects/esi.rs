@@ -12,33 +12,33 @@ use roxmltree::{Document, Node};
 use super::attributes::{Twice, without_unread};
 use super::encoding::{EncodingError, decoded};
 
-/// Longest chain of data types that refer to each other \[OURS].
+/// The longest chain of data types, each of which refers to the next \[OURS]. The limit ends circular references.
 const DEPTH_MAX: usize = 8;
-/// The first index of an object; those below are data types (ETG.1000.6 table 63).
+/// The first index of an object. Lower indexes are data types (ETG.1000.6 table 63).
 const FIRST_INDEX: u16 = 0x1000;
 
-/// The attributes that this module reads.
+/// The XML attributes that this module reads; others may be removed.
 const ATTRIBUTES: [&str; 1] = ["ProductCode"];
 
 /// Why no objects can be read from a file.
 #[derive(Debug, thiserror::Error)]
 pub enum EsiError {
-    /// The file cannot be decoded.
+    /// The character encoding of the file is unknown or wrong.
     #[error(transparent)]
     Encoding(#[from] EncodingError),
     /// The file is not XML.
     #[error("it is no XML: {0}; name the ESI file (.xml) of the drive's maker")]
     Xml(#[from] roxmltree::Error),
-    /// The file has no device with an object dictionary.
+    /// No device in the file has an object dictionary.
     #[error(
         "it has no device with a dictionary of objects; some makers ship the dictionary as a separate file beside the \
          ESI file"
     )]
     NoDictionary,
-    /// The file has several devices.
+    /// The file has several devices and the user has named none of them. The names of the devices.
     #[error("it has several devices; choose one with --device: {}", .0.join(", "))]
     Several(Vec<String>),
-    /// The file does not have the device that was named.
+    /// The file has no device with the name that the user has given.
     #[error("it has no device `{wanted}`; allowed: {}", .devices.join(", "))]
     NoDevice {
         /// The device that was named.
@@ -49,16 +49,16 @@ pub enum EsiError {
     /// The content does not follow ETG.2000.
     #[error("line {line}: {message}; is it an ESI file (ETG.2000)?")]
     Content {
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: u32,
         /// What is wrong with the content.
         message: String,
     },
 }
 
-/// A device of an ESI file.
+/// The objects of one device of an ESI file.
 pub struct Esi {
-    /// The type of the device.
+    /// The type of the device, such as its order number.
     pub device: String,
     /// The objects of the device.
     pub objects: Vec<ManufacturerObject>,
@@ -104,7 +104,7 @@ pub fn read(bytes: &[u8], wanted: Option<&str>) -> Result<Esi, EsiError> {
     Ok(Esi { device: name_of(device), objects })
 }
 
-/// The objects in the PDOs of the device. They can be mapped, even if the dictionary does not say so.
+/// The objects that the device's PDO descriptions contain. They count as mappable even if the dictionary does not say so.
 fn mapped(device: Node<'_, '_>) -> HashMap<ObjectAddress, Mappable> {
     let mut mapped = HashMap::<_, Mappable>::new();
     let number = |entry, name| text(entry, name).and_then(whole);
@@ -177,7 +177,7 @@ fn types<'a, 'i>(dictionary: Node<'a, 'i>) -> Types<'a, 'i> {
     types
 }
 
-/// A sub-index as data types describe it.
+/// A sub-index of a record or an array, as its data type describes it.
 struct Part {
     sub: u8,
     name: String,
@@ -340,7 +340,7 @@ fn value_of(info: Option<Node<'_, '_>>, data: ManufacturerType) -> ManufacturerV
 
 /// The default value as bytes, or as a number.
 fn default_of(info: Option<Node<'_, '_>>, data: ManufacturerType) -> (Vec<u8>, u64) {
-    // A comment may split a text.
+    // An XML comment inside an element splits its text into several nodes.
     let default = |name| {
         let node = info.and_then(|info| child(info, name))?;
         Some(node.children().filter(Node::is_text).filter_map(|part| part.text()).collect::<String>())
@@ -405,7 +405,7 @@ mod tests {
         (0..count).map(text).collect()
     }
 
-    /// Files of each shape, of which `n` elements or attributes grow together.
+    /// ESI files that are long for one reason each: `n` attributes, objects, types or elements.
     fn shapes(n: usize) -> [(&'static str, String); 6] {
         let object = |kind: &str| format!("<Object><Index>#x2000</Index><Name>o</Name><Type>{kind}</Type></Object>");
         let item = |n| format!("<SubItem><SubIdx>{}</SubIdx><Name>s{n}</Name><Type>UINT</Type></SubItem>", n % 8);
@@ -426,8 +426,8 @@ mod tests {
         ]
     }
 
-    /// A file that is twice as long takes some twice as many allocations, whatever there are many of: no list is made anew for each
-    /// element of another one.
+    /// The number of allocations grows in proportion to the length of the file, for each of the [`shapes`]: no list is built
+    /// again for each element of another list.
     #[test]
     fn a_file_is_read_in_a_time_that_grows_as_it_does() {
         for ((name, once), (_, twice)) in shapes(1000).into_iter().zip(shapes(2000)) {

@@ -5,49 +5,52 @@ use std::collections::BTreeSet;
 use ecmsk::coe::ObjectAddress;
 use ecmsk::slave::ManufacturerObject;
 
-/// Objects that command a drive at the moment, which is nothing to keep: those of CiA 402 that set targets, modes and
-/// outputs, without the offset of a further axis. \[OURS]
+/// Objects of CiA 402 that command the drive at the moment: targets, offsets, modes and outputs. They are not saved, because
+/// they are no settings. The indexes are those of the first axis. \[OURS]
 const COMMANDS: [u16; 11] = [0x6040, 0x6060, 0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60B8, 0x60C1, 0x60FE, 0x60FF];
-/// The first and the last index of CiA 402 for all axes of a device, and the distance between two axes.
+/// The index range of the CiA 402 profile for all axes of a device. The objects of each further axis are [`AXIS`] higher.
 const PROFILE: std::ops::RangeInclusive<u16> = 0x6000..=0x9FFF;
 const AXIS: u16 = 0x800;
-/// Objects whose writing does something: error history, store, restore defaults, download of software, reset. \[OURS]
+/// Objects that start an action when they are written: clear the error history, store, restore defaults, download software,
+/// reset. They are not parameters. \[OURS]
 const ACTIONS: [u16; 6] = [0x1003, 0x1010, 0x1011, 0x10F0, 0x1F50, 0x1F51];
-/// The first object that is a value and not a type.
+/// The first index of an object with a value. Lower indexes are data types.
 const VALUES_FROM: u16 = 0x1000;
 
-/// The objects that say which process data a slave has: the mapping of its PDOs, and their assignment to the sync
-/// managers 2 and 3.
+/// The PDO mapping objects. [`ASSIGNMENTS`] assign PDOs to the sync managers 2 and 3. Together they define the process data of
+/// a slave.
 const MAPPINGS: std::ops::RangeInclusive<u16> = 0x1600..=0x1BFF;
 const ASSIGNMENTS: [u16; 2] = [0x1C12, 0x1C13];
 
-/// Whether an object that can be read and written is a parameter, so that it is kept and put back.
+/// Whether an object that can be read and written is a parameter: it is saved by a backup and written by a restore.
 pub fn is_parameter(address: ObjectAddress) -> bool {
     let index = address.index;
     let of_first_axis = if PROFILE.contains(&index) { 0x6000 + (index - 0x6000) % AXIS } else { index };
     index >= VALUES_FROM && !COMMANDS.contains(&of_first_axis) && !ACTIONS.contains(&index)
 }
 
-/// Whether an object says which process data a slave has. It can be written in a certain order alone.
+/// Whether an object defines the process data of a slave (PDO mapping or assignment). A slave accepts writes to such objects
+/// only in a certain order, see [`mapping_writes`].
 pub fn is_mapping(address: ObjectAddress) -> bool {
     MAPPINGS.contains(&address.index) || ASSIGNMENTS.contains(&address.index)
 }
 
-/// A write of a number to an object, with the bytes of the object.
+/// One SDO write: the object, and its new value as bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Write {
     pub address: ObjectAddress,
     pub bytes: Vec<u8>,
 }
 
-/// The writes that change the process data of a slave to those of `wanted`, all mapping objects of a file, where the indices
-/// `changed` differ (ETG.1020 6.4): the assignment is taken back first; each mapping is emptied, filled, and gets its length;
-/// the assignment comes last.
+/// The writes that change the process data of a slave to that of a file (ETG.1020 6.4). `wanted` are all mapping and assignment
+/// objects of the file, `changed` the indexes at which the slave differs. First the assignments are set to 0 PDOs. Then each
+/// changed mapping is set to 0 entries, its entries are written, and then its number of entries. The assignments come last.
 pub fn mapping_writes(wanted: &[&ManufacturerObject], changed: &BTreeSet<u16>) -> Vec<Write> {
     let empty = |index| Write { address: ObjectAddress::new(index, 0), bytes: vec![0] };
     let of = |index: u16| wanted.iter().filter(move |object| object.address.index == index);
     let filled = |index| {
-        // The length, sub-index 0, is written behind the entries; those beyond it mean nothing.
+        // Sub-index 0, the number of entries, is written after the entries. Entries of the file beyond that number mean
+        // nothing.
         let length = of(index).find(|object| object.address.sub == 0);
         let count = length.map_or(0, |object| object.value.bits());
         let entries = of(index).filter(|object| (1..=count).contains(&object.address.sub.into()));
@@ -80,7 +83,8 @@ mod tests {
         }
     }
 
-    /// ETG.1020 6.4: a mapping is changed while nothing is assigned, from sub-index 0 = 0 to its length.
+    /// ETG.1020 6.4: a mapping is changed while no PDO is assigned, beginning with sub-index 0 = 0 and ending with its number
+    /// of entries.
     #[test]
     fn a_mapping_is_emptied_filled_and_assigned() {
         let text = "0x1600:0 u8 rw 2\n0x1600:1 u32 rw 0x60400010\n0x1600:2 u32 rw 0x607A0020\n0x1600:3 u32 rw 0\n0x1601:0 u8 rw 0\n\

@@ -1,4 +1,4 @@
-//! A drive whose parameters are read and written: on a network that this program runs, or behind a board.
+//! Reads and writes the objects of a drive: on a network that this process runs itself, or behind a board.
 
 use std::ops::RangeInclusive;
 
@@ -14,27 +14,27 @@ use super::ParamsError;
 use super::choice::is_parameter;
 use super::file::{Device, IDENTITY, TEXTS};
 
-/// What a drive answers: a value, or the code with which it aborts.
+/// The answer of a drive to an SDO request: a value, or an abort code.
 pub type Answer<T> = Result<T, AbortCode>;
 
-/// A drive on some link. A call fails if the drive or its link does not answer.
+/// A drive on any link. The outer error of a method means that the drive or its link does not answer.
 pub trait Drive {
-    /// Chooses the slave that the other calls are about, from 1.
+    /// Chooses the slave, from 1, for all following calls.
     fn choose(&mut self, slave: u8);
 
-    /// Reads an object. A longer value of a drive behind a board has its first 4 bytes.
+    /// Reads an object. Behind a board the result is always 4 bytes: the first ones of a longer value.
     fn read(&mut self, object: ObjectAddress) -> Result<Answer<Vec<u8>>, ParamsError>;
 
     /// Writes an object.
     fn write(&mut self, object: ObjectAddress, value: &[u8]) -> Result<Answer<()>, ParamsError>;
 
-    /// The parameters of the drive with their values, by ascending address. `at` is called for each index.
+    /// Reads all parameters of the drive; they are sorted by address. `at` is called with each index before it is read.
     fn parameters(&mut self, at: &mut dyn FnMut(u16)) -> Result<Vec<ManufacturerObject>, ParamsError>;
 
-    /// The longest value in bytes that can be transferred.
+    /// The length of the longest value that can be transferred, in bytes.
     fn bytes_max(&self) -> usize;
 
-    /// The device, by its own objects; zeros and empty texts where it has none.
+    /// Reads the identity of the drive from its objects. Numbers that it does not have are 0, texts are empty.
     fn device(&mut self) -> Result<Device, ParamsError> {
         let mut number = |sub| -> Result<u32, ParamsError> {
             let bytes = self.read(ObjectAddress::new(IDENTITY, sub))?.unwrap_or_default();
@@ -52,13 +52,13 @@ pub trait Drive {
     }
 }
 
-/// A drive on a network: every object, by the drive's own dictionary.
+/// A drive on a network of this process. All of its objects are found by its SDO information service.
 pub struct OnNetwork {
     pub network: Box<dyn Network>,
     pub slave: u8,
 }
 
-/// The answer of a drive within the answer of its network.
+/// Makes an abort code of the drive an [`Answer`]; any other error of the network stays an error.
 fn answered<T>(done: Result<T, BusError>) -> Result<Answer<T>, ParamsError> {
     match done {
         Ok(value) => Ok(Ok(value)),
@@ -91,7 +91,7 @@ impl Drive for OnNetwork {
                 if !entry.access.intersects(ObjectAccess::READ) || !entry.access.intersects(ObjectAccess::WRITE) {
                     continue;
                 }
-                // An object that is listed and cannot be read has no value to keep.
+                // An object that the dictionary lists but that cannot be read has no value to save.
                 if let Ok(bytes) = self.read(entry.object)? {
                     found.push(parameter(&object, &entry, &bytes));
                 }
@@ -125,28 +125,28 @@ fn parameter(object: &Object, entry: &Entry, bytes: &[u8]) -> ManufacturerObject
     }
 }
 
-/// A drive behind a board, which transfers at most 4 bytes and knows no dictionary.
+/// A drive behind a board. The board transfers at most 4 bytes of an object and has no SDO information service.
 pub struct BehindBoard {
     pub ecm: Ecm,
     pub slave: u8,
-    /// The objects that the drive has, with their types, as a file of its maker says; `None`: those that answer.
+    /// The objects of the drive with their types, from the file of `--objects`. `None`: all indexes of [`TRIED`] are tried.
     pub known: Option<ManufacturerObjects>,
 }
 
-/// The indices that are tried where no file says which objects there are: those of the maker, and of CiA 402 for one axis.
+/// The indexes that are tried if no file lists the objects: manufacturer-specific objects, and those of CiA 402 for one axis.
 const TRIED: [RangeInclusive<u16>; 2] = [0x2000..=0x5FFF, 0x6000..=0x67FF];
 
-/// The answer of a drive within the answer of its board.
+/// Makes an abort code of the drive an [`Answer`]; any other error of the board stays an error.
 fn told<T>(done: Result<T, EcmError>) -> Result<Answer<T>, ParamsError> {
     match done {
         Ok(value) => Ok(Ok(value)),
-        // The slave does not exist, or does not answer any more.
+        // The board reports an SDO timeout as an abort code too: the slave does not exist or does not answer any more.
         Err(EcmError::SdoAborted { code, .. }) if code != AbortCode::TIMEOUT => Ok(Err(code)),
         Err(error) => Err(error.into()),
     }
 }
 
-/// Whether a drive has aborted because the value has another length than the object.
+/// Whether an abort code means that the value does not have the length of the object.
 const fn is_length(code: AbortCode) -> bool {
     matches!(code, AbortCode::LENGTH | AbortCode::TOO_LONG | AbortCode::TOO_SHORT)
 }
@@ -184,7 +184,7 @@ impl Drive for BehindBoard {
 }
 
 impl BehindBoard {
-    /// The values of the objects of a file. Those that are longer than a board transfers are left out.
+    /// Reads the objects that the file of `--objects` lists. Objects longer than the 4 bytes of a board are left out.
     fn values(
         &self,
         known: &ManufacturerObjects,
@@ -208,7 +208,7 @@ impl BehindBoard {
         Ok(found)
     }
 
-    /// The values of the objects that answer. Neither their types nor whether they can be written is known.
+    /// Reads the objects of [`TRIED`] that exist. Their types are not known, nor whether they can be written.
     fn found(&self, at: &mut dyn FnMut(u16)) -> Result<Vec<ManufacturerObject>, ParamsError> {
         let mut found = Vec::new();
         let mut keep = |object: ManufacturerObject| {
@@ -222,8 +222,8 @@ impl BehindBoard {
     }
 }
 
-/// Writes a value whose length is not known: as it is in the file, and if that is not its length, shorter, while the rest is
-/// zero.
+/// Writes a value whose length in the drive is not known: first with all bytes. If the drive rejects the length, 2 bytes and 1
+/// byte are tried, as long as only zeros are cut off.
 pub fn write_any(drive: &mut dyn Drive, object: ObjectAddress, value: &[u8]) -> Result<Answer<()>, ParamsError> {
     let mut answer = drive.write(object, value)?;
     for len in [2, 1] {

@@ -1,4 +1,4 @@
-//! The errors of parameters.
+//! The errors of `ecmsk params`.
 
 use std::io;
 use std::path::PathBuf;
@@ -29,7 +29,7 @@ pub enum ParamsError {
     /// The file cannot be read.
     #[error(transparent)]
     File(#[from] ManufacturerObjectsError),
-    /// The content of the file is wrong.
+    /// The parameter file has an invalid line, or no object.
     #[error("cannot take the parameters of {}: {reason}; name a file that `ecmsk params backup` made", file.display())]
     Content {
         /// The path of the file.
@@ -45,7 +45,7 @@ pub enum ParamsError {
         /// The error of the operating system.
         source: io::Error,
     },
-    /// The file is there already.
+    /// The file to write exists already.
     #[error("{} is there already; name another place with --output, or replace it with --overwrite", file.display())]
     Exists {
         /// The path of the file.
@@ -58,7 +58,7 @@ pub enum ParamsError {
     /// An error of the board or of a slave.
     #[error(transparent)]
     Ecm(#[from] EcmError),
-    /// The drives behind the board may be moving.
+    /// The network of the board is in SafeOP or OP, where drives may be moving.
     #[error(
         "the network of the board is in {state}, where drives may move: parameters are read and written in PreOP; end the program that \
          runs it, or say `ecmsk state preop`"
@@ -67,36 +67,36 @@ pub enum ParamsError {
         /// The state of the network.
         state: String,
     },
-    /// A board is not asked how many slaves it has.
+    /// `all` is requested behind a board, which does not say how many slaves it has.
     #[error(
         "a board does not tell which slaves it has; keep the parameters of one after the other: `ecmsk params backup 1`"
     )]
     AllBehindBoard,
-    /// The option is without effect.
+    /// `--objects` is given for a network, where drives list their objects themselves.
     #[error("a drive on a network of its own says itself which objects it has; leave out --objects")]
     ObjectsOnNetwork,
-    /// The parameters are those of another product.
+    /// The parameters in the file are those of another product.
     #[error("nothing was written: {what}; give the file of such a drive, or say --force")]
     OtherProduct {
-        /// The two devices.
+        /// The product in the file, and the product of the drive.
         what: String,
     },
-    /// The user has not confirmed writing.
+    /// Parameters differ, and the user has not confirmed writing them.
     #[error("nothing was written; look at what differs, and say --yes")]
     NotConfirmed,
-    /// The drive is gone, or its link.
+    /// The drive or its link was lost in the middle of a restore.
     #[error(
         "{error}; {decided} parameters were decided before, {left} were not: some of them may be written; restore once more"
     )]
     Halfway {
-        /// How many parameters were written or refused.
+        /// The number of parameters that were written and read back, or refused.
         decided: usize,
-        /// How many were not, or were not read back.
+        /// The number of the others: not written, or not read back.
         left: usize,
-        /// What happened.
+        /// The error that has ended the restore.
         error: Box<ParamsError>,
     },
-    /// The drive does not store its parameters.
+    /// The drive refuses to store its parameters in non-volatile memory.
     #[error(
         "slave {slave} was written, and does not store its parameters: object 0x1010:1, aborted with {code}; see its manual on how \
          they outlast its power"
@@ -107,7 +107,7 @@ pub enum ParamsError {
         /// The abort code.
         code: AbortCode,
     },
-    /// Nothing was compared.
+    /// An error before anything was compared, which has an exit code of its own.
     #[error(transparent)]
     NotCompared(Box<ParamsError>),
 }

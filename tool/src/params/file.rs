@@ -1,4 +1,4 @@
-//! A file of parameters: a file of objects, as `objects` makes them, whose comments at the top say of which drive they are.
+//! A parameter file: a file of objects as `ecmsk objects` makes it. Comments at its top name the drive that it was read from.
 
 use std::fmt::{self, Write as _};
 use std::path::Path;
@@ -9,7 +9,7 @@ use ecmsk::slave::{MANUFACTURER_FILE_BYTES_MAX, ManufacturerObject, Manufacturer
 
 use super::ParamsError;
 
-/// The device that parameters belong to: the object 0x1018, and the texts 0x1008 to 0x100A.
+/// The identity of the drive that parameters were read from: the numbers of object 0x1018, and the texts 0x1008 to 0x100A.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Device {
     pub vendor: u32,
@@ -20,9 +20,10 @@ pub struct Device {
     pub texts: [String; 3],
 }
 
-/// The sub-indices of 0x1018.
+/// The identity object. Its sub-indexes 1 to 4 are vendor, product, revision and serial number.
 pub const IDENTITY: u16 = 0x1018;
-/// The words for [`Device::texts`] in a file, and their objects.
+/// For each entry of [`Device::texts`]: the key before it in the comments of a parameter file, and the object that it is read
+/// from.
 pub const TEXTS: [(&str, ObjectAddress); 3] = [
     ("device", ObjectAddress::new(0x1008, 0)),
     ("hardware", ObjectAddress::new(0x1009, 0)),
@@ -30,7 +31,7 @@ pub const TEXTS: [(&str, ObjectAddress); 3] = [
 ];
 
 impl Device {
-    /// The numbers of the identity, with their words in a file.
+    /// The numbers of the identity, each with its key in the comments of a parameter file.
     const fn numbers(&self) -> [(&'static str, u32); 4] {
         [("vendor", self.vendor), ("product", self.product), ("revision", self.revision), ("serial", self.serial)]
     }
@@ -40,7 +41,7 @@ impl Device {
         self.vendor == other.vendor && self.product == other.product
     }
 
-    /// The version of the software, which decides which parameters there are.
+    /// The software version of the drive (0x100A); other versions may have other parameters. Empty if it is not known.
     pub fn firmware(&self) -> &str {
         &self.texts[2]
     }
@@ -54,16 +55,16 @@ impl fmt::Display for Device {
     }
 }
 
-/// The parameters of a drive.
+/// The content of a parameter file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ParameterFile {
-    /// `None` if the file does not say of which device it is, as one that `objects` made.
+    /// The drive that the parameters were read from; `None` if the file does not say so, such as a file of `ecmsk objects`.
     pub device: Option<Device>,
     pub objects: ManufacturerObjects,
 }
 
 impl ParameterFile {
-    /// Reads a file.
+    /// Reads a parameter file, or a file of objects.
     ///
     /// # Errors
     /// [`ParamsError::File`], [`ParamsError::Content`]
@@ -78,7 +79,7 @@ impl ParameterFile {
         Ok(Self { device: device(&text), objects })
     }
 
-    /// The text of a file. `source` is the slave and its link, `time` when it was read.
+    /// The text of a parameter file. `source` is the slave and its link, `time` the time of reading it.
     pub fn text(device: &Device, objects: &[ManufacturerObject], source: &str, time: &str) -> String {
         let line = |text: &str| text.replace(|c: char| c.is_control(), " ");
         let mut text = format!("# parameters of {}, read {time}\n#", line(source));
@@ -98,7 +99,7 @@ impl ParameterFile {
     }
 }
 
-/// The device in the comments of a file.
+/// The identity in the comments of a parameter file; `None` if there is none.
 fn device(text: &str) -> Option<Device> {
     let comments = || text.lines().filter_map(|line| line.trim_start_matches('\u{FEFF}').strip_prefix("# "));
     let words: Vec<&str> = comments().find(|line| line.starts_with("vendor "))?.split_whitespace().collect();
@@ -133,7 +134,7 @@ mod tests {
         }
     }
 
-    /// A file gives back the device and the objects that were written into it, and a simulated drive can use it.
+    /// A file that was written is read with the same device and objects, and a simulated drive can load it.
     #[test]
     fn a_file_is_read_as_it_was_written() {
         let objects =

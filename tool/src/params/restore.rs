@@ -12,24 +12,24 @@ use super::drive::{Answer, Drive, write_any};
 /// A parameter whose value on the drive is not that of the file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Difference {
-    /// The object, with the value of the file.
+    /// The object of the file, with the value that the drive should have.
     pub wanted: ManufacturerObject,
     /// The value on the drive, or why it cannot be read.
     pub present: Answer<Vec<u8>>,
 }
 
-/// The result of comparing a drive with a file.
+/// The result of comparing the parameters of a drive with those of a file.
 #[derive(Debug, Default)]
 pub struct Compared {
     pub different: Vec<Difference>,
     /// How many parameters have the value of the file.
     pub same: usize,
-    /// Those that are longer than the link transfers.
+    /// Parameters whose values are longer than the link can transfer, which were not compared.
     pub too_long: Vec<ManufacturerObject>,
 }
 
-/// Whether a drive has the value of a file. A drive behind a board shows 4 bytes of each object; on a network, a value whose
-/// length the file does not know may be shorter.
+/// Whether `present`, the value that was read from a drive, is that of the file. A read behind a board returns 4 bytes, so only
+/// the file's length is compared. If the file does not know the length, zeros at the end are ignored.
 pub fn is_same(wanted: &ManufacturerObject, present: &[u8], bytes_max: usize) -> bool {
     let value = wanted.value.bytes();
     if bytes_max < usize::MAX {
@@ -72,22 +72,23 @@ pub fn compare(
     Ok(compared)
 }
 
-/// What became of a parameter that differed.
+/// The outcome for a parameter that differed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Fate {
-    /// It was written and reads back as it is in the file.
+    /// The parameter was written, and reads back with the value of the file.
     Written,
-    /// The drive has refused it.
+    /// The drive has refused the write.
     Refused(AbortCode),
-    /// It was written, and the drive has another value now: it limits it, or takes it when it is switched on.
+    /// The parameter was written but reads back with this other value: the drive has limited it, or takes it over only when it
+    /// is switched on.
     ReadsBack(Vec<u8>),
 }
 
-/// Writes the differences, and calls `done` for each that is decided. What is refused is tried again behind the others, as
-/// long as that helps: a limit may depend on another one. The mapping of process data comes last.
+/// Writes the parameters that differ, and calls `done` with the outcome of each. Refused writes are repeated after the others
+/// as long as at least one of them then succeeds, because a limit may depend on another parameter. The PDO mapping comes last.
 ///
 /// # Errors
-/// The drive does not answer any more. Those for which `done` was not called are undecided.
+/// The drive does not answer any more. For parameters without a call of `done` it is unknown whether they were written.
 pub fn restore(
     drive: &mut dyn Drive,
     objects: &[ManufacturerObject],
@@ -147,7 +148,7 @@ fn restore_mapping(
     let wanted: Vec<&ManufacturerObject> = objects.iter().filter(|object| is_mapping(object.address)).collect();
     for write in choice::mapping_writes(&wanted, &changed) {
         if let Err(code) = drive.write(write.address, &write.bytes)? {
-            // Half a mapping is worse than the old one.
+            // A half-written mapping is worse than the old one, so the old one is written back.
             let old: Vec<ManufacturerObject> = wanted.iter().map(|object| present(object, mapping)).collect();
             for write in choice::mapping_writes(&old.iter().collect::<Vec<_>>(), &changed) {
                 let _refused_again = drive.write(write.address, &write.bytes)?;
@@ -158,7 +159,7 @@ fn restore_mapping(
     read_back(drive, mapping, done)
 }
 
-/// An object of the file with the value that the drive had.
+/// The object of the file, but with the value that the drive had before the restore.
 fn present(object: &ManufacturerObject, different: &[&Difference]) -> ManufacturerObject {
     let difference = different.iter().find(|difference| difference.wanted.address == object.address);
     let bytes = difference.and_then(|difference| difference.present.as_ref().ok());
@@ -177,13 +178,13 @@ mod tests {
 
     type Refuses = fn(&Table, ObjectAddress, &[u8]) -> Option<AbortCode>;
 
-    /// A drive of the test: its values, and what it refuses.
+    /// A fake drive: its values, and the writes that it refuses.
     #[derive(Default)]
     struct Table {
         values: BTreeMap<ObjectAddress, Vec<u8>>,
-        /// Whether a write is refused, by the values of the drive.
+        /// Decides whether the drive refuses a write, from its present values.
         refuses: Option<Refuses>,
-        /// After how many calls the drive is gone.
+        /// The number of calls after which the drive no longer answers; `None`: it always answers.
         calls_left: Option<usize>,
         writes: Vec<(ObjectAddress, Vec<u8>)>,
         bytes_max: usize,
@@ -261,7 +262,8 @@ mod tests {
         assert_eq!(drive.writes, [(ObjectAddress::new(0x2001, 0), vec![5, 0, 0, 0])]);
     }
 
-    /// The upper limit is written at last although it stands behind the lower one, which has to be below it.
+    /// The lower limit 0x2000 must not be above the upper limit 0x2001, which comes later in the file. So it is refused at
+    /// first and written in a second pass.
     #[test]
     fn what_depends_on_a_later_object_is_tried_again() {
         let mut drive = Table::of("0x2000:0 u8 rw 1\n0x2001:0 u8 rw 2\n0x2002:0 u8 rw 0\n");
@@ -276,18 +278,19 @@ mod tests {
         assert_eq!(fates, [refused, written("0x2001:0"), written("0x2000:0")]);
     }
 
-    /// A drive that vanishes leaves the rest undecided.
+    /// If the drive is lost during a restore, the remaining parameters have no outcome.
     #[test]
     fn a_drive_that_vanishes_is_an_error() {
         let mut drive = Table::of("0x2000:0 u8 rw 1\n0x2001:0 u8 rw 2\n");
-        // Two to compare, two writes, one to read back.
+        // Two reads of the comparison, two writes, one read back; the second read back fails.
         drive.calls_left = Some(5);
         let (fates, result) = run(&mut drive, "0x2000:0 u8 rw 8\n0x2001:0 u8 rw 9\n");
         assert_eq!(fates, [("0x2000:0".to_owned(), Fate::Written)]);
         assert!(result.unwrap_err().to_string().contains("slave 1 does not answer any more"));
     }
 
-    /// A file that was read over a board has 4 bytes of each object.
+    /// A file that was read behind a board has values of type `any` with 4 bytes each. They are written with the length of the
+    /// object.
     #[test]
     fn a_value_of_unknown_length_fits_a_shorter_object() {
         let mut drive = Table::of("0x2000:0 u16 rw 1\n0x2001:0 u8 rw 7\n0x2002:0 u32 rw 1\n");
@@ -298,7 +301,7 @@ mod tests {
         assert_eq!(drive.values[&ObjectAddress::new(0x2000, 0)], [2, 0]);
     }
 
-    /// A mapping that the drive refuses is refused as a whole.
+    /// The mapping is written after all other parameters. If the drive refuses one entry, the whole mapping counts as refused.
     #[test]
     fn a_mapping_comes_last() {
         let file = "0x1600:0 u8 rw 1\n0x1600:1 u32 rw 0x60400010\n0x1C12:0 u8 rw 1\n0x1C12:1 u16 rw 0x1600\n0x2000:0 u8 rw 1\n";

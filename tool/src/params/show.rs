@@ -1,4 +1,4 @@
-//! What the verbs of parameters print: differences, and values by their types.
+//! Prints what the verbs of `ecmsk params` show: differences, and values by their types.
 
 use ecmsk::slave::{ManufacturerObject, ManufacturerType};
 use serde_json::{Value as Json, json};
@@ -9,7 +9,7 @@ use super::restore::{Compared, Difference};
 use crate::board::Reporter;
 use crate::hex::hex;
 
-/// Prints a difference; `word` is its result in JSON, `what` follows it in the text.
+/// Prints a difference. `word` is its outcome in JSON, `what` is added to the end of the text.
 pub fn show(
     reporter: &Reporter,
     verb: &str,
@@ -52,7 +52,7 @@ pub fn object_json(verb: &str, slave: u8, object: &ManufacturerObject) -> Json {
     })
 }
 
-/// Adds the value of a drive, or its abort code.
+/// Adds the answer of a drive to a JSON object: the value in the field `key`, or the abort code.
 pub fn put_answer(json: &mut Json, key: &str, answer: &Answer<Vec<u8>>) {
     match answer {
         Ok(bytes) => json[key] = hex(bytes).into(),
@@ -60,15 +60,15 @@ pub fn put_answer(json: &mut Json, key: &str, answer: &Answer<Vec<u8>>) {
     }
 }
 
-/// As [`shown`], or the abort code in parentheses.
+/// The value as in [`shown`]; if the drive has aborted the read, the abort code in parentheses.
 pub fn answer_shown(object: &ManufacturerObject, answer: &Answer<Vec<u8>>) -> String {
     answer.as_ref().map_or_else(|code| format!("({code})"), |bytes| shown(object, bytes))
 }
 
-/// A value as a number or as a text. Mappings name objects, which are known by their hexadecimal numbers.
+/// A value as a decimal number or as a text. Mapping entries are in hexadecimal, because they contain object indexes.
 pub fn shown(object: &ManufacturerObject, bytes: &[u8]) -> String {
     let data = object.data;
-    // A board shows more bytes than the object has.
+    // Behind a board a read returns 4 bytes, also of a shorter object.
     let bytes = data.bytes().and_then(|len| bytes.get(..len.into())).unwrap_or(bytes);
     let raw = || bytes.iter().rev().fold(0_u64, |number, byte| number << 8 | u64::from(*byte));
     match data {

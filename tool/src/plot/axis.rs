@@ -1,4 +1,4 @@
-//! Collects the lines of one axis.
+//! Collects the curves of one axis from frames.
 
 use ecmsk::cia402::Statusword;
 use ecmsk::ecm::Scale;
@@ -10,15 +10,15 @@ use super::speed::Speed;
 use super::states::{Change, Span, States};
 use super::{COLUMNS, Window};
 
-/// The lines of an axis. Targets are at the cycle in which they were executed.
+/// The curves of an axis. Targets are drawn at the cycle that executed them.
 pub struct AxisLines {
     /// The number of the slave.
     pub axis: u8,
-    /// The counts of one unit.
+    /// The counts per unit of positions.
     pub scale: Scale,
-    /// Targets in units.
+    /// The executed targets, in units.
     pub target: Pieces,
-    /// Actual positions in units.
+    /// The actual positions, in units.
     pub position: Pieces,
     /// The executed target minus the position, in units, while the drive follows it.
     pub difference: Pieces,
@@ -32,7 +32,7 @@ pub struct AxisLines {
     pub target_torque: Pieces,
     /// The torque in percent of the rated torque.
     pub torque: Pieces,
-    /// The times in which the drive was not enabled, homing, lost or had a fault, and gaps.
+    /// The time spans in which the drive was not enabled, homing, lost or in fault, and the gaps of its motion.
     pub states: Vec<Span>,
     /// The time at which homing last gave the position a new zero, in seconds.
     pub zeroed: Option<f64>,
@@ -46,12 +46,12 @@ impl AxisLines {
     }
 }
 
-/// The lines of an axis while they are collected.
+/// The curves of an axis while frames are read.
 pub struct Axis {
     /// The number of the slave.
     pub number: u8,
     scale: Scale,
-    /// The ids of the commands with which the axis is shown; if empty, it is always shown.
+    /// The ids of `--commands`: the axis is drawn only while its slot has one of them. If empty, it is always drawn.
     commands: Vec<u8>,
     target: Line,
     position: Line,
@@ -66,9 +66,9 @@ pub struct Axis {
     speeds: [Speed; 2],
     /// The target that was executed last, in counts.
     in_force: Option<i32>,
-    /// The last reported position, and whether the drive follows a target; `None` if they are not shown.
+    /// The last reported position in counts, and whether the drive follows a target; `None` while the axis is not drawn.
     stands: Option<(i32, bool)>,
-    /// The slot of the axis since the first report in state 0x18, as long as it does not change.
+    /// The axis' slot as it was in the first report with state 0x18, while that state lasts and the slot stays the same.
     frozen: Option<Frozen>,
     /// The last slot, and the time at which it last changed.
     before: Option<(RawSlot, i64)>,
@@ -78,12 +78,12 @@ pub struct Axis {
     zeroed_ns: Option<i64>,
 }
 
-/// A slot that does not change in state 0x18.
+/// The slot of an axis that may be lost: it has not changed since state 0x18 began.
 #[derive(Debug)]
 struct Frozen {
     slot: RawSlot,
-    /// Whether the slave is certainly lost. Its slot would change if it were there, because the axis moved just before,
-    /// or because it has got other targets since.
+    /// Whether the slave is certainly lost: its slot would have changed if it were there, because the axis moved just before or
+    /// has got other targets since.
     is_lost: bool,
 }
 
@@ -96,15 +96,15 @@ const MOVED_NS: i64 = 20_000_000;
 struct Ignores {
     /// Whether a report has answered GO_HOME.
     answered: bool,
-    /// The number of reports that answered a motion command before any answered GO_HOME.
+    /// The number of reports that answered a motion command while no report has answered GO_HOME yet.
     reports: u8,
 }
 
-/// \[OURS] After more than this many answers to motion commands, GO_HOME counts as not executed.
+/// \[OURS] If more reports than this answer motion commands first, GO_HOME counts as not executed.
 const UNANSWERED_MAX: u8 = 3;
 
 impl Axis {
-    /// The axis of a slave, with no lines yet.
+    /// Starts without curves. `number` is the number of the slave.
     pub fn new(number: u8, scale: Scale, window: Window, commands: Vec<u8>) -> Self {
         let line = || Line::new(window, COLUMNS);
         let held = || Line::holding(window, COLUMNS);
@@ -224,7 +224,8 @@ impl Axis {
         }
     }
 
-    /// The slave is there again (`was_lost`), or its slot has changed, so it never was lost.
+    /// Ends the suspicion that the slave is lost. `was_lost`: it was lost and is back; otherwise its slot has changed, so it
+    /// was never lost.
     fn is_there(&mut self, at_ns: i64, was_lost: bool) {
         if was_lost {
             return self.interrupt(at_ns);
@@ -233,8 +234,8 @@ impl Axis {
         self.frozen = None;
     }
 
-    /// Adds the axis' slot of a report in OP. `aborted`: it answers ABORT_HOME. `is_drive`: the slot has a torque and
-    /// an error code. `certain`: the executed target is known.
+    /// Adds the axis' slot of a report in OP. `aborted`: the report answers ABORT_HOME. `is_drive`: the slot has a torque and
+    /// an error code. `certain`: it is known which target was executed.
     pub fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool, is_drive: bool, certain: bool) {
         if self.frozen.is_some() {
             // The slot only repeats its last values, so nothing is drawn.
@@ -258,7 +259,7 @@ impl Axis {
             self.speeds[0].reset();
         }
         if !self.shows(drive.head.id) {
-            // The line has a gap here.
+            // `--commands` excludes this command, so the curves have a gap here.
             return self.break_lines(at_ns);
         }
         let follows = drive.statusword.is_enabled();
@@ -290,7 +291,7 @@ impl Axis {
         }
     }
 
-    /// Forgets the target: it is no longer valid, or it is not known which one is.
+    /// Forgets the executed target: it is no longer valid, or it is unknown which target is.
     pub fn forget_target(&mut self, at_ns: i64) {
         self.in_force = None;
         self.gaps.reset();
@@ -299,7 +300,7 @@ impl Axis {
         targets.into_iter().for_each(|line| line.interrupt(at_ns));
     }
 
-    /// Interrupts all lines, because the state of the axis is unknown from here on.
+    /// Interrupts all curves, because the state of the axis is unknown from here on.
     pub fn interrupt(&mut self, at_ns: i64) {
         self.forget_target(at_ns);
         self.speeds[0].reset();
@@ -311,7 +312,7 @@ impl Axis {
         self.states.interrupt(at_ns);
     }
 
-    /// Interrupts all lines and starts the velocities anew.
+    /// Interrupts the curves of reported values, and forgets the positions from which velocities are computed.
     fn break_lines(&mut self, at_ns: i64) {
         self.interrupt_lines(at_ns);
         self.speeds.iter_mut().for_each(Speed::reset);
@@ -334,7 +335,7 @@ impl Axis {
         self.stands.filter(|_| !self.states.is_homing()).map(|(position, _)| self.scale.to_units(position))
     }
 
-    /// Ends the lines and returns them.
+    /// Completes the curves and returns them.
     pub fn finish(mut self) -> AxisLines {
         if let Some(Frozen { is_lost, .. }) = self.frozen {
             self.states.is_there(i64::MAX, Some(is_lost));

@@ -1,4 +1,4 @@
-//! Another recording of the same program, drawn for comparison with the first one.
+//! A second recording of the same program, drawn for comparison with the first one.
 
 use std::path::{Path, PathBuf};
 
@@ -15,36 +15,36 @@ use crate::error::CliError;
 use crate::filter::Times;
 use crate::recording::{self, Frames};
 
-/// The width for the name of another recording in a legend, in pixels.
+/// The room for the second recording's name in a legend, in pixels.
 const NAME_WIDTH: u32 = 330;
 
-/// The lines of another recording, at times of the first one.
+/// The curves of the second recording, with their times converted to those of the first one.
 #[derive(Default)]
 pub struct Beside {
-    /// The name of the other recording in legends.
+    /// The name of the second recording in legends.
     pub name: String,
-    /// Positions of axes, in units.
+    /// The positions of each axis, in units.
     pub positions: Vec<(u8, Pieces)>,
-    /// The times at which axes had a fault.
+    /// The time spans in which each axis had a fault.
     pub faults: Vec<(u8, Vec<Span>)>,
-    /// For axes: the time at which homing last gave the position a new zero.
+    /// For each axis that was homed: the time at which homing last gave the position a new zero, in seconds.
     pub zeroed: Vec<(u8, f64)>,
 }
 
-/// Another recording, after its first reading.
+/// The second recording after it was read once, to survey it.
 pub struct Other {
     file: PathBuf,
     size: Option<SlotSize>,
     device: Option<Address>,
     survey: Survey,
-    /// The offset that is added to its times, so that its OP begins with that of the first recording.
+    /// The offset that aligns the beginning of its time in OP with that of the first recording.
     later_ns: i64,
-    /// The range of its OP, at times of the first recording.
+    /// The range of its time in OP, after adding [`Self::later_ns`].
     window: Window,
 }
 
 impl Other {
-    /// Reads a recording. `first` is the OP of the first recording, with which its OP is aligned.
+    /// Reads the second recording. `first` is the first recording's time in OP, with which it is aligned.
     pub fn read(file: &Path, size: Option<SlotSize>, first: Window) -> Result<Self, CliError> {
         let mut survey = Survey::default();
         let device = recording::board(file, None)?;
@@ -59,13 +59,13 @@ impl Other {
         Ok(Self { file: file.to_owned(), size, device, survey, later_ns, window })
     }
 
-    /// The part of the recording between two times of the first recording; `None` if nothing is left.
+    /// Restricts the recording to `times`, which are times of the first recording; `None` if nothing is left.
     pub fn cut(self, times: Times) -> Option<Self> {
         let window = self.window.cut(times)?;
         Some(Self { window, ..self })
     }
 
-    /// The range of its OP, at times of the first recording.
+    /// The range of its time in OP, converted to times of the first recording.
     pub const fn window(&self) -> Window {
         self.window
     }

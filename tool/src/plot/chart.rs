@@ -1,4 +1,4 @@
-//! Draws the panels with any backend.
+//! Draws the panels with any backend of the drawing library: SVG or pixels.
 
 use std::fmt::Display;
 use std::ops::Range;
@@ -15,9 +15,9 @@ use super::style::{self, at, px};
 
 /// The text above the panels, and the common horizontal axis.
 pub struct Caption {
-    /// The title.
+    /// The title of the picture.
     pub title: String,
-    /// The line below the title.
+    /// The line below the title: the time range, the file, the number of frames.
     pub about: String,
     /// The range of the horizontal axis.
     pub range: Range<f64>,
@@ -25,11 +25,11 @@ pub struct Caption {
     pub axis: &'static str,
 }
 
-/// A picture: panels below each other, first those over time.
+/// A picture: panels below each other. Those with the common time axis come first.
 pub struct Sheet {
-    /// The panels.
+    /// The diagrams, from top to bottom.
     pub panels: Vec<Panel>,
-    /// The text above the panels.
+    /// The title and the common horizontal axis.
     pub caption: Caption,
 }
 
@@ -42,8 +42,8 @@ impl Sheet {
         style::HEAD + heights.sum::<u32>()
     }
 
-    /// The height of the horizontal axis below a panel: the last one over time has one, and each with an axis of its
-    /// own.
+    /// The height in pixels of the horizontal axis below panel `i`. Panels over time share one axis, below the last of them;
+    /// any other panel has its own.
     fn below(&self, i: usize) -> u32 {
         let of_time = |panel: &Panel| panel.across.is_none();
         let last = !self.panels[i + 1..].iter().any(of_time);
@@ -76,7 +76,7 @@ fn draw_caption<B: DrawingBackend>(area: &Area<B>, caption: &Caption) -> Result<
     write(area, &about, (20, 46), style::TEXT, style::SOFT_INK, HPos::Left)
 }
 
-/// The measures of an item of a legend: length of the line, space before the text, space after it.
+/// An item of a legend, in pixels: the length of the sample line, the space before the text, the space after it.
 const SAMPLE: u32 = 22;
 const GAP: u32 = 6;
 const BETWEEN: u32 = 16;
@@ -182,7 +182,7 @@ fn draw_panel<B: DrawingBackend>(area: &Area<B>, panel: &Panel, caption: &Captio
     draw_notes(area, &panel.other_spans, OTHER_NOTES, &times)
 }
 
-/// The length of a dash, and of the gap behind it.
+/// The length of a dash and of the gap after it, in pixels.
 const DASH: u32 = 5;
 
 /// Draws the texts at the ends of lines from top to bottom. A text that would overlap the previous one moves below it.
@@ -201,7 +201,8 @@ fn draw_ends<B: DrawingBackend>(area: &Area<B>, panel: &Panel) -> Result<(), Plo
     Ok(())
 }
 
-/// The distance of the notes on states from the top of a panel, and of the notes on states of another recording.
+/// The distance in pixels of notes on states from the top of a panel; the next constant is for the states of a second
+/// recording.
 const NOTES: u32 = 10;
 const OTHER_NOTES: u32 = 26;
 

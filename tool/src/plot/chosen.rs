@@ -26,32 +26,32 @@ pub enum Diagram {
     Xy,
 }
 
-/// The slaves and diagrams that the options request.
+/// The slaves and diagrams that the options request, before the recording is read.
 #[derive(Clone, Debug, Default)]
 pub struct Asked {
     /// The slaves in ascending order; if empty, those found in the recording.
     pub slaves: Vec<u8>,
     /// The diagrams; if empty, those for which the recording has data.
     pub diagrams: Vec<Diagram>,
-    /// Whether the following difference is shown in addition.
+    /// Whether the following error is drawn in addition.
     pub difference: bool,
-    /// The two axes whose path is shown in their plane in addition.
+    /// The two axes whose path in the plane is drawn in addition, one horizontally and one vertically.
     pub plane: Option<[u8; 2]>,
 }
 
-/// The slaves that are shown.
+/// The slaves that are drawn.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Chosen {
-    /// The slaves with a position.
+    /// The axes, by slave number.
     pub axes: Vec<u8>,
-    /// The IO slaves.
+    /// The IO slaves, by slave number.
     pub ios: Vec<u8>,
-    /// The axes of the plane.
+    /// The two axes whose path in the plane is drawn.
     pub plane: Option<[u8; 2]>,
 }
 
 impl Asked {
-    /// Whether a diagram is shown. `by_itself`: whether it is shown if the options request no diagrams.
+    /// Whether a diagram is drawn. `by_itself`: its default if the options request no diagrams.
     pub fn shows(&self, diagram: Diagram, by_itself: bool) -> bool {
         match diagram {
             Diagram::Difference if self.difference => true,
@@ -111,7 +111,7 @@ impl Asked {
     }
 }
 
-/// Most axes and IO slaves of a plot together.
+/// The most axes and IO slaves in one plot together.
 pub const MAX_SLAVES: usize = 2 * MAX_AXES;
 
 /// Parses two axes, `1,2`.

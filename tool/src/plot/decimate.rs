@@ -1,15 +1,15 @@
-//! Thins a line over time to what a picture can show: of the samples in one column of pixels the first, the smallest,
-//! the largest and the last one are kept, so that nothing visible is lost, however long the recording is.
+//! Reduces a curve to the resolution of a picture. Of the samples in one pixel column the first, the smallest, the largest and
+//! the last one are kept, so the drawn curve looks the same, however long the recording is.
 
 use super::Window;
 
-/// The pieces of a line, with seconds and values.
+/// A curve as pieces without interruptions; each point is a time in seconds and a value.
 pub type Pieces = Vec<Vec<(f64, f64)>>;
 
 /// A sample: nanoseconds, value.
 type Sample = (i64, f64);
 
-/// A line while it is collected.
+/// A curve while samples are added.
 #[derive(Debug)]
 pub struct Line {
     window: Window,
@@ -18,14 +18,14 @@ pub struct Line {
     hold: bool,
     segments: Vec<Vec<Sample>>,
     column: Option<Column>,
-    /// The present value and its time, if the line holds values.
+    /// The last sample of a line with steps, whose value is still valid; `None` for other lines and after an interruption.
     held: Option<Sample>,
     /// The time of the last sample or interruption.
     latest_ns: i64,
     broken: bool,
 }
 
-/// The samples of one column of pixels.
+/// The samples of a pixel column that are kept.
 #[derive(Clone, Copy, Debug)]
 struct Column {
     number: i64,
@@ -36,7 +36,7 @@ struct Column {
 }
 
 impl Line {
-    /// A line across `window`, drawn `columns` pixels wide.
+    /// An empty curve over the range `window`, which is drawn `columns` pixels wide.
     pub fn new(window: Window, columns: u32) -> Self {
         let columns = i64::from(columns.max(1));
         Self {
@@ -51,13 +51,13 @@ impl Line {
         }
     }
 
-    /// A line whose value stays until the next sample.
+    /// An empty curve with steps: each value stays until the next sample.
     pub fn holding(window: Window, columns: u32) -> Self {
         Self { hold: true, ..Self::new(window, columns) }
     }
 
-    /// Adds a sample. One with an earlier time than the last sample or interruption gets that time. Samples outside
-    /// the window are not drawn.
+    /// Adds a sample. A time before that of the last sample or interruption is replaced by that time. Samples outside the
+    /// window are not drawn.
     pub fn push(&mut self, at_ns: i64, value: f64) {
         let at_ns = at_ns.max(self.latest_ns);
         self.latest_ns = at_ns;
@@ -68,7 +68,7 @@ impl Line {
         self.add((at_ns, value));
     }
 
-    /// Interrupts the line until the next sample.
+    /// Interrupts the curve until the next sample. A shorter interruption than a pixel column is not drawn.
     pub fn interrupt(&mut self, at_ns: i64) {
         self.latest_ns = self.latest_ns.max(at_ns);
         self.hold_until(at_ns);
@@ -76,13 +76,14 @@ impl Line {
         self.broken = true;
     }
 
-    /// Interrupts the line visibly, also within a column of pixels: the next value is unrelated to the one before.
+    /// Interrupts the curve even if the next sample is in the same pixel column, because its value is unrelated to the one
+    /// before.
     pub fn break_off(&mut self, at_ns: i64) {
         self.interrupt(at_ns);
         self.close_column();
     }
 
-    /// The pieces of the line, seconds and values.
+    /// Completes the curve and returns its pieces, with times in seconds.
     pub fn finish(mut self) -> Vec<Vec<(f64, f64)>> {
         self.hold_until(self.window.to_ns);
         self.close_column();
@@ -90,7 +91,7 @@ impl Line {
         self.segments.into_iter().map(|segment| segment.into_iter().map(seconds).collect()).collect()
     }
 
-    /// Draws the holding value up to this time, within the window.
+    /// Extends a curve with steps up to this time: adds its present value there.
     fn hold_until(&mut self, at_ns: i64) {
         let Window { from_ns, to_ns } = self.window;
         let Some((since_ns, value)) = self.held.filter(|(since_ns, _)| *since_ns <= to_ns && at_ns >= from_ns) else {
@@ -106,7 +107,7 @@ impl Line {
         }
         let number = self.column_of(sample.0);
         match &mut self.column {
-            // A gap within a column of pixels cannot be seen.
+            // An interruption that begins and ends in the same pixel column cannot be seen, so it is ignored.
             Some(column) if column.number == number => {
                 column.last = sample;
                 if sample.1 < column.least.1 {

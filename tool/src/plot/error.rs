@@ -7,7 +7,7 @@ use ecmsk::sk::SlotSize;
 
 use super::{MAX_AXES, style};
 
-/// Why there is no plot.
+/// Why no plot was made.
 #[derive(Debug, thiserror::Error)]
 pub enum PlotError {
     /// Standard input is named, but a plot reads its recording twice.
@@ -29,7 +29,7 @@ pub enum PlotError {
     NothingInRange {
         /// The requested range of times.
         asked: String,
-        /// The range of times in OP.
+        /// The range of times in which the network was in OP.
         op: String,
     },
     /// No slot of the slaves has one of these commands.
@@ -37,9 +37,9 @@ pub enum PlotError {
         "nothing is left of {}: no slot asks for or answers {commands} in the time shown; change --commands, --axes, --from or --to", axes_list(.axes)
     )]
     NoSuchCommand {
-        /// The requested commands.
+        /// The commands of `--commands`.
         commands: String,
-        /// The slaves that were searched.
+        /// The slaves whose slots were searched for the commands.
         axes: Vec<u8>,
     },
     /// More axes are requested than there are colours.
@@ -64,7 +64,7 @@ pub enum PlotError {
         /// The axes that have data.
         axes: Vec<u8>,
     },
-    /// An IO slave is named as an axis of the plane.
+    /// An IO slave is named as an axis of `--xy`.
     #[error("slave {slave} is IO and has no position; name two axes with --xy, as in --xy 1,2")]
     NotAnAxis {
         /// The number of the slave.
@@ -79,10 +79,10 @@ pub enum PlotError {
     /// The recording has no data for the requested diagrams.
     #[error("the recording has nothing for the diagrams {asked}; name others with --panels, or leave it out")]
     NoPanel {
-        /// The requested diagrams.
+        /// The diagrams of `--panels`.
         asked: String,
     },
-    /// The file of the plot is the recording.
+    /// The output file is the recording itself.
     #[error("the plot would replace the recording {}; name another file with {option}", .file.display())]
     SameFile {
         /// The path of the file.
@@ -90,12 +90,12 @@ pub enum PlotError {
         /// The option that names the file.
         option: &'static str,
     },
-    /// The file has an unknown ending.
+    /// The name of the output file has an unknown extension.
     #[error(
         "a plot is written as SVG (.svg) or PNG (.png), not as .{ending}: name such a file with {option}; programs such as rsvg-convert or Inkscape make other kinds from SVG"
     )]
     Ending {
-        /// The ending of the file's name.
+        /// The extension without its dot.
         ending: String,
         /// The option that names the file.
         option: &'static str,
@@ -118,7 +118,7 @@ pub enum PlotError {
     },
 }
 
-/// The axes that can be asked for instead.
+/// The axes that the user can request instead, as text.
 fn others(axes: &[u8]) -> String {
     match axes {
         [] => "leave --axes out, for the FIFO alone".to_owned(),

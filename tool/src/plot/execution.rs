@@ -1,5 +1,5 @@
-//! Determines when the board executed each command. A command waits in the FIFO, from which one is taken in each
-//! cycle (SK-5).
+//! Determines from reports when the board executed each command. Commands wait in the FIFO, from which the board takes one in
+//! each cycle (SK-5).
 
 use std::collections::VecDeque;
 
@@ -8,11 +8,11 @@ use ecmsk::sk::{FIFO_ENTRIES, MasterResponse, SlaveCommand};
 
 use super::chosen::MAX_SLAVES;
 
-/// The command in a frame for each axis and IO slave of the plot.
+/// The commands in one frame, for each axis and IO slave of the plot.
 pub type Orders = [Option<SlaveCommand>; MAX_SLAVES];
 
-/// Most commands that are kept: those that may wait in the FIFO, and some more for reports that do not show what was
-/// executed.
+/// The most command frames that are kept until a report shows their execution: as many as the FIFO holds, and more because some
+/// reports do not show what was executed.
 const COMMANDS_KEPT: usize = 4 * FIFO_ENTRIES as usize;
 
 /// A command frame that was executed.
@@ -20,19 +20,19 @@ const COMMANDS_KEPT: usize = 4 * FIFO_ENTRIES as usize;
 pub struct Entry {
     /// The time of the execution: that of the cycle's report, in nanoseconds.
     pub at_ns: i64,
-    /// The commands of its slots.
+    /// The commands in the slots of the frame.
     pub orders: Orders,
 }
 
 /// What a report shows about the execution of commands.
 #[derive(Debug, PartialEq)]
 pub enum ExecutionReport {
-    /// All commands executed since the last report that showed it; none if `idle_since_ns` is given. Cycles with an
-    /// empty FIFO come before the entries.
+    /// All command frames that were executed since the last report that showed it. If `idle_since_ns` is set, the FIFO was
+    /// empty before the first of them.
     Executed {
-        /// The entries, in the order of their execution.
+        /// The command frames, in the order of their execution.
         entries: Vec<Entry>,
-        /// The first cycle that found the FIFO empty, nanoseconds.
+        /// The time of the first cycle that found the FIFO empty, in nanoseconds; `None` if no cycle did.
         idle_since_ns: Option<i64>,
     },
     /// Nothing yet; a later report will show it (see [`LastExecuted::Ambiguous`]).
@@ -48,17 +48,17 @@ pub struct Execution {
     executed: Executed,
     /// The commands that may not be executed yet, with the times at which they were sent, oldest first.
     sent: VecDeque<(i64, Orders)>,
-    /// The last report that showed what was executed: its time, and whether commands waited.
+    /// The time of the last report that showed what was executed, and whether commands waited in the FIFO then.
     before: Option<(i64, bool)>,
 }
 
 impl Execution {
-    /// For a board with this cycle time in nanoseconds.
+    /// Starts without commands. `cycle_ns` is the board's cycle time in nanoseconds.
     pub fn new(cycle_ns: i64) -> Self {
         Self { cycle_ns: cycle_ns.max(1), executed: Executed::new(cycle_ns), sent: VecDeque::new(), before: None }
     }
 
-    /// Adds a command sent in OP. `clears`: whether it clears the FIFO.
+    /// Adds a command frame that was sent in OP. `clears`: whether it clears the FIFO.
     pub fn command(&mut self, at_ns: i64, orders: Orders, clears: bool) {
         if self.sent.len() == COMMANDS_KEPT {
             self.sent.pop_front();
@@ -97,8 +97,8 @@ impl Execution {
         let before = self.before.replace((at_ns, waits));
         let idle_since_ns = before.filter(|(_, waited)| !waited).and_then(|(then_ns, _)| {
             let cycles = (at_ns.saturating_sub(then_ns) + self.cycle_ns / 2) / self.cycle_ns;
-            // On a real link the times of reports vary by a part of a cycle, so one additional cycle does not prove an
-            // empty FIFO.
+            // On a real link the times of reports vary by less than a cycle, so a single cycle more than the executed commands
+            // does not prove that the FIFO was empty.
             let idle = (entries.is_empty() && !waits) || entries.len() as i64 + 1 < cycles;
             idle.then_some(then_ns.saturating_add(self.cycle_ns).min(at_ns))
         });

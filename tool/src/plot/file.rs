@@ -16,11 +16,10 @@ pub enum Format {
 }
 
 impl Format {
-    /// The format for the ending of the file's name; without an ending SVG. `option` is the option that names the
-    /// file.
+    /// The format for the file's extension; without one SVG. `option` is the option that names the file, for the error.
     ///
     /// # Errors
-    /// The ending is unknown: a file named as a JPEG must not contain SVG.
+    /// The extension is unknown: a file named `.jpg` must not contain SVG.
     pub fn of(file: &Path, option: &'static str) -> Result<Self, PlotError> {
         let Some(ending) = file.extension() else { return Ok(Self::Svg) };
         match ending.to_string_lossy().to_ascii_lowercase().as_str() {
@@ -30,7 +29,7 @@ impl Format {
         }
     }
 
-    /// The bytes of the file in this format.
+    /// Draws a picture and returns the bytes of its file in this format.
     ///
     /// # Errors
     /// The picture cannot be drawn.
@@ -42,8 +41,8 @@ impl Format {
     }
 }
 
-/// Checks a file, named by that option, before anything is read or drawn: its format, and that it is not one of the
-/// recordings.
+/// Checks the output file before anything is read or drawn: its format, and that it is not one of the recordings. `option` is
+/// the option that names it, for the error.
 ///
 /// # Errors
 /// The file cannot be used.
@@ -57,7 +56,7 @@ pub fn check(file: &Path, option: &'static str, recordings: &[&Path]) -> Result<
     Format::of(file, option)
 }
 
-/// Writes a picture to a file, named by that option, which must not be one of the recordings.
+/// Writes a picture to a file, which must not be one of the recordings. `option` is the option that names it, for the error.
 ///
 /// # Errors
 /// The file cannot be used, or the picture cannot be drawn.

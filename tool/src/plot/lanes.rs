@@ -1,14 +1,14 @@
-//! The inputs and outputs of an IO slave: a line for each bit that was ever 1.
+//! The curves of the inputs and outputs of an IO slave: one for each bit that was ever 1.
 
 use ecmsk::sk::{CommandId, IoResponse, SlaveCommand};
 
 use super::decimate::{Line, Pieces};
 use super::{COLUMNS, Window};
 
-/// The number of inputs and of outputs.
+/// The number of inputs of an IO slave, which is also that of its outputs.
 const BITS: usize = 16;
 
-/// The direction of a bit.
+/// Whether a bit is an input or an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Way {
     /// An input.
@@ -17,17 +17,17 @@ pub enum Way {
     Out,
 }
 
-/// One bit over time.
+/// The curve of one input or output.
 pub struct Lane {
     /// Whether the bit is an input or an output.
     pub way: Way,
     /// The number of the bit, from 0.
     pub bit: usize,
-    /// The values, 0 or 1.
+    /// The values over time, 0 or 1.
     pub values: Pieces,
 }
 
-/// The bits of one slave while they are collected.
+/// The inputs and outputs of one slave while frames are read.
 pub struct Lanes {
     ways: [Bits; 2],
 }
@@ -36,12 +36,12 @@ struct Bits {
     lines: [Line; BITS],
     /// The bits that were ever 1.
     used: u16,
-    /// The latest value of the bits.
+    /// The latest value of all bits; `None` if it is unknown.
     now: Option<u16>,
 }
 
 impl Lanes {
-    /// The bits in the range `window`.
+    /// Starts without values, for the range `window`.
     pub fn new(window: Window) -> Self {
         let bits = || Bits { lines: std::array::from_fn(|_| Line::holding(window, COLUMNS)), used: 0, now: None };
         Self { ways: [bits(), bits()] }

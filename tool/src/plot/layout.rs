@@ -12,15 +12,16 @@ use super::series::Lines;
 use super::states::{Span, State};
 use super::style;
 
-/// With more axes than this, colours alone do not distinguish them. \[OURS]
+/// With more axes than this the colours are too similar to tell the axes apart, so other marks are added. \[OURS]
 const CROWD: usize = 4;
-/// The height of a diagram of all axes together.
+/// The height in pixels of a diagram that shows all axes together.
 const SHARED: u32 = 130;
 
-/// Makes the panels; lines without data get none. `plane` are the axes of the plane, `unit` is that of positions.
+/// Makes the panels of a plot, without those that have no data. `plane` are the two axes of the path in the plane, `unit` is
+/// the unit of positions.
 pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str, mut beside: Beside) -> Vec<Panel> {
     let Lines { axes, ios, plane: paths, fifo_free, full, full_reports, gaps } = lines;
-    // With many axes each gets less height, so that the plot fits on a screen.
+    // The more axes there are, the lower their diagrams, so that the plot fits on a screen.
     let height = match axes.len() {
         ..=2 => 190,
         3..=4 => 140,
@@ -93,13 +94,13 @@ pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str, m
     all
 }
 
-/// The lines of all axes for the common panels.
+/// The curves of all axes for the panels that they share.
 #[derive(Default)]
 struct Shared {
-    /// The smallest step of a position, in its unit.
+    /// One count in the unit of positions: the smallest step of any axis.
     least: f64,
     legend: Vec<(Look, String)>,
-    /// The text at the end of the line of each axis, with its colour; empty if there are few axes.
+    /// For each axis the text at the right end of its curve (the axis number) and its colour; empty with few axes.
     ends: Vec<(String, RGBColor)>,
     commanded: Vec<Stroke>,
     velocity: Vec<Stroke>,
@@ -145,7 +146,7 @@ impl Shared {
     }
 }
 
-/// The panel of the inputs and outputs of a slave, one line each; bits that are always 0 are left out.
+/// The panel with the inputs and outputs of a slave, one lane each. Bits that are always 0 are left out.
 fn io(slave: u8, lanes: Vec<Lane>) -> Option<Panel> {
     let count = lanes.len();
     let way = |way: Way| match way {
@@ -192,7 +193,7 @@ fn fifo(free: Pieces, full: Vec<f64>, full_reports: u64, gaps: Vec<Span>) -> Pan
     let strokes = vec![Stroke { pieces: free, look: Look::Solid(style::FIFO) }];
     let range = -4.0..f64::from(FIFO_ENTRIES) + 8.0;
     let name = format!("FIFO: free entries of {FIFO_ENTRIES}");
-    // The lengths of the gaps are shown in the panels of the axes.
+    // The FIFO panel shows gaps without notes, because the panels of the axes show their lengths.
     let spans = gaps.into_iter().map(|span| match span.state {
         State::Gap => Span { note: None, ..span },
         _ => span,

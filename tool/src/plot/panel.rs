@@ -1,4 +1,4 @@
-//! The content of the panels of a picture.
+//! A panel: one diagram of a picture, with its axes, curves and legend.
 
 use std::ops::Range;
 
@@ -17,21 +17,22 @@ pub struct Panel {
     pub height: u32,
     /// The range of the vertical axis.
     pub range: Range<f64>,
-    /// The lines, in the order of drawing.
+    /// The curves, in the order of drawing.
     pub strokes: Vec<Stroke>,
     /// States, drawn as shaded areas behind everything else.
     pub spans: Vec<Span>,
-    /// States of another recording, drawn in the same way with their notes below those of `spans`.
+    /// States of a second recording, drawn like `spans`, with their notes one line lower.
     pub other_spans: Vec<Span>,
     /// Times in seconds that are marked by vertical lines.
     pub marks: Vec<f64>,
     /// The legend, from left to right.
     pub legend: Vec<(Look, String)>,
-    /// The names of lanes at the left instead of numbers, from top to bottom; each lane has a height of 1.
+    /// The names of lanes (the bits of an IO slave), from top to bottom; a lane is 1 high on the vertical axis. If empty, the
+    /// axis has numbers.
     pub lanes: Vec<String>,
-    /// The horizontal axis, if it differs from that of the other panels.
+    /// The horizontal axis, if it is not the common time axis.
     pub across: Option<Across>,
-    /// The texts at the right ends of lines: the value there, the text, its colour.
+    /// The texts at the right ends of curves: the curve's last value, the text, its colour.
     pub ends: Vec<(f64, String, RGBColor)>,
 }
 
@@ -45,11 +46,11 @@ pub struct Across {
     pub width: u32,
 }
 
-/// A line of a diagram.
+/// A curve of a diagram.
 pub struct Stroke {
-    /// The pieces of the line.
+    /// The pieces of the curve; between them it is interrupted.
     pub pieces: Pieces,
-    /// The style of the line.
+    /// The style of the curve.
     pub look: Look,
 }
 
@@ -93,7 +94,7 @@ impl State {
 }
 
 impl Panel {
-    /// A panel whose vertical axis fits the values; `None` if there are no lines. `least` is the smallest step of a
+    /// A panel whose vertical axis fits the values; `None` if no curve has values. `least` is the smallest possible step of a
     /// value.
     pub fn of(
         name: String,
@@ -106,8 +107,8 @@ impl Panel {
         Some(Self { name, height, range, strokes, legend, ..Self::default() })
     }
 
-    /// The same panel with its vertical axis for the values from `since` on, in seconds. Earlier values beyond it are
-    /// left out.
+    /// The same panel with a vertical axis that fits only the values from the time `since` (seconds) on. Earlier values outside
+    /// that range are cut off.
     #[must_use]
     pub fn scaled_since(mut self, since: f64, least: f64) -> Self {
         let later = |piece: &Vec<(f64, f64)>| piece.iter().copied().filter(|(at, _)| *at >= since).collect();
@@ -123,7 +124,7 @@ impl Panel {
     }
 }
 
-/// The parts of a line whose values are in the range.
+/// The parts of a piece of a curve whose values are in the range, cut exactly at its limits.
 fn within(piece: &[(f64, f64)], range: &Range<f64>) -> Pieces {
     let mut parts = Pieces::new();
     let mut goes_on = false;
@@ -133,7 +134,7 @@ fn within(piece: &[(f64, f64)], range: &Range<f64>) -> Pieces {
     }
     for pair in piece.windows(2) {
         let [(from, a), (to, b)] = [pair[0], pair[1]];
-        // The fraction of the way from a to b, 0 to 1, at which the line has this value.
+        // The fraction of the way from point a to point b, 0 to 1, at which the straight line between them has this value.
         let at = |value: f64| if a == b { 0.0 } else { (value - a) / (b - a) };
         let (enters, leaves) = match (a == b, is_in(a)) {
             (true, true) => (0.0, 1.0),
@@ -154,25 +155,26 @@ fn within(piece: &[(f64, f64)], range: &Range<f64>) -> Pieces {
     parts
 }
 
-/// The range of the values with some margin; `None` if there are no lines. `least` is the smallest step of a value.
+/// The range of all values with some margin; `None` if there are none. `of` selects the coordinate of a point, `least` is the
+/// smallest possible step of a value.
 pub fn range(strokes: &[Stroke], of: fn(&(f64, f64)) -> f64, least: f64) -> Option<Range<f64>> {
     let values = || strokes.iter().flat_map(|stroke| stroke.pieces.iter().flatten()).map(of);
     let bottom = values().reduce(f64::min)?;
     let top = values().reduce(f64::max)?;
-    // A constant value is in the middle, with some steps around it.
+    // A constant value is drawn in the middle of five steps on either side.
     let room = ((top - bottom) * 0.08).max(least * 5.0 * f64::from(u8::from(top == bottom)));
     Some(distinct(bottom - room..top + room))
 }
 
-/// The range, or one near it in which the marks have different and finite numbers; otherwise drawing the marks would
-/// never end.
+/// The range, widened if it is so short that floating-point numbers cannot tell the marks of the axis apart; the drawing
+/// library would then draw marks forever.
 pub fn distinct(range: Range<f64>) -> Range<f64> {
     let [start, end] = [range.start, range.end].map(|end| end.clamp(-VALUE_MAX, VALUE_MAX));
     let least = start.abs().max(end.abs()) * 1e-12;
     if end - start >= least { start..end } else { start - least..end + least }
 }
 
-/// The largest absolute value of an axis, so that its length is finite.
+/// The largest absolute value at the end of an axis. With larger values the length of the axis would not be finite.
 const VALUE_MAX: f64 = 1e307;
 
 #[cfg(test)]
@@ -190,7 +192,7 @@ mod tests {
         assert_eq!(within(&[(0.0, 1.0)], &(0.0..10.0)), [vec![(0.0, 1.0)]]);
     }
 
-    /// Drawing ends, and the numbers differ, even for values far from 0 that hardly change.
+    /// Drawing an axis terminates and its marks have different numbers, even for large values that hardly change.
     #[test]
     fn marks_of_an_axis_show_different_numbers() {
         for range in [9e9..9e9 + 4e-6, 1e300..1e300, -9e9 - 2e-6..-9e9] {

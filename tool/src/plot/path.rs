@@ -1,20 +1,20 @@
-//! Thins the path of two axes in their plane to what a picture can show.
+//! Reduces the path of two axes in their plane to the resolution of a picture.
 
-/// Number of points that are kept. With twice as many, points that are close to the previous one, relative to the whole
-/// path, are removed.
+/// The number of points to keep. When there are twice as many, each point that is close to the one before is removed. How close
+/// depends on the extent of the path ([`POINTS_PER_PICTURE`]).
 const POINTS_KEPT: usize = 20_000;
-/// \[OURS] Points closer to each other than this fraction of the picture (1/4000) become one; a pixel is about a
-/// thousandth.
+/// \[OURS] Points are merged if their distance is less than the extent of the path divided by this number. That is less than a
+/// pixel, which is about a thousandth of the extent.
 const POINTS_PER_PICTURE: f64 = 4000.0;
 
-/// A path while it is collected.
+/// A path while points are added.
 #[derive(Debug, Default)]
 pub struct Path {
     pieces: Vec<Vec<(f64, f64)>>,
-    /// The last point, if it was left out.
+    /// The last point that was added, if it was left out. It is drawn only if the piece ends with it.
     last: Option<(f64, f64)>,
     count: usize,
-    /// Points nearer to the previous one than this are left out.
+    /// A point closer than this to the one before is left out.
     near: f64,
     broken: bool,
 }
@@ -45,7 +45,7 @@ impl Path {
         self.broken = true;
     }
 
-    /// The pieces of the path.
+    /// Completes the path and returns its pieces.
     pub fn finish(mut self) -> Vec<Vec<(f64, f64)>> {
         self.end_piece();
         self.pieces
@@ -85,7 +85,7 @@ fn distance(a: (f64, f64), b: (f64, f64)) -> f64 {
 mod tests {
     use super::*;
 
-    /// A circle that is repeated a thousand times keeps its shape and its ends with few points.
+    /// A circle that is repeated a thousand times keeps its shape, its first point and its last point with few points.
     #[test]
     fn a_long_path_keeps_its_shape_and_its_ends_in_few_points() {
         let mut path = Path::default();

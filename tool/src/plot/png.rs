@@ -1,5 +1,5 @@
-//! Writes a picture as PNG. It is drawn on a fine grid and scaled down, so that edges are smooth. It is drawn in
-//! bands, one after the other, because with many panels the whole grid would take a gigabyte.
+//! Writes a picture as PNG. It is drawn on a finer grid and scaled down, so that edges are smooth. The grid is drawn in
+//! horizontal bands, one after the other, because with many panels the whole grid would take a gigabyte of memory.
 
 use std::convert::Infallible;
 use std::io::Write as _;
@@ -17,18 +17,19 @@ use super::style::{self, FINE, px};
 
 /// The font, see `tool/font/LICENSE.txt`.
 static FONT: &[u8] = include_bytes!("../../font/plot.ttf");
-/// \[OURS] The points of the picture for each pixel of the page, in each direction, so that letters are sharp on paper
-/// and on screens with high resolution.
+/// \[OURS] The picture points in the file for each pixel of the page, horizontally and vertically. Two keep letters sharp on
+/// paper and on screens with high resolution.
 const POINTS_PER_PIXEL: u32 = 2;
-/// The points of the grid for each point of the picture, in each direction.
+/// The grid points for each picture point, horizontally and vertically.
 const GRID: u32 = FINE / POINTS_PER_PIXEL;
-/// \[OURS] The rows of the grid that are drawn at a time: 20 MB.
+/// \[OURS] The height of a band in grid rows; a band takes 20 MB.
 const BAND_ROWS: u32 = 1024;
-/// \[OURS] The resolution in the file, in points per metre: a pixel of the page is 1/96 inch.
+/// \[OURS] The resolution that the file states, in picture points per metre: a pixel of the page is 1/96 inch.
 const POINTS_PER_METRE: u32 = 96 * POINTS_PER_PIXEL * 10_000 / 254;
 /// The ratio of the drawing library's text size to the height of an em.
 const TEXT_SIZE_PER_EM: f64 = 1.24;
-/// Half of the height of an x and of a capital letter, in ems.
+/// Distances from the baseline to the anchor of a text, in ems: half of the height of the letter x for a centred text, and
+/// (next constant) the height of a capital letter for one below its position.
 const HALF_X_HEIGHT_EM: f32 = 0.27;
 const CAPITAL: f32 = 0.76;
 
@@ -37,7 +38,7 @@ pub fn write(sheet: &Sheet) -> Result<Vec<u8>, PlotError> {
     in_bands(sheet, BAND_ROWS)
 }
 
-/// Draws the picture in bands of `band` rows of the grid, a multiple of [`GRID`]. The result does not depend on `band`.
+/// Draws the picture in bands that are `band` grid rows high, a multiple of [`GRID`]. The picture does not depend on `band`.
 fn in_bands(sheet: &Sheet, band: u32) -> Result<Vec<u8>, PlotError> {
     let (width, height) = (style::WIDTH, sheet.height());
     let font = FontRef::try_from_slice(FONT).map_err(failed)?;
@@ -64,16 +65,16 @@ fn failed(error: impl ToString) -> PlotError {
     PlotError::Draw { reason: error.to_string() }
 }
 
-/// The backend that draws on the grid.
+/// The backend of the drawing library that draws on the grid.
 struct Canvas {
     width: u32,
     height: u32,
-    /// The rows of the present band; everything else is left out.
+    /// The grid rows of the present band. Whatever is drawn outside of it is ignored.
     band: Range<u32>,
-    /// The points of the band, 0x00RRGGBB, from left to right and from top to bottom.
+    /// The grid points of the band as 0x00RRGGBB, row by row from the top.
     points: Vec<u32>,
-    /// The points that the present line covers, each once, because the line must not be darker where it crosses itself.
-    /// And a bit for each point that says whether it is covered.
+    /// The grid points that the present line covers, and a bit for each grid point of the band that is among them. So each
+    /// point is coloured once, and the line is not darker where it crosses itself.
     covered: Vec<u32>,
     is_covered: Vec<u64>,
     font: FontRef<'static>,
@@ -84,7 +85,7 @@ impl Canvas {
         Self { width, height, band: 0..0, points: Vec::new(), covered: Vec::new(), is_covered: Vec::new(), font }
     }
 
-    /// Begins the band with these rows.
+    /// Begins the band with these grid rows, all white.
     fn begin(&mut self, band: Range<u32>) {
         let count = self.width as usize * band.len();
         self.points.clear();
@@ -93,11 +94,11 @@ impl Canvas {
         self.band = band;
     }
 
-    /// Scales the band down: the mean of the points of the grid for each point of the picture, in red, green and
-    /// blue.
+    /// Scales the band down: each picture point gets the mean colour of its grid points. Returns the bytes red, green and blue
+    /// of each picture point.
     fn smaller(&self) -> Vec<u8> {
         const _: () = assert!(GRID == 2, "the mean is that of two by two");
-        /// A mask for two of the colours, with room for sums between them, without the third.
+        /// Selects red and blue, with zeros between them, so that both are summed in one addition. Green is summed separately.
         const APART: u32 = 0x00FF_00FF;
         let width = self.width as usize;
         let mut points = Vec::with_capacity(self.points.len() / 4 * 3);
@@ -127,7 +128,7 @@ impl Canvas {
         inside.then(|| (y as u32 - self.band.start) * self.width + x as u32)
     }
 
-    /// Covers the points of the grid that are nearer to the line between two points than half its width.
+    /// Marks the grid points as covered that are nearer to the line between two points than half of its width.
     fn cover(&mut self, (x0, y0): BackendCoord, (x1, y1): BackendCoord, width: u32) {
         let (from, to) = ((f64::from(x0), f64::from(y0)), (f64::from(x1), f64::from(y1)));
         let half = f64::from(width.max(1)) / 2.0;
@@ -159,7 +160,7 @@ impl Canvas {
         }
     }
 
-    /// Draws the covered points.
+    /// Colours the covered grid points.
     fn fill_covered(&mut self, colour: BackendColor) {
         let mut covered = std::mem::take(&mut self.covered);
         for place in covered.drain(..) {
@@ -222,7 +223,7 @@ impl DrawingBackend for &mut Canvas {
             let corners = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)];
             return self.draw_path(corners, style);
         }
-        // The areas of a plot are opaque.
+        // The areas of a plot are opaque, so nothing is blended.
         let (left, right) = (left.max(0) as usize, (right + 1).clamp(0, self.width as i32) as usize);
         let row = |y: i32| y.clamp(self.band.start as i32, self.band.end as i32) as usize - self.band.start as usize;
         let (top, bottom) = (row(top), row(bottom + 1));
@@ -244,7 +245,7 @@ impl DrawingBackend for &mut Canvas {
     fn draw_text<S: BackendTextStyle>(&mut self, text: &str, style: &S, at: BackendCoord) -> Done {
         debug_assert!(matches!(style.transform(), FontTransform::None), "no text of a plot stands upright");
         let em = (style.size() / TEXT_SIZE_PER_EM) as f32;
-        // All letters are within this distance of the text's place.
+        // No letter reaches further than this from the text's position, so a text outside of the band is skipped.
         let (above, below) = (at.1 as f32 - 2.0 * em, at.1 as f32 + 2.0 * em);
         if below < self.band.start as f32 || above > self.band.end as f32 {
             return Ok(());
@@ -295,7 +296,7 @@ mod tests {
     use crate::plot::chart::Caption;
     use crate::plot::panel::{Look, Panel, Stroke};
 
-    /// A sheet with this number of panels, with lines across each, letters and areas.
+    /// A sheet with this number of panels, each with lines, texts and areas.
     fn sheet(panels: usize) -> Sheet {
         let up = vec![vec![(0.0, -1.0), (0.5, 1.0), (1.0, -1.0)], vec![(0.2, 0.0)]];
         let panel = |n: usize| Panel {

@@ -1,4 +1,4 @@
-//! Collects the lines of the plot, in the second reading of the recording.
+//! Collects the curves of the plot while the recording is read a second time.
 
 use ecmsk::ecm::Scale;
 use ecmsk::link::Dir;
@@ -19,7 +19,7 @@ use crate::recording::Framed;
 
 pub use super::axis::AxisLines;
 
-/// The parts of the recording that are drawn.
+/// What is drawn of the recording.
 pub struct Subject<'a> {
     /// The range of times that is shown.
     pub window: Window,
@@ -33,29 +33,29 @@ pub struct Subject<'a> {
     pub board: Option<(u16, u8)>,
     /// The cycle time in nanoseconds.
     pub cycle_ns: i64,
-    /// The ids of the commands with which axes are shown; if empty, they are always shown.
+    /// The ids of `--commands`: an axis is drawn only while its slot has one of them. If empty, it is always drawn.
     pub commands: Vec<u8>,
 }
 
-/// The lines of the plot.
+/// The curves of the plot.
 pub struct Lines {
-    /// The lines of each axis.
+    /// The curves of each axis.
     pub axes: Vec<AxisLines>,
-    /// The bits of each IO slave.
+    /// The inputs and outputs of each IO slave, by slave number.
     pub ios: Vec<(u8, Vec<Lane>)>,
     /// The commanded path in the plane, and the actual one.
     pub plane: Option<[Pieces; 2]>,
-    /// Free entries of the FIFO.
+    /// The number of free FIFO entries over time.
     pub fifo_free: Pieces,
-    /// The times in seconds at which the full count rose; times close together are one.
+    /// The times in seconds at which the full count rose, so commands were lost. Times within one pixel column are merged.
     pub full: Vec<f64>,
-    /// Reports with a higher full count than the one before.
+    /// The number of reports with a higher full count than the report before.
     pub full_reports: u64,
-    /// The times in which the FIFO was empty while an axis was moving, and those in state 0x18.
+    /// The time spans in which the FIFO was empty while an axis was moving, and those in state 0x18.
     pub gaps: Vec<Span>,
 }
 
-/// The lines while they are collected.
+/// The curves while frames are read.
 pub struct Series {
     window: Window,
     board: Option<(u16, u8)>,
@@ -68,21 +68,21 @@ pub struct Series {
     full_count: Option<u16>,
     gaps: States,
     in_op: bool,
-    /// The beginning of state 0x18, and the last report with it.
+    /// The time at which state 0x18 began, and the time of the last report with it; `None` in any other state.
     failed_ns: Option<(i64, i64)>,
     kinds: Kinds,
     execution: Execution,
 }
 
 struct Plane {
-    /// The indexes of the two axes.
+    /// The indexes of the two axes in [`Series::axes`].
     of: [usize; 2],
     /// The commanded and the actual path.
     paths: [Path; 2],
 }
 
 impl Series {
-    /// The lines of `subject`, with no frames yet.
+    /// Starts without frames.
     pub fn new(subject: &Subject<'_>) -> Self {
         let window = subject.window;
         let axes = subject.axes.iter();
@@ -118,7 +118,7 @@ impl Series {
         }
     }
 
-    /// Ends the lines and returns them.
+    /// Completes the curves and returns them.
     pub fn finish(mut self) -> Lines {
         self.note_failed(self.failed_ns.map_or(0, |(_, last_ns)| last_ns), false);
         Lines {
@@ -188,7 +188,7 @@ impl Series {
         }
     }
 
-    /// Notes whether a report in OP is in state 0x18.
+    /// Records that the board is, or is no longer, in state 0x18, from a report in OP.
     fn note_failed(&mut self, at_ns: i64, failed: bool) {
         match (failed, self.failed_ns) {
             (true, since) => self.failed_ns = Some((since.map_or(at_ns, |(since_ns, _)| since_ns), at_ns)),
@@ -200,7 +200,7 @@ impl Series {
         }
     }
 
-    /// Draws the commands that were executed up to this report. Returns whether they are known.
+    /// Draws the commands that were executed up to this report. Returns false if that is not known yet.
     fn execute(&mut self, at_ns: i64, master: &MasterResponse) -> bool {
         let (entries, idle_since_ns) = match self.execution.report(at_ns, master) {
             ExecutionReport::Executed { entries, idle_since_ns } => (entries, idle_since_ns),
@@ -254,7 +254,7 @@ impl Lines {
     }
 }
 
-/// Whether a report answers ABORT_HOME, which ends the homing of all slaves, whatever slot it was in.
+/// Whether any slot of a report answers ABORT_HOME, which ends the homing of all slaves.
 fn answers_abort_home(frame: &Frame, size: SlotSize) -> bool {
     (1..=size.max_slaves()).any(|n| CommandId::from_code(frame.slot(size, n).id) == CommandId::AbortHome)
 }

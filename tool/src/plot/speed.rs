@@ -1,22 +1,22 @@
-//! Determines the velocity from positions.
+//! Computes a velocity from positions.
 
 use std::collections::VecDeque;
 
-/// \[OURS] The velocity is the mean over this time in nanoseconds, because in one cycle a slow axis moves one count
-/// or none.
+/// \[OURS] The time over which a velocity is averaged, in nanoseconds. In a single cycle a slow axis moves one count or none,
+/// which would make its velocity jump.
 const MEAN_OVER_NS: i64 = 5_000_000;
 
-/// The positions of the last [`MEAN_OVER_NS`].
+/// The positions of the last [`MEAN_OVER_NS`], and their mean velocity.
 #[derive(Debug, Default)]
 pub struct Speed {
     last: VecDeque<(i64, f64)>,
 }
 
 impl Speed {
-    /// Adds a position; returns the middle of the time considered and the velocity there, per second.
+    /// Adds a position. Returns the mean velocity per second, and the middle of the time that it is averaged over.
     pub fn position(&mut self, at_ns: i64, position: f64) -> Option<(i64, f64)> {
         self.last.push_back((at_ns, position));
-        // The oldest kept position is at least this old, so that there is a velocity even with slow reports.
+        // One position older than the averaging time is kept, so that there is a velocity even with slow reports.
         while self.last.get(1).is_some_and(|(then_ns, _)| at_ns.saturating_sub(*then_ns) >= MEAN_OVER_NS) {
             self.last.pop_front();
         }

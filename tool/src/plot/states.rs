@@ -41,7 +41,7 @@ pub enum State {
 pub struct Note {
     /// The note in few words, such as an error code alone.
     pub brief: String,
-    /// The note with its meaning, for where there is room.
+    /// The note with its meaning, shown where there is room.
     pub full: String,
 }
 
@@ -55,26 +55,26 @@ impl Note {
         Self { brief: format!("alarm 0x{code:04X}"), full: format!("alarm {}", ErrorCode(code)) }
     }
 
-    /// The same note, with the name of another recording.
+    /// The same note, preceded by the name of the second recording.
     pub fn of(&self, name: &str) -> Self {
         Self { brief: format!("{}, {name}", self.brief), full: format!("{}, {name}", self.full) }
     }
 }
 
-/// A state with its beginning and end in seconds.
+/// The time span of a state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Span {
-    /// The state.
+    /// The state of the drive or of the board in this time span.
     pub state: State,
-    /// The beginning, in seconds.
+    /// The beginning in seconds since the recording's first frame.
     pub from: f64,
-    /// The end, in seconds.
+    /// The end in seconds since the recording's first frame.
     pub to: f64,
     /// The note on it, such as the error code.
     pub note: Option<Note>,
 }
 
-/// What a report changes for the targets of the drive.
+/// How a report changes whether the drive follows targets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Change {
     /// The report changes nothing.
@@ -85,17 +85,17 @@ pub enum Change {
     FollowsNot,
 }
 
-/// The states of one drive while they are collected.
+/// The states of one drive while reports are read.
 #[derive(Debug)]
 pub struct States {
     window: Window,
-    /// Spans of a state that are closer together than this become one, because they cannot be distinguished in the
-    /// picture.
+    /// Two spans of the same state that are closer together than this are merged, because the gap between them is less than a
+    /// pixel.
     apart_ns: i64,
     done: Vec<Piece>,
     now: Option<Piece>,
     homing: Homing,
-    /// The time from which on the slave may be lost.
+    /// The time at which the slave may have been lost.
     lost_since_ns: Option<i64>,
 }
 
@@ -108,18 +108,18 @@ struct Piece {
 }
 
 impl States {
-    /// The states in the range `window`, drawn `columns` pixels wide.
+    /// Starts without reports, for the range `window`, which is drawn `columns` pixels wide.
     pub fn new(window: Window, columns: u32) -> Self {
         let apart_ns = (window.to_ns.saturating_sub(window.from_ns)) / i64::from(columns.max(1));
         Self { window, apart_ns, done: Vec::new(), now: None, homing: Homing::default(), lost_since_ns: None }
     }
 
-    /// Notes that the host has sent GO_HOME.
+    /// To be called when the host sends GO_HOME.
     pub const fn go_home(&mut self) {
         self.homing.asked = true;
     }
 
-    /// Adds the next report in OP. `aborted`: a slot of it answers ABORT_HOME. `has_code`: the drive's kind has an
+    /// Adds the next report in OP. `aborted`: one of its slots answers ABORT_HOME. `has_code`: a slave of this kind has an
     /// error code in its slot.
     pub fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool, has_code: bool) -> Change {
         let was_homing = self.homing.since_ns.is_some();
@@ -152,15 +152,15 @@ impl States {
         }
     }
 
-    /// From here on the slave may be lost, so its reports are not trusted.
+    /// From here on the slave may be lost, so the states in its reports are not used.
     pub fn may_be_lost(&mut self, at_ns: i64) {
         self.close(at_ns);
         self.homing = Homing { answered: self.homing.answered, ..Homing::default() };
         self.lost_since_ns = Some(at_ns);
     }
 
-    /// The slave is there. `was_lost`: whether it was lost until now, certainly (`true`) or possibly; `None` if it was
-    /// not.
+    /// Ends the suspicion that the slave is lost. `was_lost`: whether it was certainly (`true`) or possibly lost until now;
+    /// `None` if it was never lost.
     pub fn is_there(&mut self, at_ns: i64, was_lost: Option<bool>) {
         if let Some((from_ns, is_certain)) = self.lost_since_ns.take().zip(was_lost) {
             let note = if is_certain { "lost" } else { "lost?" };
@@ -168,7 +168,7 @@ impl States {
         }
     }
 
-    /// Adds a time in which the board was in state 0x18.
+    /// Adds the time span of state 0x18.
     pub fn failed(&mut self, from_ns: i64, to_ns: i64) {
         self.put(Piece { state: State::Failed, from_ns, to_ns, note: Some(Note::new("0x18")) });
     }
@@ -186,14 +186,14 @@ impl States {
         self.put(Piece { state: State::Gap, from_ns, to_ns, note });
     }
 
-    /// Interrupts the states until the next report.
+    /// Ends the present state, because the next one is unknown until the next report in OP.
     pub fn interrupt(&mut self, at_ns: i64) {
         self.close(at_ns);
         // After a return to OP a slot may still answer the earlier GO_HOME.
         self.homing = Homing { answered: self.homing.answered, ..Homing::default() };
     }
 
-    /// The spans within the window.
+    /// Returns the spans within the window, sorted by their beginning.
     pub fn finish(mut self) -> Vec<Span> {
         self.close(self.window.to_ns);
         let mut spans: Vec<Span> = self.done.into_iter().map(Piece::into_span).collect();
@@ -207,7 +207,7 @@ impl States {
         }
     }
 
-    /// Keeps the part of the span that is in the window.
+    /// Adds the part of the span that is in the window.
     fn put(&mut self, mut piece: Piece) {
         let Window { from_ns, to_ns } = self.window;
         if piece.from_ns > to_ns || piece.to_ns < from_ns {
@@ -233,10 +233,10 @@ impl Piece {
     }
 }
 
-/// Whether a drive is homing.
+/// Tracks whether a drive is homing.
 #[derive(Debug, Default)]
 struct Homing {
-    /// Whether GO_HOME was sent and no homing has begun since.
+    /// Whether the host has sent GO_HOME and no homing has begun since.
     asked: bool,
     /// Whether the last report answered GO_HOME.
     answered: bool,
@@ -245,7 +245,7 @@ struct Homing {
 }
 
 impl Homing {
-    /// Adds a report; returns whether homing ends with it by an error.
+    /// Adds a report. Returns true if it ends the homing with an error.
     fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool) -> bool {
         let answers = CommandId::from_code(drive.head.id) == CommandId::GoHome;
         let answered = std::mem::replace(&mut self.answered, answers);

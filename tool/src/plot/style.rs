@@ -1,14 +1,13 @@
-//! The style of the plot: sizes, colours, numbers as text.
+//! The style of the plot: sizes in pixels, colours, and the format of numbers.
 
 use plotters::style::RGBColor;
 
 use crate::visible::is_plain;
 
-/// The coordinates of the drawing library are integers, so lines are drawn on a grid that is finer than a pixel by this
-/// factor.
+/// The number of grid steps per pixel. The drawing library has integer coordinates, so everything is drawn on this finer grid.
 pub const FINE: u32 = 4;
 
-/// Width of the plot.
+/// Width of the whole picture.
 pub const WIDTH: u32 = 1200;
 /// Height of title and caption.
 pub const HEAD: u32 = 62;
@@ -16,25 +15,25 @@ pub const HEAD: u32 = 62;
 pub const PANEL_HEAD: u32 = 26;
 /// Height of the time axis with its numbers and name.
 pub const TIME_AXIS: u32 = 46;
-/// Width of the numbers at the left.
+/// Width of the area at the left with the numbers of the vertical axis.
 pub const LEFT: u32 = 116;
-/// Room at the right.
+/// Width of the margin at the right.
 pub const RIGHT: u32 = 28;
 
 /// Width and height of the plane of two axes.
 pub const PLANE: (u32, u32) = (560, 520);
-/// Height of the line of one input or output.
+/// Height of the lane of one input or output.
 pub const LANE: u32 = 18;
 
-/// Size of the text, in pixels.
+/// Size of most texts.
 pub const TEXT: u32 = 13;
-/// Size of names that stand close together.
+/// Size of texts that stand close together, such as the names of lanes.
 pub const SMALL: u32 = 12;
 /// Size of the title.
 pub const TITLE: u32 = 17;
-/// The drawing library divides text sizes by this.
+/// The drawing library divides text sizes by this factor, so they are multiplied by it first.
 const TEXT_FACTOR: f64 = 1.24;
-/// The mean width of a letter in common sans-serif fonts relative to the text size, with some margin.
+/// The mean width of a letter in common sans-serif fonts as a fraction of the text size, with some margin.
 const LETTER: f64 = 0.53;
 
 /// The colours of axes, which can be distinguished side by side; none is similar to another or near white.
@@ -48,7 +47,8 @@ const COLOURS: [RGBColor; super::MAX_AXES] = [
     RGBColor(0xE0, 0x4F, 0xA0),
     RGBColor(0x7A, 0x7F, 0x1A),
 ];
-/// A colour for each axis: that of its number, so that it is the same in all plots, or the next free one.
+/// The colour of each axis, chosen by its number, so that an axis has the same colour in all plots. If another axis of the plot
+/// has that colour already, the next free one is used.
 pub fn colours(axes: impl IntoIterator<Item = u8>) -> Vec<RGBColor> {
     let mut taken = Vec::new();
     for axis in axes {
@@ -61,9 +61,9 @@ pub fn colours(axes: impl IntoIterator<Item = u8>) -> Vec<RGBColor> {
     taken
 }
 
-/// The colour of positions of another recording.
+/// The colour of positions of a second recording.
 pub const BESIDE: RGBColor = RGBColor(0x20, 0x20, 0x20);
-/// The colour of lines about the FIFO.
+/// The colour of curves in the FIFO diagram.
 pub const FIFO: RGBColor = RGBColor(0x40, 0x50, 0x60);
 /// The colour of marks: lost commands, limits, the first difference.
 pub const ALARM: RGBColor = RGBColor(0xD0, 0x10, 0x20);
@@ -79,9 +79,9 @@ pub const LOST: RGBColor = RGBColor(0xB4, 0xBA, 0xC6);
 pub const FAILED: RGBColor = RGBColor(0xFB, 0xC9, 0x8E);
 /// The background of gaps: the FIFO was empty during motion.
 pub const GAP: RGBColor = RGBColor(0xE3, 0x9B, 0xF5);
-/// The colour of inputs.
+/// The colour of the inputs of an IO slave.
 pub const INPUT: RGBColor = RGBColor(0x0B, 0x6E, 0x8A);
-/// The colour of outputs.
+/// The colour of the outputs of an IO slave.
 pub const OUTPUT: RGBColor = RGBColor(0xB8, 0x4A, 0x00);
 /// The colour of titles and names.
 pub const INK: RGBColor = RGBColor(0x20, 0x24, 0x28);
@@ -102,7 +102,7 @@ pub const fn at(pixels: u32) -> i32 {
     px(pixels) as i32
 }
 
-/// A text size for the drawing library.
+/// Converts a text size in pixels to that of the drawing library.
 pub fn text_size(pixels: u32) -> f64 {
     f64::from(px(pixels)) * TEXT_FACTOR
 }
@@ -112,7 +112,7 @@ pub fn text_width(text: &str, size: u32) -> u32 {
     (text.chars().count() as f64 * f64::from(size) * LETTER).ceil() as u32
 }
 
-/// The text for a drawing of that width: without control characters, and cut if it is too long.
+/// The text without control characters, and shortened to this width in pixels.
 pub fn fitting(text: &str, size: u32, width: u32) -> String {
     let letters = (f64::from(width) / (f64::from(size) * LETTER)) as usize;
     let clean: Vec<char> = text.chars().map(|c| if c.is_control() || !is_plain(c) { '\u{FFFD}' } else { c }).collect();
@@ -122,7 +122,7 @@ pub fn fitting(text: &str, size: u32, width: u32) -> String {
     clean[..letters.saturating_sub(1)].iter().chain(&['\u{2026}']).collect()
 }
 
-/// A number at an axis: with groups of thousands, and without zeros at the end.
+/// A number as text at an axis: digits in groups of three, and no zeros at the end of the decimals.
 pub fn number(value: f64, digits: usize) -> String {
     let text = format!("{value:.digits$}");
     let (whole, part) = text.split_once('.').unwrap_or((&text, ""));
@@ -139,7 +139,7 @@ pub fn number(value: f64, digits: usize) -> String {
     if part.is_empty() { format!("{sign}{grouped}") } else { format!("{sign}{grouped}.{part}") }
 }
 
-/// The number of decimals that distinguishes numbers at an axis of this span.
+/// The number of decimals with which the marks of an axis have different numbers. `span` is the length of the axis.
 pub fn digits(span: f64) -> usize {
     // With a span of 1 the marks are 0.1 or 0.05 apart.
     (2.0 - span.max(1e-9).log10().floor()).clamp(0.0, 9.0) as usize
@@ -171,7 +171,7 @@ mod tests {
         }
     }
 
-    /// Numbers at an axis differ, however short the axis is.
+    /// Neighbouring marks of an axis have different numbers, however short the axis is.
     #[test]
     fn numbers_at_an_axis_differ_however_short_the_axis_is() {
         for (span, mark) in [(4_000_000_000.0, 500_000_000.0), (1.0, 0.05), (0.002, 0.0002), (12.0, 1.0)] {

@@ -8,7 +8,7 @@ use ecmsk::sk::{CommandId, Frame, IoResponse, MasterResponse, MasterState, Slave
 use super::Window;
 use crate::recording::{self, Framed};
 
-/// The result so far. In a capture with several boards, the one that is in OP first is used.
+/// The result so far. Of several boards in a capture, the one that is in OP first is used and the others are ignored.
 pub struct Survey {
     board: Option<(u16, u8)>,
     size: SlotSize,
@@ -16,14 +16,14 @@ pub struct Survey {
     op: Option<Window>,
     in_op: bool,
     kinds: Kinds,
-    /// The slaves that got a command for a drive in OP.
+    /// Slaves that were sent a drive command such as CSP or SV_ON in OP.
     moved: [bool; MAX_SLAVES],
-    /// The slaves whose slot in OP is that of a drive.
+    /// Slaves whose slot in OP has the form of a drive.
     drives: [bool; MAX_SLAVES],
-    /// The slaves that are IO slaves in OP, and those of them with an input or output that was ever 1.
+    /// Slaves that are IO slaves, and (next field) those of them with an input or output that was ever 1.
     ios: [bool; MAX_SLAVES],
     lively_ios: [bool; MAX_SLAVES],
-    /// The slaves with data: their slot of a frame in OP was not empty.
+    /// Slaves whose slot was not empty in some frame in OP.
     seen: [bool; MAX_SLAVES],
     /// The intervals between the first reports in OP.
     intervals_ns: Vec<i64>,
@@ -86,7 +86,7 @@ impl Survey {
         self.size
     }
 
-    /// The link of the first section.
+    /// The link in the recording, as text for users; `None` for a capture.
     pub fn link(&self) -> Option<String> {
         self.link.clone()
     }
@@ -97,7 +97,7 @@ impl Survey {
         (1..).zip(chosen).filter(|(n, chosen)| **chosen && !self.is_io(*n)).map(|(n, _)| n).collect()
     }
 
-    /// All slaves that can be shown: drives, slaves that were moved, and IO slaves.
+    /// All slaves that a plot can show: drives, slaves that were moved, and IO slaves.
     pub fn known(&self) -> Vec<u8> {
         let known = |n: &usize| self.moved[*n] || self.drives[*n] || self.ios[*n];
         (0..MAX_SLAVES).filter(known).map(|n| n as u8 + 1).collect()
@@ -109,7 +109,7 @@ impl Survey {
         io.copied().unwrap_or_default()
     }
 
-    /// The IO slaves of which an input or an output was ever 1.
+    /// The IO slaves with an input or output that was ever 1.
     pub fn lively_ios(&self) -> Vec<u8> {
         (1..).zip(&self.lively_ios).filter(|(_, lively)| **lively).map(|(n, _)| n).collect()
     }
@@ -182,14 +182,14 @@ impl Survey {
     }
 }
 
-/// Whether slot `n` is empty but for its index, which a board repeats for slaves that do not exist. Compares bytes, because
-/// most of the 40 slots of a frame are empty and decoding them takes time.
+/// Whether slot `n` is empty except for its index byte, which a board also returns for slaves that do not exist. The bytes are
+/// compared without decoding, because most of the 40 slots of a frame are empty.
 fn is_empty(frame: &Frame, size: SlotSize, n: usize) -> bool {
     let slot = &frame.bytes()[n * size.bytes()..][..size.bytes()];
     slot[0] == 0 && slot[2..] == [0; 14][..slot.len() - 2]
 }
 
-/// Whether a response reports OP, with or without a failed slave.
+/// Whether a response is in OP, also with a lost slave (state 0x18).
 pub fn is_op(framed: &Framed) -> bool {
     MasterResponse::decode(&framed.recorded.frame.slot(framed.size, 0)).state.state() == Some(MasterState::Op)
 }

@@ -1,4 +1,4 @@
-//! Writes a picture as SVG.
+//! Draws a picture as SVG.
 
 use plotters::prelude::SVGBackend;
 

@@ -77,7 +77,7 @@ fn slave_list(text: &str) -> Result<SlaveList, String> {
 }
 
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
-    // Signals are watched before anything answers.
+    // Signals are watched before the slaves answer, so that Ctrl-C always ends the server in an orderly way.
     let system = |what| move |source| ServeError::System { what, source };
     let end_request = signals::EndRequest::watch().map_err(system("catch signals"))?;
     streams::queue().map_err(system("start the thread of standard error"))?;

@@ -1,4 +1,4 @@
-//! `ecmsk serve usbip`: makes boards available on the USB bus of any machine.
+//! `ecmsk serve usbip`: attaches boards to the USB bus of any machine by USB/IP.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -79,7 +79,7 @@ pub struct Args {
 const IDENTITY: &str = "How the boards show themselves";
 
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
-    // Signals are watched before anything is attached.
+    // Signals are watched before a board is attached, so that Ctrl-C always ends the server in an orderly way.
     let end_request = signals::EndRequest::watch().map_err(ServeError::Signals)?;
     streams::queue().map_err(ServeError::Thread)?;
     let links = links(args)?;
@@ -107,7 +107,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     Ok(super::ended(&links))
 }
 
-/// The links of the options, otherwise the one that the library would open.
+/// The links to serve: those of the command line, otherwise the one that the library would open.
 fn links(args: &Args) -> Result<Vec<LinkUri>, CliError> {
     if !args.links.is_empty() {
         return Ok(args.links.clone());
@@ -132,7 +132,8 @@ fn board(args: &Args, index: usize, link: &LinkUri) -> BoardSpec {
     BoardSpec { identity, opener: Box::new(move || link::open(&uri, Share::ByUri)) }
 }
 
-/// Parses a link. By default it keeps one report, the newest, because the host has a queue of its own.
+/// Parses a link and adds `queue=1` if it has no `queue=`: only the newest report is buffered, because the remote host has a
+/// queue of its own.
 pub(super) fn given_link(text: &str) -> Result<LinkUri, String> {
     let link = LinkUri::parse(text).map_err(|error| error.to_string())?;
     let says = text.split(['?', '&']).any(|part| part.starts_with("queue="));

@@ -1,4 +1,4 @@
-//! `ecmsk serve xf`: makes an ECM-XF available to hosts of other makers.
+//! `ecmsk serve xf`: serves an ECM-XF to programs with any driver for that chip.
 
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -51,7 +51,7 @@ enum Vanish {
 
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let failed = |source| ServeError::System { what: "catch signals", source };
-    // Signals are watched before anything can move.
+    // Signals are watched before anything can move, so that Ctrl-C always ends the server in an orderly way.
     let end_request = signals::EndRequest::watch().map_err(failed)?;
     streams::queue().map_err(|source| ServeError::System { what: "start the thread of standard error", source })?;
     let recorded = super::served(args.link.as_ref())?;

@@ -19,7 +19,7 @@ const PROMPT: &str = "ecmsk> ";
 /// \[OURS] Interval at which signals are checked while the user types no line.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// What the thread has read.
+/// What the thread has read from standard input.
 enum Typed {
     Line(String),
     /// Ctrl-C was pressed at the prompt.
@@ -28,16 +28,16 @@ enum Typed {
     Failed(io::Error),
 }
 
-/// Lines from a terminal or from a pipe.
+/// Reads lines from a terminal or from a pipe.
 pub struct Input {
-    /// Requests the next line from the thread, so that there is no prompt while a step runs.
+    /// Requests the next line from the thread. Without a request it shows no prompt, as while a step runs.
     wanted: Sender<()>,
     typed: Receiver<Typed>,
     terminal: Terminal,
 }
 
 impl Input {
-    /// Starts the thread; `typed` tells whether standard input is a terminal.
+    /// Starts the thread. `typed`: whether standard input is a terminal.
     ///
     /// # Errors
     /// [`BoardError::System`]
@@ -63,11 +63,11 @@ impl Input {
     /// Requests a line. The prompt appears after all earlier output.
     fn ask(&self) {
         streams::flush_error();
-        // If the thread has ended, its last message says so.
+        // Sending fails only if the thread has ended, and then its last message says why.
         let _ = self.wanted.send(());
     }
 
-    /// The next line; `None` after the last one.
+    /// Waits for the next line; `None` at the end of the input.
     ///
     /// # Errors
     /// [`BoardError::Stopped`], [`BoardError::Input`].
@@ -97,7 +97,7 @@ fn terminal_lines() -> rustyline::Result<impl FnMut() -> Typed> {
     editor.set_helper(Some(Words));
     Ok(move || match editor.readline(PROMPT) {
         Ok(line) => {
-            // This fails only with a history file.
+            // Adding to the history can fail only with a history file, and there is none.
             let _ = editor.add_history_entry(&line);
             Typed::Line(line)
         }
@@ -116,7 +116,7 @@ fn piped_lines() -> impl FnMut() -> Typed {
     }
 }
 
-/// Completes verbs and options.
+/// Completes verbs and options in the line editor.
 #[derive(Helper, Highlighter, Hinter, Validator)]
 struct Words;
 

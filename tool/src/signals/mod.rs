@@ -1,6 +1,6 @@
-//! The requests to end the tool: signals, and on Windows events of the console.
+//! Requests to end the tool: signals, on Windows also console events such as Ctrl-C.
 //!
-//! Each has a number like that of a signal, since the exit code is 128 + n.
+//! Each request has a signal number, because the exit code is 128 + that number.
 
 #[cfg(unix)]
 mod unix;

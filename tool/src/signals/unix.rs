@@ -10,7 +10,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 use signal_hook::iterator::Signals;
 
-/// The signals that end the tool. SIGHUP is left out if it is ignored, as `nohup` sets it.
+/// The signals that request the end of the tool. SIGHUP is left out if it is ignored, as `nohup` sets it.
 fn asking() -> impl Iterator<Item = i32> {
     [SIGINT, SIGTERM].into_iter().chain(not_ignored(&[SIGHUP]))
 }
@@ -18,14 +18,14 @@ fn asking() -> impl Iterator<Item = i32> {
 /// The signal that a terminal sends when it is closed.
 pub const HANG_UP: usize = SIGHUP as usize;
 
-/// Whether the other end of a file is gone: the terminal was closed, or the reader of the pipe.
+/// Whether the other end of a file was closed: the terminal, or the reader of a pipe.
 pub fn has_hung_up(file: &impl AsFd) -> bool {
     let mut end_request = [PollFd::new(file, PollFlags::empty())];
     let gone = PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL;
     poll(&mut end_request, Some(&Timespec::default())).is_ok() && end_request[0].revents().intersects(gone)
 }
 
-/// The signals of `numbers` that this process was not started to ignore, as `nohup` does.
+/// The signals of `numbers` that were not already ignored when this process started, as `nohup` sets SIGHUP.
 pub fn not_ignored(numbers: &[i32]) -> impl Iterator<Item = i32> {
     numbers.iter().copied().filter(|number| !is_ignored(*number))
 }
@@ -38,7 +38,7 @@ fn is_ignored(signal: i32) -> bool {
     has_answer && unsafe { action.assume_init() }.sa_sigaction == libc::SIG_IGN
 }
 
-/// Stores the number of each signal that arrives in `signal`, from now on.
+/// Watches for signals from now on: stores the number of each one that arrives in `signal`.
 ///
 /// # Errors
 /// Errors of the operating system.
@@ -56,7 +56,8 @@ pub fn note(signal: &Arc<AtomicUsize>) -> io::Result<()> {
 /// Errors of the operating system.
 pub fn note_once(signal: &Arc<AtomicUsize>, armed: &Arc<AtomicBool>) -> io::Result<()> {
     for number in asking() {
-        // The order matters: when the first signal comes, the flag that ends the program must not be set yet.
+        // The handlers run in this order: `armed` is tested first and set afterwards, so that the first signal does not end the
+        // program.
         flag::register_conditional_shutdown(number, 128 + number, Arc::clone(armed))?;
         flag::register_usize(number, Arc::clone(signal), number as usize)?;
         flag::register(number, Arc::clone(armed))?;
@@ -64,7 +65,7 @@ pub fn note_once(signal: &Arc<AtomicUsize>, armed: &Arc<AtomicBool>) -> io::Resu
     Ok(())
 }
 
-/// Waits for a signal, for programs that do nothing else.
+/// Waits for the signal that ends a server, for verbs that do nothing else meanwhile.
 pub struct EndRequest(Signals);
 
 impl EndRequest {
@@ -81,7 +82,7 @@ impl EndRequest {
         self.wait_unless_ended().unwrap_or("SIGINT")
     }
 
-    /// A function that ends [`Self::wait_unless_ended`] from another thread.
+    /// A function that another thread calls to end [`Self::wait_unless_ended`] without a signal.
     #[cfg(target_os = "linux")]
     pub fn ender(&self) -> impl Fn() + Send + Sync + 'static {
         let handle = self.0.handle();

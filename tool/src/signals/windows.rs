@@ -1,4 +1,4 @@
-//! Events of the console on Windows: Ctrl-C, Ctrl-Break, and its closing.
+//! Console events on Windows: Ctrl-C, Ctrl-Break, and the closing of the console.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -8,23 +8,22 @@ use std::sync::{Arc, Mutex, PoisonError};
 use windows_sys::Win32::Foundation::TRUE;
 use windows_sys::Win32::System::Console::{CTRL_BREAK_EVENT, CTRL_C_EVENT, SetConsoleCtrlHandler};
 
-/// The number of Ctrl-C, which is that of SIGINT.
+/// The signal number for Ctrl-C: that of SIGINT.
 const INTERRUPT: u8 = 2;
-/// \[OURS] The number of all other events, which is that of SIGTERM: Ctrl-Break, the closing of the console's window,
-/// the end of the user's session, the shutdown of the machine. Ctrl-Break is the event that another program can send
-/// to a group of processes.
+/// \[OURS] The signal number for all other events, that of SIGTERM: Ctrl-Break, closing the console window, the end of the
+/// user's session, the shutdown of the machine. Ctrl-Break is among them because it is the event that another program can send
+/// to a process group.
 const TERMINATE: u8 = 15;
 
-/// The number for the closing of the console.
+/// The signal number for the closing of the console.
 pub const HANG_UP: usize = TERMINATE as usize;
 
-/// Whether the other end of a file is gone. Windows ends the process in that case, see `came`, so this is always
-/// false.
+/// Whether the other end of a file was closed. It is always false on Windows, which ends the process in that case, see `came`.
 pub const fn has_hung_up<T>(_file: &T) -> bool {
     false
 }
 
-/// The reaction to an event.
+/// What is done when an event occurs.
 enum Watcher {
     Note { signal: Arc<AtomicUsize>, armed: Option<Arc<AtomicBool>> },
     Wait(Sender<u8>),
@@ -32,7 +31,7 @@ enum Watcher {
 
 static WATCHERS: Mutex<Vec<Watcher>> = Mutex::new(Vec::new());
 
-/// Stores the number of each event that occurs in `signal`, from now on.
+/// Watches for events from now on: stores the signal number of each one that occurs in `signal`.
 ///
 /// # Errors
 /// Errors of the operating system.
@@ -48,7 +47,7 @@ pub fn note_once(signal: &Arc<AtomicUsize>, armed: &Arc<AtomicBool>) -> io::Resu
     watch(Watcher::Note { signal: Arc::clone(signal), armed: Some(Arc::clone(armed)) })
 }
 
-/// Leaves events to the program that this one runs, which has the same console and gets them as well.
+/// Ignores events from now on, because the program that this tool runs shares the console and gets them as well.
 ///
 /// # Errors
 /// Errors of the operating system.
@@ -56,7 +55,7 @@ pub fn leave_to_program() -> io::Result<()> {
     install()
 }
 
-/// Waits for an event, for programs that do nothing else.
+/// Waits for the event that ends a server, for verbs that do nothing else meanwhile.
 pub struct EndRequest(Receiver<u8>);
 
 impl EndRequest {
@@ -72,7 +71,7 @@ impl EndRequest {
 
     /// Waits for the first event; returns its name.
     pub fn wait(self) -> &'static str {
-        // The sender exists as long as the process.
+        // Receiving cannot fail, because the sender exists as long as the process.
         if self.0.recv() == Ok(INTERRUPT) { "Ctrl-C" } else { ENDS }
     }
 }
@@ -96,13 +95,13 @@ fn install() -> io::Result<()> {
     // A program that was started as a process group of its own ignores Ctrl-C until it enables it. SAFETY: without a
     // function this sets whether this process ignores Ctrl-C, and nothing else.
     let hears = unsafe { SetConsoleCtrlHandler(None, 0) };
-    // Installing the handler again is harmless, because the handler called first does everything. SAFETY: the function
-    // has the signature that is asked for, and stays as long as the process.
+    // Installing the handler again does no harm: it returns TRUE, so Windows calls it only once for an event. SAFETY: the
+    // function has the signature that is asked for, and stays as long as the process.
     let installed = unsafe { SetConsoleCtrlHandler(Some(came), TRUE) };
     if hears == 0 || installed == 0 { Err(io::Error::last_os_error()) } else { Ok(()) }
 }
 
-/// The handler, which Windows calls in a thread of its own.
+/// The console event handler, which Windows calls in a thread of its own.
 unsafe extern "system" fn came(event: u32) -> i32 {
     let number = if event == CTRL_C_EVENT { INTERRUPT } else { TERMINATE };
     for watcher in WATCHERS.lock().unwrap_or_else(PoisonError::into_inner).iter() {
@@ -113,13 +112,13 @@ unsafe extern "system" fn came(event: u32) -> i32 {
                 }
                 signal.store(number.into(), Ordering::SeqCst);
             }
-            // A receiver that no longer exists needs no event.
+            // Sending fails if nobody waits any more, which does no harm.
             Watcher::Wait(sender) => drop(sender.send(number)),
         }
     }
     if !matches!(event, CTRL_C_EVENT | CTRL_BREAK_EVENT) {
-        // Windows ends the process when this returns, and in any case 5 s after the window was closed. Meanwhile the
-        // axes come to a standstill, and the process ends by itself.
+        // After closing events Windows ends the process when this handler returns, and in any case after 5 s. So the handler
+        // does not return: meanwhile the axes come to a standstill, and the process ends by itself.
         loop {
             std::thread::park();
         }

@@ -1,4 +1,4 @@
-//! `expect`: lets a script check what it has done.
+//! `expect`: fails if the state, a position or inputs are not as expected, so that a script can check its own effect.
 
 use clap::Subcommand;
 use ecmsk::ecm::{Config, Scale};

@@ -11,7 +11,7 @@ use super::motion::{Target, counts};
 use crate::board::{Board, BoardError, Needs, SlaveList, find_axis, position};
 
 const WHAT: &str = "home";
-/// The object "homing method".
+/// The object 0x6098, "homing method".
 const METHOD: ObjectAddress = ObjectAddress::new(0x6098, 0);
 /// \[OURS] Timeout for the homing of one axis.
 const LIMIT: Duration = Duration::from_secs(60);
@@ -52,7 +52,7 @@ pub struct Args {
 
 impl Args {
     /// # Errors
-    /// A slave does not exist or has no axis, or the offset is not one of its positions.
+    /// A slave does not exist or has no axis, or the offset does not fit into a position.
     pub fn check(&self, network: &Config) -> Result<(), BoardError> {
         for slave in SlaveList::axes(&self.axes, network, WHAT)? {
             if let Some(value) = self.offset {

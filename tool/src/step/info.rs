@@ -23,7 +23,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// Whether the step sends nothing.
+    /// Whether the step only reads reports, so that it sends no command.
     pub const fn only_looks(&self) -> bool {
         !self.scan
     }

@@ -37,7 +37,7 @@ impl Side {
     }
 }
 
-/// Parses 16 bits.
+/// Parses the values of 16 inputs or outputs, one bit each.
 ///
 /// # Errors
 /// The text is invalid; the error says what is allowed.

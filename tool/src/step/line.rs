@@ -13,7 +13,7 @@ struct Words {
     step: Step,
 }
 
-/// The content of a line.
+/// A parsed line of a script or of the shell.
 #[derive(Debug)]
 pub enum Line {
     /// An empty line or a comment.
@@ -44,7 +44,7 @@ impl Line {
         Words::command().get_subcommands().map(|verb| verb.get_name().to_owned()).collect()
     }
 
-    /// The words that may follow these words, for completion.
+    /// The verbs and options that may follow these words, for completion.
     pub fn after(words: &[&str]) -> Vec<String> {
         let (at, _) = command(words);
         let verbs = at.get_subcommands().map(|verb| verb.get_name().to_owned());
@@ -53,7 +53,7 @@ impl Line {
         verbs.chain(values.map(|value| value.get_name().to_owned())).chain(options).collect()
     }
 
-    /// The text of `help` for these words.
+    /// The text that `help WORDS` prints.
     ///
     /// # Errors
     /// The words are no verb.
@@ -69,7 +69,7 @@ impl Line {
     }
 }
 
-/// The command that the words name, as far as they are verbs, and the remaining words.
+/// Follows the words from verb to verb. Returns the last verb that exists, as clap's command, and the remaining words.
 fn command<'a>(mut words: &'a [&'a str]) -> (clap::Command, &'a [&'a str]) {
     let mut at = Words::command();
     at.build();
@@ -81,7 +81,7 @@ fn command<'a>(mut words: &'a [&'a str]) -> (clap::Command, &'a [&'a str]) {
     (at, words)
 }
 
-/// The error of clap on one line, with the syntax of the step.
+/// The error of clap as one line, with the syntax of the step.
 fn why(error: &clap::Error, words: &[&str]) -> String {
     if let (.., [word, ..]) = command(words)
         && word == &words[0]
@@ -95,7 +95,7 @@ fn why(error: &clap::Error, words: &[&str]) -> String {
         ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::DisplayHelp => "a word is missing",
         _ => first.trim_start_matches("error: "),
     };
-    // For a verb that has verbs of its own, the error lists them.
+    // If verbs may follow the verb, the error lists them instead of the syntax.
     let (at, _) = command(words);
     let verbs: Vec<_> = at.get_subcommands().map(clap::Command::get_name).collect();
     if !verbs.is_empty() {

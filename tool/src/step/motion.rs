@@ -21,18 +21,18 @@ use target::{Jerk, outside};
 pub use target::{Target, counts};
 
 const WHAT: &str = "move";
-/// \[OURS] How far targets are sent ahead of their execution. A program that is late by less causes no gap in the
-/// motion.
+/// \[OURS] How far ahead of their execution targets are sent to the FIFO. If the program is late by less than this, the motion
+/// has no gap.
 const AHEAD: Duration = Duration::from_millis(64);
-/// \[OURS] The allowed numbers of frames ahead, which limit [`AHEAD`] for very short and very long cycles.
+/// \[OURS] The limits of the number of frames ahead, which apply instead of [`AHEAD`] for very short and very long cycles.
 const DEPTHS: std::ops::RangeInclusive<u64> = 8..=150;
-/// \[OURS] The settling time of axes after the last target, and the largest distance from it then, in counts.
+/// \[OURS] How long axes may take to settle after the last target, and (next constant) how far from it they may be, in counts.
 const SETTLE_LIMIT: Duration = Duration::from_millis(500);
 const SETTLE_WINDOW_COUNTS: u32 = 2;
-/// \[OURS] If an axis stands for this long under an internal limit of its drive, away from its target, it will not
-/// arrive. The time is more than twice that of the targets ahead, so the reports already answer these targets.
+/// \[OURS] If an internal limit of its drive holds an axis away from its target for this long, the move fails. The time is more
+/// than twice that of the frames ahead, so the reports already answer the present targets.
 const HELD_LIMIT: Duration = Duration::from_millis(150);
-/// \[OURS] Limit for braking after Ctrl-C. The rest of the 2 s is for closing the board.
+/// \[OURS] The time limit for braking after Ctrl-C. Of the 2 s that Ctrl-C may take, the rest is for closing the board.
 const BRAKE_LIMIT: Duration = Duration::from_millis(1500);
 
 /// Move axes to positions, all together
@@ -72,10 +72,10 @@ pub struct Args {
 }
 
 impl Args {
-    /// Checks the units: if `--counts-per-unit` has a value for single axes, each axis of the move needs one.
+    /// Checks the counts per unit: if `--counts-per-unit` names single axes, it has to name each axis of the move.
     ///
     /// # Errors
-    /// An axis has no value.
+    /// An axis of the move has no counts per unit.
     pub fn check_units(&self, scales: Option<&Scales>) -> Result<(), BoardError> {
         let Some(scales) = scales else { return Ok(()) };
         match self.targets.iter().find(|target| !scales.has(target.slave)) {
@@ -88,11 +88,11 @@ impl Args {
         }
     }
 
-    /// Like [`Args::check_units`], for units that are given for this move alone: each of them must be for an axis of
-    /// the move.
+    /// Like [`Args::check_units`], for the counts per unit of this move's own command line: they must not name an axis that the
+    /// move does not have.
     ///
     /// # Errors
-    /// An axis has no unit, or there is a unit for another axis.
+    /// An axis has no counts per unit, or they name an axis that does not move.
     pub fn check_only_units(&self, scales: Option<&Scales>) -> Result<(), BoardError> {
         self.check_units(scales)?;
         let of = |axis: &u8| self.targets.iter().any(|target| target.slave == *axis);
@@ -108,7 +108,8 @@ impl Args {
     }
 
     /// # Errors
-    /// A slave has no axis in CSP, a target does not fit into 32 bits, or the axis cannot follow so closely at that speed.
+    /// A slave has no axis in CSP, a target does not fit into 32 bits, or at that speed the targets would be further ahead of
+    /// the axis than `--lead-limit` allows.
     pub fn check(&self, network: &Config) -> Result<(), BoardError> {
         for (index, target) in self.targets.iter().enumerate() {
             let slave = target.slave;
@@ -132,7 +133,7 @@ impl Args {
         Ok(())
     }
 
-    /// The limits of an axis, in counts and seconds.
+    /// The speed, acceleration and jerk of an axis, converted to counts and seconds.
     fn speeds(&self, scale: Scale) -> Speeds {
         let counts = scale.counts_per_unit.abs();
         Speeds::of(
@@ -150,7 +151,7 @@ impl Args {
         board.check_adopted(WHAT, &slaves)?;
         let config = board.known_network(WHAT)?;
         let depth = depth(config);
-        // Entries that are still in the FIFO may move the axes.
+        // Commands that are still in the FIFO may move the axes, so their execution is awaited before the path is planned.
         board.run_interruptible("waiting for a standstill", |ecm| ecm.stream(depth)?.finish())?;
         let (seconds, underruns, path) = self.carry_out(board, depth, f64::from(config.cycle_us) * 1e-6)?;
         if underruns > 0 {
@@ -184,8 +185,8 @@ impl Args {
         Ok(())
     }
 
-    /// Moves the axes along their path, starting from rest again after each long gap. Returns the seconds, the number
-    /// of underruns, and the last path, on which the axes have arrived.
+    /// Moves the axes along their path. After each long gap they start again from rest. Returns the duration in seconds, the
+    /// number of underruns, and the path of the last part, which ends at the targets.
     fn carry_out(&self, board: &Board, depth: u16, cycle: f64) -> Result<(f64, u64, Path), BoardError> {
         let (mut snapshot, mut path) = self.agreed_path(board)?;
         let held_limit_s = HELD_LIMIT.as_secs_f64().max(2.0 * f64::from(depth) * cycle);
@@ -216,14 +217,15 @@ impl Args {
         }
     }
 
-    /// The path, with the report at its beginning, once the user has agreed to a long move.
+    /// The path, and the report that it begins at. A long path is returned only if the user agrees to it.
     fn agreed_path(&self, board: &Board) -> Result<(Snapshot, Path), BoardError> {
         let snapshot = board.ecm.snapshot()?;
         let path = self.path(board, &snapshot)?;
         if duration::announce(board, &path, self.yes)? == Asked::No {
             return Ok((snapshot, path));
         }
-        // While the user took time to answer, an axis may have been turned by hand or got an alarm.
+        // Everything is checked again: while the user took time to answer, an axis may have been turned by hand or got an
+        // alarm.
         let slaves: Vec<u8> = self.targets.iter().map(|target| target.slave).collect();
         board.ready(WHAT, Needs::On(&slaves))?;
         let snapshot = board.ecm.snapshot()?;
@@ -268,29 +270,30 @@ fn no_path(why: String) -> BoardError {
     refused(why, "choose a speed and an acceleration nearer to each other")
 }
 
-/// \[OURS] After a longer gap the axes start again from rest. After a shorter one they continue at their speed: on a
-/// machine that is often slightly late, a motion would otherwise never get going.
+/// \[OURS] After a gap longer than this the axes start again from rest. After a shorter one they continue at their speed:
+/// otherwise a program that is often slightly late would never finish a move.
 const GAP_MAX: Duration = Duration::from_millis(100);
 
-/// \[OURS] How many times the last target is repeated.
+/// \[OURS] How many times the last targets are repeated, so that the drives settle.
 const HOLD_FRAMES: usize = 9;
 
-/// How a move has ended, with its duration in seconds.
+/// How the motion along a path has ended, with its duration in seconds.
 enum Ended {
-    /// All axes have got their last targets, or the user has ended the move.
+    /// The last targets were sent to all axes, or Ctrl-C has braked the motion.
     Arrived(f64),
-    /// The FIFO ran empty for too long, and the axes stand after this part of the path, 0 to 1.
+    /// The FIFO was empty for too long, so the axes stand. The second value is the fraction of the path that they have covered,
+    /// 0 to 1.
     Stood(f64, f64),
 }
 
-/// A move in progress.
+/// The motion along one path.
 struct Run<'a> {
     board: &'a Board,
     path: &'a Path,
     snapshot: &'a Snapshot,
     /// The cycle time in seconds.
     cycle: f64,
-    /// How long an axis may stand under an internal limit of its drive, seconds.
+    /// How long an internal limit may hold an axis away from its target, in seconds.
     held_limit_s: f64,
 }
 
@@ -299,7 +302,7 @@ impl Run<'_> {
     /// counters of the stream.
     fn go(&self, mut stream: Stream<'_>) -> Result<(Ended, StreamStats), BoardError> {
         let stepped = self.steps(&mut stream);
-        // Moving axes are braked, whatever has failed.
+        // `finish` brakes axes that are still moving, also after an error.
         let finished = stream.finish();
         let ended = stepped?;
         self.board.check_stop()?;
@@ -332,7 +335,8 @@ impl Run<'_> {
                 self.hold(stream, |axis| axis.end)?;
                 return Ok(Ended::Arrived(time));
             }
-            // A board that catches up reports a gap in several steps, and each step makes up for one cycle.
+            // A board that catches up reports a gap in several steps. The frame sent in each step makes up for one cycle of the
+            // gap.
             gap = (gap + stats.underruns - std::mem::replace(&mut before, stats.underruns)).saturating_sub(1);
             if gap as f64 * self.cycle > GAP_MAX.as_secs_f64() {
                 return Ok(Ended::Stood(time, last.length / self.path.length));
@@ -346,7 +350,8 @@ impl Run<'_> {
         Ok(Ended::Arrived(0.0))
     }
 
-    /// The first axis that its drive has held back for too long, with its position.
+    /// The first axis that an internal limit of its drive has held back for too long, with its position; `None` if there is
+    /// none.
     fn held_axis(
         &self,
         stream: &Stream<'_>,
@@ -392,7 +397,7 @@ impl Run<'_> {
         stream.step().map_err(explain)
     }
 
-    /// Sets the target of an axis; the second channel of an HSP stays where it is.
+    /// Sets the target of an axis. The second channel of an HSP (a pulse module) gets its present position.
     fn aim(&self, stream: &mut Stream<'_>, slave: u8, target: i32) -> Result<(), EcmError> {
         match self.snapshot.slave(slave) {
             Some(ecmsk::ecm::SlaveView::Hsp(hsp)) if self.board.ecm.slot_size()? == SlotSize::Bytes16 => {
@@ -404,7 +409,7 @@ impl Run<'_> {
     }
 }
 
-/// Waits until all axes are at their targets, or the settling time has passed; returns the latest report.
+/// Waits until all axes are at their targets or [`SETTLE_LIMIT`] has passed. Returns the latest report.
 fn settled(board: &Board, path: &Path) -> Result<Snapshot, BoardError> {
     let mut now = board.ecm.snapshot()?;
     let end = now.meta.at.0 + SETTLE_LIMIT.as_nanos() as u64;

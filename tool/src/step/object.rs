@@ -54,7 +54,7 @@ impl Type {
         (low..=high).contains(&value.number) || value.is_bits && (0..1_i64 << self.bits()).contains(&value.number)
     }
 
-    /// The number that these bits mean in this type.
+    /// Converts the bits of a value of this type to a number.
     pub const fn number(self, raw: u32) -> i64 {
         match self {
             U8 | U16 | U32 => raw as i64,
@@ -65,7 +65,7 @@ impl Type {
     }
 }
 
-/// A value to write.
+/// A value that the user has given to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Value {
     pub number: i64,

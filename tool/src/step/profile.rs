@@ -1,5 +1,5 @@
-//! The motion along a path, with limited velocity, acceleration and, if wanted, jerk. All axes of a move have one
-//! profile, so that they start and end together on a straight line. The calculation is done by `rsruckig`.
+//! The motion profile along a path, with limited velocity, acceleration and optionally jerk. All axes of a move share one
+//! profile, so that they start and end together on a straight line. The crate `rsruckig` calculates it.
 
 use std::time::Duration;
 
@@ -8,11 +8,11 @@ use rsruckig::prelude::{ControlInterface, DataArrayOrVec, InputParameter, Ruckig
 /// The limits along the path, in the caller's unit of length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Length per second, above 0.
+    /// Units of length per second, above 0.
     pub velocity: f64,
-    /// Length per second squared, above 0.
+    /// Units of length per second squared, above 0.
     pub acceleration: f64,
-    /// Length per second cubed, above 0; `None`: the acceleration may change at once.
+    /// Units of length per second cubed, above 0; `None`: the jerk is not limited.
     pub jerk: Option<f64>,
 }
 
@@ -33,20 +33,20 @@ pub struct Profile {
     scale: Scale,
 }
 
-/// The units of the calculation. `rsruckig` is exact to about 1e-8, and fails with numbers far from 1, so lengths and
-/// times are scaled to be near 1.
+/// The units of length and time for the calculation. `rsruckig` is exact to about 1e-8 and fails with numbers far from 1, so
+/// lengths and times are scaled to be near 1.
 #[derive(Clone, Copy, Debug)]
 struct Scale {
     length: f64,
     seconds: f64,
 }
 
-/// \[OURS] The highest limits in scaled units. Higher ones would not make the motion noticeably faster, and are not
-/// kept precisely.
+/// \[OURS] The highest limits in scaled units. Higher ones would hardly make the motion faster, and `rsruckig` does not keep
+/// them precisely.
 const SCALED_MAX: Limits = Limits { velocity: 1e1, acceleration: 1e3, jerk: Some(1e6) };
-/// \[OURS] A speed below this part of the limit counts as a standstill.
+/// \[OURS] A speed below this fraction of the velocity limit counts as a standstill.
 const STANDSTILL: f64 = 1e-9;
-/// Most doublings of the limits: up to 2^64 times.
+/// How many times the limits are doubled at most to brake within the time limit.
 const DOUBLINGS_MAX: usize = 64;
 
 impl Profile {
@@ -56,7 +56,7 @@ impl Profile {
     /// No motion can be calculated.
     pub fn rest_to_rest(length: f64, limits: Limits) -> Result<Self, String> {
         let Limits { velocity, acceleration, jerk } = limits;
-        // The times that the motion would take with only one of the limits.
+        // The durations of the motion if only one of the limits applied. The longest one is near the real duration.
         let alone =
             [length / velocity, (length / acceleration).sqrt(), jerk.map_or(0.0, |jerk| (length / jerk).cbrt())];
         let scale = Scale { length, seconds: alone.into_iter().fold(0.0, f64::max) };
@@ -65,7 +65,7 @@ impl Profile {
         Self::calculate(input, limits, 0.0, scale)
     }
 
-    /// The motion from a point of another profile to rest, at any place. If it takes longer than `within`,
+    /// The motion that brakes from a point of another profile to rest, wherever it ends. If it takes longer than `within`,
     /// acceleration and jerk are raised until it does not.
     ///
     /// # Errors
@@ -84,7 +84,7 @@ impl Profile {
 
     fn brake(from: PathPoint, limits: Limits) -> Result<Self, String> {
         let Limits { acceleration, jerk, .. } = limits;
-        // The speed still rises while the acceleration falls to 0.
+        // While the axis still accelerates its speed rises further, until the jerk has brought the acceleration to 0.
         let now = jerk.map_or(0.0, |_| from.acceleration);
         let speed = from.velocity.abs().max(jerk.map_or(0.0, |jerk| now * now / jerk));
         if speed <= limits.velocity * STANDSTILL {
@@ -119,7 +119,7 @@ impl Profile {
         self.trajectory.as_ref().map_or(0.0, Trajectory::get_duration) * self.scale.seconds
     }
 
-    /// The point at a time; before the start and after the end it is the first and the last point.
+    /// The point at a time. Before the start it is the first point, after the end the last one.
     pub fn at(&self, seconds: f64) -> PathPoint {
         let Some(trajectory) = &self.trajectory else { return PathPoint { length: self.from, ..PathPoint::default() } };
         let time = (seconds / self.scale.seconds).clamp(0.0, trajectory.get_duration());
@@ -141,7 +141,8 @@ mod tests {
 
     use super::*;
 
-    /// Steps through a profile and checks that every difference is within the limits, apart from rounding.
+    /// Samples a profile and checks that velocity, acceleration and jerk between samples are within the limits, apart from
+    /// rounding.
     fn check(profile: &Profile, limits: Limits, from: PathPoint) -> Result<PathPoint, TestCaseError> {
         if profile.seconds() == 0.0 {
             prop_assert!(from.velocity.abs() <= limits.velocity * STANDSTILL);
@@ -174,7 +175,8 @@ mod tests {
     }
 
     fn limits() -> impl Strategy<Value = Limits> {
-        // Ten decades of speed; accelerating takes 1 ms to 100 s, reaching the acceleration 1 ms to 10 s.
+        // Speeds over seven decades; the acceleration reaches the speed in 1 ms to 100 s, the jerk the acceleration in 1 ms to
+        // 10 s.
         (0.0..7.0, -3.0..2.0, proptest::option::of(-3.0..1.0)).prop_map(|(v, t, s): (f64, f64, Option<f64>)| {
             let velocity = 10_f64.powf(v);
             let acceleration = velocity / 10_f64.powf(t);
@@ -183,7 +185,7 @@ mod tests {
     }
 
     proptest! {
-        /// A move keeps its limits and arrives, for distances from one count to the range of 32 bits.
+        /// A move keeps its limits and arrives, for distances from one count to the whole range of 32 bits.
         #[test]
         fn a_move_keeps_its_limits_and_arrives(length in (0.0..9.63_f64).prop_map(|l| 10_f64.powf(l).round()), limits in limits()) {
             let profile = Profile::rest_to_rest(length, limits).unwrap();
@@ -192,7 +194,7 @@ mod tests {
             prop_assert!(end.velocity.abs() <= limits.velocity * 1e-6);
         }
 
-        /// From every point of a move braking keeps the limits, within any time.
+        /// Braking from any point of a move keeps the limits if there is time enough, and ends within a short time limit.
         #[test]
         fn braking_from_any_point_keeps_the_limits_within_any_time(
             length in (0.0..9.63_f64).prop_map(|l| 10_f64.powf(l).round()), limits in limits(), part in 0.0..1.0,

@@ -9,7 +9,7 @@ use serde_json::json;
 use super::object::{Object, Type, Value};
 use crate::board::{Board, BoardError, Needs, find_slave};
 
-/// The code of the last alarm.
+/// The object 0x603F, error code: the drive's last alarm.
 const ERROR_CODE: ObjectAddress = ObjectAddress::new(cia402::ERROR_CODE, 0);
 
 /// Read or write an object of a slave (SDO)
@@ -133,8 +133,8 @@ fn write(board: &Board, which: &Which, value: Value) -> Result<(), BoardError> {
     Ok(board.reporter.result(format_args!("slave {slave}: {object} = {}", of.number(number as u32)), &json)?)
 }
 
-/// The error of an SDO that was not answered: if the network is known and has no such slave, it says so. An SDO
-/// itself needs no known network.
+/// The error of an SDO that was not answered. SDOs are also sent to slaves that the options do not list. So only after a
+/// timeout it is checked whether the network is known to have no such slave.
 fn answered(board: &Board, what: &str, slave: u8, error: BoardError) -> BoardError {
     let silent = matches!(&error, BoardError::Ecm(EcmError::SdoAborted { code, .. }) if *code == AbortCode::TIMEOUT);
     match &board.config {

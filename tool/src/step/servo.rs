@@ -63,7 +63,7 @@ impl Args {
         for slave in axes {
             let word = board.statusword(&snapshot, slave);
             let state = word.state();
-            // "Switched on" is a state in which the motor is free, so the text says whether the motor is on.
+            // In CiA 402 "Switched on" means that the motor is free, so the text says only whether the motor holds torque.
             let is_on = state == Some(DriveState::OperationEnabled);
             let motor = if is_on { "on" } else { "off" };
             let state = state.map(|state| state.name());

@@ -17,7 +17,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// Whether the step sends nothing.
+    /// Whether the step only reads reports, so that it sends no command.
     pub const fn only_looks(&self) -> bool {
         self.to.is_none()
     }
@@ -53,7 +53,7 @@ impl Args {
     }
 }
 
-/// Notes which axes will be switched off: a vertical axis without a brake drops.
+/// Prints a note on which axes leaving OP will switch off: a vertical axis without a brake drops.
 fn leave_op(board: &Board, to: MasterState) -> Result<(), BoardError> {
     let snapshot = board.ecm.snapshot()?;
     if to == MasterState::Op || snapshot.state().state() != Some(MasterState::Op) {

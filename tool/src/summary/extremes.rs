@@ -12,15 +12,15 @@ use serde_json::{Value, json};
 use crate::plot::execution::{Entry, Execution, ExecutionReport, Orders};
 use crate::recording::Framed;
 
-/// The cycle of a board that was not told another one (UG 1.7), nanoseconds.
+/// The cycle time of a board to which no SET_DC was sent (UG 1.7), in nanoseconds.
 const DEFAULT_CYCLE_NS: i64 = 1_000_000;
-/// \[OURS] Two reports that are further apart than this many cycles give no velocity.
+/// \[OURS] No velocity is computed between two reports that are more than this many cycles apart.
 const CYCLES_APART_MAX: i64 = 8;
 
-/// The largest value of a quantity, and its time.
+/// The largest magnitude of a quantity, and when it occurred.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Peak {
-    /// The magnitude.
+    /// The absolute value, in the unit of the [`Quantity`].
     pub value: u64,
     /// Nanoseconds since the first frame.
     pub at_ns: i64,
@@ -37,20 +37,20 @@ impl Peak {
 /// A quantity of which the largest value is kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
-    /// The target in force minus the actual position of an axis that is on, counts.
+    /// The executed target minus the actual position of an enabled axis, in counts.
     FollowingError,
-    /// The change of the target from one executed command to the next, counts.
+    /// The change of the target from one executed command to the next, in counts.
     TargetStep,
-    /// The change of the position, counts per second.
+    /// The change of the actual position, in counts per second.
     Velocity,
-    /// The torque, in 0.1 % of the rated one.
+    /// The actual torque, in 0.1 % of the rated torque.
     Torque,
 }
 
 impl Quantity {
     pub const ALL: [Self; 4] = [Self::FollowingError, Self::TargetStep, Self::Velocity, Self::Torque];
 
-    /// The word on a command line; in JSON with `_` for `-`.
+    /// The name of the quantity on the command line; in JSON `-` is replaced by `_`.
     pub const fn word(self) -> &'static str {
         match self {
             Self::FollowingError => "following-error",
@@ -60,7 +60,7 @@ impl Quantity {
         }
     }
 
-    /// A value with its unit.
+    /// A value of this quantity as text with its unit.
     pub fn shown(self, value: u64) -> String {
         match self {
             Self::FollowingError | Self::TargetStep => format!("{value} counts"),
@@ -70,7 +70,7 @@ impl Quantity {
     }
 }
 
-/// The extremes of an axis.
+/// The largest value of each [`Quantity`] of an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AxisExtremes {
     peaks: [Peak; 4],
@@ -82,17 +82,17 @@ impl AxisExtremes {
     }
 }
 
-/// An axis while frames are read.
+/// The extremes of an axis, and its last values, while frames are read.
 #[derive(Debug, Default)]
 struct Axis {
     extremes: AxisExtremes,
-    /// Whether a command has moved it.
+    /// Whether the slave is an axis: it was sent a command for axes.
     is_axis: bool,
     /// The target that was executed last, while it is in force.
     target: Option<i32>,
-    /// The time and the position of the last report.
+    /// The time in nanoseconds and the position in counts of the last report.
     position: Option<(i64, i32)>,
-    /// The command that the last report answered.
+    /// The id of the command that the last report answered.
     answered: Option<u8>,
 }
 
@@ -119,7 +119,7 @@ impl Axis {
     }
 
     fn report(&mut self, at_ns: i64, cycle_ns: i64, drive: &DriveResponse, is_drive: bool, is_certain: bool) {
-        // Homing moves the zero of the position.
+        // Homing moves the zero of the position, so positions before and after it are not compared.
         let is_homing = CommandId::from_code(drive.head.id) == CommandId::GoHome;
         if is_homing || self.answered.replace(drive.head.id) != Some(drive.head.id) {
             self.position = None;
@@ -204,7 +204,7 @@ impl Extremes {
         let board = MasterResponse::decode(&frame.slot(size, 0));
         self.in_op = board.state.state() == Some(MasterState::Op);
         if !self.in_op || board.state.is_failed() {
-            // In 0x18 the slots of lost slaves repeat their last values.
+            // In state 0x18 the slots of lost slaves repeat their last values, so nothing is computed from them.
             self.execution.reset();
             self.axes.iter_mut().for_each(|axis| (axis.target, axis.position) = (None, None));
             return;
@@ -221,7 +221,7 @@ impl Extremes {
             }
         };
         for (slave, axis) in (1..=size.max_slaves()).zip(&mut self.axes).filter(|(_, axis)| axis.is_axis) {
-            // An HSP has inputs where a drive has its torque.
+            // An HSP (a pulse module) has inputs where a drive has its torque.
             let is_drive = self.kinds.of(slave) != Some(SlaveKind::Hsp);
             axis.report(at_ns, self.cycle_ns, &DriveResponse::decode(&frame.slot(size, slave)), is_drive, is_certain);
         }
@@ -241,7 +241,7 @@ pub fn seconds(at_ns: i64) -> String {
     format!("{:.3} s", at_ns as f64 / 1e9)
 }
 
-/// The line of an axis.
+/// The extremes of an axis as one line of text.
 pub fn line(slave: usize, extremes: &AxisExtremes) -> String {
     let parts: Vec<String> = Quantity::ALL
         .into_iter()
@@ -258,7 +258,7 @@ pub fn line(slave: usize, extremes: &AxisExtremes) -> String {
     }
 }
 
-/// An axis as JSON.
+/// The extremes of an axis as JSON.
 pub fn axis_json(slave: usize, extremes: &AxisExtremes) -> Value {
     let mut axis = json!({ "slave": slave });
     for quantity in Quantity::ALL {

@@ -1,21 +1,21 @@
-//! `--fail-on`: what makes a run a failed one.
+//! The option `--fail-on`: which findings make a run fail.
 
 use ecmsk::summary::Summary;
 
 use super::extremes::{AxisExtremes, Quantity, seconds};
 
-/// A reason for which a run has failed.
+/// A kind of finding that makes a run fail.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FailOn {
-    /// Anything that the summary names, or a recording that is not whole.
+    /// Any finding of the summary, or an incomplete recording.
     Any,
-    /// An alarm of a drive.
+    /// A drive had an alarm.
     Alarm,
-    /// A change of state that failed.
+    /// A change of the network's state failed.
     State,
-    /// A gap in a motion.
+    /// An underrun made a gap in a motion.
     Gap,
-    /// A value of some axis above this limit, in the unit of [`Quantity`].
+    /// A value of any axis above this limit, which is in the unit of the [`Quantity`].
     Above(Quantity, u64),
 }
 

@@ -37,7 +37,7 @@ pub fn adc(session: &mut Session, differential: bool) -> Result<Vec<Shown>, XfVe
     let value = convert(session);
     session.xf.run(&AdcClose)?;
     let value = value?;
-    // No manual gives the voltage of a differential value.
+    // No manual says how to convert a differential value to volts.
     let volts = (!differential).then(|| volts(value));
     let text = volts.map_or(String::new(), |volts| format!(" ({volts:.3} V)"));
     let json = json!({"verb": "xf adc", "value": value, "volts": volts, "differential": differential});

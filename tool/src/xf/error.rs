@@ -30,21 +30,21 @@ pub enum XfVerbError {
     /// The command line requests something that is not possible.
     #[error("{what}: {why}; {next}")]
     WrongRequest {
-        /// The operation.
+        /// The operation that failed, as the error text names it.
         what: String,
-        /// What is wrong.
+        /// What is wrong with the request, for the error text.
         why: String,
-        /// The next step.
+        /// What the user can do next; the error text ends with it.
         next: String,
     },
     /// The chip is in a state in which the verb cannot do its work.
     #[error("{what}: {why}; {next}")]
     Refused {
-        /// The operation.
+        /// The operation that failed, as the error text names it.
         what: &'static str,
         /// Why the verb cannot do its work.
         why: String,
-        /// The next step for the user.
+        /// What the user can do next; the error text ends with it.
         next: String,
     },
 }
@@ -65,7 +65,7 @@ impl XfVerbError {
     }
 }
 
-/// The result, or `None` if the chip refused the command: its firmware does not have it.
+/// Makes `None` of a command that the chip refuses because its firmware does not have it.
 pub fn unless_refused<T>(result: Result<T, XfError>) -> Result<Option<T>, XfError> {
     match result {
         Ok(result) => Ok(Some(result)),

@@ -1,4 +1,4 @@
-//! `xf gpio`: the chip's general inputs and outputs.
+//! `xf gpio`: the chip's general-purpose inputs and outputs (GPIO).
 
 use clap::Subcommand;
 use ecmsk::xf::request::{
@@ -62,7 +62,7 @@ enum Verb {
     },
 }
 
-/// GPIO 0 to 15.
+/// The mask of the pins 0 to 15, which every firmware has.
 const LOWER: u32 = 0xFFFF;
 
 fn mode(text: &str) -> Result<GpioMode, String> {
@@ -78,7 +78,7 @@ fn levels(text: &str) -> Result<AllPins, String> {
     levels.ok_or_else(|| "allowed: 0 to 0xFFFFF".into())
 }
 
-/// Parses `3` and `0,4-7` to a mask.
+/// Parses pins such as `3` or `0,4-7` to a mask with one bit per pin.
 fn pins(text: &str) -> Result<u32, String> {
     let wrong = || "allowed: pins from 0 to 19, e.g. 3 or 0,4-7".to_owned();
     text.split(',').try_fold(0, |mask, part| {
@@ -109,7 +109,7 @@ impl Args {
 }
 
 fn show(session: &mut Session) -> Result<Vec<Shown>, XfVerbError> {
-    // Firmware before 9 has 16 pins.
+    // Firmware before 9 has 16 pins and refuses the command for all 20 pins.
     let (levels, pins) = match unless_refused(session.xf.run(&GpioExtGetValue))? {
         Some(levels) => (levels, 20),
         None => (session.xf.run(&GpioGetValue)?.into(), 16),
@@ -170,7 +170,7 @@ fn set_levels(session: &mut Session, levels: AllPins) -> Result<Vec<Shown>, XfVe
 mod tests {
     use super::*;
 
-    /// XF-18.9 Pins are numbers and ranges.
+    /// XF-18.9 Pins are given as numbers and ranges.
     #[test]
     fn pins_are_numbers_and_ranges() {
         assert_eq!((pins("3"), pins("0,4-7"), pins("16-19")), (Ok(8), Ok(0xF1), Ok(0xF_0000)));

@@ -201,7 +201,7 @@ fn counters(session: &Session, page: &mut Page) {
     page.set("driver", counters);
 }
 
-/// Every counter of the driver with its name.
+/// Every counter of the driver on this PC, with its name.
 fn named(counters: HostCounters) -> Vec<(&'static str, u64)> {
     macro_rules! all {
         ($($name:ident)*) => {{

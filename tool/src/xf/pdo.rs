@@ -1,4 +1,4 @@
-//! `xf pdo`: the places of the slaves' objects in the process image, and the present inputs.
+//! `xf pdo`: which bits of the process image each PDO entry of the slaves has, and the present inputs.
 
 use std::fmt::Write;
 
@@ -47,7 +47,8 @@ pub fn pdo(session: &mut Session, slave: Option<u8>) -> Result<Vec<Shown>, XfVer
     Ok((0..found).filter(shown).map(|slave| show(&layout, inputs.as_deref(), slave)).collect())
 }
 
-/// Reads the inputs of all slaves. `Xf::process_data` would also set the packet size to what a program's cycle needs.
+/// Reads the inputs of all slaves by one request. `Xf::process_data` is not used, because it also changes the chip's packet
+/// size.
 fn read_inputs(session: &mut Session) -> Result<Vec<u8>, XfVerbError> {
     let read = PdoData { operation: PdoOperation::READ | PdoOperation::VALID, data: &[] };
     let mut data = vec![0; DataSize::MAX.bytes()];

@@ -1,8 +1,8 @@
-//! `xf raw`: any function of the chip, its request from fields and its answer by fields.
+//! `xf raw`: calls any function of the chip; its parameters and its answer are written field by field.
 //!
 //! - `raw.rs`: the verb: finding the function, and running it
-//! - `raw/fields_in.rs`: fields of the command line
-//! - `raw/fields_out.rs`: fields of the answer
+//! - `raw/fields_in.rs`: converts fields of the command line to a request
+//! - `raw/fields_out.rs`: converts the answer to fields
 
 mod fields_in;
 mod fields_out;
@@ -20,7 +20,7 @@ use super::session::{ChipArgs, Session};
 use super::{Shown, XfVerbError, on_chip};
 use fields_in::Assignment;
 
-/// Timeout until a reset shows; the vendor's driver waits 1 s (XF EN 1517, OBS).
+/// How long the chip may take to be found reset after WARM_RESET; the vendor's driver waits 1 s (XF EN 1517, OBS).
 const RESET_MAX: Duration = Duration::from_secs(3);
 /// Interval at which the reset is checked. \[OURS]
 const PAUSE: Duration = Duration::from_millis(10);
@@ -53,7 +53,7 @@ pub struct Args {
     chip: ChipArgs,
 }
 
-/// A function of the table.
+/// A function of the chip, by its row in the table of all functions.
 #[derive(Clone, Copy)]
 struct Function(&'static FunctionFields);
 
@@ -75,7 +75,7 @@ fn find(name: &str) -> Result<Function, String> {
     }
 }
 
-/// The most similar names, at most three.
+/// The names of functions that are most similar to `name`, at most three.
 fn near(name: &str) -> Vec<&'static str> {
     let manuals = FUNCTIONS.iter().map(|row| row.name().trim_start_matches("ECM_").trim_start_matches("CMD_"));
     let types = FUNCTIONS.iter().map(|row| row.type_name);
@@ -135,7 +135,8 @@ fn raw(session: &mut Session, row: &'static FunctionFields, fields: &[Assignment
     Ok(vec![fields_out::shown(row, returned, &answer)])
 }
 
-/// Waits for a reset: WARM_RESET has no answer, so the driver has to find the chip reset.
+/// Waits until the driver has found the chip reset, because WARM_RESET itself has no answer. `before` is the number of resets
+/// before.
 fn expect_reset(session: &mut Session, before: u64) -> Result<(), XfVerbError> {
     let mut waited = Duration::ZERO;
     while session.xf.host().counters().chip_resets == before {

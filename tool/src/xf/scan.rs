@@ -42,7 +42,7 @@ pub fn scan(session: &mut Session, force: bool) -> Result<Vec<Shown>, XfVerbErro
     Ok(list.iter().map(|slave| (columns.line(slave), line_json(slave))).collect())
 }
 
-/// Counts the slaves. Initialises the network first if that does no harm.
+/// Counts the slaves. The network is initialised first, unless it is above Init: then only with `force`.
 fn find(session: &mut Session, force: bool) -> Result<u8, XfVerbError> {
     let state = session.state().filter(|state| *state != EtherCatState::Init);
     if let (Some(state), false) = (state, force) {
@@ -54,7 +54,7 @@ fn find(session: &mut Session, force: bool) -> Result<u8, XfVerbError> {
     }
     let slaves = match session.start() {
         Ok(slaves) => slaves,
-        // The command fails if the chip finds no slave.
+        // The chip answers with an error if it finds no slave, which is not an error of this verb.
         Err(error) => return none_found(session, error),
     };
     match session.xf.set_state(Slaves::All, EtherCatState::PreOp) {
@@ -81,7 +81,7 @@ fn none_found(session: &mut Session, error: XfError) -> Result<u8, XfVerbError> 
     }
 }
 
-/// The widths of the columns, which depend on their content.
+/// The widths of the columns in characters: those of the longest text in each.
 struct Columns {
     place: usize,
     name: usize,

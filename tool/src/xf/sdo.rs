@@ -108,7 +108,7 @@ pub fn write(session: &mut Session, which: &Which, value: &Written) -> Result<Ve
     Ok(vec![transfer.written(WRITE, *slave, value, &bytes)])
 }
 
-/// The bytes to write.
+/// Encodes the value to the bytes to write.
 fn encoded(which: &Which, value: &Written) -> Result<Vec<u8>, XfVerbError> {
     let refused = |WrongValue { why, next }| XfVerbError::WrongRequest { what: WRITE.into(), why, next };
     which.transfer.encoded(WRITE, value).map_err(refused)

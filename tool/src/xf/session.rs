@@ -1,4 +1,4 @@
-//! The chip of a verb.
+//! The open chip that a verb works on.
 
 use ecmsk::link::chip::{self, ChipLink};
 use ecmsk::link::uri::LinkUri;
@@ -31,7 +31,7 @@ pub struct Session {
     /// The link in its normal form.
     pub link: String,
     pub reporter: Reporter,
-    /// The chip's first answer.
+    /// The chip's first answer after opening: its state before the verb changes anything.
     pub found: AnswerHeader,
 }
 
@@ -52,7 +52,7 @@ impl ChipArgs {
 }
 
 impl Session {
-    /// Opens the chip behind a link and keeps the content of its FIFO.
+    /// Opens the chip behind a link without clearing its FIFO, because a machine may be running.
     ///
     /// # Errors
     /// [`XfError`]
@@ -67,17 +67,17 @@ impl Session {
         Ok(Self { xf, link: info.name, reporter, found })
     }
 
-    /// The state of the network, as the chip knows it; `None` if there is none.
+    /// The state of the network that the chip reports; `None` if the network is not initialised or the code is unknown.
     pub fn state(&self) -> Option<EtherCatState> {
         self.xf.header().state.state()
     }
 
-    /// Whether the network was initialised.
+    /// Whether the chip has initialised its network.
     pub fn is_up(&self) -> bool {
         self.xf.header().state.0 & 0x0F != 0
     }
 
-    /// Initialises the network, with a note, and counts its slaves.
+    /// Initialises the network, prints a note, and returns the number of slaves.
     ///
     /// # Errors
     /// [`XfError`]
@@ -87,7 +87,7 @@ impl Session {
         Ok(slaves)
     }
 
-    /// Counts the slaves of a network that is up. A network that is not up is initialised and brought to `state`.
+    /// Returns the number of slaves. A network that is not initialised yet is first initialised and brought to `state`.
     ///
     /// # Errors
     /// [`XfError`]
@@ -100,7 +100,7 @@ impl Session {
         Ok(slaves)
     }
 
-    /// Brings a network that was just initialised to a state, and configures its process data on the way.
+    /// Brings a network that was just initialised to `state`. Its process data are configured on the way, in PreOP.
     fn go_to(&mut self, state: EtherCatState) -> Result<(), XfError> {
         if state == EtherCatState::Init {
             return Ok(());

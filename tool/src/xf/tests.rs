@@ -1,4 +1,4 @@
-//! Verbs on a chip that keeps running between them, as a real one does.
+//! Tests of `xf` verbs on a model of the chip that keeps running between them, as a real chip does.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -30,7 +30,7 @@ impl Lasting {
         use_it(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// A session as a verb of the tool opens it.
+    /// Opens the chip as a verb of the tool does.
     fn session(&self) -> Session {
         Session::over(Box::new(self.clone()), HostConfig::DEFAULT, false).expect("it starts")
     }
@@ -66,8 +66,8 @@ impl ChipLink for Lasting {
     }
 }
 
-/// A chip with a drive and an IO slave. A program has brought them to OP and then ended, with the FIFO on or off and
-/// three RxPDOs in it.
+/// A chip with a drive and an IO slave, which a program has brought to OP before it ended. The program has left the FIFO on or
+/// off, with three sets of outputs in it.
 fn running(fifo_on: bool) -> (Lasting, ProcessData) {
     let chip = Lasting::new("xf-sim:?slaves=drive,io&clock=virtual");
     let mut xf = Xf::over(chip.clone(), HostConfig::DEFAULT).expect("it starts");
@@ -89,8 +89,8 @@ fn json(shown: &[Shown]) -> Vec<&Value> {
     shown.iter().map(|(_, json)| json).collect()
 }
 
-/// XF-18.4 Verbs that look at a chip with a running machine leave its network in OP, its FIFO on, and the content of
-/// the FIFO.
+/// XF-18.4 Verbs that only read leave the chip of a running machine as it is: its network in OP, its FIFO on, and the content
+/// of the FIFO.
 #[test]
 fn verbs_that_look_leave_a_running_machine_alone() {
     let (chip, _) = running(true);
@@ -114,7 +114,7 @@ fn verbs_that_look_leave_a_running_machine_alone() {
     }
 }
 
-/// XF-18.3, XF-18.4 `scan` shows what the chip knows of a network above Init; with `--force` it initialises the network
+/// XF-18.3, XF-18.4 `scan` shows what the chip knows of a network above Init. Only with `--force` it initialises that network
 /// anew.
 #[test]
 fn scan_initialises_a_network_above_init_only_by_force() {
@@ -125,13 +125,13 @@ fn scan_initialises_a_network_above_init_only_by_force() {
     assert_eq!((states, json(&shown)[1]["output_bytes"].as_u64()), (vec!["OP".into(), "OP".into()], Some(2)));
     let shown = scan::scan(&mut chip.session(), true).expect("it answers");
     assert_eq!(json(&shown)[0]["state"], "PreOP");
-    // The network is up now, so it is not touched any more.
+    // The first `scan` has brought the network up, so the second one leaves it as it is.
     let mut session = chip.session();
     assert_eq!(session.state(), Some(EtherCatState::PreOp));
     assert_eq!(scan::scan(&mut session, false).expect("it answers").len(), 2);
 }
 
-/// XF-18.6 A state is changed and stays; the next verb finds it.
+/// XF-18.6 A state that a verb has set stays, and the next verb finds it.
 #[test]
 fn a_state_stays_for_the_next_verb() {
     let chip = Lasting::new("xf-sim:?slaves=drive*2&clock=virtual");
@@ -144,7 +144,7 @@ fn a_state_stays_for_the_next_verb() {
     assert_eq!(states, ["SafeOP", "PreOP"]);
 }
 
-/// XF-18.5 Errors that the chip had when it was opened are shown, although the start clears them.
+/// XF-18.5 Errors that the chip reported when it was opened are shown, although initialising clears them.
 #[test]
 fn errors_from_before_are_shown() {
     let (chip, _) = running(true);

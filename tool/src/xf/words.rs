@@ -1,4 +1,4 @@
-//! Names of states and bits as the tool writes them.
+//! Names of states and options as the tool writes them, and the parsing of such names.
 
 use ecmsk::ethercat::AlStatus;
 use ecmsk::xf::fields::Names;
@@ -46,8 +46,8 @@ pub fn parse_state(text: &str) -> Result<EtherCatState, String> {
     state.map(|(_, state)| *state).ok_or_else(|| "allowed: init, preop, boot, safeop, op".into())
 }
 
-/// Converts a name of the library to a word: `PinRising`, `X4Free` and `NON_IMMEDIATE` are `pin-rising`, `x4-free` and
-/// `non-immediate`.
+/// Converts a Rust name of the library to the word that users type: `PinRising`, `X4Free` and `NON_IMMEDIATE` become
+/// `pin-rising`, `x4-free` and `non-immediate`.
 pub fn word(name: &str) -> String {
     let mut word = String::new();
     let mut before = '_';
@@ -63,36 +63,36 @@ pub fn word(name: &str) -> String {
     word
 }
 
-/// The names as words.
+/// Converts several names as [`word`] does.
 pub fn words(names: impl Iterator<Item = &'static str>) -> Vec<String> {
     names.map(word).collect()
 }
 
-/// The words as a list; `none` if there are none.
+/// The words separated by commas; `none` if there are none.
 pub fn listed(words: &[String]) -> String {
     if words.is_empty() { "none".to_owned() } else { words.join(", ") }
 }
 
-/// The AL status code as text; empty if it is 0.
+/// The AL status code as the end of a line of text; empty if it is 0.
 pub fn al_status_text(code: u16) -> String {
     if code == 0 { String::new() } else { format!(", AL status code {}", AlStatus(code)) }
 }
 
-/// The number of a name in any case; dashes and underscores are ignored.
+/// Finds the number of a name. Case, dashes and underscores are ignored.
 pub fn named(text: &str, names: &[(&str, u32)]) -> Option<u32> {
     let plain = |text: &str| text.replace(['-', '_', ' '], "").to_ascii_lowercase();
     names.iter().find(|(name, _)| plain(name) == plain(text)).map(|(_, number)| *number)
 }
 
-/// The number of a name.
+/// The number of a name, or an error that lists the names.
 ///
 /// # Errors
-/// There is no such name; the error lists them.
+/// There is no such name; the error lists the valid ones.
 pub fn chosen(text: &str, names: Names) -> Result<u32, String> {
     named(text, names).ok_or_else(|| format!("allowed: {}", list(names).join(", ")))
 }
 
-/// The names as words.
+/// The names as users type them, see [`word`].
 pub fn list(names: Names) -> Vec<String> {
     names.iter().map(|(name, _)| word(name)).collect()
 }
@@ -106,7 +106,7 @@ pub fn volts(value: u32) -> f64 {
 mod tests {
     use super::*;
 
-    /// XF-18.10 Names of the library become words, and words are parsed in any spelling.
+    /// XF-18.10 Names of the library are shown as words, and words are accepted in any spelling.
     #[test]
     fn names_become_words() {
         for (name, wanted) in [

@@ -1,4 +1,5 @@
-//! Makes the packages a second time from a copy of the sources in another folder, and compares them.
+//! Makes the packages a second time, from a copy of the sources in another folder, and checks that they are the same
+//! (reproducible builds).
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -21,7 +22,8 @@ pub fn compare(project: &Project, release: &Release, first: &Made) -> Result<(),
     if place.exists() {
         fs::remove_dir_all(&place).map_err(Error::file("remove", &place))?;
     }
-    // The paths, their lengths and their alphabetical order differ from those of the first time.
+    // The copy's paths differ from those of the first build in content, length and alphabetical order, so that a dependence on
+    // any of them shows.
     let copy =
         Project { root: place.join("sources of ecmsk"), target: place.join("built"), for_tests: false, quick: false };
     copy_sources(&project.root, &copy.root)?;
@@ -39,19 +41,20 @@ pub fn compare(project: &Project, release: &Release, first: &Made) -> Result<(),
     )))
 }
 
-/// A folder on the other side of `/usr` in the alphabet, because linkers sort by paths.
+/// A folder that comes before `/usr` in the alphabet if `target` comes after it, and the other way round: linkers sort inputs
+/// by path.
 fn place(target: &Path) -> PathBuf {
     let other = if target < Path::new("/usr") { "/var/tmp" } else { "/tmp" };
     Path::new(other).join("ecmsk-once-more")
 }
 
-/// Copies the files that git tracks or would track; nothing that was built is among them.
+/// Copies the source files: those that git tracks, and new ones that it does not ignore.
 fn copy_sources(from: &Path, to: &Path) -> Result<(), Error> {
     let mut git = Command::new("git");
     git.current_dir(from).args(["ls-files", "-z", "--cached", "--others", "--exclude-standard"]);
     let listed = command::output(&mut git)?;
     let names = listed.split(|byte| *byte == 0).filter(|name| !name.is_empty());
-    // A file that was removed since the last commit is listed as well.
+    // git also lists a file that was deleted since the last commit.
     for name in names.map(path_of).filter(|name| from.join(name).exists()) {
         let file = to.join(&name);
         let folder = file.parent().unwrap_or(to);
@@ -61,7 +64,7 @@ fn copy_sources(from: &Path, to: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// The files that exist in only one of the two, or that differ.
+/// The names of files that exist in only one of the two builds, or whose contents differ.
 fn differing(first: &Made, second: &Made) -> Result<Vec<String>, Error> {
     let mut names: Vec<&String> = first.names.iter().chain(&second.names).collect();
     names.sort();

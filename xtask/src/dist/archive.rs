@@ -11,7 +11,7 @@ use super::tree::Tree;
 use crate::command;
 use crate::error::Error;
 
-/// Writes a tree as `.tar.gz`: the folder with its root's name, owned by root, sorted by name.
+/// Packs a tree as `.tar.gz`: one folder with the name of the tree's root. Its files are owned by root and sorted by name.
 pub fn tar(release: &Release, tree: &Tree, file: &Path) -> Result<(), Error> {
     let plain = file.with_extension("");
     let mut tar = release.command("tar");
@@ -23,7 +23,7 @@ pub fn tar(release: &Release, tree: &Tree, file: &Path) -> Result<(), Error> {
     command::run(release.command("gzip").args(["--no-name", "--best", "--force", "--"]).arg(&plain))
 }
 
-/// Writes the files of a tree as `.zip`, below a folder with its root's name, sorted by name.
+/// Packs a tree as `.zip`: one folder with the name of the tree's root, its files sorted by name.
 pub fn zip(release: &Release, tree: &Tree, file: &Path) -> Result<(), Error> {
     tree.set_time(release.epoch)?;
     if file.exists() {
@@ -51,7 +51,7 @@ pub fn sha256(file: &Path) -> Result<String, Error> {
     Ok(String::from_utf8_lossy(&said).split_whitespace().next().unwrap_or_default().to_owned())
 }
 
-/// The checksums as lines for `sha256sum -c`.
+/// The checksums of files in the format that `sha256sum -c` reads.
 pub fn sums(folder: &Path, names: &[String]) -> Result<String, Error> {
     let lines: Result<Vec<String>, Error> =
         names.iter().map(|name| Ok(format!("{}  {name}\n", sha256(&folder.join(name))?))).collect();

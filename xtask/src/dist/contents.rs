@@ -1,4 +1,5 @@
-//! Checks the contents of the packages: exactly the expected files, and no path of the machine that made them.
+//! Checks that the packages have exactly the expected files, and that no file contains a path of the machine on which it was
+//! built.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -41,7 +42,7 @@ pub fn check(project: &Project, release: &Release, made: &Made) -> Result<(), Er
     )))
 }
 
-/// The packages by their names in the list.
+/// The path of each package, by the name that it has in [`LIST`].
 fn packages(release: &Release, made: &Made) -> Vec<(String, PathBuf)> {
     let archive =
         |kind: &str, rest: &str| (kind.to_owned(), made.folder.join(format!("ecmsk-{}-{rest}", release.version)));
@@ -53,7 +54,7 @@ fn packages(release: &Release, made: &Made) -> Vec<(String, PathBuf)> {
     found
 }
 
-/// Unpacks a package; returns the folder from which its paths count.
+/// Unpacks a package; returns the folder to which its paths in [`LIST`] are relative.
 fn unpack(file: &Path, to: &Path) -> Result<PathBuf, Error> {
     let kind = file.extension().unwrap_or_default();
     if kind == "deb" {
@@ -92,7 +93,7 @@ fn differences(package: &str, found: &[PathBuf]) -> Vec<String> {
 
 fn paths_of_this_machine(project: &Project, folder: &Path) -> Result<Vec<String>, Error> {
     let mine = [Some(project.root.clone()), Some(project.target.clone()), cargo_home()];
-    // A path such as `/` or `/src` would be the beginning of too many others.
+    // Short paths such as `/` or `/src` are not searched for, because they are the beginning of many other paths.
     let mine: Vec<String> =
         mine.into_iter().flatten().map(|path| path.display().to_string()).filter(|path| path.len() > 6).collect();
     let mut problems = Vec::new();
@@ -105,7 +106,7 @@ fn paths_of_this_machine(project: &Project, folder: &Path) -> Result<Vec<String>
     Ok(problems)
 }
 
-/// The DLLs and programs of this project whose header has a time of linking.
+/// A problem for each DLL or program of this project whose header contains the time of linking, which differs in each build.
 fn times_of_linking(folder: &Path) -> Result<Vec<String>, Error> {
     let mut problems = Vec::new();
     for file in files(folder)?.iter().filter(|file| file.starts_with("x86") || file.starts_with("x64")) {
@@ -121,7 +122,7 @@ fn times_of_linking(folder: &Path) -> Result<Vec<String>, Error> {
     Ok(problems)
 }
 
-/// The time in the header of a PE file; `None` for another file.
+/// The time of linking in the header of a PE file; `None` if the file is no PE file.
 fn time_of_linking(bytes: &[u8]) -> Option<u32> {
     let word = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at.checked_add(4)?)?.try_into().ok()?));
     // The offset of the header is at 0x3C; the time follows the signature, the machine and the number of sections.

@@ -1,5 +1,5 @@
-//! Finds the crates in the shipped files: those that cargo links for a package and a target, without build tools and
-//! macros.
+//! Finds the crates that are part of the shipped files: those that cargo links into a package for a target, without build tools
+//! and procedural macros.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -20,14 +20,14 @@ pub struct Crate {
     pub licence: String,
     /// The URL of its repository; empty if it has none.
     pub repository: String,
-    /// The SHA-256 of its archive in the registry; `None` for a crate of this project.
+    /// The SHA-256 of its archive on crates.io; `None` for a crate of this project.
     pub checksum: Option<String>,
     /// The folder of its sources on this machine.
     pub folder: PathBuf,
 }
 
 impl Crate {
-    /// The package URL of the crate.
+    /// The package URL (purl) of the crate, for the list of components.
     pub fn purl(&self) -> String {
         // A `+` in a version is percent-encoded.
         format!("pkg:cargo/{}@{}", self.name, self.version.replace('+', "%2B"))
@@ -48,7 +48,7 @@ struct Package {
     manifest_path: PathBuf,
 }
 
-/// All crates that the project may use, by name and version.
+/// All crates in Cargo.lock, by name and version.
 pub struct Known(BTreeMap<(String, String), Crate>);
 
 impl Known {
@@ -61,7 +61,7 @@ impl Known {
             let known = Crate {
                 name: key.0.clone(),
                 version: key.1.clone(),
-                // The form that was used before SPDX expressions.
+                // Old crates write `MIT/Apache-2.0`, from before SPDX expressions.
                 licence: package.license.unwrap_or_default().replace('/', " OR "),
                 repository: package.repository.unwrap_or_default(),
                 checksum: sums.get(&key).cloned(),
@@ -72,7 +72,7 @@ impl Known {
         Ok(Self(crates.collect()))
     }
 
-    /// The crates that are linked into `package` on `target`, with the package itself, sorted by name.
+    /// The crates that cargo links into `package` for `target`, including the package itself, sorted by name.
     pub fn linked(&self, project: &Project, package: &str, target: &str) -> Result<Vec<Crate>, Error> {
         let mut tree = project.cargo();
         tree.args(["tree", "--locked", "--package", package, "--target", target, "--edges", "normal,no-proc-macro"]);
@@ -92,7 +92,7 @@ fn name_and_version(line: &str) -> Option<(String, String)> {
     Some((name.to_owned(), version.to_owned()))
 }
 
-/// The checksums in Cargo.lock, where name, version and checksum follow each other.
+/// The checksums in Cargo.lock by name and version of the crate.
 fn checksums(lock: &str) -> BTreeMap<(String, String), String> {
     let of_a_crate = |paragraph: &str| {
         let field = |name: &str| {

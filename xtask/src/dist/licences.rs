@@ -1,4 +1,4 @@
-//! Collects the licences of the shipped crates in one file.
+//! Collects the licences of all shipped crates in one text file.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -8,7 +8,7 @@ use super::crates::Crate;
 use super::tree;
 use crate::error::Error;
 
-/// The beginnings of the names of licence files, in lower case.
+/// The prefixes by which licence files in a crate are found, in lower case.
 const BEGINNINGS: [&str; 5] = ["license", "licence", "copying", "copyright", "notice"];
 
 /// The licence of Rust's standard library, which is part of every binary.
@@ -19,7 +19,7 @@ const STANDARD_LIBRARY: &str = "The Rust standard library: MIT OR Apache-2.0, Co
 /// The licence of the font in the tool.
 const FONT: &str = include_str!("../../../tool/font/LICENSE.txt");
 
-/// The text: each crate with its licence, then every text once, with the crates that contain it.
+/// The text of the file: first each crate with its licence, then each licence text once with the crates that contain it.
 pub fn text(crates: &[Crate]) -> Result<String, Error> {
     let foreign: Vec<&Crate> = crates.iter().filter(|known| known.checksum.is_some()).collect();
     let mut text = String::from("Parts of ecmsk by others, and their licences.\n\n");
@@ -82,7 +82,7 @@ mod tests {
         }
     }
 
-    /// A text of several crates is printed once with all their names; crates of this project are left out.
+    /// A licence text that several crates contain is printed once with all their names. Crates of this project are left out.
     #[test]
     fn texts_stand_there_once() {
         let folder = tempfile::tempdir().unwrap();

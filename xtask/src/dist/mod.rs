@@ -1,13 +1,13 @@
-//! `cargo xtask dist`: makes the packages. The same sources, compilers and time give the same bytes, in whatever
-//! folder and however often they are made.
+//! `cargo xtask dist`: makes the packages of a release. The builds are reproducible: the same sources, compilers and release
+//! time give the same bytes in any folder.
 //!
 //! Files:
 //!
-//! - `release.rs`: the version and the time of all files
+//! - `release.rs`: the version, and the one time that all packed files get
 //! - `linux.rs`, `tarball.rs`, `windows_zip.rs`, `deb/`: the packages: for any Linux, for Windows, for Debian
 //! - `tree.rs`, `archive.rs`: a folder with fixed modes and times, and its archive
-//! - `crates.rs`, `licences.rs`, `sbom.rs`: the crates in each file, their licences, and the list of components
-//! - `contents.rs`, `again.rs`: checks: the contents of the packages, and the same bytes when made again
+//! - `crates.rs`, `licences.rs`, `sbom.rs`: the crates in each file, their licences, and the list of components (SBOM)
+//! - `contents.rs`, `again.rs`: check the contents of the packages, and that a second build gives the same bytes
 
 mod again;
 mod archive;
@@ -42,11 +42,12 @@ use tree::Tree;
 
 /// The programs that making the packages needs.
 const NEEDS: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, MCS, STRIP, ZIP, UNZIP, DPKG_DEV, LINTIAN];
-/// The programs that testing them needs: a system to install them in.
+/// The programs and rights that testing the packages needs. Beside those for making them these are for a Debian system to
+/// install them in.
 pub const TEST_NEEDS: &[Need] =
     &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, MCS, STRIP, ZIP, UNZIP, DPKG_DEV, LINTIAN, DEBOOTSTRAP, ROOT];
 
-/// rustc's target of the Linux packages.
+/// rustc's target triple for the Linux packages.
 const LINUX: &str = "x86_64-unknown-linux-gnu";
 /// The file with the checksums of all other files.
 const SUMS: &str = "SHA256SUMS";
@@ -87,15 +88,15 @@ pub fn test(project: &Project) -> Result<(), Error> {
     deb::install::test(project, &made.debs, release.version)
 }
 
-/// The packages that were made.
+/// The packages and other files that [`make`] has made.
 struct Made {
     folder: PathBuf,
-    /// The names of their files, [`SUMS`] last.
+    /// The names of all files for a release, [`SUMS`] last.
     names: Vec<String>,
     debs: Vec<PathBuf>,
 }
 
-/// The folder for the contents of packages.
+/// The folder in which the contents of packages are put together.
 fn folder(project: &Project) -> PathBuf {
     project.target.join("xtask/dist")
 }
@@ -145,7 +146,7 @@ fn make(project: &Project, release: &Release, out: &Path) -> Result<Made, Error>
     Ok(Made { folder: out.to_owned(), names, debs })
 }
 
-/// Checks the packages that were made.
+/// Checks the packages that were made: their contents, checksums and, for Debian packages, lintian.
 fn judge(project: &Project, release: &Release, made: &Made) -> Result<(), Error> {
     command::output(
         Command::new("sha256sum").current_dir(&made.folder).args(["--check", "--strict", "--quiet", SUMS]),
@@ -162,8 +163,8 @@ fn both(some: Vec<Crate>, others: Vec<Crate>) -> Vec<Crate> {
     all
 }
 
-/// The target for which cargo lists the crates. The list is the same for the targets of the DLLs, which need another
-/// compiler.
+/// The target triple with which cargo lists the linked crates of the Windows files. The real triples of the DLLs link the same
+/// crates, but need another compiler.
 fn triple(width: Width) -> &'static str {
     match width {
         Width::X86 => "i686-pc-windows-gnu",
@@ -171,7 +172,7 @@ fn triple(width: Width) -> &'static str {
     }
 }
 
-/// Every binary that is shipped.
+/// The shipped libraries and programs, each with its crates, for the list of components.
 fn artefacts(project: &Project, known: &Known, tar: &Tree, zip: &Tree) -> Result<Vec<Artefact>, Error> {
     let mut found = Vec::new();
     let std = |rustc: &str| Ok::<_, Error>(Runtime::rust(version_of(Command::new(rustc).current_dir(&project.root))?));

@@ -7,12 +7,12 @@ use crate::command;
 use crate::error::Error;
 use crate::project::Project;
 
-/// The variable for the time of a reproducible build (reproducible-builds.org).
+/// The environment variable that gives the time of a reproducible build (reproducible-builds.org).
 pub const VARIABLE: &str = "SOURCE_DATE_EPOCH";
-/// The earliest time in a zip file: 1 January 1980.
+/// The earliest time that a zip file can store: 1 January 1980, in seconds since 1970.
 const FIRST: u64 = 315_532_800;
 
-/// A version and its time.
+/// The version of a release, and its time.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Release {
     pub version: &'static str,
@@ -38,14 +38,15 @@ impl Release {
         Ok(Self { version: env!("CARGO_PKG_VERSION"), epoch })
     }
 
-    /// The time in the given format of `date`.
+    /// The release time in a format of the program `date`, such as `-R`.
     pub fn date(&self, format: &str) -> Result<String, Error> {
         let mut date = Command::new("date");
         date.env("LC_ALL", "C").args(["-u", "-d", &format!("@{}", self.epoch), format]);
         Ok(String::from_utf8_lossy(&command::output(&mut date)?).trim().to_owned())
     }
 
-    /// A command whose output does not depend on the time, language and sort order of this machine.
+    /// Starts a program so that its output does not depend on the present time, the language and the sort order of this
+    /// machine.
     pub fn command(&self, program: &str) -> Command {
         let mut command = Command::new(program);
         command.env(VARIABLE, self.epoch.to_string()).env("LC_ALL", "C").env("TZ", "UTC");
@@ -53,7 +54,7 @@ impl Release {
     }
 }
 
-/// The date of the first heading such as `## [0.1.0] - 2026-11-22`, in seconds since 1970.
+/// The date in the first heading such as `## [0.1.0] - 2026-11-22`, in seconds since 1970.
 fn date_in(changelog: &str) -> Option<String> {
     let day = changelog.lines().filter(|line| line.starts_with("## [")).find_map(|line| line.split_once("] - "))?.1;
     let mut date = Command::new("date");

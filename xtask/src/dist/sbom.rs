@@ -1,5 +1,5 @@
-//! Lists the components of each shipped file, in CycloneDX 1.5: crates with versions, licences and checksums, the
-//! standard library, and the runtime of MinGW.
+//! Writes the software bill of materials (CycloneDX 1.5): the components of each shipped file. These are crates with versions,
+//! licences and checksums, Rust's standard library, and the runtime of MinGW.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -14,20 +14,20 @@ use crate::command;
 use crate::error::Error;
 use crate::windows::Width;
 
-/// A file that is shipped.
+/// A shipped library or program.
 pub struct Artefact {
     /// Its package and path.
     pub name: String,
     /// Its type: `library` or `application`.
     pub kind: &'static str,
-    /// The file itself.
+    /// Its path on this machine.
     pub file: PathBuf,
     pub crates: Vec<Crate>,
-    /// Its components that are not crates.
+    /// Its components that are no crates, see [`Runtime`].
     pub runtimes: Vec<Runtime>,
 }
 
-/// A component that a compiler adds.
+/// Code that a compiler links into every program, such as Rust's standard library.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Runtime {
     pub name: &'static str,
@@ -36,12 +36,12 @@ pub struct Runtime {
 }
 
 impl Runtime {
-    /// The standard library of that version of Rust.
+    /// Rust's standard library of this version.
     pub fn rust(version: String) -> Self {
         Self { name: "rust-std", version, licence: OWN_LICENCE }
     }
 
-    /// The runtime that Debian's MinGW links.
+    /// The runtime libraries that Debian's MinGW links into programs of this width.
     pub fn mingw(width: Width) -> Result<Vec<Self>, Error> {
         let (runtime, compiler) = match width {
             Width::X86 => ("mingw-w64-i686-dev", "gcc-mingw-w64-i686-posix"),
@@ -64,7 +64,7 @@ impl Runtime {
     }
 }
 
-/// The list as JSON.
+/// The bill of materials as JSON.
 pub fn text(release: &Release, artefacts: &[Artefact]) -> Result<String, Error> {
     let mut components = BTreeMap::new();
     let mut dependencies = Vec::new();
@@ -143,8 +143,8 @@ fn of_a_runtime(runtime: &Runtime) -> Value {
 mod tests {
     use super::*;
 
-    /// Each shipped file is a component with its sum, and names by their package URLs what is in it; no component is
-    /// listed twice.
+    /// Each shipped file is a component with its checksum, and refers to its own components by their package URLs. No component
+    /// is listed twice.
     #[test]
     fn a_file_has_its_sum_and_its_parts() {
         let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,5 @@
-//! The package for any Linux with that C library or a newer one: what `cargo xtask stage` installs, with
-//! documentation.
+//! The package for any Linux whose C library is not older than the one it was built with: the files that `cargo xtask stage`
+//! installs, and documentation.
 
 use std::fs;
 use std::path::Path;
@@ -12,7 +12,7 @@ use crate::project::Project;
 
 const DOCUMENTS: [&str; 3] = ["CHANGELOG.md", "LICENSE-MIT", "LICENSE-APACHE"];
 
-/// Fills the tree from a stage folder.
+/// Copies the files of the package from a stage folder into the tree. `others` is the text with the licences of other projects.
 pub fn fill(project: &Project, release: &Release, tree: &Tree, stage: &Path, others: &str) -> Result<(), Error> {
     for file in files(stage)? {
         let (from, to) = (stage.join(&file), file.to_string_lossy());

@@ -1,4 +1,4 @@
-//! A folder that becomes a package. Every mode and time in it is set here, and none comes from this machine.
+//! A folder that is packed. The modes and times of its files are set here, so that they do not depend on this machine.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -7,14 +7,14 @@ use std::time::{Duration, UNIX_EPOCH};
 use crate::error::Error;
 use crate::system::{self, symlink};
 
-/// A folder with fixed modes.
+/// A folder that is packed, with fixed file modes.
 pub struct Tree {
     root: PathBuf,
 }
 
-/// The mode of a file that is only read.
+/// The file mode of data: everybody may read it.
 pub const DATA: u32 = 0o644;
-/// The mode of a program and of a folder.
+/// The file mode of programs and folders: everybody may read and execute it.
 pub const PROGRAM: u32 = 0o755;
 
 impl Tree {
@@ -32,7 +32,7 @@ impl Tree {
         &self.root
     }
 
-    /// The path on this machine of `path` in the tree.
+    /// Converts a path in the tree to a path on this machine.
     pub fn at(&self, path: &str) -> PathBuf {
         self.root.join(path)
     }
@@ -81,7 +81,7 @@ impl Tree {
         files(&self.root)
     }
 
-    /// As [`Self::at`], and makes its folder.
+    /// Like [`Self::at`], and makes the folder of the path.
     fn place(&self, path: &str) -> Result<PathBuf, Error> {
         self.folder(Path::new(path).parent().unwrap_or(Path::new("")))?;
         Ok(self.at(path))

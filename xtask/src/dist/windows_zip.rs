@@ -11,14 +11,14 @@ use crate::error::Error;
 use crate::project::Project;
 use crate::windows::{DLL, MINGW, MSVC, Width};
 
-/// The parts of the stage folder of `cargo xtask windows`: the place below the folder of a width, and the place in
-/// the package, with `@` for the width.
+/// The files for each width from the stage folder of `cargo xtask windows`: the name there, and the folder in the package,
+/// where `@` stands for the width.
 const OF_A_WIDTH: [(&str, &str); 3] = [(DLL, "@"), (MSVC, "lib/@"), (MINGW, "lib/@")];
 
-/// The programs of the stage folder, which must exist.
+/// The programs in the stage folder, with the same paths in the package.
 pub const PROGRAMS: &[&str] = &["x86/ecmsk.exe", "x64/ecmsk.exe"];
 
-/// The texts for Windows, which get its line ends.
+/// The text files, by source and path in the package. They get the line ends of Windows.
 const TEXTS: [(&str, &str); 4] = [
     ("share/windows/README.txt", "README.txt"),
     ("share/windows/ecmsk.toml", "ecmsk.toml"),
@@ -48,7 +48,8 @@ pub fn fill(
         tree.copy(&stage.join(program), program, PROGRAM)?;
     }
     tree.copy_all(&stage.join("include"), "include", &[".h"])?;
-    // Beside the DLL of the width, as the vendor's; once more with their documentation, for programs of any width.
+    // The assemblies are beside the DLL of each width, as in the vendor's package, and once more with their documentation in
+    // `dotnet`, for programs of any width.
     for (from, to, ends) in [
         (&assemblies.assemblies, Width::X86.name(), &[".dll"][..]),
         (&assemblies.assemblies_x64, Width::X64.name(), &[".dll"][..]),

@@ -1,5 +1,5 @@
-//! Which tests have their slaves behind the model of an ECM-XF: the tests of tests/engine that tests/engine/over.rs runs
-//! again and that none of its tables leaves out, and the tests of a few files that use boards over a chip directly.
+//! Finds the tests whose slaves are behind the model of an ECM-XF. tests/engine/over.rs runs the tests of tests/engine once
+//! more that way, except those in its tables. The tests of a few other files always use a board over a chip.
 
 use std::path::Path;
 
@@ -8,12 +8,12 @@ use proc_macro2::{Delimiter, TokenStream, TokenTree};
 use super::{rust, text_of};
 use crate::error::Error;
 
-/// The file that runs the engine's tests again, and the test in it that runs them behind a chip.
+/// The file that runs the tests of tests/engine once more, and (next constant) its test that runs them behind a chip.
 pub const OVER: &str = "tests/engine/over.rs";
 const RUN: &str = "all_that_a_program_sees_is_the_same_behind_an_ecm_xf";
-/// The folder of those tests.
+/// The folder of the tests that are run once more.
 const ENGINE: &str = "tests/engine/";
-/// Files and folders in which each test uses a board over a chip, without that run.
+/// Files and folders whose tests always use a board over a chip, without being run once more.
 const ALWAYS: [&str; 8] = [
     "tests/engine/xf_bus.rs",
     "tests/engine/xf_faults.rs",
@@ -25,17 +25,18 @@ const ALWAYS: [&str; 8] = [
     "tool/tests/tool/behind_chip.rs",
 ];
 
-/// The tables of tests/engine/over.rs, of names as `module::test` or `module::`.
+/// The tables of tests/engine/over.rs. Their entries are the names of tests (`module::test`) or modules (`module::`).
 #[derive(Debug, Default)]
 pub struct BehindChip {
-    /// Tests that are run by their full names, cycle by cycle.
+    /// Tests that count cycles. They are run once more without additional cycles, selected by their full names.
     by_cycles: Vec<String>,
     /// Tests that are left out because they cannot pass behind a chip: every test whose name contains one of these texts.
     cannot: Vec<String>,
     /// Tests that are left out because all their boards have a bus of their own: every test whose name contains one of
     /// these texts.
     own_bus: Vec<String>,
-    /// Tests that are run there, although nothing in them is behind the chip.
+    /// Tests that are run there although their slaves are not behind the chip: they have buses of their own or boot boards
+    /// themselves.
     not_behind: Vec<String>,
 }
 
@@ -43,7 +44,7 @@ impl BehindChip {
     /// Reads the tables in the checkout at `root`.
     ///
     /// # Errors
-    /// The file is not there or not as it is expected.
+    /// The file is missing, or its tables do not have the expected form.
     pub fn read(root: &Path) -> Result<Self, Error> {
         let path = root.join(OVER);
         let text = text_of(&path).map_err(Error::file("read", &path))?;
@@ -80,7 +81,7 @@ impl BehindChip {
         if self.by_cycles.contains(&name) {
             return !self.cannot.contains(&name);
         }
-        // Like `--skip`, this matches a part of the name.
+        // A part of the name is enough, as with the option `--skip` of test programs.
         let mut left_out = self.by_cycles.iter().chain(&self.cannot).chain(&self.own_bus);
         let stands = |entry: &String| name == *entry || (entry.ends_with("::") && name.starts_with(entry.as_str()));
         !left_out.any(|entry| name.contains(entry.as_str())) && !self.not_behind.iter().any(stands)
@@ -92,7 +93,7 @@ impl BehindChip {
     }
 }
 
-/// The name that a test of tests/engine has in its program: `tests/engine/fifo.rs::a` is `fifo::a`.
+/// Converts `file::function` to the test's name in the program of tests/engine: `tests/engine/fifo.rs::a` is `fifo::a`.
 fn engine_name(test: &str) -> Option<String> {
     let (module, function) = test.strip_prefix(ENGINE)?.split_once(".rs::")?;
     Some(format!("{module}::{function}"))
@@ -172,7 +173,7 @@ fn all_that_a_program_sees_is_the_same_behind_an_ecm_xf() {}
         }
     }
 
-    /// The project has these tables, and each file that is always behind a chip exists and contains tests that say so.
+    /// The tables exist in over.rs, and each entry of [`ALWAYS`] exists and contains tests that name a rule.
     #[test]
     fn the_project_has_them() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();

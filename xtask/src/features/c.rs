@@ -1,26 +1,26 @@
-//! Comments in C and C++ sources, each with the function that it belongs to.
+//! Finds the comments in C and C++ sources, each with the function that it belongs to.
 
-/// A comment and its function: the one that contains it or follows directly; `None` for a comment on the whole file.
+/// A comment, and the name of its function: the one around it or directly below it; `None` for a comment on the whole file.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Comment {
     pub function: Option<String>,
     pub text: String,
 }
 
-/// A piece of a source.
+/// A token of a source. Only what is needed to find functions is told apart.
 enum Piece<'a> {
     Comment(&'a str),
     Word(&'a str),
-    /// A character of code other than a blank.
+    /// Any other character of code except blanks.
     Sign(char),
-    /// A blank line.
+    /// A blank line, which separates a comment from the function below it.
     Gap,
 }
 
-/// The comments of a source in order.
+/// All comments of a source, in their order.
 pub fn comments(text: &str) -> Vec<Comment> {
     let mut found = Vec::new();
-    // The index of the first comment that may belong to the next function.
+    // The index of the first comment above the function that may begin next.
     let mut above = 0;
     let mut function: Option<(String, usize)> = None;
     let mut depth = 0;
@@ -64,11 +64,11 @@ pub fn comments(text: &str) -> Vec<Comment> {
     found
 }
 
-/// The tokens before a `{`, which tell the body of a function from a namespace, a struct or an initialiser.
+/// The tokens before a `{`. They show whether it opens the body of a function, or a namespace, a struct or an initialiser.
 #[derive(Default)]
 struct Head<'a> {
     last_word: Option<&'a str>,
-    /// The word before the first `(`.
+    /// The word before the first `(`, which is the name if this is a function.
     called: Option<&'a str>,
     assigned: bool,
     parentheses: usize,
@@ -105,7 +105,7 @@ impl<'a> Head<'a> {
     }
 }
 
-/// Splits a source into pieces. Preprocessor lines and literals are left out.
+/// Splits a source into tokens. Preprocessor lines and literals are left out.
 fn pieces(text: &str) -> Vec<Piece<'_>> {
     let mut pieces = Vec::new();
     let mut rest = text;
@@ -145,7 +145,8 @@ fn pieces(text: &str) -> Vec<Piece<'_>> {
     pieces
 }
 
-/// The length of a preprocessor line, with those that a backslash joins to it, up to a comment.
+/// The length in bytes of a preprocessor line, including lines that a backslash joins to it, up to the end or to a comment in
+/// it.
 fn preprocessor_len(text: &str) -> usize {
     let mut previous = ' ';
     for (at, c) in text.char_indices() {

@@ -1,4 +1,4 @@
-//! Finds which tests name which rules: collects the ids in the comments of tests in all sources.
+//! Finds which tests show which rules: collects the rule ids in the comments of tests.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -12,7 +12,7 @@ use crate::error::Error;
 /// Folders whose sources may hold tests.
 const FOLDERS: [&str; 6] = ["src", "capi", "tests", "tool", "examples", "xtask"];
 
-/// The tests that name each rule, as `file::function`; a C file whose head names a rule, as `file`.
+/// For each rule the tests that name it, as `file::function`. A C file that names a rule in its head is listed as `file`.
 #[derive(Debug, Default)]
 pub struct Evidence {
     pub tests: BTreeMap<RuleId, BTreeSet<String>>,
@@ -50,7 +50,7 @@ impl Evidence {
         for test in &source.tests {
             self.add(&test.comments, || format!("{file}::{}", test.name));
         }
-        // Helpers of tests name programs as well, so every file below a folder `tests` counts.
+        // The strings of all files below a folder `tests` are searched for names of C programs, because helpers name them too.
         if file.split('/').any(|folder| folder == "tests") {
             named.extend(source.strings.iter().cloned());
         }
@@ -72,8 +72,8 @@ impl Evidence {
     }
 }
 
-/// A C program is a test only if a Rust test runs it: its name, or that name without extension, stands in a string of
-/// a file below a folder `tests`, alone or at the end of a path.
+/// Whether a Rust test runs this C program; only then it counts as a test. That is so if a string in a file below a folder
+/// `tests` is the program's file name, with or without extension, alone or at the end of a path.
 fn is_named(file: &str, strings: &BTreeSet<String>) -> bool {
     let path = Path::new(file);
     let names =
@@ -83,7 +83,7 @@ fn is_named(file: &str, strings: &BTreeSet<String>) -> bool {
         .any(|string| names.iter().any(|name| Path::new(string).file_name().is_some_and(|end| end == &**name)))
 }
 
-/// Adds the sources below `folder`, if it exists.
+/// Adds all Rust, C and C++ sources below `folder`, if the folder exists.
 fn list(folder: &Path, files: &mut Vec<PathBuf>) -> Result<(), Error> {
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),

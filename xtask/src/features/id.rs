@@ -1,11 +1,13 @@
-//! Ids of rules: `SK-5.3` for the board, which has sections, `LIB-7` and the like for what is built around it.
+//! Rule ids: `SK-5.3` (prefix, section, number) for rules of the board, and `LIB-7` (prefix, number) for rules that have no
+//! sections.
 
 use std::fmt;
 use std::iter;
 
-/// The prefixes of ids, and whether a section follows before the number. They stand for: the board, the chip ECM-XF,
-/// EtherCAT, the master, a board on a network card, the look at a network, the drive DP3CL, the library for applications,
-/// the native API, the tool, names of boards, a board on the network, a board on its wires, .NET, Windows, packages.
+/// The prefixes of rule ids, and whether a section comes before the number. Their subjects in this order: the board, the chip
+/// ECM-XF, EtherCAT, the software master, a board on a network card, the bus tools, the drive DP3CL, the library for
+/// applications, the native API, the tool, names of boards, a board served over the network, a board on its wires, .NET,
+/// Windows, packages.
 pub const PREFIXES: [(&str, bool); 15] = [
     ("SK-", true),
     ("XF-", true),
@@ -24,7 +26,7 @@ pub const PREFIXES: [(&str, bool); 15] = [
     ("WIN-", false),
 ];
 
-/// An id; there need not be such a rule.
+/// A well-formed rule id. A rule with this id need not exist.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct RuleId(String);
 
@@ -34,7 +36,7 @@ impl fmt::Display for RuleId {
     }
 }
 
-/// All ids in `text`. Only whole ids count: `SK-5.25` does not name SK-5.2, and `SK-5` is a section.
+/// All rule ids in `text`. Only complete ids count: `SK-5.25` does not contain SK-5.2, and `SK-5` is a section.
 pub fn ids_in(text: &str) -> impl Iterator<Item = RuleId> + '_ {
     let mut rest = text;
     iter::from_fn(move || {
@@ -51,12 +53,12 @@ pub fn ids_in(text: &str) -> impl Iterator<Item = RuleId> + '_ {
     })
 }
 
-/// The id if the whole text is one.
+/// The rule id, if the whole text is one.
 pub fn id_of(text: &str) -> Option<RuleId> {
     (id_len(text) == Some(text.len())).then(|| RuleId(text.to_owned()))
 }
 
-/// The length of the id with which `text` begins.
+/// The length in bytes of the rule id at the beginning of `text`; `None` if there is none.
 fn id_len(text: &str) -> Option<usize> {
     let &(prefix, dotted) = PREFIXES.iter().find(|(prefix, _)| text.starts_with(prefix))?;
     let mut len = prefix.len() + number_len(text.strip_prefix(prefix)?)?;
@@ -69,7 +71,7 @@ fn id_len(text: &str) -> Option<usize> {
     (ends && (dots > 0) == dotted).then_some(len)
 }
 
-/// The length of the decimal number with which `text` begins.
+/// The length in bytes of the decimal number at the beginning of `text`; `None` if there is none.
 fn number_len(text: &str) -> Option<usize> {
     let len = text.bytes().take_while(u8::is_ascii_digit).count();
     (len > 0).then_some(len)

@@ -1,13 +1,13 @@
-//! `cargo xtask features`: writes docs/FEATURES.md, the summary of which tests show which rules of docs/rules/, and
-//! docs/FEATURES-XF.md, which says of each rule of the board what it is on an ECM-XF.
+//! `cargo xtask features`: writes docs/FEATURES.md, which summarises how many tests show the rules of docs/rules/, and
+//! docs/FEATURES-XF.md, which says for each rule of the board whether it also holds with an ECM-XF.
 //!
 //! Files:
 //!
 //! - `rules.rs`, `id.rs`: the rules and their ids
 //! - `rust.rs`, `c.rs`, `evidence.rs`: the tests in Rust and C sources, and which rules they name
-//! - `report.rs`: docs/FEATURES.md, and what is wrong
+//! - `report.rs`: docs/FEATURES.md, and problems of rules and tests
 //! - `behind_chip.rs`: which tests have their slaves behind an ECM-XF
-//! - `on_xf.rs`: what the board's rules are there, and docs/FEATURES-XF.md
+//! - `on_xf.rs`: the state of the board's rules with an ECM-XF, and docs/FEATURES-XF.md
 
 mod behind_chip;
 mod c;
@@ -41,11 +41,11 @@ pub struct Arguments {
 }
 
 const DOCS: &str = "docs";
-/// The index of the rules, in `docs`.
+/// The page in `docs` that links all pages of rules.
 const INDEX: &str = "RULES.md";
-/// The folder of their pages, in `docs`.
+/// The folder in `docs` with the pages of rules.
 const PAGES: &str = "rules";
-/// The files that are written.
+/// The pages that this chore writes.
 pub const FILES: [&str; 2] = ["FEATURES.md", "FEATURES-XF.md"];
 
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
@@ -55,7 +55,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     if arguments.ids.is_empty() { write(project) } else { print(project, &arguments.ids) }
 }
 
-/// The rules and the evidence for them, as read from the pages and sources.
+/// The rules and the tests that show them, as read from the pages and sources.
 struct Read {
     rules: Rules,
     evidence: Evidence,
@@ -69,7 +69,7 @@ impl Read {
         Ok(Self { rules, evidence, on_xf })
     }
 
-    /// Writes [`FILES`].
+    /// Writes [`FILES`] into `folder`.
     fn write(&self, folder: &Path) -> Result<(), Error> {
         let texts = [report::page(&self.rules, &self.evidence, &self.on_xf), self.on_xf.page(&self.rules)];
         for (file, text) in FILES.iter().zip(texts) {
@@ -84,8 +84,8 @@ impl Read {
     }
 }
 
-/// Fails if a rule `now` has no test, a test names a rule that is not there, or nothing says what a rule of the board is on an
-/// ECM-XF.
+/// Fails if a rule with status `now` has no test, if a test names a rule that does not exist, or if nothing gives the state of
+/// a board rule on an ECM-XF.
 pub fn check(project: &Project) -> Result<(), Error> {
     let read = Read::of(&project.root)?;
     let mut problems = read.findings().problems();
@@ -121,7 +121,7 @@ fn print(project: &Project, ids: &[String]) -> Result<(), Error> {
     Ok(())
 }
 
-/// The rules of all pages that the index links; a page that it does not link is an error.
+/// Reads the rules of all pages that the index links. A page in the folder that it does not link is an error.
 fn read_rules(root: &Path) -> Result<Rules, Error> {
     let docs = root.join(DOCS);
     let text = |file: &str| fs::read_to_string(docs.join(file)).map_err(Error::file("read", &docs.join(file)));
@@ -156,7 +156,7 @@ fn text_of(path: &Path) -> io::Result<String> {
 mod tests {
     use super::*;
 
-    /// README calls those links working that there are, and all of them.
+    /// README lists exactly the kinds of links that exist as working.
     #[test]
     fn readme_claims_the_links_that_there_are() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();

@@ -1,4 +1,5 @@
-//! The state of each rule of the board on an ECM-XF, and docs/FEATURES-XF.md, which lists these states rule by rule.
+//! Determines whether each rule of the board also holds on an ECM-XF, and writes docs/FEATURES-XF.md, which lists the result by
+//! rule.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -12,9 +13,9 @@ use super::rules::{Rule, Rules, Section, Status, cells};
 use super::text_of;
 use crate::error::Error;
 
-/// The page with the table of differences.
+/// The page with the table of differences between the board and an ECM-XF.
 const MIGRATION: &str = "docs/MIGRATION.md";
-/// The heading of that table.
+/// The heading above that table.
 const DIFFERENCES: &str = "## What differs";
 /// The prefix of the ids of the board's rules.
 const BOARD: &str = "SK-";
@@ -34,20 +35,20 @@ Written by `cargo xtask features` from the comments of the tests, the tables of 
 behind a chip, MIGRATION.md, and the pages of rules: do not edit it, run that again.
 ";
 
-/// The state of a rule of the board on an ECM-XF.
+/// Whether a rule of the board also holds on an ECM-XF.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum State {
-    /// These tests name the rule and have their slaves behind a chip.
+    /// It holds: these tests name the rule and run with their slaves behind a chip.
     Same(Vec<String>),
-    /// These rows of docs/MIGRATION.md name the rule.
+    /// It differs: these rows of the table in docs/MIGRATION.md name the rule.
     Differs(Vec<String>),
-    /// The rule does not concern the bus, for this reason.
+    /// The rule concerns neither the bus nor the slaves, for this reason.
     Apart(String),
-    /// None of the other states. `cannot`: tests of the rule are in the table of tests that cannot pass there.
+    /// Nothing shows whether it holds. `cannot`: a test of the rule is in a table of those that cannot pass behind a chip.
     NotShown { cannot: bool },
 }
 
-/// The states of all claimed rules of the board, and the contradictions between their sources.
+/// The states of all board rules with status `now`, and contradictions between tests, table and pages.
 #[derive(Debug, Default)]
 pub struct OnXf {
     states: BTreeMap<RuleId, State>,
@@ -62,7 +63,7 @@ impl OnXf {
         Ok(Self::of(rules, evidence, &BehindChip::read(root)?, &text))
     }
 
-    /// `migration` is the text of docs/MIGRATION.md.
+    /// Determines the states from what was read. `migration` is the text of docs/MIGRATION.md.
     fn of(rules: &Rules, evidence: &Evidence, behind: &BehindChip, migration: &str) -> Self {
         let mut rows = rows(migration);
         let mut found = Self::default();
@@ -106,7 +107,7 @@ impl OnXf {
         found
     }
 
-    /// The problems, each with the next step.
+    /// The contradictions, and the rules without a state, each with the next step.
     pub fn problems(&self) -> Vec<String> {
         let mut problems = self.problems.clone();
         for (id, state) in &self.states {
@@ -132,7 +133,7 @@ impl OnXf {
         count(states)
     }
 
-    /// The state of one rule in words; `None` if it is not a claimed rule of the board.
+    /// The state of one rule in words; `None` if it is no rule of the board with status `now`.
     pub fn answer(&self, id: &RuleId) -> Option<String> {
         let state = self.states.get(id)?;
         Some(match state {
@@ -172,7 +173,7 @@ impl OnXf {
     }
 }
 
-/// Whether a rule has a state.
+/// Whether a rule gets a state: a rule of the board with status `now`.
 fn is_listed(rule: &Rule) -> bool {
     rule.status == Status::Now && rule.id.to_string().starts_with(BOARD)
 }
@@ -193,7 +194,7 @@ fn count<'a>(states: impl Iterator<Item = &'a State>) -> Option<String> {
     (!words.is_empty()).then(|| words.join(", "))
 }
 
-/// The name of one test, and the number of the others.
+/// Tests as text: the name of the first one, and the number of the others.
 fn shown_by(tests: &[String]) -> String {
     match tests {
         [] => String::new(),
@@ -206,7 +207,7 @@ fn row_link(row: &str) -> String {
     format!("[`{row}`](MIGRATION.md#what-differs)")
 }
 
-/// The rules that the rows of the table name in the cell about the difference, with the ids of the rows.
+/// For each rule that the table of differences names in its column "difference": the ids of the rows that name it.
 fn rows(migration: &str) -> BTreeMap<RuleId, Vec<String>> {
     let table = migration.split_once(DIFFERENCES).map_or("", |(_, below)| below);
     let table = table.split("\n## ").next().unwrap_or_default();
@@ -271,7 +272,7 @@ mod tests {
         assert!(!page.contains("SK-1.5") && !page.contains("LIB-1"), "{page}");
     }
 
-    /// A rule whose only test goes into a table of those that cannot pass is not shown any more.
+    /// If the only test of a rule is in a table of tests that cannot pass behind a chip, the rule is not shown any more.
     #[test]
     fn a_rule_whose_tests_are_left_out_is_not_shown() {
         for (test, what) in [("a.rs::each_cycle", "its tests stand in tables"), ("honest.rs::any", "no test of it")] {

@@ -1,7 +1,7 @@
 //! Writes docs/FEATURES.md, reports problems of rules and tests, and lists the tests of a rule.
 //!
-//! The page counts tests by subject. If it counted them by rule, it would change with every test that names another
-//! rule.
+//! The page counts tests by section and not by rule. Otherwise it would change with every test that names another rule of the
+//! section.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -54,7 +54,7 @@ pub fn page(rules: &Rules, evidence: &Evidence, on_xf: &OnXf) -> String {
     text
 }
 
-/// Changes the links in a text of a page in docs/rules/ so that they are right in a page in docs/.
+/// Adapts the links in a text from docs/rules/ to a page in docs/.
 fn from_docs(text: &str, file: &str) -> String {
     let mut parts = text.split("](");
     let mut moved = parts.next().unwrap_or_default().to_owned();
@@ -69,7 +69,7 @@ fn from_docs(text: &str, file: &str) -> String {
     moved
 }
 
-/// How many rules of a section are claimed, and how many are not.
+/// The number of rules of a section with status `now` and with status `later`, as text.
 fn count(section: &Section) -> String {
     let later = section.rules.iter().filter(|rule| rule.status == Status::Later).count();
     let now = section.rules.len() - later;
@@ -83,7 +83,8 @@ pub fn anchor(title: &str) -> String {
     kept.map(|c| if c == ' ' { '-' } else { c }).collect()
 }
 
-/// The rules that `name` names, a whole id or the beginning of one (`SK-5`, `WIN`), each with its place and its tests.
+/// The rules whose id is `name` or begins with it (`SK-5`, `WIN`), each with its file and line and its tests; `None` if there
+/// are none.
 pub fn answer(rules: &Rules, evidence: &Evidence, on_xf: &OnXf, name: &str) -> Option<String> {
     let name = name.trim_end_matches(['-', '.']);
     let names = |id: &str| id.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with(['-', '.']));
@@ -105,13 +106,13 @@ pub fn answer(rules: &Rules, evidence: &Evidence, on_xf: &OnXf, name: &str) -> O
 pub struct Findings<'a> {
     total: usize,
     works: usize,
-    /// How many tests name a rule.
+    /// The number of tests that name at least one rule.
     tests: usize,
-    /// Rules `now` that no test names.
+    /// Rules with status `now` that no test names.
     untested: Vec<&'a Rule>,
-    /// Rules `later` that tests name.
+    /// Rules with status `later` that tests name already.
     early: Vec<&'a Rule>,
-    /// Ids without a rule, with the tests that name them, and whether they are retired.
+    /// Ids in tests for which no rule exists: the id, the tests that name it, and whether the id is retired.
     unknown: Vec<(&'a RuleId, &'a BTreeSet<String>, bool)>,
 }
 
@@ -133,7 +134,7 @@ impl<'a> Findings<'a> {
         }
     }
 
-    /// One line of numbers.
+    /// The counts of rules and tests in one line.
     pub fn summary(&self) -> String {
         let later = self.total - self.works - self.untested.len();
         let mut line = format!("Of {} rules {} work, shown by {} tests", self.total, self.works, self.tests);
@@ -146,7 +147,7 @@ impl<'a> Findings<'a> {
         line
     }
 
-    /// The problems that make the check fail, each with what to do.
+    /// The problems that make the check fail, each with the next step.
     pub fn problems(&self) -> Vec<String> {
         let mut problems = Vec::new();
         if !self.untested.is_empty() {
@@ -171,16 +172,16 @@ impl<'a> Findings<'a> {
     }
 }
 
-/// The tests that name one of `rules`, each once.
+/// The tests that name at least one of `rules`, each once.
 fn tests_of<'a>(rules: impl IntoIterator<Item = &'a Rule>, evidence: &'a Evidence) -> BTreeSet<&'a String> {
     rules.into_iter().filter_map(|rule| evidence.tests.get(&rule.id)).flatten().collect()
 }
 
-/// The beginning of a rule, for a list.
+/// The text of a rule, shortened for a list.
 pub fn shortened(text: &str) -> String {
     const LETTERS: usize = 90;
     match text.char_indices().nth(LETTERS) {
-        // Whole words, so that the list is spelled as the rule is.
+        // The text is cut between words, because a part of a word would look like a spelling mistake.
         Some((end, _)) => format!("{} ...", text[..end].rsplit_once(' ').map_or("", |(words, _)| words)),
         None => text.to_owned(),
     }
@@ -222,7 +223,7 @@ mod tests {
         assert_eq!(from_docs("no link", "rules/bus.md"), "no link");
     }
 
-    /// A test that two rules of a subject have is counted once; the page contains no names of tests.
+    /// A test that names two rules of a section is counted once. The page contains no names of tests.
     #[test]
     fn the_page_counts_by_subject() {
         let tests = [("SK-1.1", "a.rs::x"), ("SK-1.1", "a.rs::y"), ("SK-1.2", "a.rs::y"), ("SK-2.1", "a.rs::y")];

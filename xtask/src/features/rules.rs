@@ -1,22 +1,23 @@
-//! Reads the rules: docs/RULES.md lists the pages and the retired ids, and the pages of docs/rules/ have sections
-//! with tables, `| id | rule | source | status |`.
+//! Reads the rules. docs/RULES.md links the pages and lists the retired ids. The pages in docs/rules/ have sections with tables
+//! `| id | rule | source | status |`.
 
 use std::collections::BTreeSet;
 
 use super::id::{PREFIXES, RuleId, id_of, ids_in};
 
-/// The heading of the retired ids in the index.
+/// The heading above the list of retired ids in docs/RULES.md.
 const RETIRED: &str = "## Ids that are no longer in use";
 
-/// The beginning of a line that names rules which concern neither the bus nor the slaves, with the reason before a colon.
+/// The beginning of a paragraph that names rules of a section which concern neither the bus nor the slaves. The reason follows,
+/// then a colon and the rule ids.
 const APART: &str = "Apart on an ECM-XF, since it is ";
 
-/// Whether a rule is claimed.
+/// Whether a rule is claimed to hold already.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Status {
     /// Claimed: a test must show it.
     Now,
-    /// Not claimed yet.
+    /// Planned: no test need show it yet.
     Later,
 }
 
@@ -27,7 +28,7 @@ pub struct Rule {
     /// The text of the rule, as Markdown.
     pub text: String,
     pub status: Status,
-    /// Its file and line, in the form that editors accept.
+    /// Where it is written: `file:line`, as editors accept it.
     pub place: String,
 }
 
@@ -38,22 +39,22 @@ pub struct Section {
     /// The paragraph below the heading, which tells users what works.
     pub summary: String,
     pub rules: Vec<Rule>,
-    /// Rules that are marked as apart on an ECM-XF, each with the reason.
+    /// The rules that concern neither the bus nor the slaves of an ECM-XF, each with the reason, see [`APART`].
     pub apart: Vec<(RuleId, String)>,
 }
 
-/// A page of docs/rules/.
+/// A page of docs/rules/, with its sections and rules.
 #[derive(Debug)]
 pub struct Page {
-    /// Its file, as links in docs/ name it: `rules/board.md`.
+    /// Its path as links in docs/ have it: `rules/board.md`.
     pub file: String,
     pub title: String,
-    /// The paragraph below the title.
+    /// The paragraph below the title, which says what the page is about.
     pub summary: String,
     pub sections: Vec<Section>,
 }
 
-/// An error in a line of a file.
+/// An error in a page of rules: the line, and what is wrong with it.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Wrong {
     pub file: String,
@@ -61,16 +62,16 @@ pub struct Wrong {
     pub problem: String,
 }
 
-/// The rules of all pages.
+/// The rules of all pages, and the retired ids.
 #[derive(Debug, Default)]
 pub struct Rules {
     pub pages: Vec<Page>,
-    /// Retired ids.
+    /// Ids of former rules, which must not be used again.
     pub retired: BTreeSet<RuleId>,
 }
 
 impl Rules {
-    /// Reads the retired ids of the index; returns the pages that it links, in its order.
+    /// Reads the retired ids of the index. Returns the paths of the pages that it links, in its order.
     pub fn read_index(&mut self, text: &str) -> Vec<String> {
         let retired = text.split_once(RETIRED).map_or("", |(_, below)| below);
         let first_cells = retired.lines().filter_map(|line| line.strip_prefix("| ")?.split('|').next());
@@ -84,10 +85,10 @@ impl Rules {
         pages
     }
 
-    /// Reads a page. `file` is its name as links in docs/ have it.
+    /// Reads a page. `file` is its path as links in docs/ have it.
     ///
     /// # Errors
-    /// A line that looks like a rule and is none, or a heading without the paragraph that is to stand below it.
+    /// A row of a table is no valid rule, or the paragraph below a heading is missing.
     pub fn read_page(&mut self, file: &str, text: &str) -> Result<(), Wrong> {
         let wrong = |line: usize, problem: String| Wrong { file: file.to_owned(), line, problem };
         let lines: Vec<&str> = text.lines().collect();
@@ -117,7 +118,7 @@ impl Rules {
                 let section = section.ok_or(wrong(number, "a mark before the first heading `## ..`".to_owned()))?;
                 section.apart.extend(marks);
             }
-            // Every row of a section's table except its head.
+            // Every row of a section's table is a rule, except the two lines of the table's head.
             let is_row = |row: &str| !row.starts_with("id |") && !row.starts_with("---");
             let is_rule = |row: &str| PREFIXES.iter().any(|(prefix, _)| row.starts_with(prefix));
             let applies = |row| is_rule(row) || (!page.sections.is_empty() && is_row(row));
@@ -139,7 +140,7 @@ impl Rules {
         Ok(())
     }
 
-    /// All rules in order.
+    /// All rules, in the order of pages, sections and rows.
     pub fn iter(&self) -> impl Iterator<Item = &Rule> {
         self.pages.iter().flat_map(Page::rules)
     }
@@ -151,14 +152,15 @@ impl Page {
     }
 }
 
-/// The first paragraph of `lines` as one line; empty if something else comes first.
+/// The first paragraph of `lines` joined to one line; empty if something other than a paragraph comes first.
 fn paragraph(lines: &[&str]) -> String {
     let text = lines.iter().skip_while(|line| line.trim().is_empty()).take_while(|line| !line.trim().is_empty());
     let text = text.map(|line| line.trim()).collect::<Vec<_>>().join(" ");
     if text.starts_with(['#', '|']) { String::new() } else { text }
 }
 
-/// The rules that a paragraph with the beginning [`APART`] names, with its reason; `None` if there is no reason or no rule.
+/// Parses a paragraph that begins with [`APART`]: the rules that it names, each with the reason. `None` if the reason or the
+/// ids are missing.
 fn apart(lines: &[&str]) -> Option<Vec<(RuleId, String)>> {
     let text = paragraph(lines);
     let (why, ids) = text.strip_prefix(APART)?.split_once(':')?;
@@ -183,7 +185,7 @@ fn row(line: &str, place: String) -> Result<Rule, String> {
     Ok(Rule { id, text: text.clone(), status, place })
 }
 
-/// The cells of a row of a Markdown table, blanks taken off; `\|` is a bar inside a cell and stays as it is.
+/// The cells of a row of a Markdown table, without blanks around them. `\|` is a bar inside a cell and stays as it is.
 pub fn cells(line: &str) -> Vec<String> {
     let line = line.trim().trim_start_matches('|');
     let mut cells = vec![String::new()];
@@ -248,7 +250,7 @@ mod tests {
         }
     }
 
-    /// An id has one meaning, in all pages and for all time.
+    /// An id is used only once: not for a second rule, and not again after it was retired.
     #[test]
     fn an_id_is_used_once() {
         let row = "| SK-1.1 | a | s | now |\n";

@@ -1,10 +1,10 @@
-//! Finds the tests in Rust sources with their comments.
+//! Finds the tests in Rust sources, each with its comments.
 
 use std::ops::Range;
 
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 
-/// A test function with its comments: those in it, its doc comments, and line comments directly above it.
+/// A test function with its comments: those in its body, its doc comments, and line comments directly above it.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Test {
     pub name: String,
@@ -19,11 +19,11 @@ pub struct Source {
     pub strings: Vec<String>,
 }
 
-/// Reads a source. Functions with an attribute `#[test]` (or one whose path ends so) are tests, in macros such as
-/// `proptest!` too.
+/// Reads a source. Tests are the functions with an attribute `#[test]` or one whose path ends in `test`, also inside macros
+/// such as `proptest!`.
 ///
 /// # Errors
-/// What cannot be read as Rust.
+/// The text is not valid Rust; the error says why.
 pub fn read(text: &str) -> Result<Source, String> {
     let stream: TokenStream = text.parse().map_err(|error: proc_macro2::LexError| error.to_string())?;
     let mut reader = Reader { text, tokens: Vec::new(), tests: Vec::new(), strings: Vec::new() };
@@ -34,7 +34,7 @@ pub fn read(text: &str) -> Result<Source, String> {
 
 struct Reader<'a> {
     text: &'a str,
-    /// The places of the tokens, in order. Between them are blanks and comments, also doc comments.
+    /// The byte ranges of all tokens, in order. The bytes between them are blanks and comments, including doc comments.
     tokens: Vec<Range<usize>>,
     tests: Vec<(String, Range<usize>)>,
     strings: Vec<String>,
@@ -62,7 +62,7 @@ impl Reader<'_> {
     /// Adds a token and the tokens inside it.
     fn note(&mut self, tree: &TokenTree) {
         let range = tree.span().byte_range();
-        // A doc comment comes as the tokens of an attribute, each as long as the comment.
+        // A doc comment appears as the tokens of an attribute, each of which has the range of the whole comment.
         if self.text[range.clone()].starts_with("//") || self.text[range.clone()].starts_with("/*") {
             return;
         }
@@ -84,14 +84,14 @@ impl Reader<'_> {
         }
     }
 
-    /// The beginning of the line comments that end directly above the end of `gap`, the bytes between two tokens.
+    /// The byte at which the line comments directly above the end of `gap` begin. `gap` is the range between two tokens.
     fn start_of_comment(&self, gap: Range<usize>) -> usize {
         let text = &self.text[gap.clone()];
         let last_line = text.rfind('\n').map_or(0, |end| end + 1);
         let mut start = last_line;
         for line in text[..last_line].split_inclusive('\n').rev() {
             let begin = start - line.len();
-            // The first line belongs to the previous token, except at the beginning of the file.
+            // A comment in the first line of the gap belongs to the token before it, except at the beginning of the file.
             if line.trim().is_empty() || (begin == 0 && gap.start != 0) {
                 break;
             }
@@ -100,7 +100,7 @@ impl Reader<'_> {
         gap.start + start
     }
 
-    /// The comments in `range`.
+    /// The text between the tokens in `range`: its comments.
     fn comments(&self, range: &Range<usize>) -> String {
         let mut comments = String::new();
         let mut at = range.start;
@@ -114,7 +114,7 @@ impl Reader<'_> {
     }
 }
 
-/// How many of `trees` are the attributes that they begin with, and whether one of those is `#[test]`.
+/// The number of trees at the beginning of `trees` that are attributes, and whether one of the attributes is `#[test]`.
 fn attributes(trees: &[TokenTree]) -> (usize, bool) {
     let mut count = 0;
     let mut is_test = false;
@@ -130,7 +130,8 @@ fn attributes(trees: &[TokenTree]) -> (usize, bool) {
     (count.max(1), is_test)
 }
 
-/// The name of the function that `trees` begin with, and the byte after its body.
+/// The name of the function at the beginning of `trees`, and the index of the byte after its body; `None` if there is no
+/// function.
 fn function(trees: &[TokenTree]) -> Option<(String, usize)> {
     let keyword = trees.iter().position(|tree| is_word(tree, "fn"))?;
     let qualifies = |tree: &TokenTree| match tree {
@@ -162,7 +163,7 @@ fn is_word(tree: &TokenTree, word: &str) -> bool {
 mod tests {
     use super::*;
 
-    /// Names of the tests with the words of their comments.
+    /// The names of the tests, each with the words of its comments.
     fn tests(text: &str) -> Vec<(String, String)> {
         let tests = read(text).unwrap().tests;
         let marks = ["//", "///"];

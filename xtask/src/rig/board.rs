@@ -1,4 +1,4 @@
-//! Builds the kernel module that is a board on SPI, `tests/rig/board`, for the guest's kernel.
+//! Builds the kernel module in `tests/rig/board`, which behaves as a board on SPI, for the guest's kernel.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,13 +9,13 @@ use crate::command;
 use crate::error::Error;
 use crate::project::Project;
 
-/// The source, and the file that the kernel's Makefile reads.
+/// The module's source, and the file that the kernel's build system reads.
 const SOURCES: [&str; 2] = ["ecm_board.c", "Kbuild"];
 const MODULE: &str = "ecm_board.ko";
 
 /// Builds the module; returns its path.
 pub fn build(project: &Project, packages: &Packages, folder: &Path) -> Result<PathBuf, Error> {
-    // The kernel's Makefile builds a module in the folder of its source.
+    // The kernel's build system writes its results into the folder of the source, so the source is copied.
     let built = folder.join("board");
     packages::empty(&built)?;
     for source in SOURCES {
@@ -23,10 +23,11 @@ pub fn build(project: &Project, packages: &Packages, folder: &Path) -> Result<Pa
         fs::copy(&from, built.join(source)).map_err(Error::file("copy", &from))?;
     }
     let mut make = Command::new("make");
-    // The Makefile of the headers expects the common headers at their installed place.
+    // The Makefile of the headers package includes the one of the common headers by its installed path, which does not exist
+    // here, so that one is named directly.
     make.arg("-C").arg(packages.headers()).arg("-f").arg(packages.common_headers().join("Makefile"));
     make.arg(format!("M={}", built.display()));
-    // Type information for tracing needs a kernel that is not in the packages.
+    // BTF type information is switched off, because making it needs the kernel's uncompressed image, which is in no package.
     make.args(["CONFIG_DEBUG_INFO_BTF_MODULES=", "KCFLAGS=-Werror", "--quiet", "modules"]);
     make.env("LD_LIBRARY_PATH", packages.root.join("usr/lib/x86_64-linux-gnu"));
     command::run(&mut make)?;

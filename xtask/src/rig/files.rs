@@ -1,4 +1,4 @@
-//! Receives files from the guest, which prints them on its console.
+//! Receives files that the guest prints on its console as hexadecimal digits.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -7,10 +7,10 @@ use std::path::Path;
 use super::packages;
 use crate::error::Error;
 
-/// The first word of a line of a file; the name of the file and its next bytes in hexadecimal digits follow.
+/// The first word of a console line with bytes of a file. The file's name and its next bytes in hexadecimal digits follow.
 pub const MARK: &str = "FILE ";
 
-/// Writes the files into `folder`, which contains nothing else.
+/// Writes the files in these console lines into `folder`, whose old content is removed.
 pub fn keep(lines: &[String], folder: &Path) -> Result<(), Error> {
     packages::empty(folder)?;
     for (name, content) in files(lines) {

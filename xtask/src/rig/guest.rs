@@ -1,4 +1,4 @@
-//! Packs the content of the guest.
+//! Packs the root file system of the guest.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -10,19 +10,21 @@ use super::programs::{self, Programs};
 use super::{modules, packages};
 use crate::error::Error;
 
-/// The modules of the guest: the virtual host controller, USB HID, and the monitor of USB traffic.
+/// The kernel modules that the guest loads at its start: the virtual host controller of USB/IP, USB HID, and the capture of USB
+/// traffic.
 const MODULES: [&str; 4] = ["vhci-hcd", "usbhid", "hid-generic", "usbmon"];
 
-/// The modules for a device at the guest's own bus: a controller whose host is the same machine, and FunctionFS. Tests load
-/// them, since captures of all buses would show that controller.
+/// The kernel modules for a USB device made by the guest itself: a device controller that is connected to the guest's own host,
+/// and FunctionFS. Only tests that need them load them, because captures of all buses would show that controller.
 const GADGET_MODULES: [&str; 2] = ["dummy_hcd", "usb_f_fs"];
-/// The file with their names in their order.
+/// The file in the guest with the names of [`GADGET_MODULES`] and their dependencies, in the order of loading.
 const GADGET_ORDER: &str = "modules/gadget";
 
 /// The libraries that the link `usb:` loads at run time.
 const LOADED: [&str; 2] = ["libusb-1.0.so.0", "libudev.so.1"];
 
-/// The guest's first program. `@` is replaced by the modules in their order, `COMMAND` by the program to run.
+/// The guest's first program (init). `@` is replaced by the kernel modules in the order of loading, `COMMAND` by the program to
+/// run.
 const INIT: &str = r#"#!/bin/busybox sh
 /bin/busybox --install -s /bin
 export PATH=/bin:/rig
@@ -43,7 +45,7 @@ printf "\\x$(printf %02x $code)" | dd of=/dev/port bs=1 seek=244 count=1 2>/dev/
 poweroff -f
 "#;
 
-/// Packs the guest's root. `board` is the module that is a board on SPI, `command` the program to run.
+/// Packs the guest's root. `board` is the kernel module that behaves as a board on SPI, `command` the program to run.
 pub fn pack(
     packages: &Packages,
     board: &Path,
@@ -55,13 +57,13 @@ pub fn pack(
     for empty in ["proc", "sys", "dev", "tmp", "var", "run"] {
         archive.folder(empty);
     }
-    // usbip keeps its state below this path.
+    // The program usbip stores its state below /var/run.
     archive.link("var/run", "/run");
     archive.copy("bin/busybox", &packages.root.join("bin/busybox"))?;
 
     let modules = packages.root.join("lib/modules").join(&packages.release);
     let mut order = modules::in_order(&modules, &MODULES)?;
-    // The module only needs the kernel itself.
+    // The board's module depends on no other module, so it can come last.
     order.push(board.to_owned());
     let names = pack_modules(&mut archive, &order)?;
     let mut gadget = modules::in_order(&modules, &GADGET_MODULES)?;
@@ -89,7 +91,7 @@ pub fn pack(
         archive.copy(library.to_string_lossy().trim_start_matches('/'), &library)?;
     }
 
-    // All of them are in the archive.
+    // The stripped programs are in the archive now.
     fs::remove_dir_all(&stripped).map_err(Error::file("remove", &stripped))?;
 
     let initrd = folder.join("initrd");
@@ -97,7 +99,7 @@ pub fn pack(
     Ok(initrd)
 }
 
-/// Adds modules to the archive; returns their names.
+/// Adds kernel modules to the archive; returns their file names.
 fn pack_modules(archive: &mut Archive, modules: &[PathBuf]) -> Result<Vec<String>, Error> {
     let mut names = Vec::new();
     for module in modules {

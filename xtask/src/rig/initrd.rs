@@ -13,7 +13,7 @@ const FILE: u32 = 0o100_000;
 const LINK: u32 = 0o120_777;
 const END: &str = "TRAILER!!!";
 
-/// An archive to which files are added.
+/// A cpio archive to which files are added.
 #[derive(Default)]
 pub struct Archive {
     bytes: Vec<u8>,
@@ -31,7 +31,7 @@ impl Archive {
         self.entry(path, FOLDER, &[]);
     }
 
-    /// Adds a file.
+    /// Adds a file with these permissions and this content.
     pub fn file(&mut self, path: &str, permissions: u32, content: &[u8]) {
         self.folder(path.rsplit_once('/').map_or("", |(above, _)| above));
         self.entry(path, FILE | permissions, content);
@@ -51,7 +51,7 @@ impl Archive {
         self.entry(path, LINK, target.as_bytes());
     }
 
-    /// The archive.
+    /// Completes the archive and returns its bytes.
     pub fn finish(mut self) -> Vec<u8> {
         self.entry(END, 0, &[]);
         self.bytes
@@ -60,7 +60,7 @@ impl Archive {
     fn entry(&mut self, path: &str, mode: u32, content: &[u8]) {
         self.entries += 1;
         let (size, name) = (content.len() as u32, path.len() as u32 + 1);
-        // The fields: number, mode, owner, group, links, time, size, four device numbers, length of the name, an
+        // The header fields: inode number, mode, owner, group, links, time, size, four device numbers, length of the name, an
         // unused checksum.
         let fields = [self.entries, mode, 0, 0, 1, 0, size, 0, 0, 0, 0, name, 0];
         self.bytes.extend_from_slice(b"070701");
@@ -94,7 +94,7 @@ mod tests {
         let at = |what: &str| text.find(what).unwrap_or_else(|| panic!("{what} is missing in {text}"));
         assert!(at("a\0") < at("a/b\0") && at("a/b\0") < at("a/b/c\0") && at("a/b/d\0") < at("TRAILER!!!"));
         assert_eq!(text.matches("070701").count(), 5, "each folder once");
-        // Magic, 13 fields of 8 digits, the name with its zero up to a multiple of 4, the content.
+        // An entry: magic, 13 fields of 8 digits, the name with its terminating 0 padded to a multiple of 4, the content.
         let entry = at("a/b/c\0") - 110;
         assert_eq!(entry % 4, 0);
         assert_eq!(&text[entry + 6 + 8..entry + 6 + 16], "000081ED");

@@ -1,4 +1,4 @@
-//! Unpacks the kernel, which QEMU boots faster without the decompressor of a bzImage.
+//! Unpacks the kernel image (bzImage): QEMU boots the plain kernel faster, because it need not be decompressed in the guest.
 
 use std::fs;
 use std::io::Write;
@@ -12,7 +12,7 @@ use crate::error::Error;
 const XZ_MAGIC: &[u8] = b"\xFD7zXZ\0";
 const ELF_MAGIC: &[u8] = b"\x7FELF";
 
-/// Writes `vmlinux`.
+/// Writes the unpacked kernel as `vmlinux`; returns its path.
 pub fn unpack(packages: &Packages, folder: &Path) -> Result<PathBuf, Error> {
     let vmlinux = folder.join(format!("vmlinux-{}", packages.release));
     if vmlinux.is_file() {
@@ -20,7 +20,7 @@ pub fn unpack(packages: &Packages, folder: &Path) -> Result<PathBuf, Error> {
     }
     let image = packages.root.join(format!("boot/vmlinuz-{}", packages.release));
     let bytes = fs::read(&image).map_err(Error::file("read", &image))?;
-    // The magic bytes may also occur in the decompressor; the kernel is the stream that unpacks to an ELF file.
+    // The magic bytes of xz may also occur in the decompressor's code. The kernel is the stream that unpacks to an ELF file.
     let starts = bytes.windows(XZ_MAGIC.len()).enumerate().filter(|(_, window)| *window == XZ_MAGIC);
     for (at, _) in starts {
         let unpacked = unxz(&bytes[at..])?;
@@ -34,7 +34,7 @@ pub fn unpack(packages: &Packages, folder: &Path) -> Result<PathBuf, Error> {
     Err(Error::Rig("the kernel is packed otherwise than Debian 12 does it (xz); run it on Debian 12"))
 }
 
-/// Unpacks the first stream in `bytes`; the result is empty if there is none.
+/// Unpacks the xz stream at the beginning of `bytes`; the result is empty if there is none.
 fn unxz(bytes: &[u8]) -> Result<Vec<u8>, Error> {
     let mut xz = Command::new("xz");
     xz.args(["--decompress", "--stdout", "--single-stream"]);
@@ -44,7 +44,7 @@ fn unxz(bytes: &[u8]) -> Result<Vec<u8>, Error> {
     let input = child.stdin.take();
     let output = std::thread::scope(|scope| {
         scope.spawn(move || {
-            // xz stops reading at the end of the stream, so this write may fail.
+            // xz stops reading at the end of the stream, so writing the bytes after it may fail.
             let _ = input.map(|mut input| input.write_all(bytes));
         });
         child.wait_with_output()
@@ -56,7 +56,7 @@ fn unxz(bytes: &[u8]) -> Result<Vec<u8>, Error> {
 mod tests {
     use super::*;
 
-    /// `printf hello | xz`
+    /// The output of `printf hello | xz`.
     const HELLO: [u8; 64] = [
         0xFD, 0x37, 0x7A, 0x58, 0x5A, 0x00, 0x00, 0x04, 0xE6, 0xD6, 0xB4, 0x46, 0x02, 0x00, 0x21, 0x01, 0x16, 0x00,
         0x00, 0x00, 0x74, 0x2F, 0xE5, 0xA3, 0x01, 0x00, 0x04, 0x68, 0x65, 0x6C, 0x6C, 0x6F, 0x00, 0x00, 0x00, 0x00,

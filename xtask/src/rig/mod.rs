@@ -1,17 +1,17 @@
-//! `cargo xtask test --rig`: runs the wire tests in a small guest system, where a real kernel's USB, HID, SPI and
-//! GPIO code is between the two ends. `cargo xtask bench --rig`: measures the wires there.
+//! `cargo xtask test --rig`: runs the wire tests in a small guest system, in which the USB, HID, SPI and GPIO code of a real
+//! kernel is between the board's model and the program. `cargo xtask bench --rig` measures these wires.
 //!
-//! The guest is Debian's kernel, an archive in memory with its modules and the one of `tests/rig/board`, Debian's
-//! `usbip`, the tool and the test program, and nothing else; QEMU boots it without privileges and without KVM. All that
-//! is fetched stays in `target/xtask/rig/`.
+//! The guest consists of Debian's kernel and an archive in memory: kernel modules, the one of `tests/rig/board` among them,
+//! Debian's `usbip`, the tool and the test program. QEMU boots it without privileges and without KVM. Everything that is
+//! fetched stays in `target/xtask/rig/`.
 //!
 //! Files:
 //!
-//! - `packages.rs`, `kernel.rs`, `modules.rs`, `board.rs`: Debian's packages, the kernel, its modules, and the module
-//!   that is a board on SPI
+//! - `packages.rs`, `kernel.rs`, `modules.rs`, `board.rs`: Debian's packages, the kernel, its modules, and the module that
+//!   behaves as a board on SPI
 //! - `programs.rs`: the programs that run in the guest
-//! - `initrd.rs`, `guest.rs`: the guest's root, and its content
-//! - `qemu.rs`, `files.rs`: booting the guest, and the files that it prints
+//! - `initrd.rs`, `guest.rs`: the archive format of the guest's root, and the content of that root
+//! - `qemu.rs`, `files.rs`: boots the guest, and receives the files that it prints
 
 mod board;
 mod files;
@@ -34,12 +34,12 @@ use packages::Packages;
 use programs::Programs;
 use qemu::Machine;
 
-/// The command that the guest runs.
+/// The command that the guest runs for the wire tests, and (next constant) for their bench.
 const TESTS: &str = "/rig/tests --test-threads=1";
 const BENCH: &str = "/rig/bench";
 
-/// The tests that take half of the time. A second guest runs them at the same time, because a guest has one
-/// processor.
+/// Test filters that split the wire tests into two halves of about equal time. Each half runs in a guest of its own at the same
+/// time, because a guest has one processor.
 const HALF: [&str; 2] = ["unchanged::", "--skip=unchanged::"];
 
 /// The programs that the wire tests need besides cargo.
@@ -59,7 +59,7 @@ pub fn run(project: &Project, names: &[String]) -> Result<(), Error> {
     files::keep(&said, &folder.join("files"))
 }
 
-/// Measures the wires in the guest; returns the output of the bench.
+/// Runs the bench of the wires in the guest; returns its lines of output.
 pub fn bench(project: &Project) -> Result<Vec<String>, Error> {
     let packages = packages::fetch(&project.target.join("xtask/rig"))?;
     let programs = programs::bench(project)?;

@@ -1,4 +1,4 @@
-//! Orders the kernel's modules so that each comes after those that it needs.
+//! Orders kernel modules so that each comes after those that it depends on.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::error::Error;
 
-/// The modules below `folder` with these names and all that they need, in an order in which they can be loaded.
+/// The paths of the kernel modules with these names and of all that they depend on, in an order in which they can be loaded.
 pub fn in_order(folder: &Path, wanted: &[&str]) -> Result<Vec<PathBuf>, Error> {
     let mut all = BTreeMap::new();
     collect(folder, &mut all)?;
@@ -17,7 +17,7 @@ pub fn in_order(folder: &Path, wanted: &[&str]) -> Result<Vec<PathBuf>, Error> {
     Ok(order)
 }
 
-/// Collects the modules by name; `-` and `_` are the same in names.
+/// Collects all kernel modules below `folder` by name. `-` and `_` are the same in names.
 fn collect(folder: &Path, all: &mut BTreeMap<String, PathBuf>) -> Result<(), Error> {
     for path in super::packages::list(folder)? {
         if path.is_dir() {
@@ -41,7 +41,7 @@ fn add(name: &str, all: &BTreeMap<String, PathBuf>, order: &mut Vec<PathBuf>) ->
         return Ok(());
     }
     let bytes = fs::read(path).map_err(Error::file("read", path))?;
-    // Modules have no circular dependencies.
+    // This recursion ends, because kernel modules have no circular dependencies.
     for needed in depends(&bytes) {
         add(&needed, all, order)?;
     }
@@ -49,7 +49,7 @@ fn add(name: &str, all: &BTreeMap<String, PathBuf>, order: &mut Vec<PathBuf>) ->
     Ok(())
 }
 
-/// The modules that a module needs: `depends=a,b` between zeros.
+/// The names of the modules that a module depends on: the list `depends=a,b` between two 0 bytes of its file.
 fn depends(module: &[u8]) -> Vec<String> {
     let said = module.split(|byte| *byte == 0).find_map(|text| text.strip_prefix(b"depends="));
     let names = String::from_utf8_lossy(said.unwrap_or_default()).into_owned();

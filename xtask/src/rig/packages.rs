@@ -7,12 +7,13 @@ use std::process::Command;
 use crate::command;
 use crate::error::Error;
 
-/// The package that depends on the newest kernel of this Debian. The flavour "cloud" has no USB.
+/// The package that depends on the newest kernel of this Debian release. The other flavour, "cloud", has no USB.
 const KERNEL: &str = "linux-image-amd64";
-/// Further packages: busybox is the guest's user land, usbip attaches a board, libusb and libudev are loaded by the
-/// link `usb:`, and libelf1 by the programs of linux-kbuild.
+/// Further packages. busybox provides the guest's commands, usbip attaches a board, the link `usb:` loads libusb and libudev,
+/// and the programs of linux-kbuild load libelf1.
 const OTHERS: [&str; 5] = ["busybox-static", "usbip", "libusb-1.0-0", "libudev1", "libelf1"];
-/// The folders of modules for the devices of the guests. The other modules are most of the kernel's package.
+/// The folders of kernel modules that are kept: those for the devices of the guests. All others, most of the package, are
+/// removed.
 const KEPT: [&str; 9] = [
     "drivers/hid",
     "drivers/usb",
@@ -24,18 +25,18 @@ const KEPT: [&str; 9] = [
     "fs/overlayfs",
     "net/9p",
 ];
-/// The file in the root that lists the packages in it.
+/// The file in the root that lists its packages, so that a root of other packages is made anew.
 const MADE_OF: &str = "made-of";
 
-/// The unpacked packages.
+/// The packages, unpacked into one folder.
 pub struct Packages {
-    /// The folder that corresponds to `/`.
+    /// The folder into which they are unpacked, as if it were `/`.
     pub root: PathBuf,
     /// The kernel's release, such as `6.1.0-40-amd64`.
     pub release: String,
 }
 
-/// Fetches missing packages and unpacks them.
+/// Fetches and unpacks the packages, if they are not there yet.
 pub fn fetch(folder: &Path) -> Result<Packages, Error> {
     if !command::succeeds(Command::new("apt-get").arg("--version")) {
         return Err(Error::Rig("the guest is made of Debian's packages, and there is no apt-get; run it on Debian 12"));
@@ -62,7 +63,7 @@ pub fn fetch(folder: &Path) -> Result<Packages, Error> {
         if root.exists() {
             fs::remove_dir_all(&root).map_err(Error::file("remove", &root))?;
         }
-        // It gets its name last, when it is complete.
+        // The folder gets its final name last, so that a folder of that name is complete.
         fs::rename(&unpacked, &root).map_err(Error::file("rename", &unpacked))?;
     }
     Ok(Packages { root, release })
@@ -79,7 +80,7 @@ impl Packages {
         self.root.join("usr/src").join(common_headers(&self.release))
     }
 
-    /// The libraries with these names, and their paths below `/`.
+    /// The libraries with these file names: for each its path in the guest and its path on this machine.
     pub fn libraries(&self, names: &[&str]) -> Result<Vec<(String, PathBuf)>, Error> {
         let mut found = Vec::new();
         for folder in ["lib", "usr/lib"].map(|folder| self.root.join(folder)).iter().filter(|folder| folder.is_dir()) {
@@ -97,14 +98,15 @@ impl Packages {
 /// Unpacks a package without its documentation.
 fn unpack(deb: &Path, to: &Path) -> Result<(), Error> {
     let mut shell = Command::new("sh");
-    // If dpkg-deb fails, tar misses the end of the archive, which is an error.
+    // If dpkg-deb fails, tar fails as well because the archive is incomplete, so the shell line fails.
     let line = "dpkg-deb --fsys-tarfile \"$0\" | tar --extract --directory \"$1\" --exclude=./usr/share/doc";
     command::run(shell.args(["-ec", line]).arg(deb).arg(to))
 }
 
 /// Removes the modules in `folder` that are in none of the folders in [`KEPT`].
 fn remove_modules(folder: &Path) -> Result<(), Error> {
-    // From the folder itself, since its own path may look like a pattern.
+    // find runs in the folder itself and matches relative paths, because the folder's own path may contain characters of
+    // patterns.
     let mut find = Command::new("find");
     find.current_dir(folder).args([".", "-name", "*.ko"]);
     for kept in KEPT {
@@ -113,7 +115,7 @@ fn remove_modules(folder: &Path) -> Result<(), Error> {
     command::run(find.arg("-delete"))
 }
 
-/// The names of all packages: the kernel, what is needed to build modules for it, and the others.
+/// The names of all packages to fetch: the kernel, the packages for building modules for it, and the others.
 fn names(image: &str, release: &str) -> Vec<String> {
     let headers = [format!("linux-headers-{release}"), common_headers(release), kbuild(release)];
     let kernel = std::iter::once(image.to_owned()).chain(headers);
@@ -132,7 +134,7 @@ fn kbuild(release: &str) -> String {
     format!("linux-kbuild-{}", numbers.join("."))
 }
 
-/// The package of the kernel, on which [`KERNEL`] depends.
+/// The name of the kernel's package, on which [`KERNEL`] depends.
 fn kernel_package() -> Result<String, Error> {
     if let Some(image) = depends()? {
         return Ok(image);
@@ -153,7 +155,7 @@ fn image_of(said: &str) -> Option<String> {
     depends.map(str::trim).find(|name| name.starts_with("linux-image-")).map(str::to_owned)
 }
 
-/// Makes the folder, empty.
+/// Makes an empty folder; an existing one is removed first.
 pub fn empty(folder: &Path) -> Result<(), Error> {
     if folder.exists() {
         fs::remove_dir_all(folder).map_err(Error::file("remove", folder))?;

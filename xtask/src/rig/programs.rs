@@ -1,5 +1,5 @@
-//! Builds the programs that run in the guest: the wire tests as one program, with the tool and unchanged programs on
-//! two libraries; or the bench of the wires.
+//! Builds the programs that run in the guest: the wire tests with the programs that they start (the tool, and unchanged
+//! programs with two variants of the library), or the bench of the wires.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -13,19 +13,19 @@ use crate::error::Error;
 use crate::project::Project;
 use crate::{command, stage};
 
-/// The test program that runs only in the guest.
+/// The group of tests that runs only in the guest.
 const TESTS: &str = "rig";
 /// The folders of example programs, which their Makefiles build.
 const EXAMPLES: [&str; 2] = ["examples/c", "examples/cpp"];
 /// The bench that runs only in the guest.
 const BENCH: &str = "rig";
-/// The file name of the library that programs ask for.
+/// The SONAME of the library, under which programs load it.
 pub const LIBRARY: &str = "libNEXTWUSBLib.so.0";
 
 /// The programs and libraries for the guest, with their names below `/rig`.
 pub type Programs = Vec<(String, PathBuf)>;
 
-/// A line of cargo's `--message-format=json-render-diagnostics`.
+/// A line of cargo's output with `--message-format=json-render-diagnostics`.
 #[derive(Deserialize)]
 struct Message {
     target: Option<Target>,
@@ -38,7 +38,7 @@ struct Target {
     kind: Vec<String>,
 }
 
-/// The wire tests with all programs that they start.
+/// Builds the wire tests and all programs that they start.
 pub fn tests(project: &Project, packages: &Packages, folder: &Path) -> Result<Programs, Error> {
     let prefix = stage::build_for_tests(project)?;
     let built = folder.join("built");
@@ -46,13 +46,13 @@ pub fn tests(project: &Project, packages: &Packages, folder: &Path) -> Result<Pr
     let mut programs = vec![
         ("tests".to_owned(), build_test(project, TESTS)?),
         ("ecmsk".to_owned(), prefix.join("bin/ecmsk")),
-        // The library of this project, and one that uses a hidraw device.
+        // The library of this project, and a library for comparison that reads and writes a hidraw device.
         (format!("ours/{LIBRARY}"), prefix.join("lib").join(LIBRARY)),
         (format!("hidraw/{LIBRARY}"), build_hidraw_library(project, &built)?),
         ("cancelled".to_owned(), build_cancelled(project, &prefix, &built)?),
         ("usbip".to_owned(), packages.root.join("usr/sbin/usbip")),
     ];
-    // Unchanged programs that link the library.
+    // The example programs, which link the library as a user's program does.
     for program in build_examples(project, &prefix, &built.join("examples"))? {
         let name = program.file_name().unwrap_or_default().to_string_lossy().into_owned();
         programs.push((format!("examples/{name}"), program));
@@ -60,7 +60,7 @@ pub fn tests(project: &Project, packages: &Packages, folder: &Path) -> Result<Pr
     Ok(programs)
 }
 
-/// The bench of the wires.
+/// Builds the bench of the wires.
 pub fn bench(project: &Project) -> Result<Programs, Error> {
     let mut cargo = project.cargo();
     cargo.args(["bench", "--package=ecmsk", "--bench", BENCH]);
@@ -72,7 +72,7 @@ pub fn build_test(project: &Project, name: &str) -> Result<PathBuf, Error> {
     built(project.cargo_as_in_tests("test", name, &[]), "test", name)
 }
 
-/// Builds what `cargo` names; returns the program of the target.
+/// Runs this cargo command; returns the path of the program that it has built for the target `name`.
 fn built(mut cargo: Command, kind: &str, name: &str) -> Result<PathBuf, Error> {
     cargo.args(["--no-run", "--message-format=json-render-diagnostics"]);
     let said = command::output(&mut cargo)?;
@@ -93,7 +93,7 @@ fn build_examples(project: &Project, prefix: &Path, to: &Path) -> Result<Vec<Pat
     Ok(programs)
 }
 
-/// Builds a program that cancels threads in calls of the library.
+/// Builds a test program that cancels threads (`pthread_cancel`) during calls of the library.
 fn build_cancelled(project: &Project, prefix: &Path, built: &Path) -> Result<PathBuf, Error> {
     let program = built.join("cancelled");
     let mut gcc = Command::new("gcc");
@@ -118,16 +118,16 @@ fn executable(said: &[u8], name: &str, kind: &str) -> Option<PathBuf> {
     messages.filter(|message| message.target.as_ref().is_some_and(wanted)).find_map(|message| message.executable)
 }
 
-/// Copies the program without its debug information, which is most of it.
+/// Copies a program without its debug information, which is most of its size.
 pub fn stripped(program: &Path, to: &Path) -> Result<(), Error> {
     command::run(Command::new("strip").arg("-o").args([to, program]))
 }
 
-/// The libraries that a program loads, with their paths on this machine.
+/// The paths of the shared libraries that a program loads, on this machine.
 pub fn libraries(program: &Path) -> Result<Vec<PathBuf>, Error> {
     let mut ldd = Command::new("ldd");
     let said = command::output(ldd.arg(program))?;
-    // The library under test is added separately.
+    // NEXTWUSBLib itself is left out, because the guest gets it separately.
     let libraries = String::from_utf8_lossy(&said).lines().filter_map(library).map(PathBuf::from).collect::<Vec<_>>();
     Ok(libraries.into_iter().filter(|path| path.file_name() != Some(OsStr::new(LIBRARY))).collect())
 }

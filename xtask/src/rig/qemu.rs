@@ -11,19 +11,19 @@ use super::files;
 use crate::command;
 use crate::error::Error;
 
-/// The time limit of a run, which is enough even on a machine that is busy otherwise.
+/// The time limit of a run. It is long enough for a busy machine.
 const LIMIT: Duration = Duration::from_secs(2400);
-/// QEMU's exit code if the guest ended with 0: twice the guest's code plus 1.
+/// QEMU's exit code if the guest succeeded: twice the guest's exit code, 0, plus 1.
 const GUEST_SUCCEEDED: i32 = 1;
-/// The last line of the guest's first program.
+/// The last line that the guest's init prints if all succeeded.
 const END: &str = "GUEST-END rc=0";
-/// How many lines are shown of a guest that failed.
+/// The number of last lines that are shown if the guest failed.
 const LAST_LINES: usize = 80;
 
-/// The options of the kernel, followed by the arguments of its first program.
+/// The command line of the guest's kernel. The arguments of init follow it.
 const KERNEL_OPTIONS: &str = "console=ttyS0 quiet loglevel=3 panic=-1 oops=panic --";
 
-/// The guest system.
+/// The machine that QEMU emulates.
 pub struct Machine<'a> {
     pub kernel: &'a Path,
     pub initrd: &'a Path,
@@ -60,7 +60,7 @@ pub fn boot(
     let until = Instant::now() + LIMIT;
     let mut all = Vec::new();
     while let Ok(line) = heard.recv_timeout(until.saturating_duration_since(Instant::now())) {
-        // The file is for users; a full disk does not end the test.
+        // The log is only for the user, so a full disk does not fail the test.
         let _ = writeln!(file, "{line}");
         if is_shown(&line) {
             println!("  {line}");
@@ -72,7 +72,7 @@ pub fn boot(
         child.end();
     }
     let status = child.0.wait().map_err(Error::file("wait for", Path::new("qemu")))?;
-    // The guest has ended, and so has its output.
+    // The guest has ended, so the thread that reads its output ends too.
     let _ = reader.join();
     if in_time && status.code() == Some(GUEST_SUCCEEDED) && all.iter().any(|line| line == END) {
         return Ok(all);
@@ -99,7 +99,7 @@ fn command_line(machine: &Machine<'_>, words: &[String]) -> Command {
     qemu.arg("-kernel").arg(machine.kernel).arg("-initrd").arg(machine.initrd);
     qemu.arg("-append").arg(format!("{KERNEL_OPTIONS} {}", words.join(" ")));
     for (name, folder) in machine.folders {
-        // A comma in a value is doubled.
+        // QEMU expects commas in a value to be doubled.
         let path = folder.to_string_lossy().replace(',', ",,");
         qemu.arg("-virtfs").arg(format!("local,path={path},mount_tag={name},security_model=none,readonly=on"));
     }
@@ -107,17 +107,17 @@ fn command_line(machine: &Machine<'_>, words: &[String]) -> Command {
     qemu
 }
 
-/// Whether a line is the result of one test or of all.
+/// Whether a line of output is the result of a test, or says that the guest has started.
 pub fn is_result(line: &str) -> bool {
     line.starts_with("test ") || line.starts_with("GUEST-BEGIN")
 }
 
-/// QEMU, which is ended when this is dropped.
+/// A running QEMU, which is killed when this is dropped.
 struct Guest(Child);
 
 impl Guest {
     fn end(&mut self) {
-        // It may have ended already.
+        // Killing fails if QEMU has ended already.
         let _ = self.0.kill();
     }
 }

@@ -1,5 +1,5 @@
-//! Measures how long the DLLs take from LoadLibrary to an open board, against an empty DLL, under Wine; and on a
-//! board on USB, in the guest.
+//! Measures the DLLs: the time from LoadLibrary to an open board compared with an empty DLL, under Wine; and opening, closing
+//! and writes on a board on USB, in the guest system.
 
 use std::fs;
 use std::path::Path;
@@ -12,11 +12,11 @@ use crate::project::Project;
 use crate::system::stay_on_one_processor;
 
 const SOURCE: &str = "benches/windows";
-/// The folder of the bench among all programs.
+/// The folder for the bench in Wine's folder for programs.
 const PLACE: &str = "bench-load";
 const LINK: &str = "sim:";
 
-/// Measures both widths; returns the output of the bench.
+/// Runs the bench for both widths; returns its output.
 pub fn bench(project: &Project) -> Result<String, Error> {
     let mut said = String::new();
     let prefix = folder(project).join("stage");
@@ -24,8 +24,8 @@ pub fn bench(project: &Project) -> Result<String, Error> {
         build_width(project, width, &prefix)?;
     }
     said += &(super::usb::bench(project)? + "\n");
-    // While Wine loads a DLL it exchanges many messages with its server. On two processors the time to wake up varies as
-    // much as the time that is measured.
+    // Wine exchanges many messages with its server while it loads a DLL. With two processors the wake-up latencies would vary
+    // as much as the measured time, so everything runs on one.
     stay_on_one_processor().map_err(Error::Processor)?;
     for width in Width::ALL {
         let wine = wine::set_up(project, width)?;

@@ -1,5 +1,5 @@
-//! Tests programs in C# and VB.NET on Microsoft's .NET Core for Windows, under Wine. C# is compiled by Mono's compiler as
-//! everywhere. VB.NET is compiled by Microsoft's compiler, which runs only on the 64-bit .NET Core; the tests get its path.
+//! Tests C# and VB.NET programs on Microsoft's .NET Core for Windows, under Wine. C# is compiled by Mono's compiler, as in all
+//! tests. VB.NET is compiled by Microsoft's compiler, which runs only on the 64-bit .NET Core; the tests get its path.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,18 +14,18 @@ use crate::npm::{DOTNET_X64, DOTNET_X86, VBC};
 use crate::project::Project;
 use crate::wheel::DOTNET_CORE_3;
 
-/// The module of the tests.
+/// The prefix of the names of these tests: their module.
 pub const MODULE: &str = "dotnet::";
 
-/// The program of a .NET Core for Windows.
+/// The file name of the program that runs .NET Core programs.
 const PROGRAM: &str = "dotnet.exe";
 
-/// Whether a test with that name may belong to this width and this module.
+/// Whether `name` (the beginning of a test's name) selects .NET tests of this width.
 pub fn takes(width: Width, name: &str) -> bool {
     width.has(name) && is_of_it(name)
 }
 
-/// Whether a test with that name is in this module.
+/// Whether `name` (the beginning of a test's name) selects .NET tests.
 pub fn is_of_it(name: &str) -> bool {
     name.starts_with(MODULE)
 }
@@ -40,7 +40,7 @@ pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Err
     build_width(project, width, &prefix)?;
     let out = project.target.join("xtask/dotnet");
     dotnet::compile_into(project, &out)?;
-    // The compiler of VB.NET has 64 bits.
+    // The VB.NET compiler is a 64-bit program, so it needs the 64-bit Wine too.
     let compiler = if width == Width::X64 { None } else { Some(wine::set_up(project, Width::X64)?) };
     let vb = DOTNET_X64.folder(project);
     run_tests(project, width, names, &[], |cargo| {
@@ -56,12 +56,12 @@ pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Err
     wine.clear()
 }
 
-/// The path of `dotnet.exe` in Wine.
+/// The path of `dotnet.exe`, as Wine sees it.
 fn runtime(project: &Project, width: Width, wine: &Wine) -> Result<PathBuf, Error> {
     if width == Width::X64 {
         return Ok(DOTNET_X64.folder(project).join(PROGRAM));
     }
-    // 32-bit Wine runs in another root, so its files have to be there, too; they are only read.
+    // 32-bit Wine runs in another root, so .NET Core has to be inside that root. Its files are only read.
     let from = DOTNET_X86.folder(project);
     let name = from.file_name().unwrap_or_default();
     let copy = wine.root().join(name);

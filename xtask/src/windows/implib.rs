@@ -1,9 +1,9 @@
-//! Makes the import libraries: what a linker needs of the DLL, with every name under which programs know its
+//! Makes the import libraries: the files that a linker reads instead of the DLL, with every name by which programs refer to its
 //! functions.
 //!
-//! A compiler may know the vendor's functions by two names: some copies of the vendor's headers declare them inside
-//! `extern "C"` and some do not, so that a C++ program uses the mangled name. Both refer to the one export, whose
-//! name is not decorated.
+//! Programs refer to a vendor's function by one of two names: some copies of the vendor's headers declare it inside `extern
+//! "C"`, and with the others a C++ program uses the mangled name. Both names are mapped to the same export, whose name is
+//! undecorated.
 
 use std::fs::{self, File};
 use std::path::Path;
@@ -24,18 +24,18 @@ pub const MINGW: &str = "libNEXTWUSBLib.dll.a";
 /// The list of exports, in the order of their ordinals.
 const EXPORTS: &str = include_str!("../../../capi/exports.txt");
 
-/// The names of a vendor's function.
+/// The names by which programs refer to a vendor's function.
 struct Vendor {
     name: &'static str,
-    /// The bytes of its arguments in 32 bits, which are part of its `__stdcall` name.
+    /// The size of its arguments in bytes on x86, which is a part of its `__stdcall` name.
     stdcall: u8,
-    /// The suffix of the mangled name for Microsoft's compiler, x86 and x64.
+    /// The suffix of its mangled name with Microsoft's compiler, for x86 and for x64.
     msvc: [&'static str; 2],
-    /// The suffix for MinGW's compiler, for both widths.
+    /// Its mangled name with MinGW's compiler (Itanium C++ ABI), the same for both widths.
     itanium: &'static str,
 }
 
-/// `bool(void)`, `void(void)` and `bool(unsigned char *, unsigned long)`.
+/// The functions have the types `bool(void)`, `void(void)` and `bool(unsigned char *, unsigned long)`.
 const VENDOR: [Vendor; 4] = [
     Vendor { name: "OpenECMUSB", stdcall: 0, msvc: ["@@YG_NXZ", "@@YA_NXZ"], itanium: "_Z10OpenECMUSBv" },
     Vendor { name: "CloseECMUSB", stdcall: 0, msvc: ["@@YGXXZ", "@@YAXXZ"], itanium: "_Z11CloseECMUSBv" },
@@ -43,7 +43,7 @@ const VENDOR: [Vendor; 4] = [
     Vendor { name: "ECMUSBRead", stdcall: 8, msvc: ["@@YG_NPAEK@Z", "@@YA_NPEAEK@Z"], itanium: "_Z10ECMUSBReadPhm" },
 ];
 
-/// Writes both libraries into `place`.
+/// Writes the import libraries for both linkers into the folder `place`.
 pub fn write(width: Width, place: &Path) -> Result<(), Error> {
     msvc(width, &place.join(MSVC))?;
     mingw(width, place)
@@ -57,7 +57,7 @@ fn exports() -> impl Iterator<Item = (&'static str, u16)> {
     names.zip(1..)
 }
 
-/// The symbols that Microsoft's compiler uses.
+/// The entries for the symbols that Microsoft's compiler uses.
 fn msvc_entries(width: Width) -> Vec<Entry> {
     let entries = exports().flat_map(|(name, ordinal)| {
         let vendor = VENDOR.iter().find(|vendor| vendor.name == name);
@@ -80,13 +80,13 @@ fn msvc(width: Width, path: &Path) -> Result<(), Error> {
         Width::X64 => MachineTypes::AMD64,
     };
     let export = |(symbol, name, ordinal): Entry| COFFShortExport {
-        // For a symbol that differs from the name the linker removes the decoration to find the export.
+        // If the symbol differs from the export's name, the linker removes the decoration of the symbol to find the export.
         name: name.to_owned(),
         symbol_name: Some(symbol),
         ext_name: None,
         import_name: None,
         export_as: None,
-        // The hint for the loader.
+        // The hint: the index in the export table at which the loader looks first.
         ordinal: ordinal - 1,
         noname: false,
         data: false,
@@ -98,8 +98,8 @@ fn msvc(width: Width, path: &Path) -> Result<(), Error> {
     write_import_library(&mut file, DLL, &exports, machine, false, false, &[]).map_err(Error::file("write", path))
 }
 
-/// The lines of a module definition for dlltool: a symbol without the underscore that all symbols have on x86, the
-/// ordinal, and after `==` the name of the export.
+/// The module definition file for dlltool. Each line has a symbol (without the leading underscore that all symbols have on
+/// x86), the ordinal, and after `==` the name of the export.
 fn mingw_definition(width: Width) -> String {
     let mut lines = vec![format!("LIBRARY {DLL}"), "EXPORTS".to_owned()];
     for (name, ordinal) in exports() {
@@ -120,13 +120,13 @@ fn mingw_definition(width: Width) -> String {
 }
 
 fn mingw(width: Width, place: &Path) -> Result<(), Error> {
-    // File names without folders, because dlltool makes symbols of them.
+    // File names without folders are passed, because dlltool makes symbols of these names.
     let definition = Path::new("NEXTWUSBLib.def");
     let path = place.join(definition);
     fs::write(&path, mingw_definition(width)).map_err(Error::file("write", &path))?;
     let mut dlltool = Command::new(format!("{}-dlltool", width.mingw()));
-    // Makes the same bytes every time; otherwise the names of temporary files, which become members, contain the
-    // process id.
+    // These options make the output reproducible. Otherwise the members of the library would be named by temporary files, whose
+    // names contain the process id.
     dlltool.current_dir(place).args(["--deterministic-libraries", "--temp-prefix", "NEXTWUSBLib", "--input-def"]);
     command::run(dlltool.arg(definition).args(["--output-lib", MINGW]))?;
     fs::remove_file(&path).map_err(Error::file("remove", &path))

@@ -1,15 +1,15 @@
 //! The DLLs for Windows, and their tests under Wine.
 //!
-//! Everything is made on Linux. rustc builds for MinGW and for Windows 7 and later, with the standard library from its own
-//! sources: Wine 8 lacks functions that the targets `*-pc-windows-gnu` import. The compiler comes from Debian, because
-//! rustup does not provide such targets. The results stay in `target/xtask/windows/`.
+//! Everything is built on Linux. rustc builds for MinGW and Windows 7 or later, and builds the standard library from its
+//! sources as well: Wine 8 lacks functions that the usual targets `*-pc-windows-gnu` import. The compiler comes from Debian,
+//! because rustup does not provide these older targets. The results stay in `target/xtask/windows/`.
 //!
 //! Files:
 //!
 //! - `files.rs`, `implib.rs`, `version.rs`, `relocations.rs`: building the DLL and the tool: import libraries, version
 //!   resource, relocations
 //! - `wine.rs`, `dotnet.rs`, `usb.rs`: running the tests: under Wine, on .NET Core, with boards on USB in a guest
-//! - `bench.rs`: how long the DLLs take to load
+//! - `bench.rs`: measures how long the DLLs take to load
 
 pub mod bench;
 pub mod dotnet;
@@ -42,7 +42,8 @@ pub const NEEDS_X64: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X6
 /// The programs that the tests of 32-bit programs need.
 pub const NEEDS_X86: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, CLANG, LLD_LINK, DEBOOTSTRAP, ROOT];
 
-/// The programs that the tests of 64-bit programs of .NET need; VB.NET is tested on Linux, too.
+/// The programs that the tests of 64-bit .NET programs need. VB.NET programs are tested on Linux too, so .NET Core for Linux is
+/// among them.
 pub const NEEDS_DOTNET_X64: &[Need] = &[
     RUSTC_DEBIAN,
     CARGO_DEBIAN,
@@ -57,7 +58,7 @@ pub const NEEDS_DOTNET_X64: &[Need] = &[
     NPM,
     DOTNET_WINDOWS_X64,
 ];
-/// The programs that the tests of 32-bit programs of .NET need.
+/// The programs that the tests of 32-bit .NET programs need.
 pub const NEEDS_DOTNET_X86: &[Need] = &[
     RUSTC_DEBIAN,
     CARGO_DEBIAN,
@@ -72,7 +73,7 @@ pub const NEEDS_DOTNET_X86: &[Need] = &[
     DOTNET_WINDOWS_X86,
 ];
 
-/// The programs that the tests on USB need; unlike the other tests of 32-bit programs they need a guest system.
+/// The programs that the tests of boards on USB need: those of 32-bit programs, and a guest system.
 pub const NEEDS_USB: &[Need] =
     &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, DEBOOTSTRAP, ROOT, QEMU, XZ, STRIP, GCC];
 
@@ -80,10 +81,10 @@ pub const NEEDS_USB: &[Need] =
 pub const NEEDS_BENCH: &[Need] =
     &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, WINE_X64, DEBOOTSTRAP, ROOT, QEMU, XZ, STRIP, GCC];
 
-/// The test of the root package that needs the DLLs and Wine.
+/// The group of tests that needs the DLLs and Wine.
 const TESTS: &str = "windows";
 
-/// A width of Windows programs.
+/// The width of Windows programs: 32 or 64 bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Width {
     X86,
@@ -101,12 +102,12 @@ impl Width {
         }
     }
 
-    /// Whether the name of a test does not name another width.
+    /// Whether a test with this name may be for this width: the name does not contain the other width.
     fn has(self, name: &str) -> bool {
         !Self::ALL.into_iter().any(|other| other != self && name.contains(&format!("{}::", other.name())))
     }
 
-    /// The prefix of MinGW's programs for this width.
+    /// The prefix of the names of MinGW's programs for this width.
     pub const fn mingw(self) -> &'static str {
         match self {
             Self::X86 => "i686-w64-mingw32",
@@ -114,7 +115,7 @@ impl Width {
         }
     }
 
-    /// rustc's target.
+    /// rustc's target triple for this width.
     pub const fn target(self) -> &'static str {
         match self {
             Self::X86 => "i686-win7-windows-gnu",
@@ -144,7 +145,7 @@ pub fn folder(project: &Project) -> PathBuf {
     project.target.join("xtask/windows")
 }
 
-/// Builds the DLLs and what links them, into `x86/`, `x64/` and `include/` of `prefix`.
+/// Builds the DLLs, import libraries, headers and tools into `x86/`, `x64/` and `include/` of the folder `prefix`.
 pub fn build_into(project: &Project, prefix: &Path) -> Result<(), Error> {
     for width in Width::ALL {
         build_width(project, width, prefix)?;
@@ -160,7 +161,7 @@ fn build_width(project: &Project, width: Width, prefix: &Path) -> Result<(), Err
     stage::install_headers(project, &prefix.join("include"))
 }
 
-/// Whether the name of a test may belong to the tests of a width.
+/// Whether `name` (the beginning of a test's name) selects tests of this width that run under Wine without .NET.
 pub fn takes(width: Width, name: &str) -> bool {
     width.has(name) && !usb::takes(name) && !dotnet::is_of_it(name)
 }
@@ -178,7 +179,7 @@ pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Err
     wine.clear()
 }
 
-/// Runs the tests of a width whose names contain one of `names` and none of `but`. `tell` sets the environment of their
+/// Runs the tests of a width whose names contain one of `names` and none of `but`. `tell` adds environment variables to the
 /// command.
 fn run_tests(
     project: &Project,
@@ -195,7 +196,7 @@ fn run_tests(
         cargo
     };
     let listed = command::output(&mut tests("--list"))?;
-    // Otherwise a name that matches no test would pass.
+    // The tests are listed first: a filter that matches no test is an error and must not pass.
     if !String::from_utf8_lossy(&listed).lines().any(|line| line.ends_with(": test")) {
         return Err(Error::NoTest { names: names.join(" ") });
     }

@@ -1,17 +1,17 @@
-//! Makes wrong base relocations of a DLL ineffective.
+//! Disables wrong base relocations of a DLL.
 //!
-//! binutils' `ld` (2.40) writes a base relocation for each offset of a thread-local value (SECREL32). If Windows loads the
-//! DLL at another base, which it may do at any time, the relocation changes that offset, and the value is read and written
-//! at a wrong place. An offset is small and an address is within the image, so the two can be distinguished.
+//! binutils' `ld` (2.40) writes a base relocation for each offset of a thread-local variable (SECREL32), although offsets do
+//! not depend on the base. If Windows loads the DLL at another base, which it may always do, it changes the offset, and the
+//! program accesses wrong memory. An offset is small and an address is inside the image, so the two can be told apart.
 
 use object::pe::{IMAGE_DIRECTORY_ENTRY_BASERELOC, IMAGE_REL_BASED_ABSOLUTE, IMAGE_REL_BASED_HIGHLOW};
 use object::read::pe::{ImageNtHeaders, ImageOptionalHeader as _, PeFile, PeFile32, PeFile64};
 use object::{FileKind, LittleEndian, Object as _, ReadRef};
 
-/// Makes the wrong relocations of a DLL ineffective, and returns their number.
+/// Disables the wrong relocations of a DLL in memory; returns their number.
 ///
 /// # Errors
-/// What is wrong with the file.
+/// The file is no valid DLL; the error says why.
 pub fn mend(dll: &mut [u8]) -> Result<usize, String> {
     let wrong = match FileKind::parse(&*dll) {
         Ok(FileKind::Pe32) => wrong(&PeFile32::parse(&*dll).map_err(|error| error.to_string())?),
@@ -19,14 +19,13 @@ pub fn mend(dll: &mut [u8]) -> Result<usize, String> {
         _ => Err("it is no DLL".to_owned()),
     }?;
     for &entry in &wrong {
-        // The upper four bits are the kind.
+        // The upper four bits of a relocation entry are its type. Windows ignores the type "absolute".
         dll[entry + 1] = dll[entry + 1] & 0x0F | (IMAGE_REL_BASED_ABSOLUTE.0 as u8) << 4;
     }
     Ok(wrong.len())
 }
 
-/// The positions, in the file, of the 32-bit relocation entries for places in the image that contain no address of the
-/// image.
+/// The file offsets of the 32-bit relocation entries whose target contains no address inside the image.
 fn wrong<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> Result<Vec<usize>, String> {
     let (data, sections) = (file.data(), file.section_table());
     let text = |error: object::Error| error.to_string();
@@ -38,7 +37,7 @@ fn wrong<P: ImageNtHeaders>(file: &PeFile<'_, P>) -> Result<Vec<usize>, String> 
     let mut blocks = file.data_directories().relocation_blocks(data, &sections).map_err(text)?.ok_or("none")?;
     let mut wrong = Vec::new();
     while let Some(block) = blocks.next().map_err(text)? {
-        // Two words before the entries: the page, and the block's length.
+        // A block begins with two 32-bit words: the address of the page, and the length of the block.
         place += 8;
         for entry in (place..place + block.size() - 8).step_by(2) {
             let word = u16::from_le_bytes(bytes(data, entry)?);

@@ -1,8 +1,8 @@
-//! Runs Windows programs on a board on USB: Wine's HID stack and the USB and HID code of a real kernel, in a guest
-//! system.
+//! Tests Windows programs with a board on USB: under Wine in a guest system, so that Wine's HID code and the USB and HID code
+//! of a real kernel take part.
 //!
-//! The kernel and its modules are those of the wire tests (`rig`). The guest's root is the Debian that 32-bit programs run
-//! on here, seen through 9p and not written to: what is written stays in the guest's memory.
+//! Kernel and modules are those of the wire tests (`rig`). The guest's root is the Debian system in which 32-bit programs run
+//! on this machine. It is mounted read-only by 9p; changes stay in the guest's memory.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -20,23 +20,24 @@ use crate::rig::qemu::{self, Machine};
 use crate::rig::{kernel, modules, packages};
 use crate::stage;
 
-/// The test program that runs in the guest.
+/// The group of tests that runs in the guest.
 const TESTS: &str = "windows_usb";
-/// Its programs: one for this test, one that runs on any link, and a bench.
+/// The C programs that these tests run: one for these tests, one that runs on any link, and a bench.
 const PROGRAMS: [&str; 3] = ["tests/windows/usb/board.c", "tests/c/reset.c", "benches/windows/usb.c"];
-/// The arguments that run only the bench.
+/// The arguments of the test program that select the bench.
 const BENCH: [&str; 3] = ["speed::", "--ignored", "--nocapture"];
-/// The modules: USB HID, the virtual host controller, and 9p for folders of this machine.
+/// The kernel modules that the guest loads: USB HID, the virtual host controller of USB/IP, and 9p for folders of this machine.
 const MODULES: [&str; 7] = ["vhci-hcd", "usbhid", "hid-generic", "virtio_pci", "9pnet_virtio", "9p", "overlay"];
 const MEMORY_MB: u32 = 2048;
 
-/// The registry of Wine: it must use hidraw devices, and not SDL, without which it would stop searching.
+/// Settings in Wine's registry: it uses hidraw devices and not SDL. If SDL were enabled but missing, Wine would stop searching
+/// for devices.
 const REGISTRY: &str = "REGEDIT4\n\n[HKEY_LOCAL_MACHINE\\System\\CurrentControlSet\\Services\\winebus]\n\
                         \"Enable SDL\"=dword:00000000\n\"DisableInput\"=dword:00000001\n\
                         \"DisableHidraw\"=dword:00000000\n";
 
-/// The guest's first program. `@MODULES@` is replaced by the modules in their order, `@PREFIX@` by Wine's folder. The
-/// udev daemon has to run, or Wine does not notice that a board comes or goes.
+/// The guest's first program (init). `@MODULES@` is replaced by the kernel modules in the order of loading, `@PREFIX@` by
+/// Wine's folder. Wine learns from the udev daemon that a board comes or goes.
 const INIT: &str = r#"#!/bin/busybox sh
 /bin/busybox --install -s /bin
 export PATH=/bin
@@ -71,7 +72,7 @@ printf "\\x$(printf %02x $code)" | /bin/dd of=/new/dev/port bs=1 seek=244 count=
 /bin/poweroff -f
 "#;
 
-/// Whether a test with that name runs in the guest: it begins with the module of these tests.
+/// Whether a test with this name runs in the guest: its name begins with the module `boards`.
 pub fn takes(name: &str) -> bool {
     name.starts_with("boards::")
 }
@@ -107,7 +108,7 @@ fn in_guest(project: &Project, words: &[String], is_shown: fn(&str) -> bool) -> 
     qemu::boot(&machine, words, &folder.join("console.log"), is_shown)
 }
 
-/// Sets up the Debian system with Wine of both widths and its registry.
+/// Sets up the Debian system with Wine of both widths, and Wine's registry.
 fn set_up_root(project: &Project) -> Result<PathBuf, Error> {
     let wine = wine::set_up(project, Width::X86)?;
     let known = wine.programs.join("winebus.reg");
@@ -115,14 +116,14 @@ fn set_up_root(project: &Project) -> Result<PathBuf, Error> {
         let new = wine.programs.join("winebus.new.reg");
         fs::write(&new, REGISTRY).map_err(Error::file("write", &new))?;
         wine.run(".", &["regedit.exe", "/S", "winebus.new.reg"])?;
-        // The file gets its name last, when Wine has read it.
+        // The file gets its final name only after Wine has read it, so that an interrupted run repeats this.
         fs::rename(&new, &known).map_err(Error::file("rename", &new))?;
     }
-    // Wine writes its registry when its server ends, which happens when this is dropped.
+    // Wine writes its registry to disk when its server ends. Dropping `wine` on return ends the server.
     Ok(wine.root())
 }
 
-/// Fills the folder that the guest has as `/rig`: the tests, the tool, and for each width the programs, the DLL and
+/// Fills the folder that the guest mounts as `/rig`: the tests and the Linux tool, and for each width the programs, the DLL and
 /// the tool.
 fn share(project: &Project, folder: &Path) -> Result<PathBuf, Error> {
     let (stage, share) = (super::folder(project).join("stage"), folder.join("share"));
@@ -155,7 +156,7 @@ fn share(project: &Project, folder: &Path) -> Result<PathBuf, Error> {
     Ok(share)
 }
 
-/// Packs the initial archive of the guest.
+/// Packs the initial RAM file system of the guest.
 fn pack(packages: &Packages, folder: &Path) -> Result<PathBuf, Error> {
     let mut archive = Archive::default();
     for empty in ["proc", "sys", "dev"] {

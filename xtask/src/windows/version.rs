@@ -1,4 +1,4 @@
-//! Makes the version resources, which Windows shows under Details.
+//! Makes the version resources of DLLs and programs, which Windows shows under Properties, Details.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use crate::command;
 use crate::error::Error;
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
-/// The version as four numbers, which Windows compares.
+/// The version as four numbers, by which Windows compares files.
 const NUMBERS: &str = concat!(
     env!("CARGO_PKG_VERSION_MAJOR"),
     ",",
@@ -19,7 +19,7 @@ const NUMBERS: &str = concat!(
     ",0"
 );
 
-/// The texts of a program or DLL.
+/// The texts in the version resource of a program or DLL.
 pub struct File {
     pub name: &'static str,
     pub description: &'static str,
@@ -33,7 +33,7 @@ pub enum Kind {
 }
 
 impl File {
-    /// Makes the object with the resource in `folder`, for the linker.
+    /// Compiles the resource into an object file in `folder`, which the linker adds to the program or DLL.
     pub fn object(&self, width: Width, folder: &Path) -> Result<PathBuf, Error> {
         fs::create_dir_all(folder).map_err(Error::file("make", folder))?;
         let source = folder.join(self.name).with_extension("rc");
@@ -43,7 +43,7 @@ impl File {
         Ok(object)
     }
 
-    /// The resource in the language of windres. 0x40004 is 32-bit and 64-bit Windows, 0x0409 American English, 0x04B0
+    /// The source text of the resource for windres. 0x40004 means 32-bit and 64-bit Windows, 0x0409 American English, 0x04B0
     /// UTF-16.
     fn resource(&self) -> String {
         let Self { name, description, kind } = self;

@@ -1,8 +1,8 @@
-//! Sets up Wine. 64-bit programs run on this system's Wine, 32-bit ones on that of a Debian system in a folder,
-//! because this system's mirrors may not have 32-bit packages of the installed versions.
+//! Sets up Wine. 64-bit programs run on the host system's Wine. 32-bit programs run on Wine in a Debian system in a folder,
+//! because the host's package mirror may not have 32-bit packages of the versions installed here.
 //!
-//! Both have a folder for programs and a script that runs one: `SCRIPT FOLDER PROGRAM ARGUMENTS`, where FOLDER is in
-//! that folder and becomes the program's working directory.
+//! Each of the two has a folder for programs, and a script that runs one of them: `SCRIPT FOLDER PROGRAM ARGUMENTS`. FOLDER is
+//! a sub-folder there and becomes the program's working directory.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -21,27 +21,27 @@ const SYSTEM: System = System {
     why: "32-bit Wine runs on a Debian of its own: fetching some 300 MB, which takes 800 MB and, on two free cores, two \
           minutes",
     also: Some("i386"),
-    // The last two are for USB in the guest: Wine finds devices by libudev, in either width.
+    // The last two are for boards on USB in the guest: Wine finds devices by libudev, in either width.
     packages: &["wine", "wine64", "wine32:i386", "udev", "libudev1:i386"],
-    // Files that nobody reads there.
+    // Documentation and translations are left out, because nobody reads them there.
     left_out: &["/usr/share/doc/*", "/usr/share/man/*", "/usr/share/locale/*"],
-    // Here and not later, because Wine copies its DLLs into the prefix.
+    // The DLLs are stripped now and not later, because Wine copies them into its prefix when it is set up.
     finish: |root| DLLS.iter().try_for_each(|(folder, _)| strip(&root.join(folder))),
 };
-/// The folder for programs in that Debian system.
+/// The folder in that Debian system into which the programs to run are put.
 const PROGRAMS: &str = "srv";
-/// The folder of Wine's drive C there.
+/// The folder in that Debian system for Wine's prefix: its drive C and its registry.
 pub const PREFIX: &str = "wine";
 
-/// Wine, ready to run programs.
+/// Wine of one width, ready to run programs.
 pub struct Wine {
-    /// The folder for programs.
+    /// The folder into which programs are put to be run.
     pub programs: PathBuf,
-    /// The script that runs a program.
+    /// The script that runs a program, see the head of this file.
     pub script: PathBuf,
 }
 
-/// Sets Wine up for a width; nothing is done if it is set up already.
+/// Sets up Wine of a width, if that was not done before, and starts its server.
 pub fn set_up(project: &Project, width: Width) -> Result<Wine, Error> {
     let folder = folder(project);
     let script = folder.join(format!("wine-{}", width.name()));
@@ -65,30 +65,31 @@ pub fn set_up(project: &Project, width: Width) -> Result<Wine, Error> {
     if !prefix.join("system.reg").exists() {
         println!("setting up Wine for {} (10 s)", width.name());
         wine.run(".", &["wineboot.exe", "-i"])?;
-        // Wine has written everything when its server has ended.
+        // `-w` waits for the end of Wine's server, which then has written everything to disk.
         wine.run("--server", &["-w"])?;
         match width {
-            // The files in this prefix are copies of the system's files, which stay as they are.
+            // 64-bit: the DLLs in this prefix are copies of those of the host system, which must not be changed.
             Width::X64 => strip(&prefix.join("drive_c"))?,
             Width::X86 => share_dlls(&wine.root(), &prefix)?,
         }
     }
-    // Ends a server that an interrupted run may have left.
+    // `-k` ends a server that an interrupted run may have left.
     let _ = wine.run("--server", &["-k"]);
-    // The server keeps running, because starting it for each program would take most of the time.
+    // `-p` keeps the server running between programs; starting it for each one would take most of the time.
     wine.run("--server", &["-p"])?;
-    // Wine's services start with the first program and keep its output open, so the first one has no output.
+    // The first program starts Wine's services, which keep its standard output open. So the first program is one without
+    // output.
     wine.run(".", &["cmd.exe", "/c", "exit"])?;
     Ok(wine)
 }
 
 impl Wine {
-    /// The root of its programs, if it is not that of this system.
+    /// The root of the Debian system that contains [`Self::programs`]. Valid only for 32-bit Wine.
     pub fn root(&self) -> PathBuf {
         self.programs.parent().map(Path::to_owned).unwrap_or_default()
     }
 
-    /// Removes the folders of [`Self::programs`]: each test makes its own anew, with a copy of the DLL. Files stay.
+    /// Removes all folders in [`Self::programs`]; files stay. Each test makes its folder anew, with a copy of the DLL.
     pub fn clear(&self) -> Result<(), Error> {
         for entry in fs::read_dir(&self.programs).map_err(Error::file("list", &self.programs))?.flatten() {
             if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
@@ -109,34 +110,35 @@ impl Wine {
 
 impl Drop for Wine {
     fn drop(&mut self) {
-        // A server that cannot be ended does no harm.
+        // Errors are ignored: a server that keeps running does no harm.
         let _ = self.run("--server", &["-k"]);
     }
 }
 
-/// Wine's folders of DLLs for each width, and where a prefix has its copies.
+/// For each width the folder of Wine's DLLs in the Debian system, and the folder in `windows/` of a prefix that has copies of
+/// them.
 const DLLS: [(&str, &str); 2] = [
     ("usr/lib/x86_64-linux-gnu/wine/x86_64-windows", "system32"),
     ("usr/lib/i386-linux-gnu/wine/i386-windows", "syswow64"),
 ];
 
-/// The endings of what Wine loads as Windows does: DLLs, drivers and programs.
+/// The extensions of files that Wine loads as Windows binaries: DLLs, drivers and programs.
 const LOADED: &[&str] = &["acm", "ax", "com", "cpl", "dll", "drv", "ds", "exe", "ocx", "sys"];
 
-/// Removes debug information and symbols, which are three quarters of Wine's DLLs, from all files below a folder. The
-/// alignment in the files stays the same: Wine cannot map a file with a smaller one, and would read it into memory. Files
-/// that objcopy does not know stay unchanged.
+/// Removes debug information and symbols, three quarters of the size of Wine's DLLs, from all files below a folder. The
+/// alignment of sections in the files stays the same: with a smaller one Wine could not map a file and would read it into
+/// memory. Files that objcopy does not know stay unchanged.
 fn strip(folder: &Path) -> Result<(), Error> {
     let mut find = Command::new("find");
     find.arg(folder).args(["-type", "f", "-regex"]).arg(format!(r".*\.\({}\)", LOADED.join(r"\|")));
-    // MinGW's objcopy of 64 bits knows either width.
+    // MinGW's 64-bit objcopy processes files of both widths.
     let objcopy = format!("{}-objcopy", Width::X64.mingw());
     find.args(["-exec", &objcopy, "--strip-all", "--file-alignment=4096", "{}", ";"]);
     command::run(&mut find)
 }
 
-/// Wine has copied all its DLLs into the prefix. Each copy is replaced by a hard link to its original, which only this
-/// prefix uses.
+/// Replaces the copies of DLLs in Wine's prefix by hard links to the originals, which saves disk space. Only this prefix uses
+/// the originals.
 fn share_dlls(root: &Path, prefix: &Path) -> Result<(), Error> {
     for (from, to) in DLLS.map(|(from, to)| (root.join(from), prefix.join("drive_c/windows").join(to))) {
         for entry in fs::read_dir(&from).map_err(Error::file("list", &from))?.flatten() {
@@ -151,7 +153,7 @@ fn share_dlls(root: &Path, prefix: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// The environment of Wine: without .NET, HTML and debug output, and with the given drive C.
+/// The environment variables for Wine: the given prefix, and neither .NET nor HTML support nor debug output.
 fn environment(prefix: &Path) -> String {
     format!(
         "export WINEPREFIX={} WINEARCH=win64 WINEDEBUG=-all WINEDLLOVERRIDES='mscoree,mshtml=' HOME={0}",
@@ -169,7 +171,8 @@ fn on_this_system(programs: &Path, prefix: &Path) -> String {
     )
 }
 
-/// Runs a command in its own root. The mount of /proc is not visible outside and ends with the program.
+/// The script that runs a program of the Debian system in `root`. /proc is mounted in a mount namespace of its own, which ends
+/// with the program.
 fn in_its_own(root: &Path) -> String {
     let inside = format!(
         "{}\nfolder=$1\nshift\n[ \"$folder\" = --server ] && exec wineserver \"$@\"\n\
@@ -197,7 +200,7 @@ fn write_script(script: &Path, text: &str) -> Result<(), Error> {
 mod tests {
     use super::*;
 
-    /// The scripts are valid shell scripts, whatever is in the paths.
+    /// The scripts are valid shell code whatever characters the paths contain.
     #[test]
     fn scripts_can_be_read_by_a_shell() {
         let odd = Path::new("/a folder/of $HOME's");

@@ -8,14 +8,14 @@ use ecmsk::machine::printable;
 
 use crate::image::Image;
 
-/// The file name of the library.
+/// The file name of the drop-in library.
 pub const LIBRARY: &str = "NEXTWUSBLib.dll";
-/// The beginning of the assemblies' names.
+/// The prefix of the file names of the .NET assemblies for the library.
 const ASSEMBLY: &str = "NEXTWUSB_dotNET";
-/// The folders with a library for each width.
+/// The sub-folders that may contain the library for 32 and for 64 bits.
 const FOLDERS: [&str; 2] = ["x86", "x64"];
 
-/// A program or assembly.
+/// A program or a .NET assembly in the folder.
 pub struct Entry {
     /// The name of the file, with control characters replaced.
     pub name: String,
@@ -23,11 +23,11 @@ pub struct Entry {
     pub image: Result<Image, String>,
 }
 
-/// A library of the folder.
+/// A NEXTWUSBLib.dll in the folder, or in a sub-folder for one width (32 or 64 bits).
 pub struct Library {
-    /// The name of the file, with its folder.
+    /// The path of the file relative to the folder, for messages.
     pub name: String,
-    /// The sub-folder for a width that contains the library; `None` if it is beside the programs.
+    /// The sub-folder, `x86` or `x64`, that contains the library; `None` if it is beside the programs.
     pub folder: Option<&'static str>,
     /// The content of the file, or why it cannot be read.
     pub image: Result<Image, String>,
@@ -36,14 +36,15 @@ pub struct Library {
 /// The contents of a folder. Names are compared without regard to case, as Windows does.
 pub struct Contents {
     pub programs: Vec<Entry>,
-    /// Libraries for .NET, which may contain the main part of a program.
+    /// DLLs with the name of a program, by that name: for .NET 5 and later `press.dll` contains the code, and `press.exe` only
+    /// starts it.
     pub others: Vec<(String, Entry)>,
     pub libraries: Vec<Library>,
     pub assemblies: Vec<Entry>,
 }
 
 impl Contents {
-    /// Reads a folder.
+    /// Reads the programs, libraries and assemblies in a folder.
     pub fn of(folder: &Path) -> io::Result<Self> {
         let names = names(folder)?;
         let entry = |name: &String| Entry { name: printable(name), image: look(&folder.join(name)) };
@@ -69,7 +70,7 @@ impl Contents {
     }
 }
 
-/// The company and version of a file as text.
+/// The maker and the version of a file as text, from its version resource.
 pub fn whose(image: &Image) -> String {
     let whose = match &image.company {
         _ if image.is_ours() => "this project's".to_owned(),
@@ -92,7 +93,7 @@ fn library(folder: &Path, width: Option<&'static str>) -> Option<Library> {
     Some(Library { name, folder: width, image })
 }
 
-/// The names in a folder, sorted; those that are not Unicode are left out, as Windows has none.
+/// The file names in a folder, sorted. Names that are not Unicode are left out, since Windows has none.
 fn names(folder: &Path) -> io::Result<Vec<String>> {
     let mut names = Vec::new();
     for entry in fs::read_dir(folder)? {

@@ -1,17 +1,18 @@
-//! Checks whether a program finds a library of its width.
+//! Checks whether a program finds a NEXTWUSBLib.dll of its own width (32 or 64 bits).
 
 use ecmsk::machine::findings::Finding;
 
 use super::contents::{Contents, Entry, LIBRARY, Library, stem, whose};
 use crate::image::{Image, Managed};
 
-/// The name of this check.
+/// The name of this check in the output of `doctor`.
 pub const CHECK: &str = "program";
-/// The name that every program that uses the library contains: that of the library, or of an assembly for it.
+/// The text that every program that uses the library contains: the beginning of the library's name and of its assemblies'
+/// names.
 const LIBRARY_STEM: &str = "NEXTWUSB";
 const ASSEMBLY: &str = "NEXTWUSB_dotNET";
 
-/// The finding about a program.
+/// The finding about a program: which library it loads, or why it finds none.
 pub fn finding(program: &Entry, there: &Contents) -> Finding {
     let finding = match &program.image {
         Ok(image) => of_image(program, image, there),
@@ -22,7 +23,7 @@ pub fn finding(program: &Entry, there: &Contents) -> Finding {
 
 fn of_image(program: &Entry, image: &Image, there: &Contents) -> Finding {
     let kind = kind(image);
-    // The main part of a program for .NET 5 and later is a library of the same name.
+    // The code of a program for .NET 5 and later is in a DLL of the same name.
     let parts = there.others.iter().filter(|(name, _)| *name == stem(&program.name));
     let parts: Vec<&Image> =
         std::iter::once(image).chain(parts.filter_map(|(_, part)| part.image.as_ref().ok())).collect();

@@ -1,4 +1,4 @@
-//! Writes the udev rule, or prints the commands with which a user with more rights can.
+//! Writes the udev rule. If this user may not, prints the commands with which root can.
 
 use std::fs::OpenOptions;
 use std::io::{self, ErrorKind, Write};
@@ -15,7 +15,7 @@ pub enum RuleError {
     /// This user may not write the file.
     #[error("{PLACE} was not written: {0}; type the lines above")]
     Refused(io::Error),
-    /// The file exists with other content.
+    /// The file of the rule exists, but with other content.
     #[error("{PLACE} exists with another content and was not changed; check it, sudo rm {PLACE}, then try again")]
     Different,
     /// The file cannot be written.
@@ -23,7 +23,7 @@ pub enum RuleError {
     Failed(io::Error),
 }
 
-/// Writes the rule, unless there is a file already.
+/// Writes the udev rule, unless its file exists already.
 ///
 /// # Errors
 /// [`RuleError`], and an error of standard output.
@@ -45,11 +45,11 @@ pub fn write(machine: &Machine) -> Result<(), CliError> {
     }
 }
 
-/// Writes the whole file or nothing.
+/// Writes the rule completely; if that fails, no file is left.
 fn put(file: &Path) -> io::Result<()> {
     let mut opened = OpenOptions::new().write(true).create_new(true).open(file)?;
     opened.write_all(RULE.as_bytes()).inspect_err(|_| {
-        // Only the first error is reported.
+        // An error of removing the file is ignored: the error of the write is the one to report.
         let _ = std::fs::remove_file(file);
     })
 }

@@ -1,5 +1,5 @@
-//! JSON: one object on a line for each frame or packet. The names of fields contain units; `text` is that of the text
-//! format.
+//! JSON output: one object on a line for each frame or packet. The names of fields contain units; the field `text` has the
+//! lines of the text output.
 
 use std::io::{self, Write};
 
@@ -18,7 +18,7 @@ use crate::dump::packet::{self, Decoded, Packet};
 use crate::dump::pieces::Pieces;
 use crate::dump::slot_json::SlotJson;
 
-/// The format of JSON.
+/// The JSON output.
 pub struct Json;
 
 impl Format for Json {
@@ -108,7 +108,7 @@ struct FrameJson<'a> {
     slots: &'a [SlotJson],
 }
 
-/// The CRC: byte 3, and the value for the bytes of the frame.
+/// The CRC of a frame: `found` is its byte 3, `expected` is computed from its other bytes.
 #[derive(Serialize)]
 struct CrcJson {
     status: &'static str,
@@ -126,7 +126,7 @@ impl From<CrcStatus> for CrcJson {
     }
 }
 
-/// The bytes of one direction, with their meaning.
+/// The JSON object for the bytes of a packet in one direction: raw, as text and as fields.
 fn of_packet(direction: Dir, bytes: &[u8]) -> Value {
     let decoded = Decoded::of(direction, bytes);
     let mut object = json!({

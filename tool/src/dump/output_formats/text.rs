@@ -1,4 +1,4 @@
-//! Text: a line for the frame or packet, then one for each slot, or those that say what the packet means.
+//! Text output: a line for each frame or packet, followed by a line for each slot of the frame or by the meaning of the packet.
 
 use std::fmt::Display;
 use std::io::{self, Write};
@@ -13,7 +13,7 @@ use crate::dump::packet::{self, Decoded, Packet};
 use crate::dump::pieces::Pieces;
 use crate::dump::place::Place;
 
-/// The format of text.
+/// The text output.
 pub struct Text {
     /// Whether the bytes of packets are shown, too.
     pub with_bytes: bool,
@@ -51,7 +51,7 @@ impl Format for Text {
     }
 
     fn lacks(&self, _: &mut dyn Write, _: &Lacks) -> io::Result<()> {
-        // The note on standard error says it.
+        // Only JSON has an object for it: in text mode a note on standard error says what the recording lacks.
         Ok(())
     }
 }

@@ -28,7 +28,7 @@ pub fn run(command: &mut Command, program: &Path) -> Result<ExitStatus, ExecErro
     // is lost in between.
     let ours = signals::not_ignored(&[SIGINT, SIGQUIT, SIGTERM, SIGHUP]);
     let mut signals = Signals::new(ours).map_err(failed("catch signals"))?;
-    // The process id while it belongs to the program.
+    // The program's process id, while it runs; `None` before it is started and after it was waited for.
     let running = Arc::new(Mutex::new(None));
     let mut started = running.lock().unwrap_or_else(PoisonError::into_inner);
     // The signals have their own thread, so that the end of the program is noticed even if the system loses a signal.
@@ -71,7 +71,7 @@ pub fn end_as(ended: ExitStatus) -> ExitCode {
 fn pass_on(running: &Mutex<Option<Pid>>, signal: Signal) {
     let running = running.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some(id) = *running {
-        // The program may have ended already.
+        // Sending fails if the program has ended already.
         let _ = kill_process(id, signal);
     }
 }

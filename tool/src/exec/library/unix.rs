@@ -15,11 +15,11 @@ use super::{ExecError, not_a_library};
 pub const FILE_NAME: &str = "libNEXTWUSBLib.so";
 /// The file name that a linked program uses: the library's SONAME.
 const SONAME: &str = "libNEXTWUSBLib.so.0";
-/// All file names of the library.
+/// The file names by which programs ask for the library.
 pub const NAMES: &[&str] = &[FILE_NAME, SONAME];
 /// The variable with the folders in which the dynamic linker looks first.
 pub const SEARCH_PATH: &str = "LD_LIBRARY_PATH";
-/// The separator of the folders.
+/// The separator between the folders of [`SEARCH_PATH`].
 pub const SEPARATOR: &str = ":";
 /// The hint for a program that has opened no board.
 pub const UNOPENED: &str =
@@ -54,7 +54,7 @@ pub fn check(file: &Path, _program: Option<&Path>) -> Result<(), ExecError> {
 pub fn folder(library: &Path) -> Result<TempDir, ExecError> {
     let place = std::env::temp_dir();
     let failed = |source| ExecError::Folder { place: place.clone(), source };
-    // The program may change its working directory.
+    // The path is made absolute, because the program may change its working directory.
     let place = std::path::absolute(&place).map_err(failed)?;
     let failed = |source| ExecError::Folder { place: place.clone(), source };
     if place.as_os_str().as_bytes().iter().any(|byte| b":;$".contains(byte)) {

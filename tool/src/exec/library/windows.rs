@@ -8,13 +8,13 @@ use super::{ExecError, not_a_library};
 use crate::exec::link::program_file;
 use crate::image::{Image, Width};
 
-/// The file name that programs use.
+/// The file name by which programs ask for the library.
 pub const FILE_NAME: &str = "NEXTWUSBLib.dll";
-/// All file names of the library.
+/// The file names by which programs ask for the library.
 pub const NAMES: &[&str] = &[FILE_NAME];
 /// The variable with the folders in which Windows looks last.
 pub const SEARCH_PATH: &str = "PATH";
-/// The separator of the folders.
+/// The separator between the folders of [`SEARCH_PATH`].
 pub const SEPARATOR: &str = ";";
 /// The hint for a program that has opened no board.
 pub const UNOPENED: &str =
@@ -23,11 +23,11 @@ pub const UNOPENED: &str =
 /// Why a folder cannot be on `PATH`, with the next step.
 pub const UNLINKABLE: &str = "PATH takes no `;` and no quotes; put the library into another folder";
 
-/// The width of this tool.
+/// The width (32 or 64 bits) of this tool, and so of the library beside it.
 const OURS: Width = if cfg!(target_pointer_width = "64") { Width::X64 } else { Width::X86 };
 
-/// The usual folder of the library: that of this tool, or for a program of another width the folder of that width
-/// beside it, as in the package.
+/// The usual folder of the library: the tool's own folder. For a program of the other width it is the folder `x86` or `x64`
+/// beside that, as in the package.
 pub fn usual_folders(beside_tool: &Path, program: Option<&Path>) -> Vec<PathBuf> {
     let width = program.and_then(width_of);
     if width.is_none_or(|width| width == OURS) {
@@ -72,7 +72,7 @@ pub fn folder(library: &Path) -> Result<TempDir, ExecError> {
     Ok(folder)
 }
 
-/// The folder that is put first on `PATH`.
+/// The folder that is put first on `PATH`: the library's own.
 pub fn first<'a>(_folder: &'a Path, library: &'a Path) -> &'a Path {
     library.parent().unwrap_or(Path::new("\\"))
 }

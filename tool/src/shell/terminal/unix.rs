@@ -8,7 +8,7 @@ use rustix::termios::{OptionalActions, Termios, tcgetattr, tcsetattr};
 pub struct Terminal(Option<Termios>);
 
 impl Terminal {
-    /// Saves the present modes.
+    /// Saves the present modes of the terminal.
     pub fn now() -> Self {
         Self(tcgetattr(io::stdin()).ok())
     }

@@ -9,7 +9,7 @@ use windows_sys::Win32::System::Console::{GetConsoleMode, SetConsoleMode};
 pub struct Terminal(Option<u32>);
 
 impl Terminal {
-    /// Saves the present modes.
+    /// Saves the present modes of the console.
     pub fn now() -> Self {
         let mut mode = 0;
         // SAFETY: standard input's handle is open as long as the process; `mode` takes a number.

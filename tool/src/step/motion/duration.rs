@@ -1,4 +1,4 @@
-//! The duration of a move: a long one is announced before it begins, and at a terminal the user has to confirm it.
+//! Announces the duration of a long move before it begins; at a terminal the user has to confirm it.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use super::path::Path;
 use super::{WHAT, refused};
 use crate::board::{Board, BoardError};
 
-/// \[OURS] A longer move is announced, in seconds: a mistyped number should not start a move of more than a minute.
+/// \[OURS] A move longer than this is announced, in seconds. A mistyped number should not start a move of more than a minute.
 const TOLD_FROM_S: f64 = 60.0;
 
 /// A duration as text for users, from seconds: `8 min 20 s`, `3 h 5 min`.
@@ -24,11 +24,11 @@ impl fmt::Display for Long {
     }
 }
 
-/// Announces the duration of a long move. At a terminal it asks whether to continue, unless `yes`. \[OURS] Without a
-/// terminal it continues, so that older scripts still run.
+/// Announces the duration of a long move. At a terminal it asks whether to continue, unless `yes` is set. \[OURS] Without a
+/// terminal the move continues, so that older scripts still run.
 ///
 /// # Errors
-/// [`BoardError::Refused`] without a yes, [`BoardError::Stopped`], and those of reading reports.
+/// [`BoardError::Refused`] if the user does not answer yes, [`BoardError::Stopped`], and errors of reading reports.
 pub fn announce(board: &Board, path: &Path, yes: bool) -> Result<Asked, BoardError> {
     let seconds = path.profile.as_ref().map_or(0.0, super::Profile::seconds);
     if seconds <= TOLD_FROM_S {
@@ -45,7 +45,7 @@ pub fn announce(board: &Board, path: &Path, yes: bool) -> Result<Asked, BoardErr
     Err(refused(format!("nobody has said yes to {takes}"), "give a higher --velocity, or --yes"))
 }
 
-/// Whether the user was asked, so that time has passed in which the axes may have been moved.
+/// Whether the user was asked. If so, the axes may have been moved by hand before the answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Asked {
     No,

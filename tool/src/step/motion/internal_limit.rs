@@ -6,14 +6,14 @@ use ecmsk::ecm::Snapshot;
 
 use crate::board::{Board, NEAR_COUNTS};
 
-/// \[OURS] Largest change of position at which an axis still counts as standing, in counts: encoders have noise.
+/// \[OURS] An axis counts as standing if its position changes by at most this many counts: encoders have noise.
 const STANDING_COUNTS: u32 = 16;
 
-/// An axis of a move, checked in each cycle.
+/// Tracks in each cycle of a move whether an axis is held back.
 #[derive(Clone, Copy, Debug)]
 pub struct Watched {
     pub slave: u8,
-    /// The time since which the axis stands under an internal limit, in seconds of the move, and its position.
+    /// Since when the axis has been standing under an internal limit, in seconds since the move began, and at which position.
     since: Option<(f64, i32)>,
 }
 
@@ -22,8 +22,8 @@ impl Watched {
         Self { slave, since: None }
     }
 
-    /// Takes the newest report, at a time of the move in seconds. Returns for how many seconds the axis has been held
-    /// back from its target.
+    /// Examines the newest report, `seconds` after the move began. Returns for how many seconds the axis has been held back
+    /// from its target.
     pub fn held_for(&mut self, board: &Board, now: &Snapshot, target: i32, seconds: f64) -> f64 {
         let at = now.position(self.slave).unwrap_or_default();
         if !is_limited(board, now, self.slave) || target.wrapping_sub(at).unsigned_abs() <= NEAR_COUNTS {

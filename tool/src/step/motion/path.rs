@@ -5,12 +5,12 @@ use ecmsk::ecm::Snapshot;
 use super::super::profile::{Limits, Profile};
 use super::target::Jerk;
 
-/// \[OURS] The default speed in counts per second. It is slow for every motor: a tenth of a turn per second is 13107
-/// with a 17-bit encoder.
+/// \[OURS] The default speed in counts per second, which is slow for every motor: with a 17-bit encoder it is less than a tenth
+/// of a turn per second (13107 counts).
 pub const DEFAULT_VELOCITY: f64 = 10_000.0;
-/// \[OURS] The default acceleration reaches the speed in this many seconds.
+/// \[OURS] With the default acceleration an axis reaches its speed in this many seconds.
 pub const DEFAULT_ACCELERATION_TIME_S: f64 = 0.2;
-/// \[OURS] The default jerk reaches the acceleration in this many seconds.
+/// \[OURS] With the default jerk an axis reaches its acceleration in this many seconds.
 pub const DEFAULT_JERK_TIME_S: f64 = 0.1;
 
 /// The limits of one axis, in counts and seconds.
@@ -22,7 +22,7 @@ pub struct Speeds {
 }
 
 impl Speeds {
-    /// The limits that are given, with defaults for the others.
+    /// The limits that the user has given, with defaults for the others.
     pub fn of(velocity: Option<f64>, acceleration: Option<f64>, jerk: Option<Jerk>) -> Self {
         let velocity = velocity.unwrap_or(DEFAULT_VELOCITY);
         let acceleration = acceleration.unwrap_or(velocity / DEFAULT_ACCELERATION_TIME_S);
@@ -35,7 +35,7 @@ impl Speeds {
     }
 }
 
-/// The path of one axis, in counts.
+/// The straight path of one axis from start to end, in counts, with its limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisPath {
     pub slave: u8,
@@ -54,25 +54,25 @@ impl AxisPath {
         f64::from(self.end) - f64::from(self.start)
     }
 
-    /// The position after a part of the path, 0 to 1.
+    /// The position at the fraction `part` of the path, 0 to 1.
     pub fn at(&self, part: f64) -> i32 {
         // Both ends fit into 32 bits, and so do all positions between them.
         (f64::from(self.start) + self.distance() * part.clamp(0.0, 1.0)).round() as i32
     }
 }
 
-/// The common path of all axes.
+/// The path of all axes of a move, which they travel with one motion profile.
 pub struct Path {
     pub axes: Vec<AxisPath>,
     /// The distance of the axis that moves furthest, in counts.
     pub length: f64,
     pub limits: Limits,
-    /// The motion along the path; `None` if no axis has to move.
+    /// The motion profile along the path; `None` if no axis has to move.
     pub profile: Option<Profile>,
 }
 
 impl Path {
-    /// A path whose limits are those of the axis that restricts it most.
+    /// Makes a path. Its limits are chosen so that no axis exceeds its own.
     ///
     /// # Errors
     /// No motion can be calculated.
@@ -92,7 +92,7 @@ impl Path {
         Ok(Self { axes, length, limits, profile })
     }
 
-    /// The rest of the path, from the part `part` (0 to 1) at which the axes stand.
+    /// The remaining path from the fraction `part` (0 to 1), where the axes stand.
     ///
     /// # Errors
     /// As [`Path::new`].

@@ -4,11 +4,11 @@ use ecmsk::ecm::Scale;
 
 use crate::board::{BoardError, positive};
 
-/// A target of one axis: `1=10000`.
+/// The target of one axis as the user gives it: `1=10000`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Target {
     pub slave: u8,
-    /// The position or distance, in the units of the axis.
+    /// The target position, or with `--relative` the distance, in the units of the axis.
     pub value: f64,
 }
 
@@ -71,7 +71,7 @@ impl Jerk {
         }
     }
 
-    /// The value in other units.
+    /// The value multiplied by `by`, to convert units to counts.
     pub fn scaled(self, by: f64) -> Self {
         match self {
             Self::Limit(limit) => Self::Limit(limit * by),

@@ -1,4 +1,4 @@
-//! Fields of the command line.
+//! Converts fields of the command line (`name=value`) to a request.
 
 use ecmsk::xf::fields::{Draft, Field, FieldKind, FunctionFields, Names, Value};
 
@@ -6,7 +6,7 @@ use crate::board::whole;
 use crate::hex::parse_hex;
 use crate::xf::words::{list, named, word};
 
-/// The states of CiA 402 that 402_STATE_SET takes (XF EN 767).
+/// The names and codes of the CiA 402 states that 402_STATE_SET accepts (XF EN 767).
 const DRIVE_STATES: Names = &[
     ("NotReadyToSwitchOn", 0x00),
     ("SwitchOnDisabled", 0x40),
@@ -36,7 +36,7 @@ impl Assignment {
     }
 }
 
-/// Writes the fields and checks the request.
+/// Writes the fields into the request and checks it.
 ///
 /// # Errors
 /// What is wrong with a field, as text.
@@ -68,7 +68,7 @@ pub fn fill(draft: &mut Draft<'_>, row: &'static FunctionFields, fields: &[Assig
     }
 }
 
-/// A value in the form that its field needs.
+/// A value after parsing, by the kind of its field.
 enum Parsed {
     Number(i64),
     Bytes(Vec<u8>),
@@ -107,7 +107,7 @@ fn bits(text: &str, names: Names) -> Result<i64, String> {
     })
 }
 
-/// Objects of a PDO: index, sub-index and bits, as 0x60400010.
+/// Parses PDO mapping entries: index, sub-index and number of bits in one number, as 0x60400010.
 fn objects(text: &str) -> Result<Vec<u8>, String> {
     let object = |text: &str| whole(text.trim()).and_then(|object| u32::try_from(object).ok());
     let objects: Option<Vec<_>> = text.split(',').map(|text| object(text).map(u32::to_le_bytes)).collect();
@@ -134,7 +134,7 @@ fn slave_set(text: &str) -> Result<Vec<u8>, String> {
     Ok(set)
 }
 
-/// The fields of a function; optional ones are in brackets.
+/// The names of a function's fields, for help and errors; optional ones are in brackets.
 pub fn described(row: &FunctionFields) -> String {
     let fields = row.request.iter().map(|field| {
         let text = format!("{}={}", field.name, allowed(field));

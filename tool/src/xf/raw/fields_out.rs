@@ -1,4 +1,4 @@
-//! Fields of the answer.
+//! Converts the answer of a function to text and JSON.
 
 use ecmsk::cia402::Statusword;
 use ecmsk::coe::AbortCode;
@@ -10,7 +10,7 @@ use crate::hex::{hex, spaced};
 use crate::xf::Shown;
 use crate::xf::words::{listed, word};
 
-/// The answer, field by field.
+/// Shows the answer of a function field by field.
 pub fn shown(row: &FunctionFields, returned: Returned, data: &[u8]) -> Shown {
     let mut json = json!({
         "verb": "xf raw", "name": row.name(), "type": row.type_name, "code": row.code.code(), "parameter": row.function,

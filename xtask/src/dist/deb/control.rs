@@ -12,12 +12,12 @@ use crate::dist::tree::Tree;
 use crate::error::Error;
 use crate::project::Project;
 
-/// The maintainer of the packages. The project has no mail address of its own. \[OURS]
+/// The maintainer in the packages' control files. The address is invalid because the project has no mail address. \[OURS]
 pub const MAINTAINER: &str = "The ecmsk authors <ecmsk@packages.invalid>";
 
-/// Writes the folder `DEBIAN`.
+/// Writes the folder `DEBIAN`, which contains the control files of a package.
 pub fn write(part: &Part, place: &Place, version: &str, libraries: Option<&str>, tree: &Tree) -> Result<(), Error> {
-    // Computed before DEBIAN exists, since both are about the installed files.
+    // Size and checksums are those of the installed files, so they are computed before the folder DEBIAN is there.
     let (size, sums) = (installed_size(tree)?, md5sums(tree)?);
     let own = part.depends_on_own.iter().map(|package| format!("{package} (= {version})"));
     let depends: Vec<String> = own.chain(libraries.map(str::to_owned)).collect();
@@ -47,7 +47,7 @@ pub fn write(part: &Part, place: &Place, version: &str, libraries: Option<&str>,
     Ok(())
 }
 
-/// The description: the first line, then lines that begin with a blank.
+/// The description field of a control file: a first line, then lines that begin with a blank.
 fn description(part: &Part) -> String {
     let mut lines = vec![part.description.0.to_owned(), String::new()];
     for word in long_description(part).split_whitespace() {
@@ -61,7 +61,7 @@ fn description(part: &Part) -> String {
     lines.join("\n")
 }
 
-/// The installed size in KiB, as dpkg-gencontrol counts: each file rounded up, 1 for everything else.
+/// The installed size in KiB as dpkg-gencontrol computes it: each file rounded up to a KiB, and 1 KiB for each folder or link.
 fn installed_size(tree: &Tree) -> Result<u64, Error> {
     let mut size = 0;
     let mut folders = BTreeSet::new();

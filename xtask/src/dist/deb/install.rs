@@ -1,4 +1,4 @@
-//! Installs, uses and removes the packages in a fresh Debian 12.
+//! Tests the Debian packages: installs, uses and removes them in a fresh Debian 12.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -11,7 +11,7 @@ use crate::dist::tree;
 use crate::error::Error;
 use crate::project::Project;
 
-/// A Debian system with a compiler and nothing of this project.
+/// The Debian system of the test: it has a compiler and nothing of this project.
 const SYSTEM: System = System {
     name: "debian-packages",
     why: "the packages are installed in a Debian of its own: fetching some 150 MB, which takes 200 MB and, on two free \
@@ -28,16 +28,17 @@ const SYSTEM: System = System {
     finish: |_| Ok(()),
 };
 
-/// The folder in it for files of the test.
+/// The folder in that system for the files of the test.
 const PLACE: &str = "srv";
 /// A program in C that uses the vendor's functions.
 const PROGRAM: &str = include_str!("program.c");
-/// What the program prints.
+/// The output of that program.
 const EXPECTED: &str = "PreOP\n";
-/// Paths that dpkg, the dynamic linker and the test itself change.
+/// Paths that are ignored when the files before and after are compared: dpkg, the dynamic linker and the test itself change
+/// them.
 const CHANGING_PATHS: [&str; 7] = ["var/", "proc/", "run/", "tmp/", "srv/", "etc/ld.so.cache", "usr/share/info/dir"];
 
-/// The steps of the test: shell lines and what they print; `None` if the output does not matter.
+/// The steps of the test: shell lines with their expected output; `None` if the output is not checked.
 fn steps(version: &str) -> Vec<(&'static str, Option<String>)> {
     let compile = "cd /srv && gcc -Wall -Wextra -Werror program.c -o";
     let pkgconfig = "$(pkg-config --cflags --libs nextwusblib)";
@@ -58,11 +59,11 @@ fn steps(version: &str) -> Vec<(&'static str, Option<String>)> {
     ]
 }
 
-/// Installs, uses and removes the packages.
+/// Installs the packages, runs the steps, removes the packages, and checks that nothing is left of them.
 pub fn test(project: &Project, packages: &[PathBuf], version: &str) -> Result<(), Error> {
     let root = debian::set_up(&project.target.join("xtask"), &SYSTEM)?;
     println!("installing the packages in {}", root.display());
-    // Removes what an earlier run may have left.
+    // An interrupted earlier run may have left the packages installed.
     purge(&root)?;
     let before = listed(&root)?;
     let place = root.join(PLACE).join("packages");
@@ -98,7 +99,7 @@ pub fn test(project: &Project, packages: &[PathBuf], version: &str) -> Result<()
 
 fn purge(root: &Path) -> Result<(), Error> {
     let mut words = vec!["dpkg", "--purge"];
-    // A package is removed before those that it depends on.
+    // In reverse order: a package is removed before the packages that it depends on.
     words.extend(PARTS.iter().rev().map(|part| part.package));
     let (known, ours) = (root.join("var/lib/dpkg/status"), PARTS[0].package);
     let status = fs::read_to_string(&known).map_err(Error::file("read", &known))?;
@@ -108,7 +109,7 @@ fn purge(root: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// All paths except those in [`CHANGING_PATHS`].
+/// All paths in the system except those below [`CHANGING_PATHS`].
 fn listed(root: &Path) -> Result<BTreeSet<PathBuf>, Error> {
     let files = tree::files(root)?.into_iter();
     Ok(files.filter(|file| !CHANGING_PATHS.iter().any(|note| file.to_string_lossy().starts_with(note))).collect())

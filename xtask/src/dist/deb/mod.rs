@@ -1,6 +1,5 @@
-//! The Debian packages: the library, its development files, and the tool. They are split as Debian splits a library,
-//! so that the package of a program depends on the library alone, and a library with another binary interface can be
-//! installed beside this one.
+//! The Debian packages: library, development files and tool. They are split as Debian splits a library: programs depend on the
+//! library's package alone, and a later library with another binary interface can be installed beside this one.
 
 mod control;
 pub mod install;
@@ -20,10 +19,10 @@ use parts::{Part, Place};
 
 pub use lintian::check as lintian;
 
-/// The Debian revision of the version. \[OURS]
+/// The Debian revision, which follows the version of the project in a package's version. \[OURS]
 const REVISION: u32 = 1;
 
-/// The warning of lintian that is overridden, since it is about uploads to Debian.
+/// The lintian warning that the packages override, because it concerns only packages that are uploaded to Debian.
 const OVERRIDDEN: &str = "initial-upload-closes-no-bugs";
 const OVERRIDDEN_BECAUSE: &str = "The package is not uploaded to Debian, and answers no request there.";
 
@@ -54,7 +53,7 @@ pub fn build(
     Ok(packages)
 }
 
-/// Writes the documents that every package must contain.
+/// Writes the documents that Debian requires in every package: changelogs and licences.
 fn documents(
     project: &Project,
     release: &Release,
@@ -85,18 +84,18 @@ fn documents(
     )
 }
 
-/// Compresses a file as Debian requires: without name and time.
+/// Compresses a file with gzip without storing its name and time, as Debian requires.
 fn compress(release: &Release, file: &Path) -> Result<(), Error> {
     command::run(release.command("gzip").args(["--no-name", "--best", "--force", "--"]).arg(file))
 }
 
-/// The packages with the libraries of this package's programs, found by Debian's own tool; `None` if there are no
-/// programs.
+/// The packages that this package's programs and libraries depend on, found by Debian's own tool; `None` if it has no program
+/// or library.
 fn depends(project: &Project, part: &Part, place: &Place, tree: &Tree) -> Result<Option<String>, Error> {
     if part.programs.is_empty() {
         return Ok(None);
     }
-    // The tool expects a folder of Debian sources, of which it only reads this file.
+    // dpkg-shlibdeps runs in a folder of Debian sources, but reads only this file of it.
     let sources = super::folder(project).join("deb/sources");
     let debian = sources.join("debian");
     fs::create_dir_all(&debian).map_err(Error::file("make", &debian))?;

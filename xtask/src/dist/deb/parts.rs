@@ -1,4 +1,4 @@
-//! Assigns the files to the packages and their places in Debian.
+//! Defines each Debian package: its files with their installed paths, its dependencies and its description.
 
 use std::fs;
 use std::path::Path;
@@ -15,7 +15,7 @@ use crate::stage::{ARCHIVE, LINK_NAME, SONAME, UDEV_RULE};
 pub struct Place {
     /// Debian's name of the architecture: `amd64`.
     pub architecture: String,
-    /// The folder of its libraries in `/usr/lib`: `x86_64-linux-gnu`.
+    /// The sub-folder of `/usr/lib` for libraries of this architecture: `x86_64-linux-gnu`.
     pub multiarch: String,
 }
 
@@ -29,32 +29,32 @@ impl Place {
         Ok(Self { architecture: ask("DEB_HOST_ARCH")?, multiarch: ask("DEB_HOST_MULTIARCH")? })
     }
 
-    /// The path in which `@` stands for the folder of the architecture.
+    /// Replaces `@` in a path by the sub-folder for libraries of the architecture.
     pub fn of(&self, path: &str) -> String {
         path.replace('@', &self.multiarch)
     }
 }
 
-/// One package.
+/// The definition of one package.
 pub struct Part {
     pub package: &'static str,
     pub section: &'static str,
-    /// Packages of this project on which it depends in the same version.
+    /// The packages of this project that it needs in exactly its own version.
     pub depends_on_own: &'static [&'static str],
     pub recommends: &'static [&'static str],
     pub suggests: &'static [&'static str],
-    /// Whether packages of several architectures can be installed at once.
+    /// The control field `Multi-Arch`; `same` allows the packages of several architectures to be installed at once.
     pub multi_arch: Option<&'static str>,
-    /// The first line, then the text.
+    /// The description: its first line, and the text after it.
     pub description: (&'static str, &'static str),
-    /// Its programs and libraries, whose dependencies have to be found; see [`Place::of`].
+    /// Its programs and libraries, from which the dependencies are computed; paths as for [`Place::of`].
     pub programs: &'static [&'static str],
-    /// Further control files by their names, for dpkg and the dynamic linker.
+    /// Further control files (name, content), such as the triggers that make dpkg run ldconfig.
     pub control: &'static [(&'static str, &'static str)],
     pub fill: fn(&Project, &Place, &Path, &Tree) -> Result<(), Error>,
 }
 
-/// The package of the library, which Debian names by the SONAME.
+/// The package of the library. Debian requires a name that contains the SONAME.
 pub const LIBRARY: &str = "libnextwusblib0";
 
 const BOARD: &str = "The ECM-SK (EC01M, by NEXTW) is a board that drives EtherCAT slaves for a host on USB or SPI. ";
@@ -64,7 +64,7 @@ pub const PARTS: &[Part] = &[
         package: LIBRARY,
         section: "libs",
         depends_on_own: &[],
-        // The library loads it when a board on USB is opened.
+        // The library loads libusb at run time when a board on USB is opened, so it is no hard dependency.
         recommends: &["libusb-1.0-0"],
         suggests: &["ecmsk"],
         multi_arch: Some("same"),
@@ -117,7 +117,7 @@ pub const PARTS: &[Part] = &[
     },
 ];
 
-/// The text of a description, with a paragraph about the board.
+/// The text of a package's description, after a sentence about what the board is.
 pub fn long_description(part: &Part) -> String {
     format!("{BOARD}{}", part.description.1)
 }
@@ -136,7 +136,7 @@ fn development(_: &Project, place: &Place, stage: &Path, tree: &Tree) -> Result<
     tree.write(&place.of("usr/lib/@/pkgconfig/nextwusblib.pc"), pkgconfig(&text, place))
 }
 
-/// The pkg-config file with Debian's folders instead of those relative to its own place.
+/// The pkg-config file with Debian's absolute folders instead of folders relative to the file.
 fn pkgconfig(text: &str, place: &Place) -> String {
     let lines = text.lines().map(|line| match line.split_once('=') {
         Some(("prefix", _)) => "prefix=/usr".to_owned(),
@@ -158,7 +158,7 @@ fn tool(project: &Project, _: &Place, stage: &Path, tree: &Tree) -> Result<(), E
     let share = stage.join("share");
     for (from, to) in [
         ("bash-completion/completions/ecmsk", "bash-completion/completions/ecmsk"),
-        // In Debian zsh's own folder is for the administrator of the machine.
+        // In Debian the folder `site-functions` of zsh belongs to the administrator, and packages use `vendor-completions`.
         ("zsh/site-functions/_ecmsk", "zsh/vendor-completions/_ecmsk"),
         ("fish/vendor_completions.d/ecmsk.fish", "fish/vendor_completions.d/ecmsk.fish"),
     ] {
@@ -179,7 +179,7 @@ mod tests {
         assert_eq!(pkgconfig(text, &place), expected);
     }
 
-    /// Debian's rule: the SONAME in lower case, with its number.
+    /// Debian's rule for the name of a library package: the SONAME in lower case without `.so.`.
     #[test]
     fn the_package_of_the_library_has_the_name_of_its_soname() {
         let (name, number) = SONAME.split_once(".so.").unwrap();

@@ -39,7 +39,7 @@ const SIZE_NS: i64 = 102_772_000;
 const SAFEOP_NS: i64 = 303_500_000;
 /// The duration of the change of all slaves to OP with one command, ns.
 const ALL_TO_OP_NS: i64 = 50_000_000;
-/// The duration of the steps after OP is reached, ns.
+/// The part of the change to OP that depends on neither the slaves nor the packets, ns.
 const OP_NS: i64 = 6_000_000;
 /// The additional duration of a change of state for each slave, ns.
 const CHANGE_SLAVE_NS: i64 = 2_000_000;

@@ -65,7 +65,7 @@ pub enum Managed {
     Any,
     /// Any CPU, with a preference for 32 bits.
     Prefers32,
-    /// The processor of the PE header, and no other.
+    /// The image runs only on the processor that its PE header names.
     Fixed,
 }
 

@@ -16,10 +16,10 @@ pub struct Claim {
 }
 
 impl Claim {
-    /// Claims an interface.
+    /// Reserves an interface until the claim is dropped: no other process with this library can open it meanwhile.
     ///
     /// # Errors
-    /// [`InterfaceError::InUse`] if another claim exists; [`InterfaceError::System`].
+    /// [`InterfaceError::InUse`] if another claim exists; [`InterfaceError::System`] if the system refuses the socket.
     pub fn new(interface: &Interface) -> Result<Self, InterfaceError> {
         let name = || interface.name.clone();
         let failed = |source: io::Error| match source.kind() {

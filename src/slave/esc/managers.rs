@@ -19,11 +19,11 @@ pub(super) const MANAGERS_MAX: usize = 16;
 /// The accesses of the network to sync managers since the last query, one bit per sync manager.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ManagerEvents {
-    /// A whole buffer was written.
+    /// The sync managers whose whole buffer was written, bit n for sync manager n.
     pub(super) written: u16,
-    /// A whole buffer was read.
+    /// The sync managers whose whole buffer was read.
     pub(super) read: u16,
-    /// The activate register was written.
+    /// The sync managers whose activate register was written.
     pub(super) activated: u16,
 }
 

@@ -58,7 +58,7 @@ pub struct OnNetwork {
     pub slave: u8,
 }
 
-/// Makes an abort code of the drive an [`Answer`]; any other error of the network stays an error.
+/// Turns an SDO abort code from the drive into an [`Answer`], because the drive has replied. Any other error is returned.
 fn answered<T>(done: Result<T, BusError>) -> Result<Answer<T>, ParamsError> {
     match done {
         Ok(value) => Ok(Ok(value)),

@@ -86,8 +86,10 @@ fn near(name: &str) -> Vec<&'static str> {
     near.into_iter().take(3).map(|(_, known)| known).collect()
 }
 
+/// Sends one request to the chip and prints its answer.
+///
 /// # Errors
-/// [`XfVerbError`]
+/// [`XfVerbError`] if the arguments make no request, or the chip cannot be opened or does not answer.
 pub fn run(args: &Args) -> Result<(), XfVerbError> {
     // A wrong request is reported before the chip is opened.
     let mut data = [0; SEGMENT];

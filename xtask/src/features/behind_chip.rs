@@ -99,7 +99,8 @@ fn engine_name(test: &str) -> Option<String> {
     Some(format!("{module}::{function}"))
 }
 
-/// The names in the array of `const name`: its strings, or the first one of each tuple.
+/// The names listed in the array constant called `name`: its elements if they are strings, or the first string of each element
+/// if they are tuples. `None`: there is no such constant.
 fn table(trees: &[TokenTree], name: &str) -> Option<Vec<String>> {
     let is_word = |tree: &TokenTree, word: &str| matches!(tree, TokenTree::Ident(ident) if ident == word);
     let at = trees.windows(2).position(|pair| is_word(&pair[0], "const") && is_word(&pair[1], name))?;

@@ -73,7 +73,8 @@ pub const NEEDS_DOTNET_X86: &[Need] = &[
     DOTNET_WINDOWS_X86,
 ];
 
-/// The programs that the tests of boards on USB need: those of 32-bit programs, and a guest system.
+/// The programs that the tests with boards on USB need: they build 32-bit Windows programs, and boot a guest system that has
+/// the boards.
 pub const NEEDS_USB: &[Need] =
     &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, DEBOOTSTRAP, ROOT, QEMU, XZ, STRIP, GCC];
 

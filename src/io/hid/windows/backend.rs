@@ -56,7 +56,7 @@ impl Device {
             handle,
             listener: listener.clone(),
         };
-        // The device is usable even if the driver cannot queue that many reports.
+        // A failure is ignored: the device also works with the driver's default queue, which holds fewer reports.
         backend.set_system_queue(None);
         Ok(Arc::new(backend))
     }

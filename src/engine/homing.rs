@@ -245,8 +245,9 @@ impl AxisHoming {
         self.mode_since = at;
     }
 
-    /// Evaluates the answer of the cycle at `at` while bit 4 is clear. Counts consecutive answers in which the drive is
-    /// enabled, in mode 6, and shows no result.
+    /// Evaluates the answer of the cycle at `at` while bit 4 of the controlword (start homing) is clear. Counts consecutive
+    /// answers in which the drive is enabled, in mode 6, and shows neither homing attained nor homing error: after enough of
+    /// them bit 4 may be set.
     pub(super) fn observe_idle(&mut self, at: Ns, in_mode_6: bool, statusword: Statusword) {
         if matches!(self.phase, Phase::Running { .. }) {
             return;

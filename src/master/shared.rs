@@ -158,7 +158,7 @@ impl Bus {
     }
 }
 
-/// State that the sequences, the cycle and the user share.
+/// State that the async sequences of datagrams (jobs, mailboxes, the watch), the cycle and the calls of the user share.
 pub(super) struct Shared {
     pub(super) settings: Settings,
     pub(super) now: Ns,

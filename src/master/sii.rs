@@ -190,7 +190,7 @@ impl Eeprom {
             return Err(SiiError::InUse(slave));
         }
         let eeprom = Self { bus, slave, station };
-        // A refused change of state may have left the EEPROM to the slave's own controller.
+        // Takes the EEPROM back: for a change of state it is assigned to the slave's PDI, and after a refused one it may still be.
         offer(&eeprom.bus, station, false).await?;
         Ok(eeprom)
     }

@@ -43,9 +43,10 @@ struct Part {
 pub(super) struct StateChange {
     target: AlState,
     timeout_ns: Ns,
-    /// The parts of the participating slaves in network order, and unused ones behind them.
+    /// One entry per slave that changes its state, in network order. Entries from `slaves` on are not in use: the vector is
+    /// allocated once.
     parts: Vec<Part>,
-    /// The number of participating slaves.
+    /// The number of slaves that change their state.
     slaves: usize,
 }
 

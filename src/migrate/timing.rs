@@ -81,8 +81,8 @@ pub struct Stall {
     /// The usual part of the pause, in nanoseconds: the program's pause between two bursts, or one cycle between two
     /// reports.
     pub usual_ns: i64,
-    /// The command frames that waited in the board's FIFO at the beginning. The stall counts for no more cycles than
-    /// these.
+    /// The number of command frames in the board's FIFO when the stall began. [`Stall::ns`] is at most that many cycles,
+    /// because then the FIFO is empty, on a board as well.
     pub sets: u16,
     /// How the stall shows in the frames.
     pub seen_by: SeenBy,

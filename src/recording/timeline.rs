@@ -43,7 +43,8 @@ impl std::fmt::Display for Jumps {
 /// counts as passed. A silence counts as an hour at most, and all silences together as 25 hours.
 #[derive(Debug)]
 pub struct Timeline<T> {
-    /// The newest frame. It is returned after the next one, which shows whether its time is an outlier.
+    /// The time and the frame read last. It is held back until the following frame is read, because only that one shows whether
+    /// this time is an outlier.
     held: Option<(u64, T)>,
     /// The latest time of the clock, and what has to be added to a time of the clock to get the time since the first frame.
     clock: Option<(i128, i128)>,

@@ -72,7 +72,7 @@ impl Summary {
         of_frames(counts).into_iter().for_each(|(name, value)| self.set(name, value));
     }
 
-    /// Adds the lines that one process wrote.
+    /// Adds the lines of one process. Call it once for each process, because its counts are added to those of the others.
     pub fn add_lines<'a>(&mut self, lines: impl IntoIterator<Item = &'a Line>) {
         // The file may have several lines for a count. Only the newest value of each board counts, and the values of
         // all boards are added up.

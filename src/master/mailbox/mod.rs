@@ -268,7 +268,7 @@ impl Mailbox {
 
     /// Drops messages in the mailbox that are unsolicited, or that answer an abandoned request.
     pub(in crate::master) async fn drain(&mut self) -> Result<(), MailboxError> {
-        // \[OURS] The limit ends this for a slave that refills its mailbox each time.
+        // \[OURS] The limit ends the emptying for a slave that refills its mailbox each time.
         for _ in 0..16 {
             if !self.collect().await? {
                 break;

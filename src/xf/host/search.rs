@@ -40,7 +40,8 @@ impl Search {
         ((self.pushed - self.reader.dropped() - self.given) % size.packet_len() as u64) as usize
     }
 
-    /// Takes received bytes; returns the data segment size once the next byte is the first one of a packet.
+    /// Searches received bytes for the border between two packets. Returns the size of their data segments if `bytes` end at a
+    /// border, so that the next byte that is received begins a packet.
     pub(super) fn take(&mut self, bytes: &[u8]) -> Option<DataSize> {
         let mut rest = bytes;
         while !rest.is_empty() {

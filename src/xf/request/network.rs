@@ -166,7 +166,7 @@ impl SlaveInfoGet {
 /// SYNC0, @8 u32 SYNC1, @12 i32 shift, times in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct EcatInit {
-    /// Whether the parameter is 48, for slaves that the manuals call special without an explanation.
+    /// Sends 48 instead of 0 as the parameter. The manuals require it for "special slaves" and do not say which these are.
     pub special_slaves: bool,
     /// The reference clock, from firmware 0x22 on.
     pub reference_clock: ReferenceClock,

@@ -9,7 +9,7 @@
 //! | `pdo/downloads.rs` | the SDO downloads for that mapping, in their order |
 //! | `sim.rs` | the network of simulated slaves: cycles, working counter, lost slaves |
 //! | `sim/jobs.rs`, `sim/timing.rs` | the jobs and SDOs of the simulated network, and their durations |
-//! | `stale.rs` | after which time without new inputs a slave is lost |
+//! | `stale_inputs.rs` | after which time without new inputs a slave is lost |
 //! | `nic/` | the network at the end of a network card, over the EtherCAT master of this project |
 //! | `xf/` | the network behind an ECM-XF, over the driver of that chip |
 //!
@@ -29,7 +29,7 @@ pub mod nic;
 pub mod pdo;
 #[cfg(feature = "sim")]
 pub mod sim;
-mod stale;
+mod stale_inputs;
 pub mod xf;
 
 use std::sync::Arc;
@@ -39,8 +39,8 @@ use crate::sk::{CycleTime, DriveSync, SlaveKind};
 
 pub use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 pub use job::{Busy, Configured, HardwareLimit, Job, JobDone, Refusal, SdoDone, SdoRequest};
-pub(crate) use stale::is_stale;
-pub use stale::{STALE_AFTER, STALE_AT_LAST_NS};
+pub(crate) use stale_inputs::is_stale;
+pub use stale_inputs::{STALE_AFTER, STALE_AT_LAST_NS};
 
 /// The maximum number of axes of a slave: a two-channel HSP has two.
 pub const MAX_AXES: usize = 2;

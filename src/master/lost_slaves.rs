@@ -1,5 +1,5 @@
 //! The watch over the slaves: detects slaves that are missing, are back, have left a state, or send no inputs, and
-//! reads unsolicited mailbox messages.
+//! reads unsolicited mailbox messages. How soon its reads are sent is decided in `acyclic.rs`.
 
 use super::bus::{Bus, Ticket};
 use super::mailbox::Mailbox;

@@ -5,7 +5,7 @@
 //!
 //! - `command.rs`, `command/slave.rs` or `command/sdo.rs`, by its slot: its arguments in a frame, in a dump and in
 //!   JSON;
-//! - `engine/commands.rs`: its effect in the model of the board;
+//! - `engine/commands.rs`: its effect in the model of the board, and `engine/volatile.rs` for what it sets until SW_RESET;
 //! - `tests/support/src/guide.rs` and `docs/rules/board.md`: the guide's table, and the rule.
 //!
 //! A test fails for each file that was forgotten (`tests/sk/commands.rs`, which also has the bytes of every command).

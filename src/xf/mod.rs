@@ -8,6 +8,8 @@
 //! byte offsets of the protocol are in this module; the rest of the crate uses its types. Each request and each answer
 //! can be encoded and decoded, so that hosts and models of the chip use the same types.
 //!
+//! To add a command, begin with its row in `command_table.rs`, whose head names the other places.
+//!
 //! How to read it:
 //!
 //! | module | what it holds |

@@ -29,7 +29,7 @@
 //! that of the cycle before is too low, until the states of all slaves have been read.
 //!
 //! **Lost slaves** \[OURS]. A working counter that is too low does not show which slave is missing. The master reads the
-//! state of each slave, which takes some cycles, and names the slaves that do not answer or have left their state. They
+//! state of each slave, which takes some cycles (`master/acyclic.rs` decides how many), and names the slaves that do not answer or have left their state. They
 //! stay lost until a [`Job::State`] brings them back.
 //!
 //! **A working counter that is wrong** \[OURS], too low or too high: the inputs of that datagram are not used, and all

@@ -5,11 +5,14 @@
 //! master. No answer is lost: if a frame that reads an answer is lost, the master asks the slave for a repeat.
 //!
 //! Files: `state.rs` is what the mailbox of a slave keeps between requests. Each mailbox protocol has a file with its jobs:
-//! `coe/`, `foe.rs`.
+//! `coe/`, `foe.rs`. To add one, add its file here, and a row in `ends!` of `master/handle.rs` for each type of result.
 
 pub(super) mod coe;
-pub(super) mod foe;
+mod foe;
 pub(super) mod state;
+
+pub use coe::{SdoError, VALUE_BYTES_MAX};
+pub use foe::FileError;
 
 use self::state::MailboxState;
 use super::bus::{Bus, Unanswered};

@@ -35,7 +35,7 @@
 //! In this order:
 //!
 //! 1. Values that a program passes and gets: `options.rs`, `config.rs`, `scale.rs`, `snapshot.rs`, `error.rs`, `failure.rs`;
-//! `network.rs` has the configuration in a form without heap allocations, for the other files.
+//!    `network.rs` has the configuration in a form without heap allocations, for the other files.
 //! 2. `exchange/`: sends frames and receives reports for all calls of all threads, and keeps the state of the board.
 //! 3. The calls, one file for each subject: `state.rs` configures the network and changes its state, `servo.rs` switches axes,
 //!    `io.rs`, `sdo.rs`, `homing.rs`, and `board.rs` for the board itself. Each call sends a `Task` through the exchange and

@@ -1207,7 +1207,6 @@ T.chip = {
 local bits = bit32 or load([[return {
   band = function(a, b) return a & b end,
   bxor = function(a, b) return a ~ b end,
-  lshift = function(a, n) return a << n & 0xFFFFFFFF end,
   rshift = function(a, n) return a >> n end,
 }]])()
 
@@ -1681,7 +1680,7 @@ end
 
 -- Whether all bytes behind the command and its index are 0.
 local function is_without_data(slot, size)
-  return not slot:raw(HEAD.parm.at, size.bytes - HEAD.parm.at):find("[^%z]")
+  return not slot:raw(HEAD.parm.at, size.bytes - HEAD.parm.at):find("[^\0]")
 end
 
 -- The slot of a slave. `kind` is its kind by SET_AXIS, if known; `in_op`: zeros are values. Returns the state of the
@@ -1770,7 +1769,7 @@ end
 local function is_slot(bytes, at, size, role)
   local id = bytes:byte(at + HEAD.id.at)
   if id == 0 then
-    return not bytes:sub(at, at + size.bytes - 1):find("[^%z]")
+    return not bytes:sub(at, at + size.bytes - 1):find("[^\0]")
   end
   local command = command_of(id)
   if not command or not command[role] then
@@ -1996,7 +1995,7 @@ local function show_slots(tree, frame, seen, is_response, first_time)
   end
   for n = 0, size.slots - 1 do
     local slot = frame(n * size.bytes, size.bytes)
-    if n == 0 or ecmsk.prefs.idle or slot:raw():find("[^%z]") then
+    if n == 0 or ecmsk.prefs.idle or slot:raw():find("[^\0]") then
       info[#info + 1] = show_slot(tree, slot, n, seen, is_response, first_time and say)
     end
   end

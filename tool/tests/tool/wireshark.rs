@@ -42,7 +42,11 @@ mod needs_tshark {
     use std::path::{Path, PathBuf};
     use std::process::Command;
 
-    use ecmsk::sk::{BOARD_IDS, CommandId, FRAME_LEN, Frame, MASTER_CYCLIC, RawSlot, SlotSize, crc};
+    use ecmsk::coe::{AbortCode, ObjectAddress};
+    use ecmsk::sk::{
+        BOARD_IDS, CommandId, FRAME_LEN, Frame, MASTER_CYCLIC, MasterResponse, MasterState, RawSlot, SdoResponse,
+        SlotSize, StateByte, crc,
+    };
     use serde_json::Value;
     use support::captures::convert::{Parts, USB_LINUX, USB_LINUX_MMAPPED, USBPCAP, events, pcap, pcapng};
     use support::captures::traffic::Traffic;
@@ -243,6 +247,40 @@ mod needs_tshark {
         let folder = tempfile::tempdir().expect("a folder");
         let file = keep(&folder, "x.pcap", &pcap(&traffic.events, USB_LINUX, Parts::Two, 65_535));
         for ((_, layer), (_, expected)) in shown(&file, "ecmsk", &[]).iter().zip(cases) {
+            let names: Vec<String> = remarks(layer).into_iter().map(|(name, _)| name).collect();
+            assert_eq!(names.join(" "), expected);
+        }
+    }
+
+    /// A failed state, another wrong CRC and an aborted transfer are remarked once, in the response that shows them first.
+    #[test]
+    fn remarks_compare_responses() {
+        let size = SlotSize::Bytes12;
+        let good = MasterResponse { state: StateByte::reached(MasterState::PreOp), ..MasterResponse::default() };
+        let failed = MasterResponse { state: StateByte::failed(Some(MasterState::PreOp)), ..good };
+        let counted = MasterResponse { error: 1, ..failed };
+        let (id, slave, object) = (CommandId::SdoRead, 1, ObjectAddress::new(0x6060, 0));
+        let aborted = SdoResponse::Aborted { id, slave, object, code: AbortCode(0x0602_0000) };
+        let cases = [
+            (good, SdoResponse::Empty, ""),
+            (failed, SdoResponse::Empty, "ecmsk.state_failed"),
+            (counted, SdoResponse::Empty, "ecmsk.crc_rejected"),
+            (counted, aborted, "ecmsk.sdo_aborted"),
+            (counted, aborted, ""),
+        ];
+        let mut traffic = Traffic::default();
+        for (master, sdo, _) in &cases {
+            let mut frame = Frame::new();
+            frame.put(size, 0, &master.encode());
+            frame.put(size, size.sdo_slot(), &sdo.encode());
+            frame.fill_crc(size);
+            traffic.read(7, frame.bytes());
+        }
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = keep(&folder, "x.pcap", &pcap(&traffic.events, USB_LINUX, Parts::Two, 65_535));
+        let shown = shown(&file, "ecmsk", &[]);
+        assert_eq!(shown.len(), cases.len());
+        for ((_, layer), (_, _, expected)) in shown.iter().zip(cases) {
             let names: Vec<String> = remarks(layer).into_iter().map(|(name, _)| name).collect();
             assert_eq!(names.join(" "), expected);
         }

@@ -11,8 +11,8 @@ mod needs_tshark {
     use ecmsk::xf::request::Slaves;
     use ecmsk::xf::response::Returned;
     use ecmsk::xf::{
-        AnswerHeader, CheckRule, CommandHeader, DataSize, END_WORD, EtherCatState, FIXED_CHECK, MAX_PACKET, NOT_READY,
-        write_request,
+        AnswerHeader, CheckRule, CommandCode, CommandHeader, DataSize, END_WORD, Errors, EtherCatState, FIXED_CHECK,
+        MAX_PACKET, NOT_READY, write_request,
     };
     use ecmsk::xf_api::{NetworkConfig, Xf};
     use serde_json::Value as Json;
@@ -243,13 +243,17 @@ mod needs_tshark {
     #[test]
     fn remarks_say_what_goes_wrong() {
         let good = AnswerHeader::default();
-        let full = AnswerHeader { errors: ecmsk::xf::Errors::FIFO, ..good };
+        let full = AnswerHeader { errors: Errors::FIFO, ..good };
         let lost = AnswerHeader { wkc_errors: 1, ..full };
+        let failed = AnswerHeader { errors: Errors::FIFO | Errors::NON_IMMEDIATE, ..lost };
+        let emergency = AnswerHeader { code: CommandCode::CoeEmergency, len: 12, ..failed };
         let cases = [
             (good, FIXED_CHECK, ""),
             (full, FIXED_CHECK, "ecmsk_xf.fifo_full"),
             (full, FIXED_CHECK, ""),
             (lost, FIXED_CHECK, "ecmsk_xf.slave_lost"),
+            (failed, FIXED_CHECK, "ecmsk_xf.error"),
+            (emergency, FIXED_CHECK, "ecmsk_xf.emergency"),
             (lost, NOT_READY, "ecmsk_xf.lost_command"),
             (lost, 1, "ecmsk_xf.damaged_packet"),
         ];

@@ -172,7 +172,7 @@ local function show_slots(tree, frame, seen, is_response, first_time)
   end
   for n = 0, size.slots - 1 do
     local slot = frame(n * size.bytes, size.bytes)
-    if n == 0 or ecmsk.prefs.idle or slot:raw():find("[^%z]") then
+    if n == 0 or ecmsk.prefs.idle or slot:raw():find("[^\0]") then
       info[#info + 1] = show_slot(tree, slot, n, seen, is_response, first_time and say)
     end
   end

@@ -2,7 +2,6 @@
 local bits = bit32 or load([[return {
   band = function(a, b) return a & b end,
   bxor = function(a, b) return a ~ b end,
-  lshift = function(a, n) return a << n & 0xFFFFFFFF end,
   rshift = function(a, n) return a >> n end,
 }]])()
 

@@ -77,7 +77,7 @@ end
 
 -- Whether all bytes behind the command and its index are 0.
 local function is_without_data(slot, size)
-  return not slot:raw(HEAD.parm.at, size.bytes - HEAD.parm.at):find("[^%z]")
+  return not slot:raw(HEAD.parm.at, size.bytes - HEAD.parm.at):find("[^\0]")
 end
 
 -- The slot of a slave. `kind` is its kind by SET_AXIS, if known; `in_op`: zeros are values. Returns the state of the

@@ -13,7 +13,7 @@ end
 local function is_slot(bytes, at, size, role)
   local id = bytes:byte(at + HEAD.id.at)
   if id == 0 then
-    return not bytes:sub(at, at + size.bytes - 1):find("[^%z]")
+    return not bytes:sub(at, at + size.bytes - 1):find("[^\0]")
   end
   local command = command_of(id)
   if not command or not command[role] then

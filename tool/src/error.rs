@@ -77,6 +77,9 @@ pub enum CliError {
     /// See [`super::xf::XfVerbError`].
     #[error(transparent)]
     Xf(#[from] super::xf::XfVerbError),
+    /// See [`super::wireshark::WiresharkError`].
+    #[error(transparent)]
+    Wireshark(#[from] super::wireshark::WiresharkError),
     /// See [`super::bus::BusVerbError`].
     #[error(transparent)]
     Bus(#[from] super::bus::BusVerbError),

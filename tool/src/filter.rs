@@ -4,7 +4,7 @@ use ecmsk::sk::dump::{MAX_SLAVES, SlotLine, SlotRole};
 use ecmsk::sk::{CommandId, MASTER_CYCLIC, SlotSize};
 
 /// The word for 0xBF, the id of slot 0 in OP. It does not show which command the response answers.
-const CYCLIC: &str = "CYCLIC";
+pub const CYCLIC: &str = "CYCLIC";
 /// The highest slot number in frames of either size.
 const LAST_SLOT: u8 = SlotSize::Bytes12.sdo_slot() as u8;
 

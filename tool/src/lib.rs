@@ -16,6 +16,7 @@
 //! - `params.rs`: `ecmsk params`, the parameters of drives, in `params/`
 //! - `bus.rs`: `ecmsk bus`, which looks at any network, with one file for each verb in `bus/`
 //! - `xf.rs`: `ecmsk xf`, the verbs that talk to an ECM-XF, one file each in `xf/`
+//! - `wireshark.rs`: `ecmsk wireshark`, a plugin of Wireshark, in `wireshark/`
 //! - `link_option.rs`, `record_option.rs`, `slot_size.rs`: the options `--link`, `--record` and `--slot-size`;
 //!   `recording_end.rs` checks whether a recording is complete
 //! - `transfer.rs`, `hex.rs`: SDO values and bytes as text, for `bus` and `xf`
@@ -63,6 +64,7 @@ mod streams;
 mod summary;
 mod transfer;
 mod visible;
+mod wireshark;
 mod xf;
 
 use std::process::ExitCode;
@@ -135,6 +137,7 @@ enum Verb {
     Slave(slave::Args),
     Bus(bus::Args),
     Xf(xf::Args),
+    Wireshark(wireshark::Args),
     Completions(completions::Args),
     Man(man::Args),
 }
@@ -183,6 +186,7 @@ impl Verb {
             Self::Slave(args) => slave::run(&args),
             Self::Bus(args) => Ok(recording_end::of_opened(bus::run(&args)?)),
             Self::Xf(args) => Ok(xf::run(&args).map(|()| recording_end::of_opened(ExitCode::SUCCESS))?),
+            Self::Wireshark(args) => wireshark::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Completions(args) => completions::run(&args).map(|()| ExitCode::SUCCESS),
         }
     }

@@ -108,10 +108,17 @@ pub fn install_into(project: &Project, built: &Path, prefix: &Path) -> Result<()
         }
     }
 
+    let plugins = prefix.join("share/ecmsk/wireshark");
+    fs::create_dir_all(&plugins).map_err(Error::file("make", &plugins))?;
+    copy(&project.root.join("share/wireshark").join(PLUGIN), &plugins.join(PLUGIN))?;
+
     let file = pkgconfig.join("nextwusblib.pc");
     fs::write(&file, pkgconfig_file()).map_err(Error::file("write", &file))?;
     share(&bin.join("ecmsk"), &prefix.join("share"))
 }
+
+/// The plugin of Wireshark.
+const PLUGIN: &str = "ecmsk.lua";
 
 /// The folders in `share` with the headers that sources for Visual Studio include.
 const MSVC_FOLDERS: [&str; 2] = ["msvc", "msvc/capital"];

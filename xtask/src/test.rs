@@ -179,7 +179,7 @@ pub const GATES: &[Gate] = &[
     Gate { module: "needs_pysoem", needs: &[PYTHON, PIP, PYSOEM, IP, NETWORK_NAMESPACE] },
     Gate { module: "needs_python", needs: &[PYTHON] },
     Gate { module: "needs_root", needs: &[CXX, SET_USER_ID] },
-    Gate { module: "needs_tshark", needs: &[PYTHON, PIP, PYSOEM, IP, NETWORK_NAMESPACE, TSHARK] },
+    Gate { module: "needs_tshark", needs: &[TSHARK] },
     Gate { module: "needs_valgrind", needs: &[CXX, MAKE, PKG_CONFIG, VALGRIND] },
 ];
 
@@ -414,8 +414,8 @@ mod tests {
             |missing: &[Need]| site(&project, missing).closed_gates().map(|gate| gate.module).collect::<Vec<_>>();
         assert!(closed(&[]).is_empty());
         assert_eq!(closed(&[VALGRIND]), ["needs_valgrind"]);
-        assert_eq!(closed(&[PYTHON]), ["needs_dotnet_core", "needs_pysoem", "needs_python", "needs_tshark"]);
-        assert_eq!(closed(&[NETWORK_NAMESPACE]), ["needs_network_namespace", "needs_pysoem", "needs_tshark"]);
+        assert_eq!(closed(&[PYTHON]), ["needs_dotnet_core", "needs_pysoem", "needs_python"]);
+        assert_eq!(closed(&[NETWORK_NAMESPACE]), ["needs_network_namespace", "needs_pysoem"]);
         assert_eq!(closed(&[TSHARK]), ["needs_tshark"]);
         assert_eq!(closed(&[MONO]), ["needs_mono"]);
         assert_eq!(closed(&[DOTNET_CORE]), ["needs_dotnet_core"]);

@@ -9,6 +9,8 @@ use ecmsk::sk::{
 use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 
+use crate::filter::CYCLIC;
+
 /// One slot of a frame, as JSON.
 #[derive(Serialize)]
 pub struct SlotJson {
@@ -47,7 +49,7 @@ impl SlotJson {
                 SlotRole::Slave(_) => "slave",
                 SlotRole::Sdo => "sdo",
             },
-            id: if cyclic { "CYCLIC" } else { CommandId::from_code(id).name() },
+            id: if cyclic { CYCLIC } else { CommandId::from_code(id).name() },
             fields: Fields::of(&line.meaning),
             raw: RawJson { id, index, parm, data1, data2, data3 },
             text: line.to_string(),

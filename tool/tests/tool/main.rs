@@ -18,6 +18,7 @@
 //! - `list.rs`, `cards.rs`, `doctor.rs`, `doctor_folder.rs`, `machine.rs`, `man.rs`: `ecmsk list`, `doctor`, `man`
 //! - `bus.rs`: `ecmsk bus`
 //! - `xf.rs`, `behind_chip.rs`: `ecmsk xf`; the verbs of a board with its slaves behind an ECM-XF
+//! - `wireshark.rs`, `wireshark_chip.rs`: `ecmsk wireshark`: its plugin shows what `dump` shows
 //! - `common/`: running the tool, machines and recordings made for tests, and reading a plot back (`svg.rs`)
 
 mod bad_input;
@@ -79,5 +80,7 @@ mod tcp_process;
 mod tcp_stalled_log;
 mod terminal;
 mod verbs;
+mod wireshark;
+mod wireshark_chip;
 mod words;
 mod xf;

@@ -19,9 +19,10 @@ const OF_A_WIDTH: [(&str, &str); 3] = [(DLL, "@"), (MSVC, "lib/@"), (MINGW, "lib
 pub const PROGRAMS: &[&str] = &["x86/ecmsk.exe", "x64/ecmsk.exe"];
 
 /// The text files, by source and path in the package. They get the line ends of Windows.
-const TEXTS: [(&str, &str); 4] = [
+const TEXTS: [(&str, &str); 5] = [
     ("share/windows/README.txt", "README.txt"),
     ("share/windows/ecmsk.toml", "ecmsk.toml"),
+    ("share/wireshark/ecmsk.lua", "wireshark/ecmsk.lua"),
     ("LICENSE-MIT", "LICENSE-MIT.txt"),
     ("LICENSE-APACHE", "LICENSE-APACHE.txt"),
 ];

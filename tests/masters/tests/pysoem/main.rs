@@ -38,38 +38,38 @@ fn texts() -> String {
     format!("drive:objects@{}", objects.display())
 }
 
-mod needs_tshark {
-    use super::{aborts, run_as};
-
-    /// ECAT-15.13 Wireshark dissects the recordings, and finds no malformed packet in them: there are two for each
-    /// frame.
-    #[test]
-    fn recordings_have_no_malformed_packet() {
-        let programs = [
-            ("drive*2", "start"),
-            ("drive*2", "csp"),
-            ("dp3cl*2", "dp3cl"),
-            ("drive,dp3cl", "sdo"),
-            (&aborts(), "aborts"),
-            ("drive*2", "emergency"),
-            ("drive*2", "watchdog"),
-            ("drive*2", "refused"),
-            ("drive*3", "vanish"),
-            ("drive*40", "many"),
-            ("drive", "files"),
-            ("drive*2", "two"),
-        ];
-        for (list, program) in programs {
-            let (said, recording) = run_as(&format!("dissected_{program}"), list, program);
-            masters::dissect(&recording, &said);
-        }
-    }
-}
-
 mod needs_pysoem {
     use masters::Rig;
 
     use super::{aborts, run_as, run_on, texts};
+
+    mod needs_tshark {
+        use super::{aborts, run_as};
+
+        /// ECAT-15.13 Wireshark dissects the recordings, and finds no malformed packet in them: there are two for each
+        /// frame.
+        #[test]
+        fn recordings_have_no_malformed_packet() {
+            let programs = [
+                ("drive*2", "start"),
+                ("drive*2", "csp"),
+                ("dp3cl*2", "dp3cl"),
+                ("drive,dp3cl", "sdo"),
+                (&aborts(), "aborts"),
+                ("drive*2", "emergency"),
+                ("drive*2", "watchdog"),
+                ("drive*2", "refused"),
+                ("drive*3", "vanish"),
+                ("drive*40", "many"),
+                ("drive", "files"),
+                ("drive*2", "two"),
+            ];
+            for (list, program) in programs {
+                let (said, recording) = run_as(&format!("dissected_{program}"), list, program);
+                masters::dissect(&recording, &said);
+            }
+        }
+    }
 
     fn run(list: &str, program: &str) -> Vec<String> {
         run_as(program, list, program).0

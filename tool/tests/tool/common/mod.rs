@@ -8,6 +8,7 @@
 //! - `machine.rs`: a machine made of files, for `list` and `doctor`
 //! - `motion.rs`, `recordings.rs`: a board in motion without the model, and recordings of its frames
 //! - `plots.rs`, `svg.rs`: plots of recordings, and reading them back
+//! - `tshark.rs`: what tshark shows with the plugin of `ecmsk wireshark`, compared with `ecmsk dump`
 
 pub mod board;
 #[cfg(unix)]
@@ -18,6 +19,7 @@ pub mod motion;
 pub mod plots;
 pub mod recordings;
 pub mod svg;
+pub mod tshark;
 
 use std::ffi::OsStr;
 use std::io::Write;

@@ -161,6 +161,7 @@ fn tool(project: &Project, _: &Place, stage: &Path, tree: &Tree) -> Result<(), E
         // In Debian the folder `site-functions` of zsh belongs to the administrator, and packages use `vendor-completions`.
         ("zsh/site-functions/_ecmsk", "zsh/vendor-completions/_ecmsk"),
         ("fish/vendor_completions.d/ecmsk.fish", "fish/vendor_completions.d/ecmsk.fish"),
+        ("ecmsk/wireshark/ecmsk.lua", "ecmsk/wireshark/ecmsk.lua"),
     ] {
         tree.copy(&share.join(from), &format!("usr/share/{to}"), DATA)?;
     }

@@ -1,6 +1,6 @@
 //! The tables for packets of a chip: its commands with their fields, and the places in the headers.
 
-use ecmsk::xf::code::COMMANDS;
+use ecmsk::xf::command_table::COMMANDS;
 use ecmsk::xf::fields::{AnswerFields, FUNCTIONS, Field, FieldKind, FieldPosition, FunctionFields, Names};
 use ecmsk::xf::{
     AnswerHeader, CheckType, CommandCode, CommandHeader, Control, DataSize, END_WORD, Errors, EtherCatState,

@@ -1,5 +1,6 @@
 //! Judges a machine with Linux.
 
+mod gadget;
 mod host;
 mod net;
 mod spi;

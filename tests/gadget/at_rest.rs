@@ -110,17 +110,16 @@ fn time_to_rest(name: &str, frames: i32) -> [Duration; 2] {
     shown.axes.map(|(_, since)| Duration::from_nanos(since.0 - gone.0))
 }
 
-/// WIRE-126 docs/SAFETY.md, the row of a host at the device port: an axis in CSP stands when the FIFO is executed, a velocity is
-/// 0 after 250 ms more. The brake begins in the next cycle.
+/// WIRE-126 docs/SAFETY.md, the row of a host at the device port: an axis in CSP stands 50 ms after the FIFO is executed at the
+/// latest, a velocity is 0 after 250 ms and 10 cycles. The brake begins in the next cycle.
 #[test]
 fn axes_are_at_rest_in_the_time_of_safety_md() {
     let ms = Duration::from_millis;
     for (name, frames) in [("gadget-rest-1", 1), ("gadget-rest-100", 100)] {
         let [csp, csv] = time_to_rest(name, frames);
-        println!("{frames} frames: CSP {csp:?}, CSV {csv:?}");
         // A frame takes 1/8 ms on the bus, so some of them have been executed already.
         let ahead = ms(frames.unsigned_abs().into());
-        assert!(csp <= ahead + ms(20), "{frames}: {csp:?}");
-        assert!(csv <= ahead + ms(250 + 20), "{frames}: {csv:?}");
+        assert!(csp <= ahead + ms(50), "{frames}: {csp:?}");
+        assert!(csv >= ms(250) && csv <= ahead + ms(250 + 10), "{frames}: {csv:?}");
     }
 }

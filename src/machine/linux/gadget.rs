@@ -96,8 +96,11 @@ impl Machine {
 
     /// Whether the kernel has FunctionFS.
     pub fn function_fs(&self) -> FunctionFs {
+        // As a module it becomes a file system with the first function that needs it; built in, it has no folder there.
         let systems = self.text("/proc/filesystems").unwrap_or_default();
-        if systems.lines().any(|line| line.split_whitespace().last() == Some("functionfs")) {
+        if self.has("/sys/module/usb_f_fs")
+            || systems.lines().any(|line| line.split_whitespace().last() == Some("functionfs"))
+        {
             return FunctionFs::Loaded;
         }
         let list = self.kernel().map(|release| format!("/lib/modules/{release}/modules.order"));

@@ -119,6 +119,9 @@ fn a_machine_that_can_be_a_board_is_right() {
     tree.file(&format!("{CONTROLLER}/state"), "configured\n");
     assert_eq!(said("gadget-holder"), "ecmsk serve gadget has it: configured");
     tree.file(SYSTEMS, "nodev\tsysfs\n");
+    tree.dir("/sys/module/usb_f_fs");
+    assert_eq!(said("gadget-functionfs"), "loaded", "before the first function");
+    tree.remove("/sys/module/usb_f_fs");
     tree.file(MODULES, "kernel/drivers/usb/gadget/function/usb_f_fs.ko\n");
     assert_eq!(said("gadget-functionfs"), "the kernel loads it when it is needed");
     tree.file(&format!("{CONTROLLER}/maximum_speed"), "UNKNOWN\n");

@@ -60,7 +60,8 @@ fn the_service_starts_the_tool_with_its_one_configuration_file() {
     let copy = tempfile::tempdir().expect("a folder");
     let file = copy.path().join("ecmsk-board.service");
     // Commands have to exist where the unit is verified.
-    let there = unit.replace("ExecStart=ecmsk", "ExecStart=/bin/true").replace("ExecStartPre=-ip", "ExecStartPre=-/bin/true");
+    let there =
+        unit.replace("ExecStart=ecmsk", "ExecStart=/bin/true").replace("ExecStartPre=-ip", "ExecStartPre=-/bin/true");
     fs::write(&file, there).expect("a file");
     match Command::new("systemd-analyze").arg("verify").arg(&file).output() {
         Ok(output) => assert!(output.status.success(), "{output:?}"),

@@ -4,7 +4,7 @@
 //! [`Machine`] reads the facts from Linux or Windows and judges them; a [`Finding`](findings::Finding) is one
 //! judgement, with what to do about it. [`timing`] measures how exactly the machine wakes threads.
 //!
-//! Files: `findings.rs` (what a finding is), `linux/` (one file per subject: `usb`, `spi`, `gpio`, `net`, `udev`,
+//! Files: `findings.rs` (what a finding is), `linux/` (one file per subject: `usb`, `spi`, `gpio`, `gadget`, `net`, `udev`,
 //! `limits`, `holders`; `linux/findings/` judges them), `windows/` (the same for Windows), `timing.rs`.
 
 pub mod findings;
@@ -15,7 +15,7 @@ pub mod timing;
 mod windows;
 
 #[cfg(target_os = "linux")]
-pub use linux::{Access, Machine, gpio, holders, limits, net, spi, udev, usb};
+pub use linux::{Access, Machine, gadget, gpio, holders, limits, net, spi, udev, usb};
 #[cfg(windows)]
 pub use windows::{Board, Machine};
 

@@ -2,6 +2,8 @@
 //! frames and reports, hosts that go, boards that are lost. What only a kernel shows is in tests/rig.
 #![cfg(target_os = "linux")]
 
+mod at_rest;
+
 use std::time::{Duration, Instant};
 
 use ecmsk::ecm::{Axis, Close, Config, Ecm, Options, Slave, SlaveView};
@@ -56,13 +58,18 @@ fn program(board: &InMemory) -> Ecm {
     Ecm::over(board.host(), options).expect("reports come")
 }
 
-/// A host that has both axes moving by frames of its own.
-fn moving(board: &InMemory) {
+/// A host that has switched both axes on.
+fn prepared(board: &InMemory) {
     let ecm = program(board);
     ecm.configure(&config()).expect("it is set up");
     ecm.set_state(MasterState::Op).expect("it is in OP");
     ecm.servo_on(&[1, 2]).expect("both are on");
     ecm.close(Close::Leave).expect("nothing is sent");
+}
+
+/// A host that has both axes moving by frames of its own.
+fn moving(board: &InMemory) {
+    prepared(board);
     let link = board.host();
     for n in 1..=300 {
         let mut frame = Frame::new();
@@ -114,7 +121,7 @@ fn axes_of_a_host_that_is_gone_stand() {
         } else {
             board.detach()
         }
-        let why = if sleeps { "it sleeps" } else { "it was unplugged, or has reset the board" };
+        let why = if sleeps { "it sleeps, or was unplugged" } else { "it was unplugged, or has reset the board" };
         let told = if moves {
             "axes are left as they are".to_owned()
         } else {
@@ -131,6 +138,34 @@ fn axes_of_a_host_that_is_gone_stand() {
             assert!(holds, "{on_vanish:?} axis {axis}: {moved}");
         }
         assert!(later.iter().all(|axis| axis.1 == on), "{on_vanish:?}: {later:?}");
+    }
+}
+
+/// WIRE-126 A controller may report a pulled cable as an idle bus at first, and that the host is gone later. The axes are stopped
+/// once, and the next host has the board, even if it comes before they stand.
+#[test]
+fn a_pulled_cable_may_look_like_sleep() {
+    for is_quick in [false, true] {
+        let board = served(&format!("sim:?name=gadget-idle-{is_quick}&slaves=drive*2&queue=1"), OnVanish::Ramp);
+        board.attach();
+        moving(&board);
+        board.event(Event::Suspended);
+        const STAND: &str = "axes stand still after the host is gone (it sleeps, or was unplugged)";
+        let mut lines = if is_quick { Vec::new() } else { until_told(&board, STAND) };
+        board.detach();
+        board.attach();
+        if is_quick {
+            lines = until_told(&board, STAND);
+        }
+        let [first, later] = look(&board);
+        assert!((0..2).all(|axis| (later[axis].0 - first[axis].0).abs() < 20 && later[axis].1), "{first:?} {later:?}");
+        lines.extend(board.stop());
+        assert_eq!(lines.iter().filter(|line| line.starts_with("the host is gone, ")).count(), 1, "{lines:?}");
+        assert_eq!(
+            lines.iter().filter(|line| line.contains("axes stand still after the host")).count(),
+            1,
+            "{lines:?}"
+        );
     }
 }
 

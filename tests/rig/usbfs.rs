@@ -36,6 +36,9 @@ const RESET: u64 = 0x5514;
 /// `USBDEVFS_CLAIMINTERFACE`: `_IOR('U', 15, unsigned int)`.
 const CLAIM_INTERFACE: u64 = 0x8004_550F;
 
+/// `USBDEVFS_RELEASEINTERFACE`: `_IOR('U', 16, unsigned int)`.
+const RELEASE_INTERFACE: u64 = 0x8004_5510;
+
 /// An open board.
 pub struct Usbfs {
     device: File,
@@ -49,11 +52,17 @@ impl Usbfs {
         let number = |file: &str| board.usb_says(file).parse::<u16>().expect("a number");
         let node = format!("/dev/bus/usb/{:03}/{:03}", number("busnum"), number("devnum"));
         let device = OpenOptions::new().read(true).write(true).open(node).expect("root may open it");
+        let board = Self { device };
+        board.interface(CLAIM_INTERFACE).expect("nobody else has it");
+        board
+    }
+
+    /// Claims or releases the interface.
+    fn interface(&self, request: u64) -> io::Result<()> {
         let mut interface = 0_u32;
         // SAFETY: the call reads one u32 at the address, which is valid until it returns.
-        let done = unsafe { libc::ioctl(device.as_raw_fd(), CLAIM_INTERFACE, &raw mut interface) };
-        assert_eq!(done, 0, "{}", io::Error::last_os_error());
-        Self { device }
+        let done = unsafe { libc::ioctl(self.device.as_raw_fd(), request, &raw mut interface) };
+        if done == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
     }
 
     /// Sends `bytes`; returns how many were transferred.
@@ -82,11 +91,15 @@ impl Usbfs {
         Ok(bytes)
     }
 
-    /// Resets the device.
+    /// Resets the device, as libusb does: a claimed interface would go to the kernel's driver.
     pub fn reset(&self) -> io::Result<()> {
+        self.interface(RELEASE_INTERFACE)?;
         // SAFETY: the call takes no argument.
         let done = unsafe { libc::ioctl(self.device.as_raw_fd(), RESET) };
-        if done == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
+        if done != 0 {
+            return Err(io::Error::last_os_error());
+        }
+        self.interface(CLAIM_INTERFACE)
     }
 
     fn transfer(&self, endpoint: u32, bytes: &mut [u8; 512], limit: Duration) -> io::Result<usize> {

@@ -45,6 +45,7 @@ Examples:
   ecmsk doctor
   ecmsk doctor --quick --json | jq -r 'select(.state == \"wrong\") | .next'
   ecmsk doctor --link nic:eth1
+  ecmsk doctor --gadget --link nic:eth0
   ecmsk doctor /mnt/share/press
   sudo ecmsk doctor --write-udev-rule")]
 pub struct Args {

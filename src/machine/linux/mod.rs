@@ -1,9 +1,11 @@
 //! A machine with Linux, read from its files in `/sys`, `/proc`, `/dev` and `/etc`. libusb is not used, so that this also works
 //! where a board cannot be opened.
 //!
-//! [`Machine`] reads the facts ([`usb`], [`spi`], [`gpio`], [`holders`], [`limits`], [`net`], [`udev`]); `findings/` judges them.
+//! [`Machine`] reads the facts ([`usb`], [`spi`], [`gpio`], [`gadget`], [`holders`], [`limits`], [`net`], [`udev`]); `findings/`
+//! judges them.
 
 mod findings;
+pub mod gadget;
 pub mod gpio;
 pub mod holders;
 pub mod limits;

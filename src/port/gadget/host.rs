@@ -78,7 +78,8 @@ pub(super) enum Why {
     Detached,
     /// It has selected the configuration anew.
     Configured,
-    /// The bus is idle: it sleeps, or its controller has stopped.
+    /// The bus is idle: it sleeps, or its controller has stopped. Some device controllers report a pulled cable so, and
+    /// [`Event::Disabled`] later.
     Asleep,
 }
 
@@ -87,7 +88,7 @@ impl fmt::Display for Why {
         f.write_str(match self {
             Self::Detached => "it was unplugged, or has reset the board",
             Self::Configured => "it has configured the board anew",
-            Self::Asleep => "it sleeps",
+            Self::Asleep => "it sleeps, or was unplugged",
         })
     }
 }

@@ -181,6 +181,11 @@ impl InMemory {
         put(&self.cable, &self.service, packet, limit)
     }
 
+    /// Whether the board would take a packet at once.
+    pub fn takes(&self) -> bool {
+        self.cable.with(|wires| wires.is_receiving)
+    }
+
     /// The host fetches a report, if there is one within `limit`.
     pub fn get(&self, limit: Duration) -> Option<Frame> {
         get(&self.cable, &self.service, limit)

@@ -7,6 +7,7 @@
 //! - `host.rs`: the host and the device that it has, without I/O
 //! - `service.rs`: the threads: events and transfers, reports, frames
 //! - `watched_link.rs`: the board's link, for stopping axes when the host is gone
+//! - `lateness.rs`: what a machine that is too slow has cost a host
 //! - `in_memory.rs`: a server without a controller, for tests; `host_tests.rs` are tests
 
 mod host;
@@ -14,6 +15,7 @@ mod host;
 mod host_tests;
 #[doc(hidden)]
 pub mod in_memory;
+mod lateness;
 mod service;
 mod watched_link;
 
@@ -29,6 +31,7 @@ pub use crate::io::gadget::ControllerError;
 
 use super::usb_board::descriptors::Descriptors;
 use super::usb_board::setup::descriptor::CONFIGURATION;
+use crate::engine::RealTime;
 use crate::io::gadget::{
     self, CONFIGFS, Claim, DeviceIds, Direction, End, Function, Gadget, MOUNTS, StepError, Transfers, UDC_CLASS,
 };
@@ -79,6 +82,9 @@ pub struct Options {
     pub retry: Duration,
     /// Where the kernel has its folders.
     pub places: Places,
+    /// The real-time settings of the threads between the controller and the board. The cycle of a board in this process has
+    /// its own, in its link.
+    pub real_time: RealTime,
     /// Called with each line of the log, in a thread of its own for which no other thread waits. If the function is too
     /// slow, lines are dropped, and a line reports their number.
     pub tell: Arc<dyn Fn(&str) + Send + Sync>,
@@ -94,6 +100,7 @@ impl Default for Options {
             on_vanish: OnVanish::default(),
             retry: RETRY_PAUSE,
             places: Places::default(),
+            real_time: RealTime::default(),
             tell: Arc::new(|_| {}),
             failed: Arc::new(|| {}),
         }

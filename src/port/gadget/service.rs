@@ -12,6 +12,7 @@ use parking_lot::{Condvar, Mutex};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::host::{Answer, Change, Controller, Gone, Host};
+use super::lateness::Lateness;
 use super::watched_link::WatchedLink;
 use super::{Opener, Options};
 use crate::io::gadget::wire::{Event, SETUP_LEN};
@@ -63,6 +64,8 @@ pub(super) struct Service {
     /// Signals a frame for the board, the end of a write, and the end of the server.
     frames: Condvar,
     link: Mutex<Arc<WatchedLink>>,
+    /// What lateness had cost when the host came.
+    late_before: Mutex<Lateness>,
     waker: Waker,
     is_stopping: AtomicBool,
     began: Instant,
@@ -86,6 +89,7 @@ impl Service {
             notes,
             bus: Mutex::new(Bus { host: Host::new(descriptors), transfers, is_writing: false, lost: None }),
             frames: Condvar::new(),
+            late_before: Mutex::new(Lateness::of(&link.stats())),
             link: Mutex::new(Arc::new(WatchedLink::new(link))),
             waker: Waker::new()?,
             is_stopping: AtomicBool::new(false),
@@ -121,6 +125,8 @@ impl Service {
 
     /// The thread that serves the host. `ended` can be read when a transfer has ended.
     pub(super) fn serve_host(&self, control: &ControlEndpoint, ended: &OwnedFd) {
+        // The board's thread tells what the system refuses.
+        let _ = self.options.real_time.apply();
         let slice = Timespec { tv_sec: 0, tv_nsec: WAIT_SLICE.as_nanos() as _ };
         while !self.is_stopping() {
             let [events, ends, woken] = [
@@ -186,6 +192,9 @@ impl Service {
     }
 
     fn tell_change(&self, change: Option<Change>) {
+        if matches!(change, Some(Change::Came | Change::Woke)) {
+            *self.late_before.lock() = Lateness::of(&self.link().stats());
+        }
         match change {
             Some(Change::Came) => self.tell("a host has the board"),
             Some(Change::Woke) => self.tell("the host is awake"),
@@ -227,6 +236,8 @@ impl Service {
     /// The thread that hands frames to the board, one after the other. While the board does not take a frame, the controller
     /// takes no other.
     pub(super) fn move_frames(&self) {
+        // As in `serve_host`.
+        let _ = self.options.real_time.apply();
         let mut frame = Frame::new();
         while let Some(generation) = self.next_frame(&mut frame) {
             let written = self.link().write(&frame, Wait::For(WAIT_SLICE));
@@ -261,6 +272,7 @@ impl Service {
 
     /// The thread that serves the board.
     pub(super) fn serve_board(&self) {
+        self.options.real_time.apply().iter().for_each(|line| self.tell(line));
         let mut report = Frame::new();
         while !self.is_stopping() {
             let (gone, lost) = {
@@ -378,7 +390,9 @@ impl Service {
     fn tell_gone(&self, gone: &Gone) {
         let Gone { why, frames, reports, hung } = gone;
         let hung = if *hung { "; it hung after an OUT packet of fewer than 512 bytes, as the board does" } else { "" };
-        self.tell(&format!("the host is gone, {why}; {frames} frames out, {reports} reports in{hung}"));
+        let now = Lateness::of(&self.link().stats());
+        let late = now.since(std::mem::replace(&mut *self.late_before.lock(), now));
+        self.tell(&format!("the host is gone, {why}; {frames} frames out, {reports} reports in{hung}{late}"));
     }
 
     fn fail(&self, error: io::Error) {

@@ -22,6 +22,11 @@ pub struct SystemArgs {
     #[arg(long, conflicts_with_all = ["quick", "json", "folder"])]
     write_udev_rule: bool,
 
+    /// Check as well whether this machine can be the board at a USB device port (`ecmsk serve gadget`): the device
+    /// controller, configfs, FunctionFS, rights
+    #[arg(long, conflicts_with_all = ["write_udev_rule", "folder"])]
+    gadget: bool,
+
     /// The folder that /sys, /proc, /dev and /etc are below
     #[arg(long, hide = true, value_name = "DIR", default_value = "/", value_hint = ValueHint::DirPath)]
     root: PathBuf,
@@ -47,7 +52,12 @@ pub fn name(args: &SystemArgs) -> Option<String> {
 
 /// The findings about this machine, except for those that need a measurement.
 pub fn findings(args: &SystemArgs, wanted: Option<&LinkUri>) -> Vec<Finding> {
-    Machine::below(&args.root).findings(wanted)
+    let machine = Machine::below(&args.root);
+    let mut findings = machine.findings(wanted);
+    if args.gadget {
+        findings.extend(machine.gadget_findings());
+    }
+    findings
 }
 
 /// \[OURS] The number of frames that are sent to measure round-trip times.

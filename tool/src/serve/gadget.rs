@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 use std::sync::Arc;
 
+use ecmsk::engine::RealTime;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Share};
 use ecmsk::port::gadget::{Identity, Options, ServeError, Server};
@@ -36,6 +37,11 @@ pub struct Args {
     /// What happens to moving axes when the host is gone
     #[arg(long, value_enum, default_value_t = Vanish::Ramp)]
     on_vanish: Vanish,
+
+    /// Real-time priority (SCHED_FIFO) of the threads between the port and the board, 1 to 99. The cycle of a board in this
+    /// process has its own, `priority=` in the link, which should be higher
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=99))]
+    priority: Option<u8>,
 
     /// Vendor id that the board shows, hexadecimal
     #[arg(long, value_name = "ID", value_parser = id, default_value = "16c0", help_heading = IDENTITY)]
@@ -79,6 +85,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         identity: identity(args),
         controller: args.udc.clone(),
         on_vanish: args.on_vanish.into(),
+        real_time: RealTime { priority: args.priority, cpu: None, lock_memory: false },
         tell: Arc::new(|line| say("serve", &line)),
         failed: Arc::new(end_request.ender()),
         ..Options::default()

@@ -15,7 +15,8 @@
 //! - `monitor*.rs`: `ecmsk monitor`
 //! - `slave.rs`: `ecmsk slave`
 //! - `serve_ethercat.rs`, `serve_gadget.rs`, `serve_usbip.rs`, `serve_xf.rs`, `tcp_*.rs`: `ecmsk serve`
-//! - `list.rs`, `cards.rs`, `doctor.rs`, `doctor_folder.rs`, `machine.rs`, `man.rs`: `ecmsk list`, `doctor`, `man`
+//! - `list.rs`, `cards.rs`, `doctor.rs`, `doctor_folder.rs`, `doctor_gadget.rs`, `machine.rs`, `man.rs`: `ecmsk list`,
+//!   `doctor`, `man`
 //! - `bus.rs`: `ecmsk bus`
 //! - `xf.rs`, `behind_chip.rs`: `ecmsk xf`; the verbs of a board with its slaves behind an ECM-XF
 //! - `wireshark.rs`, `wireshark_chip.rs`: `ecmsk wireshark`: its plugin shows what `dump` shows
@@ -33,6 +34,7 @@ mod compare;
 mod details;
 mod doctor;
 mod doctor_folder;
+mod doctor_gadget;
 mod dump_hex;
 mod dump_packets;
 mod dump_recording;

@@ -1,7 +1,10 @@
-//! `ecmsk serve gadget`: what it refuses. What it does on a controller is in tests/rig.
+//! `ecmsk serve gadget`: what it refuses, and the service that runs it. What it does on a controller is in tests/rig.
 #![cfg(target_os = "linux")]
 
 use std::fs;
+use std::process::Command;
+
+use ecmsk::link::uri::LinkUri;
 
 use crate::common::{Ran, ecmsk};
 
@@ -17,6 +20,7 @@ fn a_board_that_cannot_be_shown_is_an_error_with_the_next_step() {
     run(&["--link", "sim:", "--vendor", "12345"]).expect_misuse(&["allowed: 0000 to ffff"]);
     run(&["--link", "sim:", "--interval", "17"]).expect_misuse(&["17"]);
     run(&["--link", "sim:", "--on-vanish", "jump"]).expect_misuse(&["servo-off"]);
+    run(&["--link", "sim:", "--priority", "100"]).expect_misuse(&["100"]);
     let long = "x".repeat(127);
     run(&["--link", "sim:", "--serial", &long]).expect_failure(1, &[&long], "126 characters");
     let there = fs::read_dir("/sys/class/udc").is_ok_and(|mut entries| entries.next().is_some());
@@ -24,5 +28,43 @@ fn a_board_that_cannot_be_shown_is_an_error_with_the_next_step() {
         run(&["--link", "sim:", "--udc", "no_such_udc"]).expect_failure(1, &["no_such_udc"], "--udc");
     } else {
         run(&["--link", "sim:"]).expect_failure(1, &["no USB device controller"], "modprobe dummy_hcd");
+    }
+}
+
+/// The service of docs/BOARD.md: systemd accepts its unit, where it is installed. Its command line, with the settings of the
+/// template, is one that the tool takes; it restarts after failures alone.
+#[test]
+fn the_service_starts_the_tool_with_its_one_configuration_file() {
+    let folder = support::root().join("share/systemd");
+    let read = |file: &str| fs::read_to_string(folder.join(file)).expect("it is there");
+    let (unit, template) = (read("ecmsk-board.service"), read("ecmsk-board.conf"));
+    let says = |key: &str| unit.lines().find_map(|line| line.strip_prefix(key)).unwrap_or_else(|| panic!("{key}"));
+    assert_eq!((says("EnvironmentFile="), says("Restart=")), ("/etc/ecmsk-board.conf", "on-failure"));
+    let lines = template.lines().filter(|line| !line.starts_with('#') && !line.is_empty());
+    let settings: Vec<(&str, &str)> = lines.map(|line| line.split_once('=').expect("NAME=VALUE")).collect();
+    let value = |name: &str| settings.iter().find(|setting| setting.0 == name).unwrap_or_else(|| panic!("{name}")).1;
+    let link = LinkUri::parse(value("ECMSK_LINK")).expect("a link");
+    assert_eq!(link.path(), value("BOARD_CARD"));
+
+    // As systemd expands variables without braces.
+    let words: Vec<&str> = says("ExecStart=")
+        .split(' ')
+        .flat_map(|word| word.strip_prefix('$').map_or(vec![word], |name| value(name).split(' ').collect()))
+        .collect();
+    assert_eq!(words[..3], ["ecmsk", "serve", "gadget"]);
+    let mut command = ecmsk(words[1..].to_vec());
+    // A link that is refused after the options were taken.
+    let ran = Ran::from(command.env("ECMSK_LINK", "sim:?slaves=whale").output().expect("the tool starts"));
+    assert!(ran.code != Some(0) && ran.err.contains("whale"), "{ran:?}");
+
+    let copy = tempfile::tempdir().expect("a folder");
+    let file = copy.path().join("ecmsk-board.service");
+    // Commands have to exist where the unit is verified.
+    let there =
+        unit.replace("ExecStart=ecmsk", "ExecStart=/bin/true").replace("ExecStartPre=-ip", "ExecStartPre=-/bin/true");
+    fs::write(&file, there).expect("a file");
+    match Command::new("systemd-analyze").arg("verify").arg(&file).output() {
+        Ok(output) => assert!(output.status.success(), "{output:?}"),
+        Err(error) => assert_eq!(error.kind(), std::io::ErrorKind::NotFound, "systemd is not installed: {error}"),
     }
 }

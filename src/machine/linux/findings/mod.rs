@@ -1,5 +1,6 @@
 //! Judges whether a machine with Linux is set up for a board.
 
+mod gadget;
 mod host;
 mod net;
 mod spi;

@@ -1,0 +1,111 @@
+//! This machine as the board at a USB device port: device controllers, configfs, FunctionFS.
+
+use super::{Access, Machine};
+
+/// Where the kernel lists the device controllers.
+const CONTROLLERS: &str = "/sys/class/udc";
+/// Where configfs is mounted.
+const CONFIGFS: &str = "/sys/kernel/config";
+/// The folder of configfs with all gadgets.
+const GADGETS: &str = "/sys/kernel/config/usb_gadget";
+/// The prefix of the gadgets of this project; the name of the controller follows.
+const OURS: &str = "ecmsk-";
+
+/// A USB device controller of the machine.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DeviceController {
+    /// The name that `--udc` takes, such as `fe980000.usb`.
+    pub name: String,
+    /// The highest speed, as the kernel names it, such as `high-speed`; `None` if it is not known.
+    pub maximum_speed: Option<String>,
+    /// The state of its device, such as `not attached` or `configured`; `None` if it is not known.
+    pub state: Option<String>,
+    /// The gadget that has it, if it has one.
+    pub gadget: Option<GadgetOnController>,
+}
+
+/// Whose gadget a device controller has.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum GadgetOnController {
+    /// One that `ecmsk serve gadget` has made.
+    Ours,
+    /// Another one: its name in configfs, or that of its kernel module.
+    Other(String),
+}
+
+/// The kernel's folder of gadgets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GadgetFolder {
+    /// It is there; whether this user may make gadgets in it.
+    There(Access),
+    /// configfs is mounted, and the module libcomposite is not loaded.
+    NoModule,
+    /// configfs is not mounted.
+    NotMounted,
+}
+
+/// Whether the kernel has FunctionFS.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FunctionFs {
+    /// It is loaded.
+    Loaded,
+    /// It is a module, which the kernel loads when a gadget needs it.
+    Module,
+    /// There is none for this kernel.
+    Missing,
+}
+
+impl Machine {
+    /// All device controllers.
+    pub fn device_controllers(&self) -> Vec<DeviceController> {
+        let controller = |name: String| {
+            let says = |file: &str| self.attribute(&format!("{CONTROLLERS}/{name}/{file}"));
+            let known = |text: &String| text != "UNKNOWN";
+            DeviceController {
+                maximum_speed: says("maximum_speed").filter(known),
+                state: says("state"),
+                gadget: self.gadget_on(&name),
+                name,
+            }
+        };
+        self.names(CONTROLLERS).into_iter().map(controller).collect()
+    }
+
+    fn gadget_on(&self, controller: &str) -> Option<GadgetOnController> {
+        let has = |gadget: &String| self.attribute(&format!("{GADGETS}/{gadget}/UDC")).as_deref() == Some(controller);
+        let gadget = self.names(GADGETS).into_iter().find(has);
+        // A module that is a gadget, such as g_ether, is in no folder of configfs.
+        let gadget = gadget.or_else(|| self.attribute(&format!("{CONTROLLERS}/{controller}/function")))?;
+        let is_ours = gadget.strip_prefix(OURS) == Some(controller);
+        Some(if is_ours { GadgetOnController::Ours } else { GadgetOnController::Other(gadget) })
+    }
+
+    /// The kernel's folder of gadgets.
+    pub fn gadget_folder(&self) -> GadgetFolder {
+        match self.access(GADGETS) {
+            Access::Missing if self.is_mounted(CONFIGFS) => GadgetFolder::NoModule,
+            Access::Missing => GadgetFolder::NotMounted,
+            access => GadgetFolder::There(access),
+        }
+    }
+
+    fn is_mounted(&self, folder: &str) -> bool {
+        let mounts = self.text("/proc/self/mounts").unwrap_or_default();
+        mounts.lines().any(|line| line.split(' ').nth(1) == Some(folder))
+    }
+
+    /// Whether the kernel has FunctionFS.
+    pub fn function_fs(&self) -> FunctionFs {
+        // As a module it becomes a file system with the first function that needs it; built in, it has no folder there.
+        let systems = self.text("/proc/filesystems").unwrap_or_default();
+        if self.has("/sys/module/usb_f_fs")
+            || systems.lines().any(|line| line.split_whitespace().last() == Some("functionfs"))
+        {
+            return FunctionFs::Loaded;
+        }
+        let list = self.kernel().map(|release| format!("/lib/modules/{release}/modules.order"));
+        let modules = list.and_then(|list| self.text(&list)).unwrap_or_default();
+        let is_there = modules.lines().any(|path| path.contains("/usb_f_fs.ko"));
+        if is_there { FunctionFs::Module } else { FunctionFs::Missing }
+    }
+}

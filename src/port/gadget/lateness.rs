@@ -1,0 +1,58 @@
+//! What a machine that is too slow for the cycle of its board has cost a host, by the counters of the link.
+
+use std::fmt;
+
+use crate::link::LinkStats;
+
+/// Counters of the link that grow when this machine is late.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Lateness {
+    /// Reports that a newer one has replaced before the server read them.
+    reports: u64,
+    /// Cycles that were left out (NIC-2.4).
+    cycles: u64,
+}
+
+impl Lateness {
+    pub(super) fn of(stats: &LinkStats) -> Self {
+        let cycles = stats.board.as_ref().map_or(0, |board| board.cycles_left_out);
+        Self { reports: stats.reports_dropped, cycles }
+    }
+
+    /// What has come since then. A board that was opened anew counts from 0.
+    pub(super) const fn since(self, before: Self) -> Self {
+        Self { reports: self.reports.saturating_sub(before.reports), cycles: self.cycles.saturating_sub(before.cycles) }
+    }
+}
+
+/// The end of a line of the log; nothing if the machine was never late.
+impl fmt::Display for Lateness {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self { reports: 0, cycles: 0 } => Ok(()),
+            Self { reports, cycles } => write!(
+                f,
+                "; this machine was late: reports replaced before they were read: {reports}, cycles left out: {cycles}"
+            ),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The line says what has come since the host came, and nothing if nothing has.
+    #[test]
+    fn lateness_is_counted_from_the_host_on() {
+        let counted = |reports, cycles| {
+            let board = crate::engine::Counters { cycles_left_out: cycles, ..Default::default() };
+            Lateness::of(&LinkStats { reports_dropped: reports, board: Some(board), ..LinkStats::default() })
+        };
+        let came = counted(5, 7);
+        assert_eq!(came.since(came).to_string(), "");
+        let line = counted(6, 9).since(came).to_string();
+        assert!(line.ends_with("before they were read: 1, cycles left out: 2"), "{line}");
+        assert_eq!(Lateness::of(&LinkStats::default()).since(came), Lateness::default(), "the board was opened anew");
+    }
+}

@@ -139,6 +139,7 @@
 //! | [`migrate`] | what a recorded program needs of an ECM-XF |
 //! | [`notes`] | a bounded queue of lines for a log, which never blocks the writers |
 //! | `port` | serves a board to other programs and machines, by TCP or as a virtual USB device |
+//! | [`machine_file`] | the file that describes a machine: axes by name with unit, limits and homing, slaves, inputs and outputs |
 //! | `machine` | whether this machine is set up for a board, and what to do if it is not |
 //! | [`io`] | HID on USB and SPI with its lines, below the links `usb:`, `spi:` and `xf-spi:` |
 //!
@@ -153,6 +154,7 @@
 //! | `spi` | | the links `spi:` and `xf-spi:`, over spidev and GPIO lines (Linux) |
 //! | `nic` | | the link `nic:`: the slaves of a board at a network card of this machine, as an EtherCAT master; it needs raw frames (root or CAP_NET_RAW) (Linux) |
 //! | `serve` | | `port`: serving a board |
+//! | `schema` | | `machine_file::schema`: the JSON schema of machine files |
 //!
 //! The command-line tool `ecmsk` is a package of its own, and so is the drop-in `NEXTWUSBLib` for programs in C, C++ and .NET.
 //!
@@ -206,6 +208,8 @@ pub mod io;
 pub mod link;
 #[cfg(any(all(feature = "std", target_os = "linux"), all(feature = "usb", windows)))]
 pub mod machine;
+#[cfg(feature = "std")]
+pub mod machine_file;
 #[cfg(feature = "std")]
 pub mod master;
 #[cfg(feature = "std")]

@@ -24,6 +24,7 @@ pub use privilege::{is_privileged, variable, writable_by_others};
 use serde::Deserialize;
 
 use super::keys::WHERE_TO_LOOK;
+use super::text::line_at;
 use crate::files::{FileError, read_small};
 
 /// The environment variable that names a link.
@@ -243,10 +244,10 @@ struct Content {
 }
 
 fn read_link(path: &Path, text: &str) -> Result<String, ConfigError> {
-    let wrong = |at: usize, message: String| {
-        let before = text.as_bytes().get(..at).unwrap_or(text.as_bytes());
-        let line = 1 + before.iter().filter(|byte| **byte == b'\n').count();
-        ConfigError::Content { path: path.to_path_buf(), line, message }
+    let wrong = |at: usize, message: String| ConfigError::Content {
+        path: path.to_path_buf(),
+        line: line_at(text, at),
+        message,
     };
     let content: Content = toml::from_str(text).map_err(|error: toml::de::Error| {
         wrong(error.span().map_or(0, |span| span.start), error.message().trim_end().to_owned())

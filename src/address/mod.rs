@@ -4,13 +4,14 @@
 //!   all keys with their defaults
 //! - `slaves.rs` with `slaves/list.rs`: lists of slaves; `kinds.rs`: the table of the kinds of slaves; `travel.rs`:
 //!   switches and stops along the travel of their axes
-//! - `fraction.rs`: numbers from 0 to 1; `text.rs`: words and numbers
+//! - `scale.rs`: units of positions; `fraction.rs`: numbers from 0 to 1; `text.rs`: words and numbers
 //! - `config.rs`: the link that is opened when a program does not name one (`ECMSK_LINK`, `ecmsk.toml`)
 
 pub mod config;
 mod fraction;
 pub mod keys;
 mod kinds;
+pub(crate) mod scale;
 pub(crate) mod scheme;
 pub mod slaves;
 pub(crate) mod text;

@@ -39,6 +39,17 @@ impl fmt::Display for ManufacturerObjectsSpec {
     }
 }
 
+/// The identity of a slave, as far as it is given.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct IdentitySpec {
+    /// The vendor, 0x1018:1.
+    pub vendor: Option<u32>,
+    /// The product code, 0x1018:2.
+    pub product: Option<u32>,
+    /// The revision, 0x1018:3.
+    pub revision: Option<u32>,
+}
+
 /// One simulated slave.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct SlaveSpec {
@@ -48,6 +59,8 @@ pub struct SlaveSpec {
     pub travel: TravelSpec,
     /// The manufacturer-specific objects of the slave; `None` if it has none.
     pub manufacturer_objects: Option<ManufacturerObjectsSpec>,
+    /// The identity in the place of its model's. Only a machine file gives one.
+    pub identity: IdentitySpec,
 }
 
 /// The word before `@` in the part of a list that gives manufacturer-specific objects.
@@ -117,7 +130,7 @@ fn parse_at_most(list: &str, slaves_max: usize) -> Result<Vec<SlaveSpec>, String
         let in_entry = |why: String| entry.error(&why);
         let (travel, manufacturer_objects) = split_parts(&entry.parts).map_err(in_entry)?;
         let travel = travel_of(model, &travel).map_err(in_entry)?;
-        Ok(SlaveSpec { model, travel, manufacturer_objects })
+        Ok(SlaveSpec { model, travel, manufacturer_objects, identity: IdentitySpec::default() })
     })
 }
 

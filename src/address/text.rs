@@ -33,3 +33,9 @@ pub(crate) fn suggestion(word: &str, known: impl IntoIterator<Item = &'static st
     let near = distances.filter(|(distance, name)| *distance <= name.len().max(word.len()) / 3);
     near.min_by_key(|(distance, _)| *distance).map(|(_, name)| format!(" did you mean `{name}`?")).unwrap_or_default()
 }
+
+/// The number of the line, from 1, at a position of a text.
+pub(crate) fn line_at(text: &str, at: usize) -> usize {
+    let before = text.as_bytes().get(..at).unwrap_or(text.as_bytes());
+    1 + before.iter().filter(|byte| **byte == b'\n').count()
+}

@@ -15,6 +15,7 @@
 //! [`KEYS`]: super::keys::KEYS
 
 use std::fmt;
+use std::hash::{Hash, Hasher};
 use std::str::FromStr;
 
 use percent_encoding::{AsciiSet, CONTROLS, percent_decode_str, utf8_percent_encode};
@@ -36,6 +37,24 @@ pub struct LinkUri {
     path: String,
     /// The keys in the order of the table, without keys that have their default value.
     keys: Vec<(String, String)>,
+    lists_slaves: ListsSlaves,
+}
+
+/// Whether the list of slaves was written, though it may be the default one. Links with the same meaning are equal with and
+/// without it.
+#[derive(Clone, Copy, Debug, Default)]
+struct ListsSlaves(bool);
+
+impl PartialEq for ListsSlaves {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+impl Eq for ListsSlaves {}
+
+impl Hash for ListsSlaves {
+    fn hash<H: Hasher>(&self, _: &mut H) {}
 }
 
 /// Why the URI of a link is invalid. The messages name the key, its value and what is allowed.
@@ -128,14 +147,17 @@ impl LinkUri {
         if !path.is_empty() && scheme.path().is_none() {
             return Err(UriError::UnexpectedPath { scheme, path });
         }
-        let mut uri = Self { scheme, path, keys: Vec::new() };
+        let mut uri = Self { scheme, path, keys: Vec::new(), lists_slaves: ListsSlaves::default() };
         if !query.is_empty() {
             for part in query.split('&') {
                 uri.add(part)?;
             }
         }
         uri.check_slaves()?;
+        uri.check_machine()?;
         uri.check_clock()?;
+        let lists_slaves = uri.keys().any(|(key, _)| key == "slaves");
+        uri.lists_slaves = ListsSlaves(lists_slaves);
         uri.normalize();
         Ok(uri)
     }
@@ -229,12 +251,39 @@ impl LinkUri {
     /// slaves with 16-byte slots.
     fn check_slaves(&self) -> Result<(), UriError> {
         let Some(list) = self.value("slaves") else { return Ok(()) };
-        let slot = self.typed("slot", slot_size)?.unwrap_or_default();
         let bad = |why| UriError::BadValue { key: "slaves".to_owned(), value: list.to_owned(), why };
-        if slaves::parse(list).map_err(bad)?.len() > slot.max_slaves() {
-            return Err(bad(slaves::too_many(slot)));
+        self.check_count(slaves::parse(list).map_err(bad)?.len()).map_err(bad)
+    }
+
+    /// Checks a number of slaves against the slot size.
+    pub(crate) fn check_count(&self, slaves: usize) -> Result<(), String> {
+        let slot = self.typed("slot", slot_size).ok().flatten().unwrap_or_default();
+        if slaves <= slot.max_slaves() { Ok(()) } else { Err(slaves::too_many(slot)) }
+    }
+
+    /// Rejects a list of slaves beside a machine file, which has them, too.
+    fn check_machine(&self) -> Result<(), UriError> {
+        let given = |key: &str| self.keys().find(|(name, _)| *name == key).map(|(_, value)| value.to_owned());
+        match (given("machine"), given("slaves")) {
+            (Some(_), Some(value)) => Err(UriError::BadValue {
+                key: "slaves".to_owned(),
+                value,
+                why: "the machine file says which slaves there are; allowed: slaves= or machine=".to_owned(),
+            }),
+            _ => Ok(()),
         }
-        Ok(())
+    }
+
+    /// This link with the slaves of a machine file; `None` unless it is one to simulated slaves that lists none.
+    pub(crate) fn with_machine(&self, file: &str) -> Option<Self> {
+        let has_slaves = self.lists_slaves.0 || self.keys().any(|(key, _)| key == "machine");
+        if has_slaves || !self.scheme.is_model() {
+            return None;
+        }
+        let mut uri = self.clone();
+        uri.keys.push(("machine".to_owned(), file.to_owned()));
+        uri.normalize();
+        Some(uri)
     }
 
     /// \[OURS] Rejects keys that have no effect on a virtual clock.

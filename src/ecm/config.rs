@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::scale::Scale;
+use crate::address::scale::Scale;
 use crate::address::slaves;
 use crate::ethercat::cia402::Mode;
 use crate::sk::{CycleTime, DriveSync, SlaveKind, SlotSize};

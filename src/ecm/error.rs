@@ -6,6 +6,7 @@ use super::config::ConfigError;
 use crate::ethercat::cia402::{ErrorCode, Mode, Statusword};
 use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::link::LinkError;
+use crate::machine_file::MachineFileError;
 use crate::sk::{MasterState, SlaveKind, StateByte};
 use crate::span::Span;
 
@@ -20,7 +21,10 @@ pub enum EcmError {
     /// The configuration cannot be used. Nothing of it was sent to the board.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// The slot size of the board is unknown: the link does not have it, and the reports did not show it.
+    /// The machine file cannot be used.
+    #[error(transparent)]
+    Machine(#[from] MachineFileError),
+    /// The link does not know the slot size, and reports did not show it.
     #[error("`{name}` does not say how many bytes a slot has; put `slot=12` or `slot=16` (CONFIG2 high) into the link")]
     SlotUnknown { name: String },
     /// The value of an option or of a parameter is not allowed.

@@ -34,10 +34,10 @@
 //!
 //! In this order:
 //!
-//! 1. Values that a program passes and gets: `options.rs`, `config.rs`, `scale.rs`, `snapshot.rs`, `error.rs`, `failure.rs`;
+//! 1. Values that a program passes and gets: `options.rs`, `config.rs`, `snapshot.rs`, `error.rs`, `failure.rs`;
 //!    `network.rs` has the configuration in a form without heap allocations, for the other files.
 //! 2. `exchange/`: sends frames and receives reports for all calls of all threads, and keeps the state of the board.
-//! 3. The calls, one file for each subject: `state.rs` configures the network and changes its state, `servo.rs` switches axes,
+//! 3. The calls, one file for each subject: `machine.rs` opens the board of a machine file, `state.rs` configures the network and changes its state, `servo.rs` switches axes,
 //!    `io.rs`, `sdo.rs`, `homing.rs`, and `board.rs` for the board itself. Each call sends a `Task` through the exchange and
 //!    checks reports until it is done.
 //! 4. `stream/`: targets for all axes in every cycle.
@@ -51,9 +51,9 @@ mod exchange;
 mod failure;
 mod homing;
 mod io;
+mod machine;
 mod network;
 mod options;
-mod scale;
 mod sdo;
 mod servo;
 mod snapshot;
@@ -72,12 +72,13 @@ pub use exchange::{News, Stats};
 pub use failure::Failure;
 pub use homing::{Homing, HomingPhase, HomingProgress};
 pub use options::{CLOSE_LIMIT, Close, Options};
-pub use scale::Scale;
 pub use sdo::SdoValue;
 pub use snapshot::{SlaveView, Snapshot};
 pub use stream::{Stream, StreamStats};
 pub(crate) use takeover::Succeeded;
 pub use takeover::Watch;
+
+pub use crate::address::scale::{Scale, Scales, SoftLimits};
 
 use self::exchange::{Exchange, Waited};
 use crate::link::{Link, LinkError, LinkInfo, Share, Wait};

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::config::Slave;
 use super::network::Network;
-use super::scale::Scale;
+use crate::address::scale::Scale;
 use crate::link::ReadMeta;
 use crate::sk::{DriveResponse, Frame, HspResponse, IoResponse, MasterResponse, SdoResponse, SlotSize, StateByte};
 

@@ -2,6 +2,7 @@
 
 use crate::address::slaves::list;
 use crate::address::uri::LinkUri;
+use crate::machine_file::slaves_of_link;
 
 /// Slaves and units of a network, in the syntax of the tool's `--slaves` and `--counts-per-unit`. An empty text means
 /// unknown.
@@ -29,7 +30,7 @@ impl KnownNetwork {
     /// The slaves in the URI of a `sim:` or `xf-sim:` link. Other URIs do not list slaves, so they are unknown.
     pub(crate) fn of_sim(name: &str) -> Self {
         let uri = LinkUri::parse(name).ok().filter(|uri| uri.scheme().is_model());
-        let listed = uri.and_then(|uri| uri.slaves().ok());
+        let listed = uri.and_then(|uri| slaves_of_link(&uri).ok());
         Self::of_slaves(listed.unwrap_or_default().iter().map(|slave| slave.model.name().to_owned()))
     }
 

@@ -41,7 +41,7 @@ pub const VENDOR_ID: u32 = 0x4543_4D53;
 pub struct Base<M> {
     name: String,
     serial: u32,
-    identity: &'static Identity,
+    identity: Identity,
     /// The stored values of the object dictionary.
     pub values: Values,
     /// Manufacturer-specific objects beyond the table of the kind. Cycles do not use them.
@@ -61,7 +61,7 @@ pub struct Base<M> {
 
 impl<M: Model> Base<M> {
     /// A device in its power-on state, with its display name, serial number (0x1018:4), identity, stored values and PDOs.
-    pub fn new(name: String, serial: u32, identity: &'static Identity, values: Values, pdos: &[Pdo<M>]) -> Self {
+    pub fn new(name: String, serial: u32, identity: &Identity, values: Values, pdos: &[Pdo<M>]) -> Self {
         let (al, mapping, plan) = (ApplicationLayer::default(), Mapping::new(pdos, M::LIMITS), Plan::with_room());
         // Reserved in advance, so that transfers do not allocate.
         let test_memory = Vec::with_capacity(if M::TEST_MEMORY { TEST_MEMORY_BYTES_MAX } else { 0 });
@@ -71,7 +71,7 @@ impl<M: Model> Base<M> {
         Self {
             name,
             serial,
-            identity,
+            identity: *identity,
             al,
             values,
             manufacturer,
@@ -90,7 +90,7 @@ impl<M: Model> Base<M> {
         let (name, manufacturer) = (std::mem::take(&mut self.name), self.manufacturer.take());
         let files = self.files.take();
         let limits = *self.mapping.limits();
-        let new = Self::new(name, self.serial, self.identity, values, pdos).with_limits(limits, pdos);
+        let new = Self::new(name, self.serial, &self.identity, values, pdos).with_limits(limits, pdos);
         *self = Self { manufacturer, files, ..new };
     }
 

@@ -297,6 +297,11 @@ pub trait Slave: Send {
         false
     }
 
+    /// Gives the slave another vendor, product code or revision; `None` leaves it as it is. Nothing else changes.
+    fn set_identity(&mut self, vendor: Option<u32>, product: Option<u32>, revision: Option<u32>) {
+        let _ = (vendor, product, revision);
+    }
+
     /// Adds manufacturer-specific objects to the slave's object dictionary. They can be read, written and mapped as process
     /// data, and have no effect.
     fn add_manufacturer_objects(&mut self, objects: ManufacturerObjects) {

@@ -25,6 +25,7 @@ pub(super) fn models(
 ) -> Vec<Box<dyn Slave>> {
     let one = |(spec, objects): (&SlaveSpec, Option<ManufacturerObjects>)| {
         let mut slave = build(spec.model, &spec.travel);
+        slave.set_identity(spec.identity.vendor, spec.identity.product, spec.identity.revision);
         if let Some(objects) = objects {
             slave.add_manufacturer_objects(objects);
         }

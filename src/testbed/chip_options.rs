@@ -7,6 +7,7 @@ use crate::address::keys::Scheme;
 use crate::address::slaves::SlaveSpec;
 use crate::address::uri::{LinkUri, UriError};
 use crate::link::chip_link::{data_size, speed_hz};
+use crate::machine_file::slaves_of_link;
 use crate::recording::Clock;
 use crate::slave::Slave;
 use crate::slave::esc::UndescribedError;
@@ -121,7 +122,12 @@ impl SimChipOptions {
     /// [`UriError::OtherScheme`] if it is not an `xf-sim:` link.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         uri.expect_scheme(Scheme::XfSim)?;
-        Ok(Self { slaves: uri.slaves()?, clock: clock(uri)?, chip: ModelledChip::from_uri(uri)?, script: script(uri)? })
+        Ok(Self {
+            slaves: slaves_of_link(uri)?,
+            clock: clock(uri)?,
+            chip: ModelledChip::from_uri(uri)?,
+            script: script(uri)?,
+        })
     }
 }
 

@@ -9,6 +9,7 @@ use crate::address::Fraction;
 use crate::address::keys::{Scheme, millis};
 use crate::address::slaves::SlaveSpec;
 use crate::address::uri::{LinkUri, UriError};
+use crate::machine_file::slaves_of_link;
 use crate::own_board::chip::ChipUse;
 use crate::own_board::options::BoardOptions;
 pub use crate::recording::Clock;
@@ -63,7 +64,7 @@ impl SimOptions {
         };
         Ok(Self {
             board: BoardOptions::from_uri(uri)?,
-            slaves: uri.slaves()?,
+            slaves: slaves_of_link(uri)?,
             clock: clock(uri)?,
             name: uri.typed("name", |value| Some(value.to_owned()))?,
             catch_up: uri.required("catch_up_ms", millis)?,

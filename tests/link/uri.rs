@@ -96,6 +96,29 @@ fn every_key_reaches_its_option() {
     assert_eq!(sim.script.as_deref(), Some(Path::new("/tmp/a.ecmscript")));
 }
 
+/// `machine=` gives the slaves of a machine file, with the identities that they have to have; what is wrong with the file, or
+/// too much for the slot, is an error of the link.
+#[test]
+fn the_slaves_of_a_machine_file_are_simulated() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("machine.toml");
+    let link = |keys: &str| LinkUri::parse(&format!("xf-sim:?machine={}{keys}", file.display())).expect("a link");
+    std::fs::write(&file, "format = 1\n[slaves.1]\nkind = \"io\"\nvendor = 7\n[axes]\nX = { slave = 2 }\n")
+        .expect("a file");
+    let slaves = SimOptions::from_uri(&link("")).expect("options").slaves;
+    assert_eq!((slaves.len(), slaves[0].model, slaves[0].identity.vendor), (2, SlaveModel::Io, Some(7)));
+    let axes: String = (1..=31).map(|slave| format!("A{slave} = {{ slave = {slave} }}\n")).collect();
+    std::fs::write(&file, format!("format = 1\n[axes]\n{axes}")).expect("a file");
+    let error = SimOptions::from_uri(&link("&slot=16")).expect_err("31 slaves").to_string();
+    assert!(
+        error.contains("key `machine` does not take") && error.contains("at most 30 slaves with slot=16"),
+        "{error}"
+    );
+    std::fs::write(&file, "format = 1\n[axes]\nX = { slave = 0 }\n").expect("a file");
+    let error = SimOptions::from_uri(&link("")).expect_err("slave 0").to_string();
+    assert!(error.contains("line 3: axes.X.slave: there is no slave 0"), "{error}");
+}
+
 /// A key for both directions and one for each; the key of one direction overrides the common one.
 #[test]
 fn fault_keys_reach_their_options() {
@@ -369,6 +392,9 @@ fn any_link() -> impl Strategy<Value = (Scheme, String, Vec<(&'static str, Strin
                     true
                 }
             });
+            if keys.iter().any(|(key, _)| *key == "machine") {
+                keys.retain(|(key, _)| *key != "slaves");
+            }
             if keys.contains(&("clock", "virtual".to_owned())) {
                 keys.retain(|(key, _)| !["rate", "priority", "cpu", "lock_memory"].contains(key));
             }
@@ -400,7 +426,9 @@ proptest! {
         prop_assert!(CommonOptions::from_uri(&parsed).is_ok());
         prop_assert_eq!(ChipOptions::from_uri(&parsed).is_ok(), scheme.has_chip());
         prop_assert_eq!(BoardOptions::from_uri(&parsed).is_ok(), [Scheme::Sim, Scheme::Nic].contains(&scheme) || scheme.has_chip());
-        prop_assert_eq!(SimOptions::from_uri(&parsed).is_ok(), scheme.is_model());
+        // There is no file of that name.
+        let has_machine = parsed.value("machine").is_some();
+        prop_assert_eq!(SimOptions::from_uri(&parsed).is_ok(), scheme.is_model() && !has_machine);
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! `interrupt.rs` the signals.
 
 mod adopted;
+mod axis_word;
 mod bring_up;
 mod error;
 mod interrupt;
@@ -20,11 +21,13 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::ValueHint;
-use ecmsk::ecm::{Close, Config, Guard};
+use ecmsk::ecm::{Close, Config, Guard, Scales};
 use ecmsk::link::KnownNetwork;
 use ecmsk::link::uri::LinkUri;
+use ecmsk::machine_file::{MachineFile, MachineFileError};
 use ecmsk::sk::SlotSize;
 
+pub use axis_word::{AxisWord, Units};
 pub use bring_up::Needs;
 pub use error::BoardError;
 pub use interrupt::Interrupt;
@@ -35,11 +38,12 @@ pub use session::{Board, BoardUse, NEAR_COUNTS, StepSource, in_mode, numbered, s
 pub use slaves::SlaveList;
 
 use super::link_option::ChosenLink;
-use super::{record_option, slot_size};
+use super::{machine_option, record_option, slot_size};
 use network::Network;
-pub use network::Scales;
 
 const HEADING: &str = "Board";
+/// The cycle of a board that was not told another one (UG 1.7), microseconds.
+const DEFAULT_CYCLE_US: u32 = 1000;
 
 // No doc comment: clap would show it as the help of every verb.
 #[derive(Clone, Debug, clap::Args)]
@@ -49,6 +53,9 @@ pub struct Args {
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse, global = true, help_heading = HEADING)]
     link: Option<LinkUri>,
 
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, global = true, help_heading = HEADING, help = machine_option::HELP)]
+    machine: Option<PathBuf>,
+
     #[arg(long, value_name = "LIST", value_parser = Network::parse, global = true, help_heading = HEADING, help = network::help())]
     slaves: Option<Network>,
 
@@ -56,9 +63,9 @@ pub struct Args {
     #[arg(long, global = true, help_heading = HEADING)]
     up: bool,
 
-    /// EtherCAT cycle, microseconds: 250, 500, 1000, 2000, 4000 ..
-    #[arg(long, value_name = "N", default_value_t = 1000, global = true, help_heading = HEADING)]
-    cycle_us: u32,
+    /// EtherCAT cycle, microseconds: 250, 500, 1000, 2000, 4000 .. [default: that of the machine file, else 1000]
+    #[arg(long, value_name = "N", global = true, help_heading = HEADING)]
+    cycle_us: Option<u32>,
 
     /// Bytes of a slot, 12 or 16 [default: what the link says, else what the CRCs fit]
     #[arg(long, value_name = "12|16", value_parser = slot_size::parse, global = true, help_heading = HEADING)]
@@ -105,12 +112,20 @@ pub struct Args {
 }
 
 impl Args {
-    /// The link to the board: that of `--link`, else that of `ECMSK_LINK`, else that of `ecmsk.toml`, else the default.
+    /// The machine file of the option or of the working directory.
+    ///
+    /// # Errors
+    /// The file is wrong.
+    pub fn machine(&self) -> Result<Option<MachineFile>, MachineFileError> {
+        machine_option::load(self.machine.as_deref())
+    }
+
+    /// The board that the options, the environment, the machine file or the configuration name.
     ///
     /// # Errors
     /// `ECMSK_LINK` or `ecmsk.toml` is invalid.
-    pub fn chosen(&self) -> Result<ChosenLink, BoardError> {
-        Ok(ChosenLink::find(self.link.as_ref())?)
+    pub fn chosen(&self, machine: Option<&MachineFile>) -> Result<ChosenLink, BoardError> {
+        Ok(ChosenLink::find_with(self.link.as_ref(), machine)?)
     }
 
     /// The slot size, if an option gives it.
@@ -133,13 +148,30 @@ impl Args {
         }
     }
 
-    /// The configuration of the network, from the options or the link. `known` is the network that a server at the other end of
-    /// the link has reported; it replaces missing options. `None` if none of them gives the slaves.
-    pub fn network(&self, uri: &LinkUri, known: Option<&KnownNetwork>) -> Option<Config> {
-        let network = self.slaves.clone().or_else(|| Network::of_link(uri));
+    /// The configuration of the network, from the options, the machine file or the link; `known` is what the server of the
+    /// link knows. `None` if the network is not known.
+    pub fn network(
+        &self,
+        uri: &LinkUri,
+        known: Option<&KnownNetwork>,
+        machine: Option<&MachineFile>,
+    ) -> Option<Config> {
+        let network = self.slaves.clone().or_else(|| machine.map(Network::of_machine));
+        let network = network.or_else(|| Network::of_link(uri));
         let network = network.or_else(|| Network::parse(&known?.slaves).ok())?;
-        let scales = self.counts_per_unit.clone().or_else(|| Scales::parse(&known?.counts_per_unit).ok());
-        Some(network.config(self.cycle_us, self.lead_limit, scales.as_ref()))
+        let scales = self.number_scales(known);
+        let scale = |slave| {
+            let axis = machine.and_then(|machine| machine.axis_of(slave)).map(|axis| axis.scale);
+            let of_option = self.scales().filter(|scales| scales.has(slave)).map(|scales| scales.of(slave));
+            of_option.or(axis).or_else(|| scales.as_ref().map(|scales| scales.of(slave)))
+        };
+        let cycle_us = self.cycle_us.or(machine.and_then(|machine| machine.cycle_us)).unwrap_or(DEFAULT_CYCLE_US);
+        Some(network.config(cycle_us, self.lead_limit, scale))
+    }
+
+    /// The units of axes that are named by their numbers: those of the option, else of a server.
+    pub fn number_scales(&self, known: Option<&KnownNetwork>) -> Option<Scales> {
+        self.counts_per_unit.clone().or_else(|| Scales::parse(&known?.counts_per_unit).ok())
     }
 
     /// The counts per unit that `--counts-per-unit` gives; those that a server reports are not included.

@@ -3,10 +3,12 @@
 use std::io;
 use std::process::ExitCode;
 
+use ecmsk::machine_file::MachineFileError;
 use ecmsk::recording::RecordError;
 
 use super::board::BoardError;
 use super::bus::BusVerbError;
+use super::machine::MachineVerbError;
 use super::params::ParamsError;
 use super::stderr::say;
 use super::xf::XfVerbError;
@@ -57,6 +59,12 @@ pub enum CliError {
     /// See [`super::params::ParamsError`].
     #[error(transparent)]
     Params(#[from] super::params::ParamsError),
+    /// See [`super::machine::MachineVerbError`].
+    #[error(transparent)]
+    Machine(#[from] super::machine::MachineVerbError),
+    /// See [`MachineFileError`].
+    #[error(transparent)]
+    MachineFile(#[from] MachineFileError),
     /// See [`super::exec::ExecError`].
     #[error(transparent)]
     Exec(#[from] super::exec::ExecError),
@@ -107,6 +115,7 @@ impl CliError {
         if let Self::Output(error)
         | Self::Board(BoardError::Output(error))
         | Self::Bus(BusVerbError::Output(error))
+        | Self::Machine(MachineVerbError::Output(error))
         | Self::Params(ParamsError::Output(error))
         | Self::Xf(XfVerbError::Output(error)) = self
             && error.kind() == io::ErrorKind::BrokenPipe
@@ -126,6 +135,7 @@ impl CliError {
         match self {
             Self::Exec(error) => error.code(),
             Self::Params(error) => error.code(),
+            Self::Machine(error) => error.code(),
             Self::Board(error) => error.code(),
             Self::Bus(error) => error.code(),
             Self::Xf(error) => error.code(),

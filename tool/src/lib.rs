@@ -14,10 +14,11 @@
 //! - `monitor.rs`, `serve.rs`, `link.rs`, `objects.rs`, `slave.rs`, `list.rs`, `doctor.rs`, `completions.rs`, `man.rs`:
 //!   one verb each; `image.rs` reads Windows programs for `doctor` and `exec`
 //! - `params.rs`: `ecmsk params`, the parameters of drives, in `params/`
-//! - `bus.rs`: `ecmsk bus`, which looks at any network, with one file for each verb in `bus/`
+//! - `machine.rs`: `ecmsk machine`, the machine file, in `machine/`
+//! - `bus.rs`: `ecmsk bus`, the look at any network, one file for each verb in `bus/`
 //! - `xf.rs`: `ecmsk xf`, the verbs that talk to an ECM-XF, one file each in `xf/`
-//! - `wireshark.rs`: `ecmsk wireshark`, a plugin of Wireshark, in `wireshark/`
-//! - `link_option.rs`, `record_option.rs`, `slot_size.rs`: the options `--link`, `--record` and `--slot-size`;
+//! - `link_option.rs`, `machine_option.rs`, `record_option.rs`, `slot_size.rs`: the options `--link`, `--machine`, `--record` and
+//!   `--slot-size`;
 //!   `recording_end.rs` checks whether a recording is complete
 //! - `transfer.rs`, `hex.rs`: SDO values and bytes as text, for `bus` and `xf`
 //! - `error.rs`, `output.rs`, `stderr.rs`, `streams.rs`: errors, and output that does not wait for whoever reads it;
@@ -41,6 +42,8 @@ mod kind_list;
 mod link;
 mod link_option;
 mod list;
+mod machine;
+mod machine_option;
 mod man;
 mod migrate;
 mod monitor;
@@ -92,6 +95,8 @@ Exit codes:
        0 the program runs on an ECM-XF as it is, 1 it runs with differences or not, 2 it could not be said
   params diff
        0 the parameters are equal, 1 they differ, 2 they could not be compared (as diff)
+  machine check
+       0 nothing is wrong, 1 the network differs from the file, 2 it could not be compared
   params restore
        0 all were written and read back, 1 some were not
   bus errors, bus dc
@@ -131,6 +136,7 @@ enum Verb {
     Link(link::Args),
     Objects(objects::Args),
     Params(params::Args),
+    Machine(machine::Args),
     List(list::Args),
     Doctor(doctor::Args),
     Serve(serve::Args),
@@ -179,6 +185,7 @@ impl Verb {
             Self::Link(args) => link::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Objects(args) => objects::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Params(args) => Ok(recording_end::of_opened(params::run(&args)?)),
+            Self::Machine(args) => Ok(recording_end::of_opened(machine::run(&args)?)),
             Self::List(args) => list::run(&args),
             Self::Doctor(args) => doctor::run(&args),
             Self::Man(args) => man::run(&args).map(|()| ExitCode::SUCCESS),

@@ -1,10 +1,11 @@
 //! Chooses the link of a verb: that of `--link`, otherwise the one that the library would open.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use ecmsk::link::LinkError;
 use ecmsk::link::config::{ConfigError, Environment, LINK_VARIABLE, Source, find};
 use ecmsk::link::uri::LinkUri;
+use ecmsk::machine_file::MachineFile;
 
 use super::stderr::say;
 
@@ -46,16 +47,31 @@ impl ChosenLink {
     /// # Errors
     /// `ECMSK_LINK` or `ecmsk.toml` is invalid.
     pub fn find(link: Option<&LinkUri>) -> Result<Self, ChoiceError> {
+        Self::find_with(link, None)
+    }
+
+    /// As [`find`](Self::find), for a verb with a machine file. The link of the file comes behind `ECMSK_LINK` and before a
+    /// configuration file; a simulated board without a list of slaves gets those of the file.
+    ///
+    /// # Errors
+    /// `ECMSK_LINK` or `ecmsk.toml` is invalid.
+    pub fn find_with(link: Option<&LinkUri>, machine: Option<&MachineFile>) -> Result<Self, ChoiceError> {
+        let of_machine = |uri: LinkUri| machine.and_then(|machine| machine.link(Some(&uri))).unwrap_or(uri);
         if let Some(uri) = link {
-            return Ok(Self { uri: uri.clone(), looked: None });
+            return Ok(Self { uri: of_machine(uri.clone()), looked: None });
         }
         let environment = environment();
+        let is_variable_set = environment.link.as_ref().is_some_and(|value| !value.is_empty());
+        if let Some(uri) = machine.filter(|_| !is_variable_set).and_then(|machine| machine.link(None)) {
+            return Ok(Self { uri, looked: None });
+        }
         let configured = find(&environment)?;
         if let Source::File(_) = &configured.source {
             say("note", &format_args!("link {}: {}", configured.source, configured.link));
         }
         let uri = LinkUri::parse(&configured.link).map_err(LinkError::from)?;
         let files = || environment.files().iter().map(|file| file.display().to_string()).collect::<Vec<_>>().join(", ");
+        let uri = of_machine(uri);
         Ok(Self { uri, looked: (configured.source == Source::Default).then(files) })
     }
 
@@ -80,21 +96,26 @@ pub fn environment() -> Environment {
 /// such as `/tmp`, and its link may create and read files with the rights of this user. \[OURS]
 fn working_dir() -> Option<PathBuf> {
     let folder = std::env::current_dir().ok()?;
+    let file = folder.join(ecmsk::link::config::FILE_NAME);
+    belongs_to_user(&file, "name the link with --link").then_some(folder)
+}
+
+/// Whether a file, if it is there, belongs to this user or to root. If not, it says that the file is passed over, and
+/// `next`, what to do.
+pub fn belongs_to_user(file: &Path, next: &str) -> bool {
     #[cfg(unix)]
     {
         use std::os::unix::fs::MetadataExt;
-        let file = folder.join(ecmsk::link::config::FILE_NAME);
-        let owner = std::fs::symlink_metadata(&file).map(|file| file.uid());
+        let owner = std::fs::symlink_metadata(file).map(|file| file.uid());
         let own = rustix::process::geteuid().as_raw();
         if owner.is_ok_and(|owner| owner != own && owner != 0) {
-            say(
-                "note",
-                &format_args!("{} is another user's and is passed over; name the link with --link", file.display()),
-            );
-            return None;
+            say("note", &format_args!("{} is another user's and is passed over; {next}", file.display()));
+            return false;
         }
     }
-    Some(folder)
+    #[cfg(not(unix))]
+    let _ = (file, next);
+    true
 }
 
 /// The link for a verb that only reads. On `tcp:` such a verb is a reader beside the writer.

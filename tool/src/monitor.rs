@@ -18,6 +18,7 @@ mod watched;
 use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -27,6 +28,7 @@ use ecmsk::engine::Firmware;
 use ecmsk::link::options::SimOptions;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{KnownNetwork, LinkError};
+use ecmsk::machine_file::{MachineFile, MachineFileError};
 use ecmsk::recording::RecordError;
 use ecmsk::sk::{SlaveKind, SlotSize};
 
@@ -35,7 +37,7 @@ use super::kind_list::KindList;
 use super::link_option::{ChoiceError, ChosenLink, Unnamed, as_reader};
 use super::recording::Frames;
 use super::stderr::say;
-use super::{output, recording_end, slot_size};
+use super::{machine_option, output, recording_end, slot_size};
 use source::Feed;
 use watched::{View, Watched};
 
@@ -61,9 +63,12 @@ pub struct Args {
     #[arg(long, value_name = "FILE", conflicts_with = "link", value_hint = ValueHint::FilePath)]
     recording: Option<PathBuf>,
 
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, help = machine_option::HELP)]
+    machine: Option<PathBuf>,
+
     #[arg(long, value_name = "LIST", value_parser = KindList::parse, help = KindList::help(
         "The slaves in the order of the network",
-        " [default: those of a sim: link, or as a server or a recording tells, else guessed from what they say]",
+        " [default: those of the machine file, of a sim: link, or as a server or a recording tells, else guessed from what they say]",
     ))]
     slaves: Option<KindList>,
 
@@ -98,6 +103,9 @@ pub enum MonitorError {
     /// The configuration of the link is invalid.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
+    /// See [`MachineFileError`].
+    #[error(transparent)]
+    Machine(#[from] MachineFileError),
     /// No link is named, and the default does not open.
     #[error(transparent)]
     Unnamed(#[from] Unnamed),
@@ -139,22 +147,23 @@ impl Args {
 
 /// Runs the monitor. The exit code also says whether its recording is complete.
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
-    let code = show(args)?;
+    let machine = machine_option::load(args.machine.as_deref()).map_err(MonitorError::from)?.map(Arc::new);
+    let code = show(args, machine.as_ref())?;
     if code != ExitCode::SUCCESS || args.recording.is_some() {
         return Ok(code);
     }
-    let link = ChosenLink::find(args.link.as_ref()).map_err(MonitorError::from)?.uri;
+    let link = ChosenLink::find_with(args.link.as_ref(), machine.as_deref()).map_err(MonitorError::from)?.uri;
     Ok(recording_end::not_whole(Some(&link)).map_or(code, |lacks| {
         say("warning", &lacks);
         ExitCode::from(recording_end::NOT_WHOLE)
     }))
 }
 
-fn show(args: &Args) -> Result<ExitCode, CliError> {
+fn show(args: &Args, machine: Option<&Arc<MachineFile>>) -> Result<ExitCode, CliError> {
     if args.once || args.json {
         return match &args.recording {
-            Some(file) => replay(args, file),
-            None => look(args),
+            Some(file) => replay(args, file, machine),
+            None => look(args, machine),
         };
     }
     if let Some(file) = &args.recording {
@@ -164,14 +173,14 @@ fn show(args: &Args) -> Result<ExitCode, CliError> {
     if !io::stdout().is_terminal() {
         return Err(MonitorError::NoTerminal.into());
     }
-    let feed = feed(args)?;
+    let feed = feed(args, machine)?;
     let code = terminal::run(&feed, args.interval, args.seconds)?;
     Ok(code)
 }
 
-/// Prints a view of a board once in each interval.
-fn look(args: &Args) -> Result<ExitCode, CliError> {
-    let feed = feed(args)?;
+/// Shows a board in every interval.
+fn look(args: &Args, machine: Option<&Arc<MachineFile>>) -> Result<ExitCode, CliError> {
+    let feed = feed(args, machine)?;
     // The first view is dropped, since rates are relative to the view before.
     drop(feed.view());
     let began = Instant::now();
@@ -191,9 +200,9 @@ fn look(args: &Args) -> Result<ExitCode, CliError> {
     }
 }
 
-/// Prints a view of a recording once in each interval of recorded time, without waiting.
-fn replay(args: &Args, file: &Path) -> Result<ExitCode, CliError> {
-    let mut watched = Watched::new(file.display().to_string(), kinds(args, None).as_deref());
+/// Shows a recording in every interval of its own time.
+fn replay(args: &Args, file: &Path, machine: Option<&Arc<MachineFile>>) -> Result<ExitCode, CliError> {
+    let mut watched = recorded(args, file, machine);
     let interval_ns = i64::try_from(args.interval.as_nanos()).unwrap_or(i64::MAX);
     let last_ns = args.seconds.map(|seconds| i64::try_from(seconds.as_nanos()).unwrap_or(i64::MAX));
     let mut next_ns = None;
@@ -232,16 +241,25 @@ fn print(args: &Args, view: &View) -> Result<(), CliError> {
     Ok(output::print(text)?)
 }
 
-fn feed(args: &Args) -> Result<Feed, MonitorError> {
+/// What is known of the board of a recording before its first frame.
+fn recorded(args: &Args, file: &Path, machine: Option<&Arc<MachineFile>>) -> Watched {
+    let kinds = kinds(args, None, machine.map(Arc::as_ref));
+    let mut watched = Watched::new(file.display().to_string(), kinds.as_deref());
+    watched.machine = machine.cloned();
+    watched
+}
+
+fn feed(args: &Args, machine: Option<&Arc<MachineFile>>) -> Result<Feed, MonitorError> {
     if let Some(file) = &args.recording {
-        let watched = Watched::new(file.display().to_string(), kinds(args, None).as_deref());
-        return Feed::recording(file.clone(), args.size(), watched);
+        return Feed::recording(file.clone(), args.size(), recorded(args, file, machine));
     }
-    let chosen = ChosenLink::find(args.link.as_ref())?;
+    let chosen = ChosenLink::find_with(args.link.as_ref(), machine.map(Arc::as_ref))?;
     let uri = as_reader(&chosen.uri);
     let watched = |known: Option<KnownNetwork>| {
         let told = || Some(KindList::parse(&known?.slaves).ok()?.kinds().to_vec());
-        let mut watched = Watched::new(uri.to_string(), kinds(args, Some(&uri)).or_else(told).as_deref());
+        let kinds = kinds(args, Some(&uri), machine.map(Arc::as_ref)).or_else(told);
+        let mut watched = Watched::new(uri.to_string(), kinds.as_deref());
+        watched.machine = machine.cloned();
         if uri.value("fw") == Some("1.5") {
             watched.firmware = Firmware::V15;
         }
@@ -253,10 +271,13 @@ fn feed(args: &Args) -> Result<Feed, MonitorError> {
     })
 }
 
-/// The kinds of the slaves from the options or the link; `None` if neither gives them.
-fn kinds(args: &Args, uri: Option<&LinkUri>) -> Option<Vec<SlaveKind>> {
+/// The kinds of the slaves from the options, the machine file or the link; `None` if neither gives them.
+fn kinds(args: &Args, uri: Option<&LinkUri>, machine: Option<&MachineFile>) -> Option<Vec<SlaveKind>> {
     if let Some(list) = &args.slaves {
         return Some(list.kinds().to_vec());
+    }
+    if let Some(machine) = machine {
+        return Some(machine.slaves.iter().map(|slave| slave.kind).collect());
     }
     let uri = uri.filter(|uri| uri.scheme().is_model())?;
     Some(SimOptions::from_uri(uri).ok()?.slaves.into_iter().map(|slave| slave.model.kind()).collect())

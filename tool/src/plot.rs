@@ -37,20 +37,21 @@ use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
 use clap::{ValueEnum, ValueHint};
-use ecmsk::ecm::Scale;
+use ecmsk::ecm::{Scale, Scales};
+use ecmsk::machine_file::MachineFile;
 use ecmsk::recording::Jumps;
 use ecmsk::recording::{Address, RecordError};
 use ecmsk::sk::{CommandId, SlotSize};
 
-use super::board::network::Scales;
+use super::board::AxisWord;
 use super::error::CliError;
-use super::filter::{Command, Slaves, Times, nanoseconds, parse_seconds};
+use super::filter::{Command, Times, nanoseconds, parse_seconds};
 use super::recording::{self, Framed, Frames, InTime};
 use super::stderr::say;
-use super::{output, slot_size};
+use super::{machine_option, output, slot_size};
 use beside::Other;
 pub use chart::Sheet;
-use chosen::{Asked, Chosen, Diagram};
+use chosen::{Asked, AxesWord, Chosen, Diagram};
 pub use error::PlotError;
 use file::Format;
 pub use file::{check, save};
@@ -92,10 +93,10 @@ pub struct Args {
     #[arg(long, value_name = "TEXT")]
     title: Option<String>,
 
-    /// Slaves to show, at most 8; comma list with ranges [default: axes that were moved, else all drives; and the IO
+    /// Slaves to show, at most 8; comma list with ranges, or names of the machine file [default: axes that were moved, else all drives; and the IO
     /// slaves with an input or output that was ever 1]
-    #[arg(long, visible_alias = "slots", value_name = "LIST", value_delimiter = ',', value_parser = Slaves::parse)]
-    axes: Vec<Slaves>,
+    #[arg(long, visible_alias = "slots", value_name = "LIST", value_delimiter = ',', value_parser = AxesWord::parse)]
+    axes: Vec<AxesWord>,
 
     /// Show an axis only where its slot has one of these commands or an answer to it, e.g. CSP or GO_HOME; comma list
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = Command::parse)]
@@ -120,7 +121,7 @@ pub struct Args {
 
     /// Show the path of two axes in their plane, too, e.g. 1,2: the first one is the horizontal axis
     #[arg(long, value_name = "X,Y", value_parser = chosen::plane)]
-    xy: Option<[u8; 2]>,
+    xy: Option<[AxisWord; 2]>,
 
     /// Show only these diagrams; comma list [default: all for which the recording has data, except difference, xy, and
     /// velocity of axes in CSP]
@@ -130,6 +131,9 @@ pub struct Args {
     /// Counts per unit, for positions and speeds in mm or degrees: one number for all axes, or e.g. 1=5000,2=131072/360
     #[arg(long, value_name = "N", value_parser = Scales::parse, allow_hyphen_values = true)]
     counts_per_unit: Option<Scales>,
+
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, help = machine_option::HELP)]
+    machine: Option<PathBuf>,
 
     /// The unit's name, as mm [default: units]
     #[arg(long, value_name = "NAME", requires = "counts_per_unit")]
@@ -174,7 +178,7 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     if args.file == Path::new("-") {
         return Err(PlotError::Stdin.into());
     }
-    let asked = args.asked();
+    let asked = args.asked()?;
     if asked.slaves.len() > MAX_AXES {
         return Err(PlotError::TooManyAxes { found: asked.slaves.len() }.into());
     }
@@ -256,11 +260,38 @@ impl Args {
         self.output.clone().unwrap_or_else(|| self.file.with_extension("svg"))
     }
 
-    fn asked(&self) -> Asked {
-        let mut slaves: Vec<u8> = self.axes.iter().flat_map(|slaves| slaves.numbers()).collect();
+    fn asked(&self) -> Result<Asked, CliError> {
+        let loaded = machine_option::load(self.machine.as_deref())?;
+        let machine = loaded.as_ref();
+        let named: Result<Vec<Vec<u8>>, _> = self.axes.iter().map(|word| word.slaves(machine)).collect();
+        let mut slaves = named?.concat();
         slaves.sort_unstable();
         slaves.dedup();
-        Asked { slaves, diagrams: self.panels.clone(), difference: self.difference, plane: self.xy }
+        let plane = match &self.xy {
+            Some([x, y]) => Some([x.slave("plot", machine)?, y.slave("plot", machine)?]),
+            None => None,
+        };
+        if let Some([x, _]) = plane.filter(|[x, y]| x == y) {
+            return Err(PlotError::SameAxis { axis: x }.into());
+        }
+        Ok(Asked { slaves, diagrams: self.panels.clone(), difference: self.difference, plane, machine: loaded })
+    }
+
+    /// How axes and units are named: by the option, else by the machine file. Axes in different units are in `units`
+    /// together.
+    fn names<'m>(&self, axes: &[u8], machine: Option<&'m MachineFile>) -> layout::Names<'m> {
+        let has_own_units = self.counts_per_unit.is_none();
+        let unit = match (&self.counts_per_unit, &self.unit) {
+            (None, _) => {
+                let unit = |axis: &u8| machine.and_then(|machine| machine.axis_of(*axis)).map(|axis| axis.unit);
+                let mut units = axes.iter().map(|axis| unit(axis).unwrap_or_default());
+                let first = units.next().unwrap_or_default();
+                if units.all(|unit| unit == first) { first.word() } else { "units" }
+            }
+            (Some(_), None) => "units",
+            (Some(_), Some(unit)) => unit,
+        };
+        layout::Names { unit: style::fitting(unit, style::TEXT, 100), machine, has_own_units }
     }
 
     /// Makes the panels, for which the recording is read a second time.
@@ -273,7 +304,10 @@ impl Args {
         window: Window,
         other: Option<&Other>,
     ) -> Result<Vec<panel::Panel>, CliError> {
-        let scale = |axis: u8| self.counts_per_unit.as_ref().map_or(Scale::COUNTS, |scales| scales.of(axis));
+        let machine = asked.machine.as_ref();
+        let of_machine =
+            |axis| machine.and_then(|machine| machine.axis_of(axis)).map_or(Scale::COUNTS, |axis| axis.scale);
+        let scale = |axis| self.counts_per_unit.as_ref().map_or_else(|| of_machine(axis), |scales| scales.of(axis));
         let axes: Vec<(u8, Scale)> = chosen.axes.iter().map(|axis| (*axis, scale(*axis))).collect();
         let mut series = Series::new(&Subject {
             window,
@@ -292,14 +326,9 @@ impl Args {
             let axes = chosen.axes.iter().chain(&chosen.ios).copied().collect();
             return Err(PlotError::NoSuchCommand { commands, axes }.into());
         }
-        let unit = match (&self.counts_per_unit, &self.unit) {
-            (None, _) => "counts",
-            (Some(_), None) => "units",
-            (Some(_), Some(unit)) => unit,
-        };
         let beside = other.map(|other| other.lines(&axes)).transpose()?;
-        let unit = style::fitting(unit, style::TEXT, 100);
-        let panels = layout::panels(lines, asked, chosen.plane, &unit, beside.unwrap_or_default());
+        let names = self.names(&chosen.axes, machine);
+        let panels = layout::panels(lines, asked, chosen.plane, &names, beside.unwrap_or_default());
         if panels.is_empty() {
             let names = asked.diagrams.iter().filter_map(ValueEnum::to_possible_value);
             let asked = names.map(|name| name.get_name().to_owned()).collect::<Vec<_>>().join(", ");

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use clap::ValueHint;
 use ecmsk::ecm::Config;
 
-use super::board::{self, Board, BoardError, BoardUse, Interrupt, Scales, StepSource};
+use super::board::{self, Board, BoardError, BoardUse, Interrupt, StepSource, Units};
 use super::stderr::say;
 use super::step::{Line, Step};
 
@@ -60,8 +60,12 @@ pub fn run(args: &Args) -> Result<(), BoardError> {
 /// [`BoardError`]
 pub fn play(text: &str, args: &Args, watch: fn() -> Result<Interrupt, BoardError>) -> Result<(), BoardError> {
     let name = args.name();
-    let uri = args.board.chosen()?.uri;
-    let steps = parse(text, &name, args.board.network(&uri, None).as_ref(), args.board.scales())?;
+    let machine = args.board.machine()?;
+    let uri = args.board.chosen(machine.as_ref())?.uri;
+    let network = args.board.network(&uri, None, machine.as_ref());
+    let scales = args.board.scales();
+    let units = Units { option: scales, numbers: scales, machine: machine.as_ref() };
+    let steps = parse(text, &name, network.as_ref(), units)?;
     let board = Board::open(&args.board, BoardUse::Moves, StepSource::Lines, watch()?)?;
     let done = steps.iter().try_for_each(|(line, step)| {
         board.reporter.at_line(*line);
@@ -87,20 +91,14 @@ fn read(path: &Path, name: &str) -> Result<String, BoardError> {
     String::from_utf8(bytes).map_err(|_| wrong("it is not UTF-8".into(), "name a text file"))
 }
 
-/// Parses and checks all steps; returns each with its line number. Prints an error for every invalid line except the last one,
-/// which is returned.
-fn parse(
-    text: &str,
-    name: &str,
-    network: Option<&Config>,
-    scales: Option<&Scales>,
-) -> Result<Vec<(u32, Step)>, BoardError> {
+/// Parses all steps, with the numbers of their lines. Prints an error for every invalid line.
+fn parse(text: &str, name: &str, network: Option<&Config>, units: Units<'_>) -> Result<Vec<(u32, Step)>, BoardError> {
     let mut steps = Vec::new();
     let mut wrong = Vec::new();
     for (number, line) in (1..).zip(text.lines()) {
         let checked = Line::parse(line).and_then(|line| match line {
             Line::Empty => Ok(None),
-            Line::Step(step) => step.check(network, scales).map(|()| Some(*step)).map_err(|error| error.to_string()),
+            Line::Step(step) => step.check(network, units).map(|()| Some(*step)).map_err(|error| error.to_string()),
         });
         match checked {
             Ok(step) => steps.extend(step.map(|step| (number, step))),

@@ -26,7 +26,7 @@ use clap::Subcommand;
 use ecmsk::ecm::Config;
 pub use line::Line;
 
-use super::board::{self, Board, BoardError, BoardUse, Interrupt, Scales, StepSource};
+use super::board::{self, Board, BoardError, BoardUse, Interrupt, StepSource, Units};
 
 /// One verb with its options.
 #[derive(Clone, Debug, Subcommand)]
@@ -53,21 +53,21 @@ impl Step {
         }
     }
 
-    /// Checks the step before anything is sent. `scales` are the counts per unit that options give.
+    /// Checks the step before anything is sent. `units`: the meaning of its axes and positions.
     ///
     /// # Errors
-    /// The network cannot carry out the step, or an axis of a move has no counts per unit.
-    pub fn check(&self, network: Option<&Config>, scales: Option<&Scales>) -> Result<(), BoardError> {
+    /// The network cannot carry out the step, or a unit is missing.
+    pub fn check(&self, network: Option<&Config>, units: Units<'_>) -> Result<(), BoardError> {
         if let Self::Move(args) = self {
-            args.check_units(scales)?;
+            args.check_units(units)?;
         }
         let Some(network) = network else { return Ok(()) };
         match self {
             Self::Io(args) => args.check(network),
-            Self::Servo(args) => args.check(network),
-            Self::Home(args) => args.check(network),
-            Self::Move(args) => args.check(network),
-            Self::Expect(args) => args.check(network),
+            Self::Servo(args) => args.check(network, units),
+            Self::Home(args) => args.check(network, units),
+            Self::Move(args) => args.check(network, units),
+            Self::Expect(args) => args.check(network, units),
             Self::Sdo(args) => args.check(),
             Self::Info(_) | Self::State(_) | Self::Wait(_) => Ok(()),
         }
@@ -79,7 +79,7 @@ impl Step {
     /// [`BoardError`]
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
         board.check_stop()?;
-        self.check(board.config.as_ref(), board.scales.as_ref())?;
+        self.check(board.config.as_ref(), board.units())?;
         match self {
             Self::Info(args) => args.run(board),
             Self::State(args) => args.run(board),
@@ -142,7 +142,8 @@ verbs! {
 pub fn run(verb: Verb) -> Result<(), BoardError> {
     let (step, args) = verb.split();
     if let Step::Move(step) = &step {
-        step.check_only_units(args.scales())?;
+        let machine = args.machine()?;
+        step.check_only_units(Units { option: args.scales(), numbers: args.scales(), machine: machine.as_ref() })?;
     }
     let board = Board::open(&args, step.uses(), StepSource::CommandLine, Interrupt::watch()?)?;
     let done = step.run(&board);

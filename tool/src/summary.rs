@@ -13,6 +13,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::ValueHint;
+use ecmsk::machine_file::MachineFile;
 use ecmsk::recording::InOrder;
 use ecmsk::recording::{Address, RecordError};
 use ecmsk::sk::SlotSize;
@@ -23,9 +24,10 @@ use extremes::Extremes;
 use fail_on::FailOn;
 
 use super::error::CliError;
+use super::machine_option::label;
 use super::recording::{Framed, Frames, board, parse_device};
 use super::stderr::say;
-use super::{output, slot_size};
+use super::{machine_option, output, slot_size};
 
 /// Show what went wrong in a recorded run: alarms, failed changes of state, gaps, a full FIFO, wrong CRCs; and the extremes of
 /// each axis
@@ -55,6 +57,9 @@ pub struct Args {
     #[arg(long, value_name = "BUS.DEVICE", value_parser = parse_device)]
     device: Option<Address>,
 
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, help = machine_option::HELP)]
+    machine: Option<PathBuf>,
+
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -64,7 +69,8 @@ pub struct Args {
     exit_code: bool,
 
     /// End with exit code 1 if one of these happened, and print which: any (as --exit-code), alarm, state, gap, or an axis went beyond a limit:
-    /// following-error>COUNTS, target-step>COUNTS, velocity>COUNTS_PER_S, torque>PERCENT
+    /// following-error>COUNTS, target-step>COUNTS, velocity>COUNTS_PER_S, torque>PERCENT; with a machine file also in units, as
+    /// following-error>0.5mm
     #[arg(long, value_name = "REASON,..", value_delimiter = ',', value_parser = FailOn::parse)]
     fail_on: Vec<FailOn>,
 }
@@ -72,6 +78,7 @@ pub struct Args {
 /// # Errors
 /// [`CliError`]
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
+    let machine = machine_option::load(args.machine.as_deref())?;
     let is_file = args.file.as_os_str() != "-";
     let device = if is_file { board(&args.file, args.device)? } else { args.device };
     let mut frames = Frames::open(&args.file, args.slot_size, device)?;
@@ -113,25 +120,37 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     frames.note_missing();
     let axes: Vec<_> = extremes.axes().collect();
     if args.json {
-        let mut json = json(&summary);
-        json["axes"] = axes.iter().map(|(slave, axis)| extremes::axis_json(*slave, axis)).collect();
+        let mut json = json(&summary, machine.as_ref());
+        let axis = |(slave, axis): &(usize, &_)| extremes::axis_json(*slave, axis, machine.as_ref());
+        json["axes"] = axes.iter().map(axis).collect();
         output::print(format!("{json}\n"))?;
     } else {
-        let lines: String = axes.iter().map(|(slave, axis)| extremes::line(*slave, axis) + "\n").collect();
-        output::print(format!("{summary}{lines}"))?;
+        let line = |(slave, axis): &(usize, &_)| extremes::line(*slave, axis, machine.as_ref()) + "\n";
+        let lines: String = axes.iter().map(line).collect();
+        output::print(format!("{summary}{}{lines}", alarm_texts(&summary, machine.as_ref())))?;
     }
-    let failures = args.fail_on.iter().flat_map(|reason| reason.failures(&summary, is_whole, &axes));
+    let failures = args.fail_on.iter().flat_map(|reason| reason.failures(&summary, is_whole, &axes, machine.as_ref()));
     let failed = failures.inspect(|failure| say("failed", failure)).count() > 0;
     let is_clean = summary.is_empty() && is_whole;
     Ok(if failed || args.exit_code && !is_clean { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
+/// The lines with what the machine file says of alarms.
+fn alarm_texts(summary: &Summary, machine: Option<&MachineFile>) -> String {
+    let alarms = summary.alarms().filter_map(|(alarm, _)| {
+        let text = machine?.alarm_text(alarm.slave, alarm.code)?;
+        Some(format!("axis {}: alarm 0x{:04X} is: {text}\n", label(machine, alarm.slave), alarm.code))
+    });
+    alarms.collect()
+}
+
 /// A summary as JSON.
-pub fn json(summary: &Summary) -> Value {
+pub fn json(summary: &Summary, machine: Option<&MachineFile>) -> Value {
     let alarms: Vec<_> = summary
         .alarms()
         .map(|(alarm, times)| {
-            let meaning = ecmsk::cia402::error_name(alarm.code);
+            let own = machine.and_then(|machine| machine.alarm_text(alarm.slave, alarm.code));
+            let meaning = own.unwrap_or_else(|| ecmsk::cia402::error_name(alarm.code));
             object!({"slave": alarm.slave, "error_code": alarm.code, "meaning": meaning, "times": times})
         })
         .collect();

@@ -49,6 +49,10 @@ pub const KEYS: &[Key] = &[
                   travel behind it, e.g. drive:limits@-200000..300000, and the objects of its maker, drive:objects@FILE (see below)",
     },
     Key {
+        name: "machine", schemes: SIMULATED, syntax: Syntax::File, default: None, example: "machine.toml",
+        meaning: "a machine file, whose slaves are simulated, in the place of slaves=; not given: none",
+    },
+    Key {
         name: "slot", schemes: MODELLED, syntax: SLOT, default: Some("12"), example: "16",
         meaning: "bytes of a slot (CONFIG2): 12 for up to 40 slaves, 16 for up to 30",
     },

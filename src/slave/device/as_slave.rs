@@ -87,7 +87,7 @@ impl<M: Model> Slave for M {
     }
 
     fn identity(&self) -> Option<(&Identity, u32)> {
-        Some((self.base().identity, self.base().serial))
+        Some((&self.base().identity, self.base().serial))
     }
 
     fn station_alias(&self) -> u16 {
@@ -276,6 +276,13 @@ impl<M: Model> Slave for M {
 
     fn apply_fault(&mut self, fault: Fault) -> bool {
         Model::apply_fault(self, fault)
+    }
+
+    fn set_identity(&mut self, vendor: Option<u32>, product: Option<u32>, revision: Option<u32>) {
+        let identity = &mut self.base_mut().identity;
+        identity.vendor_id = vendor.unwrap_or(identity.vendor_id);
+        identity.product_code = product.unwrap_or(identity.product_code);
+        identity.revision = revision.unwrap_or(identity.revision);
     }
 
     fn add_manufacturer_objects(&mut self, manufacturer: ManufacturerObjects) {

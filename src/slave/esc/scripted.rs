@@ -153,6 +153,10 @@ impl Slave for Scripted {
         self.device.apply_fault(fault)
     }
 
+    fn set_identity(&mut self, vendor: Option<u32>, product: Option<u32>, revision: Option<u32>) {
+        self.device.set_identity(vendor, product, revision);
+    }
+
     fn add_manufacturer_objects(&mut self, objects: ManufacturerObjects) {
         self.device.add_manufacturer_objects(objects);
     }

@@ -6,6 +6,7 @@ use ecmsk::cia402::ErrorCode;
 use ecmsk::ecm::EcmError;
 use ecmsk::engine::StateFailure;
 use ecmsk::link::LinkError;
+use ecmsk::machine_file::MachineFileError;
 use ecmsk::sk::{MasterState, StateByte};
 
 use crate::link_option::{ChoiceError, Unnamed};
@@ -43,6 +44,9 @@ pub enum BoardError {
         /// What is wrong with the line, and what may be typed.
         why: String,
     },
+    /// See [`MachineFileError`].
+    #[error(transparent)]
+    Machine(#[from] MachineFileError),
     /// The configuration of the link is invalid.
     #[error(transparent)]
     Choice(#[from] ChoiceError),

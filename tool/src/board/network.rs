@@ -5,6 +5,7 @@ use ecmsk::ecm::{Axis, Config, Guard, Scale, Slave};
 use ecmsk::link::options::SimOptions;
 use ecmsk::link::slaves;
 use ecmsk::link::uri::LinkUri;
+use ecmsk::machine_file::MachineFile;
 
 use super::error::BoardError;
 
@@ -35,13 +36,18 @@ impl Network {
         Some(Self(slaves.collect()))
     }
 
-    /// The configuration of these slaves, with the other options of their axes.
-    pub fn config(self, cycle_us: u32, lead_limit: Option<Guard>, scales: Option<&Scales>) -> Config {
+    /// The slaves of a machine file.
+    pub fn of_machine(machine: &MachineFile) -> Self {
+        Self(Config::of_machine(machine).slaves)
+    }
+
+    /// The configuration of these slaves, with the other options of their axes. `scale` is the unit of an axis that has one.
+    pub fn config(self, cycle_us: u32, lead_limit: Option<Guard>, scale: impl Fn(u8) -> Option<Scale>) -> Config {
         let mut slaves = self.0;
         for (number, slave) in (1..).zip(&mut slaves) {
             if let Slave::Drive(axis) | Slave::Step(axis) | Slave::Hsp(axis) = slave {
                 axis.guard = lead_limit.unwrap_or(axis.guard);
-                axis.scale = scales.map_or(axis.scale, |scales| scales.of(number));
+                axis.scale = scale(number).unwrap_or(Scale::COUNTS);
             }
         }
         Config { slaves, cycle_us }
@@ -105,49 +111,6 @@ pub fn guard(text: &str) -> Result<Guard, String> {
     }
 }
 
-/// The counts per unit: each value is for the axis with that number or, with `None`, for all axes without a value of their own.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Scales(Vec<(Option<u8>, Scale)>);
-
-impl Scales {
-    /// Parses `5000` or `1=5000,2=131072/360`.
-    ///
-    /// # Errors
-    /// The text is invalid; the error says what is allowed.
-    pub fn parse(text: &str) -> Result<Self, String> {
-        let item = |item: &str| {
-            let (axis, number) = match item.split_once('=') {
-                Some((axis, number)) => (Some(axis.trim().parse().ok().filter(|axis| *axis > 0)?), number),
-                None => (None, item),
-            };
-            let (over, under) = number.split_once('/').unwrap_or((number, "1"));
-            let number = |text: &str| text.trim().parse::<f64>().ok();
-            let scale = Scale::per_unit(number(over)? / number(under)?);
-            scale.is_valid().then_some((axis, scale))
-        };
-        text.split(',').map(item).collect::<Option<_>>().map(Self).ok_or_else(|| {
-            "allowed: a number that is not 0, or a fraction, for all axes or AXIS=N for some, e.g. 1=5000,2=131072/360"
-                .into()
-        })
-    }
-
-    /// Whether the options give the scale of an axis, for all axes or for this one.
-    pub fn has(&self, axis: u8) -> bool {
-        self.0.iter().any(|(of, _)| of.is_none_or(|of| of == axis))
-    }
-
-    /// The axes for which `--counts-per-unit` gives a value of their own.
-    pub fn axes(&self) -> impl Iterator<Item = u8> {
-        self.0.iter().filter_map(|(of, _)| *of)
-    }
-
-    /// The scale of an axis; without one positions are in counts.
-    pub fn of(&self, axis: u8) -> Scale {
-        let own = self.0.iter().rev().find(|(of, _)| *of == Some(axis));
-        own.or_else(|| self.0.iter().rev().find(|(of, _)| of.is_none())).map_or(Scale::COUNTS, |(_, scale)| *scale)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -170,20 +133,6 @@ mod tests {
         ] {
             let said = Network::parse(wrong).map_or_else(|said| said, |network| format!("{network:?}"));
             assert!(said.contains(why), "{wrong}: {said}");
-        }
-    }
-
-    /// The counts per unit are a number or a fraction, for all axes or for one axis.
-    #[test]
-    fn counts_per_unit_are_numbers_or_fractions_of_all_axes_or_of_one() {
-        let scales = Scales::parse("2=131072/4,5000").unwrap();
-        assert_eq!([1, 2].map(|axis| scales.of(axis).counts_per_unit), [5000.0, 32768.0]);
-        assert_eq!(Scales::parse("1=-10").unwrap().of(1), Scale::per_unit(-10.0));
-        assert_eq!(Scales::parse("1=-10").unwrap().of(2), Scale::COUNTS);
-        assert_eq!([1, 2].map(|axis| Scales::parse("1=-10").unwrap().has(axis)), [true, false]);
-        assert_eq!((scales.has(7), scales.axes().collect::<Vec<_>>()), (true, vec![2]));
-        for wrong in ["", "0", "1=", "0=5", "1/0", "x", "inf", "1=2=3"] {
-            assert!(Scales::parse(wrong).is_err(), "{wrong}");
         }
     }
 }

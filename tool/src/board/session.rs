@@ -7,18 +7,21 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use ecmsk::cia402::{Mode, Statusword};
-use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Guard, Options, Scale, SlaveView, Snapshot, Suspect};
+use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Guard, Options, Scale, Scales, SlaveView, Snapshot, Suspect};
 use ecmsk::engine::StateFailure;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Link, LinkError, Share};
+use ecmsk::machine_file::MachineFile;
 use ecmsk::sk::{MasterState, SlotSize, StateByte};
 
 use super::Args;
+use super::axis_word::Units;
 use super::error::BoardError;
 use super::interrupt::Interrupt;
-use super::network::{Scales, find_axis};
+use super::network::find_axis;
 use super::reporter::Reporter;
 use crate::link_option::as_reader;
+use crate::machine_option::label;
 use crate::{recording_end, streams};
 
 /// \[OURS] An axis at most this far from its last target counts as being at the target, since drives settle within a
@@ -59,7 +62,11 @@ pub struct Board {
     /// The limit of a move's distance, from `--guard`.
     pub guard: Guard,
     /// The value of `--counts-per-unit`.
-    pub scales: Option<Scales>,
+    scales: Option<Scales>,
+    /// The units of axes that are named by their numbers.
+    number_scales: Option<Scales>,
+    /// The machine file.
+    pub machine: Option<MachineFile>,
     pub(super) link: Arc<dyn Link>,
     /// Whether `--up` is given.
     pub(super) up: bool,
@@ -88,7 +95,8 @@ impl Board {
             what: "cannot start the threads of standard output and error".into(),
             message: format!("{error}; end other programs, or raise the limit of threads (ulimit -u)"),
         })?;
-        let chosen = args.chosen()?;
+        let machine = args.machine()?;
+        let chosen = args.chosen(machine.as_ref())?;
         let uri = args.with_record(&chosen.uri)?;
         let slot = args.slot_size();
         let default = Options::default();
@@ -114,7 +122,8 @@ impl Board {
             Err(error) => return Err(chosen.if_unnamed(&error).map_or(error.into(), BoardError::from)),
             Ok(link) => link,
         };
-        let config = args.network(&uri, link.network().as_ref());
+        let known = link.network();
+        let config = args.network(&uri, known.as_ref(), machine.as_ref());
         let ecm = Ecm::over(Arc::clone(&link), options).map_err(|error| wrong_slot(error, slot))?;
         let mut adopted = false;
         if let Some(config) = &config {
@@ -136,6 +145,8 @@ impl Board {
             limit: args.timeout,
             guard: args.guard.unwrap_or(Guard::Off),
             scales: args.scales().cloned(),
+            number_scales: args.number_scales(known.as_ref()),
+            machine,
             link,
             up: args.up,
             close,
@@ -145,17 +156,39 @@ impl Board {
         })
     }
 
-    /// A position of an axis as text, and as a number in units if the axis has counts per unit.
-    pub fn in_units(&self, slave: u8, counts: i32) -> (String, Option<f64>) {
-        let slave = self.config.as_ref().and_then(|config| config.slaves.get(usize::from(slave).checked_sub(1)?));
+    /// A position of an axis as text, and in units if the axis has any.
+    pub fn in_units(&self, number: u8, counts: i32) -> (String, Option<f64>) {
+        let slave = self.config.as_ref().and_then(|config| config.slaves.get(usize::from(number).checked_sub(1)?));
         let scale = slave.and_then(|slave| slave.axis()).map(|axis| axis.scale).filter(|scale| *scale != Scale::COUNTS);
+        let unit = self.machine.as_ref().filter(|_| self.scales.is_none()).and_then(|machine| machine.axis_of(number));
+        let unit = unit.map_or_else(String::new, |axis| format!(" {}", axis.unit));
         match scale.map(|scale| scale.to_units(counts)) {
-            Some(units) => (format!("{units} ({counts} counts)"), Some(units)),
+            Some(units) => (format!("{units}{unit} ({counts} counts)"), Some(units)),
             None => (counts.to_string(), None),
         }
     }
 
-    /// The statistics of the link: written and read frames, errors.
+    /// What axes and positions of a step mean.
+    pub fn units(&self) -> Units<'_> {
+        Units { option: self.scales.as_ref(), numbers: self.number_scales.as_ref(), machine: self.machine.as_ref() }
+    }
+
+    /// The name of an axis in messages: that of the machine file, else the number of its slave.
+    pub fn label(&self, slave: u8) -> String {
+        label(self.machine.as_ref(), slave)
+    }
+
+    /// Adds to a result what the machine file knows of an axis: its name, and the unit of `position`.
+    pub fn add_names(&self, slave: u8, json: &mut serde_json::Value) {
+        if let Some(axis) = self.machine.as_ref().and_then(|machine| machine.axis_of(slave)) {
+            json["name"] = axis.name.clone().into();
+            if self.scales.is_none() {
+                json["unit"] = axis.unit.word().into();
+            }
+        }
+    }
+
+    /// The counters of the link.
     pub fn link_stats(&self) -> link::LinkStats {
         self.link.stats()
     }

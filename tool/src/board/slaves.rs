@@ -2,6 +2,7 @@
 
 use ecmsk::ecm::Config;
 
+use super::axis_word::{AxisWord, Units};
 use super::error::BoardError;
 use super::network::{find_axis, slaves_with_axis};
 
@@ -10,8 +11,8 @@ use super::network::{find_axis, slaves_with_axis};
 pub enum SlaveList {
     /// All slaves that have an axis.
     All,
-    /// The slaves with these numbers.
-    Some(Vec<u8>),
+    /// These axes.
+    Some(Vec<AxisWord>),
 }
 
 impl SlaveList {
@@ -23,29 +24,34 @@ impl SlaveList {
         if text.eq_ignore_ascii_case("all") {
             return Ok(Self::All);
         }
-        let numbers =
-            text.split(',').map(|number| number.trim().parse().ok().filter(|number| (1..=40).contains(number)));
-        numbers
+        let words = text.split(',').map(AxisWord::parse);
+        words
             .collect::<Option<_>>()
             .map(Self::Some)
             .ok_or_else(|| "allowed: slaves from 1 to 40, e.g. 1,2, or all".into())
     }
 
-    /// The axes in several lists, each once, in the order of the lists.
+    /// The axes in several lists, each once, in the order of the lists: their slaves, and the words for them.
     ///
     /// # Errors
     /// [`BoardError::NoSlave`], [`BoardError::WrongKind`], [`BoardError::Refused`] if there is none.
-    pub fn axes(lists: &[Self], network: &Config, what: &str) -> Result<Vec<u8>, BoardError> {
-        let mut axes = Vec::new();
+    pub fn axes(
+        lists: &[Self],
+        network: &Config,
+        what: &str,
+        units: Units<'_>,
+    ) -> Result<Vec<(u8, AxisWord)>, BoardError> {
+        let mut axes: Vec<(u8, AxisWord)> = Vec::new();
         for list in lists {
-            let named: Vec<u8> = match list {
+            let named: Vec<AxisWord> = match list {
                 Self::Some(named) => named.clone(),
-                Self::All => slaves_with_axis(network),
+                Self::All => slaves_with_axis(network).into_iter().map(AxisWord::Number).collect(),
             };
-            for slave in named {
+            for word in named {
+                let slave = word.slave(what, units.machine)?;
                 find_axis(network, what, slave)?;
-                if !axes.contains(&slave) {
-                    axes.push(slave);
+                if axes.iter().all(|(other, _)| *other != slave) {
+                    axes.push((slave, word));
                 }
             }
         }

@@ -166,7 +166,7 @@ impl Follower {
             ReportMode::Quiet => {}
             ReportMode::Json => {
                 use std::io::Write;
-                let _ = writeln!(io::stderr(), "{}", json(summary));
+                let _ = writeln!(io::stderr(), "{}", json(summary, None));
             }
             ReportMode::Words | ReportMode::Summary => {
                 let lines = summary.lines(self.mode == ReportMode::Words);

@@ -1,5 +1,6 @@
 //! Prints a view as one JSON object. Its slots have the form of `ecmsk dump --json`.
 
+use ecmsk::sk::dump::{SlaveData, SlotLine, SlotMeaning};
 use serde::Serialize;
 
 use super::watched::View;
@@ -22,6 +23,40 @@ struct ViewJson<'a> {
     trouble: Option<&'a str>,
     slots: Vec<SlotJson>,
     velocities: Vec<Velocity>,
+    /// The axes of the machine file, in their units.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    axes: Vec<AxisJson<'a>>,
+}
+
+#[derive(Serialize)]
+struct AxisJson<'a> {
+    slave: u8,
+    name: &'a str,
+    unit: &'static str,
+    position: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    units_per_s: Option<f64>,
+}
+
+impl<'a> AxisJson<'a> {
+    /// The axis of a slot; `None` unless the machine file has it and the slot a position.
+    fn of(slot: usize, line: &SlotLine, view: &'a View) -> Option<Self> {
+        let SlotMeaning::SlaveResponse(reading) = &line.meaning else { return None };
+        let axis = view.axis(slot)?;
+        let counts = match &reading.data {
+            SlaveData::Drive(drive) => drive.position,
+            SlaveData::Hsp(hsp) => hsp.first.position,
+            _ => return None,
+        };
+        let velocity = view.velocities.get(slot).copied().flatten();
+        Some(Self {
+            slave: axis.slave,
+            name: &axis.name,
+            unit: axis.unit.word(),
+            position: axis.scale.to_units(counts),
+            units_per_s: velocity.map(|counts| counts / axis.scale.counts_per_unit),
+        })
+    }
 }
 
 #[derive(Serialize)]
@@ -49,7 +84,7 @@ struct Velocity {
 
 /// The JSON object with a line feed.
 pub fn line(view: &View) -> String {
-    let axis = |(i, line): &(usize, ecmsk::sk::dump::SlotLine)| {
+    let axis = |(i, line): &(usize, SlotLine)| {
         let position = super::rows::has_position(line);
         let counts_per_s = view.velocities.get(*i).copied().flatten()?;
         position.then_some(Velocity { slave: *i, counts_per_s })
@@ -79,6 +114,7 @@ pub fn line(view: &View) -> String {
         trouble: view.trouble.as_deref(),
         slots: view.lines.iter().map(|(i, line)| SlotJson::of(*i, line)).collect(),
         velocities: view.lines.iter().filter_map(axis).collect(),
+        axes: view.lines.iter().filter_map(|(i, line)| AxisJson::of(*i, line, view)).collect(),
     };
     serde_json::json!(json).to_string() + "\n"
 }

@@ -1,11 +1,13 @@
 //! The rows of the table: one for each axis or IO slave.
 
-use ecmsk::cia402::{DriveState, Statusword, error_name};
+use ecmsk::cia402::{DriveState, Statusword};
 use ecmsk::link::slaves;
+use ecmsk::machine_file::MachineAxis;
 use ecmsk::sk::CommandId;
 use ecmsk::sk::dump::{ByteOne, KindEvidence, SlaveData, SlotLine, SlotMeaning};
 
 use super::watched::View;
+use crate::machine_option::in_unit;
 
 /// How a row is highlighted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -24,15 +26,15 @@ pub enum Highlight {
 pub struct Row {
     /// The number of the slave.
     pub slave: String,
-    /// The kind of slave, with a question mark if it is guessed.
+    /// The name of the axis in the machine file; else the kind of slave, with a question mark if it is guessed.
     pub kind: String,
     /// The CiA 402 state of the drive in words.
     pub state: String,
     /// The statusword, 0x6041.
     pub statusword: String,
-    /// The position in counts.
+    /// The position in counts, or in the unit of the machine file.
     pub position: String,
-    /// The velocity in counts per second.
+    /// The velocity in counts per second, or in units per second.
     pub velocity: String,
     /// The torque in percent of the rated torque.
     pub torque: String,
@@ -57,8 +59,16 @@ pub fn rows(view: &View) -> Vec<Row> {
 
 fn slave(i: usize, line: &SlotLine, view: &View, rows: &mut Vec<Row>) {
     let SlotMeaning::SlaveResponse(reading) = &line.meaning else { return };
-    let velocity = view.velocities.get(i).copied().flatten().map_or_else(String::new, |v| format!("{v:.0}"));
+    let axis = view.axis(i);
+    let position = |counts: i32| axis.map_or_else(|| counts.to_string(), |axis| in_unit(axis, counts.into()));
+    let velocity = view
+        .velocities
+        .get(i)
+        .copied()
+        .flatten()
+        .map_or_else(String::new, |counts| axis.map_or_else(|| format!("{counts:.0}"), |axis| speed(axis, counts)));
     let kind = match reading.kind {
+        _ if axis.is_some() => axis.map_or_else(String::new, |axis| axis.name.clone()),
         KindEvidence::Guessed(kind) => format!("{}?", slaves::word(kind)),
         KindEvidence::Given(kind) | KindEvidence::Implied(kind) => slaves::word(kind).to_owned(),
         KindEvidence::Unknown => "?".to_owned(),
@@ -90,17 +100,17 @@ fn slave(i: usize, line: &SlotLine, view: &View, rows: &mut Vec<Row>) {
             rows.push(Row {
                 torque: format!("{sign}{}.{} %", torque.unsigned_abs() / 10, torque.unsigned_abs() % 10),
                 error,
-                position: drive.position.to_string(),
+                position: position(drive.position),
                 velocity,
-                ..row.with(drive.statusword, drive.error_code)
+                ..row.with(drive.statusword, drive.error_code, view.alarm_text(i, drive.error_code))
             });
         }
         SlaveData::Hsp(hsp) => {
             rows.push(Row {
-                position: hsp.first.position.to_string(),
+                position: position(hsp.first.position),
                 bits: format!("in 0x{:04X}", hsp.first.inputs),
                 velocity,
-                ..row.with(hsp.statusword, 0)
+                ..row.with(hsp.statusword, 0, "")
             });
             if hsp.second != Default::default() {
                 rows.push(Row {
@@ -114,8 +124,15 @@ fn slave(i: usize, line: &SlotLine, view: &View, rows: &mut Vec<Row>) {
     }
 }
 
+/// A speed in the unit of an axis, with as many digits as the column has room for: `-9.9 deg/s`.
+fn speed(axis: &MachineAxis, counts_per_s: f64) -> String {
+    let speed = counts_per_s / axis.scale.counts_per_unit;
+    let decimals = usize::from(speed.abs() < 9.95);
+    format!("{speed:.decimals$} {}/s", axis.unit)
+}
+
 impl Row {
-    fn with(self, statusword: Statusword, error_code: u16) -> Self {
+    fn with(self, statusword: Statusword, error_code: u16, meaning: &str) -> Self {
         let state = statusword.state();
         let highlight = match state {
             Some(DriveState::Fault | DriveState::FaultReactionActive) => Highlight::Alarm,
@@ -124,7 +141,7 @@ impl Row {
             _ => Highlight::Plain,
         };
         let name = state.map_or("no CiA 402 state", DriveState::name);
-        let state = if error_code == 0 { name.to_owned() } else { format!("{name}: {}", error_name(error_code)) };
+        let state = if error_code == 0 { name.to_owned() } else { format!("{name}: {meaning}") };
         Self { state, statusword: format!("0x{:04X}", statusword.0), highlight, ..self }
     }
 }

@@ -1,8 +1,11 @@
 //! The state of a board as far as its frames have shown it, and the views of it that are displayed.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use ecmsk::cia402::error_name;
 use ecmsk::engine::{Counters, Firmware};
+use ecmsk::machine_file::{MachineAxis, MachineFile};
 use ecmsk::recording::Kinds;
 use ecmsk::sk::dump::{MAX_SLAVES, ResponseDump, SlotLine};
 use ecmsk::sk::{Frame, MasterResponse, SlaveKind, SlotSize};
@@ -46,7 +49,9 @@ pub struct Watched {
     pub counters: Option<Counters>,
     /// Why no more reports come, such as the end of the recording; `None` while they do.
     pub end: Option<String>,
-    /// Whether the source is a board and not a recording. Only a board is reported as silent when reports stop.
+    /// The machine file, by which axes and alarms are named.
+    pub machine: Option<Arc<MachineFile>>,
+    /// Whether silence of the board is shown: not after the end of a recording.
     pub live: bool,
 }
 
@@ -71,6 +76,22 @@ pub struct View {
     pub lines: Vec<(usize, SlotLine)>,
     /// The velocity of each slot's position since the previous view, in counts per second. The index is the slot number.
     pub velocities: Vec<Option<f64>>,
+    /// The machine file.
+    pub machine: Option<Arc<MachineFile>>,
+}
+
+impl View {
+    /// The axis of a slot in the machine file.
+    pub fn axis(&self, slot: usize) -> Option<&MachineAxis> {
+        self.machine.as_ref()?.axis_of(u8::try_from(slot).ok()?)
+    }
+
+    /// What an error code of a slot's slave means: as the machine file says it, else as CiA 402 does.
+    pub fn alarm_text(&self, slot: usize, code: u16) -> &str {
+        let slave = u8::try_from(slot).ok();
+        let own = slave.zip(self.machine.as_ref()).and_then(|(slave, machine)| machine.alarm_text(slave, code));
+        own.unwrap_or_else(|| error_name(code))
+    }
 }
 
 impl Watched {
@@ -86,6 +107,7 @@ impl Watched {
             counts: Counts::default(),
             counters: None,
             end: None,
+            machine: None,
             live: false,
         }
     }
@@ -118,6 +140,7 @@ impl Watched {
             trouble,
             lines: Vec::new(),
             velocities: Vec::new(),
+            machine: self.machine.clone(),
         };
         let Some(newest) = &self.newest else { return view };
         view.board = Some(MasterResponse::decode(&newest.frame.slot(newest.size, 0)));

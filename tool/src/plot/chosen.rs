@@ -1,10 +1,13 @@
 //! Selects the slaves and diagrams of a plot.
 
 use clap::ValueEnum;
+use ecmsk::machine_file::MachineFile;
 
 use super::error::PlotError;
 use super::survey::Survey;
 use super::{MAX_AXES, style};
+use crate::board::{AxisWord, BoardError};
+use crate::filter::Slaves;
 use crate::stderr::say;
 
 /// The diagrams.
@@ -37,6 +40,8 @@ pub struct Asked {
     pub difference: bool,
     /// The two axes whose path in the plane is drawn in addition, one horizontally and one vertically.
     pub plane: Option<[u8; 2]>,
+    /// The machine file, with names and units of axes.
+    pub machine: Option<MachineFile>,
 }
 
 /// The slaves that are drawn.
@@ -114,16 +119,45 @@ impl Asked {
 /// The most axes and IO slaves in one plot together.
 pub const MAX_SLAVES: usize = 2 * MAX_AXES;
 
-/// Parses two axes, `1,2`.
+/// Slaves on the command line: numbers and ranges, or the name of an axis.
+#[derive(Clone, Debug)]
+pub enum AxesWord {
+    Slaves(Slaves),
+    Name(AxisWord),
+}
+
+impl AxesWord {
+    /// Parses `3`, `3-5` or `X`.
+    ///
+    /// # Errors
+    /// The text is invalid; the error says what is allowed.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        match AxisWord::parse(text) {
+            Some(word) if word.is_name() => Ok(Self::Name(word)),
+            _ => Slaves::parse(text).map(Self::Slaves),
+        }
+    }
+
+    /// The numbers of the slaves.
+    ///
+    /// # Errors
+    /// The machine file does not have the axis.
+    pub fn slaves(&self, machine: Option<&MachineFile>) -> Result<Vec<u8>, BoardError> {
+        match self {
+            Self::Slaves(slaves) => Ok(slaves.numbers().collect()),
+            Self::Name(word) => Ok(vec![word.slave("plot", machine)?]),
+        }
+    }
+}
+
+/// Parses two axes, `1,2` or `X,Y`.
 ///
 /// # Errors
 /// The text is invalid; the error says what is allowed.
-pub fn plane(text: &str) -> Result<[u8; 2], String> {
-    let axes: Vec<u8> = text.split(',').map_while(|axis| axis.trim().parse().ok()).collect();
-    match axes[..] {
-        [x, y] if x != y && (1..=40).contains(&x) && (1..=40).contains(&y) && text.matches(',').count() == 1 => {
-            Ok([x, y])
-        }
+pub fn plane(text: &str) -> Result<[AxisWord; 2], String> {
+    let axes: Option<Vec<AxisWord>> = text.split(',').map(AxisWord::parse).collect();
+    match axes.map(<[AxisWord; 2]>::try_from) {
+        Some(Ok(axes)) if axes[0] != axes[1] => Ok(axes),
         _ => Err("allowed: two axes from 1 to 40, as in 1,2; the first goes from left to right".to_owned()),
     }
 }

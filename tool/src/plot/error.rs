@@ -56,6 +56,12 @@ pub enum PlotError {
         /// The frames' slot size.
         size: SlotSize,
     },
+    /// The plane has the same axis twice.
+    #[error("the plane needs two axes, and both are axis {axis}; name another one with --xy")]
+    SameAxis {
+        /// The number of the slave.
+        axis: u8,
+    },
     /// The recording has no data of an axis.
     #[error("axis {axis} is empty: no slave has its slot in OP, and no command is for it; {}", others(.axes))]
     EmptyAxis {

@@ -1,5 +1,6 @@
 //! The panels of a plot, from top to bottom, with their legends.
 
+use ecmsk::machine_file::MachineFile;
 use ecmsk::sk::FIFO_ENTRIES;
 use plotters::style::RGBColor;
 
@@ -11,15 +12,42 @@ use super::panel::{self, Across, Look, Panel, Stroke};
 use super::series::Lines;
 use super::states::{Span, State};
 use super::style;
+use crate::machine_option::label;
 
 /// With more axes than this the colours are too similar to tell the axes apart, so other marks are added. \[OURS]
 const CROWD: usize = 4;
 /// The height in pixels of a diagram that shows all axes together.
 const SHARED: u32 = 130;
 
-/// Makes the panels of a plot, without those that have no data. `plane` are the two axes of the path in the plane, `unit` is
-/// the unit of positions.
-pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str, mut beside: Beside) -> Vec<Panel> {
+/// How axes and the units of their positions are named.
+pub struct Names<'a> {
+    /// The unit of all axes together.
+    pub unit: String,
+    /// The machine file, with the names of axes.
+    pub machine: Option<&'a MachineFile>,
+    /// Whether each axis has its unit of the machine file.
+    pub has_own_units: bool,
+}
+
+impl Names<'_> {
+    fn axis(&self, slave: u8) -> String {
+        label(self.machine, slave)
+    }
+
+    fn unit_of(&self, slave: u8) -> &str {
+        let own = self.machine.filter(|_| self.has_own_units).and_then(|machine| machine.axis_of(slave));
+        own.map_or(&*self.unit, |axis| axis.unit.word())
+    }
+}
+
+/// Makes the panels; lines without data get none. `plane` are the axes of the plane.
+pub fn panels(
+    lines: Lines,
+    asked: &Asked,
+    plane: Option<[u8; 2]>,
+    names: &Names<'_>,
+    mut beside: Beside,
+) -> Vec<Panel> {
     let Lines { axes, ios, plane: paths, fifo_free, full, full_reports, gaps } = lines;
     // The more axes there are, the lower their diagrams, so that the plot fits on a screen.
     let height = match axes.len() {
@@ -38,11 +66,11 @@ pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str, m
         let solid = if is_crowded && place % 2 == 1 { Look::Dashed(colour) } else { Look::Solid(colour) };
         let pale = Look::Pale(colour);
         if is_crowded {
-            shared.ends.push((axis.axis.to_string(), colour));
+            shared.ends.push((names.axis(axis.axis), colour));
         }
         let least = axis.scale.to_units(1).abs();
         shared.least = shared.least.min(least);
-        shared.legend.push((solid, format!("axis {}", axis.axis)));
+        shared.legend.push((solid, format!("axis {}", names.axis(axis.axis))));
         shared.commanded.push(Stroke { pieces: axis.commanded_velocity, look: pale });
         shared.velocity.push(Stroke { pieces: axis.velocity, look: solid });
         shared.target_velocity.push(Stroke { pieces: axis.target_velocity, look: pale });
@@ -73,7 +101,7 @@ pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str, m
         if !failed.is_empty() {
             legend.push((Look::Solid(style::ALARM), State::Failed.name().to_owned()));
         }
-        let name = format!("Axis {}: position ({unit})", axis.axis);
+        let name = format!("Axis {}: position ({})", names.axis(axis.axis), names.unit_of(axis.axis));
         let panel = Panel::of(name, height, least, strokes, legend);
         let other_zero = beside.zeroed.iter().filter(|(slave, _)| *slave == axis.axis).map(|(_, at)| *at);
         let panel = panel.map(|panel| match other_zero.chain(axis.zeroed).reduce(f64::max) {
@@ -83,14 +111,14 @@ pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str, m
         all.extend(panel.map(|panel| Panel { spans: axis.states, other_spans, marks: failed.clone(), ..panel }));
     }
     let least = shared.least;
-    all.extend(shared.panels(asked, unit, by_velocity));
+    all.extend(shared.panels(asked, &names.unit, by_velocity));
     if asked.shows(Diagram::Io, true) {
         all.extend(ios.into_iter().filter_map(|(slave, lanes)| io(slave, lanes)));
     }
     if asked.shows(Diagram::Fifo, true) {
         all.push(fifo(fifo_free, full, full_reports, gaps));
     }
-    all.extend(paths.zip(plane).and_then(|(paths, axes)| in_the_plane(paths, axes, unit, least)));
+    all.extend(paths.zip(plane).and_then(|(paths, axes)| in_the_plane(paths, axes, names, least)));
     all
 }
 
@@ -203,7 +231,7 @@ fn fifo(free: Pieces, full: Vec<f64>, full_reports: u64, gaps: Vec<Span>) -> Pan
 }
 
 /// The panel with the path of two axes in their plane, both to the same scale.
-fn in_the_plane([target, gone]: [Pieces; 2], [x, y]: [u8; 2], unit: &str, least: f64) -> Option<Panel> {
+fn in_the_plane([target, gone]: [Pieces; 2], [x, y]: [u8; 2], names: &Names<'_>, least: f64) -> Option<Panel> {
     let (width, height) = style::PLANE;
     let colour = style::colours([x])[0];
     let strokes =
@@ -215,9 +243,10 @@ fn in_the_plane([target, gone]: [Pieces; 2], [x, y]: [u8; 2], unit: &str, least:
         let (middle, half) = ((range.start + range.end) / 2.0, per_pixel * f64::from(pixels) / 2.0);
         middle - half..middle + half
     });
-    let name = format!("Plane of axes {x} and {y}: position of axis {y} ({unit})");
+    let ([x_unit, y_unit], [x, y]) = ([x, y].map(|axis| names.unit_of(axis)), [x, y].map(|axis| names.axis(axis)));
+    let name = format!("Plane of axes {x} and {y}: position of axis {y} ({y_unit})");
     let legend =
         vec![(Look::Pale(colour), "targets, when executed".to_owned()), (Look::Solid(colour), "actual".to_owned())];
-    let across = Across { range: across, name: format!("position of axis {x} ({unit})"), width };
+    let across = Across { range: across, name: format!("position of axis {x} ({x_unit})"), width };
     Some(Panel { name, height, range, strokes, legend, across: Some(across), ..Panel::default() })
 }

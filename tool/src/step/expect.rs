@@ -1,13 +1,13 @@
 //! `expect`: fails if the state, a position or inputs are not as expected, so that a script can check its own effect.
 
 use clap::Subcommand;
-use ecmsk::ecm::{Config, Scale};
+use ecmsk::ecm::Config;
 use ecmsk::sk::MasterState;
 
 use super::io::{bits, io_slave};
-use super::motion::Target;
+use super::motion::{AxisTarget, Target};
 use super::state;
-use crate::board::{Board, BoardError, Needs, find_slave, not_negative, whole};
+use crate::board::{Board, BoardError, Needs, Units, find_slave, not_negative, whole};
 
 const WHAT: &str = "expect";
 
@@ -26,7 +26,7 @@ enum Verb {
         #[arg(value_name = "init|preop|safeop|op", value_parser = state::parse)]
         state: MasterState,
     },
-    /// Axes must be at these positions: counts, or units with --counts-per-unit
+    /// Axes must be at these positions: counts, or units for axes with names or with --counts-per-unit
     Position {
         #[arg(value_name = "AXIS=POSITION", required = true, value_parser = Target::parse)]
         positions: Vec<Target>,
@@ -50,11 +50,12 @@ fn inputs(text: &str) -> Result<(u8, u16), String> {
 impl Args {
     /// # Errors
     /// A slave does not exist or is of another kind.
-    pub fn check(&self, network: &Config) -> Result<(), BoardError> {
+    pub fn check(&self, network: &Config, units: Units<'_>) -> Result<(), BoardError> {
         match &self.verb {
             Verb::State { .. } => Ok(()),
             Verb::Position { positions, .. } => {
-                positions.iter().try_for_each(|position| find_slave(network, WHAT, position.slave).map(|_| ()))
+                let find = |position: &Target| find_slave(network, WHAT, position.resolve(WHAT, units)?.slave);
+                positions.iter().try_for_each(|position| find(position).map(|_| ()))
             }
             Verb::Inputs { inputs: (slave, _) } => io_slave(network, WHAT, *slave),
         }
@@ -73,11 +74,13 @@ impl Args {
             Verb::Position { positions, within } => {
                 board.ready(WHAT, Needs::Op)?;
                 let snapshot = board.ecm.next_cycle(board.options.read_limit)?;
-                for Target { slave, value } in positions {
-                    let scale: Scale = board.axis(WHAT, *slave)?.scale;
-                    let found = snapshot.position(*slave).map_or(f64::NAN, |position| scale.to_units(position));
+                for position in positions {
+                    let AxisTarget { slave, value, scale, .. } = position.resolve(WHAT, board.units())?;
+                    board.axis(WHAT, slave)?;
+                    let found = snapshot.position(slave).map_or(f64::NAN, |position| scale.to_units(position));
                     if found.is_nan() || (found - value).abs() > *within {
-                        return Err(failed(format!("axis {slave} is at {found}, not at {value} within {within}")));
+                        let label = board.label(slave);
+                        return Err(failed(format!("axis {label} is at {found}, not at {value} within {within}")));
                     }
                 }
                 Ok(())

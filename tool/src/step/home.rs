@@ -7,8 +7,8 @@ use ecmsk::coe::ObjectAddress;
 use ecmsk::ecm::{Config, Homing, HomingPhase, HomingProgress};
 use serde_json::json;
 
-use super::motion::{Target, counts};
-use crate::board::{Board, BoardError, Needs, SlaveList, find_axis, position};
+use super::motion::{AxisTarget, check_limits, counts};
+use crate::board::{AxisWord, Board, BoardError, Needs, SlaveList, Units, position};
 
 const WHAT: &str = "home";
 /// The object 0x6098, "homing method".
@@ -18,18 +18,18 @@ const LIMIT: Duration = Duration::from_secs(60);
 
 /// Home axes, one after the other
 ///
-/// Values that are not given stay as the drive has them. Ctrl-C ends homing with ABORT_HOME.
+/// Values that are not given are those of the machine file, or else stay as the drive has them. Ctrl-C ends homing with ABORT_HOME.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
   ecmsk home 1 --link 'sim:?slaves=drive*2' --up
   ecmsk home 1,2 --method 1 --speed-switch 20000 --speed-zero 2000 --link 'sim:?slaves=drive*2' --up")]
 pub struct Args {
-    /// The axes, by the numbers of their slaves, e.g. 1,2 or all
+    /// The axes, by the numbers of their slaves or by their names in the machine file, e.g. 1,2 or all
     #[arg(value_name = "AXES", required = true, value_parser = SlaveList::parse)]
     axes: Vec<SlaveList>,
 
-    /// Homing method, 0x6098, e.g. 35: the present position is home [default: as the drive has it]
+    /// Homing method, 0x6098, e.g. 35: the present position is home [default: that of the machine file, else the drive's]
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = RangedI64ValueParser::<i8>::new().range(-128..=127))]
     method: Option<i8>,
 
@@ -45,43 +45,50 @@ pub struct Args {
     #[arg(long, value_name = "N")]
     acceleration: Option<u32>,
 
-    /// Home offset, 0x607C: whole counts, or units with --counts-per-unit, to the nearest count
+    /// Home offset, 0x607C: whole counts, or units for an axis with a name or with --counts-per-unit, to the nearest count
     #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = position)]
     offset: Option<f64>,
 }
 
 impl Args {
     /// # Errors
-    /// A slave does not exist or has no axis, or the offset does not fit into a position.
-    pub fn check(&self, network: &Config) -> Result<(), BoardError> {
-        for slave in SlaveList::axes(&self.axes, network, WHAT)? {
-            if let Some(value) = self.offset {
-                counts(WHAT, &Target { slave, value }, find_axis(network, WHAT, slave)?.scale)?;
-            }
-        }
-        Ok(())
+    /// A slave does not exist or has no axis, or the offset is not one of its positions.
+    pub fn check(&self, network: &Config, units: Units<'_>) -> Result<(), BoardError> {
+        SlaveList::axes(&self.axes, network, WHAT, units)?
+            .iter()
+            .try_for_each(|(slave, word)| self.offset_counts(*slave, word, units).map(|_| ()))
+    }
+
+    /// The home offset of an axis in counts, if an option gives it.
+    fn offset_counts(&self, slave: u8, word: &AxisWord, units: Units<'_>) -> Result<Option<i32>, BoardError> {
+        let Some(value) = self.offset else { return Ok(None) };
+        let scale = units.scale(word, slave);
+        let counts = counts(WHAT, &AxisTarget { slave, value, scale, is_named: word.is_name() })?;
+        check_limits(WHAT, units, slave, counts)?;
+        Ok(Some(counts))
     }
 
     /// # Errors
     /// [`BoardError`]
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
-        let axes = SlaveList::axes(&self.axes, board.known_network(WHAT)?, WHAT)?;
-        board.ready(WHAT, Needs::On(&axes))?;
-        axes.into_iter().try_for_each(|slave| self.home(board, slave))
+        let axes = SlaveList::axes(&self.axes, board.known_network(WHAT)?, WHAT, board.units())?;
+        let slaves: Vec<u8> = axes.iter().map(|(slave, _)| *slave).collect();
+        board.ready(WHAT, Needs::On(&slaves))?;
+        axes.iter().try_for_each(|(slave, word)| self.home(board, *slave, word))
     }
 
-    fn home(&self, board: &Board, slave: u8) -> Result<(), BoardError> {
-        let method = match self.method {
+    fn home(&self, board: &Board, slave: u8, word: &AxisWord) -> Result<(), BoardError> {
+        let of_machine = board.units().axis(slave).map(|axis| axis.homing).unwrap_or_default();
+        let method = match self.method.or(of_machine.method) {
             Some(method) => method,
             None => board.run_interruptible("reading the homing method", |ecm| ecm.sdo_read(slave, METHOD))?,
         };
-        let offset = self.offset.map(|value| counts(WHAT, &Target { slave, value }, board.axis(WHAT, slave)?.scale));
-        let offset = offset.transpose()?;
+        let label = board.label(slave);
         let homing = Homing {
-            switch_speed: self.speed_switch,
-            zero_speed: self.speed_zero,
-            acceleration: self.acceleration,
-            offset,
+            switch_speed: self.speed_switch.or(of_machine.speed_switch),
+            zero_speed: self.speed_zero.or(of_machine.speed_zero),
+            acceleration: self.acceleration.or(of_machine.acceleration),
+            offset: self.offset_counts(slave, word, board.units())?.or(of_machine.offset_counts),
             limit: board.limit.unwrap_or(LIMIT),
             ..Homing::method(method)
         };
@@ -100,7 +107,7 @@ impl Args {
                 let phase = phase(now.phase);
                 let at = now.position;
                 // An error of standard output is reported with the result.
-                let _ = reporter.progress(format_args!("homing axis {slave}: {phase}, at {at}, {seconds:.1} s"), || {
+                let _ = reporter.progress(format_args!("homing axis {label}: {phase}, at {at}, {seconds:.1} s"), || {
                     json!({"verb": WHAT, "axis": slave, "progress": phase, "position_counts": at, "seconds": seconds})
                 });
             }
@@ -113,7 +120,8 @@ impl Args {
         if let Some(units) = units {
             json["position"] = units.into();
         }
-        Ok(board.reporter.result(format_args!("axis {slave}: home found (method {method}), at {text}"), &json)?)
+        board.add_names(slave, &mut json);
+        Ok(board.reporter.result(format_args!("axis {label}: home found (method {method}), at {text}"), &json)?)
     }
 }
 

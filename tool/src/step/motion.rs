@@ -9,16 +9,16 @@ use std::time::Duration;
 
 use ecmsk::cia402::Mode;
 use ecmsk::ecm::{Config, EcmError, Guard, Scale, Snapshot, Stream, StreamStats};
-use ecmsk::sk::{AxisTarget, SlotSize};
+use ecmsk::sk::SlotSize;
 use serde_json::json;
 
 use super::profile::{PathPoint, Profile};
-use crate::board::{Board, BoardError, NEAR_COUNTS, Needs, Scales, find_axis, in_mode, numbered, positive};
+use crate::board::{Board, BoardError, NEAR_COUNTS, Needs, Units, find_axis, in_mode, numbered, positive};
 use duration::Asked;
 use internal_limit::Watched;
 use path::{AxisPath, Path, Speeds};
+pub use target::{AxisTarget, Target, check_limits, counts};
 use target::{Jerk, outside};
-pub use target::{Target, counts};
 
 const WHAT: &str = "move";
 /// \[OURS] How far ahead of their execution targets are sent to the FIFO. If the program is late by less than this, the motion
@@ -43,10 +43,11 @@ const BRAKE_LIMIT: Duration = Duration::from_millis(1500);
 #[command(after_help = "\
 Examples:
   ecmsk move 1=10000 2=-5000 --velocity 20000 --link 'sim:?slaves=drive*2' --up
-  ecmsk move 1=12.5 --velocity 5 --counts-per-unit 10000 --link 'sim:?slaves=drive' --up")]
+  ecmsk move 1=12.5 --velocity 5 --counts-per-unit 10000 --link 'sim:?slaves=drive' --up
+  ecmsk move X=12.5 Y=-3 --velocity 5 --machine machine.toml --up")]
 pub struct Args {
-    /// The axes, by the numbers of their slaves, and their targets: whole counts, or units with --counts-per-unit, to
-    /// the nearest count
+    /// The axes and their targets. By the numbers of their slaves: whole counts, or units with --counts-per-unit. By their
+    /// names in the machine file: units of the axis, also X=12.5mm or X=500counts. Units are rounded to the nearest count
     #[arg(value_name = "AXIS=TARGET", required = true, value_parser = Target::parse)]
     targets: Vec<Target>,
 
@@ -75,12 +76,19 @@ impl Args {
     /// Checks the counts per unit: if `--counts-per-unit` names single axes, it has to name each axis of the move.
     ///
     /// # Errors
-    /// An axis of the move has no counts per unit.
-    pub fn check_units(&self, scales: Option<&Scales>) -> Result<(), BoardError> {
-        let Some(scales) = scales else { return Ok(()) };
-        match self.targets.iter().find(|target| !scales.has(target.slave)) {
+    /// An axis has no value.
+    pub fn check_units(&self, units: Units<'_>) -> Result<(), BoardError> {
+        let targets = self.resolved(units)?;
+        let mut in_counts = targets.iter().map(|target| target.scale == Scale::COUNTS);
+        let has_speed = self.velocity.is_some() || self.acceleration.is_some() || self.jerk.is_some();
+        if units.machine.is_some() && has_speed && in_counts.clone().any(|is| is) && !in_counts.all(|is| is) {
+            let why = "some targets are in counts and others in units, so a speed would have two units".to_owned();
+            return Err(refused(why, "name all axes alike, or leave out --velocity, --acceleration and --jerk"));
+        }
+        let Some(scales) = units.option else { return Ok(()) };
+        match targets.iter().find(|target| !target.is_named && !scales.has(target.slave)) {
             None => Ok(()),
-            Some(Target { slave, .. }) => {
+            Some(AxisTarget { slave, .. }) => {
                 let why = format!("--counts-per-unit says nothing of axis {slave}, which would move in counts");
                 let next = format!("add its counts per unit, or {slave}=1 if its target is in counts");
                 Err(refused(why, &next))
@@ -92,14 +100,14 @@ impl Args {
     /// move does not have.
     ///
     /// # Errors
-    /// An axis has no counts per unit, or they name an axis that does not move.
-    pub fn check_only_units(&self, scales: Option<&Scales>) -> Result<(), BoardError> {
-        self.check_units(scales)?;
-        let of = |axis: &u8| self.targets.iter().any(|target| target.slave == *axis);
-        match scales.and_then(|scales| scales.axes().find(|axis| !of(axis))) {
+    /// An axis has no unit, or there is a unit for another axis.
+    pub fn check_only_units(&self, units: Units<'_>) -> Result<(), BoardError> {
+        self.check_units(units)?;
+        let slaves: Vec<u8> = self.resolved(units)?.iter().map(|target| target.slave).collect();
+        let of = |axis: &u8| slaves.contains(axis);
+        match units.option.and_then(|scales| scales.axes().find(|axis| !of(axis))) {
             None => Ok(()),
             Some(axis) => {
-                let slaves: Vec<u8> = self.targets.iter().map(|target| target.slave).collect();
                 let why =
                     format!("--counts-per-unit names axis {axis}, the move {}", numbered("axis", "axes", &slaves));
                 Err(refused(why, "name the same axes in both, or one number for all: --counts-per-unit N"))
@@ -107,19 +115,28 @@ impl Args {
         }
     }
 
+    /// The targets, with the meaning of their axes and numbers.
+    fn resolved(&self, units: Units<'_>) -> Result<Vec<AxisTarget>, BoardError> {
+        self.targets.iter().map(|target| target.resolve(WHAT, units)).collect()
+    }
+
     /// # Errors
-    /// A slave has no axis in CSP, a target does not fit into 32 bits, or at that speed the targets would be further ahead of
-    /// the axis than `--lead-limit` allows.
-    pub fn check(&self, network: &Config) -> Result<(), BoardError> {
-        for (index, target) in self.targets.iter().enumerate() {
+    /// A slave has no axis in CSP, a target does not fit into 32 bits or is beyond the limits of the axis, or the axis cannot
+    /// follow so closely at that speed.
+    pub fn check(&self, network: &Config, units: Units<'_>) -> Result<(), BoardError> {
+        let targets = self.resolved(units)?;
+        for (index, target) in targets.iter().enumerate() {
             let slave = target.slave;
-            if self.targets[..index].iter().any(|other| other.slave == slave) {
+            if targets[..index].iter().any(|other| other.slave == slave) {
                 return Err(refused(format!("axis {slave} is named twice"), "name each axis once"));
             }
             let axis = find_axis(network, WHAT, slave)?;
             in_mode(slave, WHAT, axis, Mode::Csp)?;
-            counts(WHAT, target, axis.scale)?;
-            let (velocity, ahead) = (self.speeds(axis.scale).velocity, f64::from(depth(network)));
+            let counts = counts(WHAT, target)?;
+            if !self.relative {
+                check_limits(WHAT, units, slave, counts)?;
+            }
+            let (velocity, ahead) = (self.speeds(target, units)?.velocity, f64::from(depth(network)));
             let behind = velocity * ahead * f64::from(network.cycle_us) * 1e-6;
             if let Guard::Within(limit) = axis.guard
                 && behind > f64::from(limit)
@@ -133,20 +150,33 @@ impl Args {
         Ok(())
     }
 
-    /// The speed, acceleration and jerk of an axis, converted to counts and seconds.
-    fn speeds(&self, scale: Scale) -> Speeds {
-        let counts = scale.counts_per_unit.abs();
-        Speeds::of(
-            self.velocity.map(|units| units * counts),
-            self.acceleration.map(|units| units * counts),
-            self.jerk.map(|jerk| jerk.scaled(counts)),
-        )
+    /// The limits of an axis, in counts and seconds.
+    ///
+    /// # Errors
+    /// They are beyond those of the machine file.
+    fn speeds(&self, target: &AxisTarget, units: Units<'_>) -> Result<Speeds, BoardError> {
+        let counts = target.scale.counts_per_unit.abs();
+        let axis = units.axis(target.slave);
+        let limit = |asked: Option<f64>, max: Option<f64>, word: &str| {
+            let asked = asked.map(|units| units * counts);
+            let Some((axis, max)) = axis.zip(max) else { return Ok((asked, None)) };
+            let max_counts = max * axis.scale.counts_per_unit.abs();
+            // A unit of the option and one of the file may differ in the last bit.
+            if asked.is_none_or(|asked| asked <= max_counts * (1.0 + f64::EPSILON)) {
+                return Ok((asked, Some(max_counts)));
+            }
+            let why = format!("--{word} is beyond the limit of axis {}, max_{word} = {max} {}", axis.name, axis.unit);
+            Err(refused(why, "name a lower one, or correct the limit in the machine file"))
+        };
+        let velocity = limit(self.velocity, axis.and_then(|axis| axis.max_velocity), "velocity")?;
+        let acceleration = limit(self.acceleration, axis.and_then(|axis| axis.max_acceleration), "acceleration")?;
+        Ok(Speeds::of(velocity, acceleration, self.jerk.map(|jerk| jerk.scaled(counts))))
     }
 
     /// # Errors
     /// [`BoardError`]
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
-        let slaves: Vec<u8> = self.targets.iter().map(|target| target.slave).collect();
+        let slaves = self.slaves(board)?;
         board.ready(WHAT, Needs::On(&slaves))?;
         board.check_adopted(WHAT, &slaves)?;
         let config = board.known_network(WHAT)?;
@@ -169,7 +199,8 @@ impl Args {
             if let Some(units) = units {
                 json["position"] = units.into();
             }
-            board.reporter.result(format_args!("axis {}: at {text}", axis.slave), &json)?;
+            board.add_names(axis.slave, &mut json);
+            board.reporter.result(format_args!("axis {}: at {text}", board.label(axis.slave)), &json)?;
         }
         for axis in &path.axes {
             let off = axis.off(&after);
@@ -224,23 +255,26 @@ impl Args {
         if duration::announce(board, &path, self.yes)? == Asked::No {
             return Ok((snapshot, path));
         }
-        // Everything is checked again: while the user took time to answer, an axis may have been turned by hand or got an
-        // alarm.
-        let slaves: Vec<u8> = self.targets.iter().map(|target| target.slave).collect();
-        board.ready(WHAT, Needs::On(&slaves))?;
+        // While the user took time to answer, an axis may have been turned by hand or got an alarm.
+        board.ready(WHAT, Needs::On(&self.slaves(board)?))?;
         let snapshot = board.ecm.snapshot()?;
         let path = self.path(board, &snapshot)?;
         Ok((snapshot, path))
     }
 
+    /// The slaves of the axes.
+    fn slaves(&self, board: &Board) -> Result<Vec<u8>, BoardError> {
+        Ok(self.resolved(board.units())?.iter().map(|target| target.slave).collect())
+    }
+
     /// The path from the present positions to the targets.
     fn path(&self, board: &Board, snapshot: &Snapshot) -> Result<Path, BoardError> {
-        let axis = |target: &Target| {
-            let scale = board.axis(WHAT, target.slave)?.scale;
+        let axis = |target: &AxisTarget| {
             let start = board.standing_position(snapshot, target.slave);
-            let end = counts(WHAT, target, scale)?;
+            let end = counts(WHAT, target)?;
             let end = if self.relative { start.checked_add(end) } else { Some(end) };
             let end = end.ok_or_else(|| outside(WHAT, target))?;
+            check_limits(WHAT, board.units(), target.slave, end)?;
             if let Guard::Within(limit) = board.guard
                 && end.abs_diff(start) > limit
             {
@@ -248,9 +282,9 @@ impl Args {
                 let why = format!("axis {slave} is at {start}, and {end} is {way} counts away; --guard allows {limit}");
                 return Err(refused(why, "name a nearer target, or widen --guard"));
             }
-            Ok(AxisPath { slave: target.slave, start, end, speeds: self.speeds(scale) })
+            Ok(AxisPath { slave: target.slave, start, end, speeds: self.speeds(target, board.units())? })
         };
-        let axes: Vec<AxisPath> = self.targets.iter().map(axis).collect::<Result<_, BoardError>>()?;
+        let axes: Vec<AxisPath> = self.resolved(board.units())?.iter().map(axis).collect::<Result<_, BoardError>>()?;
         Path::new(axes).map_err(no_path)
     }
 }
@@ -401,8 +435,8 @@ impl Run<'_> {
     fn aim(&self, stream: &mut Stream<'_>, slave: u8, target: i32) -> Result<(), EcmError> {
         match self.snapshot.slave(slave) {
             Some(ecmsk::ecm::SlaveView::Hsp(hsp)) if self.board.ecm.slot_size()? == SlotSize::Bytes16 => {
-                let second = AxisTarget { target: hsp.second.position, outputs: 0 };
-                stream.csp_hsp(slave, AxisTarget { target, outputs: 0 }, second)
+                let of = |target| ecmsk::sk::AxisTarget { target, outputs: 0 };
+                stream.csp_hsp(slave, of(target), of(hsp.second.position))
             }
             _ => stream.csp(slave, target),
         }

@@ -5,7 +5,7 @@ use ecmsk::cia402::DriveState;
 use ecmsk::ecm::Config;
 use serde_json::json;
 
-use crate::board::{Board, BoardError, Needs, SlaveList, statusword_text};
+use crate::board::{Board, BoardError, Needs, SlaveList, Units, statusword_text};
 
 /// Switch axes on or off, or clear their alarms
 ///
@@ -15,7 +15,7 @@ pub struct Args {
     /// The action
     #[arg(value_enum)]
     verb: What,
-    /// The axes, by the numbers of their slaves, e.g. 1,2 or all
+    /// The axes, by the numbers of their slaves or by their names in the machine file, e.g. 1,2 or all
     #[arg(value_name = "AXES", required = true, value_parser = SlaveList::parse)]
     axes: Vec<SlaveList>,
 }
@@ -43,8 +43,8 @@ impl What {
 impl Args {
     /// # Errors
     /// A slave does not exist or has no axis.
-    pub fn check(&self, network: &Config) -> Result<(), BoardError> {
-        SlaveList::axes(&self.axes, network, self.verb.name()).map(|_| ())
+    pub fn check(&self, network: &Config, units: Units<'_>) -> Result<(), BoardError> {
+        SlaveList::axes(&self.axes, network, self.verb.name(), units).map(|_| ())
     }
 
     /// # Errors
@@ -52,7 +52,8 @@ impl Args {
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
         let what = self.verb.name();
         board.ready(what, Needs::Op)?;
-        let axes = SlaveList::axes(&self.axes, board.known_network(what)?, what)?;
+        let axes = SlaveList::axes(&self.axes, board.known_network(what)?, what, board.units())?;
+        let axes: Vec<u8> = axes.into_iter().map(|(slave, _)| slave).collect();
         board.forget_targets();
         board.run_interruptible(what, |ecm| match self.verb {
             What::On => ecm.servo_on(&axes),
@@ -67,8 +68,10 @@ impl Args {
             let is_on = state == Some(DriveState::OperationEnabled);
             let motor = if is_on { "on" } else { "off" };
             let state = state.map(|state| state.name());
-            let json = json!({"verb": what, "axis": slave, "on": is_on, "state": state, "statusword": word.0});
-            board.reporter.result(format_args!("axis {slave}: {motor}, {}", statusword_text(word)), &json)?;
+            let mut json = json!({"verb": what, "axis": slave, "on": is_on, "state": state, "statusword": word.0});
+            board.add_names(slave, &mut json);
+            let label = board.label(slave);
+            board.reporter.result(format_args!("axis {label}: {motor}, {}", statusword_text(word)), &json)?;
         }
         Ok(())
     }

@@ -1,6 +1,8 @@
 //! The extremes of each axis in a run: following error, step of the target, velocity and torque, with their times.
 
+use ecmsk::ecm::Scale;
 use ecmsk::link::Dir;
+use ecmsk::machine_file::{MachineAxis, MachineFile, Unit};
 use ecmsk::recording::Kinds;
 use ecmsk::sk::dump::MAX_SLAVES;
 use ecmsk::sk::{
@@ -9,6 +11,7 @@ use ecmsk::sk::{
 };
 use serde_json::{Value, json};
 
+use crate::machine_option::{in_unit, label};
 use crate::plot::execution::{Entry, Execution, ExecutionReport, Orders};
 use crate::recording::Framed;
 
@@ -60,8 +63,21 @@ impl Quantity {
         }
     }
 
-    /// A value of this quantity as text with its unit.
-    pub fn shown(self, value: u64) -> String {
+    /// A value with its unit; in the unit of the machine file, too, if the axis has one.
+    pub fn shown(self, value: u64, axis: Option<&MachineAxis>) -> String {
+        // The magnitude of a value has no direction.
+        let in_unit = |axis: &MachineAxis| {
+            let scale = Scale::per_unit(axis.scale.counts_per_unit.abs());
+            in_unit(&MachineAxis { scale, ..axis.clone() }, value as f64)
+        };
+        match (self, axis.filter(|axis| axis.unit != Unit::Counts)) {
+            (Self::FollowingError | Self::TargetStep, Some(axis)) => format!("{} ({value} counts)", in_unit(axis)),
+            (Self::Velocity, Some(axis)) => format!("{}/s ({value} counts/s)", in_unit(axis)),
+            (quantity, _) => quantity.shown_in_counts(value),
+        }
+    }
+
+    fn shown_in_counts(self, value: u64) -> String {
         match self {
             Self::FollowingError | Self::TargetStep => format!("{value} counts"),
             Self::Velocity => format!("{value} counts/s"),
@@ -241,26 +257,38 @@ pub fn seconds(at_ns: i64) -> String {
     format!("{:.3} s", at_ns as f64 / 1e9)
 }
 
-/// The extremes of an axis as one line of text.
-pub fn line(slave: usize, extremes: &AxisExtremes) -> String {
+/// The line of an axis.
+pub fn line(slave: usize, extremes: &AxisExtremes, machine: Option<&MachineFile>) -> String {
+    let (axis, label) = named(slave, machine);
     let parts: Vec<String> = Quantity::ALL
         .into_iter()
         .map(|quantity| (quantity, extremes.of(quantity)))
         .filter(|(_, peak)| peak.value > 0)
         .map(|(quantity, peak)| {
             let name = quantity.word().replace('-', " ");
-            format!("{name} up to {} ({})", quantity.shown(peak.value), seconds(peak.at_ns))
+            format!("{name} up to {} ({})", quantity.shown(peak.value, axis), seconds(peak.at_ns))
         })
         .collect();
     match parts.as_slice() {
-        [] => format!("axis {slave}: it stood still"),
-        parts => format!("axis {slave}: {}", parts.join(", ")),
+        [] => format!("axis {label}: it stood still"),
+        parts => format!("axis {label}: {}", parts.join(", ")),
     }
 }
 
-/// The extremes of an axis as JSON.
-pub fn axis_json(slave: usize, extremes: &AxisExtremes) -> Value {
+/// The axis of a slave in the machine file, and its name in messages.
+pub fn named(slave: usize, machine: Option<&MachineFile>) -> (Option<&MachineAxis>, String) {
+    let number = u8::try_from(slave).unwrap_or(u8::MAX);
+    (machine.and_then(|machine| machine.axis_of(number)), label(machine, number))
+}
+
+/// An axis as JSON; values are in counts.
+pub fn axis_json(slave: usize, extremes: &AxisExtremes, machine: Option<&MachineFile>) -> Value {
     let mut axis = json!({ "slave": slave });
+    if let (Some(named), _) = named(slave, machine) {
+        axis["name"] = named.name.clone().into();
+        axis["unit"] = named.unit.word().into();
+        axis["counts_per_unit"] = named.scale.counts_per_unit.into();
+    }
     for quantity in Quantity::ALL {
         let Peak { value, at_ns } = extremes.of(quantity);
         axis[quantity.word().replace('-', "_")] = match (value, quantity) {

@@ -1,8 +1,9 @@
 //! The option `--fail-on`: which findings make a run fail.
 
+use ecmsk::machine_file::{MachineAxis, MachineFile, Unit};
 use ecmsk::summary::Summary;
 
-use super::extremes::{AxisExtremes, Quantity, seconds};
+use super::extremes::{AxisExtremes, Quantity, named, seconds};
 
 /// A kind of finding that makes a run fail.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,6 +18,8 @@ pub enum FailOn {
     Gap,
     /// A value of any axis above this limit, which is in the unit of the [`Quantity`].
     Above(Quantity, u64),
+    /// A value of some axis with this unit in the machine file above this limit, in the unit.
+    AboveUnits(Quantity, f64, Unit),
 }
 
 impl FailOn {
@@ -27,7 +30,10 @@ impl FailOn {
     pub fn parse(text: &str) -> Result<Self, String> {
         let allowed = || {
             let quantities = Quantity::ALL.map(Quantity::word).join(">N, ");
-            format!("allowed: any, alarm, state, gap, {quantities}>PERCENT, several with commas")
+            format!(
+                "allowed: any, alarm, state, gap, {quantities}>PERCENT, several with commas; N is counts, or e.g. 0.5mm by the \
+                 machine file"
+            )
         };
         match text.trim() {
             "any" => return Ok(Self::Any),
@@ -38,6 +44,9 @@ impl FailOn {
         }
         let (word, limit) = text.split_once('>').ok_or_else(allowed)?;
         let quantity = Quantity::ALL.into_iter().find(|quantity| quantity.word() == word.trim()).ok_or_else(allowed)?;
+        if let Some(limit) = in_units(limit).filter(|_| quantity != Quantity::Torque) {
+            return Ok(Self::AboveUnits(quantity, limit.0, limit.1));
+        }
         let limit: f64 = limit.trim().trim_end_matches('%').trim().parse().map_err(|_| allowed())?;
         if !(0.0..=1e15).contains(&limit) {
             return Err(allowed());
@@ -47,7 +56,13 @@ impl FailOn {
     }
 
     /// The lines that say why the run has failed; none if it has not.
-    pub fn failures(self, summary: &Summary, is_whole: bool, axes: &[(usize, &AxisExtremes)]) -> Vec<String> {
+    pub fn failures(
+        self,
+        summary: &Summary,
+        is_whole: bool,
+        axes: &[(usize, &AxisExtremes)],
+        machine: Option<&MachineFile>,
+    ) -> Vec<String> {
         let gaps = summary.counts().find(|(name, _)| *name == "gaps").map_or(0, |(_, count)| count);
         let if_any = |count: u64, what: &str| if count > 0 { vec![format!("{count} {what}")] } else { Vec::new() };
         match self {
@@ -56,17 +71,47 @@ impl FailOn {
             Self::Alarm => if_any(summary.alarms().map(|(_, times)| times).sum(), "alarm(s)"),
             Self::State => if_any(summary.states_failed().map(|(_, times)| times).sum(), "failed change(s) of state"),
             Self::Gap => if_any(gaps, "gap(s) in a motion"),
-            Self::Above(quantity, limit) => axes
-                .iter()
-                .map(|(slave, extremes)| (slave, extremes.of(quantity)))
-                .filter(|(_, peak)| peak.value > limit)
-                .map(|(slave, peak)| {
-                    let (name, value) = (quantity.word().replace('-', " "), quantity.shown(peak.value));
-                    format!("axis {slave}: {name} {value} at {}, above {}", seconds(peak.at_ns), quantity.shown(limit))
-                })
-                .collect(),
+            Self::Above(quantity, limit) => {
+                axes.iter().filter_map(|axis| above(axis, quantity, machine, |_| Some(limit))).collect()
+            }
+            Self::AboveUnits(quantity, limit, unit) => {
+                let counts = |axis: Option<&MachineAxis>| {
+                    let axis = axis.filter(|axis| axis.unit == unit)?;
+                    Some((limit * axis.scale.counts_per_unit.abs()).floor() as u64)
+                };
+                let failed: Vec<String> =
+                    axes.iter().filter_map(|axis| above(axis, quantity, machine, counts)).collect();
+                let has_unit = machine.is_some_and(|machine| machine.axes.iter().any(|axis| axis.unit == unit));
+                // A limit that holds for no axis would pass whatever happened.
+                if has_unit { failed } else { vec![format!("no axis of a machine file is in {unit}; see --machine")] }
+            }
         }
     }
+}
+
+/// The line for an axis whose value is above its limit. `limit` is that of the axis, if it has one.
+fn above(
+    (slave, extremes): &(usize, &AxisExtremes),
+    quantity: Quantity,
+    machine: Option<&MachineFile>,
+    limit: impl Fn(Option<&MachineAxis>) -> Option<u64>,
+) -> Option<String> {
+    let (axis, label) = named(*slave, machine);
+    let (limit, peak) = (limit(axis)?, extremes.of(quantity));
+    let (name, value) = (quantity.word().replace('-', " "), quantity.shown(peak.value, axis));
+    let limit = (peak.value > limit).then(|| quantity.shown(limit, axis))?;
+    Some(format!("axis {label}: {name} {value} at {}, above {limit}", seconds(peak.at_ns)))
+}
+
+/// A limit with a unit: `0.5mm`, `100 mm/s`.
+fn in_units(text: &str) -> Option<(f64, Unit)> {
+    let text = text.trim();
+    let text = text.strip_suffix("/s").unwrap_or(text);
+    let with = |unit: Unit| {
+        let number = text.strip_suffix(unit.word())?.trim_end().parse().ok();
+        number.filter(|limit: &f64| (0.0..=1e15).contains(limit)).map(|limit| (limit, unit))
+    };
+    Unit::ALL.into_iter().filter(|unit| *unit != Unit::Counts).find_map(with)
 }
 
 #[cfg(test)]
@@ -81,6 +126,8 @@ mod tests {
             ("following-error>500", FailOn::Above(Quantity::FollowingError, 500)),
             ("torque > 80.5 %", FailOn::Above(Quantity::Torque, 805)),
             ("velocity>0", FailOn::Above(Quantity::Velocity, 0)),
+            ("velocity>100 mm/s", FailOn::AboveUnits(Quantity::Velocity, 100.0, Unit::Mm)),
+            ("following-error>0.5deg", FailOn::AboveUnits(Quantity::FollowingError, 0.5, Unit::Deg)),
         ] {
             assert_eq!(FailOn::parse(text), Ok(reason), "{text}");
         }
@@ -93,6 +140,9 @@ mod tests {
             "jerk>3",
             "velocity>1e300",
             "torque>NaN",
+            "torque>5mm",
+            "velocity>-1mm/s",
+            "velocity>NaNmm",
         ] {
             let error = FailOn::parse(text).unwrap_err();
             assert!(error.starts_with("allowed: any, alarm, state, gap, following-error>N, "), "{text}: {error}");

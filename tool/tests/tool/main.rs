@@ -13,6 +13,7 @@
 //!   to a board,
 //!   signals, scripts, the shell
 //! - `monitor*.rs`: `ecmsk monitor`
+//! - `machine_file.rs`: the machine file, and `ecmsk machine`
 //! - `slave.rs`: `ecmsk slave`
 //! - `serve_ethercat.rs`, `serve_gadget.rs`, `serve_usbip.rs`, `serve_xf.rs`, `tcp_*.rs`: `ecmsk serve`
 //! - `list.rs`, `cards.rs`, `doctor.rs`, `doctor_folder.rs`, `doctor_gadget.rs`, `machine.rs`, `man.rs`: `ecmsk list`,
@@ -45,6 +46,7 @@ mod filters;
 mod foreign_recording;
 mod list;
 mod machine;
+mod machine_file;
 mod man;
 mod migrate;
 mod monitor;

@@ -102,7 +102,11 @@ impl Controller {
 
     /// Writes memory for the network. Returns whether any byte was written.
     pub(in crate::slave::esc) fn write(&mut self, address: usize, data: &[u8]) -> bool {
-        if address == registers::SYSTEM_TIME.into() && data.len() <= 8 && self.has_clock() && !self.protection.is_on() {
+        if address == usize::from(registers::SYSTEM_TIME)
+            && data.len() <= 8
+            && self.has_clock()
+            && !self.protection.is_on()
+        {
             // The common case: with distributed clocks the master sends the system time in each cycle. The device is not
             // involved.
             return self.receive_system_time(data);

@@ -21,11 +21,16 @@ pub struct Speeds {
     pub jerk: Option<f64>,
 }
 
+/// What is asked for, and the highest allowed value, if there is one.
+type Asked = (Option<f64>, Option<f64>);
+
 impl Speeds {
-    /// The limits that the user has given, with defaults for the others.
-    pub fn of(velocity: Option<f64>, acceleration: Option<f64>, jerk: Option<Jerk>) -> Self {
-        let velocity = velocity.unwrap_or(DEFAULT_VELOCITY);
-        let acceleration = acceleration.unwrap_or(velocity / DEFAULT_ACCELERATION_TIME_S);
+    /// The limits that are given, with defaults for the others. Speed and acceleration are each a value, and the highest one
+    /// that a default may have.
+    pub fn of(velocity: Asked, acceleration: Asked, jerk: Option<Jerk>) -> Self {
+        let or = |(asked, max): Asked, default: f64| asked.unwrap_or(max.map_or(default, |max| default.min(max)));
+        let velocity = or(velocity, DEFAULT_VELOCITY);
+        let acceleration = or(acceleration, velocity / DEFAULT_ACCELERATION_TIME_S);
         let jerk = match jerk {
             None => Some(acceleration / DEFAULT_JERK_TIME_S),
             Some(Jerk::Limit(limit)) => Some(limit),

@@ -1,15 +1,28 @@
 //! The operands and options of `move`.
 
 use ecmsk::ecm::Scale;
+use ecmsk::machine_file::Unit;
 
-use crate::board::{BoardError, positive};
+use crate::board::{AxisWord, BoardError, Units, positive};
 
-/// The target of one axis as the user gives it: `1=10000`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A target of one axis, as it is written: `1=10000`, `X=12.5`, `X=12.5mm`, `X=500counts`.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Target {
+    axis: AxisWord,
+    value: f64,
+    unit: Option<Unit>,
+}
+
+/// A target of one axis, with the meaning of its number.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisTarget {
     pub slave: u8,
-    /// The target position, or with `--relative` the distance, in the units of the axis.
+    /// The position or distance.
     pub value: f64,
+    /// The unit of `value`.
+    pub scale: Scale,
+    /// Whether the axis has its name of the machine file.
+    pub is_named: bool,
 }
 
 impl Target {
@@ -19,13 +32,45 @@ impl Target {
     /// The text is invalid; the error says what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
         let read = |text: &str| {
-            let (slave, value) = text.split_once('=')?;
-            let slave = slave.trim().parse().ok().filter(|slave| (1..=40).contains(slave))?;
-            let value = value.trim().parse().ok().filter(|value: &f64| value.is_finite())?;
-            Some(Self { slave, value })
+            let (axis, value) = text.split_once('=')?;
+            let (value, unit) = value_and_unit(value.trim())?;
+            Some(Self { axis: AxisWord::parse(axis)?, value, unit })
         };
         read(text).ok_or_else(|| "allowed: AXIS=TARGET, e.g. 1=10000, with an axis from 1 to 40 and a number".into())
     }
+
+    /// The target with the meaning that its axis and its unit have.
+    ///
+    /// # Errors
+    /// The machine file does not have the axis, or it has another unit.
+    pub fn resolve(&self, what: &str, units: Units<'_>) -> Result<AxisTarget, BoardError> {
+        let slave = self.axis.slave(what, units.machine)?;
+        let axis = units.axis(slave);
+        let scale = match (self.unit, axis) {
+            (None, _) => units.scale(&self.axis, slave),
+            (Some(Unit::Counts), _) => Scale::COUNTS,
+            (Some(unit), Some(axis)) if axis.unit == unit => axis.scale,
+            (Some(unit), axis) => {
+                let known = axis.map_or("which has no unit in a machine file".to_owned(), |axis| {
+                    format!("which is in {}", axis.unit)
+                });
+                let why = format!("{}{unit} is written for axis {slave}, {known}", self.value);
+                let next = "write the number in the unit of the axis, or in counts, e.g. 500counts".into();
+                return Err(BoardError::Refused { what: what.into(), why, next });
+            }
+        };
+        Ok(AxisTarget { slave, value: self.value, scale, is_named: self.axis.is_name() })
+    }
+}
+
+/// A number, and the word for a unit directly behind it.
+fn value_and_unit(text: &str) -> Option<(f64, Option<Unit>)> {
+    let number = |text: &str| text.trim_end().parse().ok().filter(|value: &f64| value.is_finite());
+    if let Some(value) = number(text) {
+        return Some((value, None));
+    }
+    let with = |unit: Unit| Some((number(text.strip_suffix(unit.word())?)?, Some(unit)));
+    Unit::ALL.into_iter().find_map(with)
 }
 
 /// Converts a target to counts. With units it is rounded to the nearest count; without units a fraction of a count is
@@ -33,17 +78,35 @@ impl Target {
 ///
 /// # Errors
 /// The target does not fit the range of positions.
-pub fn counts(what: &str, target: &Target, scale: Scale) -> Result<i32, BoardError> {
-    if scale == Scale::COUNTS && target.value.fract() != 0.0 {
+pub fn counts(what: &str, target: &AxisTarget) -> Result<i32, BoardError> {
+    if target.scale == Scale::COUNTS && target.value.fract() != 0.0 {
         let why = format!("{} of axis {} is no whole number of counts", target.value, target.slave);
         let next = "name a whole number, or say with --counts-per-unit what a unit is".into();
         return Err(BoardError::Refused { what: what.into(), why, next });
     }
-    scale.to_counts(target.value).ok_or_else(|| outside(what, target))
+    target.scale.to_counts(target.value).ok_or_else(|| outside(what, target))
+}
+
+/// Refuses a position beyond the soft limits of its axis.
+///
+/// # Errors
+/// [`BoardError::Refused`], with the limit.
+pub fn check_limits(what: &str, units: Units<'_>, slave: u8, position_counts: i32) -> Result<(), BoardError> {
+    let (Some(machine), Some(axis)) = (units.machine, units.axis(slave)) else { return Ok(()) };
+    if axis.limits.contains(position_counts) {
+        return Ok(());
+    }
+    let limit = if position_counts < axis.limits.min { axis.limits.min } else { axis.limits.max };
+    let [position, limit] = [position_counts, limit].map(|counts| axis.scale.to_units(counts));
+    let word = if position < limit { "min" } else { "max" };
+    let (name, unit) = (&axis.name, axis.unit);
+    let why = format!("axis {name} would be at {position} {unit}, beyond its limit, {word} = {limit} {unit}");
+    let next = format!("name another target, or correct {word} in {}", machine.path.display());
+    Err(BoardError::Refused { what: what.into(), why, next })
 }
 
 /// The error for a target that does not fit into the 32 bits of the wire.
-pub fn outside(what: &str, target: &Target) -> BoardError {
+pub fn outside(what: &str, target: &AxisTarget) -> BoardError {
     let why = format!("target {} of axis {} is outside the 32 bits of a position", target.value, target.slave);
     let next = "name one from -2147483648 to 2147483647 counts".into();
     BoardError::Refused { what: what.into(), why, next }
@@ -76,6 +139,24 @@ impl Jerk {
         match self {
             Self::Limit(limit) => Self::Limit(limit * by),
             Self::Off => Self::Off,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_number_may_have_a_unit_directly_behind_it() {
+        let read = |text| value_and_unit(text);
+        assert_eq!(read("12.5"), Some((12.5, None)));
+        assert_eq!(read("1e3"), Some((1000.0, None)));
+        assert_eq!(read("-5mm"), Some((-5.0, Some(Unit::Mm))));
+        assert_eq!(read("5m"), Some((5.0, Some(Unit::M))));
+        assert_eq!(read("500 counts"), Some((500.0, Some(Unit::Counts))));
+        for wrong in ["", "mm", "5 furlongs", "nan", "infmm", "1e999", "5mmm"] {
+            assert_eq!(read(wrong), None, "{wrong}");
         }
     }
 }

@@ -1,0 +1,141 @@
+//! Units of positions. On the wire positions are counts. A program, an option or a machine file may set for each axis how
+//! many counts its unit has, and between which counts its targets have to be.
+
+/// The number of counts in one unit (mm, degree, turn); negative if the unit counts in the opposite direction.
+///
+/// ```
+/// use ecmsk::ecm::Scale;
+///
+/// let degrees = Scale::per_unit(131_072.0 / 360.0);
+/// assert_eq!(degrees.to_counts(90.0), Some(32_768));
+/// assert_eq!(degrees.to_units(-65_536), -180.0);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scale {
+    /// The number of counts in one unit; finite and not 0.
+    pub counts_per_unit: f64,
+}
+
+impl Scale {
+    /// The unit is one count.
+    pub const COUNTS: Self = Self::per_unit(1.0);
+
+    /// A unit of that many counts.
+    pub const fn per_unit(counts_per_unit: f64) -> Self {
+        Self { counts_per_unit }
+    }
+
+    /// Whether the scale is finite and not 0.
+    pub fn is_valid(self) -> bool {
+        self.counts_per_unit.is_finite() && self.counts_per_unit != 0.0
+    }
+
+    /// Converts units to the nearest count; `None` if that does not fit 32 bits, or `units` is not a number.
+    pub fn to_counts(self, units: f64) -> Option<i32> {
+        let counts = (units * self.counts_per_unit).round();
+        (f64::from(i32::MIN)..=f64::from(i32::MAX)).contains(&counts).then_some(counts as i32)
+    }
+
+    /// Converts counts to units.
+    pub fn to_units(self, counts: i32) -> f64 {
+        f64::from(counts) / self.counts_per_unit
+    }
+}
+
+impl Default for Scale {
+    fn default() -> Self {
+        Self::COUNTS
+    }
+}
+
+/// The positions between which the targets of an axis have to be, both ends included, in counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SoftLimits {
+    /// The lowest allowed position, counts.
+    pub min: i32,
+    /// The highest allowed position, counts; not below `min`.
+    pub max: i32,
+}
+
+impl SoftLimits {
+    /// Every position is allowed.
+    pub const NONE: Self = Self { min: i32::MIN, max: i32::MAX };
+
+    /// Whether a position is within the limits.
+    pub const fn contains(self, position_counts: i32) -> bool {
+        self.min <= position_counts && position_counts <= self.max
+    }
+}
+
+impl Default for SoftLimits {
+    fn default() -> Self {
+        Self::NONE
+    }
+}
+
+/// The counts of one unit, for all axes or for some.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scales(Vec<(Option<u8>, Scale)>);
+
+impl Scales {
+    /// Parses `5000` or `1=5000,2=131072/360`.
+    ///
+    /// # Errors
+    /// The text is invalid; the error says what is allowed.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let item = |item: &str| {
+            let (axis, number) = match item.split_once('=') {
+                Some((axis, number)) => (Some(axis.trim().parse().ok().filter(|axis| *axis > 0)?), number),
+                None => (None, item),
+            };
+            let scale = Scale::per_unit(fraction(number)?);
+            scale.is_valid().then_some((axis, scale))
+        };
+        text.split(',').map(item).collect::<Option<_>>().map(Self).ok_or_else(|| {
+            "allowed: a number that is not 0, or a fraction, for all axes or AXIS=N for some, e.g. 1=5000,2=131072/360"
+                .into()
+        })
+    }
+
+    /// Whether the options give the scale of an axis, for all axes or for this one.
+    pub fn has(&self, axis: u8) -> bool {
+        self.0.iter().any(|(of, _)| of.is_none_or(|of| of == axis))
+    }
+
+    /// The axes with a scale of their own.
+    pub fn axes(&self) -> impl Iterator<Item = u8> {
+        self.0.iter().filter_map(|(of, _)| *of)
+    }
+
+    /// The scale of an axis; without one positions are in counts.
+    pub fn of(&self, axis: u8) -> Scale {
+        let own = self.0.iter().rev().find(|(of, _)| *of == Some(axis));
+        own.or_else(|| self.0.iter().rev().find(|(of, _)| of.is_none())).map_or(Scale::COUNTS, |(_, scale)| *scale)
+    }
+}
+
+/// The value of a number or of a fraction of two numbers: `0.5`, `131072/360`.
+pub(crate) fn fraction(text: &str) -> Option<f64> {
+    let (over, under) = text.split_once('/').unwrap_or((text, "1"));
+    let number = |text: &str| text.trim().parse::<f64>().ok();
+    Some(number(over)? / number(under)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A scale is a number or a fraction, for all axes or for one.
+    #[test]
+    fn counts_per_unit_are_numbers_or_fractions_of_all_axes_or_of_one() {
+        let scales = Scales::parse("2=131072/4,5000").unwrap();
+        assert_eq!([1, 2].map(|axis| scales.of(axis).counts_per_unit), [5000.0, 32768.0]);
+        assert_eq!(Scales::parse("1=-10").unwrap().of(1), Scale::per_unit(-10.0));
+        assert_eq!(Scales::parse("1=-10").unwrap().of(2), Scale::COUNTS);
+        assert_eq!([1, 2].map(|axis| Scales::parse("1=-10").unwrap().has(axis)), [true, false]);
+        assert_eq!((scales.has(7), scales.axes().collect::<Vec<_>>()), (true, vec![2]));
+        for wrong in ["", "0", "1=", "0=5", "1/0", "x", "inf", "1=2=3"] {
+            assert!(Scales::parse(wrong).is_err(), "{wrong}");
+        }
+    }
+}

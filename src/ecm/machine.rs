@@ -1,0 +1,65 @@
+//! The board and the configuration of a machine file.
+
+use std::path::Path;
+
+use super::config::{Axis, Config, Slave};
+use super::{Ecm, EcmError};
+use crate::machine_file::{MachineFile, MachineSlave};
+
+impl Ecm {
+    /// Opens the board of a machine file, in its present state. Nothing is sent: the program configures the network with
+    /// [`Config::of_machine`]. The link `sim:` simulates the slaves of the file.
+    ///
+    /// ```
+    /// use ecmsk::ecm::{Close, Config, Ecm, EcmError};
+    /// use ecmsk::sk::MasterState;
+    ///
+    /// # let folder = tempfile::tempdir().expect("a folder");
+    /// # let path = folder.path().join("machine.toml");
+    /// # let text = r#"
+    /// # format = 1
+    /// # link = "sim:?clock=virtual"
+    /// # [axes]
+    /// # X = { slave = 1, unit = "mm", per = 0.001 }
+    /// # "#;
+    /// # std::fs::write(&path, text).expect("a file");
+    /// // link = "sim:?clock=virtual"
+    /// // [axes]
+    /// // X = { slave = 1, unit = "mm", per = 0.001 }
+    /// let (ecm, machine) = Ecm::open_machine(&path)?;
+    /// ecm.configure(&Config::of_machine(&machine))?;
+    /// ecm.set_state(MasterState::Op)?;
+    /// let x = machine.axis("X").expect("an axis").slave;
+    /// ecm.servo_on(&[x])?;
+    ///
+    /// let mut stream = ecm.stream(20)?;
+    /// for n in 1..=500 {
+    ///     stream.csp_units(x, f64::from(n) * 0.01)?; // mm
+    ///     stream.step()?;
+    /// }
+    /// stream.finish()?;
+    /// assert_eq!(ecm.snapshot()?.position_units(x), Some(5.0));
+    /// ecm.close(Close::ServoOff)?;
+    /// # Ok::<(), EcmError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`EcmError::Machine`] if the file is wrong or names no link, and those of [`Ecm::open`].
+    pub fn open_machine(file: &Path) -> Result<(Self, MachineFile), EcmError> {
+        let machine = MachineFile::load(file)?;
+        let link = machine.link(None).ok_or_else(|| machine.names_no_link())?;
+        Ok((Self::open(&link.to_string())?, machine))
+    }
+}
+
+impl Config {
+    /// The configuration of the network of a [machine file](crate::machine_file).
+    pub fn of_machine(machine: &MachineFile) -> Self {
+        let slave = |(number, slave): (u8, &MachineSlave)| {
+            let scale = machine.axis_of(number).map(|axis| axis.scale).unwrap_or_default();
+            Slave::with_axis(slave.kind, Axis { mode: slave.mode, scale, ..Axis::CSP })
+        };
+        let cycle_us = machine.cycle_us.unwrap_or(Self::default().cycle_us);
+        Self { slaves: (1..).zip(&machine.slaves).map(slave).collect(), cycle_us }
+    }
+}

@@ -1,0 +1,242 @@
+//! The machine file, `machine.toml`: what a person knows of a machine and a network does not tell. Axes by their names, with
+//! unit, scale, soft limits and homing; which device each slave has to be; inputs and outputs by their names; what the
+//! error codes of a maker mean; the link.
+//!
+//! ```
+//! use ecmsk::machine_file::MachineFile;
+//!
+//! let text = r#"
+//! format = 1
+//! link = "sim:"
+//!
+//! [axes]
+//! X = { slave = 1, unit = "mm", per = 0.001, min = -10, max = 250 }
+//! "#;
+//! let machine = MachineFile::parse("machine.toml", text)?;
+//! let x = machine.axis("X").expect("it has this axis");
+//! assert_eq!((x.slave, x.scale.to_counts(12.5)), (1, Some(12_500)));
+//! # Ok::<(), ecmsk::machine_file::MachineFileError>(())
+//! ```
+//!
+//! - `format.rs`: the fields as they are written; `unit.rs`: the units
+//! - `check.rs`, `axes.rs`: whether the values make sense; `places.rs`: their lines in the text
+//! - `error.rs`: [`MachineFileError`]
+
+mod axes;
+mod check;
+mod error;
+mod format;
+mod places;
+#[cfg(test)]
+mod tests;
+mod unit;
+
+use std::path::{Path, PathBuf};
+
+use crate::address::scale::{Scale, SoftLimits};
+use crate::address::slaves::{IdentitySpec, SlaveSpec};
+use crate::address::uri::{LinkUri, UriError};
+use crate::ethercat::cia402::Mode;
+use crate::files::read_small;
+use crate::sk::SlaveKind;
+pub use error::MachineFileError;
+pub use unit::Unit;
+
+/// The name of the file that the tool looks for in its working directory.
+pub const FILE_NAME: &str = "machine.toml";
+/// The version of the format.
+pub const FORMAT: i64 = 1;
+/// The maximum length of a machine file. \[OURS]
+const FILE_SIZE_MAX_BYTES: u64 = 1 << 20;
+
+/// A machine, as its file describes it. All values are checked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MachineFile {
+    /// The path of the file, as it was given.
+    pub path: PathBuf,
+    /// The name of the machine.
+    pub name: Option<String>,
+    /// The link to its board or network.
+    pub link: Option<LinkUri>,
+    /// The EtherCAT cycle, microseconds.
+    pub cycle_us: Option<u32>,
+    /// The slaves in network order: slave 1 is the first; 1..=40.
+    pub slaves: Vec<MachineSlave>,
+    /// The axes, in the order of their slaves; at most one of a slave.
+    pub axes: Vec<MachineAxis>,
+    /// The inputs with names, in the order of the names.
+    pub inputs: Vec<IoLine>,
+    /// The outputs with names, in the order of the names.
+    pub outputs: Vec<IoLine>,
+    alarms: Vec<AlarmTexts>,
+}
+
+/// A slave of a machine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MachineSlave {
+    /// The kind that the board is told.
+    pub kind: SlaveKind,
+    /// The mode of its axis; CSP if it has none.
+    pub mode: Mode,
+    /// The device that it has to be, as far as the file says.
+    pub expected: IdentitySpec,
+    /// How the slave is simulated: with the identity that it has to have.
+    pub simulated: SlaveSpec,
+}
+
+/// An axis of a machine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MachineAxis {
+    /// Its name.
+    pub name: String,
+    /// The number of its slave, 1..=40.
+    pub slave: u8,
+    /// The unit of its positions.
+    pub unit: Unit,
+    /// The counts of one unit.
+    pub scale: Scale,
+    /// Where its targets have to be, counts.
+    pub limits: SoftLimits,
+    /// The highest speed of a move, units per second; above 0.
+    pub max_velocity: Option<f64>,
+    /// The highest acceleration of a move, units per second squared; above 0.
+    pub max_acceleration: Option<f64>,
+    /// How its home is found.
+    pub homing: AxisHoming,
+}
+
+/// How the home of an axis is found. `None`: as the drive has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct AxisHoming {
+    /// The homing method, 0x6098.
+    pub method: Option<i8>,
+    /// The speed while looking for the switch, 0x6099:1, in the drive's unit.
+    pub speed_switch: Option<u32>,
+    /// The speed while looking for zero, 0x6099:2, in the drive's unit.
+    pub speed_zero: Option<u32>,
+    /// The acceleration, 0x609A, in the drive's unit.
+    pub acceleration: Option<u32>,
+    /// The home offset, 0x607C, counts.
+    pub offset_counts: Option<i32>,
+}
+
+/// An input or output with a name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct IoLine {
+    /// Its name.
+    pub name: String,
+    /// The number of its slave, 1..=40.
+    pub slave: u8,
+    /// The bit, 0..=15.
+    pub bit: u8,
+}
+
+/// What the error codes of some drives mean.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct AlarmTexts {
+    vendor: Option<u32>,
+    product: Option<u32>,
+    texts: Vec<(u16, String)>,
+}
+
+impl MachineFile {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// [`MachineFileError`]
+    pub fn load(path: &Path) -> Result<Self, MachineFileError> {
+        let file = path.display().to_string();
+        let unreadable = |message: String| MachineFileError::Unreadable { file: file.clone(), message };
+        let read = read_small(path, FILE_SIZE_MAX_BYTES).map_err(|error| unreadable(error.to_string()))?;
+        let text = String::from_utf8(read.bytes)
+            .map_err(|_| unreadable("it is no text in UTF-8; save it as UTF-8".to_owned()))?;
+        let machine = Self::parse(&file, &text)?;
+        Ok(Self { path: path.to_owned(), ..machine })
+    }
+
+    /// Reads the text of a file; `file` is its path, for messages.
+    ///
+    /// # Errors
+    /// [`MachineFileError`], for the first fault.
+    pub fn parse(file: &str, text: &str) -> Result<Self, MachineFileError> {
+        check::machine(file, text)
+    }
+
+    /// The axis with this name. Upper and lower case are the same, as no two names differ in that alone.
+    pub fn axis(&self, name: &str) -> Option<&MachineAxis> {
+        self.axes.iter().find(|axis| same_name(&axis.name, name))
+    }
+
+    /// The axis of the slave with this number.
+    pub fn axis_of(&self, slave: u8) -> Option<&MachineAxis> {
+        self.axes.iter().find(|axis| axis.slave == slave)
+    }
+
+    /// The slave with this number, from 1.
+    pub fn slave(&self, slave: u8) -> Option<&MachineSlave> {
+        self.slaves.get(usize::from(slave).checked_sub(1)?)
+    }
+
+    /// What an error code of a slave means, if the file says it. A text for its product goes before one for its vendor, and
+    /// that before one for all.
+    pub fn alarm_text(&self, slave: u8, code: u16) -> Option<&str> {
+        let expected = self.slave(slave).map(|slave| slave.expected).unwrap_or_default();
+        let fits = |wanted: Option<u32>, found: Option<u32>| wanted.is_none() || wanted == found;
+        let of_slave = self
+            .alarms
+            .iter()
+            .filter(|alarms| fits(alarms.vendor, expected.vendor) && fits(alarms.product, expected.product));
+        let text = |alarms: &'_ &AlarmTexts| alarms.texts.iter().any(|(known, _)| *known == code);
+        let best = of_slave.filter(text).max_by_key(|alarms| (alarms.product.is_some(), alarms.vendor.is_some()))?;
+        best.texts.iter().find(|(known, _)| *known == code).map(|(_, text)| text.as_str())
+    }
+
+    /// The link to open: `link`, else that of the file. A simulated board (`sim:`, `xf-sim:`) without a list of its own has
+    /// the slaves of this file.
+    pub fn link(&self, link: Option<&LinkUri>) -> Option<LinkUri> {
+        let link = link.or(self.link.as_ref())?;
+        Some(link.with_machine(&self.path.display().to_string()).unwrap_or_else(|| link.clone()))
+    }
+}
+
+impl MachineFile {
+    /// The error for a file without a link.
+    pub(crate) fn names_no_link(&self) -> MachineFileError {
+        MachineFileError::Field {
+            file: self.path.display().to_string(),
+            line: 1,
+            field: "link".to_owned(),
+            what: "it is missing, and says which board to open".to_owned(),
+            next: "add it, e.g. link = \"usb:\"".to_owned(),
+        }
+    }
+}
+
+/// The simulated slaves of a link: those that it lists, or those of its machine file.
+///
+/// # Errors
+/// [`UriError::BadValue`] if the machine file cannot be used.
+pub(crate) fn slaves_of_link(uri: &LinkUri) -> Result<Vec<SlaveSpec>, UriError> {
+    let Some(file) = uri.value("machine") else { return uri.slaves() };
+    let bad = |why: String| UriError::BadValue { key: "machine".to_owned(), value: file.to_owned(), why };
+    let machine = MachineFile::load(Path::new(file)).map_err(|error| bad(error.to_string()))?;
+    let slaves: Vec<SlaveSpec> = machine.slaves.into_iter().map(|slave| slave.simulated).collect();
+    uri.check_count(slaves.len()).map_err(bad)?;
+    Ok(slaves)
+}
+
+/// The JSON schema of machine files, for editors.
+#[cfg(feature = "schema")]
+pub fn schema() -> schemars::Schema {
+    schemars::schema_for!(format::Content)
+}
+
+/// The words for kinds of slaves.
+#[cfg(feature = "schema")]
+fn kind_words() -> Vec<String> {
+    crate::address::slaves::declared_words().split(", ").map(str::to_owned).collect()
+}
+
+fn same_name(one: &str, other: &str) -> bool {
+    one.to_lowercase() == other.to_lowercase()
+}

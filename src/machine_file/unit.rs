@@ -1,0 +1,54 @@
+//! The units of axes.
+
+use std::fmt;
+
+use serde::Deserialize;
+
+/// The unit of an axis's positions.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "lowercase")]
+pub enum Unit {
+    /// Millimetres.
+    Mm,
+    /// Micrometres.
+    Um,
+    /// Metres.
+    M,
+    /// Inches.
+    In,
+    /// Degrees.
+    Deg,
+    /// Radians.
+    Rad,
+    /// Turns.
+    Turn,
+    /// Counts of the encoder.
+    #[default]
+    Counts,
+}
+
+impl Unit {
+    /// All units.
+    pub const ALL: [Self; 8] = [Self::Mm, Self::Um, Self::M, Self::In, Self::Deg, Self::Rad, Self::Turn, Self::Counts];
+
+    /// The word for the unit in a machine file and behind a number: `mm`.
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Mm => "mm",
+            Self::Um => "um",
+            Self::M => "m",
+            Self::In => "in",
+            Self::Deg => "deg",
+            Self::Rad => "rad",
+            Self::Turn => "turn",
+            Self::Counts => "counts",
+        }
+    }
+}
+
+impl fmt::Display for Unit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.word())
+    }
+}

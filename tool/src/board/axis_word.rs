@@ -1,0 +1,115 @@
+//! Axes as a command line names them: by the numbers of their slaves, or by the names of the machine file.
+
+use ecmsk::ecm::{Scale, Scales};
+use ecmsk::machine_file::{MachineAxis, MachineFile};
+
+use super::error::BoardError;
+
+/// The last slave of a board.
+const SLAVES_MAX: u8 = 40;
+
+/// An axis on a command line.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum AxisWord {
+    /// The number of its slave, 1..=40.
+    Number(u8),
+    /// Its name in the machine file.
+    Name(String),
+}
+
+impl AxisWord {
+    /// Parses a number or a name; `None` if it is neither.
+    pub fn parse(text: &str) -> Option<Self> {
+        let text = text.trim();
+        if text.chars().next()?.is_alphabetic() {
+            return Some(Self::Name(text.to_owned()));
+        }
+        text.parse().ok().filter(|slave| (1..=SLAVES_MAX).contains(slave)).map(Self::Number)
+    }
+
+    /// Whether the machine file is needed.
+    pub const fn is_name(&self) -> bool {
+        matches!(self, Self::Name(_))
+    }
+
+    /// The number of the slave.
+    ///
+    /// # Errors
+    /// [`BoardError::Refused`] if there is no machine file, or it has no such axis.
+    pub fn slave(&self, what: &str, machine: Option<&MachineFile>) -> Result<u8, BoardError> {
+        let name = match self {
+            Self::Number(slave) => return Ok(*slave),
+            Self::Name(name) => name,
+        };
+        let refused = |why: String, next: String| BoardError::Refused { what: what.to_owned(), why, next };
+        let Some(machine) = machine else {
+            let why = format!("axis `{name}` is no number from 1 to {SLAVES_MAX}, and there is no machine file");
+            return Err(refused(why, "name its slave, or say --machine FILE".to_owned()));
+        };
+        machine.axis(name).map(|axis| axis.slave).ok_or_else(|| {
+            let names: Vec<&str> = machine.axes.iter().map(|axis| &*axis.name).collect();
+            let there = if names.is_empty() { "no axis".to_owned() } else { names.join(", ") };
+            refused(format!("{} has no axis `{name}`", machine.path.display()), format!("it has {there}"))
+        })
+    }
+}
+
+/// What axes and positions on a command line mean.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Units<'a> {
+    /// The value of `--counts-per-unit`.
+    pub option: Option<&'a Scales>,
+    /// The units of axes that are named by their numbers: those of the option, or of a server.
+    pub numbers: Option<&'a Scales>,
+    /// The machine file, with the units of axes that are named by their names.
+    pub machine: Option<&'a MachineFile>,
+}
+
+impl<'a> Units<'a> {
+    /// The axis of a slave in the machine file.
+    pub fn axis(&self, slave: u8) -> Option<&'a MachineAxis> {
+        self.machine?.axis_of(slave)
+    }
+
+    /// The unit in which a position of an axis is written. A number in the place of a name keeps the meaning that it had
+    /// before there was a machine file. \[OURS]
+    pub fn scale(&self, word: &AxisWord, slave: u8) -> Scale {
+        match self.axis(slave).filter(|_| word.is_name()) {
+            Some(axis) => axis.scale,
+            None => self.numbers.map_or(Scale::COUNTS, |scales| scales.of(slave)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_are_numbers_or_names() {
+        assert_eq!(AxisWord::parse(" 40 "), Some(AxisWord::Number(40)));
+        assert_eq!(AxisWord::parse("X2"), Some(AxisWord::Name("X2".to_owned())));
+        for wrong in ["", "0", "41", "1x", "-1", "_"] {
+            assert_eq!(AxisWord::parse(wrong), None, "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_name_has_the_unit_of_the_file_and_a_number_that_of_the_option() {
+        let text = "format = 1\n[axes]\nX = { slave = 2, unit = \"mm\", per = 0.5 }\n";
+        let machine = MachineFile::parse("m.toml", text).unwrap();
+        let (name, number) = (AxisWord::Name("x".to_owned()), AxisWord::Number(2));
+        let units = Units { machine: Some(&machine), ..Units::default() };
+        assert_eq!(name.slave("move", units.machine).unwrap(), 2);
+        assert_eq!((units.scale(&name, 2), units.scale(&number, 2)), (Scale::per_unit(2.0), Scale::COUNTS));
+        let scales = Scales::parse("7").unwrap();
+        let units = Units { numbers: Some(&scales), ..units };
+        assert_eq!((units.scale(&name, 2), units.scale(&number, 2)), (Scale::per_unit(2.0), Scale::per_unit(7.0)));
+        let unknown = AxisWord::Name("Y".to_owned());
+        assert_eq!(
+            unknown.slave("move", units.machine).unwrap_err().to_string(),
+            "move: m.toml has no axis `Y`; it has X"
+        );
+        assert!(name.slave("move", None).unwrap_err().to_string().ends_with("or say --machine FILE"));
+    }
+}

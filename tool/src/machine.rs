@@ -1,0 +1,230 @@
+//! `ecmsk machine`: the machine file: made from a network, compared with one, and its schema.
+//!
+//! Files:
+//!
+//! - `machine.rs`: the verbs
+//! - `machine/network.rs`: the slaves of a network or behind a board, by their identities and kinds
+//! - `machine/template.rs`: the text of a new file
+//! - `machine/compared.rs`: where a network differs from a file
+
+mod compared;
+mod network;
+mod template;
+
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::{Subcommand, ValueHint};
+use ecmsk::bus::BusError;
+use ecmsk::ecm::{Config, ConfigError, EcmError};
+use ecmsk::link::uri::LinkUri;
+use ecmsk::machine_file::{self, FILE_NAME, MachineFile, MachineFileError};
+use ecmsk::sk::SlotSize;
+use serde_json::json;
+
+use super::board::Reporter;
+use super::link_option::ChosenLink;
+use super::{link_option, output};
+
+/// Make a machine file, compare it with the network, or print its schema
+///
+/// A machine file (machine.toml) names the axes of a machine and has their units, limits and homing, the devices that the slaves
+/// have to be, inputs and outputs by name, texts of alarms, and the link. Verbs use the one in the working directory, or that
+/// of --machine.
+#[derive(clap::Args)]
+#[command(
+    disable_help_subcommand = true,
+    arg_required_else_help = true,
+    after_help = "\
+Examples:
+  ecmsk machine new nic:eth1
+  ecmsk machine check
+  ecmsk machine check --link
+  ecmsk move X=12.5 Y=-3 --up
+  ecmsk machine schema > machine.schema.json
+
+Exit codes of check: 0 nothing is wrong, 1 the network differs, 2 it could not be compared."
+)]
+pub struct Args {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand)]
+enum Verb {
+    /// Ask a network which slaves it has, and write a machine file with them
+    ///
+    /// Slaves on a network of its own (nic:, xf-spi:) are in Init afterwards; behind a board the network has to be in PreOP.
+    New {
+        /// Network or board to ask, see `ecmsk link help`
+        #[arg(value_name = "LINK", value_parser = LinkUri::parse)]
+        link: LinkUri,
+        /// The file; - for standard output
+        #[arg(long, short, value_name = "FILE", default_value = FILE_NAME, value_hint = ValueHint::FilePath)]
+        output: PathBuf,
+        /// Replace a file that is there
+        #[arg(long)]
+        overwrite: bool,
+    },
+    /// Check a machine file; with --link, compare it with the slaves that are there
+    Check {
+        /// The file
+        #[arg(value_name = "FILE", default_value = FILE_NAME, value_hint = ValueHint::FilePath)]
+        file: PathBuf,
+        /// Compare with this network or board; without URI with that of the file, or the one that verbs use
+        #[arg(long, value_name = "URI", num_args = 0..=1, value_parser = LinkUri::parse)]
+        link: Option<Option<LinkUri>>,
+        /// Print JSON, one object a line
+        #[arg(long)]
+        json: bool,
+    },
+    /// Print the JSON schema of machine files, by which an editor completes and checks them
+    Schema,
+}
+
+/// Why a verb of machine files failed. Every text ends with the next step.
+#[derive(Debug, thiserror::Error)]
+pub enum MachineVerbError {
+    /// See [`crate::CliError::Output`].
+    #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
+    Output(#[from] io::Error),
+    /// See [`MachineFileError`].
+    #[error(transparent)]
+    File(#[from] MachineFileError),
+    /// The slaves of the file are none that a board can run.
+    #[error("{file}: {error}")]
+    Config {
+        /// The path of the file.
+        file: String,
+        /// What is wrong.
+        error: ConfigError,
+    },
+    /// The file is there already.
+    #[error("{} is there already; name another file with --output, or replace it with --overwrite", file.display())]
+    Exists {
+        /// The path of the file.
+        file: PathBuf,
+    },
+    /// The file cannot be written.
+    #[error("cannot write {}: {source}; name another place with --output", file.display())]
+    Write {
+        /// The path of the file.
+        file: PathBuf,
+        /// The error of the operating system.
+        source: io::Error,
+    },
+    /// The configuration of the link is invalid.
+    #[error(transparent)]
+    Choice(#[from] link_option::ChoiceError),
+    /// No link is named.
+    #[error("no network or board was named: neither --link nor the file names one; give it, e.g. --link nic:eth1")]
+    NoLink,
+    /// The network has no slave.
+    #[error("no slave answers behind `{link}`; check cables and power, and try again")]
+    NoSlave {
+        /// The link.
+        link: String,
+    },
+    /// An error of the network or of a slave.
+    #[error(transparent)]
+    // Boxed, because every error is as large as its largest variant.
+    Bus(Box<BusError>),
+    /// An error of the board or of a slave.
+    #[error(transparent)]
+    Ecm(#[from] EcmError),
+    /// Nothing was compared.
+    #[error(transparent)]
+    NotCompared(Box<MachineVerbError>),
+}
+
+impl MachineVerbError {
+    /// The exit code.
+    pub const fn code(&self) -> u8 {
+        match self {
+            Self::NotCompared(_) => crate::compare::TROUBLE,
+            _ => 1,
+        }
+    }
+}
+
+impl From<BusError> for MachineVerbError {
+    fn from(error: BusError) -> Self {
+        Self::Bus(Box::new(error))
+    }
+}
+
+/// # Errors
+/// [`MachineVerbError`]
+pub fn run(args: &Args) -> Result<ExitCode, MachineVerbError> {
+    match &args.verb {
+        Verb::New { link, output, overwrite } => new(link, output, *overwrite),
+        Verb::Check { file, link, json } => {
+            check(file, link.as_ref(), *json).map_err(|error| MachineVerbError::NotCompared(Box::new(error)))
+        }
+        Verb::Schema => {
+            let schema = serde_json::to_string_pretty(&machine_file::schema()).map_err(io::Error::other)?;
+            output::print(format!("{schema}\n"))?;
+            Ok(ExitCode::SUCCESS)
+        }
+    }
+}
+
+fn new(link: &LinkUri, file: &Path, overwrite: bool) -> Result<ExitCode, MachineVerbError> {
+    let is_stdout = file == Path::new("-");
+    // This is checked before a network is reset.
+    if !is_stdout && !overwrite && file.symlink_metadata().is_ok() {
+        return Err(MachineVerbError::Exists { file: file.to_owned() });
+    }
+    let found = network::slaves(link)?;
+    let text = template::text(link, &found);
+    if is_stdout {
+        output::print(text)?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    write(file, &text, overwrite).map_err(|source| MachineVerbError::Write { file: file.to_owned(), source })?;
+    let slaves = if found.len() == 1 { "slave" } else { "slaves" };
+    output::print(format!("{}: {} {slaves}; name its axes and set their units\n", file.display(), found.len()))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn write(file: &Path, text: &str, overwrite: bool) -> io::Result<()> {
+    let mut options = std::fs::OpenOptions::new();
+    options.write(true).create(true).truncate(true).create_new(!overwrite);
+    let mut file = options.open(file)?;
+    file.write_all(text.as_bytes())?;
+    file.sync_all()
+}
+
+fn check(file: &Path, link: Option<&Option<LinkUri>>, json: bool) -> Result<ExitCode, MachineVerbError> {
+    let machine = MachineFile::load(file)?;
+    let shown = file.display().to_string();
+    let config = Config::of_machine(&machine);
+    config.check(SlotSize::Bytes12).map_err(|error| MachineVerbError::Config { file: shown.clone(), error })?;
+    let (slaves, axes) = (machine.slaves.len(), machine.axes.len());
+    let Some(link) = link else {
+        let reporter = Reporter::new(json, false);
+        let line = json!({"verb": "machine check", "file": shown, "slaves": slaves, "axes": axes});
+        reporter.result(format_args!("{shown}: nothing is wrong; slaves: {slaves}, axes: {axes}"), &line)?;
+        return Ok(ExitCode::SUCCESS);
+    };
+    let chosen = ChosenLink::find_with(link.as_ref(), Some(&machine))?;
+    if !chosen.is_named() {
+        return Err(MachineVerbError::NoLink);
+    }
+    let found = network::slaves(&chosen.uri)?;
+    let reporter = Reporter::new(json, false);
+    let differences = compared::differences(&machine, &found);
+    for difference in &differences {
+        let mut line = json!({"verb": "machine check", "file": shown});
+        difference.put(&mut line);
+        reporter.result(format_args!("{difference}"), &line)?;
+    }
+    if !differences.is_empty() {
+        return Ok(ExitCode::FAILURE);
+    }
+    let line =
+        json!({"verb": "machine check", "file": shown, "slaves": slaves, "axes": axes, "link": chosen.uri.to_string()});
+    reporter.result(format_args!("{shown}: nothing is wrong; slaves: {slaves}, as they are there"), &line)?;
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,102 @@
+//! The slaves of a network or behind a board, as far as they say what they are.
+
+use ecmsk::bus::{self, BusError, Network};
+use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
+use ecmsk::ecm::{Ecm, EcmError};
+use ecmsk::link::slaves::SlaveModel;
+use ecmsk::link::uri::LinkUri;
+
+use super::MachineVerbError;
+
+/// Device type: the device profile, and in its upper half the kind of device (CiA 401, CiA 402).
+const DEVICE_TYPE: ObjectAddress = ObjectAddress::new(0x1000, 0);
+/// Vendor, product code and revision.
+const IDENTITY: [ObjectAddress; 3] =
+    [ObjectAddress::new(0x1018, 1), ObjectAddress::new(0x1018, 2), ObjectAddress::new(0x1018, 3)];
+
+/// A slave that answers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FoundSlave {
+    pub vendor: u32,
+    pub product: u32,
+    pub revision: u32,
+    /// Its name; empty if it has none, and behind a board.
+    pub name: String,
+    /// The kind by its device type; `None` if that says nothing.
+    pub kind: Option<SlaveModel>,
+}
+
+/// The slaves in network order.
+///
+/// # Errors
+/// [`MachineVerbError::NoSlave`], and errors of the link.
+pub fn slaves(link: &LinkUri) -> Result<Vec<FoundSlave>, MachineVerbError> {
+    crate::recording_end::opens(link);
+    let link = link.to_string();
+    let found = match bus::open(&link) {
+        Ok(network) => of_network(network)?,
+        Err(BusError::IsBoard { .. }) => of_board(&Ecm::open(&link)?)?,
+        Err(error) => return Err(error.into()),
+    };
+    if found.is_empty() { Err(MachineVerbError::NoSlave { link }) } else { Ok(found) }
+}
+
+fn of_network(mut network: Box<dyn Network>) -> Result<Vec<FoundSlave>, MachineVerbError> {
+    let found = network.scan()?;
+    let one = |slave: bus::FoundSlave| {
+        // A slave without a mailbox has no device type, which is no error.
+        let answer = network.upload(slave.slave, DEVICE_TYPE, SdoScope::Entry).unwrap_or_default();
+        let device_type = answer.iter().take(4).rev().fold(0, |number, byte| number << 8 | u32::from(*byte));
+        let identity = slave.identity;
+        let (vendor, product, revision) = (identity.vendor, identity.product, identity.revision);
+        FoundSlave { vendor, product, revision, kind: kind(&slave.name, device_type), name: slave.name }
+    };
+    Ok(found.into_iter().map(one).collect())
+}
+
+/// A board does not say how many slaves it has: the first one that does not answer is behind the last.
+fn of_board(ecm: &Ecm) -> Result<Vec<FoundSlave>, MachineVerbError> {
+    let mut found = Vec::new();
+    for slave in 1..=ecm.slot_size()?.max_slaves() as u8 {
+        let read = |object| match ecm.sdo_read::<u32>(slave, object) {
+            Ok(value) => Ok(Some(value)),
+            Err(EcmError::SdoAborted { code, .. }) if code != AbortCode::TIMEOUT => Ok(Some(0)),
+            Err(EcmError::SdoAborted { .. } | EcmError::Timeout { .. }) => Ok(None),
+            Err(error) => Err(error),
+        };
+        let Some(device_type) = read(DEVICE_TYPE)? else { break };
+        let mut numbers = [0; 3];
+        for (object, number) in IDENTITY.into_iter().zip(&mut numbers) {
+            *number = read(object)?.unwrap_or_default();
+        }
+        let [vendor, product, revision] = numbers;
+        found.push(FoundSlave { vendor, product, revision, name: String::new(), kind: kind("", device_type) });
+    }
+    Ok(found)
+}
+
+/// The kind of a slave with this name and device type: profile 402 with a servo or a stepper, profile 401. A pulse module has
+/// the type of a stepper; simulated slaves say it by their names.
+fn kind(name: &str, device_type: u32) -> Option<SlaveModel> {
+    let by_name = SlaveModel::ALL.into_iter().find(|model| model.name().eq_ignore_ascii_case(name));
+    by_name.or(match (device_type & 0xFFFF, device_type >> 16 & 0xFF) {
+        (402, 0x04) => Some(SlaveModel::Step),
+        (402, _) => Some(SlaveModel::Drive),
+        (401, _) => Some(SlaveModel::Io),
+        _ => None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kinds_are_those_of_names_and_device_types() {
+        assert_eq!(kind("MADLN05BE", 0x0002_0192), Some(SlaveModel::Drive));
+        assert_eq!(kind("", 0x0004_0192), Some(SlaveModel::Step));
+        assert_eq!(kind("HSP2", 0x0004_0192), Some(SlaveModel::Hsp2));
+        assert_eq!(kind("EL1004", 0), None);
+        assert_eq!(kind("", 0x0003_0191), Some(SlaveModel::Io));
+    }
+}

@@ -1,0 +1,51 @@
+//! The option `--machine`: the machine file of a verb.
+
+use std::path::{Path, PathBuf};
+use std::sync::Once;
+
+use ecmsk::machine_file::{FILE_NAME, MachineAxis, MachineFile, MachineFileError};
+
+use super::link_option::belongs_to_user;
+use super::stderr::say;
+
+/// The help of the option.
+pub const HELP: &str = "Machine file: axes by name, units, limits, slaves, link; none: no such file [default: machine.toml in this \
+                        folder, if there is one]";
+/// The word for no machine file.
+const NONE: &str = "none";
+
+/// The machine file that the option names, or else the one in the working directory, which is said on standard error once.
+///
+/// # Errors
+/// The file cannot be read, or is wrong. A wrong file in the working directory is an error, too, as a move by its units may
+/// be meant.
+pub fn load(given: Option<&Path>) -> Result<Option<MachineFile>, MachineFileError> {
+    static SAID: Once = Once::new();
+    match given {
+        Some(path) if path == Path::new(NONE) => Ok(None),
+        Some(path) => MachineFile::load(path).map(Some),
+        None => {
+            let path = PathBuf::from(FILE_NAME);
+            if path.symlink_metadata().is_err() || !belongs_to_user(&path, "name it with --machine") {
+                return Ok(None);
+            }
+            let machine = MachineFile::load(&path)?;
+            SAID.call_once(|| say("note", &format_args!("machine file {FILE_NAME} in this folder")));
+            Ok(Some(machine))
+        }
+    }
+}
+
+/// A position or speed in the unit of an axis, with as many decimals as a count has: `12.500 mm`.
+pub fn in_unit(axis: &MachineAxis, counts: f64) -> String {
+    /// More decimals than these make no number clearer.
+    const DECIMALS_MAX: f64 = 6.0;
+    let per_unit = axis.scale.counts_per_unit;
+    let decimals = per_unit.abs().log10().ceil().clamp(0.0, DECIMALS_MAX) as usize;
+    format!("{:.decimals$} {}", counts / per_unit, axis.unit)
+}
+
+/// The name of an axis, as messages have it: `X`, or the number of its slave.
+pub fn label(machine: Option<&MachineFile>, slave: u8) -> String {
+    machine.and_then(|machine| machine.axis_of(slave)).map_or_else(|| slave.to_string(), |axis| axis.name.clone())
+}

@@ -1,0 +1,243 @@
+//! The machine file: one file runs one program on every board in units; limits; `ecmsk machine`.
+
+use std::path::{Path, PathBuf};
+
+use tempfile::TempDir;
+
+use crate::common::board::RecordedTraffic;
+use crate::common::{Ran, ecmsk, json_lines};
+
+const MACHINE: &str = r#"
+format = 1
+link = "sim:?clock=virtual"
+
+[axes]
+X = { slave = 1, unit = "mm", per = 0.001, min = -10, max = 250, max_velocity = 100, homing = { method = 35, offset = 2.5 } }
+turn = { slave = 2, unit = "deg", per = "-360/131072", min = -90, max = 90 }
+
+[slaves.3]
+kind = "io"
+
+[[alarms]]
+texts = { 0x7500 = "the red cable" }
+"#;
+
+/// A folder with a machine file.
+struct Folder(TempDir);
+
+impl Folder {
+    fn new(machine: &str) -> Self {
+        let folder = Self(tempfile::tempdir().expect("a folder"));
+        std::fs::write(folder.path("machine.toml"), machine).expect("a file");
+        folder
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// Runs the tool in this folder.
+    fn run(&self, words: &[&str]) -> Ran {
+        ecmsk(words).current_dir(self.0.path()).output().expect("the tool starts").into()
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        std::fs::write(self.path(name), text).expect("a file");
+    }
+}
+
+const SAID: &str = "note: machine file machine.toml in this folder\n";
+
+const PROGRAM: &str = "\
+state op
+servo on X,turn
+home X
+move X=12.5 turn=-45deg --velocity 40
+move X=-1000counts --relative
+move 1=5000
+expect position X=5 turn=-45 --within 0.003
+expect position 1=5000 2=16384 --within 2
+servo off all
+";
+
+/// The same file and program give the same positions on a board, behind a chip, and in the recording of either.
+#[test]
+fn one_file_runs_one_program_on_every_board_in_units() {
+    let folder = Folder::new(MACHINE);
+    folder.write("program", PROGRAM);
+    let printed = |link: &[&str], record: &str| {
+        let words = [&["run", "program", "--record", record], link].concat();
+        let ran = folder.run(&words);
+        assert_eq!(ran.code, Some(0), "{link:?} {ran:?}");
+        assert!(ran.err.starts_with(SAID) && ran.err.matches(SAID).count() == 1, "{}", ran.err);
+        assert!(ran.err.contains("configured: 1 drive, 2 drive, 3 io, cycle 1000 us"), "{}", ran.err);
+        ran.out
+    };
+    let board = printed(&[], "board.pcapng");
+    assert_eq!(
+        board,
+        "OP\n\
+         axis X: on, Operation enabled (0x1637)\n\
+         axis turn: on, Operation enabled (0x1637)\n\
+         axis X: home found (method 35), at 2.5 mm (2500 counts)\n\
+         axis X: at 12.5 mm (12500 counts)\n\
+         axis turn: at -45 deg (16384 counts)\n\
+         axis X: at 11.5 mm (11500 counts)\n\
+         axis X: at 5 mm (5000 counts)\n\
+         axis X: off, Switched on (0x0233)\n\
+         axis turn: off, Switched on (0x0233)\n"
+    );
+    assert_eq!(printed(&["--link", "xf-sim:?clock=virtual"], "chip.pcapng"), board);
+    for record in ["board.pcapng", "chip.pcapng"] {
+        let summary = folder.run(&["summary", record]);
+        assert!(summary.out.starts_with("axis X: ") && summary.out.contains(" mm ("), "{summary:?}");
+        assert!(summary.out.contains("\naxis turn: ") && summary.out.contains(" deg/s ("), "{summary:?}");
+        let failed = folder.run(&["summary", record, "--fail-on", "velocity>1mm/s"]);
+        assert_eq!(failed.code, Some(1), "{failed:?}");
+        assert!(
+            failed.err.contains("failed: axis X: velocity ") && failed.err.contains("above 1.000 mm/s"),
+            "{failed:?}"
+        );
+        assert_eq!(folder.run(&["summary", record, "--fail-on", "following-error>5mm"]).code, Some(0));
+        let monitor = folder.run(&["monitor", "--recording", record, "--json", "--interval", "100s"]);
+        let json = &json_lines(&monitor.out)[0];
+        assert_eq!(json["axes"][0]["name"], "X", "{json}");
+        assert_eq!(
+            (&json["axes"][0]["unit"], json["axes"][0]["position"].as_f64()),
+            (&"mm".into(), Some(5.0)),
+            "{json}"
+        );
+        let table = folder.run(&["monitor", "--recording", record, "--once"]);
+        assert!(table.out.contains("5.000 mm") && table.out.contains(" turn "), "{table:?}");
+        let plot = folder.run(&["plot", record, "--axes", "X,turn", "--xy", "X,turn"]);
+        assert_eq!(plot.code, Some(0), "{plot:?}");
+        let svg = std::fs::read_to_string(folder.path(record).with_extension("svg")).expect("a plot");
+        for text in ["Axis X: position (mm)", "Axis turn: position (deg)", "position of axis X (mm)"] {
+            assert!(svg.contains(text), "{text}");
+        }
+    }
+}
+
+/// A target beyond a limit, or a speed beyond one, is refused before anything is sent, by name and by number; home may not
+/// get a place beyond a limit either.
+#[test]
+fn limits_refuse_before_anything_moves() {
+    let folder = Folder::new(MACHINE);
+    for (words, why) in [
+        (
+            &["move", "X=250.001"] as &[&str],
+            "move: axis X would be at 250.001 mm, beyond its limit, max = 250 mm; name another target, or correct max in \
+             machine.toml",
+        ),
+        (&["move", "1=-10001"], "axis X would be at -10.001 mm, beyond its limit, min = -10 mm; "),
+        (&["move", "turn=90.01"], "beyond its limit, max = 90 deg; "),
+        (&["move", "2=32769"], "beyond its limit, min = -90 deg; "),
+        (&["move", "X=300", "--relative"], "axis X would be at 300 mm, beyond its limit, max = 250 mm"),
+        (&["move", "X=1", "--velocity", "100.1"], "--velocity is beyond the limit of axis X, max_velocity = 100 mm; "),
+        (&["move", "X=1", "2=5", "--velocity", "1"], "a speed would have two units; name all axes alike"),
+        (&["home", "X", "--offset", "251"], "home: axis X would be at 251 mm, beyond its limit, max = 250 mm"),
+        (&["move", "Z=1"], "move: machine.toml has no axis `Z`; it has X, turn"),
+        (&["move", "X=1deg"], "1deg is written for axis 1, which is in mm; write the number in the unit of the axis"),
+        (&["servo", "on", "X,Z"], "has no axis `Z`"),
+    ] {
+        let record = folder.path("refused.pcapng");
+        let _ = std::fs::remove_file(&record);
+        let ran = folder.run(&[words, &["--up", "--record", "refused.pcapng"]].concat());
+        assert_eq!((ran.code, ran.out.as_str()), (Some(1), ""), "{words:?} {ran:?}");
+        assert!(ran.err.contains(why), "{words:?}\n{}\n{why}", ran.err);
+        if Path::exists(&record) {
+            let traffic = RecordedTraffic::read(&record);
+            let still = [1, 2].map(|slave| traffic.targets(slave)).concat();
+            assert!(still.iter().all(|target| *target == 0), "{words:?} {still:?}");
+        }
+    }
+    // At the limit itself, and in counts.
+    let ran = folder.run(&["move", "X=250", "2=-32768", "--up", "--json"]);
+    let lines: Vec<_> = json_lines(&ran.out).into_iter().filter(|line| line["target_counts"].is_i64()).collect();
+    assert_eq!(
+        (&lines[0]["name"], &lines[0]["unit"], &lines[0]["position"]),
+        (&"X".into(), &"mm".into(), &250.0.into())
+    );
+    assert_eq!((&lines[1]["name"], &lines[1]["position_counts"]), (&"turn".into(), &(-32_768).into()));
+}
+
+/// The file of the folder is used and said; another one is named; `none` is no file, where a name means nothing.
+#[test]
+fn the_file_of_the_folder_is_used_unless_another_one_is_named() {
+    let folder = Folder::new(MACHINE);
+    folder.write("other.toml", "format = 1\nlink = \"sim:?clock=virtual\"\n[axes]\nA = { slave = 1 }\n");
+    let ran = folder.run(&["move", "A=500", "--up", "--machine", "other.toml"]);
+    assert_eq!((ran.code, ran.out.as_str()), (Some(0), "axis A: at 500\n"), "{ran:?}");
+    assert!(!ran.err.contains(SAID), "{ran:?}");
+    let link = "sim:?slaves=drive&clock=virtual";
+    let ran = folder.run(&["move", "1=500", "--up", "--machine", "none", "--link", link]);
+    assert_eq!((ran.code, ran.out.as_str()), (Some(0), "axis 1: at 500\n"), "{ran:?}");
+    let ran = folder.run(&["move", "X=5", "--machine", "none", "--link", link]);
+    ran.expect_failure(1, &["axis `X` is no number from 1 to 40, and there is no machine file"], "say --machine FILE");
+    let ran = folder.run(&["move", "1=500", "--machine", "nothing.toml", "--link", link]);
+    ran.expect_failure(1, &["cannot read the machine file nothing.toml: "], "make one with `ecmsk machine new LINK`");
+    // --counts-per-unit is for numbers, a name keeps its unit.
+    let ran = folder.run(&["move", "X=5", "1=5", "--machine", "none", "--link", link]);
+    assert_eq!(ran.code, Some(1), "{ran:?}");
+    folder.write("machine.toml", "format = 1\n[axes]\nX = { slave = 1, per = 0 }\n");
+    for verb in [&["move", "1=500", "--link", link] as &[&str], &["info", "--link", link]] {
+        folder.run(verb).expect_failure(1, &["machine.toml, line 3: axes.X.per: 0 is no scale"], "write the units");
+    }
+}
+
+/// A file is made from a network, is equal to it, and says where another one differs.
+#[test]
+fn a_new_file_is_equal_to_its_network() {
+    let folder = Folder::new(MACHINE);
+    let link = "sim:?slaves=drive,io,step";
+    let ran = folder.run(&["machine", "new", link]);
+    ran.expect_failure(1, &["machine.toml is there already"], "replace it with --overwrite");
+    assert_eq!(std::fs::read_to_string(folder.path("machine.toml")).expect("it is there"), MACHINE);
+    let made = folder.run(&["machine", "new", link, "--overwrite"]).expect_quiet();
+    assert_eq!(made, "machine.toml: 3 slaves; name its axes and set their units\n");
+    assert_eq!(
+        folder.run(&["machine", "check"]).expect_quiet(),
+        "machine.toml: nothing is wrong; slaves: 3, axes: 2\n"
+    );
+    let same = folder.run(&["machine", "check", "--link"]).expect_quiet();
+    assert_eq!(same, "machine.toml: nothing is wrong; slaves: 3, as they are there\n");
+    let text = std::fs::read_to_string(folder.path("machine.toml")).expect("it is there");
+    assert!(text.contains("\naxis1 = { slave = 1 }\naxis3 = { slave = 3 }\n"), "{text}");
+    let ran = folder.run(&["machine", "check", "machine.toml", "--link", "sim:?slaves=drive,drive", "--json"]);
+    assert_eq!(ran.code, Some(1), "{ran:?}");
+    let lines = json_lines(&ran.out);
+    let found = |slave: u64, difference: &str| {
+        lines.iter().any(|line| line["slave"] == slave && line["difference"] == difference)
+    };
+    assert!(found(2, "product") && found(2, "kind") && found(3, "missing") && !found(1, "product"), "{}", ran.out);
+    let ran = folder.run(&["machine", "check", "--link", "sim:?slaves=drive,io,step,io"]);
+    assert_eq!(ran.code, Some(1), "{ran:?}");
+    assert!(ran.out.starts_with("slave 4: it is there, and not in the file: vendor 0x"), "{ran:?}");
+    let ran = folder.run(&["machine", "check", "nothing.toml"]);
+    ran.expect_failure(2, &["cannot read the machine file nothing.toml"], "machine new LINK");
+    // Slaves that are simulated from a file are the devices that it expects.
+    let text_of_drive =
+        "format = 1\nlink = \"sim:\"\n[slaves.1]\nkind = \"drive\"\nvendor = 1634\nproduct = 5\nrevision = 0x10\n";
+    folder.write("drive.toml", text_of_drive);
+    let same = folder.run(&["machine", "check", "drive.toml", "--link"]).expect_quiet();
+    assert_eq!(same, "drive.toml: nothing is wrong; slaves: 1, as they are there\n");
+    // A board does not list its slaves, and is asked one after the other.
+    let shown = folder.run(&["machine", "new", link, "--output", "-"]);
+    assert_eq!(shown.expect_quiet(), text);
+}
+
+/// The schema names all fields, with what they mean.
+#[test]
+fn the_schema_has_the_fields_of_the_file() {
+    let schema = Folder::new(MACHINE).run(&["machine", "schema"]);
+    let schema: serde_json::Value = serde_json::from_str(&schema.expect_quiet()).expect("JSON");
+    assert_eq!(schema["required"], serde_json::json!(["format"]));
+    for field in ["format", "link", "cycle_us", "slaves", "axes", "inputs", "outputs", "alarms"] {
+        assert!(schema["properties"][field]["description"].is_string(), "{field}");
+    }
+    let axis = &schema["$defs"]["AxisFields"];
+    assert_eq!(axis["required"], serde_json::json!(["slave"]));
+    assert_eq!(axis["additionalProperties"], false);
+    let kinds = &schema["$defs"]["SlaveFields"]["properties"]["kind"]["enum"];
+    assert_eq!(kinds, &serde_json::json!(["drive", "io", "step", "dp3cl", "hsp", "hsp2", "none"]));
+}

@@ -32,8 +32,43 @@ static HANDLE start(unsigned char *buffer)
     return thread;
 }
 
+/* Whether a suspended thread waits in a system call. Outside of one it may hold a lock of the system, which nobody
+ * could release after its end. */
+static bool waits(HANDLE thread)
+{
+    static const char *const calls[] = {"NtDelayExecution", "NtWaitForAlertByThreadId", "NtWaitForKeyedEvent",
+                                        "NtWaitForMultipleObjects", "NtWaitForSingleObject"};
+    enum { STUB_BYTES = 48 };
+    CONTEXT context;
+    ULONG_PTR at;
+    size_t n;
+    memset(&context, 0, sizeof context);
+    context.ContextFlags = CONTEXT_CONTROL;
+    CHECK(GetThreadContext(thread, &context));
+#ifdef _WIN64
+    at = context.Rip;
+#else
+    at = context.Eip;
+#endif
+    for (n = 0; n < sizeof calls / sizeof *calls; n++) {
+        ULONG_PTR begin = (ULONG_PTR)GetProcAddress(GetModuleHandleA("ntdll"), calls[n]);
+        if (begin != 0 && at > begin && at < begin + STUB_BYTES) {
+            return true;
+        }
+    }
+    return false;
+}
+
 static void terminate(HANDLE thread)
 {
+    for (;;) {
+        CHECK(SuspendThread(thread) != (DWORD)-1);
+        if (waits(thread)) {
+            break;
+        }
+        CHECK(ResumeThread(thread) != (DWORD)-1);
+        Sleep(0);
+    }
     CHECK(TerminateThread(thread, 1));
     CHECK(WaitForSingleObject(thread, INFINITE) == WAIT_OBJECT_0);
     CloseHandle(thread);

@@ -120,7 +120,7 @@ fn what_is_taken_back_has_not_acted() {
             let counters = net.host.counters();
             let (target, outputs) = target_and_outputs(&net);
             if !leaves {
-                assert_eq!(target, outputs.into(), "{how:?}");
+                assert_eq!(target, i32::from(outputs), "{how:?}");
                 assert!(outputs < 30, "{how:?}: {outputs}");
                 assert_eq!((net.host.rejections(mark), net.jobs.transfers().len()), (vec![], transfers), "{how:?}");
                 let executed = counters.executed - before.executed;

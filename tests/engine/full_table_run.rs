@@ -153,7 +153,7 @@ impl Table {
             let shown = host.slot(Witness as usize);
             assert_eq!(shown.id, beside.id, "{what}");
             if state.is_op() {
-                assert_eq!(shown.data1, (*bits).into(), "{what}");
+                assert_eq!(shown.data1, u32::from(*bits), "{what}");
             }
             if *firmware == Firmware::V17 {
                 assert_eq!(shown.index, WITNESS_INDEX, "{what}");

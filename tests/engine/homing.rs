@@ -131,7 +131,7 @@ fn go_home_needs_mode_6() {
             assert_eq!(rejected(&home, Reason::NotInHomingMode), n as u64 + 1);
             assert_eq!((home.phase(1), home.host.drive(1).head.id), (HomingPhase::Idle, 0));
         }
-        assert_eq!(home.drive().words(), []);
+        assert_eq!(home.drive().words(), [0; 0]);
         assert_eq!(home.drive().begun(), 0);
     }
 }

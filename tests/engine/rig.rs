@@ -153,7 +153,7 @@ impl Rig {
 fn check(how: Ahead, report: &Frame, accepted: i32, cycle: usize, sent: &[AxisOut]) {
     let newest = sent[cycle].target;
     let free = MasterResponse::decode(&report.slot(SIZE, 0)).fifo_free;
-    assert_eq!(i32::from(free) + accepted - newest, FIFO_ENTRIES.into(), "{how:?}: free + not known to be sent");
+    assert_eq!(i32::from(free) + accepted - newest, i32::from(FIFO_ENTRIES), "{how:?}: free + not known to be sent");
     // A cycle measures the effect of the one before.
     let drive = DriveResponse::decode(&report.slot(SIZE, 1));
     let expected = (newest as u8, sent[cycle - 1].target);

@@ -69,7 +69,7 @@ fn dial_functions() {
 fn station_number() {
     for number in 1..=127 {
         let drive = Dp3cl::new(Dp3clConfig { dial: Dial(0x80 | number), ..Dp3clConfig::default() });
-        assert_eq!(drive.station_alias(), number.into());
+        assert_eq!(drive.station_alias(), u16::from(number));
     }
     let mut drive = in_preop(Dp3clConfig { dial: Dial(0x80 | 0x55), ..Dp3clConfig::default() });
     assert_eq!((read(&mut drive, 0x2700, 0), drive.station_alias()), (Ok(0x55), 0x55));

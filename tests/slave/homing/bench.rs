@@ -94,7 +94,7 @@ impl Bench {
 
     pub fn set_mode(&mut self, mode: Mode) {
         self.rig.write(0x6060, 0, SdoSize::One, mode.code().into());
-        assert_eq!(self.rig.read(0x6061, 0), mode.code().into());
+        assert_eq!(self.rig.read(0x6061, 0), u32::from(mode.code()));
     }
 
     pub fn set_method(&mut self, method: i8) {

@@ -184,7 +184,11 @@ fn no_axis_is_restored_before_the_other_is_home() {
         axes[late].script(Script { takes: 1500, ..Script::default() });
         host.slave(1, SlaveCommand::GoHome).drained().cycles(1000);
         assert_eq!(axes[1 - late].position(), -700_000, "{how:?}: it is home");
-        assert_eq!([0, 1].map(|n| axes[n].modes()), [const { Vec::<u32>::new() }; 2], "{how:?}: nothing is written yet");
+        assert_eq!(
+            [0, 1].map(|n| axes[n].modes()),
+            [const { Vec::<u32>::new() }; 2],
+            "{how:?}: nothing is written yet"
+        );
         assert_eq!(phase(&host), HomingPhase::Homing);
         let ignored = host.counters().ignored_homing;
         host.slave(1, SlaveCommand::Csp(Motion { first: to(9), second: to(9) })).drained();

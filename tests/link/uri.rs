@@ -321,7 +321,7 @@ fn an_error_names_key_value_and_what_is_allowed() {
     refused("sim:?fault.drop=3", &["`fault.drop`", "`3`", "from 0 to 1"]);
     refused("usb:?fault.drop=3", &["`fault.drop`", "`3`", "from 0 to 1"]);
     refused("sim:?lock_memory", &["`lock_memory`", "no, yes"]);
-    refused("sim:?nonsense", &["`nonsense`", "slaves, slot"]);
+    refused("sim:?nonsense", &["`nonsense`", "slaves, machine, slot"]);
     refused("sim:?queue=1&&slot=12", &["``"]);
     refused("sim:?queue=1&", &["``"]);
     refused("sim:?=1", &["key ``", "`1`"]);

@@ -96,7 +96,7 @@ mod tests {
 
     #[test]
     fn a_name_has_the_unit_of_the_file_and_a_number_that_of_the_option() {
-        let text = "format = 1\n[axes]\nX = { slave = 2, unit = \"mm\", per = 0.5 }\n";
+        let text = "format = 1\n[slaves.1]\nkind = \"none\"\n[axes]\nX = { slave = 2, unit = \"mm\", per = 0.5 }\n";
         let machine = MachineFile::parse("m.toml", text).unwrap();
         let (name, number) = (AxisWord::Name("x".to_owned()), AxisWord::Number(2));
         let units = Units { machine: Some(&machine), ..Units::default() };

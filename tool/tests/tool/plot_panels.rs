@@ -165,7 +165,8 @@ fn the_plane_shows_two_axes_to_the_same_scale() {
         "as in --xy 1,2",
     );
     recorded.try_plot(&["--xy", "1,9"]).expect_failure(1, &["axis 9 is empty"], "--axes");
-    for wrong in ["1", "1,1", "1,2,3", "0,1", "a,b"] {
+    recorded.try_plot(&["--xy", "a,b"]).expect_failure(1, &["axis `a`", "there is no machine file"], "--machine FILE");
+    for wrong in ["1", "1,1", "1,2,3", "0,1", "1a,b"] {
         recorded.try_plot(&["--xy", wrong]).expect_misuse(&["--xy", "as in 1,2"]);
     }
 }

@@ -27,7 +27,7 @@ use ecmsk::link::uri::LinkUri;
 use ecmsk::machine_file::{MachineFile, MachineFileError};
 use ecmsk::sk::SlotSize;
 
-pub use axis_word::{AxisWord, Units};
+pub use axis_word::{AxisWord, SLAVES_MAX, Units};
 pub use bring_up::Needs;
 pub use error::BoardError;
 pub use interrupt::Interrupt;
@@ -42,8 +42,6 @@ use super::{machine_option, record_option, slot_size};
 use network::Network;
 
 const HEADING: &str = "Board";
-/// The cycle of a board that was not told another one (UG 1.7), microseconds.
-const DEFAULT_CYCLE_US: u32 = 1000;
 
 // No doc comment: clap would show it as the help of every verb.
 #[derive(Clone, Debug, clap::Args)]
@@ -165,7 +163,8 @@ impl Args {
             let of_option = self.scales().filter(|scales| scales.has(slave)).map(|scales| scales.of(slave));
             of_option.or(axis).or_else(|| scales.as_ref().map(|scales| scales.of(slave)))
         };
-        let cycle_us = self.cycle_us.or(machine.and_then(|machine| machine.cycle_us)).unwrap_or(DEFAULT_CYCLE_US);
+        let cycle_us =
+            self.cycle_us.or(machine.and_then(|machine| machine.cycle_us)).unwrap_or(Config::default().cycle_us);
         Some(network.config(cycle_us, self.lead_limit, scale))
     }
 

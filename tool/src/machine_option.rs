@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Once;
 
-use ecmsk::machine_file::{FILE_NAME, MachineAxis, MachineFile, MachineFileError};
+use ecmsk::machine_file::{FILE_NAME, MachineAxis, MachineFile, MachineFileError, Unit};
 
 use super::link_option::belongs_to_user;
 use super::stderr::say;
@@ -34,6 +34,12 @@ pub fn load(given: Option<&Path>) -> Result<Option<MachineFile>, MachineFileErro
             Ok(Some(machine))
         }
     }
+}
+
+/// A number with a unit directly behind it or after spaces: `0.5mm`, `500 counts`.
+pub fn number_and_unit(text: &str) -> Option<(f64, Unit)> {
+    let with = |unit: Unit| Some((text.strip_suffix(unit.word())?.trim_end().parse().ok()?, unit));
+    Unit::ALL.into_iter().find_map(with)
 }
 
 /// A position or speed in the unit of an axis, with as many decimals as a count has: `12.500 mm`.

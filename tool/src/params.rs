@@ -30,7 +30,7 @@ use serde_json::json;
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
-use crate::board::Reporter;
+use crate::board::{Reporter, SLAVES_MAX};
 use crate::hex::hex;
 use crate::link_option::ChosenLink;
 
@@ -142,9 +142,6 @@ enum Which {
     One(u8),
     All,
 }
-
-/// The highest slave number behind a board.
-const SLAVES_MAX: u8 = 40;
 
 impl Which {
     fn parse(text: &str) -> Result<Self, String> {

@@ -5,8 +5,8 @@ use ecmsk::machine_file::{MachineAxis, MachineFile};
 
 use super::error::BoardError;
 
-/// The last slave of a board.
-const SLAVES_MAX: u8 = 40;
+/// The highest slave number behind a board.
+pub const SLAVES_MAX: u8 = 40;
 
 /// An axis on a command line.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,6 +1,5 @@
 //! The extremes of each axis in a run: following error, step of the target, velocity and torque, with their times.
 
-use ecmsk::ecm::Scale;
 use ecmsk::link::Dir;
 use ecmsk::machine_file::{MachineAxis, MachineFile, Unit};
 use ecmsk::recording::Kinds;
@@ -66,10 +65,8 @@ impl Quantity {
     /// A value with its unit; in the unit of the machine file, too, if the axis has one.
     pub fn shown(self, value: u64, axis: Option<&MachineAxis>) -> String {
         // The magnitude of a value has no direction.
-        let in_unit = |axis: &MachineAxis| {
-            let scale = Scale::per_unit(axis.scale.counts_per_unit.abs());
-            in_unit(&MachineAxis { scale, ..axis.clone() }, value as f64)
-        };
+        // An amount is positive, whatever the direction of the axis.
+        let in_unit = |axis: &MachineAxis| in_unit(axis, value as f64 * axis.scale.counts_per_unit.signum());
         match (self, axis.filter(|axis| axis.unit != Unit::Counts)) {
             (Self::FollowingError | Self::TargetStep, Some(axis)) => format!("{} ({value} counts)", in_unit(axis)),
             (Self::Velocity, Some(axis)) => format!("{}/s ({value} counts/s)", in_unit(axis)),

@@ -4,6 +4,7 @@ use ecmsk::machine_file::{MachineAxis, MachineFile, Unit};
 use ecmsk::summary::Summary;
 
 use super::extremes::{AxisExtremes, Quantity, named, seconds};
+use crate::machine_option::number_and_unit;
 
 /// A kind of finding that makes a run fail.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -107,11 +108,7 @@ fn above(
 fn in_units(text: &str) -> Option<(f64, Unit)> {
     let text = text.trim();
     let text = text.strip_suffix("/s").unwrap_or(text);
-    let with = |unit: Unit| {
-        let number = text.strip_suffix(unit.word())?.trim_end().parse().ok();
-        number.filter(|limit: &f64| (0.0..=1e15).contains(limit)).map(|limit| (limit, unit))
-    };
-    Unit::ALL.into_iter().filter(|unit| *unit != Unit::Counts).find_map(with)
+    number_and_unit(text).filter(|(limit, unit)| *unit != Unit::Counts && (0.0..=1e15).contains(limit))
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use ecmsk::ecm::Scale;
 use ecmsk::machine_file::Unit;
 
 use crate::board::{AxisWord, BoardError, Units, positive};
+use crate::machine_option::number_and_unit;
 
 /// A target of one axis, as it is written: `1=10000`, `X=12.5`, `X=12.5mm`, `X=500counts`.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,12 +66,9 @@ impl Target {
 
 /// A number, and the word for a unit directly behind it.
 fn value_and_unit(text: &str) -> Option<(f64, Option<Unit>)> {
-    let number = |text: &str| text.trim_end().parse().ok().filter(|value: &f64| value.is_finite());
-    if let Some(value) = number(text) {
-        return Some((value, None));
-    }
-    let with = |unit: Unit| Some((number(text.strip_suffix(unit.word())?)?, Some(unit)));
-    Unit::ALL.into_iter().find_map(with)
+    let plain = text.parse().ok().map(|value| (value, None));
+    let found = plain.or_else(|| number_and_unit(text).map(|(value, unit)| (value, Some(unit))));
+    found.filter(|(value, _): &(f64, _)| value.is_finite())
 }
 
 /// Converts a target to counts. With units it is rounded to the nearest count; without units a fraction of a count is

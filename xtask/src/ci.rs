@@ -41,6 +41,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         1,
         GATES,
         &[&format!("{groups}, {others}")],
+        None,
     )
 }
 

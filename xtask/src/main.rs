@@ -5,6 +5,7 @@
 //! - `main.rs`: every chore with its arguments
 //! - `ci.rs`, `test.rs`, `groups.rs`, `tidy.rs`, `features/`: the checks that a change has to pass: the parts of the tests, the
 //!   groups of tests, spelling and dependencies, rules and their tests
+//! - `ahead.rs`: builds in the background what later parts need
 //! - `rig/`, `windows/`, `dotnet.rs`: tests in a guest system, on Windows under Wine, and of .NET
 //! - `stage.rs`, `dist/`, `semver.rs`: installing into a folder, making packages, comparing the API with the last release
 //! - `bench.rs`, `fuzz.rs`, `soak.rs`, `mutants.rs`, `demo.rs`: one chore each
@@ -13,6 +14,7 @@
 //! - `project.rs`, `command.rs`, `side_by_side.rs`, `spend.rs`, `system.rs`, `error.rs`: the project's folders, running
 //!   commands, the cost of a chore, operations of Unix, errors
 
+mod ahead;
 mod bench;
 mod ci;
 mod command;
@@ -88,6 +90,9 @@ enum Verb {
     Mutants(mutants::Arguments),
     /// Measure against the baselines; figures go to target/bench.json
     Bench(bench::Arguments),
+    /// Build in the background for `test --all`
+    #[command(hide = true)]
+    Ahead(ahead::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -117,6 +122,7 @@ fn run(verb: Verb, project: &Project) -> Result<(), Error> {
         Verb::Soak(arguments) => soak::run(project, &arguments),
         Verb::Mutants(arguments) => mutants::run(project, &arguments),
         Verb::Bench(arguments) => bench::run(project, &arguments),
+        Verb::Ahead(arguments) => ahead::run(project, &arguments),
     }
 }
 

@@ -45,6 +45,11 @@ impl Project {
         Ok(Self { root: metadata.workspace_root, target: metadata.target_directory, for_tests: false, quick: false })
     }
 
+    /// The same checkout, with the builds of `cargo xtask test --all`.
+    pub fn quick_for_tests(&self) -> Self {
+        Self { for_tests: true, quick: true, ..self.clone() }
+    }
+
     /// cargo, run at the root of the project.
     pub fn cargo(&self) -> Command {
         self.program(cargo_program())

@@ -2,9 +2,9 @@
 //! them, so that they run on Windows too.
 
 #[cfg(unix)]
-pub use unix::{mode_of, path_of, set_mode, stay_on_one_processor, symlink};
+pub use unix::{lead_a_group, mode_of, path_of, set_mode, stay_on_one_processor, symlink};
 #[cfg(not(unix))]
-pub use without::{mode_of, path_of, set_mode, stay_on_one_processor, symlink};
+pub use without::{lead_a_group, mode_of, path_of, set_mode, stay_on_one_processor, symlink};
 
 #[cfg(unix)]
 mod unix {
@@ -13,7 +13,9 @@ mod unix {
     use std::io;
     use std::os::unix::ffi::OsStrExt;
     use std::os::unix::fs::PermissionsExt;
+    use std::os::unix::process::CommandExt;
     use std::path::{Path, PathBuf};
+    use std::process::Command;
 
     use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
@@ -27,6 +29,11 @@ mod unix {
     /// Sets the mode of a file, as chmod does.
     pub fn set_mode(path: &Path, mode: u32) -> io::Result<()> {
         fs::set_permissions(path, Permissions::from_mode(mode))
+    }
+
+    /// Makes the command the leader of a new process group.
+    pub fn lead_a_group(command: &mut Command) {
+        command.process_group(0);
     }
 
     /// Converts bytes from the output of a program to a path.
@@ -64,6 +71,8 @@ mod without {
     pub fn symlink(_: impl AsRef<Path>, _: impl AsRef<Path>) -> io::Result<()> {
         Err(unsupported())
     }
+
+    pub fn lead_a_group(_: &mut std::process::Command) {}
 
     pub fn path_of(bytes: &[u8]) -> PathBuf {
         PathBuf::from(String::from_utf8_lossy(bytes).into_owned())

@@ -3,10 +3,11 @@
 
 use std::time::{Duration, Instant};
 
+use crate::ahead::Ahead;
 use crate::error::Error;
 use crate::needs::{
-    CLIPPY, CXX, DOTNET_CORE, IP, MAKE, MCS, MONO, NETWORK_NAMESPACE, Need, PIP, PKG_CONFIG, PYSOEM, PYTHON, RUSTFMT,
-    SET_USER_ID, TSHARK, VALGRIND,
+    CLIPPY, CXX, DOTNET_CORE, IP, MAKE, MCS, MINGW_X64, MONO, NETWORK_NAMESPACE, Need, PIP, PKG_CONFIG, PYSOEM, PYTHON,
+    RUSTFMT, SET_USER_ID, TSHARK, VALGRIND,
 };
 use crate::project::Project;
 use crate::spend::Spend;
@@ -257,17 +258,24 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         ALL.announce(project);
     }
     let left_out = if arguments.all { LEFT_OUT_OF_ALL } else { &[] };
-    run_parts(&Site::new(project, &missing, arguments.all), parts, arguments.from, &gates, left_out)
+    let ahead = if arguments.all { Some(Ahead::start(project, &missing)?) } else { None };
+    run_parts(&Site::new(project, &missing, arguments.all), parts, arguments.from, &gates, left_out, ahead)
+}
+
+/// Whether a part needs what is built in the background.
+fn needs_ahead(part: &Part) -> bool {
+    part.needs.contains(&MINGW_X64)
 }
 
 /// Runs the parts in order from number `from` (1 or more) on, each with its names. At the end lists the parts that were skipped because programs are missing,
-/// and those that were `left_out` by choice.
+/// and those that were `left_out` by choice. The first part that needs what `ahead` builds waits for it.
 pub fn run_parts(
     site: &Site,
     parts: Vec<(&Part, Vec<String>)>,
     from: u8,
     gates: &[Gate],
     left_out: &[&str],
+    mut ahead: Option<Ahead>,
 ) -> Result<(), Error> {
     let begin = Instant::now();
     let mut skipped = Vec::new();
@@ -281,6 +289,11 @@ pub fn run_parts(
             println!("{title}: skipped");
             skipped.push((part.name.to_owned(), lacking));
             continue;
+        }
+        if let Some(ahead) = ahead.take_if(|_| needs_ahead(part)) {
+            let started = Instant::now();
+            ahead.wait()?;
+            println!("waited {} for builds in the background", seconds(started.elapsed()));
         }
         println!("{title} ...");
         let started = Instant::now();

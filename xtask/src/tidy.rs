@@ -30,7 +30,7 @@ pub fn run(project: &Project) -> Result<(), Error> {
     let needed: Vec<Need> = PARTS.iter().flat_map(|part| part.needs).copied().collect();
     let missing = needs::set_up(project, &needed);
     let site = Site::new(project, &missing, false);
-    test::run_parts(&site, PARTS.iter().map(|part| (part, Vec::new())).collect(), 1, &[], &[])
+    test::run_parts(&site, PARTS.iter().map(|part| (part, Vec::new())).collect(), 1, &[], &[], None)
 }
 
 /// Checks spelling. `_typos.toml` lists the words that look like mistakes but are intended.

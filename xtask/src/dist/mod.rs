@@ -88,6 +88,22 @@ pub fn test(project: &Project) -> Result<(), Error> {
     deb::install::test(project, &made.debs, release.version)
 }
 
+/// Builds the library and the tool that the Linux packages contain; returns the folder in which they are installed.
+pub fn build_for_linux(project: &Project) -> Result<PathBuf, Error> {
+    build_release_for_linux(project, &Release::find(project)?)
+}
+
+fn build_release_for_linux(project: &Project, release: &Release) -> Result<PathBuf, Error> {
+    let stage = folder(project).join("linux");
+    linux::build_into(project, release, &stage)?;
+    Ok(stage)
+}
+
+/// Sets up the Debian system in which the packages are installed, if that was not done before.
+pub fn set_up_debian(project: &Project) -> Result<(), Error> {
+    deb::install::set_up_debian(project).map(drop)
+}
+
 /// The packages and other files that [`make`] has made.
 struct Made {
     folder: PathBuf,
@@ -105,8 +121,7 @@ fn folder(project: &Project) -> PathBuf {
 fn make(project: &Project, release: &Release, out: &Path) -> Result<Made, Error> {
     fs::create_dir_all(out).map_err(Error::file("make", out))?;
     let work = folder(project);
-    let stage = work.join("linux");
-    linux::build_into(project, release, &stage)?;
+    let stage = build_release_for_linux(project, release)?;
     let windows = work.join("windows");
     windows::build_into(project, &windows)?;
     let assemblies = dotnet::compile_into(project, &work.join("dotnet"))?;

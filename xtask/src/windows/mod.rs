@@ -135,7 +135,7 @@ pub struct Arguments {
 /// `cargo xtask windows`: builds the DLLs and their import libraries.
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     crate::needs::require(project, BUILD_NEEDS)?;
-    let prefix = arguments.prefix.clone().unwrap_or_else(|| folder(project).join("stage"));
+    let prefix = arguments.prefix.clone().unwrap_or_else(|| staged(project));
     build_into(project, &prefix)?;
     println!("installed into {}", prefix.display());
     Ok(())
@@ -154,6 +154,16 @@ pub fn build_into(project: &Project, prefix: &Path) -> Result<(), Error> {
     Ok(())
 }
 
+/// The folder in which the tests have what [`build_into`] builds.
+pub fn staged(project: &Project) -> PathBuf {
+    folder(project).join("stage")
+}
+
+/// Sets up the Debian system in which Wine runs 32-bit programs, if that was not done before.
+pub fn set_up_debian(project: &Project) -> Result<(), Error> {
+    wine::set_up_debian(project).map(drop)
+}
+
 fn build_width(project: &Project, width: Width, prefix: &Path) -> Result<(), Error> {
     let place = prefix.join(width.name());
     std::fs::create_dir_all(&place).map_err(Error::file("make", &place))?;
@@ -170,7 +180,7 @@ pub fn takes(width: Width, name: &str) -> bool {
 /// Runs the tests of a width: those whose names contain one of `names`, or all.
 pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Error> {
     let wine = wine::set_up(project, width)?;
-    let prefix = folder(project).join("stage");
+    let prefix = staged(project);
     build_width(project, width, &prefix)?;
     let tool = stage::build_tool(project)?;
     run_tests(project, width, names, &[dotnet::MODULE], |cargo| {

@@ -52,7 +52,7 @@ pub fn set_up(project: &Project, width: Width) -> Result<Wine, Error> {
             (programs, prefix, text)
         }
         Width::X86 => {
-            let root = debian::set_up(&folder, &SYSTEM)?;
+            let root = set_up_debian(project)?;
             let text = in_its_own(&root);
             (root.join(PROGRAMS), root.join(PREFIX), text)
         }
@@ -81,6 +81,11 @@ pub fn set_up(project: &Project, width: Width) -> Result<Wine, Error> {
     // output.
     wine.run(".", &["cmd.exe", "/c", "exit"])?;
     Ok(wine)
+}
+
+/// Sets up the Debian system with Wine of both widths; returns its root.
+pub fn set_up_debian(project: &Project) -> Result<PathBuf, Error> {
+    debian::set_up(&folder(project), &SYSTEM)
 }
 
 impl Wine {

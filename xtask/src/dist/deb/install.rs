@@ -59,9 +59,14 @@ fn steps(version: &str) -> Vec<(&'static str, Option<String>)> {
     ]
 }
 
+/// Sets up the Debian system of the test; returns its root.
+pub fn set_up_debian(project: &Project) -> Result<PathBuf, Error> {
+    debian::set_up(&project.target.join("xtask"), &SYSTEM)
+}
+
 /// Installs the packages, runs the steps, removes the packages, and checks that nothing is left of them.
 pub fn test(project: &Project, packages: &[PathBuf], version: &str) -> Result<(), Error> {
-    let root = debian::set_up(&project.target.join("xtask"), &SYSTEM)?;
+    let root = set_up_debian(project)?;
     println!("installing the packages in {}", root.display());
     // An interrupted earlier run may have left the packages installed.
     purge(&root)?;

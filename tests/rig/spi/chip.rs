@@ -70,7 +70,8 @@ impl Board for WiredChip {
     }
 }
 
-/// A started chip behind that link. The guest's host may be busy, so that the driver waits longer than elsewhere.
+/// A started chip behind that link. The guest is slow, so that the driver waits longer than elsewhere, but for answers:
+/// while it waits for one it exchanges a packet in each cycle, which takes the host of the guest much time.
 #[track_caller]
 fn open(uri: &str) -> Xf {
     const S: Ns = 1_000_000_000;
@@ -79,7 +80,7 @@ fn open(uri: &str) -> Xf {
         search_ns: 60 * S,
         start_ns: 60 * S,
         int0_ns: 5 * S,
-        answer_ns: 20 * S,
+        answer_ns: 2 * S,
         busy_ns: 60 * S,
         ..config.timeouts
     };

@@ -2,9 +2,10 @@
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc;
+use std::thread;
 use std::time::{Duration, Instant};
 
 use super::files;
@@ -48,7 +49,7 @@ pub fn boot(
     let said = child.0.stdout.take();
 
     let (lines, heard) = mpsc::channel();
-    let reader = std::thread::spawn(move || {
+    let reader = thread::spawn(move || {
         let bytes = said.into_iter().flat_map(|said| BufReader::new(said).split(b'\n')).map_while(Result::ok);
         for line in bytes {
             let line = String::from_utf8_lossy(&line).trim_end().to_owned();
@@ -81,6 +82,23 @@ pub fn boot(
     println!("{}", said[said.len().saturating_sub(LAST_LINES)..].join("\n"));
     let why = if in_time { "what ran there failed, or the guest did" } else { "the guest did not end in time" };
     Err(Error::Guest { why, log: log.to_owned() })
+}
+
+/// Boots two guests at the same time, each with one of these sets of arguments and its own log, because a guest has one
+/// processor. Returns the lines of both.
+pub fn boot_two(
+    machine: &Machine<'_>,
+    words: [&[&str]; 2],
+    logs: &[PathBuf; 2],
+    is_shown: fn(&str) -> bool,
+) -> Result<Vec<String>, Error> {
+    let [first, second] = words.map(|words| words.iter().map(|&word| word.to_owned()).collect::<Vec<_>>());
+    let (first, second) = thread::scope(|scope| {
+        let first = scope.spawn(|| boot(machine, &first, &logs[0], is_shown));
+        let second = boot(machine, &second, &logs[1], is_shown);
+        (first.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)), second)
+    });
+    Ok([first?, second?].concat())
 }
 
 /// The command line of QEMU. KVM is not used, because it may hang on a machine that is a guest itself.

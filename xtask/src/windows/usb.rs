@@ -26,6 +26,9 @@ const TESTS: &str = "windows_usb";
 const PROGRAMS: [&str; 3] = ["tests/windows/usb/board.c", "tests/c/reset.c", "benches/windows/usb.c"];
 /// The arguments of the test program that select the bench.
 const BENCH: [&str; 3] = ["speed::", "--ignored", "--nocapture"];
+/// Test filters that split the tests into two halves of about equal time: 64-bit programs take longer.
+const HALF: [&[&str]; 2] =
+    [&["boards::x64::", "--skip=boards::x64::a_reset_board"], &["boards::x86::", "boards::x64::a_reset_board"]];
 /// The kernel modules that the guest loads: USB HID, the virtual host controller of USB/IP, and 9p for folders of this machine.
 const MODULES: [&str; 7] = ["vhci-hcd", "usbhid", "hid-generic", "virtio_pci", "9pnet_virtio", "9p", "overlay"];
 const MEMORY_MB: u32 = 2048;
@@ -79,7 +82,8 @@ pub fn takes(name: &str) -> bool {
 
 /// Runs the tests in the guest: those whose names contain one of `names`, or all.
 pub fn test(project: &Project, names: &[String]) -> Result<(), Error> {
-    let said = in_guest(project, names, qemu::is_result)?;
+    let guest = Guest::prepare(project)?;
+    let said = if names.is_empty() { guest.run_two(HALF)? } else { guest.run(names, qemu::is_result)? };
     if said.iter().any(|line| line == "running 0 tests") {
         return Err(Error::NoTest { names: names.join(" ") });
     }
@@ -88,24 +92,48 @@ pub fn test(project: &Project, names: &[String]) -> Result<(), Error> {
 
 /// Measures the DLLs on a board on USB in the guest; returns the output of the bench.
 pub fn bench(project: &Project) -> Result<String, Error> {
-    let said = in_guest(project, &BENCH.map(str::to_owned), |line| line.starts_with('{'))?;
+    let said = Guest::prepare(project)?.run(&BENCH.map(str::to_owned), |line| line.starts_with('{'))?;
     Ok(said.join("\n"))
 }
 
-/// Runs the tests with these arguments in a guest; returns its output.
-fn in_guest(project: &Project, words: &[String], is_shown: fn(&str) -> bool) -> Result<Vec<String>, Error> {
-    let folder = folder(project).join("usb");
-    fs::create_dir_all(&folder).map_err(Error::file("make", &folder))?;
-    let rig = project.target.join("xtask/rig");
-    let packages = packages::fetch(&rig)?;
-    let kernel = kernel::unpack(&packages, &rig)?;
-    let root = set_up_root(project)?;
-    let share = share(project, &folder)?;
-    let initrd = pack(&packages, &folder)?;
-    let folders = [("root", root.as_path()), ("rig", share.as_path())];
-    let machine = Machine { kernel: &kernel, initrd: &initrd, memory_mb: MEMORY_MB, folders: &folders };
-    println!("running Windows programs in a guest system, some minutes on two free cores");
-    qemu::boot(&machine, words, &folder.join("console.log"), is_shown)
+/// The files from which a guest is booted, and the folders that it mounts.
+struct Guest {
+    kernel: PathBuf,
+    initrd: PathBuf,
+    root: PathBuf,
+    share: PathBuf,
+    folder: PathBuf,
+}
+
+impl Guest {
+    fn prepare(project: &Project) -> Result<Self, Error> {
+        let folder = folder(project).join("usb");
+        fs::create_dir_all(&folder).map_err(Error::file("make", &folder))?;
+        let rig = project.target.join("xtask/rig");
+        let packages = packages::fetch(&rig)?;
+        let kernel = kernel::unpack(&packages, &rig)?;
+        let root = set_up_root(project)?;
+        let share = share(project, &folder)?;
+        let initrd = pack(&packages, &folder)?;
+        println!("running Windows programs in a guest system, some minutes on two free cores");
+        Ok(Self { kernel, initrd, root, share, folder })
+    }
+
+    /// Runs a guest with these arguments; returns its output.
+    fn run(&self, words: &[String], is_shown: fn(&str) -> bool) -> Result<Vec<String>, Error> {
+        self.with_machine(|machine| qemu::boot(machine, words, &self.folder.join("console.log"), is_shown))
+    }
+
+    /// Runs two guests at the same time; returns the output of both.
+    fn run_two(&self, words: [&[&str]; 2]) -> Result<Vec<String>, Error> {
+        let logs = ["console.log", "console-2.log"].map(|log| self.folder.join(log));
+        self.with_machine(|machine| qemu::boot_two(machine, words, &logs, qemu::is_result))
+    }
+
+    fn with_machine<T>(&self, call: impl FnOnce(&Machine<'_>) -> T) -> T {
+        let folders = [("root", self.root.as_path()), ("rig", self.share.as_path())];
+        call(&Machine { kernel: &self.kernel, initrd: &self.initrd, memory_mb: MEMORY_MB, folders: &folders })
+    }
 }
 
 /// Sets up the Debian system with Wine of both widths, and Wine's registry.

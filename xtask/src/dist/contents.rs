@@ -97,11 +97,17 @@ fn paths_of_this_machine(project: &Project, folder: &Path) -> Result<Vec<String>
     let mine: Vec<String> =
         mine.into_iter().flatten().map(|path| path.display().to_string()).filter(|path| path.len() > 6).collect();
     let mut problems = Vec::new();
-    for file in files(folder)?.iter().map(|file| folder.join(file)).filter(|file| !file.is_symlink()) {
-        let bytes = fs::read(&file).map_err(Error::file("read", &file))?;
-        for path in mine.iter().filter(|path| bytes.windows(path.len()).any(|window| window == path.as_bytes())) {
-            problems.push(format!("{} names {path}", file.display()));
+    for path in mine {
+        let mut grep = Command::new("grep");
+        grep.env("LC_ALL", "C");
+        // It does not follow links. Its exit code is 1 if no file has the text.
+        grep.args(["--recursive", "--text", "--fixed-strings", "--files-with-matches", "-e", &path, "--"]).arg(folder);
+        let output = grep.output().map_err(|source| Error::Start { command: command::shown(&grep), source })?;
+        if output.status.code().is_none_or(|code| code > 1) {
+            return Err(Error::Failed { command: command::shown(&grep), status: output.status.to_string() });
         }
+        let found = String::from_utf8_lossy(&output.stdout).into_owned();
+        problems.extend(found.lines().map(|file| format!("{file} names {path}")));
     }
     Ok(problems)
 }

@@ -12,7 +12,8 @@ use crate::command;
 use crate::error::Error;
 
 /// Packs a tree as `.tar.gz`: one folder with the name of the tree's root. Its files are owned by root and sorted by name.
-pub fn tar(release: &Release, tree: &Tree, file: &Path) -> Result<(), Error> {
+/// `level`: the option for gzip's level.
+pub fn tar(release: &Release, level: &str, tree: &Tree, file: &Path) -> Result<(), Error> {
     let plain = file.with_extension("");
     let mut tar = release.command("tar");
     tar.args(["--format=ustar", "--sort=name", "--owner=root:0", "--group=root:0"]);
@@ -20,11 +21,12 @@ pub fn tar(release: &Release, tree: &Tree, file: &Path) -> Result<(), Error> {
     let (folder, name) = parts(tree.root());
     command::run(tar.arg("--directory").arg(folder).arg(name))?;
     // gzip stores neither the name nor the time of the file.
-    command::run(release.command("gzip").args(["--no-name", "--best", "--force", "--"]).arg(&plain))
+    command::run(release.command("gzip").args(["--no-name", level, "--force", "--"]).arg(&plain))
 }
 
-/// Packs a tree as `.zip`: one folder with the name of the tree's root, its files sorted by name.
-pub fn zip(release: &Release, tree: &Tree, file: &Path) -> Result<(), Error> {
+/// Packs a tree as `.zip`: one folder with the name of the tree's root, its files sorted by name. `level`: the option for
+/// zip's level.
+pub fn zip(release: &Release, level: &str, tree: &Tree, file: &Path) -> Result<(), Error> {
     tree.set_time(release.epoch)?;
     if file.exists() {
         fs::remove_file(file).map_err(Error::file("remove", file))?;
@@ -34,7 +36,7 @@ pub fn zip(release: &Release, tree: &Tree, file: &Path) -> Result<(), Error> {
         tree.files()?.iter().map(|file| format!("{}\n", Path::new(name).join(file).display())).collect();
     // -X: no user ids; -D: no entries for folders; -@: names from standard input.
     let mut zip = release.command("zip");
-    zip.current_dir(folder).args(["-q", "-X", "-D", "-9", "-@"]).arg(file);
+    zip.current_dir(folder).args(["-q", "-X", "-D", level, "-@"]).arg(file);
     let shown = command::shown(&zip);
     let mut running =
         zip.stdin(Stdio::piped()).spawn().map_err(|source| Error::Start { command: shown.clone(), source })?;
@@ -85,7 +87,7 @@ mod tests {
             let file = folder.path().join("x.tar.gz");
             let tree = tree(folder.path());
             tree.set_time(time).unwrap();
-            tar(&RELEASE, &tree, &file).unwrap();
+            tar(&RELEASE, "-9", &tree, &file).unwrap();
             fs::read(file).unwrap()
         });
         assert!(bytes[0] == bytes[1]);

@@ -34,7 +34,7 @@ pub fn build_into(project: &Project, release: &Release, prefix: &Path) -> Result
         cargo.env("CARGO_PROFILE_RELEASE_DEBUG", "false").env("CARGO_PROFILE_RELEASE_STRIP", "symbols");
         // With several codegen units in a crate, link-time optimisation generates names of symbols that depend on the
         // folder, and an archive keeps them.
-        let (units, level) = if project.quick { ("16", "0") } else { ("1", "3") };
+        let (units, level) = if project.quick { ("16", "1") } else { ("1", "3") };
         cargo.env("CARGO_PROFILE_RELEASE_CODEGEN_UNITS", units).env("CARGO_PROFILE_RELEASE_OPT_LEVEL", level);
         cargo.env(super::release::VARIABLE, release.epoch.to_string());
         cargo.args(["build", "--locked", "--profile", PROFILE]);

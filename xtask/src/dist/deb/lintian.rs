@@ -9,7 +9,7 @@ use crate::needs::LINTIAN;
 
 /// Runs lintian. Errors and warnings fail the chore. A warning that does not apply is overridden in the package, with the
 /// reason.
-pub fn check(packages: &[PathBuf]) -> Result<(), Error> {
+pub fn check(packages: &[&PathBuf]) -> Result<(), Error> {
     let mut lintian = Command::new(LINTIAN.program);
     // `--no-cfg`: a lintian configuration of the user has no effect.
     lintian.args(["--no-cfg", "--profile", "debian", "--fail-on", "error,warning", "--info", "--"]);

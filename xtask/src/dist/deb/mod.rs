@@ -18,6 +18,7 @@ use crate::project::Project;
 use parts::{Part, Place};
 
 pub use lintian::check as lintian;
+pub use parts::DEVELOPMENT;
 
 /// The Debian revision, which follows the version of the project in a package's version. \[OURS]
 const REVISION: u32 = 1;
@@ -46,7 +47,9 @@ pub fn build(
         tree.set_time(release.epoch)?;
         let file = folder.join(format!("{}_{version}_{}.deb", part.package, place.architecture));
         let mut dpkg = release.command("dpkg-deb");
-        dpkg.args(["--root-owner-group", "-Zxz", "--threads-max=1", "--build"]).arg(tree.root()).arg(&file);
+        // dpkg-deb's own level is 6; the lowest one takes a tenth of the time.
+        let level = if project.quick { "-z0" } else { "-z6" };
+        dpkg.args(["--root-owner-group", "-Zxz", level, "--threads-max=1", "--build"]).arg(tree.root()).arg(&file);
         command::output(&mut dpkg)?;
         packages.push(file);
     }

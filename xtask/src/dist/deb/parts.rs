@@ -56,6 +56,8 @@ pub struct Part {
 
 /// The package of the library. Debian requires a name that contains the SONAME.
 pub const LIBRARY: &str = "libnextwusblib0";
+/// The package of the headers and the static library.
+pub const DEVELOPMENT: &str = "libnextwusblib-dev";
 
 const BOARD: &str = "The ECM-SK (EC01M, by NEXTW) is a board that drives EtherCAT slaves for a host on USB or SPI. ";
 
@@ -82,7 +84,7 @@ pub const PARTS: &[Part] = &[
         fill: library,
     },
     Part {
-        package: "libnextwusblib-dev",
+        package: DEVELOPMENT,
         section: "libdevel",
         depends_on_own: &[LIBRARY],
         recommends: &["pkg-config"],
@@ -103,7 +105,7 @@ pub const PARTS: &[Part] = &[
         section: "electronics",
         depends_on_own: &[LIBRARY],
         recommends: &["libusb-1.0-0", "udev"],
-        suggests: &["libnextwusblib-dev"],
+        suggests: &[DEVELOPMENT],
         multi_arch: None,
         description: (
             "tool for the ECM-SK EtherCAT board, real or simulated",

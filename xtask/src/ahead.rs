@@ -57,8 +57,9 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
 fn end_with_the_parent() {
     // Only the end of the input matters: nobody writes to it.
     let _ = io::copy(&mut io::stdin().lock(), &mut io::sink());
-    // "0" is the process group of the sender, which the parent made for this process.
-    let _ = Command::new("kill").args(["-KILL", "0"]).status();
+    // "0" is the process group of the sender, which the parent made for this process. The program `kill` may not be installed,
+    // but every shell has the command.
+    let _ = Command::new("sh").args(["-c", "kill -KILL 0"]).status();
 }
 
 /// The running background process. Dropping it ends the process.
@@ -68,8 +69,14 @@ pub struct Ahead {
 }
 
 impl Ahead {
-    /// Starts the process with those steps whose needs are not among `missing`.
-    pub fn start(project: &Project, missing: &[Need]) -> Result<Self, Error> {
+    /// Starts the process with those steps whose needs are not among `missing`. `None`: it does not start, and the parts build
+    /// everything themselves.
+    pub fn start(project: &Project, missing: &[Need]) -> Option<Self> {
+        let note = |error| println!("note: nothing is built in the background ({error})");
+        Self::try_start(project, missing).map_err(note).ok()
+    }
+
+    fn try_start(project: &Project, missing: &[Need]) -> Result<Self, Error> {
         let can = |step: &&Step| !step.needs.iter().any(|need| missing.contains(need));
         let steps: Vec<&str> = STEPS.iter().filter(can).map(|step| step.name).collect();
         let program = std::env::current_exe().map_err(Error::file("find", "this program".as_ref()))?;
@@ -129,7 +136,7 @@ mod tests {
     /// It has a process group of its own, and ends when the pipe to it is closed.
     #[test]
     fn it_ends_with_its_parent() {
-        let (folder, ahead) = shell("ps -o pgid= -p $$; echo $$; cat; echo end");
+        let (folder, ahead) = shell("cut -d' ' -f5 /proc/$$/stat; echo $$; cat; echo end");
         drop(ahead);
         let said = fs::read_to_string(folder.path().join("below/ahead.log")).unwrap();
         let words: Vec<&str> = said.split_whitespace().collect();

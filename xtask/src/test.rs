@@ -258,7 +258,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         ALL.announce(project);
     }
     let left_out = if arguments.all { LEFT_OUT_OF_ALL } else { &[] };
-    let ahead = if arguments.all { Some(Ahead::start(project, &missing)?) } else { None };
+    let ahead = if arguments.all { Ahead::start(project, &missing) } else { None };
     run_parts(&Site::new(project, &missing, arguments.all), parts, arguments.from, &gates, left_out, ahead)
 }
 

@@ -209,7 +209,7 @@ fn make_for_linux(
     let others = licences::text(&both(linked("NEXTWUSBLib")?, linked(TOOL_PACKAGE)?))?;
     let name = format!("ecmsk-{}-{}-linux", release.version, machine.processor());
     let tree = Tree::new(folder(project).join("tar").join(&name))?;
-    tarball::fill(project, release, &tree, &stage, &others)?;
+    tarball::fill(project, release, machine, &tree, &stage, &others)?;
     let tar = format!("{name}.tar.gz");
     archive::tar(release, project.archive_level(), &tree, &out.join(&tar))?;
     let debs = deb::build(project, release, machine, &stage, &others, out)?;

@@ -95,7 +95,7 @@ pub const PARTS: &[Part] = &[
              a board by a rule for udev.",
         ),
         programs: &["usr/bin/ecmsk"],
-        control: &[],
+        control: &[("conffiles", "/etc/ecmsk-board.conf\n")],
         fill: tool,
     },
 ];
@@ -133,6 +133,10 @@ fn tool(project: &Project, _: Machine, stage: &Path, tree: &Tree) -> Result<(), 
     tree.copy(&stage.join("bin/ecmsk"), "usr/bin/ecmsk", PROGRAM)?;
     let rule = project.root.join("share/udev").join(UDEV_RULE);
     tree.copy(&rule, &format!("usr/lib/udev/rules.d/{UDEV_RULE}"), DATA)?;
+    // Nothing enables the service: whoever makes this machine a board does.
+    let services = project.root.join("share/systemd");
+    tree.copy(&services.join("ecmsk-board.service"), "usr/lib/systemd/system/ecmsk-board.service", DATA)?;
+    tree.copy(&services.join("ecmsk-board.conf"), "etc/ecmsk-board.conf", DATA)?;
     tree.copy_all(&stage.join("share/man/man1"), "usr/share/man/man1", &[".1"])?;
     for page in tree.files()?.iter().filter(|file| file.extension().is_some_and(|kind| kind == "1")) {
         let mut gzip = Command::new("gzip");

@@ -4,6 +4,8 @@
 mod ethercat;
 #[cfg(target_os = "linux")]
 mod gadget;
+#[cfg(target_os = "linux")]
+mod service_manager;
 mod usbip;
 mod xf;
 
@@ -184,13 +186,15 @@ fn no_thread(error: io::Error) -> ServeError {
     ServeError::System { what: "start a thread for output", message: error.to_string() }
 }
 
-/// Prints the address and the served links. A stalled reader of standard output does not hold the server up: it serves and
+/// Prints the address and the served links, and reports them to systemd if it has started the server. A stalled reader of standard output does not hold the server up: it serves and
 /// reacts to signals in any case.
 ///
 /// # Errors
 /// Standard output cannot be written to.
 fn announce(text: String) -> Result<(), CliError> {
-    output::tell(text)?;
+    output::tell(text.clone())?;
+    #[cfg(target_os = "linux")]
+    service_manager::ready(&text);
     if !streams::flush_output(FLUSH_LIMIT)? {
         say("note", &"standard output takes nothing, what is served stands there when it is read");
     }

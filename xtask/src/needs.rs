@@ -80,6 +80,17 @@ pub const MINGW_X86: Need =
     Need { program: "i686-w64-mingw32-g++-posix", source: Source::Debian(&["g++-mingw-w64-i686-posix"]) };
 pub const MINGW_X64: Need =
     Need { program: "x86_64-w64-mingw32-g++-posix", source: Source::Debian(&["g++-mingw-w64-x86-64-posix"]) };
+/// The compilers for small computers.
+pub const GCC_ARM64: Need = Need {
+    program: "aarch64-linux-gnu-gcc",
+    source: Source::Debian(&["gcc-aarch64-linux-gnu", "libc6-dev-arm64-cross"]),
+};
+pub const GCC_ARMHF: Need = Need {
+    program: "arm-linux-gnueabihf-gcc",
+    source: Source::Debian(&["gcc-arm-linux-gnueabihf", "libc6-dev-armhf-cross"]),
+};
+/// The emulators of their processors, which run single programs.
+pub const QEMU_USER: Need = Need { program: "qemu-aarch64-static", source: Source::Debian(&["qemu-user-static"]) };
 /// The compiler for test programs with Microsoft's calling and naming conventions.
 pub const CLANG: Need = Need { program: "clang-14", source: Source::Debian(&["clang-14"]) };
 pub const LLD_LINK: Need = Need { program: "/usr/bin/lld-link-14", source: Source::DebianFile(&["lld-14"]) };

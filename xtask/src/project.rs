@@ -50,6 +50,11 @@ impl Project {
         Self { for_tests: true, quick: true, ..self.clone() }
     }
 
+    /// The option for the level of compression of archives, as gzip and zip have it.
+    pub const fn archive_level(&self) -> &'static str {
+        if self.quick { "-1" } else { "-9" }
+    }
+
     /// cargo, run at the root of the project.
     pub fn cargo(&self) -> Command {
         self.program(cargo_program())

@@ -35,7 +35,7 @@ pub const ARCHIVE: &str = "libNEXTWUSBLib.a";
 /// A small group of tests. Building it together with the library gives the library the features that it has in the tests.
 const GROUP: &str = "rooms";
 /// The system libraries that a program needs when it links the static library, because Rust's standard library uses them.
-const PRIVATE_LIBS: &str = "-lgcc_s -lutil -lrt -lpthread -lm -ldl -lc";
+pub const PRIVATE_LIBS: &str = "-lgcc_s -lutil -lrt -lpthread -lm -ldl -lc";
 const PKGCONFIG_TEMPLATE: &str = include_str!("../../capi/nextwusblib.pc.in");
 
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
@@ -51,7 +51,7 @@ pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(),
     for package in PACKAGES {
         command::run(project.cargo().args(["build", "--profile", profile, "--package", package]))?;
     }
-    install_into(project, &project.target.join(profile_folder(profile)), prefix)?;
+    install_into(project, &project.target.join(profile_folder(profile)), None, prefix)?;
     split_debug(&prefix.join("lib").join(SONAME))
 }
 
@@ -59,7 +59,7 @@ pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(),
 pub fn build_for_tests(project: &Project) -> Result<PathBuf, Error> {
     command::run(&mut project.cargo_as_in_tests("build", GROUP, &["--lib", "--bins"]))?;
     let prefix = project.target.join("xtask/stage");
-    install_into(project, &project.target.join(profile_folder("dev")), &prefix)?;
+    install_into(project, &project.target.join(profile_folder("dev")), None, &prefix)?;
     split_debug(&prefix.join("lib").join(SONAME))?;
     Ok(prefix)
 }
@@ -85,8 +85,9 @@ pub fn build_tool(project: &Project) -> Result<PathBuf, Error> {
     Ok(project.target.join("debug/ecmsk"))
 }
 
-/// Installs the files that cargo has built in the folder `built` into the folder `prefix`.
-pub fn install_into(project: &Project, built: &Path, prefix: &Path) -> Result<(), Error> {
+/// Installs the files that cargo has built in the folder `built` into the folder `prefix`. `tool`: a tool that runs on this
+/// machine, which writes its manual pages and completions; `None`: the one in `built`.
+pub fn install_into(project: &Project, built: &Path, tool: Option<&Path>, prefix: &Path) -> Result<(), Error> {
     let [bin, include, lib] = ["bin", "include", "lib"].map(|folder| prefix.join(folder));
     let (pkgconfig, rules) = (lib.join("pkgconfig"), lib.join("udev/rules.d"));
     for folder in [&bin, &include, &pkgconfig, &rules] {
@@ -114,7 +115,7 @@ pub fn install_into(project: &Project, built: &Path, prefix: &Path) -> Result<()
 
     let file = pkgconfig.join("nextwusblib.pc");
     fs::write(&file, pkgconfig_file()).map_err(Error::file("write", &file))?;
-    share(&bin.join("ecmsk"), &prefix.join("share"))
+    share(tool.unwrap_or(&bin.join("ecmsk")), &prefix.join("share"))
 }
 
 /// The plugin of Wireshark.

@@ -15,7 +15,7 @@
 //! - `monitor*.rs`: `ecmsk monitor`
 //! - `machine_file.rs`: the machine file, and `ecmsk machine`
 //! - `slave.rs`: `ecmsk slave`
-//! - `serve_ethercat.rs`, `serve_gadget.rs`, `serve_usbip.rs`, `serve_xf.rs`, `tcp_*.rs`: `ecmsk serve`
+//! - `serve_ethercat.rs`, `serve_gadget.rs`, `serve_service.rs`, `serve_usbip.rs`, `serve_xf.rs`, `tcp_*.rs`: `ecmsk serve`
 //! - `list.rs`, `cards.rs`, `doctor.rs`, `doctor_folder.rs`, `doctor_gadget.rs`, `machine.rs`, `man.rs`: `ecmsk list`,
 //!   `doctor`, `man`
 //! - `bus.rs`: `ecmsk bus`
@@ -71,6 +71,7 @@ mod recordings_page;
 mod scripts;
 mod serve_ethercat;
 mod serve_gadget;
+mod serve_service;
 mod serve_usbip;
 mod serve_xf;
 mod slave;

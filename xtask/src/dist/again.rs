@@ -95,7 +95,7 @@ mod tests {
                 fs::write(folders[at].path().join(name), text).unwrap();
             }
             let names = files.iter().map(|(name, _)| (*name).to_owned()).collect();
-            Made { folder: folders[at].path().to_owned(), names, debs: Vec::new() }
+            Made { folder: folders[at].path().to_owned(), names, linux: Vec::new() }
         };
         let first = made(0, &[("a", "same"), ("b", "one"), ("c", "")]);
         let second = made(1, &[("a", "same"), ("b", "other")]);

@@ -5,9 +5,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use super::machine::Machine;
 use super::release::Release;
 use super::tree::files;
-use super::{Made, folder};
+use super::{ForLinux, Made, folder};
 use crate::command;
 use crate::error::Error;
 use crate::needs::UNZIP;
@@ -24,11 +25,11 @@ pub fn check(project: &Project, release: &Release, made: &Made) -> Result<(), Er
     }
     fs::create_dir_all(&unpacked).map_err(Error::file("make", &unpacked))?;
     let mut problems = Vec::new();
-    for (package, file) in packages(release, made) {
-        let to = unpacked.join(&package);
+    for (package, machine, file) in packages(release, made) {
+        let to = unpacked.join(machine.debian()).join(&package);
         fs::create_dir_all(&to).map_err(Error::file("make", &to))?;
         let top = unpack(&file, &to)?;
-        problems.extend(differences(&package, &files(&top)?));
+        problems.extend(differences(&package, machine, &files(&top)?));
         problems.extend(paths_of_this_machine(project, &top)?);
         problems.extend(times_of_linking(&top)?);
     }
@@ -42,14 +43,16 @@ pub fn check(project: &Project, release: &Release, made: &Made) -> Result<(), Er
     )))
 }
 
-/// The path of each package, by the name that it has in [`LIST`].
-fn packages(release: &Release, made: &Made) -> Vec<(String, PathBuf)> {
-    let archive =
-        |kind: &str, rest: &str| (kind.to_owned(), made.folder.join(format!("ecmsk-{}-{rest}", release.version)));
-    let mut found = vec![archive("windows.zip", "windows.zip"), archive("linux.tar.gz", "x86_64-linux.tar.gz")];
-    for deb in &made.debs {
-        let name = deb.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        found.push((name.split('_').next().unwrap_or_default().to_owned(), deb.clone()));
+/// Each package by the name that it has in [`LIST`], the machine that it is for, and its path.
+fn packages(release: &Release, made: &Made) -> Vec<(String, Machine, PathBuf)> {
+    let zip = made.folder.join(format!("ecmsk-{}-windows.zip", release.version));
+    let mut found = vec![("windows.zip".to_owned(), Machine::Amd64, zip)];
+    for ForLinux { machine, tar, debs, .. } in &made.linux {
+        found.push(("linux.tar.gz".to_owned(), *machine, made.folder.join(tar)));
+        for deb in debs {
+            let name = deb.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            found.push((name.split('_').next().unwrap_or_default().to_owned(), *machine, deb.clone()));
+        }
     }
     found
 }
@@ -77,9 +80,9 @@ fn unpack(file: &Path, to: &Path) -> Result<PathBuf, Error> {
     }
 }
 
-fn differences(package: &str, found: &[PathBuf]) -> Vec<String> {
+fn differences(package: &str, machine: Machine, found: &[PathBuf]) -> Vec<String> {
     let of_it = |line: &'static str| line.strip_prefix(package)?.strip_prefix(' ');
-    let listed: Vec<&str> = LIST.lines().filter_map(of_it).collect();
+    let listed: Vec<String> = LIST.lines().filter_map(of_it).map(|path| path.replace('@', machine.gnu())).collect();
     let fits = |pattern: &str, path: &str| match pattern.split_once('*') {
         Some((begin, _)) => path.strip_prefix(begin).is_some_and(|rest| !rest.contains('/')),
         None => path == pattern,
@@ -163,10 +166,10 @@ mod tests {
     #[test]
     fn each_difference_is_told() {
         let listed = LIST.lines().filter_map(|line| line.strip_prefix("libnextwusblib0 "));
-        let all: Vec<PathBuf> = listed.map(PathBuf::from).collect();
-        assert_eq!(differences("libnextwusblib0", &all), [""; 0]);
+        let all: Vec<PathBuf> = listed.map(|path| path.replace('@', "x86_64-linux-gnu").into()).collect();
+        assert_eq!(differences("libnextwusblib0", Machine::Amd64, &all), [""; 0]);
         let other = [&all[1..], &[PathBuf::from("usr/lib/x")]].concat();
-        let said = differences("libnextwusblib0", &other);
+        let said = differences("libnextwusblib0", Machine::Amd64, &other);
         assert_eq!(said[0], format!("libnextwusblib0: {} is missing", all[0].display()));
         assert_eq!(said[1..], ["libnextwusblib0: usr/lib/x is not in the list"]);
     }

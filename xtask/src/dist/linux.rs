@@ -1,34 +1,45 @@
 //! Builds the library and the tool for Linux: without debug information, and with the same bytes in whatever folder
 //! they are built.
 
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, str};
 
+use super::machine::Machine;
 use super::release::Release;
 use crate::error::Error;
 use crate::needs::STRIP;
 use crate::project::{Project, cargo_home};
 use crate::system::set_mode;
-use crate::{command, stage};
+use crate::{command, debian_rust, stage};
 
 /// The profile of cargo, which is also the name of its folder.
 const PROFILE: &str = "release";
 
-/// Builds, and installs into `prefix` as `cargo xtask stage` does.
-pub fn build_into(project: &Project, release: &Release, prefix: &Path) -> Result<(), Error> {
+/// Builds for a machine, and installs into `prefix` as `cargo xtask stage` does. `tool`: a tool that runs on this machine, which
+/// writes its manual pages and completions; `None`: the one that is built.
+pub fn build_into(
+    project: &Project,
+    release: &Release,
+    machine: Machine,
+    tool: Option<&Path>,
+    prefix: &Path,
+) -> Result<(), Error> {
     let target = super::folder(project).join("build");
-    let wrapper = write_wrapper(project, &target)?;
+    let wrapper = write_wrapper(project, machine, &target)?;
     // Built together, the library is compiled once, but has features in one file that only the other needs.
     let together = if project.quick { stage::PACKAGES.len() } else { 1 };
     for packages in stage::PACKAGES.chunks(together) {
-        println!("building {} for Linux", packages.join(" and "));
-        let mut cargo = project.cargo();
-        for (name, _) in env::vars_os().filter(|(name, _)| is_a_setting(&name.to_string_lossy())) {
+        println!("building {} for Linux on {}", packages.join(" and "), machine.debian());
+        let mut cargo = machine.cargo(project, &target);
+        let chosen: Vec<OsString> = cargo.get_envs().filter_map(|(name, value)| value.and(Some(name.into()))).collect();
+        let inherited = env::vars_os().map(|(name, _)| name).filter(|name| is_a_setting(&name.to_string_lossy()));
+        for name in inherited.filter(|name| !chosen.contains(name)) {
             cargo.env_remove(name);
         }
-        cargo.env("CARGO_TARGET_DIR", &target).env("RUSTC_WRAPPER", &wrapper);
+        cargo.env("RUSTC_WRAPPER", &wrapper);
         // Debug information would be removed anyway. The linker already removes symbols, because the build id is computed
         // from its output.
         cargo.env("CARGO_PROFILE_RELEASE_DEBUG", "false").env("CARGO_PROFILE_RELEASE_STRIP", "symbols");
@@ -38,20 +49,24 @@ pub fn build_into(project: &Project, release: &Release, prefix: &Path) -> Result
         cargo.env("CARGO_PROFILE_RELEASE_CODEGEN_UNITS", units).env("CARGO_PROFILE_RELEASE_OPT_LEVEL", level);
         cargo.env(super::release::VARIABLE, release.epoch.to_string());
         cargo.args(["build", "--locked", "--profile", PROFILE]);
+        if machine.is_foreign() {
+            cargo.args([debian_rust::BUILD_STD, "--target", machine.target()]);
+        }
         command::run(cargo.args(packages.iter().flat_map(|package| ["--package", package])))?;
     }
     if prefix.exists() {
         fs::remove_dir_all(prefix).map_err(Error::file("remove", prefix))?;
     }
-    stage::install_into(project, &target.join(PROFILE), prefix)?;
+    let built = if machine.is_foreign() { target.join(machine.target()) } else { target }.join(PROFILE);
+    stage::install_into(project, &built, tool, prefix)?;
     for file in [Path::new("bin").join("ecmsk"), Path::new("lib").join(stage::SONAME)] {
-        strip(&["--strip-all"], &prefix.join(file))?;
+        strip(machine, &["--strip-all"], &prefix.join(file))?;
     }
-    strip(&["--strip-debug", "--enable-deterministic-archives"], &prefix.join("lib").join(stage::ARCHIVE))
+    strip(machine, &["--strip-debug", "--enable-deterministic-archives"], &prefix.join("lib").join(stage::ARCHIVE))
 }
 
-fn strip(options: &[&str], file: &Path) -> Result<(), Error> {
-    command::run(Command::new(STRIP.program).args(options).args(["--remove-section=.comment", "--"]).arg(file))
+fn strip(machine: Machine, options: &[&str], file: &Path) -> Result<(), Error> {
+    command::run(machine.gnu_program(STRIP.program).args(options).args(["--remove-section=.comment", "--"]).arg(file))
 }
 
 /// Whether a variable changes what is built.
@@ -63,18 +78,19 @@ fn is_a_setting(variable: &str) -> bool {
 
 /// Writes a wrapper between cargo and rustc that replaces the folders of this machine in files. Flags of cargo with the
 /// same effect would change the names of the archive's members.
-fn write_wrapper(project: &Project, target: &Path) -> Result<PathBuf, Error> {
-    let wrapper = super::folder(project).join("rustc");
+fn write_wrapper(project: &Project, machine: Machine, target: &Path) -> Result<PathBuf, Error> {
+    let wrapper = super::folder(project).join(format!("rustc-{}", machine.debian()));
     fs::create_dir_all(super::folder(project)).map_err(Error::file("make", &wrapper))?;
-    fs::write(&wrapper, wrapper_text(&names(project, target)?)).map_err(Error::file("write", &wrapper))?;
+    fs::write(&wrapper, wrapper_text(&names(project, machine, target)?)).map_err(Error::file("write", &wrapper))?;
     set_mode(&wrapper, 0o755).map_err(Error::file("make executable", &wrapper))?;
     Ok(wrapper)
 }
 
 /// The folders to replace and their replacements. If several match a path the last one applies.
-fn names(project: &Project, target: &Path) -> Result<Vec<(PathBuf, String)>, Error> {
+fn names(project: &Project, machine: Machine, target: &Path) -> Result<Vec<(PathBuf, String)>, Error> {
     let ask = |arguments: &[&str]| -> Result<String, Error> {
-        let mut rustc = Command::new(env::var_os("RUSTC").unwrap_or_else(|| "rustc".into()));
+        let own = env::var_os("RUSTC").filter(|_| !machine.is_foreign());
+        let mut rustc = Command::new(own.unwrap_or_else(|| machine.rustc().into()));
         let said = command::output(rustc.current_dir(&project.root).args(arguments))?;
         Ok(String::from_utf8_lossy(&said).trim().to_owned())
     };

@@ -4,6 +4,8 @@
 //! Files:
 //!
 //! - `release.rs`: the version, and the one time that all packed files get
+//! - `machine.rs`, `foreign.rs`: the machines for which Linux packages are made, and the test of those for other machines than
+//!   this one, in an emulator
 //! - `linux.rs`, `tarball.rs`, `windows_zip.rs`, `deb/`: the packages: for any Linux, for Windows, for Debian
 //! - `tree.rs`, `archive.rs`: a folder with fixed modes and times, and its archive
 //! - `crates.rs`, `licences.rs`, `sbom.rs`: the crates in each file, their licences, and the list of components (SBOM)
@@ -14,8 +16,10 @@ mod archive;
 mod contents;
 mod crates;
 mod deb;
+mod foreign;
 mod licences;
 mod linux;
+mod machine;
 mod release;
 mod sbom;
 mod tarball;
@@ -28,27 +32,41 @@ use std::process::Command;
 
 use crate::error::Error;
 use crate::needs::{
-    CARGO_DEBIAN, DEBOOTSTRAP, DPKG_DEV, LINTIAN, MCS, MINGW_X64, MINGW_X86, Need, ROOT, RUSTC_DEBIAN, STRIP, UNZIP,
-    ZIP,
+    CARGO_DEBIAN, DEBOOTSTRAP, DPKG_DEV, GCC_ARM64, GCC_ARMHF, LINTIAN, MCS, MINGW_X64, MINGW_X86, Need, QEMU_USER,
+    ROOT, RUSTC_DEBIAN, STRIP, UNZIP, ZIP,
 };
 use crate::project::Project;
 use crate::stage::TOOL_PACKAGE;
 use crate::windows::Width;
-use crate::{command, dotnet, features, needs, windows};
+use crate::{command, debian_rust, dotnet, features, needs, windows};
 use crates::{Crate, Known};
+use machine::Machine;
 use release::Release;
 use sbom::{Artefact, Runtime};
 use tree::Tree;
 
 /// The programs that making the packages needs.
-const NEEDS: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, MCS, STRIP, ZIP, UNZIP, DPKG_DEV, LINTIAN];
-/// The programs and rights that testing the packages needs. Beside those for making them these are for a Debian system to
-/// install them in.
+const NEEDS: &[Need] = &[
+    RUSTC_DEBIAN,
+    CARGO_DEBIAN,
+    MINGW_X86,
+    MINGW_X64,
+    GCC_ARM64,
+    GCC_ARMHF,
+    MCS,
+    STRIP,
+    ZIP,
+    UNZIP,
+    DPKG_DEV,
+    LINTIAN,
+];
+/// The further programs and rights that `--check` needs.
+const CHECK_NEEDS: &[Need] = &[DEBOOTSTRAP, ROOT, QEMU_USER];
+/// The programs and rights that `cargo xtask test --all` needs to make packages for this machine and for Windows, and to
+/// install them in a Debian system.
 pub const TEST_NEEDS: &[Need] =
     &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, MCS, STRIP, ZIP, UNZIP, DPKG_DEV, LINTIAN, DEBOOTSTRAP, ROOT];
 
-/// rustc's target triple for the Linux packages.
-const LINUX: &str = "x86_64-unknown-linux-gnu";
 /// The file with the checksums of all other files.
 const SUMS: &str = "SHA256SUMS";
 
@@ -64,14 +82,14 @@ pub struct Arguments {
 }
 
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
-    needs::require(project, if arguments.check { TEST_NEEDS } else { NEEDS })?;
+    needs::require(project, &[NEEDS, if arguments.check { CHECK_NEEDS } else { &[] }].concat())?;
     let out = arguments.out.clone().unwrap_or_else(|| project.root.join("dist"));
     let out = std::path::absolute(&out).map_err(Error::file("find", &out))?;
     let release = Release::find(project)?;
     let made = make(project, &release, &out)?;
     judge(project, &release, &made)?;
     if arguments.check {
-        deb::install::test(project, &made.debs, release.version)?;
+        test_packages(project, &release, &made)?;
         again::compare(project, &release, &made)?;
     }
     for name in &made.names {
@@ -85,18 +103,29 @@ pub fn test(project: &Project) -> Result<(), Error> {
     let release = Release::find(project)?;
     let made = make(project, &release, &folder(project).join("packages"))?;
     judge(project, &release, &made)?;
-    deb::install::test(project, &made.debs, release.version)
+    test_packages(project, &release, &made)
 }
 
-/// Builds the library and the tool that the Linux packages contain; returns the folder in which they are installed.
-pub fn build_for_linux(project: &Project) -> Result<PathBuf, Error> {
-    build_release_for_linux(project, &Release::find(project)?)
+/// Installs the packages for this machine in a fresh system, and runs those for others in an emulator.
+fn test_packages(project: &Project, release: &Release, made: &Made) -> Result<(), Error> {
+    made.linux.iter().try_for_each(|packages| match packages.machine.emulator() {
+        None => deb::install::test(project, &packages.debs, release.version),
+        Some(emulator) => foreign::test(project, packages, emulator, release.version),
+    })
 }
 
-fn build_release_for_linux(project: &Project, release: &Release) -> Result<PathBuf, Error> {
-    let stage = folder(project).join("linux");
-    linux::build_into(project, release, &stage)?;
-    Ok(stage)
+/// Builds the library and the tool that the Linux packages for this machine contain.
+pub fn build_for_linux(project: &Project) -> Result<(), Error> {
+    build_for(project, &Release::find(project)?, Machine::Amd64).map(drop)
+}
+
+/// Builds what the Linux packages for a machine contain; returns the folder in which it is installed. [`Machine::Amd64`] has to
+/// be built first, because its tool writes the manual pages.
+fn build_for(project: &Project, release: &Release, machine: Machine) -> Result<PathBuf, Error> {
+    let stage = |machine: Machine| folder(project).join("linux").join(machine.debian());
+    let tool = machine.is_foreign().then(|| stage(Machine::Amd64).join("bin/ecmsk"));
+    linux::build_into(project, release, machine, tool.as_deref(), &stage(machine))?;
+    Ok(stage(machine))
 }
 
 /// Sets up the Debian system in which the packages are installed, if that was not done before.
@@ -109,7 +138,18 @@ struct Made {
     folder: PathBuf,
     /// The names of all files for a release, [`SUMS`] last.
     names: Vec<String>,
+    linux: Vec<ForLinux>,
+}
+
+/// The packages for Linux on one machine.
+struct ForLinux {
+    machine: Machine,
+    /// The name of the `.tar.gz`.
+    tar: String,
+    /// The paths of the Debian packages.
     debs: Vec<PathBuf>,
+    /// The folder that is packed as `.tar.gz`.
+    tree: Tree,
 }
 
 /// The folder in which the contents of packages are put together.
@@ -121,37 +161,31 @@ fn folder(project: &Project) -> PathBuf {
 fn make(project: &Project, release: &Release, out: &Path) -> Result<Made, Error> {
     fs::create_dir_all(out).map_err(Error::file("make", out))?;
     let work = folder(project);
-    let stage = build_release_for_linux(project, release)?;
+    let known = Known::find(project)?;
+    let mut linux = Vec::new();
+    for &machine in Machine::made(project) {
+        linux.push(make_for_linux(project, release, &known, machine, out)?);
+    }
     let windows = work.join("windows");
     windows::build_into(project, &windows)?;
     let assemblies = dotnet::compile_into(project, &work.join("dotnet"))?;
-
-    let known = Known::find(project)?;
-    let on_linux = both(known.linked(project, "NEXTWUSBLib", LINUX)?, known.linked(project, TOOL_PACKAGE, LINUX)?);
-    let on_linux = licences::text(&on_linux)?;
     let mut on_windows = Vec::new();
     for width in Width::ALL {
         on_windows = both(on_windows, known.linked(project, "NEXTWUSBLib", triple(width))?);
         on_windows = both(on_windows, known.linked(project, TOOL_PACKAGE, triple(width))?);
     }
     let on_windows = licences::text(&on_windows)?;
-
-    let tar = Tree::new(work.join("tar").join(format!("ecmsk-{}-x86_64-linux", release.version)))?;
-    tarball::fill(project, release, &tar, &stage, &on_linux)?;
     let zip = Tree::new(work.join("zip").join(format!("ecmsk-{}-windows", release.version)))?;
     windows_zip::fill(project, release, &zip, &windows, &assemblies, &on_windows)?;
 
-    let mut names = vec![
-        format!("ecmsk-{}-windows.zip", release.version),
-        format!("ecmsk-{}-x86_64-linux.tar.gz", release.version),
-    ];
-    let level = if project.quick { "-1" } else { "-9" };
-    archive::zip(release, level, &zip, &out.join(&names[0]))?;
-    archive::tar(release, level, &tar, &out.join(&names[1]))?;
-    let debs = deb::build(project, release, &stage, &on_linux, out)?;
-    names.extend(debs.iter().filter_map(|deb| Some(deb.file_name()?.to_string_lossy().into_owned())));
+    let mut names = vec![format!("ecmsk-{}-windows.zip", release.version)];
+    archive::zip(release, project.archive_level(), &zip, &out.join(&names[0]))?;
+    for packages in &linux {
+        names.push(packages.tar.clone());
+        names.extend(packages.debs.iter().filter_map(|deb| Some(deb.file_name()?.to_string_lossy().into_owned())));
+    }
     let list = format!("ecmsk-{}.cdx.json", release.version);
-    let text = sbom::text(release, &artefacts(project, &known, &tar, &zip)?)?;
+    let text = sbom::text(release, &artefacts(project, &known, &linux, &zip)?)?;
     fs::write(out.join(&list), text).map_err(Error::file("write", out))?;
     names.push(list);
     features::write_into(project, out)?;
@@ -159,7 +193,27 @@ fn make(project: &Project, release: &Release, out: &Path) -> Result<Made, Error>
     let sums = archive::sums(out, &names)?;
     fs::write(out.join(SUMS), sums).map_err(Error::file("write", out))?;
     names.push(SUMS.to_owned());
-    Ok(Made { folder: out.to_owned(), names, debs })
+    Ok(Made { folder: out.to_owned(), names, linux })
+}
+
+/// Makes the Linux packages for a machine in `out`.
+fn make_for_linux(
+    project: &Project,
+    release: &Release,
+    known: &Known,
+    machine: Machine,
+    out: &Path,
+) -> Result<ForLinux, Error> {
+    let stage = build_for(project, release, machine)?;
+    let linked = |package| known.linked(project, package, machine.target());
+    let others = licences::text(&both(linked("NEXTWUSBLib")?, linked(TOOL_PACKAGE)?))?;
+    let name = format!("ecmsk-{}-{}-linux", release.version, machine.processor());
+    let tree = Tree::new(folder(project).join("tar").join(&name))?;
+    tarball::fill(project, release, machine, &tree, &stage, &others)?;
+    let tar = format!("{name}.tar.gz");
+    archive::tar(release, project.archive_level(), &tree, &out.join(&tar))?;
+    let debs = deb::build(project, release, machine, &stage, &others, out)?;
+    Ok(ForLinux { machine, tar, debs, tree })
 }
 
 /// Checks the packages that were made: their contents, checksums and, for Debian packages, lintian.
@@ -170,7 +224,8 @@ fn judge(project: &Project, release: &Release, made: &Made) -> Result<(), Error>
     contents::check(project, release, made)?;
     // lintian reads the symbols of all objects in the archive, which takes minutes if they are little optimised.
     let has_archive = |deb: &&PathBuf| deb.to_string_lossy().contains(deb::DEVELOPMENT);
-    let (with, without): (Vec<&PathBuf>, Vec<&PathBuf>) = made.debs.iter().partition(has_archive);
+    let debs = made.linux.iter().flat_map(|packages| &packages.debs);
+    let (with, without): (Vec<&PathBuf>, Vec<&PathBuf>) = debs.partition(has_archive);
     deb::lintian(&without)?;
     if project.quick { Ok(()) } else { deb::lintian(&with) }
 }
@@ -193,23 +248,25 @@ fn triple(width: Width) -> &'static str {
 }
 
 /// The shipped libraries and programs, each with its crates, for the list of components.
-fn artefacts(project: &Project, known: &Known, tar: &Tree, zip: &Tree) -> Result<Vec<Artefact>, Error> {
+fn artefacts(project: &Project, known: &Known, linux: &[ForLinux], zip: &Tree) -> Result<Vec<Artefact>, Error> {
     let mut found = Vec::new();
     let std = |rustc: &str| Ok::<_, Error>(Runtime::rust(version_of(Command::new(rustc).current_dir(&project.root))?));
-    let (here, debians) = (std("rustc")?, std(windows::RUSTC)?);
+    let debians = std(debian_rust::RUSTC)?;
     let files = [
         ("bin/ecmsk", TOOL_PACKAGE),
         ("lib/libNEXTWUSBLib.so.0", "NEXTWUSBLib"),
         ("lib/libNEXTWUSBLib.a", "NEXTWUSBLib"),
     ];
-    for (file, package) in files {
-        found.push(Artefact {
-            name: format!("linux/{file}"),
-            kind: if package == TOOL_PACKAGE { "application" } else { "library" },
-            file: tar.at(file),
-            crates: known.linked(project, package, LINUX)?,
-            runtimes: vec![here.clone()],
-        });
+    for ForLinux { machine, tree, .. } in linux {
+        for (file, package) in files {
+            found.push(Artefact {
+                name: format!("linux-{}/{file}", machine.debian()),
+                kind: if package == TOOL_PACKAGE { "application" } else { "library" },
+                file: tree.at(file),
+                crates: known.linked(project, package, machine.target())?,
+                runtimes: vec![std(machine.rustc())?],
+            });
+        }
     }
     for width in Width::ALL {
         let mingw = Runtime::mingw(width)?;

@@ -4,6 +4,7 @@
 use std::fs;
 use std::path::Path;
 
+use super::machine::Machine;
 use super::release::Release;
 use super::tree::{DATA, PROGRAM, Tree, files};
 use super::windows_zip::OTHERS;
@@ -13,7 +14,14 @@ use crate::project::Project;
 const DOCUMENTS: [&str; 3] = ["CHANGELOG.md", "LICENSE-MIT", "LICENSE-APACHE"];
 
 /// Copies the files of the package from a stage folder into the tree. `others` is the text with the licences of other projects.
-pub fn fill(project: &Project, release: &Release, tree: &Tree, stage: &Path, others: &str) -> Result<(), Error> {
+pub fn fill(
+    project: &Project,
+    release: &Release,
+    machine: Machine,
+    tree: &Tree,
+    stage: &Path,
+    others: &str,
+) -> Result<(), Error> {
     for file in files(stage)? {
         let (from, to) = (stage.join(&file), file.to_string_lossy());
         if from.is_symlink() {
@@ -28,6 +36,6 @@ pub fn fill(project: &Project, release: &Release, tree: &Tree, stage: &Path, oth
     }
     let file = project.root.join("share/linux/README.txt");
     let text = fs::read_to_string(&file).map_err(Error::file("read", &file))?;
-    tree.write("README.txt", text.replace("@VERSION@", release.version))?;
+    tree.write("README.txt", text.replace("@VERSION@", release.version).replace("@PROCESSOR@", machine.processor()))?;
     tree.write(OTHERS, others)
 }

@@ -7,6 +7,7 @@ use std::process::Command;
 use super::version::{self, Kind};
 use super::{Width, folder, relocations};
 use crate::command;
+use crate::debian_rust::{self, RUSTC};
 use crate::error::Error;
 use crate::project::{Project, cargo_home};
 
@@ -42,9 +43,6 @@ pub const BUILT: [Built; 2] = [
 /// Cargo's profile for them, and the one for tests alone.
 const PROFILE: &str = "windows";
 const QUICK_PROFILE: &str = "windows-quick";
-/// Debian's programs, and not those that rustup has put before them on the path.
-const CARGO: &str = "/usr/bin/cargo";
-pub const RUSTC: &str = "/usr/bin/rustc";
 /// Objects with which MinGW's 32-bit programs and DLLs begin and end. They are made from the standard library's
 /// sources, whose build does not make them.
 const START_AND_END: [&str; 2] = ["rsbegin", "rsend"];
@@ -63,7 +61,7 @@ impl Built {
             cargo.arg("-Zfeature-unification").env("CARGO_RESOLVER_FEATURE_UNIFICATION", "workspace");
         }
         // This leaves rustc's metadata of a crate in a file beside the library, and not a second time in it: 400 MB less.
-        cargo.args(["-Zbuild-std=std,panic_abort", "-Zno-embed-metadata", "--target", width.target()]);
+        cargo.args([debian_rust::BUILD_STD, "-Zno-embed-metadata", "--target", width.target()]);
         println!("building {} for {}", details.name, width.name());
         cargo.arg("--").arg(format!("-Clink-arg={}", shown.display()));
         if width == Width::X86 && matches!(details.kind, Kind::Library) {
@@ -96,18 +94,10 @@ fn cargo(project: &Project, width: Width, target: &Path) -> Result<Command, Erro
     if width == Width::X86 {
         flags.push(format!("-Lnative={}", start_and_end(&target)?.display()));
     }
-    let mut cargo = Command::new(CARGO);
-    cargo.current_dir(&project.root);
-    // Otherwise rustup's rustc would be found first, with which this program runs.
-    cargo.env("RUSTC", RUSTC).env("PATH", "/usr/bin:/bin").env_remove("RUSTUP_TOOLCHAIN");
-    // The standard library is built as well, which a stable compiler only does with this variable.
-    cargo.env("RUSTC_BOOTSTRAP", "1").env("CARGO_TARGET_DIR", &target);
-    cargo.env_remove("RUSTFLAGS").env("CARGO_ENCODED_RUSTFLAGS", flags.join("\x1F"));
+    let mut cargo = debian_rust::cargo(project, &target, width.target(), width.mingw());
+    cargo.env("CARGO_ENCODED_RUSTFLAGS", flags.join("\x1F"));
     // For ld: the files contain no time, so that linking again gives the same bytes.
     cargo.env("SOURCE_DATE_EPOCH", "0");
-    let variable = width.target().replace('-', "_");
-    cargo.env(format!("CC_{variable}"), format!("{}-gcc", width.mingw()));
-    cargo.env(format!("AR_{variable}"), format!("{}-ar", width.mingw()));
     Ok(cargo)
 }
 

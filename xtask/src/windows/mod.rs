@@ -23,7 +23,7 @@ mod wine;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-pub use files::{DLL, RUSTC};
+pub use files::DLL;
 pub use implib::{MINGW, MSVC};
 
 use crate::error::Error;

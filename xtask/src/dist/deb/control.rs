@@ -5,8 +5,9 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use super::parts::{Part, Place, long_description};
+use super::parts::{Part, long_description};
 use crate::command;
+use crate::dist::machine::Machine;
 use crate::dist::release::Release;
 use crate::dist::tree::Tree;
 use crate::error::Error;
@@ -16,7 +17,7 @@ use crate::project::Project;
 pub const MAINTAINER: &str = "The ecmsk authors <ecmsk@packages.invalid>";
 
 /// Writes the folder `DEBIAN`, which contains the control files of a package.
-pub fn write(part: &Part, place: &Place, version: &str, libraries: Option<&str>, tree: &Tree) -> Result<(), Error> {
+pub fn write(part: &Part, machine: Machine, version: &str, libraries: Option<&str>, tree: &Tree) -> Result<(), Error> {
     // Size and checksums are those of the installed files, so they are computed before the folder DEBIAN is there.
     let (size, sums) = (installed_size(tree)?, md5sums(tree)?);
     let own = part.depends_on_own.iter().map(|package| format!("{package} (= {version})"));
@@ -24,7 +25,8 @@ pub fn write(part: &Part, place: &Place, version: &str, libraries: Option<&str>,
     let mut text = format!(
         "Package: {}\nSource: ecmsk\nVersion: {version}\nArchitecture: {}\nMaintainer: {MAINTAINER}\n\
          Installed-Size: {size}\n",
-        part.package, place.architecture
+        part.package,
+        machine.debian()
     );
     let fields = [
         ("Depends", depends.join(", ")),

@@ -31,9 +31,9 @@ const SYSTEM: System = System {
 /// The folder in that system for the files of the test.
 const PLACE: &str = "srv";
 /// A program in C that uses the vendor's functions.
-const PROGRAM: &str = include_str!("program.c");
+pub const PROGRAM: &str = include_str!("program.c");
 /// The output of that program.
-const EXPECTED: &str = "PreOP\n";
+pub const EXPECTED: &str = "PreOP\n";
 /// Paths that are ignored when the files before and after are compared: dpkg, the dynamic linker and the test itself change
 /// them.
 const CHANGING_PATHS: [&str; 7] = ["var/", "proc/", "run/", "tmp/", "srv/", "etc/ld.so.cache", "usr/share/info/dir"];

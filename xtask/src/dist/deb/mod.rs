@@ -10,12 +10,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use super::machine::Machine;
 use super::release::Release;
 use super::tree::{DATA, Tree};
 use crate::command;
 use crate::error::Error;
 use crate::project::Project;
-use parts::{Part, Place};
+use parts::Part;
 
 pub use lintian::check as lintian;
 pub use parts::DEVELOPMENT;
@@ -31,21 +32,21 @@ const OVERRIDDEN_BECAUSE: &str = "The package is not uploaded to Debian, and ans
 pub fn build(
     project: &Project,
     release: &Release,
+    machine: Machine,
     stage: &Path,
     others: &str,
     folder: &Path,
 ) -> Result<Vec<PathBuf>, Error> {
-    let place = Place::ask()?;
     let version = format!("{}-{REVISION}", release.version);
     let mut packages = Vec::new();
     for part in parts::PARTS {
-        let tree = Tree::new(super::folder(project).join("deb").join(part.package))?;
-        (part.fill)(project, &place, stage, &tree)?;
+        let tree = Tree::new(super::folder(project).join("deb").join(machine.debian()).join(part.package))?;
+        (part.fill)(project, machine, stage, &tree)?;
         documents(project, release, &version, part, others, &tree)?;
-        let depends = depends(project, part, &place, &tree)?;
-        control::write(part, &place, &version, depends.as_deref(), &tree)?;
+        let depends = depends(project, part, machine, &tree)?;
+        control::write(part, machine, &version, depends.as_deref(), &tree)?;
         tree.set_time(release.epoch)?;
-        let file = folder.join(format!("{}_{version}_{}.deb", part.package, place.architecture));
+        let file = folder.join(format!("{}_{version}_{}.deb", part.package, machine.debian()));
         let mut dpkg = release.command("dpkg-deb");
         // dpkg-deb's own level is 6; the lowest one takes a tenth of the time.
         let level = if project.quick { "-z0" } else { "-z6" };
@@ -94,7 +95,7 @@ fn compress(release: &Release, file: &Path) -> Result<(), Error> {
 
 /// The packages that this package's programs and libraries depend on, found by Debian's own tool; `None` if it has no program
 /// or library.
-fn depends(project: &Project, part: &Part, place: &Place, tree: &Tree) -> Result<Option<String>, Error> {
+fn depends(project: &Project, part: &Part, machine: Machine, tree: &Tree) -> Result<Option<String>, Error> {
     if part.programs.is_empty() {
         return Ok(None);
     }
@@ -106,8 +107,10 @@ fn depends(project: &Project, part: &Part, place: &Place, tree: &Tree) -> Result
     let text = format!("Source: ecmsk\n\nPackage: {}\nArchitecture: any\n", part.package);
     fs::write(&control, text).map_err(Error::file("write", &control))?;
     let mut ask = Command::new("dpkg-shlibdeps");
-    ask.current_dir(&sources).env("LC_ALL", "C").arg("-O");
-    ask.args(part.programs.iter().map(|program| tree.at(&place.of(program))));
+    ask.current_dir(&sources).env("LC_ALL", "C").env("DEB_HOST_ARCH", machine.debian()).arg("-O");
+    ask.args(part.programs.iter().map(|program| tree.at(&parts::path(machine, program))));
     let said = String::from_utf8_lossy(&command::output(&mut ask)?).into_owned();
-    Ok(said.lines().find_map(|line| line.strip_prefix("shlibs:Depends=")).map(str::to_owned))
+    let depends = said.lines().find_map(|line| line.strip_prefix("shlibs:Depends="));
+    // For another machine it finds the libraries that its compiler links, whose packages are named `libc6-arm64-cross`.
+    Ok(depends.map(|depends| depends.replace(&format!("-{}-cross", machine.debian()), "")))
 }

@@ -5,34 +5,15 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::command;
+use crate::dist::machine::Machine;
 use crate::dist::tree::{DATA, PROGRAM, Tree};
 use crate::error::Error;
 use crate::project::Project;
 use crate::stage::{ARCHIVE, LINK_NAME, SONAME, UDEV_RULE};
 
-/// The architecture for which packages are made.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Place {
-    /// Debian's name of the architecture: `amd64`.
-    pub architecture: String,
-    /// The sub-folder of `/usr/lib` for libraries of this architecture: `x86_64-linux-gnu`.
-    pub multiarch: String,
-}
-
-impl Place {
-    /// The architecture of this machine.
-    pub fn ask() -> Result<Self, Error> {
-        let ask = |variable: &str| -> Result<String, Error> {
-            let said = command::output(Command::new("dpkg-architecture").arg(format!("-q{variable}")))?;
-            Ok(String::from_utf8_lossy(&said).trim().to_owned())
-        };
-        Ok(Self { architecture: ask("DEB_HOST_ARCH")?, multiarch: ask("DEB_HOST_MULTIARCH")? })
-    }
-
-    /// Replaces `@` in a path by the sub-folder for libraries of the architecture.
-    pub fn of(&self, path: &str) -> String {
-        path.replace('@', &self.multiarch)
-    }
+/// Replaces `@` in a path by the sub-folder of `/usr/lib` for libraries of the machine.
+pub fn path(machine: Machine, path: &str) -> String {
+    path.replace('@', machine.gnu())
 }
 
 /// The definition of one package.
@@ -47,11 +28,11 @@ pub struct Part {
     pub multi_arch: Option<&'static str>,
     /// The description: its first line, and the text after it.
     pub description: (&'static str, &'static str),
-    /// Its programs and libraries, from which the dependencies are computed; paths as for [`Place::of`].
+    /// Its programs and libraries, from which the dependencies are computed; paths as for [`path`].
     pub programs: &'static [&'static str],
     /// Further control files (name, content), such as the triggers that make dpkg run ldconfig.
     pub control: &'static [(&'static str, &'static str)],
-    pub fill: fn(&Project, &Place, &Path, &Tree) -> Result<(), Error>,
+    pub fill: fn(&Project, Machine, &Path, &Tree) -> Result<(), Error>,
 }
 
 /// The package of the library. Debian requires a name that contains the SONAME.
@@ -114,7 +95,7 @@ pub const PARTS: &[Part] = &[
              a board by a rule for udev.",
         ),
         programs: &["usr/bin/ecmsk"],
-        control: &[],
+        control: &[("conffiles", "/etc/ecmsk-board.conf\n")],
         fill: tool,
     },
 ];
@@ -124,34 +105,38 @@ pub fn long_description(part: &Part) -> String {
     format!("{BOARD}{}", part.description.1)
 }
 
-fn library(_: &Project, place: &Place, stage: &Path, tree: &Tree) -> Result<(), Error> {
-    tree.copy(&stage.join("lib").join(SONAME), &place.of(&format!("usr/lib/@/{SONAME}")), DATA)
+fn library(_: &Project, machine: Machine, stage: &Path, tree: &Tree) -> Result<(), Error> {
+    tree.copy(&stage.join("lib").join(SONAME), &path(machine, &format!("usr/lib/@/{SONAME}")), DATA)
 }
 
-fn development(_: &Project, place: &Place, stage: &Path, tree: &Tree) -> Result<(), Error> {
+fn development(_: &Project, machine: Machine, stage: &Path, tree: &Tree) -> Result<(), Error> {
     tree.copy_all(&stage.join("include"), "usr/include", &[".h"])?;
     tree.copy_all(&stage.join("share/ecmsk/msvc"), "usr/share/ecmsk/msvc", &[".h"])?;
-    tree.copy(&stage.join("lib").join(ARCHIVE), &place.of(&format!("usr/lib/@/{ARCHIVE}")), DATA)?;
-    tree.link(&place.of(&format!("usr/lib/@/{LINK_NAME}")), SONAME)?;
+    tree.copy(&stage.join("lib").join(ARCHIVE), &path(machine, &format!("usr/lib/@/{ARCHIVE}")), DATA)?;
+    tree.link(&path(machine, &format!("usr/lib/@/{LINK_NAME}")), SONAME)?;
     let file = stage.join("lib/pkgconfig/nextwusblib.pc");
     let text = fs::read_to_string(&file).map_err(Error::file("read", &file))?;
-    tree.write(&place.of("usr/lib/@/pkgconfig/nextwusblib.pc"), pkgconfig(&text, place))
+    tree.write(&path(machine, "usr/lib/@/pkgconfig/nextwusblib.pc"), pkgconfig(&text, machine))
 }
 
 /// The pkg-config file with Debian's absolute folders instead of folders relative to the file.
-fn pkgconfig(text: &str, place: &Place) -> String {
+fn pkgconfig(text: &str, machine: Machine) -> String {
     let lines = text.lines().map(|line| match line.split_once('=') {
         Some(("prefix", _)) => "prefix=/usr".to_owned(),
-        Some(("libdir", _)) => place.of("libdir=${prefix}/lib/@"),
+        Some(("libdir", _)) => path(machine, "libdir=${prefix}/lib/@"),
         _ => line.to_owned(),
     });
     lines.map(|line| line + "\n").collect()
 }
 
-fn tool(project: &Project, _: &Place, stage: &Path, tree: &Tree) -> Result<(), Error> {
+fn tool(project: &Project, _: Machine, stage: &Path, tree: &Tree) -> Result<(), Error> {
     tree.copy(&stage.join("bin/ecmsk"), "usr/bin/ecmsk", PROGRAM)?;
     let rule = project.root.join("share/udev").join(UDEV_RULE);
     tree.copy(&rule, &format!("usr/lib/udev/rules.d/{UDEV_RULE}"), DATA)?;
+    // Nothing enables the service: whoever makes this machine a board does.
+    let services = project.root.join("share/systemd");
+    tree.copy(&services.join("ecmsk-board.service"), "usr/lib/systemd/system/ecmsk-board.service", DATA)?;
+    tree.copy(&services.join("ecmsk-board.conf"), "etc/ecmsk-board.conf", DATA)?;
     tree.copy_all(&stage.join("share/man/man1"), "usr/share/man/man1", &[".1"])?;
     for page in tree.files()?.iter().filter(|file| file.extension().is_some_and(|kind| kind == "1")) {
         let mut gzip = Command::new("gzip");
@@ -176,10 +161,9 @@ mod tests {
 
     #[test]
     fn pkg_config_is_told_debians_folders() {
-        let place = Place { architecture: "amd64".to_owned(), multiarch: "x86_64-linux-gnu".to_owned() };
         let text = "prefix=${pcfiledir}/../..\nlibdir=${prefix}/lib\nincludedir=${prefix}/include\n\nName: x\n";
         let expected = "prefix=/usr\nlibdir=${prefix}/lib/x86_64-linux-gnu\nincludedir=${prefix}/include\n\nName: x\n";
-        assert_eq!(pkgconfig(text, &place), expected);
+        assert_eq!(pkgconfig(text, Machine::Amd64), expected);
     }
 
     /// Debian's rule for the name of a library package: the SONAME in lower case without `.so.`.

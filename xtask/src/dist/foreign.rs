@@ -1,0 +1,79 @@
+//! Tests packages for another machine than this one: programs are compiled for it with the unpacked packages, and run with the
+//! unpacked tool in an emulator of its processor (QEMU), on this machine's kernel.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use super::machine::Machine;
+use super::{ForLinux, deb, folder};
+use crate::command;
+use crate::error::Error;
+use crate::project::Project;
+
+/// A board with an axis, and the answer of the tool to `step move 1=1000`.
+const LINK: &str = "sim:?slaves=drive&clock=virtual";
+
+/// Unpacks the Debian packages into one folder, compiles and runs a program with the library and with its archive, and moves a
+/// simulated axis with the tool.
+pub fn test(project: &Project, packages: &ForLinux, emulator: &str, version: &str) -> Result<(), Error> {
+    let machine = packages.machine;
+    println!("running programs for {} in {emulator}", machine.debian());
+    let root = folder(project).join("foreign").join(machine.debian());
+    if root.exists() {
+        fs::remove_dir_all(&root).map_err(Error::file("remove", &root))?;
+    }
+    fs::create_dir_all(&root).map_err(Error::file("make", &root))?;
+    for deb in &packages.debs {
+        command::output(Command::new("dpkg-deb").arg("--extract").arg(deb).arg(&root))?;
+    }
+    let emulated = |program: &Path, words: &[&str]| {
+        let mut run = Command::new(emulator);
+        // The C library of the compiler for that machine.
+        run.arg("-L").arg(Path::new("/usr").join(machine.gnu()));
+        run.arg("-E").arg(format!("LD_LIBRARY_PATH={}", libraries(machine, &root).display()));
+        run.env("ECMSK_LINK", LINK).arg(program).args(words);
+        let said = command::output(&mut run)?;
+        Ok::<_, Error>(String::from_utf8_lossy(&said).into_owned())
+    };
+    let expect = |what: &str, said: String, expected: &str| match said == expected {
+        true => Ok(()),
+        false => Err(Error::Package(format!(
+            "for {} {what} printed {said:?} instead of {expected:?}; look there: {}",
+            machine.debian(),
+            root.display()
+        ))),
+    };
+    let tool = root.join("usr/bin/ecmsk");
+    expect("ecmsk --version", emulated(&tool, &["--version"])?, &format!("ecmsk {version}\n"))?;
+    let moved = emulated(&tool, &["--json", "move", "1=1000"])?;
+    if !moved.contains("1000") {
+        expect("ecmsk --json move 1=1000", moved, "a line with 1000")?;
+    }
+    for is_static in [false, true] {
+        let program = compile(machine, &root, is_static)?;
+        expect(&program.display().to_string(), emulated(&program, &[])?, deb::install::EXPECTED)?;
+    }
+    fs::remove_dir_all(&root).map_err(Error::file("remove", &root))
+}
+
+/// The folder of libraries in the unpacked packages.
+fn libraries(machine: Machine, root: &Path) -> std::path::PathBuf {
+    root.join("usr/lib").join(machine.gnu())
+}
+
+/// Compiles the program of the tests with the unpacked header, and the library or its archive.
+fn compile(machine: Machine, root: &Path, is_static: bool) -> Result<std::path::PathBuf, Error> {
+    let (source, libraries) = (root.join("program.c"), libraries(machine, root));
+    fs::write(&source, deb::install::PROGRAM).map_err(Error::file("write", &source))?;
+    let program = root.join(if is_static { "alone" } else { "program" });
+    let mut gcc = machine.gnu_program("gcc");
+    gcc.args(["-Wall", "-Wextra", "-Werror", "-I"]).arg(root.join("usr/include")).arg(&source).arg("-o").arg(&program);
+    if is_static {
+        gcc.arg(libraries.join(crate::stage::ARCHIVE)).args(crate::stage::PRIVATE_LIBS.split(' '));
+    } else {
+        gcc.arg("-L").arg(&libraries).arg("-lNEXTWUSBLib");
+    }
+    command::run(&mut gcc)?;
+    Ok(program)
+}

@@ -1,7 +1,7 @@
 //! Builds in the background what only later parts of `cargo xtask test --all` need: the files for Windows, the packages'
 //! programs for Linux, and the Debian systems. They have folders of their own, so that no part waits for them.
 //!
-//! The work is done by a second process of this program, at idle priority: it runs only while a processor has nothing else to
+//! The work is done by a second process of this program, at the lowest priority: it runs while a processor has nothing else to
 //! do, as most of the time when rustc compiles the last crate of a build, or tests wait for the clock.
 
 use std::fs::{self, File};
@@ -80,9 +80,9 @@ impl Ahead {
         let can = |step: &&Step| !step.needs.iter().any(|need| missing.contains(need));
         let steps: Vec<&str> = STEPS.iter().filter(can).map(|step| step.name).collect();
         let program = std::env::current_exe().map_err(Error::file("find", "this program".as_ref()))?;
-        let mut chrt = Command::new("chrt");
-        chrt.current_dir(&project.root).args(["--idle", "0"]).arg(program).arg("ahead").args(steps);
-        Self::spawn(chrt, project.target.join("xtask/ahead.log"))
+        let mut nice = Command::new("nice");
+        nice.current_dir(&project.root).args(["-n", "19"]).arg(program).arg("ahead").args(steps);
+        Self::spawn(nice, project.target.join("xtask/ahead.log"))
     }
 
     fn spawn(mut command: Command, log: PathBuf) -> Result<Self, Error> {
@@ -94,8 +94,11 @@ impl Ahead {
         Ok(Self { child, log })
     }
 
-    /// Waits until everything is made, as far as it succeeds.
+    /// Waits until everything is made, as far as it succeeds. Nothing else is to be done meanwhile, so that the process gets
+    /// the usual priority, if this user may do that.
     pub fn wait(mut self) -> Result<(), Error> {
+        let group = self.child.id().to_string();
+        command::succeeds(Command::new("renice").args(["-n", "0", "-g", &group]));
         // `Child::wait` would close the pipe first, at whose end the process ends.
         let stdin = self.child.stdin.take();
         let status: ExitStatus = self.child.wait().map_err(Error::file("wait for what writes", &self.log))?;

@@ -70,14 +70,15 @@ impl Board for WiredChip {
     }
 }
 
-/// A started chip behind that link. The guest is slow, so that the driver waits longer than elsewhere, but for answers:
-/// while it waits for one it exchanges a packet in each cycle, which takes the host of the guest much time.
+/// A started chip behind that link. The guest is slow, so that the driver waits longer than elsewhere. While it waits for an
+/// answer and while it searches it exchanges one packet after the other, which takes the host of the guest much time, so that
+/// those two limits are only some times the usual ones.
 #[track_caller]
 fn open(uri: &str) -> Xf {
     const S: Ns = 1_000_000_000;
     let (link, config) = chip::open(uri).unwrap_or_else(|error| panic!("{uri}: {error}"));
     let timeouts = Timeouts {
-        search_ns: 60 * S,
+        search_ns: 6 * S,
         start_ns: 60 * S,
         int0_ns: 5 * S,
         answer_ns: 2 * S,

@@ -188,7 +188,7 @@ fn artefacts(project: &Project, known: &Known, tar: &Tree, zip: &Tree) -> Result
             kind: if package == TOOL_PACKAGE { "application" } else { "library" },
             file: tar.at(file),
             crates: known.linked(project, package, LINUX)?,
-            runtimes: vec![here.clone()],
+            runtimes: [here.clone()].into_iter().chain(Runtime::of_the_tool(package == TOOL_PACKAGE)).collect(),
         });
     }
     for width in Width::ALL {
@@ -203,7 +203,11 @@ fn artefacts(project: &Project, known: &Known, tar: &Tree, zip: &Tree) -> Result
                 file: zip.at(&file),
                 name: format!("windows/{file}"),
                 crates: known.linked(project, package, triple(width))?,
-                runtimes: [vec![debians.clone()], mingw.clone()].concat(),
+                runtimes: [debians.clone()]
+                    .into_iter()
+                    .chain(mingw.clone())
+                    .chain(Runtime::of_the_tool(package == TOOL_PACKAGE))
+                    .collect(),
             });
         }
     }

@@ -64,9 +64,9 @@ pub struct Args {
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, help = machine_option::HELP)]
     machine: Option<PathBuf>,
 
-    #[arg(long, value_name = "LIST", value_parser = KindList::parse, help = KindList::help(
+    #[arg(long, value_name = "LIST", conflicts_with = "file", value_parser = KindList::parse, help = KindList::help(
         "The slaves in the order of the network",
-        " [default: those of the machine file, of a sim: link, or as a server or a recording tells]",
+        " [default: those of the machine file, of a sim: link, or as a server tells]",
     ))]
     slaves: Option<KindList>,
 
@@ -104,19 +104,21 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let failed = |what| move |error: io::Error| WebError::System { what, message: error.to_string() };
     let end_request = signals::EndRequest::watch().map_err(failed("catch signals"))?;
     streams::queue().map_err(failed("start a thread for output"))?;
-    let (content, what) = match &args.file {
-        Some(file) => (recording(args, file)?, file.display().to_string()),
-        None => {
-            let (hub, uri) = board(args)?;
-            (Content::Board(hub), uri)
-        }
+    let board = if args.file.is_none() { Some(board(args)?) } else { None };
+    let (content, what) = match (&args.file, &board) {
+        (Some(file), _) => (recording(args, file)?, file.display().to_string()),
+        (None, Some((hub, uri))) => (Content::Board(Arc::clone(hub)), uri.to_string()),
+        (None, None) => return Err(CliError::NothingToServe),
     };
     let site = Site::start(args.listen, content)?;
     super::announce(format!("listening on {}; showing {what}\n", site.url()))?;
     let signal = end_request.wait();
     say("serve", &format_args!("stopped by {signal}"));
     site.stop();
-    Ok(ExitCode::SUCCESS)
+    if let Some((hub, _)) = &board {
+        hub.stop();
+    }
+    Ok(super::ended(board.iter().map(|(_, uri)| uri)))
 }
 
 fn recording(args: &Args, file: &Path) -> Result<Content, CliError> {
@@ -124,20 +126,34 @@ fn recording(args: &Args, file: &Path) -> Result<Content, CliError> {
     Ok(Content::Recording(plot::html::of_recording(&plot, || Ok(()), None)?))
 }
 
-fn board(args: &Args) -> Result<(Arc<Hub>, String), CliError> {
+fn board(args: &Args) -> Result<(Arc<Hub>, LinkUri), CliError> {
     let machine = machine_option::load(args.machine.as_deref())?.map(Arc::new);
-    let named = machine.as_ref().and_then(|machine| machine.link(args.link.as_ref()));
-    let uri = super::served(named.as_ref().or(args.link.as_ref()))?;
-    let chosen = ChosenLink::find(Some(&uri)).map_err(MonitorError::from)?;
-    let name = uri.to_string();
+    let mut chosen = ChosenLink::find_with(args.link.as_ref(), machine.as_deref()).map_err(MonitorError::from)?;
+    // The user has to name it, as for every server.
+    if !chosen.is_named() {
+        return Err(CliError::NothingToServe);
+    }
+    let uri = chosen.uri.clone();
+    chosen.uri = with_long_queue(&uri);
     let subject = Subject {
-        uri,
+        uri: uri.clone(),
         machine,
         slaves: args.slaves.clone(),
         scales: args.counts_per_unit.clone(),
         slot_size: args.slot_size,
     };
-    Ok((Hub::start(&chosen, subject)?, name))
+    Ok((Hub::start(&chosen, subject)?, uri))
+}
+
+/// The link with a queue in which a second of reports waits for this process at 1 kHz, so that a busy machine makes no
+/// gaps. \[OURS] A queue of the user's stays.
+fn with_long_queue(uri: &LinkUri) -> LinkUri {
+    let text = uri.to_string();
+    if text.contains("queue=") {
+        return uri.clone();
+    }
+    let sign = if text.contains('?') { '&' } else { '?' };
+    LinkUri::parse(&format!("{text}{sign}queue=1000")).unwrap_or_else(|_| uri.clone())
 }
 
 /// Parses the address of `--listen`, which only this machine reaches: HTTP has no encryption.

@@ -3,10 +3,11 @@
 //! The thread that reads the board only appends reports to a buffer. A thread of this file takes them 20 times a second,
 //! makes one block, and offers it to each queue. No queue is waited for: what does not fit is left out and counted.
 
+use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use ecmsk::ecm::Scales;
@@ -67,6 +68,7 @@ pub struct Hub {
     name: String,
     pages: Mutex<Vec<Page>>,
     stop: AtomicBool,
+    thread: Mutex<Option<JoinHandle<()>>>,
 }
 
 /// A page that is connected.
@@ -104,8 +106,12 @@ impl Hub {
             }
         });
         let feed = monitor::board(chosen, subject.slaves.as_ref(), subject.slot_size, subject.machine.as_ref(), each)?;
-        let hub =
-            Arc::new(Self { name: subject.uri.to_string(), pages: Mutex::default(), stop: AtomicBool::new(false) });
+        let hub = Arc::new(Self {
+            name: subject.uri.to_string(),
+            pages: Mutex::default(),
+            stop: AtomicBool::new(false),
+            thread: Mutex::default(),
+        });
         let publishing = Arc::clone(&hub);
         let spawned = thread::Builder::new().name("pages".into()).spawn(move || {
             let mut publisher = Publisher::new(subject, feed, inbox);
@@ -114,8 +120,18 @@ impl Hub {
                 thread::sleep(BLOCK_INTERVAL);
             }
         });
-        spawned.map_err(|error| WebError::System { what: "start a thread", message: error.to_string() })?;
+        let system = |error: io::Error| WebError::System { what: "start a thread", message: error.to_string() };
+        *lock(&hub.thread) = Some(spawned.map_err(system)?);
         Ok(hub)
+    }
+
+    /// Closes the board. A recording of it is whole afterwards.
+    pub fn stop(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = lock(&self.thread).take() {
+            // A panic of the thread was printed already.
+            let _ = thread.join();
+        }
     }
 
     /// The link of the board.

@@ -132,6 +132,14 @@ impl Serving {
     }
 }
 
+impl Drop for Serving {
+    /// Ends it after a test that has failed.
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
 /// The next message that is text, as JSON; blocks before it go to `blocks`.
 pub fn next_text(socket: &mut WebSocket<TcpStream>, blocks: &mut Vec<Vec<u8>>) -> Value {
     loop {

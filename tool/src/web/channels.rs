@@ -106,6 +106,8 @@ pub struct Channels {
     list: Vec<Channel>,
     places: BTreeMap<Key, usize>,
     points: Vec<Vec<Point>>,
+    /// The newest point of each channel.
+    newest: Vec<Option<Point>>,
 }
 
 impl Channels {
@@ -119,6 +121,7 @@ impl Channels {
         *self.places.entry(key).or_insert_with(|| {
             self.list.push(naming.channel(key));
             self.points.push(Vec::new());
+            self.newest.push(None);
             self.list.len() - 1
         })
     }
@@ -127,6 +130,16 @@ impl Channels {
     pub fn push(&mut self, key: Key, naming: &impl Naming, point: Point) {
         let place = self.place(key, naming);
         self.points[place].push(point);
+        self.newest[place] = Some(point);
+    }
+
+    /// A block with the newest point of each channel, for a page that knows none; empty if there are none.
+    pub fn newest(&self) -> Vec<u8> {
+        let mut block = Vec::new();
+        for (place, point) in self.newest.iter().enumerate().filter_map(|(place, point)| Some((place, (*point)?))) {
+            codec::append(&mut block, place, false, &[point]);
+        }
+        block
     }
 
     /// The points since the last block, as a block; empty if there are none.

@@ -118,6 +118,7 @@ class Page {
         this.listEvents();
         this.fillPlane();
         this.fillChannels();
+        this.dirty = true;
         break;
       case "channels":
         this.known.slaves = message.slaves;
@@ -172,8 +173,8 @@ class Page {
     if (!this.dirty || document.hidden) return;
     this.dirty = false;
     this.watch();
-    if (!this.paused) {
-      const { to } = this.store;
+    const { to } = this.store;
+    if (!this.paused && Number.isFinite(to)) {
       this.scope.show({ from: to - this.span, to });
     }
     this.showMoment();

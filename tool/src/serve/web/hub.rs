@@ -235,6 +235,7 @@ impl Publisher {
             self.sampler.report(&mut self.channels, &names, at_ns, (frame, size), &self.kinds);
         }
         let block: Arc<[u8]> = self.channels.take_block().into();
+        let newest: Arc<[u8]> = self.channels.newest().into();
         let (channels, found) = (self.channels.list(), events.found());
         let known = slaves(&self.kinds, machine.as_deref());
         let channels_text = (channels.len() != self.told.0 || is_other)
@@ -269,7 +270,8 @@ impl Publisher {
             page.dropped += left_out;
             if page.is_new {
                 page.is_new = false;
-                return page.offer(Out::Text(hello()), true);
+                // A silent board has nothing else to show.
+                return page.offer(Out::Text(hello()), true) && page.offer(Out::Block(Arc::clone(&newest)), false);
             }
             if !texts.iter().all(|text| page.offer(Out::Text(Arc::clone(text)), true)) {
                 return false;

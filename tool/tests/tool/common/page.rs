@@ -233,7 +233,7 @@ impl Browser {
     #[track_caller]
     pub fn wait_for(&mut self, expression: &str) {
         // A new page ends the promise of the page before, so it is asked anew.
-        for _ in 0..300 {
+        for _ in 0..1200 {
             let asked = format!("new Promise((done) => setTimeout(() => done(Boolean({expression})), 100))");
             let parameters = json!({"expression": asked, "awaitPromise": true, "returnByValue": true});
             self.id += 1;

@@ -6,7 +6,7 @@ use std::net::TcpStream;
 use serde_json::Value;
 use tungstenite::WebSocket;
 
-use crate::common::page::{Serving, channel, data, next_text, points};
+use crate::common::page::{Serving, data, next_text, points};
 use crate::common::run;
 
 const HOST: &str = "Host: localhost:1";
@@ -17,9 +17,9 @@ fn of_a_simulated_board() -> Serving {
     Serving::start("web", &["--link", "sim:?slaves=drive*2,io"])
 }
 
-/// A board that others move, and its page. Its clock is virtual, so that a late machine moves it as well.
+/// A board that others command, and its page.
 fn of_a_served_board() -> (Serving, String, Serving) {
-    let board = Serving::start("tcp", &["--link", "sim:?slaves=drive*2,io&clock=virtual"]);
+    let board = Serving::start("tcp", &["--link", "sim:?slaves=drive*2,io"]);
     let link = format!("tcp://{}", board.address());
     let web = Serving::start("web", &["--link", &link]);
     (board, link, web)
@@ -93,38 +93,47 @@ fn a_socket_needs_the_origin_of_the_page() {
     web.end();
 }
 
-/// A page is greeted, and then told channels, events, counters and points. What another program moves moves there.
+/// A page is greeted, and then told channels, events, counters and points. What another program does shows there.
 #[test]
-fn a_page_shows_what_another_program_moves() {
+fn a_page_shows_what_another_program_does() {
     let (board, link, web) = of_a_served_board();
     let mut socket = web.socket().expect("there is room");
     let mut blocks = Vec::new();
     let hello = next_text(&mut socket, &mut blocks);
     assert_eq!((&hello["type"], &hello["source"], &hello["format"]), (&"hello".into(), &"board".into(), &1.into()));
-    run(["move", "1=700", "--up", "--link", &link]).expect_code(0);
+    // Homing is the drive's own, so that a late machine succeeds as well.
+    run(["home", "1", "--up", "--link", &link]).expect_code(0);
+    run(["io", "3", "--set", "0x4", "--link", &link]).expect_code(0);
     let (mut channels, mut events) = (hello["channels"].clone(), hello["events"].as_array().expect("a list").clone());
-    let mut last = None;
-    let mut statuses = 0;
-    blocks.clear();
-    while last != Some(700) || statuses < 2 || !events.iter().any(|event| event["text"] == "Operation enabled") {
+    let (mut statuses, mut has_position, mut has_output) = (0, false, false);
+    while !has_position
+        || !has_output
+        || statuses < 2
+        || !events.iter().any(|event| event["text"] == "Operation enabled")
+    {
         let message = next_text(&mut socket, &mut blocks);
         match message["type"].as_str().expect("a type") {
             "channels" => channels = message["channels"].clone(),
             "events" => events.extend(message["events"].as_array().expect("a list").iter().cloned()),
             "status" => {
                 statuses += 1;
-                assert!(statuses < STATUSES_MAX, "at {last:?}, {events:?}");
+                assert!(statuses < STATUSES_MAX, "position {has_position}, output {has_output}, {events:?}");
                 assert!(message["status"]["reports"].is_u64() && message["dropped"].is_u64(), "{message}");
             }
             other => panic!("{other}"),
         }
-        let known = serde_json::json!({"channels": channels});
-        for block in blocks.drain(..) {
-            let all = points(&block);
-            if channels.as_array().expect("a list").iter().any(|channel| channel["quantity"] == "position") {
-                let position = all.get(&channel(&known, 1, "position")).and_then(|points| points.last());
-                last = position.map(|(_, position)| *position).or(last);
-            }
+        let of = |slave: u8, quantity: &str, bit: u8| {
+            let is_it =
+                |channel: &Value| channel["slave"] == slave && channel["quantity"] == quantity && channel["bit"] == bit;
+            channels.as_array().expect("a list").iter().position(is_it)
+        };
+        for all in blocks.drain(..).map(|block| points(&block)) {
+            let has = |place: Option<usize>, is_it: fn(i64) -> bool| {
+                let found = place.and_then(|place| all.get(&place));
+                found.is_some_and(|points| points.iter().any(|(_, value)| is_it(*value)))
+            };
+            has_position |= has(of(1, "position", 0), |position| position == 0);
+            has_output |= has(of(3, "output", 2), |output| output == 1);
         }
     }
     // Nothing was sent to the board but what the program has sent.
@@ -132,8 +141,8 @@ fn a_page_shows_what_another_program_moves() {
     assert!(info.contains("state       OP"), "{info}");
     web.end();
     let said = board.end();
-    // `move` and `info` are writers.
-    assert_eq!((said.matches(" is a reader").count(), said.matches(" is a writer").count()), (1, 2), "{said}");
+    // `home`, `io` and `info` are writers.
+    assert_eq!((said.matches(" is a reader").count(), said.matches(" is a writer").count()), (1, 3), "{said}");
 }
 
 /// 200 pages: 16 are served, the others are refused, the board is read on, and then there is room again.

@@ -160,7 +160,9 @@ export class Scope {
    */
   points(curve, lane, width) {
     if (this.hidden.has(curve)) return [[], []];
-    const [times, values] = thin(curve, this.range, width);
+    // A value that holds does so to the end of what is known.
+    const { from, to } = this.range;
+    const [times, values] = thin(curve, { from, to: Math.max(from + 1e-9, Math.min(to, this.store.to)) }, width);
     if (lane === undefined) return [times, values];
     return [times, values.map((value) => (value === null ? null : lane + 0.15 + 0.7 * value))];
   }

@@ -176,6 +176,6 @@ mod tests {
     #[test]
     fn texts_are_the_same_byte_by_byte() {
         assert!(is_same("abc", "abc") && is_same("", ""));
-        assert!(!is_same("abc", "abd") && !is_same("abc", "ab") && !is_same("", "a"));
+        assert!(!is_same("abc", "abx") && !is_same("abc", "ab") && !is_same("", "a"));
     }
 }

@@ -164,6 +164,43 @@ impl Page {
             Err(TrySendError::Disconnected(_)) => false,
         }
     }
+
+    /// Offers what is new; returns whether the page is still there.
+    fn deliver(&mut self, news: &News, hello: impl Fn() -> Arc<str>) -> bool {
+        self.dropped += news.left_out;
+        if std::mem::take(&mut self.is_new) {
+            // A silent board has nothing else to show than its newest points.
+            return self.offer(Out::Text(hello()), true) && self.offer(Out::Block(Arc::clone(&news.newest)), false);
+        }
+        if !news.texts.iter().all(|text| self.offer(Out::Text(Arc::clone(text)), true)) {
+            return false;
+        }
+        // A page that has missed a text cannot read what follows, until it is greeted anew.
+        if self.is_new {
+            return true;
+        }
+        if !news.block.is_empty() && !self.offer(Out::Block(Arc::clone(&news.block)), false) {
+            return false;
+        }
+        let Some(status) = &news.status else { return true };
+        let text = format!(r#"{{"type":"status","status":{},"dropped":{}}}"#, status.trim_end(), self.dropped);
+        // A status that does not fit is followed by the next one.
+        !matches!(self.queue.try_send(Out::Text(text.into())), Err(TrySendError::Disconnected(_)))
+    }
+}
+
+/// What the pages are told at a time.
+struct News {
+    /// The messages that no page must miss.
+    texts: Vec<Arc<str>>,
+    /// The new points.
+    block: Arc<[u8]>,
+    /// The newest point of each channel.
+    newest: Arc<[u8]>,
+    /// The counters as JSON, from time to time.
+    status: Option<String>,
+    /// The reports that did not fit the buffer.
+    left_out: u64,
 }
 
 /// What makes the messages.
@@ -214,6 +251,7 @@ impl Publisher {
         true
     }
 
+    /// Takes what was read since the last time, and offers it to all pages.
     fn publish(&mut self, name: &str, pages: &Mutex<Vec<Page>>) {
         let (reports, size, left_out) = {
             let mut inbox = lock(&self.inbox);
@@ -223,70 +261,68 @@ impl Publisher {
         self.blocks = self.blocks.wrapping_add(1);
         let is_status = self.blocks.is_multiple_of(BLOCKS_PER_STATUS);
         let is_other = is_status && self.look_at_network();
-        let machine = self.subject.machine.clone();
-        let events = self.events.get_or_insert_with(|| Events::new(size, self.kinds.clone()));
+        let mut events = self.events.take().unwrap_or_else(|| Events::new(size, self.kinds.clone()));
         if is_other {
             events.set_kinds(self.kinds.clone());
         }
-        let names = Names { machine: machine.as_deref(), scales: self.subject.scales.as_ref(), unit: "units" };
-        for (at_ns, frame) in &reports {
+        self.take(&reports, size, &mut events);
+        let news = self.news(&events, left_out, is_status, is_other);
+        lock(pages).retain_mut(|page| page.deliver(&news, || self.hello(name, &events)));
+        self.events = Some(events);
+    }
+
+    /// Takes events and points from reports.
+    fn take(&mut self, reports: &[(i64, Frame)], size: SlotSize, events: &mut Events) {
+        let machine = self.subject.machine.as_deref();
+        let names = Names { machine, scales: self.subject.scales.as_ref(), unit: "units" };
+        for (at_ns, frame) in reports {
             let at_ns = at_ns - *self.first_ns.get_or_insert(*at_ns);
-            events.frame(at_ns, Dir::Read, frame, machine.as_deref());
+            events.frame(at_ns, Dir::Read, frame, machine);
             self.sampler.report(&mut self.channels, &names, at_ns, (frame, size), &self.kinds);
         }
-        let block: Arc<[u8]> = self.channels.take_block().into();
-        let newest: Arc<[u8]> = self.channels.newest().into();
+    }
+
+    /// What the pages do not know yet.
+    fn news(&mut self, events: &Events, left_out: u64, is_status: bool, is_other: bool) -> News {
+        let block = self.channels.take_block().into();
         let (channels, found) = (self.channels.list(), events.found());
-        let known = slaves(&self.kinds, machine.as_deref());
-        let channels_text = (channels.len() != self.told.0 || is_other)
-            .then(|| json!({"type": "channels", "channels": channels, "slaves": known}).to_string());
         let all_events = events.left_out() + found.len() as u64;
         let new_events = usize::try_from(all_events - self.told.1).unwrap_or(usize::MAX).min(found.len());
+        let channels_text = (channels.len() != self.told.0 || is_other).then(|| {
+            let known = slaves(&self.kinds, self.subject.machine.as_deref());
+            json!({"type": "channels", "channels": channels, "slaves": known}).to_string()
+        });
         let events_text = (new_events > 0)
             .then(|| json!({"type": "events", "events": &found[found.len() - new_events..]}).to_string());
         self.told = (channels.len(), all_events);
-        let texts: Vec<Arc<str>> = channels_text.into_iter().chain(events_text).map(Arc::from).collect();
-        let status = is_status.then(|| view_json::line(&self.feed.view().0));
-        let hello = || {
-            let hello = Hello {
-                format: FORMAT,
-                version: env!("CARGO_PKG_VERSION"),
-                source: "board",
-                name: name.to_owned(),
-                notes: Vec::new(),
-                slaves: slaves(&self.kinds, machine.as_deref()),
-                words: Words::new(),
-                channels,
-                events: found,
-                spans: Vec::new(),
-                plane: None,
-                block: String::new(),
-            };
-            let mut hello = json!(hello);
-            hello["type"] = "hello".into();
-            Arc::<str>::from(hello.to_string())
+        News {
+            texts: channels_text.into_iter().chain(events_text).map(Arc::from).collect(),
+            block,
+            newest: self.channels.newest().into(),
+            status: is_status.then(|| view_json::line(&self.feed.view().0)),
+            left_out,
+        }
+    }
+
+    /// The first message to a page.
+    fn hello(&self, name: &str, events: &Events) -> Arc<str> {
+        let hello = Hello {
+            format: FORMAT,
+            version: env!("CARGO_PKG_VERSION"),
+            source: "board",
+            name: name.to_owned(),
+            notes: Vec::new(),
+            slaves: slaves(&self.kinds, self.subject.machine.as_deref()),
+            words: Words::new(),
+            channels: self.channels.list(),
+            events: events.found(),
+            spans: Vec::new(),
+            plane: None,
+            block: String::new(),
         };
-        lock(pages).retain_mut(|page| {
-            page.dropped += left_out;
-            if page.is_new {
-                page.is_new = false;
-                // A silent board has nothing else to show.
-                return page.offer(Out::Text(hello()), true) && page.offer(Out::Block(Arc::clone(&newest)), false);
-            }
-            if !texts.iter().all(|text| page.offer(Out::Text(Arc::clone(text)), true)) {
-                return false;
-            }
-            let has_block = block.is_empty() || page.is_new || page.offer(Out::Block(Arc::clone(&block)), false);
-            let status = status.as_deref().filter(|_| !page.is_new).map(|status| {
-                let dropped = page.dropped;
-                format!(r#"{{"type":"status","status":{},"dropped":{dropped}}}"#, status.trim_end())
-            });
-            // A status that does not fit is followed by the next one.
-            has_block
-                && status.is_none_or(|status| {
-                    !matches!(page.queue.try_send(Out::Text(status.into())), Err(TrySendError::Disconnected(_)))
-                })
-        });
+        let mut hello = json!(hello);
+        hello["type"] = "hello".into();
+        hello.to_string().into()
     }
 }
 

@@ -168,7 +168,7 @@ impl Browser {
         // Root has no sandbox; the pages are ours.
         command.args(["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"]);
         command.args(["--disable-extensions", "--disable-background-networking", "--hide-scrollbars"]);
-        command.args(["--remote-debugging-port=0", "--window-size=1200,1000", "about:blank"]);
+        command.args(["--remote-debugging-port=0", "--window-size=1000,800", "about:blank"]);
         command.arg(format!("--user-data-dir={}", profile.path().display()));
         let mut child =
             command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect(

@@ -6,7 +6,7 @@ use std::net::TcpStream;
 use serde_json::Value;
 use tungstenite::WebSocket;
 
-use crate::common::page::{Serving, data, next_text, points};
+use crate::common::page::{Serving, data, insist, next_text, points};
 use crate::common::run;
 
 const HOST: &str = "Host: localhost:1";
@@ -101,9 +101,8 @@ fn a_page_shows_what_another_program_does() {
     let mut blocks = Vec::new();
     let hello = next_text(&mut socket, &mut blocks);
     assert_eq!((&hello["type"], &hello["source"], &hello["format"]), (&"hello".into(), &"board".into(), &1.into()));
-    // Homing is the drive's own, so that a late machine succeeds as well.
-    run(["home", "1", "--up", "--link", &link]).expect_code(0);
-    run(["io", "3", "--set", "0x4", "--link", &link]).expect_code(0);
+    insist(&["home", "1", "--up", "--link", &link]);
+    insist(&["io", "3", "--set", "0x4", "--link", &link]);
     let (mut channels, mut events) = (hello["channels"].clone(), hello["events"].as_array().expect("a list").clone());
     let (mut statuses, mut has_position, mut has_output) = (0, false, false);
     while !has_position
@@ -142,7 +141,8 @@ fn a_page_shows_what_another_program_does() {
     web.end();
     let said = board.end();
     // `home`, `io` and `info` are writers.
-    assert_eq!((said.matches(" is a reader").count(), said.matches(" is a writer").count()), (1, 3), "{said}");
+    assert_eq!(said.matches(" is a reader").count(), 1, "{said}");
+    assert!(said.matches(" is a writer").count() >= 3, "{said}");
 }
 
 /// 200 pages: 16 are served, the others are refused, the board is read on, and then there is room again.

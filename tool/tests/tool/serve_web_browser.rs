@@ -1,7 +1,7 @@
 //! The page in a browser.
 
 mod needs_chromium {
-    use crate::common::page::{Browser, Serving};
+    use crate::common::page::{Browser, Serving, insist};
     use crate::common::run;
     use crate::plot_html::{dumped, recorded};
 
@@ -93,12 +93,11 @@ mod needs_chromium {
         let mut browser = Browser::start();
         browser.open(web.address());
         browser.wait_for("document.querySelector('#board').innerText.includes('PreOP')");
-        // Homing is the drive's own, so that a late machine succeeds as well.
-        run(["home", "1", "--up", "--link", &link]).expect_code(0);
+        insist(&["home", "1", "--up", "--link", &link]);
         browser.wait_for("document.querySelector('#slaves').innerText.includes('Operation enabled')");
         browser.wait_for("page.events.some((event) => event.text === 'Operation enabled')");
         for outputs in ["0x1", "0x0"] {
-            run(["io", "3", "--set", outputs, "--link", &link]).expect_code(0);
+            insist(&["io", "3", "--set", outputs, "--link", &link]);
             browser
                 .wait_for(&format!("page.store.value(3, 'output', page.store.to) === {}", u8::from(outputs == "0x1")));
         }
@@ -108,7 +107,7 @@ mod needs_chromium {
              document.querySelector('#trigger-channel').value = 'slave 3 out 0', \
              document.querySelector('#trigger-level').value = '0.5', document.querySelector('#arm').click()",
         );
-        run(["io", "3", "--set", "0x1", "--link", &link]).expect_code(0);
+        insist(&["io", "3", "--set", "0x1", "--link", &link]);
         browser.wait_for("document.querySelector('#trigger-state').innerText.startsWith('fired at')");
         assert_eq!(browser.value("page.store.value(3, 'output', page.scope.marked)"), 1);
         assert_eq!(browser.value("page.store.value(3, 'output', page.scope.marked - 1e-6)"), 0);

@@ -82,6 +82,10 @@ pub enum CliError {
     /// See [`ecmsk::port::tcp::ServeError`].
     #[error(transparent)]
     Serve(#[from] ecmsk::port::tcp::ServeError),
+    /// See [`super::serve::web::WebError`].
+    #[cfg(feature = "web")]
+    #[error(transparent)]
+    Web(#[from] super::serve::web::WebError),
     /// See [`super::xf::XfVerbError`].
     #[error(transparent)]
     Xf(#[from] super::xf::XfVerbError),

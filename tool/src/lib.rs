@@ -20,6 +20,7 @@
 //! - `link_option.rs`, `machine_option.rs`, `record_option.rs`, `slot_size.rs`: the options `--link`, `--machine`, `--record` and
 //!   `--slot-size`;
 //!   `recording_end.rs` checks whether a recording is complete
+//! - `web.rs`: the page of `plot -o run.html` and `serve web`, in `web/`; its own sources are in `tool/web/`
 //! - `transfer.rs`, `hex.rs`: SDO values and bytes as text, for `bus` and `xf`
 //! - `error.rs`, `output.rs`, `stderr.rs`, `streams.rs`: errors, and output that does not wait for whoever reads it;
 //!   `visible.rs`: control characters in output; `signals/`: Ctrl-C
@@ -67,6 +68,8 @@ mod streams;
 mod summary;
 mod transfer;
 mod visible;
+#[cfg(feature = "web")]
+mod web;
 mod wireshark;
 mod xf;
 

@@ -8,10 +8,10 @@
 //! - `terminal.rs`: keys, signals, and the restoring of the terminal
 //! - `json.rs`: a view as JSON
 
-mod json;
+pub mod json;
 mod rows;
 mod screen;
-mod source;
+pub mod source;
 mod terminal;
 mod watched;
 
@@ -38,7 +38,7 @@ use super::link_option::{ChoiceError, ChosenLink, Unnamed, as_reader};
 use super::recording::Frames;
 use super::stderr::say;
 use super::{machine_option, output, recording_end, slot_size};
-use source::Feed;
+use source::{Each, Feed};
 use watched::{View, Watched};
 
 /// Show a board and all its slaves live: states, positions, inputs, alarms, FIFO and counters
@@ -243,7 +243,7 @@ fn print(args: &Args, view: &View) -> Result<(), CliError> {
 
 /// What is known of the board of a recording before its first frame.
 fn recorded(args: &Args, file: &Path, machine: Option<&Arc<MachineFile>>) -> Watched {
-    let kinds = kinds(args, None, machine.map(Arc::as_ref));
+    let kinds = kinds(args.slaves.as_ref(), None, machine.map(Arc::as_ref));
     let mut watched = Watched::new(file.display().to_string(), kinds.as_deref());
     watched.machine = machine.cloned();
     watched
@@ -254,10 +254,23 @@ fn feed(args: &Args, machine: Option<&Arc<MachineFile>>) -> Result<Feed, Monitor
         return Feed::recording(file.clone(), args.size(), recorded(args, file, machine));
     }
     let chosen = ChosenLink::find_with(args.link.as_ref(), machine.map(Arc::as_ref))?;
+    board(&chosen, args.slaves.as_ref(), args.size(), machine, Box::new(|_, _, _| {}))
+}
+
+/// Watches a board. `each` is called with each report.
+///
+/// # Errors
+/// [`MonitorError`]
+pub fn board(
+    chosen: &ChosenLink,
+    slaves: Option<&KindList>,
+    size: Option<SlotSize>,
+    machine: Option<&Arc<MachineFile>>,
+    each: Each,
+) -> Result<Feed, MonitorError> {
     let uri = as_reader(&chosen.uri);
     let watched = |known: Option<KnownNetwork>| {
-        let told = || Some(KindList::parse(&known?.slaves).ok()?.kinds().to_vec());
-        let kinds = kinds(args, Some(&uri), machine.map(Arc::as_ref)).or_else(told);
+        let kinds = known_kinds(slaves, &uri, machine.map(Arc::as_ref), known);
         let mut watched = Watched::new(uri.to_string(), kinds.as_deref());
         watched.machine = machine.cloned();
         if uri.value("fw") == Some("1.5") {
@@ -265,15 +278,26 @@ fn feed(args: &Args, machine: Option<&Arc<MachineFile>>) -> Result<Feed, Monitor
         }
         watched
     };
-    Feed::board(&uri, args.size(), watched).map_err(|error| match &error {
+    Feed::board(&uri, size, each, watched).map_err(|error| match &error {
         MonitorError::Board(EcmError::Link(link)) => chosen.if_unnamed(link).map_or(error, MonitorError::from),
         _ => error,
     })
 }
 
+/// The kinds of the slaves of a board: from the options, the machine file or the link, else as the server tells.
+pub fn known_kinds(
+    slaves: Option<&KindList>,
+    uri: &LinkUri,
+    machine: Option<&MachineFile>,
+    known: Option<KnownNetwork>,
+) -> Option<Vec<SlaveKind>> {
+    let told = || Some(KindList::parse(&known?.slaves).ok()?.kinds().to_vec());
+    kinds(slaves, Some(uri), machine).or_else(told)
+}
+
 /// The kinds of the slaves from the options, the machine file or the link; `None` if neither gives them.
-fn kinds(args: &Args, uri: Option<&LinkUri>, machine: Option<&MachineFile>) -> Option<Vec<SlaveKind>> {
-    if let Some(list) = &args.slaves {
+fn kinds(slaves: Option<&KindList>, uri: Option<&LinkUri>, machine: Option<&MachineFile>) -> Option<Vec<SlaveKind>> {
+    if let Some(list) = slaves {
         return Some(list.kinds().to_vec());
     }
     if let Some(machine) = machine {

@@ -11,6 +11,7 @@
 //! - `beside.rs`: a second recording that is drawn for comparison
 //! - `panel.rs`, `layout.rs`, `style.rs`, `chart.rs`: the panels, their order, their style, and their drawing
 //! - `svg.rs`, `png.rs`, `file.rs`: the formats and the file of the picture
+//! - `html.rs`: the page of a recording, which a browser shows
 //! - `error.rs`: why there is no plot
 
 pub mod axis;
@@ -21,13 +22,15 @@ pub mod decimate;
 mod error;
 pub mod execution;
 mod file;
+#[cfg(feature = "web")]
+pub mod html;
 mod lanes;
 mod layout;
 pub mod panel;
 mod path;
 mod png;
 mod series;
-mod speed;
+pub mod speed;
 pub mod states;
 pub mod style;
 mod survey;
@@ -51,7 +54,7 @@ use super::stderr::say;
 use super::{machine_option, output, slot_size};
 use beside::Other;
 pub use chart::Sheet;
-use chosen::{Asked, AxesWord, Chosen, Diagram};
+use chosen::{Asked, AxesWord, Chosen, Diagram, Room};
 pub use error::PlotError;
 use file::Format;
 pub use file::{check, save};
@@ -63,7 +66,7 @@ pub const MAX_AXES: usize = 8;
 /// The number of pixel columns to which a line is thinned: the width of a diagram.
 pub const COLUMNS: u32 = style::WIDTH - style::LEFT - style::RIGHT;
 
-/// Plot a recording as SVG or PNG: target and actual position, states, torque, IO and FIFO level over time
+/// Plot a recording as SVG, PNG or a page (.html): target and actual position, states, torque, IO and FIFO level over time
 ///
 /// The plot shows the time in OP. It is shaded where a drive is homing, has a fault or is not enabled, and where the
 /// FIFO was empty while an axis was moving, so that the board repeated the last target. Targets are drawn at the cycle
@@ -78,14 +81,15 @@ Examples:
   ecmsk plot run.pcapng --axes 1,2 --from 3.5 --to 4 --difference -o start.svg
   ecmsk plot run.pcapng --counts-per-unit 10000 --unit mm --xy 1,2 --title 'The square' -o square.png
   ecmsk plot run.pcapng --panels velocity,io
-  ecmsk plot board.pcapng --beside chip.pcapng -o both.svg")]
+  ecmsk plot board.pcapng --beside chip.pcapng -o both.svg
+  ecmsk plot run.pcapng -o run.html")]
 pub struct Args {
     /// The recording (pcapng), as the key `record` of a link writes it, or a capture of usbmon or USBPcap (pcapng, pcap)
     #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
     file: PathBuf,
 
-    /// File of the plot: SVG, or PNG with the ending .png; `-` is standard output, as SVG [default: FILE with the
-    /// ending .svg]
+    /// File of the plot: SVG, PNG with the ending .png, or with .html a page for a browser (docs/WEB.md); `-` is standard
+    /// output, as SVG [default: FILE with the ending .svg]
     #[arg(short, long, value_name = "PICTURE", value_hint = ValueHint::FilePath)]
     output: Option<PathBuf>,
 
@@ -151,6 +155,10 @@ pub struct Args {
 /// Draws the picture and writes its file.
 pub fn run(args: &Args) -> Result<(), CliError> {
     let output = args.output();
+    #[cfg(feature = "web")]
+    if html::is_asked(&output) {
+        return html::run(args, &output);
+    }
     let (sheet, damage) = sheet(args)?;
     let told = || damage.iter().for_each(|damage| say("note", damage));
     if output == Path::new("-") {
@@ -175,18 +183,63 @@ pub fn picture(args: &Args) -> Result<Vec<u8>, CliError> {
 
 /// Draws the picture; returns it with the error that has ended a truncated recording.
 fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
+    let output = args.output();
+    let first = first(args, Room::PICTURE, || {
+        if output != Path::new("-") {
+            // The output file is checked before a long recording is read twice.
+            file::check(&output, "-o", &[&args.file])?;
+        }
+        Ok(())
+    })?;
+    let (op, times) = (first.op, first.times);
+    let other = args.beside.as_deref().map(|file| Other::read(file, args.slot_size, op)).transpose()?;
+    let other = other.and_then(|other| other.cut(times));
+    let window = first.window()?;
+    let First { survey, asked, chosen, device, frames, damage, .. } = first;
+    let reading = Frames::open(&args.file, args.slot_size, device)?.quiet();
+    let panels = args.panels(reading, &asked, &chosen, &survey, window, other.as_ref())?;
+    // The time axis ends with the longer one of both recordings.
+    let shown = other.map_or(window, |other| window.with(other.window()));
+    let stretch = [window.from_ns, window.to_ns].map(|at_ns| style::number(seconds(at_ns), 3)).join(" to ");
+    let file = args.file.display();
+    let about = format!("{stretch} s of {file}, {} frames", style::number(frames as f64, 0));
+    let title = args.title.clone().or_else(|| survey.link()).unwrap_or_else(|| file.to_string());
+    let caption = chart::Caption { title, about, range: shown.range(), axis: "time (s)" };
+    Ok((Sheet { panels, caption }, damage))
+}
+
+/// What the first reading of a recording shows.
+struct First {
+    survey: Survey,
+    asked: Asked,
+    chosen: Chosen,
+    device: Option<Address>,
+    /// The time in OP.
+    op: Window,
+    /// The times that were asked for.
+    times: Times,
+    frames: u64,
+    damage: Option<RecordError>,
+}
+
+impl First {
+    /// The part of the time in OP that was asked for.
+    fn window(&self) -> Result<Window, PlotError> {
+        let nothing = || PlotError::NothingInRange { asked: self.times.to_string(), op: self.op.to_string() };
+        self.op.cut(self.times).ok_or_else(nothing)
+    }
+}
+
+/// Reads the recording for the first time, after `check`, and says what is wrong with it.
+fn first(args: &Args, room: Room, check: impl FnOnce() -> Result<(), PlotError>) -> Result<First, CliError> {
     if args.file == Path::new("-") {
         return Err(PlotError::Stdin.into());
     }
     let asked = args.asked()?;
-    if asked.slaves.len() > MAX_AXES {
+    if asked.slaves.len() > room.axes {
         return Err(PlotError::TooManyAxes { found: asked.slaves.len() }.into());
     }
-    let output = args.output();
-    if output != Path::new("-") {
-        // The output file is checked before a long recording is read twice.
-        file::check(&output, "-o", &[&args.file])?;
-    }
+    check()?;
     let mut survey = Survey::default();
     let device = recording::board(&args.file, args.device)?;
     let mut recording = Frames::open(&args.file, args.slot_size, device)?;
@@ -200,22 +253,9 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
         let no_op = PlotError::NoOp { file: args.file.clone(), frames };
         return Err(damage.map_or(no_op.into(), CliError::from));
     };
-    let chosen = asked.choose(&survey)?;
+    let chosen = asked.choose(&survey, room)?;
     let times = Times { from: args.from, to: args.to };
-    let other = args.beside.as_deref().map(|file| Other::read(file, args.slot_size, op)).transpose()?;
-    let other = other.and_then(|other| other.cut(times));
-    let window =
-        op.cut(times).ok_or_else(|| PlotError::NothingInRange { asked: times.to_string(), op: op.to_string() })?;
-    let reading = Frames::open(&args.file, args.slot_size, device)?.quiet();
-    let panels = args.panels(reading, &asked, &chosen, &survey, window, other.as_ref())?;
-    // The time axis ends with the longer one of both recordings.
-    let shown = other.map_or(window, |other| window.with(other.window()));
-    let stretch = [window.from_ns, window.to_ns].map(|at_ns| style::number(seconds(at_ns), 3)).join(" to ");
-    let file = args.file.display();
-    let about = format!("{stretch} s of {file}, {} frames", style::number(frames as f64, 0));
-    let title = args.title.clone().or_else(|| survey.link()).unwrap_or_else(|| file.to_string());
-    let caption = chart::Caption { title, about, range: shown.range(), axis: "time (s)" };
-    Ok((Sheet { panels, caption }, damage))
+    Ok(First { survey, asked, chosen, device, op, times, frames, damage })
 }
 
 /// The result of reading a recording.
@@ -311,6 +351,7 @@ impl Args {
         let axes: Vec<(u8, Scale)> = chosen.axes.iter().map(|axis| (*axis, scale(*axis))).collect();
         let mut series = Series::new(&Subject {
             window,
+            columns: COLUMNS,
             axes: &axes,
             ios: &chosen.ios,
             plane: chosen.plane,

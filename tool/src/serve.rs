@@ -7,6 +7,8 @@ mod gadget;
 #[cfg(target_os = "linux")]
 mod service_manager;
 mod usbip;
+#[cfg(feature = "web")]
+pub mod web;
 mod xf;
 
 use std::io;
@@ -42,6 +44,8 @@ enum Port {
     #[cfg(target_os = "linux")]
     Gadget(gadget::Args),
     Usbip(usbip::Args),
+    #[cfg(feature = "web")]
+    Web(web::Args),
     Xf(xf::Args),
 }
 
@@ -118,6 +122,8 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         #[cfg(target_os = "linux")]
         Port::Gadget(args) => gadget::run(args),
         Port::Usbip(args) => usbip::run(args),
+        #[cfg(feature = "web")]
+        Port::Web(args) => web::run(args),
         Port::Xf(args) => xf::run(args),
     }
 }

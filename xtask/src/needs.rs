@@ -7,7 +7,7 @@ use std::process::Command;
 use crate::command;
 use crate::error::Error;
 use crate::fetched::{Fetched, Index};
-use crate::npm::{DOTNET_X64, DOTNET_X86};
+use crate::npm::{DOTNET_X64, DOTNET_X86, TYPESCRIPT};
 use crate::project::Project;
 use crate::tidy;
 use crate::tools::{self, Tool};
@@ -66,6 +66,11 @@ pub const TSHARK: Need = Need { program: "tshark", source: Source::Debian(&["tsh
 /// The right to make network interfaces in a namespace of their own.
 pub const NETWORK_NAMESPACE: Need = Need { program: "right to make a network namespace", source: Source::Namespace };
 pub const NPM: Need = Need { program: "npm", source: Source::Debian(&["npm"]) };
+pub const NODE: Need = Need { program: "node", source: Source::Debian(&["nodejs"]) };
+/// The browser in which the tool's page is tested.
+pub const CHROMIUM: Need = Need { program: "chromium", source: Source::Debian(&["chromium"]) };
+/// The type checker of the page's modules.
+pub const TSC: Need = Need { program: "tsc", source: Source::Fetched(&TYPESCRIPT) };
 pub const DOTNET_WINDOWS_X64: Need = Need { program: "dotnet.exe of 64 bits", source: Source::Fetched(&DOTNET_X64) };
 pub const DOTNET_WINDOWS_X86: Need = Need { program: "dotnet.exe of 32 bits", source: Source::Fetched(&DOTNET_X86) };
 /// Debian's Rust compiler with the sources of the standard library, from which it is built for the Windows targets (see
@@ -220,10 +225,10 @@ pub fn install_line(needs: &[Need]) -> String {
     if needs.contains(&DOTNET_CORE) {
         lines.push("cargo xtask dotnet --runtime".to_owned());
     }
-    if fetched(needs).any(|package| package.index != Index::Pip) {
+    if fetched(needs).any(|package| package.index != Index::Pip && package != &TYPESCRIPT) {
         lines.push("cargo xtask test --windows".to_owned());
     }
-    if tools(needs).next().is_some() || needs.contains(&TYPOS) {
+    if tools(needs).next().is_some() || needs.contains(&TYPOS) || needs.contains(&TSC) {
         lines.push("cargo xtask tidy".to_owned());
     }
     if needs.contains(&ADVISORIES) {
@@ -304,6 +309,7 @@ mod tests {
             install_line(&[PIP, DOTNET_CORE]),
             "sudo apt-get install -y python3-pip && cargo xtask dotnet --runtime"
         );
+        assert_eq!(install_line(&[NODE, NPM, TSC]), "sudo apt-get install -y nodejs npm && cargo xtask tidy");
         assert_eq!(
             install_line(&[NPM, DOTNET_WINDOWS_X64]),
             "sudo apt-get install -y npm && cargo xtask test --windows"

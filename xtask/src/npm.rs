@@ -32,6 +32,16 @@ pub const DOTNET_X86: Fetched = Fetched {
     cost: "26 MB to fetch, 58 MB in the target folder",
 };
 
+/// The type checker of the page's modules (`tool/web/`). No build needs it.
+pub const TYPESCRIPT: Fetched = Fetched {
+    index: Index::Npm { parts: &["bin", "lib", "package.json", "LICENSE.txt"] },
+    name: "typescript",
+    version: "5.9.3",
+    sha256: "10e108c9cf7d5f2879053dff18515fb405abf2ccef63eaaf017d9c571687a1d3",
+    program: "bin/tsc",
+    cost: "4 MB to fetch, 23 MB in the target folder",
+};
+
 /// Downloads the package into the empty folder `into`.
 pub fn download(package: &Fetched, into: &Path) -> Result<(), Error> {
     let cache = into.with_extension("cache");

@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 use crate::ahead::Ahead;
 use crate::error::Error;
 use crate::needs::{
-    CLIPPY, CXX, DOTNET_CORE, IP, MAKE, MCS, MINGW_X64, MONO, NETWORK_NAMESPACE, Need, PIP, PKG_CONFIG, PYSOEM, PYTHON,
-    RUSTFMT, SET_USER_ID, TSHARK, VALGRIND,
+    CHROMIUM, CLIPPY, CXX, DOTNET_CORE, IP, MAKE, MCS, MINGW_X64, MONO, NETWORK_NAMESPACE, NODE, Need, PIP, PKG_CONFIG,
+    PYSOEM, PYTHON, RUSTFMT, SET_USER_ID, TSHARK, VALGRIND,
 };
 use crate::project::Project;
 use crate::spend::Spend;
@@ -112,6 +112,7 @@ pub const PARTS_OF_ALL: &[Part] = &[
     tidy::PARTS[1],
     tidy::PARTS[2],
     tidy::PARTS[3],
+    tidy::PARTS[4],
     part("wire tests in a guest", rig::NEEDS, |site| rig::run(site.project, &site.names)),
     WINDOWS[0],
     WINDOWS[1],
@@ -173,10 +174,12 @@ pub struct Gate {
 }
 
 pub const GATES: &[Gate] = &[
+    Gate { module: "needs_chromium", needs: &[CHROMIUM] },
     Gate { module: "needs_cxx", needs: &[CXX, MAKE, PKG_CONFIG] },
     Gate { module: "needs_mono", needs: &[MCS, MONO] },
     Gate { module: "needs_dotnet_core", needs: &[MCS, PYTHON, PIP, DOTNET_CORE] },
     Gate { module: "needs_network_namespace", needs: &[IP, NETWORK_NAMESPACE] },
+    Gate { module: "needs_node", needs: &[NODE] },
     Gate { module: "needs_pysoem", needs: &[PYTHON, PIP, PYSOEM, IP, NETWORK_NAMESPACE] },
     Gate { module: "needs_python", needs: &[PYTHON] },
     Gate { module: "needs_root", needs: &[CXX, SET_USER_ID] },
@@ -430,6 +433,7 @@ mod tests {
         assert_eq!(closed(&[PYTHON]), ["needs_dotnet_core", "needs_pysoem", "needs_python"]);
         assert_eq!(closed(&[NETWORK_NAMESPACE]), ["needs_network_namespace", "needs_pysoem"]);
         assert_eq!(closed(&[TSHARK]), ["needs_tshark"]);
+        assert_eq!(closed(&[CHROMIUM, NODE]), ["needs_chromium", "needs_node"]);
         assert_eq!(closed(&[MONO]), ["needs_mono"]);
         assert_eq!(closed(&[DOTNET_CORE]), ["needs_dotnet_core"]);
         assert_eq!(closed(&[CXX]), ["needs_cxx", "needs_root", "needs_valgrind"]);

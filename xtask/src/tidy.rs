@@ -1,4 +1,5 @@
-//! `cargo xtask tidy`: checks that rustfmt and clippy do not make: spelling, dependencies, and combinations of features.
+//! `cargo xtask tidy`: checks that rustfmt and clippy do not make: spelling, dependencies, types of the page's modules, and
+//! combinations of features.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::iter;
@@ -8,7 +9,8 @@ use serde::Deserialize;
 
 use crate::command;
 use crate::error::Error;
-use crate::needs::{self, ADVISORIES, Need, PIP, PYTHON, TYPOS};
+use crate::needs::{self, ADVISORIES, NODE, NPM, Need, PIP, PYTHON, TSC, TYPOS};
+use crate::npm::TYPESCRIPT;
 use crate::project::{Project, cargo_home, metadata};
 use crate::test::{self, Part, Site, part};
 use crate::tools::{CARGO_DENY, CARGO_MACHETE, Tool};
@@ -18,11 +20,12 @@ use crate::wheel;
 const FUZZ: &str = "fuzz/Cargo.toml";
 
 /// The parts of `cargo xtask tidy`, which `cargo xtask test --all` runs as well.
-pub const PARTS: [Part; 4] = [
+pub const PARTS: [Part; 5] = [
     part("spelling", &[PYTHON, PIP, TYPOS], |site| spelling(site.project)),
     part("licences and sources of dependencies", &[needs::CARGO_DENY], |site| dependencies(site.project)),
     part("known weaknesses of dependencies", &[needs::CARGO_DENY, ADVISORIES], |site| advisories(site.project)),
     part("unused dependencies", &[needs::CARGO_MACHETE], |site| unused(site.project)),
+    part("types of the page's modules", &[NODE, NPM, TSC], |site| page_types(site.project)),
 ];
 
 /// Runs all parts of `cargo xtask tidy`.
@@ -66,6 +69,12 @@ pub fn advisories_are_there() -> bool {
 /// Checks for dependencies that no source uses.
 fn unused(project: &Project) -> Result<(), Error> {
     command::run(tool(project, &CARGO_MACHETE).arg("--with-metadata"))
+}
+
+/// Checks the types of the page's modules, which stand in their comments.
+fn page_types(project: &Project) -> Result<(), Error> {
+    let mut node = project.program("node");
+    command::run(node.arg(TYPESCRIPT.program(project)).args(["--project", "tool/web"]))
 }
 
 /// Checks that the library compiles with no feature, with each one alone, and with all, as users may select them.

@@ -10,7 +10,7 @@ use ecmsk::ecm::{Close, Ecm, EcmError, Options};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Dir, KnownNetwork, Link, LinkError, Share};
 use ecmsk::recording::RecordError;
-use ecmsk::sk::SlotSize;
+use ecmsk::sk::{Frame, SlotSize};
 
 use super::watched::{View, Watched};
 use super::{CliError, MonitorError};
@@ -18,6 +18,9 @@ use crate::recording::{self, Framed, Frames, InTime};
 
 /// Longest wait for one report, so that the thread notices the end of the monitor. \[OURS]
 const READ_WAIT_MAX: Duration = Duration::from_millis(200);
+
+/// What is called with each report: its time in nanoseconds, and the report. It must not wait.
+pub type Each = Box<dyn FnMut(i64, &Frame, SlotSize) + Send>;
 
 /// A board or a recording that a thread reads, and the state that the thread has collected.
 pub struct Feed {
@@ -30,10 +33,11 @@ pub struct Feed {
 }
 
 impl Feed {
-    /// Opens a board; nothing is sent to it.
+    /// Opens a board; nothing is sent to it. `each` is called with each report.
     pub fn board(
         uri: &LinkUri,
         slot: Option<SlotSize>,
+        mut each: Each,
         watched: impl FnOnce(Option<KnownNetwork>) -> Watched,
     ) -> Result<Self, MonitorError> {
         let link = link::open(&uri.to_string(), Share::ByName)?;
@@ -44,10 +48,11 @@ impl Feed {
         watched.live = true;
         let first = ecm.snapshot()?;
         watched.report(first.meta.at.nanoseconds(), first.frame(), size);
+        each(first.meta.at.nanoseconds(), first.frame(), size);
         let failed = Arc::new(Mutex::new(None));
         let problem = Arc::clone(&failed);
         Self::start(watched, Some(link), failed, move |watched, stop| {
-            let end = read(&ecm, size, watched, stop);
+            let end = read(&ecm, size, &mut each, watched, stop);
             if let Err(error) = end {
                 lock(watched).end = Some(error.to_string());
                 *problem.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
@@ -88,6 +93,12 @@ impl Feed {
         Ok(Self { watched, stop, link, failed, thread: Some(thread.map_err(MonitorError::Thread)?) })
     }
 
+    /// What the link knows of the network, which a server tells and changes.
+    #[cfg(feature = "web")]
+    pub fn network(&self) -> Option<KnownNetwork> {
+        self.link.as_ref()?.network()
+    }
+
     /// The present view, and why the source has ended, if it has.
     pub fn view(&self) -> (View, Option<MonitorError>) {
         let counters = self.link.as_ref().and_then(|link| link.stats().board);
@@ -112,7 +123,13 @@ impl Drop for Feed {
 }
 
 /// Reads reports until `stop` is set or the board is lost.
-fn read(ecm: &Ecm, size: SlotSize, watched: &Mutex<Watched>, stop: &AtomicBool) -> Result<(), EcmError> {
+fn read(
+    ecm: &Ecm,
+    size: SlotSize,
+    each: &mut Each,
+    watched: &Mutex<Watched>,
+    stop: &AtomicBool,
+) -> Result<(), EcmError> {
     let virtual_time = ecm.link_info().virtual_time;
     let mut began = None;
     while !stop.load(Ordering::Relaxed) {
@@ -122,6 +139,7 @@ fn read(ecm: &Ecm, size: SlotSize, watched: &Mutex<Watched>, stop: &AtomicBool) 
             Err(error) => return Err(error),
         };
         let stats = ecm.stats()?;
+        each(snapshot.meta.at.nanoseconds(), snapshot.frame(), size);
         {
             let mut watched = lock(watched);
             watched.report(snapshot.meta.at.nanoseconds(), snapshot.frame(), size);

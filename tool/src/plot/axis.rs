@@ -5,10 +5,10 @@ use ecmsk::ecm::Scale;
 use ecmsk::sk::{CommandId, DriveResponse, RawSlot, SlaveCommand};
 use ecmsk::summary::GapFinder;
 
+use super::Window;
 use super::decimate::{Line, Pieces};
 use super::speed::Speed;
 use super::states::{Change, Span, States};
-use super::{COLUMNS, Window};
 
 /// The curves of an axis. Targets are drawn at the cycle that executed them.
 pub struct AxisLines {
@@ -104,10 +104,10 @@ struct Ignores {
 const UNANSWERED_MAX: u8 = 3;
 
 impl Axis {
-    /// Starts without curves. `number` is the number of the slave.
-    pub fn new(number: u8, scale: Scale, window: Window, commands: Vec<u8>) -> Self {
-        let line = || Line::new(window, COLUMNS);
-        let held = || Line::holding(window, COLUMNS);
+    /// Starts without curves, which get `columns` pixel columns. `number` is the number of the slave.
+    pub fn new(number: u8, scale: Scale, window: Window, columns: u32, commands: Vec<u8>) -> Self {
+        let line = || Line::new(window, columns);
+        let held = || Line::holding(window, columns);
         Self {
             number,
             scale,
@@ -120,7 +120,7 @@ impl Axis {
             target_velocity: held(),
             target_torque: held(),
             torque: line(),
-            states: States::new(window, COLUMNS),
+            states: States::new(window, columns),
             gaps: GapFinder::default(),
             speeds: Default::default(),
             in_force: None,

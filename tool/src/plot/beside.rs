@@ -76,6 +76,7 @@ impl Other {
         let own = Window::of_times(window.from_ns - later_ns, window.to_ns - later_ns);
         let mut series = Series::new(&Subject {
             window: own,
+            columns: super::COLUMNS,
             axes,
             ios: &[],
             plane: None,

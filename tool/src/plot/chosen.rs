@@ -67,7 +67,7 @@ impl Asked {
     }
 
     /// The requested slaves, or those found in the recording.
-    pub fn choose(&self, survey: &Survey) -> Result<Chosen, PlotError> {
+    pub fn choose(&self, survey: &Survey, room: Room) -> Result<Chosen, PlotError> {
         let size = survey.size();
         let named = || self.slaves.iter().copied().chain(self.plane.into_iter().flatten());
         if let Some(axis) = named().find(|axis| usize::from(*axis) > size.max_slaves()) {
@@ -84,20 +84,20 @@ impl Asked {
         } else {
             self.slaves.iter().partition(|slave| survey.is_io(**slave))
         };
-        if axes.len() > MAX_AXES {
-            let (all, shown) = (axes.len(), style::list(&axes[..MAX_AXES]));
+        if axes.len() > room.axes {
+            let (all, shown) = (axes.len(), style::list(&axes[..room.axes]));
             say("note", &format_args!("{all} axes, of which the plot shows {shown}; choose others with --axes"));
-            axes.truncate(MAX_AXES);
+            axes.truncate(room.axes);
         }
         // The axes of the plane are always shown.
         for axis in self.plane.into_iter().flatten().filter(|axis| !axes.contains(axis)).collect::<Vec<_>>() {
-            if axes.len() == MAX_AXES {
-                return Err(PlotError::TooManyAxes { found: MAX_AXES + 1 });
+            if axes.len() == room.axes {
+                return Err(PlotError::TooManyAxes { found: room.axes + 1 });
             }
             axes.push(axis);
         }
         axes.sort_unstable();
-        let room = MAX_SLAVES - axes.len();
+        let room = room.slaves - axes.len();
         if ios.len() > room {
             let shown = style::list(&ios[..room]);
             say(
@@ -116,8 +116,19 @@ impl Asked {
     }
 }
 
-/// The most axes and IO slaves in one plot together.
-pub const MAX_SLAVES: usize = 2 * MAX_AXES;
+/// How many slaves are drawn at most.
+#[derive(Clone, Copy, Debug)]
+pub struct Room {
+    /// The most axes.
+    pub axes: usize,
+    /// The most axes and IO slaves together.
+    pub slaves: usize,
+}
+
+impl Room {
+    /// The room of a picture.
+    pub const PICTURE: Self = Self { axes: MAX_AXES, slaves: 2 * MAX_AXES };
+}
 
 /// Slaves on the command line: numbers and ranges, or the name of an axis.
 #[derive(Clone, Debug)]

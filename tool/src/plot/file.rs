@@ -47,13 +47,22 @@ impl Format {
 /// # Errors
 /// The file cannot be used.
 pub fn check(file: &Path, option: &'static str, recordings: &[&Path]) -> Result<Format, PlotError> {
+    check_other(file, option, recordings)?;
+    Format::of(file, option)
+}
+
+/// Checks that the output file is not one of the recordings.
+///
+/// # Errors
+/// It is one.
+pub fn check_other(file: &Path, option: &'static str, recordings: &[&Path]) -> Result<(), PlotError> {
     let same = |recording: &&Path| {
         fs::canonicalize(file).ok().zip(fs::canonicalize(recording).ok()).is_some_and(|(a, b)| a == b)
     };
     if recordings.iter().any(same) {
         return Err(PlotError::SameFile { file: file.to_owned(), option });
     }
-    Format::of(file, option)
+    Ok(())
 }
 
 /// Writes a picture to a file, which must not be one of the recordings. `option` is the option that names it, for the error.

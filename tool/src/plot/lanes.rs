@@ -2,8 +2,8 @@
 
 use ecmsk::sk::{CommandId, IoResponse, SlaveCommand};
 
+use super::Window;
 use super::decimate::{Line, Pieces};
-use super::{COLUMNS, Window};
 
 /// The number of inputs of an IO slave, which is also that of its outputs.
 const BITS: usize = 16;
@@ -41,9 +41,9 @@ struct Bits {
 }
 
 impl Lanes {
-    /// Starts without values, for the range `window`.
-    pub fn new(window: Window) -> Self {
-        let bits = || Bits { lines: std::array::from_fn(|_| Line::holding(window, COLUMNS)), used: 0, now: None };
+    /// Starts without values, for the range `window` of so many pixel columns.
+    pub fn new(window: Window, columns: u32) -> Self {
+        let bits = || Bits { lines: std::array::from_fn(|_| Line::holding(window, columns)), used: 0, now: None };
         Self { ways: [bits(), bits()] }
     }
 

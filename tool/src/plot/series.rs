@@ -10,11 +10,11 @@ use ecmsk::sk::{
 
 use super::axis::Axis;
 use super::decimate::{Line, Pieces};
-use super::execution::{Execution, ExecutionReport, Orders};
+use super::execution::{Execution, ExecutionReport, NO_ORDERS};
 use super::lanes::{Lane, Lanes};
 use super::path::Path;
 use super::states::{Span, States};
-use super::{COLUMNS, Window, survey};
+use super::{Window, survey};
 use crate::recording::Framed;
 
 pub use super::axis::AxisLines;
@@ -23,6 +23,8 @@ pub use super::axis::AxisLines;
 pub struct Subject<'a> {
     /// The range of times that is shown.
     pub window: Window,
+    /// The number of pixel columns to which lines are thinned.
+    pub columns: u32,
     /// The slaves with axes, and the scale of each.
     pub axes: &'a [(u8, Scale)],
     /// The IO slaves.
@@ -84,21 +86,23 @@ struct Plane {
 impl Series {
     /// Starts without frames.
     pub fn new(subject: &Subject<'_>) -> Self {
-        let window = subject.window;
+        let (window, columns) = (subject.window, subject.columns);
         let axes = subject.axes.iter();
         let place = |axis: u8| subject.axes.iter().position(|(number, _)| *number == axis);
         let plane = subject.plane.and_then(|[x, y]| Some([place(x)?, place(y)?]));
         Self {
             window,
             board: subject.board,
-            axes: axes.map(|(number, scale)| Axis::new(*number, *scale, window, subject.commands.clone())).collect(),
-            ios: subject.ios.iter().map(|number| (*number, Lanes::new(window))).collect(),
+            axes: axes
+                .map(|(number, scale)| Axis::new(*number, *scale, window, columns, subject.commands.clone()))
+                .collect(),
+            ios: subject.ios.iter().map(|number| (*number, Lanes::new(window, columns))).collect(),
             plane: plane.map(|of| Plane { of, paths: Default::default() }),
-            fifo_free: Line::new(window, COLUMNS),
-            full: Line::new(window, COLUMNS),
+            fifo_free: Line::new(window, columns),
+            full: Line::new(window, columns),
             full_reports: 0,
             full_count: None,
-            gaps: States::new(window, COLUMNS),
+            gaps: States::new(window, columns),
             in_op: false,
             failed_ns: None,
             kinds: Kinds::new(None),
@@ -138,7 +142,7 @@ impl Series {
         if !self.in_op {
             return;
         }
-        let mut orders = Orders::default();
+        let mut orders = NO_ORDERS;
         let slaves = self.axes.iter().map(|axis| axis.number).chain(self.ios.iter().map(|(number, _)| *number));
         for (order, number) in orders.iter_mut().zip(slaves) {
             *order = SlotCommand::decode(&frame.slot(size, number.into()), size).ok().map(|slot| slot.command);

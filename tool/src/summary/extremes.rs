@@ -11,7 +11,7 @@ use ecmsk::sk::{
 use serde_json::{Value, json};
 
 use crate::machine_option::{in_unit, label};
-use crate::plot::execution::{Entry, Execution, ExecutionReport, Orders};
+use crate::plot::execution::{Entry, Execution, ExecutionReport, NO_ORDERS};
 use crate::recording::Framed;
 
 /// The cycle time of a board to which no SET_DC was sent (UG 1.7), in nanoseconds.
@@ -203,7 +203,7 @@ impl Extremes {
             }
             return;
         }
-        let mut orders = Orders::default();
+        let mut orders = NO_ORDERS;
         for (slave, order) in (1..=size.max_slaves()).zip(&mut orders) {
             *order = SlotCommand::decode(&frame.slot(size, slave), size).ok().map(|slot| slot.command);
         }

@@ -16,6 +16,7 @@
 //! - `machine_file.rs`: the machine file, and `ecmsk machine`
 //! - `slave.rs`: `ecmsk slave`
 //! - `serve_ethercat.rs`, `serve_gadget.rs`, `serve_service.rs`, `serve_usbip.rs`, `serve_xf.rs`, `tcp_*.rs`: `ecmsk serve`
+//! - `serve_web.rs`, `serve_web_browser.rs`: `ecmsk serve web`, and the page in a browser
 //! - `list.rs`, `cards.rs`, `doctor.rs`, `doctor_folder.rs`, `doctor_gadget.rs`, `machine.rs`, `man.rs`: `ecmsk list`,
 //!   `doctor`, `man`
 //! - `bus.rs`: `ecmsk bus`
@@ -61,6 +62,8 @@ mod plot;
 mod plot_beside;
 mod plot_difference;
 mod plot_gaps;
+#[cfg(all(unix, feature = "web"))]
+mod plot_html;
 mod plot_lost;
 mod plot_panels;
 mod plot_png;
@@ -73,6 +76,10 @@ mod serve_ethercat;
 mod serve_gadget;
 mod serve_service;
 mod serve_usbip;
+#[cfg(all(unix, feature = "web"))]
+mod serve_web;
+#[cfg(all(unix, feature = "web"))]
+mod serve_web_browser;
 mod serve_xf;
 mod slave;
 mod stalled;

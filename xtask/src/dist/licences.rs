@@ -19,6 +19,9 @@ const STANDARD_LIBRARY: &str = "The Rust standard library: MIT OR Apache-2.0, Co
 /// The licence of the font in the tool.
 const FONT: &str = include_str!("../../../tool/font/LICENSE.txt");
 
+/// The licence of the library that draws curves in the tool's page.
+const PLOT_LIBRARY: &str = include_str!("../../../tool/web/vendor/uPlot-LICENSE.txt");
+
 /// The text of the file: first each crate with its licence, then each licence text once with the crates that contain it.
 pub fn text(crates: &[Crate]) -> Result<String, Error> {
     let foreign: Vec<&Crate> = crates.iter().filter(|known| known.checksum.is_some()).collect();
@@ -29,6 +32,7 @@ pub fn text(crates: &[Crate]) -> Result<String, Error> {
     }
     let _ = write!(text, "\n{STANDARD_LIBRARY}");
     let _ = write!(text, "\n{}\n{FONT}", "=".repeat(80));
+    let _ = write!(text, "\n{}\nuPlot, in the tool's page\n\n{PLOT_LIBRARY}", "=".repeat(80));
 
     let mut texts: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for part in &foreign {
@@ -101,8 +105,9 @@ mod tests {
         assert!(text.contains("\na 1.0.0: MIT\nb 1.0.0: MIT\n"), "{text}");
         assert!(text.contains("\na 1.0.0 (LICENSE-MIT)\nb 1.0.0 (license.txt)\n\nPermission\nis granted\n"), "{text}");
         assert!(text.contains("\nb 1.0.0 (ring)\n\nAnother text\n"), "{text}");
-        assert_eq!(text.matches("is granted").count(), 1, "{text}");
+        assert_eq!(text.matches("Permission\nis granted").count(), 1, "{text}");
         assert!(text.contains("DejaVu Sans Condensed") && text.contains("Bitstream"), "{text}");
+        assert!(text.contains("uPlot, in the tool's page") && text.contains("Leon Sorokin"), "{text}");
         assert!(!text.contains("none") && !text.contains("Mine") && !text.contains("own 1.0.0"), "{text}");
     }
 }

@@ -264,7 +264,10 @@ fn artefacts(project: &Project, known: &Known, linux: &[ForLinux], zip: &Tree) -
                 kind: if package == TOOL_PACKAGE { "application" } else { "library" },
                 file: tree.at(file),
                 crates: known.linked(project, package, machine.target())?,
-                runtimes: vec![std(machine.rustc())?],
+                runtimes: [std(machine.rustc())?]
+                    .into_iter()
+                    .chain(Runtime::of_the_tool(package == TOOL_PACKAGE))
+                    .collect(),
             });
         }
     }
@@ -280,7 +283,11 @@ fn artefacts(project: &Project, known: &Known, linux: &[ForLinux], zip: &Tree) -
                 file: zip.at(&file),
                 name: format!("windows/{file}"),
                 crates: known.linked(project, package, triple(width))?,
-                runtimes: [vec![debians.clone()], mingw.clone()].concat(),
+                runtimes: [debians.clone()]
+                    .into_iter()
+                    .chain(mingw.clone())
+                    .chain(Runtime::of_the_tool(package == TOOL_PACKAGE))
+                    .collect(),
             });
         }
     }

@@ -27,7 +27,7 @@ pub struct Artefact {
     pub runtimes: Vec<Runtime>,
 }
 
-/// Code that a compiler links into every program, such as Rust's standard library.
+/// Code in a program that is no crate, such as Rust's standard library.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Runtime {
     pub name: &'static str,
@@ -39,6 +39,11 @@ impl Runtime {
     /// Rust's standard library of this version.
     pub fn rust(version: String) -> Self {
         Self { name: "rust-std", version, licence: OWN_LICENCE }
+    }
+
+    /// What the tool has that is no crate: the library that draws curves in its page.
+    pub fn of_the_tool(is_tool: bool) -> Option<Self> {
+        is_tool.then(|| Self { name: "uPlot", version: "1.6.32".to_owned(), licence: "MIT" })
     }
 
     /// The runtime libraries that Debian's MinGW links into programs of this width.

@@ -7,6 +7,7 @@
 //! - `exec.rs`: a program and a library for `ecmsk exec`
 //! - `machine.rs`: a machine made of files, for `list` and `doctor`
 //! - `motion.rs`, `recordings.rs`: a board in motion without the model, and recordings of its frames
+//! - `page.rs`: the page, its server, and a browser
 //! - `plots.rs`, `svg.rs`: plots of recordings, and reading them back
 //! - `tshark.rs`: what tshark shows with the plugin of `ecmsk wireshark`, compared with `ecmsk dump`
 
@@ -16,6 +17,8 @@ pub mod exec;
 #[cfg(target_os = "linux")]
 pub mod machine;
 pub mod motion;
+#[cfg(all(unix, feature = "web"))]
+pub mod page;
 pub mod plots;
 pub mod recordings;
 pub mod svg;
@@ -82,6 +85,12 @@ impl Ran {
     pub fn expect_quiet(self) -> String {
         assert_eq!((self.code, &*self.said()), (Some(0), ""), "{}", self.out);
         self.out
+    }
+
+    /// Asserts the exit code.
+    #[track_caller]
+    pub fn expect_code(&self, code: i32) {
+        assert_eq!(self.code, Some(code), "{self:?}");
     }
 
     /// The only line of its output, as JSON.

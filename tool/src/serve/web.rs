@@ -1,0 +1,170 @@
+//! `ecmsk serve web`: shows a board or a recording in a browser of this machine.
+//!
+//! The page is a reader: nothing that a browser sends reaches the board. The thread that reads the board waits for no
+//! browser. Files:
+//!
+//! - `web.rs`: the verb
+//! - `hub.rs`: makes messages of reports, and puts them into the queue of each page
+//! - `site.rs`: the server, its connections, and who may have the page
+//! - `http.rs`: the head of a request, and answers
+//! - `client.rs`: a page's WebSocket
+
+mod client;
+mod http;
+mod hub;
+mod site;
+
+use std::io;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use clap::ValueHint;
+use ecmsk::ecm::Scales;
+use ecmsk::link::uri::LinkUri;
+use ecmsk::sk::SlotSize;
+
+use crate::kind_list::KindList;
+use crate::link_option::ChosenLink;
+use crate::monitor::MonitorError;
+use crate::stderr::say;
+use crate::{CliError, machine_option, plot, signals, slot_size, streams};
+use hub::{Hub, Subject};
+use site::{Content, Site};
+
+/// The port without `--listen`. \[OURS]
+const DEFAULT_PORT: u16 = 4714;
+
+/// Show a board or a recording in a browser: curves, states, alarms, inputs and outputs
+///
+/// Prints the address of the page; the token in it is what lets a browser have the page. The page only reads: no frame
+/// is sent. A board of another program is watched through `ecmsk serve tcp`. The server listens on this machine alone;
+/// from another one, ssh -L 4714:localhost:4714 HOST. Ctrl-C and SIGTERM end the server.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  ecmsk serve web --link tcp://localhost:4711
+  ecmsk serve web run.pcapng
+
+A recording as one file, which needs no server: ecmsk plot run.pcapng -o run.html")]
+pub struct Args {
+    /// Show this recording
+    #[arg(value_name = "FILE", conflicts_with = "link", value_hint = ValueHint::FilePath)]
+    file: Option<PathBuf>,
+
+    /// Board to show, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml]
+    #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
+    link: Option<LinkUri>,
+
+    /// Address to listen on, one of this machine's own
+    #[arg(long, value_name = "ADDR:PORT", default_value_t = SocketAddr::from(([127, 0, 0, 1], DEFAULT_PORT)), value_parser = listen_here)]
+    listen: SocketAddr,
+
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, help = machine_option::HELP)]
+    machine: Option<PathBuf>,
+
+    #[arg(long, value_name = "LIST", conflicts_with = "file", value_parser = KindList::parse, help = KindList::help(
+        "The slaves in the order of the network",
+        " [default: those of the machine file, of a sim: link, or as a server tells]",
+    ))]
+    slaves: Option<KindList>,
+
+    /// Counts per unit, for positions and speeds in mm or degrees: one number for all axes, or e.g. 1=5000,2=131072/360
+    #[arg(long, value_name = "N", value_parser = Scales::parse, allow_hyphen_values = true)]
+    counts_per_unit: Option<Scales>,
+
+    /// Bytes of a slot, 12 or 16 [default: from the link or the recording, else from the CRCs]
+    #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
+    slot_size: Option<SlotSize>,
+}
+
+/// Why there is no page.
+#[derive(Debug, thiserror::Error)]
+pub enum WebError {
+    /// The address cannot be listened on.
+    #[error("cannot listen on {address}: {source}; choose another port with --listen, 0 for any")]
+    Listen {
+        /// The address of `--listen`.
+        address: SocketAddr,
+        /// The error of the operating system.
+        source: io::Error,
+    },
+    /// A system call failed.
+    #[error("cannot {what}: {message}; free some of the system's memory or threads, then run it again")]
+    System {
+        /// What was tried.
+        what: &'static str,
+        /// The error.
+        message: String,
+    },
+}
+
+pub fn run(args: &Args) -> Result<ExitCode, CliError> {
+    let failed = |what| move |error: io::Error| WebError::System { what, message: error.to_string() };
+    let end_request = signals::EndRequest::watch().map_err(failed("catch signals"))?;
+    streams::queue().map_err(failed("start a thread for output"))?;
+    let board = if args.file.is_none() { Some(board(args)?) } else { None };
+    let (content, what) = match (&args.file, &board) {
+        (Some(file), _) => (recording(args, file)?, file.display().to_string()),
+        (None, Some((hub, uri))) => (Content::Board(Arc::clone(hub)), uri.to_string()),
+        (None, None) => return Err(CliError::NothingToServe),
+    };
+    let site = Site::start(args.listen, content)?;
+    super::announce(format!("listening on {}; showing {what}\n", site.url()))?;
+    let signal = end_request.wait();
+    say("serve", &format_args!("stopped by {signal}"));
+    site.stop();
+    if let Some((hub, _)) = &board {
+        hub.stop();
+    }
+    Ok(super::ended(board.iter().map(|(_, uri)| uri)))
+}
+
+fn recording(args: &Args, file: &Path) -> Result<Content, CliError> {
+    let plot = plot::Args::of_file(file, args.machine.clone(), args.slot_size, args.counts_per_unit.clone());
+    Ok(Content::Recording(plot::html::of_recording(&plot, || Ok(()), None)?))
+}
+
+fn board(args: &Args) -> Result<(Arc<Hub>, LinkUri), CliError> {
+    let machine = machine_option::load(args.machine.as_deref())?.map(Arc::new);
+    let mut chosen = ChosenLink::find_with(args.link.as_ref(), machine.as_deref()).map_err(MonitorError::from)?;
+    // The user has to name it, as for every server.
+    if !chosen.is_named() {
+        return Err(CliError::NothingToServe);
+    }
+    let uri = chosen.uri.clone();
+    chosen.uri = with_long_queue(&uri);
+    let subject = Subject {
+        uri: uri.clone(),
+        machine,
+        slaves: args.slaves.clone(),
+        scales: args.counts_per_unit.clone(),
+        slot_size: args.slot_size,
+    };
+    Ok((Hub::start(&chosen, subject)?, uri))
+}
+
+/// The link with a queue in which a second of reports waits for this process at 1 kHz, so that a busy machine makes no
+/// gaps. \[OURS] A queue of the user's stays.
+fn with_long_queue(uri: &LinkUri) -> LinkUri {
+    let text = uri.to_string();
+    if text.contains("queue=") {
+        return uri.clone();
+    }
+    let sign = if text.contains('?') { '&' } else { '?' };
+    LinkUri::parse(&format!("{text}{sign}queue=1000")).unwrap_or_else(|_| uri.clone())
+}
+
+/// Parses the address of `--listen`, which only this machine reaches: HTTP has no encryption.
+fn listen_here(text: &str) -> Result<SocketAddr, String> {
+    let address = super::listen_at::<DEFAULT_PORT>(text)?;
+    if address.ip().is_loopback() {
+        return Ok(address);
+    }
+    let port = address.port();
+    Err(format!(
+        "only this machine's own addresses are served, 127.0.0.1 or [::1]; from another machine use a tunnel: ssh -L \
+         {port}:localhost:{port} HOST"
+    ))
+}

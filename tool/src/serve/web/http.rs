@@ -1,0 +1,181 @@
+//! The head of a request, and answers. Only what a page needs: GET, one request in a connection.
+
+use std::io::{self, Read, Write};
+use std::net::{IpAddr, TcpStream};
+use std::time::{Duration, Instant};
+
+/// The longest head of a request in bytes. \[OURS] Browsers send less than 2 KB.
+const HEAD_MAX: usize = 8192;
+/// The most header fields. \[OURS]
+const FIELDS_MAX: usize = 64;
+/// How long a client may take for its request, and for taking an answer. \[OURS]
+pub const REQUEST_WAIT_MAX: Duration = Duration::from_secs(5);
+
+/// A request, as far as this server uses it.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub struct Request {
+    /// The method.
+    pub method: String,
+    /// The path without its query.
+    pub path: String,
+    /// The value of `token` in the query.
+    pub token: String,
+    /// The field `Host`.
+    pub host: String,
+    /// The field `Origin`.
+    pub origin: String,
+    /// The key of a WebSocket; `None` if none is asked for.
+    pub socket_key: Option<String>,
+}
+
+/// An answer that is no page.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Refusal {
+    /// The status code with its reason.
+    pub status: &'static str,
+    /// What a person has to know.
+    pub text: &'static str,
+}
+
+/// Reads the head of a request.
+///
+/// # Errors
+/// The client sends no valid head in time.
+pub fn read(stream: &mut TcpStream) -> io::Result<Request> {
+    let until = Instant::now() + REQUEST_WAIT_MAX;
+    let (mut bytes, mut piece) = (Vec::new(), [0; 1024]);
+    while bytes.len() < HEAD_MAX {
+        // A client that sends a byte now and then does not get more time.
+        let left = until.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return Err(io::ErrorKind::TimedOut.into());
+        }
+        stream.set_read_timeout(Some(left))?;
+        let count = stream.read(&mut piece)?;
+        if count == 0 {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+        bytes.extend_from_slice(&piece[..count]);
+        if let Some(request) = parse(&bytes)? {
+            return Ok(request);
+        }
+    }
+    Err(io::ErrorKind::InvalidData.into())
+}
+
+/// Parses a head; `None` if it is not whole yet.
+fn parse(bytes: &[u8]) -> io::Result<Option<Request>> {
+    let mut fields = [httparse::EMPTY_HEADER; FIELDS_MAX];
+    let mut head = httparse::Request::new(&mut fields);
+    let is_whole = head.parse(bytes).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))?.is_complete();
+    if !is_whole {
+        return Ok(None);
+    }
+    let field = |name: &str| {
+        let mut found = head.headers.iter().filter(|field| field.name.eq_ignore_ascii_case(name));
+        let value = found.next().map(|field| String::from_utf8_lossy(field.value).into_owned());
+        // Two fields of one name are none: which of them counts, others may see in another way.
+        value.filter(|_| found.next().is_none())
+    };
+    let target = head.path.unwrap_or_default();
+    let (path, query) = target.split_once('?').unwrap_or((target, ""));
+    let token = query.split('&').find_map(|part| part.strip_prefix("token="));
+    let asks = |name: &str, word: &str| {
+        let list = field(name).unwrap_or_default();
+        list.split(',').any(|part| part.trim().eq_ignore_ascii_case(word))
+    };
+    let is_socket =
+        asks("Upgrade", "websocket") && asks("Connection", "upgrade") && asks("Sec-WebSocket-Version", "13");
+    Ok(Some(Request {
+        method: head.method.unwrap_or_default().to_owned(),
+        path: path.to_owned(),
+        token: token.unwrap_or_default().to_owned(),
+        host: field("Host").unwrap_or_default(),
+        origin: field("Origin").unwrap_or_default(),
+        socket_key: field("Sec-WebSocket-Key").filter(|_| is_socket),
+    }))
+}
+
+/// Whether `Host` names this machine. Behind a name that somebody else has given to 127.0.0.1 a page is not ours.
+pub fn is_this_machine(host: &str) -> bool {
+    let name = match host.strip_prefix('[') {
+        Some(rest) => rest.split(']').next().unwrap_or_default(),
+        None => host.split(':').next().unwrap_or_default(),
+    };
+    name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
+}
+
+/// Whether two texts are equal, in a time that does not show where they differ.
+pub fn is_same(a: &str, b: &str) -> bool {
+    a.len() == b.len() && a.bytes().zip(b.bytes()).fold(0, |differs, (a, b)| differs | (a ^ b)) == 0
+}
+
+/// Sends a page.
+///
+/// # Errors
+/// The client does not take it.
+pub fn send_page(stream: &mut TcpStream, html: &str, policy: &str) -> io::Result<()> {
+    let policy = format!("Content-Security-Policy: {policy}; frame-ancestors 'none'\r\n");
+    send(stream, "200 OK", "text/html", &policy, html)
+}
+
+/// Refuses a request.
+///
+/// # Errors
+/// The client does not take the answer.
+pub fn refuse(stream: &mut TcpStream, refusal: Refusal) -> io::Result<()> {
+    let text = format!("{}\n", refusal.text);
+    send(stream, refusal.status, "text/plain", "Content-Security-Policy: default-src 'none'\r\n", &text)
+}
+
+fn send(stream: &mut TcpStream, status: &str, kind: &str, fields: &str, body: &str) -> io::Result<()> {
+    let length = body.len();
+    let head = format!(
+        "HTTP/1.1 {status}\r\nContent-Type: {kind}; charset=utf-8\r\nContent-Length: {length}\r\n{fields}\
+         Cache-Control: no-store\r\nReferrer-Policy: no-referrer\r\nX-Content-Type-Options: nosniff\r\n\
+         Cross-Origin-Resource-Policy: same-origin\r\nCross-Origin-Opener-Policy: same-origin\r\nConnection: close\r\n\r\n"
+    );
+    stream.set_write_timeout(Some(REQUEST_WAIT_MAX))?;
+    stream.write_all(head.as_bytes())?;
+    stream.write_all(body.as_bytes())?;
+    stream.flush()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_head_that_is_not_whole_waits_for_the_rest() {
+        let head = "GET /live?a=1&token=t HTTP/1.1\r\nHost: localhost:1\r\nOrigin: http://localhost:1\r\nUpgrade: WebSocket\r\n\
+                    Connection: keep-alive, Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: k\r\n\r\n";
+        let parsed = |head: &str| parse(head.as_bytes()).expect("a head");
+        for end in 0..head.len() {
+            assert_eq!(parsed(&head[..end]), None);
+        }
+        let request = parsed(head).expect("it is whole");
+        assert_eq!((&*request.method, &*request.path, &*request.token), ("GET", "/live", "t"));
+        assert_eq!((&*request.host, &*request.origin), ("localhost:1", "http://localhost:1"));
+        assert_eq!(request.socket_key.as_deref(), Some("k"));
+        let doubled = parsed(&head.replace("Host: ", "Host: other\r\nHost: ")).expect("it is whole");
+        assert_eq!(doubled.host, "", "two hosts are none");
+        assert_eq!(parsed(&head.replace("Version: 13", "Version: 8")).expect("whole").socket_key, None);
+        assert!(parse(b"\x16\x03\x01 TLS").is_err());
+    }
+
+    #[test]
+    fn this_machine_has_few_names() {
+        for host in ["localhost", "LOCALHOST:4714", "127.0.0.1:80", "127.9.9.9", "[::1]:4714"] {
+            assert!(is_this_machine(host), "{host}");
+        }
+        for host in ["", "example.org:4714", "localhost.example.org", "10.0.0.1", "[::2]", "127.0.0.1.example.org"] {
+            assert!(!is_this_machine(host), "{host}");
+        }
+    }
+
+    #[test]
+    fn texts_are_the_same_byte_by_byte() {
+        assert!(is_same("abc", "abc") && is_same("", ""));
+        assert!(!is_same("abc", "abx") && !is_same("abc", "ab") && !is_same("", "a"));
+    }
+}

@@ -1,0 +1,359 @@
+//! Makes messages of reports, and puts them into the queue of each page.
+//!
+//! The thread that reads the board only appends reports to a buffer. A thread of this file takes them 20 times a second,
+//! makes one block, and offers it to each queue. No queue is waited for: what does not fit is left out and counted.
+
+use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use ecmsk::ecm::Scales;
+use ecmsk::link::uri::LinkUri;
+use ecmsk::link::{Dir, KnownNetwork};
+use ecmsk::machine_file::MachineFile;
+use ecmsk::recording::Kinds;
+use ecmsk::sk::{Frame, SlotSize};
+use serde_json::json;
+
+use super::WebError;
+use crate::CliError;
+use crate::kind_list::KindList;
+use crate::link_option::{ChosenLink, as_reader};
+use crate::monitor::source::Feed;
+use crate::monitor::{self, json as view_json};
+use crate::web::channels::Channels;
+use crate::web::events::Events;
+use crate::web::hello::{FORMAT, Hello, Names, Words, slaves};
+use crate::web::sampler::Sampler;
+
+/// The time between two blocks. \[OURS]
+const BLOCK_INTERVAL: Duration = Duration::from_millis(50);
+/// How many blocks are between two messages with the counters. \[OURS]
+const BLOCKS_PER_STATUS: u32 = 5;
+/// The most reports in the buffer: a second at the fastest cycle. \[OURS]
+const REPORTS_MAX: usize = 8000;
+/// The most pages at a time. \[OURS]
+const PAGES_MAX: usize = 16;
+/// The messages that wait for a page at most: some 3 s. \[OURS]
+const QUEUE_MAX: usize = 64;
+
+/// A message to a page.
+#[derive(Clone)]
+pub enum Out {
+    /// JSON.
+    Text(Arc<str>),
+    /// A block of points.
+    Block(Arc<[u8]>),
+}
+
+/// What is watched.
+pub struct Subject {
+    /// The link, as it was named.
+    pub uri: LinkUri,
+    /// The machine file.
+    pub machine: Option<Arc<MachineFile>>,
+    /// The slaves of `--slaves`.
+    pub slaves: Option<KindList>,
+    /// The scales of `--counts-per-unit`.
+    pub scales: Option<Scales>,
+    /// The slot size of `--slot-size`.
+    pub slot_size: Option<SlotSize>,
+}
+
+/// The pages of a board.
+pub struct Hub {
+    name: String,
+    pages: Mutex<Vec<Page>>,
+    stop: AtomicBool,
+    thread: Mutex<Option<JoinHandle<()>>>,
+}
+
+/// A page that is connected.
+struct Page {
+    queue: SyncSender<Out>,
+    /// Whether it has to be greeted: it is new, or it was too slow for a message that it must not miss.
+    is_new: bool,
+    /// The blocks that it was too slow for.
+    dropped: u64,
+}
+
+/// Reports that were read and not yet sent.
+#[derive(Default)]
+struct Inbox {
+    reports: Vec<(i64, Frame)>,
+    size: Option<SlotSize>,
+    left_out: u64,
+}
+
+impl Hub {
+    /// Opens the board and starts to watch it.
+    ///
+    /// # Errors
+    /// [`CliError`]
+    pub fn start(chosen: &ChosenLink, subject: Subject) -> Result<Arc<Self>, CliError> {
+        let inbox = Arc::new(Mutex::new(Inbox::default()));
+        let filled = Arc::clone(&inbox);
+        let each = Box::new(move |at_ns: i64, frame: &Frame, size: SlotSize| {
+            let mut inbox = lock(&filled);
+            inbox.size = Some(size);
+            if inbox.reports.len() < REPORTS_MAX {
+                inbox.reports.push((at_ns, frame.clone()));
+            } else {
+                inbox.left_out += 1;
+            }
+        });
+        let feed = monitor::board(chosen, subject.slaves.as_ref(), subject.slot_size, subject.machine.as_ref(), each)?;
+        let hub = Arc::new(Self {
+            name: subject.uri.to_string(),
+            pages: Mutex::default(),
+            stop: AtomicBool::new(false),
+            thread: Mutex::default(),
+        });
+        let publishing = Arc::clone(&hub);
+        let spawned = thread::Builder::new().name("pages".into()).spawn(move || {
+            let mut publisher = Publisher::new(subject, feed, inbox);
+            while !publishing.stop.load(Ordering::Relaxed) {
+                publisher.publish(&publishing.name, &publishing.pages);
+                thread::sleep(BLOCK_INTERVAL);
+            }
+        });
+        let system = |error: io::Error| WebError::System { what: "start a thread", message: error.to_string() };
+        *lock(&hub.thread) = Some(spawned.map_err(system)?);
+        Ok(hub)
+    }
+
+    /// Closes the board. A recording of it is whole afterwards.
+    pub fn stop(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = lock(&self.thread).take() {
+            // A panic of the thread was printed already.
+            let _ = thread.join();
+        }
+    }
+
+    /// The link of the board.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The queue of a new page; `None` if there are enough.
+    pub fn join(&self) -> Option<Receiver<Out>> {
+        let mut pages = lock(&self.pages);
+        if pages.len() >= PAGES_MAX {
+            return None;
+        }
+        let (queue, messages) = sync_channel(QUEUE_MAX);
+        pages.push(Page { queue, is_new: true, dropped: 0 });
+        Some(messages)
+    }
+}
+
+impl Page {
+    /// Offers a message; returns whether the page is still there. If `must` and there is no room, the page is greeted anew later.
+    fn offer(&mut self, message: Out, must: bool) -> bool {
+        match self.queue.try_send(message) {
+            Ok(()) => true,
+            Err(TrySendError::Full(_)) => {
+                self.dropped += u64::from(!must);
+                self.is_new |= must;
+                true
+            }
+            Err(TrySendError::Disconnected(_)) => false,
+        }
+    }
+
+    /// Offers what is new; returns whether the page is still there.
+    fn deliver(&mut self, news: &News, hello: impl Fn() -> Arc<str>) -> bool {
+        self.dropped += news.left_out;
+        if std::mem::take(&mut self.is_new) {
+            // A silent board has nothing else to show than its newest points.
+            return self.offer(Out::Text(hello()), true) && self.offer(Out::Block(Arc::clone(&news.newest)), false);
+        }
+        if !news.texts.iter().all(|text| self.offer(Out::Text(Arc::clone(text)), true)) {
+            return false;
+        }
+        // A page that has missed a text cannot read what follows, until it is greeted anew.
+        if self.is_new {
+            return true;
+        }
+        if !news.block.is_empty() && !self.offer(Out::Block(Arc::clone(&news.block)), false) {
+            return false;
+        }
+        let Some(status) = &news.status else { return true };
+        let text = format!(r#"{{"type":"status","status":{},"dropped":{}}}"#, status.trim_end(), self.dropped);
+        // A status that does not fit is followed by the next one.
+        !matches!(self.queue.try_send(Out::Text(text.into())), Err(TrySendError::Disconnected(_)))
+    }
+}
+
+/// What the pages are told at a time.
+struct News {
+    /// The messages that no page must miss.
+    texts: Vec<Arc<str>>,
+    /// The new points.
+    block: Arc<[u8]>,
+    /// The newest point of each channel.
+    newest: Arc<[u8]>,
+    /// The counters as JSON, from time to time.
+    status: Option<String>,
+    /// The reports that did not fit the buffer.
+    left_out: u64,
+}
+
+/// What makes the messages.
+struct Publisher {
+    subject: Subject,
+    feed: Feed,
+    inbox: Arc<Mutex<Inbox>>,
+    network: Option<KnownNetwork>,
+    kinds: Kinds,
+    sampler: Sampler,
+    channels: Channels,
+    events: Option<Events>,
+    first_ns: Option<i64>,
+    /// The channels and events that the pages know.
+    told: (usize, u64),
+    blocks: u32,
+}
+
+impl Publisher {
+    fn new(subject: Subject, feed: Feed, inbox: Arc<Mutex<Inbox>>) -> Self {
+        let mut publisher = Self {
+            subject,
+            feed,
+            inbox,
+            network: None,
+            kinds: Kinds::new(None),
+            sampler: Sampler::new(true),
+            channels: Channels::default(),
+            events: None,
+            first_ns: None,
+            told: (0, 0),
+            blocks: 0,
+        };
+        publisher.look_at_network();
+        publisher
+    }
+
+    /// Takes over which slaves there are. A server tells it anew when a program has configured the network.
+    fn look_at_network(&mut self) -> bool {
+        let network = self.feed.network();
+        if self.events.is_some() && network == self.network {
+            return false;
+        }
+        let uri = as_reader(&self.subject.uri);
+        let machine = self.subject.machine.as_deref();
+        let kinds = monitor::known_kinds(self.subject.slaves.as_ref(), &uri, machine, network.clone());
+        (self.network, self.kinds) = (network, Kinds::new(kinds.as_deref()));
+        true
+    }
+
+    /// Takes what was read since the last time, and offers it to all pages.
+    fn publish(&mut self, name: &str, pages: &Mutex<Vec<Page>>) {
+        let (reports, size, left_out) = {
+            let mut inbox = lock(&self.inbox);
+            (std::mem::take(&mut inbox.reports), inbox.size, std::mem::take(&mut inbox.left_out))
+        };
+        let Some(size) = size else { return };
+        self.blocks = self.blocks.wrapping_add(1);
+        let is_status = self.blocks.is_multiple_of(BLOCKS_PER_STATUS);
+        let is_other = is_status && self.look_at_network();
+        let mut events = self.events.take().unwrap_or_else(|| Events::new(size, self.kinds.clone()));
+        if is_other {
+            events.set_kinds(self.kinds.clone());
+        }
+        self.take(&reports, size, &mut events);
+        let news = self.news(&events, left_out, is_status, is_other);
+        lock(pages).retain_mut(|page| page.deliver(&news, || self.hello(name, &events)));
+        self.events = Some(events);
+    }
+
+    /// Takes events and points from reports.
+    fn take(&mut self, reports: &[(i64, Frame)], size: SlotSize, events: &mut Events) {
+        let machine = self.subject.machine.as_deref();
+        let names = Names { machine, scales: self.subject.scales.as_ref(), unit: "units" };
+        for (at_ns, frame) in reports {
+            let at_ns = at_ns - *self.first_ns.get_or_insert(*at_ns);
+            events.frame(at_ns, Dir::Read, frame, machine);
+            self.sampler.report(&mut self.channels, &names, at_ns, (frame, size), &self.kinds);
+        }
+    }
+
+    /// What the pages do not know yet.
+    fn news(&mut self, events: &Events, left_out: u64, is_status: bool, is_other: bool) -> News {
+        let block = self.channels.take_block().into();
+        let (channels, found) = (self.channels.list(), events.found());
+        let all_events = events.left_out() + found.len() as u64;
+        let new_events = usize::try_from(all_events - self.told.1).unwrap_or(usize::MAX).min(found.len());
+        let channels_text = (channels.len() != self.told.0 || is_other).then(|| {
+            let known = slaves(&self.kinds, self.subject.machine.as_deref());
+            json!({"type": "channels", "channels": channels, "slaves": known}).to_string()
+        });
+        let events_text = (new_events > 0)
+            .then(|| json!({"type": "events", "events": &found[found.len() - new_events..]}).to_string());
+        self.told = (channels.len(), all_events);
+        News {
+            texts: channels_text.into_iter().chain(events_text).map(Arc::from).collect(),
+            block,
+            newest: self.channels.newest().into(),
+            status: is_status.then(|| view_json::line(&self.feed.view().0)),
+            left_out,
+        }
+    }
+
+    /// The first message to a page.
+    fn hello(&self, name: &str, events: &Events) -> Arc<str> {
+        let hello = Hello {
+            format: FORMAT,
+            version: env!("CARGO_PKG_VERSION"),
+            source: "board",
+            name: name.to_owned(),
+            notes: Vec::new(),
+            slaves: slaves(&self.kinds, self.subject.machine.as_deref()),
+            words: Words::new(),
+            channels: self.channels.list(),
+            events: events.found(),
+            spans: Vec::new(),
+            plane: None,
+            block: String::new(),
+        };
+        let mut hello = json!(hello);
+        hello["type"] = "hello".into();
+        hello.to_string().into()
+    }
+}
+
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn text() -> Out {
+        Out::Text("{}".into())
+    }
+
+    fn block() -> Out {
+        Out::Block([0].into())
+    }
+
+    /// A page that takes nothing loses blocks, which are counted; after a message that it must not miss it is greeted anew.
+    #[test]
+    fn a_slow_page_loses_blocks_and_nobody_waits_for_it() {
+        let (queue, messages) = sync_channel(2);
+        let mut page = Page { queue, is_new: false, dropped: 0 };
+        assert!((0..5).all(|_| page.offer(block(), false)));
+        assert_eq!((page.dropped, page.is_new), (3, false));
+        assert!(page.offer(text(), true));
+        assert_eq!((page.dropped, page.is_new), (3, true));
+        assert_eq!(messages.try_iter().count(), 2);
+        assert!(page.offer(text(), true));
+        drop(messages);
+        assert!(!page.offer(block(), false), "it has gone");
+    }
+}

@@ -1,0 +1,179 @@
+//! The server of the page: its connections, each with a thread, and who may have what.
+
+use std::io;
+use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use data_encoding::HEXLOWER;
+
+use super::WebError;
+use super::client;
+use super::http::{self, Refusal, Request};
+use super::hub::Hub;
+use crate::web::assembly::{Page, page};
+
+/// The most connections at a time; each has a thread. \[OURS]
+const CONNECTIONS_MAX: usize = 64;
+/// The time before the next connection is accepted after an error, such as too many open files. \[OURS]
+const AFTER_ERROR: Duration = Duration::from_millis(100);
+
+/// What the page shows.
+pub enum Content {
+    /// A recording: the page has all of it.
+    Recording(Page),
+    /// A board, of which a WebSocket tells.
+    Board(Arc<Hub>),
+}
+
+/// The server.
+pub struct Site {
+    address: SocketAddr,
+    shared: Arc<Shared>,
+    thread: JoinHandle<()>,
+}
+
+struct Shared {
+    token: String,
+    content: Content,
+    stop: Arc<AtomicBool>,
+    connections: AtomicUsize,
+}
+
+impl Site {
+    /// Starts to listen.
+    ///
+    /// # Errors
+    /// [`WebError`]
+    pub fn start(listen: SocketAddr, content: Content) -> Result<Self, WebError> {
+        let listener = TcpListener::bind(listen).map_err(|source| WebError::Listen { address: listen, source })?;
+        let address = listener.local_addr().map_err(|source| WebError::Listen { address: listen, source })?;
+        let mut random = [0; 16];
+        let system = |what, message: String| WebError::System { what, message };
+        getrandom::fill(&mut random).map_err(|error| system("make a token", error.to_string()))?;
+        let shared = Arc::new(Shared {
+            token: HEXLOWER.encode(&random),
+            content,
+            stop: Arc::default(),
+            connections: AtomicUsize::new(0),
+        });
+        let serving = Arc::clone(&shared);
+        let thread = thread::Builder::new().name("web".into()).spawn(move || accept(&listener, &serving));
+        let thread = thread.map_err(|error| system("start a thread", error.to_string()))?;
+        Ok(Self { address, shared, thread })
+    }
+
+    /// The address of the page.
+    pub fn url(&self) -> String {
+        format!("http://{}/?token={}", self.address, self.shared.token)
+    }
+
+    /// Ends the server. Pages that are connected see their connections end.
+    pub fn stop(self) {
+        self.shared.stop.store(true, Ordering::Relaxed);
+        // Accepting waits for a connection. If this one does not come about, the thread ends with the process.
+        if TcpStream::connect_timeout(&self.address, AFTER_ERROR).is_ok() {
+            // A panic of the thread was printed already.
+            let _ = self.thread.join();
+        }
+    }
+}
+
+fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
+    for stream in listener.incoming() {
+        if shared.stop.load(Ordering::Relaxed) {
+            return;
+        }
+        let Ok(stream) = stream else {
+            thread::sleep(AFTER_ERROR);
+            continue;
+        };
+        if shared.connections.fetch_add(1, Ordering::Relaxed) >= CONNECTIONS_MAX {
+            // No thread and no answer: an answer would be waited for.
+            shared.connections.fetch_sub(1, Ordering::Relaxed);
+            continue;
+        }
+        let serving = Arc::clone(shared);
+        let spawned = thread::Builder::new().name("web client".into()).spawn(move || {
+            // Whatever is wrong with a connection ends it and nothing else.
+            let _ = serving.serve(stream);
+            serving.connections.fetch_sub(1, Ordering::Relaxed);
+        });
+        if spawned.is_err() {
+            shared.connections.fetch_sub(1, Ordering::Relaxed);
+        }
+    }
+}
+
+const NO_TOKEN: Refusal = Refusal {
+    status: "403 Forbidden",
+    text: "The address lacks its token: open the address that `ecmsk serve web` has printed.",
+};
+const NOT_HERE: Refusal = Refusal {
+    status: "403 Forbidden",
+    text: "This server answers only to names of its own machine: open http://localhost with the port and the token.",
+};
+const OTHER_ORIGIN: Refusal =
+    Refusal { status: "403 Forbidden", text: "Only the page of this server may connect to it." };
+const NOT_GET: Refusal = Refusal { status: "405 Method Not Allowed", text: "This server only shows: use GET." };
+const NOT_FOUND: Refusal = Refusal {
+    status: "404 Not Found",
+    text: "There is one page only: open the address that `ecmsk serve web` has printed.",
+};
+const NO_SOCKET: Refusal = Refusal { status: "400 Bad Request", text: "Here is a WebSocket, version 13." };
+const FULL: Refusal =
+    Refusal { status: "503 Service Unavailable", text: "Enough pages show this board: close one of them." };
+
+/// What a client gets.
+#[derive(Debug, PartialEq, Eq)]
+enum Wish {
+    Page,
+    Socket(String),
+}
+
+impl Shared {
+    fn serve(&self, mut stream: TcpStream) -> io::Result<()> {
+        let request = http::read(&mut stream)?;
+        let answered = match wish(&request, &self.token) {
+            Err(refusal) => http::refuse(&mut stream, refusal),
+            Ok(Wish::Page) => match &self.content {
+                Content::Recording(page) => http::send_page(&mut stream, &page.html, &page.policy),
+                Content::Board(hub) => {
+                    let connect = format!("ws://{}", request.host);
+                    let page = page(hub.name(), None::<&()>, Some(&connect)).map_err(io::Error::other)?;
+                    http::send_page(&mut stream, &page.html, &page.policy)
+                }
+            },
+            Ok(Wish::Socket(key)) => match &self.content {
+                Content::Recording(_) => http::refuse(&mut stream, NOT_FOUND),
+                Content::Board(hub) => match hub.join() {
+                    None => http::refuse(&mut stream, FULL),
+                    Some(queue) => return client::serve(stream, &key, &queue, &self.stop),
+                },
+            },
+        };
+        answered?;
+        stream.shutdown(Shutdown::Both)
+    }
+}
+
+/// What a request may have.
+fn wish(request: &Request, token: &str) -> Result<Wish, Refusal> {
+    if !http::is_this_machine(&request.host) {
+        return Err(NOT_HERE);
+    }
+    if request.method != "GET" {
+        return Err(NOT_GET);
+    }
+    if !http::is_same(&request.token, token) {
+        return Err(NO_TOKEN);
+    }
+    match &*request.path {
+        "/" => Ok(Wish::Page),
+        "/live" if request.origin != format!("http://{}", request.host) => Err(OTHER_ORIGIN),
+        "/live" => request.socket_key.clone().map(Wish::Socket).ok_or(NO_SOCKET),
+        _ => Err(NOT_FOUND),
+    }
+}

@@ -1,0 +1,154 @@
+//! The channels of a page: one curve each, of a slave or of the board.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::codec::{self, Point};
+
+/// What a channel shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Quantity {
+    /// The state byte of the board, 0 to 255.
+    AlState,
+    /// The free entries of the FIFO.
+    FifoFree,
+    /// The FIFO-full count.
+    FullCount,
+    /// The statusword, 0x6041.
+    Statusword,
+    /// The error code, 0x603F.
+    ErrorCode,
+    /// The actual position.
+    Position,
+    /// The executed target position.
+    Target,
+    /// The following error: the executed target minus the position.
+    FollowingError,
+    /// The velocity of the positions.
+    Velocity,
+    /// The velocity of the targets.
+    TargetVelocity,
+    /// The target of CSV, in the drive's own unit.
+    Csv,
+    /// The torque in percent of the rated torque.
+    Torque,
+    /// The target of CST in percent of the rated torque.
+    Cst,
+    /// An input of an IO slave.
+    Input,
+    /// An output of an IO slave.
+    Output,
+}
+
+impl Quantity {
+    /// Whether a value holds until the next one, so that the curve has steps.
+    pub const fn is_held(self) -> bool {
+        !matches!(
+            self,
+            Self::Position
+                | Self::FollowingError
+                | Self::Velocity
+                | Self::TargetVelocity
+                | Self::Torque
+                | Self::FifoFree
+        )
+    }
+
+    /// The size of a step of the values, before a scale is applied.
+    pub const fn step(self) -> f64 {
+        match self {
+            Self::Velocity | Self::TargetVelocity => 0.125,
+            Self::Torque | Self::Cst => 0.1,
+            _ => 1.0,
+        }
+    }
+
+    /// Whether values are in counts or in counts per second, and so in the unit of an axis.
+    pub const fn is_scaled(self) -> bool {
+        matches!(self, Self::Position | Self::Target | Self::FollowingError | Self::Velocity | Self::TargetVelocity)
+    }
+}
+
+/// Which channel: the slave (0: the board), what it shows, and the bit of an input or output.
+pub type Key = (u8, Quantity, u8);
+
+/// A channel as the page is told of it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Channel {
+    /// The number of the slave; 0: the board.
+    pub slave: u8,
+    /// What the channel shows.
+    pub quantity: Quantity,
+    /// The bit of an input or output; 0 for everything else.
+    pub bit: u8,
+    /// The name of an input or output in the machine file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// By which the page multiplies a value.
+    pub factor: f64,
+    /// The unit of the product.
+    pub unit: String,
+    /// Whether a value holds until the next one.
+    pub held: bool,
+}
+
+/// How channels are named and scaled.
+pub trait Naming {
+    /// The channel of this key.
+    fn channel(&self, key: Key) -> Channel;
+}
+
+/// Channels and their points since the last block.
+#[derive(Debug, Default)]
+pub struct Channels {
+    list: Vec<Channel>,
+    places: BTreeMap<Key, usize>,
+    points: Vec<Vec<Point>>,
+    /// The newest point of each channel.
+    newest: Vec<Option<Point>>,
+}
+
+impl Channels {
+    /// The channels so far, in the order of their numbers.
+    pub fn list(&self) -> &[Channel] {
+        &self.list
+    }
+
+    /// The number of a channel, which begins with its first use.
+    pub fn place(&mut self, key: Key, naming: &impl Naming) -> usize {
+        *self.places.entry(key).or_insert_with(|| {
+            self.list.push(naming.channel(key));
+            self.points.push(Vec::new());
+            self.newest.push(None);
+            self.list.len() - 1
+        })
+    }
+
+    /// Adds a point.
+    pub fn push(&mut self, key: Key, naming: &impl Naming, point: Point) {
+        let place = self.place(key, naming);
+        self.points[place].push(point);
+        self.newest[place] = Some(point);
+    }
+
+    /// A block with the newest point of each channel, for a page that knows none; empty if there are none.
+    pub fn newest(&self) -> Vec<u8> {
+        let mut block = Vec::new();
+        for (place, point) in self.newest.iter().enumerate().filter_map(|(place, point)| Some((place, (*point)?))) {
+            codec::append(&mut block, place, false, &[point]);
+        }
+        block
+    }
+
+    /// The points since the last block, as a block; empty if there are none.
+    pub fn take_block(&mut self) -> Vec<u8> {
+        let mut block = Vec::new();
+        for (place, points) in self.points.iter_mut().enumerate().filter(|(_, points)| !points.is_empty()) {
+            codec::append(&mut block, place, false, points);
+            points.clear();
+        }
+        block
+    }
+}

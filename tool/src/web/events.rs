@@ -1,0 +1,181 @@
+//! The events of a run: what a page lists with times and words.
+
+use ecmsk::link::Dir;
+use ecmsk::machine_file::MachineFile;
+use ecmsk::recording::Kinds;
+use ecmsk::sk::dump::MAX_SLAVES;
+use ecmsk::sk::{DriveResponse, Frame, MasterResponse, SlaveKind, SlotSize, StateByte};
+use ecmsk::summary::{FrameEvent, FrameWatch};
+use serde::Serialize;
+
+/// The most events that are kept; a page has no use for more. \[OURS]
+const EVENTS_MAX: usize = 5000;
+/// FIFO-full counts that rise within this time are one event, ns. \[OURS]
+const FULL_APART_NS: i64 = 1_000_000_000;
+
+/// What kind of event it is, by which the page marks it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EventKind {
+    /// The AL state of the network changes.
+    Network,
+    /// A state of a drive begins.
+    Drive,
+    /// An alarm of a drive.
+    Alarm,
+    /// The FIFO ran empty in a motion.
+    Gap,
+    /// Command frames were lost.
+    Fifo,
+    /// A slave is lost.
+    Lost,
+}
+
+/// An event.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Event {
+    /// Nanoseconds since the first frame.
+    pub at_ns: i64,
+    /// The slave; 0: the board.
+    pub slave: u8,
+    /// What kind of event it is.
+    pub kind: EventKind,
+    /// The event in words.
+    pub text: String,
+    /// The error code of an alarm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub code: Option<u16>,
+}
+
+/// A time in which an axis or the board has a state that is shaded.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Span {
+    /// The slave; 0: the board.
+    pub slave: u8,
+    /// `not_enabled`, `homing`, `fault`, `gap`, `lost` or `failed`.
+    pub state: &'static str,
+    /// The beginning in seconds since the first frame.
+    pub from: f64,
+    /// The end in seconds since the first frame.
+    pub to: f64,
+    /// The state in words.
+    pub text: String,
+}
+
+/// Finds events in the frames of a run, which have to be sorted by time.
+pub struct Events {
+    size: SlotSize,
+    watch: FrameWatch,
+    kinds: Kinds,
+    state: Option<StateByte>,
+    drives: [Option<&'static str>; MAX_SLAVES],
+    full: Option<u16>,
+    full_ns: Option<i64>,
+    found: Vec<Event>,
+    left_out: u64,
+}
+
+impl Events {
+    /// Starts without frames. `kinds` are the kinds of the slaves, if they are known.
+    pub fn new(size: SlotSize, kinds: Kinds) -> Self {
+        Self {
+            size,
+            watch: FrameWatch::new(size),
+            kinds,
+            state: None,
+            drives: [None; MAX_SLAVES],
+            full: None,
+            full_ns: None,
+            found: Vec::new(),
+            left_out: 0,
+        }
+    }
+
+    /// Adds the next frame.
+    pub fn frame(&mut self, at_ns: i64, direction: Dir, frame: &Frame, machine: Option<&MachineFile>) {
+        match direction {
+            Dir::Write => {
+                self.kinds.command(frame, self.size);
+                self.watch.command(at_ns, frame);
+            }
+            Dir::Read => self.report(at_ns, frame, machine),
+        }
+    }
+
+    /// Takes over other kinds of the slaves.
+    pub fn set_kinds(&mut self, kinds: Kinds) {
+        self.kinds = kinds;
+    }
+
+    /// The kinds of the slaves so far.
+    pub const fn kinds(&self) -> &Kinds {
+        &self.kinds
+    }
+
+    /// The events so far.
+    pub fn found(&self) -> &[Event] {
+        &self.found
+    }
+
+    /// How many events, the oldest, were left out because there were too many.
+    pub const fn left_out(&self) -> u64 {
+        self.left_out
+    }
+
+    /// Adds events that were found elsewhere, and sorts all by time.
+    pub fn with(&mut self, others: impl IntoIterator<Item = Event>) {
+        others.into_iter().for_each(|event| self.add(event));
+        self.found.sort_by_key(|event| event.at_ns);
+    }
+
+    fn add(&mut self, event: Event) {
+        if self.found.len() == EVENTS_MAX {
+            self.found.remove(0);
+            self.left_out += 1;
+        }
+        self.found.push(event);
+    }
+
+    fn report(&mut self, at_ns: i64, frame: &Frame, machine: Option<&MachineFile>) {
+        let mut seen = Vec::new();
+        self.watch.report(at_ns, frame, &mut |event| seen.push(event));
+        self.kinds.response(frame, self.size);
+        let board = MasterResponse::decode(&frame.slot(self.size, 0));
+        let event = |slave, kind, text| Event { at_ns, slave, kind, text, code: None };
+        if self.state.replace(board.state) != Some(board.state) {
+            let kind = if board.state.is_failed() { EventKind::Lost } else { EventKind::Network };
+            self.add(event(0, kind, board.state.to_string()));
+        }
+        for found in seen {
+            let FrameEvent::Alarm(alarm) = found else { continue };
+            let own = machine.and_then(|machine| machine.alarm_text(alarm.slave, alarm.code));
+            let meaning = own.unwrap_or_else(|| ecmsk::cia402::error_name(alarm.code));
+            let text = format!("alarm 0x{:04X}: {meaning}", alarm.code);
+            self.add(Event { code: Some(alarm.code), ..event(alarm.slave, EventKind::Alarm, text) });
+        }
+        let rises = self.full.replace(board.full_count).is_some_and(|before| before != board.full_count);
+        if rises {
+            let is_new = self.full_ns.replace(at_ns).is_none_or(|then_ns| at_ns - then_ns > FULL_APART_NS);
+            if is_new {
+                self.add(event(0, EventKind::Fifo, "FIFO full: command frames are lost".to_owned()));
+            }
+        }
+        self.drives(at_ns, frame);
+    }
+
+    fn drives(&mut self, at_ns: i64, frame: &Frame) {
+        for slave in 1..=self.size.max_slaves() {
+            if !matches!(self.kinds.of(slave), Some(SlaveKind::Drive | SlaveKind::Step | SlaveKind::Hsp)) {
+                continue;
+            }
+            let drive = DriveResponse::decode(&frame.slot(self.size, slave));
+            // Before it has process data a slot is empty.
+            let state = drive.statusword.state().filter(|_| drive.statusword.0 != 0).map(|state| state.name());
+            let before = std::mem::replace(&mut self.drives[slave - 1], state);
+            if let Some(name) = state.filter(|_| before != state) {
+                let text = name.to_owned();
+                self.add(Event { at_ns, slave: slave as u8, kind: EventKind::Drive, text, code: None });
+            }
+        }
+    }
+}

@@ -1,0 +1,154 @@
+//! `ecmsk plot -o run.html`: a recording as one page.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use crate::common::page::{channel, data, hello, points};
+use crate::common::plots::{Recorded, two_axes};
+use crate::common::{json_lines, run};
+
+/// The limit of the page without its data, in bytes.
+const PAGE_MAX: usize = 300_000;
+
+/// Two axes that move, with an alarm on the way.
+pub fn recorded(folder: &Path) -> PathBuf {
+    let script = folder.join("alarm.ecmscript");
+    std::fs::write(&script, "at 600ms alarm 2 0x7305\n").expect("a file");
+    let file = folder.join("run.pcapng");
+    let link = format!("sim:?slaves=drive*2,io&clock=virtual&record={}&script={}", file.display(), script.display());
+    let moved = run(["move", "1=10000", "2=-5000", "--up", "--link", &link]);
+    assert_eq!(moved.code, Some(1), "the alarm ends the move: {moved:?}");
+    file
+}
+
+fn page(file: &Path, options: &[&str]) -> String {
+    let html = file.with_extension("html");
+    let name = html.to_str().expect("UTF-8");
+    let said = run([&["plot", file.to_str().expect("UTF-8"), "-o", name], options].concat());
+    assert_eq!((said.code, &*said.out), (Some(0), &*format!("{name}\n")), "{said:?}");
+    std::fs::read_to_string(&html).expect("a page")
+}
+
+/// One file has all: nothing is fetched, a policy forbids it, and the page is small.
+#[test]
+fn a_page_is_one_small_file_that_fetches_nothing() {
+    let recorded = Recorded::new(&two_axes().0);
+    let html = page(&recorded.file, &[]);
+    let without_data = html.replace(data(&html), "");
+    assert!(without_data.len() < PAGE_MAX, "{} bytes", without_data.len());
+    for text in ["<script src", "<link", "@import", "url(", "\nimport ", "\nexport ", "{{policy", "{{data"] {
+        assert!(!without_data.contains(text), "{text}");
+    }
+    assert!(html.contains("default-src 'none'") && html.contains("connect-src 'none'"));
+    assert!(html.contains("Leon Sorokin"), "the licence of the library is in the page");
+    assert_eq!(html, page(&recorded.file, &[]), "the same bytes again");
+}
+
+/// Positions are those of the frames, one for each report, as `dump` shows them.
+#[test]
+fn the_points_are_those_of_the_frames() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = recorded(folder.path());
+    let hello = hello(&page(&file, &[]));
+    let block = data_encoding::BASE64.decode(hello["block"].as_str().expect("a block").as_bytes()).expect("base64");
+    let points = points(&block);
+    let positions = &points[&channel(&hello, 1, "position")];
+    let dumped = dumped(&file);
+    assert!(positions.len() > 100 && dumped.len() > 200, "{} of {}", positions.len(), dumped.len());
+    // Between two points of the page is a straight line: where it is left out, the value did not change.
+    let mut later = positions.iter().peekable();
+    let mut before = None;
+    let mut compared = 0;
+    for (at_ns, position) in dumped {
+        while let Some(point) = later.next_if(|(then, _)| *then <= at_ns) {
+            before = Some(*point);
+        }
+        let Some(shown) = before else { continue };
+        assert_eq!(shown.1, position, "at {at_ns} ns");
+        compared += 1;
+    }
+    assert!(compared > 200, "{compared}");
+}
+
+/// The position of slave 1 in each report of OP: nanoseconds, counts.
+pub fn dumped(file: &Path) -> Vec<(i64, i64)> {
+    let out = run(["dump", file.to_str().expect("UTF-8"), "--json", "--direction", "response", "--slots", "0,1"])
+        .expect_quiet();
+    let frames = json_lines(&out).into_iter().filter(|frame| frame["slots"][0]["state"] == "OP");
+    let number = |value: &Value| value.as_i64().expect("a number");
+    frames.map(|frame| (number(&frame["time_ns"]), number(&frame["slots"][1]["position_counts"]))).collect()
+}
+
+/// Events have their times and the tool's words, in order.
+#[test]
+fn events_stand_in_words() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let hello = hello(&page(&recorded(folder.path()), &[]));
+    let events = hello["events"].as_array().expect("a list");
+    let texts: Vec<(u64, &str)> = events
+        .iter()
+        .map(|event| (event["slave"].as_u64().expect("a number"), event["text"].as_str().expect("a text")))
+        .collect();
+    for expected in [(0, "PreOP"), (0, "OP"), (1, "Operation enabled"), (2, "Fault")] {
+        assert!(texts.contains(&expected), "{expected:?} is missing in {texts:?}");
+    }
+    let alarm = texts.iter().find(|(slave, text)| *slave == 2 && text.starts_with("alarm 0x7305: "));
+    assert!(alarm.is_some(), "{texts:?}");
+    assert!(events.is_sorted_by_key(|event| event["at_ns"].as_i64()));
+    let spans = hello["spans"].as_array().expect("a list");
+    assert!(spans.iter().any(|span| span["slave"] == 2 && span["state"] == "fault"), "{spans:?}");
+}
+
+/// Names and units are those of the machine file.
+#[test]
+fn axes_have_their_names_and_units() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = recorded(folder.path());
+    let machine = folder.path().join("m.toml");
+    std::fs::write(&machine, "format = 1\n[axes]\nX = { slave = 1, unit = \"mm\", per = 0.001 }\n").expect("a file");
+    let hello = hello(&page(&file, &["--machine", machine.to_str().expect("UTF-8")]));
+    let position = &hello["channels"][channel(&hello, 1, "position")];
+    assert_eq!((&position["unit"], &position["factor"]), (&"mm".into(), &0.001.into()));
+    assert_eq!(hello["channels"][channel(&hello, 1, "velocity")]["unit"], "mm/s");
+    assert_eq!(hello["slaves"][0]["name"], "X");
+}
+
+/// A page does not replace its recording, and a time without OP is an error.
+#[test]
+fn what_cannot_be_shown_is_an_error() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = recorded(folder.path()).with_extension("html");
+    std::fs::rename(file.with_extension("pcapng"), &file).expect("it is there");
+    let name = file.to_str().expect("UTF-8");
+    run(["plot", name, "-o", name]).expect_failure(1, &["would replace the recording"], "-o");
+    let other = folder.path().join("other.html");
+    let other = other.to_str().expect("UTF-8");
+    run(["plot", name, "-o", other, "--from", "99"]).expect_failure(1, &["no time in OP is left"], "--from or --to");
+    assert!(!Path::new(other).exists());
+}
+
+/// The logic of the page, in node.
+mod needs_node {
+    use std::process::Command;
+
+    #[test]
+    fn the_modules_of_the_page_pass_their_tests() {
+        let folder = support::root().join("tool/web/tests");
+        let tests: Vec<_> = folder.read_dir().expect("a folder").map(|file| file.expect("a file").path()).collect();
+        assert!(!tests.is_empty());
+        let said = support::succeed(Command::new("node").arg("--test").args(tests));
+        assert!(said.contains("# fail 0") && !said.contains("# pass 0"), "{said}");
+    }
+
+    /// A name that two modules have would be an error of the page, which is one module of all.
+    #[test]
+    fn the_modules_are_one_module() {
+        let recorded = super::Recorded::new(&super::two_axes().0);
+        let html = super::page(&recorded.file, &[]);
+        let (_, script) = html.split_once(r#"<script type="module">"#).expect("the script");
+        let file = recorded.file.with_extension("mjs");
+        std::fs::write(&file, script.split("</script>").next().expect("its end")).expect("a file");
+        support::succeed(Command::new("node").arg("--check").arg(&file));
+    }
+}

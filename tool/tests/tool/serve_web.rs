@@ -1,0 +1,230 @@
+//! `ecmsk serve web`: who may have the page, what it is told, and that no page holds the board up.
+
+use std::io::Read;
+use std::net::TcpStream;
+
+use serde_json::Value;
+use tungstenite::WebSocket;
+
+use crate::common::page::{Serving, data, insist, next_text, points};
+use crate::common::run;
+
+const HOST: &str = "Host: localhost:1";
+/// The messages with counters in some minutes, after which a test gives up.
+const STATUSES_MAX: u32 = 1000;
+
+fn of_a_simulated_board() -> Serving {
+    Serving::start("web", &["--link", "sim:?slaves=drive*2,io"])
+}
+
+/// A board that others command, and its page.
+fn of_a_served_board() -> (Serving, String, Serving) {
+    let board = Serving::start("tcp", &["--link", "sim:?slaves=drive*2,io"]);
+    let link = format!("tcp://{}", board.address());
+    let web = Serving::start("web", &["--link", &link]);
+    (board, link, web)
+}
+
+/// The page has what keeps others out; without its token, by another name and by other methods there is none.
+#[test]
+fn only_who_has_the_address_gets_the_page() {
+    let web = of_a_simulated_board();
+    let (host, token) = web.host_and_token();
+    let (host, get) = (format!("Host: {host}"), format!("GET /?token={token} HTTP/1.1"));
+    let (head, page) = web.ask(&[&get, &host]);
+    assert!(head.starts_with("HTTP/1.1 200 "), "{head}");
+    for field in ["script-src 'sha256-", "frame-ancestors 'none'", "nosniff", "no-store", "no-referrer", "same-origin"]
+    {
+        assert!(head.contains(field), "{field}: {head}");
+    }
+    assert!(head.contains(&format!("connect-src ws://{};", web.host_and_token().0)), "{head}");
+    assert_eq!(data(&page), "null");
+    assert!(!page.contains(token), "the page does not repeat its token");
+    assert!(web.ask(&[&get, HOST]).0.starts_with("HTTP/1.1 200 "), "by the end of a tunnel");
+
+    let other = format!("GET /?token={}{} HTTP/1.1", &token[..31], if token.ends_with('0') { '1' } else { '0' });
+    for (lines, status) in [
+        ([&*get, "Host: example.org"], 403),
+        ([&*get, "Host: 127.0.0.1.example.org"], 403),
+        ([&*get, "Host2: localhost"], 403),
+        (["GET / HTTP/1.1", HOST], 403),
+        ([&*other, HOST], 403),
+        (["GET /?token= HTTP/1.1", HOST], 403),
+        ([&*get.replace("GET", "POST"), HOST], 405),
+        ([&*get.replace("GET /?", "GET /etc/passwd?"), HOST], 404),
+        ([&*get.replace("GET /?", "GET /../?"), HOST], 404),
+        ([&*get.replace("GET /?", "GET /live?"), HOST], 403),
+    ] {
+        let (head, body) = web.ask(&lines);
+        assert!(head.starts_with(&format!("HTTP/1.1 {status} ")), "{lines:?}: {head}");
+        assert!(!body.contains(token) && body.len() < 200, "{body}");
+    }
+    web.end();
+}
+
+/// A WebSocket is the page's own: other pages have another origin, and know no token.
+#[test]
+fn a_socket_needs_the_origin_of_the_page() {
+    let web = of_a_simulated_board();
+    let (host, token) = web.host_and_token();
+    let upgrade = |token: &str, origin: &str| {
+        let lines = [
+            &*format!("GET /live?token={token} HTTP/1.1"),
+            &*format!("Host: {host}"),
+            "Upgrade: websocket",
+            "Connection: Upgrade",
+            "Sec-WebSocket-Version: 13",
+            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
+            origin,
+        ];
+        web.ask(&lines).0
+    };
+    for origin in ["Origin: http://example.org", "Origin: null", "X: none", &format!("Origin: https://{host}")] {
+        assert!(upgrade(token, origin).starts_with("HTTP/1.1 403 "), "{origin}");
+    }
+    assert!(upgrade("0123", &format!("Origin: http://{host}")).starts_with("HTTP/1.1 403 "));
+    let plain = web.ask(&[
+        &format!("GET /live?token={token} HTTP/1.1"),
+        &format!("Host: {host}"),
+        &format!("Origin: http://{host}"),
+    ]);
+    assert!(plain.0.starts_with("HTTP/1.1 400 "), "{}", plain.0);
+    assert!(web.socket().is_some());
+    web.end();
+}
+
+/// A page is greeted, and then told channels, events, counters and points. What another program does shows there.
+#[test]
+fn a_page_shows_what_another_program_does() {
+    let (board, link, web) = of_a_served_board();
+    let mut socket = web.socket().expect("there is room");
+    let mut blocks = Vec::new();
+    let hello = next_text(&mut socket, &mut blocks);
+    assert_eq!((&hello["type"], &hello["source"], &hello["format"]), (&"hello".into(), &"board".into(), &1.into()));
+    insist(&["home", "1", "--up", "--link", &link]);
+    insist(&["io", "3", "--set", "0x4", "--link", &link]);
+    let (mut channels, mut events) = (hello["channels"].clone(), hello["events"].as_array().expect("a list").clone());
+    let (mut statuses, mut has_position, mut has_output) = (0, false, false);
+    while !has_position
+        || !has_output
+        || statuses < 2
+        || !events.iter().any(|event| event["text"] == "Operation enabled")
+    {
+        let message = next_text(&mut socket, &mut blocks);
+        match message["type"].as_str().expect("a type") {
+            "channels" => channels = message["channels"].clone(),
+            "events" => events.extend(message["events"].as_array().expect("a list").iter().cloned()),
+            "status" => {
+                statuses += 1;
+                assert!(statuses < STATUSES_MAX, "position {has_position}, output {has_output}, {events:?}");
+                assert!(message["status"]["reports"].is_u64() && message["dropped"].is_u64(), "{message}");
+            }
+            other => panic!("{other}"),
+        }
+        let of = |slave: u8, quantity: &str, bit: u8| {
+            let is_it =
+                |channel: &Value| channel["slave"] == slave && channel["quantity"] == quantity && channel["bit"] == bit;
+            channels.as_array().expect("a list").iter().position(is_it)
+        };
+        for all in blocks.drain(..).map(|block| points(&block)) {
+            let has = |place: Option<usize>, is_it: fn(i64) -> bool| {
+                let found = place.and_then(|place| all.get(&place));
+                found.is_some_and(|points| points.iter().any(|(_, value)| is_it(*value)))
+            };
+            has_position |= has(of(1, "position", 0), |position| position == 0);
+            has_output |= has(of(3, "output", 2), |output| output == 1);
+        }
+    }
+    // Nothing was sent to the board but what the program has sent.
+    let info = run(["info", "--link", &link]).expect_quiet();
+    assert!(info.contains("state       OP"), "{info}");
+    web.end();
+    let said = board.end();
+    // `home`, `io` and `info` are writers.
+    assert_eq!(said.matches(" is a reader").count(), 1, "{said}");
+    assert!(said.matches(" is a writer").count() >= 3, "{said}");
+}
+
+/// 200 pages: 16 are served, the others are refused, the board is read on, and then there is room again.
+#[test]
+fn a_crowd_of_pages_does_not_slow_the_board() {
+    let web = of_a_simulated_board();
+    let mut sockets: Vec<_> = (0..200).filter_map(|_| web.socket()).collect();
+    assert_eq!(sockets.len(), 16);
+    let first = status(&mut sockets[0])["status"]["reports"].as_u64();
+    let last = status(&mut sockets[15])["status"]["reports"].as_u64();
+    assert!(first > Some(0) && last > Some(0), "{first:?}, {last:?}");
+    drop(sockets);
+    // That pages have gone is seen with the next message to them.
+    let mut socket = (0..10_000).find_map(|_| web.socket()).expect("there is room again");
+    let (before, after) = (status(&mut socket), status(&mut socket));
+    assert!(before["status"]["reports"].as_u64() < after["status"]["reports"].as_u64(), "{before} {after}");
+    web.end();
+}
+
+/// The next message with counters.
+fn status(socket: &mut WebSocket<TcpStream>) -> Value {
+    loop {
+        let message = next_text(socket, &mut Vec::new());
+        if message["type"] == "status" {
+            return message;
+        }
+    }
+}
+
+/// Connections that say nothing, or a page that reads nothing, hold nobody up.
+#[test]
+fn who_says_nothing_holds_nobody_up() {
+    let web = of_a_simulated_board();
+    let silent: Vec<_> = (0..40).map(|_| TcpStream::connect(web.host_and_token().0).expect("it listens")).collect();
+    let _stalled = web.socket().expect("there is room");
+    let mut socket = web.socket().expect("there is room");
+    let mut blocks = Vec::new();
+    while blocks.len() < 10 {
+        next_text(&mut socket, &mut blocks);
+    }
+    drop(silent);
+    web.end();
+}
+
+/// The page of a recording has all in it; there is no socket.
+#[test]
+fn a_recording_is_shown_whole() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = crate::plot_html::recorded(folder.path());
+    let web = Serving::start("web", &[file.to_str().expect("UTF-8")]);
+    let (host, token) = web.host_and_token();
+    let (head, page) = web.ask(&[&format!("GET /?token={token} HTTP/1.1"), &format!("Host: {host}")]);
+    assert!(head.contains("connect-src 'none'"), "{head}");
+    let hello = crate::common::page::hello(&page);
+    assert_eq!(hello["source"], "recording");
+    assert!(web.socket().is_none());
+    assert_eq!(web.end(), "serve: stopped by SIGTERM\n");
+}
+
+/// Other machines do not reach the page, and a forgotten link serves no real board.
+#[test]
+fn what_is_not_served_is_said() {
+    let refused = run(["serve", "web", "--link", "sim:", "--listen", "0.0.0.0:4714"]);
+    refused.expect_misuse(&["only this machine's own addresses", "ssh -L 4714:localhost:4714"]);
+    run(["serve", "web", "--link", "sim:", "--listen", "127.0.0.1"]).expect_misuse(&["write 127.0.0.1:4714"]);
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut command = crate::common::ecmsk(["serve", "web"]);
+    let said = command.current_dir(folder.path()).env("HOME", folder.path()).output().expect("the tool starts");
+    assert_eq!(said.status.code(), Some(2));
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = taken.local_addr().expect("it has one").to_string();
+    run(["serve", "web", "--link", "sim:", "--listen", &address]).expect_failure(1, &["cannot listen on"], "--listen");
+}
+
+/// The end of the server ends its connections.
+#[test]
+fn a_page_sees_the_end_of_the_server() {
+    let web = of_a_simulated_board();
+    let mut socket = web.socket().expect("there is room");
+    web.end();
+    while socket.read().is_ok() {}
+    let mut rest = Vec::new();
+    let _ = socket.get_mut().read_to_end(&mut rest);
+    assert!(!socket.can_read() || rest.is_empty());
+}

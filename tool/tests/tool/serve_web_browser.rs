@@ -1,0 +1,121 @@
+//! The page in a browser.
+
+mod needs_chromium {
+    use crate::common::page::{Browser, Serving, insist};
+    use crate::common::run;
+    use crate::plot_html::{dumped, recorded};
+
+    /// The page of a recording: states in words, events, the values of the frames, cursors, XY, keys, a phone's width. Its
+    /// policy allows its own scripts, and it fetches nothing. With ECMSK_BLESS=1 it writes the picture of docs/WEB.md.
+    #[test]
+    fn a_recording_is_shown_from_a_file() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = recorded(folder.path());
+        let html = folder.path().join("run.html");
+        let title = "Two axes, an alarm on the way";
+        run(["plot", file.to_str().expect("UTF-8"), "--title", title, "-o", html.to_str().expect("UTF-8")])
+            .expect_code(0);
+        let mut browser = Browser::start();
+        browser.open(&format!("file://{}", html.display()));
+
+        let text = browser.value("document.body.innerText");
+        let text = text.as_str().expect("a text");
+        for words in ["Operation enabled", "Fault", "alarm 0x7305", "network: OP", "Following error (counts)"] {
+            assert!(text.contains(words), "{words} is missing in {text}");
+        }
+        assert_eq!(browser.value("performance.getEntriesByType('resource').length"), 0, "it fetches nothing");
+
+        for (at_ns, position) in dumped(&file).into_iter().skip(20).step_by(50) {
+            let shown = browser.value(&format!("page.store.value(1, 'position', {at_ns} / 1e9)"));
+            let shown = shown.as_f64().expect("a number");
+            assert!((shown - position as f64).abs() < 0.01, "{shown} and not {position} at {at_ns} ns");
+        }
+
+        // Curves are drawn: there are pixels that are neither paper nor grey.
+        let coloured = "(() => { const { plot } = page.scope.panels[0]; const { canvas } = plot.ctx; \
+                        const { data } = plot.ctx.getImageData(0, 0, canvas.width, canvas.height); let n = 0; \
+                        for (let i = 0; i < data.length; i += 4) \
+                          n += data[i + 3] > 0 && Math.abs(data[i] - data[i + 2]) > 60; return n; })()";
+        assert!(browser.value(coloured).as_u64().expect("a count") > 500);
+
+        let whole = browser.value("page.scope.range.to - page.scope.range.from").as_f64().expect("seconds");
+        browser.press("+");
+        let closer = browser.value("page.scope.range.to - page.scope.range.from").as_f64().expect("seconds");
+        assert!(closer < whole, "{closer} of {whole}");
+        browser.press("a");
+        browser.press("f");
+        browser.press("b");
+        browser.value("page.scope.setCursor('b', 0.65)");
+        assert!(
+            browser.value("document.querySelector('#readings').innerText").as_str().expect("a text").contains("B - A")
+        );
+        browser.press("x");
+        assert_eq!(browser.value("document.querySelector('#xy').hidden"), false);
+        browser.value("document.querySelector('#events button.alarm').click()");
+        let marked = browser.value("page.scope.marked").as_f64().expect("seconds");
+        let (from, to) = (browser.value("page.scope.range.from"), browser.value("page.scope.range.to"));
+        assert!(from.as_f64() < Some(marked) && Some(marked) < to.as_f64(), "{marked}");
+        let picture = browser.picture();
+        let theme = browser.value("document.documentElement.dataset.theme");
+        browser.press("t");
+        assert_ne!(browser.value("document.documentElement.dataset.theme"), theme);
+        // What is saved, instead of a file.
+        browser.value(
+            "globalThis.saved = (act) => new Promise((done) => { const old = URL.createObjectURL; \
+             URL.createObjectURL = (blob) => { URL.createObjectURL = old; done(blob); return old(blob); }; act(); })",
+        );
+        let table = browser.value("saved(() => page.saveCsv()).then((blob) => blob.text())");
+        let table = table.as_str().expect("a text");
+        assert!(table.starts_with("time (s),slave 1 position (counts),") && table.lines().count() > 10, "{table}");
+        let size = browser.value("saved(() => page.savePng()).then((blob) => blob.type + ' ' + (blob.size > 10000))");
+        assert_eq!(size, "image/png true");
+
+        let size = serde_json::json!({"width": 390, "height": 800, "deviceScaleFactor": 1, "mobile": true});
+        browser.call("Emulation.setDeviceMetricsOverride", size);
+        browser.wait_for("document.documentElement.clientWidth <= 390");
+        assert_eq!(
+            browser.value("document.documentElement.scrollWidth <= 390"),
+            true,
+            "a phone shows all of its width"
+        );
+        assert!(picture.len() > 10_000);
+        if std::env::var_os("ECMSK_BLESS").is_some() {
+            std::fs::write(support::root().join("docs/web.png"), picture).expect("it is written");
+        }
+    }
+
+    /// The page of a board: what another program does shows, and it stops at its trigger.
+    #[test]
+    fn a_board_is_shown_live() {
+        let board = Serving::start("tcp", &["--link", "sim:?slaves=drive*2,io"]);
+        let link = format!("tcp://{}", board.address());
+        let web = Serving::start("web", &["--link", &link]);
+        let mut browser = Browser::start();
+        browser.open(web.address());
+        browser.wait_for("document.querySelector('#board').innerText.includes('PreOP')");
+        insist(&["home", "1", "--up", "--link", &link]);
+        browser.wait_for("document.querySelector('#slaves').innerText.includes('Operation enabled')");
+        browser.wait_for("page.events.some((event) => event.text === 'Operation enabled')");
+        for outputs in ["0x1", "0x0"] {
+            insist(&["io", "3", "--set", outputs, "--link", &link]);
+            browser
+                .wait_for(&format!("page.store.value(3, 'output', page.store.to) === {}", u8::from(outputs == "0x1")));
+        }
+        browser.value(
+            "document.querySelector('#span').value = '1', \
+             document.querySelector('#span').dispatchEvent(new Event('change')), \
+             document.querySelector('#trigger-channel').value = 'slave 3 out 0', \
+             document.querySelector('#trigger-level').value = '0.5', document.querySelector('#arm').click()",
+        );
+        insist(&["io", "3", "--set", "0x1", "--link", &link]);
+        browser.wait_for("document.querySelector('#trigger-state').innerText.startsWith('fired at')");
+        assert_eq!(browser.value("page.store.value(3, 'output', page.scope.marked)"), 1);
+        assert_eq!(browser.value("page.store.value(3, 'output', page.scope.marked - 1e-6)"), 0);
+        assert_eq!(browser.value("page.paused"), true);
+        let counters = browser.value("document.querySelector('#counters').innerText");
+        assert!(counters.as_str().expect("a text").contains("reports lost\t"), "{counters}");
+        web.end();
+        browser.wait_for("document.querySelector('#notes').innerText.includes('not connected')");
+        board.end();
+    }
+}

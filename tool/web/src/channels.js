@@ -1,0 +1,197 @@
+// The points of all channels, of a recording whole, of a board for some minutes.
+import { decodeBlock } from "./codec.js";
+
+/** @typedef {import("./types").Channel} Channel */
+/** @typedef {import("./types").Curve} Curve */
+
+/** Less than a nanosecond apart no two points of a curve are. */
+const STEP_S = 1e-9;
+/** For this long after its last point a curve still has that value: velocities end some cycles before positions. */
+const RECENT_S = 0.02;
+
+export class Store {
+  /** @param {number} [kept] how many seconds are kept; all without it */
+  constructor(kept = Infinity) {
+    /** @type {Curve[]} */
+    this.curves = [];
+    this.kept = kept;
+    this.from = Infinity;
+    this.to = -Infinity;
+  }
+
+  /**
+   * Takes the list of channels, of which those known before are a beginning.
+   * @param {Channel[]} channels
+   */
+  setChannels(channels) {
+    for (const channel of channels.slice(this.curves.length)) {
+      this.curves.push({ channel, times: new Float64Array(64), values: new Float64Array(64), length: 0 });
+    }
+  }
+
+  /** @param {Uint8Array} bytes */
+  addBlock(bytes) {
+    for (const { channel, breaks, times, values } of decodeBlock(bytes)) {
+      const curve = this.curves[channel];
+      if (!curve) continue;
+      if (breaks && curve.length > 0) push(curve, curve.times[curve.length - 1] + STEP_S, NaN);
+      for (let i = 0; i < times.length; i++) push(curve, times[i] / 1e9, values[i] * curve.channel.factor);
+      if (times.length === 0) continue;
+      this.from = Math.min(this.from, times[0] / 1e9);
+      this.to = Math.max(this.to, times[times.length - 1] / 1e9);
+    }
+    if (this.to - this.from > this.kept * 1.1) this.trim(this.to - this.kept);
+  }
+
+  /**
+   * Forgets the points before a time.
+   * @param {number} before
+   */
+  trim(before) {
+    for (const curve of this.curves) {
+      const first = Math.max(0, indexAt(curve, before));
+      curve.times.copyWithin(0, first, curve.length);
+      curve.values.copyWithin(0, first, curve.length);
+      curve.length -= first;
+    }
+    this.from = before;
+  }
+
+  /** Interrupts all curves: what was between is not known. */
+  interrupt() {
+    for (const curve of this.curves) {
+      if (curve.length > 0) push(curve, curve.times[curve.length - 1] + STEP_S, NaN);
+    }
+  }
+
+  /**
+   * @param {number} slave
+   * @param {string} quantity
+   * @param {number} [bit]
+   * @returns {Curve | undefined}
+   */
+  find(slave, quantity, bit = 0) {
+    const isIt = (/** @type {Channel} */ channel) =>
+      channel.slave === slave && channel.quantity === quantity && channel.bit === bit;
+    return this.curves.find((curve) => isIt(curve.channel));
+  }
+
+  /**
+   * The value of a channel at a time.
+   * @param {number} slave
+   * @param {string} quantity
+   * @param {number} at seconds
+   * @returns {number} not a number if there is none
+   */
+  value(slave, quantity, at) {
+    const curve = this.find(slave, quantity);
+    if (!curve) return NaN;
+    const value = valueAt(curve, at);
+    const last = curve.length - 1;
+    const isRecent = last >= 0 && at > curve.times[last] && at - curve.times[last] <= RECENT_S;
+    return Number.isNaN(value) && isRecent ? curve.values[last] : value;
+  }
+}
+
+/**
+ * @param {Curve} curve
+ * @param {number} time
+ * @param {number} value
+ */
+function push(curve, time, value) {
+  if (curve.length > 0 && time <= curve.times[curve.length - 1]) {
+    if (curve.channel.held) {
+      curve.values[curve.length - 1] = value;
+      return;
+    }
+    time = curve.times[curve.length - 1] + STEP_S;
+  }
+  if (curve.length === curve.times.length) {
+    const [times, values] = [curve.times, curve.values];
+    curve.times = new Float64Array(2 * times.length);
+    curve.values = new Float64Array(2 * times.length);
+    curve.times.set(times);
+    curve.values.set(values);
+  }
+  curve.times[curve.length] = time;
+  curve.values[curve.length] = value;
+  curve.length += 1;
+}
+
+/**
+ * The last point at or before a time; -1 if there is none.
+ * @param {Curve} curve
+ * @param {number} at
+ */
+export function indexAt(curve, at) {
+  let [low, high] = [0, curve.length];
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (curve.times[middle] <= at) low = middle + 1;
+    else high = middle;
+  }
+  return low - 1;
+}
+
+/**
+ * The value at a time: that of the last point for a value that holds, else on the line to the next point. A value that holds
+ * has no end.
+ * @param {Curve} curve
+ * @param {number} at
+ */
+export function valueAt(curve, at) {
+  const i = indexAt(curve, at);
+  if (i < 0) return NaN;
+  const [time, value] = [curve.times[i], curve.values[i]];
+  if (curve.channel.held || time === at) return value;
+  const next = curve.values[i + 1];
+  if (i + 1 >= curve.length || Number.isNaN(next)) return at - time < STEP_S ? value : NaN;
+  return value + ((next - value) * (at - time)) / (curve.times[i + 1] - time);
+}
+
+/**
+ * The points of a time, thinned: of those in one column the first, the least, the greatest and the last remain, so that a
+ * drawn curve looks the same.
+ * @param {Curve} curve
+ * @param {import("./types").Range} range
+ * @param {number} columns
+ * @returns {[number[], (number | null)[]]} times and values; `null` is a gap
+ */
+export function thin(curve, range, columns) {
+  /** @type {number[]} */
+  const times = [];
+  /** @type {(number | null)[]} */
+  const values = [];
+  const put = (/** @type {number} */ i) => {
+    const time = curve.times[i];
+    if (times.length > 0 && times[times.length - 1] >= time) return;
+    times.push(time);
+    values.push(Number.isNaN(curve.values[i]) ? null : curve.values[i]);
+  };
+  const first = Math.max(0, indexAt(curve, range.from));
+  const width = (range.to - range.from) / columns;
+  let i = first;
+  while (i < curve.length) {
+    const begin = i;
+    const column = Math.floor((curve.times[i] - range.from) / width);
+    let [least, greatest] = [i, i];
+    let gap = -1;
+    while (i < curve.length && Math.floor((curve.times[i] - range.from) / width) === column) {
+      if (Number.isNaN(curve.values[i])) gap = i;
+      else {
+        if (!(curve.values[i] >= curve.values[least])) least = i;
+        if (!(curve.values[i] <= curve.values[greatest])) greatest = i;
+      }
+      i += 1;
+    }
+    const inner = gap < 0 ? [least, greatest] : [least, gap, greatest];
+    [begin, ...inner.sort((a, b) => a - b), i - 1].forEach(put);
+    if (curve.times[i - 1] > range.to) break;
+  }
+  const last = times.length - 1;
+  if (curve.channel.held && last >= 0 && values[last] !== null && times[last] < range.to) {
+    times.push(range.to);
+    values.push(values[last]);
+  }
+  return [times, values];
+}

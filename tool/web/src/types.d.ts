@@ -1,0 +1,44 @@
+/** The messages of a source, as `tool/src/web/hello.rs` and `tool/src/serve/web/live.rs` write them. */
+export interface Channel {
+  slave: number;
+  quantity: string;
+  bit: number;
+  name?: string;
+  factor: number;
+  unit: string;
+  held: boolean;
+}
+export interface SlaveInfo { number: number; kind: string; name?: string }
+export interface Happening { at_ns: number; slave: number; kind: string; text: string; code?: number }
+export interface Span { slave: number; state: string; from: number; to: number; text: string }
+export interface Words { drive_states: string[]; al_states: { [byte: string]: string } }
+export interface Hello {
+  format: number;
+  version: string;
+  source: "recording" | "board";
+  name: string;
+  notes: string[];
+  slaves: SlaveInfo[];
+  words: Words;
+  channels: Channel[];
+  events: Happening[];
+  spans: Span[];
+  plane?: [number, number];
+  block?: string;
+}
+export interface Status {
+  reports: number;
+  reports_lost: number;
+  reports_bad_crc: number;
+  reports_per_s?: number;
+  trouble?: string;
+  counters?: { [name: string]: number };
+}
+export type Message =
+  | ({ type: "hello" } & Hello)
+  | { type: "channels"; channels: Channel[]; slaves: SlaveInfo[] }
+  | { type: "events"; events: Happening[] }
+  | { type: "status"; status: Status; dropped: number };
+/** A channel with its points: times in seconds, values in its unit. A value that is not a number is a gap. */
+export interface Curve { channel: Channel; times: Float64Array; values: Float64Array; length: number }
+export interface Range { from: number; to: number }

@@ -2,7 +2,7 @@
 
 use ecmsk::ecm::Scale;
 use ecmsk::link::Dir;
-use ecmsk::recording::Kinds;
+use ecmsk::recording::{Execution, ExecutionReport, Kinds, NO_ORDERS};
 use ecmsk::sk::{
     CommandId, DriveResponse, FIFO_ENTRIES, FifoAction, Frame, IoResponse, MasterCommand, MasterResponse, SlaveKind,
     SlotCommand, SlotSize,
@@ -10,7 +10,6 @@ use ecmsk::sk::{
 
 use super::axis::Axis;
 use super::decimate::{Line, Pieces};
-use super::execution::{Execution, ExecutionReport, Orders};
 use super::lanes::{Lane, Lanes};
 use super::path::Path;
 use super::states::{Span, States};
@@ -138,7 +137,7 @@ impl Series {
         if !self.in_op {
             return;
         }
-        let mut orders = Orders::default();
+        let mut orders = NO_ORDERS;
         let slaves = self.axes.iter().map(|axis| axis.number).chain(self.ios.iter().map(|(number, _)| *number));
         for (order, number) in orders.iter_mut().zip(slaves) {
             *order = SlotCommand::decode(&frame.slot(size, number.into()), size).ok().map(|slot| slot.command);

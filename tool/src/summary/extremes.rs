@@ -2,7 +2,7 @@
 
 use ecmsk::link::Dir;
 use ecmsk::machine_file::{MachineAxis, MachineFile, Unit};
-use ecmsk::recording::Kinds;
+use ecmsk::recording::{Entry, Execution, ExecutionReport, Kinds, NO_ORDERS};
 use ecmsk::sk::dump::MAX_SLAVES;
 use ecmsk::sk::{
     CommandId, DriveResponse, FifoAction, MasterCommand, MasterResponse, MasterState, SlaveCommand, SlaveKind,
@@ -11,7 +11,6 @@ use ecmsk::sk::{
 use serde_json::{Value, json};
 
 use crate::machine_option::{in_unit, label};
-use crate::plot::execution::{Entry, Execution, ExecutionReport, Orders};
 use crate::recording::Framed;
 
 /// The cycle time of a board to which no SET_DC was sent (UG 1.7), in nanoseconds.
@@ -203,7 +202,7 @@ impl Extremes {
             }
             return;
         }
-        let mut orders = Orders::default();
+        let mut orders = NO_ORDERS;
         for (slave, order) in (1..=size.max_slaves()).zip(&mut orders) {
             *order = SlotCommand::decode(&frame.slot(size, slave), size).ok().map(|slot| slot.command);
         }

@@ -6,7 +6,7 @@ NumPy is needed for the arrays alone. Without it :meth:`RecordedAxis.values` giv
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any, Dict, Iterator, List, NamedTuple, Optional, Union
+from typing import TYPE_CHECKING, Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Union
 
 from ._ecmsk import RecordedRun
 from .errors import EcmError
@@ -51,13 +51,13 @@ class RecordedAxis:
         self._run = run
         self.slave, self.name, self.unit, self.counts_per_unit = run.axis(axis)
 
-    def values(self, column: str) -> memoryview:
+    def values(self, column: str) -> Sequence[float]:
         """A column without NumPy: ``time_ns``, ``position``, ``target``, ``torque``, ``statusword``, ``error_code``."""
         if column not in _COLUMNS:
             raise ValueError(f"a recorded axis has no `{column}`; it has {', '.join(_COLUMNS)}")
-        data = self._run.column(self.slave, column)
-        assert data is not None
-        return memoryview(data).cast("B").cast(_COLUMNS[column][0])
+        view: Any = memoryview(self._run.column(self.slave, column) or b"")
+        numbers: Sequence[float] = view.cast(_COLUMNS[column][0])
+        return numbers
 
     def _array(self, column: str) -> np.ndarray[Any, Any]:
         try:

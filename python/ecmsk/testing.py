@@ -146,11 +146,12 @@ class Machine:
         ``timeout`` is in seconds of real time; after it the program is ended by force.
         """
         file = self._next_run()
-        command = [str(tool()), "exec", "--link", self._link(), "--record", str(file), "--", *map(os.fspath, program)]
+        words = [os.fspath(word) for word in program]
+        command = [str(tool()), "exec", "--link", self._link(), "--record", str(file), "--", *words]
         ended = _run(command, timeout, {**os.environ, **(env or {})})
         if check and ended.returncode != 0:
             raise AssertionError(
-                f"{os.fspath(program[0])} ended with exit code {ended.returncode}\n{ended.stdout}{ended.stderr}"
+                f"{words[0]} ended with exit code {ended.returncode}\n{ended.stdout}{ended.stderr}"
             )
         return ended
 

@@ -80,7 +80,10 @@ impl Shared {
     }
 }
 
-/// A handle of an open board.
+/// A handle of an open board, which threads may share.
+///
+/// Axes are numbers of slaves, or names if the board was opened by a machine file. Times are in seconds. Leaving its
+/// ``with`` block closes the board, as the option ``close`` says.
 #[pyclass(frozen, name = "Ecm", module = "ecmsk")]
 pub struct Board {
     pub shared: Arc<Shared>,
@@ -125,11 +128,13 @@ impl Board {
 
 #[pymethods]
 impl Board {
+    /// The URI of the link in its normal form.
     #[getter]
     fn link(&self) -> &str {
         &self.link
     }
 
+    /// Whether time passes only inside calls.
     #[getter]
     const fn is_virtual(&self) -> bool {
         self.is_virtual
@@ -140,12 +145,14 @@ impl Board {
         lock(&self.shared.opened).is_none()
     }
 
+    /// Closes the board within 2 s. Calls of other threads end with ``errors.ClosedError``.
     #[pyo3(signature = (how = None))]
     fn close(&self, py: Python<'_>, how: Option<Close>) -> PyResult<()> {
         let how = how.map_or(self.shared.close, Into::into);
         self.end(py, move |ecm| ecm.close(how))
     }
 
+    /// Restarts the board, which closes it. ``open_when_there`` opens it again.
     fn reset(&self, py: Python<'_>) -> PyResult<()> {
         self.shared.share().map_err(|error| exception(py, &error))?;
         self.end(py, Ecm::reset)
@@ -175,7 +182,7 @@ impl Drop for Board {
     }
 }
 
-/// Closes the boards that are still open: at the end of the program.
+/// Closes all boards of this process that are open: at the end of the program.
 #[pyfunction]
 pub fn close_all(py: Python<'_>) {
     let boards: Vec<Arc<Shared>> = lock(&BOARDS).iter().filter_map(Weak::upgrade).collect();
@@ -215,6 +222,7 @@ fn slot_size(bytes: usize) -> PyResult<SlotSize> {
     size.ok_or_else(|| PyValueError::new_err(format!("slot is {bytes}; set 12 or 16")))
 }
 
+/// Opens the board at a link URI and leaves it in its present state. Nothing is sent.
 #[pyfunction(signature = (uri, **given))]
 pub fn open(py: Python<'_>, uri: &str, given: Option<&Bound<'_, PyDict>>) -> PyResult<Board> {
     let options = options(given)?;
@@ -222,6 +230,7 @@ pub fn open(py: Python<'_>, uri: &str, given: Option<&Bound<'_, PyDict>>) -> PyR
     Ok(Board::new(ecm, Names::default(), &options))
 }
 
+/// Opens the board of a machine file, or the one at ``link``. Its axes then have names and units.
 #[pyfunction(signature = (file, link = None, **given))]
 pub fn open_machine(
     py: Python<'_>,
@@ -240,6 +249,7 @@ pub fn open_machine(
     Ok(Board::new(ecm, Names(Some(Arc::new(machine))), &options))
 }
 
+/// Opens a board as soon as it is available, and says how many seconds that took.
 #[pyfunction(signature = (uri, limit, **given))]
 pub fn open_when_there(
     py: Python<'_>,

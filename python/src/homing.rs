@@ -9,7 +9,10 @@ use crate::errors::named;
 use crate::values::seconds;
 use crate::wait;
 
-/// The objects of homing, which are written before it begins.
+/// The objects of homing, which are written before it begins; one that is ``None`` keeps the value of the drive.
+///
+/// ``method`` is 0x6098, ``switch_speed`` and ``zero_speed`` 0x6099:1 and :2, ``acceleration`` 0x609A, ``offset`` 0x607C in
+/// counts. After ``limit`` seconds homing is aborted.
 #[pyclass(frozen, from_py_object, module = "ecmsk")]
 #[derive(Clone, Copy)]
 pub struct Homing(ecm::Homing);
@@ -87,6 +90,7 @@ fn of_machine(homing: &AxisHoming) -> Option<ecm::Homing> {
 
 #[pymethods]
 impl Board {
+    /// Homes an axis that is on; without ``homing`` as the machine file says. An exception in ``progress`` aborts it.
     #[pyo3(signature = (axis, homing = None, progress = None))]
     fn home(&self, axis: &Bound<'_, PyAny>, homing: Option<Homing>, progress: Option<Py<PyAny>>) -> PyResult<()> {
         let py = axis.py();
@@ -101,6 +105,7 @@ impl Board {
         self.home_these(py, &[(slave, homing)], progress)
     }
 
+    /// Homes several axes together. If one fails, the homing of the others is aborted.
     #[pyo3(signature = (axes, progress = None))]
     fn home_all(
         &self,

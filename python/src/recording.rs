@@ -168,7 +168,7 @@ impl Reader {
     }
 }
 
-/// A recording that was read.
+/// What ``ecmsk.Recording`` is made of.
 #[pyclass(frozen, module = "ecmsk")]
 pub struct RecordedRun {
     path: PathBuf,

@@ -8,7 +8,7 @@ use pyo3::types::PyBytes;
 use crate::names::Names;
 use crate::values::MasterState;
 
-/// The state byte of the network.
+/// The state byte of the network; ``str()`` gives it in words.
 #[pyclass(eq, frozen, hash, skip_from_py_object, module = "ecmsk")]
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct State(pub StateByte);
@@ -56,11 +56,13 @@ impl Drive {
         self.0.statusword.is_enabled()
     }
 
+    /// Actual position, counts.
     #[getter]
     const fn position(&self) -> i32 {
         self.0.position
     }
 
+    /// Actual torque, 0.1 % of the rated torque.
     #[getter]
     const fn torque(&self) -> i16 {
         self.0.torque
@@ -90,11 +92,13 @@ impl Snapshot {
         State(self.snapshot.state())
     }
 
+    /// When the report was made, on the link's clock.
     #[getter]
     const fn at_ns(&self) -> u64 {
         self.snapshot.meta.at.0
     }
 
+    /// The number of the report; a gap means that reports were dropped.
     #[getter]
     const fn sequence(&self) -> u64 {
         self.snapshot.meta.sequence
@@ -110,23 +114,28 @@ impl Snapshot {
         self.snapshot.board.full_count
     }
 
+    /// The number of configured slaves.
     #[getter]
     fn slaves(&self) -> usize {
         self.snapshot.slaves()
     }
 
+    /// The actual position of a slave's first axis, counts; ``None`` if it has no axis.
     fn position(&self, axis: &Bound<'_, PyAny>) -> PyResult<Option<i32>> {
         Ok(self.snapshot.position(self.names.slave(axis)?))
     }
 
+    /// The actual position of a slave's first axis, in its units.
     fn position_units(&self, axis: &Bound<'_, PyAny>) -> PyResult<Option<f64>> {
         Ok(self.snapshot.position_units(self.names.slave(axis)?))
     }
 
+    /// The slot of a drive or a stepper; ``None`` if the slave is neither.
     fn drive(&self, axis: &Bound<'_, PyAny>) -> PyResult<Option<Drive>> {
         Ok(self.snapshot.drive(self.names.slave(axis)?).map(Drive))
     }
 
+    /// The raw bytes of the report.
     #[getter]
     fn frame<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
         PyBytes::new(py, self.snapshot.frame().bytes())

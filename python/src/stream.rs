@@ -30,6 +30,7 @@ self_cell!(
 #[derive(Clone, Copy)]
 pub struct StreamStats {
     frames: u64,
+    /// Cycles that found the FIFO empty; each is a gap in the motion.
     underruns: u64,
     losses: u64,
 }
@@ -74,7 +75,10 @@ impl StreamCell {
     }
 }
 
-/// A stream of targets for all axes.
+/// A stream of targets for all axes, one frame for each step.
+///
+/// Set targets, then call ``step``, which sends them and waits at the pace of the board. Leaving its ``with`` block ends
+/// the stream as ``finish`` does: the axes come to a standstill and stay enabled.
 #[pyclass(frozen, module = "ecmsk")]
 pub struct Stream {
     cell: Arc<StreamCell>,
@@ -109,6 +113,8 @@ impl Stream {
 
 #[pymethods]
 impl Board {
+    /// Begins a stream that keeps up to ``depth`` frames waiting in the board's FIFO; with ``prefill`` nothing moves
+    /// before that many wait.
     #[pyo3(signature = (depth, *, prefill = None))]
     fn stream(&self, py: Python<'_>, depth: u16, prefill: Option<u16>) -> PyResult<Stream> {
         let shared = &self.shared;
@@ -128,40 +134,43 @@ impl Board {
 
 #[pymethods]
 impl Stream {
+    /// Sets the next target position in CSP, counts.
     fn csp(&self, axis: &Bound<'_, PyAny>, target: i32) -> PyResult<()> {
         let slave = self.names.slave(axis)?;
         self.with(axis.py(), |stream| stream.csp(slave, target))
     }
 
+    /// Sets the next target position in CSP, in the units of the axis.
     fn csp_units(&self, axis: &Bound<'_, PyAny>, units: f64) -> PyResult<()> {
         let slave = self.names.slave(axis)?;
         self.with(axis.py(), |stream| stream.csp_units(slave, units))
     }
 
+    /// Sets the next target velocity in CSV, in the drive's units.
     fn csv(&self, axis: &Bound<'_, PyAny>, velocity: i32) -> PyResult<()> {
         let slave = self.names.slave(axis)?;
         self.with(axis.py(), |stream| stream.csv(slave, velocity))
     }
 
+    /// Sets the next target torque in CST, 0.1 % of the rated torque.
     fn cst(&self, axis: &Bound<'_, PyAny>, torque: i16) -> PyResult<()> {
         let slave = self.names.slave(axis)?;
         self.with(axis.py(), |stream| stream.cst(slave, torque))
     }
 
-    /// `first` and `second`: target and outputs of a channel.
+    /// Sets the next target and outputs of both channels of a pulse module in CSP.
     fn csp_hsp(&self, axis: &Bound<'_, PyAny>, first: (i32, u16), second: (i32, u16)) -> PyResult<()> {
         let slave = self.names.slave(axis)?;
         self.with(axis.py(), |stream| stream.csp_hsp(slave, channel(first), channel(second)))
     }
 
-    /// `first` and `second`: target velocity and outputs of a channel.
+    /// Sets the next velocity and outputs of both channels of a pulse module in CSV.
     fn csv_hsp(&self, axis: &Bound<'_, PyAny>, first: (i32, u16), second: (i32, u16)) -> PyResult<()> {
         let slave = self.names.slave(axis)?;
         self.with(axis.py(), |stream| stream.csv_hsp(slave, channel(first), channel(second)))
     }
 
-    /// After a signal whose handler raises an exception the stream is ended before the program sees it: the next step
-    /// might never come, and an axis that is moving would stop hard when its targets run out.
+    /// Writes the next frame once fewer than ``depth`` frames wait in the board's FIFO.
     fn step(&self, py: Python<'_>) -> PyResult<StreamStats> {
         let stats = self.with(py, |stream| stream.step())?;
         if let Err(raised) = py.check_signals() {
@@ -171,11 +180,13 @@ impl Stream {
         Ok(stats.into())
     }
 
+    /// The newest report.
     fn snapshot(&self, py: Python<'_>) -> PyResult<Snapshot> {
         let snapshot = self.with(py, |stream| stream.snapshot())?;
         Ok(Snapshot { snapshot, names: self.names.clone() })
     }
 
+    /// The counters of the stream so far, also after its end.
     fn stats(&self, py: Python<'_>) -> PyResult<StreamStats> {
         let ended = py.detach(|| match &*lock(&self.cell.0) {
             Life::Ended(stats) => Some(*stats),
@@ -187,6 +198,7 @@ impl Stream {
         }
     }
 
+    /// Ends the stream within 2 s. It may be called again, and then gives the same counters.
     fn finish(&self, py: Python<'_>) -> PyResult<StreamStats> {
         self.end(py)
     }

@@ -88,7 +88,7 @@ pub enum Mode {
     Cst = 10,
 }
 
-/// How a drive is synchronized with the cycle.
+/// How a drive is synchronized with the cycle: by distributed clocks, or on its own clock.
 #[pyclass(eq, eq_int, frozen, hash, from_py_object, module = "ecmsk")]
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub enum DriveSync {
@@ -99,6 +99,10 @@ pub enum DriveSync {
 }
 
 /// The settings of an axis.
+///
+/// ``counts_per_unit`` is the scale of ``csp_units`` and ``position_units``. ``guard`` is the largest allowed distance of a
+/// target from the actual position in counts; ``None`` switches it off. An axis that moves at most ``standstill`` counts
+/// within 8 cycles counts as stationary.
 #[pyclass(frozen, from_py_object, module = "ecmsk")]
 #[derive(Clone, Copy)]
 pub struct Axis(pub ecm::Axis);
@@ -173,7 +177,7 @@ impl Slave {
     }
 }
 
-/// The configuration of the network.
+/// The configuration of the network: its slaves in their order, and the EtherCAT cycle in microseconds.
 #[pyclass(frozen, from_py_object, module = "ecmsk")]
 #[derive(Clone)]
 pub struct Config(pub ecm::Config);
@@ -186,12 +190,14 @@ impl Config {
         Self(ecm::Config { slaves: slaves.into_iter().map(|slave| slave.0).collect(), cycle_us })
     }
 
+    /// That many drives in CSP.
     #[staticmethod]
     fn drives(count: usize) -> Self {
         // More than any board drives is an error of `configure`; so many here would only take memory.
         Self(ecm::Config::drives(count.min(1000)))
     }
 
+    /// The network of a machine file.
     #[staticmethod]
     fn of_machine(py: Python<'_>, file: PathBuf) -> PyResult<Self> {
         let machine = MachineFile::load(&file).map_err(|error| exception(py, &EcmError::from(error)))?;

@@ -434,7 +434,7 @@ mod tests {
             |missing: &[Need]| site(&project, missing).closed_gates().map(|gate| gate.module).collect::<Vec<_>>();
         assert!(closed(&[]).is_empty());
         assert_eq!(closed(&[VALGRIND]), ["needs_valgrind"]);
-        assert_eq!(closed(&[PYTHON]), ["needs_dotnet_core", "needs_pysoem", "needs_python"]);
+        assert_eq!(closed(&[PYTHON]), ["needs_dotnet_core", "needs_pip", "needs_pysoem", "needs_python"]);
         assert_eq!(closed(&[NETWORK_NAMESPACE]), ["needs_network_namespace", "needs_pysoem"]);
         assert_eq!(closed(&[TSHARK]), ["needs_tshark"]);
         assert_eq!(closed(&[MONO]), ["needs_mono"]);

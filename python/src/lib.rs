@@ -4,7 +4,7 @@
 //! - `values.rs`, `snapshot.rs`: what a program passes and gets, as [`ecmsk::ecm`] has it
 //! - `board.rs`: opening and closing, and how calls of several threads and the end of a board meet
 //! - `calls.rs`: the calls of a board; `homing.rs`, `stream.rs`: those with more to them
-//! - `recording.rs`: recordings, and what each axis did
+//! - `recording.rs`, `recorded_axes.rs`: recordings, and what each axis did
 //! - `names.rs`: axes by number, or by name of a machine file
 //! - `wait.rs`: waits without Python's lock, and what ends them
 //! - `errors.rs`: errors as exceptions of `ecmsk/errors.py`
@@ -14,6 +14,7 @@ mod calls;
 mod errors;
 mod homing;
 mod names;
+mod recorded_axes;
 mod recording;
 mod snapshot;
 mod stream;

@@ -6,167 +6,21 @@ use std::path::{Path, PathBuf};
 use ecmsk::link::Dir;
 use ecmsk::machine_file::MachineFile;
 use ecmsk::recording::{
-    Address, Entry, Execution, ExecutionReport, InOrder, Kinds, NO_ORDERS, RecordError, RecordMeta, Recorded,
-    Recording, SizeFinder, Timeline, board_in,
+    Address, InOrder, RecordError, RecordMeta, Recorded, Recording, SizeFinder, Timeline, board_in,
 };
-use ecmsk::sk::dump::MAX_SLAVES;
-use ecmsk::sk::{
-    CommandId, DriveResponse, FRAME_LEN, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, SlaveCommand,
-    SlaveKind, SlotCommand, SlotSize,
-};
-use ecmsk::summary::{FrameWatch, Summary};
+use ecmsk::sk::{FRAME_LEN, SlotSize};
+use ecmsk::summary::Summary;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::errors::named;
 use crate::names::Names;
+use crate::recorded_axes::{Columns, Reader};
 
-/// The cycle time of a board to which no SET_DC was sent (UG 1.7), in nanoseconds.
-const DEFAULT_CYCLE_NS: i64 = 1_000_000;
 /// The most frames by which the slot size is found, if the recording does not state it.
 const SIZE_FRAMES_MAX: usize = 1000;
 /// Handlers of signals run after this many frames.
 const SIGNAL_CHECK_FRAMES: u64 = 100_000;
-
-/// What an axis did, one value for each report in OP.
-#[derive(Default)]
-struct Columns {
-    time_ns: Vec<i64>,
-    position: Vec<i32>,
-    torque: Vec<i16>,
-    statusword: Vec<u16>,
-    error_code: Vec<u16>,
-    /// The executed target, counts; NaN while none is in force.
-    target: Vec<f64>,
-    /// The target in force.
-    in_force: Option<i32>,
-    /// Whether a command for axes was sent to the slave, which makes it an axis without SET_AXIS, too.
-    is_axis: bool,
-}
-
-impl Columns {
-    fn executed(&mut self, order: &SlaveCommand) {
-        match order {
-            SlaveCommand::Csp(motion) => {
-                self.is_axis = true;
-                self.in_force = Some(motion.first.target);
-            }
-            SlaveCommand::GetStatus | SlaveCommand::Other(_) | SlaveCommand::IoRead | SlaveCommand::IoWrite(_) => {}
-            order => {
-                self.is_axis |= order.id().is_for_axes();
-                self.in_force = None;
-            }
-        }
-    }
-
-    fn report(&mut self, at_ns: i64, drive: &DriveResponse, is_hsp: bool, is_certain: bool) {
-        // Homing moves the zero of the position, and an axis that is off does not follow.
-        if CommandId::from_code(drive.head.id) == CommandId::GoHome || !drive.statusword.is_enabled() {
-            self.in_force = None;
-        }
-        self.time_ns.push(at_ns);
-        self.position.push(drive.position);
-        self.statusword.push(drive.statusword.0);
-        // A pulse module has inputs where a drive has its torque and its error code.
-        self.torque.push(if is_hsp { 0 } else { drive.torque });
-        self.error_code.push(if is_hsp { 0 } else { drive.error_code });
-        self.target.push(self.in_force.filter(|_| is_certain).map_or(f64::NAN, f64::from));
-    }
-}
-
-/// Follows a run frame by frame, in the order of time.
-struct Reader {
-    axes: Vec<Columns>,
-    kinds: Kinds,
-    execution: Execution,
-    in_op: bool,
-    watch: FrameWatch,
-    summary: Summary,
-    size: SlotSize,
-    last_ns: i64,
-}
-
-impl Reader {
-    fn new(size: SlotSize) -> Self {
-        Self {
-            axes: (0..MAX_SLAVES).map(|_| Columns::default()).collect(),
-            kinds: Kinds::new(None),
-            execution: Execution::new(DEFAULT_CYCLE_NS),
-            in_op: false,
-            watch: FrameWatch::new(size),
-            summary: Summary::default(),
-            size,
-            last_ns: 0,
-        }
-    }
-
-    fn frame(&mut self, at_ns: i64, dir: Dir, frame: &Frame) {
-        self.last_ns = self.last_ns.max(at_ns);
-        match dir {
-            Dir::Write => {
-                self.watch.command(at_ns, frame);
-                self.command(at_ns, frame);
-            }
-            Dir::Read => {
-                let summary = &mut self.summary;
-                self.watch.report(at_ns, frame, &mut |event| summary.add_event(event));
-                self.report(at_ns, frame);
-            }
-        }
-    }
-
-    fn command(&mut self, at_ns: i64, frame: &Frame) {
-        self.kinds.command(frame, self.size);
-        let master = MasterCommand::decode(&frame.slot(self.size, 0), self.size);
-        if !self.in_op {
-            if let Ok(MasterCommand::SetDc { cycle, .. }) = master {
-                self.execution = Execution::new(i64::from(cycle.us()).max(1) * 1000);
-            }
-            return;
-        }
-        let mut orders = NO_ORDERS;
-        for (slave, order) in (1..=self.size.max_slaves()).zip(&mut orders) {
-            *order = SlotCommand::decode(&frame.slot(self.size, slave), self.size).ok().map(|slot| slot.command);
-        }
-        self.execution.command(at_ns, orders, master == Ok(MasterCommand::SetFifo(FifoAction::Clear)));
-    }
-
-    fn report(&mut self, at_ns: i64, frame: &Frame) {
-        self.kinds.response(frame, self.size);
-        let board = MasterResponse::decode(&frame.slot(self.size, 0));
-        self.in_op = board.state.state() == Some(MasterState::Op);
-        if !self.in_op || board.state.is_failed() {
-            // The slots of lost slaves repeat their last values.
-            self.execution.reset();
-            self.axes.iter_mut().for_each(|axis| axis.in_force = None);
-            return;
-        }
-        let is_certain = match self.execution.report(at_ns, &board) {
-            ExecutionReport::Executed { entries, .. } => {
-                entries.iter().for_each(|entry| self.execute(entry));
-                true
-            }
-            ExecutionReport::Later => false,
-            ExecutionReport::Unknown => {
-                self.axes.iter_mut().for_each(|axis| axis.in_force = None);
-                false
-            }
-        };
-        for (slave, axis) in (1..=self.size.max_slaves()).zip(&mut self.axes) {
-            let kind = self.kinds.of(slave);
-            if axis.is_axis || matches!(kind, Some(SlaveKind::Drive | SlaveKind::Step | SlaveKind::Hsp)) {
-                let drive = DriveResponse::decode(&frame.slot(self.size, slave));
-                axis.report(at_ns, &drive, kind == Some(SlaveKind::Hsp), is_certain);
-            }
-        }
-    }
-
-    fn execute(&mut self, Entry { orders, .. }: &Entry) {
-        for (axis, order) in self.axes.iter_mut().zip(orders) {
-            order.iter().for_each(|order| axis.executed(order));
-        }
-    }
-}
 
 /// What ``ecmsk.Recording`` is made of.
 #[pyclass(frozen, module = "ecmsk")]
@@ -218,39 +72,60 @@ fn opened(path: &Path, device: Option<Address>) -> Result<Recording<std::fs::Fil
     })
 }
 
-fn read(path: PathBuf, names: Names) -> Result<RecordedRun, Failure> {
-    let device = board_in(&path)?;
-    let size = slot_size(&path, device)?;
-    let mut recording = opened(&path, device)?;
-    let meta = recording.meta().cloned();
-    let mut reader = Reader::new(size);
-    let (mut timeline, mut order) = (Timeline::<Recorded>::default(), InOrder::<(i64, Recorded)>::default());
-    let (mut frames, mut damage) = (0_u64, None);
+/// Sorts frames by time.
+#[derive(Default)]
+struct InTime {
+    timeline: Timeline<Recorded>,
+    order: InOrder<(i64, Recorded)>,
+}
+
+impl InTime {
+    /// Adds the next frame of the file. Once enough are buffered, returns the earliest of them with its time.
+    fn push(&mut self, recorded: Recorded) -> Option<(i64, Recorded)> {
+        let placed = self.timeline.push(recorded.at_ns, recorded)?;
+        self.order.push(placed.0, placed)
+    }
+
+    /// After the last frame of the file: the earliest frame that is still buffered.
+    fn pop(&mut self) -> Option<(i64, Recorded)> {
+        let last = self.timeline.pop();
+        last.and_then(|placed| self.order.push(placed.0, placed)).or_else(|| self.order.pop())
+    }
+}
+
+/// Gives all frames to the reader. Returns how many there are, and what is wrong with the rest of the file.
+fn follow(recording: &mut Recording<std::fs::File>, reader: &mut Reader) -> Result<(u64, Option<String>), Failure> {
+    let (mut in_time, mut frames) = (InTime::default(), 0_u64);
     let mut take = |(at_ns, recorded): (i64, Recorded)| reader.frame(at_ns, recorded.dir, &recorded.frame);
-    for recorded in &mut recording {
-        let recorded = match recorded {
-            Ok(recorded) => recorded,
+    let mut damage = None;
+    for recorded in recording {
+        match recorded {
+            Ok(recorded) => in_time.push(recorded).into_iter().for_each(&mut take),
             // What comes before the damage is as good as ever.
             Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => {
                 damage = Some(error.to_string());
                 break;
             }
             Err(error) => return Err(error.into()),
-        };
-        frames += 1;
-        if let Some((at_ns, recorded)) = timeline.push(recorded.at_ns, recorded) {
-            order.push(at_ns, (at_ns, recorded)).into_iter().for_each(&mut take);
         }
+        frames += 1;
         if frames.is_multiple_of(SIGNAL_CHECK_FRAMES) {
             Python::attach(|py| py.check_signals()).map_err(Failure::Raised)?;
         }
     }
-    if let Some((at_ns, recorded)) = timeline.pop() {
-        order.push(at_ns, (at_ns, recorded)).into_iter().for_each(&mut take);
-    }
-    while let Some(placed) = order.pop() {
+    while let Some(placed) = in_time.pop() {
         take(placed);
     }
+    Ok((frames, damage))
+}
+
+fn read(path: PathBuf, names: Names) -> Result<RecordedRun, Failure> {
+    let device = board_in(&path)?;
+    let size = slot_size(&path, device)?;
+    let mut recording = opened(&path, device)?;
+    let meta = recording.meta().cloned();
+    let mut reader = Reader::new(size);
+    let (frames, damage) = follow(&mut recording, &mut reader)?;
     let lacks = Some(recording.lacks()).filter(|lacks| !lacks.is_nothing()).map(|lacks| lacks.to_string());
     let Reader { axes, watch, mut summary, last_ns, .. } = reader;
     let counts = watch.counts();

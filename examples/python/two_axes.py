@@ -1,52 +1,53 @@
-"""Two axes on a square: start-up, SDOs, servo on, a path by CSP, servo off. Prints what ../cpp/two_axes_12b.cpp prints."""
+"""Two axes: configure, switch on, move both by a smooth profile, stop, switch off.
 
-import ecm
+Run it with ``python3 two_axes.py``, or name the board: ``python3 two_axes.py 'sim:?slaves=drive*2'``.
+"""
 
-SIDE = 400000  # counts
-SPEED_LIMIT = 2000  # counts a cycle of 1 ms
-ACCELERATION = 40  # counts a cycle, every cycle
+import os
+import sys
 
+import ecmsk
+from ecmsk import Axis, Close, Config, MasterState, Slave
 
-def move_by(board, target, axis, distance):
-    """Moves one axis, the other one stands; gives the cycles."""
-    direction = -1 if distance < 0 else 1
-    remaining, speed, cycles = abs(distance), 0, 0
-    while remaining > 0:
-        speed = ecm.next_speed(remaining, speed, SPEED_LIMIT, ACCELERATION)
-        remaining -= speed
-        target[axis] += direction * speed
-        board.csp(target)
-        cycles += 1
-    return cycles
-
-
-def main():
-    with ecm.Ecm(2, ecm.DRIVE) as board:
-        board.start_up()
-        print(f"OP with {board.count} axes, FIFO free {board.fifo_free()}")
-        for slave in board.axes():
-            device_type, mode = board.sdo_read(slave, 0x1000), board.sdo_read(slave, 0x6061)
-            # Deceleration of a quick stop, as an example of a parameter.
-            board.sdo_write(slave, 0x6085, 20000000, size=4)
-            print(f"slave {slave}: device type 0x{device_type:08X}, mode of operation {mode}")
-
-        board.servo(on=True)
-        target = [board.position(axis) for axis in board.axes()]
-        for axis in board.axes():
-            word, position = board.statusword(axis), board.position(axis)
-            print(f"axis {axis} on, statusword ..{word & 0xFF:02X}, position {position}")
-
-        cycles = 0
-        for side, (axis, distance) in enumerate([(0, SIDE), (1, SIDE), (0, -SIDE), (1, -SIDE)], 1):
-            cycles += move_by(board, target, axis, distance)
-            board.settle(target)
-            print(f"side {side}: at {target[0]}, {target[1]} after {cycles} cycles", flush=True)
-
-        # The board's own count, and that of the wire.
-        assert board.counters().full == board.fifo_full()
-        print(f"commands lost: {board.fifo_full()}")
-        board.shut_down()
-    print("servos off, PreOP, closed")
+# Without a board of one's own: two simulated drives, on virtual time.
+DEFAULT_LINK = "sim:?slaves=drive*2&clock=virtual"
+# Frames that the program may be ahead of the board, so that a stutter of its own does no harm.
+AHEAD = 20
+# Cycles of 1 ms that the motion takes.
+CYCLES = 2000
+# How far the axes go, in degrees.
+WAY = {1: 90.0, 2: -45.0}
 
 
-ecm.run(main)
+def smooth(t: float) -> float:
+    """0 to 1, without a step in speed or acceleration."""
+    return t * t * t * (10.0 - 15.0 * t + 6.0 * t * t)
+
+
+def run(link: str) -> None:
+    # A 17-bit encoder on the axis itself: positions below are in degrees.
+    axis = Axis(counts_per_unit=131_072.0 / 360.0)
+    with ecmsk.open(link, close=Close.SERVO_OFF) as ecm:
+        ecm.configure(Config([Slave.drive(axis)] * 2))
+        ecm.set_state(MasterState.OP)
+        ecm.servo_on(WAY)
+        print("on")
+
+        start = ecm.snapshot()
+        with ecm.stream(AHEAD) as stream:
+            for n in range(1, CYCLES + 1):
+                for slave, way in WAY.items():
+                    stream.csp_units(slave, (start.position_units(slave) or 0.0) + way * smooth(n / CYCLES))
+                stream.step()
+
+        end, done = ecm.snapshot(), stream.stats()
+        for slave in WAY:
+            print(f"axis {slave}: {end.position_units(slave):.1f} degrees")
+        print(f"{done.frames} frames, {done.underruns} underruns, {done.losses} losses")
+
+
+if __name__ == "__main__":
+    try:
+        run(sys.argv[1] if len(sys.argv) > 1 else os.environ.get("ECMSK_LINK", DEFAULT_LINK))
+    except ecmsk.EcmError as error:
+        sys.exit(str(error))

@@ -181,6 +181,11 @@ pub enum EcmError {
     /// Homing ended without "homing attained".
     #[error("homing of slave {slave} failed: {why}; check its method and switches, then home again")]
     HomingFailed { slave: u8, why: &'static str },
+    /// The program has ended the wait, see [`Ecm::with_interrupt`](super::Ecm::with_interrupt).
+    #[error(
+        "the program has interrupted the wait; what was sent may still take effect, so look at the state of the board"
+    )]
+    Interrupted,
     /// Another thread uses the session, the SDO slot or the homing that the call needs.
     #[error("{what} is in use by another thread; wait for it to end")]
     Busy { what: &'static str },

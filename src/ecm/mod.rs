@@ -135,6 +135,33 @@ impl Ecm {
         }
     }
 
+    /// Sets what ends waits, for a program that a user may interrupt, or that closes the board from another thread.
+    /// Calls that wait for reports call `is_due` at least every 100 ms, in their thread and without any lock, so it may
+    /// use the board. If it returns `true`, the call ends with [`EcmError::Interrupted`]. Before that
+    /// [`Ecm::servo_on`] switches off the axes that it was switching on, and [`Ecm::home_all`] aborts the homing: these
+    /// ends wait too, so `is_due` has to return `true` once and not for as long as a reason is there.
+    ///
+    /// The calls of a [`Stream`] do not ask: a step waits for some cycles only, and the end of a stream is a stop.
+    ///
+    /// ```
+    /// use std::sync::atomic::{AtomicBool, Ordering};
+    /// use std::time::Duration;
+    ///
+    /// use ecmsk::ecm::{Ecm, EcmError};
+    ///
+    /// static PRESSED: AtomicBool = AtomicBool::new(false); // set by a handler of signals
+    /// let ecm = Ecm::open("sim:?slaves=drive&clock=virtual")?.with_interrupt(|| PRESSED.swap(false, Ordering::Relaxed));
+    /// PRESSED.store(true, Ordering::Relaxed);
+    /// let error = ecm.sdo_read::<u32>(1, ecmsk::coe::ObjectAddress::new(0x1000, 0)).unwrap_err();
+    /// assert_eq!(error, EcmError::Interrupted);
+    /// # Ok::<(), EcmError>(())
+    /// ```
+    #[must_use]
+    pub fn with_interrupt(mut self, is_due: impl Fn() -> bool + Send + Sync + 'static) -> Self {
+        self.exchange.interrupt = Some(Box::new(is_due));
+        self
+    }
+
     /// The slot size of the board: that of the options or of the link, or else the one found in reports.
     ///
     /// # Errors

@@ -201,7 +201,7 @@ impl MachineFile {
 
 impl MachineFile {
     /// The error for a file without a link.
-    pub(crate) fn names_no_link(&self) -> MachineFileError {
+    pub fn names_no_link(&self) -> MachineFileError {
         MachineFileError::Field {
             file: self.path.display().to_string(),
             line: 1,

@@ -17,7 +17,7 @@
 //!
 //! - `order.rs`, `timeline.rs`: the order of frames in time, and their times.
 //! - `size.rs`, `slave_kinds.rs`: the slot size, and the kinds of the slaves.
-//! - `executed.rs`: which commands the board has executed.
+//! - `executed.rs`, `execution.rs`: which commands the board has executed; the commands themselves, with their times.
 
 mod address;
 mod devices;
@@ -25,6 +25,7 @@ mod ending;
 mod error;
 pub mod exchanges;
 mod executed;
+mod execution;
 pub(crate) mod file_formats;
 mod lacks;
 pub(crate) mod meta;
@@ -41,6 +42,7 @@ pub use devices::{CapturedDevice, Skipped};
 pub use ending::lacks_at_end;
 pub use error::RecordError;
 pub use executed::{Executed, LastExecuted};
+pub use execution::{Entry, Execution, ExecutionReport, NO_ORDERS, Orders};
 pub use lacks::Lacks;
 pub use meta::{Clock, RecordMeta};
 pub use order::InOrder;

@@ -1,4 +1,4 @@
-//! The programs of `examples/python/` on a simulated board: in virtual time they print the same as those in C++ and C.
+//! The programs of `examples/python/ctypes/` on a simulated board: in virtual time they print the same as those in C++ and C.
 #![cfg(target_os = "linux")]
 
 use std::fs;
@@ -59,13 +59,12 @@ mod needs_python {
     /// Every program of the folder that uses the library is one of these.
     #[test]
     fn no_program_is_left_out() {
-        let entries = fs::read_dir(root().join("examples/python")).expect("the folder");
+        let entries = fs::read_dir(root().join("examples/python/ctypes")).expect("the folder");
         let files = entries.map(|entry| entry.expect("readable").path());
         let mut names: Vec<String> = files
             .filter(|file| file.extension().is_some_and(|extension| extension == "py"))
             .map(|file| file.file_stem().expect("a name").to_string_lossy().into_owned())
-            // The second one is an independent master, without a board.
-            .filter(|name| !["ecm", "own_master"].contains(&name.as_str()))
+            .filter(|name| name != "ecm")
             .collect();
         names.sort();
         assert_eq!(names, PROGRAMS.map(|(name, _)| name));

@@ -6,7 +6,8 @@
 //! - `axes.rs`, `homing.rs`, `sdo.rs`, `kinds.rs`, `two_channels.rs`: axes and IO, homing of several axes, SDOs,
 //!   steppers and pulse modules
 //! - `stream.rs`, `targets.rs`: cyclic targets
-//! - `threads.rs`, `answers.rs`, `ends.rs`: several threads, lost frames, calls that something interrupts
+//! - `threads.rs`, `answers.rs`, `ends.rs`, `interrupt.rs`: several threads, lost frames, calls that something comes
+//!   between, or that the program interrupts
 //! - `bad_states.rs`, `bad_boards.rs`: every call in every state, and with every failure of a board
 //! - `safety.rs`, `example.rs`: the statements of docs/SAFETY.md; the programs of `examples/rust/`
 //! - `common/`: programs and links that the tests share
@@ -22,6 +23,7 @@ mod dp3cl;
 mod ends;
 mod example;
 mod homing;
+mod interrupt;
 mod kinds;
 mod safety;
 mod sdo;

@@ -169,7 +169,7 @@ mod needs_python {
     use super::*;
     use support::examples::{PYTHON, run_python};
 
-    /// XF-20.11 XF-20.15 All programs of examples/python.
+    /// XF-20.11 XF-20.15 All programs of examples/python/ctypes.
     #[test]
     fn programs_in_python() {
         for (name, link) in PYTHON {

@@ -3,7 +3,6 @@
 //! Files:
 //!
 //! - `survey.rs`, `series.rs`: the first and the second reading of the recording
-//! - `execution.rs`: when the board executed each command
 //! - `axis.rs`, `states.rs`, `lanes.rs`, `speed.rs`, `path.rs`: the lines of an axis, its states, the bits of an IO slave,
 //!   velocities, the path of two axes in their plane
 //! - `decimate.rs`: reduces a line to the resolution of the picture
@@ -20,7 +19,6 @@ pub mod chart;
 mod chosen;
 pub mod decimate;
 mod error;
-pub mod execution;
 mod file;
 #[cfg(feature = "web")]
 pub mod html;

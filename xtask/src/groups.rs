@@ -16,7 +16,7 @@ const QUICK: &[&str] =
 
 /// Groups that need a compiler or another program, or take longer.
 const OTHERS: &[&str] =
-    &["bus", "capi", "counters", "ecm", "ecmsk_header", "esi", "invariants", "master", "migration", "xf_api"];
+    &["bus", "capi", "counters", "ecm", "ecmsk_header", "esi", "invariants", "master", "migration", "python", "xf_api"];
 
 /// Groups that depend on the machine's clock: runners, processes, sockets, network cards, masters of other projects. Two groups
 /// run at a time and nothing else beside them, since they mostly wait; the tests of a group run one after the other. Their
@@ -57,6 +57,7 @@ const LONG: &[&str] = &[
     "needs_chromium::",
     "needs_dotnet_core::",
     "needs_node::",
+    "needs_pip::",
     "needs_pysoem::",
     "needs_tshark::",
     "needs_valgrind::",
@@ -178,7 +179,7 @@ mod tests {
     use super::*;
 
     /// The folders that contain groups.
-    const FOLDERS: [&str; 4] = ["tests", "capi/tests", "tests/masters/tests", "tool/tests"];
+    const FOLDERS: [&str; 5] = ["tests", "capi/tests", "python/tests", "tests/masters/tests", "tool/tests"];
     /// Groups that are not run here, because other chores start them in a guest system or under Wine.
     const ELSEWHERE: [&str; 2] = ["rig", "windows"];
     /// Texts in a source that show that a test uses the machine's clock.

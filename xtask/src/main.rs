@@ -32,6 +32,7 @@ mod mutants;
 mod needs;
 mod npm;
 mod project;
+mod python_packages;
 mod rig;
 mod semver;
 mod side_by_side;

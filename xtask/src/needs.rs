@@ -123,6 +123,11 @@ pub const CARGO_SEMVER_CHECKS: Need =
 pub const ADVISORIES: Need = Need { program: "list of known weaknesses of crates", source: Source::Advisories };
 
 impl Need {
+    /// A package that is unpacked into the target folder, by its own name.
+    pub const fn fetched(package: &'static Fetched) -> Self {
+        Self { program: package.name, source: Source::Fetched(package) }
+    }
+
     fn is_there(&self, project: &Project) -> bool {
         match self.source {
             Source::Rights => is_root(),

@@ -12,7 +12,7 @@ use crate::needs::{
 use crate::project::Project;
 use crate::spend::Spend;
 use crate::windows::{self, Width};
-use crate::{command, dist, features, groups, needs, rig, stage, tidy};
+use crate::{command, dist, features, groups, needs, python_packages, rig, stage, tidy};
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -173,6 +173,25 @@ pub struct Gate {
     pub needs: &'static [Need],
 }
 
+/// What the tests of the Python package need that Python itself does not have.
+const PYTHON_PACKAGES: &[Need] = &[
+    PYTHON,
+    PIP,
+    Need::fetched(&python_packages::MATURIN),
+    Need::fetched(&python_packages::NUMPY),
+    Need::fetched(&python_packages::MYPY),
+    Need::fetched(&python_packages::AST_SERIALIZE),
+    Need::fetched(&python_packages::LIBRT),
+    Need::fetched(&python_packages::MYPY_EXTENSIONS),
+    Need::fetched(&python_packages::PATHSPEC),
+    Need::fetched(&python_packages::TYPING_EXTENSIONS),
+    Need::fetched(&python_packages::PYTEST),
+    Need::fetched(&python_packages::INICONFIG),
+    Need::fetched(&python_packages::PACKAGING),
+    Need::fetched(&python_packages::PLUGGY),
+    Need::fetched(&python_packages::PYGMENTS),
+];
+
 pub const GATES: &[Gate] = &[
     Gate { module: "needs_chromium", needs: &[CHROMIUM] },
     Gate { module: "needs_cxx", needs: &[CXX, MAKE, PKG_CONFIG] },
@@ -180,6 +199,7 @@ pub const GATES: &[Gate] = &[
     Gate { module: "needs_dotnet_core", needs: &[MCS, PYTHON, PIP, DOTNET_CORE] },
     Gate { module: "needs_network_namespace", needs: &[IP, NETWORK_NAMESPACE] },
     Gate { module: "needs_node", needs: &[NODE] },
+    Gate { module: "needs_pip", needs: PYTHON_PACKAGES },
     Gate { module: "needs_pysoem", needs: &[PYTHON, PIP, PYSOEM, IP, NETWORK_NAMESPACE] },
     Gate { module: "needs_python", needs: &[PYTHON] },
     Gate { module: "needs_root", needs: &[CXX, SET_USER_ID] },
@@ -430,7 +450,7 @@ mod tests {
             |missing: &[Need]| site(&project, missing).closed_gates().map(|gate| gate.module).collect::<Vec<_>>();
         assert!(closed(&[]).is_empty());
         assert_eq!(closed(&[VALGRIND]), ["needs_valgrind"]);
-        assert_eq!(closed(&[PYTHON]), ["needs_dotnet_core", "needs_pysoem", "needs_python"]);
+        assert_eq!(closed(&[PYTHON]), ["needs_dotnet_core", "needs_pip", "needs_pysoem", "needs_python"]);
         assert_eq!(closed(&[NETWORK_NAMESPACE]), ["needs_network_namespace", "needs_pysoem"]);
         assert_eq!(closed(&[TSHARK]), ["needs_tshark"]);
         assert_eq!(closed(&[CHROMIUM, NODE]), ["needs_chromium", "needs_node"]);

@@ -62,6 +62,9 @@ pub const LIMIT_MAX: Duration = Duration::from_secs(365 * 86_400);
 /// \[OURS] The most reports that one call reads without waiting: more than the queue of any link holds by default.
 const CATCH_UP_REPORTS_MAX: usize = 4096;
 
+/// Returns `true` if the wait of the calling thread is to end.
+type Interrupt = Box<dyn Fn() -> bool + Send + Sync>;
+
 pub struct Exchange {
     pub link: Arc<dyn Link>,
     pub info: LinkInfo,
@@ -80,6 +83,8 @@ pub struct Exchange {
     pub sdo_turn: Mutex<()>,
     /// Held by the call that is homing axes, so that there is one such call at a time.
     pub homing_turn: Mutex<()>,
+    /// What ends the waits of calls, see [`Ecm::with_interrupt`](super::Ecm::with_interrupt).
+    pub interrupt: Option<Interrupt>,
 }
 
 impl Exchange {
@@ -103,6 +108,7 @@ impl Exchange {
             abandoned: AtomicBool::new(false),
             sdo_turn: Mutex::new(()),
             homing_turn: Mutex::new(()),
+            interrupt: None,
         }
     }
 
@@ -324,10 +330,17 @@ impl Exchange {
         Ok(())
     }
 
-    /// Releases the lock of the session to other threads between two rounds, and runs `between` without the lock.
+    /// Releases the lock of the session to other threads between two rounds, and runs `between` without the lock. Ends
+    /// the wait if it is to be interrupted.
     pub fn pause(&self, session: &mut MutexGuard<'_, Session>, between: impl FnOnce()) -> Result<(), EcmError> {
-        MutexGuard::unlocked_fair(session, between);
-        if session.closed { Err(LinkError::Closed.into()) } else { Ok(()) }
+        let is_interrupted = MutexGuard::unlocked_fair(session, || {
+            between();
+            self.interrupt.as_ref().is_some_and(|is_due| is_due())
+        });
+        if session.closed {
+            return Err(LinkError::Closed.into());
+        }
+        if is_interrupted { Err(EcmError::Interrupted) } else { Ok(()) }
     }
 
     /// Ends every use of the board. If the axes may be moving, the link is closed as by a program that has vanished: a

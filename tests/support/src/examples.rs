@@ -1,4 +1,4 @@
-//! The programs of `examples/cpp/`, `examples/c/` and `examples/python/`, and the links of their snapshots in
+//! The programs of `examples/cpp/`, `examples/c/` and `examples/python/ctypes/`, and the links of their snapshots in
 //! `tests/snapshots/`.
 
 use std::process::Command;
@@ -33,19 +33,19 @@ pub const C_WITHOUT_LIBRARY: &str = "xf_client";
 pub const SCRIPTS: [(&str, &str); 3] =
     [("alarm_recovery", "alarm_on_the_way"), ("io", "local_inputs"), ("operator_panel", "alarm")];
 
-/// Every program of `examples/python/` that uses the library.
+/// Every program of `examples/python/ctypes/` that uses the library.
 pub const PYTHON: [(&str, &str); 3] =
     [("homing", VIRTUAL), ("two_axes", VIRTUAL), ("inputs_outputs", "sim:?slaves=io&clock=virtual")];
 
-/// Runs a program of `examples/python/` on a link.
+/// Runs a program of `examples/python/ctypes/` on a link.
 pub fn run_python(name: &str, link: &str) -> Ended {
     run(&mut python(name, link))
 }
 
-/// A program of `examples/python/` on a link.
+/// A program of `examples/python/ctypes/` on a link.
 pub fn python(name: &str, link: &str) -> Command {
     let mut python = Command::new("python3");
-    python.arg(root().join("examples/python").join(name).with_extension("py"));
+    python.arg(root().join("examples/python/ctypes").join(name).with_extension("py"));
     // No compiled files beside the examples.
     python.env("PYTHONDONTWRITEBYTECODE", "1").env("ECMSK_LIBRARY", &library().shared);
     python.env("ECMSK_LINK", link).env_remove("ECMSK_LOG").current_dir(root());

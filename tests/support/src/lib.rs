@@ -137,6 +137,11 @@ pub fn library() -> &'static Library {
     })
 }
 
+/// The module of the Python package that is written in Rust, as cargo names it.
+pub fn python_module() -> PathBuf {
+    built().join("libecmsk_python.so")
+}
+
 /// The tool, for tests of other packages than its own.
 pub fn tool() -> PathBuf {
     built().join(format!("ecmsk{}", env::consts::EXE_SUFFIX))

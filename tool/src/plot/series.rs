@@ -2,7 +2,7 @@
 
 use ecmsk::ecm::Scale;
 use ecmsk::link::Dir;
-use ecmsk::recording::Kinds;
+use ecmsk::recording::{Execution, ExecutionReport, Kinds, NO_ORDERS};
 use ecmsk::sk::{
     CommandId, DriveResponse, FIFO_ENTRIES, FifoAction, Frame, IoResponse, MasterCommand, MasterResponse, SlaveKind,
     SlotCommand, SlotSize,
@@ -10,7 +10,6 @@ use ecmsk::sk::{
 
 use super::axis::Axis;
 use super::decimate::{Line, Pieces};
-use super::execution::{Execution, ExecutionReport, NO_ORDERS};
 use super::lanes::{Lane, Lanes};
 use super::path::Path;
 use super::states::{Span, States};

@@ -2,7 +2,7 @@
 
 use ecmsk::link::Dir;
 use ecmsk::machine_file::{MachineAxis, MachineFile, Unit};
-use ecmsk::recording::Kinds;
+use ecmsk::recording::{Entry, Execution, ExecutionReport, Kinds, NO_ORDERS};
 use ecmsk::sk::dump::MAX_SLAVES;
 use ecmsk::sk::{
     CommandId, DriveResponse, FifoAction, MasterCommand, MasterResponse, MasterState, SlaveCommand, SlaveKind,
@@ -11,7 +11,6 @@ use ecmsk::sk::{
 use serde_json::{Value, json};
 
 use crate::machine_option::{in_unit, label};
-use crate::plot::execution::{Entry, Execution, ExecutionReport, NO_ORDERS};
 use crate::recording::Framed;
 
 /// The cycle time of a board to which no SET_DC was sent (UG 1.7), in nanoseconds.

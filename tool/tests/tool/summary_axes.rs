@@ -73,3 +73,24 @@ fn a_limit_makes_a_run_fail() {
     let ran = with("jerk>1");
     assert!(ran.code == Some(2) && ran.err.contains("allowed: any, alarm"), "{ran:?}");
 }
+
+/// The last of 40 axes has its extremes, too.
+#[test]
+fn every_axis_has_its_extremes() {
+    let path = file("summary_forty.pcapng");
+    let _ = std::fs::remove_file(&path);
+    let path = path.display().to_string();
+    let ecm = Ecm::open(&format!("sim:?slaves=drive*40&clock=virtual&record={path}")).expect("a board");
+    ecm.configure(&Config::drives(40)).expect("it is configured");
+    ecm.set_state(MasterState::Op).expect("OP");
+    ecm.servo_on(&[40]).expect("it is on");
+    let mut stream = ecm.stream(8).expect("a stream");
+    for cycle in 0..200 {
+        stream.csp(40, 7 * cycle).and_then(|()| stream.step().map(drop)).expect("it is sent");
+    }
+    stream.finish().expect("it stands");
+    ecm.close(Close::ServoOff).expect("it is closed");
+    let said = run(["summary", &path]).expect_quiet();
+    let of_last = said.lines().find(|line| line.starts_with("axis 40: ")).unwrap_or_else(|| panic!("{said}"));
+    assert!(of_last.contains("following error up to ") && of_last.contains("target step up to 7 counts"), "{said}");
+}

@@ -1,5 +1,5 @@
 """An ECM-SK from Python, by ctypes: the vendor's OpenECMUSB and CloseECMUSB, and from ecmsk.h calls that have a limit, say
-why they failed, and know what became of every command. Slots of 12 bytes; the steps are those of ../cpp/ecm.h.
+why they failed, and know what became of every command. Slots of 12 bytes; the steps are those of ../../cpp/ecm.h.
 
 The library is looked for as any other; LD_LIBRARY_PATH or ECMSK_LIBRARY (a file) say where it is. ECMSK_LINK names the board.
 """

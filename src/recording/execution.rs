@@ -3,14 +3,15 @@
 
 use std::collections::VecDeque;
 
-use ecmsk::recording::{Executed, LastExecuted};
-use ecmsk::sk::dump::MAX_SLAVES;
-use ecmsk::sk::{FIFO_ENTRIES, MasterResponse, SlaveCommand};
+use super::executed::{Executed, LastExecuted};
+use crate::sk::dump::MAX_SLAVES;
+use crate::sk::{FIFO_ENTRIES, MasterResponse, SlaveCommand};
 
-/// The commands in one frame, for each axis and IO slave of the plot.
+/// The commands in one frame, for the slaves that the caller wants to know them of, in its order.
 pub type Orders = [Option<SlaveCommand>; MAX_SLAVES];
-/// No command for any slave.
-pub const NO_ORDERS: Orders = [const { None }; MAX_SLAVES];
+
+/// A frame without commands for slaves.
+pub const NO_ORDERS: Orders = [None; MAX_SLAVES];
 
 /// The most command frames that are kept until a report shows their execution: as many as the FIFO holds, and more because some
 /// reports do not show what was executed.

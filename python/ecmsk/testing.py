@@ -1,0 +1,223 @@
+"""A simulated machine for tests: any program runs on it in virtual time, and assertions look at what was recorded.
+
+The fixture ``machine`` of the plugin for pytest is a :class:`Machine`.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import signal
+import subprocess
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Optional, Union
+
+from . import sim_uri
+from ._ecmsk import Close, Ecm, open
+from .recordings import RecordedAxis, Recording
+
+_Key = Union[str, int, float, None]
+
+TOOL = "ECMSK_TOOL"
+"""Variable of the environment that names the tool ``ecmsk``, if it is not on the path."""
+
+
+def seconds(time: Union[str, float]) -> float:
+    """A time in seconds, or as text with its unit: ``2``, ``"2 s"``, ``"50 ms"``."""
+    if isinstance(time, str):
+        for unit, factor in (("us", 1e-6), ("ms", 1e-3), ("s", 1.0)):
+            if time.endswith(unit):
+                try:
+                    return float(time[: -len(unit)]) * factor
+                except ValueError:
+                    break
+        raise ValueError(f"`{time}` is no time; write a number of seconds, or one with s, ms or us")
+    return float(time)
+
+
+class MachineAxis:
+    """What a test asserts of one axis. Times count from the first report in OP."""
+
+    def __init__(self, axis: RecordedAxis) -> None:
+        self.recorded = axis
+
+    def _name(self) -> str:
+        return f"axis {self.recorded.name or self.recorded.slave}"
+
+    def reached(self, position: float, *, within: Union[str, float, None] = None, tolerance: float = 100) -> None:
+        """The axis was at that position, counts, at some time, or no later than ``within``."""
+        limit = math.inf if within is None else seconds(within)
+        times, positions = self.recorded.values("time_ns"), self.recorded.values("position")
+        nearest, nearest_at = math.inf, 0.0
+        for at_ns, at in zip(times, positions):
+            after = (at_ns - times[0]) / 1e9
+            if abs(at - position) <= tolerance:
+                assert after <= limit, (
+                    f"{self._name()} reached {position} counts after {after:.3f} s, not within {limit:g} s"
+                )
+                return
+            if abs(at - position) < abs(nearest - position):
+                nearest, nearest_at = at, after
+        raise AssertionError(
+            f"{self._name()} did not reach {position} counts (+-{tolerance}); "
+            f"nearest was {nearest}, after {nearest_at:.3f} s"
+        )
+
+    def ended_at(self, position: float, *, tolerance: float = 100) -> None:
+        """The axis was at that position, counts, in the last report."""
+        last = self.recorded.values("position")[-1]
+        assert abs(last - position) <= tolerance, (
+            f"{self._name()} ended at {last} counts, not at {position} (+-{tolerance})"
+        )
+
+    def following_error_below(self, counts: float) -> None:
+        """The position was never that far from the executed target. An axis that had no target fails, too."""
+        worst, worst_at, has_target = 0.0, 0.0, False
+        times, positions = self.recorded.values("time_ns"), self.recorded.values("position")
+        for at_ns, position, target in zip(times, positions, self.recorded.values("target")):
+            if math.isnan(target):
+                continue
+            has_target = True
+            if abs(target - position) > worst:
+                worst, worst_at = abs(target - position), (at_ns - times[0]) / 1e9
+        assert has_target, f"{self._name()} has executed no target, so that it had no following error"
+        assert worst < counts, f"{self._name()} was {worst:.0f} counts behind its target after {worst_at:.3f} s"
+
+
+class Machine:
+    """A simulated machine. Set it up, let something run on it, then assert.
+
+    ``machine.slaves`` lists its slaves, ``machine.keys`` further keys of the link ``sim:``.
+    """
+
+    def __init__(self, folder: Path, slaves: str = "drive", **keys: _Key) -> None:
+        self.folder = folder
+        self.slaves = slaves
+        self.keys: Dict[str, _Key] = dict(keys)
+        self._events: List[str] = []
+        self._runs = 0
+        self._recording: Optional[Recording] = None
+        self._board: Optional[Ecm] = None
+
+    def at(self, time: Union[str, float], event: str) -> None:
+        """Makes something happen while a program runs: ``machine.at("1 s", "alarm 1 0x7500")``.
+
+        The time counts from the opening of the board, in its time. ``ecmsk link help`` lists the events.
+        """
+        self._events.append(f"at {seconds(time) * 1e6:.0f}us {event}")
+
+    def _next_run(self) -> Path:
+        self._close()
+        self._recording = None
+        self._runs += 1
+        return self.folder / f"run-{self._runs}.pcapng"
+
+    def _link(self, **keys: _Key) -> str:
+        given: Dict[str, Any] = {"clock": "virtual", **self.keys, **keys}
+        if self._events:
+            if "script" in self.keys:
+                raise ValueError("the machine has a script and events of `at`; put the events into the script")
+            script = self.folder / "events.ecmscript"
+            script.write_text("\n".join(self._events) + "\n")
+            given["script"] = str(script)
+        slaves = None if given.get("machine") else self.slaves
+        return sim_uri(slaves, **given)
+
+    @property
+    def _recorded(self) -> Path:
+        return self.folder / f"run-{self._runs}.pcapng"
+
+    def open(self, *, close: Close = Close.HOLD) -> Ecm:
+        """Opens the machine in this process, for a test that is a program itself."""
+        file = self._next_run()
+        self._board = open(self._link(record=str(file)), close=close)
+        return self._board
+
+    def run(
+        self,
+        *program: Union[str, "os.PathLike[str]"],
+        timeout: float = 60.0,
+        env: Optional[Mapping[str, str]] = None,
+        check: bool = True,
+    ) -> "subprocess.CompletedProcess[str]":
+        """Runs a program on the machine by ``ecmsk exec``: one that uses NEXTWUSBLib, whatever its language, or one that
+        opens the link in ``ECMSK_LINK``. With ``check`` a program that fails fails the test, with what it has printed.
+        ``timeout`` is in seconds of real time; after it the program is ended by force.
+        """
+        file = self._next_run()
+        words = [os.fspath(word) for word in program]
+        command = [str(tool()), "exec", "--link", self._link(), "--record", str(file), "--", *words]
+        ended = _run(command, timeout, {**os.environ, **(env or {})})
+        if check and ended.returncode != 0:
+            raise AssertionError(
+                f"{words[0]} ended with exit code {ended.returncode}\n{ended.stdout}{ended.stderr}"
+            )
+        return ended
+
+    def _close(self) -> None:
+        if self._board is not None:
+            self._board.close()
+            self._board = None
+
+    @property
+    def recording(self) -> Recording:
+        """What was recorded of the last run. A board of ``open`` is closed first."""
+        self._close()
+        if self._recording is None:
+            if not self._recorded.exists():
+                raise AssertionError("nothing has run on the machine yet, or the program has not opened its board")
+            machine = self.keys.get("machine")
+            self._recording = Recording(self._recorded, str(machine) if machine else None)
+        return self._recording
+
+    def axis(self, axis: Union[int, str]) -> MachineAxis:
+        """An axis, by the number of its slave, or by its name with the key ``machine``."""
+        return MachineAxis(self.recording.axis(axis))
+
+    def no_alarm(self) -> None:
+        """No slave had an alarm."""
+        alarms = [f"slave {slave}: 0x{code:04X}, {times}x" for slave, code, times in self.recording.alarms]
+        assert not alarms, f"alarms: {'; '.join(alarms)}"
+
+    def no_gap(self) -> None:
+        """The FIFO never ran empty while an axis was moving."""
+        assert self.recording.gaps == 0, f"{self.recording.gaps} gaps in a motion"
+
+    def nothing_went_wrong(self) -> None:
+        """The summary of the run is empty, and the recording whole."""
+        problems = self.recording.summary + ([self.recording.lacks] if self.recording.lacks else [])
+        assert not problems, "\n".join(problems)
+
+
+def tool() -> Path:
+    """The tool ``ecmsk``: what ECMSK_TOOL names, or the one on the path."""
+    found = os.environ.get(TOOL) or shutil.which("ecmsk")
+    if not found:
+        raise FileNotFoundError(f"the tool `ecmsk` is not on the path; install it, or name it with {TOOL}")
+    return Path(found)
+
+
+def _run(command: List[str], timeout: float, env: Mapping[str, str]) -> "subprocess.CompletedProcess[str]":
+    # In a session of its own, so that the program can be ended together with the tool that waits for it.
+    process = subprocess.Popen(
+        command,
+        env=env,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        out, err = process.communicate(timeout=timeout)
+    except BaseException as error:
+        if hasattr(os, "killpg"):
+            os.killpg(process.pid, signal.SIGKILL)
+        else:
+            process.kill()
+        out, err = process.communicate()
+        if isinstance(error, subprocess.TimeoutExpired):
+            raise AssertionError(f"the program did not end within {timeout:g} s\n{out}{err}") from None
+        raise
+    return subprocess.CompletedProcess(command, process.returncode, out, err)

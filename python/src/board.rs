@@ -1,0 +1,278 @@
+//! A board: opening and closing it, and how the calls of several threads and its end meet.
+//!
+//! A call has its own share of the open board ([`Shared::share`]). Closing takes the board away, ends the waits of other
+//! threads, ends the stream, and waits until no call has a share any more, which takes as long as a step at most.
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use ecmsk::ecm::{Ecm, EcmError, Options};
+use ecmsk::link::LinkError;
+use ecmsk::link::uri::LinkUri;
+use ecmsk::machine_file::MachineFile;
+use ecmsk::sk::SlotSize;
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::errors::{exception, named};
+use crate::names::Names;
+use crate::stream::StreamCell;
+use crate::values::{Close, seconds};
+use crate::wait;
+
+/// How often closing looks whether the calls of other threads have ended.
+const CALLS_END_PERIOD: Duration = Duration::from_millis(1);
+/// How long [`open_when_there`] waits between two looks at signals.
+const OPEN_SLICE: Duration = Duration::from_millis(200);
+
+/// The boards of this process, which are closed when it ends.
+static BOARDS: Mutex<Vec<Weak<Shared>>> = Mutex::new(Vec::new());
+
+/// A lock that a panic of another thread does not close.
+pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// What a board and its streams share.
+pub struct Shared {
+    /// The board; `None` once it is closed.
+    opened: Mutex<Option<Arc<Ecm>>>,
+    /// Whether the waits of all threads are to end.
+    is_closing: Arc<AtomicBool>,
+    /// The stream that was begun last.
+    pub stream: Mutex<Option<Arc<StreamCell>>>,
+    /// What happens to the axes when a program does not say it.
+    close: ecmsk::ecm::Close,
+}
+
+impl Shared {
+    /// A share of the open board.
+    pub fn share(&self) -> Result<Arc<Ecm>, EcmError> {
+        lock(&self.opened).clone().ok_or_else(|| LinkError::Closed.into())
+    }
+
+    /// Ends the stream that is open, if there is one: its axes come to a standstill.
+    pub fn end_stream(&self) {
+        let stream = lock(&self.stream).take();
+        if let Some(stream) = stream {
+            // Whoever asked for the end has a reason of his own to report. Closing the board finds axes that still move.
+            let _ = stream.finish();
+        }
+    }
+
+    /// Takes the board away from all calls and passes it to `end`. `None` if it was closed before.
+    fn end<T>(&self, end: impl FnOnce(Ecm) -> T) -> Option<T> {
+        let mut opened = lock(&self.opened).take()?;
+        self.is_closing.store(true, Ordering::Release);
+        loop {
+            // In each round: a call of another thread may just have begun it.
+            self.end_stream();
+            match Arc::try_unwrap(opened) {
+                Ok(ecm) => return Some(end(ecm)),
+                Err(shared) => opened = shared,
+            }
+            thread::sleep(CALLS_END_PERIOD);
+        }
+    }
+}
+
+/// A handle of an open board, which threads may share.
+///
+/// Axes are numbers of slaves, or names if the board was opened by a machine file. Times are in seconds. Leaving its
+/// ``with`` block closes the board, as the option ``close`` says.
+#[pyclass(frozen, name = "Ecm", module = "ecmsk")]
+pub struct Board {
+    pub shared: Arc<Shared>,
+    pub names: Names,
+    link: String,
+    is_virtual: bool,
+}
+
+impl Board {
+    fn new(ecm: Ecm, names: Names, options: &Options) -> Self {
+        let is_closing = Arc::new(AtomicBool::new(false));
+        let closing = Arc::clone(&is_closing);
+        let info = ecm.link_info();
+        let (link, is_virtual) = (info.name.clone(), info.virtual_time);
+        let ecm = ecm.with_interrupt(move || wait::is_due(&closing));
+        let opened = Mutex::new(Some(Arc::new(ecm)));
+        let shared = Arc::new(Shared { opened, is_closing, stream: Mutex::new(None), close: options.close });
+        let mut boards = lock(&BOARDS);
+        boards.retain(|board| board.strong_count() > 0);
+        boards.push(Arc::downgrade(&shared));
+        Self { shared, names, link, is_virtual }
+    }
+
+    /// Runs a call that waits. If a signal or an own function ends it, the stream of the board is ended first, too.
+    pub fn wait<T: Send>(&self, py: Python<'_>, call: impl FnOnce(&Ecm) -> Result<T, EcmError> + Send) -> PyResult<T> {
+        let shared = &self.shared;
+        wait::during(py, || shared.end_stream(), || call(&*shared.share()?))
+    }
+
+    /// Ends the board. A handler of signals and a function of the program's own run inside of a call, which would have to
+    /// end first.
+    fn end(&self, py: Python<'_>, end: impl FnOnce(Ecm) -> Result<(), EcmError> + Send) -> PyResult<()> {
+        if wait::is_in_a_call() {
+            let message =
+                "the board is in use by a call of this thread; raise an exception here, and close the board after it";
+            return Err(named(py, "BusyError", message, None, None));
+        }
+        let ended = py.detach(|| self.shared.end(end));
+        ended.unwrap_or(Ok(())).map_err(|error| exception(py, &error))
+    }
+}
+
+#[pymethods]
+impl Board {
+    /// The URI of the link in its normal form.
+    #[getter]
+    fn link(&self) -> &str {
+        &self.link
+    }
+
+    /// Whether time passes only inside calls.
+    #[getter]
+    const fn is_virtual(&self) -> bool {
+        self.is_virtual
+    }
+
+    #[getter]
+    fn is_closed(&self) -> bool {
+        lock(&self.shared.opened).is_none()
+    }
+
+    /// Closes the board within 2 s. Calls of other threads end with ``errors.ClosedError``.
+    #[pyo3(signature = (how = None))]
+    fn close(&self, py: Python<'_>, how: Option<Close>) -> PyResult<()> {
+        let how = how.map_or(self.shared.close, Into::into);
+        self.end(py, move |ecm| ecm.close(how))
+    }
+
+    /// Restarts the board, which closes it. ``open_when_there`` opens it again.
+    fn reset(&self, py: Python<'_>) -> PyResult<()> {
+        self.shared.share().map_err(|error| exception(py, &error))?;
+        self.end(py, Ecm::reset)
+    }
+
+    fn __enter__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    #[pyo3(signature = (*_raised))]
+    fn __exit__(&self, py: Python<'_>, _raised: &Bound<'_, pyo3::types::PyTuple>) -> PyResult<()> {
+        self.close(py, None)
+    }
+
+    fn __repr__(&self) -> String {
+        let closed = if self.is_closed() { ", closed" } else { "" };
+        format!("<Ecm {}{closed}>", self.link)
+    }
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        let (shared, close) = (&self.shared, self.shared.close);
+        // As the library has it: an error of a board that nobody closes is not raised. At the end of the interpreter
+        // `close_all` has closed it.
+        Python::try_attach(|py| py.detach(|| shared.end(|ecm| ecm.close(close)).map(drop)));
+    }
+}
+
+/// Closes all boards of this process that are open: at the end of the program.
+#[pyfunction]
+pub fn close_all(py: Python<'_>) {
+    let boards: Vec<Arc<Shared>> = lock(&BOARDS).iter().filter_map(Weak::upgrade).collect();
+    py.detach(|| {
+        for shared in boards {
+            let close = shared.close;
+            shared.end(|ecm| ecm.close(close).ok());
+        }
+    });
+}
+
+/// The options among the keyword arguments of a call.
+fn options(given: Option<&Bound<'_, PyDict>>) -> PyResult<Options> {
+    let mut options = Options::default();
+    for (key, value) in given.into_iter().flatten() {
+        let key: String = key.extract()?;
+        let limit = || seconds(&key, value.extract()?);
+        match key.as_str() {
+            "slot" => options.slot = value.extract::<Option<usize>>()?.map(slot_size).transpose()?,
+            "strict_crc" => options.strict_crc = value.extract()?,
+            "guard" => options.guard = value.extract()?,
+            "read_limit" => options.read_limit = limit()?,
+            "write_limit" => options.write_limit = limit()?,
+            "state_limit" => options.state_limit = limit()?,
+            "sdo_limit" => options.sdo_limit = limit()?,
+            "servo_limit" => options.servo_limit = limit()?,
+            "ramp" => options.ramp = limit()?,
+            "close" => options.close = value.extract::<Close>()?.into(),
+            _ => return Err(PyTypeError::new_err(format!("there is no option `{key}`; see help(ecmsk.open)"))),
+        }
+    }
+    Ok(options)
+}
+
+fn slot_size(bytes: usize) -> PyResult<SlotSize> {
+    let size = [SlotSize::Bytes12, SlotSize::Bytes16].into_iter().find(|size| size.bytes() == bytes);
+    size.ok_or_else(|| PyValueError::new_err(format!("slot is {bytes}; set 12 or 16")))
+}
+
+/// Opens the board at a link URI and leaves it in its present state. Nothing is sent.
+#[pyfunction(signature = (uri, **given))]
+pub fn open(py: Python<'_>, uri: &str, given: Option<&Bound<'_, PyDict>>) -> PyResult<Board> {
+    let options = options(given)?;
+    let ecm = py.detach(|| Ecm::open_with(uri, options)).map_err(|error| exception(py, &error))?;
+    Ok(Board::new(ecm, Names::default(), &options))
+}
+
+/// Opens the board of a machine file, or the one at ``link``. Its axes then have names and units.
+#[pyfunction(signature = (file, link = None, **given))]
+pub fn open_machine(
+    py: Python<'_>,
+    file: PathBuf,
+    link: Option<&str>,
+    given: Option<&Bound<'_, PyDict>>,
+) -> PyResult<Board> {
+    let options = options(given)?;
+    let opened = || -> Result<(Ecm, MachineFile), EcmError> {
+        let machine = MachineFile::load(&file)?;
+        let link = link.map(LinkUri::parse).transpose().map_err(LinkError::from)?;
+        let link = machine.link(link.as_ref()).ok_or_else(|| machine.names_no_link())?;
+        Ok((Ecm::open_with(&link.to_string(), options)?, machine))
+    };
+    let (ecm, machine) = py.detach(opened).map_err(|error| exception(py, &error))?;
+    Ok(Board::new(ecm, Names(Some(Arc::new(machine))), &options))
+}
+
+/// Opens a board as soon as it is available, and says how many seconds that took.
+#[pyfunction(signature = (uri, limit, **given))]
+pub fn open_when_there(
+    py: Python<'_>,
+    uri: &str,
+    limit: f64,
+    given: Option<&Bound<'_, PyDict>>,
+) -> PyResult<(Board, f64)> {
+    let (options, limit) = (options(given)?, seconds("limit", limit)?);
+    let is_virtual = LinkUri::parse(uri).is_ok_and(|uri| uri.value("clock") == Some("virtual"));
+    let began = Instant::now();
+    loop {
+        let waited = if is_virtual { Duration::ZERO } else { began.elapsed() };
+        let left = limit.saturating_sub(waited);
+        let slice = if is_virtual { left } else { left.min(OPEN_SLICE) };
+        match py.detach(|| Ecm::open_when_there(uri, options, slice)) {
+            Ok((ecm, took)) => {
+                return Ok((Board::new(ecm, Names::default(), &options), (waited + took).as_secs_f64()));
+            }
+            Err(EcmError::Timeout { .. }) if slice < left => py.check_signals()?,
+            Err(EcmError::Timeout { what, waited: last, seen, hint }) => {
+                return Err(exception(py, &EcmError::Timeout { what, waited: waited + last, seen, hint }));
+            }
+            Err(error) => return Err(exception(py, &error)),
+        }
+    }
+}

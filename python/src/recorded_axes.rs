@@ -1,0 +1,153 @@
+//! Follows a recorded run frame by frame: what each axis did in OP, as columns, and what went wrong.
+
+use ecmsk::link::Dir;
+use ecmsk::recording::{Entry, Execution, ExecutionReport, Kinds, NO_ORDERS};
+use ecmsk::sk::dump::MAX_SLAVES;
+use ecmsk::sk::{
+    CommandId, DriveResponse, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, SlaveCommand, SlaveKind,
+    SlotCommand, SlotSize,
+};
+use ecmsk::summary::{FrameWatch, Summary};
+
+/// The cycle time of a board to which no SET_DC was sent (UG 1.7), in nanoseconds.
+const DEFAULT_CYCLE_NS: i64 = 1_000_000;
+
+/// What an axis did, one value for each report in OP.
+#[derive(Default)]
+pub struct Columns {
+    pub time_ns: Vec<i64>,
+    pub position: Vec<i32>,
+    pub torque: Vec<i16>,
+    pub statusword: Vec<u16>,
+    pub error_code: Vec<u16>,
+    /// The executed target, counts; NaN while none is in force.
+    pub target: Vec<f64>,
+    /// The target in force.
+    in_force: Option<i32>,
+    /// Whether a command for axes was sent to the slave, which makes it an axis without SET_AXIS, too.
+    is_axis: bool,
+}
+
+impl Columns {
+    fn executed(&mut self, order: &SlaveCommand) {
+        match order {
+            SlaveCommand::Csp(motion) => {
+                self.is_axis = true;
+                self.in_force = Some(motion.first.target);
+            }
+            SlaveCommand::GetStatus | SlaveCommand::Other(_) | SlaveCommand::IoRead | SlaveCommand::IoWrite(_) => {}
+            order => {
+                self.is_axis |= order.id().is_for_axes();
+                self.in_force = None;
+            }
+        }
+    }
+
+    fn report(&mut self, at_ns: i64, drive: &DriveResponse, is_hsp: bool, is_certain: bool) {
+        // Homing moves the zero of the position, and an axis that is off does not follow.
+        if CommandId::from_code(drive.head.id) == CommandId::GoHome || !drive.statusword.is_enabled() {
+            self.in_force = None;
+        }
+        self.time_ns.push(at_ns);
+        self.position.push(drive.position);
+        self.statusword.push(drive.statusword.0);
+        // A pulse module has inputs where a drive has its torque and its error code.
+        self.torque.push(if is_hsp { 0 } else { drive.torque });
+        self.error_code.push(if is_hsp { 0 } else { drive.error_code });
+        self.target.push(self.in_force.filter(|_| is_certain).map_or(f64::NAN, f64::from));
+    }
+}
+
+/// Follows a run frame by frame, in the order of time.
+pub struct Reader {
+    pub axes: Vec<Columns>,
+    kinds: Kinds,
+    execution: Execution,
+    in_op: bool,
+    pub watch: FrameWatch,
+    pub summary: Summary,
+    size: SlotSize,
+    pub last_ns: i64,
+}
+
+impl Reader {
+    pub fn new(size: SlotSize) -> Self {
+        Self {
+            axes: (0..MAX_SLAVES).map(|_| Columns::default()).collect(),
+            kinds: Kinds::new(None),
+            execution: Execution::new(DEFAULT_CYCLE_NS),
+            in_op: false,
+            watch: FrameWatch::new(size),
+            summary: Summary::default(),
+            size,
+            last_ns: 0,
+        }
+    }
+
+    pub fn frame(&mut self, at_ns: i64, dir: Dir, frame: &Frame) {
+        self.last_ns = self.last_ns.max(at_ns);
+        match dir {
+            Dir::Write => {
+                self.watch.command(at_ns, frame);
+                self.command(at_ns, frame);
+            }
+            Dir::Read => {
+                let summary = &mut self.summary;
+                self.watch.report(at_ns, frame, &mut |event| summary.add_event(event));
+                self.report(at_ns, frame);
+            }
+        }
+    }
+
+    fn command(&mut self, at_ns: i64, frame: &Frame) {
+        self.kinds.command(frame, self.size);
+        let master = MasterCommand::decode(&frame.slot(self.size, 0), self.size);
+        if !self.in_op {
+            if let Ok(MasterCommand::SetDc { cycle, .. }) = master {
+                self.execution = Execution::new(i64::from(cycle.us()).max(1) * 1000);
+            }
+            return;
+        }
+        let mut orders = NO_ORDERS;
+        for (slave, order) in (1..=self.size.max_slaves()).zip(&mut orders) {
+            *order = SlotCommand::decode(&frame.slot(self.size, slave), self.size).ok().map(|slot| slot.command);
+        }
+        self.execution.command(at_ns, orders, master == Ok(MasterCommand::SetFifo(FifoAction::Clear)));
+    }
+
+    fn report(&mut self, at_ns: i64, frame: &Frame) {
+        self.kinds.response(frame, self.size);
+        let board = MasterResponse::decode(&frame.slot(self.size, 0));
+        self.in_op = board.state.state() == Some(MasterState::Op);
+        if !self.in_op || board.state.is_failed() {
+            // The slots of lost slaves repeat their last values.
+            self.execution.reset();
+            self.axes.iter_mut().for_each(|axis| axis.in_force = None);
+            return;
+        }
+        let is_certain = match self.execution.report(at_ns, &board) {
+            ExecutionReport::Executed { entries, .. } => {
+                entries.iter().for_each(|entry| self.execute(entry));
+                true
+            }
+            ExecutionReport::Later => false,
+            ExecutionReport::Unknown => {
+                self.axes.iter_mut().for_each(|axis| axis.in_force = None);
+                false
+            }
+        };
+        for (slave, axis) in (1..=self.size.max_slaves()).zip(&mut self.axes) {
+            let kind = self.kinds.of(slave);
+            if axis.is_axis || matches!(kind, Some(SlaveKind::Drive | SlaveKind::Step | SlaveKind::Hsp)) {
+                let drive = DriveResponse::decode(&frame.slot(self.size, slave));
+                axis.report(at_ns, &drive, kind == Some(SlaveKind::Hsp), is_certain);
+            }
+        }
+    }
+
+    fn execute(&mut self, Entry { orders, .. }: &Entry) {
+        for (axis, order) in self.axes.iter_mut().zip(orders) {
+            order.iter().for_each(|order| axis.executed(order));
+        }
+    }
+}

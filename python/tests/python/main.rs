@@ -1,0 +1,102 @@
+//! The package `ecmsk` for Python: its own tests, its examples, its types, its wheel and its plugin for pytest.
+//!
+//! `tests/unit/` has the tests that are written in Python. They run with the library of the standard installation alone, on
+//! the module as it was just built. What needs packages of PyPI is in `needs_pip`.
+#![cfg(target_os = "linux")]
+
+mod package;
+mod page;
+mod wheel;
+
+/// What Python alone can run.
+mod needs_python {
+    use crate::package::{python, succeed};
+    use crate::page;
+
+    /// Boards, axes, objects, streams, waits and recordings, with kind and with unkind input.
+    #[test]
+    fn its_own_tests_pass() {
+        succeed(python().args(["-m", "unittest", "discover", "--start-directory", "python/tests/unit"]));
+    }
+
+    /// docs/PYTHON.md: its programs print what it shows.
+    #[test]
+    fn the_page_tells_the_truth() {
+        assert_eq!(page::check(python, |command| command.starts_with("python3 ")), 3);
+    }
+}
+
+/// What needs packages of PyPI.
+mod needs_pip {
+    use std::process::Command;
+
+    use support::{out_dir, root, run};
+
+    use crate::package::succeed;
+    use crate::page;
+    use crate::wheel::{installed, path_of, python};
+
+    const PYTEST: [&str; 5] = ["pytest", "iniconfig", "packaging", "pluggy", "pygments"];
+    const MYPY: [&str; 6] = ["mypy", "ast_serialize", "librt", "mypy_extensions", "pathspec", "typing_extensions"];
+
+    /// The wheel is installed without a network and runs the examples. One of them reads the recording of another.
+    #[test]
+    fn the_wheel_runs_the_examples() {
+        let example = |name: &str| {
+            let mut python = python(&["numpy"]);
+            python.arg(root().join("examples/python").join(name));
+            python
+        };
+        let recording = out_dir().join("two_axes.pcapng");
+        let _ = std::fs::remove_file(&recording);
+        let link = format!("sim:?slaves=drive*2&clock=virtual&record={}", recording.display());
+        let said = succeed(example("two_axes.py").arg(link));
+        assert_eq!(said, "on\naxis 1: 90.0 degrees\naxis 2: -45.0 degrees\n2000 frames, 0 underruns, 0 losses\n");
+        let said = succeed(example("read_recording.py").arg(&recording));
+        assert!(said.contains("nothing went wrong\naxis 1: following error up to "), "{said}");
+        let said = succeed(&mut example("homing.py"));
+        assert!(said.contains("home found: at ") && said.contains("homing of slave 1 failed: "), "{said}");
+        let said = succeed(&mut example("inputs_outputs.py"));
+        assert_eq!(said.lines().count(), 17, "{said}");
+        let ended = run(example("two_axes.py").arg("sim:?slaves=lathe"));
+        assert_eq!(ended.status.code(), Some(1));
+        assert!(ended.stderr.contains("lathe") && !ended.stderr.contains("Traceback"), "{}", ended.stderr);
+    }
+
+    /// The plugin is found by its entry, and runs a program on the machine by `ecmsk exec`.
+    #[test]
+    fn pytest_runs_programs_on_the_machine() {
+        let mut pytest = python(&PYTEST);
+        pytest.args(["-m", "pytest", "-q", "-p", "no:cacheprovider", "examples/python/test_two_axes.py"]);
+        let said = succeed(&mut pytest);
+        assert!(said.contains("2 passed"), "{said}");
+        assert_eq!(page::check(|| python(&PYTEST), |command| command.starts_with("pytest ")), 1);
+    }
+
+    /// Its own tests once more as they are installed, with NumPy.
+    #[test]
+    fn its_own_tests_pass_with_numpy() {
+        succeed(python(&["numpy"]).args(["-m", "unittest", "discover", "--start-directory", "python/tests/unit"]));
+    }
+
+    /// The types of the package, and those with which the examples use the installed one. A wrong use is found.
+    #[test]
+    fn types_are_right() {
+        let mypy = |files: &[&str]| {
+            let mut mypy = Command::new("python3");
+            mypy.current_dir(root()).env("PYTHONPATH", path_of(&[&MYPY[..], &PYTEST].concat()));
+            mypy.args(["-m", "mypy", "--config-file=python/pyproject.toml", "--python-executable"]).arg(installed());
+            mypy.arg("--cache-dir").arg(out_dir().join("mypy")).args(files);
+            mypy
+        };
+        let examples = ["homing", "inputs_outputs", "read_recording", "test_two_axes", "two_axes"];
+        let examples = examples.map(|name| format!("examples/python/{name}.py"));
+        succeed(&mut mypy(&examples.each_ref().map(String::as_str)));
+        succeed(&mut mypy(&["--package=ecmsk"]));
+        let wrong = out_dir().join("wrong.py");
+        std::fs::write(&wrong, "import ecmsk\necmsk.sim().set_state(\"OP\")\n").expect("a file in the target folder");
+        let ended = run(&mut mypy(&[&wrong.display().to_string()]));
+        assert_eq!(ended.status.code(), Some(1), "{}", ended.stdout);
+        assert!(ended.stdout.contains("incompatible type \"str\"; expected \"MasterState\""), "{}", ended.stdout);
+    }
+}

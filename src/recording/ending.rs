@@ -3,12 +3,15 @@
 //! The recorder of this crate ends each section with pcapng's block of interface statistics. If the block is missing,
 //! the recording was not ended: its program was killed, is still running, or found the disk full. Captures of other
 //! programs, and recordings that another program rewrote, may have no such block, so a missing block means nothing
-//! there \[OURS].
+//! there \[OURS]. A recording in blocks (`.ecmrec`) ends with a block of its own.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::Path;
 
+use super::file_formats::ecmrec::header::{Kind, MAGIC};
+use super::file_formats::ecmrec::index;
+use super::file_formats::ecmrec::section::End;
 use super::lacks::Lacks;
 use super::reader::Recording;
 
@@ -27,6 +30,9 @@ pub fn lacks_at_end(path: &Path) -> io::Result<Lacks> {
     let not_ended = Lacks { not_ended: 1, ..Lacks::default() };
     let mut file = File::open(path)?;
     let length = file.metadata()?.len();
+    if let Some(lacks) = lacks_of_blocks(&mut file, length)? {
+        return Ok(lacks);
+    }
     let mut bytes = Vec::new();
     (&mut file).take(LONGEST_BEGIN).read_to_end(&mut bytes)?;
     // The length of the first two blocks: the section header and the interface description.
@@ -51,6 +57,22 @@ pub fn lacks_at_end(path: &Path) -> io::Result<Lacks> {
     let Ok(mut recording) = Recording::new(&bytes[..], "") else { return Ok(not_ended) };
     let whole = recording.by_ref().all(|frame| frame.is_ok());
     Ok(if whole { recording.lacks() } else { not_ended })
+}
+
+/// What is missing in a recording in blocks (`.ecmrec`), by its last block; `None` if the file is no such recording.
+fn lacks_of_blocks(file: &mut File, length: u64) -> io::Result<Option<Lacks>> {
+    let mut begin = Vec::new();
+    file.take(MAGIC.len() as u64).read_to_end(&mut begin)?;
+    let last = if begin == MAGIC { index::block_before(file, length)? } else { None };
+    file.seek(SeekFrom::Start(0))?;
+    if begin != MAGIC {
+        return Ok(None);
+    }
+    let end = last.filter(|(_, header, _)| header.kind == Some(Kind::End)).and_then(|(_, _, bytes)| End::parse(&bytes));
+    Ok(Some(match end {
+        Some(End { missing, why, .. }) => Lacks { missing, why, ..Lacks::default() },
+        None => Lacks { not_ended: 1, ..Lacks::default() },
+    }))
 }
 
 /// The length of the block at the beginning of `bytes`.

@@ -28,6 +28,8 @@ pub struct Exchanges<R> {
     lacks: Lacks,
     /// Whether the recorder of this crate wrote the current section, and its end has not been read yet.
     unended: bool,
+    /// The time of the first packet in the file, ns.
+    first_ns: Option<u64>,
     ended: bool,
 }
 
@@ -50,7 +52,8 @@ impl<R: Read> Exchanges<R> {
     /// [`RecordError`] if the beginning is not that of a recording.
     pub fn new(source: R, name: &str) -> Result<Self, RecordError> {
         let blocks = Blocks::new(source, name.to_owned());
-        let mut exchanges = Self { blocks, meta: None, lacks: Lacks::default(), unended: false, ended: false };
+        let lacks = Lacks::default();
+        let mut exchanges = Self { blocks, meta: None, lacks, unended: false, first_ns: None, ended: false };
         exchanges.step()?;
         Ok(exchanges)
     }
@@ -62,7 +65,7 @@ impl<R: Read> Exchanges<R> {
 
     /// What is missing in the recording, as far as it was read. Complete only after the last packet.
     pub fn lacks(&self) -> Lacks {
-        self.lacks.clone()
+        self.lacks.clone().since(self.first_ns)
     }
 
     /// Reads one block: `None` at the end of the file, `Some(None)` if the block has no bytes of an exchange.
@@ -79,12 +82,17 @@ impl<R: Read> Exchanges<R> {
             }
             Item::Packet(packet) if packet.link_type == exchange::LINK_TYPE => {
                 let at_ns = packet.at_ns;
+                self.first_ns.get_or_insert(at_ns);
                 exchange::parse(packet.data).map(|(dir, bytes)| RecordedBytes { at_ns, dir, bytes: bytes.to_vec() })
             }
             Item::Counts { missing, why } => {
                 self.unended = false;
                 self.lacks.missing = self.lacks.missing.saturating_add(missing);
                 self.lacks.why = why.or_else(|| self.lacks.why.take());
+                None
+            }
+            Item::Lost(lost) => {
+                self.lacks.damage.add(lost);
                 None
             }
             Item::Interface(_) | Item::Packet(_) | Item::Other => None,

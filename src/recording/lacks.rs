@@ -2,6 +2,81 @@
 
 use std::fmt;
 
+/// A stretch of a recording that cannot be read, since its bytes are damaged.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Lost {
+    /// The number of bytes.
+    pub bytes: u64,
+    /// The number of frames in them, as far as it is known.
+    pub packets: u64,
+    /// The time of the last frame before, or of the first one in them, in the file, ns; `None` if it is not known.
+    pub from_ns: Option<u64>,
+    /// The time of the first frame behind, or of the last one in them, in the file, ns.
+    pub to_ns: Option<u64>,
+    /// Whether a newer version of this crate has written some of them.
+    pub is_newer: bool,
+}
+
+/// The stretches of a recording that cannot be read.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Damage {
+    /// The number of stretches.
+    pub count: u64,
+    /// All of them together: numbers added up, from the first time to the last.
+    pub whole: Lost,
+    /// The first stretches, at most [`Damage::LISTED`].
+    pub first: Vec<Lost>,
+    /// The time of the first frame that was read, in the file, ns, from which times are shown.
+    pub begin_ns: u64,
+}
+
+impl Damage {
+    /// The most stretches that are listed. \[OURS]
+    pub const LISTED: usize = 16;
+    /// The most stretches that are named in a line. \[OURS]
+    const NAMED: usize = 3;
+
+    pub(super) fn add(&mut self, lost: Lost) {
+        let whole = &mut self.whole;
+        whole.bytes = whole.bytes.saturating_add(lost.bytes);
+        whole.packets = whole.packets.saturating_add(lost.packets);
+        whole.from_ns = [whole.from_ns, lost.from_ns].into_iter().flatten().min();
+        whole.to_ns = whole.to_ns.max(lost.to_ns);
+        whole.is_newer |= lost.is_newer;
+        self.count += 1;
+        if self.first.len() < Self::LISTED {
+            self.first.push(lost);
+        }
+    }
+
+    fn stretch(&self, lost: &Lost) -> String {
+        let seconds = |ns: u64| (i128::from(ns) - i128::from(self.begin_ns)) as f64 / 1e9;
+        let times = match (lost.from_ns.map(seconds), lost.to_ns.map(seconds)) {
+            (Some(from), Some(to)) => format!("from {from:.3} s to {to:.3} s"),
+            (Some(from), None) => format!("from {from:.3} s on"),
+            (None, Some(to)) => format!("up to {to:.3} s"),
+            (None, None) => "at an unknown time".to_owned(),
+        };
+        let packets = if lost.packets > 0 { format!("{} frames or more, ", lost.packets) } else { String::new() };
+        format!("{times} ({packets}{} bytes)", lost.bytes)
+    }
+}
+
+/// Writes one line, without the name of the file.
+impl fmt::Display for Damage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let named = self.first.iter().take(Self::NAMED).map(|lost| self.stretch(lost));
+        write!(f, "damaged, and not read: {}", named.collect::<Vec<_>>().join(", "))?;
+        if self.count > Self::NAMED as u64 {
+            write!(f, ", and {} more stretches, {} bytes in all", self.count - Self::NAMED as u64, self.whole.bytes)?;
+        }
+        if self.whole.is_newer {
+            f.write_str("; a newer version of ecmsk has written some of it: read it with that one")?;
+        }
+        Ok(())
+    }
+}
+
 /// What is missing in a recording, as far as it was read. It is complete once the recording was read to its end.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Lacks {
@@ -11,18 +86,35 @@ pub struct Lacks {
     pub missing: u64,
     /// Why frames are missing, as the recorder has noted it in the file.
     pub why: Option<String>,
+    /// What cannot be read, in a recording in blocks (`.ecmrec`). Other formats are read up to their first damage.
+    pub damage: Damage,
 }
 
 impl Lacks {
-    /// Whether no section lacks its end, and no frame is known to be missing.
+    /// The same with the time of the first frame that was read, from which times of damage are shown.
+    pub(super) fn since(mut self, first_ns: Option<u64>) -> Self {
+        if self.damage.count > 0 {
+            self.damage.begin_ns = first_ns.unwrap_or_default();
+        }
+        self
+    }
+
+    /// Whether no section lacks its end, no frame is known to be missing, and all could be read.
     pub const fn is_nothing(&self) -> bool {
-        self.not_ended == 0 && self.missing == 0
+        self.not_ended == 0 && self.missing == 0 && self.damage.count == 0
     }
 }
 
 /// Writes one line, without the name of the file.
 impl fmt::Display for Lacks {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.damage.count > 0 {
+            write!(f, "{}", self.damage)?;
+            if self.missing == 0 && self.not_ended == 0 {
+                return Ok(());
+            }
+            f.write_str("; ")?;
+        }
         if self.missing > 0 {
             match &self.why {
                 Some(why) => write!(f, "{} frames are missing: {why}", self.missing)?,

@@ -10,6 +10,7 @@
 //! - `pending.rs`: frames that wait until the capture shows whether the board has taken them.
 //! - `reader.rs`: reads the frames, each a [`Recorded`]; `error.rs`: why reading fails; `lacks.rs`, `ending.rs`: what
 //!   is missing.
+//! - `window.rs`: a stretch of time of a long recording; `outline.rs`: what is in one, by its index.
 //! - `exchanges.rs`: reads the recording of an ECM-XF, which has the bytes of exchanges.
 //!
 //! The other files process one frame after the other with little memory, so a recording may be of any length. They work
@@ -30,12 +31,14 @@ pub(crate) mod file_formats;
 mod lacks;
 pub(crate) mod meta;
 mod order;
+mod outline;
 mod pending;
 mod reader;
 mod recorded;
 mod size;
 mod slave_kinds;
 mod timeline;
+mod window;
 
 pub use address::{Address, AddressError};
 pub use devices::{CapturedDevice, Skipped};
@@ -43,11 +46,13 @@ pub use ending::lacks_at_end;
 pub use error::RecordError;
 pub use executed::{Executed, LastExecuted};
 pub use execution::{Entry, Execution, ExecutionReport, NO_ORDERS, Orders};
-pub use lacks::Lacks;
+pub use lacks::{Damage, Lacks, Lost};
 pub use meta::{Clock, RecordMeta};
 pub use order::InOrder;
+pub use outline::Outline;
 pub use reader::{Recording, board_in};
 pub use recorded::Recorded;
 pub use size::{SizeFinder, SizeFrom};
 pub use slave_kinds::Kinds;
 pub use timeline::{Jumps, LONGEST_SILENCE_NS, Timeline};
+pub use window::WindowOf;

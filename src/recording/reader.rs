@@ -37,8 +37,9 @@ pub struct Recording<R> {
     devices: Devices,
     pending: PendingFrames,
     only: Option<Address>,
-    /// The number of frames returned so far.
+    /// The number of frames returned so far, and the time of the first one in the file.
     frames: u64,
+    first_ns: Option<u64>,
     /// Whether the file has a section of a recording. Such a file may be without frames.
     is_recording: bool,
     /// The result of the last read, once reading has ended.
@@ -78,6 +79,7 @@ impl<R: Read> Recording<R> {
             pending: PendingFrames::default(),
             only: None,
             frames: 0,
+            first_ns: None,
             is_recording: false,
             end: None,
             ended: false,
@@ -109,7 +111,7 @@ impl<R: Read> Recording<R> {
 
     /// What is missing in the part read so far. Complete only after the last frame was read.
     pub fn lacks(&self) -> Lacks {
-        self.lacks.clone()
+        self.lacks.clone().since(self.first_ns)
     }
 
     /// The packets that were skipped in the part read so far, counted.
@@ -157,6 +159,7 @@ impl<R: Read> Recording<R> {
                 self.lacks.missing = self.lacks.missing.saturating_add(missing);
                 self.lacks.why = why.or_else(|| self.lacks.why.take());
             }
+            Item::Lost(lost) => self.lacks.damage.add(lost),
             Item::Other => {}
         }
         Ok(true)
@@ -165,6 +168,7 @@ impl<R: Read> Recording<R> {
     fn next_frame(&mut self) -> Result<Option<Recorded>, RecordError> {
         loop {
             if let Some(frame) = self.pending.pop() {
+                self.first_ns.get_or_insert(frame.at_ns);
                 self.frames += 1;
                 return Ok(Some(frame));
             }

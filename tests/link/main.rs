@@ -11,6 +11,7 @@
 //! - `script.rs`, `script_slaves.rs`, `script_text.rs`: `script=`: events of the board, of slaves, and the syntax
 //! - `record.rs`, `record_board.rs`, `record_order.rs`, `record_disk.rs`, `record_pipe.rs`, `record_end.rs`: `record=`:
 //!   the file, a board that is opened again, the order of frames, full disks, pipes, the end of a recording
+//! - `record_blocks.rs`: recordings in blocks, `FILE.ecmrec`, also cut and damaged ones
 //! - `record_reader.rs`: reading recordings and captures
 
 mod chip_usb;
@@ -19,6 +20,7 @@ mod fault;
 mod in_build;
 mod rate;
 mod record;
+mod record_blocks;
 mod record_board;
 mod record_disk;
 mod record_end;

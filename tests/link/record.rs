@@ -159,7 +159,7 @@ fn a_recording_link_passes_every_other_call_on() {
 #[test]
 fn the_file_is_complete_after_close_and_after_drop() {
     let dir = tempfile::tempdir().unwrap();
-    for (name, close) in [("closed", true), ("dropped", false)] {
+    for (name, close) in [("closed", true), ("dropped", false), ("closed.ecmrec", true), ("dropped.ecmrec", false)] {
         let path = dir.path().join(name);
         let link = record_to(&path, Clock::Real);
         for number in 0..250 {
@@ -210,8 +210,9 @@ fn closing_under_traffic_loses_nothing() {
 #[test]
 fn a_recorded_call_allocates_nothing() {
     let dir = tempfile::tempdir().unwrap();
-    for clock in [Clock::Real, Clock::Virtual] {
-        let link = record_to(&dir.path().join(format!("{clock:?}")), clock);
+    let endings = ["pcapng", "ecmrec"].iter();
+    for (clock, ending) in endings.flat_map(|ending| [(Clock::Real, ending), (Clock::Virtual, ending)]) {
+        let link = record_to(&dir.path().join(format!("{clock:?}.{ending}")), clock);
         let sent = frame(1);
         let mut out = Frame::new();
         let mut exchange = || {
@@ -226,7 +227,7 @@ fn a_recorded_call_allocates_nothing() {
         };
         (0..warm_up).for_each(|_| exchange());
         let allocations = allocation_counter::measure(|| (0..pairs).for_each(|_| exchange()));
-        assert_eq!(allocations.count_total, 0, "{clock:?}");
+        assert_eq!(allocations.count_total, 0, "{clock:?} {ending}");
         assert_eq!(link.stats().record_dropped, 2, "none but the two of the link inside");
     }
 }

@@ -11,13 +11,13 @@ use ecmsk::sk::Frame;
 use support::recording::{Echo, frame, meta, read_file};
 
 /// A link on the real clock whose calls return when the test makes them, with any times of their frames.
-struct Late {
+pub struct Late {
     echo: Echo,
     times: Mutex<std::vec::IntoIter<u64>>,
 }
 
 impl Late {
-    fn at(times: Vec<u64>) -> Self {
+    pub fn at(times: Vec<u64>) -> Self {
         Self { echo: Echo::new(false), times: Mutex::new(times.into_iter()) }
     }
 
@@ -94,12 +94,15 @@ fn frames_are_in_the_order_of_their_times() {
         (Dir::Write, 900),
         (Dir::Write, 1000),
     ];
-    for one_by_one in [true, false] {
-        let path = folder.path().join(format!("real {one_by_one}"));
-        assert_eq!(recorded(&path, Clock::Real, &calls, one_by_one), expected);
-    }
     let in_order = calls.map(|(writes, at)| (if writes { Dir::Write } else { Dir::Read }, at));
-    assert_eq!(recorded(&folder.path().join("virtual"), Clock::Virtual, &calls, true), in_order);
+    for ending in ["pcapng", "ecmrec"] {
+        for one_by_one in [true, false] {
+            let path = folder.path().join(format!("real {one_by_one}.{ending}"));
+            assert_eq!(recorded(&path, Clock::Real, &calls, one_by_one), expected);
+        }
+        let path = folder.path().join(format!("virtual.{ending}"));
+        assert_eq!(recorded(&path, Clock::Virtual, &calls, true), in_order);
+    }
     // A frame that comes later than the recorder sorts stays at the end, and the file is valid.
     let mut many: Vec<_> = (0..1000).map(|n| (true, 1000 + n)).collect();
     many.push((true, 5));

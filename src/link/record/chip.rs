@@ -13,6 +13,7 @@ use crate::link::record::recorder::Recorder;
 use crate::link::record::writer::Entry;
 use crate::link::record::{PIPE_STALL_MAX, QUEUE_IN_VIRTUAL_TIME, next_step};
 use crate::link::{Dir, Stamp};
+use crate::recording::file_formats::ecmrec::header::What;
 use crate::recording::file_formats::exchange;
 use crate::recording::{Clock, RecordMeta};
 use crate::xf::MAX_PACKET;
@@ -35,6 +36,7 @@ impl Entry for ExchangeEntry {
     const HARDWARE: &'static str = "ECM-XF";
     const MAY_COME_LATE: bool = false;
     const PACKET_MAX: usize = 1 + MAX_PACKET;
+    const WHAT: What = What::Chip;
 
     fn at_ns(&self) -> u64 {
         self.at_ns
@@ -48,6 +50,10 @@ impl Entry for ExchangeEntry {
         packet[0] = exchange::mark(self.dir);
         packet[1..=self.len].copy_from_slice(&self.bytes[..self.len]);
         1 + self.len
+    }
+
+    fn bytes(&self) -> &[u8] {
+        &self.bytes[..self.len]
     }
 }
 

@@ -21,6 +21,7 @@ use std::time::Instant;
 use super::sync::Syncing;
 use crate::link::Stamp;
 use crate::recording::RecordMeta;
+use crate::recording::file_formats::ecmrec::header::{Header, Kind};
 use crate::recording::meta::APPLICATION;
 
 /// The state of the recordings of this process in one file.
@@ -167,7 +168,7 @@ fn check_replaceable(path: &Path) -> io::Result<()> {
             let header = &start[..start.len().min(u32::from_le_bytes(*length) as usize)];
             header.windows(APPLICATION.len()).any(|bytes| bytes == APPLICATION.as_bytes())
         }
-        _ => start.is_empty(),
+        _ => start.is_empty() || Header::parse(&start).is_some_and(|header| header.kind == Some(Kind::Section)),
     };
     if is_ours {
         return Ok(());
@@ -221,8 +222,8 @@ impl RecordingFile {
         meta
     }
 
-    /// Replaces the last `back` bytes of the file by `bytes`. Both consist of whole frames of one length. If the disk
-    /// is full, only bytes beyond the present end of the file fail, so that the file still ends with a whole frame.
+    /// Replaces the last `back` bytes of the file by `bytes`. If the disk is full, only bytes beyond the present end of the
+    /// file fail. Where both consist of whole frames of one length, the file then still ends with a whole frame.
     fn put(&mut self, back: u64, bytes: &[u8]) -> io::Result<()> {
         let Some(length) = &mut self.length else { return self.file.write_all(bytes) };
         if let Some(syncing) = &self.syncing {
@@ -232,7 +233,13 @@ impl RecordingFile {
             self.file.seek(SeekFrom::Start(*length - back))?;
         }
         match self.file.write_all(bytes) {
-            Ok(()) => *length = *length - back + bytes.len() as u64,
+            Ok(()) => {
+                let is_shorter = (bytes.len() as u64) < back;
+                *length = *length - back + bytes.len() as u64;
+                if is_shorter {
+                    self.file.set_len(*length)?;
+                }
+            }
             Err(error) => {
                 // If this fails as well, the error of the write is the one that is reported.
                 let _ = self.file.set_len(*length).and_then(|()| self.file.seek(SeekFrom::Start(*length)));

@@ -1,7 +1,8 @@
-//! The link key `record=`: a [`Link`] around a link that writes every frame to a pcapng file. [`crate::recording`] reads
-//! such files.
+//! The link key `record=`: a [`Link`] around a link that writes every frame to a file. [`crate::recording`] reads such
+//! files.
 //!
-//! A recording opens in Wireshark and has the form of a capture of the board's USB traffic by Linux' usbmon, whatever the
+//! The name of the file decides its format: `FILE.ecmrec` is one for recordings of weeks, compressed, with an index
+//! (why: docs/decisions/recordings-of-weeks-are-blocks.md). Any other name is pcapng: such a recording opens in Wireshark and has the form of a capture of the board's USB traffic by Linux' usbmon, whatever the
 //! link: a command frame is the submission of a transfer to endpoint 0x02, a report the completion of one from 0x81.
 //! Times are nanoseconds of the link's clock; if that is the real clock, they are counted from 1970
 //! ([`RecordMeta::base_ns`]).
@@ -11,14 +12,19 @@
 //! - `mod.rs`: [`RecordLink`], which hands every frame to the recorder's thread
 //! - `recorder.rs`: a running recording, and its end
 //! - `queue.rs`: the queue of frames, or of a chip's packets, to the recorder's thread; `ring.rs`: its ring buffer
-//! - `writer.rs`: the recorder's thread, which writes frames as pcapng blocks, and the end of the recording
+//! - `writer.rs`: the recorder's thread, which writes frames as pcapng blocks, and the end of the recording; `blocks.rs`:
+//!   the same in the format for weeks; `loss.rs`: what the file lacks
 //! - `file.rs`: the file or pipe: new, continued or kept as `FILE.1`, and the handling of a full disk
+//! - `copy.rs`: writing frames of another recording
 //! - `network.rs`: recordings of EtherCAT frames on a network
 //! - `sync.rs`: syncing the file to the disk
 //! - `tell.rs`: messages to the user of the program
 
+mod blocks;
 mod chip;
+mod copy;
 pub(super) mod file;
+mod loss;
 #[cfg(all(feature = "serve", target_os = "linux"))]
 mod network;
 mod queue;
@@ -34,6 +40,7 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 pub use chip::RecordedChip;
+pub use copy::RecordingCopy;
 pub use file::make_room;
 #[cfg(all(feature = "serve", target_os = "linux"))]
 pub use network::NetworkRecording;

@@ -12,6 +12,7 @@ use super::{Dir, PIPE_STALL_MAX, Stamp};
 use crate::ethercat::FRAME_LEN_MAX;
 use crate::fieldbus::Ns;
 use crate::recording::RecordMeta;
+use crate::recording::file_formats::ecmrec::header::What;
 
 /// The most frames that wait for a slow disk: those of a cycle of 250 us, there and back, for half a second. The 6 MB
 /// are allocated when the recording begins. \[OURS]
@@ -30,6 +31,7 @@ impl Entry for NetworkEntry {
     const HARDWARE: &'static str = "EtherCAT";
     const MAY_COME_LATE: bool = false;
     const PACKET_MAX: usize = FRAME_LEN_MAX;
+    const WHAT: What = What::Network;
 
     fn at_ns(&self) -> u64 {
         self.at_ns
@@ -42,6 +44,10 @@ impl Entry for NetworkEntry {
     fn packet(&self, _: u64, packet: &mut [u8]) -> usize {
         packet[..self.len].copy_from_slice(&self.bytes[..self.len]);
         self.len
+    }
+
+    fn bytes(&self) -> &[u8] {
+        &self.bytes[..self.len]
     }
 }
 

@@ -1,14 +1,18 @@
 //! A running recording. Calls of the program add entries to a queue, which the recorder's thread writes to the file.
 
 use std::io;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{JoinHandle, Thread};
 use std::time::{Duration, Instant};
 
+use super::blocks::BlockWriter;
 use super::file::Sink;
+use super::loss::Loss;
 use super::queue::{LOOK_INTERVAL, Queue, UNTOLD_MAX};
 use super::writer::{self, Capture, Entry};
+use crate::recording::file_formats::ecmrec;
 use crate::recording::{Clock, RecordMeta};
 use crate::threads::{self, CallingThread, sync};
 
@@ -37,7 +41,8 @@ pub(in crate::link) struct Recorder<E> {
 }
 
 impl<E: Entry> Recorder<E> {
-    /// Begins a recording to `sink`, with a queue of `queue` entries. `name` is the name of the sink in messages.
+    /// Begins a recording to `sink`, with a queue of `queue` entries. `name` is the name of the sink in messages; its
+    /// extension decides the format.
     ///
     /// # Errors
     /// The headers cannot be written, or the system provides no thread.
@@ -49,10 +54,16 @@ impl<E: Entry> Recorder<E> {
         stall_max: Option<Duration>,
     ) -> io::Result<Self> {
         let dropped = Arc::new(AtomicU64::new(0));
-        let capture = Capture::<E>::begin(name.to_owned(), sink, meta, Arc::clone(&dropped))?;
+        let loss = Loss::new(name.to_owned(), Arc::clone(&dropped));
         let queue = Arc::new(Queue::new(queue, dropped));
         let entries = Arc::clone(&queue);
-        let writer = threads::spawn("ecmsk-record", move || writer::run(&entries, capture))?;
+        let writer = if ecmrec::is_named(Path::new(name)) {
+            let blocks = BlockWriter::<E>::begin(loss, sink, meta)?;
+            threads::spawn("ecmsk-record", move || writer::run(&entries, blocks))?
+        } else {
+            let capture = Capture::<E>::begin(loss, sink, meta)?;
+            threads::spawn("ecmsk-record", move || writer::run(&entries, capture))?
+        };
         Ok(Self {
             base_ns: meta.base_ns,
             may_wait: meta.clock == Clock::Virtual,

@@ -1,10 +1,9 @@
-//! The recorder's thread: writes frames of a board, or packets of a chip, to the file as pcapng blocks.
+//! The recorder's thread: writes frames of a board, or packets of a chip, to the file. [`Capture`] writes them as
+//! pcapng blocks, `blocks.rs` in the format for weeks.
 
 use std::borrow::Cow;
 use std::collections::VecDeque;
 use std::io;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use pcap_file::pcapng::PcapNgWriter;
@@ -15,12 +14,13 @@ use pcap_file::pcapng::blocks::section_header::{SectionHeaderBlock, SectionHeade
 use pcap_file::{DataLink, Endianness, PcapError};
 
 use super::file::Sink;
+use super::loss::Loss;
 use super::queue::Queue;
-use super::tell::tell;
 use crate::link::Dir;
+use crate::recording::file_formats::ecmrec::header::What;
 use crate::recording::file_formats::usbmon;
 use crate::recording::{Clock, RecordMeta};
-use crate::sk::{FRAME_LEN, Frame};
+use crate::sk::{CommandId, FRAME_LEN, Frame, SlotSize};
 
 /// The most bytes of one write to the file. \[OURS]
 const BATCH_BYTES: usize = 64 * 1024;
@@ -33,14 +33,11 @@ const AROUND_PACKET: usize = 32;
 const BATCH_FRAMES: usize = BATCH_BYTES / (PACKET_LEN + AROUND_PACKET);
 /// How many frames at the end of the file can be rewritten to insert a late frame before them. On the real clock the
 /// reading thread may be late by all reports of its queue, with a command for each. \[OURS]
-const SORTED_FRAMES: usize = 128;
+pub(super) const SORTED_FRAMES: usize = 128;
 /// The most bytes of the blocks that end a section. A recording begins only if the disk has room for them. \[OURS]
-const SECTION_END_BYTES_MAX: usize = 512;
+pub(super) const SECTION_END_BYTES_MAX: usize = 512;
 /// `if_tsresol`: times are in units of 10^-9 s.
 const NANOSECONDS: u8 = 9;
-
-/// The reason for missing frames that messages give if no write has failed.
-const TOO_SLOW: &str = "the disk was too slow";
 
 /// The content of one block of a recording, queued for the file.
 pub(in crate::link) trait Entry: Send + 'static {
@@ -53,6 +50,8 @@ pub(in crate::link) trait Entry: Send + 'static {
     const MAY_COME_LATE: bool;
     /// The largest number of bytes of a packet.
     const PACKET_MAX: usize;
+    /// What the packets are, in a recording in blocks.
+    const WHAT: What;
 
     /// The time stamp in the file, in nanoseconds.
     fn at_ns(&self) -> u64;
@@ -63,6 +62,15 @@ pub(in crate::link) trait Entry: Send + 'static {
     /// Stores the packet in `packet`, which has [`Self::PACKET_MAX`] bytes, and returns its length. `id` counts the
     /// packets of a section from 0.
     fn packet(&self, id: u64, packet: &mut [u8]) -> usize;
+
+    /// The bytes themselves, without the header that a packet of pcapng has.
+    fn bytes(&self) -> &[u8];
+
+    /// Whether it is a command for the board itself that is more than a query. What comes later can be understood only
+    /// with it.
+    fn is_order(&self) -> bool {
+        false
+    }
 
     /// The key by which entries are sorted. If a report and a command have the same time the report comes first, since
     /// the command had not reached the board when the report was made.
@@ -84,6 +92,7 @@ impl Entry for FrameEntry {
     const HARDWARE: &'static str = "ECM-SK";
     const MAY_COME_LATE: bool = true;
     const PACKET_MAX: usize = PACKET_LEN;
+    const WHAT: What = What::Board;
 
     fn at_ns(&self) -> u64 {
         self.at_ns
@@ -98,21 +107,46 @@ impl Entry for FrameEntry {
         packet[usbmon::HEADER_LEN..].copy_from_slice(self.frame.bytes());
         PACKET_LEN
     }
+
+    fn bytes(&self) -> &[u8] {
+        self.frame.bytes()
+    }
+
+    fn is_order(&self) -> bool {
+        // The command of slot 0 stands at the same place with each slot size.
+        self.dir == Dir::Write && self.frame.slot(SlotSize::default(), 0).id != CommandId::GetStatus.code()
+    }
+}
+
+/// A recording that is being written, in one of the formats.
+pub(super) trait Writer<E>: Send + 'static {
+    /// Adds an entry. It need not be in the file before [`Self::flush`].
+    fn push(&mut self, entry: E);
+
+    /// Writes all entries to the file.
+    fn flush(&mut self);
+
+    /// Writes what is left and the end of the recording.
+    fn end(&mut self);
+
+    /// What the recording lacks.
+    fn loss(&mut self) -> &mut Loss;
 }
 
 /// Writes the frames from the queue until the recording ends, then writes its end.
 ///
 /// All frames in the queue are written without delay, in one write, because the program may crash at any moment and its
 /// last frames show why.
-pub(super) fn run<E: Entry>(queue: &Queue<E>, mut capture: Capture<E>) {
+pub(super) fn run<E: Entry>(queue: &Queue<E>, mut recording: impl Writer<E>) {
     // When this thread ends, even by a panic, no other thread waits for it any more.
     let ends = Ends(queue);
-    while queue.take_all(|entry| capture.push(entry)) {
-        capture.flush();
-        capture.tell_lost();
+    while queue.take_all(|entry| recording.push(entry)) {
+        recording.flush();
+        recording.loss().tell();
     }
     drop(ends);
-    capture.end();
+    recording.end();
+    recording.loss().tell_at_end();
 }
 
 struct Ends<'a, E>(&'a Queue<E>);
@@ -129,8 +163,7 @@ impl<E> Drop for Ends<'_, E> {
 /// late: such a frame is inserted at its place, and the frames behind it are written again. A pipe gets the frames in the
 /// order in which they arrive, and so does a file on a virtual clock, where this is the order of the calls.
 pub(super) struct Capture<E> {
-    /// The name of the file in messages.
-    name: String,
+    loss: Loss,
     sink: Sink,
     /// Whether frames are inserted in the order of their times.
     sorts: bool,
@@ -147,17 +180,11 @@ pub(super) struct Capture<E> {
     packet: Box<[u8]>,
     /// The latest time of all frames.
     last_ns: u64,
-    /// The number of frames that are missing from the file. Threads of the program count them too.
-    dropped: Arc<AtomicU64>,
-    /// Whether the user was warned about missing frames.
-    told: bool,
-    /// The error of a failed write. After it nothing more is written, and every frame is counted as missing.
-    failed: Option<String>,
 }
 
 impl<E: Entry> Capture<E> {
     /// Writes the headers of the section. Fails if the disk has no room for them and for the end of the section.
-    pub fn begin(name: String, sink: Sink, meta: &RecordMeta, dropped: Arc<AtomicU64>) -> io::Result<Self> {
+    pub fn begin(loss: Loss, sink: Sink, meta: &RecordMeta) -> io::Result<Self> {
         let section = SectionHeaderBlock {
             endianness: Endianness::Little,
             options: vec![
@@ -180,7 +207,7 @@ impl<E: Entry> Capture<E> {
         };
         blocks.write_pcapng_block(interface).map_err(io_error)?;
         let mut capture = Self {
-            name,
+            loss,
             sorts: E::MAY_COME_LATE && meta.clock == Clock::Real && sink.can_rewrite(),
             sink,
             blocks,
@@ -190,9 +217,6 @@ impl<E: Entry> Capture<E> {
             last_block: 0,
             packet: vec![0; E::PACKET_MAX].into(),
             last_ns: 0,
-            dropped,
-            told: false,
-            failed: None,
         };
         let header_len = capture.blocks.get_ref().len();
         capture.put(0)?;
@@ -205,24 +229,6 @@ impl<E: Entry> Capture<E> {
             capture.sink.truncate_by(SECTION_END_BYTES_MAX as u64)?;
         }
         Ok(capture)
-    }
-
-    fn push(&mut self, entry: E) {
-        if self.failed.is_some() {
-            self.dropped.fetch_add(1, Ordering::Relaxed);
-            return;
-        }
-        self.last_ns = self.last_ns.max(entry.at_ns());
-        self.waiting.push(entry);
-        if self.waiting.len() >= BATCH_FRAMES {
-            self.flush();
-        }
-    }
-
-    fn flush(&mut self) {
-        if let Err(error) = self.write_out() {
-            self.fail(&error);
-        }
     }
 
     /// Writes the waiting frames in the order of their times. Frames of the file that belong behind the first of them
@@ -278,54 +284,8 @@ impl<E: Entry> Capture<E> {
         put
     }
 
-    fn fail(&mut self, error: &io::Error) {
-        self.blocks.get_mut().clear();
-        self.dropped.fetch_add(self.waiting.len() as u64, Ordering::Relaxed);
-        self.waiting.clear();
-        self.failed = Some(error.to_string());
-        self.told = true;
-        tell(format!("recording to {} has stopped: {error}; frames from here on are counted only", self.name));
-    }
-
-    /// Warns the user when the first frames are missing. This thread does that, so that no thread of the program waits
-    /// for standard error.
-    fn tell_lost(&mut self) {
-        if !self.told && self.dropped.load(Ordering::Relaxed) > 0 {
-            self.told = true;
-            tell(format!("recording to {}: frames are missing: {TOO_SLOW}; record to a faster disk", self.name));
-        }
-    }
-
-    /// Writes the remaining frames and the end of the section, an interface statistics block with the numbers of frames and
-    /// of missing frames.
-    fn end(&mut self) {
-        self.flush();
-        if let Err(error) = self.write_end() {
-            // If the disk is full there may be no room for the end of the section. The last frame is removed to make room.
-            let has_room = self.frames_written > 0 && self.sink.truncate_by(self.last_block).is_ok();
-            if has_room {
-                self.frames_written -= 1;
-                self.dropped.fetch_add(1, Ordering::Relaxed);
-                self.failed.get_or_insert_with(|| error.to_string());
-                // If this fails as well, the missing end shows readers that the recording is incomplete.
-                let _ = self.write_end();
-            }
-        }
-        self.sink.ended(self.last_ns);
-        if let (_, Some(missing)) = self.missing() {
-            tell(format!("recording to {}: {missing}", self.name));
-        }
-    }
-
-    /// The number of missing frames, and if it is not 0, a text with the number and the reason.
-    fn missing(&self) -> (u64, Option<String>) {
-        let dropped = self.dropped.load(Ordering::Relaxed);
-        let why = self.failed.as_deref().unwrap_or(TOO_SLOW);
-        (dropped, (dropped > 0).then(|| format!("{dropped} frames are missing: {why}")))
-    }
-
     fn write_end(&mut self) -> io::Result<()> {
-        let (dropped, missing) = self.missing();
+        let (dropped, missing) = self.loss.missing();
         let mut options = vec![
             InterfaceStatisticsOption::IsbIfRecv(self.frames_written + dropped),
             InterfaceStatisticsOption::IsbIfDrop(dropped),
@@ -340,6 +300,51 @@ impl<E: Entry> Capture<E> {
         };
         self.blocks.write_pcapng_block(statistics).map_err(io_error)?;
         self.put(0)
+    }
+}
+
+impl<E: Entry> Writer<E> for Capture<E> {
+    fn push(&mut self, entry: E) {
+        if self.loss.has_failed() {
+            self.loss.add(1);
+            return;
+        }
+        self.last_ns = self.last_ns.max(entry.at_ns());
+        self.waiting.push(entry);
+        if self.waiting.len() >= BATCH_FRAMES {
+            self.flush();
+        }
+    }
+
+    fn flush(&mut self) {
+        if let Err(error) = self.write_out() {
+            self.blocks.get_mut().clear();
+            self.loss.add(self.waiting.len() as u64);
+            self.waiting.clear();
+            self.loss.fail(&error);
+        }
+    }
+
+    /// Writes the remaining frames and the end of the section, an interface statistics block with the numbers of frames and
+    /// of missing frames.
+    fn end(&mut self) {
+        self.flush();
+        if let Err(error) = self.write_end() {
+            // If the disk is full there may be no room for the end of the section. The last frame is removed to make room.
+            let has_room = self.frames_written > 0 && self.sink.truncate_by(self.last_block).is_ok();
+            if has_room {
+                self.frames_written -= 1;
+                self.loss.add(1);
+                self.loss.note(&error);
+                // If this fails as well, the missing end shows readers that the recording is incomplete.
+                let _ = self.write_end();
+            }
+        }
+        self.sink.ended(self.last_ns);
+    }
+
+    fn loss(&mut self) -> &mut Loss {
+        &mut self.loss
     }
 }
 

@@ -1,10 +1,11 @@
-//! Reads the container around the packets of a capture, pcapng or the older pcap, block by block from any source.
+//! Reads the container around the packets of a capture, pcapng, the older pcap or [`ecmrec`](super::ecmrec), block by
+//! block from any source.
 //!
 //! The crate `pcap-file` parses the blocks. This file adds what it lacks: the offsets of blocks in the file, time units
 //! other than nanoseconds, and skipping blocks that are not needed.
 
 use std::borrow::Cow;
-use std::io::{ErrorKind, Read};
+use std::io::Read;
 
 use pcap_file::pcap::PcapParser;
 use pcap_file::pcapng::blocks::interface_description::{InterfaceDescriptionBlock, InterfaceDescriptionOption};
@@ -16,12 +17,13 @@ use pcap_file::pcapng::blocks::{
 use pcap_file::pcapng::{Block, PcapNgParser};
 use pcap_file::{DataLink, Endianness, PcapError, TsResolution};
 
+use super::ecmrec::reader::Reader;
+use super::input::Input;
 use super::number;
 use crate::recording::error::RecordError;
+use crate::recording::lacks::Lost;
 use crate::recording::meta::{APPLICATION, RecordMeta};
 
-/// The number of bytes read at a time. \[OURS]
-const CHUNK: usize = 64 * 1024;
 /// Longest block that is read into memory. \[OURS] Real ones are a thousand times shorter.
 const LONGEST_BLOCK: usize = 16 * 1024 * 1024;
 
@@ -38,6 +40,8 @@ pub(in crate::recording) enum Item<'a> {
     Packet(Packet<'a>),
     /// The statistics of an interface, at the end of a section: how many packets are missing, and why.
     Counts { missing: u64, why: Option<String> },
+    /// A stretch of the file that cannot be read.
+    Lost(Lost),
     /// A block that is not needed.
     Other,
 }
@@ -57,121 +61,110 @@ pub(in crate::recording) struct Packet<'a> {
 enum Parser {
     PcapNg(PcapNgParser),
     Pcap(PcapParser),
+    Ecmrec(Box<Reader>),
 }
 
 /// Reads a file block by block.
 pub(in crate::recording) struct Blocks<R> {
-    source: R,
-    /// The name of the file, for messages.
-    name: String,
-    buffer: Vec<u8>,
-    /// The offset of the next block in the buffer, and in the file.
-    start: usize,
-    offset: u64,
+    input: Input<R>,
     /// The parser; `None` before the first block.
     parser: Option<Parser>,
 }
 
 impl<R: Read> Blocks<R> {
     pub fn new(source: R, name: String) -> Self {
-        Self { source, name, buffer: Vec::new(), start: 0, offset: 0, parser: None }
+        Self { input: Input::new(source, name), parser: None }
     }
 
     /// Reads the next block and parses it; `None` at the end of the file.
     pub fn next(&mut self) -> Result<Option<Item<'_>>, RecordError> {
-        if self.parser.is_none() {
-            return self.begin().map(Some);
+        let Self { input, parser } = self;
+        let parser = match parser {
+            Some(parser) => parser,
+            None => {
+                *parser = Some(begin(input)?);
+                match parser {
+                    Some(Parser::PcapNg(parser)) => return Ok(Some(section(parser.section()))),
+                    Some(Parser::Pcap(parser)) => return Ok(Some(Item::Interface(parser.header().datalink))),
+                    Some(parser) => parser,
+                    None => return Ok(None),
+                }
+            }
+        };
+        if let Parser::Ecmrec(reader) = parser {
+            return reader.next(input);
         }
-        if self.start == self.buffer.len() && !self.fill()? {
+        if input.bytes().is_empty() && !input.fill()? {
             return Ok(None);
         }
-        let end = loop {
-            match self.measure() {
-                Ok(len) => break self.start + len,
-                Err(PcapError::IncompleteBuffer) => self.fill_more()?,
-                Err(error) => return Err(malformed(&self.name, self.offset, &error)),
+        let len = loop {
+            match measure(parser, input.bytes()) {
+                Ok(len) => break len,
+                Err(PcapError::IncompleteBuffer) => fill_more(input)?,
+                Err(error) => return Err(malformed(input.name(), input.offset(), &error)),
             }
         };
-        let block = &self.buffer[self.start..end];
-        let offset = self.offset;
-        self.start = end;
-        self.offset += block.len() as u64;
-        let item = match &mut self.parser {
-            Some(Parser::PcapNg(parser)) => pcapng_item(parser, block, offset),
-            Some(Parser::Pcap(parser)) => pcap_item(parser, block, offset),
-            None => Ok(Item::Other),
+        let offset = input.offset();
+        input.advance(len);
+        let block = input.passed(len);
+        let item = match parser {
+            Parser::PcapNg(parser) => pcapng_item(parser, block, offset),
+            Parser::Pcap(parser) => pcap_item(parser, block, offset),
+            Parser::Ecmrec(_) => Ok(Item::Other),
         };
-        item.map(Some).map_err(|error| malformed(&self.name, offset, &error))
+        item.map(Some).map_err(|error| malformed(input.name(), offset, &error))
     }
+}
 
-    /// Reads the header of the file, which shows whether it is pcapng or pcap.
-    fn begin(&mut self) -> Result<Item<'_>, RecordError> {
-        while self.buffer.len() < size_of::<u32>() {
-            if !self.fill()? {
-                return Err(RecordError::NotACapture { name: self.name.clone() });
-            }
+/// Reads the header of the file, which shows its format.
+fn begin<R: Read>(input: &mut Input<R>) -> Result<Parser, RecordError> {
+    while input.bytes().len() < size_of::<u32>() {
+        if !input.fill()? {
+            return Err(RecordError::NotACapture { name: input.name().to_owned() });
         }
-        let is_pcapng = self.buffer.starts_with(&SECTION_HEADER_BLOCK.to_be_bytes());
-        let (parser, rest) = loop {
-            // The kind of the first block is checked here, because the pcapng parser would accept any kind.
-            let parsed = if is_pcapng {
-                PcapNgParser::new(&self.buffer).map(|(rest, parser)| (Parser::PcapNg(parser), rest.len()))
-            } else {
-                PcapParser::new(&self.buffer).map(|(rest, parser)| (Parser::Pcap(parser), rest.len()))
-            };
-            match parsed {
-                Ok(parsed) => break parsed,
-                Err(PcapError::IncompleteBuffer) if is_pcapng => self.fill_more()?,
-                Err(PcapError::IncompleteBuffer) if self.fill()? => {}
-                Err(_) if !is_pcapng => return Err(RecordError::NotACapture { name: self.name.clone() }),
-                Err(error) => return Err(malformed(&self.name, 0, &error)),
-            }
-        };
-        self.start = self.buffer.len() - rest;
-        self.offset = self.start as u64;
-        Ok(match self.parser.insert(parser) {
-            Parser::PcapNg(parser) => section(parser.section()),
-            Parser::Pcap(parser) => Item::Interface(parser.header().datalink),
-        })
     }
-
-    /// The length of the next block. Section and interface blocks are also parsed, because the parser keeps their content.
-    fn measure(&mut self) -> Result<usize, PcapError> {
-        let bytes = &self.buffer[self.start..];
-        let rest = match &mut self.parser {
-            Some(Parser::PcapNg(parser)) => parser.next_raw_block(bytes)?.0,
-            Some(Parser::Pcap(parser)) => parser.next_raw_packet(bytes)?.0,
-            None => bytes,
+    let is_pcapng = input.bytes().starts_with(&SECTION_HEADER_BLOCK.to_be_bytes());
+    let (parser, rest) = loop {
+        // The kind of the first block is checked here, because the pcapng parser would accept any kind.
+        let parsed = if is_pcapng {
+            PcapNgParser::new(input.bytes()).map(|(rest, parser)| (Parser::PcapNg(parser), rest.len()))
+        } else {
+            PcapParser::new(input.bytes()).map(|(rest, parser)| (Parser::Pcap(parser), rest.len()))
         };
-        Ok(bytes.len() - rest.len())
-    }
-
-    /// Reads more of the current block into the buffer.
-    fn fill_more(&mut self) -> Result<(), RecordError> {
-        if self.buffer.len() - self.start > LONGEST_BLOCK {
-            let reason = PcapError::InvalidField("a block of more than 16 MiB");
-            return Err(malformed(&self.name, self.offset, &reason));
+        match parsed {
+            Ok(parsed) => break parsed,
+            Err(PcapError::IncompleteBuffer) if is_pcapng => fill_more(input)?,
+            Err(PcapError::IncompleteBuffer) if input.fill()? => {}
+            // Neither of both. It need not begin with a block that can be read: that may be the damaged one.
+            Err(_) if !is_pcapng && Reader::finds_block(input)? => return Ok(Parser::Ecmrec(Box::default())),
+            Err(_) if !is_pcapng => return Err(RecordError::NotACapture { name: input.name().to_owned() }),
+            Err(error) => return Err(malformed(input.name(), 0, &error)),
         }
-        if self.fill()? { Ok(()) } else { Err(RecordError::Truncated { name: self.name.clone(), offset: self.offset }) }
-    }
+    };
+    input.advance(input.bytes().len() - rest);
+    Ok(parser)
+}
 
-    /// Reads the next chunk into the buffer. Returns whether there was anything left to read.
-    fn fill(&mut self) -> Result<bool, RecordError> {
-        self.buffer.drain(..self.start);
-        self.start = 0;
-        let len = self.buffer.len();
-        self.buffer.resize(len + CHUNK, 0);
-        let read = loop {
-            match self.source.read(&mut self.buffer[len..]) {
-                Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                read => break read,
-            }
-        };
-        self.buffer.truncate(len + *read.as_ref().unwrap_or(&0));
-        match read {
-            Ok(read) => Ok(read > 0),
-            Err(error) => Err(RecordError::Io { name: self.name.clone(), message: error.to_string() }),
-        }
+/// The length of the next block. Section and interface blocks are also parsed, because the parser keeps their content.
+fn measure(parser: &mut Parser, bytes: &[u8]) -> Result<usize, PcapError> {
+    let rest = match parser {
+        Parser::PcapNg(parser) => parser.next_raw_block(bytes)?.0,
+        Parser::Pcap(parser) => parser.next_raw_packet(bytes)?.0,
+        Parser::Ecmrec(_) => bytes,
+    };
+    Ok(bytes.len() - rest.len())
+}
+
+/// Reads more of the current block into the buffer.
+fn fill_more<R: Read>(input: &mut Input<R>) -> Result<(), RecordError> {
+    if input.bytes().len() > LONGEST_BLOCK {
+        let reason = PcapError::InvalidField("a block of more than 16 MiB");
+        return Err(malformed(input.name(), input.offset(), &reason));
+    }
+    if input.fill()? {
+        Ok(())
+    } else {
+        Err(RecordError::Truncated { name: input.name().to_owned(), offset: input.offset() })
     }
 }
 

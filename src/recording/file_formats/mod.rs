@@ -1,6 +1,7 @@
 //! The formats of recordings and captures.
 //!
-//! A file has two layers. [`container`] reads the outer one, the blocks of a pcapng file or of the older pcap. In each
+//! A file has two layers. [`container`] reads the outer one, the blocks of a pcapng file, of the older pcap, or of
+//! [`ecmrec`], for recordings of weeks; [`input`] reads the bytes of the file. In each
 //! packet a header precedes the bytes of a USB transfer. The header depends on the capturing program: [`usbmon`] on
 //! Linux, which recordings of this crate use too, or [`usbpcap`] on Windows. Either header becomes a [`UsbEvent`].
 //!
@@ -10,7 +11,9 @@
 //! and in [`event`].
 
 pub(super) mod container;
+pub(crate) mod ecmrec;
 pub(crate) mod exchange;
+mod input;
 pub mod transfer;
 pub(crate) mod usbmon;
 mod usbpcap;

@@ -1,0 +1,67 @@
+//! Writing frames that were recorded before to another file, as for another format.
+
+use std::io;
+use std::path::Path;
+use std::sync::Arc;
+
+use super::blocks::BlockWriter;
+use super::file::{self, Sink};
+use super::loss::Loss;
+use super::writer::{Capture, FrameEntry, Writer};
+use crate::recording::file_formats::ecmrec;
+use crate::recording::{Lacks, RecordMeta, Recorded};
+
+/// A recording to which frames of another one are written. The name of the file decides its format, as with `record=`.
+///
+/// Each recording in the other file becomes one in this file: later ones of this process are appended.
+pub struct RecordingCopy {
+    writer: Box<dyn Writer<FrameEntry>>,
+}
+
+impl RecordingCopy {
+    /// Begins a recording in the file at `path`.
+    ///
+    /// # Errors
+    /// The file cannot be written, or another recording is writing to it.
+    pub fn begin(path: &Path, meta: &RecordMeta) -> io::Result<Self> {
+        let sink = Sink::File(file::open(path)?);
+        let loss = Loss::new(path.display().to_string(), Arc::default());
+        let writer: Box<dyn Writer<FrameEntry>> = if ecmrec::is_named(path) {
+            Box::new(BlockWriter::begin(loss, sink, meta)?)
+        } else {
+            Box::new(Capture::begin(loss, sink, meta)?)
+        };
+        Ok(Self { writer })
+    }
+
+    /// Adds a frame with its time in the file.
+    ///
+    /// # Errors
+    /// The frames so far cannot be written; the error says why.
+    pub fn add(&mut self, recorded: Recorded) -> io::Result<()> {
+        let Recorded { at_ns, dir, frame, .. } = recorded;
+        self.writer.push(FrameEntry { at_ns, dir, frame });
+        self.check()
+    }
+
+    /// Ends the recording. It lacks what the other one lacks.
+    ///
+    /// # Errors
+    /// The end cannot be written; the error says why.
+    pub fn end(mut self, lacks: &Lacks) -> io::Result<()> {
+        if lacks.missing > 0 {
+            let why = lacks.why.clone().unwrap_or_else(|| "they were missing in the file that was copied".to_owned());
+            self.writer.loss().inherit(lacks.missing, why);
+        }
+        self.writer.flush();
+        self.check()?;
+        if lacks.not_ended == 0 {
+            self.writer.end();
+        }
+        self.check()
+    }
+
+    fn check(&mut self) -> io::Result<()> {
+        self.writer.loss().error().map_or(Ok(()), |error| Err(io::Error::other(error)))
+    }
+}

@@ -1,0 +1,205 @@
+//! What stands before the bytes of a block, and behind them.
+//!
+//! | bytes | meaning |
+//! | --- | --- |
+//! | 0..8 | [`MAGIC`] |
+//! | 8 | version of the block's bytes; the header is the same in all versions |
+//! | 9 | [`Kind`] |
+//! | 10 | 1: the bytes are compressed |
+//! | 11 | bit 0: [`Header::has_orders`]; bits 1, 2: [`What`] |
+//! | 12..16 | number of the block of packets, from 1 |
+//! | 16..20, 20..24 | length of the bytes in the file, and uncompressed |
+//! | 24..28 | packets |
+//! | 28..32 | number of a piece in its block |
+//! | 32..40, 40..48 | earliest and latest time, ns |
+//! | 48..56 | distance to an earlier block, which the kind says, bytes |
+//! | 56..60, 60..64 | CRC-32 of the bytes in the file, and of the header before this field |
+//!
+//! Behind the bytes stands the length of the whole block, 32 bits, so that a file can be read from its end. Numbers are
+//! little endian.
+
+use bytemuck::{Pod, Zeroable};
+use pcap_file::DataLink;
+
+use crate::recording::file_formats::exchange;
+
+/// The first bytes of each block. No text has the first one, and a transfer as text damages the last one.
+pub(crate) const MAGIC: [u8; 8] = *b"\x89ECMREC\n";
+/// The version of blocks that this crate writes, and the newest that it reads.
+pub(crate) const VERSION: u8 = 1;
+/// The length of a header, bytes.
+pub(crate) const HEADER_LEN: usize = size_of::<RawHeader>();
+/// The bytes of a block beside its own: the header, and the length behind.
+pub(crate) const AROUND: usize = HEADER_LEN + size_of::<u32>();
+/// The most bytes of a block, in the file and uncompressed. \[OURS] Blocks that this crate writes have a tenth of it.
+pub(crate) const BYTES_MAX: usize = 16 << 20;
+
+/// What a block has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// The beginning of a recording: what was recorded.
+    #[default]
+    Section,
+    /// Packets.
+    Packets,
+    /// The latest packets, which a block of packets replaces once there are enough. The first piece of a block can be
+    /// read alone, each other one behind those before it.
+    Piece,
+    /// Where blocks of packets are. The distance is that to the index before it; 0: there is none.
+    Index,
+    /// The end of a recording. The distance is that to the last index; 0: there is none.
+    End,
+}
+
+/// The kinds by their code.
+const KINDS: [Kind; 5] = [Kind::Section, Kind::Packets, Kind::Piece, Kind::Index, Kind::End];
+
+/// What was recorded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum What {
+    /// Frames of an ECM-SK.
+    #[default]
+    Board,
+    /// Packets of an ECM-XF.
+    Chip,
+    /// Frames of a network.
+    Network,
+}
+
+impl What {
+    /// The link type of these packets in pcapng.
+    pub const fn link_type(self) -> DataLink {
+        match self {
+            Self::Board => DataLink::USB_LINUX_MMAPPED,
+            Self::Chip => exchange::LINK_TYPE,
+            Self::Network => DataLink::ETHERNET,
+        }
+    }
+}
+
+/// What stands before the bytes of a block.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Header {
+    /// What the block has; `None` if a newer version wrote it.
+    pub kind: Option<Kind>,
+    pub is_compressed: bool,
+    pub what: What,
+    /// Whether a packet to the board has a command for the board itself that is more than a query.
+    pub has_orders: bool,
+    /// The number of the block of packets, or of the one that this piece becomes a part of. Of other kinds that of the
+    /// block of packets before.
+    pub number: u32,
+    /// The number of the piece in its block, from 0.
+    pub piece: u32,
+    /// The length of the bytes in the file.
+    pub length: u32,
+    /// Their length when they are uncompressed.
+    pub unpacked: u32,
+    pub packets: u32,
+    /// The earliest and the latest time of the packets, ns.
+    pub times_ns: (u64, u64),
+    /// The distance to an earlier block, from here back, bytes.
+    pub back: u64,
+    /// The CRC of the bytes in the file.
+    pub crc: u32,
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct RawHeader {
+    magic: [u8; 8],
+    version: u8,
+    kind: u8,
+    is_compressed: u8,
+    flags: u8,
+    number: [u8; 4],
+    length: [u8; 4],
+    unpacked: [u8; 4],
+    packets: [u8; 4],
+    piece: [u8; 4],
+    first_ns: [u8; 8],
+    last_ns: [u8; 8],
+    back: [u8; 8],
+    crc: [u8; 4],
+    header_crc: [u8; 4],
+}
+
+const HAS_ORDERS: u8 = 1;
+const OF_CHIP: u8 = 2;
+const OF_NETWORK: u8 = 4;
+const CRC_AT: usize = std::mem::offset_of!(RawHeader, header_crc);
+const _: () = assert!(HEADER_LEN == 64 && align_of::<RawHeader>() == 1);
+
+impl Header {
+    /// The length of the whole block, bytes.
+    pub const fn block_len(&self) -> usize {
+        AROUND + self.length as usize
+    }
+
+    /// Reads the header at the beginning of `bytes`; `None` if none stands there, or a damaged one.
+    pub fn parse(bytes: &[u8]) -> Option<Self> {
+        let raw: &RawHeader = bytemuck::from_bytes(bytes.get(..HEADER_LEN)?);
+        if raw.magic != MAGIC || crc32fast::hash(&bytes[..CRC_AT]) != u32::from_le_bytes(raw.header_crc) {
+            return None;
+        }
+        let kind = KINDS.get(usize::from(raw.kind)).copied().filter(|_| raw.version <= VERSION);
+        let what = match raw.flags & (OF_CHIP | OF_NETWORK) {
+            OF_CHIP => What::Chip,
+            OF_NETWORK => What::Network,
+            _ => What::Board,
+        };
+        let header = Self {
+            kind,
+            what,
+            is_compressed: raw.is_compressed != 0,
+            has_orders: raw.flags & HAS_ORDERS != 0,
+            number: u32::from_le_bytes(raw.number),
+            piece: u32::from_le_bytes(raw.piece),
+            length: u32::from_le_bytes(raw.length),
+            unpacked: u32::from_le_bytes(raw.unpacked),
+            packets: u32::from_le_bytes(raw.packets),
+            times_ns: (u64::from_le_bytes(raw.first_ns), u64::from_le_bytes(raw.last_ns)),
+            back: u64::from_le_bytes(raw.back),
+            crc: u32::from_le_bytes(raw.crc),
+        };
+        (header.length.max(header.unpacked) as usize <= BYTES_MAX).then_some(header)
+    }
+
+    /// Appends the block with these bytes to `out`. Length and CRC are those of the bytes.
+    pub fn write(mut self, bytes: &[u8], out: &mut Vec<u8>) {
+        self.length = bytes.len() as u32;
+        self.crc = crc32fast::hash(bytes);
+        let begin = out.len();
+        out.extend(bytemuck::bytes_of(&self.raw()));
+        let crc = crc32fast::hash(&out[begin..begin + CRC_AT]);
+        out[begin + CRC_AT..].copy_from_slice(&crc.to_le_bytes());
+        out.extend(bytes);
+        out.extend((self.block_len() as u32).to_le_bytes());
+    }
+
+    fn raw(&self) -> RawHeader {
+        let kind = self.kind.unwrap_or_default();
+        let what = match self.what {
+            What::Board => 0,
+            What::Chip => OF_CHIP,
+            What::Network => OF_NETWORK,
+        };
+        RawHeader {
+            magic: MAGIC,
+            version: VERSION,
+            kind: KINDS.iter().position(|known| *known == kind).unwrap_or_default() as u8,
+            is_compressed: self.is_compressed.into(),
+            flags: what | if self.has_orders { HAS_ORDERS } else { 0 },
+            number: self.number.to_le_bytes(),
+            length: self.length.to_le_bytes(),
+            unpacked: self.unpacked.to_le_bytes(),
+            packets: self.packets.to_le_bytes(),
+            piece: self.piece.to_le_bytes(),
+            first_ns: self.times_ns.0.to_le_bytes(),
+            last_ns: self.times_ns.1.to_le_bytes(),
+            back: self.back.to_le_bytes(),
+            crc: self.crc.to_le_bytes(),
+            header_crc: [0; 4],
+        }
+    }
+}

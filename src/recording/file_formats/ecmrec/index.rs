@@ -1,0 +1,205 @@
+//! Where the blocks of packets are.
+//!
+//! A block of the kind [`Kind::Index`] has a list of those before it, 32 bytes each: the distance from the index back to
+//! the block, its earliest and latest time in ns, the number of its packets, and 1 if it has orders
+//! ([`Header::has_orders`]). Distances stay right if files are joined. A recording that was not ended has no index for
+//! its last part; then the headers of all blocks are read.
+
+use std::io::{self, Read, Seek, SeekFrom};
+
+use super::header::{HEADER_LEN, Header, Kind, MAGIC};
+use super::section::End;
+
+/// The number of blocks of packets after which the writer adds an index. \[OURS]
+pub(crate) const ENTRIES: usize = 32;
+/// The bytes of an entry.
+const ENTRY: usize = 32;
+/// The number of bytes in which the next block is searched at once. \[OURS]
+const CHUNK: u64 = 64 * 1024;
+
+/// A block of packets in a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct BlockAt {
+    /// The offset in the file, or, for the writer, in the recording.
+    pub at: u64,
+    pub packets: u32,
+    pub has_orders: bool,
+    /// Whether it is a piece, which needs those before it.
+    pub is_piece: bool,
+    /// The earliest and the latest time, ns.
+    pub times_ns: (u64, u64),
+}
+
+/// The bytes of the index of these blocks, which will stand at `index_at`.
+pub(crate) fn bytes(blocks: &[BlockAt], index_at: u64) -> Vec<u8> {
+    let entry = |block: &BlockAt| {
+        let mut entry = [0; ENTRY];
+        entry[..8].copy_from_slice(&index_at.saturating_sub(block.at).to_le_bytes());
+        entry[8..16].copy_from_slice(&block.times_ns.0.to_le_bytes());
+        entry[16..24].copy_from_slice(&block.times_ns.1.to_le_bytes());
+        entry[24..28].copy_from_slice(&block.packets.to_le_bytes());
+        entry[28] = block.has_orders.into();
+        entry
+    };
+    blocks.iter().flat_map(entry).collect()
+}
+
+fn parse(bytes: &[u8], index_at: u64) -> Option<Vec<BlockAt>> {
+    let block = |entry: &[u8]| {
+        let number = |at: usize| entry[at..].first_chunk().map_or(0, |bytes| u64::from_le_bytes(*bytes));
+        Some(BlockAt {
+            at: index_at.checked_sub(number(0))?,
+            times_ns: (number(8), number(16)),
+            packets: number(24) as u32,
+            has_orders: entry[28] & 1 != 0,
+            is_piece: false,
+        })
+    };
+    bytes.chunks_exact(ENTRY).map(block).collect()
+}
+
+/// The blocks of a file.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Index {
+    /// The beginnings of recordings: offset, and length of the block.
+    pub sections: Vec<(u64, u64)>,
+    /// The blocks of packets, and pieces, in the order of the file.
+    pub blocks: Vec<BlockAt>,
+    /// The ends of recordings: offset, and length of the block.
+    pub ends: Vec<(u64, u64)>,
+    /// Whether all of it was in the file's own index, and no header had to be searched.
+    pub is_whole: bool,
+}
+
+impl Index {
+    /// The index of a file with `len` bytes.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn read(file: &mut (impl Read + Seek), len: u64) -> io::Result<Self> {
+        Ok(match Self::from_end(file, len)? {
+            Some(index) => index,
+            None => Self::from_headers(file, len)?,
+        })
+    }
+
+    /// The file's own index; `None` if it has none for all of it.
+    fn from_end(file: &mut (impl Read + Seek), len: u64) -> io::Result<Option<Self>> {
+        let mut index = Self { is_whole: true, ..Self::default() };
+        // From the end back: each section with its indexes, the last one first.
+        let (mut end_at, mut blocks) = (len, Vec::new());
+        while end_at > 0 {
+            let Some((at, header, bytes)) = block_before(file, end_at)? else { return Ok(None) };
+            let end = End::parse(&bytes).filter(|_| header.kind == Some(Kind::End)).unwrap_or_default();
+            let Some(section_at) = at.checked_sub(end.length).filter(|section_at| *section_at < at) else {
+                return Ok(None);
+            };
+            let (mut from, mut back) = (at, header.back);
+            let mut packets = 0;
+            while back > 0 {
+                let Some(index_at) = from.checked_sub(back).filter(|index_at| *index_at >= section_at) else {
+                    return Ok(None);
+                };
+                let Some((header, bytes)) = block_at(file, index_at)? else { return Ok(None) };
+                let Some(found) = parse(&bytes, index_at).filter(|_| header.kind == Some(Kind::Index)) else {
+                    return Ok(None);
+                };
+                packets += found.iter().map(|block| u64::from(block.packets)).sum::<u64>();
+                blocks.push(found);
+                (from, back) = (index_at, header.back);
+            }
+            let Some((header, _)) = block_at(file, section_at)? else { return Ok(None) };
+            if header.kind != Some(Kind::Section) || end.packets != packets {
+                return Ok(None);
+            }
+            index.sections.push((section_at, header.block_len() as u64));
+            index.ends.push((at, end_at - at));
+            end_at = section_at;
+        }
+        index.sections.reverse();
+        index.ends.reverse();
+        index.blocks = blocks.into_iter().rev().flatten().collect();
+        Ok(Some(index))
+    }
+
+    /// The index made from the headers of all blocks.
+    fn from_headers(file: &mut (impl Read + Seek), len: u64) -> io::Result<Self> {
+        let mut index = Self::default();
+        let (mut at, mut number) = (0, 0);
+        while at < len {
+            let Some(header) = header_at(file, at)? else {
+                match next_magic(file, at + 1)? {
+                    Some(next) => at = next,
+                    None => break,
+                }
+                continue;
+            };
+            let has_packets = match header.kind {
+                Some(Kind::Section) => {
+                    index.sections.push((at, header.block_len() as u64));
+                    number = 0;
+                    false
+                }
+                Some(Kind::End) => {
+                    index.ends.push((at, header.block_len() as u64));
+                    false
+                }
+                Some(Kind::Packets) => {
+                    number = header.number;
+                    true
+                }
+                Some(Kind::Piece) => header.number > number,
+                Some(Kind::Index) | None => false,
+            };
+            if has_packets {
+                let Header { packets, has_orders, times_ns, .. } = header;
+                let is_piece = header.kind == Some(Kind::Piece);
+                index.blocks.push(BlockAt { at, packets, has_orders, is_piece, times_ns });
+            }
+            at += header.block_len() as u64;
+        }
+        Ok(index)
+    }
+}
+
+/// The block that ends before `end_at`, with its offset and its bytes; `None` if there is none that is whole.
+pub(crate) fn block_before(file: &mut (impl Read + Seek), end_at: u64) -> io::Result<Option<(u64, Header, Vec<u8>)>> {
+    let Some(length_at) = end_at.checked_sub(size_of::<u32>() as u64) else { return Ok(None) };
+    let mut length = [0; size_of::<u32>()];
+    file.seek(SeekFrom::Start(length_at))?;
+    file.read_exact(&mut length)?;
+    let Some(at) = end_at.checked_sub(u32::from_le_bytes(length).into()) else { return Ok(None) };
+    let block = block_at(file, at)?;
+    Ok(block.filter(|(header, _)| at + header.block_len() as u64 == end_at).map(|(header, bytes)| (at, header, bytes)))
+}
+
+/// The block at an offset, and its bytes; `None` if there is none that is whole.
+fn block_at(file: &mut (impl Read + Seek), at: u64) -> io::Result<Option<(Header, Vec<u8>)>> {
+    let Some(header) = header_at(file, at)? else { return Ok(None) };
+    let mut bytes = Vec::new();
+    file.take(header.length.into()).read_to_end(&mut bytes)?;
+    Ok(Some((header, bytes)).filter(|(header, bytes)| crc32fast::hash(bytes) == header.crc))
+}
+
+fn header_at(file: &mut (impl Read + Seek), at: u64) -> io::Result<Option<Header>> {
+    file.seek(SeekFrom::Start(at))?;
+    let mut bytes = Vec::with_capacity(HEADER_LEN);
+    file.take(HEADER_LEN as u64).read_to_end(&mut bytes)?;
+    Ok(Header::parse(&bytes))
+}
+
+/// The offset of the next magic number from `at` on.
+fn next_magic(file: &mut (impl Read + Seek), mut at: u64) -> io::Result<Option<u64>> {
+    loop {
+        file.seek(SeekFrom::Start(at))?;
+        let mut bytes = Vec::new();
+        file.take(CHUNK).read_to_end(&mut bytes)?;
+        if let Some(found) = bytes.windows(MAGIC.len()).position(|bytes| bytes == MAGIC) {
+            return Ok(Some(at + found as u64));
+        }
+        if (bytes.len() as u64) < CHUNK {
+            return Ok(None);
+        }
+        at += CHUNK - MAGIC.len() as u64 + 1;
+    }
+}

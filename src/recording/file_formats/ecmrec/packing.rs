@@ -1,0 +1,357 @@
+//! Packets as differences from those before them.
+//!
+//! From one cycle to the next few bytes of a frame change, and these by nearly the same: counters, targets, positions.
+//! So each 32-bit word of a packet is stored as its difference from that of the packet before in the same direction. The
+//! differences of one word in all packets stand together: a word that does not change takes no byte, and one that
+//! changes evenly becomes a run of equal bytes, which compression makes short.
+//!
+//! The bytes of a block, with numbers in LEB128, signed ones zigzag:
+//!
+//! 1. the number of packets, and the number of words of the longest one
+//! 2. a byte for each packet: bit 0 its direction (1: from the board), bit 1: its length is another one than that of the
+//!    packet before in its direction
+//! 3. the lengths that are other ones
+//! 4. for each packet the time since the one before in its direction, less the same time of that one, ns
+//! 5. for each direction a bit for each word, whether it changes, and behind it the differences of each word that does
+
+use crate::sk::Dir;
+
+use super::header::BYTES_MAX;
+
+/// The most packets of a block. \[OURS] Blocks that this crate writes have a fortieth of it.
+const PACKETS_MAX: usize = 1 << 16;
+/// Bytes of a word.
+const WORD: usize = size_of::<u32>();
+
+const FROM_BOARD: u8 = 1;
+const OTHER_LENGTH: u8 = 2;
+
+/// A packet to pack.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Packet<'a> {
+    /// The time in the file, ns.
+    pub at_ns: u64,
+    pub dir: Dir,
+    pub bytes: &'a [u8],
+}
+
+/// The latest packet of a direction.
+#[derive(Clone, Debug, Default)]
+struct Before {
+    words: Vec<u32>,
+    len: usize,
+    at_ns: u64,
+    /// The time between it and the packet before it, ns.
+    since_ns: u64,
+}
+
+impl Before {
+    fn begin(&mut self, at_ns: u64) {
+        self.words.fill(0);
+        (self.len, self.at_ns, self.since_ns) = (0, at_ns, 0);
+    }
+
+    fn make_room(&mut self, words: usize) {
+        if self.words.len() < words {
+            self.words.resize(words, 0);
+        }
+    }
+}
+
+/// Packs packets. The memory is that of the longest block so far.
+#[derive(Debug, Default)]
+pub(crate) struct Packer {
+    before: [Before; 2],
+    /// The differences of all words of all packets, a packet after the other.
+    differences: Vec<u32>,
+    /// The packets of a direction by their numbers.
+    of_dir: [Vec<usize>; 2],
+    /// For each direction and word, the bits that ever differ.
+    changed: [Vec<u32>; 2],
+}
+
+impl Packer {
+    /// Forgets all packets: the next ones can be read alone. `at_ns`: the earliest time of the block, as its header has it.
+    pub fn begin(&mut self, at_ns: u64) {
+        self.before.iter_mut().for_each(|before| before.begin(at_ns));
+    }
+
+    /// Appends packets to `out`.
+    pub fn pack<'a>(&mut self, packets: impl Iterator<Item = Packet<'a>> + Clone, out: &mut Vec<u8>) {
+        let (mut count, mut words) = (0, 0);
+        for packet in packets.clone() {
+            count += 1;
+            words = words.max(packet.bytes.len().div_ceil(WORD));
+        }
+        put(out, count as u64);
+        put(out, words as u64);
+        self.make_room(count, words);
+        let lengths = self.packets(packets.clone(), words, out);
+        out.extend(lengths);
+        self.times(packets, out);
+        for dir in 0..2 {
+            let changed = &self.changed[dir];
+            out.extend(changed.chunks(8).map(|bits| {
+                bits.iter().enumerate().fold(0, |byte, (bit, changed)| byte | u8::from(*changed != 0) << bit)
+            }));
+            for word in (0..words).filter(|word| changed[*word] != 0) {
+                for packet in &self.of_dir[dir] {
+                    put(out, zigzag(self.differences[packet * words + word]));
+                }
+            }
+        }
+    }
+
+    fn make_room(&mut self, count: usize, words: usize) {
+        self.differences.clear();
+        self.differences.resize(count * words, 0);
+        for (before, changed) in self.before.iter_mut().zip(&mut self.changed) {
+            before.make_room(words);
+            changed.clear();
+            changed.resize(words, 0);
+        }
+        self.of_dir.iter_mut().for_each(Vec::clear);
+    }
+
+    /// Appends the byte of each packet, takes the differences, and returns the lengths that are other ones.
+    fn packets<'a>(&mut self, packets: impl Iterator<Item = Packet<'a>>, words: usize, out: &mut Vec<u8>) -> Vec<u8> {
+        let mut lengths = Vec::new();
+        for (number, packet) in packets.enumerate() {
+            let dir = index(packet.dir);
+            let before = &mut self.before[dir];
+            let has_other_length = before.len != packet.bytes.len();
+            out.push(dir as u8 * FROM_BOARD | if has_other_length { OTHER_LENGTH } else { 0 });
+            if has_other_length {
+                put(&mut lengths, packet.bytes.len() as u64);
+                before.len = packet.bytes.len();
+            }
+            self.of_dir[dir].push(number);
+            let differences = &mut self.differences[number * words..][..words];
+            let changed = &mut self.changed[dir];
+            for (((bytes, before), difference), changed) in
+                packet.bytes.chunks(WORD).zip(&mut before.words).zip(differences).zip(changed)
+            {
+                let word = word(bytes);
+                *difference = word.wrapping_sub(*before);
+                *before = word;
+                *changed |= *difference;
+            }
+        }
+        lengths
+    }
+
+    fn times<'a>(&mut self, packets: impl Iterator<Item = Packet<'a>>, out: &mut Vec<u8>) {
+        for packet in packets {
+            let before = &mut self.before[index(packet.dir)];
+            let since_ns = packet.at_ns.wrapping_sub(before.at_ns);
+            let difference = since_ns.wrapping_sub(before.since_ns) as i64;
+            put(out, (difference << 1 ^ difference >> 63) as u64);
+            (before.at_ns, before.since_ns) = (packet.at_ns, since_ns);
+        }
+    }
+}
+
+/// Unpacks the packets of a block.
+#[derive(Debug, Default)]
+pub(crate) struct Unpacker {
+    before: [Before; 2],
+    /// Direction, length and time of each packet.
+    packets: Vec<(Dir, usize, u64)>,
+    differences: Vec<u32>,
+    words: usize,
+    next: usize,
+}
+
+/// The bytes are not those of packed packets.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) struct NotPacked;
+
+impl Unpacker {
+    /// Forgets all packets before a block that can be read alone; see [`Packer::begin`].
+    pub fn begin(&mut self, at_ns: u64) {
+        self.before.iter_mut().for_each(|before| before.begin(at_ns));
+        self.packets.clear();
+        self.next = 0;
+    }
+
+    /// Takes the bytes of a block. [`Self::next`] then has its packets.
+    ///
+    /// # Errors
+    /// The bytes are damaged. No packet is left then.
+    pub fn take(&mut self, bytes: &[u8]) -> Result<(), NotPacked> {
+        self.packets.clear();
+        self.next = 0;
+        let taken = self.read(bytes);
+        if taken.is_none() {
+            self.packets.clear();
+        }
+        taken.ok_or(NotPacked)
+    }
+
+    fn read(&mut self, mut bytes: &[u8]) -> Option<()> {
+        let bytes = &mut bytes;
+        let count = usize::try_from(get(bytes)?).ok().filter(|count| *count <= PACKETS_MAX)?;
+        self.words = usize::try_from(get(bytes)?).ok().filter(|words| *words <= BYTES_MAX / WORD)?;
+        let differences = count.checked_mul(self.words).filter(|words| *words <= BYTES_MAX / WORD)?;
+        let (kinds, rest) = bytes.split_at_checked(count)?;
+        *bytes = rest;
+        for kind in kinds {
+            let dir = if kind & FROM_BOARD == 0 { Dir::Write } else { Dir::Read };
+            let before = &mut self.before[index(dir)];
+            if kind & OTHER_LENGTH != 0 {
+                before.len = usize::try_from(get(bytes)?).ok()?;
+            }
+            if before.len > self.words * WORD {
+                return None;
+            }
+            self.packets.push((dir, before.len, 0));
+        }
+        for (dir, _, at_ns) in &mut self.packets {
+            let before = &mut self.before[index(*dir)];
+            let number = get(bytes)?;
+            let difference = (number >> 1) as i64 ^ -((number & 1) as i64);
+            before.since_ns = before.since_ns.wrapping_add(difference as u64);
+            before.at_ns = before.at_ns.wrapping_add(before.since_ns);
+            *at_ns = before.at_ns;
+        }
+        self.differences.clear();
+        self.differences.resize(differences, 0);
+        [Dir::Write, Dir::Read].into_iter().try_for_each(|dir| self.read_differences(dir, bytes))
+    }
+
+    fn read_differences(&mut self, dir: Dir, bytes: &mut &[u8]) -> Option<()> {
+        let words = self.words;
+        self.before[index(dir)].make_room(words);
+        let (bits, rest) = bytes.split_at_checked(words.div_ceil(8))?;
+        *bytes = rest;
+        for word in (0..words).filter(|word| bits[word / 8] & 1 << (word % 8) != 0) {
+            for (number, _) in self.packets.iter().enumerate().filter(|(_, packet)| packet.0 == dir) {
+                let number_of = u32::try_from(get(bytes)?).ok()?;
+                self.differences[number * words + word] = unzigzag(number_of);
+            }
+        }
+        Some(())
+    }
+
+    /// The number of packets that are left.
+    pub const fn left(&self) -> usize {
+        self.packets.len() - self.next
+    }
+
+    /// Stores the bytes of the next packet behind what `out` has; returns its direction and time. `None`: no more.
+    pub fn next(&mut self, out: &mut Vec<u8>) -> Option<(Dir, u64)> {
+        let (dir, len, at_ns) = *self.packets.get(self.next)?;
+        let differences = &self.differences[self.next * self.words..][..self.words];
+        self.next += 1;
+        let begin = out.len();
+        let words = &mut self.before[index(dir)].words;
+        for (word, difference) in words.iter_mut().zip(differences).take(len.div_ceil(WORD)) {
+            *word = word.wrapping_add(*difference);
+            out.extend(word.to_le_bytes());
+        }
+        out.truncate(begin + len);
+        Some((dir, at_ns))
+    }
+}
+
+const fn index(dir: Dir) -> usize {
+    match dir {
+        Dir::Write => 0,
+        Dir::Read => 1,
+    }
+}
+
+/// A word of a packet. Behind the end of the packet stand zeros.
+fn word(bytes: &[u8]) -> u32 {
+    match bytes.first_chunk() {
+        Some(bytes) => u32::from_le_bytes(*bytes),
+        None => bytes.iter().rev().fold(0, |word, byte| word << 8 | u32::from(*byte)),
+    }
+}
+
+/// Small differences of either sign as small numbers.
+const fn zigzag(difference: u32) -> u64 {
+    (difference << 1 ^ (difference as i32 >> 31) as u32) as u64
+}
+
+const fn unzigzag(number: u32) -> u32 {
+    number >> 1 ^ (number & 1).wrapping_neg()
+}
+
+fn put(out: &mut Vec<u8>, mut number: u64) {
+    while number >= 0x80 {
+        out.push(number as u8 | 0x80);
+        number >>= 7;
+    }
+    out.push(number as u8);
+}
+
+fn get(bytes: &mut &[u8]) -> Option<u64> {
+    let mut number = 0;
+    for shift in (0..u64::BITS).step_by(7) {
+        let (byte, rest) = bytes.split_first()?;
+        *bytes = rest;
+        number |= u64::from(byte & 0x7F) << shift;
+        if byte & 0x80 == 0 {
+            return Some(number);
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    type Owned = (u64, bool, Vec<u8>);
+
+    fn packet((at_ns, is_read, bytes): &Owned) -> Packet<'_> {
+        Packet { at_ns: *at_ns, dir: if *is_read { Dir::Read } else { Dir::Write }, bytes }
+    }
+
+    fn unpacked(unpacker: &mut Unpacker, bytes: &[u8]) -> Vec<Owned> {
+        unpacker.take(bytes).expect("it was packed");
+        let mut found = Vec::new();
+        loop {
+            let mut bytes = Vec::new();
+            let Some((dir, at_ns)) = unpacker.next(&mut bytes) else { return found };
+            found.push((at_ns, dir == Dir::Read, bytes));
+        }
+    }
+
+    fn packets() -> impl Strategy<Value = Vec<Owned>> {
+        let packet =
+            (any::<u64>(), any::<bool>(), prop::collection::vec(prop_oneof![3 => Just(0), 1 => any::<u8>()], 0..40));
+        prop::collection::vec(packet, 0..20)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        /// Any packets, of any lengths and times, in a block and in pieces that continue each other.
+        #[test]
+        fn packets_are_unpacked_as_they_were(pieces in prop::collection::vec(packets(), 1..4), begin in any::<u64>()) {
+            let (mut packer, mut unpacker) = (Packer::default(), Unpacker::default());
+            packer.begin(begin);
+            unpacker.begin(begin);
+            for piece in &pieces {
+                let mut bytes = Vec::new();
+                packer.pack(piece.iter().map(packet), &mut bytes);
+                prop_assert_eq!(&unpacked(&mut unpacker, &bytes), piece);
+            }
+        }
+
+        /// Bytes that are no packed packets are an error and no panic, and need no more memory than a block.
+        #[test]
+        fn other_bytes_are_refused(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+            let mut unpacker = Unpacker::default();
+            unpacker.begin(0);
+            if unpacker.take(&bytes).is_ok() {
+                while unpacker.next(&mut Vec::new()).is_some() {}
+            }
+            prop_assert_eq!(unpacker.left(), 0);
+        }
+    }
+}

@@ -1,0 +1,81 @@
+//! Reads the bytes of a file, from any source, in chunks.
+
+use std::io::{ErrorKind, Read};
+
+use crate::recording::error::RecordError;
+
+/// The number of bytes read at a time. \[OURS]
+const CHUNK: usize = 64 * 1024;
+
+/// The bytes of a file, of which a part is in the memory.
+pub(super) struct Input<R> {
+    source: R,
+    /// The name of the file, for messages.
+    name: String,
+    buffer: Vec<u8>,
+    /// The offset of the next byte in the buffer, and in the file.
+    start: usize,
+    offset: u64,
+}
+
+impl<R: Read> Input<R> {
+    pub fn new(source: R, name: String) -> Self {
+        Self { source, name, buffer: Vec::new(), start: 0, offset: 0 }
+    }
+
+    /// The name of the file, for messages.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The offset in the file of the next byte.
+    pub const fn offset(&self) -> u64 {
+        self.offset
+    }
+
+    /// The next bytes, as far as they were read.
+    pub fn bytes(&self) -> &[u8] {
+        &self.buffer[self.start..]
+    }
+
+    /// Goes on behind the next `len` bytes, which were read.
+    pub fn advance(&mut self, len: usize) {
+        let len = len.min(self.bytes().len());
+        self.start += len;
+        self.offset += len as u64;
+    }
+
+    /// The last `len` bytes before the next one. They are there until more is read.
+    pub fn passed(&self, len: usize) -> &[u8] {
+        &self.buffer[self.start - len..self.start]
+    }
+
+    /// Reads until there are `len` next bytes. Returns whether the file has so many.
+    pub fn has(&mut self, len: usize) -> Result<bool, RecordError> {
+        while self.bytes().len() < len {
+            if !self.fill()? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// Reads the next chunk into the buffer. Returns whether there was anything left to read.
+    pub fn fill(&mut self) -> Result<bool, RecordError> {
+        self.buffer.drain(..self.start);
+        self.start = 0;
+        let len = self.buffer.len();
+        self.buffer.resize(len + CHUNK, 0);
+        let read = loop {
+            match self.source.read(&mut self.buffer[len..]) {
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                read => break read,
+            }
+        };
+        self.buffer.truncate(len + *read.as_ref().unwrap_or(&0));
+        match read {
+            Ok(read) => Ok(read > 0),
+            Err(error) => Err(RecordError::Io { name: self.name.clone(), message: error.to_string() }),
+        }
+    }
+}

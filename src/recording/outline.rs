@@ -1,0 +1,57 @@
+//! What is in a recording in blocks, by its index, without reading its frames.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+use super::file_formats::ecmrec::header::MAGIC;
+use super::file_formats::ecmrec::index::Index;
+
+/// What is in a recording in blocks (`.ecmrec`).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Outline {
+    /// The number of frames.
+    pub frames: u64,
+    /// The times of the earliest and the latest frame, in the file, ns; `None` without frames.
+    pub times_ns: Option<(u64, u64)>,
+    /// The number of recordings in the file: one for each opening of the board.
+    pub recordings: u64,
+    /// The number of those that were ended.
+    pub ended: u64,
+    /// The number of blocks of frames.
+    pub blocks: u64,
+    /// The number of pieces. A recording that was not ended has some at its end, and one that went through a pipe has
+    /// nothing else.
+    pub pieces: u64,
+    /// Whether the file has an index of all blocks. If not, this outline is that of the blocks that were found.
+    pub has_index: bool,
+}
+
+impl Outline {
+    /// The outline of a file; `None` if it is no recording in blocks.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn of(path: &Path) -> io::Result<Option<Self>> {
+        let mut file = File::open(path)?;
+        let len = file.metadata()?.len();
+        let mut begin = Vec::new();
+        (&mut file).take(MAGIC.len() as u64).read_to_end(&mut begin)?;
+        if begin != MAGIC {
+            return Ok(None);
+        }
+        let Index { sections, ends, blocks, is_whole } = Index::read(&mut file, len)?;
+        let pieces = blocks.iter().filter(|block| block.is_piece).count() as u64;
+        let first_ns = blocks.iter().map(|block| block.times_ns.0).min();
+        let last_ns = blocks.iter().map(|block| block.times_ns.1).max();
+        Ok(Some(Self {
+            frames: blocks.iter().map(|block| u64::from(block.packets)).sum(),
+            times_ns: first_ns.zip(last_ns),
+            recordings: sections.len() as u64,
+            ended: ends.len() as u64,
+            blocks: blocks.len() as u64 - pieces,
+            pieces,
+            has_index: is_whole,
+        }))
+    }
+}

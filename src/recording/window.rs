@@ -1,0 +1,100 @@
+//! A stretch of time of a long recording, without reading the others.
+
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::path::Path;
+
+use super::file_formats::ecmrec::header::{HEADER_LEN, Header, MAGIC};
+use super::file_formats::ecmrec::index::{BlockAt, Index};
+use super::timeline::LONGEST_SILENCE_NS;
+
+/// The most blocks with orders before the stretch that are read, the first and the last ones. \[OURS] A program that
+/// configures a board and runs needs a few.
+const ORDERS_MAX: usize = 64;
+
+/// The bytes of those blocks of a recording that a stretch of time needs.
+///
+/// That is the beginning, each block with a command for the board itself (which tells the slaves and the state of the
+/// network), and the blocks of the stretch. Read it as a [`Recording`](super::Recording).
+pub struct WindowOf {
+    file: File,
+    /// What is left to read: offset and length.
+    parts: VecDeque<(u64, u64)>,
+    frames: u64,
+}
+
+impl WindowOf {
+    /// The part of a recording that is needed for the stretch from `from_ns` to `to_ns`, ns since its first frame. `None` if
+    /// that is all of it, or can be found only by reading it: for other formats, and if its clock was set meanwhile.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn open(path: &Path, from_ns: i64, to_ns: i64) -> io::Result<Option<Self>> {
+        let mut file = File::open(path)?;
+        let len = file.metadata()?.len();
+        let mut begin = Vec::new();
+        (&mut file).take(MAGIC.len() as u64).read_to_end(&mut begin)?;
+        if begin != MAGIC {
+            return Ok(None);
+        }
+        let index = Index::read(&mut file, len)?;
+        let Some(first) = index.blocks.first().filter(|_| is_even(&index.blocks)) else { return Ok(None) };
+        let at = |ns: i64| first.times_ns.0.saturating_add_signed(ns);
+        let is_inside = |block: &BlockAt| block.times_ns.1 >= at(from_ns) && block.times_ns.0 <= at(to_ns);
+        let orders: Vec<u64> = index.blocks.iter().filter(|block| block.has_orders).map(|block| block.at).collect();
+        let orders = orders.iter().enumerate().filter(|(n, _)| *n < ORDERS_MAX || n + ORDERS_MAX >= orders.len());
+        let mut needed: Vec<u64> = orders.map(|(_, at)| *at).collect();
+        needed.extend(index.blocks.iter().filter(|block| block.is_piece || is_inside(block)).map(|block| block.at));
+        needed.push(first.at);
+        needed.sort_unstable();
+        needed.dedup();
+        if needed.len() == index.blocks.len() {
+            return Ok(None);
+        }
+        let mut parts = [index.sections.clone(), index.ends.clone()].concat();
+        for at in needed {
+            file.seek(SeekFrom::Start(at))?;
+            let mut header = [0; HEADER_LEN];
+            file.read_exact(&mut header)?;
+            let header = Header::parse(&header).ok_or(io::ErrorKind::InvalidData)?;
+            parts.push((at, header.block_len() as u64));
+        }
+        parts.sort_unstable();
+        let frames = index.blocks.iter().map(|block| u64::from(block.packets)).sum();
+        Ok(Some(Self { file, parts: parts.into(), frames }))
+    }
+
+    /// The number of frames in the whole recording.
+    pub const fn frames(&self) -> u64 {
+        self.frames
+    }
+}
+
+/// Whether times go on from block to block, so that a stretch of them is one of the file.
+fn is_even(blocks: &[BlockAt]) -> bool {
+    blocks.is_sorted_by(|before, after| {
+        let silence = i128::from(after.times_ns.0) - i128::from(before.times_ns.1);
+        before.times_ns.0 <= after.times_ns.0 && silence < i128::from(LONGEST_SILENCE_NS)
+    })
+}
+
+impl Read for WindowOf {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        while let Some((at, len)) = self.parts.front_mut() {
+            if *len == 0 {
+                self.parts.pop_front();
+                continue;
+            }
+            self.file.seek(SeekFrom::Start(*at))?;
+            let most = buffer.len().min(usize::try_from(*len).unwrap_or(usize::MAX));
+            let read = self.file.read(&mut buffer[..most])?;
+            if read == 0 {
+                return Ok(0);
+            }
+            (*at, *len) = (*at + read as u64, *len - read as u64);
+            return Ok(read);
+        }
+        Ok(0)
+    }
+}

@@ -120,7 +120,7 @@ impl Packer {
             let dir = index(packet.dir);
             let before = &mut self.before[dir];
             let has_other_length = before.len != packet.bytes.len();
-            out.push(dir as u8 * FROM_BOARD | if has_other_length { OTHER_LENGTH } else { 0 });
+            out.push((dir as u8 * FROM_BOARD) | if has_other_length { OTHER_LENGTH } else { 0 });
             if has_other_length {
                 put(&mut lengths, packet.bytes.len() as u64);
                 before.len = packet.bytes.len();

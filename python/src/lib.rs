@@ -9,6 +9,10 @@
 //! - `wait.rs`: waits without Python's lock, and what ends them
 //! - `errors.rs`: errors as exceptions of `ecmsk/errors.py`
 
+// `cargo test --workspace --lib` builds a program of unit tests although there are none: with this code it would have to be
+// linked with Python.
+#![cfg(not(test))]
+
 mod board;
 mod calls;
 mod errors;

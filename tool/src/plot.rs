@@ -46,7 +46,7 @@ use ecmsk::sk::{CommandId, SlotSize};
 use super::board::AxisWord;
 use super::error::CliError;
 use super::filter::{Command, Times, nanoseconds, parse_seconds};
-use super::recording::{self, Framed, Frames, InTime};
+use super::recording::{self, Framed, Frames};
 use super::stderr::say;
 use super::{machine_option, output, slot_size};
 use beside::Other;
@@ -60,6 +60,9 @@ use survey::Survey;
 
 /// The most axes in a plot: there is a distinct colour for each.
 pub const MAX_AXES: usize = 8;
+/// How long before a range a recording in blocks is read to draw it, ns. \[OURS] More than the commands in a full FIFO take,
+/// for whoever draws them has to know which one is executed.
+const READ_BEFORE_NS: i64 = 2_000_000_000;
 /// The number of pixel columns to which a line is thinned: the width of a diagram.
 pub const COLUMNS: u32 = style::WIDTH - style::LEFT - style::RIGHT;
 
@@ -189,8 +192,9 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     }
     let mut survey = Survey::default();
     let device = recording::board(&args.file, args.device)?;
-    let mut recording = Frames::open(&args.file, args.slot_size, device)?;
+    let mut recording = args.open(device)?;
     let Walked { frames, damage, jumps } = walk(&mut recording, i64::MAX, |framed| survey.frame(framed))?;
+    let frames = recording.part_of().unwrap_or(frames);
     recording.note_opened();
     recording.note_missing();
     if let Some(jumps) = jumps {
@@ -206,7 +210,7 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     let other = other.and_then(|other| other.cut(times));
     let window =
         op.cut(times).ok_or_else(|| PlotError::NothingInRange { asked: times.to_string(), op: op.to_string() })?;
-    let reading = Frames::open(&args.file, args.slot_size, device)?.quiet();
+    let reading = args.open(device)?.quiet();
     let panels = args.panels(reading, &asked, &chosen, &survey, window, other.as_ref())?;
     // The time axis ends with the longer one of both recordings.
     let shown = other.map_or(window, |other| window.with(other.window()));
@@ -231,7 +235,7 @@ struct Walked {
 
 /// Calls `show` with every frame of the recording up to `until_ns`, sorted by time.
 fn walk<R: Read>(recording: &mut Frames<R>, until_ns: i64, mut show: impl FnMut(&Framed)) -> Result<Walked, CliError> {
-    let mut order = InTime::default();
+    let mut order = recording.in_time();
     let mut walked = Walked { frames: 0, damage: None, jumps: None };
     for framed in recording {
         match framed {
@@ -258,6 +262,16 @@ impl Args {
     /// The path of the picture: that of `-o`, otherwise the recording's with the extension `.svg`.
     fn output(&self) -> PathBuf {
         self.output.clone().unwrap_or_else(|| self.file.with_extension("svg"))
+    }
+
+    /// Opens the recording: the part that `--from` and `--to` leave, if either is given.
+    fn open(&self, device: Option<Address>) -> Result<Frames<Box<dyn Read>>, RecordError> {
+        if self.from.is_none() && self.to.is_none() {
+            return Frames::open(&self.file, self.slot_size, device);
+        }
+        let from_ns = self.from.map_or(0, |s| nanoseconds(s).saturating_sub(READ_BEFORE_NS));
+        let to_ns = self.to.map_or(i64::MAX, |s| Window::of_times(0, nanoseconds(s)).read_until_ns());
+        Frames::open_part(&self.file, self.slot_size, device, (from_ns, to_ns))
     }
 
     fn asked(&self) -> Result<Asked, CliError> {

@@ -40,6 +40,9 @@ pub enum CliError {
     /// See [`super::migrate::MigrateVerbError`].
     #[error(transparent)]
     Migrate(#[from] super::migrate::MigrateVerbError),
+    /// See [`super::recording_files::RecordingVerbError`].
+    #[error(transparent)]
+    RecordingVerb(#[from] super::recording_files::RecordingVerbError),
     /// See [`super::man::ManError`].
     #[error(transparent)]
     Man(#[from] super::man::ManError),

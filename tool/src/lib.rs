@@ -9,6 +9,7 @@
 //! - `dump.rs`, `plot.rs`, `compare.rs`, `replay.rs`, `summary.rs`, `migrate.rs`: verbs that show recordings, each with a
 //!   folder of its parts; `recording.rs` reads a recording, `filter.rs` selects frames and slots, `kind_list.rs` parses kinds
 //!   of slaves
+//! - `recording_files.rs`: `ecmsk recording`, what is in a recording and its export, in `recording_files/`
 //! - `step.rs`: the verbs that talk to a board (`info`, `move` and others), in `step/`; `script.rs` and `shell.rs` run several
 //!   of them; `board.rs` is the code that they share
 //! - `monitor.rs`, `serve.rs`, `link.rs`, `objects.rs`, `slave.rs`, `list.rs`, `doctor.rs`, `completions.rs`, `man.rs`:
@@ -55,6 +56,7 @@ mod plot;
 mod record_option;
 mod recording;
 mod recording_end;
+mod recording_files;
 mod replay;
 mod script;
 mod serve;
@@ -134,6 +136,7 @@ enum Verb {
     Shell(shell::Args),
     Compare(compare::Args),
     Replay(replay::Args),
+    Recording(recording_files::Args),
     Migrate(migrate::Args),
     Monitor(monitor::Args),
     Link(link::Args),
@@ -183,6 +186,7 @@ impl Verb {
             Self::Shell(args) => Ok(shell::run(&args)?),
             Self::Compare(args) => Ok(compare::run(&args)?),
             Self::Replay(args) => Ok(replay::run(&args)?),
+            Self::Recording(args) => recording_files::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Migrate(args) => Ok(migrate::run(&args)?),
             Self::Monitor(args) => monitor::run(&args),
             Self::Link(args) => link::run(&args).map(|()| ExitCode::SUCCESS),

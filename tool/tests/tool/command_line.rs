@@ -20,6 +20,7 @@ fn the_help_documents_exit_codes_and_every_verb() {
         "compare",
         "replay",
         "migrate",
+        "recording",
         "monitor",
         "info",
         "state",

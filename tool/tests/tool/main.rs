@@ -9,6 +9,7 @@
 //! - `dump_*.rs`, `plot*.rs`, `compare.rs`, `captures.rs`, `filters.rs`, `migrate.rs`: recordings and
 //!   captures, shown, drawn, compared, replayed, and judged
 //! - `recording_end.rs`, `foreign_recording.rs`: recordings that were not ended, and recordings of unknown origin
+//! - `recording_files.rs`: `ecmsk recording`, and recordings in blocks in other verbs
 //! - `verbs.rs`, `moves.rs`, `stop.rs`, `stalled.rs`, `scripts.rs`, `terminal.rs`, `state_failed.rs`, `objects.rs`: verbs that talk
 //!   to a board,
 //!   signals, scripts, the shell
@@ -70,6 +71,7 @@ mod plot_png;
 mod plot_states;
 mod readme_picture;
 mod recording_end;
+mod recording_files;
 mod recordings_page;
 mod scripts;
 mod serve_ethercat;

@@ -1,0 +1,53 @@
+//! Why `ecmsk recording` fails.
+
+use std::io;
+use std::path::PathBuf;
+
+/// Why `ecmsk recording` fails.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingVerbError {
+    /// The ending of the file to write names no format.
+    #[error("{} has no ending that names a format; name it .pcapng, .ecmrec or .csv", .file.display())]
+    Ending {
+        /// The file.
+        file: PathBuf,
+    },
+    /// The recording and the file to write are the same.
+    #[error("{} is the recording itself; name another file", .file.display())]
+    SameFile {
+        /// The file.
+        file: PathBuf,
+    },
+    /// The recording is a capture of another program.
+    #[error(
+        "{} is a capture of another program, which has more than frames of a board; verbs read it as it is, and it can be \
+         exported as .csv",
+        .file.display()
+    )]
+    Capture {
+        /// The capture.
+        file: PathBuf,
+    },
+    /// The recording cannot be read.
+    #[error("cannot read {}: {source}; look at the path and who may read it", .file.display())]
+    Read {
+        /// The recording.
+        file: PathBuf,
+        /// The error of the system.
+        source: io::Error,
+    },
+    /// The file cannot be written.
+    #[error("cannot write {}: {source}; name a file on a disk with room", .file.display())]
+    Write {
+        /// The file.
+        file: PathBuf,
+        /// The error of the system.
+        source: io::Error,
+    },
+    /// There is no report of a board in OP, so a table would be empty.
+    #[error("{} has no report in OP, so that its table has no row; `ecmsk dump` shows its frames", .file.display())]
+    NoRow {
+        /// The recording.
+        file: PathBuf,
+    },
+}

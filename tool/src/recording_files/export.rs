@@ -1,0 +1,180 @@
+//! `ecmsk recording export`.
+
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Read};
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use std::time::{Duration, Instant};
+
+use clap::ValueHint;
+use ecmsk::link::record::{RecordingCopy, make_room};
+use ecmsk::recording::{Address, Lacks, RecordMeta};
+use ecmsk::sk::SlotSize;
+
+use super::super::error::CliError;
+use super::super::recording::{self, Framed, Frames, InTime};
+use super::super::stderr::say;
+use super::super::{output, slot_size};
+use super::RecordingVerbError;
+use super::table::Table;
+
+/// Write a recording in another format: pcapng for Wireshark, .ecmrec, or a table as CSV
+///
+/// The ending of OUT names the format. A table has a row for each report in OP: its time in seconds since the recording's first
+/// frame, what it says of the board, and for each slave its position, statusword, torque and error code, or its inputs, and the
+/// target that was sent last. Its columns are those of the slaves in the first of these reports.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The recording; for CSV also a capture
+    #[arg(value_name = "IN", value_hint = ValueHint::FilePath)]
+    input: PathBuf,
+
+    /// The file to write: .pcapng, .ecmrec or .csv
+    #[arg(value_name = "OUT", value_hint = ValueHint::FilePath)]
+    output: PathBuf,
+
+    /// Replace a file that is there
+    #[arg(long)]
+    overwrite: bool,
+
+    /// In a table, the slaves with these numbers alone; comma list [default: all that the first report in OP has]
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    axes: Vec<u8>,
+
+    /// Bytes of a slot, 12 or 16 [default: from the recording, else from its CRCs]
+    #[arg(long, value_name = "12|16", value_parser = slot_size::parse)]
+    slot_size: Option<SlotSize>,
+
+    /// In a capture with several boards, use the one at BUS.DEVICE
+    #[arg(long, value_name = "BUS.DEVICE", value_parser = recording::parse_device)]
+    device: Option<Address>,
+}
+
+/// # Errors
+/// [`CliError`]
+pub fn run(args: &Args) -> Result<(), CliError> {
+    let (input, output) = (&args.input, &args.output);
+    let same = fs::canonicalize(input).ok().zip(fs::canonicalize(output).ok()).is_some_and(|(a, b)| a == b);
+    if same {
+        return Err(RecordingVerbError::SameFile { file: output.clone() }.into());
+    }
+    let ending = output.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    let device = recording::board(input, args.device)?;
+    let mut frames = Frames::open(input, args.slot_size, device)?;
+    let count = match ending.as_str() {
+        "pcapng" | "ecmrec" => copy(args, &mut frames)?,
+        "csv" => table(args, &mut frames)?,
+        _ => return Err(RecordingVerbError::Ending { file: output.clone() }.into()),
+    };
+    frames.note_missing();
+    Ok(output::print(format!("{}: {count}\n", output.display()))?)
+}
+
+/// Copies all frames to a recording of another format. Returns what was written, in words.
+fn copy(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<String, CliError> {
+    let failed = |source| RecordingVerbError::Write { file: args.output.clone(), source };
+    make_room(&args.output, args.overwrite).map_err(|error| failed(with_hint(error, args.overwrite)))?;
+    let mut progress = Progress::new(&args.input);
+    let mut copy: Option<(Rc<RecordMeta>, RecordingCopy)> = None;
+    let mut count = 0_u64;
+    for framed in frames.by_ref() {
+        let framed = framed?;
+        progress.frame(&framed);
+        let Some(meta) = framed.meta.clone() else {
+            return Err(RecordingVerbError::Capture { file: args.input.clone() }.into());
+        };
+        // Each opening of the board is a recording of its own.
+        if let Some((_, ended)) = copy.take_if(|(of, _)| *of != meta) {
+            ended.end(&Lacks::default()).map_err(failed)?;
+        }
+        let begun = match copy.take() {
+            Some(begun) => begun,
+            None => (Rc::clone(&meta), RecordingCopy::begin(&args.output, &meta).map_err(failed)?),
+        };
+        let (_, writer) = copy.insert(begun);
+        writer.add(framed.recorded).map_err(failed)?;
+        count += 1;
+    }
+    if let Some((_, last)) = copy {
+        last.end(&inherited(frames.lacks().unwrap_or_default())).map_err(failed)?;
+    }
+    Ok(format!("{count} frames"))
+}
+
+/// What a copy lacks: the frames of damaged stretches are missing in it.
+fn inherited(mut lacks: Lacks) -> Lacks {
+    if lacks.damage.count > 0 {
+        lacks.missing += lacks.damage.whole.packets.max(1);
+        lacks.why = Some("they were damaged in the file that was copied".to_owned());
+    }
+    lacks
+}
+
+/// Writes a table of the reports. Returns what was written, in words.
+fn table(args: &Args, frames: &mut Frames<Box<dyn Read>>) -> Result<String, CliError> {
+    let failed = |source| RecordingVerbError::Write { file: args.output.clone(), source };
+    let file = create(&args.output, args.overwrite).map_err(failed)?;
+    let mut progress = Progress::new(&args.input);
+    let mut table = Table::new(BufWriter::new(file), args.axes.clone());
+    let mut order = InTime::default();
+    for framed in frames.by_ref() {
+        let framed = framed?;
+        progress.frame(&framed);
+        if let Some(framed) = order.push(framed) {
+            table.frame(&framed).map_err(failed)?;
+        }
+    }
+    while let Some(framed) = order.pop() {
+        table.frame(&framed).map_err(failed)?;
+    }
+    match table.finish().map_err(failed)? {
+        0 => Err(RecordingVerbError::NoRow { file: args.input.clone() }.into()),
+        rows => Ok(format!("{rows} rows")),
+    }
+}
+
+fn create(file: &Path, overwrite: bool) -> io::Result<File> {
+    if overwrite {
+        return File::create(file);
+    }
+    File::create_new(file).map_err(|error| with_hint(error, overwrite))
+}
+
+/// The error for a file that is there names the option that replaces it.
+fn with_hint(error: io::Error, overwrite: bool) -> io::Error {
+    match error.kind() {
+        io::ErrorKind::AlreadyExists if !overwrite => {
+            io::Error::new(error.kind(), "it is there, and --overwrite is not given")
+        }
+        _ => error,
+    }
+}
+
+/// Says every few seconds how far the reading of a long recording is.
+pub struct Progress<'a> {
+    file: &'a Path,
+    said: Instant,
+    frames: u64,
+}
+
+impl<'a> Progress<'a> {
+    /// The time between two notes. \[OURS]
+    const EVERY: Duration = Duration::from_secs(5);
+    /// The clock is read once in that many frames.
+    const FRAMES: u64 = 4096;
+
+    /// Begins with the reading of a file.
+    pub fn new(file: &'a Path) -> Self {
+        Self { file, said: Instant::now(), frames: 0 }
+    }
+
+    /// Notes that a frame was read.
+    pub fn frame(&mut self, framed: &Framed) {
+        self.frames += 1;
+        if self.frames.is_multiple_of(Self::FRAMES) && self.said.elapsed() >= Self::EVERY {
+            self.said = Instant::now();
+            let (file, frames, seconds) = (self.file.display(), self.frames, framed.time_ns as f64 / 1e9);
+            say("progress", &format_args!("{file}: {frames} frames, up to {seconds:.0} s"));
+        }
+    }
+}

@@ -1,0 +1,125 @@
+//! `ecmsk recording info`.
+
+use std::path::PathBuf;
+
+use clap::ValueHint;
+use ecmsk::recording::{Address, Outline};
+use serde_json::{Value, json};
+
+use super::super::error::CliError;
+use super::super::output;
+use super::super::recording::{self, Frames, link_name};
+use super::RecordingVerbError;
+use super::export::Progress;
+
+/// Say how many frames a recording has, of which time, in how many bytes, and what is damaged
+///
+/// Of a recording in blocks (.ecmrec) only the index is read, which takes a moment however long it is, and with --check all of
+/// it. Other formats have no index and are read to their end.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The recording or capture
+    #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
+    file: PathBuf,
+
+    /// Read all frames, and say what is damaged
+    #[arg(long)]
+    check: bool,
+
+    /// In a capture with several boards, use the one at BUS.DEVICE
+    #[arg(long, value_name = "BUS.DEVICE", value_parser = recording::parse_device)]
+    device: Option<Address>,
+
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// What is said of a recording.
+#[derive(Default)]
+struct Info {
+    frames: u64,
+    times_ns: Option<(u64, u64)>,
+    link: Option<String>,
+    /// What it lacks, in words; `None` if it was not read for that.
+    lacks: Option<String>,
+}
+
+/// # Errors
+/// [`CliError`]
+pub fn run(args: &Args) -> Result<(), CliError> {
+    let outline =
+        Outline::of(&args.file).map_err(|source| RecordingVerbError::Read { file: args.file.clone(), source })?;
+    let size = std::fs::metadata(&args.file).map_or(0, |metadata| metadata.len());
+    let info = match &outline {
+        Some(outline) if !args.check => Info {
+            frames: outline.frames,
+            times_ns: outline.times_ns,
+            link: first_link(args)?,
+            lacks: (outline.ended < outline.recordings).then(|| "the end: the recording was not ended".to_owned()),
+        },
+        _ => read(args)?,
+    };
+    let seconds = info.times_ns.map_or(0.0, |(first, last)| last.saturating_sub(first) as f64 / 1e9);
+    if args.json {
+        let blocks = outline.as_ref().map(blocks_json);
+        let object = json!({"file": args.file.display().to_string(), "bytes": size, "frames": info.frames, "seconds": seconds,
+            "first_ns": info.times_ns.map(|times| times.0), "last_ns": info.times_ns.map(|times| times.1),
+            "link": info.link, "lacks": info.lacks, "checked": args.check || outline.is_none(), "blocks": blocks});
+        return Ok(output::print(format!("{object}\n"))?);
+    }
+    let per_frame = size as f64 / info.frames.max(1) as f64;
+    let mut text = format!(
+        "{}: {} frames, {seconds:.3} s, {size} bytes ({per_frame:.1} a frame)\n",
+        args.file.display(),
+        info.frames
+    );
+    if let Some(link) = &info.link {
+        text += &format!("link: {link}\n");
+    }
+    match &outline {
+        Some(Outline { recordings, blocks, pieces, has_index, .. }) => {
+            let index = if *has_index { "with an index" } else { "without an index of all of them" };
+            let many = if *recordings == 1 { "" } else { "s" };
+            text += &format!("blocks: {blocks} and {pieces} pieces in {recordings} recording{many}, {index}\n");
+        }
+        None => text += "blocks: none, it is no recording in blocks (.ecmrec)\n",
+    }
+    match &info.lacks {
+        Some(lacks) => text += &format!("lacks: {lacks}\n"),
+        None if args.check || outline.is_none() => text += "lacks: nothing is known to be missing\n",
+        None => text += "lacks: not looked for; --check reads all frames\n",
+    }
+    Ok(output::print(text)?)
+}
+
+fn blocks_json(outline: &Outline) -> Value {
+    let Outline { recordings, ended, blocks, pieces, has_index, .. } = outline;
+    json!({"recordings": recordings, "ended": ended, "blocks": blocks, "pieces": pieces, "has_index": has_index})
+}
+
+/// The link of the first recording in the file.
+fn first_link(args: &Args) -> Result<Option<String>, CliError> {
+    let mut frames = Frames::open(&args.file, None, args.device)?.quiet();
+    let first = frames.next().transpose()?;
+    Ok(first.and_then(|framed| framed.meta.as_deref().map(link_name)))
+}
+
+/// Reads all frames.
+fn read(args: &Args) -> Result<Info, CliError> {
+    let device = recording::board(&args.file, args.device)?;
+    let mut frames = Frames::open(&args.file, None, device)?.quiet();
+    let mut info = Info::default();
+    let mut progress = Progress::new(&args.file);
+    for framed in &mut frames {
+        let framed = framed?;
+        let at_ns = framed.recorded.at_ns;
+        let (first, last) = info.times_ns.get_or_insert((at_ns, at_ns));
+        (*first, *last) = ((*first).min(at_ns), (*last).max(at_ns));
+        info.link = info.link.or_else(|| framed.meta.as_deref().map(link_name));
+        info.frames += 1;
+        progress.frame(&framed);
+    }
+    info.lacks = frames.lacks().map(|lacks| lacks.to_string());
+    Ok(info)
+}

@@ -80,9 +80,11 @@ impl Ahead {
         let can = |step: &&Step| !step.needs.iter().any(|need| missing.contains(need));
         let steps: Vec<&str> = STEPS.iter().filter(can).map(|step| step.name).collect();
         let program = std::env::current_exe().map_err(Error::file("find", "this program".as_ref()))?;
-        let mut nice = Command::new("nice");
-        nice.current_dir(&project.root).args(["-n", "19"]).arg(program).arg("ahead").args(steps);
-        Self::spawn(nice, project.target.join("xtask/ahead.log"))
+        let mut command = Command::new(program);
+        command.current_dir(&project.root).arg("ahead").args(steps);
+        let ahead = Self::spawn(command, project.target.join("xtask/ahead.log"))?;
+        ahead.set_niceness("19");
+        Ok(ahead)
     }
 
     fn spawn(mut command: Command, log: PathBuf) -> Result<Self, Error> {
@@ -94,11 +96,16 @@ impl Ahead {
         Ok(Self { child, log })
     }
 
+    /// Sets the niceness of the process and all that it has started, if this user may do that.
+    fn set_niceness(&self, niceness: &str) {
+        let group = self.child.id().to_string();
+        command::succeeds(Command::new("renice").args(["-n", niceness, "-g", &group]));
+    }
+
     /// Waits until everything is made, as far as it succeeds. Nothing else is to be done meanwhile, so that the process gets
     /// the usual priority, if this user may do that.
     pub fn wait(mut self) -> Result<(), Error> {
-        let group = self.child.id().to_string();
-        command::succeeds(Command::new("renice").args(["-n", "0", "-g", &group]));
+        self.set_niceness("0");
         // `Child::wait` would close the pipe first, at whose end the process ends.
         let stdin = self.child.stdin.take();
         let status: ExitStatus = self.child.wait().map_err(Error::file("wait for what writes", &self.log))?;
@@ -119,6 +126,8 @@ impl Drop for Ahead {
 
 #[cfg(test)]
 mod tests {
+    use std::io::Write as _;
+
     use super::*;
 
     fn shell(line: &str) -> (tempfile::TempDir, Ahead) {
@@ -134,6 +143,16 @@ mod tests {
         let (folder, ahead) = shell("echo out; echo err >&2; sleep 0.2; echo last; exit 3");
         ahead.wait().unwrap();
         assert_eq!(fs::read_to_string(folder.path().join("below/ahead.log")).unwrap(), "out\nerr\nlast\n");
+    }
+
+    /// Its niceness is that of all that it starts.
+    #[test]
+    fn what_it_starts_is_as_nice() {
+        let (folder, ahead) = shell("read go; nice; cat");
+        ahead.set_niceness("19");
+        ahead.child.stdin.as_ref().unwrap().write_all(b"go\n").unwrap();
+        drop(ahead);
+        assert_eq!(fs::read_to_string(folder.path().join("below/ahead.log")).unwrap(), "19\n");
     }
 
     /// It has a process group of its own, and ends when the pipe to it is closed.

@@ -1,16 +1,10 @@
 //! Follows a recorded run frame by frame: what each axis did in OP, as columns, and what went wrong.
 
 use ecmsk::link::Dir;
-use ecmsk::recording::{Entry, Execution, ExecutionReport, Kinds, NO_ORDERS};
+use ecmsk::recording::{Entry, ExecutionReport, RunExecution};
 use ecmsk::sk::dump::MAX_SLAVES;
-use ecmsk::sk::{
-    CommandId, DriveResponse, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, SlaveCommand, SlaveKind,
-    SlotCommand, SlotSize,
-};
+use ecmsk::sk::{CommandId, DriveResponse, Frame, SlaveCommand, SlaveKind, SlotSize};
 use ecmsk::summary::{FrameWatch, Summary};
-
-/// The cycle time of a board to which no SET_DC was sent (UG 1.7), in nanoseconds.
-const DEFAULT_CYCLE_NS: i64 = 1_000_000;
 
 /// What an axis did, one value for each report in OP.
 #[derive(Default)]
@@ -61,9 +55,7 @@ impl Columns {
 /// Follows a run frame by frame, in the order of time.
 pub struct Reader {
     pub axes: Vec<Columns>,
-    kinds: Kinds,
-    execution: Execution,
-    in_op: bool,
+    run: RunExecution,
     pub watch: FrameWatch,
     pub summary: Summary,
     size: SlotSize,
@@ -74,9 +66,7 @@ impl Reader {
     pub fn new(size: SlotSize) -> Self {
         Self {
             axes: (0..MAX_SLAVES).map(|_| Columns::default()).collect(),
-            kinds: Kinds::new(None),
-            execution: Execution::new(DEFAULT_CYCLE_NS),
-            in_op: false,
+            run: RunExecution::new(),
             watch: FrameWatch::new(size),
             summary: Summary::default(),
             size,
@@ -89,7 +79,7 @@ impl Reader {
         match dir {
             Dir::Write => {
                 self.watch.command(at_ns, frame);
-                self.command(at_ns, frame);
+                self.run.command(at_ns, frame, self.size);
             }
             Dir::Read => {
                 let summary = &mut self.summary;
@@ -99,45 +89,24 @@ impl Reader {
         }
     }
 
-    fn command(&mut self, at_ns: i64, frame: &Frame) {
-        self.kinds.command(frame, self.size);
-        let master = MasterCommand::decode(&frame.slot(self.size, 0), self.size);
-        if !self.in_op {
-            if let Ok(MasterCommand::SetDc { cycle, .. }) = master {
-                self.execution = Execution::new(i64::from(cycle.us()).max(1) * 1000);
-            }
-            return;
-        }
-        let mut orders = NO_ORDERS;
-        for (slave, order) in (1..=self.size.max_slaves()).zip(&mut orders) {
-            *order = SlotCommand::decode(&frame.slot(self.size, slave), self.size).ok().map(|slot| slot.command);
-        }
-        self.execution.command(at_ns, orders, master == Ok(MasterCommand::SetFifo(FifoAction::Clear)));
-    }
-
     fn report(&mut self, at_ns: i64, frame: &Frame) {
-        self.kinds.response(frame, self.size);
-        let board = MasterResponse::decode(&frame.slot(self.size, 0));
-        self.in_op = board.state.state() == Some(MasterState::Op);
-        if !self.in_op || board.state.is_failed() {
-            // The slots of lost slaves repeat their last values.
-            self.execution.reset();
-            self.axes.iter_mut().for_each(|axis| axis.in_force = None);
-            return;
-        }
-        let is_certain = match self.execution.report(at_ns, &board) {
-            ExecutionReport::Executed { entries, .. } => {
+        let is_certain = match self.run.report(at_ns, frame, self.size) {
+            None => {
+                self.axes.iter_mut().for_each(|axis| axis.in_force = None);
+                return;
+            }
+            Some(ExecutionReport::Executed { entries, .. }) => {
                 entries.iter().for_each(|entry| self.execute(entry));
                 true
             }
-            ExecutionReport::Later => false,
-            ExecutionReport::Unknown => {
+            Some(ExecutionReport::Later) => false,
+            Some(ExecutionReport::Unknown) => {
                 self.axes.iter_mut().for_each(|axis| axis.in_force = None);
                 false
             }
         };
         for (slave, axis) in (1..=self.size.max_slaves()).zip(&mut self.axes) {
-            let kind = self.kinds.of(slave);
+            let kind = self.run.kind(slave);
             if axis.is_axis || matches!(kind, Some(SlaveKind::Drive | SlaveKind::Step | SlaveKind::Hsp)) {
                 let drive = DriveResponse::decode(&frame.slot(self.size, slave));
                 axis.report(at_ns, &drive, kind == Some(SlaveKind::Hsp), is_certain);

@@ -19,6 +19,7 @@
 //! - `order.rs`, `timeline.rs`: the order of frames in time, and their times.
 //! - `size.rs`, `slave_kinds.rs`: the slot size, and the kinds of the slaves.
 //! - `executed.rs`, `execution.rs`: which commands the board has executed; the commands themselves, with their times.
+//! - `run_execution.rs`: the same from the frames of a whole run.
 
 mod address;
 mod devices;
@@ -35,6 +36,7 @@ mod outline;
 mod pending;
 mod reader;
 mod recorded;
+mod run_execution;
 mod size;
 mod slave_kinds;
 mod timeline;
@@ -52,6 +54,7 @@ pub use order::InOrder;
 pub use outline::Outline;
 pub use reader::{Recording, board_in};
 pub use recorded::Recorded;
+pub use run_execution::RunExecution;
 pub use size::{SizeFinder, SizeFrom};
 pub use slave_kinds::Kinds;
 pub use timeline::{Jumps, LONGEST_SILENCE_NS, Timeline};

@@ -2,19 +2,14 @@
 
 use ecmsk::link::Dir;
 use ecmsk::machine_file::{MachineAxis, MachineFile, Unit};
-use ecmsk::recording::{Entry, Execution, ExecutionReport, Kinds, NO_ORDERS};
+use ecmsk::recording::{Entry, ExecutionReport, RunExecution};
 use ecmsk::sk::dump::MAX_SLAVES;
-use ecmsk::sk::{
-    CommandId, DriveResponse, FifoAction, MasterCommand, MasterResponse, MasterState, SlaveCommand, SlaveKind,
-    SlotCommand,
-};
+use ecmsk::sk::{CommandId, DriveResponse, SlaveCommand, SlaveKind};
 use serde_json::{Value, json};
 
 use crate::machine_option::{in_unit, label};
 use crate::recording::Framed;
 
-/// The cycle time of a board to which no SET_DC was sent (UG 1.7), in nanoseconds.
-const DEFAULT_CYCLE_NS: i64 = 1_000_000;
 /// \[OURS] No velocity is computed between two reports that are more than this many cycles apart.
 const CYCLES_APART_MAX: i64 = 8;
 
@@ -161,21 +156,12 @@ impl Axis {
 /// Finds the extremes of all axes in the frames of a run, sorted by time.
 pub struct Extremes {
     axes: Vec<Axis>,
-    kinds: Kinds,
-    execution: Execution,
-    cycle_ns: i64,
-    in_op: bool,
+    run: RunExecution,
 }
 
 impl Extremes {
     pub fn new() -> Self {
-        Self {
-            axes: (0..MAX_SLAVES).map(|_| Axis::default()).collect(),
-            kinds: Kinds::new(None),
-            execution: Execution::new(DEFAULT_CYCLE_NS),
-            cycle_ns: DEFAULT_CYCLE_NS,
-            in_op: false,
-        }
+        Self { axes: (0..MAX_SLAVES).map(|_| Axis::default()).collect(), run: RunExecution::new() }
     }
 
     /// The extremes of each slave that is an axis, with its number from 1.
@@ -186,56 +172,38 @@ impl Extremes {
     /// Takes the next frame.
     pub fn frame(&mut self, framed: &Framed) {
         match framed.recorded.dir {
-            Dir::Write => self.command(framed),
+            Dir::Write => self.run.command(framed.time_ns, &framed.recorded.frame, framed.size),
             Dir::Read => self.report(framed),
         }
     }
 
-    fn command(&mut self, framed: &Framed) {
-        let (frame, size) = (&framed.recorded.frame, framed.size);
-        self.kinds.command(frame, size);
-        let master = MasterCommand::decode(&frame.slot(size, 0), size);
-        if !self.in_op {
-            if let Ok(MasterCommand::SetDc { cycle, .. }) = master {
-                self.cycle_ns = i64::from(cycle.us()).max(1) * 1000;
-                self.execution = Execution::new(self.cycle_ns);
-            }
-            return;
-        }
-        let mut orders = NO_ORDERS;
-        for (slave, order) in (1..=size.max_slaves()).zip(&mut orders) {
-            *order = SlotCommand::decode(&frame.slot(size, slave), size).ok().map(|slot| slot.command);
-        }
-        let clears = master == Ok(MasterCommand::SetFifo(FifoAction::Clear));
-        self.execution.command(framed.time_ns, orders, clears);
-    }
-
     fn report(&mut self, framed: &Framed) {
         let (frame, size, at_ns) = (&framed.recorded.frame, framed.size, framed.time_ns);
-        self.kinds.response(frame, size);
-        let board = MasterResponse::decode(&frame.slot(size, 0));
-        self.in_op = board.state.state() == Some(MasterState::Op);
-        if !self.in_op || board.state.is_failed() {
-            // In state 0x18 the slots of lost slaves repeat their last values, so nothing is computed from them.
-            self.execution.reset();
-            self.axes.iter_mut().for_each(|axis| (axis.target, axis.position) = (None, None));
-            return;
-        }
-        let is_certain = match self.execution.report(at_ns, &board) {
-            ExecutionReport::Executed { entries, .. } => {
+        let is_certain = match self.run.report(at_ns, frame, size) {
+            None => {
+                self.axes.iter_mut().for_each(|axis| (axis.target, axis.position) = (None, None));
+                return;
+            }
+            Some(ExecutionReport::Executed { entries, .. }) => {
                 entries.iter().for_each(|entry| self.execute(entry));
                 true
             }
-            ExecutionReport::Later => false,
-            ExecutionReport::Unknown => {
+            Some(ExecutionReport::Later) => false,
+            Some(ExecutionReport::Unknown) => {
                 self.axes.iter_mut().for_each(|axis| axis.target = None);
                 false
             }
         };
         for (slave, axis) in (1..=size.max_slaves()).zip(&mut self.axes).filter(|(_, axis)| axis.is_axis) {
             // An HSP (a pulse module) has inputs where a drive has its torque.
-            let is_drive = self.kinds.of(slave) != Some(SlaveKind::Hsp);
-            axis.report(at_ns, self.cycle_ns, &DriveResponse::decode(&frame.slot(size, slave)), is_drive, is_certain);
+            let is_drive = self.run.kind(slave) != Some(SlaveKind::Hsp);
+            axis.report(
+                at_ns,
+                self.run.cycle_ns(),
+                &DriveResponse::decode(&frame.slot(size, slave)),
+                is_drive,
+                is_certain,
+            );
         }
     }
 

@@ -11,7 +11,7 @@ use crate::command;
 use crate::error::Error;
 use crate::project::Project;
 
-/// A board with an axis, and the answer of the tool to `step move 1=1000`.
+/// A board with an axis.
 const LINK: &str = "sim:?slaves=drive&clock=virtual";
 
 /// Unpacks the Debian packages into one folder, compiles and runs a program with the library and with its archive, and moves a
@@ -46,9 +46,9 @@ pub fn test(project: &Project, packages: &ForLinux, emulator: &str, version: &st
     };
     let tool = root.join("usr/bin/ecmsk");
     expect("ecmsk --version", emulated(&tool, &["--version"])?, &format!("ecmsk {version}\n"))?;
-    let moved = emulated(&tool, &["--json", "move", "1=1000"])?;
-    if !moved.contains("1000") {
-        expect("ecmsk --json move 1=1000", moved, "a line with 1000")?;
+    let moved = emulated(&tool, &["move", "1=1000", "--up", "--json"])?;
+    if !moved.contains(r#""position_counts":1000,"#) {
+        expect("ecmsk move 1=1000 --up --json", moved, "a line with the position 1000")?;
     }
     for is_static in [false, true] {
         let program = compile(machine, &root, is_static)?;

@@ -90,8 +90,7 @@ impl Booted {
 
     /// Runs two guests at the same time, each with one of these sets of arguments; returns the output of both.
     fn run_two(&self, words: [&[&str]; 2]) -> Result<Vec<String>, Error> {
-        let logs = ["console.log", "console-2.log"].map(|log| self.folder.join(log));
-        qemu::boot_two(&self.machine(), words, &logs, qemu::is_result)
+        qemu::boot_two(&self.machine(), words, &self.folder, qemu::is_result)
     }
 
     fn machine(&self) -> Machine<'_> {

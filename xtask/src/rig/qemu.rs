@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc;
 use std::thread;
@@ -84,18 +84,18 @@ pub fn boot(
     Err(Error::Guest { why, log: log.to_owned() })
 }
 
-/// Boots two guests at the same time, each with one of these sets of arguments and its own log, because a guest has one
-/// processor. Returns the lines of both.
+/// Boots two guests at the same time, each with one of these sets of arguments and its own log in the folder, because a guest
+/// has one processor. Returns the lines of both.
 pub fn boot_two(
     machine: &Machine<'_>,
     words: [&[&str]; 2],
-    logs: &[PathBuf; 2],
+    folder: &Path,
     is_shown: fn(&str) -> bool,
 ) -> Result<Vec<String>, Error> {
     let [first, second] = words.map(|words| words.iter().map(|&word| word.to_owned()).collect::<Vec<_>>());
     let (first, second) = thread::scope(|scope| {
-        let first = scope.spawn(|| boot(machine, &first, &logs[0], is_shown));
-        let second = boot(machine, &second, &logs[1], is_shown);
+        let first = scope.spawn(|| boot(machine, &first, &folder.join("console.log"), is_shown));
+        let second = boot(machine, &second, &folder.join("console-2.log"), is_shown);
         (first.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)), second)
     });
     Ok([first?, second?].concat())

@@ -126,8 +126,7 @@ impl Guest {
 
     /// Runs two guests at the same time; returns the output of both.
     fn run_two(&self, words: [&[&str]; 2]) -> Result<Vec<String>, Error> {
-        let logs = ["console.log", "console-2.log"].map(|log| self.folder.join(log));
-        self.with_machine(|machine| qemu::boot_two(machine, words, &logs, qemu::is_result))
+        self.with_machine(|machine| qemu::boot_two(machine, words, &self.folder, qemu::is_result))
     }
 
     fn with_machine<T>(&self, call: impl FnOnce(&Machine<'_>) -> T) -> T {

@@ -37,7 +37,7 @@ pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// What a board and its streams share.
+/// An opened board, and what ends the waits of its threads. The board and its streams have it in common.
 pub struct Shared {
     /// The board; `None` once it is closed.
     opened: Mutex<Option<Arc<Ecm>>>,

@@ -1,10 +1,8 @@
 //! What is in a recording in blocks, by its index, without reading its frames.
 
-use std::fs::File;
-use std::io::{self, Read};
+use std::io;
 use std::path::Path;
 
-use super::file_formats::ecmrec::header::MAGIC;
 use super::file_formats::ecmrec::index::Index;
 
 /// What is in a recording in blocks (`.ecmrec`).
@@ -33,14 +31,7 @@ impl Outline {
     /// # Errors
     /// The file cannot be read.
     pub fn of(path: &Path) -> io::Result<Option<Self>> {
-        let mut file = File::open(path)?;
-        let len = file.metadata()?.len();
-        let mut begin = Vec::new();
-        (&mut file).take(MAGIC.len() as u64).read_to_end(&mut begin)?;
-        if begin != MAGIC {
-            return Ok(None);
-        }
-        let Index { sections, ends, blocks, is_whole } = Index::read(&mut file, len)?;
+        let Some((_, Index { sections, ends, blocks, is_whole })) = Index::open(path)? else { return Ok(None) };
         let pieces = blocks.iter().filter(|block| block.is_piece).count() as u64;
         let first_ns = blocks.iter().map(|block| block.times_ns.0).min();
         let last_ns = blocks.iter().map(|block| block.times_ns.1).max();

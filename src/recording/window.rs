@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::Path;
 
-use super::file_formats::ecmrec::header::{HEADER_LEN, Header, MAGIC};
+use super::file_formats::ecmrec::header::{HEADER_LEN, Header};
 use super::file_formats::ecmrec::index::{BlockAt, Index};
 use super::timeline::LONGEST_SILENCE_NS;
 
@@ -31,14 +31,7 @@ impl WindowOf {
     /// # Errors
     /// The file cannot be read.
     pub fn open(path: &Path, from_ns: i64, to_ns: i64) -> io::Result<Option<Self>> {
-        let mut file = File::open(path)?;
-        let len = file.metadata()?.len();
-        let mut begin = Vec::new();
-        (&mut file).take(MAGIC.len() as u64).read_to_end(&mut begin)?;
-        if begin != MAGIC {
-            return Ok(None);
-        }
-        let index = Index::read(&mut file, len)?;
+        let Some((mut file, index)) = Index::open(path)? else { return Ok(None) };
         let Some(first) = index.blocks.first().filter(|_| is_even(&index.blocks)) else { return Ok(None) };
         let at = |ns: i64| first.times_ns.0.saturating_add_signed(ns);
         let is_inside = |block: &BlockAt| block.times_ns.1 >= at(from_ns) && block.times_ns.0 <= at(to_ns);

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Once;
 
+use ecmsk::cia402::error_name;
 use ecmsk::machine_file::{FILE_NAME, MachineAxis, MachineFile, MachineFileError, Unit};
 
 use super::link_option::belongs_to_user;
@@ -49,6 +50,11 @@ pub fn in_unit(axis: &MachineAxis, counts: f64) -> String {
     let per_unit = axis.scale.counts_per_unit;
     let decimals = per_unit.abs().log10().ceil().clamp(0.0, DECIMALS_MAX) as usize;
     format!("{:.decimals$} {}", counts / per_unit, axis.unit)
+}
+
+/// What an error code (0x603F) of a slave means: as the machine file says it, else as CiA 402 does.
+pub fn alarm_words(machine: Option<&MachineFile>, slave: u8, code: u16) -> &str {
+    machine.and_then(|machine| machine.alarm_text(slave, code)).unwrap_or_else(|| error_name(code))
 }
 
 /// The name of an axis, as messages have it: `X`, or the number of its slave.

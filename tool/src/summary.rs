@@ -24,7 +24,7 @@ use extremes::Extremes;
 use fail_on::FailOn;
 
 use super::error::CliError;
-use super::machine_option::label;
+use super::machine_option::{alarm_words, label};
 use super::recording::{Framed, Frames, board, parse_device};
 use super::stderr::say;
 use super::{machine_option, output, slot_size};
@@ -149,8 +149,7 @@ pub fn json(summary: &Summary, machine: Option<&MachineFile>) -> Value {
     let alarms: Vec<_> = summary
         .alarms()
         .map(|(alarm, times)| {
-            let own = machine.and_then(|machine| machine.alarm_text(alarm.slave, alarm.code));
-            let meaning = own.unwrap_or_else(|| ecmsk::cia402::error_name(alarm.code));
+            let meaning = alarm_words(machine, alarm.slave, alarm.code);
             object!({"slave": alarm.slave, "error_code": alarm.code, "meaning": meaning, "times": times})
         })
         .collect();

@@ -136,7 +136,7 @@ fn begin<R: Read>(input: &mut Input<R>) -> Result<Parser, RecordError> {
             Err(PcapError::IncompleteBuffer) if is_pcapng => fill_more(input)?,
             Err(PcapError::IncompleteBuffer) if input.fill()? => {}
             // Neither of both. It need not begin with a block that can be read: that may be the damaged one.
-            Err(_) if !is_pcapng && Reader::finds_block(input)? => return Ok(Parser::Ecmrec(Box::default())),
+            Err(_) if !is_pcapng && Reader::finds_block(input) => return Ok(Parser::Ecmrec(Box::default())),
             Err(_) if !is_pcapng => return Err(RecordError::NotACapture { name: input.name().to_owned() }),
             Err(error) => return Err(malformed(input.name(), 0, &error)),
         }

@@ -3,12 +3,13 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use ecmsk::cia402::error_name;
 use ecmsk::engine::{Counters, Firmware};
 use ecmsk::machine_file::{MachineAxis, MachineFile};
 use ecmsk::recording::Kinds;
 use ecmsk::sk::dump::{MAX_SLAVES, ResponseDump, SlotLine};
 use ecmsk::sk::{Frame, MasterResponse, SlaveKind, SlotSize};
+
+use crate::machine_option::alarm_words;
 
 /// A board that has made no report for this long is shown as silent. \[OURS]
 const SILENT: Duration = Duration::from_secs(1);
@@ -88,9 +89,7 @@ impl View {
 
     /// What an error code of a slot's slave means: as the machine file says it, else as CiA 402 does.
     pub fn alarm_text(&self, slot: usize, code: u16) -> &str {
-        let slave = u8::try_from(slot).ok();
-        let own = slave.zip(self.machine.as_ref()).and_then(|(slave, machine)| machine.alarm_text(slave, code));
-        own.unwrap_or_else(|| error_name(code))
+        alarm_words(self.machine.as_deref(), u8::try_from(slot).unwrap_or(u8::MAX), code)
     }
 }
 

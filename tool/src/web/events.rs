@@ -8,6 +8,8 @@ use ecmsk::sk::{DriveResponse, Frame, MasterResponse, SlaveKind, SlotSize, State
 use ecmsk::summary::{FrameEvent, FrameWatch};
 use serde::Serialize;
 
+use crate::machine_option::alarm_words;
+
 /// The most events that are kept; a page has no use for more. \[OURS]
 const EVENTS_MAX: usize = 5000;
 /// FIFO-full counts that rise within this time are one event, ns. \[OURS]
@@ -148,8 +150,7 @@ impl Events {
         }
         for found in seen {
             let FrameEvent::Alarm(alarm) = found else { continue };
-            let own = machine.and_then(|machine| machine.alarm_text(alarm.slave, alarm.code));
-            let meaning = own.unwrap_or_else(|| ecmsk::cia402::error_name(alarm.code));
+            let meaning = alarm_words(machine, alarm.slave, alarm.code);
             let text = format!("alarm 0x{:04X}: {meaning}", alarm.code);
             self.add(Event { code: Some(alarm.code), ..event(alarm.slave, EventKind::Alarm, text) });
         }

@@ -5,7 +5,9 @@
 //! ([`Header::has_orders`]). Distances stay right if files are joined. A recording that was not ended has no index for
 //! its last part; then the headers of all blocks are read.
 
+use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
+use std::path::Path;
 
 use super::header::{HEADER_LEN, Header, Kind, MAGIC};
 use super::section::End;
@@ -72,6 +74,22 @@ pub(crate) struct Index {
 }
 
 impl Index {
+    /// Opens a file; `None` if it is no recording in blocks.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn open(path: &Path) -> io::Result<Option<(File, Self)>> {
+        let mut file = File::open(path)?;
+        let len = file.metadata()?.len();
+        let mut begin = Vec::new();
+        (&mut file).take(MAGIC.len() as u64).read_to_end(&mut begin)?;
+        if begin != MAGIC {
+            return Ok(None);
+        }
+        let index = Self::read(&mut file, len)?;
+        Ok(Some((file, index)))
+    }
+
     /// The index of a file with `len` bytes.
     ///
     /// # Errors

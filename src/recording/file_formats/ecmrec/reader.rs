@@ -41,10 +41,10 @@ pub(in crate::recording::file_formats) struct Reader {
 
 impl Reader {
     /// Whether there is the beginning of a block among the next bytes, as far as they were read.
-    pub fn finds_block<R: Read>(input: &Input<R>) -> Result<bool, RecordError> {
+    pub fn finds_block<R: Read>(input: &Input<R>) -> bool {
         let bytes = input.bytes();
         let begins = |at: &usize| Header::parse(&bytes[*at..]).is_some();
-        Ok(bytes.starts_with(&MAGIC) || places(bytes).any(|at| begins(&at)))
+        bytes.starts_with(&MAGIC) || places(bytes).any(|at| begins(&at))
     }
 
     /// The next item; `None` at the end of the file.
@@ -92,7 +92,7 @@ impl Reader {
                 return Ok(false);
             }
             let Some(header) = Header::parse(input.bytes()) else {
-                self.skip_to_block(input)?;
+                self.skip_to_block(input);
                 continue;
             };
             let is_whole = input.has(header.block_len())? && is_whole(&header, input.bytes());
@@ -134,13 +134,12 @@ impl Reader {
     }
 
     /// Skips bytes up to the next ones that may begin a block.
-    fn skip_to_block<R: Read>(&mut self, input: &mut Input<R>) -> Result<(), RecordError> {
+    fn skip_to_block<R: Read>(&mut self, input: &mut Input<R>) {
         let found = places(&input.bytes()[1..]).next().map(|at| at + 1);
         // Magic numbers may be cut by the end of what was read.
         let all = input.bytes().len();
         let skipped = found.unwrap_or_else(|| all.saturating_sub(MAGIC.len() - 1).max(1));
         self.skip(input, skipped);
-        Ok(())
     }
 
     /// Adds what was lost to the items. `next_ns`: the time at which reading goes on.

@@ -271,9 +271,15 @@ impl<E: Entry> BlockWriter<E> {
     }
 
     /// Stops the recording. On a full disk the entries may still find room as a block, which is shorter than the pieces
-    /// that it replaces.
+    /// that it replaces; if not, as many of them do as there are in the pieces.
     fn fail(&mut self, error: &io::Error) {
-        if self.write_block(0).is_err() {
+        let mut written = self.write_block(0);
+        if written.is_err() {
+            self.loss.add((self.entries.len() - self.in_pieces) as u64);
+            self.entries.truncate(self.in_pieces);
+            written = self.write_block(0);
+        }
+        if written.is_err() {
             self.loss.add(self.entries.len() as u64);
             self.entries.clear();
             let _ = self.sink.truncate_by(std::mem::take(&mut self.pieces_bytes));

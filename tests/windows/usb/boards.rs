@@ -4,26 +4,40 @@
 use ecmsk::link::Dir;
 use serde_json::{Value, json};
 
-use crate::program::{Program, Width, passes};
+use crate::program::{Program, Width, listed, passes};
 use support::served::{Board, Served, recorded, until};
 
 /// A board that sends a report each millisecond; one that sends none.
 pub const BOARD: &str = "sim:?slaves=io";
 const SILENT: &str = "sim:?slaves=io&fault.drop.read=1";
 
-/// A board that is plugged in and visible to the kernel.
+/// A board that is plugged in and visible to programs.
 #[track_caller]
 pub fn plugged(link: &str) -> Served {
-    let served = Served::start(&[link], &["--attach"]);
-    until("the kernel shows it", || Board::all().pop());
+    plugged_in(&[link], &["--attach"])
+}
+
+/// Boards that are plugged in and visible to programs.
+#[track_caller]
+fn plugged_in(links: &[&str], options: &[&str]) -> Served {
+    let served = Served::start(links, options);
+    shows(links.len());
     served
 }
 
-/// Unplugs it, and waits until the kernel has removed it.
+/// Unplugs it, and waits until programs see none.
 #[track_caller]
 pub fn unplug(served: Served) {
     served.kill();
-    until("it is gone", || Board::all().is_empty().then_some(()));
+    shows(0);
+}
+
+/// Waits until the kernel and then Wine show this number of boards: Wine learns of a change later than the kernel, on a busy
+/// machine much later. Until then a program may open a board that is gone, or none.
+#[track_caller]
+fn shows(boards: usize) {
+    until(&format!("the kernel shows {boards}"), || (Board::all().len() == boards).then_some(()));
+    until(&format!("Wine shows {boards}"), || (listed() == boards).then_some(()));
 }
 
 crate::for_each_width! {
@@ -41,7 +55,7 @@ crate::for_each_width! {
             assert_eq!(frame.bytes()[16..20], number.to_le_bytes());
             assert_eq!(frame.bytes()[504..], [number as u8; 8]);
         }
-        until("it is gone", || Board::all().is_empty().then_some(()));
+        shows(0);
     }
 
     /// LIB-42, WIN-40 Without a board Open returns false and the text says what to do.
@@ -124,8 +138,7 @@ crate::for_each_width! {
     /// WIN-40 Of two boards one has to be chosen, by its serial number or by its USB port, which the error names.
     #[test]
     fn one_of_two_boards_is_chosen(width: Width) {
-        let served = Served::start(&["sim:?name=a", "sim:?name=b"], &["--attach", "--serial", "A", "--serial", "B"]);
-        until("the kernel shows both", || (Board::all().len() == 2).then_some(()));
+        let served = plugged_in(&["sim:?name=a", "sim:?name=b"], &["--attach", "--serial", "A", "--serial", "B"]);
         passes(width, "board", "usb:", &["none", "there are 2", "serial A", "serial B", "usb:?path="]);
         passes(width, "board", "usb:?serial=C", &["none", "none with serial number C"]);
         passes(width, "board", "usb:?serial=B", &["moves", "5"]);
@@ -152,8 +165,7 @@ crate::for_each_width! {
     /// that it can be opened.
     #[test]
     fn the_tool_finds_a_board(width: Width) {
-        let served = Served::start(&["sim:?slaves=drive*2"], &["--attach", "--serial", "A-7"]);
-        until("the kernel shows it", || Board::all().pop());
+        let served = plugged_in(&["sim:?slaves=drive*2"], &["--attach", "--serial", "A-7"]);
         let tool = |link: &str, arguments: &[&str]| -> Vec<Value> {
             let lines = Program::start(width, "ecmsk", link, arguments).all();
             lines.iter().map(|line| serde_json::from_str(line).expect("a JSON object a line")).collect()

@@ -43,11 +43,9 @@ impl Program {
     /// Starts it under Wine.
     #[track_caller]
     pub fn start(width: Width, program: &str, link: &str, arguments: &[&str]) -> Self {
-        let folder = Path::new(OWN).join(width.name());
-        copy_once(&Path::new(GIVEN).join(width.name()), &folder);
-        let mut wine = Command::new("wine");
-        wine.current_dir(&folder).arg(format!("{program}.exe")).args(arguments);
-        wine.env("ECMSK_LINK", link).stdin(Stdio::null()).stdout(Stdio::piped());
+        let folder = folder(width);
+        let mut wine = wine(&folder, program, link, arguments);
+        wine.stdout(Stdio::piped());
         let mut child = wine.stderr(File::create(STDERR).expect("/tmp is there")).spawn().expect("Wine starts");
         let said = BufReader::new(child.stdout.take().expect("it is a pipe"));
         let (sender, lines) = mpsc::channel();
@@ -118,17 +116,35 @@ pub fn passes(width: Width, program: &str, link: &str, arguments: &[&str]) {
     Program::start(width, program, link, arguments).passes();
 }
 
+/// The number of boards that `ecmsk list` shows under Wine.
+#[track_caller]
+pub fn listed() -> usize {
+    let output = wine(&folder(Width::X64), "ecmsk", "", &["list", "--json"]).output().expect("Wine starts");
+    // A board that goes at this moment is a line with a reason.
+    String::from_utf8_lossy(&output.stdout).lines().filter(|line| line.contains("\"board\":true")).count()
+}
+
+/// A call of a program under Wine.
+fn wine(folder: &Path, program: &str, link: &str, arguments: &[&str]) -> Command {
+    let mut wine = Command::new("wine");
+    wine.current_dir(folder).arg(format!("{program}.exe")).args(arguments);
+    wine.env("ECMSK_LINK", link).stdin(Stdio::null());
+    wine
+}
+
 fn complaints() -> String {
     fs::read_to_string(STDERR).unwrap_or_default()
 }
 
-fn copy_once(from: &Path, to: &Path) {
-    if to.exists() {
-        return;
+/// The local folder with the programs of a width, which the first call fills.
+fn folder(width: Width) -> PathBuf {
+    let folder = Path::new(OWN).join(width.name());
+    if !folder.exists() {
+        fs::create_dir_all(&folder).expect("a folder in /tmp");
+        for file in fs::read_dir(Path::new(GIVEN).join(width.name())).expect("the programs are there") {
+            let file = file.expect("it is listed").path();
+            fs::copy(&file, folder.join(file.file_name().expect("a file"))).expect("it is copied");
+        }
     }
-    fs::create_dir_all(to).expect("a folder in /tmp");
-    for file in fs::read_dir(from).expect("the programs are there") {
-        let file = file.expect("it is listed").path();
-        fs::copy(&file, to.join(file.file_name().expect("a file"))).expect("it is copied");
-    }
+    folder
 }

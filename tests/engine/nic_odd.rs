@@ -60,6 +60,18 @@ fn failure(slaves: Vec<OddSlave>) -> String {
     host.board.engine().state_failure().expect("there is one").to_string()
 }
 
+/// A drive that leaves OP by itself is named with its AL status code. The message blames neither the cable nor SET_AXIS.
+#[test]
+fn a_drive_that_leaves_op_by_itself() {
+    let (mut host, line, last) = board(vec![coupler(), drive()]);
+    host.go(MasterState::Op).drained();
+    line.slave(last, |slave| slave.fall(4, 0x001D));
+    host.until("the failure", |host| host.board.engine().state_failure().is_some());
+    let said = host.board.engine().state_failure().expect("there is one").to_string();
+    assert!(said.contains("slave 2 has left its state by itself") && said.contains("0x001D"), "{said}");
+    assert!(!said.contains("cable") && !said.contains("SET_AXIS"), "{said}");
+}
+
 /// MASTER-3.7 NIC-2.1 A coupler whose AL status copies AL control, bit 4 too, stands in front of a drive, and a terminal of that kind behind
 /// it; terminals in front are used as IO modules.
 #[test]

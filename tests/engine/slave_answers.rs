@@ -226,12 +226,18 @@ fn the_sdo_slot_keeps_its_answer() {
         let place = size.sdo_slot();
         let read = RawSlot { parm: 3, data1: 0x6041_0000, data2: 0x55, ..with_index(0x07, 0x99) };
         let write = RawSlot { parm: 0x0404, data1: 0x607C_0001, data2: 0x8765_4321, ..with_index(0x08, 0x99) };
+        // [OURS] The answer to a write of one byte shows all four bytes of the command, those beyond the object too.
+        let byte = RawSlot { parm: 0x0104, data1: 0x6060_0000, data2: 0x8765_4308, ..write };
         let answers = [
             (read, RawSlot { data2: 0x6041, ..RawSlot { index: 0, ..read } }),
             (write, RawSlot { parm: 4, index: 0, ..write }),
+            (byte, RawSlot { parm: 4, index: 0, ..byte }),
         ];
         for (request, answer) in answers {
-            host.raw(place, request).until("the SDO", |host| host.slot(place).id == request.id);
+            host.raw(place, request).until("the SDO", |host| {
+                let RawSlot { id, data1, .. } = host.slot(place);
+                (id, data1) == (request.id, request.data1)
+            });
             assert_eq!(host.slot(place), answer, "{size:?}");
             for state in [MasterState::SafeOp, MasterState::Op, MasterState::Init, MasterState::PreOp] {
                 if state == MasterState::SafeOp {

@@ -13,6 +13,9 @@ use crate::xf::{AnswerHeader, CommandCode, Status};
 /// and its result is lost. `[OURS]` 2: a single one could answer a copy that was rejected, if the chip's error count
 /// lags behind as its FIFO counts do. The next copy then runs, and its result is in the next answer.
 const NOPS_OF_A_LOST_ANSWER: u32 = 2;
+/// The fewest copies of a packet that are sent before its timeout counts. `[OURS]` 4: the answer to a copy comes with the next
+/// copy, and one exchange in each direction may be damaged. A host that stood still may have sent only one by then.
+const COPIES_BEFORE_TIMEOUT: u32 = 4;
 
 /// The part of a queued command that a packet is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,6 +85,11 @@ impl Flight {
     /// Sets the time of the first copy, and from it the deadline of the answer.
     pub(super) const fn within(self, since: Ns, answer_ns: Ns) -> Self {
         Self { since, deadline: since.saturating_add(answer_ns), ..self }
+    }
+
+    /// Whether the packet has had no answer for too long.
+    pub(super) const fn is_expired(&self, now: Ns) -> bool {
+        now >= self.deadline && self.copies >= COPIES_BEFORE_TIMEOUT
     }
 
     /// Whether an answer has the packet's index and code.

@@ -135,7 +135,7 @@ impl Host {
         }
         self.slots.expire(now, self.config.timeouts.queue_ns);
         let searching = matches!(self.state, HostState::Searching | HostState::Starting(StartStep::Search));
-        let Some(flight) = self.flight.filter(|flight| now >= flight.deadline && !searching) else { return };
+        let Some(flight) = self.flight.filter(|flight| flight.is_expired(now) && !searching) else { return };
         self.flight = None;
         self.completed_at = now;
         if self.state == HostState::Running && self.answered < flight.first {

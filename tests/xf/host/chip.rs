@@ -37,6 +37,8 @@ pub enum Fault {
     ToHost(usize),
     /// The chip is not ready: it takes nothing and keeps its answer.
     NotReady,
+    /// The chip takes nothing and sends zeros.
+    Zeros,
     /// The exchange fails at the host, although the chip has got it.
     Lost,
     /// The due answer is sent twice, and the others later.
@@ -168,6 +170,7 @@ impl Chip {
                 packet.resize(bytes.len(), 0);
                 return packet;
             }
+            Fault::Zeros => return vec![0; bytes.len()],
             Fault::Doubled if self.answers.len() < 2 => self.answers.push_front(self.previous_or_due()),
             Fault::Replaced => self.answers[0] = self.previous_or_due(),
             Fault::Reset => self.reset(),

@@ -210,6 +210,21 @@ fn a_command_without_an_answer() {
     assert_eq!(rig.chip.ran, [(CommandCode::DacFunction, 2)]);
 }
 
+/// XF-12.10 A host that stands still for 3 s after any exchange of a command has its result all the same, and the command runs once.
+#[test]
+fn a_host_that_stood_still() {
+    for exchanges in 0..=2 {
+        let mut rig = Rig::running(HostConfig::default());
+        let ticket = rig.submit(&vendor(5));
+        rig.exchanges(exchanges);
+        rig.now += 3_000_000_000;
+        rig.done(ticket);
+        let result = rig.host.take(ticket, &vendor(5));
+        assert_eq!(result, Some(Ok(SlaveInfo::U32(1005))), "after {exchanges}");
+        assert_eq!(ran(&rig, CommandCode::SlaveInfoGet), 1, "after {exchanges}");
+    }
+}
+
 /// XF-12.7 A chip whose count of CRC errors is at its end shows no more of them: a command of which no copy has arrived
 /// is not treated as one whose answer was lost.
 #[test]

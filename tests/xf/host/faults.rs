@@ -6,8 +6,32 @@ use ecmsk::xf::request::{SdoGet, SdoOperation};
 use ecmsk::xf::{AnswerHeader, CheckRule, CommandCode, DataSize, MAX_PACKET, Status, write_answer};
 use support::dice::Dice;
 
+use super::Rig;
+use super::chip::Fault;
 use super::commands::{READ, dac, sdo};
 use super::process::{pdo, with_fifo_on};
+
+/// XF-12.15 A chip that sends zeros for a while, as in the log of a machine with six axes whose cycle was too short: the driver
+/// waits, in its start and later, and each command runs once.
+#[test]
+fn a_chip_that_answers_zeros() {
+    for zeros in [1, 5, 40, 400] {
+        let mut rig = Rig::starting(HostConfig::default());
+        rig.faults = vec![Fault::Zeros; zeros];
+        rig.until_running();
+        rig.chip.ran.clear();
+        for exchanges in 0..=2 {
+            let ticket = rig.submit(&dac(exchanges));
+            rig.exchanges(exchanges as usize);
+            rig.faults = vec![Fault::Zeros; zeros];
+            rig.done(ticket);
+            let result = rig.host.take(ticket, &dac(exchanges));
+            assert_eq!(result, Some(Ok(())), "{zeros} zeros after {exchanges} exchanges");
+        }
+        rig.chip.ran.retain(|(code, _)| *code == CommandCode::DacFunction);
+        assert_eq!(rig.chip.ran.len(), 3, "{zeros} zeros: {:?}", rig.chip.ran);
+    }
+}
 
 /// XF-12.15 Any bytes, and any answers with right check words: nothing panics, no wait ends in the past, and the driver
 /// goes on with a chip afterwards.

@@ -66,9 +66,16 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     env::set_current_dir(&project.root).map_err(Error::file("go to", &project.root))?;
     let target = project.relative(&project.target);
     let folder = target.join("demo");
-    let [staged, program, recording, plot, other, both] =
-        ["stage", "alarm_recovery", "two_axes.pcapng", "two_axes.svg", "other_board.pcapng", "both.svg"]
-            .map(|name| folder.join(name));
+    let [staged, program, recording, plot, page, other, both] = [
+        "stage",
+        "alarm_recovery",
+        "two_axes.pcapng",
+        "two_axes.svg",
+        "two_axes.html",
+        "other_board.pcapng",
+        "both.svg",
+    ]
+    .map(|name| folder.join(name));
     let ecmsk = target.join("release/ecmsk");
     fs::create_dir_all(&folder).map_err(Error::file("make", &folder))?;
 
@@ -94,7 +101,9 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         show_and_run(exec.args(["exec", "--link", link, "--record"]).arg(recording).arg("--").arg(&program))
     };
     exec(LINK, &recording)?;
-    show_and_run(Command::new(&ecmsk).arg("plot").arg(&recording).arg("-o").arg(&plot))?;
+    for output in [&plot, &page] {
+        show_and_run(Command::new(&ecmsk).arg("plot").arg(&recording).arg("-o").arg(output))?;
+    }
     if arguments.link.is_some() {
         if let Some(link) = &other_link {
             exec(link, &other)?;
@@ -154,11 +163,13 @@ fn end(folder: &Path, has_both: bool) -> String {
     format!(
         "
 the recording: {folder}/two_axes.pcapng
-the plot:      {folder}/two_axes.svg (a browser shows it){both}
+the plot:      {folder}/two_axes.svg
+the page:      {folder}/two_axes.html (open it in a browser: events, curves, states){both}
 
 next, in this folder:
   export PATH=$PWD/{folder}/stage/bin:$PATH PKG_CONFIG_PATH=$PWD/{folder}/stage/lib/pkgconfig
   ecmsk dump {folder}/two_axes.pcapng --slots 2 --from 2.749s --to 2.752s   # the alarm, cycle by cycle
+  ecmsk serve web --link 'sim:?slaves=drive*2'                              # the page of a board, live
   ecmsk home 1 --up --link 'sim:?slaves=drive*2'                            # an axis without a program
   g++ YOURS.cpp -o yours $(pkg-config --cflags --libs nextwusblib)          # your program, unchanged
   ecmsk exec --link 'sim:?slaves=drive*2' -- ./yours{successor}
@@ -179,7 +190,7 @@ mod tests {
     #[test]
     fn a_next_step() {
         let text = end(Path::new("target/demo"), true);
-        assert!(text.contains("target/demo/two_axes.svg"), "{text}");
+        assert!(text.contains("target/demo/two_axes.svg") && text.contains("target/demo/two_axes.html"), "{text}");
         assert!(text.contains("export PATH=$PWD/target/demo/stage/bin:$PATH"), "{text}");
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
         let pages: Vec<&str> = text.split([' ', ',', '\n']).filter(|word| word.starts_with("docs/")).collect();

@@ -1,5 +1,6 @@
 //! `ecmsk slave`: the EEPROM and the ESI file of a kind of simulated slave.
 
+use ecmsk::ethercat::sii::CategoryKind;
 use ecmsk::link::slaves::SlaveModel;
 
 use crate::common::ecmsk;
@@ -31,6 +32,12 @@ fn the_esi_file_says_what_the_eeprom_says() {
         let identity = sii.info().identity;
         let found = (number(vendor.text().expect("an id")), code("ProductCode"), code("RevisionNo"));
         assert_eq!(found, (identity.vendor, identity.product, identity.revision), "{kind}");
+        // The name of the kind stands in both.
+        let category = |kind| sii.category(kind).expect("it has one");
+        let name = category(CategoryKind::General).general().expect("it is whole").name;
+        let name = category(CategoryKind::Strings).strings().get(name).expect("a text");
+        let in_esi = device.children().find(|node| node.has_tag_name("Name")).and_then(|node| node.text());
+        assert_eq!(in_esi.map(str::as_bytes), Some(name), "{kind}");
         for (tag, manager) in [("RxPdo", 2), ("TxPdo", 3)] {
             let pdos = nodes(tag).flat_map(|pdo| pdo.descendants()).filter(|node| node.has_tag_name("BitLen"));
             let bits: u32 = pdos.map(|bits| number(bits.text().expect("a length"))).sum();

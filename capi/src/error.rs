@@ -15,7 +15,7 @@ pub enum CallError {
     /// A pointer is NULL.
     #[error("`{argument}` is NULL; pass the address of {expected}")]
     Null {
-        /// The name of the argument.
+        /// The name of the argument in the C function that was called.
         argument: &'static str,
         /// What the pointer should point to.
         expected: &'static str,
@@ -26,7 +26,7 @@ pub enum CallError {
     /// A text is not UTF-8.
     #[error("`{argument}` is not UTF-8")]
     NotText {
-        /// The name of the argument.
+        /// The name of the argument in the C function that was called.
         argument: &'static str,
     },
     /// The `size` of a structure was not set by the caller, or is too small.
@@ -58,7 +58,7 @@ pub enum CallError {
         /// The invalid value that the caller has passed.
         handle: usize,
     },
-    /// The link does not know the counters of the board.
+    /// The link cannot read the counters that a board keeps of frames and commands; only the modelled board has them.
     #[error("`{link}` does not show the board's counters; a simulated board does")]
     NoCounters {
         /// The URI of the link.
@@ -99,7 +99,8 @@ type Text = [u8; TEXT_LEN];
 thread_local! {
     /// The error text that [`last`] returns to this thread. Its address is the same until the thread ends.
     static TEXT_OF_THREAD: RefCell<Text> = const { RefCell::new([0; TEXT_LEN]) };
-    /// Whether a call of this thread has failed, so that the text is of its own error.
+    /// Whether a call of this thread has failed. Then `TEXT_OF_THREAD` holds the text of that error, and not that of
+    /// another thread's OpenECMUSB.
     static HAS_OWN_ERROR: Cell<bool> = const { Cell::new(false) };
 }
 
@@ -124,7 +125,8 @@ pub fn remember_open(error: &CallError) {
 /// error, with each call of this function.
 pub fn last() -> *const c_char {
     TEXT_OF_THREAD.with(|text| {
-        // In a child of fork the lock may be held by a thread that does not exist there.
+        // In a child of fork the lock may be held by a thread that exists only in the parent. It would never be released,
+        // so it is not taken.
         if !HAS_OWN_ERROR.get() && !forked::is_forked() {
             *text.borrow_mut() = *lock(&LAST_OPEN);
         }

@@ -18,8 +18,8 @@ use crate::{logger, open_boards};
 #[cfg(unix)]
 static OWNER: AtomicU32 = AtomicU32::new(0);
 
-/// Has all boards released when this process exits, after the exit handlers of the program, whose global objects may still
-/// stop the machine and close the board. Called before each board is opened.
+/// Arranges that boards still open are let go when this process exits, after the exit handlers of the program, whose
+/// global objects may still stop the machine and close the board. Called before each board is opened.
 pub fn end_at_exit() {
     #[cfg(unix)]
     OWNER.store(process::id(), Ordering::Relaxed);
@@ -30,13 +30,14 @@ pub fn end_at_exit() {
     }
 }
 
-/// Functions in this section run before main, or when the library is loaded.
+/// The loader calls the functions in the section `.init_array` before main, or when it loads the library.
 #[cfg(target_os = "linux")]
 #[used]
 #[unsafe(link_section = ".init_array")]
 static AT_START: extern "C" fn() = watch_forks;
 
-/// Functions in this section run after the exit handlers and the destructors of the program's global objects.
+/// The functions in the section `.fini_array` run after the exit handlers and the destructors of the program's global
+/// objects.
 #[cfg(target_os = "linux")]
 #[used]
 #[unsafe(link_section = ".fini_array")]

@@ -19,13 +19,13 @@ struct State {
     closed: bool,
     /// Close does not return while this is set.
     stays_in_close: bool,
-    /// The thread that calls Close ends during the call.
+    /// Whether the thread that calls Close is ended by force during the call.
     ends_closer: bool,
     read_waits: [Option<Wait>; 2],
     write_waits: [Option<Wait>; 2],
 }
 
-/// A link whose reads block until there is a report, it is lost, or closed.
+/// A link whose reads block until a report arrives, the link is lost, or the link is closed.
 struct FakeLink {
     state: Mutex<State>,
     changed: Condvar,
@@ -182,7 +182,7 @@ fn closing_twice_is_harmless() {
     assert!(link.state().closed);
 }
 
-/// LIB-35, LIB-38 A read has no limit and a write the link's, unless the link sets others.
+/// LIB-35, LIB-38 A read waits without a limit and a write for 5 s, unless the link's URI sets other timeouts.
 #[test]
 fn waits_are_those_of_the_link() {
     let limits = (Wait::For(Duration::from_millis(7)), Wait::For(Duration::from_millis(9)));
@@ -342,7 +342,8 @@ fn open_waits_for_a_close_under_way() {
                 Ok(FakeLink::new())
             })
         });
-        // Usually time enough for the other thread to wait in Open. If it calls Open later, the assertion holds as well.
+        // Usually 20 ms are enough for the other thread to begin its wait in Open. If it calls Open later, it has not
+        // finished either.
         thread::sleep(Duration::from_millis(20));
         assert!(!opener.is_finished());
         link.change(|state| state.stays_in_close = false);

@@ -29,7 +29,7 @@ macro_rules! entry {
 }
 pub(crate) use entry;
 
-/// The function behind [`entry!`].
+/// Does what [`entry!`] says, with its arguments formatted (`call`) and its block as a closure (`body`).
 pub fn enter<T: Debug>(
     call: Arguments<'_>,
     body: impl FnOnce() -> Result<T, Box<CallError>>,
@@ -38,7 +38,8 @@ pub fn enter<T: Debug>(
     guard(call, body)
 }
 
-/// The same as [`entry!`], for a call that [`module::close`](crate::module::close) counts itself.
+/// The same as [`entry!`] without counting the call as under way. [`module::close`](crate::module::close) counts calls
+/// that close a board, since it has to know whether another call is under way.
 pub fn guard<T: Debug>(
     call: Arguments<'_>,
     body: impl FnOnce() -> Result<T, Box<CallError>>,
@@ -71,7 +72,8 @@ pub fn guard<T: Debug>(
             if !forked::any_open()
                 && let Some(summary_writer) = writer::of_process()
             {
-                // No thread writes the summary lines now, because that thread runs only while a board is open.
+                // No board is open, so the thread that writes the summary for `ecmsk exec` is not running. This thread
+                // writes the lines.
                 summary_writer.write_all();
             }
         }
@@ -88,7 +90,7 @@ fn set_up() -> Result<(), Box<CallError>> {
     memory::check(memory::FIRST_CALL_BYTES)?;
     ONCE.call_once(|| {
         logger::set_up();
-        // The tests of this crate print their panics.
+        // Unit tests keep the default hook, which prints the panic of a test that fails.
         #[cfg(not(test))]
         std::panic::set_hook(Box::new(|panic| log::error!("{panic}")));
     });
@@ -107,7 +109,8 @@ mod tests {
     use super::*;
 
     fn last_error() -> String {
-        // SAFETY: this thread fails no call before the text is copied.
+        // SAFETY: the text ends with 0. Only a failing call of this thread changes it, and there is none before the text
+        // is copied.
         unsafe { CStr::from_ptr(error::last()) }.to_string_lossy().into_owned()
     }
 

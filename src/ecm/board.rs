@@ -60,8 +60,8 @@ impl Ecm {
         let clear = [(0, MasterCommand::SetFifo(FifoAction::Clear).encode())];
         self.exchange.run(
             &Task::new("clearing the FIFO", hint, limit, &clear).seen(&ahead_of_the_board),
-            // The board executes SET_FIFO when it arrives. The frame that carries the command then becomes the first
-            // entry of the empty FIFO.
+            // The board executes SET_FIFO when it arrives, and the frame that carries the command then becomes the first
+            // entry of the empty FIFO. So once this entry is executed, the FIFO has been cleared.
             |session, sent| Ok(session.executed(sent).then_some(())),
         )
     }
@@ -84,8 +84,8 @@ impl Ecm {
     /// ```
     ///
     /// # Errors
-    /// The errors of [`Ecm::close`], if axes may still have moved at the reset; the board is reset in any case.
-    /// [`EcmError::Timeout`] if the board still makes reports, [`EcmError::NoReport`], [`EcmError::Link`].
+    /// The errors of [`Ecm::close`] if the axes were not brought to a standstill first; the board is reset all the same.
+    /// [`EcmError::Timeout`] if the board goes on making reports, [`EcmError::NoReport`], [`EcmError::Link`].
     pub fn reset(mut self) -> Result<(), EcmError> {
         self.exchange.link.check()?;
         let rested = self.bring_to_rest(false, &mut LeftBehind::default());
@@ -94,7 +94,8 @@ impl Ecm {
         let task = Task::new("SW_RESET", hint, limit, &commands);
         let seen = |session: &Session| format!("it still reports, in {}", session.board().state);
         let done = self.exchange.run(&task.seen(&seen), |_, _| Ok(None::<()>));
-        // After the reset no axis is left to be stopped. Closing without a stop cannot fail.
+        // The board has been reset, so its axes have no master and cannot be stopped. Closing without a stop returns no
+        // error.
         let _ = self.end(Close::Leave);
         match done {
             Err(EcmError::Link(LinkError::Lost { .. })) => rested,

@@ -7,8 +7,8 @@ use crate::address::slaves;
 use crate::ethercat::cia402::Mode;
 use crate::sk::{CycleTime, DriveSync, SlaveKind, SlotSize};
 
-/// \[OURS] The default guard of an axis, counts: a target may be up to one turn of a 17-bit encoder away from the
-/// actual position.
+/// \[OURS] The default guard of an axis, counts: a target may be up to one turn of a motor with a 17-bit encoder away
+/// from the actual position. See [`Guard`].
 pub const DEFAULT_GUARD_COUNTS: u32 = 1 << 17;
 
 /// \[OURS] How far a stationary axis may move within 8 cycles by default, counts: encoders are noisy.
@@ -155,7 +155,7 @@ pub struct Config {
 }
 
 impl Default for Config {
-    /// A configuration without slaves, with a cycle of 1000 us.
+    /// An empty configuration with a cycle of 1000 us, to be filled with slaves: [`Self::check`] refuses it without any.
     fn default() -> Self {
         Self { slaves: Vec::new(), cycle_us: CycleTime::DEFAULT.us() }
     }

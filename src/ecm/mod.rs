@@ -85,7 +85,7 @@ use crate::link::{Link, LinkError, LinkInfo, Share, Wait};
 use crate::open;
 use crate::sk::{Frame, SlotSize, StateByte};
 
-/// The number of reports that are read at most to find the slot size. \[OURS]
+/// The number of reports that are read at most to find the slot size. If none of them shows it, opening fails. \[OURS]
 const PROBE_REPORTS: usize = 3;
 
 /// A handle of an open board.
@@ -135,13 +135,15 @@ impl Ecm {
         }
     }
 
-    /// Sets what ends waits, for a program that a user may interrupt, or that closes the board from another thread.
-    /// Calls that wait for reports call `is_due` at least every 100 ms, in their thread and without any lock, so it may
-    /// use the board. If it returns `true`, the call ends with [`EcmError::Interrupted`]. Before that
-    /// [`Ecm::servo_on`] switches off the axes that it was switching on, and [`Ecm::home_all`] aborts the homing: these
-    /// ends wait too, so `is_due` has to return `true` once and not for as long as a reason is there.
+    /// Sets a function that can end the waits of calls, for a program that a user may interrupt, or that closes the board
+    /// from another thread. Calls that wait for reports call `is_due` at least every 100 ms, in their thread and without
+    /// any lock, so it may use the board. If it returns `true`, the call ends with [`EcmError::Interrupted`]. Before
+    /// that, [`Ecm::servo_on`] switches off the axes that it was switching on, and [`Ecm::home_all`] aborts the homing.
+    /// These steps wait for reports, too, and must not be interrupted: so `is_due` has to return `true` once for each
+    /// interruption, and `false` after that.
     ///
-    /// The calls of a [`Stream`] do not ask: a step waits for some cycles only, and the end of a stream is a stop.
+    /// The calls of a [`Stream`] do not call `is_due`: a step waits for some cycles only, and the end of a stream has to
+    /// stop the axes.
     ///
     /// ```
     /// use std::sync::atomic::{AtomicBool, Ordering};
@@ -234,13 +236,16 @@ impl Ecm {
     }
 }
 
-/// Runs the programs of docs/GUIDE.md as tests.
+/// Compiles and runs the programs in docs/GUIDE.md as documentation tests of this item.
 #[cfg(all(doctest, feature = "sim"))]
 #[doc = include_str!("../../docs/GUIDE.md")]
 struct Guide;
 
 /// Finds the slot size from reports, if the link does not know it: the size with which the CRC of a report is right.
-/// This fails if the board fills no CRCs.
+///
+/// # Errors
+/// [`EcmError::SlotUnknown`]: no report has a right CRC, for example because the board fills in none.
+/// [`EcmError::NoReport`], [`EcmError::Link`].
 fn probe(link: &dyn Link, info: &LinkInfo, options: &Options) -> Result<SlotSize, EcmError> {
     let mut report = Frame::new();
     for _ in 0..PROBE_REPORTS {

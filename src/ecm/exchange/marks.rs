@@ -42,7 +42,8 @@ impl Marks {
         Self { echo: Echo::Unknown, last: FIRST, returned: [0; 4], results: [0; 256], missed: 0, awaited: 0 }
     }
 
-    /// Returns the mark for the next frame. If the mark was used before, its old record is cleared.
+    /// Returns the mark for the next frame. Marks are used again in turn: that an earlier frame with the same mark was
+    /// executed is forgotten.
     pub fn next(&mut self) -> u8 {
         self.last = self.last.checked_add(1).unwrap_or(FIRST);
         self.returned[usize::from(self.last / 64)] &= !(1 << (self.last % 64));
@@ -83,8 +84,8 @@ impl Marks {
         }
     }
 
-    /// Sets whether the board repeats indices, as the answer to a command with the index [`Marks::PROBE`] has shown
-    /// outside OP.
+    /// Sets whether the board repeats the index of a command in its reports. The caller has sent a command with the index
+    /// [`Marks::PROBE`] outside OP and seen the answer.
     pub const fn set_echo(&mut self, echoes: bool) {
         self.echo = if echoes { Echo::Yes } else { Echo::No };
     }

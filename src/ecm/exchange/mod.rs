@@ -59,7 +59,8 @@ const STREAM_PAUSE_MAX: Duration = Duration::from_millis(50);
 const REPORT_AGE_CYCLES: u32 = 3;
 /// \[OURS] The longest timeout of a call: a year.
 pub const LIMIT_MAX: Duration = Duration::from_secs(365 * 86_400);
-/// \[OURS] The most reports that one call reads without waiting: more than the queue of any link holds by default.
+/// \[OURS] The most reports that one call reads without waiting: more than the queue of any link holds by default. The
+/// call ends even if reports come faster than it reads them.
 const CATCH_UP_REPORTS_MAX: usize = 4096;
 
 /// Returns `true` if the wait of the calling thread is to end.
@@ -76,14 +77,15 @@ pub struct Exchange {
     changes: AtomicU64,
     /// Signalled when a report was read, when claimed slots were released, and when the board was closed.
     news: Condvar,
-    /// Whether a stream ended while another thread had the lock of the session, so that the stream is still registered
-    /// there.
+    /// Whether a stream ended while another thread had the lock of the session. The session then still has the stream as
+    /// open, until the next call takes the lock.
     abandoned: AtomicBool,
     /// Held by the call that uses the SDO slot, so that there is one transfer at a time.
     pub sdo_turn: Mutex<()>,
     /// Held by the call that is homing axes, so that there is one such call at a time.
     pub homing_turn: Mutex<()>,
-    /// What ends the waits of calls, see [`Ecm::with_interrupt`](super::Ecm::with_interrupt).
+    /// A function of the program that is called during waits. If it returns `true`, the wait ends with an error, see
+    /// [`Ecm::with_interrupt`](super::Ecm::with_interrupt).
     pub interrupt: Option<Interrupt>,
 }
 
@@ -177,12 +179,13 @@ impl Exchange {
         self.options.read_limit.max(session.network.cycle() * 3)
     }
 
-    /// Generation counter: incremented whenever state that a `Stream` reads has changed.
+    /// Generation counter: incremented whenever state that a `Stream` reads has changed. A `Stream` takes the lock of the
+    /// session only if this number differs from the one of its copy.
     pub fn changes(&self) -> u64 {
         self.changes.load(Ordering::Acquire)
     }
 
-    /// Increments the generation counter. The caller holds the lock of the session.
+    /// Increments the generation counter. To be called after state that a `Stream` reads was changed.
     pub fn changed(&self) {
         self.changes.fetch_add(1, Ordering::Release);
     }
@@ -225,12 +228,12 @@ impl Exchange {
     }
 
     /// Reads all reports that are waiting, so that decisions use the newest one. In virtual time a read lets time pass,
-    /// so reports are read only when one is due.
+    /// so a report is read only if a cycle has passed since the newest one.
     pub fn catch_up(&self, session: &mut Session) -> Result<(), EcmError> {
         for _ in 0..CATCH_UP_REPORTS_MAX {
             if self.info.virtual_time {
                 let (Some(meta), Some(cycle)) = (session.reports.meta, session.network.cycle_ns) else { return Ok(()) };
-                // Returns the error if the link is lost.
+                // Returns the present board time without letting any pass, or the error of a lost link.
                 let now = self.link.pass(Duration::ZERO)?;
                 if now.is_some_and(|now| now.0 < meta.at.0 + cycle) {
                     return Ok(());
@@ -250,8 +253,8 @@ impl Exchange {
         self.write_within(session, deadline.saturating_sub(self.now()).min(self.options.write_limit))
     }
 
-    /// Writes a frame with these commands by `deadline`. If a queued command of another thread uses one of their slots,
-    /// a frame with that command is written first.
+    /// Writes a frame with these commands by `deadline`. A slot of a frame has room for one command: if a queued command
+    /// of another thread uses one of the slots, a frame with that command is written first.
     pub fn write_commands(
         &self,
         session: &mut Session,
@@ -278,7 +281,8 @@ impl Exchange {
                 }
                 Ok(())
             }
-            // The commands stay queued for the next frame. The call that queued them may withdraw them.
+            // The frame was not written, so its targets are taken back. Its commands stay queued for the next frame,
+            // unless the call that queued them withdraws them.
             Err(error) => {
                 session.targets.revert();
                 Err(match error {
@@ -343,8 +347,8 @@ impl Exchange {
         if is_interrupted { Err(EcmError::Interrupted) } else { Ok(()) }
     }
 
-    /// Ends every use of the board. If the axes may be moving, the link is closed as by a program that has vanished: a
-    /// server behind the link then stops the axes.
+    /// Ends every use of the board. If axes may be moving, the link is closed by [`Link::vanish`]: a server behind the
+    /// link then stops the axes, as it does for a program that was killed.
     pub fn shut(&self, is_at_rest: bool) {
         if let Some(mut session) = self.session.try_lock_for(self.options.read_limit) {
             session.closed = true;

@@ -1,4 +1,5 @@
-//! Outgoing frames: the frame that is composed next, and by which the answers to the last one are recognised.
+//! Outgoing frames: the frame that is composed next, and the time, number and mark by which the execution of the last
+//! frame is recognised.
 
 use super::slot_set::SlotSet;
 use crate::link::Stamp;
@@ -25,7 +26,7 @@ pub struct Outgoing {
     pub written: u64,
     /// The identification of the last written frame. If that has no mark, the mark is that of the last frame with one.
     pub last: Sent,
-    /// Slots with a command in the last frame that had a mark.
+    /// The slots that had a command in the last frame with a mark.
     pub last_commanded: SlotSet,
 }
 

@@ -51,7 +51,7 @@ pub struct Stats {
     pub bad_crc: u64,
     /// Reports that were lost before they were read, by the gaps in their sequence numbers.
     pub reports_lost: u64,
-    /// Reports that were discarded because they came twice or too late.
+    /// Reports that were discarded because this report or a newer one, by the sequence numbers, had been read before.
     pub stale: u64,
     /// How often byte 1 of slot 0 has changed.
     pub error_byte_changes: u64,

@@ -12,13 +12,13 @@ use crate::sk::{RawSlot, SlaveCommand, SlotCommand};
 const SWITCH_OFF_TIME: Duration = Duration::from_millis(200);
 
 impl Ecm {
-    /// Closes the board within 2 s. The link is closed in any case. Only axes that are configured or adopted get
-    /// commands.
+    /// Closes the board within 2 s. The link is closed in any case. Only axes that are configured ([`Ecm::configure`]) or
+    /// adopted ([`Ecm::adopt`]) get commands.
     ///
     /// # Errors
-    /// Each of these means that axes may still be moving or on: [`EcmError::Timeout`], [`EcmError::SlaveLost`],
+    /// After any of these errors axes may still be moving or on: [`EcmError::Timeout`], [`EcmError::SlaveLost`],
     /// [`EcmError::NoReport`], [`EcmError::Link`]. With [`Close::ServoOff`] axes that do not come to a standstill are
-    /// switched off in any case.
+    /// switched off all the same.
     pub fn close(mut self, how: Close) -> Result<(), EcmError> {
         self.end(how)
     }
@@ -62,7 +62,8 @@ impl Ecm {
         stood.and(found).and(switched)
     }
 
-    /// Switches axes off. It does not wait for lost slaves: if there are any, it returns an error after the others are off.
+    /// Switches axes off and waits for that for at most `limit`. It does not wait for lost slaves: if there are any, it
+    /// returns an error after the others are off.
     pub(in crate::ecm) fn switch_off_within(
         &self,
         commands: &[(usize, RawSlot)],

@@ -19,7 +19,8 @@ use crate::sk::{AxisTarget, FIFO_ENTRIES, FifoAction, MasterCommand, Motion, Raw
 
 /// \[OURS] How many FIFO entries a stream leaves free, for commands of other calls and for the ramp to a standstill.
 const SPARE_ENTRIES: u16 = 10;
-/// \[OURS] How often a stream reads the statusword of a second channel by SDO: this many frames after the last answer.
+/// \[OURS] How often a stream reads the statusword of a second channel by SDO: with every frame whose number is a
+/// multiple of this, unless the request before has no answer yet.
 const SECOND_CHANNEL_FRAMES: u64 = 8;
 
 /// Counters of a stream.
@@ -51,9 +52,10 @@ pub struct Stream<'a> {
     prefill: u16,
     /// Frames written by the stream's steps.
     frames: u64,
-    /// Whether `step` was called and no target was set after it.
+    /// Whether no target was set since the last `step`. The next target is then checked against the reports that have
+    /// come meanwhile.
     stepped: bool,
-    /// The counters of the board when the stream began.
+    /// The counters of the board when the stream began. The stream's own counters are the differences from them.
     before: Stats,
     done: bool,
 }
@@ -194,7 +196,8 @@ impl Stream<'_> {
         let stepped = std::mem::take(&mut self.stepped);
         if stepped || self.targets.changes != self.ecm.exchange.changes() {
             let mut session = self.ecm.exchange.lock()?;
-            // The first target after a step: reports may be waiting, as much time may have passed since the step.
+            // This is the first target after a step. The program may have waited long, so reports are read, and the
+            // target is checked against the newest one.
             if stepped {
                 self.ecm.exchange.catch_up(&mut session)?;
             }
@@ -243,15 +246,16 @@ impl Stream<'_> {
         session.targets.stepped(hsps);
         self.frames += 1;
         self.stepped = true;
-        // In virtual time only calls let time pass: the time stamp of the frame just written is the present time.
+        // In virtual time only calls let time pass, so the write time of the frame is the present time. Passing it on
+        // saves a call of the link.
         let now = exchange.info.virtual_time.then(|| exchange.now_at(Duration::from_nanos(session.outgoing.last.at.0)));
         self.ecm.pace(&mut session, self.depth, now)?;
         self.targets.refresh(&mut session, exchange.changes());
         Ok(self.stats_of(&session))
     }
 
-    /// Requests the statusword of a second channel in the SDO slot of the next frame, if no other call uses it. Returns
-    /// the slot.
+    /// Requests the statusword of a second channel in the SDO slot of the next frame, unless another call uses the SDO
+    /// slot. Returns the number of the SDO slot, or `None` if nothing was requested.
     fn ask_second_channel(&self, session: &mut Session) -> Option<usize> {
         if !self.frames.is_multiple_of(SECOND_CHANNEL_FRAMES) {
             return None;
@@ -333,16 +337,16 @@ impl Drop for Stream<'_> {
     }
 }
 
-/// The SET_FIFO command for a threshold that is reached when the FIFO has `frames` entries. The board executes it on
-/// arrival, before its own frame counts as an entry.
+/// The SET_FIFO command for a threshold that is reached when the FIFO has `frames` entries. The board executes the
+/// command on arrival, before the frame that carries it becomes an entry.
 fn threshold(frames: u16) -> RawSlot {
     let threshold = FIFO_ENTRIES + 1 - frames;
     MasterCommand::SetFifo(FifoAction::Threshold(threshold.into())).encode()
 }
 
 impl Ecm {
-    /// Discards the frames that the board has collected for a prefill. None was executed yet, and none may be executed
-    /// later.
+    /// Discards the frames that the board has collected for a prefill. None was executed yet. If they stayed, they would
+    /// begin a motion later that no program commands any more.
     fn discard_prefill(&self, session: &mut Session, deadline: Duration) -> Result<(), EcmError> {
         if !session.in_op() {
             return Ok(());
@@ -362,7 +366,8 @@ impl Ecm {
             }
             let now = now.take().unwrap_or_else(|| self.exchange.now());
             let began = *began.get_or_insert(now);
-            // By then a board in OP has executed every entry, even if its FIFO was full.
+            // Within this time a board in OP executes every entry, even if its FIFO was full, and a silent board is
+            // noticed.
             let limit = self.exchange.silence_max(session) + session.network.cycle() * FIFO_ENTRIES.into();
             let waited = now.saturating_sub(began);
             if waited >= limit {

@@ -1,5 +1,5 @@
-//! One CiA 402 axis as the board drives it: the controlwords of SV_ON and SV_OFF, the fault reset of ALM_CLR, and targets
-//! that hold an axis in place until it follows commands.
+//! One CiA 402 axis as the board drives it: the controlwords of SV_ON and SV_OFF, the fault reset of ALM_CLR, and the
+//! targets. Until an axis follows commands, its target is its actual position, so that it does not move.
 
 use super::fault_reset::FaultReset;
 use super::homing::AxisHoming;
@@ -33,7 +33,8 @@ pub(super) struct AxisRequest {
     pub(super) out: AxisOut,
 }
 
-/// Counts how often requests ended for a reason other than a command. Both counters wrap.
+/// Counts how often requests such as SV_ON ended for a reason other than a command. A rollback compares the counts to
+/// know whether that has happened since a checkpoint. Both counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Ends {
     /// How often a statusword of the drive has ended an SV_ON or SV_OFF.
@@ -42,7 +43,8 @@ struct Ends {
     by_loss: u8,
 }
 
-/// Which sets of outputs were sent and which id comes next, at the time when the answer of a cycle is evaluated.
+/// The ids of two sets of outputs when the answer of a cycle is evaluated: up to which one they were sent, and which one
+/// comes next. A set of outputs is what all slaves get in one cycle.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct OutputIds {
     /// All sets of outputs with a lower id are known to be sent.
@@ -74,9 +76,11 @@ pub(super) fn reset(axes: &mut AllAxes) {
     axes.iter_mut().flatten().for_each(|axis| *axis = Axis::default());
 }
 
-/// The state of an axis to which SET_FIFO 1 (clear) returns when it takes back entries whose outputs a bus has queued.
-/// One is recorded for every set of outputs, so it is small. The homing phase is recorded separately, for the few
-/// slaves that are homing.
+/// The state of an axis when a set of outputs was made. If SET_FIFO 1 (clear) drops outputs that a bus has queued, the
+/// axis returns to its state at the newest set that was sent.
+///
+/// One is recorded per axis for every set of outputs, so it is small. The homing phase is recorded separately, for the
+/// few slaves that are homing.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AxisCheckpoint {
     requested: AxisRequest,
@@ -85,7 +89,8 @@ pub(super) struct AxisCheckpoint {
 }
 
 impl AxisCheckpoint {
-    /// Whether outputs made from this state switch on neither a motor nor a digital output.
+    /// Whether outputs made from this state switch on neither a motor nor a digital output. Only such outputs may be in
+    /// the queue of a bus when a lost slave returns to OP.
     pub(super) fn is_at_rest(&self) -> bool {
         let AxisOut { controlword, outputs, .. } = self.requested.out;
         controlword == Controlword::DISABLE_VOLTAGE && outputs == 0 && !self.requested.fault_reset.is_under_way()
@@ -136,7 +141,8 @@ impl Axis {
         self.requested.power == Power::On
     }
 
-    /// The axis's part of the next set of outputs, whose id is `id`.
+    /// The axis's part of the next set of outputs. `id` is the id of that set, by which homing later recognises the first
+    /// answer to its bit 4.
     #[inline]
     pub(super) fn next_out(&mut self, id: u64) -> AxisOut {
         let mut out = self.requested.out;
@@ -152,7 +158,8 @@ impl Axis {
         out
     }
 
-    /// Whether the axis's part of the next set of outputs may differ from `last`.
+    /// Whether the axis's part of the next set of outputs may differ from `last`, its part of the set that was pushed
+    /// last.
     pub(super) fn differs_from(&self, last: &AxisOut) -> bool {
         let mut next = self.requested.out;
         if self.homing.start_bit() {
@@ -200,7 +207,7 @@ impl Axis {
     }
 
     /// Called when the slave of the axis is lost: all requests end, so that no motor starts when the slave comes back.
-    /// The target holds the axis at the position that was measured last.
+    /// The target holds the axis at the position in `input`, the last inputs of the slave.
     pub(super) fn lose(&mut self, input: &AxisIn, mode: Option<Mode>) {
         let ends = Ends { by_loss: self.ends.by_loss.wrapping_add(1), ..self.ends };
         *self = Self { ends, ..Self::default() };
@@ -260,7 +267,7 @@ impl Axis {
         let (Some(shown), Some(asked)) = (state.and_then(height), height_asked(controlword)) else { return false };
         match self.requested.power {
             Power::Off | Power::On => false,
-            // Disable voltage has not reached the drive yet, so this statusword is from before.
+            // Disable voltage was not sent to the drive yet, so this statusword answers an earlier controlword.
             Power::SwitchingOn if asked == 0 => true,
             Power::SwitchingOn => shown + 1 < asked,
             Power::SwitchingOffThenOn if shown == 0 => true,
@@ -303,7 +310,8 @@ impl Axis {
     }
 }
 
-/// The rank of a drive state on the way to Operation enabled: 0 for Switch on disabled, 3 for Operation enabled.
+/// The rank of a drive state on the way to Operation enabled: 0 for Switch on disabled, 3 for Operation enabled. `None`
+/// for states that are not on this way.
 const fn height(state: DriveState) -> Option<u8> {
     match state {
         DriveState::SwitchOnDisabled => Some(0),

@@ -98,8 +98,9 @@ pub struct Counters {
     pub modes_not_restored: u64,
     /// Commands whose targets were discarded because the axis was not in Operation enabled.
     pub discarded_before_enabled: u64,
-    /// Commands that did not reach their slave: it was lost before or after they were executed, or it had left OP
-    /// before the other slaves. An upper bound: a command counts unless it is known to have reached the slave.
+    /// Commands that did not reach their slave. The slave was lost before the command was executed or before its outputs
+    /// were sent, or it had left OP before the other slaves. It is an upper bound: a command counts unless it is known to
+    /// have reached the slave.
     pub for_lost: u64,
     /// FIFO entries that were dropped by SET_FIFO 1, or because the network left OP.
     pub cleared: u64,
@@ -116,10 +117,10 @@ pub struct Counters {
     /// SDO requests that repeat the transfer under way, as polling programs send them. Each counts as part of that
     /// transfer; nothing is lost.
     pub sdo_repeated: u64,
-    /// Cycles without a report, because a bus that queues outputs has lost their answers.
+    /// Cycles without a report, because a bus that queues outputs has lost the slaves' answers of these cycles.
     pub answers_lost: u64,
-    /// Sets of outputs that a bus had queued and then gave up. As far as is known they were not sent, or a slave that
-    /// the bus cannot name has missed them.
+    /// Sets of outputs, each for one cycle, that a bus had queued and then gave up. As far as is known they were not
+    /// sent, or they have not reached a slave, and the bus does not know which one.
     pub outputs_lost: u64,
     /// Cycles that were skipped because the machine was late, on a bus that does not catch up on cycles. Motion stood
     /// still for as many cycles.

@@ -22,7 +22,7 @@ pub struct Event {
 }
 
 impl Event {
-    /// The same event, with its time counted from the board time `zero`.
+    /// The same event with a time that counts from the board time `zero`, for example from the opening of the link.
     pub const fn since(self, zero: Ns) -> Self {
         Self { at: self.at.saturating_sub(zero), ..self }
     }
@@ -33,7 +33,8 @@ impl Event {
 pub enum EventKind {
     /// A command was rejected.
     Rejected(Rejection),
-    /// SET_DC had a Data2 that no user guide mentions. The board has accepted it (SK-4 \[OURS]).
+    /// SET_DC had a Data2 that no user guide mentions: neither 0xFFFF nor 0xFFFF0000. The board has accepted it (SK-4
+    /// \[OURS]).
     OddDcShift {
         /// The value of Data2.
         data2: u32,
@@ -62,8 +63,8 @@ pub enum EventKind {
     },
     /// Another master sends frames on the network. Logged once.
     OtherMaster {
-        /// The source MAC address of the other master's frames. The first slave that a frame passes has set a bit in
-        /// it.
+        /// The source MAC address of the other master's frames, as it arrived. The first slave that a frame passes sets
+        /// bit 0x02 of its first byte, "locally administered".
         address: [u8; 6],
     },
     /// A slave answers, but with a wrong working counter for so long that its inputs are stale. It counts as lost.
@@ -93,13 +94,14 @@ pub enum EventKind {
         /// Whether a chip (ECM-XF) runs the bus.
         has_chip: bool,
     },
-    /// A slave has left OP because the bus configured other slaves. It returns to OP with them, with its motors and
-    /// digital outputs off (SK-4 \[OURS]).
+    /// A slave that was not lost has left OP, because the bus could not configure lost slaves otherwise while a SET_STATE
+    /// brings them back. It returns to OP with them, with its motors and digital outputs off (SK-4 \[OURS]).
     SlaveDisturbed {
         /// The number of the slave, counted from 1.
         slave: u8,
     },
-    /// A change of state has failed and left this slave in a lower state than the others (SK-4 \[OURS]).
+    /// This slave was found in a lower state than the network after a failed change of state
+    /// ([`EventKind::StateFailed`]). It counts as lost (SK-4 \[OURS]).
     SlaveLeft {
         /// The number of the slave, counted from 1.
         slave: u8,

@@ -118,13 +118,16 @@ pub struct Engine {
     next_output_id: u64,
     /// All outputs with a lower id are known to be sent. Ids of cleared outputs are reused.
     unconfirmed_from: u64,
-    /// The id of the first outputs since OP was reached.
+    /// The id of the first outputs since OP was reached. Reports show no commands of earlier outputs, and a clear does
+    /// not return axes to them.
     op_from: u64,
-    /// The id of the newest outputs that a polled cycle has carried.
+    /// The id of the newest outputs of which an answered cycle has told that they were sent; `None`: none yet.
     newest_answered: Option<u64>,
-    /// The slaves that the previous answered cycle named as lost.
+    /// The slaves that the bus named as lost in the previous answered cycle, to find those that are named for the first
+    /// time.
     lost_before: SlaveSet,
-    /// The slaves that were homing before the present frame, whose slots are being executed.
+    /// The slaves that were homing before the frame whose slots are being executed. Slaves that start homing by one frame
+    /// do not exclude each other.
     homing_before: SlaveSet,
     /// The slaves with a GO_HOME in the frame that is being executed, and whether that frame has an ABORT_HOME.
     go_homes: SlaveSet,
@@ -149,7 +152,8 @@ pub struct Engine {
     last_passed: Ns,
     /// When the newest cycle that carried new outputs ran.
     last_carried: Ns,
-    /// When the next cycle should run to stay in step with the distributed clocks.
+    /// When the next cycle should run to stay in step with the slaves' distributed clocks, as the bus requests; `None`:
+    /// one period after the last one.
     next_deadline: Option<Ns>,
     /// In the newest cycle the working counter was too low while the bus named no lost slave, or it was too high.
     working_counter_wrong: bool,
@@ -158,7 +162,7 @@ pub struct Engine {
     /// Whether a frame of another master was seen and logged.
     has_told_other_master: bool,
     local_inputs: u8,
-    /// The local outputs (LIO_WR) that were passed to the bus last.
+    /// The local outputs that were passed to the bus last. They are passed again only if LIO_WR has changed them.
     local_outputs_told: u8,
     reports_suppressed: bool,
     boots: u64,
@@ -299,7 +303,7 @@ impl Engine {
         &self.counters
     }
 
-    /// The number of events so far: rejections and others that the wire does not show.
+    /// The number of events so far: rejected commands and everything else in [`EventKind`].
     pub const fn events_total(&self) -> u64 {
         self.log.total()
     }
@@ -351,7 +355,8 @@ impl Engine {
         if !self.network().in_op() {
             return self.execute(frame, at);
         }
-        // SK-5 [OURS]: these three commands act on arrival, before queueing and also when the FIFO is full.
+        // SK-5 [OURS]: SET_STATE, SET_FIFO and SW_RESET act on arrival, before the frame is queued and also when the FIFO
+        // is full.
         let boots = self.boots;
         let slot = frame.slot(size, 0);
         if CommandId::from_code(slot.id).acts_on_arrival() {
@@ -372,7 +377,8 @@ impl Engine {
         self.log.push(Event { at, kind: EventKind::Incomplete { bytes: bytes as u16 } });
     }
 
-    /// Counts a command frame whose rest is lost because the board has booted meanwhile.
+    /// Counts a command frame as incomplete whose rest is lost because the board has booted meanwhile. It is not logged:
+    /// the SW_RESET explains it.
     fn frame_cut_off(&mut self) {
         self.counters.incomplete += 1;
     }
@@ -420,7 +426,7 @@ impl Engine {
         &self.volatile.network
     }
 
-    /// Whether, by the newest inputs of a slave, the motor of one of its axes has torque or is about to have it.
+    /// Whether, by the newest inputs of a slave, the motor of one of its axes has torque, or SV_ON has enabled the axis.
     fn has_torque(&self, slave: u8) -> bool {
         use crate::ethercat::cia402::DriveState::{FaultReactionActive, OperationEnabled, QuickStopActive};
         let n = usize::from(slave) - 1;

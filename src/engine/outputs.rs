@@ -2,15 +2,16 @@
 //! entries whose outputs a bus has queued and not sent, these outputs are taken back.
 //!
 //! **Which outputs were sent** is known by the ids of polled cycles, some cycles late, and by the end of a clear. When
-//! the outputs of an entry are known to be sent, the entry counts as executed, and its slots for the board itself (slot
-//! 0 and the SDO slot) act.
+//! the outputs of an entry are known to be sent, the entry counts as executed, and its slots for the board itself (slot 0
+//! and the SDO slot) act.
 //!
-//! **How many sets of outputs a bus holds** can only be estimated: every cycle since the newest polled one has taken
-//! one set, if one had been pushed by then. The estimate decides how many sets are pushed, never which were sent.
+//! **How many sets of outputs a bus holds** can only be estimated. Each cycle since the newest polled one is assumed to
+//! have sent one set, if a set was in the queue by then. The estimate decides how many sets are pushed, never which were
+//! sent.
 //!
-//! **An axis that is being switched on** is held at the position that was measured last. Outputs that a bus holds have
-//! an older position: an axis that sags while its brake opens would be pulled back to it when it is enabled. So while
-//! an axis is being switched on only a few sets are pushed ahead \[OURS]: [`AHEAD_MAX_SWITCHING_ON`], or
+//! **An axis that is being switched on** is held at the position that was measured last. Outputs that a bus holds have an
+//! older position: an axis that sags while its brake opens would be pulled back to it when it is enabled. So while an
+//! axis is being switched on only a few sets are pushed ahead \[OURS]: [`AHEAD_MAX_SWITCHING_ON`], or
 //! [`AHEAD_MAX_BESIDE_MOTION`] while other axes follow targets, so that these do not stop.
 
 use super::axis::AllAxes;
@@ -69,8 +70,8 @@ impl Engine {
                 return;
             }
             let (has_entry, deferred) = self.take_entry(now);
-            // A bus that runs its own cycle repeats the last outputs by itself, so that unchanged outputs need not be
-            // pushed.
+            // A bus that runs its own cycle repeats the last outputs by itself. Without a FIFO entry nothing is pushed to
+            // it, as long as its queue is not empty or the outputs are unchanged.
             let repeats = self.pacing != Pacing::Runner && (ahead > 0 || !self.outputs_left && !self.outputs_changed());
             if repeats && !has_entry {
                 return;
@@ -86,8 +87,8 @@ impl Engine {
             record.test = self.volatile.test;
             self.outputs_left = bus.push(&self.outputs).is_err();
             if self.outputs_left {
-                // The bus has just gone down (a cut cable). The commands of the entry were executed, and the next
-                // outputs will carry them.
+                // The bus has just gone down (a cut cable) and has not taken the outputs. The entry counts as executed
+                // now: its commands have changed the state of the axes, and the next outputs are made from that state.
                 self.counters.executed += u64::from(has_entry);
                 self.run_deferred(deferred, now);
                 return;
@@ -149,7 +150,8 @@ impl Engine {
         0
     }
 
-    /// The maximum number of sets of outputs that the bus may hold at present.
+    /// The maximum number of sets of outputs that the bus may hold at present: few while an axis in CSP is being switched
+    /// on, and without a limit otherwise.
     fn ahead_max(&self) -> u64 {
         let found = usize::from(self.network().found());
         let axes = || self.axes[..found].iter().enumerate();
@@ -233,8 +235,8 @@ impl Engine {
         self.clearing != Clearing::Idle
     }
 
-    /// Requests a clear of the outputs that the bus has queued and not sent. A clear that is under way suffices, since
-    /// no outputs were pushed since it began.
+    /// Requests a clear of the outputs that the bus has queued and not sent. Does nothing if a clear is requested or
+    /// running: no outputs are pushed until it ends, so it covers all of them.
     pub(super) fn clear_ahead(&mut self) {
         if self.clearing == Clearing::Idle && self.unconfirmed() > 0 {
             self.clearing = Clearing::Requested;
@@ -272,7 +274,7 @@ impl Engine {
         }
     }
 
-    /// Returns the axes to the state that they had when the newest outputs that were sent were made.
+    /// Returns the axes to the state from which the newest outputs that were sent had been made.
     fn roll_back(&mut self) {
         let sent = match self.next_output_id.checked_sub(1) {
             Some(newest) if newest >= self.op_from => self.records.of(newest),

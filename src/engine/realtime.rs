@@ -112,7 +112,8 @@ impl Rate {
         })
     }
 
-    /// Converts a span of the machine's time to the runner's clock, rounded down.
+    /// Converts a span of the machine's time to the runner's clock. It is rounded down, so that the runner's clock never
+    /// shows a time before that time has passed.
     pub(crate) fn slowed(self, span: Duration) -> Duration {
         if self.0 == Self::ONE {
             return span;

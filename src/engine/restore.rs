@@ -91,8 +91,8 @@ impl Engine {
         }
     }
 
-    /// Starts the next restore. Axes with fewer failed attempts go first, and a slave has to wait while one of its axes
-    /// is homing.
+    /// Starts the next restore. Axes with fewer failed attempts go first, so that one that fails does not hold up the
+    /// others. A slave has to wait while one of its axes is homing.
     pub(super) fn start_restore(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if self.volatile.restores.due.iter().all(|due| due.is_empty()) {
             return;
@@ -161,17 +161,18 @@ impl Engine {
         self.axes[n][axis].mode_written(newest, in_mode);
     }
 
-    /// Whether the waiting transfer of the host has to wait longer: it writes the mode of an axis that has not come to
-    /// a standstill after homing. If the axis is homing, this call ends the homing.
+    /// Decides whether the waiting transfer of the host has to wait longer: it writes the mode of an axis that has not
+    /// come to a standstill after homing. If the axis is still homing, the homing is ended first, because the host wants
+    /// another mode.
     pub(super) fn holds_mode_write(&mut self, now: Ns) -> bool {
         let Some((slave, axis)) = self.volatile.sdo.waiting_write().and_then(mode_write) else { return false };
         self.end_homing_of_axis(slave, axis, HomingEnd::ModeWritten, now);
         self.axes[slave - 1][axis].homing.is_ending()
     }
 
-    /// Delays a GO_HOME while a host's earlier write of the same axis's mode is under way. The end of that write ends
-    /// homing, so GO_HOME waits: otherwise its own homing would be ended in the middle of the motion, before the CSP
-    /// target fits the new home position.
+    /// Delays a GO_HOME while an earlier SDO write of the host to the mode of the same axis is under way. When that write
+    /// ends, it ends homing. If GO_HOME did not wait, its homing would be ended in the middle of the motion, while the
+    /// CSP target is still a position from before homing.
     pub(super) fn hold_go_home(&mut self) {
         let Some((slave, axis)) = self.volatile.sdo.running_write().and_then(mode_write) else { return };
         self.axes[slave - 1][axis].homing.wait();

@@ -26,7 +26,8 @@ impl Board {
         Ok(ecm::Config::of_machine(machine))
     }
 
-    /// A call with the slaves of some axes.
+    /// Runs a call with the slave numbers of `axes`, which are given as numbers or names. Other threads run while it
+    /// waits.
     fn with_axes(
         &self,
         axes: &Bound<'_, PyAny>,

@@ -65,6 +65,9 @@ pub fn check_for(content: &[u8], present: &[u8]) -> Result<(), ContentError> {
 
 /// Reads an EEPROM up to the end of its categories. If the list of categories is damaged, returns the bytes before the
 /// damage.
+///
+/// # Errors
+/// [`BusError::Eeprom`]: the EEPROM cannot be read, or is blank.
 pub(super) fn read_whole(network: &mut dyn Network, slave: u8) -> Result<Vec<u8>, BusError> {
     let mut content: Vec<u8> = Vec::new();
     loop {

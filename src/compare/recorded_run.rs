@@ -170,6 +170,9 @@ impl RecordedRun {
 
     /// Checks that the file was read up to its end, or up to where it is cut off or damaged: the frames before the damage
     /// can be compared.
+    ///
+    /// # Errors
+    /// [`CompareError::Recording`] if reading failed for another reason.
     pub fn check(&self) -> Result<(), CompareError> {
         match &self.error {
             None | Some(RecordError::Truncated { .. } | RecordError::Malformed { .. }) => Ok(()),

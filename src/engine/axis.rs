@@ -1,5 +1,5 @@
 //! One CiA 402 axis as the board drives it: the controlwords of SV_ON and SV_OFF, the fault reset of ALM_CLR, and the
-//! targets. Until an axis follows commands, its target is its actual position, so that it does not move.
+//! targets. Until an axis follows commands, its target holds it where it is: the actual position in CSP, 0 in CSV and CST.
 
 use super::fault_reset::FaultReset;
 use super::homing::AxisHoming;

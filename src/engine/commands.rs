@@ -268,7 +268,7 @@ impl Engine {
         check_kind(command, self.role(slave))?;
         if command.id().is_ignored_while_homing() && self.ignores_motion(slave) {
             // SV_ON is answered during homing, although it has no effect [OURS]: a program that waits for the answer
-            // would otherwise wait until homing ends. Other commands are not answered.
+            // would otherwise wait until homing ends. Other ignored commands are not answered.
             let is_on = *command == SlaveCommand::ServoOn;
             return Ok(if is_on { Outcome::InVain } else { Outcome::Ignored });
         }

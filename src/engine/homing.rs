@@ -29,8 +29,8 @@ use std::fmt;
 use crate::ethercat::cia402::{DriveState, Statusword};
 use crate::fieldbus::Ns;
 
-/// In how many consecutive cycles the outputs must have bit 4 clear before it may rise again \[OURS]. That is 2 ms at the
-/// shortest cycle, so that a drive that does not read its controlword in every cycle still sees the edge.
+/// How many consecutive sets of outputs, one per cycle, must have bit 4 clear before it may rise again \[OURS]. That is
+/// 2 ms at the shortest cycle, so that a drive that does not read its controlword in every cycle still sees the edge.
 const START_BIT_LOW_SETS: u8 = 8;
 
 /// A homing result in the statusword is accepted if the drive has shown no result for this long before bit 4 rose, or

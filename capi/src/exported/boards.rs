@@ -70,6 +70,7 @@ pub unsafe extern "C" fn ecmsk_open(uri: *const c_char, board: *mut *mut EcmskBo
     if !board.is_null() {
         // NULL is written before anything else: if there is no memory for the call, the block of `entry!` below does not
         // run.
+        // SAFETY: not NULL, and the caller vouches for room; nothing is read from it.
         unsafe { board.write(std::ptr::null_mut()) };
     }
     code(entry!(ecmsk_open(), {

@@ -62,8 +62,8 @@ impl Patience {
 }
 
 /// How long one call has waited by the clock of timeouts. While the thread of the call gets no processor or no lock,
-/// other threads may move a virtual clock on by seconds. So the time between two readings counts as at most [`WAIT_MAX`]
-/// + [`LATENESS_MAX`] + one cycle, and the call looks at many reports before it times out.
+/// other threads may move a virtual clock on by seconds. So the time between two readings counts as at most [`WAIT_MAX`],
+/// [`LATENESS_MAX`] and one cycle together, and the call looks at many reports before it times out.
 pub struct Waited {
     last: Duration,
     total: Duration,

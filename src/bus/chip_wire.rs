@@ -21,7 +21,7 @@ pub(super) fn bytes_max(xf: &Xf) -> usize {
 /// Lets the chip send a datagram. Returns its working counter and its data; `None` if it did not come back.
 ///
 /// # Errors
-/// [`XfError`]
+/// [`XfError`]: the chip does not answer, or refuses the datagram for another reason than that it was lost.
 pub(super) fn datagram(
     xf: &mut Xf,
     operation: RawOperation,

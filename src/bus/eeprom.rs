@@ -9,7 +9,7 @@ use crate::master::SiiError;
 /// ends.
 const BYTES_MAX: usize = 0x8000;
 
-/// A word that new content changes.
+/// A word of an EEPROM that new content changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WordChange {
     /// The address of the word.

@@ -82,43 +82,44 @@ pub trait Network {
     /// Sends long frames for this time, so that a bad cable shows in the error counters.
     ///
     /// # Errors
-    /// [`BusError`]
+    /// As [`Network::wait`]. Lost frames are no error.
     fn load(&mut self, time: Duration) -> Result<(), BusError>;
 
     /// Reads registers of a slave.
     ///
     /// # Errors
-    /// [`BusError::Register`]
+    /// [`BusError::Register`]: the slave does not answer, or with a wrong working counter.
     fn read(&mut self, slave: u8, address: u16, data: &mut [u8]) -> Result<(), BusError>;
 
     /// Writes registers of a slave.
     ///
     /// # Errors
-    /// [`BusError::Register`]
+    /// [`BusError::Register`]: the slave does not answer, or with a wrong working counter.
     fn write(&mut self, slave: u8, address: u16, data: &[u8]) -> Result<(), BusError>;
 
     /// Brings a slave from Init to PreOP, where its mailbox works. A slave in a higher state stays there.
     ///
     /// # Errors
-    /// [`BusError::State`]
+    /// [`BusError::State`]: the slave refuses the change or does not reach PreOP in time.
     fn bring_to_preop(&mut self, slave: u8) -> Result<(), BusError>;
 
     /// Reads an object by SDO.
     ///
     /// # Errors
-    /// [`BusError::Sdo`]
+    /// [`BusError::Sdo`]: the slave has aborted the transfer, or has not answered in time.
     fn upload(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope) -> Result<Vec<u8>, BusError>;
 
     /// Writes an object by SDO.
     ///
     /// # Errors
-    /// [`BusError::Sdo`]
+    /// [`BusError::Sdo`]: the slave has aborted the transfer, or has not answered in time.
     fn download(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), BusError>;
 
     /// The indices of all objects of a slave, from its SDO information service.
     ///
     /// # Errors
-    /// [`BusError::Information`]
+    /// [`BusError::Information`]: the slave gives no valid answer. [`BusError::NoCoe`], [`BusError::NoInformation`]: it
+    /// has no CoE, or no SDO information service.
     fn object_list(&mut self, slave: u8) -> Result<Vec<u16>, BusError>;
 
     /// The description of an object as the slave sends it: the bytes of an
@@ -133,38 +134,41 @@ pub trait Network {
     /// [`EntryDescription`](crate::ethercat::coe::EntryDescription).
     ///
     /// # Errors
-    /// [`BusError::Information`]
+    /// [`BusError::Information`]: the slave gives no valid answer. [`BusError::NoCoe`], [`BusError::NoInformation`]: it
+    /// has no CoE, or no SDO information service.
     fn describe_entry(&mut self, slave: u8, request: EntryRequest) -> Result<Vec<u8>, BusError>;
 
     /// The content of a slave's EEPROM from its first word to the end of its categories. Our own master returns the
     /// content that the last scan has read.
     ///
     /// # Errors
-    /// [`BusError::Eeprom`]
+    /// [`BusError::Eeprom`]: the EEPROM cannot be read.
     fn read_eeprom(&mut self, slave: u8) -> Result<Vec<u8>, BusError>;
 
     /// Reads `count` words of a slave's EEPROM, beginning at the word `first`.
     ///
     /// # Errors
-    /// [`BusError::Eeprom`]
+    /// [`BusError::Eeprom`]: the words cannot be read.
     fn read_eeprom_words(&mut self, slave: u8, first: u16, count: usize) -> Result<Vec<u16>, BusError>;
 
     /// Writes words to a slave's EEPROM, beginning at the word `first`.
     ///
     /// # Errors
-    /// [`BusError::Eeprom`]
+    /// [`BusError::Eeprom`]: the words cannot be written.
     fn write_eeprom_words(&mut self, slave: u8, first: u16, words: &[u16]) -> Result<(), BusError>;
 
     /// Reads a file by FoE.
     ///
     /// # Errors
-    /// [`BusError::File`]
+    /// [`BusError::NoFoe`]: the slave has no FoE. [`BusError::File`]: it has refused the transfer, or has not answered in
+    /// time.
     fn read_file(&mut self, slave: u8, name: &str, password: u32) -> Result<Vec<u8>, BusError>;
 
     /// Writes a file by FoE.
     ///
     /// # Errors
-    /// [`BusError::File`]
+    /// [`BusError::NoFoe`]: the slave has no FoE. [`BusError::File`]: it has refused the transfer, or has not answered in
+    /// time.
     fn write_file(&mut self, slave: u8, name: &str, password: u32, content: &[u8]) -> Result<(), BusError>;
 
     /// The slave with the reference clock; `None` if no slave has a clock, or if it is not known.

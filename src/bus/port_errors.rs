@@ -82,7 +82,7 @@ impl SlaveErrors {
 /// Reads the counters of a slave.
 ///
 /// # Errors
-/// [`BusError::Register`]
+/// [`BusError::Register`]: a slave does not answer.
 pub fn read_one(network: &mut dyn Network, slave: u8) -> Result<SlaveErrors, BusError> {
     let mut bytes = [0; LEN];
     network.read(slave, RX_ERRORS, &mut bytes)?;
@@ -92,7 +92,7 @@ pub fn read_one(network: &mut dyn Network, slave: u8) -> Result<SlaveErrors, Bus
 /// Reads the counters of all slaves.
 ///
 /// # Errors
-/// [`BusError::Register`]
+/// [`BusError::Register`]: a slave does not answer.
 pub fn read(network: &mut dyn Network, slaves: &[FoundSlave]) -> Result<Vec<SlaveErrors>, BusError> {
     slaves.iter().map(|found| read_one(network, found.slave)).collect()
 }
@@ -100,7 +100,7 @@ pub fn read(network: &mut dyn Network, slaves: &[FoundSlave]) -> Result<Vec<Slav
 /// Clears the counters of all slaves.
 ///
 /// # Errors
-/// [`BusError::Register`]
+/// [`BusError::Register`]: a slave does not answer.
 pub fn clear(network: &mut dyn Network, slaves: &[FoundSlave]) -> Result<(), BusError> {
     for found in slaves {
         // The error registers form four groups. Writing to any register of a group clears all counters of the group.

@@ -86,7 +86,7 @@ impl<W: NicWires> SoftwareNetwork<W> {
     /// Waits for the end of a job and checks that a network card is still there.
     ///
     /// # Errors
-    /// [`BusError::CardGone`]
+    /// [`BusError::CardGone`]: all network cards are gone.
     fn finish<T: Ending>(&mut self, job: Job<T>) -> Result<T, BusError> {
         let end = self.wait_for(job);
         self.check_cards().map(|()| end)
@@ -95,7 +95,7 @@ impl<W: NicWires> SoftwareNetwork<W> {
     /// Fails if all network cards are gone.
     ///
     /// # Errors
-    /// [`BusError::CardGone`]
+    /// [`BusError::CardGone`]: all network cards are gone.
     fn check_cards(&self) -> Result<(), BusError> {
         match self.wires.cards_gone().filter(|gone| gone.is_all) {
             Some(gone) => Err(BusError::CardGone { text: gone.text.to_string() }),

@@ -187,7 +187,7 @@ impl Ecm {
         Ok(())
     }
 
-    /// Writes the objects of one axis.
+    /// Writes the mode of operation, the method and the other objects of homing to one axis by SDO.
     fn prepare(&self, slave: u8, homing: &Homing) -> Result<(), EcmError> {
         let object = ObjectAddress::new;
         refuse_aborted(&*self.exchange.lock()?, slave)?;

@@ -122,7 +122,8 @@ impl Credit {
         FIFO_ENTRIES - self.credit()
     }
 
-    /// Whether the board has certainly executed the frame with the number `number`.
+    /// Whether the board has executed the frame with the number `number`, even if all frames that the newest free count
+    /// may not include still wait.
     pub fn has_executed(&self, number: i64) -> bool {
         self.written - self.uncounted.len() as i64 - i64::from(self.used()) >= number
     }

@@ -29,7 +29,7 @@ impl Names {
         axis.extract().map_err(|_| PyValueError::new_err(format!("{axis} is no slave; slaves are 1 to 40")))
     }
 
-    /// The slave numbers of one axis (a number or a name), or of several axes in a list.
+    /// The slave numbers of one axis (a number or a name), or of several axes, given as an iterable.
     pub fn slaves(&self, axes: &Bound<'_, PyAny>) -> PyResult<Vec<u8>> {
         if axes.is_instance_of::<PyString>() || axes.is_instance_of::<PyInt>() {
             return Ok(vec![self.slave(axes)?]);

@@ -196,7 +196,7 @@ impl Key {
         Self::of(scheme).find(|key| key.name == name)
     }
 
-    /// The keys of links of that scheme, in the order of the table.
+    /// The keys that links of `scheme` have, in the order of the table.
     pub fn of(scheme: Scheme) -> impl Iterator<Item = &'static Self> {
         KEYS.iter().filter(move |key| key.schemes.contains(&scheme))
     }

@@ -20,7 +20,7 @@ impl Scale {
     /// The unit is one count.
     pub const COUNTS: Self = Self::per_unit(1.0);
 
-    /// A unit of that many counts.
+    /// The scale of a unit that has `counts_per_unit` counts.
     pub const fn per_unit(counts_per_unit: f64) -> Self {
         Self { counts_per_unit }
     }

@@ -220,7 +220,7 @@ impl LinkUri {
         self.required("slaves", |value| slaves::parse(value).ok())
     }
 
-    /// Refuses a link of another scheme.
+    /// Returns an error if the link has another scheme than `expected`.
     pub(crate) fn expect_scheme(&self, expected: Scheme) -> Result<(), UriError> {
         if self.scheme == expected {
             return Ok(());

@@ -148,7 +148,8 @@ impl RecordedRun {
         self.error.as_ref().map(RecordError::to_string).or_else(|| lacks().map(|lacks| lacks.to_string()))
     }
 
-    /// Where the clock of the recording was set forward or back, in the part read so far; `None` if it was not.
+    /// How often, where and how far the clock of the recording was set forward or back, in the part read so far; `None` if
+    /// it was not.
     pub const fn jumps(&self) -> Option<Jumps> {
         self.timeline.jumps()
     }

@@ -50,7 +50,7 @@ pub extern "system" fn CloseECMUSB() {
 
 extern "C" fn close_board() -> CloseResult {
     module::close(|| {
-        // CloseECMUSB returns nothing, so the result is dropped; its text is kept for `ecmsk_last_error`.
+        // CloseECMUSB returns nothing, so an error is dropped here. Its text is kept for `ecmsk_last_error`.
         let _ = guard(format_args!("CloseECMUSB()"), || {
             VENDOR_BOARD.close();
             Ok(())

@@ -1,7 +1,7 @@
 //! The checks of the drive before a change of its AL state, in their order \[OURS], and the alarm of each check.
 //!
-//! On a network without slave controllers, only the mapping, the lengths of the sync managers and the SYNC0 cycle time are
-//! known.
+//! A network without slave controllers has no registers to check. There the drive checks only the mapping, the lengths of the
+//! sync managers and the SYNC0 cycle time.
 
 use super::alarms::Dp3clAlarm;
 use super::config::Dp3clVariants;
@@ -85,11 +85,12 @@ pub(super) struct SafeOpSettings {
     pub(super) sync_types: (u16, u16),
 }
 
-/// Checks the change from PreOP to SafeOP, after the checks of the mapping and the sync manager lengths. Returns whether
-/// the drive runs by SYNC0.
+/// Checks the change from PreOP to SafeOP, after the checks of the mapping and the sync manager lengths. Returns whether the
+/// drive runs by SYNC0.
 ///
 /// # Errors
-/// The alarm with which the drive refuses.
+/// The alarm of the first setting that the drive refuses: a process data sync manager, a watchdog time of less than two
+/// cycles, a synchronization type, the DC activation or the SYNC0 cycle time.
 pub(super) fn to_safeop(settings: &SafeOpSettings) -> Result<bool, Dp3clAlarm> {
     let SafeOpSettings { communication, dc, sync_types } = settings;
     if let Some(communication) = communication {
@@ -134,7 +135,8 @@ fn check_process_data(
     if good { Ok(()) } else { Err(alarm) }
 }
 
-/// Bits 0 to 2 of register 0x0981 and the SYNC0 cycle time, for a network without slave controllers.
+/// The value that bits 0 to 2 of register 0x0981 would have, and the SYNC0 cycle time, ns. For a network without slave
+/// controllers, where only the cycle time is known; `None`: SYNC0 is off.
 pub(super) const fn activation_of(cycle_ns: Option<Ns>) -> (u8, Ns) {
     match cycle_ns {
         Some(cycle_ns) => (SYNC0_ON, cycle_ns),

@@ -7,7 +7,7 @@ use crate::slave::Slave;
 
 /// \[OURS] The maximum length of a value that a master can write, bytes.
 pub const VALUE_BYTES_MAX: u32 = 0x1_0000;
-/// The capacity reserved for a value, bytes. A longer value allocates.
+/// The capacity that is reserved for a value, bytes. Only a longer value allocates.
 const VALUE_ROOM: usize = 512;
 
 /// The present segmented transfer.
@@ -21,7 +21,7 @@ enum Transfer {
     Download { object: ObjectAddress, scope: SdoScope, size: usize, toggle: bool },
 }
 
-/// The answer of the server.
+/// The server's answer to an SDO request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SdoAnswer<'a> {
     Response(SdoResponse<'a>),
@@ -128,7 +128,7 @@ impl SdoServer {
         let written = match value {
             SdoValuePart::Expedited(data) => device.write(object, scope, data),
             SdoValuePart::Unsized(four) => {
-                // The request does not give the size, so use the length of the object.
+                // An expedited request without the size indicator: use the length of the object, at most four bytes.
                 let len = device.read(object, scope, &mut []).unwrap_or(four.len()).min(four.len());
                 device.write(object, scope, &four[..len])
             }

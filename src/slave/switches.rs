@@ -1,9 +1,9 @@
 //! The travel of an axis: two limit switches, a home switch, the index pulse of its encoder, and end stops.
 //!
-//! All positions are counts of the shaft, which homing never changes. A switch is active in a range of counts, both ends
-//! included. An edge is therefore between two counts and is detected at the first count behind it; the index pulse is one
-//! count wide. [`Switches::next`] finds the counts between two positions at which a switch changes, so that edges and
-//! pulses are latched exactly, however far the shaft moves in a cycle.
+//! All positions are counts of the shaft. Homing shifts the position that the drive shows, never these counts. A switch is
+//! active in a range of counts, both ends included. An edge is therefore between two counts and is detected at the first count
+//! behind it; the index pulse is one count wide. [`Switches::next`] finds the counts between two positions at which a switch
+//! changes, so that edges and pulses are latched exactly, however far the shaft moves in a cycle.
 
 use super::plant::Motor;
 
@@ -13,7 +13,7 @@ const SEARCH_LIMIT_TURNS: u64 = 100;
 /// \[OURS] The distance of the limit switches of [`Travel::for_turn`] from 0, turns.
 const LIMIT_TURNS: i64 = 10;
 
-/// An input of an axis.
+/// A digital input of a drive: a switch along the travel of its axis, or the index pulse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Input {
     /// Negative limit switch, bit 0 of 0x60FD.

@@ -47,7 +47,8 @@ impl Greeting {
     /// Decodes a greeting.
     ///
     /// # Errors
-    /// [`WireError::NoServer`], [`WireError::Version`].
+    /// [`WireError::NoServer`] if the bytes are not a greeting; [`WireError::Version`] if the server has another version of the
+    /// protocol.
     pub fn decode(bytes: &[u8; GREETING_LEN]) -> Result<Self, WireError> {
         if bytes[..8] != MAGIC {
             return Err(WireError::NoServer);
@@ -193,7 +194,7 @@ impl<'a> Message<'a> {
     /// Decodes the message of that kind with that payload.
     ///
     /// # Errors
-    /// [`WireError`].
+    /// [`WireError`] if the kind is unknown, the payload has another length than its fields, or a field has an invalid value.
     pub fn decode(kind: u8, payload: &'a [u8]) -> Result<Self, WireError> {
         let mut get = Get::new(kind, payload);
         let message = Self::get(kind, &mut get)?;

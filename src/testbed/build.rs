@@ -11,7 +11,7 @@ use crate::slave::{
     Travel,
 };
 
-/// Builds the slaves that a link lists, with their manufacturer-specific objects.
+/// Builds the slaves that a link names in `slaves=`, with their manufacturer-specific objects.
 ///
 /// # Errors
 /// [`ManufacturerObjectsError`] if a file of manufacturer-specific objects cannot be used.

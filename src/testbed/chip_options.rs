@@ -44,7 +44,7 @@ impl ChipNetwork {
         }
     }
 
-    /// Builds the network of these slaves, which `handle` controls.
+    /// Builds the simulated network of these slaves; scripts and tests inject faults into it by `handle`.
     ///
     /// # Errors
     /// [`UndescribedError`]: a slave does not define the content of the EEPROM of its slave controller.

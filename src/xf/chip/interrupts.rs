@@ -3,7 +3,7 @@
 use crate::xf::Interrupts;
 use crate::xf::request::{InterruptEnable, PeripheralInterrupts, Polarity};
 
-/// The flags of word 0x10 except those of the encoder, and the enabled interrupts.
+/// The interrupt flags (word 0x10 of an answer's header) except those of the encoder, and which of them are enabled.
 pub(super) struct InterruptUnit {
     flags: Interrupts,
     pub enable: InterruptEnable,
@@ -25,7 +25,8 @@ impl InterruptUnit {
         self.flags = self.flags.with(flags);
     }
 
-    /// Clears flags. The manuals name only bits 31 and 29 for this; `[OURS]` bits 22 to 25 are cleared in the same way.
+    /// Clears flags. The manuals name only bits 31 and 29 as flags that a header clears; `[OURS]` bits 22 to 25 are cleared in
+    /// the same way.
     pub const fn clear(&mut self, flags: Interrupts) {
         self.flags = self.flags.without(flags);
     }

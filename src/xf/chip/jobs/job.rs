@@ -59,7 +59,7 @@ pub(in crate::xf::chip) struct StateJob {
     pub target: Option<AlState>,
     /// Whether all states are read at the end, as ECAT_STATE_CHECK does.
     pub updates: bool,
-    /// Whether a slave in the present step does not answer or cannot be set up.
+    /// Whether a slave does not answer or cannot be set up in the present step of the change of state.
     pub has_failed: bool,
 }
 

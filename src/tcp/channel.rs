@@ -55,8 +55,8 @@ impl Out {
         self.bytes.len() - self.sent
     }
 
-    /// Appends a message to the waiting bytes, unencrypted, for a caller that takes them by [`take`](Self::take)
-    /// instead of sending them.
+    /// Appends a message to the waiting bytes, unencrypted, for a client in the server's own process, which has no socket and
+    /// gets the bytes by [`take`](Self::take).
     pub fn keep(&mut self, message: &Message<'_>) {
         let length = message.encode(&mut self.message);
         self.bytes.extend_from_slice(&self.message[..length]);

@@ -27,22 +27,20 @@ pub struct Hello<'a> {
     pub pid: u32,
     /// The name of the client's program.
     pub program: &'a str,
-    /// The proof that the client knows the secret, made from the keying material of the TLS session ([`super::proof`]); zeros
-    /// without a secret.
+    /// The proof that the client knows the secret, made from the keying material of the TLS session; zeros without a secret.
     pub proof: &'a [u8; PROOF_LEN],
 }
 
 /// The server's answer to a client that it accepts, with its information about the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Welcome<'a> {
-    /// The proof that the server knows the secret, made from the keying material of the TLS session ([`super::proof`]); zeros
-    /// without a secret.
+    /// The proof that the server knows the secret, made from the keying material of the TLS session; zeros without a secret.
     pub proof: &'a [u8; PROOF_LEN],
     /// The board's slot size, if the server's link knows it.
     pub slot: Option<SlotSize>,
     /// Whether the board's time advances only by the writer's calls.
     pub virtual_time: bool,
-    /// The board's time when the Welcome was sent, on the clock of the reports' stamps.
+    /// The latest known time of the board when the Welcome was sent; on the real clock that of the newest report.
     pub now: Stamp,
     /// The sequence number of the next report that the server sends.
     pub sequence: u64,
@@ -174,14 +172,14 @@ pub enum Message<'a> {
         request: u64,
         /// The board's time when it accepted the frame, on the clock of the reports' stamps.
         at: Stamp,
-        /// The board's time after the write, on virtual time, where waiting for the board advances it; otherwise `None`.
+        /// The board's time after the write; `None` on the real clock, and if it is unknown.
         now: Option<Stamp>,
     },
     /// The answer to a read.
     Got {
         /// The number of the request.
         request: u64,
-        /// The board's time after the read; `None` if it is unknown.
+        /// The board's time after the read; `None` on the real clock, and if it is unknown.
         now: Option<Stamp>,
         /// The time and the sequence number of the report.
         meta: ReadMeta,
@@ -192,7 +190,7 @@ pub enum Message<'a> {
     Passed {
         /// The number of the request.
         request: u64,
-        /// The board's time after the request; `None` on the real clock, where a request does not advance it.
+        /// The board's time after the request; `None` on the real clock, and if it is unknown.
         now: Option<Stamp>,
     },
     /// The answer to a request for the counters.

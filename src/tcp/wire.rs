@@ -19,7 +19,7 @@ const MAGIC: [u8; 8] = *b"ecmsktcp";
 pub const GREETING_LEN: usize = 16;
 /// The length of a message's header, before the payload, in bytes.
 pub const HEADER_LEN: usize = 4;
-/// The longest text in bytes; a longer one is cut.
+/// The longest text field of a message in bytes; a longer text is cut.
 pub use super::fields::TEXT_MAX;
 /// The longest message in bytes.
 pub const MESSAGE_MAX: usize = HEADER_LEN + PAYLOAD_MAX;

@@ -22,9 +22,9 @@ const CHECK_INTERVAL: Duration = Duration::from_millis(1);
 /// that receives a signal by signalfd or sigwait blocks it in all its threads. If a thread of this crate did not block it, the
 /// system would deliver it there, and its default action would end the process.
 ///
-/// On Unix the thread has begun `work` when this function returns. Without memory for the guard page of its signal stack a
-/// thread ends before it begins `work`, by a panic in the standard library, and a caller that waits for the thread's work would
-/// wait forever.
+/// On Unix the thread has begun `work` when this function returns. Without memory for the guard page of its signal
+/// stack a thread ends before it begins `work`, by a panic in the standard library, and a caller that waits for the
+/// thread's work would wait forever.
 ///
 /// # Errors
 /// The system's error if it cannot create the thread, or out of memory if the thread cannot begin.

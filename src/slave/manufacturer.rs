@@ -6,8 +6,9 @@
 //! use ecmsk::slave::{Drive, DriveConfig, ManufacturerObjects, Slave};
 //! use ecmsk::ethercat::AlState;
 //!
-//! let text = "0x2101:1 u16 rw 0x0010 Motor code\n0x2102:0 i32 ro -5 Encoder offset\n"; let mut drive =
-//! Drive::new(DriveConfig::default()); drive.add_manufacturer_objects(ManufacturerObjects::parse(text).unwrap());
+//! let text = "0x2101:1 u16 rw 0x0010 Motor code\n0x2102:0 i32 ro -5 Encoder offset\n";
+//! let mut drive = Drive::new(DriveConfig::default());
+//! drive.add_manufacturer_objects(ManufacturerObjects::parse(text).unwrap());
 //! drive.enter(AlState::PreOp).unwrap();
 //!
 //! let code = ObjectAddress::new(0x2101, 1);

@@ -25,8 +25,8 @@
 //! | `cable.rs` | faults between a network and its slaves: cuts, lost power, refused states, aborted SDOs |
 //!
 //! To add a kind of slave: implement [`device::Model`] in a file beside `drive.rs`, and add its row to `address/kinds.rs`.
-//! `testbed/build.rs` builds it. If the board maps other process data for it, also add a table to `fieldbus/pdo.rs`. To add a
-//! homing method: `homing/method.rs`. To add a fault: `fault.rs`, and a script verb in `testbed/script/verbs.rs`.
+//! `testbed/build.rs` builds it. If the board maps other process data for it, also add a table to `fieldbus/pdo.rs`. To add
+//! a homing method: `homing/method.rs`. To add a fault: `fault.rs`, and a script verb in `testbed/script/verbs.rs`.
 
 pub mod al;
 pub mod axis;

@@ -1,5 +1,5 @@
-//! Finds gaps in a motion: the FIFO ran empty while an axis was moving, and the board repeated the last target until the
-//! program sent the next one (SK-5), so that the axis stopped or jerked.
+//! Finds gaps in a motion: the FIFO ran empty while an axis was moving, and the board repeated the last target until
+//! the program sent the next one (SK-5), so that the axis stopped or jerked.
 //!
 //! An empty FIFO at the end of a motion is no gap. It is a gap if the motion goes on: the steps between the targets before and
 //! after it have the same direction, and each is at least 1/10 of the longest step.

@@ -36,7 +36,8 @@ pub enum Line {
         /// The present value of the counter.
         value: u64,
     },
-    /// The number of lines that are missing so far, because the queue of the library was full.
+    /// The number of lines that are missing so far: the queue of the library was full, or the log had too many different
+    /// messages.
     Dropped(u64),
 }
 

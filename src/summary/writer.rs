@@ -1,5 +1,5 @@
-//! Reports to `ecmsk exec` what happens in a program: writes [`Line`]s to a file that the tool has created. The environment
-//! variable [`FILE_VARIABLE`] has the name of the file.
+//! Reports to `ecmsk exec` what happens in a program: writes [`Line`]s to a file that the tool has created. The
+//! environment variable [`FILE_VARIABLE`] has the name of the file.
 //!
 //! The program never waits for the file: lines go into a queue, and if the queue is full they are dropped and counted. While a
 //! board is open, a thread writes the queued lines several times a second. Closing a board also writes them, since the process

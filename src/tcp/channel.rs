@@ -134,8 +134,8 @@ impl Channel {
     /// the secret are bound.
     ///
     /// # Errors
-    /// Errors of the operating system, [`ErrorKind::TimedOut`], and [`ErrorKind::InvalidData`] if the other end does not use
-    /// TLS.
+    /// Errors of the operating system, [`ErrorKind::TimedOut`], and [`ErrorKind::InvalidData`] if the other end does
+    /// not use TLS.
     pub fn secure(&mut self, mut session: Connection, deadline: Instant) -> io::Result<Material> {
         let mut out = Out::default();
         while !self.shake_hands(&mut session, &mut out)? {

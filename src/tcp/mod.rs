@@ -1,9 +1,10 @@
-//! The link `tcp://host:port`: a board that another process or machine serves (`ecmsk serve tcp`, [`crate::port::tcp`]).
+//! The link `tcp://host:port`: a board that another process or machine serves (`ecmsk serve tcp`,
+//! [`crate::port::tcp`]).
 //!
-//! Every client gets every report, with the board's time, its sequence number and the number of dropped reports. One client,
-//! the writer, may also send commands. A write has succeeded when the board behind the server has taken the frame, so it takes
-//! a round trip. No frame is ever sent twice: if the connection ends during a write, the call fails with [`LinkError::Unsure`],
-//! or with [`LinkError::Lost`] where it is certain that the board has not taken the frame.
+//! Every client gets every report, with the board's time, its sequence number and the number of dropped reports. One
+//! client, the writer, may also send commands. A write has succeeded when the board behind the server has taken the
+//! frame, so it takes a round trip. No frame is ever sent twice: if the connection ends during a write, the call fails
+//! with [`LinkError::Unsure`], or with [`LinkError::Lost`] where it is certain that the board has not taken the frame.
 //!
 //! If several threads wait in calls, one of them receives for all. A background thread receives only while no call waits, and
 //! sends the keep-alive messages. So a report wakes only the thread that waits for it. Programs may end their threads by force:

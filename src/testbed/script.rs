@@ -80,8 +80,8 @@ pub struct Script {
 }
 
 impl Script {
-    /// Reads the script file `path` for a board with a network of these slaves. Its times count from the opening of the link; a
-    /// line with another origin is an error.
+    /// Reads the script file `path` for a board with a network of these slaves. Its times count from the opening of the
+    /// link; a line with another origin is an error.
     ///
     /// # Errors
     /// [`ScriptError`] if the file cannot be read or a line is invalid.
@@ -100,8 +100,8 @@ impl Script {
         }
     }
 
-    /// Reads the script file `path` for a network without a board. Unlike with [`Self::load`], the times of lines may count
-    /// from an event that the caller reports by [`RunningScript::begin`].
+    /// Reads the script file `path` for a network without a board. Unlike with [`Self::load`], the times of lines may
+    /// count from an event that the caller reports by [`RunningScript::begin`].
     ///
     /// # Errors
     /// [`ScriptError`] if the file cannot be read or a line is invalid.

@@ -1,9 +1,9 @@
 //! The parameter groups P0 to P8 (the manual prints an address for each parameter; its object index is 0x2000 plus that
 //! address) and the command group F0 (from 0x4000): their objects, their saved values, and when a written value takes effect.
 //!
-//! A parameter has up to three values: the value that SDOs read and write; the saved value, which F0-02 stores and a restart
-//! restores; and, for P0-01 and P0-02, the active value, which only a restart changes. Parameters that the manual lists without
-//! a meaning, or not at all, store what is written.
+//! A parameter has up to three values: the value that SDOs read and write; the saved value, which F0-02 stores and a
+//! restart restores; and, for P0-01 and P0-02, the active value, which only a restart changes. Parameters that the manual
+//! lists without a meaning, or not at all, store what is written.
 
 use super::objects::OBJECTS;
 use super::{Dp3cl, Rating};

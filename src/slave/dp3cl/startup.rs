@@ -85,8 +85,8 @@ pub(super) struct SafeOpSettings {
     pub(super) sync_types: (u16, u16),
 }
 
-/// Checks the change from PreOP to SafeOP, after the checks of the mapping and the sync manager lengths. Returns whether the
-/// drive runs by SYNC0.
+/// Checks the change from PreOP to SafeOP, after the checks of the mapping and the sync manager lengths. Returns whether
+/// the drive runs by SYNC0.
 ///
 /// # Errors
 /// The alarm of the first setting that the drive refuses: a process data sync manager, a watchdog time of less than two

@@ -99,8 +99,8 @@ fn name_of(device: &mut dyn Slave) -> String {
     }
 }
 
-/// Generates the EEPROM of a device: identity, mailbox, PDOs as mapped now, and distributed clocks. The device must be in Init,
-/// and returns to Init.
+/// Generates the EEPROM of a device: identity, mailbox, PDOs as mapped now, and distributed clocks. The device must be in
+/// Init, and returns to Init.
 ///
 /// # Errors
 /// [`DescriptionError`] if the device refuses PreOP, lacks an object that the EEPROM needs, or maps too many objects for the

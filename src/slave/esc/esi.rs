@@ -15,8 +15,8 @@ use crate::slave::Slave;
 /// \[OURS] The vendor name of all simulated devices.
 const VENDOR: &str = "ecmsk";
 
-/// Generates the ESI file of a device from its EEPROM and the names of its objects. The device must be in Init, and returns to
-/// Init.
+/// Generates the ESI file of a device from its EEPROM and the names of its objects. The device must be in Init, and returns
+/// to Init.
 ///
 /// # Errors
 /// [`DescriptionError`] as of [`eeprom_of`].

@@ -1,5 +1,5 @@
-//! The sync managers of a slave controller: mailbox mode with its handshake, and buffered mode with three buffers, of which the
-//! reader gets the newest.
+//! The sync managers of a slave controller: mailbox mode with its handshake, and buffered mode with three buffers, of which
+//! the reader gets the newest.
 //!
 //! Accessing the first byte opens a buffer, and accessing the last byte closes it. \[OURS] A buffer opens and closes when the
 //! slave processes the datagram, not at the end of the frame.

@@ -2,11 +2,11 @@
 //! value. Tests start masters on such slaves.
 //!
 //! A seed determines the AL state of each slave, and which of the writable registers were written, with which values. The
-//! writes also have their effects: a closed port hides the slaves behind it, a watchdog with a divider of 0 expires at once, a
-//! busy EEPROM accepts no command.
+//! writes also have their effects: a closed port hides the slaves behind it, a watchdog with a divider of 0 expires at
+//! once, a busy EEPROM accepts no command.
 //!
-//! Not generated: writes to the fixed words of an EEPROM, which would break the slave for every master; and a closed port 0,
-//! because the slave could not be reached again before it loses its power.
+//! Not generated: writes to the fixed words of an EEPROM, which would break the slave for every master; and a closed port
+//! 0, because the slave could not be reached again before it loses its power.
 
 use oorandom::Rand64;
 

@@ -99,8 +99,8 @@ impl EscSlave {
         }
     }
 
-    /// A slave that is switched on at `now`, with an EEPROM generated from its device. A device without distributed clocks gets
-    /// a controller without them.
+    /// A slave that is switched on at `now`, with an EEPROM generated from its device. A device without distributed clocks
+    /// gets a controller without them.
     ///
     /// # Errors
     /// [`DescriptionError`] as of [`eeprom_of`].

@@ -1,5 +1,5 @@
-//! The homing methods of CiA 402-2 as data. To add a method, extend [`Method::from_code`], [`SUPPORTED`] and the tables of the
-//! tests.
+//! The homing methods of CiA 402-2 as data. To add a method, extend [`Method::from_code`], [`SUPPORTED`] and the tables
+//! of the tests.
 //!
 //! A search plan names one edge of one switch, and the direction in which the shaft has to cross the edge. Home is where the
 //! shaft crosses it in that direction; a search that reaches the edge from the other side reverses there and crosses it again.

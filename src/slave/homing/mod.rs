@@ -68,7 +68,7 @@ pub enum HomingError {
     /// Both limit switches are active at once.
     #[error("both limit switches are active; check their wiring")]
     BothLimits,
-    /// Home was not found within this distance from the start, the limit of [`Switches::search_limit`], counts \[OURS].
+    /// Home was not found although the search has covered this distance, [`Switches::search_limit`], counts \[OURS].
     #[error("home was not found within {0} counts; check the switches")]
     TooFar(u64),
     /// The shaft was moving when the run was started.

@@ -55,8 +55,8 @@ impl Helper {
     /// 402_CTL_SET; returns false if the axis is not configured. `[OURS]` The axis gets the slave of the request; the number of
     /// motors in the request is ignored.
     ///
-    /// With `defaults` an axis that is not configured is configured, with controlword and statusword at the beginning of the
-    /// slave's PDOs (OBS: the vendor's driver 0.1 sets offsets "if the default is not fit").
+    /// With `defaults` an axis that is not configured is configured, with controlword and statusword at the beginning of
+    /// the slave's PDOs (OBS: the vendor's driver 0.1 sets offsets "if the default is not fit").
     pub fn set_control(&mut self, request: &HelperControlSet, defaults: bool) -> bool {
         let (motor, control, slave) = (request.motor, request.control, request.slave);
         if defaults && self.axes[usize::from(motor.get())].is_none() {

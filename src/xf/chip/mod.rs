@@ -18,12 +18,12 @@
 //! | `results.rs` | results that wait until the host reads them |
 //! | `network.rs`, `network/` | the trait of networks; slave models, and slave controllers with a master |
 //!
-//! How to read it: [`Chip::exchange`] handles a whole packet; for the command it calls `run` in `commands.rs`. A command that
-//! takes time is started there as a `Job` and ends in `jobs.rs`, called from [`Chip::run_until`].
+//! How to read it: [`Chip::exchange`] handles a whole packet; for the command it calls `run` in `commands.rs`. A
+//! command that takes time is started there as a `Job` and ends in `jobs.rs`, called from [`Chip::run_until`].
 //!
-//! There are two networks. [`Controllers`] has a master and a slave controller in front of each slave: every frame is real, and
-//! all 67 codes are supported. [`SlaveModels`] calls the same slaves without frames. A cycle then takes a fraction of the time,
-//! and the commands in [`NEED_REGISTERS`] are answered with the command error.
+//! There are two networks. [`Controllers`] has a master and a slave controller in front of each slave: every frame is
+//! real, and all 67 codes are supported. [`SlaveModels`] calls the same slaves without frames. A cycle then takes a
+//! fraction of the time, and the commands in [`NEED_REGISTERS`] are answered with the command error.
 //!
 //! ```
 //! use ecmsk::slave::{Drive, DriveConfig};

@@ -117,7 +117,8 @@ pub struct ProcessExchange<'a> {
     pub lrw: bool,
 }
 
-/// The network of a chip. Slaves are numbered from 0. A number without a slave behaves like a slave that does not answer.
+/// The network of a chip. Slaves are numbered from 0. A number without a slave behaves like a slave that does not
+/// answer.
 ///
 /// Operations are started with [`Self::start`]. If the network has frames they take time, and [`Self::poll`] returns the
 /// answer.
@@ -202,7 +203,7 @@ pub trait SlaveNetwork: Send {
     }
 
     /// Sets whether messages that answer no request of the chip, such as emergencies, stay in a slave's mailbox until
-    /// [`Operation::ReceiveMail`]. Otherwise the chip reads and drops them.
+    /// [`Operation::ReceiveMail`]. Otherwise the chip reads them itself.
     fn keep_mail(&mut self, _slave: u8, _keeps: bool) {}
 
     /// Whether there is a message in a mailbox whose messages are kept for the host, see [`Self::keep_mail`].

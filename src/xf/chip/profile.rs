@@ -22,8 +22,8 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// The chip of the manuals' first editions: the data segment has 112 bytes, FW_VERSION_GET has no data, and LRW is not
-    /// supported.
+    /// The chip of the manuals' first editions: the data segment has 112 bytes, FW_VERSION_GET has no data, and LRW is
+    /// not supported.
     ///
     /// `[OURS]` Version 0x0E: newer than 9, so it has the functions that the manuals mark as new in firmware 9; older than
     /// 0x1E, so GPIO 12 to 15 are driven only by command 32 and not by the header.
@@ -36,7 +36,8 @@ impl Profile {
         pdo_config: PdoConfigForm::Three,
     };
 
-    /// A newer chip: the data segment has 1024 bytes, and firmware 0x22 supports LRW and the reference clock in ECAT_INIT_OP.
+    /// A newer chip: the data segment has 1024 bytes, and firmware 0x22 supports LRW and the reference clock in
+    /// ECAT_INIT_OP.
     ///
     /// `[OURS]` Identification and series in the answer of FW_VERSION_GET are 0, since the manual gives no numbers for them.
     pub const NEW: Self = Self {

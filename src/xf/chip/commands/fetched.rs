@@ -30,8 +30,8 @@ impl<N: SlaveNetwork> Chip<N> {
 
     /// DIRECT_ASSIGN. The lengths apply from the next layout of process data on, if DIRECT_ASSIGN has switched them on by then.
     ///
-    /// `[OURS]` A direction without an assigned length keeps the length of the mapping. A length that does not fit into the
-    /// process image, and a slave that was not found, are refused. ECAT_INIT_OP resets the lengths.
+    /// `[OURS]` A direction without an assigned length keeps the length of the mapping. A length that does not fit into
+    /// the process image, and a slave that was not found, are refused. ECAT_INIT_OP resets the lengths.
     pub(super) fn direct_assign(&mut self, request: &DirectAssign) -> CommandOutcome {
         let (DirectAssign::Switch { slave, .. } | DirectAssign::Length { slave, .. }) = *request;
         if !self.found(slave.into()) {

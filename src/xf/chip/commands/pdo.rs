@@ -42,8 +42,8 @@ impl<N: SlaveNetwork> Chip<N> {
         Returned { ret: done.0, len: len as u16 }
     }
 
-    /// PDO_DATA_OP: writes outputs and reads inputs without the FIFOs. The RxPDO is sent from the next cycle on; the TxPDO is
-    /// the newest one.
+    /// PDO_DATA_OP: writes outputs and reads inputs without the FIFOs. The RxPDO is sent from the next cycle on; the
+    /// TxPDO is the newest one.
     ///
     /// Bit 2 of the operation, "bits are valid", says that its bits 0 and 1 select writing and reading. It is repeated in the
     /// return byte, because the vendor's driver accepts inputs only with it (OBS).

@@ -50,8 +50,8 @@ impl<N: SlaveNetwork> Chip<N> {
         self.end_init_dc()
     }
 
-    /// Begins the layout of process data. It is possible in PreOP, where the slaves' mailboxes answer and the mapping may be
-    /// changed.
+    /// Begins the layout of process data. It is possible in PreOP, where the slaves' mailboxes answer and the mapping
+    /// may be changed.
     ///
     /// `[OURS]` If any slave is in another state the job fails. FIFOs that exceed their memory set the FIFO error, but the job
     /// succeeds.

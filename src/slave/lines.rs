@@ -65,7 +65,7 @@ impl Lines {
         self.forced.is_some()
     }
 
-    /// Updates the inputs after `dt_ns`.
+    /// Ends a cycle of `dt_ns`: the inputs follow the outputs, or the pattern that they are forced to.
     pub const fn pass(&mut self, dt_ns: Ns) {
         self.inputs = match &mut self.forced {
             None => self.outputs,

@@ -71,7 +71,7 @@ impl Ramp {
     }
 }
 
-/// The action of the power stage.
+/// What the power stage does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Power {
     /// The power stage is off, and the motor has no torque.

@@ -160,12 +160,12 @@ impl Default for Travel {
 pub struct Switches {
     /// The range of counts of each of the three switches: active inside of it, or outside if the switch is inverted.
     ranges: [(Input, Option<(i64, i64)>); 3],
-    /// Whether each of the three switches is inverted.
+    /// Whether each of the three switches is inverted: active outside of its range of counts instead of inside.
     inverted: [bool; 3],
     index: Option<i64>,
     turn: i64,
     search_limit: f64,
-    /// The value at which each input is stuck, in the order of [`Input`]; `None` for a working input.
+    /// The state in which each input is stuck, true for active, in the order of [`Input`]; `None` for a working input.
     stuck: [Option<bool>; 4],
 }
 

@@ -11,7 +11,7 @@ use crate::sk::{MasterState, StateByte};
 pub enum Line {
     /// A message of the log that is the first of its kind.
     Message {
-        /// A number by which [`Line::Repeated`] refers to it.
+        /// The number of this kind of message, by which [`Line::Repeated`] refers to it.
         id: u32,
         /// The text of the message.
         text: String,

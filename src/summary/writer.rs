@@ -54,7 +54,7 @@ struct WriterState {
     boards: Vec<WatchedBoard>,
     /// The number of boards that the process has opened.
     boards_opened: u32,
-    /// The thread that writes the queued facts; it runs while a board is open.
+    /// The thread that writes the queued lines; it runs while a board is open.
     thread: Option<JoinHandle<()>>,
     began: Instant,
     counts_written: Instant,

@@ -202,7 +202,7 @@ fn refused(why: Refusal, text: &str, options: &TcpOptions) -> ConnectError {
     })
 }
 
-/// Why a connection has failed, and what the user can do, as text.
+/// The text for an error of a connection attempt: why it has failed, and what the user can do.
 fn explain(error: &io::Error, options: &TcpOptions) -> String {
     match error.kind() {
         ErrorKind::ConnectionRefused => {

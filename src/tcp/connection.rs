@@ -26,7 +26,7 @@ const CALLS_RECEIVE: bool = cfg!(not(windows));
 /// How often the background thread receives while no call waits. \[OURS]
 const IDLE_POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// The part of a link that its threads share.
+/// The part of a link that the program's threads and the background thread share.
 pub(super) struct Shared {
     pub(super) info: LinkInfo,
     /// The URI with which the server has opened the board.
@@ -58,7 +58,6 @@ pub(super) struct Shared {
 /// The buffers for sending, and the time of the last message that was sent.
 pub(super) struct Sender {
     pub(super) out: Out,
-    /// When a message was last sent.
     pub(super) last: Instant,
 }
 

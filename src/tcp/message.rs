@@ -155,7 +155,7 @@ pub enum Message<'a> {
     Refused {
         /// The reason of the refusal.
         why: Refusal,
-        /// The reason as text.
+        /// The details as text, for example the name of the present writer.
         text: &'a str,
     },
     /// A report of the board.
@@ -181,7 +181,7 @@ pub enum Message<'a> {
         request: u64,
         /// The board's time after the read; `None` on the real clock, and if it is unknown.
         now: Option<Stamp>,
-        /// The time and the sequence number of the report.
+        /// The time and the sequence number of the report on the server's link.
         meta: ReadMeta,
         /// The report.
         frame: &'a [u8; FRAME_LEN],
@@ -204,7 +204,7 @@ pub enum Message<'a> {
     Failed {
         /// The number of the request.
         request: u64,
-        /// The board's time after the request, on virtual time.
+        /// The board's time after the request; `None` on the real clock, and if it is unknown.
         now: Option<Stamp>,
         /// The reason of the failure.
         failure: Failure<'a>,

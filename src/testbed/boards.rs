@@ -34,7 +34,7 @@ fn boards() -> MutexGuard<'static, Vec<Entry>> {
     BOARDS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A parked board, its network, and the time of parking.
+/// A parked board, the handle of its network, and the time of parking.
 pub(crate) type Parked = (Board, SimHandle, Instant);
 
 /// Reserves the board with the key `key` for a link, until [`park`] or [`forget`]. Returns the parked board, or `None` if there

@@ -115,9 +115,9 @@ mod imp {
     #[derive(Debug)]
     struct Waiter {
         event: Handle,
-        /// Whether a thread uses this event.
+        /// Whether a thread has a ticket for this event.
         taken: bool,
-        /// Whether the thread waits and was not woken yet.
+        /// Whether the thread's wait has not been ended by a notification yet.
         waits: bool,
     }
 

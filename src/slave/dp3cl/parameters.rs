@@ -15,7 +15,7 @@ use crate::slave::dictionary::{Object, Slot, Values, slot};
 pub(super) const SUBDIVISION_DEFAULT: u16 = 10_000;
 /// P4-01: encoder counts per turn (after multiplication by 4) for the positions in encoder counts.
 pub(super) const ENCODER_COUNTS: u16 = 4000;
-/// The index range of the parameters.
+/// The index range of the parameters, which the commands F0-01 and F0-02 restore and save.
 const PARAMETERS: std::ops::RangeInclusive<u16> = 0x2000..=0x2FFF;
 
 pub(super) const SUBDIVISION: Slot<u16> = slot(OBJECTS, 0x2001, 0);
@@ -130,7 +130,7 @@ fn accept_peak_current(drive: &Dp3cl, _at: ObjectAddress, value: i64) -> Result<
     if value > drive.config.rating.peak_max_100ma().into() { Err(AbortCode::VALUE_HIGH) } else { Ok(()) }
 }
 
-/// Reconnects the input functions after a parameter that assigns a terminal was written.
+/// Assigns the input functions to their terminals anew after a parameter that assigns a terminal was written.
 fn rewire(drive: &mut Dp3cl) {
     drive.rewire();
 }

@@ -18,7 +18,7 @@ pub(super) struct SetPointValues {
     pub(super) ramps: Ramps,
 }
 
-/// A motion towards a target.
+/// A motion towards a target position, with its speed and ramps.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Move {
     pub(super) target: i64,

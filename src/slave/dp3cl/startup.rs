@@ -10,7 +10,7 @@ use crate::slave::communication::{Communication, SyncManagerSettings};
 
 /// The supported SYNC0 cycle times, ns.
 pub(super) const SYNC0_CYCLES_NS: [Ns; 4] = [500_000, 1_000_000, 2_000_000, 4_000_000];
-/// Bits 0 to 2 of register 0x0981 with SYNC0 on, and with everything off.
+/// The values of bits 0 to 2 of register 0x0981 with SYNC0 on, and with the SYNC unit off.
 const SYNC0_ON: u8 = 0b011;
 const SYNC_OFF: u8 = 0b000;
 /// The bits of a sync manager's control byte that are checked \[OURS]. Bit 6, which enables the watchdog, is not among
@@ -54,7 +54,8 @@ impl SyncType {
 /// Checks the mailbox sync managers on the change from Init to PreOP.
 ///
 /// # Errors
-/// [`Dp3clAlarm::MailboxSyncManager`] if one has invalid settings.
+/// [`Dp3clAlarm::MailboxSyncManager`] if one of them is off, has an invalid address, length or control byte, or overlaps
+/// another sync manager.
 pub(super) fn to_preop(communication: &Communication, variants: Dp3clVariants) -> Result<(), Dp3clAlarm> {
     let [out, input, data_out, data_in] = &communication.sync_managers;
     let in_starts = if variants.strict_sync_managers { MAILBOX_IN_STARTS_STRICT } else { MAILBOX_IN_STARTS };

@@ -149,7 +149,7 @@ pub(super) const fn pdos_of(kind: DriveKind) -> &'static [Pdo<Drive>] {
     }
 }
 
-/// The objects in which a drive differs from other CiA 402 axes.
+/// The objects that a drive has in addition to those of every CiA 402 axis.
 const DRIVE: &[Row] = &[
     // [OURS] Hardware and software are their first versions.
     Row::text(0x1009, 0, "Hardware version", |_| "1.0"),

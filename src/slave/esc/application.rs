@@ -63,7 +63,7 @@ pub(super) struct Application {
     pub(super) outputs_came: bool,
 }
 
-/// The consequence of a change of state for the other parts of the slave.
+/// What the slave has to start after a change of the AL state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Change {
     None,
@@ -367,7 +367,7 @@ impl Application {
             return;
         }
         self.waiting = None;
-        // The master may have activated SYNC0 since its request.
+        // The master may have activated SYNC0 since it requested OP, so the device gets the present settings.
         device.set_communication(&controller.communication());
         match device.enter(AlState::Op) {
             Ok(()) => self.succeed(AlState::Op, controller),

@@ -151,7 +151,7 @@ impl CabledChain {
             self.chain.slave_mut(before).controller_mut().note_invalid_frame(IN);
             (before + 1..reached).for_each(|n| self.chain.slave_mut(n).controller_mut().note_forwarded_error(IN));
         }
-        // All slaves except the last one receive the frame again from the slave behind them.
+        // All slaves except the last one that the frame reaches receive it again from the slave behind them, on its way back.
         let back = if is_back { before } else { reached - 1 };
         for n in (0..back).rev() {
             let controller = self.chain.slave_mut(n).controller_mut();
@@ -197,7 +197,7 @@ impl CabledChain {
         self.chain.advance(now);
     }
 
-    /// Applies the state of the cable to the slaves.
+    /// Applies changes of the cable (cuts, lost power, silent slaves, faults inside devices) to the slaves.
     fn follow_cable(&mut self, now: Ns) {
         let chain = &mut self.chain;
         let place = |slave: u8| usize::from(slave) - 1;

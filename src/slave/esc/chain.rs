@@ -32,7 +32,7 @@ pub struct Chain {
     places: Vec<Place>,
     /// The index of the slave, and its port, to which a second card is connected.
     ring: Option<(usize, usize)>,
-    /// The routes of frames from the first and from the last end.
+    /// The routes of frames from the first end and from the last end of the line, kept until a cable or a port changes.
     routes: [Route; 2],
     /// The datagrams of the present frame. Kept between frames so that none allocates.
     passing: Passing,

@@ -244,7 +244,7 @@ impl Controller {
         }
     }
 
-    /// The event bits of the sync managers for the master.
+    /// The ECAT event bits that mailboxes and buffers set for the master: a buffer that the slave has written or read.
     fn manager_events(&self) -> u16 {
         let mut events = EcatEvents::NONE;
         for n in 0..self.managers.count().min(8) {
@@ -342,7 +342,7 @@ impl Controller {
         }
     }
 
-    /// Takes the next SYNC pulse that is due.
+    /// Takes the next SYNC pulse if it is due, and sets its status and event bits.
     pub(super) fn take_pulse(&mut self) -> Option<SyncPulse> {
         let (_, pulse) = self.sync.take(self.clock.system())?;
         self.show_pulse(pulse);

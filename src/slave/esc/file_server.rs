@@ -31,7 +31,7 @@ fn packet_bytes(mailbox: usize) -> usize {
 }
 
 impl FileServer {
-    /// Ends a transfer without a message, because the mailbox restarts. `is_in_bootstrap` says whether it restarts in
+    /// Ends the present transfer without a message, because the mailbox restarts. `is_in_bootstrap` says whether it restarts in
     /// bootstrap.
     pub(super) fn reset(&mut self, is_in_bootstrap: bool) {
         self.is_in_bootstrap = is_in_bootstrap;

@@ -286,7 +286,7 @@ impl Mailbox {
         self.answer.is_used = matches!(written, Some(Ok(len)) if encode_around(header, len, bytes).is_ok());
     }
 
-    /// Puts the next message into sync manager 1 if it is empty.
+    /// Puts the next waiting message into sync manager 1, if the master has read the message before.
     fn post(&mut self, managers: &mut Managers, memory: &mut Memory) {
         let manager = managers.registers(ANSWERS);
         if !manager.is_enabled() || manager.status.contains(SmStatus::FULL) {

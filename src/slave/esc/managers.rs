@@ -16,7 +16,7 @@ use manager::{Manager, Side};
 /// The maximum number of sync managers of a slave controller.
 pub(super) const MANAGERS_MAX: usize = 16;
 
-/// The accesses of the network to sync managers since the last query, one bit per sync manager.
+/// The accesses of the network to sync managers since the slave last took these events, one bit per sync manager.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ManagerEvents {
     /// The sync managers whose whole buffer was written, bit n for sync manager n.

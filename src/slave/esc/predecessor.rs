@@ -34,7 +34,7 @@ pub struct Predecessor {
 #[derive(Default)]
 struct Described {
     mailbox: Option<MailboxAreas>,
-    /// The sync managers by their numbers.
+    /// The sync managers that the EEPROM describes, in the order of their numbers.
     managers: Vec<SyncManager>,
     outputs: Option<SyncManager>,
 }
@@ -138,7 +138,8 @@ impl Predecessor {
         }
     }
 
-    /// Writes random values to a register, or to a group of adjacent registers of the same kind.
+    /// Writes random values to a register, or to a group of adjacent registers of the same kind; special registers get values
+    /// that have an effect.
     fn leave_register(&mut self, slave: &mut EscSlave, address: u16, len: u16, now: Ns) {
         let bytes = match address {
             STATION_ADDRESS => self.station().to_le_bytes().to_vec(),

@@ -38,7 +38,7 @@ pub(super) struct SdoServer {
 }
 
 impl SdoServer {
-    /// Ends a transfer without a message.
+    /// Ends the present transfer without a message to the master.
     pub(super) fn reset(&mut self) {
         self.transfer = Transfer::None;
         self.value.clear();
@@ -60,7 +60,7 @@ impl SdoServer {
         }
     }
 
-    /// Aborts the present transfer with an abort code.
+    /// Aborts the present transfer, and answers with an abort code.
     fn abort(&mut self, code: AbortCode) -> SdoAnswer<'_> {
         let object = match self.transfer {
             Transfer::Upload { object, .. } | Transfer::Download { object, .. } => object,

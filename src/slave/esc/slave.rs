@@ -165,7 +165,7 @@ impl EscSlave {
         is_done
     }
 
-    /// The mailbox, mutable, for leaving messages in it.
+    /// The mailbox, mutable, in which a [`Predecessor`](super::Predecessor) leaves messages.
     pub(super) const fn mailbox_mut(&mut self) -> &mut Mailbox {
         &mut self.mailbox
     }
@@ -260,7 +260,7 @@ impl EscSlave {
         while let Some(pulse) = self.controller.take_pulse() {
             pulses += 1;
             if !self.follows_pulses() {
-                // The device does not use the pulses, so skip them all.
+                // The device does not run by SYNC pulses, so all due pulses are dropped.
                 self.controller.skip_pulses(now);
             } else if pulse == SyncPulse::Sync0 {
                 self.application.sync_came = true;

@@ -54,7 +54,7 @@ impl Direction {
 /// The switch edge that determines home.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
-    /// The switch.
+    /// The switch whose edge it is.
     pub switch: Input,
     /// The direction in which the shaft has to cross the edge.
     pub moving: Direction,
@@ -89,7 +89,7 @@ pub enum SearchPlan {
 /// A homing method.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Method {
-    /// The search plan.
+    /// The search plan, as it is without mirroring.
     pub plan: SearchPlan,
     /// Whether left and right are exchanged in the plan.
     pub mirrored: bool,

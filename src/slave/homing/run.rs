@@ -23,7 +23,7 @@ enum Sought {
 pub struct Run {
     method: Method,
     sought: Sought,
-    /// Whether the positive limit switch will reverse the run. It does so only once.
+    /// Whether the positive limit switch still reverses the run; it does so only once.
     limit_reverses: bool,
     heading: Direction,
     /// Whether the run began where the switch is inactive and has not reversed yet. The first leg uses the switch speed up to
@@ -31,7 +31,7 @@ pub struct Run {
     on_first_leg: bool,
     /// Whether the switch has been active during the run.
     switch_seen: bool,
-    /// The states of the switches at the last position, in the orientation of the plan.
+    /// The states of the switches at the count that was evaluated last, in the orientation of the plan.
     inputs: Inputs,
     /// The distance that the position demand has covered since the start of the run, counts, for the limit of the search.
     distance: f64,

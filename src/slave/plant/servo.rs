@@ -71,8 +71,8 @@ impl Default for Motor {
 }
 
 impl Motor {
-    /// \[OURS] A closed-loop NEMA 23 stepper with an encoder of 10000 counts per turn, a load of twice its own inertia, 2 N
-    /// m rated torque, which is also the maximum, and 3000 rpm.
+    /// \[OURS] A closed-loop NEMA 23 stepper with an encoder of 10000 counts per turn and a load of twice its own inertia. Its
+    /// rated torque of 2 N m is also its maximum; its maximum speed is 3000 rpm.
     pub const fn stepper() -> Self {
         Self {
             counts_per_turn: 10_000,
@@ -142,7 +142,7 @@ pub struct Servo {
     /// The lowest and the highest count that the shaft can reach.
     stops: (i64, i64),
     span: Span,
-    /// The setpoint that [`Self::aim_at`] has set.
+    /// The setpoint of the present period, see [`Self::aim_at`].
     way: Way,
     acceleration: f64,
     peak_torque: f64,

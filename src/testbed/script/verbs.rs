@@ -10,7 +10,7 @@ use crate::address::slaves::SlaveSpec;
 use crate::slave::cable::Noise;
 use crate::slave::{DeviceFault, Fault};
 
-/// A row of the table: one verb.
+/// A verb of scripts, an element of the table [`VERBS`].
 struct Verb {
     name: &'static str,
     /// The syntax of the verb's operands.

@@ -8,7 +8,7 @@ pub const FIFO_MEMORY: usize = 0x4000;
 /// The largest capacity of a FIFO, in entries (OBS).
 pub const FIFO_ENTRIES_MAX: u8 = 128;
 
-/// A ring buffer of entries of equal size.
+/// A ring buffer of entries of equal size in a fixed memory.
 struct Ring {
     memory: Vec<u8>,
     entry_bytes: usize,

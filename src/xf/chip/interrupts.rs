@@ -36,7 +36,7 @@ impl InterruptUnit {
         if encoder == PeripheralInterrupts::NONE { self.flags } else { self.flags | Interrupts::ENCODER }
     }
 
-    /// Whether INT1 is active: a flag is set and enabled (XF EN, figure 8).
+    /// Whether INT1 is active: any interrupt flag, of a GPIO or of the encoder too, is set and enabled (XF EN, figure 8).
     pub const fn is_active(&self, gpio: u32, encoder: PeripheralInterrupts) -> bool {
         let pins_8_to_11 = (gpio >> 8) as u8 & 0x0F;
         let peripherals = (encoder.0 | pins_8_to_11) & self.enable.peripherals.0;

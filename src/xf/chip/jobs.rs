@@ -60,7 +60,7 @@ impl ActiveJob {
 /// The result of a job's requests to the network.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 pub(super) enum JobResult {
-    /// The job makes no requests to the network.
+    /// The present part of the job makes no requests to the network.
     Nothing,
     /// The requests could not be made: the network has no link or no slaves, slaves are not in the state that the job needs,
     /// or the chip refuses the target state.
@@ -86,7 +86,7 @@ pub(super) enum Progress {
     Done,
     /// Another part follows. It ends at this time at the earliest.
     Next(Ns),
-    /// The part is repeated at this time.
+    /// The same part begins again at this time.
     Again(Ns),
     Failed,
 }

@@ -63,7 +63,8 @@ impl Profile {
         !self.is_newer()
     }
 
-    /// Whether the header can drive GPIO 12 to 15, with 12 and 13 exchanged: firmware 0x1E and later (XF ZH 246).
+    /// Whether the header of a command packet can drive GPIO 12 to 15, with 12 and 13 exchanged: firmware 0x1E and later (XF ZH
+    /// 246).
     pub const fn has_wide_header_outputs(&self) -> bool {
         self.version >= 0x1E
     }

@@ -50,7 +50,7 @@ pub(super) struct Results {
 pub(super) struct EmergencyList {
     /// The emergencies, the newest one first.
     newest: [Option<Emergency>; EMERGENCIES_MAX],
-    /// The serial number of the newest emergency.
+    /// The running number of the newest emergency.
     running_number: u16,
 }
 

@@ -125,7 +125,7 @@ impl Controller {
         done
     }
 
-    /// Restarts the watchdog if outputs were written completely.
+    /// Restarts the process data watchdog if the outputs were written completely.
     fn note_outputs(&mut self) {
         let mut written = self.managers.events.written;
         while written != 0 {

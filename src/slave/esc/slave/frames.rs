@@ -11,12 +11,12 @@ use crate::slave::plant::Servo;
 /// The bits of both mailbox sync managers.
 const MAILBOX: u16 = 1 << REQUESTS | 1 << ANSWERS;
 
-/// The progress of a device's work on the outputs of a frame.
+/// How far a device has processed the outputs of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Work {
-    /// There are no outputs to work on.
+    /// The frame has brought no outputs, or they are processed.
     None,
-    /// Outputs have come, and the work has not begun.
+    /// Outputs have come, and the device's cycle for them has not begun.
     Waiting,
     /// The device's cycle has begun, and the device has to advance by this time, ns. If [`EscSlave::begin_work`] has returned
     /// its motor, the caller has to run the motor for that time.

@@ -141,7 +141,7 @@ impl<N: SlaveNetwork> Chip<N> {
         }
     }
 
-    /// Whether any slave is below the target.
+    /// Whether any of the chosen slaves is below the target state.
     fn goes_up(&self, job: &StateJob, target: AlState) -> bool {
         self.chosen(job.slaves).filter_map(|slave| self.network.state(slave)).any(|state| state < target)
     }

@@ -111,7 +111,7 @@ impl<N: SlaveNetwork> Chip<N> {
     pub(super) fn begin_file(&mut self, job: &FileJob) -> PartStart {
         let (slave, name, password, timeout_ns) = (job.slave, job.name.clone(), job.password, job.timeout_ns);
         self.ask_for(if job.downloads {
-            // The slice is valid: a command that reaches beyond the memory was refused.
+            // The slice is valid: `file_job` refuses a download that reaches beyond the memory.
             let content = self.flash.memory()[job.start as usize..][..job.bytes as usize].to_vec();
             Operation::WriteFile { slave, name, password, content, timeout_ns }
         } else {

@@ -23,8 +23,8 @@ pub enum ModelledBus {
     Chip {
         /// The chip, and the SPI or USB connection to it.
         chip: ModelledChip,
-        /// How the board uses the chip: settings of its driver, how many outputs it sends ahead, and the chip's own inputs and
-        /// outputs.
+        /// How the board uses the chip: settings of its driver, for how many cycles it may send outputs ahead, and which pins
+        /// of the chip are the board's local inputs and outputs.
         used: ChipUse,
     },
 }

@@ -14,7 +14,7 @@ const DIGITS: u32 = 3;
 impl fmt::Display for Span {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let exact = self.0.as_nanos();
-        // Digits before the decimal point are kept for seconds: `3601s` keeps its four digits.
+        // All digits of whole seconds are kept, `3601s`; everything else is rounded to three digits.
         let digits = exact.checked_ilog10().unwrap_or(0) + 1;
         let step = 10_u128.pow(digits.saturating_sub(DIGITS).min(9));
         let rounded = (exact + step / 2) / step * step;

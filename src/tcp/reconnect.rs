@@ -26,11 +26,12 @@ pub(super) struct Reconnecting {
     current: Mutex<Arc<TcpLink>>,
     /// Locked by the thread that is reconnecting, so that only one thread does so at a time.
     connecting: Mutex<()>,
-    /// The number of cancelled reads; a change ends the pause between two attempts.
+    /// The number of times that reads were cancelled. A thread that is reconnecting stops when it changes.
     cancels: Mutex<u64>,
     cancelled: Condvar,
     closed: AtomicBool,
-    /// The offset of this link's sequence numbers from those of the current connection, so that numbers never repeat.
+    /// `first` is added to the sequence numbers of the current connection; `next` is the number after the last report that was
+    /// read. A new connection begins with `next`, so that numbers never repeat.
     first: AtomicU64,
     next: AtomicU64,
 }
@@ -56,7 +57,8 @@ impl Reconnecting {
         Arc::clone(&self.current.lock())
     }
 
-    /// Replaces the connection `gone`, which has failed with `error`, by a new one; tries until `until`.
+    /// Replaces the connection `gone`, which has failed with `error`, by a new one. Returns `error` when `reconnect_ms=` is
+    /// over, and a timeout at `until`.
     fn reconnect(&self, gone: &Arc<TcpLink>, error: LinkError, until: Option<Instant>) -> Result<(), LinkError> {
         let cancels_before = *self.cancels.lock();
         let _connecting = self.connecting.lock();
@@ -149,7 +151,7 @@ impl Link for Reconnecting {
         self.current().close();
     }
 
-    /// A connection that is lost may be replaced by the next read, so only a closed link is an error.
+    /// An error only if the link was closed: the next read may replace a connection that is lost.
     fn check(&self) -> Result<(), LinkError> {
         if self.closed.load(Ordering::Acquire) { Err(LinkError::Closed) } else { Ok(()) }
     }

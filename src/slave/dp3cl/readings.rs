@@ -1,4 +1,5 @@
-//! The motion values that objects show: positions and velocities with the signs of the polarity, and the monitors.
+//! The motion values that the drive's objects show: positions and velocities, with the sign that the polarity (0x607E) gives
+//! them, and the values of the monitors (groups U0 to U4).
 
 use super::monitors::Monitored;
 use super::{Dp3cl, objects, parameters};
@@ -20,7 +21,8 @@ impl Dp3cl {
         if self.base.values.get(objects::POLARITY) & 1 << 6 != 0 { -1.0 } else { 1.0 }
     }
 
-    /// Converts a position of an object to a position of the shaft.
+    /// Converts a position as in an object (0x607A, for example) to a position of the shaft. Only the sign can differ, by the
+    /// polarity 0x607E; the unit is the same.
     pub(super) fn shaft_position(&self, position: i32) -> i32 {
         if self.position_sign() < 0 { position.wrapping_neg() } else { position }
     }
@@ -45,7 +47,7 @@ impl Dp3cl {
         self.demand_value().wrapping_sub(self.actual_value())
     }
 
-    /// Converts a position from command units to encoder counts, P4-01 counts per turn: 0x6063 and 0x60FC \[OURS].
+    /// Converts a position from command units to encoder counts. \[OURS] A turn has P4-01 counts, for 0x6063 and 0x60FC alike.
     pub(super) fn as_increments(&self, position: i64) -> i64 {
         let turn = i128::from(self.memory.subdivision());
         (i128::from(position) * i128::from(parameters::ENCODER_COUNTS)).div_euclid(turn) as i64

@@ -18,7 +18,7 @@ pub(super) struct SetPointValues {
     pub(super) ramps: Ramps,
 }
 
-/// A motion towards a target.
+/// A motion towards a target position, with its speed and ramps.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Move {
     pub(super) target: i64,
@@ -30,7 +30,8 @@ pub(super) struct Move {
 pub(super) struct SetPoints {
     /// The present motion.
     current: Option<Move>,
-    /// The next set-point, in the variant with a buffer: whether it is relative, and its values.
+    /// The set-point that starts when the present motion ends: whether it is relative, and its values. Only used in the variant
+    /// `one_deep_buffer` of the drive.
     buffered: Option<(bool, SetPointValues)>,
     /// The target of the newest set-point. Relative set-points are added to it \[OURS].
     last_target: i64,

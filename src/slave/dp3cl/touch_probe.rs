@@ -19,7 +19,8 @@ const ENABLED: u16 = 1 << 0;
 const RISING_STORED: u16 = 1 << 1;
 const FALLING_STORED: u16 = 1 << 2;
 
-/// The maximum number of edges of one signal that a cycle evaluates \[OURS]: more than any motor produces.
+/// \[OURS] The maximum number of edges of one signal that a cycle evaluates: more than a motor can pass in a cycle. Further
+/// edges of the cycle are ignored.
 const EDGES_MAX: usize = 256;
 
 /// The state of one touch probe.
@@ -31,7 +32,7 @@ struct Probe {
     falling: i32,
 }
 
-/// The signal of a touch probe.
+/// The signal whose edges trigger a touch probe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Signal {
     /// The probe's input: SI1 for probe 1, SI2 for probe 2.
@@ -90,7 +91,7 @@ pub(super) struct LastStep {
     pub(super) forced: [Option<bool>; PROBES],
 }
 
-/// The two probes.
+/// The state of the two touch probes.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct TouchProbes {
     probes: [Probe; PROBES],

@@ -52,7 +52,7 @@ const MAX_POSITION: Slot<i32> = slot(OBJECTS, 0x607D, 2);
 const PROFILE_VELOCITY: Slot<u32> = slot(OBJECTS, 0x6081, 0);
 const PROFILE_ACCELERATION: Slot<u32> = slot(OBJECTS, 0x6083, 0);
 
-/// The axis settings from the stored values.
+/// The settings of the axis, such as limits and ramps, from the values of the objects.
 pub(super) fn settings(values: &Values) -> Settings {
     Settings {
         following_window: values.get(FOLLOWING_WINDOW),
@@ -64,7 +64,7 @@ pub(super) fn settings(values: &Values) -> Settings {
     }
 }
 
-/// The default values of the table, with the values that depend on the motor \[OURS].
+/// The default values of all objects. \[OURS] Limits, velocities and ramps follow from the motor.
 pub(super) fn defaults(motor: &Motor) -> Values {
     let mut values = Values::new(OBJECTS);
     let turn = motor.counts_per_turn.max(1);
@@ -149,7 +149,7 @@ pub(super) const fn pdos_of(kind: DriveKind) -> &'static [Pdo<Drive>] {
     }
 }
 
-/// The objects in which a drive differs from other CiA 402 axes.
+/// The objects that a drive has in addition to those of every CiA 402 axis.
 const DRIVE: &[Row] = &[
     // [OURS] Hardware and software are their first versions.
     Row::text(0x1009, 0, "Hardware version", |_| "1.0"),
@@ -236,8 +236,8 @@ const DRIVE: &[Row] = &[
     Row::u32(0x6502, 0, "Supported drive modes").live(supported_modes),
 ];
 
-/// \[OURS] Maximum current of the motor (0.1 % of rated), rated current (mA) and DC link voltage (mV) of a drive of this
-/// size.
+/// \[OURS] Maximum current of the motor (0.1 % of rated), rated current (mA) and DC link voltage (mV): those of a drive with
+/// the default motor (1.27 N m rated torque) on 230 V AC.
 const MAX_CURRENT: i64 = 3000;
 const RATED_CURRENT_MA: i64 = 2800;
 const DC_LINK_MV: i64 = 325_000;

@@ -11,7 +11,8 @@ use crate::ethercat::sii::{CategoryKind, Sii, SiiSmType};
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::{Slave, SyncEvent};
 
-/// The time that a slave waits for outputs or SYNC0 on its way to OP, ns: 9 s minus 50 ms (public slave stacks).
+/// How long a slave waits for outputs or SYNC0 on its way to OP, ns. After that it stays in SafeOP with an error. Public slave
+/// stacks wait 9 s minus a margin of 50 ms.
 pub const OP_WAIT_NS: Ns = 8_950_000_000;
 
 /// The numbers of the sync managers for process data.
@@ -40,7 +41,8 @@ impl ProcessManagers {
 /// The number of a sync manager that no controller uses. A direction without process data gets this number.
 const NO_MANAGER: u8 = MANAGERS_MAX as u8 - 1;
 
-/// The state of the AL state machine.
+/// The AL state machine of a slave: AL status and AL status code, the pending request of the master, and what the slave waits
+/// for.
 #[derive(Clone, Debug)]
 pub(super) struct Application {
     status: AlStatusRegister,
@@ -61,7 +63,7 @@ pub(super) struct Application {
     pub(super) outputs_came: bool,
 }
 
-/// The consequence of a change of state for the other parts of the slave.
+/// What the slave has to start after a change of the AL state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Change {
     None,
@@ -152,7 +154,8 @@ impl Application {
         controller.managers.deactivate(self.managers.outputs, true, &mut controller.memory);
     }
 
-    /// Handles a deactivated SYNC0: the slave leaves OP. In SafeOP the device may report an error.
+    /// Handles a deactivated SYNC0: in OP the slave falls to SafeOP or lower, with an error. In SafeOP and below it shows an
+    /// error only if the device reports one.
     pub(super) fn lose_sync(&mut self, controller: &mut Controller, device: &mut dyn Slave) {
         device.report_sync(SyncEvent::LockLost);
         if self.state() < AlState::Op {
@@ -165,7 +168,8 @@ impl Application {
         self.fall(device.state().min(AlState::SafeOp), code, controller, device);
     }
 
-    /// Adopts the state of the device if the device has left its state on its own.
+    /// If the device has left its state on its own, shows the device's state and AL status code, with the error flag. Not with
+    /// device emulation, where AL status only copies AL control.
     pub(super) fn follow(&mut self, controller: &mut Controller, device: &dyn Slave) {
         if device.state() != self.state() && !controller.is_device_emulated() {
             self.fail(device.state(), device.al_status(), controller);
@@ -177,7 +181,7 @@ impl Application {
         self.requested = Some((control, due));
     }
 
-    /// The time of the next action; `None` if nothing is pending.
+    /// The time of the next action of [`Self::advance`]; `None` if no request, wait or time limit is pending.
     pub(super) fn due(&self) -> Option<Ns> {
         [self.requested.map(|(_, due)| due), self.waiting, self.lock_due].into_iter().flatten().min()
     }
@@ -204,8 +208,8 @@ impl Application {
         Change::None
     }
 
-    /// Checks SYNC0 when its time limit is over. \[OURS] If the first pulse is still scheduled, the time limit starts at
-    /// that pulse.
+    /// Fails with the device's AL status code if no SYNC0 pulse has come within the time limit. \[OURS] If the first pulse is
+    /// still scheduled, the time limit starts at that pulse.
     fn check_lock(&mut self, now: Ns, controller: &mut Controller, device: &mut dyn Slave) {
         if self.state() < AlState::SafeOp || !self.is_synchronized || self.sync_came {
             return;
@@ -218,8 +222,8 @@ impl Application {
         self.fail(device.state(), device.al_status(), controller);
     }
 
-    /// Handles AL control without a state machine: AL status copies AL control with its acknowledge bit, and the device
-    /// goes to that state without checks.
+    /// Handles a write to AL control with device emulation, which has no state machine: AL status copies AL control with its
+    /// acknowledge bit, and the device goes to that state without checks.
     fn copy_control(&mut self, control: AlControl, controller: &mut Controller, device: &mut dyn Slave) -> Change {
         const COPIED: u16 = 0x1F;
         let from = self.state();
@@ -363,7 +367,7 @@ impl Application {
             return;
         }
         self.waiting = None;
-        // The master may have activated SYNC0 since its request.
+        // The master may have activated SYNC0 since it requested OP, so the device gets the present settings.
         device.set_communication(&controller.communication());
         match device.enter(AlState::Op) {
             Ok(()) => self.succeed(AlState::Op, controller),

@@ -32,7 +32,7 @@ pub struct Chain {
     places: Vec<Place>,
     /// The index of the slave, and its port, to which a second card is connected.
     ring: Option<(usize, usize)>,
-    /// The routes of frames from the first and from the last end.
+    /// The routes of frames from the first end and from the last end of the line, kept until a cable or a port changes.
     routes: [Route; 2],
     /// The datagrams of the present frame. Kept between frames so that none allocates.
     passing: Passing,
@@ -57,8 +57,8 @@ impl Chain {
         self.push(slave, None);
     }
 
-    /// Connects a slave to port 1 to 3 of another one and returns its number. If that port already has a slave, that slave
-    /// stays connected.
+    /// Connects a slave to port 1 to 3 of slave `parent` and returns the number of the new slave. If that port already has a
+    /// slave, the new slave is dropped, and no slave has the returned number.
     ///
     /// # Panics
     /// If there is no slave `parent`, or the port is not in 1..=3.
@@ -287,7 +287,8 @@ fn has_link(places: &[Place], n: usize) -> bool {
     place.is_powered && place.is_connected && parent_is_powered
 }
 
-/// Lets the devices of neighbouring slaves that have received outputs work on them. Their motors are computed side by side.
+/// Lets the devices of up to [`SIDE_BY_SIDE`] neighbouring slaves process the outputs that they have received. Their motors are
+/// computed together with vector instructions, which is faster than one after the other.
 fn work(places: &mut [Place]) {
     let mut motors = [const { None }; SIDE_BY_SIDE];
     let mut step_ns = 0;

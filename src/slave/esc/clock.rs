@@ -4,8 +4,8 @@
 use crate::ethercat::Ns;
 use crate::ethercat::registers::SystemTimeDifference;
 
-/// \[OURS] The maximum correction of the local time by one received system time, ns. It also limits the jump of a clock
-/// when a master writes 0 at its start.
+/// \[OURS] The maximum correction of the local time by one received system time, ns. So a master that starts and writes a
+/// system time of 0 cannot make the clock jump.
 pub const SLEW_MAX_NS: i64 = 1_000;
 /// \[OURS] The divisor of the rate change during a correction: the clock runs faster or slower by 1/100.
 const SLEW_DIVISOR: u64 = 100;
@@ -85,7 +85,8 @@ impl Clock {
         self.local
     }
 
-    /// The local time at network time `at`, ns, which must be near the last update.
+    /// The local time at network time `at`, ns. A correction between the last update and `at` is not included, so the result
+    /// may be off by 1 % of the time between them.
     pub(super) fn local_at(&self, at: Ns) -> u64 {
         let ahead = i128::from(at) - i128::from(self.now);
         let drift = (ahead * i128::from(self.drift_ppb)).div_euclid(1_000_000_000);
@@ -97,7 +98,8 @@ impl Clock {
         self.local.wrapping_add(self.offset)
     }
 
-    /// The system time at network time `at`, ns, which must be near the last update.
+    /// The system time at network time `at`, ns. As for [`Self::local_at`], the result may be off by 1 % of the time since the
+    /// last update.
     pub(super) fn system_at(&self, at: Ns) -> u64 {
         self.local_at(at).wrapping_add(self.offset)
     }

@@ -44,7 +44,8 @@ pub struct Controller {
     pub(super) watchdog: Watchdog,
     clock: Clock,
     pub(super) events: ControllerEvents,
-    /// Whether a frame has written registers that affect the device or the next event.
+    /// Whether a frame has written registers that trigger an action of the device, or that change the time of the next timer
+    /// event or SYNC pulse.
     pub(super) is_set_anew: bool,
     /// The time before which no SYNC pulse comes.
     without_pulse: Ns,
@@ -234,7 +235,8 @@ impl Controller {
         self.memory.set_u16(ECAT_EVENT, left.0);
     }
 
-    /// The event bits that the controller ORs into each datagram.
+    /// The ECAT event bits (register 0x0210, masked by 0x0200) that the controller ORs into the event field (IRQ) of each
+    /// datagram.
     pub(super) fn masked_events(&self) -> u16 {
         match self.event_mask {
             0 => 0,
@@ -242,7 +244,7 @@ impl Controller {
         }
     }
 
-    /// The event bits of the sync managers for the master.
+    /// The ECAT event bits that mailboxes and buffers set for the master: a buffer that the slave has written or read.
     fn manager_events(&self) -> u16 {
         let mut events = EcatEvents::NONE;
         for n in 0..self.managers.count().min(8) {
@@ -279,8 +281,8 @@ impl Controller {
         self.clock.advance(now);
     }
 
-    /// Whether no event other than frames occurs up to `now`. Valid if [nothing is ahead](Self::has_something_ahead) and
-    /// the next pulse [was computed](Self::look_for_pulse).
+    /// Whether no timer event and no SYNC pulse occurs up to `now`. The answer is wrong if [an EEPROM command or a temporary
+    /// loop is pending](Self::has_something_ahead), or before [`Self::look_for_pulse`] was called.
     #[inline]
     pub(super) fn is_quiet_until(&self, now: Ns) -> bool {
         now < self.without_pulse && self.watchdog.due().is_none_or(|due| now < due)
@@ -304,7 +306,8 @@ impl Controller {
         Some(at.wrapping_sub(self.clock.system()).cast_signed().max(0).unsigned_abs())
     }
 
-    /// Whether a frame has written registers that trigger an action of the device or change the next event.
+    /// Whether a frame has written registers that trigger an action of the device, or that change the time of the next timer
+    /// event or SYNC pulse.
     #[inline]
     pub(super) const fn is_set_anew(&self) -> bool {
         self.is_set_anew
@@ -330,7 +333,7 @@ impl Controller {
         Some(now + self.until_pulse()?)
     }
 
-    /// Skips all SYNC pulses up to `now` at once.
+    /// Drops all SYNC pulses up to `now` at once, without calling the device for each one. Their status and event bits are set.
     pub(super) fn skip_pulses(&mut self, now: Ns) {
         self.clock.advance(now);
         let skipped = self.sync.skip_to(self.clock.system());
@@ -339,7 +342,7 @@ impl Controller {
         }
     }
 
-    /// Takes the next SYNC pulse that is due.
+    /// Takes the next SYNC pulse if it is due, and sets its status and event bits.
     pub(super) fn take_pulse(&mut self) -> Option<SyncPulse> {
         let (_, pulse) = self.sync.take(self.clock.system())?;
         self.show_pulse(pulse);
@@ -390,7 +393,7 @@ impl Controller {
         if self.has_clock() { SyncActivation(self.memory.u8(registers::SYNC_ACTIVATION)) } else { SyncActivation::NONE }
     }
 
-    /// The registers that the device checks before a change of state.
+    /// The settings of sync managers, watchdog and distributed clocks that the device checks before a change of state.
     pub(super) fn communication(&self) -> Communication {
         let settings = |n| {
             let manager = self.managers.registers(n);
@@ -414,9 +417,9 @@ impl Controller {
         self.memory.u32(registers::SYNC0_CYCLE)
     }
 
-    /// Sets the level of a latch input, 0 to [`LATCHES`](registers::LATCHES) - 1, from network time `at` on, which must be
-    /// near the arrival of the newest frame. Without effect for an unchanged level, for an input that does not exist, and
-    /// without distributed clocks.
+    /// Sets the level of a latch input, 0 to [`LATCHES`](registers::LATCHES) - 1, from network time `at` on, which should be
+    /// near the arrival of the newest frame: the captured system time may be off by 1 % of the time between them. Without
+    /// effect for an unchanged level, for an input that does not exist, and without distributed clocks.
     pub fn set_latch_input(&mut self, input: usize, is_on: bool, at: Ns) {
         if self.has_clock() && input < registers::LATCHES {
             latch_unit::set_level(input, is_on, at, &self.clock, &mut self.memory);
@@ -430,13 +433,13 @@ impl Controller {
         }
     }
 
-    /// Writes bytes that masters cannot write, or that have no side effects: the RAM, and the station alias.
+    /// Writes bytes of the RAM or the station alias on behalf of the model, without the side effects of a write by the network.
     pub(super) fn fill(&mut self, address: u16, data: &[u8]) {
         let room = self.memory.end().saturating_sub(address.into());
         self.memory.put(address, &data[..data.len().min(room)]);
     }
 
-    /// Takes the EEPROM for the slave's processor, or gives it back to the master.
+    /// Assigns the access to the EEPROM to the slave's processor, or gives it back to the master.
     pub fn take_eeprom(&mut self, takes: bool) {
         self.memory.set_u8(registers::SII_PDI_ACCESS, takes.into());
     }

@@ -106,7 +106,7 @@ impl Controller {
     #[inline]
     fn pass_logical(&mut self, header: &DatagramHeader, data: &mut [u8]) -> u16 {
         let command = header.command;
-        // Write before reading, in case outputs and inputs share logical bytes.
+        // LRW: write before reading. If outputs and inputs share logical bytes, reading first would replace the outputs.
         let written = command != Command::Lrd && self.write_mapped(header.address, data);
         let read = command != Command::Lwr && self.read_mapped(header.address, data);
         let done = Done { read, written };

@@ -17,13 +17,13 @@ use crate::slave::Slave;
 const EEPROM_BYTES: usize = 2048;
 /// \[OURS] EEPROM word 2, the length of the SYNC0 and SYNC1 pulses, in units of 10 ns: 10 us.
 const SYNC_PULSE_LENGTH: u16 = 1000;
-/// \[OURS] The mailbox areas of a device.
+/// \[OURS] The mailbox areas of every simulated device: the first 256 bytes of RAM, which leaves the rest for process data.
 const MAILBOX: MailboxAreas =
     MailboxAreas { receive: MailboxArea { start: 0x1000, len: 128 }, send: MailboxArea { start: 0x1080, len: 128 } };
 /// \[OURS] The bootstrap mailbox areas of a device with files. Longer mailboxes transfer a file in fewer packets.
 const BOOT_MAILBOX: MailboxAreas =
     MailboxAreas { receive: MailboxArea { start: 0x1000, len: 256 }, send: MailboxArea { start: 0x1100, len: 256 } };
-/// \[OURS] The start addresses of outputs and inputs, with room for three buffers of the longest process data each.
+/// \[OURS] The start addresses of outputs and inputs, with room for three buffers of the longest process data, 64 bytes, each.
 const OUTPUTS_START: u16 = 0x1100;
 const INPUTS_START: u16 = 0x1400;
 /// The object index of a padding entry in a PDO mapping.
@@ -103,7 +103,8 @@ fn name_of(device: &mut dyn Slave) -> String {
 /// Init, and returns to Init.
 ///
 /// # Errors
-/// [`DescriptionError`].
+/// [`DescriptionError`] if the device refuses PreOP, lacks an object that the EEPROM needs, or maps too many objects for the
+/// size of the EEPROM.
 pub fn eeprom_of(device: &mut dyn Slave, settings: &EscSettings) -> Result<Vec<u8>, DescriptionError> {
     device.enter(AlState::PreOp).map_err(DescriptionError::State)?;
     let written = write(device, settings);
@@ -135,7 +136,7 @@ fn write(device: &mut dyn Slave, settings: &EscSettings) -> Result<Vec<u8>, Desc
     let mut eeprom = vec![0; EEPROM_BYTES];
     let mut sii = SiiWriter::new(&mut eeprom, &info)?;
     let (name, kind) = (name_of(device), device.name().to_owned());
-    // SOEM-based masters show the first text as the name, whatever the general category says.
+    // Masters that are based on SOEM show the first string as the name, and ignore which string the general category names.
     sii.strings(&[&name, "ecmsk", &kind])?;
     let coe = coe_details(device);
     let ports = settings.ports.map(|port| match port {

@@ -22,11 +22,11 @@ pub(super) struct Eeprom {
     content: Vec<u8>,
     reads_8_bytes: bool,
     takes_ns: Ns,
-    /// The duration of an internal write cycle, in which the EEPROM acknowledges no command, ns; and the end of the present
-    /// one.
+    /// The duration of the EEPROM's internal write cycle after a write command, ns. In that time the EEPROM acknowledges no
+    /// command.
     silence_ns: Ns,
     silent_until: Ns,
-    /// The control word of the running command, and the time when the command is done.
+    /// The running command: the value that was written to the control register, and the time when the command is done.
     running: Option<(SiiControl, Ns)>,
 }
 
@@ -40,7 +40,8 @@ impl Eeprom {
         &self.content
     }
 
-    /// The configuration words for power-on; `None` if their checksum is wrong.
+    /// Loads the configuration words (words 0 to 7), at power-on or by a reload command, and resets the control register.
+    /// Returns `None`, and shows an error in that register, if their checksum is wrong.
     pub(super) fn load(&mut self, memory: &mut Memory) -> Option<SiiInfo> {
         self.running = None;
         let info = Sii::new(&self.content).ok().filter(Sii::has_right_checksum).map(|sii| sii.info());
@@ -70,7 +71,8 @@ impl Eeprom {
         memory.u8(registers::SII_PDI_ACCESS) & 1 == 0 && self.running.is_none()
     }
 
-    /// Handles a write of only the lower byte of the control word, in which a master can change one bit.
+    /// Handles a write to only the lower byte of the control register. It starts no command; the only bit that a master can
+    /// change there is write enable.
     pub(super) fn written_in_part(&mut self, memory: &mut Memory) {
         let written = SiiControl(memory.u16(SII_CONTROL));
         let kept = SiiControl(written.0 & (0xFF00 | SiiControl::WRITE_ENABLE.0));

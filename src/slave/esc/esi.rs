@@ -19,7 +19,7 @@ const VENDOR: &str = "ecmsk";
 /// to Init.
 ///
 /// # Errors
-/// [`DescriptionError`].
+/// [`DescriptionError`] as of [`eeprom_of`].
 pub fn esi_of(device: &mut dyn Slave, settings: &EscSettings) -> Result<String, DescriptionError> {
     let eeprom = eeprom_of(device, settings)?;
     device.enter(AlState::PreOp).map_err(DescriptionError::State)?;
@@ -151,8 +151,8 @@ fn mailbox(general: &SiiGeneral, protocols: MailboxProtocols, has_segments: bool
     )
 }
 
-/// The configuration words of the EEPROM, and the bootstrap mailboxes if there are any, as hexadecimal bytes in EEPROM
-/// order.
+/// The EEPROM element: the configuration words 0 to 6 and, if the device supports FoE, the bootstrap mailboxes, each as
+/// hexadecimal bytes in EEPROM order. A configuration tool writes them to the slave's EEPROM.
 fn memory(info: &SiiInfo, eeprom: &[u8]) -> String {
     const CONFIGURED: Range<usize> = 0..14;
     const BOOT_MAILBOX: Range<usize> = 0x28..0x30;

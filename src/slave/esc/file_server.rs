@@ -31,7 +31,7 @@ fn packet_bytes(mailbox: usize) -> usize {
 }
 
 impl FileServer {
-    /// Ends a transfer without a message, because the mailbox restarts. `is_in_bootstrap` says whether it restarts in
+    /// Ends the present transfer without a message, because the mailbox restarts. `is_in_bootstrap` says whether it restarts in
     /// bootstrap.
     pub(super) fn reset(&mut self, is_in_bootstrap: bool) {
         self.is_in_bootstrap = is_in_bootstrap;
@@ -118,7 +118,8 @@ impl FileServer {
         Ok(Sent::Ack(0))
     }
 
-    /// Handles a data packet from the master. A packet that does not fill the mailbox is the last one.
+    /// Handles a data packet of a file that the master writes. A packet that does not fill the mailbox ends the file; after a
+    /// full last packet the master sends an empty one.
     fn take(&mut self, packet: u32, data: &[u8], mailbox: usize, files: &mut FileStore) -> Result<Sent, FoeError> {
         let Transfer::Write { packet: expected } = self.transfer else { return Err(FoeError::ILLEGAL) };
         if packet != expected {
@@ -137,7 +138,7 @@ impl FileServer {
     }
 }
 
-/// The answer to a message, before it is encoded.
+/// An answer other than an error: a data packet of the file, or an acknowledgement, each with its packet number.
 #[derive(Clone, Copy, Debug)]
 enum Sent {
     Packet(u32),

@@ -16,7 +16,8 @@ struct Whole {
     /// The logical address of the first byte, and the number of bytes.
     logical: u32,
     len: u16,
-    /// The bit mask of the sync manager whose area is exactly the area that the FMMU maps byte by byte; 0 if there is none.
+    /// The sync manager whose area starts where the FMMU maps to and has the same length, as a mask with one bit; 0 if there is
+    /// none, or if the FMMU maps single bits.
     area: u16,
 }
 
@@ -51,8 +52,8 @@ impl Fmmus {
         fmmus
     }
 
-    /// How far FMMU `n` overlaps a datagram of `data_len` bytes at logical `address`. `areas` are the sync managers whose
-    /// areas can be exchanged as a whole.
+    /// Classifies the overlap of FMMU `n` with a datagram of `data_len` bytes at logical `address`. `areas` are the sync
+    /// managers, one bit each, whose whole buffer one copy can exchange with a datagram.
     #[inline]
     fn share(&self, n: usize, areas: u16, address: u32, data_len: usize) -> Share {
         let Whole { logical, len, area } = self.wholes[n];
@@ -68,12 +69,12 @@ impl Fmmus {
     }
 }
 
-/// The overlap of an FMMU with a datagram.
+/// How an FMMU overlaps with a datagram.
 enum Share {
     /// No overlap.
     None,
-    /// The datagram contains the whole FMMU, and its area can be exchanged as a whole: the number of the sync manager, and
-    /// the range of bytes in the datagram.
+    /// The datagram contains all bytes of the FMMU, and one copy exchanges them with the whole buffer of a sync manager: the
+    /// number of that sync manager, and the range of the bytes in the datagram.
     Whole(usize, Range<usize>),
     /// A possible overlap of single bytes or bits, which [`part_of`] computes exactly.
     Part,
@@ -111,8 +112,8 @@ fn part_of(fmmu: &Fmmu, address: u32, data: &[u8]) -> Option<Part> {
     })
 }
 
-/// The mapped bits of a part, as pairs of bit numbers: in the datagram, and in the memory relative to the first mapped
-/// byte.
+/// The mapped bits in the overlap of an FMMU and a datagram, as pairs of bit numbers: in the datagram, and in the memory
+/// relative to the first mapped byte.
 fn bits<'f>(fmmu: &'f Fmmu, part: &Part) -> impl Iterator<Item = (usize, usize)> + use<'f> {
     let (first, total) = (usize::from(fmmu.first_bit), fmmu.bits() as usize);
     let begin = 8 * part.skipped;
@@ -171,7 +172,8 @@ impl Controller {
         }
     }
 
-    /// \[OURS] Unmapped neighbouring bits keep their values everywhere, not only in the digital outputs.
+    /// Writes the bits of an FMMU that does not map whole bytes. Slave controllers keep the unmapped bits of the same bytes
+    /// only in the digital output registers; \[OURS] here they keep their values in the whole memory.
     fn write_bits(&mut self, fmmu: &Fmmu, part: &Part, data: &[u8]) -> bool {
         let Some((first, last)) = bounds(fmmu, part) else { return false };
         let address = usize::from(fmmu.physical) + first / 8;
@@ -233,7 +235,8 @@ impl Controller {
     }
 }
 
-/// The first and the last bit of the memory that a part maps.
+/// The first and the last bit of the memory, relative to the first mapped byte, that the overlap of an FMMU and a datagram
+/// maps.
 fn bounds(fmmu: &Fmmu, part: &Part) -> Option<(usize, usize)> {
     let mut all = bits(fmmu, part);
     let first = all.next()?.1;

@@ -10,10 +10,10 @@ use crate::ethercat::registers::{
     LatchStatus, latch_time,
 };
 
-/// Bit 4 of [`CYCLIC_UNIT_CONTROL`]: latch input 0 belongs to the slave's processor; bit 5: latch input 1.
+/// Bit 4 of [`CYCLIC_UNIT_CONTROL`]: the slave's processor controls latch input 0, instead of the master; bit 5: latch input 1.
 const OWNED_BY_DEVICE: u8 = 1 << 4;
 
-/// Whether a latch input belongs to the slave's processor instead of the master.
+/// Whether the slave's processor controls a latch input, instead of the master.
 pub(super) fn is_devices(input: usize, memory: &Memory) -> bool {
     memory.u8(CYCLIC_UNIT_CONTROL) & OWNED_BY_DEVICE << input != 0
 }
@@ -59,16 +59,15 @@ fn levels(memory: &Memory) -> u8 {
         .fold(0, |bits, input| bits | 1 << input)
 }
 
-/// Acknowledges an edge whose time the master has read: if the input belongs to the master, the next edge is captured
-/// again.
+/// Acknowledges an edge whose time the master has read: if the master controls the input, the next edge is captured again.
 pub(super) fn acknowledge(input: usize, edge: LatchEdge, memory: &mut Memory) {
     if !is_devices(input, memory) {
         forget(input, edge, memory);
     }
 }
 
-/// Handles a write to the latch control or to the assignment of the inputs. \[OURS] An edge that is now in continuous mode
-/// no longer counts as an event.
+/// Handles a write to the latch control registers, or to the register that assigns the inputs to master or processor. \[OURS]
+/// An edge that is now in continuous mode is no longer shown as an event.
 pub(super) fn control_written(memory: &mut Memory) {
     for input in 0..LATCHES {
         for edge in LatchEdge::ALL {

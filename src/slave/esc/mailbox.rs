@@ -22,7 +22,7 @@ pub(super) const ANSWERS: u8 = 1;
 /// \[OURS] The maximum number of pending emergencies; further ones are lost.
 pub const EMERGENCIES_MAX: usize = 8;
 
-/// A message in a reusable buffer.
+/// A buffer for one message that is kept for reuse. `is_used` says whether the message is still needed.
 #[derive(Clone, Debug, Default)]
 struct Slot {
     bytes: Vec<u8>,
@@ -57,7 +57,7 @@ pub(super) struct Mailbox {
     put_back: Slot,
     /// The message in sync manager 1.
     posted: Vec<u8>,
-    /// Whether the message in sync manager 1 is a repetition.
+    /// Whether the message in sync manager 1 is the last read message, posted again because the master requested a repeat.
     is_repeat: bool,
     /// The last message that the master has read.
     read: Slot,
@@ -68,7 +68,8 @@ pub(super) struct Mailbox {
     files: FileServer,
     /// Whether the slave is in bootstrap, where only FoE is served.
     is_in_bootstrap: bool,
-    /// Whether counters and the last read message survive Init, as in some devices.
+    /// Whether the message counters and the last read message survive Init. Some devices keep them, which masters have to cope
+    /// with.
     remembers: bool,
 }
 
@@ -99,7 +100,8 @@ impl Mailbox {
         self.is_in_bootstrap = is_in_bootstrap;
     }
 
-    /// Makes the message counters and the last read message survive Init from now on, and sets them.
+    /// Makes the message counters and the last read message survive Init from now on, as in some devices. Sets both counters to
+    /// `last_request` and the message to `read`, as if a previous master had exchanged them.
     pub(super) fn remember(&mut self, last_request: MailboxCounter, read: &[u8]) {
         (self.remembers, self.last_request, self.counter) = (true, last_request, last_request);
         self.read.keep(read);
@@ -123,7 +125,7 @@ impl Mailbox {
         }
     }
 
-    /// Whether [`Self::serve`] has something to do after these accesses of the network to sync managers.
+    /// Whether [`Self::serve`] has something to do: `done` has accesses of the network to the mailbox, or a message is waiting.
     pub(super) const fn is_touched(&self, done: ManagerEvents) -> bool {
         const BOTH: u16 = 1 << REQUESTS | 1 << ANSWERS;
         (done.written | done.read | done.activated) & BOTH != 0
@@ -149,7 +151,7 @@ impl Mailbox {
             self.posted = posted;
         }
         self.repeat(managers, memory);
-        // The first round may post a pending response, after which the second round can process the next request.
+        // Two rounds: the first one may post a response that was waiting, so that the second one can process the next request.
         for _ in 0..2 {
             self.take_request(managers, memory, device);
             self.post(managers, memory);
@@ -284,7 +286,7 @@ impl Mailbox {
         self.answer.is_used = matches!(written, Some(Ok(len)) if encode_around(header, len, bytes).is_ok());
     }
 
-    /// Puts the next message into sync manager 1 if it is empty.
+    /// Puts the next waiting message into sync manager 1, if the master has read the message before.
     fn post(&mut self, managers: &mut Managers, memory: &mut Memory) {
         let manager = managers.registers(ANSWERS);
         if !manager.is_enabled() || manager.status.contains(SmStatus::FULL) {

@@ -1,8 +1,8 @@
 //! The sync managers of a slave controller: mailbox mode with its handshake, and buffered mode with three buffers, of which
 //! the reader gets the newest.
 //!
-//! Accessing the first byte opens a buffer, and accessing the last byte closes it. \[OURS] Effects take place at the
-//! datagram, not at the end of the frame.
+//! Accessing the first byte opens a buffer, and accessing the last byte closes it. \[OURS] A buffer opens and closes when the
+//! slave processes the datagram, not at the end of the frame.
 
 mod manager;
 
@@ -16,7 +16,7 @@ use manager::{Manager, Side};
 /// The maximum number of sync managers of a slave controller.
 pub(super) const MANAGERS_MAX: usize = 16;
 
-/// The accesses of the network to sync managers since the last query, one bit per sync manager.
+/// The accesses of the network to sync managers since the slave last took these events, one bit per sync manager.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ManagerEvents {
     /// The sync managers whose whole buffer was written, bit n for sync manager n.
@@ -31,7 +31,8 @@ pub(super) struct ManagerEvents {
 #[repr(C)] // The fields that each frame uses are adjacent, at the beginning.
 pub(super) struct Managers {
     pub(super) events: ManagerEvents,
-    /// The buffered sync managers whose whole area the network can write (read) without a check for overlaps, one bit each.
+    /// The sync managers in buffered mode for which one copy can exchange the whole buffer: `writable` by the network,
+    /// `readable` by the network, one bit each. No earlier sync manager overlaps them.
     writable: u16,
     readable: u16,
     /// The sync managers that are enabled and have an area, one bit each.
@@ -90,7 +91,7 @@ impl Managers {
         self.find_whole(memory);
     }
 
-    /// Finds the sync managers whose buffers can be exchanged as a whole.
+    /// Finds the sync managers for which one copy can exchange the whole buffer with the network.
     fn find_whole(&mut self, memory: &Memory) {
         (self.writable, self.readable) = (0, 0);
         for n in 0..usize::from(self.count) {
@@ -107,12 +108,14 @@ impl Managers {
         }
     }
 
-    /// The sync managers in buffered mode whose whole area the network can write, one bit each.
+    /// The sync managers for [`Self::write_whole`], one bit each: in buffered mode, open to writes of the network, in RAM, and
+    /// not overlapped by an earlier sync manager.
     pub(super) const fn writable(&self) -> u16 {
         self.writable
     }
 
-    /// The sync managers in buffered mode whose whole area the network can read, one bit each.
+    /// The sync managers for [`Self::read_whole`], one bit each: in buffered mode, open to reads of the network, in RAM, and
+    /// not overlapped by an earlier sync manager.
     pub(super) const fn readable(&self) -> u16 {
         self.readable
     }
@@ -150,8 +153,8 @@ impl Managers {
         (None, next)
     }
 
-    /// Writes a whole buffer of a [writable](Self::writable) sync manager from the network. Returns whether this triggers
-    /// the watchdog.
+    /// Writes a whole buffer of a [writable](Self::writable) sync manager from the network. Returns whether this restarts the
+    /// process data watchdog.
     #[inline]
     pub(super) fn write_whole(&mut self, n: usize, data: &[u8], memory: &mut Memory) -> bool {
         let manager = &mut self.managers[n];
@@ -169,7 +172,8 @@ impl Managers {
         self.events.read |= 1 << n;
     }
 
-    /// Writes RAM from the network. Returns whether any byte was written.
+    /// Writes bytes from address 0x1000 on for the network. Bytes in the area of a sync manager go through its buffers. Returns
+    /// whether any byte was written.
     pub(super) fn write(&mut self, address: usize, data: &[u8], memory: &mut Memory) -> bool {
         let mut done = false;
         let mut at = 0;
@@ -202,7 +206,8 @@ impl Managers {
         done
     }
 
-    /// Reads RAM for the network. Returns whether any byte was read; other bytes of `data` are left unchanged.
+    /// Reads bytes from address 0x1000 on for the network. Bytes in the area of a sync manager come from its buffers. Returns
+    /// whether any byte was read; other bytes of `data` are left unchanged.
     pub(super) fn read(&mut self, address: usize, data: &mut [u8], memory: &mut Memory) -> bool {
         let mut done = false;
         let mut at = 0;

@@ -15,7 +15,8 @@ pub(super) struct Visit {
     pub(super) place: usize,
     /// The time from the start of the frame to its arrival at the slave, ns.
     pub(super) after_ns: Ns,
-    /// The group number. The slaves of a group are neighbours, and their devices work at the same time.
+    /// The group number. The slaves of a group are neighbours; their devices process the outputs of the frame together, which
+    /// is faster.
     pub(super) group: usize,
 }
 
@@ -31,11 +32,12 @@ pub(super) struct Exit {
 pub(super) struct Route {
     /// Whether the route is up to date: no cable or port has changed since it was computed.
     pub(super) is_current: bool,
-    /// The slaves that process the frame, in their order.
+    /// The slaves that process the frame, in the order in which it reaches them.
     pub(super) visits: Vec<Visit>,
     /// The exit of the frame; `None`: the frame gets lost.
     pub(super) exit: Option<Exit>,
-    /// Whether the route passes the processing unit of a slave.
+    /// Whether any slave processes the frame. False for a frame from the last end that reaches the first end without turning
+    /// round.
     pub(super) is_worked_on: bool,
     /// Whether the frame turns round at a closed port 0.
     pub(super) turns: bool,
@@ -87,8 +89,8 @@ struct Search<'v, L> {
 }
 
 impl<L: Fn(&[Place], usize) -> bool> Search<'_, L> {
-    /// Continues at a slave that the frame reaches after `after_ns` by port 0. Returns when the frame is back at port 0, or
-    /// where it has left the network.
+    /// Continues at a slave that the frame reaches after `after_ns` by port 0. Returns the exit: the frame is back at port 0,
+    /// or it has left the network at the last end; `None` if it is lost.
     fn go_on(&mut self, places: &mut [Place], place: usize, after_ns: Ns) -> Option<Exit> {
         *self.is_worked_on = true;
         if !places[place].is_silent {

@@ -11,7 +11,8 @@ pub enum SyncPulse {
     Sync1,
 }
 
-/// The maximum distance of a start time that counts as in the near future, ns.
+/// The range of start times if the master has set the activation bit for the near future, ns: a start time this far ahead, or
+/// farther, is out of range.
 const NEAR_FUTURE_NS: i64 = 1 << 31;
 
 /// The state of the SYNC unit.
@@ -24,7 +25,7 @@ pub(super) struct SyncUnit {
     next1: Option<u64>,
     cycle0_ns: u32,
     delay1_ns: u32,
-    /// Whether the start time was not in the near future.
+    /// Whether the start time was out of range: not ahead, or too far ahead. Register 0x0984 shows it.
     is_out_of_range: bool,
     /// Whether SYNC0 and SYNC1 have had a pulse since the activation.
     fired: [bool; 2],
@@ -52,7 +53,8 @@ impl SyncUnit {
             self.is_out_of_range = !(1..range).contains(&ahead);
             self.next0 = match activation.contains(SyncActivation::CHECK_START) && self.is_out_of_range {
                 true => Some(now),
-                // A start in the past would be reached only when the counter wraps, which is never.
+                // Without that check, a start time in the past schedules no pulse: the 64-bit system time wraps only after
+                // centuries.
                 false => (ahead > 0).then_some(start),
             };
             self.next1 = self.next0.map(|first| first.wrapping_add(self.delay1_ns.into()));
@@ -96,7 +98,8 @@ impl SyncUnit {
         Some((at, pulse))
     }
 
-    /// The period of SYNC1, ns: the number of whole SYNC0 cycles in its delay plus one, times the SYNC0 cycle time.
+    /// The period of SYNC1, ns. A SYNC0 pulse starts the delay of SYNC1, and the SYNC0 pulses during the delay do not start it
+    /// again. So the period is the number of whole SYNC0 cycles in the delay plus one, times the SYNC0 cycle time.
     fn period1_ns(&self) -> u64 {
         let turns = self.delay1_ns.checked_div(self.cycle0_ns).map_or(0, |turns| u64::from(turns) + 1);
         turns * u64::from(self.cycle0_ns)

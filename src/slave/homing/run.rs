@@ -11,7 +11,7 @@ use super::method::{Direction, Edge, Method, SearchPlan};
 use super::{HomingError, HomingSettings, Shaft};
 use crate::slave::switches::{Inputs, Switches};
 
-/// The present target of the search.
+/// What the search looks for at present: an edge of a switch, or the index pulse.
 #[derive(Clone, Copy, Debug)]
 enum Sought {
     Edge(Edge),
@@ -23,16 +23,17 @@ enum Sought {
 pub struct Run {
     method: Method,
     sought: Sought,
-    /// Whether the positive limit switch will reverse the run. It does so only once.
+    /// Whether the positive limit switch still reverses the run; it does so only once.
     limit_reverses: bool,
     heading: Direction,
-    /// Whether the run has not reversed yet and began where the switch is inactive.
+    /// Whether the run began where the switch is inactive and has not reversed yet. The first leg uses the switch speed up to
+    /// the edge.
     on_first_leg: bool,
     /// Whether the switch has been active during the run.
     switch_seen: bool,
-    /// The states of the switches at the last position, in the orientation of the plan.
+    /// The states of the switches at the count that was evaluated last, in the orientation of the plan.
     inputs: Inputs,
-    /// The distance of the demand since the start, counts.
+    /// The distance that the position demand has covered since the start of the run, counts, for the limit of the search.
     distance: f64,
 }
 
@@ -40,7 +41,8 @@ impl Run {
     /// Starts a run; `None` if home is the present position.
     ///
     /// # Errors
-    /// The reason why the run cannot start; the shaft does not move then.
+    /// An unsupported method, a moving shaft, an input that is not wired, a speed or acceleration of 0, or an active limit
+    /// switch that the search cannot leave. The shaft does not move then.
     pub fn start(settings: &HomingSettings, shaft: Shaft, switches: &Switches) -> Result<Option<Self>, HomingError> {
         let code = settings.method;
         let method = Method::from_code(code).ok_or(HomingError::UnsupportedMethod(code))?;
@@ -71,7 +73,7 @@ impl Run {
         if inputs.has_both_limits() {
             return Err(HomingError::BothLimits);
         }
-        // [OURS] A run that starts on a limit switch that would reverse it starts in the reverse direction.
+        // [OURS] If a limit switch that reverses the search is active at the start, the run starts in the reverse direction.
         if run.heading == Direction::Positive && inputs.has(Direction::Positive.limit()) && run.limit_reverses {
             run.reverse_at_limit();
         }
@@ -107,7 +109,7 @@ impl Run {
     /// Returns the count of home if home was found.
     ///
     /// # Errors
-    /// The reason why the run ends without home.
+    /// The run ends without home, because of a limit switch that the method does not use, both limit switches, or the distance.
     pub fn pass(&mut self, from: i64, to: i64, way: f64, switches: &Switches) -> Result<Option<i64>, HomingError> {
         let is_new = as_planned(self.method, switches.read(from)) != self.inputs;
         let is_met = is_new || matches!(self.sought, Sought::Index) || switches.change_between(from, to);
@@ -125,7 +127,8 @@ impl Run {
     /// the count of home if home was found.
     fn scan_path(&mut self, from: i64, to: i64, switches: &Switches) -> Result<Option<i64>, HomingError> {
         let mirrored = self.method.mirrored;
-        // An input may change while the shaft is at standstill. This counts as a motion in the direction of the run.
+        // An input may change while the shaft is at standstill, for example by a fault. An edge needs a direction: the
+        // direction of the run.
         let moving = match to.cmp(&from) {
             std::cmp::Ordering::Less => Direction::Negative.mirrored_if(mirrored),
             std::cmp::Ordering::Equal => self.heading,
@@ -158,11 +161,12 @@ impl Run {
                 let rises = now.has(edge.switch);
                 self.switch_seen |= rises;
                 match (moving == edge.moving, rises == edge.rises) {
-                    // While the shaft brakes in order to reverse, it crosses the edge before the run looks for it.
+                    // The shaft still brakes in the old direction before it reverses. An edge that it crosses meanwhile is not
+                    // home.
                     (true, true) if self.heading != moving => {}
                     (true, true) if self.method.index => self.sought = Sought::Index,
                     (true, true) => return Ok(true),
-                    // The shaft has reached the edge from the other side.
+                    // The shaft has crossed the edge against the direction that counts: reverse, to cross it in that direction.
                     (false, false) => self.reverse(edge.moving),
                     _ => {}
                 }
@@ -193,7 +197,7 @@ impl Run {
         Ok(())
     }
 
-    /// Checks that the run does not continue towards an active limit switch, unless it searches for that switch.
+    /// Returns an error if the run would continue towards an active limit switch, unless it searches for that switch.
     fn check_limit_ahead(&self) -> Result<(), HomingError> {
         let sought = matches!(self.sought, Sought::Edge(edge) if edge.switch == self.heading.limit());
         if self.inputs.has(self.heading.limit()) && !sought {

@@ -6,8 +6,8 @@ use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::xf::request::{DcTiming, SlaveBits, SlaveNumber, WkcErrorLimit};
 use crate::xf::{EtherCatState, NetworkState};
 
-/// Whether process data travel in LRW before ECAT_INIT_OP or ENABLE_LRW selects it, and always with firmware that has no
-/// such selection. `[OURS]`
+/// `[OURS]` Process data travel in LRW until ECAT_INIT_OP or ENABLE_LRW selects otherwise. Firmware that has no such selection
+/// always uses LRW.
 const LRW_AT_START: bool = true;
 
 /// The data about a slave in the chip's memory.
@@ -29,7 +29,8 @@ pub(super) struct SetLengths {
     pub of_managers: [Option<u16>; 2],
     /// Lengths set by DIRECT_ASSIGN.
     pub assigned: [Option<u16>; 2],
-    /// Whether the lengths of DIRECT_ASSIGN are used.
+    /// Whether the lengths of DIRECT_ASSIGN are used, as the host has switched; otherwise those of CONFIG_SM or of the mapping
+    /// objects.
     pub is_assigned: bool,
 }
 
@@ -42,7 +43,8 @@ pub(super) struct KnownNetwork {
     pub known: [SlaveMemory; SLAVES_MAX],
     pub places: [ImageRanges; SLAVES_MAX],
     pub lengths: [SetLengths; SLAVES_MAX],
-    /// The slaves whose mailboxes are polled after the next layout of process data.
+    /// The slaves whose mailboxes the host wants polled. The chip takes them over into `polls` after the next layout of process
+    /// data.
     pub wants_polled: SlaveBits,
     /// The slaves whose mailboxes are polled now.
     pub polls: SlaveBits,
@@ -60,7 +62,8 @@ pub(super) struct KnownNetwork {
     /// Number of working counter errors in a row, up to 255.
     pub wkc_errors_in_a_row: u8,
     pub wkc_limit: WkcErrorLimit,
-    /// The time from which on the clocks are stable; `None` if no slave has a clock, or if they are not initialised.
+    /// The time from which on the clocks count as synchronised and the status bit DC_STABLE is set; `None` if no slave has a
+    /// clock, or if they are not initialised.
     pub dc_stable_at: Option<Ns>,
     pub cycle_ns: Ns,
 }
@@ -104,19 +107,19 @@ impl KnownNetwork {
         (count(|place| place.input_bytes > 0), count(|place| place.output_bytes > 0))
     }
 
-    /// Whether any slave was brought to that state or a higher one.
+    /// Whether the host has brought any slave to that state or a higher one.
     pub fn any_commanded(&self, state: AlState) -> bool {
         self.places().iter().any(|place| place.commanded >= state)
     }
 
-    /// The working counter that a cycle should have. `outputs_from` is the state from which on outputs count.
+    /// The working counter that a cycle should have. Slaves add to it for their outputs from the state `outputs_from` on.
     pub fn expected_working_counter(&self, outputs_from: AlState) -> u16 {
         self.places().iter().map(|place| place.counts(place.commanded, outputs_from)).sum()
     }
 
-    /// Reads a slave's state into the chip's memory. `[OURS]` The error bit is set while the slave is below the state
-    /// to which it was brought, or has refused a change. If the slave left OP by its watchdog and has no register for
-    /// it, the AL status is 0x1B.
+    /// Reads a slave's state into the chip's memory. `[OURS]` The error bit is set while the slave is below the state to which
+    /// it was brought, or has refused a change. A slave model without an AL status code that is below that state has left OP by
+    /// its watchdog: the AL status is 0x1B.
     pub fn update(&mut self, network: &impl SlaveNetwork, slave: u8) {
         let (known, place) = (&mut self.known[usize::from(slave)], self.places[usize::from(slave)]);
         let Some(state) = network.state(slave) else {
@@ -158,8 +161,8 @@ impl KnownNetwork {
         }
     }
 
-    /// Lays out the process data from the lengths of outputs and inputs of each slave. The process images must have
-    /// room for them.
+    /// Lays out the process data from the lengths of outputs and inputs of each slave. The caller has checked that they fit
+    /// into the process images, [`IMAGE_MAX`] bytes each.
     pub fn lay_out(&mut self, lengths: &[[u16; 2]]) {
         let (mut outputs, mut inputs) = (0, 0);
         for (place, [output_bytes, input_bytes]) in self.places.iter_mut().zip(lengths.iter().copied()) {

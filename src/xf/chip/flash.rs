@@ -1,4 +1,4 @@
-//! The part of the chip's flash memory that is for files, kept in RAM.
+//! The part of the chip's flash memory that holds files for FoE transfers with slaves, kept in RAM.
 
 use crate::xf::request::{FlashAddress, FlashBytes};
 
@@ -37,7 +37,7 @@ impl Flash {
         }
     }
 
-    /// Writes the memory. `[OURS]` The chip erases the bytes before it writes them.
+    /// Writes the memory. `[OURS]` The chip erases the bytes first, so the host need not erase them.
     pub fn write(&mut self, start: u32, data: &[u8]) {
         if let Some(place) = self.memory.get_mut(start as usize..start as usize + data.len()) {
             place.copy_from_slice(data);

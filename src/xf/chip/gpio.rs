@@ -47,10 +47,10 @@ impl Pin {
         }
     }
 
-    /// Whether that edge raises the interrupt.
+    /// Whether a rising (`rises`) or falling edge raises the interrupt.
     ///
-    /// `[OURS]` The vendor's driver sends 3, 4 and 5 where the manual has 1 both, 2 falling, 3 rising. In the manual's
-    /// order 4 is falling and 5 is rising. 3 is rising, as in the manual.
+    /// `[OURS]` The manual's codes are 1 both, 2 falling, 3 rising. The vendor's driver sends 3 for both, 4 for falling and 5
+    /// for rising. Here 4 and 5 are the driver's, and 3 is the manual's.
     const fn is_triggered(&self, rises: bool) -> bool {
         match self.trigger {
             GpioTrigger::Off => false,
@@ -136,7 +136,7 @@ impl Gpio {
         self.pins.get(usize::from(channel)).is_some_and(Pin::level)
     }
 
-    /// Lets time pass until `now`.
+    /// Lets time pass until `now`: debounced inputs take over a level that was constant for long enough.
     pub fn settle(&mut self, now: Ns) {
         for k in 0..PINS {
             let pin = &mut self.pins[k];

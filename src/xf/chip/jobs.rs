@@ -1,7 +1,8 @@
-//! Commands that take time, as jobs. One job runs at a time, and ends with its effect or with an error.
+//! Commands that take time, as jobs. One job runs at a time; at its end its results are stored, or it reports an error.
 //!
-//! A job starts a [`Procedure`] with its requests to the network. It ends when these are answered and its own duration
-//! has passed. On a network that answers at once, the requests are made at the end of that duration.
+//! A job has one or more parts. A part starts a [`Procedure`] with its requests to the network, and ends when these are
+//! answered and the part's own duration ([`ChipTiming`](super::ChipTiming)) has passed. A network of slave models answers at
+//! once, so there the requests are made at the end of that duration.
 
 mod job;
 mod network;
@@ -59,9 +60,10 @@ impl ActiveJob {
 /// The result of a job's requests to the network.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 pub(super) enum JobResult {
-    /// The job makes no requests to the network.
+    /// The present part of the job makes no requests to the network.
     Nothing,
-    /// The requests could not be made, for example because the state of the network does not allow them.
+    /// The requests could not be made: the network has no link or no slaves, slaves are not in the state that the job needs,
+    /// or the chip refuses the target state.
     Failed,
     /// The network did not answer in time.
     TimedOut,
@@ -71,8 +73,8 @@ pub(super) enum JobResult {
     Pdos(Result<PdoConfig, AbortCode>),
 }
 
-/// The beginning of a part of a job: a procedure that makes requests to the network, or at once the result of a part
-/// without requests.
+/// The beginning of a part of a job, such as one step of a change of state: a procedure that makes requests to the network, or
+/// at once the result of a part without requests.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 enum PartStart {
     Procedure(Procedure),
@@ -82,9 +84,9 @@ enum PartStart {
 /// The end of a part of a job, and how the job continues.
 pub(super) enum Progress {
     Done,
-    /// Another part follows, whose duration ends at this time.
+    /// Another part follows. It ends at this time at the earliest.
     Next(Ns),
-    /// The part is repeated at this time.
+    /// The same part begins again at this time.
     Again(Ns),
     Failed,
 }
@@ -188,7 +190,8 @@ impl<N: SlaveNetwork> Chip<N> {
         }
     }
 
-    /// Makes the job's requests to the network when it is time, and returns their result when the job is due.
+    /// Makes the requests of the present part from `begin_at` on. Returns their result once they are answered and the time
+    /// `due` has come.
     fn ask(&mut self, running: &mut ActiveJob) -> RequestProgress {
         if running.result.is_none() && running.procedure.is_none() {
             if self.now < running.begin_at {
@@ -297,7 +300,7 @@ impl<N: SlaveNetwork> Chip<N> {
             (Job::Datagram(job), result) => self.end_datagram(job, result),
             (Job::File(job), JobResult::Answer(OperationAnswer::File(result))) => self.end_file(job, result),
             (Job::ReceiveMail { .. }, JobResult::Answer(OperationAnswer::Mail(mail))) => self.end_mail(mail),
-            // Cannot happen: each result comes from the request of its own job.
+            // Cannot happen: each kind of job gets only the kind of answer that its own request has.
             _ => Progress::Failed,
         }
     }

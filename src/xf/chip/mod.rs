@@ -1,8 +1,8 @@
-//! A model of the chip, the other end of the wire. A host's packets have the effects and errors that the manuals
-//! describe, on a network of simulated slaves.
+//! A model of the chip, the other end of the SPI or USB connection of a host. A host's packets have the effects and errors that
+//! the manuals describe, on a network of simulated slaves.
 //!
-//! The model is plain data. Time is an argument, in nanoseconds since power-on. The same calls always give the same
-//! bytes; an exchange and a cycle do not allocate.
+//! The model reads no clock and does no I/O. Time is an argument, in nanoseconds since power-on. The same calls always give the
+//! same bytes; an exchange and a cycle do not allocate.
 //!
 //! | file | what it holds |
 //! | --- | --- |
@@ -110,16 +110,16 @@ pub struct Chip<N> {
     size: DataSize,
     check: CheckType,
     prepared: Prepared,
-    /// Index and code of the previous packet.
+    /// Index and code of the previous packet: a packet with the same ones is a repetition and is not run again.
     previous: Option<(u8, CommandCode)>,
     /// The time from which on the next packet is accepted.
     ready_at: Ns,
     /// The time from which on the network port is initialised.
     port_ready_at: Ns,
-    /// Whether WARM_RESET has just been received.
+    /// Whether WARM_RESET has just been received: the chip restarts when the packet has been run.
     restarts: bool,
     errors: Errors,
-    /// Errors that no answer to a command has shown yet.
+    /// Errors that no answer to a command has shown yet. A header cannot clear them.
     not_shown: Errors,
     crc_errors: u8,
     unknown_commands: u64,
@@ -128,7 +128,7 @@ pub struct Chip<N> {
     /// Whether the PHY had a link when the network was initialised.
     phy_link: bool,
     fifos: Fifos,
-    /// Whether RxPDOs are taken out of the RxFIFO, as at power-on (XF EN 674).
+    /// Whether RxPDOs are taken out of the RxFIFO in each cycle; true at power-on (XF EN 674).
     fifo_on: bool,
     helper: Helper,
     job: Option<ActiveJob>,
@@ -152,7 +152,7 @@ impl<N: SlaveNetwork> Chip<N> {
         Self::with_timing(profile, ChipTiming::default(), network)
     }
 
-    /// A chip with other durations, powered on at time 0.
+    /// A chip with these durations instead of the default ones, powered on at time 0.
     pub fn with_timing(profile: Profile, timing: ChipTiming, network: N) -> Self {
         let mut chip = Self {
             profile,
@@ -193,14 +193,14 @@ impl<N: SlaveNetwork> Chip<N> {
         chip
     }
 
-    /// Releases the reset line at `now`; the chip then starts.
+    /// Releases the reset line at `now`. The chip then starts as after power-on.
     pub fn reset(&mut self, now: Ns) {
         self.run_until(now);
         self.restart();
     }
 
-    /// Restarts the chip after power-on, the reset line or WARM_RESET. Everything is reset except the pins' external
-    /// signals and the flash memory.
+    /// Restarts the chip after power-on, the reset line or WARM_RESET. Everything is reset except the flash memory and the
+    /// levels with which the outside drives the pins.
     fn restart(&mut self) {
         self.size = self.profile.size;
         self.check = CheckType::Fixed;
@@ -250,8 +250,8 @@ impl<N: SlaveNetwork> Chip<N> {
         self.bus.lrw
     }
 
-    /// The number of commands whose code or function is not in the manuals; each was answered with the command error.
-    /// The vendor's header has more codes than the manuals (OBS).
+    /// The number of commands with a code or a function parameter that is not in the manuals; each was answered with the
+    /// command error. Tests read it. The vendor's header has more codes than the manuals (OBS).
     pub const fn unknown_commands(&self) -> u64 {
         self.unknown_commands
     }
@@ -273,7 +273,7 @@ impl<N: SlaveNetwork> Chip<N> {
         self.is_ready() == self.interrupts.enable.polarity.contains(Polarity::INT0_HIGH)
     }
 
-    /// The level of INT1 at `now`. It is active, by default low, while an enabled flag is set.
+    /// The level of INT1 at `now`. It is active, by default low, while any enabled interrupt flag is set.
     pub fn int1(&mut self, now: Ns) -> bool {
         self.run_until(now);
         let is_active = self.interrupts.is_active(self.gpio.flags(), self.encoder.flags);

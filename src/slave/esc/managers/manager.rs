@@ -1,4 +1,4 @@
-//! One sync manager: its registers, and which buffer each side uses.
+//! One sync manager: its registers, and which of its buffers the writer and the reader use.
 
 use crate::ethercat::registers::{BufferMode, RAM, SmDirection, SmPdiControl, SmStatus, SyncManager};
 
@@ -12,8 +12,8 @@ pub(super) struct Manager {
     pub(super) writing: Option<u8>,
     /// The buffer that the reader has opened; `None` if there is none.
     pub(super) reading: Option<u8>,
-    /// The distance between the buffers, bytes: the length of one buffer, or 0 for a length of one byte, which has a single
-    /// buffer.
+    /// The distance between the three buffers, bytes: the length of one buffer; or 0 for a length of one byte, where all three
+    /// are the same byte.
     pub(super) distance: u16,
 }
 
@@ -49,7 +49,7 @@ impl Manager {
         usize::from(self.registers.start) + usize::from(buffer) * usize::from(self.distance)
     }
 
-    /// Opens a buffer for a side; `None` if the side has to wait.
+    /// Opens a buffer for a side. `None` if the side has to wait: a writer for an empty mailbox, a reader for a full one.
     pub(super) fn open(&mut self, side: Side) -> Option<u8> {
         let is_full = self.registers.status.contains(SmStatus::FULL);
         let buffer = match (side, self.is_mailbox()) {
@@ -128,7 +128,7 @@ impl Manager {
         self.buffer_start(self.last.unwrap_or(0))
     }
 
-    /// Whether the network may now access the sync manager as this side.
+    /// Whether the network may now access the sync manager: write if `side` is the writer, read if it is the reader.
     pub(super) fn is_open_to(&self, side: Side) -> bool {
         let SyncManager { control, pdi, .. } = self.registers;
         let wanted = if side == Side::Writer { SmDirection::Write } else { SmDirection::Read };
@@ -137,7 +137,8 @@ impl Manager {
             && !pdi.contains(SmPdiControl::DEACTIVATE)
     }
 
-    /// The buffer for bytes of a side from `offset` on; `None` if access is not allowed.
+    /// The buffer that a side accesses at `offset` bytes from the start of the area; offset 0 opens a buffer. `None` if no
+    /// buffer is open or can be opened.
     pub(super) fn buffer(&mut self, side: Side, offset: usize) -> Option<u8> {
         if offset == 0 {
             return self.open(side);

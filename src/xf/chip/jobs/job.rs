@@ -57,9 +57,9 @@ pub(in crate::xf::chip) struct StateJob {
     pub slaves: Slaves,
     /// The target state; `None` for Boot, which no simulated slave supports.
     pub target: Option<AlState>,
-    /// Whether all states are read at the end, as ECAT_STATE_CHECK does.
+    /// Whether all states are read at the end, which is so for ECAT_STATE_CHECK and not for ECAT_STATE_SET.
     pub updates: bool,
-    /// Whether a slave in the present step does not answer or cannot be set up.
+    /// Whether a slave does not answer or cannot be set up in the present step of the change of state.
     pub has_failed: bool,
 }
 

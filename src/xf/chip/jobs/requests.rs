@@ -1,7 +1,7 @@
-//! The requests of a procedure to the network: operations one after the other, written as an `async` sequence.
+//! The requests of a procedure to the network. A procedure is the sequence of requests of one part of a job.
 //!
-//! A procedure is an `async fn`, like the sequences of the master. The chip polls it, passes its requests to the
-//! network, and returns the answers to it.
+//! A procedure is an `async fn`, like the sequences of the master. The chip polls the procedure, passes its requests to the
+//! network one after the other, and returns the answers to the procedure.
 
 use std::future::poll_fn;
 use std::pin::{Pin, pin};
@@ -46,7 +46,8 @@ impl Procedure {
 }
 
 impl Requests {
-    /// Starts a procedure. On a network that answers at once, the procedure ends at once and nothing is allocated.
+    /// Starts a procedure. On a network that answers at once, the procedure ends at once and nothing is allocated. On another
+    /// network it continues in [`Procedure::run`].
     pub(super) fn begin<F: Future<Output = JobResult> + Send + 'static>(
         &self,
         network: &mut impl SlaveNetwork,

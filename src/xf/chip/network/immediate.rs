@@ -52,7 +52,7 @@ pub trait ImmediateNetwork: Send {
     /// As with [`Self::read`].
     fn write(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode>;
 
-    /// The additional duration of SDO transfers with this slave.
+    /// The time by which a script or test makes SDO transfers with this slave longer.
     fn sdo_delay_ns(&self, _slave: u8) -> Ns {
         0
     }

@@ -6,12 +6,12 @@ use crate::ethercat::Ns;
 use crate::master::{FrameBuffer, Wire, WireDown};
 use crate::slave::esc::{CabledChain, FrameFate};
 
-/// Slave controllers on a wire. `[OURS]` A frame is back at the moment in which it was sent; the slaves process it at
-/// the time at which it passes them, some microseconds later.
+/// Slave controllers on a wire. `[OURS]` Sending a frame computes its whole way at once: each slave processes the frame as of
+/// the time at which it passes the slave, some microseconds later, but the master can receive the frame at once.
 pub(super) struct ChainWire {
     pub(super) slaves: CabledChain,
     pub(super) now: Ns,
-    /// Frames that are on their way back to the master.
+    /// Frames that have come back and that the master has not received yet.
     back: VecDeque<Vec<u8>>,
     /// Free buffers, for reuse.
     spare: Vec<Vec<u8>>,

@@ -8,7 +8,7 @@ use super::decimate::{Line, Pieces};
 /// The number of inputs of an IO slave, which is also that of its outputs.
 const BITS: usize = 16;
 
-/// Whether a bit is an input or an output.
+/// Whether a bit of an IO slave is an input or an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Way {
     /// An input.

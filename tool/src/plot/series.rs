@@ -48,11 +48,12 @@ pub struct Lines {
     pub plane: Option<[Pieces; 2]>,
     /// The number of free FIFO entries over time.
     pub fifo_free: Pieces,
-    /// The times in seconds at which the full count rose, so commands were lost. Times within one pixel column are merged.
+    /// The times in seconds at which the full count rose: command frames found the FIFO full and were lost. Times within
+    /// one pixel column are merged.
     pub full: Vec<f64>,
-    /// The number of reports with a higher full count than the report before.
+    /// The number of reports with a higher full count (frames that found the FIFO full) than the report before.
     pub full_reports: u64,
-    /// The time spans in which the FIFO was empty while an axis was moving, and those in state 0x18.
+    /// The time spans in which the FIFO was empty while an axis was moving, and those in state 0x18: OP with a lost slave.
     pub gaps: Vec<Span>,
 }
 
@@ -76,7 +77,7 @@ pub struct Series {
 }
 
 struct Plane {
-    /// The indexes of the two axes in [`Series::axes`].
+    /// The indexes in [`Series::axes`] of the two axes whose path is drawn: the horizontal one, the vertical one.
     of: [usize; 2],
     /// The commanded and the actual path.
     paths: [Path; 2],
@@ -203,7 +204,7 @@ impl Series {
         }
     }
 
-    /// Draws the commands that were executed up to this report. Returns false if that is not known yet.
+    /// Draws the commands that were executed up to this report. Returns false if it is not yet known which were executed.
     fn execute(&mut self, at_ns: i64, master: &MasterResponse) -> bool {
         let (entries, idle_since_ns) = match self.execution.report(at_ns, master) {
             ExecutionReport::Executed { entries, idle_since_ns } => (entries, idle_since_ns),

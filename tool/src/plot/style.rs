@@ -20,7 +20,7 @@ pub const LEFT: u32 = 116;
 /// Width of the margin at the right.
 pub const RIGHT: u32 = 28;
 
-/// Width and height of the plane of two axes.
+/// Width and height of the diagram that shows the path of two axes in their plane.
 pub const PLANE: (u32, u32) = (560, 520);
 /// Height of the lane of one input or output.
 pub const LANE: u32 = 18;
@@ -65,7 +65,8 @@ pub fn colours(axes: impl IntoIterator<Item = u8>) -> Vec<RGBColor> {
 pub const BESIDE: RGBColor = RGBColor(0x20, 0x20, 0x20);
 /// The colour of curves in the FIFO diagram.
 pub const FIFO: RGBColor = RGBColor(0x40, 0x50, 0x60);
-/// The colour of marks: lost commands, limits, the first difference.
+/// The colour of marks: lost commands, state 0x18, notes on states, the first difference of two recordings, the limits in a
+/// picture of `ecmsk migrate`.
 pub const ALARM: RGBColor = RGBColor(0xD0, 0x10, 0x20);
 /// The background of times in which a drive has a fault.
 pub const FAULT: RGBColor = RGBColor(0xF9, 0xCF, 0xD0);

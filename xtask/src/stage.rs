@@ -122,7 +122,8 @@ pub fn install_into(project: &Project, built: &Path, tool: Option<&Path>, prefix
 /// The file name of the plugin for Wireshark, below `share`.
 const PLUGIN: &str = "ecmsk.lua";
 
-/// The folders in `share` with the headers that only sources for Visual Studio include.
+/// The folders in `share` with headers that stand in for those of Windows: with them console programs of Visual Studio
+/// compile on Linux. `Windows.h` has a folder of its own, because some file systems do not distinguish it from `windows.h`.
 const MSVC_FOLDERS: [&str; 2] = ["msvc", "msvc/capital"];
 
 /// Installs the headers into `include`.

@@ -214,7 +214,7 @@ struct First {
     asked: Asked,
     chosen: Chosen,
     device: Option<Address>,
-    /// The time in OP.
+    /// The range of times in which the network was in OP.
     op: Window,
     /// The times of the options `--from` and `--to`.
     times: Times,
@@ -230,7 +230,7 @@ impl First {
     }
 }
 
-/// Reads the recording for the first time, after `check`, and says what is wrong with it.
+/// Calls `check`, then reads the recording for the first time, and prints notes on what is wrong with it.
 fn first(args: &Args, room: Room, check: impl FnOnce() -> Result<(), PlotError>) -> Result<First, CliError> {
     if args.file == Path::new("-") {
         return Err(PlotError::Stdin.into());
@@ -414,7 +414,7 @@ impl Window {
         self.from_ns <= at_ns && at_ns <= self.to_ns
     }
 
-    /// The smallest range that contains both.
+    /// The smallest range that contains both ranges.
     fn with(self, other: Self) -> Self {
         Self { from_ns: self.from_ns.min(other.from_ns), to_ns: self.to_ns.max(other.to_ns) }
     }

@@ -193,8 +193,8 @@ fn no_thread(error: io::Error) -> ServeError {
     ServeError::System { what: "start a thread for output", message: error.to_string() }
 }
 
-/// Prints the address and the served links, and reports them to systemd if it has started the server. A reader of standard
-/// output that takes nothing does not stop the server: after [`FLUSH_LIMIT`] it serves without having printed them.
+/// Prints the address and the served links, and reports them to systemd if it has started the server. If nobody reads
+/// standard output, the server waits at most [`FLUSH_LIMIT`]; the text stays in the queue of the stream.
 ///
 /// # Errors
 /// Standard output cannot be written to.

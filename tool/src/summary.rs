@@ -64,8 +64,7 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 
-    /// End with exit code 1 if the summary has an alarm, a failed state, a count or a message, or the recording is
-    /// incomplete
+    /// End with exit code 1 if the summary reports anything that went wrong, or if the recording is incomplete
     #[arg(long)]
     exit_code: bool,
 

@@ -63,7 +63,7 @@ pub enum WiresharkError {
          lists it in Help, About Wireshark, Folders"
     )]
     NoFolder {
-        /// The variable of the environment.
+        /// The name of the environment variable.
         variable: &'static str,
     },
     /// The folder cannot be written to.

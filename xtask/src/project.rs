@@ -11,7 +11,7 @@ use serde::de::DeserializeOwned;
 use crate::command;
 use crate::error::Error;
 
-/// The checkout that a chore works on.
+/// The checkout of the project on which `cargo xtask` works.
 #[derive(Clone)]
 pub struct Project {
     /// The root of the workspace.

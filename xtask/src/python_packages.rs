@@ -23,7 +23,7 @@ pub const MATURIN: Fetched = wheel(
     "11 MB to fetch, 30 MB in the target folder",
     "837db2f4d93d4899c3ac393fb3cc9eebf35b6002336e5d574f4a4fb6c49fe283",
 );
-/// NumPy, with which tests read process data as arrays.
+/// NumPy, for the tests that read recordings as arrays.
 pub const NUMPY: Fetched = wheel(
     "numpy",
     "2.4.6",

@@ -84,7 +84,7 @@ mod tests {
         }
     }
 
-    /// After a failure nothing further begins.
+    /// After a failure no further command is started.
     #[test]
     fn a_failure_is_the_end() {
         let folder = tempfile::tempdir().unwrap();

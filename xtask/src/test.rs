@@ -239,7 +239,7 @@ impl Without {
 }
 
 impl<'a> Site<'a> {
-    /// An environment in which every test runs, the long ones only if `all`.
+    /// For a part of which all tests are run, the long ones only if `all`.
     pub fn new(project: &'a Project, missing: &'a [Need], all: bool) -> Self {
         Self { project, missing, names: Vec::new(), all }
     }
@@ -286,7 +286,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     run_parts(&Site::new(project, &missing, arguments.all), parts, arguments.from, &gates, left_out, ahead)
 }
 
-/// Whether a part needs what is built in the background.
+/// Whether a part uses the results of the builds in the background.
 fn needs_ahead(part: &Part) -> bool {
     part.needs.contains(&MINGW_X64)
 }
@@ -359,8 +359,8 @@ pub fn format(site: &Site) -> Result<(), Error> {
 
 pub fn lints(site: &Site) -> Result<(), Error> {
     command::run(site.project.cargo().args(["clippy", "--workspace", "--all-targets", "--", "-Dwarnings"]))?;
-    // `--all-targets` leaves out the tests that run in a guest system, because their targets are built only on demand. So
-    // these are checked here by their names.
+    // `--all-targets` leaves out the tests that run in a guest system or under Wine: Cargo.toml sets `test = false` for
+    // them. So they are checked here by their names.
     let others = ["--test=windows", "--test=windows_usb", "--", "-Dwarnings"];
     command::run(&mut site.project.cargo_as_in_tests("clippy", "rig", &others))
 }

@@ -147,7 +147,7 @@ struct DataType<'a, 'i> {
     /// The first sub-index of an array and the number of its elements.
     bounds: [Option<u64>; 2],
     items: Vec<Node<'a, 'i>>,
-    /// See [`parts_of`].
+    /// The sub-indexes that the data type describes; [`parts_of`] fills them in when they are first needed.
     parts: OnceCell<Vec<Part>>,
 }
 

@@ -106,7 +106,7 @@ struct Ignores {
 const UNANSWERED_MAX: u8 = 3;
 
 impl Axis {
-    /// Starts without curves, which get `columns` pixel columns. `number` is the number of the slave.
+    /// Starts with empty curves, which are thinned to `columns` pixel columns. `number` is the number of the slave.
     pub fn new(number: u8, scale: Scale, window: Window, columns: u32, commands: Vec<u8>) -> Self {
         let line = || Line::new(window, columns);
         let held = || Line::holding(window, columns);

@@ -41,7 +41,7 @@ struct Bits {
 }
 
 impl Lanes {
-    /// Starts without values, for the range `window` of so many pixel columns.
+    /// Starts without values, for the range `window`, which is drawn `columns` pixels wide.
     pub fn new(window: Window, columns: u32) -> Self {
         let bits = || Bits { lines: std::array::from_fn(|_| Line::holding(window, columns)), used: 0, now: None };
         Self { ways: [bits(), bits()] }

@@ -18,7 +18,7 @@ use crate::recording::Framed;
 
 pub use super::axis::AxisLines;
 
-/// What is drawn of the recording.
+/// Which part of the recording is drawn: the times, the slaves and the commands.
 pub struct Subject<'a> {
     /// The range of times that is shown.
     pub window: Window,
@@ -84,7 +84,7 @@ struct Plane {
 }
 
 impl Series {
-    /// Starts without frames.
+    /// Starts with empty curves, before the first frame.
     pub fn new(subject: &Subject<'_>) -> Self {
         let (window, columns) = (subject.window, subject.columns);
         let axes = subject.axes.iter();
@@ -192,7 +192,7 @@ impl Series {
         }
     }
 
-    /// Records that the board is, or is no longer, in state 0x18, from a report in OP.
+    /// Records that the board is, or is no longer, in state 0x18 (OP with a lost slave), from a report in OP.
     fn note_failed(&mut self, at_ns: i64, failed: bool) {
         match (failed, self.failed_ns) {
             (true, since) => self.failed_ns = Some((since.map_or(at_ns, |(since_ns, _)| since_ns), at_ns)),

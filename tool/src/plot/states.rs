@@ -36,7 +36,7 @@ pub enum State {
     Failed,
 }
 
-/// A note on a state.
+/// A note that the plot writes at the beginning of a state, such as the alarm of a fault.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Note {
     /// The note in few words, such as an error code alone.

@@ -48,6 +48,8 @@ fn inputs(text: &str) -> Result<(u8, u16), String> {
 }
 
 impl Args {
+    /// Checks the axes and slaves of the step before anything is sent.
+    ///
     /// # Errors
     /// A slave does not exist or is of another kind.
     pub fn check(&self, network: &Config, units: Units<'_>) -> Result<(), BoardError> {

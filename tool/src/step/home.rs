@@ -51,6 +51,8 @@ pub struct Args {
 }
 
 impl Args {
+    /// Checks the axes and the home offset before anything is sent.
+    ///
     /// # Errors
     /// A slave does not exist or has no axis, or the offset is not one of its positions.
     pub fn check(&self, network: &Config, units: Units<'_>) -> Result<(), BoardError> {

@@ -48,6 +48,8 @@ pub fn bits(text: &str) -> Result<u16, String> {
 }
 
 impl Args {
+    /// Checks the slave or the outputs before anything is sent.
+    ///
     /// # Errors
     /// A slave is not an IO slave, or the board does not have these outputs.
     pub fn check(&self, network: &Config) -> Result<(), BoardError> {

@@ -116,7 +116,7 @@ impl Args {
         }
     }
 
-    /// The targets, with the meaning of their axes and numbers.
+    /// The targets, each with the slave and the scale that its axis and its unit have.
     fn resolved(&self, units: Units<'_>) -> Result<Vec<AxisTarget>, BoardError> {
         self.targets.iter().map(|target| target.resolve(WHAT, units)).collect()
     }
@@ -317,8 +317,7 @@ fn no_path(why: String) -> BoardError {
 /// otherwise a program that is often slightly late would never finish a move.
 const GAP_MAX: Duration = Duration::from_millis(100);
 
-/// \[OURS] In how many further cycles the last targets are sent again. The drives settle meanwhile, and the last commands
-/// are executed from a FIFO that is not empty.
+/// \[OURS] In how many further cycles the last targets are sent again. The drives settle meanwhile.
 const HOLD_FRAMES: usize = 9;
 
 /// How the motion along a path has ended, with its duration in seconds.

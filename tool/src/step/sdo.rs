@@ -54,6 +54,8 @@ impl Which {
 }
 
 impl Args {
+    /// Checks the value to write before anything is sent.
+    ///
     /// # Errors
     /// The value has no type or does not fit it.
     pub fn check(&self) -> Result<(), BoardError> {

@@ -41,6 +41,8 @@ impl What {
 }
 
 impl Args {
+    /// Checks the axes before anything is sent.
+    ///
     /// # Errors
     /// A slave does not exist or has no axis.
     pub fn check(&self, network: &Config, units: Units<'_>) -> Result<(), BoardError> {

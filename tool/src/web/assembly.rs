@@ -5,7 +5,7 @@ use data_encoding::BASE64;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-/// The modules of the page, each behind those that it imports.
+/// The modules of the page, each after those that it imports.
 const MODULES: [&str; 11] = [
     include_str!("../../web/src/codec.js"),
     include_str!("../../web/src/words.js"),
@@ -70,7 +70,7 @@ pub fn page(title: &str, data: Option<&impl Serialize>, connect: Option<&str>) -
     Ok(Page { html, policy })
 }
 
-/// The text of a module as a part of one module of all.
+/// The text of a module without its `import` lines and the words `export`, as a part of the page's one script.
 fn without_imports(module: &str) -> String {
     let lines = module.lines().filter(|line| !line.starts_with("import "));
     lines.map(|line| line.strip_prefix("export ").unwrap_or(line).to_owned() + "\n").collect()

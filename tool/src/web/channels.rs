@@ -14,7 +14,7 @@ pub enum Quantity {
     AlState,
     /// The free entries of the FIFO.
     FifoFree,
-    /// The FIFO-full count.
+    /// The full count: the number of command frames that found the FIFO full.
     FullCount,
     /// The statusword, 0x6041.
     Statusword,
@@ -99,7 +99,7 @@ pub struct Channel {
 
 /// Gives channels their names, factors and units.
 pub trait Naming {
-    /// The channel of this key.
+    /// Describes the channel with this key: its name, factor and unit.
     fn channel(&self, key: Key) -> Channel;
 }
 

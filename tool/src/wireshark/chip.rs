@@ -174,7 +174,7 @@ fn single_bits(names: Names) -> Option<Vec<Value>> {
     list(single.map(|(name, bit)| json!([name.to_lowercase(), bit])))
 }
 
-/// `StateSet` as `state_set`.
+/// Converts a name to snake case: `StateSet` becomes `state_set`.
 fn snake(name: &str) -> String {
     let mut text = String::new();
     for letter in name.chars() {

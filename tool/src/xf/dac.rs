@@ -7,7 +7,7 @@ use super::session::{ChipArgs, Session};
 use super::words::volts;
 use super::{Shown, XfVerbError};
 
-/// The output of the DAC.
+/// What the DAC is to do: output a value, or be closed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output {
     Value(Analog),

@@ -57,6 +57,8 @@ pub struct Args {
 #[derive(Clone, Copy)]
 struct Function(&'static FunctionFields);
 
+/// Finds the function with this name, which is that of the manuals or of the Rust type.
+///
 /// # Errors
 /// There is no such function, or the manuals give the name to several.
 fn find(name: &str) -> Result<Function, String> {

@@ -12,7 +12,7 @@ pub const VARIABLE: &str = "SOURCE_DATE_EPOCH";
 /// The earliest time that a zip file can store: 1 January 1980, in seconds since 1970.
 const FIRST: u64 = 315_532_800;
 
-/// The version of a release, and its time.
+/// The version of a release, and the one time that all its files get.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Release {
     pub version: &'static str,

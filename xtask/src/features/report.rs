@@ -148,7 +148,7 @@ impl<'a> Findings<'a> {
         line
     }
 
-    /// The problems that make the check fail, each with the next step.
+    /// The problems that make the check fail. Each text ends with what the developer can do about it.
     pub fn problems(&self) -> Vec<String> {
         let mut problems = Vec::new();
         if !self.untested.is_empty() {

@@ -24,7 +24,7 @@ pub const MINGW: &str = "libNEXTWUSBLib.dll.a";
 /// The list of exports, in the order of their ordinals.
 const EXPORTS: &str = include_str!("../../../capi/exports.txt");
 
-/// The names by which programs refer to a vendor's function.
+/// The names by which programs refer to one of the vendor's functions.
 struct Vendor {
     name: &'static str,
     /// The size of its arguments in bytes on x86, which is a part of its `__stdcall` name.

@@ -1,4 +1,5 @@
-//! The head of a request, and answers. Only what a page needs: GET, one request in a connection.
+//! Reads the heads of HTTP requests, and sends answers. Only what a page needs is supported: GET, one request in a
+//! connection.
 
 use std::io::{self, Read, Write};
 use std::net::{IpAddr, TcpStream};
@@ -14,24 +15,24 @@ pub const REQUEST_WAIT_MAX: Duration = Duration::from_secs(5);
 /// The parts of an HTTP request that this server uses.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct Request {
-    /// The method.
+    /// The method, such as `GET`.
     pub method: String,
     /// The path without its query.
     pub path: String,
     /// The value of `token` in the query.
     pub token: String,
-    /// The field `Host`.
+    /// The value of the header field `Host`; empty if it is missing.
     pub host: String,
-    /// The field `Origin`.
+    /// The value of the header field `Origin`; empty if it is missing.
     pub origin: String,
-    /// The key of a WebSocket; `None` if none is asked for.
+    /// The value of `Sec-WebSocket-Key`; `None` if the request does not open a WebSocket.
     pub socket_key: Option<String>,
 }
 
 /// An error answer of the server, as plain text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Refusal {
-    /// The status code with its reason.
+    /// The HTTP status code with its reason, such as `403 Forbidden`.
     pub status: &'static str,
     /// The body of the answer: what is wrong, and what the user can do.
     pub text: &'static str,

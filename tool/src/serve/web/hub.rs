@@ -1,7 +1,8 @@
 //! Makes messages of reports, and puts them into the queue of each page.
 //!
 //! The thread that reads the board only appends reports to a buffer. A thread of this file takes them 20 times a second,
-//! makes one block, and offers it to each queue. No queue is waited for: what does not fit is left out and counted.
+//! makes one block, and offers it to each queue. It waits for no queue: blocks that find a queue full are left out and
+//! counted.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -64,7 +65,7 @@ pub struct Subject {
     pub slot_size: Option<SlotSize>,
 }
 
-/// The pages of a board.
+/// The pages that are connected to a board, and the thread that makes their messages.
 pub struct Hub {
     name: String,
     pages: Mutex<Vec<Page>>,
@@ -346,7 +347,8 @@ mod tests {
         Out::Block([0].into())
     }
 
-    /// A page that takes nothing loses blocks, which are counted; after a message that it must not miss it is greeted anew.
+    /// A page that reads nothing loses blocks, which are counted. If it loses a message that it must not miss, it gets a
+    /// new hello message.
     #[test]
     fn a_slow_page_loses_blocks_and_nobody_waits_for_it() {
         let (queue, messages) = sync_channel(2);

@@ -14,7 +14,7 @@ pub struct Target {
     unit: Option<Unit>,
 }
 
-/// A target of one axis, with the meaning of its number.
+/// A target of one axis, with its slave and the scale of its number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisTarget {
     pub slave: u8,

@@ -17,7 +17,7 @@ pub fn path(machine: Machine, path: &str) -> String {
     path.replace('@', machine.gnu())
 }
 
-/// The definition of one package.
+/// The definition of one Debian package.
 pub struct Part {
     pub package: &'static str,
     pub section: &'static str,

@@ -1,4 +1,4 @@
-//! `ecmsk recording export`.
+//! `ecmsk recording export`: writes a recording in another format, or its reports as a CSV table.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Read};

@@ -1,4 +1,4 @@
-//! `ecmsk recording info`.
+//! `ecmsk recording info`: shows how long a recording is and what is missing in it.
 
 use std::path::PathBuf;
 

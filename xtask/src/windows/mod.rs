@@ -42,8 +42,8 @@ pub const NEEDS_X64: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X6
 /// The programs that the tests of 32-bit programs need.
 pub const NEEDS_X86: &[Need] = &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, CLANG, LLD_LINK, DEBOOTSTRAP, ROOT];
 
-/// The programs that the tests of 64-bit .NET programs need. These tests also run VB.NET programs on Linux, so .NET Core
-/// for Linux is one of them.
+/// The programs that the tests of 64-bit .NET programs need. VB.NET programs are tested on Linux, too, so .NET Core for
+/// Linux is one of them.
 pub const NEEDS_DOTNET_X64: &[Need] = &[
     RUSTC_DEBIAN,
     CARGO_DEBIAN,

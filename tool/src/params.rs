@@ -41,12 +41,13 @@ use show::{answer_shown, object_json, put_answer, show, shown, summarise};
 
 pub use error::ParamsError;
 
-/// Keep the parameters of drives in files, compare them, and write them back, e.g. to a drive that takes the place of a broken one
+/// Keep the parameters of drives in files, compare them, and write them back, e.g. to a drive that takes the place of a
+/// broken one
 ///
-/// A parameter is an object that can be read and written and that does not command the drive at the moment: no controlword, target,
-/// mode or output, nothing that stores or deletes. On a network of its own (nic:, xf-spi:, xf-usb:) the drive itself says which
-/// objects it has. A board (usb:, spi:, tcp:) transfers 4 bytes of an object and knows no list: --objects names a file of the
-/// drive's maker, made by `ecmsk objects from-esi`; without it everything that answers is kept.
+/// A parameter is an object that can be read and written and that does not command the drive at the moment: no controlword,
+/// target, mode or output, nothing that stores or deletes. On a network of its own (nic:, xf-spi:, xf-usb:) the drive
+/// itself says which objects it has. A board (usb:, spi:, tcp:) transfers 4 bytes of an object and knows no list: --objects
+/// names a file of the drive's maker, made by `ecmsk objects from-esi`; without it everything that answers is kept.
 #[derive(clap::Args)]
 #[command(
     disable_help_subcommand = true,

@@ -95,8 +95,8 @@ pub struct Args {
     #[arg(long, value_name = "TEXT")]
     title: Option<String>,
 
-    /// Slaves to show, at most 8; comma list with ranges, or names of the machine file [default: axes that were moved, else all drives; and the IO
-    /// slaves with an input or output that was ever 1]
+    /// Slaves to show, at most 8; comma list with ranges, or names of the machine file [default: axes that were moved, else
+    /// all drives; and the IO slaves with an input or output that was ever 1]
     #[arg(long, visible_alias = "slots", value_name = "LIST", value_delimiter = ',', value_parser = AxesWord::parse)]
     axes: Vec<AxesWord>,
 

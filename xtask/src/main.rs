@@ -9,8 +9,8 @@
 //! - `rig/`, `windows/`, `dotnet.rs`: tests in a guest system, on Windows under Wine, and of .NET
 //! - `stage.rs`, `dist/`, `semver.rs`: installing into a folder, making packages, comparing the API with the last release
 //! - `bench.rs`, `fuzz.rs`, `soak.rs`, `mutants.rs`, `demo.rs`: one chore each
-//! - `needs.rs`, `fetched.rs`, `wheel.rs`, `npm.rs`, `tools.rs`, `debian.rs`, `debian_rust.rs`: the programs that a chore needs, and where they
-//!   are fetched from
+//! - `needs.rs`, `fetched.rs`, `wheel.rs`, `npm.rs`, `tools.rs`, `debian.rs`, `debian_rust.rs`: the programs that a chore
+//!   needs, and where they are fetched from
 //! - `project.rs`, `command.rs`, `side_by_side.rs`, `spend.rs`, `system.rs`, `error.rs`: the project's folders, running
 //!   commands, the cost of a chore, operations of Unix, errors
 

@@ -18,7 +18,8 @@ const LIMIT: Duration = Duration::from_secs(60);
 
 /// Home axes, one after the other
 ///
-/// Values that are not given are those of the machine file, or else stay as the drive has them. Ctrl-C ends homing with ABORT_HOME.
+/// Values that are not given are those of the machine file, or else stay as the drive has them. Ctrl-C ends homing with
+/// ABORT_HOME.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
 Examples:

@@ -43,24 +43,24 @@ struct Of {
     #[arg(value_parser = kind)]
     kind: SlaveSpec,
 
-    /// File to write it to [default: standard output]
+    /// File to write to [default: standard output]
     #[arg(short, long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     output: Option<PathBuf>,
 }
 
-/// Why the file was not made. Every text ends with the next step.
+/// Why the EEPROM or the ESI file was not made. Every error text ends with what the user can do next.
 #[derive(Debug, thiserror::Error)]
 pub enum SlaveError {
-    /// See [`SimulatedSlavesError`].
+    /// The slave cannot be simulated, for example because one of its files cannot be read.
     #[error(transparent)]
     Slaves(#[from] SimulatedSlavesError),
-    /// See [`DescriptionError`].
+    /// The slave does not describe what the EEPROM or the ESI file has to contain.
     #[error(transparent)]
     Description(#[from] DescriptionError),
     /// An EEPROM cannot be shown on a terminal, because it is binary.
     #[error("an EEPROM is bytes, not for a terminal; name a file with --output")]
     Terminal,
-    /// The file cannot be written.
+    /// The output file cannot be written.
     #[error("cannot write {}: {source}; name another file with --output", file.display())]
     Write {
         /// The path of the file.

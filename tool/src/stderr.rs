@@ -33,7 +33,7 @@ fn put(bytes: &[u8]) {
     }
 }
 
-/// The writer for log records, each of which arrives in one piece.
+/// The writer for log records. Each record is queued as a whole, so that no other line comes in between.
 pub struct Log;
 
 impl Write for Log {

@@ -9,7 +9,8 @@ use super::restore::{Compared, Difference};
 use crate::board::Reporter;
 use crate::hex::hex;
 
-/// Prints a difference. `word` is its outcome in JSON, `what` is added to the end of the text.
+/// Prints a difference. `word` is its outcome in JSON, such as `written`. `what` is the end of its line in text, such as
+/// the reason of a refusal.
 pub fn show(
     reporter: &Reporter,
     verb: &str,

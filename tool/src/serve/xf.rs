@@ -36,7 +36,7 @@ pub struct Args {
     #[arg(long)]
     insecure_anyone: bool,
 
-    /// What happens when the host ends without closing
+    /// What happens when the host disconnects without closing the chip
     #[arg(long, value_enum, default_value_t = Vanish::SafeOp)]
     on_vanish: Vanish,
 }

@@ -8,10 +8,10 @@ use ecmsk::xf_api::XfError;
 
 use crate::link_option::ChoiceError;
 
-/// Why a verb failed. Every text ends with the next step.
+/// Why a verb of `xf` failed. Every error text ends with what the user can do next.
 #[derive(Debug, thiserror::Error)]
 pub enum XfVerbError {
-    /// See [`crate::CliError::Output`].
+    /// Standard output cannot be written to.
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(#[from] io::Error),
     /// The configuration of the link is invalid.

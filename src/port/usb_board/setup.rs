@@ -69,9 +69,9 @@ pub enum Request {
     SetConfiguration(u8),
     /// GET_INTERFACE: the alternate setting.
     GetInterface,
-    /// SET_INTERFACE.
+    /// SET_INTERFACE, with the alternate setting.
     SetInterface(u16),
-    /// GET_REPORT.
+    /// GET_REPORT: the host reads a report by a control transfer.
     GetReport {
         /// The report type, see [`report`].
         kind: u8,

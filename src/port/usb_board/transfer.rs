@@ -38,9 +38,10 @@ pub struct Transfer {
     pub setup: [u8; 8],
 }
 
-/// Takes the ends of transfers, in their order.
+/// Receives the results of transfers, in the order in which these complete.
 pub trait Ends {
-    /// A transfer has ended. `moved` is the number of its bytes; those of an IN transfer are `data`.
+    /// A transfer has completed. `moved` is the number of transferred bytes; for an IN transfer these bytes are in
+    /// `data`, for an OUT transfer `data` is empty.
     fn ended(&mut self, sequence: u32, status: Status, moved: u32, data: &[u8]);
 
     /// A request to unlink a transfer is answered: with [`Status::Unlinked`] if the transfer was unlinked and gets no end

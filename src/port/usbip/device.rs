@@ -40,12 +40,12 @@ impl AnyDevice<Messages> {
         self.transfer(&Transfer { sequence, direction, endpoint, length, setup }, data)
     }
 
-    /// Whether messages are waiting for the host.
+    /// Whether answers for the host are waiting to be sent.
     pub fn has_replies(&self) -> bool {
         !self.ends().0.is_empty()
     }
 
-    /// Moves the answers for the host into `to`, replacing its content.
+    /// Moves the waiting answers for the host into `to`, replacing its content.
     pub fn take_replies(&mut self, to: &mut Vec<u8>) {
         to.clear();
         std::mem::swap(to, &mut self.ends_mut().0);

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use super::AttachError;
 
-/// A placeholder: no value of this type is ever made.
+/// The type of a connection to the kernel, which other files need for compiling. No value is ever made on these
+/// systems.
 pub type Socket = std::net::TcpStream;
 
 /// Always fails.

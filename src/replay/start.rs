@@ -45,7 +45,8 @@ impl ReplayStart {
             let below = matches!(state.state(), Some(MasterState::Init | MasterState::PreOp));
             match &mut tick {
                 None if below => tick = Some(Tick { first_ns: at_ns, early_ns: 0 }),
-                // The commands before this report are skipped, too.
+                // No report before the start counts, and neither do the commands before the first report: all of them
+                // are skipped.
                 None if is_first => skipped += commands + 1,
                 None => skipped += 1,
                 Some(tick) if state.state() == Some(MasterState::Op) || seen > REPORTS_FOR_TICK => {

@@ -198,8 +198,7 @@ impl CommandId {
     }
 
     /// Whether a slave of that kind takes this command in its slot (UG17 1.8). DRIVE_MODE may be sent before SET_AXIS
-    /// has declared the slave, when the slave is still [`SlaveKind::None`], so it is the only command that this kind
-    /// takes.
+    /// has declared the slave. So every kind takes it, and it is the only command that [`SlaveKind::None`] takes.
     #[inline]
     pub const fn is_for(self, kind: SlaveKind) -> bool {
         self.row().takers.kinds >> kind.nibble() & 1 != 0

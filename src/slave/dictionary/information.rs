@@ -7,7 +7,7 @@ use crate::ethercat::AlState;
 use crate::ethercat::coe::{AbortCode, DataTypeCode, ObjectAccess, ObjectAddress, ObjectCode, ObjectListType};
 
 impl DataTypeCode {
-    /// The code of a data type on the wire.
+    /// The code of a data type in SDO information: its index in the object dictionary (ETG.1000.6 5.6.7).
     pub const fn of(data: DataType) -> Self {
         Self(match data {
             DataType::Bool => 0x0001,
@@ -56,7 +56,7 @@ pub const fn access_of(access: Access) -> ObjectAccess {
 /// The description of an entry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EntryDescription<'a> {
-    /// The address.
+    /// The index and sub-index of the entry.
     pub at: ObjectAddress,
     /// The data type.
     pub data_type: DataTypeCode,
@@ -81,8 +81,9 @@ pub struct EntryValues {
     pub max: i64,
 }
 
-/// Whether an entry with these access rights puts its object on an object list of SDO information (ETG.1000.6 table 43).
-/// [`ObjectListType::Lengths`] and unknown lists contain no objects.
+/// Whether an entry with these access rights puts its object on an object list of SDO information (ETG.1000.6 table
+/// 43). [`ObjectListType::Lengths`] asks for the lengths of the other lists, so neither it nor an unknown list contains
+/// objects.
 pub const fn is_listed(access: ObjectAccess, list: ObjectListType) -> bool {
     match list {
         ObjectListType::All => true,

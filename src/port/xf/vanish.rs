@@ -34,7 +34,8 @@ pub(super) fn bring_to_safe_op(link: &mut dyn ChipLink, config: HostConfig) -> R
     // seen last.
     let mut xf = Xf::over(link, HostConfig { wanted_size: None, timeouts, ..config })?;
     let stopped = leave_op(&mut xf);
-    // An error here does no harm: a host that expects CRC-32 sets it again.
+    // An error is ignored: the chip accepts CRC_TYPE_SET with the fixed check word whatever type is set (XF-11.4), so
+    // the next host can still set the type that it expects.
     let _ = set_fixed_check(&mut xf);
     stopped
 }

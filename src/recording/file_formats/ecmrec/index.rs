@@ -142,7 +142,8 @@ impl Index {
         Ok(Some(index))
     }
 
-    /// The index made from the headers of all blocks.
+    /// Makes the index from the headers of all blocks, for a file without complete indexes. Only the headers are read,
+    /// but the whole file is searched behind a damaged one.
     fn from_headers(file: &mut (impl Read + Seek), len: u64) -> io::Result<Self> {
         let mut index = Self::default();
         let (mut at, mut number) = (0, 0);

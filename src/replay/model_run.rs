@@ -38,7 +38,8 @@ pub struct ModelRun {
 }
 
 impl ModelRun {
-    /// The run of the model `board`. `again` is the same recording as `source`, from the same frame on.
+    /// The run of the model `board`. `again` is the same recording as `source`, opened a second time at the same frame:
+    /// command frames are read ahead from it.
     pub(super) fn new(source: RecordedRun, again: RecordedRun, board: Board, start: &ReplayStart) -> Self {
         let mut model = Self {
             source,

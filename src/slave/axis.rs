@@ -51,7 +51,7 @@ pub struct Settings {
     pub position_limits: (i32, i32),
     /// Max profile velocity, 0x607F, counts/s. \[OURS] It limits every mode.
     pub max_velocity: u32,
-    /// Max torque, 0x6072, 0.1 % of rated.
+    /// Max torque, 0x6072, 0.1 % of the rated torque.
     pub max_torque: u16,
     /// Profile deceleration, 0x6084, counts/s²: the slow-down ramp.
     pub slow_down: u32,
@@ -73,7 +73,7 @@ pub struct Targets {
     pub position: i32,
     /// Target velocity, 0x60FF, counts/s.
     pub velocity: i32,
-    /// Target torque, 0x6071, 0.1 % of rated.
+    /// Target torque, 0x6071, 0.1 % of the rated torque.
     pub torque: i16,
     /// Whether an offset was ever written. A cycle without offsets then need not read [`Offsets`].
     has_offsets: bool,

@@ -301,7 +301,7 @@ impl Host {
         self.settle(now, controller);
     }
 
-    /// Whether the board has a frame to take.
+    /// Whether a frame of the host waits for the board, and frames are passed at present.
     pub(super) fn has_frame(&self) -> bool {
         self.is_open && self.device.has_frame()
     }
@@ -346,7 +346,7 @@ impl Host {
         }
     }
 
-    /// Asks the device for a report, unless it was asked already.
+    /// Gives the device model an IN transfer for the newest report, unless one is pending or has completed.
     fn next_report(&mut self) {
         if self.device.ends().report.is_some() {
             return;

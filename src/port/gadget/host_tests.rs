@@ -76,7 +76,7 @@ impl Board {
         self.host.report(&Frame::from_bytes([fill; FRAME_LEN]), self.now, &mut self.ends);
     }
 
-    /// The host fetches what the controller has.
+    /// The host fetches the report that the controller holds.
     fn fetch(&mut self) -> Option<u8> {
         let report = self.ends.report.take();
         if report.is_some() {
@@ -136,7 +136,7 @@ fn a_report_that_nobody_fetches_is_replaced() {
     board.ends.report = None;
     board.host.sent(false, board.now, &mut board.ends);
     assert_eq!(board.fetch(), Some(30));
-    // Where the host was faster nothing is lost either.
+    // If the host fetches the report before the controller gives it back, no report is lost either.
     (31..=60).for_each(|fill| board.report(fill));
     assert_eq!((board.ends.taken_back, board.fetch(), board.fetch()), (2, Some(31), Some(60)));
 }

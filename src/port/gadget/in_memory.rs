@@ -103,7 +103,7 @@ impl Port for Cable {
     }
 }
 
-/// A served board, with the host in the hands of a test. Dropping it stops the server.
+/// A served board whose host is a test. Dropping it stops the server.
 pub struct InMemory {
     service: Arc<Service>,
     cable: Cable,

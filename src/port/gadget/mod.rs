@@ -203,7 +203,8 @@ impl Server {
         }
 
         let name = format!("ecmsk-{controller}");
-        // The claim shows that no other process has this gadget.
+        // The claim shows that no other process has this gadget, so what a killed process has left of it can be
+        // removed.
         Function::remove_leftover(&places.mounts, &name);
         let gadget = Arc::new(Gadget::make(&places.gadgets, &name, &ids).map_err(refused)?);
         let (function, control, transfers) =

@@ -61,7 +61,7 @@ pub enum IdentityError {
     /// A text is too long for a string descriptor.
     #[error("`{text}` is too long for a text of a USB device; give it {TEXT_UNITS_MAX} characters at most")]
     Text { text: String },
-    /// bInterval is out of range.
+    /// bInterval is not 1 to 16.
     #[error("an endpoint's interval is 1 to 16 (2^(n-1) times 125 us), not {found}; leave it at 1")]
     Interval { found: u8 },
     /// The current exceeds the limit of a USB 2.0 port.
@@ -81,7 +81,7 @@ const LANGUAGE: [u8; 2] = [0x09, 0x04];
 /// The length of the header of a string descriptor in bytes.
 const TEXT_HEAD: usize = 2;
 
-/// bcdUSB and bcdHID.
+/// bcdUSB 2.00 and bcdHID 1.11, low byte first.
 const USB_VERSION: [u8; 2] = [0x00, 0x02];
 const HID_VERSION: [u8; 2] = [0x11, 0x01];
 /// bMaxPacketSize0; at high speed always 64 bytes.
@@ -92,7 +92,7 @@ const INTERRUPT: u8 = 3;
 
 const HID_LEN: usize = 9;
 const CONFIGURATION_LEN: usize = 9 + 9 + HID_LEN + 7 + 7;
-/// The position of the HID descriptor in the configuration descriptor.
+/// The offset of the HID descriptor in the configuration descriptor, bytes.
 const HID_AT: usize = 18;
 
 /// All descriptors of a virtual board.

@@ -270,7 +270,7 @@ pub struct DeviceEntry<'a> {
     pub interface: [u8; 3],
 }
 
-/// The device number in commands, made of the bus and the number on it.
+/// The device number in commands: the bus in the upper 16 bits, the device on it in the lower 16 bits.
 pub const fn device_id(bus: u16, number: u16) -> u32 {
     (bus as u32) << 16 | number as u32
 }

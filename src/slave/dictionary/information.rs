@@ -27,7 +27,7 @@ impl DataTypeCode {
 /// The description of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ObjectDescription<'a> {
-    /// The index.
+    /// The index of the object.
     pub index: u16,
     /// The data type: of the value for a variable, of the elements for an array, of the structure for a record.
     pub data_type: DataTypeCode,
@@ -35,7 +35,7 @@ pub struct ObjectDescription<'a> {
     pub max_sub: u8,
     /// The object code: variable, array or record.
     pub code: ObjectCode,
-    /// The name.
+    /// The name of the object.
     pub name: &'a str,
 }
 
@@ -58,7 +58,7 @@ pub const fn access_of(access: Access) -> ObjectAccess {
 pub struct EntryDescription<'a> {
     /// The index and sub-index of the entry.
     pub at: ObjectAddress,
-    /// The data type.
+    /// The data type of the entry.
     pub data_type: DataTypeCode,
     /// The length of the value, bits; for a text, the length of its present value.
     pub bits: u16,
@@ -66,7 +66,7 @@ pub struct EntryDescription<'a> {
     pub access: ObjectAccess,
     /// The default, minimum and maximum value; `None` if the entry has no such values.
     pub values: Option<EntryValues>,
-    /// The name.
+    /// The name of the entry.
     pub name: &'a str,
 }
 

@@ -146,7 +146,7 @@ impl Dp3clAlarm {
         }
     }
 
-    /// The alarm that accompanies an AL status code.
+    /// The alarm that has this AL status code; `None`: no alarm has it, or it is 0.
     pub fn of_al_status(status: AlStatus) -> Option<Self> {
         Self::ALL.into_iter().find(|alarm| status.0 != 0 && alarm.al_status() == status)
     }

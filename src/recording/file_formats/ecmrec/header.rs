@@ -57,7 +57,7 @@ pub(crate) enum Kind {
     End,
 }
 
-/// The kinds by their code.
+/// The kinds of blocks. The index is the code in the header.
 const KINDS: [Kind; 5] = [Kind::Section, Kind::Packets, Kind::Piece, Kind::Index, Kind::End];
 
 /// The kind of traffic that was recorded.

@@ -16,7 +16,7 @@ use super::section::End;
 pub(crate) const ENTRIES: usize = 32;
 /// The length of an entry of an index, bytes.
 const ENTRY: usize = 32;
-/// The number of bytes in which the next block is searched at once. \[OURS]
+/// The number of bytes that are read at once while the next block is searched. \[OURS]
 const CHUNK: u64 = 64 * 1024;
 
 /// A block of packets, or a piece, in a file.
@@ -62,7 +62,7 @@ fn parse(bytes: &[u8], index_at: u64) -> Option<Vec<BlockAt>> {
     bytes.chunks_exact(ENTRY).map(block).collect()
 }
 
-/// The blocks of a file.
+/// Where the blocks of a file are, and of which kinds.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Index {
     /// The blocks that begin recordings: offset and length, bytes.

@@ -41,7 +41,7 @@ pub enum Dp3clAlarm {
     /// E-817: sync manager 2 has invalid settings, or its length is not that of the mapped outputs.
     OutputSyncManager = 817,
     /// Also E-817: sync manager 3 has invalid settings, or its length is not that of the mapped inputs. Bit 15 only
-    /// tells the two apart; [`Self::number`] leaves it out.
+    /// tells the two apart; `number` leaves it out.
     InputSyncManager = 0x8000 | 817,
     /// E-850: the assigned TxPDOs are longer than 24 bytes, or cannot be mapped.
     InputsTooLong = 850,

@@ -86,7 +86,7 @@ impl<M: Model> Base<M> {
     }
 
     /// Power-cycles the device: AL state and mapping are those of power-on, and the stored values become `values`,
-    /// which the caller has calculated from what the device keeps without power. Manufacturer-specific objects keep
+    /// which the caller has taken from what the device keeps without power. Manufacturer-specific objects keep
     /// their values, and files are kept.
     pub fn restart(&mut self, values: Values, pdos: &[Pdo<M>]) {
         let (name, manufacturer) = (std::mem::take(&mut self.name), self.manufacturer.take());

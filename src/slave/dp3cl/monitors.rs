@@ -1,5 +1,5 @@
 //! The monitors U0 to U4: read-only values of the drive. The index is 0x3000, plus 0x100 for each group, plus the
-//! number: U1-05 is 0x3105. Monitors that the manual only lists read 0; \[OURS] so do machine type, series, production
+//! number: U1-10 is 0x310A. Monitors that the manual only lists read 0; \[OURS] so do machine type, series, production
 //! date and firmware date, which belong to an individual drive.
 
 use super::Dp3cl;

@@ -126,8 +126,8 @@ mod tests {
     use crate::port::ethercat::told::state_of;
 
     const MS: Ns = 1_000_000;
-    /// Registers 0x0800 to 0x080F: sync managers 0 and 1 as the mailboxes, 128 bytes at 0x1000 and at 0x1080. A slave
-    /// accepts PreOP only with the settings that its EEPROM has.
+    /// Registers 0x0800 to 0x080F: sync managers 0 and 1 as mailboxes, 128 bytes at 0x1000 and at 0x1080. A slave goes
+    /// to PreOP only with valid mailboxes; these are the ones that its EEPROM describes.
     const MAILBOXES: [u8; 16] = [0x00, 0x10, 0x80, 0x00, 0x26, 0, 1, 0, 0x80, 0x10, 0x80, 0x00, 0x22, 0, 1, 0];
 
     /// The test bench: a network of slaves with its time and log lines, and a master that sends one datagram at a time.

@@ -34,7 +34,7 @@ impl AnyDevice<Messages> {
     /// The host submits a transfer; `data` are the bytes of an OUT transfer.
     ///
     /// # Errors
-    /// [`TooMany`].
+    /// [`TooMany`]: the host already has too many transfers pending in this direction.
     pub fn submit(&mut self, submit: &Submit, data: &[u8]) -> Result<(), TooMany> {
         let Submit { sequence, direction, endpoint, length, setup, .. } = *submit;
         self.transfer(&Transfer { sequence, direction, endpoint, length, setup }, data)

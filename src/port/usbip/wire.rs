@@ -129,7 +129,7 @@ impl Op {
     /// Decodes the start of a request.
     ///
     /// # Errors
-    /// [`WireError::Version`], [`WireError::Code`].
+    /// [`WireError::Version`]: another version of the protocol; [`WireError::Code`]: no request has this code.
     pub fn parse(bytes: &[u8; OP_LEN]) -> Result<Self, WireError> {
         let raw: RawOp = bytemuck::cast(*bytes);
         let version = u16::from_be_bytes(raw.version);
@@ -147,7 +147,7 @@ impl Op {
 /// The bus id in an import request: the text before the first zero.
 ///
 /// # Errors
-/// [`WireError::BusId`].
+/// [`WireError::BusId`]: the text is not UTF-8.
 pub fn bus_id(bytes: &[u8; BUS_ID_LEN]) -> Result<&str, WireError> {
     let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(BUS_ID_LEN);
     std::str::from_utf8(&bytes[..end]).map_err(|_| WireError::BusId)

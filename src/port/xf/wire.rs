@@ -129,7 +129,7 @@ pub enum BadRequest {
 /// The length of the body, from the head.
 ///
 /// # Errors
-/// [`BadRequest::TooLong`].
+/// [`BadRequest::TooLong`]: the length is more than [`EXCHANGE_MAX`].
 pub const fn body_len(head: [u8; HEAD_LEN]) -> Result<usize, BadRequest> {
     let found = u16::from_le_bytes([head[2], head[3]]) as usize;
     if found > EXCHANGE_MAX { Err(BadRequest::TooLong { found }) } else { Ok(found) }

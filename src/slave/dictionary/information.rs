@@ -111,7 +111,7 @@ pub fn object_from<D: Device>(device: &D, from: u16) -> Option<u16> {
 /// The description of an object for the SDO information services.
 ///
 /// # Errors
-/// [`AbortCode::NO_OBJECT`].
+/// [`AbortCode::NO_OBJECT`]: the device has no object with this index.
 pub fn describe_object<D: Device>(device: &D, index: u16) -> Result<ObjectDescription<'static>, AbortCode> {
     let rows = || rows_of(device).filter(|row| row.index == index);
     let (Some(first), Some(last)) = (rows().next(), rows().last()) else { return Err(AbortCode::NO_OBJECT) };
@@ -137,7 +137,8 @@ pub fn describe_object<D: Device>(device: &D, index: u16) -> Result<ObjectDescri
 /// The description of a sub-index for the SDO information services.
 ///
 /// # Errors
-/// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`].
+/// [`AbortCode::NO_OBJECT`]: the device has no object with this index; [`AbortCode::NO_SUB_INDEX`]: the object has no
+/// such sub-index.
 pub fn describe_entry<D: Device>(device: &D, at: ObjectAddress) -> Result<EntryDescription<'static>, AbortCode> {
     let place = super::find(device, at)?;
     let row = &D::objects()[place.row];

@@ -11,7 +11,7 @@ pub type Socket = std::net::TcpStream;
 /// Always fails.
 ///
 /// # Errors
-/// [`AttachError::NoKernel`].
+/// [`AttachError::NoKernel`]: only Linux has a virtual host controller.
 pub fn attach(_vhci: &Path, _device_id: u32) -> Result<(Socket, u32), AttachError> {
     Err(AttachError::NoKernel)
 }

@@ -25,7 +25,7 @@ pub enum Argument {
 /// The target of one axis and, for a pulse module (HSP), its digital outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct AxisTarget {
-    /// Digital outputs of an HSP, bit k is output k. Drives have no such outputs and ignore them.
+    /// CSP: the absolute target position in counts. CSV: the target velocity in counts/s, as the drive scales it.
     pub target: i32,
     /// Digital outputs of an HSP, bit k is output k; a drive ignores them.
     pub outputs: u16,

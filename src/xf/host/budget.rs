@@ -45,7 +45,8 @@ pub enum BudgetError {
     TooManyBytes {
         /// Size of the process data in bytes.
         process_bytes: usize,
-        /// The largest data segment size available: the present one, or 1408.
+        /// The number of bytes that the data segment of a packet holds: the size that [`Budget::check`] was asked
+        /// about, or 1408 in [`Budget::choose_size`], where no size is large enough.
         most: usize,
     },
     /// The clock frequency or the number of exchanges is 0.

@@ -58,12 +58,13 @@ pub enum HostError {
         /// The command whose answer was lost.
         code: CommandCode,
     },
-    /// The chip refused the command: error bit 7.
+    /// The chip refused the command, by error bit 7 of its answer: a wrong parameter, or the command is not possible
+    /// now.
     Refused {
         /// The refused command.
         code: CommandCode,
     },
-    /// A non-immediate command ended with error bit 3.
+    /// A non-immediate command ran and failed: the answer that shows its end has error bit 3 set.
     Failed {
         /// The command that failed.
         code: CommandCode,
@@ -72,11 +73,12 @@ pub enum HostError {
         /// How long the command ran.
         waited_ns: Ns,
     },
-    /// A non-immediate command has not ended.
+    /// A non-immediate command did not end within its time, [`Timeouts::busy_ns`](super::Timeouts::busy_ns) by default.
+    /// It may still be running in the chip.
     StillBusy {
         /// The command that is still running.
         code: CommandCode,
-        /// How long the command has been running.
+        /// How long the command had been running when its time was over.
         waited_ns: Ns,
     },
     /// The command was queued for too long and was not sent.
@@ -101,7 +103,7 @@ pub enum HostError {
         code: CommandCode,
         /// Size of the data in bytes.
         found: usize,
-        /// The limit in bytes.
+        /// The number of bytes that the slot of the queue or the data segment of a packet holds.
         most: usize,
     },
     /// The command cannot be queued: process data are sent with `Host::process`, and the driver itself sets the data

@@ -61,8 +61,8 @@ impl HostPacer {
         self.not_before = self.not_before.max(until);
     }
 
-    /// Does not count INT0 timeouts, because the chip takes no packets: it is starting, or its packets have another
-    /// data segment size.
+    /// Resets the number of INT0 timeouts in a row, because the edges are missing for another reason: the chip takes no
+    /// packets while it starts, or while it expects packets of another data segment size.
     pub(super) const fn excuse_int0(&mut self) {
         self.misses = 0;
     }

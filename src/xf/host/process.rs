@@ -126,7 +126,7 @@ pub enum ProcessOutcome {
 pub struct ProcessReport {
     /// The sequence number that [`Host::process`](super::Host::process) returned.
     pub sequence: u32,
-    /// The outcome of the exchange.
+    /// Whether the chip took the RxPDOs and whether TxPDOs were read.
     pub outcome: ProcessOutcome,
 }
 
@@ -140,8 +140,9 @@ pub(super) struct Overtaken {
     pub(super) reads: bool,
     /// The number of packets known to be rejected by the chip when the next process data were sent.
     pub(super) rejections: u64,
-    /// Whether the chip's error count cannot show how many packets it has rejected since then, or its error bits cannot
-    /// show whether it took the RxPDOs.
+    /// Whether it can no longer be found out if the chip took the RxPDOs: its count of rejected packets has become
+    /// unclear, or a later packet clears the error bits that would show it. The outcome is then
+    /// [`ProcessOutcome::Unknown`].
     pub(super) unclear: bool,
 }
 

@@ -35,9 +35,9 @@ pub(super) struct Read {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SlotState {
     Free,
-    /// The part is waiting to be sent.
+    /// The command, or the read of its result, is waiting to be sent.
     Waiting(CommandPart),
-    /// The packet with this part is in flight.
+    /// The packet with the command, or with the read of its result, is in flight.
     Sent(CommandPart),
     /// The command has been running since this time.
     Running(Ns),
@@ -259,9 +259,10 @@ impl CommandSlots {
     }
 }
 
-/// Whether a command only reads, so that it may run again if its answer was lost. `[OURS]` These are all commands with a
-/// result, except those with a side effect: command 5 takes TxPDOs out of the FIFO, 24 clears a counter, and 6, 81 and 144
-/// only read with some arguments.
+/// Whether a command only reads, so that it may run again if its answer was lost. `[OURS]` These are all immediate
+/// commands with a result, except those with a side effect: 5 (PDO_DATA_FIFO_OP) takes TxPDOs out of the FIFO, and 24
+/// (CRC_ERR_CNT_CLR) clears a counter. 6 (PDO_DATA_OP), 81 (MDIO) and 144 (MBX_STAT) only read if their arguments
+/// select a read.
 pub(super) fn only_reads(code: CommandCode, arguments: &Arguments) -> bool {
     let writes = match code {
         CommandCode::PdoDataFifo | CommandCode::CrcErrorCountClear => true,

@@ -270,10 +270,10 @@ pub(super) enum PacketKind {
     NotReady,
 }
 
-/// A received command packet.
+/// A command packet that a chip has received, with a valid check word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CommandPacket<'p> {
-    /// The header.
+    /// The header of the command, with the command code and its arguments.
     pub header: CommandHeader,
     /// The whole data segment, n bytes.
     pub data: &'p [u8],
@@ -315,17 +315,17 @@ impl CommandHeader {
 /// A valid packet that a host received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Received<'p> {
-    /// An answer.
+    /// An answer to a command, or one with the NOP flag, which belongs to no command.
     Answer(AnswerPacket<'p>),
     /// The chip was not ready for the exchange. This is no error: the host tries again and leaves the chip more idle
     /// time.
     NotReady,
 }
 
-/// A received answer packet.
+/// An answer packet that a host has received, with a valid check word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AnswerPacket<'p> {
-    /// The header.
+    /// The header of the answer, with the index and code of the answered command.
     pub header: AnswerHeader,
     /// The whole data segment, n bytes.
     pub data: &'p [u8],

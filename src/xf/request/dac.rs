@@ -40,14 +40,14 @@ layout! {
     /// ECM_DacSetDelayTime, code 34, parameter 22: sets the duration of a conversion (XF EN 1050). Data, 4 bytes
     /// (@offset): @0 u32 in units of 1/96 us.
     pub struct DacSetDelayTime {
-        /// The duration of a conversion.
+        /// The duration of a conversion, 0..=1023 in units of 1/96 us. The manuals call it the delay time.
         pub delay: DacDelay = at(0),
     }
 
     /// ECM_DacSetData, code 34, parameter 11: sets the output value (XF EN 1058). Data, 4 bytes (@offset): @0 u32,
     /// 0..=4095 for 0 V to 3.3 V.
     pub struct DacSetData {
-        /// The output value.
+        /// The value to output, 0..=4095 for 0 V to 3.3 V.
         pub value: Analog = at(0),
     }
 }

@@ -15,7 +15,8 @@ layout! {
         pub slave: SlaveNumber = at(0).or(0),
         /// The file's password.
         pub password: u32 = at(4).hex().or(0),
-        /// The file's length in bytes.
+        /// The length of the file in the flash memory in bytes, for a download. For an upload the modelled chip takes
+        /// it as the maximum length, and 0 as any length.
         pub bytes: u32 = at(8).counts("data"),
         /// The timeout for the slave, in microseconds.
         pub timeout_us: u32 = at(12).or(1_000_000),
@@ -42,7 +43,7 @@ layout! {
             /// Number of bytes to read.
             bytes: FlashBytes = at(8),
         },
-        /// Writes the flash memory.
+        /// Writes at most 256 bytes into the flash memory.
         WriteFlash = 4 {
             /// The first address to write.
             start: FlashAddress = at(16).hex(),

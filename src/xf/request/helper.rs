@@ -42,7 +42,7 @@ layout! {
     pub struct HelperStateSet {
         /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),
-        /// The requested state.
+        /// The CiA 402 state to which the helper brings the axis.
         pub state: DriveState = info(0),
     }
 
@@ -59,7 +59,8 @@ layout! {
         pub motor: MotorNumber = par(),
         /// What the helper does with the axis: the control byte.
         pub control: HelperControl = info(0),
-        /// The number of axes.
+        /// The number of axes that the helper drives. No source says what the chip does with it; the modelled chip
+        /// ignores it.
         pub motors: u8 = info(2).after(CONTROL_KEY),
         /// The slave to which the axis belongs.
         pub slave: SlaveNumber = info(3),
@@ -79,7 +80,7 @@ layout! {
     }
 }
 
-/// The fixed value in `i1` of [`HelperControlSet`].
+/// The value 0x5A, which the manuals prescribe for `i1` of [`HelperControlSet`] without an explanation.
 const CONTROL_KEY: Fixed = Fixed::new::<u8>(info(1).named("key").hex().or(0x5A), 0xFF, "402_CTL_SET i1", "0x5A");
 
 field_values! {

@@ -27,12 +27,12 @@ layout! {
     /// it (XF EN 1421, XF ZH 410).
     pub struct ConfigMap;
 
-    /// ECAT_STATE_SET, code 12: brings slaves to a state. Parameter: slaves; information byte `i0`: state, to which
-    /// bit 4 may be added (XF EN 619; OBS).
+    /// ECAT_STATE_SET, code 12: brings slaves to a state. Parameter: slaves; information byte `i0`: state. Bit 4 may be
+    /// added to the state, as one application does to acknowledge an error (XF EN 619; OBS).
     pub struct StateSet {
         /// The slaves to bring to the state.
         pub slaves: Slaves = par(),
-        /// The requested state.
+        /// The state that the slaves have to reach.
         pub state: EtherCatState = info(0),
     }
 
@@ -51,10 +51,11 @@ layout! {
         pub slaves: Slaves = par(),
     }
 
-    /// ECAT_PDO_WC_GET, code 4: reads a number about the working counter. Parameter: which number (XF EN 421). Answer:
+    /// ECAT_PDO_WC_GET, code 4: reads the working counter of the last cycle, or the number of slaves with inputs or
+    /// with outputs, from which the expected working counter follows. The parameter selects which (XF EN 421). Answer:
     /// u32 at byte 0.
     pub struct PdoWorkingCounterGet {
-        /// The number to read.
+        /// Whether to read the working counter, the number of slaves with inputs, or that with outputs.
         pub which: WorkingCounterItem = par(),
     }
 
@@ -68,9 +69,9 @@ layout! {
     /// ECAT_SLV_INFO_GET, code 15: reads an item about a slave. Parameter: slave; information byte `i0`: item
     /// (XF EN 643).
     pub struct SlaveInfoGet {
-        /// The slave to ask about.
+        /// The slave whose property is read.
         pub slave: SlaveNumber = par(),
-        /// The item to read.
+        /// The property of the slave to read, such as its name or its AL status code.
         pub item: SlaveInfoItem = info(0),
     }
 
@@ -133,9 +134,9 @@ choices! {
         InputBytes = 9,
         /// 10: whether the slave has distributed clocks (OBS, like all further items).
         HasDc = 10,
-        /// 11: cycle time of the distributed clock.
+        /// 11: cycle time of the distributed clock; the modelled chip returns that of SYNC0 in nanoseconds.
         DcCycle = 11,
-        /// 12: shift time of the distributed clock.
+        /// 12: shift time of the distributed clock; the modelled chip returns that of SYNC0 in nanoseconds.
         DcShift = 12,
         /// 13: whether the distributed clock is active.
         DcActive = 13,
@@ -180,7 +181,7 @@ pub struct EcatInit {
 }
 
 impl EcatInit {
-    /// The parameter for special slaves.
+    /// The parameter that the manuals require for "special slaves"; they do not say which slaves these are.
     const SPECIAL_SLAVES: u8 = 48;
     const SPECIAL: FieldDecl =
         par().one_of(&[("no", 0), ("yes", Self::SPECIAL_SLAVES as u32)]).or(0).of::<u8>("special_slaves");

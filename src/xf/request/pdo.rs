@@ -141,9 +141,9 @@ impl PdoMap {
 
 /// The PDOs that are assigned to a sync manager of a slave, as set by [`PdoConfigSet`] and read by [`PdoConfigGet`].
 ///
-/// Data (@offset): @0 slave, @1 number of PDOs, @2 u16 assignment, then for 3 (4) PDOs: u16 mapping objects @4, u16
-/// numbers of objects @10 (@12), 8 objects each @16 (@20). 112 (148) bytes; the longer form is that of newer firmware
-/// (OBS).
+/// Data of the form with 3 PDOs, 112 bytes (@offset): @0 slave, @1 number of PDOs, @2 u16 assignment, @4 three u16
+/// mapping objects, @10 three u16 numbers of objects, @16 space for 8 objects of each PDO. The form with 4 PDOs, 148
+/// bytes, is that of newer firmware (OBS): @4 four mapping objects, @12 four numbers of objects, @20 the objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PdoConfig {
     /// The slave to which the PDOs belong.

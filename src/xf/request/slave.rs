@@ -13,13 +13,13 @@ layout! {
         pub slave: SlaveNumber = at(0),
         /// The number of the sync manager.
         pub number: u8 = at(1),
-        /// The start address of its buffer.
+        /// The start address of the sync manager's buffer in the slave's memory.
         pub start: u16 = at(2).hex(),
-        /// The length of its buffer in bytes.
+        /// The length of the sync manager's buffer in bytes.
         pub length: u16 = at(4),
-        /// The control byte for the sync manager's register.
+        /// The control byte for the sync manager's register: direction and mode of the buffer.
         pub control: u8 = at(6).hex(),
-        /// The activate byte for the sync manager's register.
+        /// The activate byte for the sync manager's register; bit 0 enables the sync manager.
         pub activate: u8 = at(7).hex(),
     }
 

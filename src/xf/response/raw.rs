@@ -21,7 +21,7 @@ layout! {
         pub ado: u16 = at(6).hex(),
         /// Logical address.
         pub logical: u32 = at(8).hex(),
-        /// The timeout in microseconds.
+        /// The timeout of the request, in microseconds, as the chip repeats it.
         pub timeout_us: i32 = at(12),
         /// The working counter; negative if the datagram did not come back.
         pub working_counter: i32 = at(16),

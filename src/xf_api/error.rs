@@ -9,7 +9,7 @@ use crate::span::Span;
 use crate::xf::host::{BudgetError, HostError, ProcessOutcome, StepError};
 use crate::xf::{EtherCatState, Malformed};
 
-/// Why a call failed.
+/// Why a function of [`Xf`](super::Xf) or [`ProcessData`](super::ProcessData) failed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 #[non_exhaustive]

@@ -116,8 +116,8 @@ impl<L: ChipLink> Xf<L> {
         progress.first
     }
 
-    /// Stops the axes that may be on before the network is initialised again. An axis that cannot be stopped loses its
-    /// outputs in Init.
+    /// Stops the axes that may be on before the network is initialised again. An axis that cannot be stopped gets no
+    /// outputs any more once the network is in Init, so its drive itself has to stop the motor.
     pub(super) fn stop_before_init(&mut self) {
         let mut progress = self.progress();
         self.stop_axes(&mut progress);

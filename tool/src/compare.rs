@@ -27,7 +27,7 @@ pub const TROUBLE: u8 = 2;
 /// Compare two recordings of the same program, command by command: do both boards answer the same?
 ///
 /// Commands are compared by their numbers and not by time. Frames with only GET_STATUS, the number of reports and their
-/// times do not count. Of the answers to a command the last one counts, after which the program went on: states,
+/// times do not count. The program goes on after the last answer to a command, and that answer counts: states,
 /// statuswords, error codes, positions, inputs and SDO results of all slaves, and faults that came and went.
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -71,7 +71,8 @@ pub struct How {
     ignore_repeats: bool,
 
     /// Answers may come at most so many cycles later in one recording than in the other. With 0, both boards must have
-    /// answered when the program went on [default: any number, and the values shown may be 24 cycles apart]
+    /// answered when the program went on [default: any number, and the same answer may be up to 24 cycles earlier or
+    /// later]
     #[arg(long, value_name = "CYCLES")]
     latency: Option<u32>,
 
@@ -98,7 +99,7 @@ pub struct How {
 }
 
 impl How {
-    /// The options of the comparison.
+    /// The options of the command line that decide what counts as equal.
     pub fn options(&self) -> CompareOptions {
         CompareOptions {
             tolerance_counts: self.tolerance,
@@ -124,10 +125,10 @@ pub struct Names {
 /// Why the recordings were not compared.
 #[derive(Debug, thiserror::Error)]
 pub enum CompareVerbError {
-    /// See [`CompareError`].
+    /// A recording cannot be read, or the two cannot be compared.
     #[error(transparent)]
     Compare(#[from] CompareError),
-    /// See [`PlotError`].
+    /// The picture of `--plot` cannot be drawn or written.
     #[error(transparent)]
     Plot(#[from] PlotError),
     /// Standard input cannot be compared, because a recording is read more than once.

@@ -15,7 +15,7 @@ use crate::streams;
 /// Why a verb that talks to a board failed. Every text ends with the next step.
 #[derive(Debug, thiserror::Error)]
 pub enum BoardError {
-    /// See [`super::super::record_option::RecordError`].
+    /// The recording of `--record` cannot be made.
     #[error(transparent)]
     Record(#[from] crate::record_option::RecordError),
     /// Standard output cannot be written to, see [`crate::CliError::Output`].
@@ -38,13 +38,13 @@ pub enum BoardError {
     /// Standard input cannot be read.
     #[error("cannot read standard input: {0}; give it lines of text")]
     Input(io::Error),
-    /// A line of the shell is invalid.
+    /// A line typed in `ecmsk shell` is invalid.
     #[error("{why}")]
     Typed {
         /// What is wrong with the line, and what may be typed.
         why: String,
     },
-    /// See [`MachineFileError`].
+    /// The machine file cannot be used.
     #[error(transparent)]
     Machine(#[from] MachineFileError),
     /// The configuration of the link is invalid.
@@ -56,7 +56,7 @@ pub enum BoardError {
     /// The link cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// An error of the board or its slaves in the operation.
+    /// The library reports an error of the board, of its link or of a slave that has no variant of its own here.
     #[error(transparent)]
     Ecm(#[from] EcmError),
     /// The network is in a lower state than the operation needs.
@@ -71,7 +71,7 @@ pub enum BoardError {
         /// What the user can do next; the error text ends with it.
         next: String,
     },
-    /// A change of state has failed, and the board in this process knows why.
+    /// A change of state has failed, and the link knows why, as a simulated board in this process does.
     #[error("{wanted} was not reached, the board is in {found}: {why}")]
     StateStuck {
         /// The requested state of the network.
@@ -194,8 +194,8 @@ pub enum BoardError {
 }
 
 impl From<io::Error> for BoardError {
-    /// Converts an error of writing standard output. `Interrupted` after a signal becomes [`Self::Stopped`], since the signal
-    /// has ended the wait for whoever reads the output.
+    /// Converts an error of writing standard output. An `Interrupted` error after a signal becomes [`Self::Stopped`]:
+    /// the reader of the output does not read on, and the signal has ended the wait for it.
     fn from(error: io::Error) -> Self {
         match streams::signal().filter(|_| error.kind() == io::ErrorKind::Interrupted) {
             Some(signal) => Self::Stopped { signal, next: "the board is still open".into() },

@@ -41,7 +41,8 @@ impl Network {
         Self(Config::of_machine(machine).slaves)
     }
 
-    /// The configuration of these slaves, with the other options of their axes. `scale` is the unit of an axis that has one.
+    /// The configuration of these slaves, with the cycle time. Each axis gets the limit `lead_limit`, unless that is
+    /// `None`, and the unit that `scale` returns for its slave number, otherwise counts.
     pub fn config(self, cycle_us: u32, lead_limit: Option<Guard>, scale: impl Fn(u8) -> Option<Scale>) -> Config {
         let mut slaves = self.0;
         for (number, slave) in (1..).zip(&mut slaves) {

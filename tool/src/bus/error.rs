@@ -13,7 +13,7 @@ use crate::link_option::ChoiceError;
 /// Why a verb failed. Every text ends with the next step.
 #[derive(Debug, thiserror::Error)]
 pub enum BusVerbError {
-    /// See [`crate::CliError::Output`].
+    /// Standard output cannot be written to.
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(#[from] io::Error),
     /// The configuration of the link is invalid.
@@ -51,7 +51,7 @@ pub enum BusVerbError {
         /// The length of the type that the user named, in bytes.
         wanted: usize,
     },
-    /// A file cannot be read.
+    /// The file that is to be written to a slave or its EEPROM cannot be read.
     #[error("cannot read {}: {source}; name another file", file.display())]
     Read {
         /// The path of the file.
@@ -59,7 +59,7 @@ pub enum BusVerbError {
         /// The error of the operating system.
         source: io::Error,
     },
-    /// A file cannot be written.
+    /// The file of `--output` cannot be written.
     #[error("cannot write {}: {source}; name another file with --output", file.display())]
     Write {
         /// The path of the file.

@@ -35,8 +35,11 @@ pub struct Args {
     network: NetworkArgs,
 }
 
+/// Prints the error counters and what is wrong; the exit code says whether something is.
+///
 /// # Errors
-/// [`BusVerbError`]
+/// [`BusVerbError`] if the network does not open, if no slave answers, if the counters cannot be read or cleared, or if
+/// standard output cannot be written to.
 pub fn run(args: &Args) -> Result<ExitCode, BusVerbError> {
     let Session { mut network, slaves, reporter } = args.network.open()?;
     let counters = match args.watch {

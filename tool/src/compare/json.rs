@@ -45,14 +45,15 @@ struct Run {
     lacks: Option<String>,
 }
 
-/// How many cycles of the board B answers later than A; negative if earlier.
+/// How many of the board's cycles the run B answers later than the run A; negative if it answers earlier.
 #[derive(Serialize)]
 struct Later {
     commands: u64,
     usual_cycles: i64,
     least_cycles: i64,
     most_cycles: i64,
-    /// The changes of the latency: the first command of each stretch, and its latency.
+    /// The latency over time, in stretches of commands with the same latency: the first command of each, and its
+    /// latency in cycles.
     stretches: Vec<Value>,
 }
 

@@ -23,10 +23,10 @@ pub enum RuleError {
     Failed(io::Error),
 }
 
-/// Writes the udev rule, unless its file exists already.
+/// Writes the udev rule, unless its file exists already with the same content.
 ///
 /// # Errors
-/// [`RuleError`], and an error of standard output.
+/// [`RuleError`] if the file has other content or cannot be written; an error of standard output.
 pub fn write(machine: &Machine) -> Result<(), CliError> {
     let file = machine.file(PLACE);
     if let Ok(there) = std::fs::read(&file) {

@@ -54,7 +54,8 @@ pub struct Args {
     #[arg(long, requires = "record")]
     overwrite: bool,
 
-    /// The library, or its folder [default: beside this tool, then ../lib, then Debian's folder there]
+    /// The library, or its folder [default: beside this tool, then ../lib, then its sub-folder of Debian's libraries,
+    /// e.g. x86_64-linux-gnu]
     #[arg(long, value_name = "DIR|FILE", value_hint = ValueHint::AnyPath)]
     library: Option<PathBuf>,
 
@@ -127,7 +128,7 @@ pub enum ExecError {
         /// The link that was to be opened.
         link: LinkUri,
     },
-    /// See [`record_option::RecordError`].
+    /// The recording of `--record` cannot be made.
     #[error(transparent)]
     Record(#[from] record_option::RecordError),
     /// The link that the library would choose is invalid.
@@ -152,7 +153,7 @@ pub enum ExecError {
         /// The next step.
         hint: String,
     },
-    /// A call of the operating system failed in another operation.
+    /// A call of the operating system failed, other than starting the program or making the private folder.
     #[error("cannot {what}: {source}; free some of the system's processes or files, then run it again")]
     System {
         /// What the failed call was for, such as `catch signals`.

@@ -77,10 +77,10 @@ pub struct Args {
 /// Why no result could be given.
 #[derive(Debug, thiserror::Error)]
 pub enum MigrateVerbError {
-    /// See [`CompareError`].
+    /// The recording cannot be read or evaluated.
     #[error(transparent)]
     Recording(#[from] CompareError),
-    /// See [`PlotError`].
+    /// The picture of `--plot` cannot be drawn or written.
     #[error(transparent)]
     Plot(#[from] PlotError),
     /// Standard input is named, but a recording is read more than once.

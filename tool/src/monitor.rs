@@ -103,7 +103,7 @@ pub enum MonitorError {
     /// The configuration of the link is invalid.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
-    /// See [`MachineFileError`].
+    /// The machine file cannot be used.
     #[error(transparent)]
     Machine(#[from] MachineFileError),
     /// No link is named, and the default does not open.
@@ -112,7 +112,7 @@ pub enum MonitorError {
     /// The board cannot be opened, or was lost.
     #[error(transparent)]
     Board(#[from] EcmError),
-    /// See [`RecordError`].
+    /// The recording cannot be read.
     #[error(transparent)]
     Recording(#[from] RecordError),
     /// The recording has no report.
@@ -260,7 +260,7 @@ fn feed(args: &Args, machine: Option<&Arc<MachineFile>>) -> Result<Feed, Monitor
 /// Watches a board. `each` is called with each report.
 ///
 /// # Errors
-/// [`MonitorError`]
+/// [`MonitorError`] if the link does not open, if the board sends no report, or if no thread can be started.
 pub fn board(
     chosen: &ChosenLink,
     slaves: Option<&KindList>,

@@ -58,10 +58,10 @@ pub fn parse(line: &str) -> Result<Option<HexLine>, HexError> {
 }
 
 impl HexLine {
-    /// The line as a frame of a board; missing bytes are 0.
+    /// The line as a frame of a board; missing bytes at the end are 0.
     ///
     /// # Errors
-    /// [`HexError::Length`]
+    /// [`HexError::Length`] if the number of digits is odd, or if there are too few or too many bytes for a frame.
     pub fn frame(&self) -> Result<Frame, HexError> {
         let is_whole = self.digits.is_multiple_of(2) && (FRAME_BYTES_MIN..=FRAME_LEN).contains(&self.bytes.len());
         if is_whole { Ok(Frame::from_prefix(&self.bytes)) } else { Err(HexError::Length { digits: self.digits }) }

@@ -74,7 +74,7 @@ pub enum Decoded<'p> {
 }
 
 impl<'p> Decoded<'p> {
-    /// Decodes the bytes.
+    /// Decodes the bytes of one exchange in this direction, as a command, an answer, "not ready" or a damaged packet.
     pub fn of(direction: Dir, bytes: &'p [u8]) -> Self {
         let Some(size) = DataSize::of_packet(bytes.len()) else { return Self::NoPacket(bytes.len()) };
         match direction {

@@ -14,7 +14,7 @@ const DEVICE_TYPE: ObjectAddress = ObjectAddress::new(0x1000, 0);
 const IDENTITY: [ObjectAddress; 3] =
     [ObjectAddress::new(0x1018, 1), ObjectAddress::new(0x1018, 2), ObjectAddress::new(0x1018, 3)];
 
-/// A slave that answers.
+/// A slave that was found on a network, or that answers SDOs behind a board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FoundSlave {
     pub vendor: u32,
@@ -22,7 +22,7 @@ pub struct FoundSlave {
     pub revision: u32,
     /// Its name; empty if it has none, and behind a board.
     pub name: String,
-    /// The kind by its device type; `None` if that says nothing.
+    /// The kind of the slave by its name or device type; `None` if neither tells it.
     pub kind: Option<SlaveModel>,
 }
 
@@ -75,8 +75,8 @@ fn of_board(ecm: &Ecm) -> Result<Vec<FoundSlave>, MachineVerbError> {
     Ok(found)
 }
 
-/// The kind of a slave with this name and device type: profile 402 with a servo or a stepper, profile 401. A pulse module has
-/// the type of a stepper; simulated slaves say it by their names.
+/// The kind of a slave: that of its name, if it is the name of a simulated slave, otherwise that of its device type.
+/// CiA 402 is a stepper or a servo drive, CiA 401 an IO slave. The device type of a pulse module is that of a stepper.
 fn kind(name: &str, device_type: u32) -> Option<SlaveModel> {
     let by_name = SlaveModel::ALL.into_iter().find(|model| model.name().eq_ignore_ascii_case(name));
     by_name.or(match (device_type & 0xFFFF, device_type >> 16 & 0xFF) {

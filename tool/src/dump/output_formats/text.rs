@@ -51,7 +51,7 @@ impl Format for Text {
     }
 
     fn lacks(&self, _: &mut dyn Write, _: &Lacks) -> io::Result<()> {
-        // Only JSON has an object for it: in text mode a note on standard error says what the recording lacks.
+        // What a recording lacks is an object of its own only in JSON; in text mode a note on standard error says it.
         Ok(())
     }
 }

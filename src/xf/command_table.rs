@@ -37,7 +37,7 @@ pub enum AnswerForm {
     ByFunction,
 }
 
-/// A row of the table of commands.
+/// A command of the chip: its code, its name, its timing and its answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CommandInfo {
     /// The code in byte 0x0C of the command that this row describes.
@@ -52,7 +52,7 @@ pub struct CommandInfo {
     pub functions: &'static [Function],
 }
 
-/// A function of the codes 31 to 35.
+/// A function of the codes 31 to 35, each of which has several functions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Function {
     /// The parameter byte that selects the function.
@@ -184,7 +184,7 @@ impl Default for CommandCode {
 }
 
 impl CommandCode {
-    /// The command's row; `None` for an unknown code.
+    /// The command's row in [`COMMANDS`]; `None` for an unknown code.
     pub fn command(self) -> Option<&'static CommandInfo> {
         COMMANDS.binary_search_by_key(&self.code(), |row| row.code.code()).ok().map(|row| &COMMANDS[row])
     }

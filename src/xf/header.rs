@@ -88,13 +88,13 @@ bits! {
         /// Bit 29: encoder interrupt. It is used only in headers: in ECAT_INT_SET_ENABLE, byte 5 of the data enables
         /// the encoder's interrupts.
         ENCODER = 1 << 29;
-        /// Bit 25: the RxFIFO fell to its low limit (XF EN 1310).
+        /// Bit 25: the RxFIFO fell to the level that ECAT_SET_FIFO_TH sets for it (XF EN 1310).
         RX_FIFO_LOW = 1 << 25;
-        /// Bit 24: the TxFIFO rose to its high limit.
+        /// Bit 24: the TxFIFO rose to the level that ECAT_SET_FIFO_TH sets for it.
         TX_FIFO_HIGH = 1 << 24;
         /// Bit 23: a packet had a wrong check word.
         CRC = 1 << 23;
-        /// Bit 22: a working counter was wrong.
+        /// Bit 22: the working counter of a cycle was wrong.
         WORKING_COUNTER = 1 << 22;
     }
 }
@@ -239,7 +239,7 @@ headers! {
         info: [u8; 4] = 0x04,
         /// Word at 0x08: the flags that the manuals call reserve.
         reserve: Reserve = 0x08,
-        /// Byte 0x0A: clears errors, and requests an update of the states.
+        /// Byte 0x0A: clears errors, and requests an update of the slaves' states.
         control: Control = 0x0A,
         /// Byte 0x0B: the index, which the answer repeats. A packet with the same index and code as the previous one
         /// counts as INFO_UPDATE_OP.

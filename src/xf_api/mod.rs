@@ -157,7 +157,7 @@ impl<L: ChipLink> Xf<L> {
         &mut self.host
     }
 
-    /// The link to the chip.
+    /// The link to the chip, for example to read its properties.
     pub const fn link(&self) -> &L {
         &self.link
     }

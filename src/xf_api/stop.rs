@@ -85,8 +85,8 @@ impl<L: ChipLink> Xf<L> {
     /// in CSP an axis stands still, in CSV and CST it keeps moving. The machine itself then has to stop what must stop.
     ///
     /// # Errors
-    /// The first error that occurred: [`XfError::AxisStuck`], [`XfError::Chip`], [`XfError::Link`]. All further steps
-    /// of the stop were tried nevertheless.
+    /// The first error that occurred: [`XfError::AxisStuck`] if an axis did not come to rest or did not switch off in
+    /// time, otherwise as with [`Xf::run`]. All further steps of the stop were tried nevertheless.
     pub fn close(mut self) -> Result<(), XfError> {
         self.stop()
     }

@@ -140,7 +140,7 @@ pub enum CompareVerbError {
         /// The number of devices that the command line names.
         found: usize,
     },
-    /// The picture has nothing to show.
+    /// No axis moves in either recording, so that the picture of `--plot` would be empty.
     #[error("no axis moves in either recording: there is nothing to plot; leave --plot out")]
     NothingToPlot,
     /// Standard output cannot be written to.

@@ -90,7 +90,7 @@ pub enum ExecError {
     /// The file is not a shared library that the dynamic linker accepts.
     #[error("{} is no shared library ({reason}); name the {} of this build with --library", .file.display(), library::FILE_NAME)]
     NotALibrary {
-        /// The path of the file.
+        /// The path of the file that was found or that `--library` names.
         file: PathBuf,
         /// Why the file is not accepted as a library.
         reason: String,
@@ -116,7 +116,7 @@ pub enum ExecError {
         /// The library of this build.
         ours: PathBuf,
     },
-    /// The name of the folder contains a character that the search path cannot contain.
+    /// The path of the private folder contains a character that the search path cannot contain.
     #[error("the dynamic linker cannot look into {}: {}", .folder.display(), library::UNLINKABLE)]
     UnlinkableFolder {
         /// The path of the private folder.
@@ -150,7 +150,7 @@ pub enum ExecError {
         program: PathBuf,
         /// The error of the operating system.
         source: io::Error,
-        /// The next step.
+        /// What the user can do next; the error text ends with it.
         hint: String,
     },
     /// A call of the operating system failed, other than starting the program or making the private folder.

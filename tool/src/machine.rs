@@ -119,10 +119,10 @@ pub enum MachineVerbError {
     /// The configuration of the link is invalid.
     #[error(transparent)]
     Choice(#[from] link_option::ChoiceError),
-    /// No link is named.
+    /// No link to compare with is named: neither by `--link`, ECMSK_LINK or ecmsk.toml nor by the machine file.
     #[error("no network or board was named: neither --link nor the file names one; give it, e.g. --link nic:eth1")]
     NoLink,
-    /// The network has no slave.
+    /// No slave answers behind the link.
     #[error("no slave answers behind `{link}`; check cables and power, and try again")]
     NoSlave {
         /// The link of the network or board, as the user has named it.

@@ -86,7 +86,7 @@ pub enum MigrateVerbError {
     /// Standard input is named, but a recording is read more than once.
     #[error("standard input cannot be read twice; save it to a file and name that")]
     Stdin,
-    /// The picture has nothing to show.
+    /// The recorded program never reaches OP, so that the picture of `--plot` would be empty.
     #[error("{} never reaches OP: there is nothing to plot; leave --plot out, or record a program that moves", .file.display())]
     NothingToPlot {
         /// The path of the recording.

@@ -295,7 +295,7 @@ pub fn known_kinds(
     kinds(slaves, Some(uri), machine).or_else(told)
 }
 
-/// The kinds of the slaves from the options, the machine file or the link; `None` if neither gives them.
+/// The kinds of the slaves from the options, the machine file or the link; `None` if none of these gives them.
 fn kinds(slaves: Option<&KindList>, uri: Option<&LinkUri>, machine: Option<&MachineFile>) -> Option<Vec<SlaveKind>> {
     if let Some(list) = slaves {
         return Some(list.kinds().to_vec());

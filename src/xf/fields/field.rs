@@ -20,7 +20,7 @@ pub enum FieldPosition {
     Reserve,
     /// Word 0x0E of a command, for commands in which it is not a length.
     Length,
-    /// A position in the data segment, in bytes.
+    /// Offset in the data segment, in bytes.
     Data(u16),
 }
 
@@ -59,7 +59,7 @@ pub enum FieldKind {
     SlaveSet,
 }
 
-/// A field of a request or an answer.
+/// A field of a request or an answer: a named value at a position in the header or the data segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Field {
     /// The name by which [`FunctionFields::field`](super::FunctionFields::field) finds the field, such as `slaves`.
@@ -98,7 +98,7 @@ impl Field {
         !matches!(self.kind, FieldKind::Bytes | FieldKind::Text | FieldKind::Objects { .. } | FieldKind::SlaveSet)
     }
 
-    /// A mask as wide as the field.
+    /// As many set bits as the field is wide, from bit 0 on.
     const fn mask(&self) -> u32 {
         if self.width >= 32 { u32::MAX } else { (1 << self.width) - 1 }
     }
@@ -178,7 +178,7 @@ impl Field {
         Ok(number >> self.shift & self.mask())
     }
 
-    /// Converts the number to the field's bits.
+    /// Converts a number to the field's bits, a negative one to its two's complement.
     ///
     /// # Errors
     /// The number does not fit into the field.

@@ -77,7 +77,7 @@ impl FunctionFields {
         function.or_else(|| self.code.name()).unwrap_or(self.type_name)
     }
 
-    /// The first firmware that has the function; 0 if the manuals name none.
+    /// The first firmware version that has the function, as FW_VERSION_GET returns it; 0 if the manuals name none.
     pub fn since(&self) -> u8 {
         self.function.and_then(|parameter| self.code.function(parameter)).map_or(0, |function| function.since)
     }

@@ -48,7 +48,7 @@ pub(super) struct CoverageSearch {
     answers_fit: bool,
     /// Whether the chip has run a command with a CRC-32.
     commands_fit: bool,
-    /// The coverage to try after a rejection.
+    /// The coverage to try next for commands, once the chip has rejected another one.
     trying: Option<CrcCoverage>,
     rejections: u32,
     unfit: u32,

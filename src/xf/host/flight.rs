@@ -32,7 +32,7 @@ pub(super) enum Purpose {
     Start(StartStep),
     /// Polling the header.
     Info,
-    /// A queued command: the index of its slot, and the part that is sent.
+    /// A queued command: the index of its slot in the queue, and the step of the command that is sent.
     Slot(usize, CommandPart),
     /// Process data: RxPDOs to write, TxPDOs to read, or both.
     Process {

@@ -199,7 +199,7 @@ pub struct Host {
     /// Whether the error bits of `header` include the effects of all packets sent so far. False from the sending of a
     /// packet until its answer has come.
     bits_known: bool,
-    /// Whether the chip is busy, or may be.
+    /// Whether the chip is busy with a non-immediate command, or may be.
     busy: bool,
     /// The number of the exchange whose answer showed that the non-immediate command was accepted.
     accepted: u64,

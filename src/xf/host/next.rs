@@ -284,7 +284,8 @@ impl Host {
         self.own_errors(self.header.map_or(Errors::NONE, |header| header.errors))
     }
 
-    /// Removes from `seen` the levels, which cannot be cleared, and the error bit that may belong to the running command.
+    /// Removes from the error bits `seen` bits 0 to 2, which show present conditions and cannot be cleared, and the
+    /// error bit that may belong to the running command.
     pub(super) fn own_errors(&self, seen: Errors) -> Errors {
         let own = Errors(seen.0 & Errors::ALL.0);
         // While a non-immediate command runs, its error bit 3 is not cleared: it may be set already, and would be lost

@@ -99,7 +99,7 @@ impl CommandSlot {
         self.read.map_or(self.code, |read| read.code)
     }
 
-    /// The request to send for this part.
+    /// The request to send for this step of the command.
     pub(super) fn request(&self, part: CommandPart) -> Request<'_> {
         let (code, arguments, data) = match (part, self.read) {
             (CommandPart::Read, Some(read)) => (read.code, read.arguments, &[][..]),
@@ -295,7 +295,7 @@ pub(super) fn read_of(read: &impl Encode) -> Result<Read, HostError> {
     Ok(Read { code, arguments })
 }
 
-/// Checks that the answer's valid data were kept completely.
+/// Checks that the answer's valid data were kept completely; fails if they are longer than the slot.
 pub(super) fn whole(slot: &CommandSlot) -> Result<(), Malformed> {
     Malformed::at_most("valid data length", slot.returned.len.into(), slot.held).map(drop)
 }

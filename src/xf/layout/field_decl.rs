@@ -42,7 +42,7 @@ pub const fn length() -> FieldDecl {
     FieldDecl::new(FieldPosition::Length)
 }
 
-/// A position in the data segment.
+/// The position at this byte of the data segment.
 pub const fn at(byte: u16) -> FieldDecl {
     FieldDecl::new(FieldPosition::Data(byte))
 }
@@ -77,12 +77,12 @@ impl FieldDecl {
         self.with(Field { name, ..self.field })
     }
 
-    /// Sets the field's size, if it differs from that of the type.
+    /// Sets the field's size in bytes, if it differs from that of the type.
     pub const fn bytes(self, bytes: u8) -> Self {
         self.with(Field { bytes, ..self.field })
     }
 
-    /// Limits the field to some bits of its bytes.
+    /// Limits the field to `width` bits of its bytes, from bit `shift` on.
     pub const fn part(self, shift: u8, width: u8) -> Self {
         self.with(Field { shift, width, ..self.field })
     }
@@ -181,7 +181,7 @@ impl FieldDecl {
     }
 }
 
-/// The size of a field, as a number in another field.
+/// A number on the wire that counts the bytes of a field of variable length.
 #[derive(Clone, Copy, Debug)]
 pub struct ByteCount {
     /// The field that contains the number of bytes.

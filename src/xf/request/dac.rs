@@ -19,13 +19,13 @@ choices! {
         SetData = 0x0000,
         /// 0x0010: [`DacStartConv`] is the trigger.
         StartConv = 0x0010,
-        /// 0x0030: while the pin DAC_ST is low.
+        /// 0x0030: a low level of the pin DAC_ST is the trigger.
         PinLow = 0x0030,
-        /// 0x1030: while the pin DAC_ST is high.
+        /// 0x1030: a high level of the pin DAC_ST is the trigger.
         PinHigh = 0x1030,
-        /// 0x2030: at a rising edge of the pin DAC_ST.
+        /// 0x2030: a rising edge of the pin DAC_ST is the trigger.
         PinRising = 0x2030,
-        /// 0x3030: at a falling edge of the pin DAC_ST.
+        /// 0x3030: a falling edge of the pin DAC_ST is the trigger.
         PinFalling = 0x3030,
     }
 }

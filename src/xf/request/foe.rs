@@ -13,14 +13,14 @@ layout! {
     pub struct FoeFile<'d> {
         /// The slave whose file is transferred.
         pub slave: SlaveNumber = at(0).or(0),
-        /// The file's password.
+        /// The password for the file, which the slave may require.
         pub password: u32 = at(4).hex().or(0),
         /// The length of the file in the flash memory in bytes, for a download. For an upload the modelled chip takes
         /// it as the maximum length, and 0 as any length.
         pub bytes: u32 = at(8).counts("data"),
         /// The timeout for the slave, in microseconds.
         pub timeout_us: u32 = at(12).or(1_000_000),
-        /// The start of the file in the flash memory.
+        /// The address in the flash memory at which the file begins.
         pub start: FlashAddress = at(16).hex(),
         /// The file's name, without a terminating 0.
         pub name: &'d [u8] = tail(20).kind(FieldKind::Text),

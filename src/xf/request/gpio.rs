@@ -77,7 +77,7 @@ layout! {
     /// ECM_GpioSetMode, code 31, parameter 0: sets the mode of GPIO 0 to 15 (XF EN 825). Information bytes: `i0` and
     /// `i1` mask, `i2` mode, `i3` pull resistor.
     pub struct GpioSetMode {
-        /// The GPIOs to set: bit k is GPIO k.
+        /// The GPIOs whose mode is set: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
         /// The new mode of the selected GPIOs.
         pub mode: GpioMode = info(2),
@@ -99,7 +99,7 @@ layout! {
     /// ECM_GpioEnableDebounce, code 31, parameter 2: switches debouncing of inputs among GPIO 0 to 15 on or off
     /// (XF EN 850). Information bytes: `i0` and `i1` mask, `i2` switch.
     pub struct GpioEnableDebounce {
-        /// The GPIOs to set: bit k is GPIO k.
+        /// The GPIOs whose debouncing is set: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
         /// Whether the selected inputs are debounced.
         pub on: bool = info(2),
@@ -134,7 +134,7 @@ layout! {
     /// ECM_GpioIntClear, code 31, parameter 4: clears interrupt flags (XF EN 899). Information bytes: `i0` and `i1`
     /// mask.
     pub struct GpioIntClear {
-        /// The flags to clear: bit k is GPIO k.
+        /// The GPIOs whose interrupt flags are cleared: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
     }
 

@@ -40,7 +40,7 @@ layout! {
     pub struct StateCheck {
         /// The slaves to bring to the state.
         pub slaves: Slaves = par(),
-        /// The requested state.
+        /// The state that the slaves have to reach.
         pub state: EtherCatState = info(0),
     }
 
@@ -85,7 +85,7 @@ layout! {
         /// Cycle time of SYNC1 in nanoseconds.
         pub sync1_ns: u32 = at(8).or(0),
         /// Shift time of SYNC0 in nanoseconds.
-        // The manuals' text says 0x12, their drawing shows 12.
+        // The manuals' text gives the offset 0x12, their drawing 12.
         pub shift_ns: i32 = at(12).or(0),
     }
 
@@ -110,7 +110,7 @@ choices! {
         Counter = 3,
     }
 
-    /// The item that [`SlaveInfoGet`] reads.
+    /// The property of a slave that [`SlaveInfoGet`] reads.
     pub SlaveInfoItem(u8), "SLV_INFO_GET item", "0 to 13" {
         /// 0: vendor id.
         Vendor = 0,

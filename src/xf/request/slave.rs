@@ -39,7 +39,7 @@ layout! {
             slave: SlaveNumber = info(0),
             /// Whether the length is that of the outputs or of the inputs.
             direction: Direction = info(1).or(0),
-            /// The length in bytes.
+            /// The assigned length of the process data, in bytes.
             bytes: u16 = info(2).or(0),
         },
     }

@@ -124,7 +124,7 @@ macro_rules! requests {
     };
 }
 
-/// The command code, which mostly has the same name as the type.
+/// Expands to the command code of a request, which mostly has the same name as the type.
 macro_rules! code {
     ($name:ident) => {
         CommandCode::$name

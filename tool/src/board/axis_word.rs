@@ -32,7 +32,7 @@ impl AxisWord {
         matches!(self, Self::Name(_))
     }
 
-    /// The number of the slave.
+    /// The number of the axis's slave, from 1 in network order.
     ///
     /// # Errors
     /// [`BoardError::Refused`] if there is no machine file, or it has no such axis.

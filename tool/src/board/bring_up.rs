@@ -69,7 +69,8 @@ impl Board {
     /// Changes the state. On the way from PreOP to higher states the network is configured.
     ///
     /// # Errors
-    /// [`BoardError::UnknownNetwork`], and errors of the change of state.
+    /// [`BoardError::UnknownNetwork`] if the network has to be configured and its slaves are not known; errors of the
+    /// change of state.
     pub fn go_to(&self, wanted: MasterState) -> Result<(), BoardError> {
         let change = |to: MasterState| {
             let done = self.run_interruptible(&format!("going to {to}"), |ecm| ecm.set_state(to));

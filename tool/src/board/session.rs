@@ -230,7 +230,7 @@ impl Board {
         }
     }
 
-    /// The network, or the error if it is not known.
+    /// The configuration of the network, or [`BoardError::UnknownNetwork`] if it is not known.
     pub fn known_network(&self, what: &str) -> Result<&Config, BoardError> {
         self.config.as_ref().ok_or_else(|| BoardError::UnknownNetwork { what: what.to_owned() })
     }
@@ -305,7 +305,7 @@ impl Board {
     }
 }
 
-/// Checks that an axis runs in this mode of operation.
+/// Checks that an axis runs in this mode of operation; otherwise returns [`BoardError::Refused`].
 pub fn in_mode(slave: u8, what: &str, axis: &Axis, wanted: Mode) -> Result<(), BoardError> {
     if axis.mode == wanted {
         return Ok(());

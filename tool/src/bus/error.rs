@@ -10,7 +10,7 @@ use ecmsk::link::config::{FILE_NAME, LINK_VARIABLE};
 
 use crate::link_option::ChoiceError;
 
-/// Why a verb failed. Every text ends with the next step.
+/// Why a verb of `ecmsk bus` failed. Every text ends with the next step.
 #[derive(Debug, thiserror::Error)]
 pub enum BusVerbError {
     /// Standard output cannot be written to.
@@ -39,7 +39,7 @@ pub enum BusVerbError {
         /// What the user can do next; the error text ends with it.
         next: String,
     },
-    /// The length of the value is not that of its type.
+    /// The object has another length than the type that the user named.
     #[error("slave {slave}: {object} has {found} bytes, not {wanted}; name another type with --type, or leave it out")]
     SizeMismatch {
         /// The slave, from 1.
@@ -54,7 +54,7 @@ pub enum BusVerbError {
     /// The file that is to be written to a slave or its EEPROM cannot be read.
     #[error("cannot read {}: {source}; name another file", file.display())]
     Read {
-        /// The path of the file.
+        /// The path of the file that cannot be read.
         file: PathBuf,
         /// The error of the operating system.
         source: io::Error,
@@ -62,17 +62,17 @@ pub enum BusVerbError {
     /// The file of `--output` cannot be written.
     #[error("cannot write {}: {source}; name another file with --output", file.display())]
     Write {
-        /// The path of the file.
+        /// The path of the file that cannot be written.
         file: PathBuf,
         /// The error of the operating system.
         source: io::Error,
     },
-    /// The content of a file does not fit an EEPROM.
+    /// The file that is to be written to an EEPROM is invalid, or is for another device.
     #[error("{}: {error}", file.display())]
     Content {
-        /// The path of the file.
+        /// The path of the file that does not fit.
         file: PathBuf,
-        /// Why the content does not fit.
+        /// What is wrong with the content of the file.
         error: ContentError,
     },
     /// The user has not confirmed writing an EEPROM.

@@ -23,7 +23,7 @@ Examples:
   ecmsk bus errors --clear --link nic:eth1
   ecmsk bus errors --watch 60 --link nic:eth1   # and move the cables meanwhile")]
 pub struct Args {
-    /// Send long frames for so many seconds, and show every second what was counted since the start
+    /// Send long frames for so many seconds, and show after each second what was counted in it
     #[arg(long, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=86_400))]
     watch: Option<u64>,
 

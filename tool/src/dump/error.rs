@@ -19,7 +19,7 @@ pub enum DumpError {
         "{name} is no recording of a chip, and --hex reads frames from standard input: leave out --hex, or the file"
     )]
     HexOfBoard {
-        /// The name of the file.
+        /// The name of the recording's file.
         name: String,
     },
     /// A line of hexadecimal digits is not a frame.
@@ -36,7 +36,7 @@ pub enum DumpError {
         /// The number of the line, from 1.
         line: u64,
     },
-    /// The frame is too short for the slot size.
+    /// A frame that is given in hexadecimal digits is too short for the slot size.
     #[error("line {line}: {len} bytes are no frame of 16-byte slots, which has 512; leave out --slot-size 16")]
     TooShort {
         /// The number of the line, from 1.

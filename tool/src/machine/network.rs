@@ -10,7 +10,7 @@ use super::MachineVerbError;
 
 /// Device type: the device profile, and in its upper half the kind of device (CiA 401, CiA 402).
 const DEVICE_TYPE: ObjectAddress = ObjectAddress::new(0x1000, 0);
-/// Vendor, product code and revision.
+/// Vendor id, product code and revision number: sub-indices 1 to 3 of the identity object.
 const IDENTITY: [ObjectAddress; 3] =
     [ObjectAddress::new(0x1018, 1), ObjectAddress::new(0x1018, 2), ObjectAddress::new(0x1018, 3)];
 
@@ -20,7 +20,7 @@ pub struct FoundSlave {
     pub vendor: u32,
     pub product: u32,
     pub revision: u32,
-    /// Its name; empty if it has none, and behind a board.
+    /// The slave's name from its EEPROM; empty if it has none, and behind a board, which does not show EEPROMs.
     pub name: String,
     /// The kind of the slave by its name or device type; `None` if neither tells it.
     pub kind: Option<SlaveModel>,
@@ -29,7 +29,7 @@ pub struct FoundSlave {
 /// The slaves in network order.
 ///
 /// # Errors
-/// [`MachineVerbError::NoSlave`], and errors of the link.
+/// [`MachineVerbError::NoSlave`] if no slave answers; errors of the network or the board.
 pub fn slaves(link: &LinkUri) -> Result<Vec<FoundSlave>, MachineVerbError> {
     crate::recording_end::opens(link);
     let link = link.to_string();

@@ -4,7 +4,7 @@ use std::io;
 use std::sync::mpsc::{self, Receiver, TryRecvError};
 use std::thread;
 
-/// The line that is being typed. A thread waits for it.
+/// Reads one line from the console in a thread of its own, which sends it here.
 pub struct TypedLine(Receiver<String>);
 
 impl TypedLine {

@@ -12,13 +12,13 @@ use crate::{CliError, output};
 /// Why the rule was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum RuleError {
-    /// This user may not write the file.
+    /// This user may not write the file of the udev rule.
     #[error("{PLACE} was not written: {0}; type the lines above")]
     Refused(io::Error),
     /// The file of the rule exists, but with other content.
     #[error("{PLACE} exists with another content and was not changed; check it, sudo rm {PLACE}, then try again")]
     Different,
-    /// The file cannot be written.
+    /// The file of the udev rule cannot be written for another reason than missing rights.
     #[error("{PLACE} was not written: {0}; does this machine have udev, and room on its disk?")]
     Failed(io::Error),
 }

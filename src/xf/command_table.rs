@@ -73,7 +73,7 @@ macro_rules! commands {
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum CommandCode {
             $(#[doc = concat!("Code ", $code, ", `", $name, "`.")] #[doc(alias = $name)] $variant,)*
-            /// A code that is not in the manuals.
+            /// A code that is not in the manuals, with its number; the chip refuses it.
             Unknown(u8),
         }
 
@@ -177,7 +177,7 @@ commands! {
 }
 
 impl Default for CommandCode {
-    /// INFO_UPDATE_OP, which requests nothing.
+    /// The default is INFO_UPDATE_OP, which asks the chip only for a new header.
     fn default() -> Self {
         Self::InfoUpdate
     }

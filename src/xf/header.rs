@@ -128,7 +128,7 @@ impl Status {
         }
     }
 
-    /// The same status with another check type.
+    /// The same status byte, but with another type of the check word.
     #[must_use]
     pub const fn with_check_type(self, kind: CheckType) -> Self {
         Self(self.0 & !Self::CHECK_TYPE | kind.code())
@@ -163,7 +163,7 @@ impl From<EtherCatState> for NetworkState {
     }
 }
 
-/// Declares header types, with the byte offset of each field.
+/// Declares the types of the two headers, with the byte offset of each field.
 macro_rules! headers {
     ($($(#[$doc:meta])* $name:ident { $($(#[$field_doc:meta])* $field:ident: $type:ty = $at:literal,)* })*) => {$(
         $(#[$doc])*

@@ -15,7 +15,7 @@ use super::{CommandCode, DataSize, END_WORD, HEADER_LEN, Malformed, NOT_READY, S
 /// Why bytes are not a valid packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PacketError {
-    /// The number of bytes is not that of a packet.
+    /// The number of bytes is not the length of a packet.
     Length {
         /// The length of a packet, n + 32.
         expected: usize,
@@ -43,7 +43,7 @@ pub enum PacketError {
     },
     /// The status bits of an answer name check type 1 or 2, which are undefined.
     CheckType {
-        /// The value of the two bits.
+        /// The value of the two bits: 1 or 2.
         bits: u8,
     },
 }
@@ -141,7 +141,7 @@ pub(crate) fn write_around(
     Ok(close_request(packet, size, rule, header, code, arguments))
 }
 
-/// Writes everything in a command packet except the data.
+/// Writes the header, the check word and the end word of a command packet around its data.
 #[inline]
 fn close_request(
     packet: &mut [u8],
@@ -393,7 +393,7 @@ impl<'p> AnswerPacket<'p> {
 pub enum AnswerError {
     /// The packet has the NOP flag: it contains no result, even if index and code are those of the command (OBS).
     Nop {
-        /// The packet's index.
+        /// The index in the packet's header.
         index: u8,
     },
     /// The packet answers another command.

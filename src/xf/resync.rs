@@ -82,7 +82,7 @@ impl Resync {
         }
     }
 
-    /// A reader for packets of that size.
+    /// A reader for packets whose data segment has that size.
     pub const fn with_size(size: DataSize) -> Self {
         Self { size: Some(size), ..Self::new() }
     }
@@ -100,7 +100,7 @@ impl Resync {
         self.size = size;
     }
 
-    /// The number of bytes that were not part of a packet.
+    /// The number of bytes that were skipped because they were not part of a packet.
     pub const fn dropped(&self) -> u64 {
         self.dropped
     }

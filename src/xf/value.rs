@@ -83,7 +83,7 @@ pub enum Slaves {
 }
 
 impl Slaves {
-    /// The code of all slaves on the wire.
+    /// The byte on the wire that stands for all slaves.
     const ALL: u8 = 0xFF;
 
     /// The byte on the wire: 0..=127 or 0xFF.

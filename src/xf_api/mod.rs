@@ -99,7 +99,7 @@ pub struct Xf<L: ChipLink = Box<dyn ChipLink>> {
     slaves: u8,
     /// The cycle time with which the network was started.
     cycle_ns: Option<Ns>,
-    /// Axes that the helper drives.
+    /// Axes that were added, whose state machines the helper drives.
     axes: Vec<HelperAxis>,
     /// Axes that may be on: the helper was asked to take them out of Switch on disabled, and they were not seen in that
     /// state since.

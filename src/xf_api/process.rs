@@ -21,14 +21,14 @@ const POLLS_A_CYCLE: Ns = 2;
 /// How long the RxFIFO's level may stay unchanged before the chip counts as taking nothing out of it. \[OURS]
 const STALL_LIMIT: Duration = Duration::from_secs(2);
 
-/// A typed handle of an output object in process data.
+/// A handle of an output object in the process data, whose value has the type `T`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Output<T> {
     at: usize,
     kind: PhantomData<T>,
 }
 
-/// A typed handle of an input object in process data.
+/// A handle of an input object in the process data, whose value has the type `T`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Input<T> {
     at: usize,
@@ -47,14 +47,14 @@ pub struct ProcessData {
 }
 
 impl<T> Output<T> {
-    /// Offset in bytes from the beginning of the RxPDO.
+    /// Offset of the object in bytes from the beginning of the RxPDO.
     pub const fn offset(&self) -> usize {
         self.at
     }
 }
 
 impl<T> Input<T> {
-    /// Offset in bytes from the beginning of the TxPDO.
+    /// Offset of the object in bytes from the beginning of the TxPDO.
     pub const fn offset(&self) -> usize {
         self.at
     }

@@ -49,7 +49,7 @@ impl Motors {
     }
 }
 
-/// The failures so far while the axes are stopped.
+/// What has failed so far while the axes are stopped.
 struct StopProgress {
     /// Number of failed exchanges since the newest answer. `failing_since` is the time of the first one, `answers` the
     /// number of answers at that time.

@@ -134,7 +134,7 @@ pub enum CompareVerbError {
     /// Standard input cannot be compared, because a recording is read more than once.
     #[error("standard input cannot be compared, it can be read only once; save it to a file and name that")]
     Stdin,
-    /// More devices are named than captures are compared.
+    /// `--device` names more than two devices, although two captures are compared.
     #[error("--device names {found} devices for two captures; name one for A and one for B, as 1.5,1.6")]
     TooManyDevices {
         /// The number of devices that the command line names.
@@ -195,7 +195,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CompareVerbError> {
 
 /// \[OURS] The largest tolerance that is proposed, in counts. A larger difference is no noise of a measurement.
 const PROPOSED_COUNTS_MAX: u32 = 1000;
-/// \[OURS] Most additional comparisons to find a tolerance.
+/// \[OURS] The maximum number of additional comparisons to find a tolerance.
 const PROPOSALS_MAX: usize = 8;
 
 /// The tolerance with which the recordings are equal; `None` if other values than positions differ, or if positions
@@ -250,7 +250,7 @@ pub fn print(text: String, code: u8) -> Result<ExitCode, CompareVerbError> {
     Ok(ExitCode::from(code))
 }
 
-/// The two recordings of a comparison, opened for reading.
+/// The two recordings of a comparison, opened for reading, and their common slot size.
 struct Runs {
     a: RecordedRun,
     b: RecordedRun,
@@ -277,7 +277,7 @@ impl Runs {
 /// Prints the notes on a recording, once it was read; returns what it lacks to be complete.
 ///
 /// # Errors
-/// The error with which reading has ended.
+/// The recording could not be read to its end.
 pub fn tell(name: &str, source: &RecordedRun) -> Result<Option<String>, CompareError> {
     source.check()?;
     if source.is_size_assumed() {

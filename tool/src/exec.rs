@@ -76,7 +76,7 @@ pub struct Args {
     program: Vec<OsString>,
 }
 
-/// Why the program was not run.
+/// Why `ecmsk exec` has not run the program.
 #[derive(Debug, thiserror::Error)]
 pub enum ExecError {
     /// The library is neither at the path of `--library` nor in one of the usual folders.
@@ -95,7 +95,7 @@ pub enum ExecError {
         /// Why the file is not accepted as a library.
         reason: String,
     },
-    /// The private folder could not be created.
+    /// The private folder for the library could not be created.
     #[error("cannot make a folder for the library in {}: {source}; set TMPDIR to a folder that takes files", .place.display())]
     Folder {
         /// The folder in which it was to be created.

@@ -116,7 +116,7 @@ pub enum MachineVerbError {
         /// The error of the operating system.
         source: io::Error,
     },
-    /// The configuration of the link is invalid.
+    /// `ECMSK_LINK` or a configuration file with the link is invalid.
     #[error(transparent)]
     Choice(#[from] link_option::ChoiceError),
     /// No link to compare with is named: neither by `--link`, ECMSK_LINK or ecmsk.toml nor by the machine file.
@@ -128,11 +128,11 @@ pub enum MachineVerbError {
         /// The link of the network or board, as the user has named it.
         link: String,
     },
-    /// An error of the network or of a slave.
+    /// The network or a slave reports an error, or does not answer.
     #[error(transparent)]
     // Boxed, because every error is as large as its largest variant.
     Bus(Box<BusError>),
-    /// An error of the board or of a slave.
+    /// The board or a slave behind it reports an error, or does not answer.
     #[error(transparent)]
     Ecm(#[from] EcmError),
     /// `ecmsk machine check` has ended without a result, for the reason given here. The exit code is then 2.

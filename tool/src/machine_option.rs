@@ -9,10 +9,10 @@ use ecmsk::machine_file::{FILE_NAME, MachineAxis, MachineFile, MachineFileError,
 use super::link_option::belongs_to_user;
 use super::stderr::say;
 
-/// The help of the option.
+/// The help text of `--machine`.
 pub const HELP: &str = "Machine file: axes by name, units, limits, slaves, link; none: no such file [default: machine.toml in this \
                         folder, if there is one]";
-/// The word for no machine file.
+/// The value of `--machine` that means: use no machine file.
 const NONE: &str = "none";
 
 /// The machine file that the option names, otherwise the one in the working directory, about which a note is printed

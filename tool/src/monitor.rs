@@ -100,13 +100,13 @@ pub struct Args {
 /// Why the monitor cannot show a board or a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum MonitorError {
-    /// The configuration of the link is invalid.
+    /// `ECMSK_LINK` or a configuration file with the link is invalid.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
     /// The machine file cannot be used.
     #[error(transparent)]
     Machine(#[from] MachineFileError),
-    /// No link is named, and the default does not open.
+    /// No link is named, and the default link does not open.
     #[error(transparent)]
     Unnamed(#[from] Unnamed),
     /// The board cannot be opened, or was lost.
@@ -307,7 +307,7 @@ fn kinds(slaves: Option<&KindList>, uri: Option<&LinkUri>, machine: Option<&Mach
     Some(SimOptions::from_uri(uri).ok()?.slaves.into_iter().map(|slave| slave.model.kind()).collect())
 }
 
-/// The shortest interval between two views, in seconds. Nobody sees shorter changes. \[OURS]
+/// The shortest interval of updates, in seconds. Nobody sees shorter changes. \[OURS]
 const INTERVAL_MIN_S: f64 = 0.01;
 
 fn interval(text: &str) -> Result<Duration, String> {

@@ -33,13 +33,13 @@ pub enum FieldKind {
     Signed,
     /// A number, shown in hexadecimal.
     Hex,
-    /// A number some of whose values have names.
+    /// A number of which some values have names; other values are allowed, too.
     Named(Names),
     /// A number that must be one of these named values.
     Choice(Names),
     /// Bits, some of which have names; the numbers in [`Names`] are masks. Unnamed bits are kept.
     Bits(Names),
-    /// A state of CiA 402, as bits of the statusword.
+    /// A CiA 402 state of a drive, as the state bits of the statusword.
     DriveState,
     /// The abort code of an SDO transfer.
     Abort,
@@ -93,7 +93,7 @@ pub enum Value<'a> {
 }
 
 impl Field {
-    /// Whether the content is a number; otherwise it is bytes.
+    /// Whether the field's value is a [`Value::Number`]; otherwise it is [`Value::Bytes`].
     pub const fn is_number(&self) -> bool {
         !matches!(self.kind, FieldKind::Bytes | FieldKind::Text | FieldKind::Objects { .. } | FieldKind::SlaveSet)
     }

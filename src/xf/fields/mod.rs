@@ -44,7 +44,7 @@ pub struct FunctionFields {
     pub code: CommandCode,
     /// The parameter byte that selects the function, for the codes 31 to 35.
     pub function: Option<u8>,
-    /// The purpose of the function, in a few words.
+    /// The purpose of the function in a few words, such as for a list of all functions.
     pub what: &'static str,
     /// The fields of a request for this function, in the order of their positions.
     pub request: &'static [Field],
@@ -52,7 +52,7 @@ pub struct FunctionFields {
     pub answers: &'static [AnswerFields],
 }
 
-/// The fields of an answer.
+/// One form of an answer: its length, and its fields.
 #[derive(Clone, Copy, Debug)]
 pub struct AnswerFields {
     /// The number of valid bytes in an answer of this form; `None` for any number.
@@ -64,7 +64,7 @@ pub struct AnswerFields {
 }
 
 impl AnswerFields {
-    /// The form of an answer with these fields and any length.
+    /// The form of an answer that always has these fields, whatever its length.
     pub(super) const fn of(fields: &'static [Field]) -> Self {
         Self { len: None, every: None, fields }
     }

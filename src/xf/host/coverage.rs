@@ -79,7 +79,7 @@ impl CoverageSearch {
         self.answers.iter()
     }
 
-    /// The present best guess for both directions.
+    /// The coverages to use now, for commands and for answers: those found, otherwise the best guesses.
     pub(super) fn coverages(&self) -> CrcCoverages {
         CrcCoverages { commands: self.of_commands(), answers: self.answers.first() }
     }

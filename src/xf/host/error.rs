@@ -21,9 +21,9 @@ pub enum HostError {
     StartTooLong {
         /// The step that did not finish.
         step: StartStep,
-        /// Time since the start of the chip began.
+        /// Time since the driver began to start the chip.
         waited_ns: Ns,
-        /// The defect of the last answer, if it was damaged.
+        /// What was wrong with the last answer; `None` if it was not damaged.
         last: Option<PacketError>,
     },
     /// The driver has stopped: the chip reports a data segment size that differs from that of its packets.
@@ -44,13 +44,13 @@ pub enum HostError {
     NoAnswer {
         /// The command that got no answer.
         code: CommandCode,
-        /// The command's index.
+        /// The index of the command's packets, byte 0x0B of the header.
         index: u8,
         /// How many times the packet was sent.
         copies: u32,
         /// Time since the packet was first sent.
         waited_ns: Ns,
-        /// The defect of the last answer, if it was damaged.
+        /// What was wrong with the last answer; `None` if it was not damaged.
         last: Option<PacketError>,
     },
     /// The command ran, but the only answer with its result was damaged.
@@ -94,7 +94,7 @@ pub enum HostError {
     QueueFull {
         /// The command for which the queue has no room.
         code: CommandCode,
-        /// The capacity of the queue.
+        /// The number of commands that the queue can hold.
         slots: usize,
     },
     /// The command's data do not fit into a slot of the queue, or into a packet.
@@ -114,12 +114,12 @@ pub enum HostError {
     },
     /// The second command of a pair does not read the result of the first one.
     NotARead {
-        /// The second command.
+        /// The second command of the pair, which is not a read.
         code: CommandCode,
     },
     /// No command belongs to this ticket: its result was already taken.
     UnknownTicket,
-    /// The ticket belongs to another command.
+    /// The ticket belongs to another command than the one that the caller passed.
     OtherCommand {
         /// The command that the ticket belongs to.
         expected: CommandCode,
@@ -133,9 +133,9 @@ pub enum HostError {
     },
     /// The RxFIFO may have no room for that many PDOs.
     FifoFull {
-        /// Number of PDOs to write.
+        /// Number of RxPDOs to write.
         needed: u8,
-        /// Number of entries that are certainly free.
+        /// Number of RxFIFO entries that are certainly free.
         free: u8,
     },
     /// A field of the command or of its answer has a value that the manuals do not allow.
@@ -164,7 +164,7 @@ impl fmt::Display for Millis {
     }
 }
 
-/// Formats the defect of the last answer.
+/// Formats what was wrong with the last answer, as an addition to an error text.
 struct Last(Option<PacketError>);
 
 impl fmt::Display for Last {

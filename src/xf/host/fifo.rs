@@ -29,7 +29,7 @@ impl RxFreeEstimate {
         Self { entries, count: 0, writes: [None; 4] }
     }
 
-    /// Number of entries that are certainly free.
+    /// Number of RxFIFO entries that are certainly free.
     pub(super) fn free(&self) -> u8 {
         let unseen = self.writes.iter().flatten().fold(0u8, |sum, write| sum.saturating_add(write.pdos));
         self.entries.saturating_sub(self.count).saturating_sub(unseen)

@@ -30,14 +30,14 @@ pub(super) enum CommandPart {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Purpose {
     Start(StartStep),
-    /// Polling the header.
+    /// INFO_UPDATE, which polls the header.
     Info,
     /// A queued command: the index of its slot in the queue, and the step of the command that is sent.
     Slot(usize, CommandPart),
     /// Process data: RxPDOs to write, TxPDOs to read, or both.
     Process {
         sequence: u32,
-        /// Number of RxPDOs written.
+        /// Number of RxPDOs in the packet, for the FIFO or direct.
         written: u8,
         /// Number of the written RxPDOs that go into the FIFO.
         queued: u8,
@@ -50,7 +50,7 @@ pub(super) enum Purpose {
     },
 }
 
-/// The meaning of an answer for the packet in flight.
+/// What an answer shows about the packet in flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum AnswerMatch {
     /// The packet's answer is still missing.

@@ -115,17 +115,17 @@ use receive_buffer::ReceiveBuffer;
 use search::Search;
 use slots::CommandSlots;
 
-/// The next action for the owner of the wires.
+/// What the owner of the wires has to do next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Next<'h> {
     /// Clock these bytes out, and pass the same number of received bytes to [`Host::received`]; if the exchange failed,
     /// pass none.
     Exchange(&'h [u8]),
-    /// Do nothing before this time, unless something is submitted.
+    /// Send nothing before this time, unless a command or process data are submitted earlier.
     WaitUntil(Ns),
     /// Wait for the edge of INT0, to be reported with [`Host::ready`].
     WaitForReady {
-        /// The end of the wait, if INT0 does not become active.
+        /// The time at which the wait ends if INT0 does not become active.
         until: Ns,
     },
 }
@@ -150,13 +150,13 @@ enum PendingExchange {
     Packet,
 }
 
-/// The driver. Its size is about 13 kB, and it allocates nothing.
+/// The driver of a host for one chip. Its size is about 13 kB, and it allocates nothing.
 #[derive(Clone, Debug)]
 pub struct Host {
     config: HostConfig,
     state: HostState,
     size: DataSize,
-    /// How the check words of commands are computed.
+    /// How the check word of a command is computed: its type, and the bytes that a CRC-32 covers.
     rule: CheckRule,
     coverages: CoverageSearch,
     /// Whether CRC-32 was given up because it fits no known coverage.
@@ -216,7 +216,7 @@ pub struct Host {
     /// The time at which the last packet was answered or its timeout passed. The interval to the next poll of the
     /// header begins there.
     completed_at: Ns,
-    /// The GPIO outputs in the header of each packet.
+    /// The GPIO outputs that the header of each packet carries; `None` if the program has set none.
     gpio_outputs: Option<u16>,
     /// The interrupt flags that the header of the next packet clears: those of the chip and those of GPIO.
     interrupts_to_clear: (Interrupts, u16),

@@ -1,4 +1,4 @@
-//! Chooses what to send next.
+//! Chooses what the driver sends next: a command, process data, a poll of the header, or nothing yet.
 
 use super::flight::{CommandPart, Flight, Purpose};
 use super::pace::ExchangePace;
@@ -24,7 +24,7 @@ pub(super) enum ExchangePlan {
 /// The content of the next exchange, if there is one.
 enum Choice {
     Filler,
-    /// The command packet in `packets[current]`.
+    /// The packet in `packets[current]`.
     Packet,
     Nothing {
         until: Ns,

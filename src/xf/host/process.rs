@@ -121,7 +121,7 @@ pub enum ProcessOutcome {
     Unknown,
 }
 
-/// The report of an exchange of process data that has ended.
+/// The report on an exchange of process data that has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ProcessReport {
     /// The sequence number that [`Host::process`](super::Host::process) returned.
@@ -152,9 +152,9 @@ pub(super) struct OutgoingProcessData {
     pub(super) sequence: u32,
     pub(super) code: CommandCode,
     pub(super) arguments: Arguments,
-    /// Number of RxPDOs, into the FIFO or direct.
+    /// Number of RxPDOs that are written, into the FIFO or directly.
     pub(super) written: u8,
-    /// Number of RxPDOs that go into the FIFO.
+    /// Number of those RxPDOs that go into the FIFO.
     pub(super) queued: u8,
     pub(super) reads: bool,
 }
@@ -176,7 +176,7 @@ impl Process {
         Self { sequence: 0, waiting: None, reports: [None; REPORTS], oldest: 0, kept: 0, overtaken: None }
     }
 
-    /// The sequence number of the process data that are waiting, if there are any.
+    /// The sequence number of the process data that wait to be sent; `None` if none do.
     pub(super) fn waiting(&self) -> Option<u32> {
         self.waiting.as_ref().map(|waiting| waiting.sequence)
     }

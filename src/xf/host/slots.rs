@@ -18,7 +18,7 @@ pub const NON_IMMEDIATE_SLOTS: usize = 4;
 /// RAW_ECAT_FUNC_REQ and FOE_FUNC_REQ with 276.
 pub const SLOT_BYTES: usize = 288;
 
-/// Identifies a submitted command, to take its result.
+/// Identifies a submitted command; with it the program takes the result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Ticket {
     pub(super) slot: usize,
@@ -52,7 +52,7 @@ pub(super) struct CommandSlot {
     pub(super) sequence: u64,
     pub(super) code: CommandCode,
     pub(super) arguments: Arguments,
-    /// The command that reads the result.
+    /// The second command of a pair, which reads the result; `None` for a single command.
     pub(super) read: Option<Read>,
     /// The time at which the command was submitted, or at which it ended and its result had to be read.
     pub(super) submitted: Ns,
@@ -62,7 +62,7 @@ pub(super) struct CommandSlot {
     pub(super) returned: Returned,
     /// The data of the command; later the data of its answer.
     pub(super) bytes: [u8; SLOT_BYTES],
-    /// Number of bytes kept of the answer's data segment.
+    /// How many bytes of the answer's data segment are kept in `bytes`.
     pub(super) held: usize,
 }
 
@@ -117,7 +117,7 @@ impl CommandSlot {
     }
 }
 
-/// The slots of both queues.
+/// The slots of both queues: those of immediate commands first.
 #[derive(Clone, Debug)]
 pub(super) struct CommandSlots {
     pub(super) all: [CommandSlot; IMMEDIATE_SLOTS + NON_IMMEDIATE_SLOTS],
@@ -179,7 +179,7 @@ impl CommandSlots {
             .min_by_key(|slot| self.all[*slot].sequence)
     }
 
-    /// A waiting read of the result of a command that has ended.
+    /// A command that has ended, and whose result or abort code is waiting to be read: its slot, and which of the two.
     pub(super) fn waiting_read(&self) -> Option<(usize, CommandPart)> {
         if !self.maybe_pending {
             return None;

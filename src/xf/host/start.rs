@@ -58,7 +58,7 @@ impl StartStep {
         }
     }
 
-    /// The errors that this step's packet clears.
+    /// The control byte of this step's packet: which errors it clears.
     pub(super) const fn control(self) -> Control {
         match self {
             Self::NotBusy => Control::CLEAR_ALL,

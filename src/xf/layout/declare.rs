@@ -78,7 +78,7 @@ macro_rules! layout {
             const OPERATION: FieldDecl = $by.one_of(NAMES).of::<$int>(stringify!($operation));
 
             impl $(<$life>)? $name $(<$life>)? {
-                /// The number that selects this variant.
+                /// The number on the wire that selects this variant.
                 pub(in crate::xf) const fn $operation(&self) -> $int {
                     match self {
                         $(Self::$variant { .. } => $code,)*

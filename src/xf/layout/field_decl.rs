@@ -87,7 +87,7 @@ impl FieldDecl {
         self.with(Field { shift, width, ..self.field })
     }
 
-    /// Sets the kind of the content, if the type does not define it.
+    /// Sets how the content is interpreted and shown, if the type does not define it.
     pub const fn kind(self, kind: FieldKind) -> Self {
         self.with(Field { kind, ..self.field })
     }
@@ -155,7 +155,7 @@ impl FieldDecl {
         })
     }
 
-    /// The field of an answer that is a single value of type `T`.
+    /// The declared field with the size, kind and position of the type `T`, for an answer that is a single value.
     pub const fn returned<T: ValueAnswer>(self) -> Field {
         Field { position: T::AT, ..self.of::<T>("").field }
     }

@@ -11,7 +11,7 @@ pub struct FieldList {
 }
 
 impl FieldList {
-    /// The maximum number of fields of a function.
+    /// The maximum number of fields of a request or an answer.
     const MOST: usize = 12;
     /// A list without fields, to which [`Self::with`] and [`Self::and`] add fields.
     pub const NONE: Self = Self { fields: [super::par().field; Self::MOST], len: 0 };

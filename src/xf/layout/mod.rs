@@ -33,7 +33,7 @@ use super::request::Arguments;
 use super::response::Returned;
 use super::{Malformed, segment};
 
-/// The destination for encoding a request or an answer.
+/// What a request or an answer is encoded into: the header fields and the data segment.
 #[derive(Debug)]
 pub struct FieldWriter<'a> {
     /// The header fields. `parameter` is a command's parameter, or an answer's return byte.
@@ -63,7 +63,7 @@ impl<'a> FieldWriter<'a> {
     }
 }
 
-/// The source for decoding a request or an answer.
+/// What a request or an answer is decoded from: the header fields and the data segment.
 #[derive(Clone, Copy, Debug)]
 pub struct FieldReader<'d> {
     /// The header fields. `parameter` is a command's parameter, or an answer's return byte.
@@ -171,7 +171,7 @@ field_values! {
     i32, 4, FieldKind::Signed, |value| value as u32, |number| Ok(number as i32);
 }
 
-/// The content of a field: a number, or bytes.
+/// A type that can be the content of a field: a number, or bytes.
 pub trait FieldContent<'d>: Sized {
     /// The size in bytes, unless the layout says otherwise; 0 if the content extends to the end of the valid data.
     const BYTES: u8;

@@ -78,7 +78,7 @@ layout! {
     }
 }
 
-/// Names of the actions of [`AsyncReset`], as bits.
+/// The names of the actions of [`AsyncReset`], with their bits.
 const RESETS: Names = &[("clear_busy", 1), ("skip_port_wait", 2), ("give_up", 4)];
 
 field_values! {
@@ -155,7 +155,7 @@ bits! {
         CLEAR_BUSY = 1 << 0;
         /// Bit 1: skips the wait until the network port is ready after the start of the chip.
         SKIP_PORT_WAIT = 1 << 1;
-        /// Bit 2: gives up the running command.
+        /// Bit 2: gives up the running non-immediate command.
         GIVE_UP = 1 << 2;
         /// Bits 0 to 2: all actions.
         ALL = 0x07;

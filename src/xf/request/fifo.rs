@@ -22,7 +22,7 @@ layout! {
     /// FIFO_ENABLE, code 18: switches on or off that the chip takes an RxPDO out of the RxFIFO in each cycle. The
     /// parameter is the switch (XF EN 674).
     pub struct FifoEnable {
-        /// Whether the chip takes RxPDOs out of the RxFIFO.
+        /// Whether the chip takes an RxPDO out of the RxFIFO in each cycle.
         pub on: bool = par(),
     }
 
@@ -102,9 +102,9 @@ choices! {
     pub Fifos(u8), "FIFO_CLR_OP FIFOs", "0 both, 1 TxFIFO, 2 RxFIFO" {
         /// 0: both FIFOs.
         Both = 0,
-        /// 1: the TxFIFO.
+        /// 1: the TxFIFO only.
         Tx = 1,
-        /// 2: the RxFIFO.
+        /// 2: the RxFIFO only.
         Rx = 2,
     }
 }

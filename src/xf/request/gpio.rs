@@ -31,9 +31,9 @@ choices! {
         Input = 0,
         /// 1: output.
         Output = 1,
-        /// 2: open drain.
+        /// 2: open drain, so that the output only pulls to low.
         OpenDrain = 2,
-        /// 3: quasi-bidirectional.
+        /// 3: quasi-bidirectional: an output that a device outside may pull to low, and that can be read as an input.
         QuasiBidirectional = 3,
     }
 
@@ -127,7 +127,7 @@ layout! {
         /// The GPIO, 0..=19. GPIO 16 to 19 exist only with "certain versions" of the chip, which the manuals do not
         /// name.
         pub channel: GpioChannel = info(0),
-        /// The edges that raise an interrupt.
+        /// The edges of the input that raise an interrupt.
         pub trigger: GpioTrigger = info(1),
     }
 
@@ -166,7 +166,7 @@ layout! {
 }
 
 impl DebounceClock {
-    /// The clock; `None` unless the exponent is 0..=15.
+    /// The sampling clock with these settings; `None` unless the exponent is 0..=15.
     pub const fn new(exponent: u8, source: DebounceSource) -> Option<Self> {
         if exponent <= 15 { Some(Self { exponent, source }) } else { None }
     }

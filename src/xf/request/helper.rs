@@ -10,12 +10,12 @@ use crate::xf::layout::{Fixed, field_values, info, layout};
 bits! {
     /// The control byte: what the helper does with an axis.
     HelperControl(u8) {
-        /// Bit 3: the helper resets a fault once.
+        /// Bit 3: the helper gives one fault reset.
         RESET_ONCE = 1 << 3;
         /// Bit 4: the helper drives the axis: it overwrites bits 0 to 3 of the controlword, and bit 7 if a fault reset
         /// is selected (XF ZH 708).
         ON = 1 << 4;
-        /// Bit 7: the helper resets every fault that occurs.
+        /// Bit 7: the helper gives a fault reset whenever a fault occurs.
         RESET_ALWAYS = 1 << 7;
     }
 }

@@ -13,7 +13,7 @@ pub const EMERGENCIES_MAX: usize = 8;
 layout! {
     /// COE_EMERGENCY, code 83: reads the newest emergencies. The parameter is their number (XF EN 1490).
     pub struct CoeEmergency {
-        /// The number of emergencies to read.
+        /// How many of the newest emergencies are read.
         pub count: EmergencyCount = par(),
     }
 
@@ -29,7 +29,7 @@ layout! {
         /// Parameter 0: the chip fetches the message from a slave's mailbox. Information bytes: `i0` and `i1`: slave as
         /// u16.
         Request = 0 {
-            /// The slave whose mailbox is fetched.
+            /// The slave from whose mailbox the message is fetched.
             slave: SlaveNumber = info(0).bytes(2).or(0),
         },
         /// Parameter 1: reads a part of the fetched message. Information bytes: `i0` and `i1` start, `i2` and `i3`

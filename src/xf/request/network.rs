@@ -75,7 +75,7 @@ layout! {
         pub item: SlaveInfoItem = info(0),
     }
 
-    /// The times of the distributed clocks.
+    /// The cycle and shift times of the distributed clocks.
     #[derive(Default)]
     pub struct DcTiming {
         /// The word AssignActivate from the slave's ESI file, such as 0x0300 for SYNC0.
@@ -185,7 +185,7 @@ impl EcatInit {
     const SPECIAL_SLAVES: u8 = 48;
     const SPECIAL: FieldDecl =
         par().one_of(&[("no", 0), ("yes", Self::SPECIAL_SLAVES as u32)]).or(0).of::<u8>("special_slaves");
-    /// The two reserve bits that this command uses.
+    /// The two reserve bits that this command uses: reference clock and LRW.
     const RESERVE: FieldDecl = reserve().bits(Self::BITS).or(0).of::<u16>("reserve");
     const BITS: Names = &[("master_shift", Reserve::MASTER_SHIFT.0 as u32), ("lrw", Reserve::LRW.0 as u32)];
     /// Byte 0 of the data, which is fixed: all slaves.

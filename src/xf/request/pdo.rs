@@ -65,7 +65,7 @@ layout! {
 }
 
 choices! {
-    /// The object with the PDO assignment of a slave's sync manager.
+    /// The object with the PDO assignment of a slave's sync manager: outputs or inputs.
     pub PdoAssignment(u16), "PDO assignment", "0x1C12 or 0x1C13" {
         /// 0x1C12: RxPDOs, the outputs.
         Rx = 0x1C12,
@@ -80,7 +80,7 @@ choices! {
 pub struct MappedObject {
     /// Index of the object; 0 for a gap.
     pub index: u16,
-    /// Sub-index.
+    /// Sub-index of the object.
     pub sub: u8,
     /// Length of the object in bits.
     pub bits: u8,
@@ -155,7 +155,7 @@ pub struct PdoConfig {
     maps: [PdoMap; 4],
 }
 
-/// The form of a [`PdoConfig`], which limits its number of PDOs.
+/// The layout of a [`PdoConfig`], which has room for 3 or 4 PDOs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum PdoConfigForm {
@@ -166,7 +166,7 @@ pub enum PdoConfigForm {
 }
 
 impl PdoConfigForm {
-    /// The maximum number of PDOs.
+    /// The maximum number of PDOs: 3 or 4.
     pub const fn maps(self) -> usize {
         self as usize
     }
@@ -217,7 +217,7 @@ impl PdoConfig {
         Some(config)
     }
 
-    /// The form, which limits the number of PDOs.
+    /// The layout of the configuration, which has room for 3 or 4 PDOs.
     pub const fn form(&self) -> PdoConfigForm {
         self.form
     }

@@ -57,9 +57,9 @@ layout! {
     pub struct RawRequest<'d> {
         /// The datagram's EtherCAT command.
         pub operation: RawOperation = at(0),
-        /// Auto-increment position or station address of the slave.
+        /// Auto-increment position or station address of the slave, by the datagram's command.
         pub adp: u16 = at(4).hex().or(0),
-        /// Address in the slave's memory.
+        /// Register or memory address in the slave.
         pub ado: u16 = at(6).hex().or(0),
         /// Logical address, for LRD, LWR and LRW.
         pub logical: u32 = at(8).hex().or(0),

@@ -29,7 +29,7 @@ layout! {
         Switch = 0 {
             /// The slave with the manual lengths.
             slave: SlaveNumber = info(0),
-            /// Whether the assigned lengths are used.
+            /// Whether the chip uses the assigned lengths, and not those of the slave's mapping.
             on: bool = info(1).or(0),
         },
         /// Parameter 1: assigns a length. Information bytes: `i0` slave, `i1` 0 output, 1 input, `i2` and `i3` bytes as

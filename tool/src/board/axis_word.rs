@@ -8,7 +8,7 @@ use super::error::BoardError;
 /// The highest slave number behind a board.
 pub const SLAVES_MAX: u8 = 40;
 
-/// An axis on a command line.
+/// An axis as a command line names it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AxisWord {
     /// The number of the axis's slave, 1..=40 in network order.
@@ -68,7 +68,7 @@ pub struct Units<'a> {
 }
 
 impl<'a> Units<'a> {
-    /// The axis of a slave in the machine file.
+    /// The axis that the machine file has for a slave; `None` without a machine file or axis.
     pub fn axis(&self, slave: u8) -> Option<&'a MachineAxis> {
         self.machine?.axis_of(slave)
     }

@@ -21,7 +21,7 @@ pub enum BoardError {
     /// Standard output cannot be written to, see [`crate::CliError::Output`].
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(io::Error),
-    /// The operating system refuses a thread, memory or a file.
+    /// The operating system refuses to start a thread, or refuses memory or a file.
     #[error("cannot {what}: {source}; free some of the system's memory, threads or files, then run it again")]
     System {
         /// What the failed call was for, such as `start a thread`.
@@ -29,7 +29,7 @@ pub enum BoardError {
         /// The error of the operating system.
         source: io::Error,
     },
-    /// The recording lacks frames, or its end.
+    /// The recording of the run lacks frames, or its end.
     #[error("{lacks}")]
     NotRecorded {
         /// The file, what it lacks, and the next step.
@@ -47,7 +47,7 @@ pub enum BoardError {
     /// The machine file cannot be used.
     #[error(transparent)]
     Machine(#[from] MachineFileError),
-    /// The configuration of the link is invalid.
+    /// `ECMSK_LINK` or a configuration file with the link is invalid.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
     /// The command line names no link, and the default link does not open.
@@ -103,7 +103,7 @@ pub enum BoardError {
         /// What the user can do next; the error text ends with it.
         next: String,
     },
-    /// The target of a cycle is too far ahead of its axis.
+    /// The axis does not follow: the target of a cycle is too far ahead of its actual position.
     #[error(
         "axis {slave} does not follow: it is at {actual}, and the target {target} of this cycle is {} counts away, the limit is \
          {limit}; see its load and its limits, move slower, or widen --lead-limit",
@@ -169,7 +169,7 @@ pub enum BoardError {
         /// What the user can do next; the error text ends with it.
         next: String,
     },
-    /// A line of a script failed.
+    /// A line of a script is invalid, or its step has failed.
     #[error("{place}: {why}")]
     Line {
         /// The name of the script and the number of the line.

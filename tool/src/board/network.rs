@@ -36,7 +36,7 @@ impl Network {
         Some(Self(slaves.collect()))
     }
 
-    /// The slaves of a machine file.
+    /// The slaves that a machine file lists, with their modes, limits and units.
     pub fn of_machine(machine: &MachineFile) -> Self {
         Self(Config::of_machine(machine).slaves)
     }
@@ -60,7 +60,7 @@ fn mode(word: &str) -> Result<Mode, String> {
     mode.ok_or_else(|| format!("mode `{word}` is unknown; allowed: {MODES}"))
 }
 
-/// The help of `--slaves`.
+/// The help text of `--slaves`, with the kinds that a slave may have.
 pub fn help() -> String {
     format!(
         "The slaves in the order of the cable, e.g. drive*2,io,hsp:csv; of {}, each with :csv or :cst if it does not run in CSP \

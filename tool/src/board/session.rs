@@ -60,7 +60,7 @@ pub struct Board {
     pub options: Options,
     /// The value of `--timeout`.
     pub limit: Option<Duration>,
-    /// The limit of a move's distance, from `--guard`.
+    /// The maximum distance of a move's target from the axis's position, from `--guard`.
     pub guard: Guard,
     /// The value of `--counts-per-unit`.
     scales: Option<Scales>,
@@ -317,7 +317,7 @@ pub fn in_mode(slave: u8, what: &str, axis: &Axis, wanted: Mode) -> Result<(), B
     })
 }
 
-/// The slaves with a noun: `axis 1`, `axes 1, 2`.
+/// The numbers of slaves behind a noun: `axis 1`, `axes 1, 2`.
 pub fn numbered(one: &str, many: &str, slaves: &[u8]) -> String {
     let numbers = slaves.iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
     format!("{} {numbers}", if slaves.len() == 1 { one } else { many })

@@ -1,4 +1,4 @@
-//! The operand with the slaves of a step: `1,2` or `all`.
+//! The operand that names the slaves of a step: `1,2` or `all`.
 
 use ecmsk::ecm::Config;
 

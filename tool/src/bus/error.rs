@@ -16,7 +16,7 @@ pub enum BusVerbError {
     /// Standard output cannot be written to.
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(#[from] io::Error),
-    /// The configuration of the link is invalid.
+    /// `ECMSK_LINK` or a configuration file with the link is invalid.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
     /// The command line names no link to a network, and there is no default for one.
@@ -25,7 +25,7 @@ pub enum BusVerbError {
          try it --link 'sim:?slaves=drive*2'"
     )]
     NoLink,
-    /// An error of the network or of a slave.
+    /// The network or a slave reports an error, or does not answer.
     #[error(transparent)]
     // Boxed, because every error of a verb is as large as its largest variant.
     Bus(Box<BusError>),
@@ -75,7 +75,7 @@ pub enum BusVerbError {
         /// What is wrong with the content of the file.
         error: ContentError,
     },
-    /// The user has not confirmed writing an EEPROM.
+    /// An EEPROM was to be changed, and the user has not confirmed that with `--yes`.
     #[error("nothing was written; a wrong EEPROM makes the slave useless: check the changes, then add --yes")]
     NotConfirmed,
 }

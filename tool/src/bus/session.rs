@@ -1,4 +1,4 @@
-//! The open network that a verb works on.
+//! The open network that a verb of `ecmsk bus` works on, and the options that name it.
 
 use ecmsk::bus::{self, BusError, FoundSlave, Network};
 use ecmsk::link::uri::LinkUri;

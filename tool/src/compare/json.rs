@@ -13,12 +13,12 @@ struct Found<'a> {
     equal: bool,
     a: Run,
     b: Run,
-    /// The number of commands with an answer in both runs.
+    /// The number of commands that both runs have answered.
     answers: u64,
     differing_answers: u64,
     /// The number of answers that the other run shows some cycles earlier or later.
     shifted_answers: u64,
-    /// How many cycles B answers later; null if no command shows it.
+    /// How many of the board's cycles B answers later than A; null if no command shows it.
     latency: Option<Later>,
     /// The run that ends early: `a` or `b`.
     ends_early: Option<&'static str>,

@@ -7,7 +7,7 @@ use ecmsk::sk::SlotSize;
 use super::LINE_BYTES_MAX;
 use super::hex::HexError;
 
-/// Why a dump stopped.
+/// Why `ecmsk dump` stopped.
 #[derive(Debug, thiserror::Error)]
 pub enum DumpError {
     /// Standard input cannot be read.
@@ -30,7 +30,7 @@ pub enum DumpError {
         /// What is wrong with the line.
         problem: HexError,
     },
-    /// A line of standard input is too long.
+    /// A line of standard input is longer than the digits of a frame can be.
     #[error("line {line} is longer than {LINE_BYTES_MAX} bytes; give one frame per line, as hexadecimal digits")]
     LongLine {
         /// The number of the line, from 1.

@@ -3,7 +3,7 @@
 use ecmsk::link::Dir;
 use ecmsk::sk::{FRAME_LEN, Frame, SlotSize};
 
-/// A line of standard input, parsed.
+/// A line of standard input with hexadecimal digits, parsed.
 #[derive(Debug, PartialEq, Eq)]
 pub struct HexLine {
     /// The bytes. With an odd number of digits the last one is a byte of its own.
@@ -23,7 +23,7 @@ pub enum HexError {
         /// The wrong character.
         found: char,
     },
-    /// The number of bytes on the line is not that of a frame.
+    /// The digits do not make whole bytes, or not as many bytes as a frame has.
     #[error("{digits} hexadecimal digits are {half} bytes, expected {FRAME_BYTES_MIN} to {FRAME_LEN} ({} digits to {})", 2 * FRAME_BYTES_MIN, 2 * FRAME_LEN, half = BytesOfDigits(*digits))]
     Length {
         /// The number of digits on the line.

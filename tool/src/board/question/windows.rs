@@ -12,7 +12,7 @@ impl TypedLine {
         let (sender, typed) = mpsc::channel();
         thread::spawn(move || {
             let mut line = String::new();
-            // An error counts as the end of the input.
+            // An error of reading the console counts as the end of the input.
             let _ = io::stdin().read_line(&mut line);
             let _ = sender.send(line);
         });

@@ -9,7 +9,7 @@ use ecmsk::machine::udev::{PLACE, RELOAD, RULE, by_hand};
 
 use crate::{CliError, output};
 
-/// Why the rule was not written.
+/// Why the udev rule was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum RuleError {
     /// This user may not write the file of the udev rule.
@@ -45,7 +45,7 @@ pub fn write(machine: &Machine) -> Result<(), CliError> {
     }
 }
 
-/// Writes the rule completely; if that fails, no file is left.
+/// Writes the udev rule completely to this file, which must not exist; if that fails, no file is left.
 fn put(file: &Path) -> io::Result<()> {
     let mut opened = OpenOptions::new().write(true).create_new(true).open(file)?;
     opened.write_all(RULE.as_bytes()).inspect_err(|_| {

@@ -7,7 +7,7 @@ use crate::xf::request::{Call, PdoData, PdoDataFifo, PdoOperation, Visit};
 use crate::xf::response::{Answer, PdoExchange, Returned};
 use crate::xf::{Allowed, Malformed, Request};
 
-/// Runs a request and writes its answer into a data segment.
+/// A visitor that runs a request and writes its answer into a data segment.
 struct Run<'x, 'b, L: ChipLink> {
     xf: &'x mut Xf<L>,
     data: &'b mut [u8],

@@ -244,7 +244,7 @@ impl Host {
 
     /// Completes the overtaken process data, whose own answer is missing although the answer to the next ones
     /// (`flight`) has come. If an error bit of [`NOT_TAKEN`] is set, their outcome is unknown. Otherwise the number of
-    /// packets that the chip has rejected since then decides.
+    /// packets decides that the chip has rejected since the next process data were sent.
     ///
     /// If there are none, the overtaken process data were written. Copies of `flight` may have been rejected too,
     /// except two: the one that ran, and the newest one, which the chip's count does not include yet. If more packets

@@ -83,7 +83,7 @@ impl<'d> FieldReader<'d> {
 pub trait FieldLayout<'d>: Sized {
     /// The fields of the layout, in the order of their positions.
     const FIELDS: FieldList;
-    /// The minimum size of the data segment, in bytes.
+    /// The size of the data segment that the layout needs, in bytes.
     const END: usize = Self::FIELDS.end();
 
     /// Writes each value at its position. Fails if the data segment is too short, or if a value exceeds a limit of the

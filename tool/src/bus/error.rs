@@ -1,4 +1,4 @@
-//! Why a verb that looks at a network failed.
+//! Why a verb of `ecmsk bus` failed.
 
 use std::io;
 use std::path::PathBuf;

@@ -16,7 +16,7 @@ pub const fn state_name(state: RequestedState) -> Option<&'static str> {
     }
 }
 
-/// A state with its error, e.g. `SafeOP, with AL status 0x001B (sync manager watchdog)`.
+/// A state with its error, e.g. `SafeOP with an error, AL status 0x001B (sync manager watchdog)`.
 pub fn state_text(state: SlaveState) -> String {
     let SlaveState { status, code } = state;
     let name = match status.state() {

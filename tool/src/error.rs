@@ -209,7 +209,7 @@ pub fn wrong_command_line(mut error: clap::Error) -> ! {
 }
 
 /// How far the words of a command line name verbs: the command up to the last known verb, such as `ecmsk bus` for
-/// `ecmsk bus scann`, and a list of the verbs that may follow it, for the error. `None` if no verb may follow.
+/// `ecmsk bus other`, and a list of the verbs that may follow it, for the error. `None` if no verb may follow.
 fn verbs_there(words: impl Iterator<Item = std::ffi::OsString>) -> Option<(String, String)> {
     let tool = <super::Cli as clap::CommandFactory>::command();
     let (mut at, mut name) = (&tool, tool.get_name().to_owned());

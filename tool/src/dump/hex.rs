@@ -20,7 +20,7 @@ pub enum HexError {
     /// A character is neither a digit nor a blank.
     #[error("`{found}` is no hexadecimal digit")]
     NotADigit {
-        /// The wrong character.
+        /// The character that is no hexadecimal digit.
         found: char,
     },
     /// The digits do not make whole bytes, or not as many bytes as a frame has.

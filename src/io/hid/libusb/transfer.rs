@@ -1,4 +1,5 @@
-//! libusb's asynchronous transfers. No other file passes memory to libusb that it uses after the call.
+//! libusb's asynchronous transfers. This is the only file that gives libusb memory which libusb uses after the call has
+//! returned.
 
 use std::cell::UnsafeCell;
 use std::ffi::{c_int, c_void};
@@ -94,7 +95,7 @@ impl UsbTransfer {
         self.inner().submit()
     }
 
-    /// Cancels the transfer, which then ends soon. Has no effect if it is not submitted.
+    /// Cancels the transfer, which then ends soon. Has no effect if the transfer is not submitted.
     pub fn cancel(&self) {
         let inner = self.inner();
         // SAFETY: the transfer is valid until `drop`.

@@ -12,7 +12,7 @@ pub struct ManufacturerObjectsError {
     pub message: String,
 }
 
-/// Why a script is invalid.
+/// Why a script of faults (key `script=`) is invalid. A script lists what happens to simulated slaves, and when.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ScriptError {
@@ -29,7 +29,9 @@ pub enum ScriptError {
         /// What is wrong, and what is allowed there.
         message: String,
     },
-    /// A line changes frames, but the simulated board reaches its slaves without frames.
+    /// A line of the script damages or drops EtherCAT frames. The simulated board has no frames: it calls its simulated
+    /// slaves
+    /// directly.
     #[error(
         "{file}, line {line}: `{verb}` happens to frames, and a simulated board reaches its slaves without any; take the line out, \
          or serve the slaves with `ecmsk serve ethercat`"

@@ -92,7 +92,7 @@ impl Clock {
         if cancelled { Err(LinkError::Cancelled { dir: call.dir }) } else { Ok(()) }
     }
 
-    /// How much longer the call may wait; `latest` may shorten that.
+    /// How much longer the call may wait: until its deadline, or until the time `latest` if that is earlier.
     pub(super) fn remaining(&self, call: &Call, latest: Option<Duration>) -> Result<Wait, LinkError> {
         let end = call.deadline.into_iter().chain(latest).min();
         let Some(end) = end else { return Ok(Wait::Forever) };

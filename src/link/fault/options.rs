@@ -30,9 +30,10 @@ pub struct FaultOptions {
     pub read: FaultRates,
     /// How long a delayed frame is held back.
     pub delay: Duration,
-    /// The number of frames, in both directions together, after which the board is disconnected: 1 or more.
+    /// The number of frames written and read after which the board is disconnected, 1 or more; calls that failed do not
+    /// count. `None`: never.
     pub disconnect_after: Option<u64>,
-    /// The time after the opening of the link at which the board is disconnected.
+    /// The time after the opening of the link at which the board is disconnected; `None`: never.
     pub disconnect_at: Option<Duration>,
 }
 
@@ -54,7 +55,7 @@ impl FaultOptions {
     /// The faults in a URI.
     ///
     /// # Errors
-    /// [`UriError`] if the table of keys allows a value that these types do not.
+    /// [`UriError::BadValue`] if a value does not fit the type of its option.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         let share = |kind: &str, direction: &str| {
             let both = uri.required(&format!("fault.{kind}"), Fraction::parse)?;

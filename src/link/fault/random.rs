@@ -6,7 +6,7 @@ use super::FaultRates;
 use crate::address::Fraction;
 use crate::link::Dir;
 
-/// The faults of one frame.
+/// The faults to inject into one frame; several may come together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct FrameFaults {
     pub(super) drop: bool,

@@ -16,7 +16,8 @@ const LOOKS_MAX: u32 = 200;
 /// and before it has woken the recorder's thread; the entry then waits at most this long. \[OURS]
 pub(super) const UNTOLD_MAX: Duration = Duration::from_millis(100);
 
-/// The ring buffer of entries, and the signals around it.
+/// The ring buffer of entries, and what its threads tell each other: that there is room, and that the recording has
+/// ended.
 pub(super) struct Queue<E> {
     pub(super) ring: Ring<E>,
     /// Signalled when the queue has room again.

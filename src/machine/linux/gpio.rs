@@ -7,7 +7,7 @@ const CHIPS: &str = "/sys/bus/gpio/devices";
 /// Names in a device tree that mean "no name", as an empty one does.
 const NO_NAME: [&str; 2] = ["NC", "-"];
 
-/// A GPIO chip of the machine.
+/// A GPIO chip of the machine, whose lines the links `spi:` and `xf-spi:` can use.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GpioChip {
     /// The name that a link uses, such as `gpiochip0`.

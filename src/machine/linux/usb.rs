@@ -21,11 +21,11 @@ const SELF_POWERED: u16 = 0x40;
 pub struct UsbDevice {
     /// Bus and ports as Linux names them, such as `1-2.3`.
     pub path: String,
-    /// The product name.
+    /// The product name; `None` if the device has none.
     pub name: Option<String>,
-    /// The serial number.
+    /// The serial number; `None` if the device has none.
     pub serial: Option<String>,
-    /// The manufacturer.
+    /// The manufacturer; `None` if the device names none.
     pub manufacturer: Option<String>,
     /// The interface with the board's reports, or the reason why the device is not a board.
     pub interface: Result<ReportInterface, NotTheBoard>,
@@ -47,7 +47,7 @@ pub struct UsbDevice {
     pub autosuspend: Autosuspend,
     /// The hub that the device is connected to; `None` for a port of the machine itself.
     pub hub: Option<Hub>,
-    /// The number of over-currents at the port of the device.
+    /// How many times the port of the device has cut the power because of an over-current, since its hub was connected.
     pub over_current: u64,
 }
 
@@ -173,7 +173,7 @@ impl Machine {
     }
 
     fn driver(&self, interface: &str) -> Option<Driver> {
-        // A whole device usually has the driver `usb`, which does not count.
+        // The driver `usb`, which a whole device usually has, is left out: it keeps nobody from using an interface.
         let name = self.link_name(&format!("{DEVICES}/{interface}/driver")).filter(|name| name != "usb")?;
         Some(Driver { interface: interface.to_owned(), name })
     }

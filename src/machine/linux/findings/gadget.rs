@@ -5,7 +5,9 @@ use crate::machine::Access;
 use crate::machine::gadget::{DeviceController, FunctionFs, GadgetFolder, GadgetOnController};
 
 impl Machine {
-    /// What `ecmsk serve gadget` needs: a device controller that is free, configfs with gadgets, FunctionFS, and the rights.
+    /// The checks of what `ecmsk serve gadget` needs: a device controller that is free, configfs with gadgets,
+    /// FunctionFS, and
+    /// permissions.
     pub fn gadget_findings(&self) -> Vec<Finding> {
         let controllers = self.device_controllers();
         let mut all = vec![controller(&controllers)];

@@ -10,8 +10,7 @@ pub fn default_routes_v4(table: &str) -> Vec<String> {
 
 /// The interfaces with a default route in the kernel's table `/proc/net/ipv6_route`. A route is a default route if its
 /// destination (1st column) and its prefix length (2nd column) are 0; the last column has the name of the interface.
-/// Routes
-/// to `lo` are left out, since the kernel rejects their packets.
+/// Routes to `lo` are left out, since the kernel rejects their packets.
 pub fn default_routes_v6(table: &str) -> Vec<String> {
     let rows = table.lines().map(|line| line.split_whitespace().collect::<Vec<_>>());
     let is_default = |row: &Vec<&str>| row.len() == 10 && row[0].bytes().all(|digit| digit == b'0') && row[1] == "00";

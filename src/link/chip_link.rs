@@ -44,16 +44,14 @@ pub trait ChipLink: Wires<Error = ChipError> + Send {
     fn info(&self) -> ChipInfo;
 
     /// The level of the line INT1, by which the chip signals interrupts; `true` is high, `None`: the line is not
-    /// connected. A
-    /// setting of the chip decides which level is active (XF EN 1316; low after a start).
+    /// connected. A setting of the chip decides which level is active (XF EN 1316; low after a start).
     ///
     /// # Errors
     /// [`ChipError::Wires`] if the level cannot be read.
     fn int1(&mut self) -> Result<Option<bool>, ChipError>;
 
     /// Pulls the chip's reset line low for [`RESET_LOW`] and releases it. The chip then starts as after power-on and
-    /// does
-    /// not answer until it has started. If the line is not connected, returns `false` and does nothing.
+    /// does not answer until it has started. If the line is not connected, returns `false` and does nothing.
     ///
     /// # Errors
     /// [`ChipError::Wires`] if the line cannot be set.

@@ -13,8 +13,7 @@ use crate::sk::SlotSize;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CommonOptions {
     /// The slot size (`slot=`); `None` if the URI does not give one. For a board that is modelled in this process it is
-    /// never
-    /// `None`, since the key then has a default.
+    /// never `None`, since the key then has a default.
     pub slot: Option<SlotSize>,
     /// How many unread reports are kept (`queue=`), 1 or more. When the queue is full the oldest report is dropped.
     pub queue: usize,

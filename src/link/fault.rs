@@ -59,8 +59,7 @@ use random::FaultSequence;
 use stats::{Counters, count, read};
 
 /// The number of delayed reports for which memory is allocated at the opening. With so many, no report is duplicated
-/// any
-/// more. A thread that reads causes at most two: a report and its duplicate.
+/// any more. A thread that reads causes at most two: a report and its duplicate.
 const PENDING_MAX: usize = 64;
 
 /// A report that was read from the inner link and is not yet due.
@@ -261,8 +260,7 @@ impl FaultLink {
     }
 
     /// Waits until the oldest delayed report is due, then removes and returns it; `None` at once if there is none.
-    /// Fails if the
-    /// timeout `wait` of the read `call` passes before, or if the read is cancelled.
+    /// Fails if the timeout `wait` of the read `call` passes before, or if the read is cancelled.
     fn take_pending(&self, call: &Call, wait: Wait, out: &mut Frame) -> Result<Option<ReadMeta>, LinkError> {
         loop {
             let due = {

@@ -30,8 +30,7 @@ pub enum ScriptError {
         message: String,
     },
     /// A line of the script damages or drops EtherCAT frames. The simulated board has no frames: it calls its simulated
-    /// slaves
-    /// directly.
+    /// slaves directly.
     #[error(
         "{file}, line {line}: `{verb}` happens to frames, and a simulated board reaches its slaves without any; take the line out, \
          or serve the slaves with `ecmsk serve ethercat`"

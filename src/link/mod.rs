@@ -100,10 +100,9 @@ impl Stamp {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReadMeta {
     /// When the board made the report, on the link's clock. A real board does not give this time; then it is the time
-    /// at which
-    /// the link received the report. On SPI this is the start of the exchange. On USB it is the moment at which the
-    /// operating
-    /// system handed the report over: between two reads this moment is up to 1 ms after the arrival of the report.
+    /// at which the link received the report. On SPI this is the start of the exchange. On USB it is the moment at
+    /// which the operating system handed the report over: between two reads this moment is up to 1 ms after the arrival
+    /// of the report.
     pub at: Stamp,
     /// The number of the report, counted from 0 since the link was opened. A gap means that reports were dropped.
     pub sequence: u64,

@@ -79,8 +79,7 @@ impl Finding {
     }
 
     /// If `matters`, a finding that something is wrong, with `next` as the step that corrects it; otherwise a finding
-    /// that all is
-    /// fine, without a next step. `matters` is whether the link that the user wants needs what is missing.
+    /// that all is fine, without a next step. `matters` is whether the link that the user wants needs what is missing.
     pub fn wrong_if(matters: bool, check: &'static str, found: impl Into<String>, next: impl Into<String>) -> Self {
         if matters { Self::wrong(check, found, next) } else { Self::fine(check, found) }
     }

@@ -39,8 +39,8 @@ impl TimerLateness {
     }
 
     /// Measures the lateness of `times` sleeps of one period each. The thread sleeps as the thread does that runs the
-    /// cycles of
-    /// a board modelled in this process, so that the result holds for it. `None` if the system gives no thread.
+    /// cycles of a board modelled in this process, so that the result holds for it. `None` if the system gives no
+    /// thread.
     pub fn measure(period: Duration, times: usize) -> Option<Self> {
         // In a thread of its own, because the setting that makes sleeps exact belongs to the thread.
         let sleeper = move || system::late(period, times);

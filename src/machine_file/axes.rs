@@ -15,8 +15,7 @@ use crate::sk::SlaveKind;
 const NAME_MAX: usize = 32;
 
 /// Checks the axes of the file and returns them in the order of their slaves. It is an error if two axes have the same
-/// slave,
-/// or if a slave has no axis.
+/// slave, or if a slave has no axis.
 pub(super) fn axes(
     source: &Source<'_>,
     fields: &BTreeMap<String, AxisFields>,
@@ -85,8 +84,7 @@ fn scale(fields: &AxisFields) -> Result<(Unit, Scale), FieldFault> {
         return Err(("per", fault(format!("it is missing, and a count may be any number of {unit}"), next)));
     };
     // A fraction is inverted by exchanging its two numbers, not by dividing 1 by its value. So the number of counts of
-    // a unit
-    // stays a whole number where it is one: 360/131072 gives 131072/360 exactly.
+    // a unit stays a whole number where it is one: 360/131072 gives 131072/360 exactly.
     let (written, counts) = match per {
         Number::Value(value) => (value.to_string(), Some(1.0 / value)),
         Number::Fraction(text) => {
@@ -106,8 +104,7 @@ fn scale(fields: &AxisFields) -> Result<(Unit, Scale), FieldFault> {
 }
 
 /// Converts a position of the axis, as the file has it, to counts. Fails if it is not a whole number of counts, for an
-/// axis
-/// in counts, or if it does not fit into 32 bits.
+/// axis in counts, or if it does not fit into 32 bits.
 fn counts(value: f64, unit: Unit, scale: Scale) -> Result<i32, Fault> {
     if unit == Unit::Counts && value.fract() != 0.0 {
         return Err(fault(format!("{value} is no whole number of counts"), "write one, or add the unit of the axis"));
@@ -173,8 +170,7 @@ pub(super) fn number(value: i64, allowed: RangeInclusive<i64>) -> Result<u32, Fa
 }
 
 /// Checks the name of an axis, an input or an output. On command lines names stand beside numbers and signs (`X=12.5`),
-/// so
-/// they begin with a letter and have no signs but `_` and `-`.
+/// so they begin with a letter and have no signs but `_` and `-`.
 pub(super) fn check_name<'a>(name: &str, mut others: impl Iterator<Item = &'a str>) -> Result<(), Fault> {
     let begins = name.chars().next().is_some_and(char::is_alphabetic);
     let plain = name.chars().all(|letter| letter.is_alphanumeric() || matches!(letter, '_' | '-'));

@@ -74,8 +74,7 @@ pub(super) fn machine(file: &str, text: &str) -> Result<MachineFile, MachineFile
 }
 
 /// Checks the version of the format before all other fields: a file with a newer version may have fields that this
-/// version
-/// of the library does not know.
+/// version of the library does not know.
 fn check_format(source: &Source<'_>) -> Result<(), MachineFileError> {
     let wrong =
         |what: &str| Err(source.wrong(&["format"], fault(what, format!("write `format = {FORMAT}` at the top"))));

@@ -63,8 +63,7 @@ pub(super) struct SlaveFields {
     #[cfg_attr(feature = "schema", schemars(range(min = 0, max = 4294967295_i64)))]
     pub(super) revision: Option<i64>,
     /// How the slave is simulated, written as one slave of the key slaves= of a link, e.g.
-    /// drive:limits@-200000..300000. Default:
-    /// as its kind.
+    /// drive:limits@-200000..300000. Default: as its kind.
     pub(super) simulated: Option<String>,
 }
 

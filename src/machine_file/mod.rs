@@ -1,8 +1,6 @@
 //! The machine file, `machine.toml`: facts about a machine that a person knows and the network does not tell. It has
-//! the axes
-//! by their names, with unit, scale, soft limits and homing; which device each slave has to be; inputs and outputs by
-//! their
-//! names; what the error codes of a maker mean; the link.
+//! the axes by their names, with unit, scale, soft limits and homing; which device each slave has to be; inputs and
+//! outputs by their names; what the error codes of a maker mean; the link.
 //!
 //! ```
 //! use ecmsk::machine_file::MachineFile;

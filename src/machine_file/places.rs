@@ -76,8 +76,7 @@ fn descend(table: &DeTable<'_>, at: usize, path: &mut Vec<String>) {
         path.push(key.get_ref().to_string());
         below(value, at, path);
         // A table may be written in several parts of the text, so its span does not cover all its fields. A field that
-        // contains
-        // the position therefore counts even if the span of its table does not contain it.
+        // contains the position therefore counts even if the span of its table does not contain it.
         if is_here || path.len() > before + 1 {
             return;
         }

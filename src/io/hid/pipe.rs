@@ -18,8 +18,7 @@ use crate::threads::{self, CallingThread};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PipeOptions {
     /// Number of transfers to the host that are submitted at the same time, 1 or more. The more there are, the longer
-    /// may the
-    /// process be late without losing a report.
+    /// may the process be late without losing a report.
     pub transfers: usize,
     /// Capacity of the queue of unread reports, 1 or more; the newest ones are kept.
     pub queue: usize,
@@ -113,12 +112,10 @@ impl Pipe {
     }
 
     /// Reads the oldest unread report. Returns the time at which this process received it, and its number, counted from
-    /// 0.
-    /// Without a `limit` the call waits until a report comes.
+    /// 0. Without a `limit` the call waits until a report comes.
     ///
     /// A report that comes while a call waits has the time of the system's event. A report that comes between two calls
-    /// may
-    /// have a time that is up to a millisecond late, since the pipe's thread then looks for events at intervals.
+    /// may have a time that is up to a millisecond late, since the pipe's thread then looks for events at intervals.
     ///
     /// # Errors
     /// [`PipeError::Timeout`], [`PipeError::Cancelled`] by [`Self::cancel_reads`], [`PipeError::Closed`], or
@@ -174,8 +171,8 @@ impl Pipe {
     ///
     /// # Errors
     /// [`PipeError::Timeout`], [`PipeError::Cancelled`] by [`Self::cancel_writes`], [`PipeError::Closed`],
-    /// [`PipeError::Stalled`], [`PipeError::Usb`]: no byte was transferred. [`PipeError::Partial`]: a part of the report
-    /// was transferred before the write had to end. [`PipeError::Lost`]: the device is gone.
+    /// [`PipeError::Stalled`], [`PipeError::Usb`]: no byte was transferred. [`PipeError::Partial`]: a part of the
+    /// report was transferred before the write had to end. [`PipeError::Lost`]: the device is gone.
     pub fn write(&self, report: &[u8; REPORT_LEN], limit: Option<Duration>) -> Result<(), PipeError> {
         let began = Instant::now();
         let turn = self.turn_to_write(began, limit)?;
@@ -335,8 +332,7 @@ impl Pipe {
 }
 
 /// Cleans up at the end of the pipe's thread: clears a halt of the input endpoint and releases the device. At this time
-/// all
-/// transfers have ended, or their ends can no longer be reported.
+/// all transfers have ended, or their ends can no longer be reported.
 fn end_of_transfers(shared: &Shared, backend: &Arc<dyn Backend>) {
     let (stalled, leaked) = {
         let state = shared.state.lock();

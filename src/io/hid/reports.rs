@@ -128,8 +128,7 @@ impl Shared {
     }
 
     /// Waits until `queue` is notified, or for at most `limit`; without a limit as long as it takes. The state is
-    /// unlocked
-    /// during the wait.
+    /// unlocked during the wait.
     pub fn wait_at(queue: &WaitQueue, state: &mut MutexGuard<'_, State>, limit: Option<Duration>) {
         let ticket = queue.ticket();
         MutexGuard::unlocked(state, || queue.wait(ticket, limit));

@@ -34,8 +34,7 @@ impl BusyDevice {
     ///
     /// # Errors
     /// [`SpiError`] if the spidev file or a line does not exist, may not be used by this user, is in use, or is of
-    /// another
-    /// kind; it names the file or the line.
+    /// another kind; it names the file or the line.
     pub fn open(settings: &SpiSettings) -> Result<Self, SpiError> {
         let bus = SpiBus::open(&settings.device, settings.speed_hz, settings.mode)?;
         let busy = settings.busy.as_ref().map(|place| ReadyLine::open(place, Level::Low)).transpose()?;

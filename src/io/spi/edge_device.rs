@@ -41,8 +41,7 @@ impl EdgeDevice {
     ///
     /// # Errors
     /// [`SpiError`] if the spidev file or a line does not exist, may not be used by this user, is in use, or is of
-    /// another
-    /// kind; it names the file or the line.
+    /// another kind; it names the file or the line.
     pub fn open(settings: &EdgeSettings) -> Result<Self, SpiError> {
         let bus = SpiBus::open(&settings.device, settings.speed_hz, settings.mode)?;
         let ready = settings.ready.as_ref().map(|place| ReadyLine::open(place, settings.ready_level)).transpose()?;

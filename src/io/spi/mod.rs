@@ -35,8 +35,7 @@ pub trait BusyWires: Send {
     fn is_busy(&mut self) -> Result<bool, SpiError>;
 
     /// Waits until the BUSY line is low, for at most `limit`; returns whether it has become low. When the call returns,
-    /// the
-    /// line may be high again.
+    /// the line may be high again.
     ///
     /// # Errors
     /// [`SpiError::Refused`] if the kernel cannot read the line.
@@ -49,8 +48,7 @@ pub trait BusyWires: Send {
     fn busy_has_fallen(&mut self) -> Result<bool, SpiError>;
 
     /// Pulls the reset line low for at least `low` and then high again. Returns `false`, and does nothing, if no reset
-    /// line is
-    /// wired.
+    /// line is wired.
     ///
     /// # Errors
     /// [`SpiError::Refused`] if the kernel cannot set the line.
@@ -82,8 +80,8 @@ pub trait EdgeWires: Send {
     fn forget_edges(&mut self) -> Result<(), SpiError>;
 
     /// Waits until the ready line has an edge to its ready level, for at most `limit`; edges before
-    /// [`Self::forget_edges`] do
-    /// not count. Returns whether there was an edge, and forgets it. Returns `false` at once if the line is not wired.
+    /// [`Self::forget_edges`] do not count. Returns whether there was an edge, and forgets it. Returns `false` at once
+    /// if the line is not wired.
     ///
     /// # Errors
     /// [`SpiError::Refused`] if the kernel cannot read the line.
@@ -97,8 +95,7 @@ pub trait EdgeWires: Send {
     fn interrupt_is_high(&mut self) -> Result<Option<bool>, SpiError>;
 
     /// Pulls the reset line low for at least `low` and then high again. Returns `false`, and does nothing, if no reset
-    /// line is
-    /// wired.
+    /// line is wired.
     ///
     /// # Errors
     /// [`SpiError::Refused`] if the kernel cannot set the line.

@@ -13,8 +13,7 @@ pub struct ChipOptions {
     /// The pause after each exchange (`idle_us=`), in nanoseconds.
     pub idle_ns: Ns,
     /// The length of a packet's data (n) that the driver sets in the chip at the start (`use_n=`), bytes. A larger n
-    /// carries
-    /// more process data in a packet; `None`: the chip keeps its present value.
+    /// carries more process data in a packet; `None`: the chip keeps its present value.
     pub use_n: Option<DataSize>,
 }
 

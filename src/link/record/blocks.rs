@@ -2,12 +2,9 @@
 //! ([`ecmrec`](crate::recording::file_formats::ecmrec)).
 //!
 //! An entry is a frame of a board or a network, or a packet of a chip. New entries go to the end of the file at once,
-//! as a
-//! piece: stored as differences from the entries before, but not compressed. Once there are [`BLOCK`] entries, a
-//! compressed
-//! block replaces their pieces. So a program that is killed leaves all but its last milliseconds in the file, and the
-//! file is
-//! small all the same. What was written to a pipe cannot be replaced, so there the pieces stay.
+//! as a piece: stored as differences from the entries before, but not compressed. Once there are [`BLOCK`] entries, a
+//! compressed block replaces their pieces. So a program that is killed leaves all but its last milliseconds in the
+//! file, and the file is small all the same. What was written to a pipe cannot be replaced, so there the pieces stay.
 
 use std::io;
 
@@ -31,8 +28,7 @@ pub(super) struct BlockWriter<E> {
     /// Whether entries are stored in the order of their times.
     sorts: bool,
     /// The entries that are not in a block yet. If entries are sorted, the newest ones stay here for the next block,
-    /// because an
-    /// entry that comes late may belong before them.
+    /// because an entry that comes late may belong before them.
     entries: Vec<E>,
     /// How many of `entries` are in the file already, as pieces.
     in_pieces: usize,
@@ -45,8 +41,7 @@ pub(super) struct BlockWriter<E> {
     /// The length of the recording without the pieces at its end, bytes.
     length: u64,
     /// The length of the last block in bytes and the number of its entries; `None` if an index stands behind it. The
-    /// block is
-    /// removed if a full disk has no room for the end of the recording.
+    /// block is removed if a full disk has no room for the end of the recording.
     last_block: Option<(u64, u64)>,
     /// The blocks that are not listed in an index of the file yet.
     index: Vec<BlockAt>,
@@ -139,8 +134,7 @@ impl<E: Entry> BlockWriter<E> {
     }
 
     /// Appends a piece with the entries from the index `from` on to the buffer of the next write. It is the first piece
-    /// behind a
-    /// block, or it continues the piece before.
+    /// behind a block, or it continues the piece before.
     fn add_piece(&mut self, from: usize, is_first: bool) {
         if is_first {
             self.pieces = 0;
@@ -247,8 +241,7 @@ impl<E: Entry> BlockWriter<E> {
     }
 
     /// Writes the end of the recording, with `has_index` also an index before it. If there is no index, readers of the
-    /// file
-    /// read the headers of all blocks instead.
+    /// file read the headers of all blocks instead.
     fn write_end(&mut self, has_index: bool) -> io::Result<()> {
         let (missing, _) = self.loss.missing();
         let why = (missing > 0).then(|| self.loss.why().to_owned());
@@ -267,8 +260,7 @@ impl<E: Entry> BlockWriter<E> {
     }
 
     /// Writes the end of the recording to a disk that has no room for an index and the end. First it leaves out the
-    /// index. If
-    /// that fails as well it removes the last block and writes the end in its place.
+    /// index. If that fails as well it removes the last block and writes the end in its place.
     fn write_end_alone(&mut self, error: &io::Error) {
         self.loss.note(error);
         if self.write_end(false).is_ok() {
@@ -285,10 +277,8 @@ impl<E: Entry> BlockWriter<E> {
     }
 
     /// Stops the recording after an error. On a full disk a block of all entries may still fit, since it is shorter
-    /// than the
-    /// pieces that it replaces. Otherwise the entries that are not in the file yet are dropped, and a block of the
-    /// others is
-    /// tried. If that fails too, the pieces are removed.
+    /// than the pieces that it replaces. Otherwise the entries that are not in the file yet are dropped, and a block of
+    /// the others is tried. If that fails too, the pieces are removed.
     fn fail(&mut self, error: &io::Error) {
         let mut written = self.write_block(0);
         if written.is_err() {

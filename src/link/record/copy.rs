@@ -15,8 +15,7 @@ use crate::recording::{Lacks, RecordMeta, Recorded};
 /// format, as with `record=`.
 ///
 /// A source file may hold several recordings, one after the other. Each becomes one in the new file: if this process
-/// has
-/// written to that file before, the recording is appended.
+/// has written to that file before, the recording is appended.
 pub struct RecordingCopy {
     writer: Box<dyn Writer<FrameEntry>>,
 }
@@ -48,8 +47,7 @@ impl RecordingCopy {
     }
 
     /// Ends the recording. `lacks` is what the source recording lacks: its missing frames count as missing in the copy,
-    /// and if
-    /// it was not ended, neither is the copy.
+    /// and if it was not ended, neither is the copy.
     ///
     /// # Errors
     /// The end cannot be written; the error says why.

@@ -205,8 +205,7 @@ impl RecordingFile {
     ///
     /// If the link's clock has run on since the previous recording, perhaps more slowly than real time (`rate=`,
     /// `catch_up_ms=`), it shows how much time lies between the two. If the clock has started again from its zero, the
-    /// real
-    /// time since the end of the previous recording is used; in virtual time none is.
+    /// real time since the end of the previous recording is used; in virtual time none is.
     pub(in crate::link) fn continued(&self, meta: &RecordMeta, link_time: Stamp) -> RecordMeta {
         let mut meta = meta.clone();
         let Some(path) = &self.path else { return meta };
@@ -225,9 +224,8 @@ impl RecordingFile {
     }
 
     /// Replaces the last `back` bytes of the file by `bytes`. If the disk is full, only bytes beyond the present end of
-    /// the file
-    /// fail. If the replaced bytes and the new ones are whole blocks of one length, the file then still ends with a
-    /// whole block.
+    /// the file fail. If the replaced bytes and the new ones are whole blocks of one length, the file then still ends
+    /// with a whole block.
     fn put(&mut self, back: u64, bytes: &[u8]) -> io::Result<()> {
         let Some(length) = &mut self.length else { return self.file.write_all(bytes) };
         if let Some(syncing) = &self.syncing {

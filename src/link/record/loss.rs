@@ -58,8 +58,7 @@ impl Loss {
     }
 
     /// Keeps the error of the first attempt to write the end of the recording as the reason for missing frames, unless
-    /// a write
-    /// has failed before. The end is then written in place of the last frames.
+    /// a write has failed before. The end is then written in place of the last frames.
     pub fn note(&mut self, error: &io::Error) {
         self.failed.get_or_insert_with(|| error.to_string());
     }

@@ -122,8 +122,7 @@ impl<E: Entry> Recorder<E> {
     }
 
     /// Waits for room in the queue and adds the entry; returns whether it was added. The reader of a pipe may never
-    /// read, so
-    /// this wait ends after `stall_max` without success; so does it when the recording ends.
+    /// read, so this wait ends after `stall_max` without success; so does it when the recording ends.
     fn wait_and_add(&self, mut entry: E) -> bool {
         let queue = &self.queue;
         let began = Instant::now();

@@ -68,8 +68,7 @@ pub(in crate::link) trait Entry: Send + 'static {
     fn bytes(&self) -> &[u8];
 
     /// Whether the entry is a command to the board itself (in slot 0) other than GET_STATUS. Such a command changes the
-    /// state of
-    /// the board, so a program that reads only a part of the recording needs the commands before that part.
+    /// state of the board, so a program that reads only a part of the recording needs the commands before that part.
     fn is_order(&self) -> bool {
         false
     }
@@ -234,8 +233,7 @@ impl<E: Entry> Capture<E> {
     }
 
     /// Writes the waiting frames in the order of their times. Frames in the file with later times are written again
-    /// behind
-    /// them.
+    /// behind them.
     fn write_out(&mut self) -> io::Result<()> {
         let mut again = 0;
         if self.sorts {
@@ -267,8 +265,7 @@ impl<E: Entry> Capture<E> {
             id += 1;
         }
         // The replaced frames are the last ones of the file and have one length ([`Entry::MAY_COME_LATE`]), so their
-        // number
-        // gives the number of bytes.
+        // number gives the number of bytes.
         self.put(again * (E::PACKET_MAX + AROUND_PACKET))?;
         self.last_block = last_block;
         self.frames_written += self.waiting.len() as u64;

@@ -83,8 +83,7 @@ mod tests {
     }
 
     /// The finding about a lateness of several cycles states how many cycles a program has to write ahead. A lateness
-    /// of more
-    /// than half a cycle of 1 ms gets advice.
+    /// of more than half a cycle of 1 ms gets advice.
     #[test]
     fn what_a_lateness_means() {
         let us = Duration::from_micros;

@@ -30,8 +30,7 @@ pub enum GadgetOnController {
     /// The gadget was made by `ecmsk serve gadget`.
     Ours,
     /// Another program or a kernel module has made the gadget. The text is the name of the gadget in configfs, or that
-    /// of the
-    /// module, such as `g_ether`.
+    /// of the module, such as `g_ether`.
     Other(String),
 }
 
@@ -99,8 +98,7 @@ impl Machine {
     /// Whether the kernel has FunctionFS.
     pub fn function_fs(&self) -> FunctionFs {
         // The loaded module usb_f_fs has a folder in /sys/module. It registers its file system only when a gadget first
-        // uses it.
-        // If FunctionFS is built in, there is no such folder, but the file system is always registered.
+        // uses it. If FunctionFS is built in, there is no such folder, but the file system is always registered.
         let systems = self.text("/proc/filesystems").unwrap_or_default();
         if self.has("/sys/module/usb_f_fs")
             || systems.lines().any(|line| line.split_whitespace().last() == Some("functionfs"))

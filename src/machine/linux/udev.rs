@@ -36,8 +36,7 @@ pub enum Rule {
 
 impl Machine {
     /// Searches the installed rules for those with the board's ids. If there are several, the rule of this version goes
-    /// before
-    /// the first rule that somebody else wrote.
+    /// before the first rule that somebody else wrote.
     pub fn udev_rule(&self) -> Rule {
         let mut other = None;
         for folder in FOLDERS {

@@ -16,8 +16,7 @@ pub const FINER: &str = "start a kernel with high-resolution timers (CONFIG_HIGH
 pub fn late(period: Duration, times: usize) -> Vec<Duration> {
     let now = || duration(clock_gettime(rustix::time::ClockId::Monotonic));
     // The thread that runs the cycles of a modelled board sets the same timer slack. With the default of 50 us Linux
-    // may let a
-    // thread sleep that much longer.
+    // may let a thread sleep that much longer.
     let _ = rustix::thread::set_current_timer_slack(NonZeroU64::new(1));
     let mut late = Vec::with_capacity(times);
     for _ in 0..times {

@@ -52,8 +52,7 @@ impl Bus {
     pub(super) fn over(api: &'static Api) -> Result<Arc<Self>, UsbError> {
         let mut raw = ptr::null_mut();
         // SAFETY: `raw` receives the new context. libusb starts a thread here that handles hotplug events. Signals are
-        // blocked in
-        // it, so that the program's signal handlers run in the program's own threads only.
+        // blocked in it, so that the program's signal handlers run in the program's own threads only.
         let code = threads::with_signals_blocked(|| unsafe { (api.init)(&raw mut raw) })
             .map_err(|_| UsbError::NotSupported)?;
         UsbError::check(code)?;
@@ -212,8 +211,7 @@ struct Descriptors {
 
 impl Descriptors {
     /// The maximum number of descriptors: libusb has one for itself, one for its timer and one for each device that is
-    /// open
-    /// in its context, which is one device here. With more of them, threads wait inside libusb. \[OURS]
+    /// open in its context, which is one device here. With more of them, threads wait inside libusb. \[OURS]
     const MAX: usize = 8;
 
     fn of(bus: &Bus) -> Self {
@@ -297,8 +295,7 @@ impl Handle {
     }
 
     /// Sends bytes to an endpoint and waits for at most `limit`. `kind` is the transfer type of the endpoint, [`BULK`]
-    /// or
-    /// interrupt. Returns libusb's return code and the number of bytes sent.
+    /// or interrupt. Returns libusb's return code and the number of bytes sent.
     pub fn send(&self, endpoint: u8, kind: u8, bytes: &[u8], limit: Duration) -> (c_int, usize) {
         // SAFETY: libusb only reads what is to be sent.
         unsafe { self.transfer(endpoint, kind, bytes.as_ptr().cast_mut(), bytes.len(), limit) }
@@ -321,8 +318,7 @@ impl Handle {
         // libusb treats a timeout of 0 as "no limit", so the minimum is 1 ms.
         let limit_ms = limit.as_millis().clamp(1, u32::MAX.into()) as u32;
         // SAFETY: the handle is open until `drop`. By the caller's promise `bytes` points to `len` bytes. libusb does
-        // not use them
-        // any more when it returns.
+        // not use them any more when it returns.
         let code = unsafe { transfer(self.raw(), endpoint, bytes, len as c_int, &raw mut moved, limit_ms) };
         (code, usize::try_from(moved).unwrap_or(0).min(len))
     }

@@ -72,8 +72,7 @@ struct Inside {
     /// Return codes to use instead of the real ones, each with the name of its function.
     answers: Vec<(&'static str, c_int)>,
     /// How many contexts, devices, handles, claims and transfers exist, in this order. What still exists at the end of
-    /// a
-    /// test has leaked.
+    /// a test has leaked.
     leaked: [isize; 5],
     /// An action during the next submission of a transfer; see [`FakeUsb::at_next_submit`].
     hook: Option<Box<dyn FnOnce() + Send>>,

@@ -20,8 +20,7 @@ pub fn find(bus: &Arc<Bus>, vendor: u16, product: u16) -> Result<Vec<FoundDevice
 
 impl FoundDevice {
     /// The product name and the serial number, as the kernel has read them from the device. Nothing is sent to the
-    /// device.
-    /// `_may_ask` matters on Windows only: there it allows requests to the device.
+    /// device. `_may_ask` matters on Windows only: there it allows requests to the device.
     pub fn texts(&self, system: &Sysfs, _may_ask: bool) -> (Option<String>, Option<String>) {
         (system.name(&self.path), system.serial(&self.path))
     }
@@ -80,8 +79,7 @@ mod tests {
     }
 
     /// SK-9.2, SK-9.3 A board is recognised by the class of an interface and the endpoints of that interface. Interface
-    /// and
-    /// endpoints may be at any position in the descriptors.
+    /// and endpoints may be at any position in the descriptors.
     #[test]
     fn a_board_is_known_by_its_reports() {
         let (input, output) = (endpoint(0x81, 3, 512), endpoint(0x02, 3, 512));

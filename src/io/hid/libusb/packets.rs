@@ -41,8 +41,7 @@ pub trait PacketWires: Send {
     ///
     /// # Errors
     /// [`UsbPacketError`] if one of the two transfers fails, is not complete within 1 s, or has another length. It is
-    /// then
-    /// unknown whether the device has accepted the packet.
+    /// then unknown whether the device has accepted the packet.
     fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), UsbPacketError>;
 }
 
@@ -93,8 +92,7 @@ impl PacketDevice {
     ///
     /// # Errors
     /// [`UsbPacketError`] if no device or several devices have the ids, if no interface has the endpoints, or if the
-    /// system
-    /// refuses to open the device or to claim the interface.
+    /// system refuses to open the device or to claim the interface.
     pub fn open(bus: &Arc<Bus>, place: PacketPlace) -> Result<Self, UsbPacketError> {
         let PacketPlace { vendor, product, .. } = place;
         let mut found = bus.devices()?;
@@ -156,8 +154,7 @@ fn check(code: i32, found: usize, wanted: usize, [nothing, some]: [&'static str;
 }
 
 /// The number of the interface that has the two endpoints of `place`, its endpoint to the device, and its endpoint to
-/// the
-/// host.
+/// the host.
 fn endpoints(interfaces: &[UsbInterface], place: PacketPlace) -> Result<(u8, Endpoint, Endpoint), UsbPacketError> {
     let carries_packets = |attributes: u8| [BULK, INTERRUPT].contains(&(attributes & KIND));
     let find = |interface: &UsbInterface, address: u8| {
@@ -194,8 +191,7 @@ mod tests {
     }
 
     /// XF-16.10 A packet is sent through one endpoint and the answer received through the other. Both have their full
-    /// length,
-    /// and no bytes are left for the next exchange.
+    /// length, and no bytes are left for the next exchange.
     #[test]
     fn packets_go_both_ways() {
         let usb = FakeUsb::new();

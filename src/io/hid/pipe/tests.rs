@@ -115,8 +115,7 @@ fn waiting_reader(world: &FakeUsb, pipe: &Arc<Pipe>) -> thread::JoinHandle<Resul
     for round in 0..400 {
         if round % 3 == 0 {
             // Cancelling writes interrupts the thread that handles events. If that is the pipe's thread, which was
-            // there
-            // before the read, the reader handles events from then on.
+            // there before the read, the reader handles events from then on.
             pipe.cancel_writes();
         }
         let before = state();
@@ -279,8 +278,7 @@ fn a_stall_of_a_write_is_an_error_of_that_write() {
 }
 
 /// A write that has timed out, that was cancelled, or whose pipe was closed reports whether nothing, a part or all of
-/// the
-/// report was transferred.
+/// the report was transferred.
 #[test]
 fn a_write_that_is_given_up_says_what_has_moved() {
     let world = FakeUsb::new();

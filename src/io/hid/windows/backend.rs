@@ -1,6 +1,5 @@
 //! The backend over Windows' HID driver, with overlapped reads and writes. This is the only file that gives Windows
-//! memory
-//! which Windows uses after the call has returned.
+//! memory which Windows uses after the call has returned.
 
 use std::cell::UnsafeCell;
 use std::ptr::{self, NonNull};
@@ -135,8 +134,7 @@ impl OverlappedBackend {
     }
 
     /// Waits for the end of a transfer to the host for at most `limit_ms` and calls the listener. Returns `false` if
-    /// none
-    /// has ended.
+    /// none has ended.
     fn next_event(&self, limit_ms: u32) -> Result<bool, UsbError> {
         let (mut moved, mut key, mut overlapped) = (0, 0, ptr::null_mut());
         let next = self.handle.bus().api().next_completion;

@@ -281,8 +281,7 @@ fn a_silent_board_ends_a_pause() {
 }
 
 /// WIN-67 If the board is closed during a pause, all transfers end and all handles are freed. If it is unplugged during
-/// a
-/// pause, the next write, read or check reports the loss.
+/// a pause, the next write, read or check reports the loss.
 #[test]
 fn a_board_that_goes_while_its_reports_pause() {
     let (world, pipe) = with_paused_input();

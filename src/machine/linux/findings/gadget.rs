@@ -6,8 +6,7 @@ use crate::machine::gadget::{DeviceController, FunctionFs, GadgetFolder, GadgetO
 
 impl Machine {
     /// The checks of what `ecmsk serve gadget` needs: a device controller that is free, configfs with gadgets,
-    /// FunctionFS, and
-    /// permissions.
+    /// FunctionFS, and permissions.
     pub fn gadget_findings(&self) -> Vec<Finding> {
         let controllers = self.device_controllers();
         let mut all = vec![controller(&controllers)];

@@ -17,8 +17,7 @@ const IO: c_int = -1;
 const NOT_FOUND: c_int = -5;
 
 /// A wait for events with this limit or a longer one has no limit in the simulation. So a test hangs, and shows the
-/// fault,
-/// if the code under test does not interrupt such a wait.
+/// fault, if the code under test does not interrupt such a wait.
 const LONG: Duration = Duration::from_secs(1);
 
 fn world<T>(pointer: *mut T) -> &'static FakeUsb {

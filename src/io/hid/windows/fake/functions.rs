@@ -24,8 +24,7 @@ const NO_NODE: u32 = 13;
 /// A parent node has the number of its child node plus this value.
 const GENERATION: u32 = 100;
 /// A wait with this limit or a longer one has no limit in the simulation. So a test hangs, and shows the fault, if the
-/// code
-/// under test does not interrupt such a wait.
+/// code under test does not interrupt such a wait.
 const LONG_MS: u32 = 1000;
 const CLASS: &str = "#{4d1e55b2-f16f-11cf-88cb-001111000030}";
 
@@ -63,8 +62,7 @@ pub(super) const FAKE: Api = Api {
 };
 
 /// The simulated Windows that has created a handle. A handle is the address of its [`FakeWindows`]; for an event the
-/// lowest
-/// bits tell which one it is ([`FIRST`], [`SECOND`]).
+/// lowest bits tell which one it is ([`FIRST`], [`SECOND`]).
 fn world(handle: *mut c_void) -> &'static FakeWindows {
     // SAFETY: all handles here are made of the address of a `FakeWindows`, which is never freed.
     unsafe { &*handle.map_addr(|address| address & !LOWEST).cast::<FakeWindows>() }

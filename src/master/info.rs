@@ -49,7 +49,7 @@ pub struct SlaveInfo {
     pub identity: SiiIdentity,
     /// The name of the slave, as [`SiiText`](crate::ethercat::sii::SiiText) shows it; empty if the EEPROM has none.
     pub name: String,
-    /// The features of the slave controller.
+    /// The features of the slave controller, register 0x0008, such as distributed clocks and LRW.
     pub features: Features,
     /// The number of FMMUs.
     pub fmmus: u8,

@@ -65,7 +65,7 @@ pub enum ConfigureError {
     TooLong {
         /// Slave, from 1.
         slave: u8,
-        /// Bytes of its outputs and inputs together.
+        /// Bytes of the slave's outputs and inputs together.
         bytes: usize,
     },
     /// The slave has fewer FMMUs than sync managers with process data.
@@ -73,9 +73,9 @@ pub enum ConfigureError {
     TooFewFmmus {
         /// Slave, from 1.
         slave: u8,
-        /// The number of FMMUs that it needs.
+        /// The number of FMMUs that the slave needs: one for each sync manager with process data.
         needs: usize,
-        /// The number of FMMUs that it has.
+        /// The number of FMMUs that the slave has.
         has: u8,
     },
 }
@@ -145,7 +145,8 @@ pub(super) const fn with_len(manager: SyncManager, len: u16) -> SyncManager {
 }
 
 impl ProcessData {
-    /// Resets everything after a scan that has found these slaves.
+    /// Begins anew with the slaves that a scan has found: without process data and without a cycle. Only the setting of
+    /// LRW stays.
     pub(super) fn reset(&mut self, slaves: &[SlaveInfo]) {
         let (slaves, is_lrw_off) = (slaves.iter().map(SlaveData::of).collect(), self.is_lrw_off);
         *self = Self { slaves, is_lrw_off, ..Self::default() };
@@ -242,7 +243,7 @@ impl ProcessData {
         self.slave(slave).map(|data| Arc::clone(&data.registers))
     }
 
-    /// The SYNC signals of a slave.
+    /// The SYNC signals that were set for a slave; `None`: none were set, or there is no such slave.
     pub(super) fn sync(&self, slave: u8) -> Option<SyncSignals> {
         self.slave(slave)?.sync
     }

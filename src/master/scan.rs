@@ -17,8 +17,9 @@ pub(super) const FIRST_STATION: u16 = 0x1001;
 /// \[OURS] How long slaves may take to reach Init.
 const INIT_MAX_NS: Ns = 2_000_000_000;
 
-/// \[OURS] How often the scan opens all ports again, each time with all tries, after no frame has come back: opening a
-/// port without a link loses the frame behind that slave, which has taken the write already.
+/// \[OURS] How often the scan begins anew to open all ports after no frame has come back in any of
+/// [`Settings::tries`](super::Settings::tries). When a slave opens a port without a link, it loses the frame of this
+/// write, although it has executed the write; so the next attempt may succeed.
 const LOST_MAX: u32 = 2;
 
 /// Why a scan has failed.

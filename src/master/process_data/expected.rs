@@ -5,7 +5,7 @@ use crate::master::shared::Standing;
 /// The set of right working counters of a datagram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Expected {
-    /// The sum over the slaves that take part for certain.
+    /// The sum of what the slaves that take part for certain add to the working counter.
     certain: u16,
     /// Bit n: all other slaves together may add n. Forty slaves add 120 at most.
     besides: u128,

@@ -66,12 +66,12 @@ pub struct Place {
     pub at_ns: i64,
 }
 
-/// A time interval, in nanoseconds since the first frame.
+/// An interval of time between two frames, in nanoseconds since the first frame of the run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stretch {
-    /// The beginning of the interval.
+    /// The time of the first frame in the interval.
     pub from_ns: i64,
-    /// The end of the interval.
+    /// The time of the last frame in the interval.
     pub to_ns: i64,
 }
 

@@ -22,7 +22,7 @@ pub struct RunOptions {
     pub virtual_time: bool,
     /// The duration of a write in the board's time, in nanoseconds; by default one USB microframe.
     pub host_ns: Ns,
-    /// The most unread reports that are kept.
+    /// The most unread reports that are kept, 1 or more. When the queue is full the oldest report is dropped.
     pub queue: usize,
     /// The timeout of a read for callers that do not choose one.
     pub read_wait: Wait,

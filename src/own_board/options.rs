@@ -1,5 +1,5 @@
-//! The keys of links to boards whose EC01M is the model in this process, as Rust types. They do not depend on the
-//! slaves.
+//! The keys of links to boards whose EC01M is the model in this process, as Rust types. These keys describe the board
+//! and its host interface, not the slaves, so simulated slaves, a chip and a network card all have them.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! Errors in the files that describe a simulated machine.
+//! Errors in the files that describe a simulated machine: scripts of faults, and manufacturer-specific objects.
 
 use crate::address::keys::WHERE_TO_LOOK;
 
@@ -42,10 +42,10 @@ pub enum ScriptError {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum SimulatedSlavesError {
-    /// See [`ManufacturerObjectsError`].
+    /// The file of manufacturer-specific objects of a slave cannot be used.
     #[error(transparent)]
     Objects(#[from] ManufacturerObjectsError),
-    /// See [`ScriptError`].
+    /// The script is invalid.
     #[error(transparent)]
     Script(#[from] ScriptError),
     /// A line of the script acts on a board, but the link opens only a chip.

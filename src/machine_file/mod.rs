@@ -19,7 +19,7 @@
 //! ```
 //!
 //! - `format.rs`: the fields as they are written; `unit.rs`: the units
-//! - `check.rs`, `axes.rs`: whether the values make sense; `places.rs`: their lines in the text
+//! - `check.rs`, `axes.rs`: check the values and convert them; `places.rs`: the lines of the fields in the text
 //! - `error.rs`: [`MachineFileError`]
 
 mod axes;
@@ -46,7 +46,7 @@ pub use unit::Unit;
 pub const FILE_NAME: &str = "machine.toml";
 /// The version of the file format that this library reads and writes. Files with another version are refused.
 pub const FORMAT: i64 = 1;
-/// The maximum length of a machine file. \[OURS]
+/// The maximum length of a machine file, bytes. \[OURS]
 const FILE_SIZE_MAX_BYTES: u64 = 1 << 20;
 
 /// A machine, as its file describes it. All values are checked.
@@ -62,7 +62,7 @@ pub struct MachineFile {
     pub cycle_us: Option<u32>,
     /// The slaves in network order: slave 1 is the first; 1..=40.
     pub slaves: Vec<MachineSlave>,
-    /// The axes, in the order of their slaves; at most one of a slave.
+    /// The axes, in the order of their slaves; at most one for each slave.
     pub axes: Vec<MachineAxis>,
     /// The inputs with names, in the order of the names.
     pub inputs: Vec<IoLine>,
@@ -194,8 +194,8 @@ impl MachineFile {
         best.texts.iter().find(|(known, _)| *known == code).map(|(_, text)| text.as_str())
     }
 
-    /// The link to open: `link`, else that of the file. A simulated board (`sim:`, `xf-sim:`) without a list of its own has
-    /// the slaves of this file.
+    /// The link to open: `link` if it is given, otherwise the link of the file. A simulated board (`sim:`, `xf-sim:`)
+    /// whose link lists no slaves gets the slaves of this file.
     pub fn link(&self, link: Option<&LinkUri>) -> Option<LinkUri> {
         let link = link.or(self.link.as_ref())?;
         Some(link.with_machine(&self.path.display().to_string()).unwrap_or_else(|| link.clone()))

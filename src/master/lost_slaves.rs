@@ -12,7 +12,7 @@ use crate::ethercat::registers::{
 use crate::ethercat::sii::SiiIdentity;
 use crate::ethercat::{AlState, Command, MAX_SLAVES, Ns, SlaveSet};
 
-/// \[OURS] A temporary station address, for a slave that is being identified.
+/// \[OURS] A temporary station address for the slave that is just being identified.
 const UNKNOWN_STATION: u16 = 0x0FFF;
 /// \[OURS] The interval in which the watch searches for slaves that have come back.
 const RETURN_NS: Ns = 20_000_000;
@@ -242,7 +242,7 @@ fn candidates(order: &[u8], place: u8, slaves: u8) -> SlaveSet {
     let end = order[at..].iter().position(|slave| *slave != 0).map_or(order.len(), |known| known + at);
     let before = begin.checked_sub(1).map_or(0, |known| order[known]);
     let behind = order.get(end).copied().unwrap_or(slaves + 1);
-    // Unknown positions before and behind this one in the gap belong to other slaves.
+    // Unknown positions before and behind this one, between the same known slaves, belong to other slaves.
     let (first, last) = (before + 1 + (at - begin) as u8, behind.saturating_sub((end - at) as u8));
     (first..=last).collect()
 }

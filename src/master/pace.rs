@@ -1,4 +1,4 @@
-//! The clock that follows the reference clock: it computes the next deadline of cycles.
+//! A PLL that follows the reference clock, and computes from it the deadline of the next cycle.
 
 use crate::ethercat::Ns;
 

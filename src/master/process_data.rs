@@ -96,13 +96,13 @@ pub struct CycleDone {
     pub expected_working_counter: u16,
     /// The number of datagrams with process data that did not come back in time.
     pub lost: u8,
-    /// The slaves with a share in a datagram that was lost or had a working counter below the expected one.
+    /// The slaves with process data in a datagram that was lost or had a working counter below the expected one.
     /// [`Master::missing`](super::Master::missing) later names those that do not answer.
     pub short: SlaveSet,
     /// The slaves whose inputs are those of this cycle. All others keep their previous inputs, because their datagram
     /// was lost or had a wrong working counter.
     pub fresh: SlaveSet,
-    /// The slaves with a share in a datagram whose working counter was wrong, too low or too high.
+    /// The slaves with process data in a datagram whose working counter was wrong, too low or too high.
     pub doubtful: SlaveSet,
     /// The number of slaves that the frame has passed; `None`: it did not come back.
     pub present: Option<u16>,

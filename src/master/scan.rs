@@ -56,7 +56,7 @@ async fn count(bus: &Bus) -> u16 {
 }
 
 /// Opens the ports of all slaves, as at power-on, again and again: slaves behind a closed port may have closed ports,
-/// too. Returns the number of slaves then.
+/// too. Returns the number of slaves that can be reached after that.
 async fn uncover(bus: &Bus) -> u16 {
     let (mut found, mut lost) = (None, 0);
     for _ in 0..=MAX_SLAVES {
@@ -78,7 +78,8 @@ async fn uncover_next(bus: &Bus) -> Result<u16, Lost> {
     const WITHOUT_ALIAS: [u8; 1] = [0];
     let count = bus.queue(Command::Brd, 0, TYPE, &[0]);
     bus.write_all_of([
-        // The first byte enables writes within this frame, and the second one ends the write protection.
+        // Each write has two bytes: the first one (0x0030, 0x0020) enables writes within this frame, the second one
+        // (0x0031, 0x0021) ends the write protection.
         (ESC_WRITE_ENABLE, &[0; 2]),
         (WRITE_REGISTER_ENABLE, &[0; 2]),
         (DL_CONTROL, &AUTOMATIC),
@@ -175,7 +176,7 @@ async fn reset(bus: &Bus) -> Result<(), Lost> {
     Ok(())
 }
 
-/// Collects the information about a slave.
+/// Reads the registers and the EEPROM of a slave that has just got its station address.
 async fn identify(bus: &Bus, station: u16) -> Result<SlaveInfo, Unanswered> {
     let until = bus.now() + INIT_MAX_NS;
     loop {

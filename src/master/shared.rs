@@ -178,7 +178,7 @@ pub(super) struct Shared {
     pub(super) mapped: SlaveSet,
     /// The slaves that answer, but whose inputs cannot be read at their logical addresses.
     pub(super) mute: SlaveSet,
-    /// Slaves with a share in a datagram that had a wrong working counter in the newest cycle.
+    /// Slaves with process data in a datagram that had a wrong working counter in the newest cycle.
     pub(super) doubtful: SlaveSet,
     /// When all AL states were read the last time, if every read was answered.
     pub(super) states_read: Option<Ns>,

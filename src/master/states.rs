@@ -234,7 +234,7 @@ async fn wait_for(bus: &Bus, plan: &Plan, from: AlState, to: AlState, until: Ns)
         if bus.now() >= until {
             return Err(StateReason::TimeUp { state });
         }
-        // A slave in a third state without an error has lost its power meanwhile.
+        // A slave that is in neither of the two states, and reports no error, has lost its power meanwhile.
         if state != RequestedState::State(from) {
             return Err(StateReason::Refused { state, code });
         }

@@ -25,7 +25,7 @@ pub enum Row {
     Cycle,
     /// The board's own six inputs and outputs are pins of the chip, which keys of the link name.
     Lio,
-    /// The start to OP takes longer.
+    /// The start to OP takes longer than on a board.
     Start,
 }
 
@@ -61,7 +61,7 @@ impl Row {
         }
     }
 
-    /// What is different, in one sentence.
+    /// The difference in one sentence, for the user.
     pub const fn meaning(self) -> &'static str {
         match self {
             Self::Latency => {

@@ -29,7 +29,7 @@ impl Spread {
         }
     }
 
-    /// The number of durations.
+    /// The number of durations that were added.
     pub const fn count(&self) -> u64 {
         self.total
     }
@@ -50,7 +50,7 @@ impl Spread {
         self.longest.map(|(ns, _)| ns)
     }
 
-    /// The frame at which the longest duration ended.
+    /// The frame at which the longest duration ended; `None` if there are no durations.
     pub fn longest_at(&self) -> Option<Place> {
         self.longest.map(|(_, place)| place)
     }

@@ -311,7 +311,7 @@ impl Pipe {
         state.check()
     }
 
-    /// The counters since the pipe was opened.
+    /// The counters of received, dropped, short and failed reports since the pipe was opened.
     pub fn stats(&self) -> PipeStats {
         self.shared.state.lock().stats
     }

@@ -54,7 +54,7 @@ pub(super) struct State {
     pub submitted: usize,
     /// The thread that writes, followed by the threads that wait for their turn.
     pub writers: VecDeque<CallingThread>,
-    /// Whether the transfer to the device is submitted.
+    /// Whether the transfer to the device is submitted and has not ended.
     pub output_submitted: bool,
     /// The end of the transfer to the device, with the number of bytes transferred; `None` until it has ended.
     pub output_result: Option<(Outcome, usize)>,

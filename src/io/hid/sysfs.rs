@@ -1,5 +1,5 @@
-//! Information about a device on the bus that Linux provides in sysfs and /proc, besides its descriptors. Nothing is
-//! sent to the device. On other systems everything here is empty.
+//! Information about a USB device that Linux provides in sysfs and /proc, besides the device's descriptors. Nothing is
+//! sent to the device. On other systems all results are empty.
 
 use std::fmt;
 use std::fs;

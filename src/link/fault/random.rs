@@ -16,7 +16,7 @@ pub(super) struct FrameFaults {
     pub(super) delay: bool,
 }
 
-/// The sequence of faults in one direction.
+/// The pseudorandom sequence of faults in one direction.
 #[derive(Clone, Debug)]
 pub(super) struct FaultSequence {
     random: Rand64,

@@ -9,7 +9,7 @@ use super::tell::tell;
 /// The reason for missing frames that messages give if no write has failed.
 const TOO_SLOW: &str = "the disk was too slow";
 
-/// What a recording lacks.
+/// Counts the frames that are missing from a recording, and keeps the reason.
 pub(super) struct Loss {
     /// The name of the file in messages.
     name: String,
@@ -33,7 +33,7 @@ impl Loss {
         self.failed.is_some()
     }
 
-    /// Counts frames as missing.
+    /// Counts `frames` more frames as missing.
     pub fn add(&self, frames: u64) {
         self.dropped.fetch_add(frames, Ordering::Relaxed);
     }

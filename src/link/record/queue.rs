@@ -1,4 +1,4 @@
-//! The queue to the recorder's thread. On the real clock no call waits for room in it.
+//! The queue from the program's calls to the recorder's thread. On the real clock no call waits for room in it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};

@@ -1,5 +1,5 @@
 //! The recorder's thread: writes frames of a board, or packets of a chip, to the file. [`Capture`] writes them as
-//! pcapng blocks, `blocks.rs` in the format for weeks.
+//! pcapng blocks, `blocks.rs` in the format `.ecmrec`.
 
 use std::borrow::Cow;
 use std::collections::VecDeque;
@@ -119,7 +119,7 @@ impl Entry for FrameEntry {
     }
 }
 
-/// A recording that is being written, in one of the formats.
+/// A recording that is being written, as pcapng or as `.ecmrec`.
 pub(super) trait Writer<E>: Send + 'static {
     /// Adds an entry. It need not be in the file before [`Self::flush`].
     fn push(&mut self, entry: E);

@@ -57,7 +57,7 @@ pub enum FunctionFs {
 }
 
 impl Machine {
-    /// All device controllers.
+    /// All USB device controllers of the machine.
     pub fn device_controllers(&self) -> Vec<DeviceController> {
         let controller = |name: String| {
             let says = |file: &str| self.attribute(&format!("{CONTROLLERS}/{name}/{file}"));

@@ -327,7 +327,7 @@ impl Mailbox {
                 return Ok(());
             }
             if self.bus.now() >= until {
-                // Slaves without support for repeats: the mailbox is read as it is.
+                // The slave does not support repeats, so its mailbox is read as it is.
                 return Ok(());
             }
             self.bus.sleep(POLL_NS).await;
@@ -344,6 +344,7 @@ impl Mailbox {
 
     /// Whether the message belongs to the protocol and is no emergency.
     ///
+    /// # Errors
     /// [`MailboxError::WrongAnswer`] if the message is longer than the mailbox, [`MailboxError::Fault`] if it is a
     /// mailbox error of the slave.
     fn is_answer(&self, protocol: MailboxProtocol) -> Result<bool, MailboxError> {

@@ -16,7 +16,7 @@ const PACKET_LIMIT: Duration = Duration::from_secs(1);
 /// The bits of an endpoint's bmAttributes that give its transfer type (USB 2.0 table 9-13).
 const KIND: u8 = 3;
 
-/// A device by its USB ids, and its two endpoints for packets.
+/// A device by its USB ids, and the numbers of its two endpoints for packets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PacketPlace {
     /// USB vendor id, idVendor.
@@ -58,7 +58,8 @@ pub enum UsbPacketError {
     /// Several devices have these ids.
     #[error("{count} devices have the ids {vendor:04x}:{product:04x}")]
     Several { vendor: u16, product: u16, count: usize },
-    /// No interface of the device has both endpoints.
+    /// No interface of the device has endpoints with both numbers. `there`: the bulk and interrupt endpoints that it
+    /// has.
     #[error("no interface of the device has bulk or interrupt endpoints {output} out and {input} in; it has {there}")]
     NoEndpoints { output: u8, input: u8, there: String },
     /// The device cannot be opened or used.
@@ -67,7 +68,7 @@ pub enum UsbPacketError {
     /// The device has not accepted a packet, or has not sent one, within the time limit.
     #[error("the device {what} within {limit:?}")]
     Late { what: &'static str, limit: Duration },
-    /// The device has accepted or sent another number of bytes than wanted.
+    /// The device has accepted or sent another number of bytes than a packet has.
     #[error("the device {what} {found} bytes and not {wanted}")]
     Length { what: &'static str, found: usize, wanted: usize },
 }

@@ -25,7 +25,7 @@ impl Outcome {
 
 /// A transfer of one report on an interrupt endpoint. While it is submitted, libusb owns its buffer.
 pub(super) struct UsbTransfer {
-    /// A leaked box: its address must not change, since libusb keeps it.
+    /// A leaked box: its address must not change, since libusb keeps the address as the user data of the transfer.
     inner: NonNull<Inner>,
 }
 

@@ -1,4 +1,4 @@
-//! Judges whether this machine can be the board at a USB device port.
+//! Judges whether this machine can act as a board at its USB device port.
 
 use super::{Finding, Machine};
 use crate::machine::Access;

@@ -67,7 +67,7 @@ async fn ask(
             }
             return Err(MailboxError::WrongAnswer.into());
         }
-        // Each fragment gives the number of those that are left: it counts down.
+        // Each fragment states how many fragments are left, so this number must count down.
         if expected.is_some_and(|expected| expected != fragment.left) {
             return Err(MailboxError::WrongAnswer.into());
         }

@@ -22,7 +22,7 @@ use crate::xf::DataSize;
 use crate::xf::MAX_PACKET;
 use crate::xf::host::{HostConfig, HostPacing, Timeouts, Wires};
 
-/// The properties of a link to a chip.
+/// Name, data size, SPI clock, INT0 line and clock of a link to a chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChipInfo {
     /// The URI of the link in its normal form: keys in a fixed order, keys with their default values left out.
@@ -148,7 +148,7 @@ pub enum ChipError {
     },
 }
 
-/// The settings of the driver for a chip behind this link.
+/// The settings of the chip's driver that follow from the link and its options.
 pub(crate) fn host_config(info: &ChipInfo, options: &ChipOptions) -> HostConfig {
     HostConfig {
         size: info.size,

@@ -17,7 +17,7 @@ pub struct CommonOptions {
     pub slot: Option<SlotSize>,
     /// How many unread reports are kept (`queue=`), 1 or more. When the queue is full the oldest report is dropped.
     pub queue: usize,
-    /// The file to record to (`record=`).
+    /// The file to which the link is recorded (`record=`); `None`: no recording.
     pub record: Option<PathBuf>,
     /// The time limit of a read (`read_timeout_ms=`); `None`: a read waits until there is a report.
     pub read_timeout: Option<Duration>,

@@ -83,8 +83,8 @@ fn scale(fields: &AxisFields) -> Result<(Unit, Scale), FieldFault> {
         let next = format!("add per, the {unit} of one count, e.g. per = 0.001 or per = \"360/131072\"");
         return Err(("per", fault(format!("it is missing, and a count may be any number of {unit}"), next)));
     };
-    // A fraction is inverted by exchanging its two numbers, not by dividing 1 by its value. So the number of counts of
-    // a unit stays a whole number where it is one: 360/131072 gives 131072/360 exactly.
+    // A fraction is inverted by exchanging its two numbers, not by dividing 1 by its value: `1/3000` gives exactly 3000
+    // counts for one unit, without a rounding error.
     let (written, counts) = match per {
         Number::Value(value) => (value.to_string(), Some(1.0 / value)),
         Number::Fraction(text) => {

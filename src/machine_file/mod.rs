@@ -44,7 +44,7 @@ pub use unit::Unit;
 
 /// The name of the file that the tool looks for in its working directory.
 pub const FILE_NAME: &str = "machine.toml";
-/// The version of the file format that this library reads and writes. Files with another version are refused.
+/// The version of the file format that this library reads. Files with another version are refused.
 pub const FORMAT: i64 = 1;
 /// The maximum length of a machine file, bytes. \[OURS]
 const FILE_SIZE_MAX_BYTES: u64 = 1 << 20;

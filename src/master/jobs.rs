@@ -44,7 +44,7 @@ type NumberPlace = Place<(NumberTransfer, Peer, ObjectAddress, SdoScope), End>;
 
 /// The future of a running job, or the slot that holds it.
 pub(super) enum Work {
-    /// A future in a box of its own.
+    /// The future of a job, in a box that was allocated for this job.
     Once(Task<Output>),
     /// A change of state, in a slot that is reused.
     State(StateChange),

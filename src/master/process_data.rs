@@ -57,7 +57,7 @@ pub enum ConfigureError {
     /// The slave describes no sync manager for a direction that should have process data.
     #[error("slave {0} describes no sync manager for its process data in this direction")]
     NoManager(u8),
-    /// The slave is in SafeOP or OP.
+    /// The slave is in SafeOP or OP, where its process data cannot be changed.
     #[error("slave {0} exchanges process data; bring it to PreOP first")]
     Active(u8),
     /// The process data of the slave do not fit into a datagram.

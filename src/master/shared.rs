@@ -77,7 +77,8 @@ impl SlaveStatus {
     }
 }
 
-/// What the master keeps of one slave while the network runs: its status, its mailbox, and what is under way with it.
+/// What the master keeps of one slave while the network runs: its status, its mailbox, and which operations on it are
+/// running.
 #[derive(Clone, Debug)]
 pub(super) struct Live {
     pub(super) status: SlaveStatus,

@@ -25,7 +25,7 @@ pub(super) struct Plan {
     pub(super) station: u16,
     /// The sync managers of the mailbox.
     pub(super) mailbox: Option<[SyncManager; 2]>,
-    /// The registers for its process data; `None`: the slave was not found.
+    /// The register values for the slave's process data; `None`: the slave was not found.
     pub(super) registers: Option<Arc<Registers>>,
     pub(super) sync: Option<SyncSignals>,
 }

@@ -106,11 +106,11 @@ pub struct Item {
 /// What a program needs to run with an ECM-XF, found from one recorded run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Migration {
-    /// The command frames of the run in which some slot requests something.
+    /// The number of command frames of the run in which some slot requests something.
     pub commands: u64,
-    /// The command frames in which all slots are GET_STATUS.
+    /// The number of command frames in which all slots are GET_STATUS.
     pub polls: u64,
-    /// The reports of the run.
+    /// The number of reports in the run.
     pub reports: u64,
     /// The time of the last frame, in nanoseconds since the first one.
     pub last_ns: i64,

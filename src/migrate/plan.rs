@@ -46,12 +46,12 @@ pub struct Links {
     pub model: String,
 }
 
-/// How a chip has to be set up.
+/// How a chip has to be set up for the network of a program.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Plan {
     /// The slaves that the program declares, which the chip has to serve.
     pub network: Network,
-    /// What the chip needs for the network.
+    /// What the chip needs to exchange the process data of that network: packets, SPI clock, FIFO entries.
     pub needs: Needs,
     /// How many cycles the outputs in the chip have to bridge.
     pub ahead: Ahead,

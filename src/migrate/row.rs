@@ -112,7 +112,7 @@ pub enum Verdict {
     Yes,
     /// The feature works, but the program sees the difference that this row of `docs/MIGRATION.md` describes.
     Differs(Row),
-    /// The feature does not work.
+    /// The feature does not work with an ECM-XF.
     No {
         /// The row of `docs/MIGRATION.md` that describes the difference.
         row: Row,

@@ -299,7 +299,7 @@ fn a_cycle_that_the_chip_cannot_hold() {
     );
     let packets = plan.needs.without_int0.expect("packets");
     assert_eq!((packets.size.bytes(), packets.sets), (800, 2));
-    // A process image of 640 bytes in both directions, in a memory of 16384 bytes.
+    // The chip's memory of 16384 bytes has room for 25 process images of 640 bytes, outputs and inputs together.
     assert_eq!((plan.needs.entries, plan.needs.ahead_max), (25, 21));
     assert_eq!(plan.links.machine, "xf-spi:/dev/spidev0.0?int0=gpiochip0/24&ahead=4&use_n=400&speed=24M");
     assert_eq!(plan.links.model, "xf-sim:?slaves=drive*40&int0=yes&ahead=4&use_n=400&speed=24M");

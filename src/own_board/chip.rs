@@ -57,7 +57,7 @@ impl ChipUse {
 /// A board that reaches its slaves through a real chip. Its EC01M is the model in this process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChipBoard {
-    /// The options of the board.
+    /// The options of the board's model and of its host interface.
     pub board: BoardOptions,
     /// How the board uses the chip.
     pub used: ChipUse,

@@ -30,7 +30,7 @@ pub struct RunOptions {
     pub write_wait: Wait,
     /// The real-time priority, the processor and the memory locking of the cyclic thread (real clock only).
     pub real_time: RealTime,
-    /// The speed of the board's time (real clock only).
+    /// How fast the board's time passes, compared with real time (real clock only).
     pub rate: Rate,
 }
 

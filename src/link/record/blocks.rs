@@ -21,11 +21,12 @@ use crate::recording::{Clock, RecordMeta};
 /// The number of entries of a block: half a second of both directions with a cycle of 1 ms. \[OURS]
 const BLOCK: usize = 1024;
 
-/// A recording that is being written.
+/// Writes a recording as `.ecmrec`, block by block.
 pub(super) struct BlockWriter<E> {
     loss: Loss,
     sink: Sink,
-    /// Whether entries are stored in the order of their times.
+    /// Whether entries are stored in the order of their times: if they may come late, and written bytes can be
+    /// replaced.
     sorts: bool,
     /// The entries that are not in a block yet. If entries are sorted, the newest ones stay here for the next block,
     /// because an entry that comes late may belong before them.
@@ -47,7 +48,7 @@ pub(super) struct BlockWriter<E> {
     index: Vec<BlockAt>,
     /// The offset of the last index in the recording; 0 if there is none.
     index_at: u64,
-    /// The latest time of all entries.
+    /// The latest time stamp of the entries so far, nanoseconds.
     last_ns: u64,
     pack: Packing,
 }

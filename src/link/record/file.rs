@@ -156,10 +156,10 @@ fn open_at_once(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
     options.open(path)
 }
 
-/// Fails unless the file is empty or a recording of ecmsk, whose section header names the application.
+/// Makes sure that the file is empty or a recording of ecmsk, whose section header names the application.
 ///
 /// # Errors
-/// [`io::ErrorKind::AlreadyExists`], and errors of the operating system.
+/// [`io::ErrorKind::AlreadyExists`] if it is any other file; errors of the operating system.
 fn check_replaceable(path: &Path) -> io::Result<()> {
     let mut start = Vec::new();
     File::open(path)?.take(SECTION_HEADER_BYTES_MAX).read_to_end(&mut start)?;
@@ -286,7 +286,7 @@ impl Drop for RecordingFile {
 pub(in crate::link) enum Sink {
     /// A file, pipe or device.
     File(RecordingFile),
-    /// Any other writer.
+    /// A writer that is neither a file nor a pipe, such as a buffer in memory.
     Other(Box<dyn Write + Send>),
 }
 

@@ -130,7 +130,7 @@ pub(super) trait Writer<E>: Send + 'static {
     /// Writes the entries that are not in the file yet, and the end of the recording.
     fn end(&mut self);
 
-    /// What the recording lacks.
+    /// The counter of frames that the recording lacks, with the reason.
     fn loss(&mut self) -> &mut Loss;
 }
 
@@ -179,7 +179,7 @@ pub(super) struct Capture<E> {
     last_block: u64,
     /// A buffer for one packet.
     packet: Box<[u8]>,
-    /// The latest time of all frames.
+    /// The latest time stamp of the frames so far, nanoseconds.
     last_ns: u64,
 }
 

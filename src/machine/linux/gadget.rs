@@ -97,8 +97,9 @@ impl Machine {
 
     /// Whether the kernel has FunctionFS.
     pub fn function_fs(&self) -> FunctionFs {
-        // The loaded module usb_f_fs has a folder in /sys/module. It registers its file system only when a gadget first
-        // uses it. If FunctionFS is built in, there is no such folder, but the file system is always registered.
+        // The loaded module usb_f_fs has a folder in /sys/module, but registers its file system only when a gadget
+        // first uses it. FunctionFS that is built into the kernel has no such folder, so the list of file systems is
+        // searched too.
         let systems = self.text("/proc/filesystems").unwrap_or_default();
         if self.has("/sys/module/usb_f_fs")
             || systems.lines().any(|line| line.split_whitespace().last() == Some("functionfs"))

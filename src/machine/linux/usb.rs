@@ -98,7 +98,7 @@ impl UsbDevice {
         self.speed.as_deref() == Some(HIGH_SPEED)
     }
 
-    /// The device files by which programs may have opened it.
+    /// The device files by which programs may have opened the device: that of libusb, and those of hidraw.
     pub fn files(&self) -> Vec<String> {
         self.node.iter().chain(&self.hidraw).cloned().collect()
     }

@@ -302,8 +302,8 @@ impl Mailbox {
                     return Ok(counter == 1 && (self.is_new() || repeats == 0));
                 }
                 Err(_) if repeats == 3 => return Err(MailboxError::NoAnswer),
-                // The frame was lost on its way back, and the slave's mailbox is empty because the slave counts its
-                // message as read. So the slave is asked to put it in again.
+                // If the frame was lost on its way back, the slave counts the message as read, and its mailbox is
+                // empty. So the slave is asked to put the message in again.
                 Err(_) => self.ask_for_repeat().await?,
             }
             repeats += 1;

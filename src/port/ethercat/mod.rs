@@ -53,8 +53,8 @@ pub struct Options {
     pub script: Option<PathBuf>,
     /// The file to which all frames and their answers are recorded.
     pub record: Option<PathBuf>,
-    /// Whether an interface with the default route of this machine may be used. This is dangerous: the machine may lose
-    /// its connection to the network while its interface carries EtherCAT.
+    /// Whether an interface with the default route of this machine may be used. This is refused by default, since
+    /// everybody on that network would get the EtherCAT frames.
     pub allow_default_route: bool,
     /// The real-time settings of the thread that answers frames; each setting that the system refuses is logged.
     pub real_time: RealTime,

@@ -150,7 +150,8 @@ impl OverlappedBackend {
     }
 
     fn cancel(&self, transfer: &Transfer) {
-        // SAFETY: handle and transfer are valid until `drop`. A transfer that is not under way is not found.
+        // SAFETY: handle and transfer are valid until `drop`. Windows ignores the call if the transfer is not under
+        // way.
         unsafe { (self.handle.bus().api().cancel)(self.handle.raw(), transfer.overlapped()) };
     }
 

@@ -21,7 +21,7 @@ const INVALID: u32 = 87;
 const NOT_FOUND: u32 = 1168;
 /// `CR_NO_SUCH_DEVNODE`: no device node has this number.
 const NO_NODE: u32 = 13;
-/// A parent node has the number of its child node plus this value.
+/// In the simulation a parent node has the number of its child node plus this value.
 const GENERATION: u32 = 100;
 /// A wait with this limit or a longer one has no limit in the simulation. So a test hangs, and shows the fault, if the
 /// code under test does not interrupt such a wait.
@@ -68,7 +68,7 @@ fn world(handle: *mut c_void) -> &'static FakeWindows {
     unsafe { &*handle.map_addr(|address| address & !LOWEST).cast::<FakeWindows>() }
 }
 
-/// The bits that are 0 in the address of a `FakeWindows`.
+/// The lowest bits of the address of a `FakeWindows`, which are 0 because of its alignment.
 const LOWEST: usize = align_of::<FakeWindows>() - 1;
 // The lowest bits of a handle that stands for one of the backend's two events.
 const FIRST: usize = 2;

@@ -61,7 +61,7 @@ pub struct ChipBoard {
     pub board: BoardOptions,
     /// How the board uses the chip.
     pub used: ChipUse,
-    /// The options that every link has.
+    /// The options that every link has, such as the recording and the time limits.
     pub common: CommonOptions,
 }
 

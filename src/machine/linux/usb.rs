@@ -43,7 +43,7 @@ pub struct UsbDevice {
     pub drivers: Vec<Driver>,
     /// The hidraw files of the device, such as `/dev/hidraw0`.
     pub hidraw: Vec<String>,
-    /// Whether the kernel suspends the device.
+    /// Whether the kernel suspends the device while no program uses it, and after which delay.
     pub autosuspend: Autosuspend,
     /// The hub that the device is connected to; `None` for a port of the machine itself.
     pub hub: Option<Hub>,

@@ -185,8 +185,8 @@ pub fn each_datagram(frame: &mut [u8], mut visit: impl FnMut(DatagramMut<'_>)) -
     }
 }
 
-/// Sets the bit in a frame's source address that tells a master that the frame has passed a slave. A frame too short for a
-/// source address is left unchanged.
+/// Sets bit 1 of the first byte of a frame's source address, as the first slave does that a frame passes. Bytes that
+/// end before the source address are no frame, and stay unchanged.
 pub fn mark_as_passed(frame: &mut [u8]) {
     const SOURCE: usize = 6;
     if let Some(byte) = frame.get_mut(SOURCE) {
@@ -214,7 +214,7 @@ pub fn mark_as_passed(frame: &mut [u8]) {
 pub struct FrameWriter<'b> {
     buffer: &'b mut [u8],
     header: FrameHeader,
-    /// Offset of the header of the newest datagram.
+    /// Offset in `buffer` of the header of the newest datagram; `None`: the frame has no datagram yet.
     newest: Option<usize>,
     end: usize,
 }

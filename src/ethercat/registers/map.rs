@@ -51,7 +51,7 @@ map! {
     RAM_SIZE = 0x0006, 1, Read, "RAM size";
     /// Two bits for each port: 0 none, 1 not configured, 2 EBUS, 3 MII.
     PORT_DESCRIPTOR = 0x0007, 1, Read, "port descriptor";
-    /// See [`Features`](super::Features).
+    /// What the controller supports, see [`Features`](super::Features).
     FEATURES = 0x0008, 2, Read, "features";
     STATION_ADDRESS = 0x0010, 2, Write, "configured station address";
     /// The station alias, loaded from the SII at power-on.
@@ -73,15 +73,17 @@ map! {
     AL_CONTROL = 0x0120, 2, Write, "AL control";
     /// See [`AlStatusRegister`](super::AlStatusRegister).
     AL_STATUS = 0x0130, 2, Read, "AL status";
-    /// Two reserved bytes that masters read along, between the AL status and its code.
+    /// Two reserved bytes between the AL status and its code. Masters read all three with one datagram.
     AL_STATUS_GAP = 0x0132, 2, Read, "reserved";
     /// See [`AlStatus`](crate::ethercat::AlStatus).
     AL_STATUS_CODE = 0x0134, 2, Read, "AL status code";
     RUN_LED = 0x0138, 1, Read, "RUN LED override";
     ERR_LED = 0x0139, 1, Read, "ERR LED override";
-    /// The type of the process data interface, loaded from the SII at power-on.
+    /// The type of the process data interface (PDI), such as 0x04 digital I/O or 0x05 SPI. Loaded from the SII at
+    /// power-on.
     PDI_CONTROL = 0x0140, 1, Read, "PDI control";
-    /// Bit 0: AL status copies AL control, without a state machine. Loaded from the SII at power-on.
+    /// Bit 0, device emulation: AL status copies AL control, for a slave without a processor that runs the AL state
+    /// machine. Loaded from the SII at power-on.
     ESC_CONFIGURATION = 0x0141, 1, Read, "ESC configuration";
     /// The configuration of the process data interface, loaded from the SII at power-on.
     PDI_CONFIGURATION = 0x0150, 4, Read, "PDI configuration";
@@ -99,11 +101,12 @@ map! {
     PDI_ERRORS = 0x030D, 1, Clear, "PDI error counter";
     PDI_ERROR_CODE = 0x030E, 1, Read, "PDI error code";
     LOST_LINKS = 0x0310, PORTS as u16, Clear, "lost link counters";
-    /// The unit of the watchdog times is (this value + 2) times 40 ns.
+    /// The unit of [`WATCHDOG_PDI`] and [`WATCHDOG_PROCESS_DATA`]: (this value + 2) times 40 ns. The usual value 2498
+    /// makes it 100 us.
     WATCHDOG_DIVIDER = 0x0400, 2, Write, "watchdog divider";
     WATCHDOG_PDI = 0x0410, 2, Write, "watchdog time PDI";
     WATCHDOG_PROCESS_DATA = 0x0420, 2, Write, "watchdog time process data";
-    /// Bit 0: the process data watchdog has not expired; also 1 while the watchdog is disabled.
+    /// Bit 0: the process data watchdog has not expired, or it is disabled (its time is 0).
     WATCHDOG_STATUS = 0x0440, 2, Read, "watchdog status process data";
     WATCHDOG_COUNTER_PROCESS_DATA = 0x0442, 1, Clear, "watchdog counter process data";
     WATCHDOG_COUNTER_PDI = 0x0443, 1, Clear, "watchdog counter PDI";
@@ -111,7 +114,7 @@ map! {
     SII_CONFIGURATION = 0x0500, 1, Write, "EEPROM configuration";
     /// Bit 0: the slave's processor currently has access to the EEPROM.
     SII_PDI_ACCESS = 0x0501, 1, Read, "EEPROM PDI access state";
-    /// See [`SiiControl`](super::SiiControl).
+    /// The command for the EEPROM and its status, see [`SiiControl`](super::SiiControl).
     SII_CONTROL = 0x0502, 2, Write, "EEPROM control/status";
     /// The EEPROM address, in words.
     SII_ADDRESS = 0x0504, 4, Write, "EEPROM address";
@@ -139,7 +142,7 @@ map! {
     SYNC_ACTIVATION = 0x0981, 1, Write, "SYNC activation";
     /// The length of a SYNC pulse in units of 10 ns, loaded from the SII at power-on.
     SYNC_PULSE_LENGTH = 0x0982, 2, Read, "pulse length of SYNC signals";
-    /// Bits 0 and 1: the first pulse of SYNC0 and SYNC1 is still pending.
+    /// Bit 0: the first SYNC0 pulse is still pending. Bit 1: the first SYNC1 pulse is still pending.
     SYNC_ACTIVATION_STATUS = 0x0984, 1, Read, "SYNC activation status";
     SYNC0_STATUS = 0x098E, 1, Read, "SYNC0 status";
     SYNC1_STATUS = 0x098F, 1, Read, "SYNC1 status";
@@ -148,7 +151,7 @@ map! {
     SYNC1_NEXT = 0x0998, 8, Read, "next SYNC1 pulse";
     /// The SYNC0 cycle time, ns; 0 for a single pulse.
     SYNC0_CYCLE = 0x09A0, 4, Write, "SYNC0 cycle time";
-    /// The delay from a SYNC0 pulse to the SYNC1 pulse, ns.
+    /// The delay from a SYNC0 pulse to the SYNC1 pulse that belongs to it, ns. The data sheets call it a cycle time.
     SYNC1_CYCLE = 0x09A4, 4, Write, "SYNC1 cycle time";
     /// One byte per latch input: bit 0 for the positive edge, bit 1 for the negative edge. 1 selects single-event mode, in
     /// which only the first edge is captured until its time has been read; 0 selects continuous mode, in which every edge
@@ -159,7 +162,8 @@ map! {
     /// The system times of the latched edges, see [`latch_time`].
     LATCH_TIMES = 0x09B0, 32, Read, "latch times";
     EVENT_TIMES = 0x09F0, 16, Read, "sync manager event times";
-    /// The outputs of controllers with digital I/O and no processor.
+    /// The values of the digital outputs, which the master writes directly. Only for a controller that drives outputs
+    /// itself, without a processor.
     DIGITAL_OUTPUTS = 0x0F00, 4, Write, "digital outputs";
     USER_RAM = 0x0F80, 128, Write, "user RAM";
 }

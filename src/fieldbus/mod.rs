@@ -375,9 +375,9 @@ pub trait Fieldbus: Send {
     /// have passed since. With [`Pacing::Runner`] this is 1, or 0 while the bus is down.
     fn room(&self) -> u16;
 
-    /// An estimate of the number of sets of outputs that wait in the queue of the bus. Sets that are still on their way
-    /// to the queue do not count, because no cycle could have sent them. `None`: the bus has no estimate, and the
-    /// engine computes one from the cycles that have passed. The estimate does not show which outputs were sent.
+    /// An estimate of how many sets of outputs the bus holds beyond the few that are always in flight: these wait, and
+    /// could have been sent in earlier cycles. `None`: the bus has no estimate, and the engine computes one from the
+    /// cycles that have passed. The estimate does not show which outputs were sent.
     fn held_estimate(&self) -> Option<u64> {
         None
     }

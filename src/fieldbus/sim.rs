@@ -176,7 +176,7 @@ impl SimBus {
         }
     }
 
-    /// Restarts, in Init, the slaves whose power scripts or tests have switched off and on.
+    /// Restarts the slaves whose power scripts or tests have switched off: they begin in Init again.
     fn power_off(&mut self) {
         for slave in self.handle.take_powered_off().iter() {
             if let Some(station) = self.stations.get_mut(usize::from(slave) - 1) {

@@ -34,7 +34,7 @@ pub struct Snapshot {
     pub at: Ns,
     /// The state of the network, byte 2 of slot 0.
     pub state: StateByte,
-    /// Why the last change of state has failed; `None`: no failure.
+    /// Why the newest change of state failed, or which slave was lost since; `None`: no failure.
     pub failure: Option<StateFailure>,
     /// The BUSY pin, when no SPI transfer is under way: high from a boot until the first PreOP after it. An SPI host
     /// that ignores the pin reads zeros while it is high (SK-4, SK-10).

@@ -84,7 +84,7 @@ pub enum DriveState {
     NotReadyToSwitchOn,
     /// The power stage is off. The controlword Shutdown (0x06) leads to Ready to switch on.
     SwitchOnDisabled,
-    /// The power stage may be switched on. The controlword Switch on (0x07) does it.
+    /// The power stage may be switched on. The controlword Switch on (0x07) switches it on.
     ReadyToSwitchOn,
     /// The power stage is ready, and the motor has no torque. The controlword Enable operation (0x0F) leads to Operation
     /// enabled.

@@ -27,13 +27,13 @@ pub const DATA_LEN_MAX: usize = FRAME_LEN_MAX - FRAME_HEADER_LEN - DATAGRAM_OVER
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 struct Layout {
-    /// 0..=5: destination MAC address.
+    /// Bytes 0..=5: destination MAC address.
     destination: [u8; 6],
-    /// 6..=11: source MAC address.
+    /// Bytes 6..=11: source MAC address.
     source: [u8; 6],
-    /// 12..=13: EtherType, big endian.
+    /// Bytes 12..=13: EtherType, big endian.
     ethertype: [u8; 2],
-    /// 14..=15: bits 0..=10 length of the EtherCAT payload, bit 11 reserved, bits 12..=15 protocol.
+    /// Bytes 14..=15: bits 0..=10 length of the EtherCAT payload, bit 11 reserved, bits 12..=15 protocol.
     ethercat: U16Le,
 }
 

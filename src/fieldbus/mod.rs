@@ -135,7 +135,7 @@ pub struct BusConfig {
     /// The slaves to be configured. All other slaves keep their configuration and their state: slaves that were lost are
     /// configured again while the others stay in OP.
     pub selected: SlaveSet,
-    /// Slave n is `slaves[n - 1]`; entries beyond the slaves found have no effect.
+    /// The configuration of slave n is `slaves[n - 1]`; entries beyond the slaves found have no effect.
     pub slaves: [SlaveConfig; MAX_SLAVES],
 }
 
@@ -189,7 +189,7 @@ impl Default for Outputs {
 /// Process data of one cycle from all slaves.
 #[derive(Clone, Debug)]
 pub struct Inputs {
-    /// Slave n is `slaves[n - 1]`; the entry of a slave that did not answer stays as it was.
+    /// The inputs of slave n are `slaves[n - 1]`. If a slave did not answer, its entry stays as it was.
     pub slaves: [SlaveIn; MAX_SLAVES],
     /// Slaves that the scan has found and that did not answer in this cycle: their cable is cut, they have no power, or
     /// they have left the state that they were brought to. The engine counts a slave as lost after one such cycle. So a
@@ -423,8 +423,8 @@ pub trait Fieldbus: Send {
         false
     }
 
-    /// The slave with the reference clock: the first one found that has distributed clocks (SK-11, UG15). `None`: no slave
-    /// has distributed clocks, or the bus does not know.
+    /// The slave with the reference clock: the first one found that has distributed clocks (SK-11, UG15). `None`: no
+    /// slave has distributed clocks, or the bus has no way to find out.
     fn reference_clock(&self) -> Option<u8> {
         None
     }

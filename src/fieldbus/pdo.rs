@@ -1,8 +1,9 @@
-//! The process data that the board maps for each kind of slave (SK-7, table of process data): the SDOs that a bus writes in
-//! PreOP, and the layout of [`AxisOut`] and [`AxisIn`] in the process image of a slave.
+//! The process data that the board maps for each kind of slave (SK-7, table of process data): the SDOs that a bus
+//! writes in PreOP, and the layout of [`AxisOut`] and [`AxisIn`] in the process image of a slave.
 //!
-//! To map other process data for a kind of slave: its objects, a row of `tables!`, and an arm of [`ProcessData::of`]; if an
-//! object of the slave decides between two, an arm of [`ProcessData::probe`]. No bus knows more of it.
+//! To map other process data for a kind of slave, add their objects, a row of `tables!`, and an arm of
+//! [`ProcessData::of`]. If an object of the slave decides between two mappings, also add an arm of
+//! [`ProcessData::probe`]. No bus has to be changed.
 //!
 //! All buses use the same mapping: they write [`ProcessData::downloads`] by SDO, and convert process images with
 //! [`ProcessData::put_outputs`] and [`ProcessData::take_inputs`]. [`ProcessData::take_outputs`] and

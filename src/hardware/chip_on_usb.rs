@@ -141,7 +141,8 @@ fn chip_error(name: &str, error: &UsbPacketError) -> ChipError {
 /// ECM-XFU.
 ///
 /// # Errors
-/// [`UriError::OtherScheme`] if it is not an `xf-usb:` link; [`UriError::MissingKey`].
+/// [`UriError::OtherScheme`] if it is not an `xf-usb:` link; [`UriError::MissingKey`] without one of the ids or
+/// endpoints.
 fn usb_place(uri: &LinkUri) -> Result<PacketPlace, UriError> {
     uri.expect_scheme(Scheme::XfUsb)?;
     let id = |key| uri.given(key, keys::usb_id);

@@ -143,9 +143,9 @@ impl AlEvents {
 /// the status.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct AlStatusWithCode {
-    /// Register 0x0130.
+    /// AL status, register 0x0130.
     pub status: AlStatusRegister,
-    /// Register 0x0134.
+    /// AL status code, register 0x0134.
     pub code: AlStatus,
 }
 

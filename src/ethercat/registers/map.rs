@@ -63,19 +63,19 @@ map! {
     /// The master resets the controller by writing the bytes of [`RESET_SEQUENCE`] in three frames.
     RESET_ECAT = 0x0040, 1, Write, "ESC reset ECAT";
     RESET_PDI = 0x0041, 1, Read, "ESC reset PDI";
-    /// See [`DlControl`](super::DlControl).
+    /// How the controller forwards frames, see [`DlControl`](super::DlControl).
     DL_CONTROL = 0x0100, 4, Write, "ESC DL control";
     /// An offset that FPRW and APRW add to the address for their write.
     PHYSICAL_OFFSET = 0x0108, 2, Write, "physical read/write offset";
-    /// See [`DlStatus`](super::DlStatus).
+    /// The links and loops of the ports, see [`DlStatus`](super::DlStatus).
     DL_STATUS = 0x0110, 2, Read, "ESC DL status";
-    /// See [`AlControl`](super::AlControl).
+    /// The AL state that the master requests, see [`AlControl`](super::AlControl).
     AL_CONTROL = 0x0120, 2, Write, "AL control";
-    /// See [`AlStatusRegister`](super::AlStatusRegister).
+    /// The present AL state of the slave, see [`AlStatusRegister`](super::AlStatusRegister).
     AL_STATUS = 0x0130, 2, Read, "AL status";
     /// Two reserved bytes between the AL status and its code. Masters read all three with one datagram.
     AL_STATUS_GAP = 0x0132, 2, Read, "reserved";
-    /// See [`AlStatus`](crate::ethercat::AlStatus).
+    /// Why the slave has refused or left an AL state, see [`AlStatus`](crate::ethercat::AlStatus).
     AL_STATUS_CODE = 0x0134, 2, Read, "AL status code";
     RUN_LED = 0x0138, 1, Read, "RUN LED override";
     ERR_LED = 0x0139, 1, Read, "ERR LED override";
@@ -87,12 +87,12 @@ map! {
     ESC_CONFIGURATION = 0x0141, 1, Read, "ESC configuration";
     /// The configuration of the process data interface, loaded from the SII at power-on.
     PDI_CONFIGURATION = 0x0150, 4, Read, "PDI configuration";
-    /// See [`EcatEvents`](super::EcatEvents).
+    /// The events that the controller reports in the `irq` field of datagrams, see [`EcatEvents`](super::EcatEvents).
     ECAT_EVENT_MASK = 0x0200, 2, Write, "ECAT event mask";
     AL_EVENT_MASK = 0x0204, 4, Read, "AL event mask";
-    /// See [`EcatEvents`](super::EcatEvents).
+    /// The pending events for the master, see [`EcatEvents`](super::EcatEvents).
     ECAT_EVENT = 0x0210, 2, Read, "ECAT event request";
-    /// See [`AlEvents`](super::AlEvents).
+    /// The pending events for the slave's processor, see [`AlEvents`](super::AlEvents).
     AL_EVENT = 0x0220, 4, Read, "AL event request";
     /// Two bytes for each port: the counter of invalid frames and the counter of physical layer errors.
     RX_ERRORS = 0x0300, 2 * PORTS as u16, Clear, "RX error counters";
@@ -120,9 +120,9 @@ map! {
     SII_ADDRESS = 0x0504, 4, Write, "EEPROM address";
     SII_DATA = 0x0508, 8, Write, "EEPROM data";
     MII = 0x0510, 12, Read, "MII management";
-    /// See [`fmmu`] and [`Fmmu`](super::Fmmu).
+    /// The registers of all FMMUs, see [`fmmu`] and [`Fmmu`](super::Fmmu).
     FMMU = 0x0600, 16 * FMMU_LEN as u16, Write, "FMMUs";
-    /// See [`sync_manager`] and [`SyncManager`](super::SyncManager).
+    /// The registers of all sync managers, see [`sync_manager`] and [`SyncManager`](super::SyncManager).
     SYNC_MANAGER = 0x0800, 16 * SYNC_MANAGER_LEN as u16, Write, "sync managers";
     /// For each port, the local time at which the frame that wrote to this register arrived; 4 bytes each.
     RECEIVE_TIMES = 0x0900, 4 * PORTS as u16, Write, "receive times";
@@ -130,7 +130,8 @@ map! {
     RECEIVE_TIME_UNIT = 0x0918, 8, Read, "receive time processing unit";
     SYSTEM_TIME_OFFSET = 0x0920, 8, Write, "system time offset";
     SYSTEM_TIME_DELAY = 0x0928, 4, Write, "system time delay";
-    /// See [`SystemTimeDifference`](super::SystemTimeDifference).
+    /// The offset of the slave's clock to the reference clock, see
+    /// [`SystemTimeDifference`](super::SystemTimeDifference).
     SYSTEM_TIME_DIFFERENCE = 0x092C, 4, Read, "system time difference";
     SPEED_COUNTER_START = 0x0930, 2, Write, "speed counter start";
     SPEED_COUNTER_DIFFERENCE = 0x0932, 2, Read, "speed counter difference";
@@ -138,7 +139,7 @@ map! {
     SPEED_FILTER = 0x0935, 1, Write, "speed counter filter depth";
     RECEIVE_TIME_LATCH_MODE = 0x0936, 1, Write, "receive time latch mode";
     CYCLIC_UNIT_CONTROL = 0x0980, 1, Write, "cyclic unit control";
-    /// See [`SyncActivation`](super::SyncActivation).
+    /// Which SYNC pulses the slave's clock generates, see [`SyncActivation`](super::SyncActivation).
     SYNC_ACTIVATION = 0x0981, 1, Write, "SYNC activation";
     /// The length of a SYNC pulse in units of 10 ns, loaded from the SII at power-on.
     SYNC_PULSE_LENGTH = 0x0982, 2, Read, "pulse length of SYNC signals";

@@ -122,17 +122,17 @@ impl SmStatus {
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Layout {
-    /// 0: start address.
+    /// Bytes 0..=1: start address.
     start: U16Le,
-    /// 2: length.
+    /// Bytes 2..=3: length.
     len: U16Le,
-    /// 4: control byte.
+    /// Byte 4: control byte.
     control: u8,
-    /// 5: status byte.
+    /// Byte 5: status byte.
     status: u8,
-    /// 6: activate byte.
+    /// Byte 6: activate byte.
     activate: u8,
-    /// 7: PDI control byte.
+    /// Byte 7: PDI control byte.
     pdi: u8,
 }
 

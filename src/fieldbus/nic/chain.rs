@@ -61,7 +61,7 @@ impl ChainWires {
         Ok(Self::on_cable(CabledChain::with_drift(devices, handle.cable().clone(), drift_ppb)?, handle))
     }
 
-    /// Takes slaves that are already on a cable. The cable has to be the one that `handle` controls.
+    /// Makes the wires for slaves that are already on a cable. The cable has to be the one that `handle` controls.
     pub fn on_cable(slaves: CabledChain, handle: SimHandle) -> Self {
         let spare = (0..FRAMES).map(|_| Vec::with_capacity(FRAME_LEN_MAX)).collect();
         let returning = [(); 2].map(|()| VecDeque::with_capacity(FRAMES));

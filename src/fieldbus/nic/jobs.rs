@@ -224,7 +224,8 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// Continues the running job, if it can go on.
+    /// Continues the running job: makes a request of a change of state that is due, and polls the futures of a
+    /// configuration.
     pub(super) fn run_job(&mut self) {
         self.ask_again();
         let Some(Running::Configure(mut configuring)) = self.job.take_if(|job| matches!(job, Running::Configure(_)))

@@ -15,22 +15,22 @@
 //! **A cycle** is one [`Fieldbus::poll`], as in a simulated network: the poll sends the frames and waits until they are
 //! back, at most for the part [`ANSWER_WAIT`] of a cycle. So an answer belongs to the outputs of the same cycle.
 //!
-//! **A cycle without an answer** \[OURS]: it is not known how far its frames came. The next cycle sends the same outputs
-//! again, and newer outputs wait. So a target may be late or sent twice, but none is skipped. The poll then returns no
-//! cycle, as with a cable that is cut before the first slave.
+//! **A cycle without an answer** \[OURS]: it is not known how far its frames came. The next cycle sends the same
+//! outputs again, and newer outputs wait. So a target may be late or sent twice, but none is skipped. The poll then
+//! returns no cycle, as with a cable that is cut before the first slave.
 //!
 //! A clear ([`Fieldbus::clear_ahead`]) does not take back outputs that a frame has carried.
 //!
-//! **A cycle that a slave has missed** \[OURS]: the working counter is too low, or not all slaves are in their states, and
-//! the other slaves have moved on. Outputs sent since then count as missed by the slave that is named as lost for it. If
-//! all slaves answer again before one is named, these outputs count as lost sets of outputs.
+//! **A cycle that a slave has missed** \[OURS]: the working counter is too low, or not all slaves are in their states,
+//! and the other slaves have moved on. Outputs sent since then count as missed by the slave that the states then show
+//! as lost. If all slaves answer again before one is named, these outputs count as lost sets of outputs.
 //!
-//! It is not known how much lost slaves still add to the working counter. So while slaves are lost, a working counter below
-//! that of the cycle before is too low, until the states of all slaves have been read.
+//! It is not known how much lost slaves still add to the working counter. So while slaves are lost, a working counter
+//! below that of the cycle before is too low, until the states of all slaves have been read.
 //!
-//! **Lost slaves** \[OURS]. A working counter that is too low does not show which slave is missing. The master reads the
-//! state of each slave, which takes some cycles (`master/acyclic.rs` decides how many), and names the slaves that do not answer or have left their state. They
-//! stay lost until a [`Job::State`] brings them back.
+//! **Lost slaves** \[OURS]. A working counter that is too low does not show which slave is missing. The master reads
+//! the state of each slave, which takes some cycles (`master/acyclic.rs` decides how many), and names the slaves that
+//! do not answer or have left their state. They stay lost until a [`Job::State`] brings them back.
 //!
 //! **A working counter that is wrong** \[OURS], too low or too high: the inputs of that datagram are not used, and all
 //! slaves in the datagram keep their previous inputs. If no AL state explains the working counter, the master reads the
@@ -143,7 +143,7 @@ pub struct NicBus<W> {
     wires: W,
     /// The master, shared with the futures of a configuration.
     master: Arc<Mutex<Master>>,
-    /// Offset of the engine's clock to the wires'; `None`: it was not measured yet.
+    /// Offset of the engine's clock to the wires' clock (engine minus wires); `None`: it was not measured yet.
     skew: Option<Ns>,
     /// Whether a runner of the engine waits for the time of each cycle. Without a runner the bus itself waits until
     /// that time.

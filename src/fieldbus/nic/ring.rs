@@ -68,14 +68,14 @@ pub struct Ring<P> {
     state: RingState,
 }
 
-/// What a received frame is.
+/// The kind of a received frame.
 enum Came {
     /// A probe; its value is the index of the frame that it was sent with.
     Probe(u8),
     /// A frame of the master: its index, and whether it has passed a slave. One that has not passed a slave is no
     /// answer.
     Own(u8, bool),
-    /// A frame that is neither of the master nor a probe.
+    /// Neither a frame of the master nor a probe, but for example a frame of another master.
     Other,
 }
 

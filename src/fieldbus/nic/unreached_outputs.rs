@@ -1,5 +1,6 @@
-//! Outputs that may not have reached all slaves: those of cycles with a working counter that was too low, until it is known
-//! which slaves missed them. The count is an upper bound \[OURS]: outputs that are not known to have reached a slave count.
+//! Outputs that may not have reached all slaves: those of cycles with a working counter that was too low, until it is
+//! known which slaves missed them. The count is an upper bound \[OURS]: it includes outputs of which it is only unknown
+//! whether they have reached a slave.
 
 use crate::ethercat::Ns;
 
@@ -10,7 +11,7 @@ pub(super) struct Cycle {
     /// The id of the outputs that the cycle carried for the first time. `None`: it repeated the outputs of the cycle
     /// before, whose id is in `sent`.
     pub(super) outputs: Option<u64>,
-    /// The id of the newest outputs that were sent by this cycle.
+    /// The id of the newest outputs that were sent up to this cycle.
     pub(super) sent: Option<u64>,
     /// The working counter of the cycle, and its value if every slave answers.
     pub(super) working_counters: [u16; 2],
@@ -91,8 +92,8 @@ impl UnreachedOutputs {
         std::mem::take(&mut self.sets)
     }
 
-    /// Called when the AL states of all slaves are known that were requested at `read`: each slave that was not named as lost
-    /// is in OP.
+    /// Called when the master knows the AL states of all slaves: each slave that was not named as lost is in OP.
+    /// `read`: when the master began to read the states. `sent`: the id of the newest outputs sent so far.
     pub(super) fn note_states(&mut self, read: Option<Ns>, sent: Option<u64>) {
         if read == self.read_at {
             return;

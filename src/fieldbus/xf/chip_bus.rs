@@ -199,8 +199,8 @@ impl<W: Wires> ChipBus<W> {
         self.options.ahead.saturating_add(transport_sets).min(u16::from(entries).max(1))
     }
 
-    /// The wires' time at the engine's time `now`. If the wires' clock is a real one and there is no runner, the engine's
-    /// clock stands still while the engine is not called.
+    /// The wires' time at the engine's time `now`. If the wires' clock is a real one and there is no runner, the
+    /// engine's clock stands still while the engine is not called. The offset of the clocks is then measured again.
     pub(super) fn wires_time(&mut self, now: Ns) -> Ns {
         let wires = self.wires.now();
         let skew = *self.skew.get_or_insert(now.wrapping_sub(wires));
@@ -312,8 +312,8 @@ impl<W: Wires> ChipBus<W> {
         self.newest_written = None;
     }
 
-    /// Counts as lost the sets of outputs that were in the chip or waited for it when the last slave left OP: they reach no
-    /// slave, and the board has not taken them back.
+    /// Counts as lost the sets of outputs that were in the chip or waited for it when the last slave left OP: they
+    /// reach no slave, and the board has not discarded them by `clear_ahead`.
     pub(super) fn lose_left_behind(&mut self) {
         let newest = self.newest_left_behind.take().max(self.ledger.newest_unsent());
         let sets = std::mem::take(&mut self.left_behind) + self.ledger.ahead();

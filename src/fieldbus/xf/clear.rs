@@ -12,11 +12,11 @@ use crate::xf::request::Fifos;
 /// the command (OBS: they lag two exchanges).
 pub(super) const SETTLED: u64 = 3;
 
-/// The steps of a clear.
+/// The steps of emptying the RxFIFO, which is called a clear here.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Clearing {
     Idle,
-    /// The clear is requested. It waits for the results of the sets of outputs in flight.
+    /// The clear is requested. It waits for the results of the exchanges in flight, which carry sets of outputs.
     Begun,
     /// The chip executes the command that stops it from taking sets of outputs out of its FIFO.
     Stopping(Asked),

@@ -274,7 +274,8 @@ impl<W: Wires> ChipBus<W> {
         self.give_up(sets);
     }
 
-    /// Gives up the oldest sets of outputs in the queue: they were certainly not written, or this is not known.
+    /// Removes the oldest sets of outputs from the queue and counts them as lost: either they were certainly not
+    /// written, or it is not known whether they were.
     fn give_up(&mut self, sets: usize) {
         let sets = self.queue.drain(..sets.min(self.queue.len())).len();
         self.lose_sets(sets as u64);

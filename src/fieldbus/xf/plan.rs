@@ -132,8 +132,9 @@ impl CycleDemand {
     }
 }
 
-/// The number of exchanges that a plan allows for per exchange of process data. Its answer comes with the next
-/// exchange, and if only one is in flight, a command with two exchanges of its own may come between. \[OURS]
+/// For each exchange of process data, the number of exchanges of packets for which a plan leaves time. The answer to an
+/// exchange comes with the next one. If only one exchange of process data is in flight, a command with two exchanges of
+/// its own may come in between. \[OURS]
 const fn exchanges_of_process_data(in_flight: usize) -> u32 {
     if in_flight > 1 { 2 } else { 4 }
 }

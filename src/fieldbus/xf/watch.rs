@@ -70,7 +70,8 @@ pub(super) struct Watch {
     /// `reading_since`: when the newest reading began.
     read_at: Option<Ns>,
     reading_since: Option<Ns>,
-    /// The number of consecutive cycles whose inputs were not used, and when the first of them ran.
+    /// `held_cycles`: the number of consecutive cycles whose inputs were not used. `held_since`: when the first of them
+    /// ran, on the wires' clock.
     held_cycles: u32,
     held_since: Ns,
 }

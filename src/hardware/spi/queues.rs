@@ -40,7 +40,7 @@ pub(super) struct QueueState {
     op: bool,
 }
 
-/// How the frames and reports of a link have passed through its queues.
+/// Counters of the frames and reports that have passed through a link's queues.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct QueueCounts {
     pub dropped: u64,

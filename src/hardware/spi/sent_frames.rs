@@ -136,8 +136,8 @@ impl SentFrames {
         newest.filter(|number| matches!(self.entries[ring_index(*number)], Entry::Host(_))).count() as u16
     }
 
-    /// The number of the first frame that may not have been executed yet, according to an answer that reports the FIFO
-    /// level `level`, in which frames sent after `since` may be missing.
+    /// The number of the oldest frame that may not have been executed yet: all frames before it have been. The answer
+    /// reports the FIFO level `level`; frames that were sent after `since` may be missing from this level.
     fn executed_before(&self, level: u16, since: Ns) -> u64 {
         let unknown =
             (self.oldest()..self.pushed).rev().take_while(|number| self.times[ring_index(*number)] > since).count();

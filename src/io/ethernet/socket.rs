@@ -63,7 +63,8 @@ impl EthernetSocket {
     /// Opens a socket at the interface for frames of that EtherType.
     ///
     /// # Errors
-    /// [`InterfaceError::NoRight`], [`InterfaceError::System`].
+    /// [`InterfaceError::NoRight`]: this program has no permission for raw frames. [`InterfaceError::System`]: the
+    /// system refuses the socket for another reason.
     pub fn open(interface: &Interface, ethertype: u16) -> Result<Self, InterfaceError> {
         let name = &interface.name;
         Self::open_raw(interface.index, ethertype).map_err(|source| match source.kind() {

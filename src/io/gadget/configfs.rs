@@ -18,7 +18,7 @@ const USB_VERSION: u16 = 0x0200;
 /// Kernels before 5.11 do not have this file.
 const MAX_SPEED: (&str, &str) = ("max_speed", "high-speed");
 
-/// What the device descriptor, the strings and the configuration descriptor of a gadget say.
+/// The values of a gadget in its device descriptor, strings and configuration descriptor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DeviceIds {
     /// idVendor.
@@ -154,7 +154,7 @@ pub fn removal(gadget: &Path) -> Vec<Step> {
     steps
 }
 
-/// A gadget that this process has made. It is removed when this is dropped.
+/// A gadget that this process has made. It is removed when this value is dropped.
 #[derive(Debug)]
 pub struct Gadget {
     folder: PathBuf,

@@ -18,7 +18,7 @@ const READ: u16 = 0;
 const WRITE: u16 = 1;
 const TELL_BY_EVENT_FD: u32 = 1;
 
-/// `struct iocb`.
+/// `struct iocb`: a request to the kernel's asynchronous I/O.
 #[repr(C)]
 #[derive(Clone, Copy)]
 struct ControlBlock {
@@ -37,7 +37,7 @@ struct ControlBlock {
     event_fd: u32,
 }
 
-/// `struct io_event`.
+/// `struct io_event`: the end of such a request.
 #[repr(C)]
 #[derive(Clone, Copy, Default)]
 struct CompletionEvent {
@@ -61,7 +61,7 @@ pub enum Direction {
 /// A transfer that has ended.
 #[derive(Debug)]
 pub struct End {
-    /// Its direction.
+    /// The direction of the transfer.
     pub direction: Direction,
     /// How many bytes were moved, or the kernel's error: ECONNRESET for a cancelled transfer, ESHUTDOWN or EAGAIN if
     /// the endpoint is off because no host has selected the configuration.

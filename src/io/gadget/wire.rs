@@ -3,9 +3,9 @@
 //!
 //! Source: include/uapi/linux/usb/functionfs.h of Linux.
 
-/// `FUNCTIONFS_DESCRIPTORS_MAGIC_V2`.
+/// `FUNCTIONFS_DESCRIPTORS_MAGIC_V2`: the first number of the write with the descriptors.
 const DESCRIPTORS: u32 = 3;
-/// `FUNCTIONFS_STRINGS_MAGIC`.
+/// `FUNCTIONFS_STRINGS_MAGIC`: the first number of the write with the strings.
 const STRINGS: u32 = 2;
 /// `FUNCTIONFS_HAS_HS_DESC`: the descriptors that follow are for high speed. As no other flag is set, there are none
 /// for other speeds.

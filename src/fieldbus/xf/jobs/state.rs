@@ -16,8 +16,8 @@ const RETRY_NS: Ns = 10_000_000;
 struct Change {
     target: AlState,
     slaves: SlaveSet,
-    /// The state to which the chip was last told to bring all slaves together. Slaves that are behind afterwards are
-    /// moved one by one.
+    /// The state to which the chip was last commanded to bring all slaves together. Slaves that are behind afterwards
+    /// are moved one by one.
     all_tried: Option<AlState>,
     /// Whether all slaves have left OP and the job has waited until the engine has polled the last cycles in OP, which
     /// it would lose otherwise.

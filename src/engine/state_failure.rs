@@ -100,8 +100,7 @@ pub enum StateFailure {
         /// The state that the slave had to reach.
         target: MasterState,
     },
-    /// The master hardware that runs the network (an ECM-XF or a network card) cannot do what SET_AXIS and SET_DC have
-    /// declared.
+    /// The master hardware that runs the network, such as an ECM-XF, cannot do what SET_AXIS and SET_DC have declared.
     Hardware(HardwareLimit),
     /// The change of state exceeded its timeout.
     Late {

@@ -46,8 +46,8 @@ impl Board {
         let end = self.now().saturating_add(limit_ns);
         let is_gone = |board: &Self| board.cards_gone().is_some_and(|gone| gone.is_all);
         while !done(self) && self.now() < end && !is_gone(self) {
-            // The runner is not involved here: before each cycle the bus gets all the time until the cycle is due for
-            // its work, so the board is never late.
+            // Before each cycle the bus gets all the time until the cycle is due. No runner, which could be late, is
+            // involved here, so the board never is late.
             self.work_until(self.now(), self.next_cycle());
             self.cycle(&mut |_, _| {});
         }

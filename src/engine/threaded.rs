@@ -212,7 +212,7 @@ impl Threaded {
     /// caller can look for other reasons to stop.
     ///
     /// # Errors
-    /// The same as of [`Self::read`].
+    /// As of [`Self::read`].
     pub fn read_and(
         &self,
         out: &mut Frame,

@@ -355,7 +355,7 @@ pub trait Fieldbus: Send {
     /// Announces the configuration that the next [`Job::Configure`] is expected to have, by the settings that programs
     /// have declared so far. All slaves are in PreOP, and no job or SDO is running. A bus on which a configuration
     /// takes long may begin it early. Programs must not notice that: their SDO transfers read the same values as
-    /// without, and no job waits longer than the configuration itself would have taken.
+    /// without the early start, and no job waits longer than the configuration itself would have taken.
     fn prepare(&mut self, _config: &BusConfig, _now: Ns) {}
 
     /// Returns the result of the job once it has ended. Each result is returned once.

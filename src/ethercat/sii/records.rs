@@ -96,7 +96,7 @@ struct GeneralLayout {
     flags: u8,
     /// Bytes 12..=13: EBUS current.
     ebus_current: U16Le,
-    /// Byte 14: the group once more, as the standard requires.
+    /// Byte 14: the group, with the same value as in byte 0.
     group_again: u8,
     reserved_2: u8,
     /// Bytes 16..=17: physical layer, four bits per port.

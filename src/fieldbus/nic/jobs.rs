@@ -319,8 +319,8 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    /// Called when a cycle has carried no new outputs: the engine has pushed all that were in the board's FIFO, and
-    /// they are sent. Slaves may leave OP now.
+    /// Called when a cycle has carried no new outputs: all outputs that were in the board's FIFO are pushed and sent.
+    /// Slaves may leave OP now.
     pub(super) fn all_is_sent(&mut self) {
         let now = self.wires.now();
         if let Some(Running::State(change)) = &mut self.job

@@ -176,7 +176,7 @@ impl<W: Wires> Steps<W> {
 }
 
 impl<W: Wires> ChipBus<W> {
-    /// Makes this the running job.
+    /// Makes `job` the running job; `None`: no job runs any more.
     pub(super) fn begin_job(&mut self, job: Option<Running>) {
         (self.job, self.states, self.part) = (job, [None; MAX_SLAVES], Part::Any);
     }

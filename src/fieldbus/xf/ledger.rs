@@ -239,8 +239,8 @@ impl Ledger {
     /// header after the stop. Returns the id of the newest set of outputs that was sent.
     ///
     /// A set of which it is not known whether it has reached the FIFO counts as if it had \[OURS]. So the result may be
-    /// too new, by the number of such sets, but never too old. If it is too new, an axis skips a target; if it were too
-    /// old, an axis would go back to a target that it has left.
+    /// too new, by the number of such sets, but never too old. If it is too new, an axis moves on by one more target.
+    /// If it were too old, an axis would go back to a target that it has left.
     pub(super) fn cleared(&mut self, rx_fifo: u8) -> Option<u64> {
         let State { written, read } = self.newest();
         let (mut sent, mut doubts) = (written, self.doubts.len());

@@ -8,7 +8,7 @@ pub struct XfBusOptions {
     /// How many sets of outputs the chip holds for a host that is late, 1 to 60: if the host is late by at most this
     /// number of cycles, the chip still has outputs for each cycle. In addition the bus writes as many sets as the
     /// transport takes ([`CyclePlan::transport_sets`](super::plan::CyclePlan::transport_sets), 3 to 6 with cycles of 1
-    /// ms), in total at most as many as the chip's FIFO holds. A target is computed as many cycles before the chip
+    /// ms), in total at most as many as the chip's FIFO holds. A target is computed that many cycles before the chip
     /// sends it.
     pub ahead: u16,
     /// The SPI clock in Hz. With it the bus computes how long packets take, and whether a cycle time is possible.

@@ -307,8 +307,8 @@ impl<W: Wires> ChipBus<W> {
         }
         self.end_ahead();
         let in_op = self.network.in_op();
-        // The chip no longer shows which slaves have missed earlier outputs, so all outputs that were not known to be
-        // sent, and those in doubt before them, count as missed by all slaves.
+        // The chip no longer shows which slaves have missed earlier outputs. So for every slave in OP all outputs count
+        // as missed that are not known to be sent, and those from `suspect_from` on if there are any.
         let next = self.ledger.next_id();
         let missed_from = self.watch.suspect_from.map_or(next, |from| from.min(next));
         let all = SlaveSet::first(self.network.found);

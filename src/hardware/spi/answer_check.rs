@@ -103,7 +103,7 @@ impl AnswerCheck {
     /// Checks an answer and decodes its slot 0.
     ///
     /// # Errors
-    /// [`InvalidAnswer`]: the CRC is wrong or, in an answer without a CRC, the bytes have not the form of a report.
+    /// [`InvalidAnswer`]: the CRC is wrong or, in an answer without a CRC, the bytes do not have the form of a report.
     /// [`Self::explain`] then returns the likely wiring fault.
     pub fn check(&mut self, answer: &Frame) -> Result<MasterResponse, InvalidAnswer> {
         if !self.fits(answer) {

@@ -352,8 +352,8 @@ impl Pacer {
                 self.restart_fifo();
                 self.sent.forget_earlier();
             }
-            // If the program sets a threshold, the board starts when so few entries are free. The number of used
-            // entries at that moment becomes the target.
+            // If the program sets a threshold, the board starts when fewer than `free` entries of the FIFO are free.
+            // The number of used entries at that moment becomes the target.
             Ok(MasterCommand::SetFifo(FifoAction::Threshold(free))) if self.op() => {
                 let free = free.min(FIFO_ENTRIES.into()) as u16;
                 self.prefill = PrefillState::Done;

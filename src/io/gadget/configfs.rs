@@ -21,17 +21,17 @@ const MAX_SPEED: (&str, &str) = ("max_speed", "high-speed");
 /// The values of a gadget in its device descriptor, strings and configuration descriptor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DeviceIds {
-    /// idVendor.
+    /// idVendor of the device descriptor.
     pub vendor: u16,
-    /// idProduct.
+    /// idProduct of the device descriptor.
     pub product: u16,
-    /// bcdDevice.
+    /// bcdDevice of the device descriptor: the release number of the device.
     pub release: u16,
     /// bmAttributes of the configuration.
     pub attributes: u8,
     /// The largest current from the bus, in mA.
     pub power_ma: u16,
-    /// iManufacturer, iProduct and iSerialNumber, in this order.
+    /// The texts of iManufacturer, iProduct and iSerialNumber, in this order.
     pub texts: [String; 3],
 }
 

@@ -47,8 +47,8 @@ fn release(folder: &Path) {
     let _ = fs::remove_dir(folder);
 }
 
-/// Endpoint 0 of a function. A request has to be answered before the next event is read: the kernel takes a read before
-/// as the answer.
+/// Endpoint 0 of a function. A request has to be answered before the next event is read: the kernel would take that
+/// read as the answer to the request.
 #[derive(Debug)]
 pub struct ControlEndpoint(File);
 

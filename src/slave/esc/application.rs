@@ -38,7 +38,8 @@ impl ProcessManagers {
     }
 }
 
-/// The number of a sync manager that no controller uses. A direction without process data gets this number.
+/// The last sync manager number, 15, stands for a direction without process data. That sync manager is normally disabled, so
+/// its length reads as 0 and no `Option` is needed.
 const NO_MANAGER: u8 = MANAGERS_MAX as u8 - 1;
 
 /// The AL state machine of a slave: AL status and AL status code, the pending request of the master, and what the slave waits
@@ -69,7 +70,7 @@ pub(super) enum Change {
     None,
     /// The mailbox starts, in PreOP or in bootstrap.
     MailboxOn,
-    /// Process data start.
+    /// Process data start: the slave has come to SafeOP or OP from PreOP or Init.
     ProcessDataOn,
 }
 
@@ -98,7 +99,7 @@ impl Application {
         self.shown_state() == RequestedState::Boot
     }
 
-    /// The AL state of the device. During bootstrap the device is in Init.
+    /// The AL state as the device model knows it, which has no bootstrap: while AL status shows bootstrap, this is Init.
     pub(super) fn state(&self) -> AlState {
         match self.status.state() {
             RequestedState::State(state) => state,
@@ -191,7 +192,8 @@ impl Application {
         self.requested.is_some() || self.waiting.is_some() || self.lock_due.is_some()
     }
 
-    /// Processes a request that is due, and continues on the way to OP. Called after a frame and when time has passed.
+    /// Processes a request of the master that is due, checks the time limit for SYNC0, and continues a pending change to OP.
+    /// Called after a frame and when time has passed.
     pub(super) fn advance(&mut self, now: Ns, controller: &mut Controller, device: &mut dyn Slave) -> Change {
         if let Some((control, _)) = self.requested.take_if(|(_, due)| *due <= now) {
             let change = self.handle(control, now, controller, device);
@@ -317,7 +319,7 @@ impl Application {
         device: &mut dyn Slave,
     ) -> Result<Change, AlStatus> {
         let checked = match (from, to) {
-            // The change is made once outputs have come, see `try_op`.
+            // `try_op` goes to OP once outputs and SYNC0 have come, or reports an error after `OP_WAIT_NS`.
             (AlState::SafeOp, AlState::Op) => {
                 self.waiting = Some(now + OP_WAIT_NS);
                 return Ok(Change::None);
@@ -375,7 +377,9 @@ impl Application {
         }
     }
 
-    /// Repeats the checks after a sync manager was enabled, disabled or changed; the slave may fall back to a lower state.
+    /// Repeats the checks of the mailbox and of process data after the master has written activate registers of sync managers
+    /// (`activated`, bit n for sync manager n). `lens` are the lengths of outputs and inputs at the change to SafeOP, bytes. If
+    /// a check fails, the slave falls back to a lower state.
     pub(super) fn check_again(
         &mut self,
         activated: u16,

@@ -16,14 +16,14 @@ const LOADING_ERRORS: SiiControl = SiiControl(SiiControl::CHECKSUM_ERROR.0 | Sii
 /// The byte offset of the station alias, word 4.
 const ALIAS: usize = 8;
 
-/// The EEPROM with its interface.
+/// The content of the EEPROM, and the state of the registers through which the master accesses it.
 #[derive(Clone, Debug)]
 pub(super) struct Eeprom {
     content: Vec<u8>,
     reads_8_bytes: bool,
     takes_ns: Ns,
-    /// The duration of the EEPROM's internal write cycle after a write command, ns. In that time the EEPROM acknowledges no
-    /// command.
+    /// `silence_ns`: the duration of the internal write cycle after a write command, ns. `silent_until`: the end of the newest
+    /// write cycle. In a write cycle the EEPROM acknowledges no command, and the command fails.
     silence_ns: Ns,
     silent_until: Ns,
     /// The running command: the value that was written to the control register, and the time when the command is done.
@@ -100,7 +100,7 @@ impl Eeprom {
             SiiCommand::Read => {
                 let len = if self.reads_8_bytes { 8 } else { 4 };
                 for n in 0..len {
-                    // Beyond its end the EEPROM reads as erased.
+                    // Beyond its end the EEPROM reads as erased (0xFF).
                     let byte = self.content.get(at.saturating_add(n)).copied().unwrap_or(0xFF);
                     memory.set_u8(SII_DATA + n as u16, byte);
                 }

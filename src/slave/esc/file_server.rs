@@ -5,7 +5,7 @@
 use crate::ethercat::foe::{FOE_OVERHEAD, FoeError, FoeMessage};
 use crate::slave::files::{FILE_BYTES_MAX, FileStore};
 
-/// The present transfer.
+/// The FoE transfer in progress.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Transfer {
     #[default]
@@ -25,7 +25,7 @@ pub(super) struct FileServer {
     is_in_bootstrap: bool,
 }
 
-/// The number of file bytes that fit into a mailbox.
+/// The number of file bytes that fit into one message of a mailbox of `mailbox` bytes.
 fn packet_bytes(mailbox: usize) -> usize {
     mailbox.saturating_sub(FOE_OVERHEAD).max(1)
 }

@@ -18,7 +18,7 @@ pub(super) enum ByteAccess {
 
 const REGISTERS: usize = RAM as usize;
 
-/// The access of the network to each byte of the registers, from [`MAP`].
+/// The access of the network to each byte of the registers, computed from the register table [`MAP`].
 static REGISTER_BYTES: [ByteAccess; REGISTERS] = {
     let mut bytes = [ByteAccess::Absent; REGISTERS];
     let mut n = 0;

@@ -16,7 +16,7 @@ use crate::xf::{
 /// Mask of GPIO 0 to 11, which the header of a command packet drives with every firmware (XF EN 211).
 const HEADER_OUTPUTS: u16 = 0x0FFF;
 
-/// The packet that is sent in the next exchange.
+/// The answer packet that the next exchange sends.
 pub(super) struct Prepared {
     pub bytes: [u8; MAX_PACKET],
     /// The packet's header, for an exchange in which the chip is not ready.
@@ -43,7 +43,7 @@ impl<'a> Answer<'a> for Encoded<'a> {
     }
 }
 
-/// The answer to a command packet.
+/// The outcome of a command packet: the fields from which the answer packet is built, without the answer's data.
 struct Reply {
     index: u8,
     code: CommandCode,
@@ -187,9 +187,9 @@ impl<N: SlaveNetwork> Chip<N> {
 
     /// Applies a header: clears errors and interrupt flags, and drives GPIOs.
     ///
-    /// `[OURS]` A bit of the header clears an error only if an answer without NOP has shown that error before. One client sets
-    /// the bits that clear all errors in every packet from the first error on, but looks only at the answers to its commands
-    /// (OBS). Without this rule such a client would never see another error.
+    /// `[OURS]` A bit of the header clears an error only after an answer to a command has shown the error; answers with the NOP
+    /// flag do not count. One client sets all these bits in every packet from the first error on, but looks for errors only in
+    /// the answers to its commands (OBS). If the bits acted earlier, it would never see another error.
     fn take_header(&mut self, header: &CommandHeader) {
         let shown = self.errors.without(self.not_shown);
         self.errors = self.errors.without(Errors(shown.0 & header.control.0 & Control::CLEAR_ALL.0));

@@ -44,7 +44,7 @@ impl Flash {
         }
     }
 
-    /// The bytes that were read last.
+    /// The bytes that were read last; `None` before the first read.
     pub fn result(&self) -> Option<&[u8]> {
         self.len.map(|len| &self.read[..len])
     }

@@ -12,7 +12,7 @@ struct Pin {
     pull: GpioPull,
     trigger: GpioTrigger,
     is_debounced: bool,
-    /// The output value that was set.
+    /// The output value that the host has set.
     output: bool,
     /// The level with which an external signal drives the pin; `None` if nothing drives it.
     wired: Option<bool>,
@@ -50,7 +50,7 @@ impl Pin {
     /// Whether a rising (`rises`) or falling edge raises the interrupt.
     ///
     /// `[OURS]` The manual's codes are 1 both, 2 falling, 3 rising. The vendor's driver sends 3 for both, 4 for falling and 5
-    /// for rising. Here 4 and 5 are the driver's, and 3 is the manual's.
+    /// for rising. The model understands 4 and 5 as the driver does, and 3 as the manual does.
     const fn is_triggered(&self, rises: bool) -> bool {
         match self.trigger {
             GpioTrigger::Off => false,

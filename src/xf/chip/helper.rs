@@ -21,11 +21,12 @@ struct Axis {
     statusword_at: u16,
     control: HelperControl,
     target: DriveState,
-    /// Number of cycles since the axis has been in Fault with a reset selected; 0 otherwise.
+    /// For the timing of the fault reset bit: the number of cycles for which the axis has been in Fault while its control byte
+    /// selects a reset. It begins again at 1 after each reset pulse.
     in_fault: u8,
 }
 
-/// The axes of the helper.
+/// The axes of the CiA 402 helper by motor number; `None` for an axis that is not configured.
 pub(super) struct Helper {
     axes: [Option<Axis>; MOTORS],
 }

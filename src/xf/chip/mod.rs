@@ -119,7 +119,8 @@ pub struct Chip<N> {
     /// Whether WARM_RESET has just been received: the chip restarts when the packet has been run.
     restarts: bool,
     errors: Errors,
-    /// Errors that no answer to a command has shown yet. A header cannot clear them.
+    /// Errors that no answer to a command has shown yet. The bits of a header that clear errors leave these set, so that a host
+    /// that clears all errors in every packet sees each one.
     not_shown: Errors,
     crc_errors: u8,
     unknown_commands: u64,
@@ -291,7 +292,7 @@ impl<N: SlaveNetwork> Chip<N> {
         self.gpio.level(channel)
     }
 
-    /// Turns the encoder's shaft by that many quarters of a period; negative values turn it backwards.
+    /// Turns the encoder's shaft by `quarters` quarters of a period of its signals A and B; negative values turn it backwards.
     pub fn turn_encoder(&mut self, quarters: i32) {
         self.encoder.turn(quarters);
     }
@@ -307,7 +308,7 @@ impl<N: SlaveNetwork> Chip<N> {
         self.analog.output()
     }
 
-    /// Sets the level of the pin DAC_ST.
+    /// Sets the level of the pin DAC_ST at `now`, which may start a DAC conversion.
     pub fn wire_dac_start(&mut self, now: Ns, level: bool) {
         self.run_until(now);
         self.analog.set_start_pin(self.now, level);

@@ -65,8 +65,8 @@ impl EmergencyList {
         self.newest[0] = Some(Emergency { number: 0, slave, running_number, code, register, data });
     }
 
-    /// The `count` newest emergencies, the newest one first; `None` for a count that the list or an answer cannot have.
-    /// `[OURS]` Each gets its position in the list, from 0, as its number, and reading does not remove any.
+    /// The `count` newest emergencies, the newest one first; `None` if `count` is more than [`EMERGENCIES_MAX`]. `[OURS]` The
+    /// number of each is its position in the list, from 0, and reading removes none.
     pub fn list(&self, count: usize) -> Option<Emergencies> {
         let mut places = self.newest;
         for (number, place) in (0..).zip(&mut places) {

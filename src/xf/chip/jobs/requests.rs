@@ -15,7 +15,7 @@ use crate::ethercat::Ns;
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::xf::chip::network::{Operation, OperationAnswer, SdoData, SlaveNetwork};
 
-/// The state of a procedure's request.
+/// The state of the one request that a procedure makes at a time.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 #[derive(Debug, Default)]
 enum Slot {

@@ -77,7 +77,7 @@ pub struct Controllers {
 /// The slaves whose messages stay in the mailbox for the host.
 #[derive(Default)]
 struct Mail {
-    /// The slaves whose mailboxes the host has selected by MBX_STAT.
+    /// The slaves whose messages the host fetches itself, since it has selected their mailboxes for polling by MBX_STAT.
     chosen: SlaveSet,
     /// The slaves whose mailboxes the host itself accesses by RAW_ECAT_FUNC_REQ, and when the chip reads each mailbox again.
     by_datagrams: Vec<(u8, Ns)>,

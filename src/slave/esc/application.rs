@@ -135,7 +135,7 @@ impl Application {
         self.show(status, code, controller);
     }
 
-    /// Makes the slave leave its state on its own, with an error.
+    /// Takes the slave to the lower state `to` without a request of the master, with the error flag and an AL status code.
     pub(super) fn fall(&mut self, to: AlState, code: AlStatus, controller: &mut Controller, device: &mut dyn Slave) {
         // Every device can go to a lower state, so the result is always `Ok`.
         let _ = device.enter(to);
@@ -155,8 +155,8 @@ impl Application {
         controller.managers.deactivate(self.managers.outputs, true, &mut controller.memory);
     }
 
-    /// Handles a deactivated SYNC0: in OP the slave falls to SafeOP or lower, with an error. In SafeOP and below it shows an
-    /// error only if the device reports one.
+    /// Handles the deactivation of SYNC0 by the master: in OP the slave falls to SafeOP or lower, with an error. In SafeOP and
+    /// below it shows an error only if the device reports one.
     pub(super) fn lose_sync(&mut self, controller: &mut Controller, device: &mut dyn Slave) {
         device.report_sync(SyncEvent::LockLost);
         if self.state() < AlState::Op {
@@ -268,7 +268,8 @@ impl Application {
         let RequestedState::State(to) = control.state() else {
             let refused = device.request_state(control.state()).err();
             let code = refused.unwrap_or(AlStatus::UNKNOWN_STATE);
-            // Bootstrap can be entered from Init only, whether the slave supports it or not.
+            // Bootstrap can be entered from Init only, whether the slave supports it or not: in other states the code is that
+            // of an invalid change.
             let is_wrong_step = code == AlStatus::BOOT_UNSUPPORTED && from != AlState::Init && device.state() == from;
             let code = if is_wrong_step { AlStatus::INVALID_CHANGE } else { code };
             self.fail(device.state(), code, controller);

@@ -36,7 +36,7 @@ pub struct CabledChain {
     reach: u8,
     /// The slaves that do not answer, one bit each, as last applied to `chain`, to notice a change.
     silent: [u64; 4],
-    /// Whether the first network card is connected to the first slave. A cut of the [`Cable`] is separate.
+    /// Whether the first network card is connected to the first slave. There may still be a cut of the [`Cable`] between them.
     has_first: bool,
     /// Whether a second network card is connected to the last slave.
     is_ring: bool,

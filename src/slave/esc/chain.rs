@@ -26,7 +26,7 @@ pub enum FrameFate {
     Lost,
 }
 
-/// A network of slaves.
+/// A network of slaves with their slave controllers, connected as a tree.
 #[derive(Default)]
 pub struct Chain {
     places: Vec<Place>,
@@ -35,7 +35,7 @@ pub struct Chain {
     ring: Option<(usize, usize)>,
     /// The routes of frames from the first end and from the last end of the line, kept until a cable or a port changes.
     routes: [Route; 2],
-    /// The datagrams of the present frame. Kept between frames so that none allocates.
+    /// The list of the present frame's datagrams, kept from frame to frame so that no frame allocates.
     passing: Passing,
 }
 
@@ -210,8 +210,8 @@ impl Chain {
     pub fn process_from(&mut self, end: CableEnd, frame: &mut [u8], now: Ns) -> (FrameFate, CableEnd) {
         let place = usize::from(end == CableEnd::Last);
         if self.routes[place].exit.is_none() {
-            // By the last route the frame gets lost at an open port without a link. Temporary loop settings that have opened
-            // this port may be over at `now`: advance the slaves first, so that the port closes.
+            // By the route of the previous frame this one gets lost at an open port without a link. Temporary loop settings
+            // that have opened this port may be over at `now`: advance the slaves first, so that the port closes.
             self.advance(now);
         }
         let mut route = std::mem::take(&mut self.routes[place]);

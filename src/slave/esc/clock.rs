@@ -80,7 +80,7 @@ impl Clock {
         self.now.saturating_add(at_its_own - at_its_own / SLEW_DIVISOR)
     }
 
-    /// The local time, ns.
+    /// The local time at the last update, ns.
     pub(super) const fn local(&self) -> u64 {
         self.local
     }
@@ -109,7 +109,8 @@ impl Clock {
         self.system().wrapping_sub(self.delay as u64)
     }
 
-    /// Handles the lower 32 bits of a received system time. The filter gain for the mean difference is 1/2^`depth`.
+    /// Compares the clock with the lower 32 bits of a received system time, and begins to correct the local time. The mean
+    /// difference is filtered with the gain 1/2^`depth`.
     pub(super) fn receive(&mut self, received: u32, depth: u8) {
         let ahead = i64::from((self.system_for_network() as u32).wrapping_sub(received).cast_signed());
         self.difference += (ahead - self.difference) >> depth.min(15);

@@ -39,7 +39,7 @@ pub(super) struct ControllerEvents {
 #[derive(Clone, Debug)]
 #[repr(C)] // The fields that each frame uses are adjacent, at the beginning.
 pub struct Controller {
-    /// The arrival time of the newest frame.
+    /// The arrival time of the newest frame, ns of simulated time.
     pub(super) arrival: Ns,
     pub(super) watchdog: Watchdog,
     clock: Clock,
@@ -68,7 +68,7 @@ pub struct Controller {
     /// For the loop setting "auto close": whether each port may open. A lost link clears this, a write to DL control sets
     /// it again.
     opened: [bool; PORTS],
-    /// Whether each port is open.
+    /// Whether each port is open, so that frames leave by it.
     open: [bool; PORTS],
     /// The permanent loop settings (bits 8 to 15 of DL control), and the time when temporary ones end; `None` if there are
     /// none.
@@ -194,7 +194,8 @@ impl Controller {
         self.protection.blocks_all()
     }
 
-    /// Begins a frame that arrives at time `arrival`. A write enable by the frame before ends.
+    /// Begins a frame that arrives at time `arrival`. Writing that the previous frame has enabled in spite of write protection
+    /// is disabled again.
     #[inline]
     pub(super) fn begin_frame(&mut self, arrival: Ns) {
         self.arrival = arrival;
@@ -359,7 +360,8 @@ impl Controller {
         self.memory.set_u8(status, 1);
     }
 
-    /// Takes the pending events for the device.
+    /// Takes the pending events for the device, and clears the bits of a written AL control and of changed sync managers in the
+    /// AL event register.
     pub(super) fn take_events(&mut self) -> ControllerEvents {
         let events = std::mem::take(&mut self.events);
         self.is_set_anew = false;

@@ -79,7 +79,7 @@ impl Eeprom {
         memory.set_u16(SII_CONTROL, (kept | self.fixed_bits()).0);
     }
 
-    /// Handles a write of the control word: starts the command.
+    /// Handles a write of the control word: starts the command that it contains, if any.
     pub(super) fn command(&mut self, written: SiiControl, now: Ns, memory: &mut Memory) {
         let kept = SiiControl(memory.u16(SII_CONTROL) & LOADING_ERRORS.0) | self.fixed_bits();
         let written = SiiControl(written.0 & WRITABLE.0);

@@ -16,7 +16,7 @@ enum Transfer {
     Write { packet: u32 },
 }
 
-/// The state of the FoE server.
+/// The FoE server of a slave: the transfer in progress, with the name and the bytes of its file.
 #[derive(Clone, Debug, Default)]
 pub(super) struct FileServer {
     transfer: Transfer,

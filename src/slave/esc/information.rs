@@ -15,7 +15,7 @@ const ANSWER_ROOM: usize = 1024;
 /// \[OURS] The maximum length of an entry name in a response, bytes; a longer name is cut.
 const NAME_ROOM: usize = 256;
 
-/// A response that is sent fragment by fragment.
+/// An SDO information response, which is sent fragment by fragment.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Information {
     answer: Vec<u8>,

@@ -19,12 +19,11 @@ pub(super) const MANAGERS_MAX: usize = 16;
 /// The accesses of the network to sync managers since the slave last took these events, one bit per sync manager.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ManagerEvents {
-    /// The sync managers whose whole buffer the network has written since the slave last took the events; bit n for sync
-    /// manager n.
+    /// Bit n: the network has written the whole buffer of sync manager n since the slave last took these events.
     pub(super) written: u16,
-    /// The sync managers whose whole buffer the network has read since then; bit n for sync manager n.
+    /// Bit n: the network has read the whole buffer of sync manager n since the slave last took these events.
     pub(super) read: u16,
-    /// The sync managers whose activate register the network has written since then; bit n for sync manager n.
+    /// Bit n: the network has written the activate register of sync manager n since the slave last took these events.
     pub(super) activated: u16,
 }
 

@@ -27,7 +27,7 @@ pub(super) struct Exit {
     pub(super) after_ns: Ns,
 }
 
-/// The route of a frame.
+/// The route of a frame through the slaves, computed once and used until a cable or a port changes.
 #[derive(Debug, Default)]
 pub(super) struct Route {
     /// Whether the route is up to date: no cable or port has changed since it was computed.

@@ -30,7 +30,7 @@ pub(super) enum SdoAnswer<'a> {
     None,
 }
 
-/// The state of the SDO server.
+/// The SDO server of a slave: the segmented transfer in progress, with the value that it transfers.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SdoServer {
     transfer: Transfer,

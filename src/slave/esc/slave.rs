@@ -361,14 +361,15 @@ impl EscSlave {
         !self.application.is_synchronized
     }
 
-    /// Handles an expired process data watchdog.
+    /// Handles an expired process data watchdog: it matters only in SafeOP and OP, to a slave with outputs.
     fn watchdog_expired(&mut self) {
         if self.state() >= AlState::SafeOp && !self.outputs.is_empty() {
             self.application.lose_outputs(&mut self.controller, &mut *self.device);
         }
     }
 
-    /// Handles the activation or deactivation of the SYNC unit.
+    /// Handles the activation or deactivation of the SYNC unit: a slave that runs by SYNC0 in SafeOP or OP has lost SYNC0 if
+    /// the unit is now off.
     fn sync_changed(&mut self) {
         let is_running = self.controller.sync_activation().contains(SyncActivation::ACTIVATE);
         if self.state() >= AlState::SafeOp && self.application.is_synchronized && !is_running {

@@ -15,7 +15,7 @@ pub enum SyncPulse {
 /// that is this far ahead of the system time, or farther, is out of range.
 const NEAR_FUTURE_NS: i64 = 1 << 31;
 
-/// The state of the SYNC unit.
+/// The SYNC unit of a slave controller: its settings and the times of its next pulses.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SyncUnit {
     activation: SyncActivation,

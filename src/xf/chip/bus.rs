@@ -10,10 +10,11 @@ use crate::xf::{EtherCatState, NetworkState};
 /// always uses LRW.
 const LRW_AT_START: bool = true;
 
-/// The data about a slave in the chip's memory.
+/// The state and the clock settings of a slave in the chip's memory, from which the chip answers ECAT_STATE_GET and
+/// ECAT_SLV_INFO_GET.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SlaveMemory {
-    /// The state as ECAT_STATE_GET reports it; [`NetworkState::NONE`] if the slave did not answer.
+    /// The state as ECAT_STATE_GET reports it: 0 before it was read, and only the error bit if the slave did not answer.
     pub state: NetworkState,
     pub al_status: u16,
     /// The times of the slave's clock, as set by ECAT_DCSYNC or ECAT_INIT_OP.
@@ -38,7 +39,7 @@ pub(super) struct SetLengths {
 pub(super) struct KnownNetwork {
     /// Whether ECAT_INIT_OP has succeeded.
     pub initialised: bool,
-    /// Number of slaves found.
+    /// Number of slaves that ECAT_INIT_OP has found.
     pub count: u8,
     pub known: [SlaveMemory; SLAVES_MAX],
     pub places: [ImageRanges; SLAVES_MAX],
@@ -107,7 +108,7 @@ impl KnownNetwork {
         (count(|place| place.input_bytes > 0), count(|place| place.output_bytes > 0))
     }
 
-    /// Whether the host has brought any slave to that state or a higher one.
+    /// Whether the host has brought any slave to `state` or to a higher AL state.
     pub fn any_commanded(&self, state: AlState) -> bool {
         self.places().iter().any(|place| place.commanded >= state)
     }

@@ -63,7 +63,7 @@ const fn done_if(done: bool) -> CommandOutcome {
     if done { DONE } else { Err(CommandRefused) }
 }
 
-/// The outcome with this answer, or a refusal if there is none.
+/// Writes the answer of a command into the data segment and returns the outcome; without an answer, the outcome is a refusal.
 fn answered<'a>(answer: Option<impl Answer<'a>>, data: &mut [u8]) -> CommandOutcome {
     Ok(answer.ok_or(CommandRefused)?.encode(data)?)
 }

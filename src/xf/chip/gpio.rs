@@ -126,7 +126,7 @@ impl Gpio {
         self.flags &= !pins;
     }
 
-    /// The levels that the chip reads.
+    /// The levels that the chip reads, after debouncing; bit k is GPIO k.
     pub fn values(&self) -> u32 {
         self.pins.iter().enumerate().fold(0, |values, (k, pin)| values | u32::from(pin.level) << k)
     }

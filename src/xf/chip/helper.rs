@@ -77,7 +77,8 @@ impl Helper {
         self.axes[usize::from(motor)].map(|axis| axis.statusword(places, inputs).unwrap_or_default())
     }
 
-    /// Overwrites the controlwords in the outputs of a cycle.
+    /// Overwrites bits 0 to 3 of the controlwords in the outputs of a cycle, and the fault reset bit of axes whose control byte
+    /// selects a reset.
     pub fn drive_state_machines(&mut self, places: &[ImageRanges], outputs: &mut [u8], inputs: &[u8]) {
         for axis in self.axes.iter_mut().flatten().filter(|axis| axis.control.contains(HelperControl::ON)) {
             axis.drive_state_machine(places, outputs, inputs);

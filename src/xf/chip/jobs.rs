@@ -24,7 +24,7 @@ pub(super) use requests::Requests;
 /// The sizes of each slave's outputs and inputs, in bytes.
 pub(super) type Lengths = List<[u16; 2], SLAVES_MAX>;
 
-/// A running job.
+/// A running job, with the state of its present part.
 pub(super) struct ActiveJob {
     pub job: Job,
     /// The time at which the job's requests to the network begin.

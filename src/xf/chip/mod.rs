@@ -102,7 +102,7 @@ pub struct Chip<N> {
     profile: Profile,
     timing: ChipTiming,
     network: N,
-    /// The time until which the model has run.
+    /// The time until which the model has run, ns since power-on.
     now: Ns,
     next_cycle: Ns,
     last_cycle: Ns,

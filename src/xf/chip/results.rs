@@ -5,7 +5,7 @@ use crate::ethercat::coe;
 use crate::xf::request::EMERGENCIES_MAX;
 use crate::xf::response::{Emergencies, Emergency};
 
-/// The result of EEPROM_REQ.
+/// The result of EEPROM_REQ, kept for EEPROM_GET.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct EepromResult {
     /// The error code that EEPROM_GET returns: 0 success, 1 no answer, 2 timeout or busy, 3 command refused.

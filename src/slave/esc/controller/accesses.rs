@@ -63,8 +63,8 @@ impl Controller {
         done
     }
 
-    /// Acknowledges each latch edge whose captured time the master has just read: its status bit is cleared, and single-event
-    /// mode can capture the next edge.
+    /// Acknowledges each latch edge whose captured time the master has just read, if the master controls the input: its status
+    /// bit is cleared, and single-event mode can capture the next edge.
     fn acknowledge_latches(&mut self, address: usize, len: usize) {
         for input in 0..LATCHES {
             for edge in LatchEdge::ALL {

@@ -2,7 +2,7 @@
 
 use crate::ethercat::registers::{BufferMode, RAM, SmDirection, SmPdiControl, SmStatus, SyncManager};
 
-/// The state of one sync manager.
+/// One sync manager: its registers, and which of its buffers are in use.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Manager {
     pub(super) registers: SyncManager,

@@ -32,7 +32,7 @@ enum Slot {
 #[derive(Clone, Debug, Default)]
 pub(in crate::xf::chip) struct Requests(Arc<Mutex<Slot>>);
 
-/// A running procedure.
+/// A running procedure: the future that makes the requests of one part of a job.
 pub(in crate::xf::chip) struct Procedure {
     requests: Requests,
     task: Pin<Box<dyn Future<Output = JobResult> + Send>>,

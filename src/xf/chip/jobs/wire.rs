@@ -16,7 +16,8 @@ const EEPROM_WORDS: usize = 4;
 /// The first sync manager for process data; lower ones are for the mailbox.
 const PROCESS_MANAGERS: u8 = 2;
 
-/// The error code in EEPROM_GET. `[OURS]` The manuals define no codes but 0, which they only imply to be success.
+/// The error code that EEPROM_GET returns for a failure of EEPROM_REQ. `[OURS]` The manuals define no codes but 0, which they
+/// only imply to be success.
 const fn eeprom_error(failure: EepromFailure) -> u8 {
     match failure {
         EepromFailure::NoAnswer => 1,
@@ -25,7 +26,7 @@ const fn eeprom_error(failure: EepromFailure) -> u8 {
     }
 }
 
-/// The error code in EEPROM_GET after a timeout of EEPROM_REQ. `[OURS]`
+/// The error code that EEPROM_GET returns after a timeout of EEPROM_REQ. `[OURS]`
 const EEPROM_TIMED_OUT: u8 = 2;
 
 impl<N: SlaveNetwork> Chip<N> {

@@ -56,7 +56,7 @@ pub(super) struct Application {
     waiting: Option<Ns>,
     /// The time by which SYNC0 must have come, in SafeOP and OP; `None` without such a limit.
     lock_due: Option<Ns>,
-    /// Whether SafeOP was entered with distributed clocks.
+    /// Whether the SYNC unit generated SYNC0 when SafeOP was entered, so that the slave runs by SYNC0.
     pub(super) is_synchronized: bool,
     /// Whether SYNC0 has come since SafeOP was entered.
     pub(super) sync_came: bool,

@@ -30,7 +30,7 @@ pub(super) struct Clock {
     pub(super) offset: u64,
     /// The propagation delay from the reference clock to this one, ns.
     pub(super) delay: u32,
-    /// The filtered difference to the received system times, ns.
+    /// The filtered difference of this clock to the received system times, ns; positive if this clock is ahead.
     difference: i64,
 }
 

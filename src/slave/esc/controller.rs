@@ -47,7 +47,7 @@ pub struct Controller {
     /// Whether a frame has written registers that trigger an action of the device, or that change the time of the next timer
     /// event or SYNC pulse.
     pub(super) is_set_anew: bool,
-    /// The time before which no SYNC pulse comes.
+    /// The simulated time before which no SYNC pulse comes, ns; [`Self::look_for_pulse`] computes it.
     without_pulse: Ns,
     /// Whether a port has been opened or closed since the route of frames was computed.
     pub(super) ports_have_changed: bool,
@@ -136,7 +136,7 @@ impl Controller {
         let ports = settings.ports.iter().rev().fold(0, |byte, port| byte << 2 | port & 0b11);
         memory.set_u8(registers::PORT_DESCRIPTOR, ports);
         memory.set_u16(registers::FEATURES, settings.features.0);
-        // Existing ports start in automatic mode.
+        // Existing ports start with the loop setting "auto": open while they have a link.
         let exists = |port: &usize| settings.ports[*port] >= 2;
         let auto = |control: DlControl, port| control.with_loop(port, LoopControl::Auto);
         let control = (0..PORTS).filter(exists).fold(DlControl::POWER_ON, auto);
@@ -415,7 +415,7 @@ impl Controller {
         }
     }
 
-    /// The SYNC0 cycle time, ns.
+    /// The SYNC0 cycle time that the master has set, ns.
     pub(super) fn sync0_cycle_ns(&self) -> u32 {
         self.memory.u32(registers::SYNC0_CYCLE)
     }

@@ -66,7 +66,7 @@ impl Eeprom {
         if self.content.len() > 2048 { reads | SiiControl::TWO_ADDRESS_BYTES } else { reads }
     }
 
-    /// Whether the master may write to the interface now.
+    /// Whether the master may write to the interface now: the EEPROM is assigned to it, and no command is running.
     pub(super) fn is_free(&self, memory: &Memory) -> bool {
         memory.u8(registers::SII_PDI_ACCESS) & 1 == 0 && self.running.is_none()
     }

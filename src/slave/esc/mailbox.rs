@@ -56,7 +56,7 @@ pub(super) struct Mailbox {
     /// A response that was in sync manager 1 when the master requested a repeat. It is posted again after the repeated
     /// message.
     put_back: Slot,
-    /// The message in sync manager 1.
+    /// The message that was put into sync manager 1 last.
     posted: Vec<u8>,
     /// Whether the message in sync manager 1 is the last read message, posted again because the master requested a repeat.
     is_repeat: bool,

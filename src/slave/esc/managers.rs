@@ -66,7 +66,7 @@ impl Managers {
         }
     }
 
-    /// Writes a byte of the registers from the network.
+    /// Writes a byte of the registers for the network. `offset` counts from the first register of sync manager 0.
     pub(super) fn write_register(&mut self, offset: u16, value: u8, memory: &mut Memory) {
         let (n, at) = (usize::from(offset) / SYNC_MANAGER_LEN, usize::from(offset) % SYNC_MANAGER_LEN);
         let manager = &mut self.managers[n];

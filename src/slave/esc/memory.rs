@@ -97,7 +97,7 @@ impl Memory {
         self.bytes.get_mut(address..address.saturating_add(len)).unwrap_or_default()
     }
 
-    /// The `N` bytes of a register.
+    /// The `N` bytes of the register at an address.
     pub(super) fn get<const N: usize>(&self, address: u16) -> [u8; N] {
         self.bytes[usize::from(address)..].first_chunk().copied().unwrap_or([0; N])
     }

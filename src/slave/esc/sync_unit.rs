@@ -31,7 +31,7 @@ pub(super) struct SyncUnit {
     fired: [bool; 2],
 }
 
-/// Whether `time` is not after `now`; both wrap around.
+/// Whether `now` has reached `time`. Both are system times, which wrap around.
 const fn is_reached(time: u64, now: u64) -> bool {
     (now.wrapping_sub(time)).cast_signed() >= 0
 }

@@ -17,7 +17,7 @@ pub(super) struct SlaveMemory {
     /// The state as ECAT_STATE_GET reports it: 0 before it was read, and only the error bit if the slave did not answer.
     pub state: NetworkState,
     pub al_status: u16,
-    /// The times of the slave's clock, as set by ECAT_DCSYNC or ECAT_INIT_OP.
+    /// The SYNC cycle times and the shift of the slave's clock, as set by ECAT_DCSYNC or ECAT_INIT_OP.
     pub dc: DcTiming,
     /// Whether the last initialisation of the clocks has activated this slave's distributed clock.
     pub dc_active: bool,
@@ -35,7 +35,7 @@ pub(super) struct SetLengths {
     pub is_assigned: bool,
 }
 
-/// The network as the chip knows it.
+/// What the chip knows of its network: the slaves with their states as last read, process data, and working counter.
 pub(super) struct KnownNetwork {
     /// Whether ECAT_INIT_OP has succeeded.
     pub initialised: bool,

@@ -105,7 +105,7 @@ impl Gpio {
         self.pins[usize::from(channel)].trigger = trigger;
     }
 
-    /// Sets the outputs of the pins in the mask `pins`.
+    /// Sets the outputs of the pins in the mask `pins` to `values`; bit k is GPIO k.
     pub fn set_outputs(&mut self, now: Ns, pins: u32, values: u32) {
         for k in 0..PINS {
             self.change(now, pins & 1 << k, |pin| pin.output = values & 1 << k != 0);

@@ -131,7 +131,7 @@ impl<N: SlaveNetwork> Chip<N> {
         self.network.give_up();
     }
 
-    /// The time of the next step of the running job.
+    /// The time of the next step of the running job; `None` if no job is running, or if only an answer continues it.
     pub(super) fn next_job_event(&self) -> Option<Ns> {
         let running = self.job.as_ref()?;
         let work = running.procedure.as_ref().and_then(|_| self.network.next_work());

@@ -136,7 +136,7 @@ pub struct Chip<N> {
     sdo: SdoResult,
     results: Results,
     requests: Requests,
-    /// The PDOs that PDO_CONFIG_REQ has read.
+    /// The PDOs that PDO_CONFIG_REQ has read, for PDO_CONFIG_GET; `None` before the first one.
     pdo_config: Option<PdoConfig>,
 
     interrupts: InterruptUnit,
@@ -236,12 +236,12 @@ impl<N: SlaveNetwork> Chip<N> {
         self.size
     }
 
-    /// The time until which the chip has run.
+    /// The time until which the chip has run, ns since its power-on.
     pub const fn now(&self) -> Ns {
         self.now
     }
 
-    /// The time from which on the chip accepts the next packet, at which INT0 becomes active.
+    /// The time from which on the chip accepts the next packet, at which INT0 becomes active, ns since power-on.
     pub const fn ready_at(&self) -> Ns {
         self.ready_at
     }

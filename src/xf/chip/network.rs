@@ -198,7 +198,7 @@ pub trait SlaveNetwork: Send {
     /// Lets `dt_ns` pass in the slaves, until `now`.
     fn pass(&mut self, now: Ns, dt_ns: Ns);
 
-    /// Takes the next emergency that a slave has sent.
+    /// Takes the next emergency that a slave has sent, with the number of the slave, from 0; `None` if there is none.
     fn take_emergency(&mut self) -> Option<(u8, Emergency)> {
         None
     }

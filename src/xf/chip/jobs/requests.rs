@@ -21,7 +21,7 @@ use crate::xf::chip::network::{Operation, OperationAnswer, SdoData, SlaveNetwork
 enum Slot {
     #[default]
     Empty,
-    /// The procedure requests this operation.
+    /// The procedure requests this operation, and the network has not begun it.
     Requested(Operation),
     /// The network is executing the operation.
     Running,

@@ -30,7 +30,7 @@ const HOST_MAIL_NS: Ns = 1_000_000_000;
 /// A running operation, which consists of jobs of the master.
 struct Pending {
     jobs: Vec<JobId>,
-    /// Makes the answer once all jobs have ended.
+    /// Makes the answer once all jobs have ended; returns `None` before.
     answer: Answering,
 }
 
@@ -115,12 +115,12 @@ impl Controllers {
         self.handle.clone()
     }
 
-    /// The slaves behind their slave controllers.
+    /// The chain of slave controllers with the slaves behind them.
     pub const fn chain(&self) -> &Chain {
         self.wire.slaves.chain()
     }
 
-    /// The slaves behind their slave controllers, to cause faults in them.
+    /// The chain of slave controllers with the slaves behind them, to cause faults in it.
     pub const fn chain_mut(&mut self) -> &mut Chain {
         self.wire.slaves.chain_mut()
     }

@@ -24,7 +24,7 @@ pub trait ImmediateNetwork: Send {
     /// Whether the slave has distributed clocks.
     fn has_dc(&self, slave: u8) -> bool;
 
-    /// The AL state; `None` if the slave does not answer.
+    /// The AL state of a slave; `None` if the slave does not answer.
     fn state(&self, slave: u8) -> Option<AlState>;
 
     /// Requests an AL state.

@@ -160,7 +160,7 @@ impl Controller {
         done
     }
 
-    /// Writes that part of the bytes of an FMMU that a datagram contains to the memory. Returns whether anything was written.
+    /// Writes to the memory those bytes of an FMMU that a datagram contains. Returns whether anything was written.
     #[inline(never)]
     fn write_part(&mut self, n: usize, address: u32, data: &[u8]) -> bool {
         let fmmu = self.fmmus.all[n];
@@ -208,8 +208,8 @@ impl Controller {
         done
     }
 
-    /// Reads that part of the bytes of an FMMU that a datagram contains from the memory into the datagram. Returns whether
-    /// anything was read.
+    /// Reads from the memory into a datagram those bytes of an FMMU that the datagram contains. Returns whether anything was
+    /// read.
     #[inline(never)]
     fn read_part(&mut self, n: usize, address: u32, data: &mut [u8]) -> bool {
         let fmmu = self.fmmus.all[n];

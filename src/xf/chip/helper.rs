@@ -22,7 +22,7 @@ struct Axis {
     control: HelperControl,
     target: DriveState,
     /// For the timing of the fault reset bit: the number of cycles for which the axis has been in Fault while its control byte
-    /// selects a reset. It begins again at 1 after each reset pulse.
+    /// selects a reset. It begins again at 1 after each reset pulse and the pause that follows it.
     in_fault: u8,
 }
 

@@ -1,4 +1,4 @@
-//! The type of the chip and its firmware, with all differences between them.
+//! The types of chip and firmware that the model can be, with all differences between them.
 
 use crate::xf::request::PdoConfigForm;
 use crate::xf::response::{FirmwareIdentity, Series};

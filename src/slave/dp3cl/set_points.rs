@@ -37,7 +37,8 @@ pub(super) struct SetPoints {
     last_target: i64,
     new_bit: bool,
     acknowledged: bool,
-    /// Whether a limit switch has ended the last motion before its target. Statusword bit 10 (target reached) then stays 0.
+    /// Whether a limit switch has ended the last motion before its target. If so, statusword bit 10 (target reached) is 0
+    /// except during a halt.
     missed: bool,
 }
 

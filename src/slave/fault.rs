@@ -50,8 +50,8 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// The fault that ends this one when it is applied. An alarm returns itself, because nothing that is applied ends it: only
-    /// a fault reset by the master clears it.
+    /// The fault that ends this one when it is applied: a stuck switch without a value, for example. An alarm has no such
+    /// fault, since only a fault reset by the master clears it, so the alarm itself is returned.
     #[must_use]
     pub const fn end(self) -> Self {
         match self {

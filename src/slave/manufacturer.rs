@@ -138,8 +138,8 @@ impl ManufacturerType {
         named.or_else(|| unsigned.into_iter().find(fits)).unwrap_or(Self::Any)
     }
 
-    /// Whether a PDO entry of this length in bits can contain a value of this type. \[OURS] A `u8` may stand for one of the
-    /// types of 2 to 7 bits, which the text format does not distinguish.
+    /// Whether a PDO entry of this length in bits can contain a value of this type. \[OURS] A `u8` fits entries of 1 to 8 bits,
+    /// because the text format has no types of 2 to 7 bits and their objects are listed as `u8`.
     const fn can_be_mapped_with(self, bits: u8) -> bool {
         match (self, self.bytes()) {
             (Self::Bool, _) => bits == 1,
@@ -200,8 +200,8 @@ pub struct ManufacturerObject {
     pub name: String,
 }
 
-/// \[OURS] The maximum number of objects that writes create in [`ManufacturerObjects::any`]: more than any program writes at
-/// startup. Further writes are refused.
+/// \[OURS] The maximum number of objects in [`ManufacturerObjects::any`], where a write to an unused address creates one. It
+/// bounds the memory, and is more than any program writes at startup. A write that would create a further object is refused.
 const MADE_MAX: usize = 4096;
 
 /// The manufacturer-specific objects of a slave. An object that the slave's own dictionary has takes precedence over one with
@@ -408,8 +408,8 @@ impl ManufacturerObjects {
 }
 
 impl ManufacturerObject {
-    /// Calls `show` with the bytes that an SDO upload of the object returns. A callback, because the padding of a short value
-    /// is only a temporary.
+    /// Calls `show` with the bytes that an SDO upload of the object returns. They are not returned, because a short value is
+    /// padded in a temporary array.
     fn shown<T>(&self, show: impl FnOnce(&[u8]) -> T) -> T {
         match self.value.bytes() {
             short if self.data == ManufacturerType::Any && short.len() < ANY_BYTES_MIN => {

@@ -237,8 +237,8 @@ pub trait Slave: Send {
     }
 
     /// The time limit for the first SYNC0 pulse after the change to SafeOP, ns, of a slave that runs by SYNC0. After it the
-    /// slave reports a synchronization error; before the pulse it sends no inputs. `None`: it sends inputs at once, and misses
-    /// SYNC0 only on its way to OP.
+    /// slave reports a synchronization error; before the pulse it sends no inputs. `None`: it sends inputs at once, and only
+    /// the change to OP fails without SYNC0.
     fn sync_lock_limit_ns(&self) -> Option<Ns> {
         None
     }
@@ -322,7 +322,8 @@ pub trait Slave: Send {
         None
     }
 
-    /// The settings of the slave controller with which this slave is simulated.
+    /// The properties of the slave controller that this slave gets in a simulation with frames, such as the numbers of FMMUs
+    /// and sync managers.
     fn controller_settings(&self) -> EscSettings {
         EscSettings::default()
     }

@@ -30,7 +30,7 @@ pub enum Setpoint {
         /// The velocity at the end of the period, counts/s.
         to: f64,
     },
-    /// A torque, as a fraction of the rated torque. It is reduced where it would exceed the speed limit.
+    /// A torque, as a fraction of the rated torque. It is reduced where the shaft would exceed the speed limit.
     Torque(f64),
 }
 

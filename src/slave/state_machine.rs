@@ -232,8 +232,8 @@ impl StateMachine {
         }
     }
 
-    /// Advances the state machine by `dt_ns`. At most one transition ends in a step; what is left of `dt_ns` then does not
-    /// count for the next one. `standstill` says whether the shaft is at standstill.
+    /// Advances the state machine by `dt_ns`. At most one transition ends in a call, and the rest of `dt_ns` does not shorten
+    /// the delay of the next transition. `standstill` says whether the shaft is at standstill.
     pub fn step(&mut self, dt_ns: Ns, standstill: bool) {
         use DriveState::*;
         let reset = std::mem::take(&mut self.reset_requested);

@@ -149,7 +149,7 @@ impl Travel {
 }
 
 impl Default for Travel {
-    /// The travel for the default motor.
+    /// The travel for the default servo motor, [`Motor::default`], see [`Self::for_turn`].
     fn default() -> Self {
         Self::for_turn(Motor::default().counts_per_turn)
     }

@@ -17,7 +17,8 @@ pub struct GapFinder {
     target: Option<i32>,
     /// The last two steps between targets, in counts.
     steps: [i64; 2],
-    /// The longest step of the axis so far, in counts, in all its motions.
+    /// The longest step of the axis so far, in counts. Steps shorter than 1/10 of it belong to the beginning or the end of a
+    /// motion. It is kept when a motion ends, so that the slow first steps of the next one are recognized.
     longest_step: i64,
     /// The time at which the FIFO was first found empty after the last target, ns.
     idle_since_ns: Option<i64>,

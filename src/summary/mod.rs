@@ -38,7 +38,8 @@ const TEXTS_MAX: usize = 200;
 /// The beginning of the names of the counts of rejected commands, in the file and in [`Summary::counts`]. The name of the
 /// reason follows.
 const REJECTED: &str = "rejected.";
-// The names of the counts that come from frames or from the library instead of the board's counters.
+// The names of counts that are no counters of the board: they come from the frames that the summary has watched, or from the
+// library.
 const FULL_SEEN: &str = "full_seen";
 const CRC_SEEN: &str = "crc_seen";
 const GAPS: &str = "gaps";
@@ -213,14 +214,14 @@ impl fmt::Display for Summary {
     }
 }
 
-/// Whether a message of the log only gives the number of earlier messages or a final count, such as "12 in all". The summary
-/// has these numbers itself.
+/// Whether a message of the log only gives a number of earlier messages or a final count, such as "12 in all". Such messages
+/// are left out of the summary, which has these numbers itself.
 pub fn is_sum(text: &str) -> bool {
     text.contains(" more rejected as ") || text.ends_with(" in all") || text.contains(" was still under way when ")
 }
 
-/// Whether a message of the log is about something that the summary counts: a rejected command, or reports that began to be
-/// lost.
+/// Whether the summary counts what a message of the log reports, so that the message is left out: a rejected command, or the
+/// beginning ("since ...") of a time in which commands were not executed.
 fn is_counted(text: &str) -> bool {
     is_sum(text) || text.contains(" rejected at ") || text.starts_with("since ")
 }

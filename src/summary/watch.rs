@@ -33,9 +33,9 @@ pub struct FrameCounts {
     pub crc: u64,
     /// The number of gaps in a motion: the FIFO ran empty while at least one axis was moving.
     pub gaps: u64,
-    /// The state that the program requested last, if it is higher than the present one and the board has neither
-    /// reached it nor failed to. The second value is how long the program has waited for it up to the newest report, ms
-    /// (at least 1).
+    /// The state above the present one that the program has requested last, as long as the board has neither reached it nor
+    /// reported a failure; `None` otherwise. The second value is how long the program has waited for it up to the newest
+    /// report, ms (at least 1).
     pub unreached: Option<(MasterState, u64)>,
 }
 
@@ -58,8 +58,8 @@ pub struct FrameWatch {
     gaps: [GapFinder; MAX_SLAVES],
     /// The time of the newest command frame, ns.
     sent_ns: i64,
-    /// The number of reports with an empty FIFO since the newest command frame. The first one is normal, a second one is a gap
-    /// in a motion.
+    /// The number of reports with an empty FIFO since the newest command frame. The first one only shows that the newest target
+    /// was executed, which is normal for a program that sends one target per cycle. A second one is a gap in a motion.
     idle_reports: u32,
     counts: FrameCounts,
 }

@@ -32,7 +32,8 @@ const COUNTS_PERIOD_FRACTION: u32 = 64;
 /// The longest interval at which counts are written. \[OURS]
 const COUNTS_PERIOD_MAX: Duration = Duration::from_secs(10);
 
-/// An entry of the queue.
+/// An entry of the queue: a line for the file, or a message of the log, from which [`WriterState`] makes a line only if it is
+/// the first of its kind.
 enum Fact {
     Line(Line),
     /// A message of the log.

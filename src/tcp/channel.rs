@@ -19,8 +19,8 @@ use super::wire::{MESSAGE_MAX, Message};
 /// counted by this program instead of waiting in the system. \[OURS]
 const SEND_BUFFER_BYTES: usize = 64 * 1024;
 /// How long a call waits for the TLS session while another thread encrypts or decrypts with it; then the call fails with
-/// [`ErrorKind::TimedOut`]. A program on Windows may end a thread by force there, and then the session stays locked for ever.
-/// \[OURS]
+/// [`ErrorKind::TimedOut`]. A program on Windows may end a thread by force while the thread uses the session, which then stays
+/// locked for ever. \[OURS]
 const SESSION_WAIT_MAX: Duration = Duration::from_secs(1);
 
 /// One end of a TCP connection: its socket, and the TLS session over it if there is one.
@@ -124,7 +124,7 @@ impl Channel {
         poll(&mut [self.waits_for(false)], Some(&now)).is_ok_and(|ready| ready > 0)
     }
 
-    /// The descriptor of the socket.
+    /// The descriptor of the socket, which children that the program forks have to close.
     #[cfg(unix)]
     pub fn descriptor(&self) -> std::os::fd::RawFd {
         std::os::fd::AsRawFd::as_raw_fd(&self.socket)

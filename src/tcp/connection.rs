@@ -35,16 +35,16 @@ pub(super) struct Shared {
     pub(super) network: KnownNetwork,
     pub(super) role: Role,
     pub(super) keepalive: Duration,
-    /// The velocities and torques that the program has commanded and that are still in force, for detecting a program
-    /// that has stopped calling (`hang_ms=`); `None`: not detected.
+    /// The slaves with a velocity or torque that the program has commanded and no later command has ended, for detecting a
+    /// program that has stopped calling (`hang_ms=`); `None`: such a program is not detected.
     pub(super) in_force: Option<MotionInForce>,
     /// Closes the socket in forked children, by its number. Declared before the channel, so that it is dropped first: when the
     /// channel has closed the socket, the number may belong to another file.
     #[cfg(unix)]
     pub(super) _let_go: LetGo,
     pub(super) channel: Channel,
-    /// What is needed for sending. Every wait for this lock has a timeout, after which the connection counts as lost: a thread
-    /// that was ended by force while it sent keeps the lock.
+    /// The buffers for sending, and the time of the last message. Every wait for this lock has a timeout, after which the
+    /// connection counts as lost: a thread that was ended by force while it sent keeps the lock.
     pub(super) out: Mutex<Sender>,
     /// Locked for short times only: no thread makes a system call while it holds this lock.
     pub(super) state: sync::Mutex<State>,
@@ -174,8 +174,8 @@ impl Shared {
             self.changed.notify_all();
         }
         state.waiting.retain(|caller| !caller.is_gone());
-        // The request of a thread that was ended by force is removed only when its answer has come, since there may be
-        // only one request in progress.
+        // Only one request may be in progress, and that of a thread that was ended by force is in progress until the server has
+        // answered it. Then the request is removed.
         if state.exchange.request.as_ref().is_some_and(|request| request.answer.is_some() && request.caller.is_gone()) {
             state.exchange.request = None;
             self.changed.notify_all();
@@ -318,7 +318,8 @@ impl Shared {
         let sent = self.send(&message(number));
         let mut state = self.state();
         if let Err(error) = sent {
-            // The server did not receive the whole message, so it cannot have executed the request.
+            // The server executes only requests that it has received completely. It did not receive all of this message, so the
+            // request was not executed.
             let error = LinkError::Lost { name: self.info.name.clone(), reason: error.to_string().into() };
             state.exchange.end(error.clone(), false);
             return self.done(state, Err(error));

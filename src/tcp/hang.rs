@@ -46,7 +46,7 @@ impl MotionInForce {
     }
 }
 
-/// Measures for how long the program has made no call on this link.
+/// Measures how long the program has made no call of the library on this connection.
 pub(super) struct CallMonitor {
     calls: u64,
     since: Instant,
@@ -57,8 +57,9 @@ impl CallMonitor {
         Self { calls: 0, since: now }
     }
 
-    /// `calls` is the number of calls so far. Returns how long the program has made none, if that is longer than the
-    /// limit while a motion without an end is in force and no call is in progress.
+    /// Looks at `calls`, the number of calls so far. Begins to measure anew if it has changed, a call is in progress
+    /// (`is_under_way`) or no velocity or torque is in force. Otherwise returns for how long the program has made no call, if
+    /// that is at least `hang_ms=`.
     pub(super) fn look(
         &mut self,
         calls: u64,
@@ -85,9 +86,9 @@ pub(super) struct StuckCall {
 }
 
 impl StuckCall {
-    /// `takes_nothing`: a call is receiving, and bytes are waiting that it has not taken. `heard`: when the last message was
-    /// taken. Returns for how long the call has taken nothing, if that is longer than the limit while a motion without an end
-    /// is in force.
+    /// Looks whether a call is stuck. `takes_nothing`: the call is receiving, and has not read bytes that have arrived.
+    /// `heard`: when a call has last read a message. Returns for how long the call has read nothing, if that is at least
+    /// `hang_ms=` and a velocity or torque is in force.
     pub(super) fn look(
         &mut self,
         takes_nothing: bool,

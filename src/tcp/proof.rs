@@ -14,7 +14,8 @@ use crate::address::config;
 use crate::files;
 use crate::link::LinkError;
 
-/// The environment variable that holds the secret.
+/// The environment variable with the text of the secret that server and clients share, used if no file with the secret is
+/// given.
 pub const SECRET: &str = "ECMSK_TCP_SECRET";
 /// The length of a proof in bytes.
 pub const PROOF_LEN: usize = 32;
@@ -23,8 +24,9 @@ pub const PROOF_LEN: usize = 32;
 pub(crate) type Material = [u8; 32];
 /// The label for deriving the keying material from a TLS session (RFC 5705).
 pub(crate) const LABEL: &[u8] = b"EXPORTER-ecmsk-tcp";
-/// \[OURS] The shortest secret in bytes. An attacker who connects to one end gets a proof, against which any number of secrets
-/// can be tried without the server. So a secret has to be too long to guess, and random instead of chosen by a person.
+/// \[OURS] The shortest secret in bytes. An attacker who connects to one end gets a proof, an HMAC with the secret as its key,
+/// and can then try any number of secrets on its own computer until one gives the same HMAC. So a secret has to be too long to
+/// guess, and random instead of chosen by a person.
 const SECRET_BYTES_MIN: usize = 32;
 /// \[OURS] The longest secret in bytes, and the largest file that is read as one.
 const SECRET_BYTES_MAX: usize = 4096;

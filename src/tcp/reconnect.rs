@@ -30,8 +30,9 @@ pub(super) struct Reconnecting {
     cancels: Mutex<u64>,
     cancelled: Condvar,
     closed: AtomicBool,
-    /// `first` is added to the sequence numbers of the current connection; `next` is the number after the last report that was
-    /// read. A new connection begins with `next`, so that numbers never repeat.
+    /// Each connection numbers its reports anew, but the numbers that the program gets must not repeat. `first` is added to
+    /// those of the current connection; `next` is the number after the last report that was read, and becomes `first` of the
+    /// next connection.
     first: AtomicU64,
     next: AtomicU64,
 }
@@ -57,8 +58,9 @@ impl Reconnecting {
         Arc::clone(&self.current.lock())
     }
 
-    /// Replaces the connection `gone`, which has failed with `error`, by a new one. Returns `error` when `reconnect_ms=` is
-    /// over, and a timeout at `until`.
+    /// Replaces the connection `gone`, which has failed with `error`, by a new one, unless another thread has replaced it
+    /// already. Fails with `error` after `reconnect_ms=` without a connection, or if the server now has another slot size.
+    /// Fails with a timeout if `until` comes first, and if the link was closed or the read was cancelled.
     fn reconnect(&self, gone: &Arc<TcpLink>, error: LinkError, until: Option<Instant>) -> Result<(), LinkError> {
         let cancels_before = *self.cancels.lock();
         let _connecting = self.connecting.lock();
@@ -151,7 +153,7 @@ impl Link for Reconnecting {
         self.current().close();
     }
 
-    /// An error only if the link was closed: the next read may replace a connection that is lost.
+    /// An error only if the program has closed the link. A lost connection is none, because the next read makes a new one.
     fn check(&self) -> Result<(), LinkError> {
         if self.closed.load(Ordering::Acquire) { Err(LinkError::Closed) } else { Ok(()) }
     }

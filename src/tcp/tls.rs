@@ -66,7 +66,7 @@ pub fn connect() -> io::Result<Connection> {
     ClientConnection::new(Arc::new(config), name).map(Into::into).map_err(io::Error::other)
 }
 
-/// The keying material of a session, which only its two ends know.
+/// Derives the keying material of a session, which only its two ends know. Fails before the handshake is complete.
 pub fn material(tls: &Connection) -> io::Result<Material> {
     tls.export_keying_material(Material::default(), LABEL, None).map_err(io::Error::other)
 }

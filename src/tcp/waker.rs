@@ -7,7 +7,8 @@ use pair::Pair;
 #[cfg(unix)]
 use std::os::unix::net::UnixStream as Pair;
 
-/// Two connected sockets: writing to one of them ends a wait on the other one.
+/// Ends a wait of another thread. Of two connected sockets, a wait polls `woken`, and a byte that is written to `wakes` ends
+/// it.
 pub struct Waker {
     wakes: Pair,
     woken: Pair,

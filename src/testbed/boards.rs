@@ -12,7 +12,7 @@ use crate::engine::Board;
 use crate::fieldbus::sim::SimHandle;
 use crate::link::LinkError;
 
-/// The key by which a later link finds a parked board.
+/// What a later link must have in common with the link that has parked a board to get this board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Key {
     /// The value of the link's key `name=`.

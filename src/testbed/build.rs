@@ -81,8 +81,8 @@ fn travel(said: &TravelSpec, usual: Travel) -> Travel {
         index: said.index.unwrap_or(usual.index),
         stops: said.stops.and_then(|stops| stops.from.zip(stops.to)),
         search_limit: said.search.unwrap_or(usual.search_limit),
-        // [OURS] Limit switches that a link gives stop the axis in every mode. The default ones act only in homing,
-        // because an axis that turns endlessly passes them.
+        // [OURS] Limit switches that a link gives stop the axis in every mode. The default ones act only in homing: an axis may
+        // turn endlessly, and they must not stop it.
         limits_stop_motion: said.limits.flatten().is_some(),
     }
 }

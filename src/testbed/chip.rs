@@ -36,7 +36,8 @@ const SCRIPT_STEP_NS: Ns = 250_000;
 /// The transfer time of a byte to an ECM-XFU, picoseconds. \[OURS] A packet of 1024 bytes takes one USB microframe of 125 us.
 const USB_BYTE_PS: u64 = 125_000_000 / 1024;
 
-/// The clock of the modelled chip. Its time counts from power-on.
+/// The clock of the modelled chip, from its power-on: the present virtual time, which only waits advance, or the real time at
+/// power-on.
 enum ChipClock {
     Virtual(Ns),
     Real(Instant),

@@ -20,11 +20,13 @@ use crate::own_board::engine::{EngineLink, Keeper};
 use crate::recording::Clock;
 use crate::slave::{ManufacturerObjects, Slave};
 
-/// How long a board may take to start up, in its own time. After this the start-up counts as finished without a slave.
+/// How long a board may take to start up, in its own time. If its host interface does not answer by then, the board has found
+/// no slave.
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
 
-/// Opens the board that the URI describes. A link with `name=`, or any link if `share` is [`Share::ByUri`], gets the board with
-/// the same name or options that this process has parked. Otherwise it gets a new board, which is returned after its start-up.
+/// Opens the board that the URI describes. A link with `name=`, or any link if `share` is [`Share::ByUri`], gets the parked
+/// board with the same name or options: this process keeps, or parks, such a board when its link is closed. Otherwise the link
+/// gets a new board, which is returned after its start-up.
 pub(crate) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Result<EngineLink, LinkError> {
     let options = SimOptions::from_uri(uri)?;
     // These files are loaded before a board is reserved or its time is advanced, so that an error in them changes nothing.

@@ -1,6 +1,6 @@
-//! A lock that stores its owner. `TerminateThread` may end the owner between any two instructions; then the next thread
-//! takes the lock over. The lock has no list of waiting threads: those of Windows and of `parking_lot` have one, and
-//! would hand the lock to a thread that was ended while it waited.
+//! A lock that stores its owner. `TerminateThread` may end the owner between any two instructions; then the next thread takes
+//! the lock over. The lock has no list of waiting threads: those of Windows and of `parking_lot` have one, and would hand the
+//! lock to a thread that was ended while it waited, so that no other thread would ever get it.
 
 use std::cell::UnsafeCell;
 use std::marker::PhantomData;

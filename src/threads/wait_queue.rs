@@ -102,9 +102,11 @@ mod imp {
     type Handle = *mut c_void;
 
     const FOREVER: u32 = u32::MAX;
-    /// The number of events that `notify_all` sets between two uses of the lock.
+    /// The number of events that `notify_all` collects under the lock before it sets them without the lock: as many as its
+    /// array holds, so that it need not allocate.
     const AT_ONCE: usize = 8;
-    /// How long a thread waits, ms, if Windows could not create an event for it.
+    /// How long a wait lasts, ms, if Windows could not create an event for it. It then ends without a notification, and its
+    /// caller checks its condition and waits again.
     const WITHOUT_EVENT_MS: u32 = 1;
 
     /// One Windows event per waiting thread, reused by the next thread that waits. The event of a thread that was ended
@@ -117,7 +119,7 @@ mod imp {
         event: Handle,
         /// Whether a thread has a ticket for this event.
         taken: bool,
-        /// Whether the thread's wait has not been ended by a notification yet.
+        /// Whether the thread that has the ticket still waits for a notification.
         waits: bool,
     }
 

@@ -61,7 +61,7 @@ impl From<CrcCoverage> for CrcCoverages {
     }
 }
 
-/// How check words are computed.
+/// How the check words of one direction, commands or answers, are computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct CheckRule {
     /// Whether the check word is the fixed word or a CRC-32.
@@ -114,7 +114,7 @@ pub(super) enum CheckResult {
 /// Checks the check word of an answer by the type in the answer's own status bits. They show how the chip has made the answer,
 /// which may differ from the type that the host has set.
 ///
-/// `[OURS]` A valid CRC that equals the word for "not ready" by chance counts as valid.
+/// `[OURS]` An answer whose valid CRC equals [`NOT_READY`], the check word of a chip that is not ready, counts as valid.
 pub(super) fn check_answer(status: Status, len: u16, covered: &[u8], found: u32, coverage: CrcCoverage) -> CheckResult {
     let kind = status.check_type();
     let expected = kind.map(|kind| CheckRule { kind, coverage }.word(covered, len));

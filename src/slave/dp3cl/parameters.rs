@@ -41,7 +41,8 @@ pub(super) fn factory(rating: Rating) -> Values {
     values
 }
 
-/// The non-volatile memory of the drive, and the parameters that were read from it at power-on.
+/// The non-volatile memory of the drive (`saved`), and the active values of P0-01 and P0-02 (`subdivision`, `filter_time`).
+/// These are the values at the last power-on: the drive uses a new value only from the next power-on.
 #[derive(Clone, Debug)]
 pub(super) struct Memory {
     saved: Values,
@@ -130,7 +131,8 @@ fn accept_peak_current(drive: &Dp3cl, _at: ObjectAddress, value: i64) -> Result<
     if value > drive.config.rating.peak_max_100ma().into() { Err(AbortCode::VALUE_HIGH) } else { Ok(()) }
 }
 
-/// Assigns the input functions to their terminals anew after a parameter that assigns a terminal was written.
+/// Connects the input functions to the terminals that P2-05 to P2-08 select. Called after each write of one of them, so that it
+/// acts at once.
 fn rewire(drive: &mut Dp3cl) {
     drive.rewire();
 }

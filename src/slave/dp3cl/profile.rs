@@ -15,7 +15,8 @@ pub(super) struct Ramps {
     pub(super) deceleration: f64,
 }
 
-/// A position demand with its velocity.
+/// The position demand that the profile gives to the motor: `whole` plus `fraction` command units, moving at `velocity`,
+/// command units/s.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Profile {
     whole: i64,

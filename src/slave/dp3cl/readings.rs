@@ -11,12 +11,14 @@ impl Dp3cl {
         self.config.travel.stops.map_or(position, |(low, high)| position.clamp(low, high.max(low)))
     }
 
-    /// The sign that converts shaft positions to object positions: bit 7 of the polarity, 0x607E.
+    /// The sign between positions of the shaft and positions in objects (0x607A, for example): -1 if bit 7 of the polarity,
+    /// 0x607E, is set, otherwise 1.
     pub(super) fn position_sign(&self) -> i64 {
         if self.base.values.get(objects::POLARITY) & 1 << 7 != 0 { -1 } else { 1 }
     }
 
-    /// The sign that converts shaft velocities to object velocities: bit 6 of the polarity, 0x607E.
+    /// The sign between velocities of the shaft and velocities in objects: -1 if bit 6 of the polarity, 0x607E, is set,
+    /// otherwise 1.
     pub(super) fn velocity_sign(&self) -> f64 {
         if self.base.values.get(objects::POLARITY) & 1 << 6 != 0 { -1.0 } else { 1.0 }
     }
@@ -53,7 +55,8 @@ impl Dp3cl {
         (i128::from(position) * i128::from(parameters::ENCODER_COUNTS)).div_euclid(turn) as i64
     }
 
-    /// The velocity that objects show, command units/s: that of the demand, or of the axis while it brakes on its own.
+    /// The velocity that objects show, command units/s: that of the demand while a mode of operation controls the axis,
+    /// otherwise that of the motor, for example while the drive brakes on the ramp of a quick stop.
     pub(super) fn velocity_value(&self) -> f64 {
         let velocity = if self.is_in_control() { self.motion.velocity() } else { self.axis.plant().velocity() };
         velocity * self.velocity_sign()

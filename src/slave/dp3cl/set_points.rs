@@ -37,13 +37,14 @@ pub(super) struct SetPoints {
     last_target: i64,
     new_bit: bool,
     acknowledged: bool,
-    /// Whether a limit switch has ended the last motion before its target.
+    /// Whether a limit switch has ended the last motion before its target. If so, statusword bit 10 (target reached) is 0
+    /// except during a halt.
     missed: bool,
 }
 
 impl SetPoints {
-    /// The state when profile position is entered at `position`. If bit 4 is set already, it must fall and rise again for a
-    /// set-point.
+    /// The state when profile position is entered at `position` with the controlword `word`. If its bit 4 (new set-point) is
+    /// set already, the bit must fall and rise again for a set-point.
     pub(super) fn begin(position: i64, word: u16) -> Self {
         Self { last_target: position, new_bit: word & NEW_SET_POINT != 0, ..Self::default() }
     }

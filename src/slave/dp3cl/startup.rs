@@ -10,7 +10,8 @@ use crate::slave::communication::{Communication, SyncManagerSettings};
 
 /// The supported SYNC0 cycle times, ns.
 pub(super) const SYNC0_CYCLES_NS: [Ns; 4] = [500_000, 1_000_000, 2_000_000, 4_000_000];
-/// The values of bits 0 to 2 of register 0x0981 with SYNC0 on, and with the SYNC unit off.
+/// The two values that the drive accepts in bits 0 to 2 of register 0x0981 (SYNC unit, SYNC0, SYNC1): the SYNC unit generates
+/// SYNC0 only, or it is off.
 const SYNC0_ON: u8 = 0b011;
 const SYNC_OFF: u8 = 0b000;
 /// The bits of a sync manager's control byte that are checked \[OURS]. Bit 6, which enables the watchdog, is not among

@@ -118,7 +118,8 @@ impl TouchProbes {
         self.probes[0].status | self.probes[1].status << 8
     }
 
-    /// 0x60BA to 0x60BD by `place` 0 to 3: the position at the rising and at the falling edge of probe 1, then of probe 2.
+    /// The value of the object 0x60BA + `place`, with `place` 0 to 3: the position at the rising and at the falling edge of
+    /// probe 1, then of probe 2.
     pub(super) const fn position(&self, place: usize) -> i32 {
         let probe = &self.probes[place / 2];
         if place.is_multiple_of(2) { probe.rising } else { probe.falling }
@@ -136,7 +137,8 @@ impl TouchProbes {
 }
 
 impl Dp3cl {
-    /// Latches the positions of all edges that the shaft has passed on its way from `from` to `to`, counts.
+    /// Latches the position at each edge of a probe's signal between the shaft positions `from` and `to`, counts, through which
+    /// the shaft has moved.
     pub(super) fn probe(&mut self, from: i64, to: i64) {
         for probe in 0..PROBES {
             let Some(signal) = self.probes.signal(probe) else { continue };
@@ -172,9 +174,9 @@ impl Dp3cl {
         changed
     }
 
-    /// Reports each change at SI1 and SI2 during the last step, once. \[OURS] SI1 is latch input 0 of the slave controller,
-    /// SI2 is latch input 1. The shaft moves evenly during a step, and a forced terminal changes at the beginning of the
-    /// step.
+    /// Passes each change at the terminals SI1 and SI2 during the last step to `tell`, once, so that the slave controller can
+    /// capture its time. \[OURS] SI1 is latch input 0 of the slave controller, SI2 is latch input 1. The shaft moves evenly
+    /// during a step, and a forced terminal changes at the beginning of the step.
     pub(super) fn tell_terminal_changes(&mut self, tell: &mut dyn FnMut(LatchChange)) {
         let LastStep { from, to, ns, forced } = std::mem::take(&mut self.last_step);
         for (input, forced) in forced.into_iter().enumerate() {

@@ -9,9 +9,9 @@ use crate::slave::dictionary::{Object, Slot, Values, check, join, rows, slot};
 use crate::slave::plant::Motor;
 use crate::slave::process_data::{Pdo, rx_pdo, tx_pdo};
 
-/// Product code, 0x1018:2, of a servo drive. \[OURS] "SERV".
+/// Product code, 0x1018:2, of a servo drive. \[OURS] The letters "SERV" in ASCII.
 pub const PRODUCT_CODE: u32 = 0x5345_5256;
-/// Product code, 0x1018:2, of a stepper. \[OURS] "STEP".
+/// Product code, 0x1018:2, of a stepper. \[OURS] The letters "STEP" in ASCII.
 pub const STEPPER_PRODUCT_CODE: u32 = 0x5354_4550;
 /// Revision, 0x1018:3.
 pub const REVISION: u32 = 0x0001_0000;
@@ -136,7 +136,8 @@ const STEPPER_PDOS: &[Pdo<Drive>] = &[
     Pdo::empty(0x1A07),
 ];
 
-/// PDOs for masters that change between the cyclic modes in OP: they map all targets and all actual values.
+/// PDOs that a master maps if it changes between the cyclic modes in OP: all targets and all actual values. One function copies
+/// a PDO with exactly these entries, which is faster than entry by entry.
 pub(super) const OFTEN_MAPPED: &[Pdo<Drive>] = &[
     tx_pdo!(OBJECTS, 0x1A00, false, [0x6041_0010, 0x6064_0020, 0x606C_0020, 0x6077_0010]),
     rx_pdo!(OBJECTS, 0x1600, false, [0x6040_0010, 0x607A_0020, 0x60FF_0020, 0x6071_0010]),

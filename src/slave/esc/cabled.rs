@@ -15,7 +15,7 @@ pub struct UndescribedError {
     pub slave: usize,
     /// The display name of the slave.
     pub kind: String,
-    /// The reason.
+    /// Why no EEPROM content can be generated.
     pub source: DescriptionError,
 }
 
@@ -36,12 +36,12 @@ pub struct CabledChain {
     reach: u8,
     /// The slaves that do not answer, one bit each, as last applied to `chain`, to notice a change.
     silent: [u64; 4],
-    /// Whether the first network card is connected to the first slave. A cut of the [`Cable`] is separate.
+    /// Whether the first network card is connected to the first slave. There may still be a cut of the [`Cable`] between them.
     has_first: bool,
     /// Whether a second network card is connected to the last slave.
     is_ring: bool,
-    /// The number of frames since the last damaged one, and whether the next damaged frame is damaged on its way back to the
-    /// master instead of on its way out.
+    /// `passed`: the frames that have passed the noisy cable section since the last one that was damaged there. `is_back_next`:
+    /// whether the next damaged frame is damaged on its way back to the master instead of on its way out; the two alternate.
     passed: u16,
     is_back_next: bool,
 }
@@ -151,7 +151,9 @@ impl CabledChain {
             self.chain.slave_mut(before).controller_mut().note_invalid_frame(IN);
             (before + 1..reached).for_each(|n| self.chain.slave_mut(n).controller_mut().note_forwarded_error(IN));
         }
-        // All slaves except the last one that the frame reaches receive it again from the slave behind them, on its way back.
+        // On its way back, the damaged frame comes in again at port 1 of every slave in front of the last one that it reaches,
+        // and these slaves count it there. If the damage is on the way back, only the slaves in front of the damaged section
+        // see it.
         let back = if is_back { before } else { reached - 1 };
         for n in (0..back).rev() {
             let controller = self.chain.slave_mut(n).controller_mut();

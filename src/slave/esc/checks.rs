@@ -41,7 +41,7 @@ impl Application {
     }
 
     /// Checks direction, mode and area of the process data sync managers; the device checks their lengths. A sync manager that
-    /// is off or has a length of 0 passes. The one for inputs is checked first.
+    /// is off or has a length of 0 passes. Inputs are checked first: if both are wrong, the AL status code names the inputs.
     pub(super) fn check_areas(&self, controller: &Controller) -> Result<[SyncManager; 2], AlStatus> {
         let outputs = controller.managers.registers(self.managers.outputs);
         let inputs = controller.managers.registers(self.managers.inputs);

@@ -31,7 +31,7 @@ pub(super) struct ControllerEvents {
     pub(super) watchdog: bool,
     /// The SYNC unit was activated or deactivated.
     pub(super) sync_changed: bool,
-    /// The master has reset the controller.
+    /// The master has reset the controller by the reset sequence, register 0x0040.
     pub(super) reset: bool,
 }
 
@@ -39,7 +39,7 @@ pub(super) struct ControllerEvents {
 #[derive(Clone, Debug)]
 #[repr(C)] // The fields that each frame uses are adjacent, at the beginning.
 pub struct Controller {
-    /// The arrival time of the newest frame.
+    /// The arrival time of the newest frame, ns of simulated time.
     pub(super) arrival: Ns,
     pub(super) watchdog: Watchdog,
     clock: Clock,
@@ -47,7 +47,7 @@ pub struct Controller {
     /// Whether a frame has written registers that trigger an action of the device, or that change the time of the next timer
     /// event or SYNC pulse.
     pub(super) is_set_anew: bool,
-    /// The time before which no SYNC pulse comes.
+    /// The simulated time before which no SYNC pulse comes, ns; [`Self::look_for_pulse`] computes it.
     without_pulse: Ns,
     /// Whether a port has been opened or closed since the route of frames was computed.
     pub(super) ports_have_changed: bool,
@@ -68,12 +68,13 @@ pub struct Controller {
     /// For the loop setting "auto close": whether each port may open. A lost link clears this, a write to DL control sets
     /// it again.
     opened: [bool; PORTS],
-    /// Whether each port is open.
+    /// Whether each port is open, so that frames leave by it.
     open: [bool; PORTS],
-    /// The permanent loop settings (bits 8 to 15 of DL control), and the time when temporary ones end.
+    /// The permanent loop settings (bits 8 to 15 of DL control), and the time when temporary ones end; `None` if there are
+    /// none.
     permanent_loops: u8,
     temporary_until: Option<Ns>,
-    /// The number of bytes of the reset sequence received so far.
+    /// The number of bytes of the reset sequence, `RES` to register 0x0040, received so far.
     reset_progress: usize,
     /// A reusable buffer for combining the data of a datagram with those of the memory.
     pub(super) scratch: Vec<u8>,
@@ -135,7 +136,7 @@ impl Controller {
         let ports = settings.ports.iter().rev().fold(0, |byte, port| byte << 2 | port & 0b11);
         memory.set_u8(registers::PORT_DESCRIPTOR, ports);
         memory.set_u16(registers::FEATURES, settings.features.0);
-        // Existing ports start in automatic mode.
+        // Existing ports start with the loop setting "auto": open while they have a link.
         let exists = |port: &usize| settings.ports[*port] >= 2;
         let auto = |control: DlControl, port| control.with_loop(port, LoopControl::Auto);
         let control = (0..PORTS).filter(exists).fold(DlControl::POWER_ON, auto);
@@ -193,7 +194,8 @@ impl Controller {
         self.protection.blocks_all()
     }
 
-    /// Begins a frame that arrives at time `arrival`.
+    /// Begins a frame that arrives at time `arrival`. Writing that the previous frame has enabled in spite of write protection
+    /// is disabled again.
     #[inline]
     pub(super) fn begin_frame(&mut self, arrival: Ns) {
         self.arrival = arrival;
@@ -220,7 +222,7 @@ impl Controller {
         self.memory.count(registers::FORWARDED_ERRORS + port as u16);
     }
 
-    /// Counts a frame whose datagrams do not fit into it.
+    /// Counts a frame whose datagrams are longer than the frame.
     pub fn note_wrong_structure(&mut self) {
         self.memory.count(registers::PROCESSING_UNIT_ERRORS);
     }
@@ -275,7 +277,7 @@ impl Controller {
         }
     }
 
-    /// Advances only the clock to `now`. The caller has made sure that nothing else happens before.
+    /// Advances only the clock to `now`. The caller has made sure that no timer event and no SYNC pulse is due up to then.
     #[inline]
     pub(super) fn advance_quietly(&mut self, now: Ns) {
         self.clock.advance(now);
@@ -328,7 +330,7 @@ impl Controller {
         [self.watchdog.due(), self.eeprom.due(), self.temporary_until].into_iter().flatten().min()
     }
 
-    /// The network time of the next SYNC pulse, as estimated by the clock; `None` if no pulse is scheduled.
+    /// The simulated time of the next SYNC pulse, as estimated by the clock; `None` if no pulse is scheduled.
     pub(super) fn next_pulse(&self, now: Ns) -> Option<Ns> {
         Some(now + self.until_pulse()?)
     }
@@ -358,7 +360,8 @@ impl Controller {
         self.memory.set_u8(status, 1);
     }
 
-    /// Takes the pending events for the device.
+    /// Takes the pending events for the device, and clears the bits of a written AL control and of changed sync managers in the
+    /// AL event register.
     pub(super) fn take_events(&mut self) -> ControllerEvents {
         let events = std::mem::take(&mut self.events);
         self.is_set_anew = false;
@@ -376,7 +379,7 @@ impl Controller {
         AlControl(self.memory.u16(AL_CONTROL))
     }
 
-    /// Shows the device's AL status with its code. The code is written first.
+    /// Sets AL status and AL status code, and raises the event of a changed AL status for the master.
     pub(super) fn set_al_status(&mut self, status: AlStatusRegister, code: AlStatus) {
         self.memory.set_u16(AL_STATUS_CODE, code.0);
         self.memory.set_u16(AL_STATUS, status.0);
@@ -412,13 +415,13 @@ impl Controller {
         }
     }
 
-    /// The SYNC0 cycle time, ns.
+    /// The SYNC0 cycle time that the master has set, ns.
     pub(super) fn sync0_cycle_ns(&self) -> u32 {
         self.memory.u32(registers::SYNC0_CYCLE)
     }
 
-    /// Sets the level of a latch input, 0 to [`LATCHES`](registers::LATCHES) - 1, from network time `at` on, which should be
-    /// near the arrival of the newest frame: the captured system time may be off by 1 % of the time between them. Without
+    /// Sets the level of a latch input, 0 to [`LATCHES`](registers::LATCHES) - 1, from the simulated time `at` on, which should
+    /// be near the arrival of the newest frame: the captured system time may be off by 1 % of the time between them. Without
     /// effect for an unchanged level, for an input that does not exist, and without distributed clocks.
     pub fn set_latch_input(&mut self, input: usize, is_on: bool, at: Ns) {
         if self.has_clock() && input < registers::LATCHES {
@@ -426,7 +429,8 @@ impl Controller {
         }
     }
 
-    /// Sets the levels of the latch inputs at power-on without causing edges; bit 0 is input 0.
+    /// Sets the levels of the latch inputs at power-on; bit 0 is input 0. They are initial levels and no edges, so no time is
+    /// captured.
     pub(super) fn begin_latch_inputs(&mut self, levels: u8) {
         if self.has_clock() {
             latch_unit::set_levels(levels, &mut self.memory);

@@ -65,7 +65,7 @@ fn list(device: &mut dyn Slave, index: u16) -> Result<Vec<u32>, DescriptionError
     (1..=count).map(|sub| number(device, index, sub)).collect()
 }
 
-/// The assigned PDOs of one direction, each with its entries.
+/// The PDOs of one direction, each as its index and its entries. `assignment` is the object that lists them: 0x1C12 or 0x1C13.
 fn pdos(device: &mut dyn Slave, assignment: u16) -> Result<Vec<(u16, Vec<SiiPdoEntry>)>, DescriptionError> {
     let mut pdos = Vec::new();
     for index in list(device, assignment)? {
@@ -160,7 +160,8 @@ fn write(device: &mut dyn Slave, settings: &EscSettings) -> Result<Vec<u8>, Desc
     Ok(eeprom)
 }
 
-/// The CoE features of the device. Masters read the mapping by complete access if the EEPROM says that it is supported.
+/// The CoE features that the EEPROM announces. Masters that find complete access among them read PDO assignment and mapping by
+/// it, so it is announced only if the device can read 0x1C00 in that way.
 fn coe_details(device: &mut dyn Slave) -> CoeDetails {
     let has_information = device.object_from(0).is_some();
     let sync_manager_types = ObjectAddress::new(0x1C00, 0);

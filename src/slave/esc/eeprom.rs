@@ -16,14 +16,14 @@ const LOADING_ERRORS: SiiControl = SiiControl(SiiControl::CHECKSUM_ERROR.0 | Sii
 /// The byte offset of the station alias, word 4.
 const ALIAS: usize = 8;
 
-/// The EEPROM with its interface.
+/// The content of the EEPROM, and the state of the registers through which the master accesses it.
 #[derive(Clone, Debug)]
 pub(super) struct Eeprom {
     content: Vec<u8>,
     reads_8_bytes: bool,
     takes_ns: Ns,
-    /// The duration of the EEPROM's internal write cycle after a write command, ns. In that time the EEPROM acknowledges no
-    /// command.
+    /// `silence_ns`: the duration of the internal write cycle after a write command, ns. `silent_until`: the end of the newest
+    /// write cycle. In a write cycle the EEPROM acknowledges no command, and the command fails.
     silence_ns: Ns,
     silent_until: Ns,
     /// The running command: the value that was written to the control register, and the time when the command is done.
@@ -66,7 +66,7 @@ impl Eeprom {
         if self.content.len() > 2048 { reads | SiiControl::TWO_ADDRESS_BYTES } else { reads }
     }
 
-    /// Whether the master may write to the interface now.
+    /// Whether the master may write to the interface now: the EEPROM is assigned to it, and no command is running.
     pub(super) fn is_free(&self, memory: &Memory) -> bool {
         memory.u8(registers::SII_PDI_ACCESS) & 1 == 0 && self.running.is_none()
     }
@@ -79,7 +79,7 @@ impl Eeprom {
         memory.set_u16(SII_CONTROL, (kept | self.fixed_bits()).0);
     }
 
-    /// Handles a write of the control word: starts the command.
+    /// Handles a write of the control word: starts the command that it contains, if any.
     pub(super) fn command(&mut self, written: SiiControl, now: Ns, memory: &mut Memory) {
         let kept = SiiControl(memory.u16(SII_CONTROL) & LOADING_ERRORS.0) | self.fixed_bits();
         let written = SiiControl(written.0 & WRITABLE.0);
@@ -100,7 +100,7 @@ impl Eeprom {
             SiiCommand::Read => {
                 let len = if self.reads_8_bytes { 8 } else { 4 };
                 for n in 0..len {
-                    // Beyond its end the EEPROM reads as erased.
+                    // Beyond its end the EEPROM reads as erased (0xFF).
                     let byte = self.content.get(at.saturating_add(n)).copied().unwrap_or(0xFF);
                     memory.set_u8(SII_DATA + n as u16, byte);
                 }

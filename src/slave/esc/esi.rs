@@ -136,8 +136,8 @@ fn type_name(code: u8, bits: u8) -> String {
     }
 }
 
-/// The mailbox element with its CoE features. \[OURS] A device whose values all fit into one message does not support
-/// segments, as in the manufacturer's ESI file of the DP3CL.
+/// The `Mailbox` element of the ESI file with the CoE features. `has_segments`: whether a value may be too long for one mailbox
+/// message. \[OURS] Otherwise `SegmentedSdo` is 0, as in the manufacturer's ESI file of the DP3CL.
 fn mailbox(general: &SiiGeneral, protocols: MailboxProtocols, has_segments: bool) -> String {
     let flag = |bit| u8::from(general.coe.contains(bit));
     let files = if protocols.contains(MailboxProtocols::FOE) { "<FoE/>" } else { "" };

@@ -5,7 +5,7 @@
 use crate::ethercat::foe::{FOE_OVERHEAD, FoeError, FoeMessage};
 use crate::slave::files::{FILE_BYTES_MAX, FileStore};
 
-/// The present transfer.
+/// The FoE transfer in progress.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Transfer {
     #[default]
@@ -16,7 +16,7 @@ enum Transfer {
     Write { packet: u32 },
 }
 
-/// The state of the FoE server.
+/// The FoE server of a slave: the transfer in progress, with the name and the bytes of its file.
 #[derive(Clone, Debug, Default)]
 pub(super) struct FileServer {
     transfer: Transfer,
@@ -25,7 +25,7 @@ pub(super) struct FileServer {
     is_in_bootstrap: bool,
 }
 
-/// The number of file bytes that fit into a mailbox.
+/// The number of file bytes that fit into one message of a mailbox of `mailbox` bytes.
 fn packet_bytes(mailbox: usize) -> usize {
     mailbox.saturating_sub(FOE_OVERHEAD).max(1)
 }

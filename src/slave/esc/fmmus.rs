@@ -10,7 +10,8 @@ use crate::ethercat::registers::{self, Fmmu, FmmuDirections};
 /// The maximum number of FMMUs of a slave controller.
 pub(super) const FMMUS_MAX: usize = 16;
 
-/// The decoded registers of one FMMU for the fast path, in which a datagram contains the whole area of the FMMU.
+/// One FMMU as the fast path needs it. The fast path applies if a datagram contains all logical bytes of the FMMU: one copy
+/// exchanges them with the buffer of a sync manager.
 #[derive(Clone, Copy, Debug, Default)]
 struct Whole {
     /// The logical address of the first byte, and the number of bytes.
@@ -52,8 +53,8 @@ impl Fmmus {
         fmmus
     }
 
-    /// Classifies the overlap of FMMU `n` with a datagram of `data_len` bytes at logical `address`. `areas` are the sync
-    /// managers, one bit each, whose whole buffer one copy can exchange with a datagram.
+    /// Classifies the overlap of FMMU `n` with a datagram of `data_len` bytes at logical `address`. `areas` has a bit for each
+    /// sync manager that allows the fast path, see `Managers::writable` and `Managers::readable`.
     #[inline]
     fn share(&self, n: usize, areas: u16, address: u32, data_len: usize) -> Share {
         let Whole { logical, len, area } = self.wholes[n];
@@ -159,7 +160,7 @@ impl Controller {
         done
     }
 
-    /// Writes the part of an FMMU that a datagram contains.
+    /// Writes to the memory those bytes of an FMMU that a datagram contains. Returns whether anything was written.
     #[inline(never)]
     fn write_part(&mut self, n: usize, address: u32, data: &[u8]) -> bool {
         let fmmu = self.fmmus.all[n];
@@ -207,7 +208,8 @@ impl Controller {
         done
     }
 
-    /// Reads the part of an FMMU that a datagram contains.
+    /// Reads from the memory into a datagram those bytes of an FMMU that the datagram contains. Returns whether anything was
+    /// read.
     #[inline(never)]
     fn read_part(&mut self, n: usize, address: u32, data: &mut [u8]) -> bool {
         let fmmu = self.fmmus.all[n];
@@ -235,8 +237,8 @@ impl Controller {
     }
 }
 
-/// The first and the last bit of the memory, relative to the first mapped byte, that the overlap of an FMMU and a datagram
-/// maps.
+/// The numbers of the first and of the last memory bit that the overlap of an FMMU and a datagram maps, counted from the first
+/// mapped byte; `None` if the overlap maps no bit.
 fn bounds(fmmu: &Fmmu, part: &Part) -> Option<(usize, usize)> {
     let mut all = bits(fmmu, part);
     let first = all.next()?.1;

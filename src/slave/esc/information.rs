@@ -15,7 +15,7 @@ const ANSWER_ROOM: usize = 1024;
 /// \[OURS] The maximum length of an entry name in a response, bytes; a longer name is cut.
 const NAME_ROOM: usize = 256;
 
-/// A response that is sent fragment by fragment.
+/// An SDO information response, which is sent fragment by fragment.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Information {
     answer: Vec<u8>,
@@ -137,7 +137,8 @@ impl Information {
     /// The next fragment for a mailbox of `mailbox` bytes; `None` if nothing is left.
     pub(super) fn next(&mut self, mailbox: usize) -> Option<InformationFragment<'_>> {
         let kind = self.kind?;
-        // A fragment must not split a 16-bit index.
+        // The number of data bytes is even, so that a fragment of an object list does not split a 16-bit index. It is at least
+        // 2, so that the fragments come to an end even with a mailbox that is too short.
         let room = (mailbox.saturating_sub(OVERHEAD) & !1).max(2);
         let (from, whole) = (self.sent, self.answer.len());
         let len = (whole - from).min(room);

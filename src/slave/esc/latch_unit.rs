@@ -22,7 +22,7 @@ fn status(input: usize, memory: &Memory) -> LatchStatus {
     LatchStatus(memory.u8(LATCH_STATUS + input as u16))
 }
 
-/// Sets the levels of the inputs without causing edges; bit 0 is input 0.
+/// Sets the levels of the latch inputs without an edge, so no time is captured; bit 0 is input 0.
 pub(super) fn set_levels(levels: u8, memory: &mut Memory) {
     for input in 0..LATCHES {
         let without = status(input, memory).without(LatchStatus::PIN);
@@ -31,7 +31,7 @@ pub(super) fn set_levels(levels: u8, memory: &mut Memory) {
     }
 }
 
-/// Sets the level of an input from network time `at` on. In continuous mode the time of every edge is captured; in
+/// Sets the level of an input from the simulated time `at` on. In continuous mode the time of every edge is captured; in
 /// single-event mode only that of the first edge, until its time is read.
 pub(super) fn set_level(input: usize, is_on: bool, at: Ns, clock: &Clock, memory: &mut Memory) {
     let before = status(input, memory);
@@ -52,7 +52,7 @@ pub(super) fn set_level(input: usize, is_on: bool, at: Ns, clock: &Clock, memory
     }
 }
 
-/// The levels of the inputs.
+/// The levels of the latch inputs; bit 0 is input 0.
 fn levels(memory: &Memory) -> u8 {
     (0..LATCHES)
         .filter(|input| status(*input, memory).contains(LatchStatus::PIN))

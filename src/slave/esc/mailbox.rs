@@ -15,9 +15,9 @@ use crate::ethercat::registers::{SmActivate, SmPdiControl, SmStatus};
 use crate::ethercat::{Ns, WireError, registers::SyncManager};
 use crate::slave::Slave;
 
-/// The sync manager for requests.
+/// The number of the sync manager for requests of the master.
 pub(super) const REQUESTS: u8 = 0;
-/// The sync manager for responses.
+/// The number of the sync manager for responses of the slave.
 pub(super) const ANSWERS: u8 = 1;
 /// \[OURS] The maximum number of pending emergencies; further ones are lost.
 pub const EMERGENCIES_MAX: usize = 8;
@@ -37,7 +37,8 @@ impl Slot {
     }
 }
 
-/// The state of the mailbox.
+/// The mailbox of a slave: its message counters, the messages that wait or are in sync manager 1, and the servers that answer
+/// requests.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Mailbox {
     /// The message counter of the last request.
@@ -47,7 +48,7 @@ pub(super) struct Mailbox {
     request: Vec<u8>,
     /// A response that is not in sync manager 1 yet.
     answer: Slot,
-    /// The earliest time for putting that response into sync manager 1.
+    /// The earliest time for putting the response `answer` into sync manager 1.
     answer_due: Ns,
     /// An additional delay of SDO responses, ns.
     sdo_delay_ns: Ns,
@@ -55,7 +56,7 @@ pub(super) struct Mailbox {
     /// A response that was in sync manager 1 when the master requested a repeat. It is posted again after the repeated
     /// message.
     put_back: Slot,
-    /// The message in sync manager 1.
+    /// The message that was put into sync manager 1 last.
     posted: Vec<u8>,
     /// Whether the message in sync manager 1 is the last read message, posted again because the master requested a repeat.
     is_repeat: bool,
@@ -112,7 +113,7 @@ impl Mailbox {
         self.remembers = false;
     }
 
-    /// Delays SDOs by `ns`, from the next one on.
+    /// Delays the responses to SDO requests by `ns`, from the next request on; 0 ends the delay.
     pub(super) const fn delay_sdo(&mut self, ns: Ns) {
         self.sdo_delay_ns = ns;
     }
@@ -125,7 +126,8 @@ impl Mailbox {
         }
     }
 
-    /// Whether [`Self::serve`] has something to do: `done` has accesses of the network to the mailbox, or a message is waiting.
+    /// Whether [`Self::serve`] has something to do: since its last call the network has accessed a sync manager of the mailbox
+    /// (`done`), or a message is waiting for its place in sync manager 1.
     pub(super) const fn is_touched(&self, done: ManagerEvents) -> bool {
         const BOTH: u16 = 1 << REQUESTS | 1 << ANSWERS;
         (done.written | done.read | done.activated) & BOTH != 0
@@ -286,7 +288,7 @@ impl Mailbox {
         self.answer.is_used = matches!(written, Some(Ok(len)) if encode_around(header, len, bytes).is_ok());
     }
 
-    /// Puts the next waiting message into sync manager 1, if the master has read the message before.
+    /// Puts the next waiting message into sync manager 1, if the master has read the previous one.
     fn post(&mut self, managers: &mut Managers, memory: &mut Memory) {
         let manager = managers.registers(ANSWERS);
         if !manager.is_enabled() || manager.status.contains(SmStatus::FULL) {

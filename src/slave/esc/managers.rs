@@ -19,11 +19,11 @@ pub(super) const MANAGERS_MAX: usize = 16;
 /// The accesses of the network to sync managers since the slave last took these events, one bit per sync manager.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ManagerEvents {
-    /// The sync managers whose whole buffer was written, bit n for sync manager n.
+    /// Bit n: the network has written the whole buffer of sync manager n since the slave last took these events.
     pub(super) written: u16,
-    /// The sync managers whose whole buffer was read.
+    /// Bit n: the network has read the whole buffer of sync manager n since the slave last took these events.
     pub(super) read: u16,
-    /// The sync managers whose activate register was written.
+    /// Bit n: the network has written the activate register of sync manager n since the slave last took these events.
     pub(super) activated: u16,
 }
 
@@ -31,8 +31,9 @@ pub(super) struct ManagerEvents {
 #[repr(C)] // The fields that each frame uses are adjacent, at the beginning.
 pub(super) struct Managers {
     pub(super) events: ManagerEvents,
-    /// The sync managers in buffered mode for which one copy can exchange the whole buffer: `writable` by the network,
-    /// `readable` by the network, one bit each. No earlier sync manager overlaps them.
+    /// The sync managers on the fast path, bit n for sync manager n: the network writes (`writable`) or reads (`readable`)
+    /// their whole buffer with one copy. They are in buffered mode and in RAM, and no earlier sync manager overlaps them. Other
+    /// accesses search the sync manager of each byte range.
     writable: u16,
     readable: u16,
     /// The sync managers that are enabled and have an area, one bit each.
@@ -57,15 +58,15 @@ impl Managers {
         memory.put(registers::sync_manager(n as u8), &self.managers[n].registers.encode());
     }
 
-    /// Updates the status registers in the memory, which accesses to areas have changed. Must be called before the
-    /// registers are read.
+    /// Updates the status registers in the memory. Must be called before the network reads them, because accesses to buffers
+    /// change only the decoded status in [`Manager`].
     pub(super) fn show_statuses(&self, memory: &mut Memory) {
         for n in 0..self.count {
             memory.set_u8(registers::sync_manager_status(n), self.registers(n).status.0);
         }
     }
 
-    /// Writes a byte of the registers from the network.
+    /// Writes a byte of the registers for the network. `offset` counts from the first register of sync manager 0.
     pub(super) fn write_register(&mut self, offset: u16, value: u8, memory: &mut Memory) {
         let (n, at) = (usize::from(offset) / SYNC_MANAGER_LEN, usize::from(offset) % SYNC_MANAGER_LEN);
         let manager = &mut self.managers[n];
@@ -91,7 +92,7 @@ impl Managers {
         self.find_whole(memory);
     }
 
-    /// Finds the sync managers for which one copy can exchange the whole buffer with the network.
+    /// Computes which sync managers allow the fast path, see [`Self::writable`] and [`Self::readable`].
     fn find_whole(&mut self, memory: &Memory) {
         (self.writable, self.readable) = (0, 0);
         for n in 0..usize::from(self.count) {
@@ -120,14 +121,16 @@ impl Managers {
         self.readable
     }
 
-    /// The bit mask of the first enabled sync manager with exactly this area; 0 if there is none.
+    /// A mask with the bit of the first enabled sync manager that has exactly this start address and length; 0 if there is
+    /// none. An FMMU that maps the same bytes can take the fast path.
     pub(super) fn of_area(&self, start: u16, len: u16) -> u16 {
         let has_it =
             |manager: &Manager| manager.is_active() && manager.registers.start == start && manager.registers.len == len;
         self.managers.iter().position(has_it).map_or(0, |n| 1 << n)
     }
 
-    /// The initial status of a sync manager.
+    /// The status of a sync manager before its first access: no event, and in buffered mode the code 3, no buffer written, as
+    /// the last written buffer.
     fn idle(control: SmControl) -> SmStatus {
         match control.mode() {
             BufferMode::Buffered => SmStatus::NONE.with_last_buffer(3),
@@ -286,7 +289,8 @@ impl Managers {
         Some(manager.buffer_start(buffer))
     }
 
-    /// Takes back a message that the network has not read yet. Returns the content of the whole mailbox.
+    /// Takes a message that the network has not read yet out of the mailbox, because a repeated message goes first. Returns the
+    /// whole mailbox, message and padding; `None` if the sync manager is off or the mailbox is empty.
     pub(super) fn take_back<'m>(&mut self, n: u8, memory: &'m mut Memory) -> Option<&'m [u8]> {
         let n = usize::from(n);
         let manager = &mut self.managers[n];

@@ -18,7 +18,7 @@ pub(super) enum ByteAccess {
 
 const REGISTERS: usize = RAM as usize;
 
-/// The access of the network to each byte of the registers, from [`MAP`].
+/// The access of the network to each byte of the registers, computed from the register table [`MAP`].
 static REGISTER_BYTES: [ByteAccess; REGISTERS] = {
     let mut bytes = [ByteAccess::Absent; REGISTERS];
     let mut n = 0;
@@ -97,7 +97,7 @@ impl Memory {
         self.bytes.get_mut(address..address.saturating_add(len)).unwrap_or_default()
     }
 
-    /// The `N` bytes of a register.
+    /// The `N` bytes of the register at an address.
     pub(super) fn get<const N: usize>(&self, address: u16) -> [u8; N] {
         self.bytes[usize::from(address)..].first_chunk().copied().unwrap_or([0; N])
     }

@@ -12,7 +12,7 @@ struct Datagram {
     header: DatagramHeader,
     /// The offset of the data in the frame.
     data: usize,
-    /// The increments of the working counter by the slaves so far.
+    /// The sum of the increments of the working counter by the slaves so far.
     counts: u16,
 }
 

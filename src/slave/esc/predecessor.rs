@@ -114,8 +114,9 @@ impl Predecessor {
         }
     }
 
-    /// Leaves a request in the mailbox, running message counters, and a last read message. The slave repeats that message as
-    /// soon as the repeat bit of sync manager 1 differs from the repeat acknowledge.
+    /// Leaves traces of mailbox traffic, each in half of the cases: an SDO request in the mailbox, or message counters and a
+    /// last read response as after a transfer. The slave repeats that response as soon as the repeat bit of sync manager 1
+    /// differs from the repeat acknowledge.
     fn leave_mailbox(&mut self, slave: &mut EscSlave, described: &Described, now: Ns) {
         let Some(areas) = described.mailbox else { return };
         let counter = MailboxCounter::new(self.below(8) as u8).unwrap_or_default();
@@ -138,8 +139,8 @@ impl Predecessor {
         }
     }
 
-    /// Writes random values to a register, or to a group of adjacent registers of the same kind; special registers get values
-    /// that have an effect.
+    /// Writes random values to a register, or to a group of adjacent registers of the same kind. Registers for which most
+    /// random values would have no effect, such as FMMUs and the station address, get values that have one.
     fn leave_register(&mut self, slave: &mut EscSlave, address: u16, len: u16, now: Ns) {
         let bytes = match address {
             STATION_ADDRESS => self.station().to_le_bytes().to_vec(),
@@ -167,7 +168,8 @@ impl Predecessor {
         slave.write_unseen(address, &bytes, now);
     }
 
-    /// A random station address: in half of the cases 0x1001 to 0x1008, which the next master may assign to another slave.
+    /// A random station address: in half of the cases 0x1001 to 0x1008, which the next master may assign to another slave if
+    /// its addresses begin at 0x1001, as those of SOEM do.
     fn station(&mut self) -> u16 {
         let near = 0x1001 + self.below(8) as u16;
         let any = self.dice.rand_u64() as u16;

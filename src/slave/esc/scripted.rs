@@ -10,7 +10,7 @@ use crate::slave::identity::Identity;
 use crate::slave::plant::Servo;
 use crate::slave::{AxisFault, Communication, Fault, FileStore, LatchChange, ManufacturerObjects, Slave, SyncEvent};
 
-/// A device, with scripted refusals and aborts.
+/// A device that refuses AL states and aborts SDO transfers where the script of its cable demands it.
 pub(super) struct Scripted {
     device: Box<dyn Slave>,
     cable: Cable,

@@ -30,7 +30,7 @@ pub(super) enum SdoAnswer<'a> {
     None,
 }
 
-/// The state of the SDO server.
+/// The SDO server of a slave: the segmented transfer in progress, with the value that it transfers.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SdoServer {
     transfer: Transfer,
@@ -45,7 +45,8 @@ impl SdoServer {
         self.value.reserve(VALUE_ROOM);
     }
 
-    /// Answers a request. `mailbox` is the length of the response mailbox, bytes.
+    /// Answers a request. `mailbox` is the length of the response mailbox, bytes: a value that does not fit is uploaded in
+    /// segments.
     pub(super) fn answer(&mut self, request: SdoRequest<'_>, mailbox: usize, device: &mut dyn Slave) -> SdoAnswer<'_> {
         match request {
             SdoRequest::Upload { object, scope } => self.upload(object, scope, mailbox, device),

@@ -10,9 +10,9 @@ pub const MAILBOX_BYTES_MIN: u16 = 34;
 /// The properties of a slave controller and its device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EscSettings {
-    /// Type, register 0x0000.
+    /// Type of the slave controller, register 0x0000.
     pub controller_type: u8,
-    /// Revision, register 0x0001.
+    /// Revision of the slave controller, register 0x0001.
     pub revision: u8,
     /// Build number of the slave controller, register 0x0002.
     pub build: u16,

@@ -25,7 +25,7 @@ pub const FREE_RUN_CYCLE_NS: Ns = 1_000_000;
 /// without a trigger (free run).
 pub const DRIVEN_NS: Ns = 20_000_000;
 /// \[OURS] The maximum number of SYNC0 and SYNC1 pulses that one call of [`EscSlave::advance`] processes, to bound its
-/// computing time. The device runs no cycles for further pulses.
+/// computing time. Further pulses are dropped: they set their status bits, but the device runs no cycle for them.
 const PULSES_MAX: u32 = 10_000;
 /// \[OURS] The capacity that is reserved for outputs, and for inputs, bytes. Only longer process data allocate, on the change
 /// to SafeOP.
@@ -44,7 +44,7 @@ pub struct EscSlave {
     free_run: Ns,
     /// The time of the last check of the device's error code. Changes of the code are reported by emergencies.
     looked: Ns,
-    /// The device's error code at that check.
+    /// The device's error code (0x603F) at its last check.
     error_code: u16,
     /// Whether the slave is quiet: apart from frames there is nothing to do before the next free-run cycle, SYNC pulse or
     /// watchdog expiry.
@@ -155,7 +155,8 @@ impl EscSlave {
         &*self.device
     }
 
-    /// Writes to the slave as another master would, outside of a frame. Returns whether any byte was written.
+    /// Writes registers or memory for a [`Predecessor`](super::Predecessor), with all effects of a write by a master, but
+    /// without a frame that other slaves or the present master could see. Returns whether any byte was written.
     pub(super) fn write_unseen(&mut self, address: u16, data: &[u8], now: Ns) -> bool {
         self.is_quiet = false;
         self.advance(now);
@@ -180,7 +181,7 @@ impl EscSlave {
         self.application.shown_state()
     }
 
-    /// The AL state of the device. During bootstrap the device is in Init.
+    /// The AL state as the device model knows it, which has no bootstrap: while AL status shows bootstrap, this is Init.
     pub fn state(&self) -> AlState {
         self.application.state()
     }
@@ -360,14 +361,15 @@ impl EscSlave {
         !self.application.is_synchronized
     }
 
-    /// Handles an expired process data watchdog.
+    /// Handles an expired process data watchdog: it matters only in SafeOP and OP, to a slave with outputs.
     fn watchdog_expired(&mut self) {
         if self.state() >= AlState::SafeOp && !self.outputs.is_empty() {
             self.application.lose_outputs(&mut self.controller, &mut *self.device);
         }
     }
 
-    /// Handles the activation or deactivation of the SYNC unit.
+    /// Handles the activation or deactivation of the SYNC unit: a slave that runs by SYNC0 in SafeOP or OP has lost SYNC0 if
+    /// the unit is now off.
     fn sync_changed(&mut self) {
         let is_running = self.controller.sync_activation().contains(SyncActivation::ACTIVATE);
         if self.state() >= AlState::SafeOp && self.application.is_synchronized && !is_running {

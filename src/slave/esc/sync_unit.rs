@@ -11,11 +11,11 @@ pub enum SyncPulse {
     Sync1,
 }
 
-/// The range of start times if the master has set the activation bit for the near future, ns: a start time this far ahead, or
-/// farther, is out of range.
+/// The limit for the start time of SYNC0 if the master has set bit 6 (near future) of the activation register, ns: a start time
+/// that is this far ahead of the system time, or farther, is out of range.
 const NEAR_FUTURE_NS: i64 = 1 << 31;
 
-/// The state of the SYNC unit.
+/// The SYNC unit of a slave controller: its settings and the times of its next pulses.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SyncUnit {
     activation: SyncActivation,
@@ -31,7 +31,7 @@ pub(super) struct SyncUnit {
     fired: [bool; 2],
 }
 
-/// Whether `time` is not after `now`; both wrap around.
+/// Whether `now` has reached `time`. Both are system times, which wrap around.
 const fn is_reached(time: u64, now: u64) -> bool {
     (now.wrapping_sub(time)).cast_signed() >= 0
 }
@@ -53,8 +53,8 @@ impl SyncUnit {
             self.is_out_of_range = !(1..range).contains(&ahead);
             self.next0 = match activation.contains(SyncActivation::CHECK_START) && self.is_out_of_range {
                 true => Some(now),
-                // Without that check, a start time in the past schedules no pulse: the 64-bit system time wraps only after
-                // centuries.
+                // Without the check of the start time (bit 5 of the activation register), a start time in the past schedules no
+                // pulse: the 64-bit system time wraps only after centuries.
                 false => (ahead > 0).then_some(start),
             };
             self.next1 = self.next0.map(|first| first.wrapping_add(self.delay1_ns.into()));
@@ -121,7 +121,7 @@ impl SyncUnit {
         skipped
     }
 
-    /// The values of registers 0x0990 and 0x0998: the times of the next pulses.
+    /// The values of registers 0x0990 and 0x0998: the system times of the next SYNC0 and SYNC1 pulses, ns.
     pub(super) fn shown(&self) -> (Option<u64>, Option<u64>) {
         (self.next0, self.next1)
     }

@@ -4,8 +4,9 @@
 //! exchanged, so that every run starts to the right if its switch is inactive.
 //!
 //! **Speeds** \[OURS]. A run uses the switch speed (0x6099:1) until the switch has been active and the shaft moves in the
-//! direction in which the edge counts. From then on, and while searching for the index pulse, it uses the zero speed
-//! (0x6099:2). A run that reaches the edge on its first leg, from outside the switch, uses the switch speed up to the edge.
+//! direction in which it has to cross the edge for home. From then on, and while searching for the index pulse, it uses the
+//! zero speed (0x6099:2). A run that starts where the switch is inactive and reaches the edge without reversing uses the switch
+//! speed up to the edge.
 
 use super::method::{Direction, Edge, Method, SearchPlan};
 use super::{HomingError, HomingSettings, Shaft};
@@ -73,7 +74,8 @@ impl Run {
         if inputs.has_both_limits() {
             return Err(HomingError::BothLimits);
         }
-        // [OURS] If a limit switch that reverses the search is active at the start, the run starts in the reverse direction.
+        // [OURS] If the positive limit switch is active at the start, and the plan of the method reverses the search at this
+        // switch, the run starts in the negative direction: in the other one the travel ends.
         if run.heading == Direction::Positive && inputs.has(Direction::Positive.limit()) && run.limit_reverses {
             run.reverse_at_limit();
         }
@@ -161,8 +163,8 @@ impl Run {
                 let rises = now.has(edge.switch);
                 self.switch_seen |= rises;
                 match (moving == edge.moving, rises == edge.rises) {
-                    // The shaft still brakes in the old direction before it reverses. An edge that it crosses meanwhile is not
-                    // home.
+                    // The run has reversed already, and the shaft still brakes in the old direction. An edge that it crosses
+                    // meanwhile is not home, because the run now seeks home in the new direction.
                     (true, true) if self.heading != moving => {}
                     (true, true) if self.method.index => self.sought = Sought::Index,
                     (true, true) => return Ok(true),
@@ -182,7 +184,8 @@ impl Run {
         Ok(false)
     }
 
-    /// Handles the limit switch at one end of the travel when it becomes active.
+    /// Handles the limit switch at one end of the travel when it becomes active. The run goes on if it searches for this
+    /// switch, reverses if the plan of its method says so, and otherwise ends with an error.
     fn limit_reached(&mut self, end: Direction) -> Result<(), HomingError> {
         let Sought::Edge(edge) = self.sought else { return Err(self.wrong_limit(end)) };
         let turns =

@@ -19,8 +19,9 @@ use crate::ethercat::Ns;
 /// \[OURS] The maximum length of a sub-step, ns: the cascade runs at 4 kHz at least, as in a small servo drive.
 pub const SUBSTEP_MAX_NS: Ns = 250_000;
 
-/// \[OURS] Below this demanded speed, counts/s, the compensation of dry friction is proportional to the speed. Full
-/// compensation at any speed would push a shaft that has stopped at its target.
+/// \[OURS] The drive adds a torque in the direction of the demanded speed that compensates dry friction. Below this demanded
+/// speed, counts/s, it is proportional to the speed: the full torque at any speed would push a shaft that has stopped at its
+/// target.
 const FRICTION_FADE: f64 = 10.0;
 
 /// \[OURS] The speed below which a shaft counts as at standstill, counts/s.
@@ -100,21 +101,22 @@ struct Span {
     share: f64,
     /// 1 / length of the period, 1/s.
     rate: f64,
-    /// Gain of the velocity loop for the actual speed: change of speed in a sub-step per speed.
+    /// Gain of the velocity loop for the actual speed: the change of speed in a sub-step, counts/s, for each count/s of actual
+    /// speed.
     gain: f64,
-    /// Gain of the velocity loop for the demanded speed: change of speed in a sub-step per speed. It is larger than `gain`,
-    /// because it includes the compensation of viscous friction.
+    /// Gain of the velocity loop for the demanded speed: the change of speed in a sub-step, counts/s, for each count/s of
+    /// demanded speed. It is larger than `gain`, because it includes the compensation of viscous friction.
     gain_wanted: f64,
     /// The torque limit, as the maximum change of speed in a sub-step, counts/s.
     torque: f64,
     /// The change of speed in a sub-step due to dry friction, counts/s.
     friction: f64,
-    /// Gain of the compensation of dry friction: change of speed in a sub-step per demanded speed. The result is limited to
-    /// `friction`.
+    /// Gain of the compensation of dry friction: the change of speed in a sub-step, counts/s, for each count/s of demanded
+    /// speed. The result is limited to `friction`.
     friction_wanted: f64,
     /// The fraction of the speed that remains after viscous friction has acted for a sub-step.
     decay: f64,
-    /// The torque, as a fraction of the rated torque, per change of speed in a sub-step of 1 count/s.
+    /// The torque, as a fraction of the rated torque, that changes the speed by 1 count/s in one sub-step.
     torque_per_change: f64,
 }
 
@@ -339,8 +341,8 @@ impl Servo {
             wanted = feed_forward + self.position_gain * (demand - self.fraction);
             asked = self.change_for(span, clamp_to(wanted, self.velocity_limit));
             if by == 0.0 && self.velocity == 0.0 && clamp_to(asked, span.friction) == asked {
-                // Friction holds the shaft in this sub-step. The following sub-steps have the same setpoint, so it holds the
-                // shaft there too.
+                // The setpoint and the shaft are at standstill, and the demanded torque is below dry friction: friction holds
+                // the shaft. Nothing changes in the following sub-steps, so it holds the shaft there too.
                 break;
             }
             self.substep(span, clamp_to(asked, span.torque));

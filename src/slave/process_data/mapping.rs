@@ -14,11 +14,12 @@ use crate::slave::dictionary::{
     number_of, put_first,
 };
 
-/// The maximum number of entries of a PDO \[OURS].
+/// The maximum number of entries of a PDO of most kinds of device \[OURS], see [`MappingLimits`].
 pub const ENTRIES_MAX: usize = 16;
-/// The capacity of a list, items: the largest number of entries of a PDO that any kind of device allows.
+/// The capacity of a list of entries or of assigned PDOs, items: the largest value of [`MappingLimits::entries`], that of the
+/// DP3CL.
 const ITEMS_ROOM: usize = 24;
-/// The maximum number of assigned PDOs per direction \[OURS].
+/// The maximum number of assigned PDOs per direction of most kinds of device \[OURS], see [`MappingLimits`].
 pub const PDOS_MAX: usize = 8;
 /// The maximum number of process data bytes per direction \[OURS].
 pub const IMAGE_BYTES_MAX: usize = 64;
@@ -140,7 +141,7 @@ impl MappingList {
         &self.items[..usize::from(self.count).min(ITEMS_ROOM)]
     }
 
-    /// The value at a sub-index, and its size in bytes.
+    /// The value at a sub-index, and its size in bytes; `None` above the maximum number of items.
     fn value(&self, sub: u8) -> Option<(u32, usize)> {
         match sub {
             0 => Some((self.count.into(), 1)),

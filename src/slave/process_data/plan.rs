@@ -30,8 +30,8 @@ pub(in crate::slave) struct EntryCopy {
 /// One step of a plan: what it copies.
 enum Step<D> {
     Object(EntryCopy),
-    /// A manufacturer-specific object. `row` and `cell` are the upper and lower 16 bits of its index in
-    /// [`ManufacturerObjects`](crate::slave::ManufacturerObjects).
+    /// A manufacturer-specific object. It has no row in the dictionary's table, so `row` and `cell` hold the upper and the
+    /// lower 16 bits of its index in [`ManufacturerObjects`](crate::slave::ManufacturerObjects) instead.
     Manufacturer(EntryCopy),
     /// A whole PDO that begins at this byte of the image. Its entries are those of a power-on PDO or of one in
     /// [`Model::often_mapped`], for which one function copies the whole PDO.

@@ -58,8 +58,9 @@ impl Reader<'_, '_> {
         self.part(SlaveModel::channels, "channel", "digital inputs")
     }
 
-    /// Reads a slave, from 1, and returns it with the index of one of its axes or channels, from 0. `parts` returns how
-    /// many axes or channels a model has.
+    /// Reads the number of a slave, from 1, with that of one of its axes or channels, such as `2.1`, and returns the latter
+    /// from 0. `parts` returns how many axes or channels a model has; `name` and `has` are for error messages: "axis", and what
+    /// a slave needs to have one.
     fn part(&mut self, parts: fn(SlaveModel) -> usize, name: &str, has: &str) -> Result<(u8, usize), LineError> {
         let word = self.words.need("SLAVE", &self.form)?;
         let (slave, part) = word.text.split_once('.').unwrap_or((word.text, "1"));

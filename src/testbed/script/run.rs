@@ -143,7 +143,8 @@ pub(super) struct Step {
     pub(super) ended: bool,
 }
 
-/// The steps whose times count from the same origin.
+/// The steps of a script whose times count from the same origin. Each origin is reached at its own time, so each has its own
+/// list.
 struct Part {
     steps: Vec<Step>,
     /// The index of the first step that has not been carried out.
@@ -203,8 +204,7 @@ pub(crate) fn undo_all(network: &Cable, board: &BoardHandle) {
         [ScriptAction::Cut(None), ScriptAction::Silent(false), ScriptAction::Full(false), ScriptAction::Inputs(0)];
     let of_slave = |slave| {
         [
-            // A slave that has lost its power is restored by the same action, because it is kept among the slaves that do not
-            // answer.
+            // This also restores the power of a slave that has lost it: such a slave is silent in the same way.
             ScriptAction::Mute { slave, mute: false },
             ScriptAction::Refuse { slave, state: None },
             ScriptAction::SdoDelay { slave, ns: 0 },

@@ -58,7 +58,8 @@ impl AnalogUnit {
         self.delay_ns = Ns::from(units) * 1_000 / 96;
     }
 
-    /// Sets the DAC's value; returns false if the DAC is closed.
+    /// Sets the value for DAC conversions, and converts it at once if new data or the present level of DAC_ST trigger the DAC.
+    /// Returns false if the DAC is closed.
     pub fn set_data(&mut self, now: Ns, value: Analog) -> bool {
         self.data = value.get() as u16;
         if self.dac == Some(DacTrigger::SetData) {
@@ -68,8 +69,8 @@ impl AnalogUnit {
         self.dac.is_some()
     }
 
-    /// Starts a DAC conversion; returns false if the DAC is closed. `[OURS]` No conversion starts if a pin or new data trigger
-    /// the DAC.
+    /// Starts a DAC conversion; returns false if the DAC is closed. `[OURS]` If a pin or new data trigger the DAC, nothing is
+    /// started, and the result is true.
     pub fn start_dac(&mut self, now: Ns) -> bool {
         if self.dac == Some(DacTrigger::StartConv) {
             self.convert(now);
@@ -77,7 +78,7 @@ impl AnalogUnit {
         self.dac.is_some()
     }
 
-    /// Sets the level of the pin DAC_ST.
+    /// Sets the level of the pin DAC_ST, and starts a DAC conversion if this edge or level triggers it.
     pub fn set_start_pin(&mut self, now: Ns, level: bool) {
         let edge = (self.start_pin, level);
         self.start_pin = level;
@@ -89,8 +90,8 @@ impl AnalogUnit {
         self.convert_at_level(now);
     }
 
-    /// Starts a conversion if a level of the pin DAC_ST triggers the DAC and the pin has that level. `[OURS]` While it has, new
-    /// data are output at once.
+    /// Starts a DAC conversion if the pin DAC_ST has the level that triggers the DAC. `[OURS]` As long as the pin has this
+    /// level, each new value is converted at once.
     fn convert_at_level(&mut self, now: Ns) {
         let level = match self.dac {
             Some(DacTrigger::PinLow) => false,
@@ -130,7 +131,7 @@ impl AnalogUnit {
         self.adc.is_some()
     }
 
-    /// Whether a conversion is complete and its value was not read yet.
+    /// Whether an ADC conversion is complete and its value was not read yet.
     pub const fn adc_is_valid(&self) -> bool {
         self.adc_value.is_some()
     }

@@ -10,35 +10,36 @@ use crate::xf::{EtherCatState, NetworkState};
 /// always uses LRW.
 const LRW_AT_START: bool = true;
 
-/// The data about a slave in the chip's memory.
+/// The state and the clock settings of a slave in the chip's memory, from which the chip answers ECAT_STATE_GET and
+/// ECAT_SLV_INFO_GET.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SlaveMemory {
-    /// The state as ECAT_STATE_GET reports it; [`NetworkState::NONE`] if the slave did not answer.
+    /// The state as ECAT_STATE_GET reports it: 0 before it was read, and only the error bit if the slave did not answer.
     pub state: NetworkState,
     pub al_status: u16,
-    /// The times of the slave's clock, as set by ECAT_DCSYNC or ECAT_INIT_OP.
+    /// The SYNC cycle times and the shift of the slave's clock, as set by ECAT_DCSYNC or ECAT_INIT_OP.
     pub dc: DcTiming,
     /// Whether the last initialisation of the clocks has activated this slave's distributed clock.
     pub dc_active: bool,
 }
 
-/// The lengths of a slave's outputs and inputs that the host has set, in bytes.
+/// The lengths of a slave's process data that the host has set by commands, in bytes. Index 0 is outputs, index 1 is inputs.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SetLengths {
-    /// Lengths set by CONFIG_SM.
+    /// The lengths of outputs and inputs that CONFIG_SM has set; `None` for a direction that it has not set.
     pub of_managers: [Option<u16>; 2],
-    /// Lengths set by DIRECT_ASSIGN.
+    /// The lengths of outputs and inputs that DIRECT_ASSIGN has set; `None` for a direction that it has not set.
     pub assigned: [Option<u16>; 2],
-    /// Whether the lengths of DIRECT_ASSIGN are used, as the host has switched; otherwise those of CONFIG_SM or of the mapping
-    /// objects.
+    /// Whether DIRECT_ASSIGN has switched its lengths on. Otherwise the slave has those of CONFIG_SM, and without these those
+    /// of its mapping objects.
     pub is_assigned: bool,
 }
 
-/// The network as the chip knows it.
+/// What the chip knows of its network: the slaves with their states as last read, process data, and working counter.
 pub(super) struct KnownNetwork {
     /// Whether ECAT_INIT_OP has succeeded.
     pub initialised: bool,
-    /// Number of slaves found.
+    /// Number of slaves that ECAT_INIT_OP has found.
     pub count: u8,
     pub known: [SlaveMemory; SLAVES_MAX],
     pub places: [ImageRanges; SLAVES_MAX],
@@ -107,7 +108,7 @@ impl KnownNetwork {
         (count(|place| place.input_bytes > 0), count(|place| place.output_bytes > 0))
     }
 
-    /// Whether the host has brought any slave to that state or a higher one.
+    /// Whether the host has brought any slave to `state` or to a higher AL state.
     pub fn any_commanded(&self, state: AlState) -> bool {
         self.places().iter().any(|place| place.commanded >= state)
     }
@@ -117,9 +118,9 @@ impl KnownNetwork {
         self.places().iter().map(|place| place.counts(place.commanded, outputs_from)).sum()
     }
 
-    /// Reads a slave's state into the chip's memory. `[OURS]` The error bit is set while the slave is below the state to which
-    /// it was brought, or has refused a change. A slave model without an AL status code that is below that state has left OP by
-    /// its watchdog: the AL status is 0x1B.
+    /// Reads a slave's state and AL status code into the chip's memory. `[OURS]` The error bit is set while the slave is below
+    /// the state to which the chip has brought it, or has refused a change. Slave models have no AL status code: such a slave
+    /// below that state is taken to have left OP by its watchdog, code 0x1B.
     pub fn update(&mut self, network: &impl SlaveNetwork, slave: u8) {
         let (known, place) = (&mut self.known[usize::from(slave)], self.places[usize::from(slave)]);
         let Some(state) = network.state(slave) else {
@@ -141,8 +142,8 @@ impl KnownNetwork {
         SlaveNumber::new(slave).is_some_and(|slave| self.polls.contains(slave))
     }
 
-    /// The lengths of a slave's process data that the host has set; `None` if the slave's mapping objects decide.
-    /// `[OURS]` DIRECT_ASSIGN has priority over CONFIG_SM.
+    /// The lengths of a slave's outputs and inputs that the host has set, in bytes; `None` where the slave's mapping objects
+    /// decide. `[OURS]` DIRECT_ASSIGN has priority over CONFIG_SM.
     pub fn assigned_lengths(&self, slave: u8) -> [Option<u16>; 2] {
         let set = &self.lengths[usize::from(slave)];
         let direction = |n: usize| set.assigned[n].filter(|_| set.is_assigned).or(set.of_managers[n]);
@@ -189,7 +190,7 @@ impl KnownNetwork {
         right
     }
 
-    /// Whether there are more errors in a row than the limit allows.
+    /// Whether there are more working counter errors in a row than the host's limit allows.
     pub fn is_over_limit(&self) -> bool {
         self.wkc_limit.most().is_some_and(|most| self.wkc_errors_in_a_row > most)
     }

@@ -28,8 +28,8 @@ use crate::xf::{CommandCode, Malformed};
 /// such commands with the command error. It does the same for operations 1 and 2 of FOE_FUNC_REQ, which transfer files of
 /// slaves, but not for the other ones, which access the chip's own flash memory.
 ///
-/// On such a network ECAT_INIT_OP stores SYNC1 and the shift without using them, and ignores the reference clock. On no network
-/// does it use the special slaves, which the manuals do not explain.
+/// On such a network ECAT_INIT_OP stores the SYNC1 time and the shift of SYNC0 without using them, and ignores the choice of
+/// the reference clock. Its option for "special slaves", which the manuals do not explain, has no effect on any network.
 pub const NEED_REGISTERS: [CommandCode; 7] = [
     CommandCode::EepromRequest,
     CommandCode::EepromGet,
@@ -63,7 +63,7 @@ const fn done_if(done: bool) -> CommandOutcome {
     if done { DONE } else { Err(CommandRefused) }
 }
 
-/// The outcome with this answer, or a refusal if there is none.
+/// Writes the answer of a command into the data segment and returns the outcome; without an answer, the outcome is a refusal.
 fn answered<'a>(answer: Option<impl Answer<'a>>, data: &mut [u8]) -> CommandOutcome {
     Ok(answer.ok_or(CommandRefused)?.encode(data)?)
 }

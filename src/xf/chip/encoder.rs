@@ -2,8 +2,8 @@
 
 use crate::xf::request::{EncoderMode, PeripheralInterrupts};
 
-/// The count at which the modes `X2Compare` and `X4Compare` raise their interrupt and the count wraps. `[OURS]` No command sets
-/// it, so it is the largest count.
+/// The count at which the modes `X2Compare` and `X4Compare` raise their interrupt and the count wraps. `[OURS]` The manuals
+/// have no command that sets this limit, so it is the largest count, which wraps anyway.
 const COMPARE_LIMIT: u32 = u32::MAX;
 
 pub(super) struct Encoder {

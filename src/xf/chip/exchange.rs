@@ -16,16 +16,16 @@ use crate::xf::{
 /// Mask of GPIO 0 to 11, which the header of a command packet drives with every firmware (XF EN 211).
 const HEADER_OUTPUTS: u16 = 0x0FFF;
 
-/// The packet that is sent in the next exchange.
+/// The answer packet that the next exchange sends.
 pub(super) struct Prepared {
     pub bytes: [u8; MAX_PACKET],
-    /// The packet's header, for an exchange in which the chip is not ready.
+    /// The header of the prepared packet, which is also the header of a "not ready" answer.
     pub header: AnswerHeader,
-    /// The packet's length.
+    /// The length of the prepared packet, bytes.
     pub len: usize,
 }
 
-/// An answer whose data are already encoded.
+/// An answer whose return byte and data are encoded already, so that writing the packet only copies them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Encoded<'a> {
     ret: u8,
@@ -43,7 +43,7 @@ impl<'a> Answer<'a> for Encoded<'a> {
     }
 }
 
-/// The answer to a command packet.
+/// The outcome of a command packet: the fields from which the answer packet is built, without the answer's data.
 struct Reply {
     index: u8,
     code: CommandCode,
@@ -120,8 +120,8 @@ impl<N: SlaveNetwork> Chip<N> {
         self.ready_at = self.now + self.timing.packet_ns;
     }
 
-    /// Parses a command packet, whose check word has to be of the present type. `[OURS]` CRC_TYPE_SET may also have the fixed
-    /// check word. The new type applies from its answer on.
+    /// Parses a command packet, whose check word has to be of the type that CRC_TYPE_SET has set last. `[OURS]` CRC_TYPE_SET
+    /// itself may also have the fixed check word. The new type applies from its answer on.
     fn parse<'p>(&self, bytes: &'p [u8]) -> Result<CommandPacket<'p>, (PacketError, CommandHeader)> {
         let rule = self.check_rule(self.profile.coverages.commands);
         CommandPacket::parse(bytes, self.size, rule).or_else(|error| {
@@ -157,8 +157,8 @@ impl<N: SlaveNetwork> Chip<N> {
         }
     }
 
-    /// Runs a valid packet. `[OURS]` A packet with the index and code of the previous one is a repetition: only its header
-    /// takes effect, without an update of states.
+    /// Runs a valid packet. `[OURS]` A packet with the index and code of the previous one is a repetition: its command is not
+    /// run again, and only its header takes effect, except for a request to update the states.
     fn run_packet(&mut self, packet: &CommandPacket<'_>, data: &mut [u8]) -> Reply {
         let header = &packet.header;
         self.take_header(header);
@@ -187,9 +187,9 @@ impl<N: SlaveNetwork> Chip<N> {
 
     /// Applies a header: clears errors and interrupt flags, and drives GPIOs.
     ///
-    /// `[OURS]` A bit of the header clears an error only if an answer without NOP has shown that error before. One client sets
-    /// the bits that clear all errors in every packet from the first error on, but looks only at the answers to its commands
-    /// (OBS). Without this rule such a client would never see another error.
+    /// `[OURS]` A bit of the header clears an error only after an answer to a command has shown the error; answers with the NOP
+    /// flag do not count. One client sets all these bits in every packet from the first error on, but looks for errors only in
+    /// the answers to its commands (OBS). If the bits acted earlier, it would never see another error.
     fn take_header(&mut self, header: &CommandHeader) {
         let shown = self.errors.without(self.not_shown);
         self.errors = self.errors.without(Errors(shown.0 & header.control.0 & Control::CLEAR_ALL.0));

@@ -57,13 +57,13 @@ impl Ring {
     }
 }
 
-/// The RxFIFO and the TxFIFO.
+/// The RxFIFO, with outputs that wait for their cycle, and the TxFIFO, with inputs that wait for the host.
 pub(super) struct Fifos {
     rx: Ring,
     tx: Ring,
-    /// The capacity of the RxFIFO in entries, as set by the host.
+    /// The capacity of the RxFIFO in entries that the host has set; it applies when the FIFOs are next built.
     pub rx_entries: u8,
-    /// The capacity of the TxFIFO in entries, as set by the host.
+    /// The capacity of the TxFIFO in entries that the host has set; it applies when the FIFOs are next built.
     pub tx_entries: u8,
     pub thresholds: FifoThresholdSet,
 }

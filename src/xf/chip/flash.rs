@@ -2,7 +2,7 @@
 
 use crate::xf::request::{FlashAddress, FlashBytes};
 
-/// Size of the memory in bytes (XF EN 1598).
+/// Size of the flash memory for files in bytes (XF EN 1598).
 pub const FLASH_BYTES: usize = FlashAddress::MAX.get() as usize + 1;
 /// The value of an erased byte.
 const ERASED: u8 = 0xFF;
@@ -44,7 +44,7 @@ impl Flash {
         }
     }
 
-    /// The bytes that were read last.
+    /// The bytes that were read last; `None` before the first read.
     pub fn result(&self) -> Option<&[u8]> {
         self.len.map(|len| &self.read[..len])
     }

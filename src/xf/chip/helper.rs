@@ -21,11 +21,12 @@ struct Axis {
     statusword_at: u16,
     control: HelperControl,
     target: DriveState,
-    /// Number of cycles since the axis has been in Fault with a reset selected; 0 otherwise.
+    /// For the timing of the fault reset bit: the number of cycles for which the axis has been in Fault while its control byte
+    /// selects a reset. It begins again at 1 after each reset pulse and the pause that follows it.
     in_fault: u8,
 }
 
-/// The axes of the helper.
+/// The axes of the CiA 402 helper by motor number; `None` for an axis that is not configured.
 pub(super) struct Helper {
     axes: [Option<Axis>; MOTORS],
 }
@@ -76,7 +77,8 @@ impl Helper {
         self.axes[usize::from(motor)].map(|axis| axis.statusword(places, inputs).unwrap_or_default())
     }
 
-    /// Overwrites the controlwords in the outputs of a cycle.
+    /// Overwrites bits 0 to 3 of the controlwords in the outputs of a cycle, and the fault reset bit of axes whose control byte
+    /// selects a reset.
     pub fn drive_state_machines(&mut self, places: &[ImageRanges], outputs: &mut [u8], inputs: &[u8]) {
         for axis in self.axes.iter_mut().flatten().filter(|axis| axis.control.contains(HelperControl::ON)) {
             axis.drive_state_machine(places, outputs, inputs);

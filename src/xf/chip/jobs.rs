@@ -24,7 +24,7 @@ pub(super) use requests::Requests;
 /// The sizes of each slave's outputs and inputs, in bytes.
 pub(super) type Lengths = List<[u16; 2], SLAVES_MAX>;
 
-/// A running job.
+/// A running job, with the state of its present part.
 pub(super) struct ActiveJob {
     pub job: Job,
     /// The time at which the job's requests to the network begin.
@@ -68,13 +68,13 @@ pub(super) enum JobResult {
     /// The network did not answer in time.
     TimedOut,
     Answer(OperationAnswer),
-    /// The sizes of each slave's outputs and inputs, in bytes.
+    /// The sizes of each slave's outputs and inputs, in bytes; or the abort code of the SDO transfer that failed.
     Lengths(Result<Lengths, AbortCode>),
     Pdos(Result<PdoConfig, AbortCode>),
 }
 
-/// The beginning of a part of a job, such as one step of a change of state: a procedure that makes requests to the network, or
-/// at once the result of a part without requests.
+/// What starting a part of a job returns: a procedure whose requests the network still has to answer, or the result, if the
+/// part needs no requests or all of them were answered at once.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 enum PartStart {
     Procedure(Procedure),
@@ -125,13 +125,13 @@ impl<N: SlaveNetwork> Chip<N> {
         true
     }
 
-    /// Gives up the running job.
+    /// Gives up the running job and the operation that the network is executing for it.
     pub(super) fn drop_job(&mut self) {
         self.job = None;
         self.network.give_up();
     }
 
-    /// The time of the next step of the running job.
+    /// The time of the next step of the running job; `None` if no job is running, or if only an answer continues it.
     pub(super) fn next_job_event(&self) -> Option<Ns> {
         let running = self.job.as_ref()?;
         let work = running.procedure.as_ref().and_then(|_| self.network.next_work());
@@ -141,7 +141,8 @@ impl<N: SlaveNetwork> Chip<N> {
         }
     }
 
-    /// The duration of the first part of a job.
+    /// The duration of the first or only part of a job, ns. For ECAT_INIT_OP it includes the wait for the network port; for
+    /// SDO_REQ the timeout of the command limits it.
     fn first_part_ns(&self, job: &Job) -> Ns {
         let timing = &self.timing;
         let count = Ns::from(self.bus.count);
@@ -225,7 +226,7 @@ impl<N: SlaveNetwork> Chip<N> {
         self.requests.begin(&mut self.network, procedure)
     }
 
-    /// Starts a procedure with a single operation.
+    /// Starts a procedure that makes one request to the network and returns its answer as the result.
     fn ask_for(&mut self, operation: Operation) -> PartStart {
         self.ask_network(|requests| async move { JobResult::Answer(requests.ask(operation).await) })
     }
@@ -326,7 +327,7 @@ impl<N: SlaveNetwork> Chip<N> {
     }
 }
 
-/// The progress of a job's requests to the network.
+/// The outcome of `Chip::ask`: the result of the present part of the job, or the need to wait.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 enum RequestProgress {
     Result(JobResult),

@@ -102,7 +102,7 @@ pub struct Chip<N> {
     profile: Profile,
     timing: ChipTiming,
     network: N,
-    /// The time until which the model has run.
+    /// The time until which the model has run, ns since power-on.
     now: Ns,
     next_cycle: Ns,
     last_cycle: Ns,
@@ -119,7 +119,8 @@ pub struct Chip<N> {
     /// Whether WARM_RESET has just been received: the chip restarts when the packet has been run.
     restarts: bool,
     errors: Errors,
-    /// Errors that no answer to a command has shown yet. A header cannot clear them.
+    /// Errors that no answer to a command has shown yet. The bits of a header that clear errors leave these set, so that a host
+    /// that clears all errors in every packet sees each one.
     not_shown: Errors,
     crc_errors: u8,
     unknown_commands: u64,
@@ -135,7 +136,7 @@ pub struct Chip<N> {
     sdo: SdoResult,
     results: Results,
     requests: Requests,
-    /// The PDOs that PDO_CONFIG_REQ has read.
+    /// The PDOs that PDO_CONFIG_REQ has read, for PDO_CONFIG_GET; `None` before the first one.
     pdo_config: Option<PdoConfig>,
 
     interrupts: InterruptUnit,
@@ -235,12 +236,12 @@ impl<N: SlaveNetwork> Chip<N> {
         self.size
     }
 
-    /// The time until which the chip has run.
+    /// The time until which the chip has run, ns since its power-on.
     pub const fn now(&self) -> Ns {
         self.now
     }
 
-    /// The time from which on the chip accepts the next packet, at which INT0 becomes active.
+    /// The time from which on the chip accepts the next packet, at which INT0 becomes active, ns since power-on.
     pub const fn ready_at(&self) -> Ns {
         self.ready_at
     }
@@ -291,7 +292,7 @@ impl<N: SlaveNetwork> Chip<N> {
         self.gpio.level(channel)
     }
 
-    /// Turns the encoder's shaft by that many quarters of a period; negative values turn it backwards.
+    /// Turns the encoder's shaft by `quarters` quarters of a period of its signals A and B; negative values turn it backwards.
     pub fn turn_encoder(&mut self, quarters: i32) {
         self.encoder.turn(quarters);
     }
@@ -307,7 +308,7 @@ impl<N: SlaveNetwork> Chip<N> {
         self.analog.output()
     }
 
-    /// Sets the level of the pin DAC_ST.
+    /// Sets the level of the pin DAC_ST at `now`, which may start a DAC conversion.
     pub fn wire_dac_start(&mut self, now: Ns, level: bool) {
         self.run_until(now);
         self.analog.set_start_pin(self.now, level);

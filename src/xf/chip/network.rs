@@ -107,7 +107,7 @@ pub struct SlaveSetup {
 /// The process data of a cycle.
 #[derive(Debug)]
 pub struct ProcessExchange<'a> {
-    /// The position of each slave's data, beginning with slave 0.
+    /// The positions of the slaves' data in `outputs` and `inputs`; index n is slave n.
     pub places: &'a [ImageRanges],
     /// The outputs of all slaves.
     pub outputs: &'a [u8],
@@ -148,7 +148,7 @@ pub trait SlaveNetwork: Send {
     /// The AL state as last read; `None` if the slave does not answer.
     fn state(&self, slave: u8) -> Option<AlState>;
 
-    /// The AL status code that was read with the state; `None` if there is no register for it.
+    /// The AL status code that was read with the state; `None` on a network without registers.
     fn al_status(&self, _slave: u8) -> Option<AlStatus> {
         None
     }
@@ -166,7 +166,8 @@ pub trait SlaveNetwork: Send {
         0
     }
 
-    /// The abort code with which a slave always aborts transfers of SDO_REQ for this object; `None` if it does not.
+    /// The abort code with which a script or test makes the slave abort every SDO_REQ for this object; `None` if the slave is
+    /// not to abort it.
     fn sdo_abort(&self, _slave: u8, _object: ObjectAddress) -> Option<AbortCode> {
         None
     }
@@ -197,7 +198,7 @@ pub trait SlaveNetwork: Send {
     /// Lets `dt_ns` pass in the slaves, until `now`.
     fn pass(&mut self, now: Ns, dt_ns: Ns);
 
-    /// Takes the next emergency that a slave has sent.
+    /// Takes the next emergency that a slave has sent, with the number of the slave, from 0; `None` if there is none.
     fn take_emergency(&mut self) -> Option<(u8, Emergency)> {
         None
     }

@@ -16,7 +16,7 @@ pub struct ChipPort<N> {
     at: usize,
     /// Whether the chip was ready when the present packet began. If not, the packet is lost.
     is_ready: bool,
-    /// The length of the present packet.
+    /// The length of the present packet, bytes.
     len: usize,
     outgoing: [u8; MAX_PACKET],
     incoming: [u8; MAX_PACKET],

@@ -1,4 +1,4 @@
-//! The type of the chip and its firmware, with all differences between them.
+//! The types of chip and firmware that the model can be, with all differences between them.
 
 use crate::xf::request::PdoConfigForm;
 use crate::xf::response::{FirmwareIdentity, Series};
@@ -15,7 +15,7 @@ pub struct Profile {
     pub size: DataSize,
     /// Whether the size cannot be changed, as on an ECM-XFU (XF EN 715).
     pub size_is_fixed: bool,
-    /// The coverage of a CRC-32 in each direction.
+    /// Which bytes of a packet the CRC-32 covers, for commands and for answers.
     pub coverages: CrcCoverages,
     /// The form of PDO_CONFIG_GET's answer: with room for three PDOs or for four.
     pub pdo_config: PdoConfigForm,
@@ -63,8 +63,8 @@ impl Profile {
         !self.is_newer()
     }
 
-    /// Whether the header of a command packet can drive GPIO 12 to 15, with 12 and 13 exchanged: firmware 0x1E and later (XF ZH
-    /// 246).
+    /// Whether the header of a command packet can drive GPIO 12 to 15 too: firmware 0x1E and later (XF ZH 246). Bit 12 of the
+    /// header is GPIO 13, and bit 13 is GPIO 12.
     pub const fn has_wide_header_outputs(&self) -> bool {
         self.version >= 0x1E
     }

@@ -5,7 +5,7 @@ use crate::ethercat::coe;
 use crate::xf::request::EMERGENCIES_MAX;
 use crate::xf::response::{Emergencies, Emergency};
 
-/// The result of EEPROM_REQ.
+/// The result of EEPROM_REQ, kept for EEPROM_GET.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct EepromResult {
     /// The error code that EEPROM_GET returns: 0 success, 1 no answer, 2 timeout or busy, 3 command refused.
@@ -65,8 +65,8 @@ impl EmergencyList {
         self.newest[0] = Some(Emergency { number: 0, slave, running_number, code, register, data });
     }
 
-    /// The `count` newest emergencies, the newest one first; `None` for a count that the list or an answer cannot have.
-    /// `[OURS]` Each gets its position in the list, from 0, as its number, and reading does not remove any.
+    /// The `count` newest emergencies, the newest one first; `None` if `count` is more than [`EMERGENCIES_MAX`]. `[OURS]` The
+    /// number of each is its position in the list, from 0, and reading removes none.
     pub fn list(&self, count: usize) -> Option<Emergencies> {
         let mut places = self.newest;
         for (number, place) in (0..).zip(&mut places) {

@@ -83,8 +83,8 @@ impl Default for ChipTiming {
 }
 
 impl ChipTiming {
-    /// The duration of one step to the state `to` of `slaves` slaves; `upwards`: to a higher state, with the time of that
-    /// state.
+    /// The duration of one step of a change of state in which `slaves` slaves go to the state `to`, ns. If `upwards` is false,
+    /// the duration of a change to a lower state applies, whatever `to` is.
     pub(super) const fn change_ns(&self, to: AlState, upwards: bool, slaves: u8) -> Ns {
         let change = match to {
             _ if !upwards => self.down_ns,

@@ -63,7 +63,8 @@ impl Controller {
         done
     }
 
-    /// Acknowledges the edges whose latch times were read.
+    /// Acknowledges each latch edge whose captured time the master has just read, if the master controls the input: its status
+    /// bit is cleared, and single-event mode can capture the next edge.
     fn acknowledge_latches(&mut self, address: usize, len: usize) {
         for input in 0..LATCHES {
             for edge in LatchEdge::ALL {
@@ -248,7 +249,7 @@ impl Controller {
         }
     }
 
-    /// Handles a byte written to the register that resets the controller after three matching bytes.
+    /// Handles a byte written to register 0x0040, which resets the controller after the bytes `R`, `E` and `S`.
     fn reset_byte(&mut self, byte: u8) {
         let expected = registers::RESET_SEQUENCE;
         self.reset_progress = match expected.get(self.reset_progress) {
@@ -298,7 +299,8 @@ impl Controller {
         }
     }
 
-    /// Handles a received system time if its lower 32 bits are complete. Returns whether there were any bytes.
+    /// Handles a system time that the master has written, if its lower 32 bits are complete. Returns whether any byte was
+    /// written, for the working counter.
     fn receive_system_time(&mut self, data: &[u8]) -> bool {
         if let Some(received) = data.first_chunk() {
             let depth = self.memory.u8(registers::TIME_DIFFERENCE_FILTER);

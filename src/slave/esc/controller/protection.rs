@@ -32,7 +32,7 @@ impl Protection {
         self.registers || self.all
     }
 
-    /// Whether all writes are blocked.
+    /// Whether all writes are blocked: the whole memory is protected, and this frame has not enabled writing.
     #[inline]
     pub(super) const fn blocks_all(self) -> bool {
         self.all && !self.may_write_all

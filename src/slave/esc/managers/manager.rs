@@ -2,7 +2,7 @@
 
 use crate::ethercat::registers::{BufferMode, RAM, SmDirection, SmPdiControl, SmStatus, SyncManager};
 
-/// The state of one sync manager.
+/// One sync manager: its registers, and which of its buffers are in use.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Manager {
     pub(super) registers: SyncManager,
@@ -49,7 +49,8 @@ impl Manager {
         usize::from(self.registers.start) + usize::from(buffer) * usize::from(self.distance)
     }
 
-    /// Opens a buffer for a side. `None` if the side has to wait: a writer for an empty mailbox, a reader for a full one.
+    /// Opens a buffer for the writer or the reader and returns its number: 0 in mailbox mode, 0 to 2 in buffered mode. `None`
+    /// if the writer finds the mailbox full, or the reader finds it empty.
     pub(super) fn open(&mut self, side: Side) -> Option<u8> {
         let is_full = self.registers.status.contains(SmStatus::FULL);
         let buffer = match (side, self.is_mailbox()) {
@@ -128,7 +129,8 @@ impl Manager {
         self.buffer_start(self.last.unwrap_or(0))
     }
 
-    /// Whether the network may now access the sync manager: write if `side` is the writer, read if it is the reader.
+    /// Whether the network may access the sync manager as its writer or as its reader: the direction in the control byte gives
+    /// it that side, the mode is valid, and the slave has not deactivated the sync manager.
     pub(super) fn is_open_to(&self, side: Side) -> bool {
         let SyncManager { control, pdi, .. } = self.registers;
         let wanted = if side == Side::Writer { SmDirection::Write } else { SmDirection::Read };

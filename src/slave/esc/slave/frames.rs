@@ -8,7 +8,7 @@ use crate::slave::esc::mailbox::{ANSWERS, REQUESTS};
 use crate::slave::esc::managers::ManagerEvents;
 use crate::slave::plant::Servo;
 
-/// The bits of both mailbox sync managers.
+/// The bits of both mailbox sync managers in the masks of [`ManagerEvents`].
 const MAILBOX: u16 = 1 << REQUESTS | 1 << ANSWERS;
 
 /// How far a device has processed the outputs of a frame.

@@ -8,8 +8,8 @@ use super::super::clamp_to;
 use super::Servo;
 use crate::ethercat::Ns;
 
-/// The number of motors computed together: four vector registers of two numbers each, so that the processor computes the next
-/// registers while it waits for the result of the first one.
+/// The number of motors computed together. Their values take four vector registers of two numbers each: the processor works on
+/// the other registers while it waits for the result for the first one.
 pub const SIDE_BY_SIDE: usize = 8;
 
 /// Up to this number of motors, computing them one by one is faster.

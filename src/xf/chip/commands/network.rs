@@ -29,8 +29,9 @@ impl<N: SlaveNetwork> Chip<N> {
         answered(state, data)
     }
 
-    /// ECAT_SLV_INFO_GET. `[OURS]` The information items 10 and 13 have one byte, 11 and 12 four. Items above 13, which are in
-    /// the vendor's header up to 40 (OBS) without a description, are refused.
+    /// ECAT_SLV_INFO_GET. `[OURS]` The items about distributed clocks have one byte (10, has a clock; 13, clock is active) or
+    /// four (11, cycle time; 12, shift). Items above 13, which are in the vendor's header up to 40 (OBS) without a description,
+    /// are refused.
     pub(super) fn slave_info(&self, request: &SlaveInfoGet, data: &mut [u8]) -> CommandOutcome {
         let slave = request.slave.get();
         if !self.found(request.slave.into()) {

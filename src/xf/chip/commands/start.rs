@@ -146,7 +146,7 @@ impl<N: SlaveNetwork> Chip<N> {
         })
     }
 
-    /// The end of a timeout that begins now.
+    /// The end of a timeout that begins now, in the chip's time, ns.
     fn deadline(&self, timeout_us: u32) -> Ns {
         self.now.saturating_add(Ns::from(timeout_us) * 1_000)
     }

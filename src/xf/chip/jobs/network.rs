@@ -12,7 +12,7 @@ use crate::xf::chip::network::{
 use crate::xf::request::{DcSync, EcatInit, ReferenceClock, Slaves};
 
 impl<N: SlaveNetwork> Chip<N> {
-    /// Begins ECAT_INIT_OP: forgets the previous network.
+    /// Begins ECAT_INIT_OP: forgets the previous network and scans the present one.
     pub(super) fn begin_init(&mut self, init: &EcatInit) -> PartStart {
         let old = std::mem::replace(&mut self.bus, KnownNetwork::new(self.timing.cycle_ns));
         (self.bus.lrw, self.bus.wkc_limit) = (old.lrw, old.wkc_limit);
@@ -41,7 +41,7 @@ impl<N: SlaveNetwork> Chip<N> {
         if init.dc.sync0_ns > 0 {
             self.bus.cycle_ns = init.dc.sync0_ns.into();
         }
-        // The cycles of the new network begin now.
+        // The request may have changed the cycle time: the next cycle begins one new cycle time from now.
         self.next_cycle = self.now + self.bus.cycle_ns;
         for slave in self.bus.slaves() {
             self.bus.known[usize::from(slave)].dc = init.dc;
@@ -191,7 +191,8 @@ impl<N: SlaveNetwork> Chip<N> {
         self.ask_for(Operation::Enter(slaves))
     }
 
-    /// Ends the layout of process data on the way to SafeOP; the change of state continues at once.
+    /// Ends the layout of process data that a change to SafeOP needs first. The step of the change of state then begins again
+    /// at once, now with process data laid out.
     pub(super) fn end_layout(&mut self, lengths: Result<Lengths, AbortCode>) -> Progress {
         if self.lay_out(lengths) { Progress::Again(self.now) } else { Progress::Failed }
     }

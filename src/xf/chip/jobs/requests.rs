@@ -15,13 +15,13 @@ use crate::ethercat::Ns;
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::xf::chip::network::{Operation, OperationAnswer, SdoData, SlaveNetwork};
 
-/// The state of a procedure's request.
+/// The state of the one request that a procedure makes at a time.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 #[derive(Debug, Default)]
 enum Slot {
     #[default]
     Empty,
-    /// The procedure requests this operation.
+    /// The procedure requests this operation, and the network has not begun it.
     Requested(Operation),
     /// The network is executing the operation.
     Running,
@@ -32,7 +32,7 @@ enum Slot {
 #[derive(Clone, Debug, Default)]
 pub(in crate::xf::chip) struct Requests(Arc<Mutex<Slot>>);
 
-/// A running procedure.
+/// A running procedure: the future that makes the requests of one part of a job.
 pub(in crate::xf::chip) struct Procedure {
     requests: Requests,
     task: Pin<Box<dyn Future<Output = JobResult> + Send>>,

@@ -1,4 +1,4 @@
-//! The ends of SDO transfers and of accesses to a slave's PDOs.
+//! Jobs that make SDO transfers: SDO_REQ, and the ends of PDO_CONFIG_SET and PDO_CONFIG_REQ.
 
 use super::{JobResult, PartStart, Progress, SdoJob};
 use crate::ethercat::coe::AbortCode;
@@ -23,8 +23,8 @@ impl<N: SlaveNetwork> Chip<N> {
 
     /// Ends SDO_REQ. If a slave does not answer within the timeout of SDO_REQ, the abort code is that of a timeout.
     ///
-    /// `[OURS]` The abort code is kept until the next transfer, and is 0 after a successful one. A longer value is cut to the
-    /// requested number of bytes; a request of 0 bytes gets as many as a data segment holds.
+    /// `[OURS]` The abort code is kept until the next transfer, and is 0 after a successful one. A value that is longer than
+    /// the number of bytes in the request is cut to that number; a request of 0 bytes gets as many as a data segment holds.
     pub(super) fn end_sdo(&mut self, job: &SdoJob, result: JobResult) -> Progress {
         let result = match result {
             JobResult::Answer(OperationAnswer::Value(value)) => value.map(|(value, _)| {

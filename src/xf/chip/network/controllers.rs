@@ -30,7 +30,7 @@ const HOST_MAIL_NS: Ns = 1_000_000_000;
 /// A running operation, which consists of jobs of the master.
 struct Pending {
     jobs: Vec<JobId>,
-    /// Makes the answer once all jobs have ended.
+    /// Makes the answer once all jobs have ended; returns `None` before.
     answer: Answering,
 }
 
@@ -77,7 +77,7 @@ pub struct Controllers {
 /// The slaves whose messages stay in the mailbox for the host.
 #[derive(Default)]
 struct Mail {
-    /// The slaves whose mailboxes the host has selected by MBX_STAT.
+    /// The slaves whose messages the host fetches itself, since it has selected their mailboxes for polling by MBX_STAT.
     chosen: SlaveSet,
     /// The slaves whose mailboxes the host itself accesses by RAW_ECAT_FUNC_REQ, and when the chip reads each mailbox again.
     by_datagrams: Vec<(u8, Ns)>,
@@ -115,12 +115,12 @@ impl Controllers {
         self.handle.clone()
     }
 
-    /// The slaves behind their slave controllers.
+    /// The chain of slave controllers with the slaves behind them.
     pub const fn chain(&self) -> &Chain {
         self.wire.slaves.chain()
     }
 
-    /// The slaves behind their slave controllers, to cause faults in them.
+    /// The chain of slave controllers with the slaves behind them, to cause faults in it.
     pub const fn chain_mut(&mut self) -> &mut Chain {
         self.wire.slaves.chain_mut()
     }

@@ -49,7 +49,7 @@ pub enum Operation {
         /// The timeout for each answer of the slave.
         timeout_ns: Ns,
     },
-    /// Sends a datagram.
+    /// Sends a datagram that the host has composed, and returns it as it comes back.
     Datagram {
         /// The datagram's EtherCAT command.
         command: Command,

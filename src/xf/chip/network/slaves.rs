@@ -105,7 +105,7 @@ impl SlaveModels {
 /// Reads a slave's identity by SDO, in PreOP, in place of the EEPROM, which models do not have. The slave is in Init
 /// afterwards.
 fn identity(slave: &mut dyn Slave) -> SlaveIdentity {
-    // Every slave can go to PreOP and back to Init; a slave that does not has no identity.
+    // The result is ignored: if a slave refuses PreOP and therefore aborts the SDOs, its numbers are 0 and its name is empty.
     let _ = slave.enter(AlState::PreOp);
     let mut number = |sub| slave.upload(ObjectAddress::new(0x1018, sub)).map_or(0, |value| value.bits);
     let (vendor, product, revision) = (number(1), number(2), number(3));

@@ -39,7 +39,7 @@ impl Clock {
         Self { now, local, drift_ppb, remainder: 0, correction: 0, offset: 0, delay: 0, difference: 0 }
     }
 
-    /// Advances the clock to network time `now`.
+    /// Advances the clock to `now`, the time of the simulated network, which is not the distributed system time.
     #[inline]
     pub(super) fn advance(&mut self, now: Ns) {
         let passed = now.saturating_sub(self.now);

@@ -19,11 +19,12 @@ pub(super) const MANAGERS_MAX: usize = 16;
 /// The accesses of the network to sync managers since the slave last took these events, one bit per sync manager.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ManagerEvents {
-    /// The sync managers whose whole buffer was written, bit n for sync manager n.
+    /// The sync managers whose whole buffer the network has written since the slave last took these events; bit n stands for
+    /// sync manager n.
     pub(super) written: u16,
-    /// The sync managers whose whole buffer was read.
+    /// The sync managers whose whole buffer the network has read since then, bit n for sync manager n.
     pub(super) read: u16,
-    /// The sync managers whose activate register was written.
+    /// The sync managers whose activate register the network has written since then, bit n for sync manager n.
     pub(super) activated: u16,
 }
 

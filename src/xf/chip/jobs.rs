@@ -73,8 +73,8 @@ pub(super) enum JobResult {
     Pdos(Result<PdoConfig, AbortCode>),
 }
 
-/// The beginning of a part of a job, such as one step of a change of state: a procedure that makes requests to the network, or
-/// at once the result of a part without requests.
+/// What starting a part of a job returns; such a part is one step of a change of state, for example. It is a procedure that
+/// still has to make requests to the network, or the result of a part that needs no requests.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 enum PartStart {
     Procedure(Procedure),

@@ -40,7 +40,8 @@ static CALLS_THAT_MAY_HOLD_LOCK: AtomicUsize = AtomicUsize::new(0);
 pub struct MayHoldLock;
 
 impl MayHoldLock {
-    /// To be called before the first lock is taken.
+    /// Counts the call. It must be counted before it takes its first lock: a child that is forked while the lock is held would
+    /// otherwise use this library and wait for the lock forever.
     pub fn begin() -> Self {
         CALLS_THAT_MAY_HOLD_LOCK.fetch_add(1, Ordering::SeqCst);
         Self

@@ -46,7 +46,7 @@ impl Place {
 pub static LAST_FRAME: LastFrame = LastFrame::new();
 
 impl LastFrame {
-    /// Without a frame: the last frame is all 0, as the vendor's buffer is before the first call. \[OURS]
+    /// Without a frame so far: [`Self::get`] returns a frame of zeros, as the vendor's buffer is before the first call. \[OURS]
     pub const fn new() -> Self {
         Self { places: [const { Place::new() }; PLACES], numbers: AtomicU64::new(0) }
     }

@@ -95,7 +95,7 @@ fn tell(note: Note<Vec<u8>>) {
     }
 }
 
-/// Writes to standard error. An error is ignored.
+/// Writes to standard error. An error is ignored, since there is nowhere to report it.
 fn write_now(bytes: &[u8]) {
     let _ = raw::write_all(bytes);
 }

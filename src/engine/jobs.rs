@@ -19,7 +19,7 @@ const DECLARED_NS: Ns = 10_000_000;
 /// The running job of the bus for a step of the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct NetworkJob {
-    /// The step of boot or of a change of state that the job carries out.
+    /// The step that the job carries out.
     pub(super) step: Step,
     /// For a job that changes the state of slaves: the board time at which the bus ends it with a timeout.
     until: Ns,
@@ -418,7 +418,7 @@ impl Engine {
         }
     }
 
-    /// Called when the bus has configured these slaves, and with that has written the mode of DRIVE_MODE to 0x6060
+    /// Called when the bus has configured these slaves. That has also written the mode that DRIVE_MODE has set to 0x6060
     /// (SK-7.34).
     fn modes_configured(&mut self, slaves: SlaveSet) {
         for slave in slaves.iter().map(usize::from) {

@@ -114,7 +114,7 @@ impl Engine {
         (true, Some(DeferredSlots { master: entry.slot(size, 0), sdo: entry.slot(size, size.sdo_slot()) }))
     }
 
-    /// Executes the slots of an entry that had to wait until its outputs were sent.
+    /// Executes the slots of an entry that act only when its outputs are sent: slot 0 and the SDO slot.
     fn run_deferred(&mut self, deferred: Option<DeferredSlots>, at: Ns) {
         let Some(DeferredSlots { master, sdo }) = deferred else { return };
         let shown = (self.volatile.master_id, self.volatile.master_result);
@@ -217,7 +217,8 @@ impl Engine {
         }
     }
 
-    /// Called when OP begins: records the state of the axes before the first outputs of this OP.
+    /// Called when OP begins: records the state of the axes before the first outputs of this OP, so that a clear can return to
+    /// it.
     pub(super) fn begin_op_outputs(&mut self) {
         self.op_from = self.next_output_id;
         let op_start = &mut self.op_start;

@@ -1,5 +1,5 @@
-//! Restores the mode of operation after homing (SK-7, firmware 1.7): the board writes the mode of DRIVE_MODE by SDO
-//! transfers of its own.
+//! Restores the mode of operation after homing (SK-7, firmware 1.7): during homing 0x6060 is 6, and afterwards the board writes
+//! the mode that DRIVE_MODE has set, by SDO transfers of its own.
 
 use super::homing::HomingEnd;
 use super::{Engine, Event, EventKind};
@@ -151,8 +151,8 @@ impl Engine {
         homing.mode_written(since);
     }
 
-    /// Called when a write of 0x6060 has succeeded: the axis is in this mode, and takes targets if it is the mode of
-    /// DRIVE_MODE.
+    /// Called when a write of 0x6060 has succeeded: the axis is in this mode, and takes targets if DRIVE_MODE has set the same
+    /// mode.
     fn note_mode(&mut self, slave: u8, axis: usize, mode: u8) {
         let n = usize::from(slave) - 1;
         self.volatile.modes_written[n][axis] = mode;

@@ -125,8 +125,8 @@ impl SdoSlot {
         self.waiting = self.held.take();
         let (id, slave, object) = (transfer.id(), transfer.slave, transfer.object);
         self.answer = match result {
-            // The answer to a download repeats all bytes of Data2 as the host sent them, since programs compare them
-            // (LIB, habits).
+            // The answer to a download repeats all bytes of Data2 as the host sent them, since programs compare Data2 of the
+            // answer with that of their request (LIB-24).
             Ok(read) => {
                 let value = transfer.write.map_or(read, |(_, value)| value);
                 SdoResponse::Done { id, slave, object, value }.encode()

@@ -23,7 +23,7 @@ const PASS_STEP_NS: Ns = 100_000_000;
 pub enum Stop {
     /// The time limit of the call has passed.
     Timeout,
-    /// The board makes no reports, and nothing can change that any more.
+    /// The board makes no reports, and nothing can change that during the call, because time passes only in calls.
     Silent {
         /// When the last report was made, board time.
         since: Ns,

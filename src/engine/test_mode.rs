@@ -18,7 +18,7 @@ pub(super) enum TestPhase {
     /// The board has not reached PreOP since its boot.
     #[default]
     Booting,
-    /// The board has requested OP once. The test starts from the beginning whenever the network is in OP.
+    /// The board has requested OP, once after its boot. The test starts from the beginning whenever the network is in OP.
     Waiting,
     /// The test runs, since this board time.
     Running(Ns),

@@ -103,7 +103,7 @@ impl Shared {
 /// The arrival times that were given to written frames.
 #[derive(Default)]
 struct Writes {
-    /// When the next frame may arrive, on the runner's clock.
+    /// When the simulated wire is free for the next frame, on the runner's clock.
     next: Duration,
     /// The newest arrival, board time. No later frame arrives before it, unless more board time was skipped since.
     newest: Ns,
@@ -157,7 +157,8 @@ impl Threaded {
     /// board time at which the frame has arrived.
     ///
     /// # Errors
-    /// [`Stop`]; the frame was not taken.
+    /// [`Stop::Timeout`]: there was no room within `limit`. Any other [`Stop`]: the wait was cancelled, or the interface is not
+    /// open any more. The frame was not taken.
     pub fn write(&self, frame: &Frame, limit: Option<Duration>) -> Result<Ns, Stop> {
         let now = self.clock.now();
         let rate = self.clock.rate();
@@ -195,7 +196,8 @@ impl Threaded {
     /// Takes the oldest unread report. If there is none, waits for one at most `limit`; `None`: no limit.
     ///
     /// # Errors
-    /// [`Stop`].
+    /// [`Stop::Timeout`]: no report came within `limit`. Any other [`Stop`]: the wait was cancelled, or the interface is not
+    /// open any more.
     pub fn read(&self, out: &mut Frame, limit: Option<Duration>) -> Result<Report, Stop> {
         self.shared.handover.receive(out, limit.and_then(end_after))
     }

@@ -48,7 +48,7 @@ pub(super) struct Volatile {
     pub(super) kinds: [SlaveKind; MAX_SLAVES],
     pub(super) modes: [(Mode, DriveSync); MAX_SLAVES],
     pub(super) cycle: CycleTime,
-    /// Whether SET_AXIS, DRIVE_MODE or SET_DC came since the boot.
+    /// Whether SET_AXIS, DRIVE_MODE or SET_DC has declared something since the boot.
     pub(super) has_declared: bool,
     /// When the engine gives the bus the declared configuration to prepare, board time; `None`: the bus has it already.
     pub(super) told_at: Option<Ns>,
@@ -75,7 +75,7 @@ pub(super) struct Volatile {
     pub(super) homing_active: SlaveSet,
     /// The modes of operation that the board has to restore after homing.
     pub(super) restores: Restores,
-    /// Byte 0 (id) and bytes 4..7 (result) of slot 0 outside OP.
+    /// Byte 0 (the id of the last command) and bytes 4..7 (its result) of slot 0 in reports outside OP.
     pub(super) master_id: CommandId,
     pub(super) master_result: u32,
     pub(super) crc_errors: u8,

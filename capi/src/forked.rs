@@ -22,7 +22,7 @@ pub fn note_closed() {
     OPEN.fetch_sub(1, Ordering::Relaxed);
 }
 
-/// Set in a child that was forked while a board was open or a call was under way.
+/// Set in a child that was forked while a board was open or a call was under way: such a child must not use this library.
 static FORKED: AtomicBool = AtomicBool::new(false);
 
 /// Whether this process was forked while a board was open or a call was under way, so that boards and locks belong to its

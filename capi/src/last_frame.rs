@@ -51,10 +51,11 @@ impl LastFrame {
         Self { places: [const { Place::new() }; PLACES], numbers: AtomicU64::new(0) }
     }
 
-    /// Keeps the frame as the last one.
+    /// Keeps a frame that was just written or read, as the one that [`Self::get`] returns.
     pub fn keep(&self, frame: &Frame) {
         let number = self.numbers.fetch_add(1, Ordering::Relaxed) + 1;
-        // Starts at the place after that of the previous frame, which stays unchanged for threads that are reading it.
+        // The search for a place begins after the place of the previous frame, which so stays unchanged for threads that are
+        // reading it.
         let from = (number % PLACES as u64) as usize;
         for place in self.places[from..].iter().chain(&self.places[..from]) {
             if place.number.swap(WRITING, Ordering::Acquire) == WRITING {

@@ -63,7 +63,8 @@ pub fn rest() {
 static LINES: Mutex<Option<Lines>> = Mutex::new(None);
 
 struct Lines {
-    /// The id of the process. A child of fork has another id and no thread of its parent, so it begins again.
+    /// The id of the process that has queued the lines. A child of fork has another id, and not the thread that writes them, so
+    /// it begins a queue of its own.
     process: u32,
     notes: Notes<Vec<u8>>,
     /// The thread that writes lines; `None`: it was not started yet, or the system could not start one. Then the lines

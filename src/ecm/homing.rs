@@ -125,8 +125,8 @@ impl Ecm {
         });
         let done = prepared.and_then(|()| self.go(&slaves, &go, limit, began, &mut progress));
         let started = self.exchange.lock().is_ok_and(|session| !session.homing.started.is_empty());
-        // \[OURS] No axis may still be homing when this call returns. With these two errors the homing of one axis has
-        // ended already, so that only other axes may go on.
+        // \[OURS] No axis may still be homing when this call returns. With the errors HomingFailed and Alarm the homing of one
+        // axis has ended by itself, so that only other axes may go on.
         let goes_on = match &done {
             Ok(()) => false,
             Err(EcmError::HomingFailed { .. } | EcmError::Alarm { .. }) => slaves.len() > 1,

@@ -100,7 +100,8 @@ impl Ecm {
     /// running.
     ///
     /// # Errors
-    /// [`EcmError::Link`], [`EcmError::SlotUnknown`], [`EcmError::NoReport`].
+    /// [`EcmError::Link`] if the link cannot be opened, [`EcmError::SlotUnknown`] if neither the link nor a report shows the
+    /// slot size, [`EcmError::NoReport`] if the board makes no report.
     pub fn open(uri: &str) -> Result<Self, EcmError> {
         Self::open_with(uri, Options::default())
     }
@@ -108,7 +109,7 @@ impl Ecm {
     /// As [`Ecm::open`], with timeouts and other settings.
     ///
     /// # Errors
-    /// As [`Ecm::open`], and [`EcmError::Setting`].
+    /// As [`Ecm::open`], and [`EcmError::Setting`] for an option with a value that is not allowed.
     pub fn open_with(uri: &str, options: Options) -> Result<Self, EcmError> {
         check(&options)?;
         Self::over(open::open(uri, Share::ByName)?, options)
@@ -167,7 +168,7 @@ impl Ecm {
     /// The slot size of the board: that of the options or of the link, or else the one found in reports.
     ///
     /// # Errors
-    /// [`EcmError::Busy`], [`EcmError::Link`] once the board is closed.
+    /// [`EcmError::Busy`] if another thread uses the board for too long, [`EcmError::Link`] once the board is closed.
     pub fn slot_size(&self) -> Result<SlotSize, EcmError> {
         Ok(self.exchange.lock()?.size)
     }
@@ -180,7 +181,8 @@ impl Ecm {
     /// The newest report, without waiting for another one.
     ///
     /// # Errors
-    /// [`EcmError::Link`], [`EcmError::Busy`].
+    /// [`EcmError::Link`] if the link has failed or is closed, [`EcmError::Busy`] if another thread uses the board for too
+    /// long.
     pub fn snapshot(&self) -> Result<Snapshot, EcmError> {
         Ok(self.exchange.lock_newest()?.snapshot())
     }
@@ -219,15 +221,15 @@ impl Ecm {
         Ok(self.snapshot()?.state())
     }
 
-    /// Counters since the board was opened.
+    /// Counters of frames, reports and failures since the board was opened.
     ///
     /// # Errors
-    /// [`EcmError::Busy`], [`EcmError::Link`] once the board is closed.
+    /// [`EcmError::Busy`] if another thread uses the board for too long, [`EcmError::Link`] once the board is closed.
     pub fn stats(&self) -> Result<Stats, EcmError> {
         Ok(self.exchange.lock()?.stats)
     }
 
-    /// Returns and removes the events for a log since the last call, at most the newest 64.
+    /// Takes the events for a log that have occurred since the last call: the newest 64 at most, the oldest first.
     ///
     /// # Errors
     /// As [`Ecm::stats`].

@@ -57,7 +57,7 @@ const fn state_bit(state: MasterState) -> u8 {
 
 /// What became of a slave's command that was not rejected.
 enum Outcome {
-    /// The command was executed. After IO_WR: the output image that the answer shows.
+    /// The command was executed. `Some` after IO_WR: the output image that the answer shows.
     Executed(Option<u16>),
     /// The command was ignored because the slave is homing. The answer does not show it.
     Ignored,

@@ -5,7 +5,7 @@
 /// every cycle still sees the edge.
 const PULSE_SETS: u8 = 8;
 
-/// The state of the fault reset bit in the newest set of outputs.
+/// The state of the fault reset bit in the set of outputs that was made last; each cycle sends one set.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Bit {
     /// The bit is clear, and may rise with the next set.

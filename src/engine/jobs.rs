@@ -16,7 +16,7 @@ use crate::sk::{DriveSync, MasterState};
 /// (LIB-21), and the bus should get the complete configuration. \[OURS]
 const DECLARED_NS: Ns = 10_000_000;
 
-/// The running job of the bus for a step of the network.
+/// The job of the bus that carries out the present step of a boot or of a change of state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct NetworkJob {
     /// The step that the job carries out.

@@ -336,7 +336,7 @@ impl Engine {
         self.fifo.hold(held);
     }
 
-    /// Adds an event to the log.
+    /// Adds an event to the log, which keeps the newest 32.
     pub(crate) fn note(&mut self, event: Event) {
         self.log.push(event);
     }

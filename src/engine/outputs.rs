@@ -194,7 +194,7 @@ impl Engine {
         axes.flat_map(|(axes, image)| axes.iter().zip(image)).any(|(axis, out)| axis.differs_from(out))
     }
 
-    /// Records which outputs were sent, by the ids in a cycle that has passed.
+    /// Records which outputs were sent: a cycle of the bus that has passed names the newest ones by their id.
     pub(super) fn note_confirmed(&mut self, done: &CycleDone) {
         let sent = done.outputs.map_or(0, |id| (id + 1).min(self.next_output_id));
         let entries = self.confirm_sent(sent, done.at);

@@ -42,17 +42,17 @@ impl Restores {
         Self { due: [SlaveSet::EMPTY; MAX_AXES], failed: [[0; MAX_AXES]; MAX_SLAVES], running: None }
     }
 
-    /// Whether the mode of an axis of this slave is being restored or still has to be.
+    /// Whether the mode of operation of an axis of this slave is being restored after homing, or still has to be.
     pub(super) fn concern(&self, slave: u8) -> bool {
         self.due.iter().any(|due| due.contains(slave)) || self.running.is_some_and(|running| running.slave == slave)
     }
 
-    /// Cancels all restores. A transfer in progress continues.
+    /// Gives up restoring any modes of operation. A transfer in progress continues.
     pub(super) fn cancel_all(&mut self) {
         *self = Self { running: self.running, ..Self::new() };
     }
 
-    /// Cancels all restores of one slave. A transfer in progress continues.
+    /// Gives up restoring modes of operation on one slave. A transfer in progress continues.
     pub(super) fn cancel_slave(&mut self, slave: u8) {
         (0..MAX_AXES).for_each(|axis| self.cancel(Restore { slave, axis }));
     }

@@ -55,8 +55,8 @@ pub(super) struct Volatile {
     pub(super) network: Network,
     /// Why the newest failed change of state has failed.
     pub(super) failure: Option<StateFailure>,
-    /// The cycle time, and below the roles and synchronization types, that are in force: as configured in the last
-    /// change to SafeOP.
+    /// The cycle time that is in force. It and the roles and synchronization types below are those of the last change to
+    /// SafeOP, in which the slaves were configured.
     pub(super) cycle_in_op: CycleTime,
     pub(super) roles: [Role; MAX_SLAVES],
     /// The pulse modules that have a second axis.

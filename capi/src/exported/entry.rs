@@ -115,7 +115,7 @@ mod tests {
         unsafe { CStr::from_ptr(error::last()) }.to_string_lossy().into_owned()
     }
 
-    /// A panic ends at the boundary, as an error with its message.
+    /// A panic in an exported function does not reach its caller in C. It becomes an error with the message of the panic.
     #[test]
     fn a_panic_is_an_error() {
         let length = 3;

@@ -130,8 +130,9 @@ pub fn set_last_error(code: u32) {
     unsafe { SetLastError(code) };
 }
 
-/// Runs `close` as a call. Returns its result code. Instead of `ECMSK_OK` it returns the address of the module if the
-/// caller is to release a reference to the module with its last instruction.
+/// Runs `close`, the body of an exported function that closes a board, and counts it as a call under way. Returns its result
+/// code or, instead of `ECMSK_OK`, the address of the module if the exported function has to release a reference to the module
+/// with its last instruction.
 ///
 /// That is allowed only if no other call was under way at the beginning and at the end of this one: another call might
 /// still have instructions in this module to execute.

@@ -8,7 +8,7 @@ use crate::ecm::options::{CLOSE_LIMIT, Close};
 use crate::ecm::{Ecm, EcmError};
 use crate::sk::{RawSlot, SlaveCommand, SlotCommand};
 
-/// \[OURS] The part of the 2 s that is reserved for switching the axes off.
+/// \[OURS] The part of [`CLOSE_LIMIT`], the time limit of closing, that is reserved for switching the axes off.
 const SWITCH_OFF_TIME: Duration = Duration::from_millis(200);
 
 impl Ecm {

@@ -66,8 +66,9 @@ impl Ecm {
     /// when the stream ends: with long cycles the depth is limited, so that closing ends within its 2 s.
     ///
     /// # Errors
-    /// [`EcmError::Setting`], [`EcmError::TooDeep`], [`EcmError::WrongState`], [`EcmError::NoSuchSlave`] if nothing is
-    /// configured, [`EcmError::Busy`] while there is another stream, [`EcmError::Link`].
+    /// [`EcmError::Setting`] if `depth` is not 1 to 150, [`EcmError::TooDeep`] if it is too large for this cycle time,
+    /// [`EcmError::WrongState`] outside OP, [`EcmError::NoSuchSlave`] if nothing is configured, [`EcmError::Busy`] while there
+    /// is another stream, [`EcmError::Link`] if the link fails.
     pub fn stream(&self, depth: u16) -> Result<Stream<'_>, EcmError> {
         if depth == 0 || depth > FIFO_ENTRIES - SPARE_ENTRIES {
             return Err(EcmError::Setting { what: "depth", found: depth.to_string(), allowed: "1 to 150 frames" });
@@ -275,7 +276,7 @@ impl Stream<'_> {
     /// The newest report, without waiting for another one.
     ///
     /// # Errors
-    /// [`EcmError::Busy`], [`EcmError::Link`].
+    /// [`EcmError::Busy`] if another thread uses the board for too long, [`EcmError::Link`] if the link has failed.
     pub fn snapshot(&self) -> Result<Snapshot, EcmError> {
         self.ecm.snapshot()
     }
@@ -283,7 +284,7 @@ impl Stream<'_> {
     /// The counters of the stream so far.
     ///
     /// # Errors
-    /// [`EcmError::Busy`], [`EcmError::Link`].
+    /// [`EcmError::Busy`] if another thread uses the board for too long, [`EcmError::Link`] once the board is closed.
     pub fn stats(&self) -> Result<StreamStats, EcmError> {
         Ok(self.stats_of(&*self.ecm.exchange.lock()?))
     }

@@ -11,8 +11,8 @@ use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use ecmsk::sk::{FRAME_LEN, Frame};
 
-/// The number of places for frames. It should be more than the number of threads that move frames at the same moment: a
-/// frame that finds no free place is not kept. \[OURS]
+/// The number of places in memory in which a frame can be kept. There should be more of them than threads that write or read
+/// frames at the same moment: a frame that finds no free place is not kept. \[OURS]
 const PLACES: usize = 8;
 /// How many times a frame is copied at most, if another thread replaces it during the copy. After that the result is a
 /// frame of zeros. \[OURS]

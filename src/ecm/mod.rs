@@ -190,7 +190,9 @@ impl Ecm {
     /// Waits for the next report. If it is called often enough, it returns one report of each cycle.
     ///
     /// # Errors
-    /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::Link`], [`EcmError::Busy`].
+    /// [`EcmError::NoReport`] if no report comes within `limit` or the board is silent, [`EcmError::Timeout`] if a queued
+    /// command cannot be written in time, [`EcmError::Link`] if the link fails, [`EcmError::Busy`] if another thread uses the
+    /// board for too long.
     pub fn next_cycle(&self, limit: Duration) -> Result<Snapshot, EcmError> {
         let limit = limit.min(exchange::LIMIT_MAX);
         let began = self.exchange.now();

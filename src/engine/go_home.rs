@@ -61,8 +61,8 @@ impl Engine {
     /// 0x6860 is 6. On a module of two channels with 12-byte slots only axis 1 may start, as every command there moves
     /// axis 1 alone (SK-3 \[OURS]).
     ///
-    /// SK-7 \[OURS]: for a drive that SV_ON has not brought to Operation enabled the command is rejected and not kept,
-    /// so that a later SV_ON does not start homing. If one of several axes is not enabled, none of them starts.
+    /// SK-7 \[OURS]: for a drive that SV_ON has not brought to Operation enabled the command is rejected and not kept, so that
+    /// a later SV_ON does not make it start homing. If one of several axes is not enabled, none of them starts.
     pub(super) fn go_home(&mut self, slave: usize) -> Result<(), Reason> {
         let axes = 1 + usize::from(self.carries_two_channels(slave));
         let modes = self.volatile.modes_written[slave - 1];

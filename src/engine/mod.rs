@@ -174,7 +174,10 @@ pub struct Engine {
 
 impl Engine {
     /// Creates the engine of a board at power-on. `pacing` says whether the bus or the runner decides when a cycle
-    /// runs.
+    /// `unconfirmed_max`: how many sets of outputs may be on their way, that is pushed and not known to be sent. If the runner
+    /// decides when a cycle runs, each cycle is answered at once. A bus that runs its own cycle has some sets in its queue, has
+    /// sent some since the last poll, and some are not answered yet. `answered`: how many sets before these are kept in the
+    /// history, because the bus may name a lost slave as late as an answer can come.
     pub fn new(config: EngineConfig, pacing: Pacing) -> Self {
         // How many sets of outputs may be unconfirmed. If the runner decides when a cycle runs, each cycle is answered
         // at once. A bus that runs its own cycle has some sets in its queue, has sent some since the last poll, and

@@ -132,8 +132,8 @@ impl Engine {
         self.next_output_id - self.unconfirmed_from
     }
 
-    /// The estimated number of sets of outputs that the bus holds: each cycle since the newest polled one has taken the
-    /// oldest set that had been pushed by then.
+    /// The estimated number of sets of outputs that the bus holds: each cycle of the bus since the newest one whose answer was
+    /// polled is assumed to have sent the oldest set that had been pushed by then.
     fn estimated_ahead(&self, now: Ns) -> u64 {
         if self.pacing == Pacing::Runner {
             return self.unconfirmed();

@@ -71,7 +71,8 @@ impl Stepped {
     /// Hands a frame to the board. Returns the board time at which it has arrived.
     ///
     /// # Errors
-    /// [`Stop::Rebooted`], [`Stop::Closed`]; the frame was not taken.
+    /// [`Stop::Rebooted`] if the board has rebooted since the interface was opened, [`Stop::Closed`] if the interface was
+    /// closed. The frame was not taken.
     pub fn write(&self, frame: &Frame) -> Result<Ns, Stop> {
         let State { board, reports, boots } = &mut *self.lock();
         let board = alive(board, *boots)?;
@@ -89,8 +90,9 @@ impl Stepped {
     /// limit.
     ///
     /// # Errors
-    /// [`Stop::Timeout`]; [`Stop::Silent`] as soon as a cycle passes without a report, since nothing changes while this
-    /// call waits; [`Stop::Rebooted`]; [`Stop::Closed`].
+    /// [`Stop::Timeout`] after `limit`; [`Stop::Silent`] as soon as a cycle passes without a report, since nothing changes
+    /// while this call waits; [`Stop::BusGone`] if the hardware that runs the bus is gone; [`Stop::Rebooted`] if the board has
+    /// rebooted since the interface was opened; [`Stop::Closed`] if the interface was closed.
     pub fn read(&self, out: &mut Frame, limit: Option<Duration>) -> Result<Report, Stop> {
         let State { board, reports, boots } = &mut *self.lock();
         let board = alive(board, *boots)?;
@@ -119,11 +121,12 @@ impl Stepped {
         }
     }
 
-    /// Lets that much time pass and returns the new board time. Reports made meanwhile are queued like any others.
-    /// Calls of other threads may run in between.
+    /// Lets `time` nanoseconds of board time pass and returns the new board time. Reports made meanwhile are queued like any
+    /// others. Calls of other threads may run in between.
     ///
     /// # Errors
-    /// [`Stop::Rebooted`], [`Stop::Closed`].
+    /// [`Stop::Rebooted`] if the board has rebooted since the interface was opened, [`Stop::Closed`] if the interface was
+    /// closed, [`Stop::BusGone`] if the hardware that runs the bus is gone.
     pub fn pass(&self, time: Ns) -> Result<Ns, Stop> {
         let mut left = time;
         loop {
@@ -156,7 +159,8 @@ impl Stepped {
     /// Checks that the host interface is open. No time passes.
     ///
     /// # Errors
-    /// [`Stop::Rebooted`], [`Stop::Closed`].
+    /// [`Stop::Rebooted`] if the board has rebooted since the interface was opened, [`Stop::Closed`] if the interface was
+    /// closed.
     pub fn check(&self) -> Result<(), Stop> {
         let State { board, boots, .. } = &mut *self.lock();
         alive(board, *boots).map(|_| ())

@@ -205,7 +205,7 @@ impl Threaded {
     /// Like [`Self::read`], but calls `meanwhile` every 20 ms during the wait, without holding a lock.
     ///
     /// # Errors
-    /// [`Stop`].
+    /// As [`Self::read`].
     pub fn read_and(
         &self,
         out: &mut Frame,

@@ -44,7 +44,7 @@ const PRESENT_CYCLES: u32 = 3;
 /// \[OURS] The fewest frames of a ramp; with long cycles these take longer than the set ramp time.
 pub const RAMP_FRAMES_MIN: u32 = 4;
 
-/// What a stop knows about the program that has moved the axes.
+/// What a stop knows about the program that has moved the axes, and about the entries that it has left in the FIFO.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LeftBehind {
     /// Whether another program has moved the axes, whose last commands may be unknown.

@@ -86,7 +86,8 @@ impl Ecm {
     ///
     /// # Errors
     /// The errors of [`Ecm::close`] if the axes were not brought to a standstill first; the board is reset all the same.
-    /// [`EcmError::Timeout`] if the board goes on making reports, [`EcmError::NoReport`], [`EcmError::Link`].
+    /// [`EcmError::Timeout`] if the board goes on making reports, [`EcmError::NoReport`] if the reports stop and the link does
+    /// not report that the board is lost, [`EcmError::Link`] for any other error of the link.
     pub fn reset(mut self) -> Result<(), EcmError> {
         self.exchange.link.check()?;
         let rested = self.bring_to_rest(false, &mut LeftBehind::default());

@@ -203,9 +203,9 @@ impl Board {
         }
     }
 
-    /// Lets the bus work until `until`, at most until the next cycle is due. `now` is the time of the runner's clock. If
-    /// the runner is late, it is later than board time, which advances from cycle to cycle. A bus on virtual time does
-    /// not need this call.
+    /// Lets the bus work until `until`, at most until the next cycle is due. `now` is the time of the runner's clock. If the
+    /// runner is late, `now` is later than board time, which advances from cycle to cycle. A bus on virtual time does not need
+    /// this call.
     pub fn work_until(&mut self, now: Ns, until: Ns) {
         self.bus.work_until(now, until);
     }

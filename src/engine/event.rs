@@ -122,8 +122,8 @@ pub enum EventKind {
         /// How the homing has ended.
         end: HomingEnd,
     },
-    /// The board could not restore the mode that DRIVE_MODE has set after homing, during which the mode is 6. The drive stays
-    /// in homing mode (SK-7 \[OURS]).
+    /// After homing, in mode 6, the board could not restore the mode that DRIVE_MODE has set. The drive stays in homing mode
+    /// (SK-7 \[OURS]).
     ModeNotRestored {
         /// The number of the slave, counted from 1.
         slave: u8,

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use super::Engine;
 
 /// The value of `local_inputs` before the first call of [`BoardHandle::set_local_inputs`]. Six bits never have this value.
-/// While it stands the inputs stay as the bus gives them.
+/// While the field has it, the inputs stay as the bus gives them.
 const UNTOUCHED: u8 = u8::MAX;
 
 struct Shared {

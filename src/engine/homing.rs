@@ -247,7 +247,7 @@ impl AxisHoming {
     }
 
     /// Called when 0x6060 was written, at the latest at `at`. Answers of cycles before `at` are ignored, since they may show
-    /// the mode of before.
+    /// the earlier mode.
     pub(super) const fn mode_written(&mut self, at: Ns) {
         self.clear_answers = 0;
         self.mode_since = at;

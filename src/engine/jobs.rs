@@ -418,8 +418,8 @@ impl Engine {
         }
     }
 
-    /// Called when the bus has configured these slaves. That has also written the mode that DRIVE_MODE has set to 0x6060
-    /// (SK-7.34).
+    /// Called when the bus has configured these slaves. The configuration has also written to 0x6060 the mode that DRIVE_MODE
+    /// has set (SK-7.34).
     fn modes_configured(&mut self, slaves: SlaveSet) {
         for slave in slaves.iter().map(usize::from) {
             self.volatile.restores.cancel_slave(slave as u8);

@@ -174,14 +174,12 @@ pub struct Engine {
 
 impl Engine {
     /// Creates the engine of a board at power-on. `pacing` says whether the bus or the runner decides when a cycle
-    /// `unconfirmed_max`: how many sets of outputs may be on their way, that is pushed and not known to be sent. If the runner
-    /// decides when a cycle runs, each cycle is answered at once. A bus that runs its own cycle has some sets in its queue, has
-    /// sent some since the last poll, and some are not answered yet. `answered`: how many sets before these are kept in the
-    /// history, because the bus may name a lost slave as late as an answer can come.
+    /// runs.
     pub fn new(config: EngineConfig, pacing: Pacing) -> Self {
-        // How many sets of outputs may be unconfirmed. If the runner decides when a cycle runs, each cycle is answered
-        // at once. A bus that runs its own cycle has some sets in its queue, has sent some since the last poll, and
-        // some are not answered yet. It may name a lost slave as late as an answer can come.
+        // `unconfirmed_max`: how many sets of outputs may be pushed and not known to be sent. If the runner decides when a
+        // cycle runs, each cycle is answered at once. A bus that runs its own cycle has some sets in its queue, has sent some
+        // since the last poll, and some are not answered yet. `answered`: how many sets before these the history keeps, because
+        // the bus may name a lost slave as late as an answer can come.
         let (unconfirmed_max, answered) = match pacing {
             Pacing::Runner => (1, 0),
             Pacing::Bus { depth, answer_delay } => {

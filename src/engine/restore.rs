@@ -91,8 +91,8 @@ impl Engine {
         }
     }
 
-    /// Starts the next restore. Axes with fewer failed attempts go first, so that one that fails does not hold up the
-    /// others. A slave has to wait while one of its axes is homing.
+    /// Starts restoring the mode of the next axis. Axes with fewer failed attempts go first, so that one that fails does not
+    /// hold up the others. A slave has to wait while one of its axes is homing.
     pub(super) fn start_restore(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if self.volatile.restores.due.iter().all(|due| due.is_empty()) {
             return;

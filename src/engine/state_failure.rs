@@ -120,7 +120,8 @@ pub enum StateFailure {
 }
 
 impl StateFailure {
-    /// The state failure for a slave that has made a job of the bus fail. `kind`: the declared kind of that slave.
+    /// The state failure for a slave that has made a job of the bus fail. `configuring`: the job was a configuration. `target`:
+    /// the state to which the job leads. `kind`: the kind of the slave that SET_AXIS has declared.
     pub(super) const fn of(refusal: Refusal, configuring: bool, target: MasterState, kind: SlaveKind) -> Self {
         let Refusal { slave, al_status, abort } = refusal;
         match (al_status, abort, configuring) {

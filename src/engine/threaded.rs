@@ -61,7 +61,8 @@ struct Shared {
     due: AtomicU64,
     /// Cycles that are later than this are skipped, nanoseconds of board time.
     late_max_ns: AtomicU64,
-    /// `card_gone`: the first of two network cards that has disappeared. `all_gone`: the last card has.
+    /// `card_gone`: one of two network cards has disappeared, and this was recorded. `all_gone`: the last card has disappeared,
+    /// so that the bus is gone.
     card_gone: OnceLock<CardsGone>,
     all_gone: OnceLock<CardsGone>,
 }
@@ -227,7 +228,8 @@ impl Threaded {
     /// Succeeds if the interface is open. Does not wait.
     ///
     /// # Errors
-    /// [`Stop::Rebooted`], [`Stop::Closed`].
+    /// [`Stop::Rebooted`] if the board has rebooted since the interface was opened, [`Stop::Closed`] if the interface was
+    /// closed.
     pub fn check(&self) -> Result<(), Stop> {
         self.shared.handover.check()
     }

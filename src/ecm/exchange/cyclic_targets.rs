@@ -118,7 +118,7 @@ impl CyclicTargets {
         self.next.clone_from(&self.last);
     }
 
-    /// The target in the last frame that was written to a slave; `None` if it had none.
+    /// The target of a slave in the last frame that was written; `None` if that frame had none for the slave.
     pub fn last(&self, slave: u8) -> Option<SlaveCommand> {
         let slot = self.last.slot(self.size, slave.into());
         if slot.is_zero() {

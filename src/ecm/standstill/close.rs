@@ -16,9 +16,10 @@ impl Ecm {
     /// adopted ([`Ecm::adopt`]) get commands.
     ///
     /// # Errors
-    /// After any of these errors axes may still be moving or on: [`EcmError::Timeout`], [`EcmError::SlaveLost`],
-    /// [`EcmError::NoReport`], [`EcmError::Link`]. With [`Close::ServoOff`] axes that do not come to a standstill are
-    /// switched off all the same.
+    /// After any of these errors axes may still be moving or on: [`EcmError::Timeout`] if an axis still moves or is on after
+    /// the time limit, [`EcmError::SlaveLost`] if a slave is lost, [`EcmError::NoReport`] if the board is silent,
+    /// [`EcmError::Link`] if the link fails. With [`Close::ServoOff`] axes that do not come to a standstill are switched off
+    /// all the same.
     pub fn close(mut self, how: Close) -> Result<(), EcmError> {
         self.end(how)
     }

@@ -174,8 +174,8 @@ impl<'a, 's> Stop<'a, 's> {
         if commands.is_empty() {
             return Ok(());
         }
-        // If a ramp follows, ABORT_HOME is sent with the first frame of the ramp. A frame of their own would have no targets
-        // for other axes.
+        // If a ramp follows, ABORT_HOME is sent with the first frame of the ramp. A frame with ABORT_HOME alone would have no
+        // targets for the other axes.
         if !self.session.posts.post(&commands) {
             self.write()?;
             self.session.posts.post(&commands);

@@ -111,8 +111,8 @@ impl Stream<'_> {
     /// commands of other calls either.
     ///
     /// # Errors
-    /// [`EcmError::Setting`] for another number, or after frames were written; [`EcmError::WrongState`],
-    /// [`EcmError::Busy`], [`EcmError::Link`].
+    /// [`EcmError::Setting`] for another number, or after frames were written; [`EcmError::WrongState`] outside OP,
+    /// [`EcmError::Busy`] if another thread uses the board for too long, [`EcmError::Link`] once the board is closed.
     pub fn prefill(&mut self, frames: u16) -> Result<(), EcmError> {
         if frames < 2 || frames > self.depth {
             let found = frames.to_string();
@@ -133,9 +133,12 @@ impl Stream<'_> {
     /// An HSP keeps its outputs. Its second axis keeps its last target, or its actual position if it has had no target.
     ///
     /// # Errors
-    /// [`EcmError::TooFar`], [`EcmError::NotEnabled`], [`EcmError::Alarm`], [`EcmError::IsHoming`],
-    /// [`EcmError::WrongMode`], [`EcmError::WrongKind`], [`EcmError::NoSuchSlave`], [`EcmError::WrongState`],
-    /// [`EcmError::SlaveLost`], [`EcmError::SecondOff`], [`EcmError::Cleared`], [`EcmError::Link`].
+    /// [`EcmError::TooFar`] if the guard refuses the target, [`EcmError::NotEnabled`] if the axis is off, [`EcmError::Alarm`]
+    /// if it has an alarm, [`EcmError::IsHoming`] if it is homing, [`EcmError::SecondOff`] if the second channel of an HSP is
+    /// off, [`EcmError::WrongMode`] if the axis is configured for another mode, [`EcmError::WrongKind`] and
+    /// [`EcmError::NoSuchSlave`] for a slave that has no axis or is not configured, [`EcmError::SlaveLost`] if the slave is
+    /// lost, [`EcmError::WrongState`] outside OP, [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Link`] if the
+    /// link fails.
     pub fn csp(&mut self, slave: u8, target: i32) -> Result<(), EcmError> {
         self.refresh()?;
         self.targets.set_first(slave, target, Mode::Csp, self.ecm.exchange.options.guard)
@@ -215,9 +218,11 @@ impl Stream<'_> {
     /// [`Options::read_limit`]: super::Options::read_limit
     ///
     /// # Errors
-    /// [`EcmError::NoReport`], [`EcmError::Timeout`], [`EcmError::WrongState`] when the network has left OP,
-    /// [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Link`]. No frame is written in these cases. An axis
-    /// that is switched off or lost is no error of this call: setting its next target is.
+    /// [`EcmError::NoReport`] if the board is silent, [`EcmError::Timeout`] if the FIFO has no room in time,
+    /// [`EcmError::WrongState`] when the network has left OP, [`EcmError::Link`] if the link fails: these may also occur in the
+    /// wait after the frame was written. [`EcmError::Cleared`] after [`Ecm::clear_fifo`], [`EcmError::Busy`] if another thread
+    /// uses the board: then no frame was written. An axis that is switched off or lost is no error of this call: setting its
+    /// next target is.
     pub fn step(&mut self) -> Result<StreamStats, EcmError> {
         self.refresh()?;
         self.targets.require_uncleared()?;
@@ -301,7 +306,8 @@ impl Stream<'_> {
     /// velocities and torques are ramped to 0.
     ///
     /// # Errors
-    /// [`EcmError::Timeout`] if axes still move after that, [`EcmError::NoReport`], [`EcmError::Link`].
+    /// [`EcmError::Timeout`] if axes still move after that, [`EcmError::NoReport`] if the board is silent, [`EcmError::Link`]
+    /// if the link fails.
     pub fn finish(mut self) -> Result<StreamStats, EcmError> {
         self.end()
     }

@@ -229,7 +229,7 @@ impl Threaded {
     ///
     /// # Errors
     /// [`Stop::Rebooted`] if the board has rebooted since the interface was opened, [`Stop::Closed`] if the interface was
-    /// closed.
+    /// closed, [`Stop::BusGone`] if the hardware that runs the bus is gone.
     pub fn check(&self) -> Result<(), Stop> {
         self.shared.handover.check()
     }

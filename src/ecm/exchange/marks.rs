@@ -32,7 +32,7 @@ pub struct Marks {
     returned: [u64; 4],
     /// For each mark the value of Data1 in slot 0 of the first report that returned it: the board's result.
     results: [u32; 256],
-    /// The number of frames that were executed, by the count of FIFO entries, without that a report returned their marks.
+    /// The number of frames that were executed, by the count of FIFO entries, without a report that returned their marks.
     missed: u8,
     /// The number of calls that wait until a report returns the mark of their frame. While it is 0, reports are not searched
     /// for marks.
@@ -76,7 +76,7 @@ impl Marks {
         self.results[mark as usize]
     }
 
-    /// Counts a frame that was executed, by the count of FIFO entries, without that a report returned its mark.
+    /// Counts a frame that was executed, by the count of FIFO entries, without a report that returned its mark.
     pub fn note_missing(&mut self) {
         if self.echo == Echo::Unknown {
             self.missed += 1;

@@ -64,7 +64,7 @@ extern "C" fn watch_forks() {
         }
     }
 
-    // SAFETY: the function only reads and sets atomics and closes descriptors, and the library stays in memory (`nodelete`). If the
-    // system has no memory for the registration forks are not noticed.
+    // SAFETY: the function only reads and sets atomics and closes descriptors, and the library stays in memory (`nodelete`). If
+    // the system has no memory for the registration forks are not noticed.
     unsafe { libc::pthread_atfork(None, None, Some(in_child)) };
 }

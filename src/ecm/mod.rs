@@ -37,9 +37,9 @@
 //! 1. Values that a program passes and gets: `options.rs`, `config.rs`, `snapshot.rs`, `error.rs`, `failure.rs`;
 //!    `network.rs` has the configuration in a form without heap allocations, for the other files.
 //! 2. `exchange/`: sends frames and receives reports for all calls of all threads, and keeps the state of the board.
-//! 3. The calls, one file for each subject: `machine.rs` opens the board of a machine file, `state.rs` configures the network and changes its state, `servo.rs` switches axes,
-//!    `io.rs`, `sdo.rs`, `homing.rs`, and `board.rs` for the board itself. Each call sends a `Task` through the exchange and
-//!    checks reports until it is done.
+//! 3. The calls, one file for each subject: `machine.rs` opens the board of a machine file, `state.rs` configures the network
+//!    and changes its state, `servo.rs` switches axes, `io.rs`, `sdo.rs`, `homing.rs`, and `board.rs` for the board itself.
+//!    Each call sends a `Task` through the exchange and checks reports until it is done.
 //! 4. `stream/`: targets for all axes in every cycle.
 //! 5. `standstill/`: how moving axes are brought to a standstill when a stream ends or a board is closed.
 //! 6. `takeover/`: how a server stops the axes of a program that has ended without closing its board.
